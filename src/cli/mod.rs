@@ -1,0 +1,53 @@
+//! The command line: each subcommand loads, works, writes and reports.
+
+pub mod output;
+
+use crate::error::{Error, Result};
+use clap::{Parser, Subcommand};
+use output::Output;
+use std::process::ExitCode;
+
+/// Volumes between OpenVDB, Blender, USD and EXR: inspect, render, compare and reconstruct.
+#[derive(Debug, Parser)]
+#[command(name = "cumulo", version, arg_required_else_help = true, propagate_version = true)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    global: Global,
+}
+
+/// Options that every subcommand takes.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Global {
+    /// Print the result as JSON on standard output
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Threads to work with (default: RAYON_NUM_THREADS, else all cores); results do not depend on it
+    #[arg(long, global = true, value_name = "N")]
+    pub threads: Option<usize>,
+    /// No progress on standard error
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {}
+
+/// Runs the command line.
+///
+/// # Errors
+/// Whatever the subcommand met; the caller prints it and exits with 2.
+pub fn run(arguments: Arguments) -> Result<ExitCode> {
+    if let Some(n) = arguments.global.threads {
+        if n == 0 {
+            return Err(Error::invalid("--threads 0: at least one thread is needed"));
+        }
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(n)
+            .build_global()
+            .map_err(|e| Error::invalid(format!("--threads {n}: {e}")))?;
+    }
+    let _output = Output::new(&arguments.global);
+    match arguments.command {}
+}

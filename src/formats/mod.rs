@@ -1,0 +1,3 @@
+//! Files in and out. Nothing here knows a renderer.
+
+pub mod atomic;

@@ -1,0 +1,24 @@
+//! Cumulo: volumetric assets between OpenVDB, Blender, USD and EXR, with light that can be
+//! differentiated.
+//!
+//! ```text
+//! formats ──▶ scene ──▶ render ──▶ optimise, metrics ──▶ cli
+//! ```
+//! Arrows point one way: `scene` knows no file format, `render` no command line, `optimise` no
+//! pixels' origin, `formats` no renderer.
+//!
+//! # Conventions
+//! - World space is right-handed, in the VDB's world units. Extinction is per world unit of length.
+//! - Index coordinates of a voxel are those of its **centre**. Affine maps are `f64`, column vectors.
+//! - A camera looks down -Z, +Y up, +X right. Pixel (0, 0) is top left, its centre at (0.5, 0.5).
+//! - Images are scene-linear and row-major; alpha is 1 - transmittance, colour premultiplied.
+
+pub mod cli;
+pub mod error;
+pub mod formats;
+pub mod math;
+pub mod metrics;
+pub mod render;
+pub mod scene;
+
+pub use error::{Error, Result};

@@ -1,0 +1,16 @@
+//! Parse, run, exit code: 0 done, 1 a check found something, 2 an error.
+
+use clap::Parser;
+use cumulo::cli;
+use std::io::Write;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    match cli::run(cli::Arguments::parse()) {
+        Ok(code) => code,
+        Err(error) => {
+            let _ = writeln!(std::io::stderr(), "cumulo: {error}");
+            ExitCode::from(2)
+        }
+    }
+}

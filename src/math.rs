@@ -1,0 +1,171 @@
+//! Rays, boxes and affine maps, all in `f64`: positions may lie far from the origin, so the kernels
+//! are handed coordinates that were rebased to index space here first.
+
+use crate::error::{Error, Result};
+use glam::{DMat3, DMat4, DVec3};
+
+/// A half line in some space; `direction` need not have unit length.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ray {
+    /// Start of the ray.
+    pub origin: DVec3,
+    /// Direction of travel; a parameter step of 1 moves by this vector.
+    pub direction: DVec3,
+}
+
+impl Ray {
+    /// Position at parameter `t`.
+    pub fn at(&self, t: f64) -> DVec3 {
+        self.origin + t * self.direction
+    }
+}
+
+/// Axis-aligned box, `min ≤ max` unless empty.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Aabb {
+    /// Lower corner.
+    pub min: DVec3,
+    /// Upper corner.
+    pub max: DVec3,
+}
+
+impl Aabb {
+    /// The box that contains nothing.
+    pub const EMPTY: Self = Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
+
+    /// True if no point lies inside.
+    pub fn is_empty(&self) -> bool {
+        !self.min.cmple(self.max).all()
+    }
+    /// Smallest box around `self` and the point.
+    #[must_use]
+    pub fn including(self, p: DVec3) -> Self {
+        Self { min: self.min.min(p), max: self.max.max(p) }
+    }
+    /// Smallest box around both.
+    #[must_use]
+    pub fn union(self, o: Self) -> Self {
+        Self { min: self.min.min(o.min), max: self.max.max(o.max) }
+    }
+    /// Box common to both (may be empty).
+    #[must_use]
+    pub fn intersection(self, o: Self) -> Self {
+        Self { min: self.min.max(o.min), max: self.max.min(o.max) }
+    }
+    /// Edge lengths.
+    pub fn size(&self) -> DVec3 {
+        self.max - self.min
+    }
+    /// Centre.
+    pub fn centre(&self) -> DVec3 {
+        0.5 * (self.min + self.max)
+    }
+    /// The eight corners; bit 0 of the index chooses x, bit 1 y, bit 2 z.
+    pub fn corners(&self) -> [DVec3; 8] {
+        std::array::from_fn(|i| {
+            let pick = |bit: usize, lo: f64, hi: f64| if i >> bit & 1 == 1 { hi } else { lo };
+            DVec3::new(
+                pick(0, self.min.x, self.max.x),
+                pick(1, self.min.y, self.max.y),
+                pick(2, self.min.z, self.max.z),
+            )
+        })
+    }
+    /// Parameter interval of `ray` inside the box, from `t ≥ 0`; `None` if it misses.
+    /// A direction component of zero is decided by the position alone (no `0·∞`).
+    pub fn clip(&self, ray: &Ray) -> Option<(f64, f64)> {
+        let (mut t0, mut t1) = (0.0_f64, f64::INFINITY);
+        for a in 0..3 {
+            let (o, d) = (ray.origin[a], ray.direction[a]);
+            if d == 0.0 {
+                if o < self.min[a] || o > self.max[a] {
+                    return None;
+                }
+            } else {
+                let (u, v) = ((self.min[a] - o) / d, (self.max[a] - o) / d);
+                t0 = t0.max(u.min(v));
+                t1 = t1.min(u.max(v));
+            }
+        }
+        (t0 < t1).then_some((t0, t1))
+    }
+}
+
+/// Invertible affine map from index space to world space (column vectors, `f64`).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Affine {
+    forward: DMat4,
+    inverse: DMat4,
+}
+
+impl Affine {
+    /// Uniform scale by `voxel_size`, then a translation.
+    pub fn uniform(voxel_size: f64, origin: DVec3) -> Result<Self> {
+        Self::new(DMat4::from_translation(origin) * DMat4::from_scale(DVec3::splat(voxel_size)))
+    }
+
+    /// Checks that the matrix is affine, finite and invertible.
+    ///
+    /// # Errors
+    /// Names the condition number of the linear part where it exceeds 1e12, or the row that is not
+    /// that of an affine map.
+    pub fn new(forward: DMat4) -> Result<Self> {
+        if !forward.is_finite() {
+            return Err(Error::invalid("transform has entries that are not finite"));
+        }
+        if forward.row(3) != glam::DVec4::W {
+            return Err(Error::unsupported("transform has a perspective part; an affine map is needed")
+                .hint("resample the grid onto a linear transform first (frustum grids come from camera-shaped fog)"));
+        }
+        let linear = DMat3::from_mat4(forward);
+        // Frobenius condition number: at least the spectral one, and cheap. Scaled first so that
+        // tiny voxels neither underflow the determinant nor look singular.
+        let scale = linear.to_cols_array().iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        let unit = if scale > 0.0 { linear * (1.0 / scale) } else { linear };
+        let norm = |m: DMat3| m.to_cols_array().iter().map(|v| v * v).sum::<f64>().sqrt();
+        let condition = norm(unit) * norm(unit.inverse());
+        if !(scale > 0.0 && unit.determinant() != 0.0 && condition < 1e12) {
+            return Err(Error::invalid(format!(
+                "transform is singular or close to it (condition number {condition:.3e}, at most 1e12 expected)"
+            )));
+        }
+        let inverse_linear = unit.inverse() * (1.0 / scale);
+        let translation = forward.col(3).truncate();
+        let inverse = DMat4::from_mat3_translation(inverse_linear, -(inverse_linear * translation));
+        Ok(Self { forward, inverse })
+    }
+
+    /// Index-to-world matrix (column vectors).
+    pub fn matrix(&self) -> DMat4 {
+        self.forward
+    }
+    /// World-to-index matrix (column vectors).
+    pub fn inverse_matrix(&self) -> DMat4 {
+        self.inverse
+    }
+    /// World position of index coordinates.
+    pub fn to_world(&self, index: DVec3) -> DVec3 {
+        self.forward.transform_point3(index)
+    }
+    /// Index coordinates of a world position. The translation is taken off first, so that a volume
+    /// far from the origin loses no more digits than its own coordinates have lost already.
+    pub fn to_index(&self, world: DVec3) -> DVec3 {
+        self.inverse.transform_vector3(world - self.forward.col(3).truncate())
+    }
+    /// Index-space direction of a world-space one (length changes with the scale).
+    pub fn vector_to_index(&self, world: DVec3) -> DVec3 {
+        self.inverse.transform_vector3(world)
+    }
+    /// Lengths of the three columns: the voxel size along each index axis, in world units.
+    pub fn voxel_size(&self) -> DVec3 {
+        let m = &self.forward;
+        DVec3::new(m.x_axis.length(), m.y_axis.length(), m.z_axis.length())
+    }
+    /// World box around an index-space box.
+    pub fn box_to_world(&self, index: Aabb) -> Aabb {
+        if index.is_empty() {
+            return Aabb::EMPTY;
+        }
+        index.corners().into_iter().fold(Aabb::EMPTY, |b, c| b.including(self.to_world(c)))
+    }
+}

@@ -1,0 +1,1 @@
+//! How far apart two pictures or two volumes are.

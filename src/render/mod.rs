@@ -1,0 +1,3 @@
+//! Light on its way through the scene.
+
+pub mod film;

@@ -1,0 +1,170 @@
+//! Pinhole and orthographic cameras with shift and non-square pixels.
+//!
+//! A camera looks down its own -Z with +Y up and +X right, as in Blender, USD and `transforms.json`.
+//! Pixel (0, 0) is the top left one and its centre lies at (0.5, 0.5).
+
+use crate::error::{Error, Result};
+use crate::math::Ray;
+use glam::{DMat3, DMat4, DVec2, DVec3};
+
+/// How pixels map to rays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Projection {
+    /// Rays leave the camera's origin; focal lengths are in pixels.
+    Perspective,
+    /// Rays are parallel; focal lengths are in pixels per world unit.
+    Orthographic,
+}
+
+/// A camera and its image raster.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Camera {
+    /// Rigid motion from camera to world (column vectors); columns of unit length.
+    pub camera_to_world: DMat4,
+    /// How pixels map to rays.
+    pub projection: Projection,
+    /// Focal length along x and y: pixels (perspective) or pixels per world unit (orthographic).
+    pub focal: DVec2,
+    /// Principal point in pixels, from the top left corner.
+    pub centre: DVec2,
+    /// Image width in pixels.
+    pub width: u32,
+    /// Image height in pixels.
+    pub height: u32,
+    /// World-space distance along the viewing axis before which nothing is seen.
+    pub near: f64,
+}
+
+impl Camera {
+    /// Checks every number and normalises the columns of the motion (files often carry a scale).
+    ///
+    /// # Errors
+    /// Names the first number that is not usable.
+    pub fn checked(mut self) -> Result<Self> {
+        let m = self.camera_to_world;
+        if !m.is_finite() || m.row(3) != glam::DVec4::W {
+            return Err(Error::invalid("camera-to-world matrix is not a finite affine map")
+                .hint("give a 4x4 matrix, row by row, whose last row is 0 0 0 1"));
+        }
+        let lengths = [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()];
+        if lengths.iter().any(|l| !(1e-12..1e12).contains(l)) {
+            return Err(Error::invalid(format!("camera-to-world matrix has columns of length {lengths:?}")));
+        }
+        let axes = DMat3::from_cols(
+            m.x_axis.truncate() / lengths[0],
+            m.y_axis.truncate() / lengths[1],
+            m.z_axis.truncate() / lengths[2],
+        );
+        let skew =
+            (axes.transpose() * axes - DMat3::IDENTITY).to_cols_array().iter().fold(0.0_f64, |a, v| a.max(v.abs()));
+        // Six decimals, as many tools write them, leave 2e-6.
+        if skew > 1e-3 {
+            return Err(Error::invalid(format!(
+                "camera axes are not orthogonal (off by {skew:.2e}, at most 1e-3 expected)"
+            )));
+        }
+        self.camera_to_world = DMat4::from_mat3_translation(axes, m.w_axis.truncate());
+        if !(self.focal.x > 0.0 && self.focal.y > 0.0 && self.focal.is_finite() && self.centre.is_finite()) {
+            return Err(Error::invalid(format!(
+                "focal length {} x {} px with principal point {} cannot be used; positive finite numbers are needed",
+                self.focal.x, self.focal.y, self.centre
+            )));
+        }
+        if self.width == 0 || self.height == 0 || self.width > 65_536 || self.height > 65_536 {
+            return Err(Error::invalid(format!("image size {}x{} is outside 1..65536", self.width, self.height)));
+        }
+        if !(self.near >= 0.0 && self.near.is_finite()) {
+            return Err(Error::invalid(format!("near distance {} must be finite and not negative", self.near)));
+        }
+        Ok(self)
+    }
+
+    /// World-space ray through image position `(x, y)` in pixels, direction of unit length. It starts
+    /// at the near plane.
+    pub fn ray(&self, x: f64, y: f64) -> Ray {
+        let px = (x - self.centre.x) / self.focal.x;
+        let py = (self.centre.y - y) / self.focal.y;
+        let (origin, direction) = match self.projection {
+            Projection::Perspective => {
+                let d = DVec3::new(px, py, -1.0);
+                (self.near * d, d.normalize())
+            }
+            Projection::Orthographic => (DVec3::new(px, py, -self.near), DVec3::NEG_Z),
+        };
+        Ray {
+            origin: self.camera_to_world.transform_point3(origin),
+            direction: self.camera_to_world.transform_vector3(direction),
+        }
+    }
+
+    /// Image position in pixels of a world point and its distance along the viewing axis; `None` at
+    /// or behind the camera of a perspective.
+    pub fn project(&self, world: DVec3) -> Option<(DVec2, f64)> {
+        let m = &self.camera_to_world;
+        let rel = world - m.w_axis.truncate();
+        let p = DVec3::new(rel.dot(m.x_axis.truncate()), rel.dot(m.y_axis.truncate()), -rel.dot(m.z_axis.truncate()));
+        let plane = match self.projection {
+            Projection::Perspective if p.z <= 0.0 => return None,
+            Projection::Perspective => DVec2::new(p.x, p.y) / p.z,
+            Projection::Orthographic => DVec2::new(p.x, p.y),
+        };
+        Some((DVec2::new(self.centre.x + self.focal.x * plane.x, self.centre.y - self.focal.y * plane.y), p.z))
+    }
+
+    /// Position in world space.
+    pub fn position(&self) -> DVec3 {
+        self.camera_to_world.w_axis.truncate()
+    }
+
+    /// Unit viewing direction in world space.
+    pub fn forward(&self) -> DVec3 {
+        -self.camera_to_world.z_axis.truncate()
+    }
+
+    /// Camera at `eye` looking at `target`. Where the view is along `up`, another up is chosen.
+    pub fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> DMat4 {
+        let back = (eye - target).normalize();
+        let up = if up.cross(back).length() < 1e-6 * up.length() { back.any_orthogonal_vector() } else { up };
+        let right = up.cross(back).normalize();
+        DMat4::from_mat3_translation(DMat3::from_cols(right, back.cross(right), back), eye)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera(projection: Projection) -> Camera {
+        Camera {
+            camera_to_world: Camera::look_at(DVec3::new(3.0, -2.0, 1.5), DVec3::new(0.1, 0.2, 0.3), DVec3::Z),
+            projection,
+            focal: DVec2::new(90.0, 110.0),
+            centre: DVec2::new(33.0, 20.5),
+            width: 64,
+            height: 48,
+            near: 0.25,
+        }
+    }
+
+    #[test]
+    fn projection_inverts_the_ray() {
+        for p in [Projection::Perspective, Projection::Orthographic] {
+            let c = camera(p).checked().unwrap();
+            for (x, y) in [(0.5, 0.5), (63.5, 0.5), (12.25, 47.5), (33.0, 20.5)] {
+                let (pixel, depth) = c.project(c.ray(x, y).at(2.5)).unwrap();
+                assert!((pixel - DVec2::new(x, y)).length() < 1e-10, "{p:?} {pixel}");
+                assert!(depth > c.near);
+            }
+        }
+    }
+
+    #[test]
+    fn a_scaled_matrix_is_normalised_and_a_sheared_one_refused() {
+        let mut c = camera(Projection::Perspective);
+        c.camera_to_world *= DMat4::from_scale(DVec3::splat(7.0));
+        let n = c.checked().unwrap();
+        assert!((n.forward().length() - 1.0).abs() < 1e-12);
+        c.camera_to_world.x_axis += 0.1 * c.camera_to_world.y_axis;
+        assert!(c.checked().unwrap_err().to_string().contains("orthogonal"));
+    }
+}

@@ -1,0 +1,54 @@
+//! A multi-view capture: cameras, the pictures they took and what is known of how they were made.
+
+use crate::scene::camera::Camera;
+use glam::DMat4;
+use std::path::PathBuf;
+
+/// Which light model the pictures show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Model {
+    /// `T · background`.
+    Absorption,
+    /// `∫ T σ c dt + T · background`.
+    EmissionAbsorption,
+}
+
+/// What a pixel's value is of the radiance that falls on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PixelFilter {
+    /// Radiance along the ray through the pixel's centre.
+    Point,
+    /// Mean over the pixel's square (Cycles with its box filter).
+    Box,
+}
+
+/// One view.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// Where it was taken from.
+    pub camera: Camera,
+    /// Picture file, resolved against the capture's folder.
+    pub picture: PathBuf,
+}
+
+/// A set of views of one volume.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Capture {
+    /// Views in file order.
+    pub frames: Vec<Frame>,
+    /// Light model; absorption unless stated.
+    pub model: Model,
+    /// Radiance behind the volume; white unless stated.
+    pub background: [f32; 3],
+    /// Point samples unless stated.
+    pub pixel_filter: PixelFilter,
+    /// Extinction per unit of density and world length that the pictures were made with; 1 unless
+    /// stated. A reconstruction divides it out.
+    pub density_scale: f64,
+    /// Radiance of the source per channel (emission-absorption only); white unless stated.
+    pub emission: [f32; 3],
+    /// Voxel lattice of the volume in the pictures, index to world, where its maker knew it.
+    pub lattice: Option<DMat4>,
+}

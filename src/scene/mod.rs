@@ -1,0 +1,5 @@
+//! The description of what light travels through. It knows no file format and no renderer.
+
+pub mod camera;
+pub mod capture;
+pub mod grid;
