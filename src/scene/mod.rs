@@ -1,5 +1,7 @@
 //! The description of what light travels through. It knows no file format and no renderer.
 
+pub mod bricks;
 pub mod camera;
 pub mod capture;
 pub mod grid;
+pub mod medium;

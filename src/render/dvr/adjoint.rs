@@ -1,0 +1,309 @@
+//! The gradient of a loss on one pixel with respect to everything along its ray.
+//!
+//! Let `x_i` be the optical depth of piece i, `c_i` its source, `T_i` the transmittance before it and
+//! `W_{i+1}` the radiance seen from its far end (background included, T reset to one). From the far
+//! end:
+//!
+//! ```text
+//! W ← background
+//! for i = N-1 … 0:   ∂L/∂x_i = T_{i+1} (c_i - W)     ∂L/∂c_i = T_i (1 - e^{-x_i})
+//!                    W ← W + (1 - e^{-x_i}) (c_i - W)
+//! ```
+//! No division by `1 - α`: finite for opaque pieces, where inverting the blend
+//! (Weiss & Westermann 2021, sect. 4.3; here [`Adjoint::Inversion`]) is 0/0.
+//!
+//! All channels share the transmittance, so the recursion runs once, on the loss-weighted radiance:
+//! with `g` the loss derivative, `W = Σ g_c L_c - g_α T`.
+
+use super::inversion;
+use super::kernel::{self, Blend, Constant, Emission, Moments, Proportional, escape, grey, node_weight, over};
+use super::{Dvr, Radiance};
+use crate::math::Ray;
+use crate::real::Real;
+use crate::render::march::{ExactDepth, IndexRay, Piece, Rule, Span, scatter, spans};
+use crate::render::quadrature::Quadrature;
+use crate::scene::medium::Source;
+
+/// How the backward pass gets at the samples of the forward pass again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Adjoint {
+    /// A tape of one ray: fast, memory of one ray's samples per thread.
+    Tape,
+    /// Walk the ray twice: memory of one brick's samples per thread, any loss.
+    Replay,
+    /// The paper's inversion of the blend, for comparison: breaks down where a sample is opaque.
+    Inversion,
+}
+
+/// Derivatives of the loss with respect to the parameters that all rays share.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct ParameterGradient {
+    /// With respect to the medium's extinction.
+    pub extinction: f64,
+    /// With respect to the source's colour.
+    pub colour: [f64; 3],
+    /// With respect to the background.
+    pub background: [f64; 3],
+}
+
+/// Scratch memory of one thread, reused from ray to ray.
+#[derive(Debug, Clone, Default)]
+pub struct Tape<R> {
+    one: Vec<Entry<R, 1>>,
+    four: Vec<Entry<R, 4>>,
+    depth: Vec<Piece<R, 1>>,
+}
+
+/// A piece with what was found in it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Entry<R, const K: usize> {
+    pub piece: Piece<R, K>,
+    pub moments: Moments<R, K>,
+}
+
+impl<R: Real> Dvr<'_, R> {
+    /// Radiance along a world ray, and the gradient of a loss on it: `loss` maps the radiance to the
+    /// derivative with respect to R, G, B and alpha. The density gradient is added to `gradient`,
+    /// stored values as in [`Bricks::values`](crate::scene::bricks::Bricks::values), and that of the
+    /// shared parameters to `parameters`.
+    #[inline(always)]
+    pub fn gradient(
+        &self,
+        ray: &Ray,
+        loss: impl FnOnce(&Radiance<R>) -> [R; 4],
+        adjoint: Adjoint,
+        gradient: &mut [R],
+        parameters: &mut ParameterGradient,
+        tape: &mut Tape<R>,
+    ) -> Radiance<R> {
+        let Some(ray) = self.index_ray(ray) else {
+            let seen = grey(0.0, [0.0; 3], self.background);
+            self.outside(&seen, loss(&seen), parameters);
+            return seen;
+        };
+        let mut pass = Pass { dvr: self, ray, gradient, parameters };
+        match (self.medium.source, self.quadrature, adjoint) {
+            (Source::Grey(_), Quadrature::Exact, Adjoint::Inversion) => {
+                pass.recursion(loss, adjoint, ExactDepth, Constant, &mut tape.one)
+            }
+            (Source::Grey(_), Quadrature::Midpoint(h), Adjoint::Inversion) => {
+                pass.recursion(loss, adjoint, self.uniform(h, 0.5, &ray), Constant, &mut tape.one)
+            }
+            (Source::Grey(_), Quadrature::Riemann(h), Adjoint::Inversion) => {
+                pass.recursion(loss, adjoint, self.uniform(h, 0.0, &ray), Constant, &mut tape.one)
+            }
+            (Source::Grey(c), Quadrature::Exact, _) => pass.depth_only(loss, adjoint, ExactDepth, c, &mut tape.depth),
+            (Source::Grey(c), Quadrature::Midpoint(h), _) => {
+                pass.depth_only(loss, adjoint, self.uniform(h, 0.5, &ray), c, &mut tape.depth)
+            }
+            (Source::Grey(c), Quadrature::Riemann(h), _) => {
+                pass.depth_only(loss, adjoint, self.uniform(h, 0.0, &ray), c, &mut tape.depth)
+            }
+            (Source::Linear(c), Quadrature::Exact, _) => {
+                pass.recursion(loss, adjoint, self.exact_source(c), Proportional, &mut tape.four)
+            }
+            (Source::Linear(_), Quadrature::Midpoint(h), _) => {
+                pass.recursion(loss, adjoint, self.uniform(h, 0.5, &ray), Proportional, &mut tape.one)
+            }
+            (Source::Linear(_), Quadrature::Riemann(h), _) => {
+                pass.recursion(loss, adjoint, self.uniform(h, 0.0, &ray), Proportional, &mut tape.one)
+            }
+        }
+    }
+
+    /// Optical depth along a ray with exact quadrature, and its transpose: `residual` maps the depth
+    /// to a derivative, which is scattered to the voxels. The linear operator of tomography and its
+    /// adjoint in one walk.
+    #[inline(always)]
+    pub fn back_project(
+        &self,
+        ray: &Ray,
+        residual: impl FnOnce(f64) -> f64,
+        gradient: &mut [R],
+        tape: &mut Tape<R>,
+    ) -> f64 {
+        let Some(ray) = self.index_ray(ray) else {
+            residual(0.0);
+            return 0.0;
+        };
+        tape.depth.clear();
+        let depth = kernel::depth(self, &ray, ExactDepth, |piece| tape.depth.push(*piece));
+        let g = R::of(self.medium.extinction * residual(depth));
+        if g != R::ZERO {
+            for piece in &tape.depth {
+                scatter(gradient, piece.offset, g * piece.length, &piece.nodes[0]);
+            }
+        }
+        depth
+    }
+
+    /// What is left of the gradient where the ray meets no medium.
+    fn outside(&self, seen: &Radiance<R>, g: [R; 4], parameters: &mut ParameterGradient) {
+        for c in 0..3 {
+            parameters.background[c] += g[c].f64() * seen.transmittance.f64();
+        }
+    }
+}
+
+/// Loss-weighted radiance of the background and of a unit of source.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Weighted {
+    /// `Σ g_c background_c - g_α`.
+    pub background: f64,
+    /// `Σ g_c colour_c`.
+    pub colour: f64,
+}
+
+/// One ray's forward and backward pass.
+pub(super) struct Pass<'p, 'a, R> {
+    pub dvr: &'p Dvr<'a, R>,
+    pub ray: IndexRay,
+    pub gradient: &'p mut [R],
+    pub parameters: &'p mut ParameterGradient,
+}
+
+impl<R: Real> Pass<'_, '_, R> {
+    /// Grey sources: one derivative for the whole ray.
+    #[inline(always)]
+    fn depth_only<Q: Rule<R, 1>>(
+        &mut self,
+        loss: impl FnOnce(&Radiance<R>) -> [R; 4],
+        adjoint: Adjoint,
+        rule: Q,
+        colour: [f32; 3],
+        tape: &mut Vec<Piece<R, 1>>,
+    ) -> Radiance<R> {
+        tape.clear();
+        let keep = adjoint == Adjoint::Tape;
+        let mut length = R::ZERO;
+        let depth = kernel::depth(self.dvr, &self.ray, rule, |piece| {
+            length += piece.length;
+            if keep {
+                tape.push(*piece);
+            }
+        });
+        let seen = grey(depth, colour, self.dvr.background);
+        let blend = Blend { emitted: -(-depth).exp_m1(), depth, end: self.ray.leave };
+        let weighted = self.shared(loss(&seen), &blend, colour);
+        // ∂L/∂depth: more depth replaces background by source.
+        let slope = (-depth).exp() * (weighted.colour - weighted.background);
+        let g = R::of(slope * self.dvr.medium.extinction);
+        self.parameters.extinction += slope * depth / self.dvr.medium.extinction;
+        let gradient = &mut *self.gradient;
+        if keep {
+            for piece in tape.iter() {
+                scatter(gradient, piece.offset, g * piece.length, &piece.nodes[0]);
+            }
+        } else {
+            kernel::depth(self.dvr, &self.ray, rule, |piece| {
+                scatter(gradient, piece.offset, g * piece.length, &piece.nodes[0]);
+            });
+        }
+        seen
+    }
+
+    /// Sources that vary: the recursion of this module's head, or the paper's inversion.
+    #[inline(always)]
+    fn recursion<E: Emission, const K: usize, Q: Rule<R, K>>(
+        &mut self,
+        loss: impl FnOnce(&Radiance<R>) -> [R; 4],
+        adjoint: Adjoint,
+        rule: Q,
+        emission: E,
+        tape: &mut Vec<Entry<R, K>>,
+    ) -> Radiance<R> {
+        tape.clear();
+        let (Source::Grey(colour) | Source::Linear(colour)) = self.dvr.medium.source;
+        let keep = adjoint != Adjoint::Replay;
+        let blend = kernel::blend(self.dvr, &self.ray, rule, emission, |piece, moments| {
+            if keep {
+                tape.push(Entry { piece: *piece, moments: *moments });
+            }
+        });
+        let seen = over(blend.emitted, (-blend.depth).exp(), colour, self.dvr.background);
+        let weighted = self.shared(loss(&seen), &blend, colour);
+        match adjoint {
+            Adjoint::Inversion => inversion::backward::<R, E, K>(self, tape, weighted),
+            Adjoint::Tape => {
+                let mut back = Backward { behind: weighted.background, depth: blend.depth, colour: weighted.colour };
+                for entry in tape.iter().rev() {
+                    back.step::<R, E, K>(self, entry);
+                }
+            }
+            Adjoint::Replay => {
+                let mut back = Backward { behind: weighted.background, depth: blend.depth, colour: weighted.colour };
+                let values = &self.dvr.field.values;
+                let ray = self.ray.until(blend.end);
+                spans(&self.dvr.field.topology, &ray, true, |span: Span<R>| {
+                    tape.clear();
+                    rule.pieces(values, &span, |piece| {
+                        tape.push(Entry { piece: *piece, moments: Moments::of(values, piece) });
+                    });
+                    for entry in tape.iter().rev() {
+                        back.step::<R, E, K>(self, entry);
+                    }
+                    true
+                });
+            }
+        }
+        seen
+    }
+
+    /// Gradient of colour and background; the weights that the voxels' gradient needs.
+    #[inline(always)]
+    fn shared(&mut self, g: [R; 4], blend: &Blend, colour: [f32; 3]) -> Weighted {
+        let g = g.map(Real::f64);
+        let transmittance = (-blend.depth).exp();
+        let mut weighted = Weighted { background: -g[3], colour: 0.0 };
+        for c in 0..3 {
+            self.parameters.colour[c] += g[c] * blend.emitted;
+            self.parameters.background[c] += g[c] * transmittance;
+            weighted.background += g[c] * f64::from(self.dvr.background[c]);
+            weighted.colour += g[c] * f64::from(colour[c]);
+        }
+        weighted
+    }
+
+    /// Scatters the derivatives with respect to a piece's optical depth and source integral.
+    #[inline(always)]
+    pub(super) fn deposit<E: Emission, const K: usize>(&mut self, entry: &Entry<R, K>, by_depth: f64, by_source: f64) {
+        let extinction = self.dvr.medium.extinction;
+        let Entry { piece, moments } = entry;
+        self.parameters.extinction += by_depth * moments.first.f64() + by_source * E::integral(moments).f64();
+        let (by_depth, by_source) = (R::of(extinction * by_depth), R::of(extinction * by_source));
+        for (k, node) in piece.nodes.iter().enumerate() {
+            let g = by_depth + by_source * E::slope(moments.density[k]);
+            scatter(self.gradient, piece.offset, g * piece.length * node_weight::<R, K>(k), node);
+        }
+    }
+}
+
+/// State of the division-free recursion.
+struct Backward {
+    /// Loss-weighted radiance seen from the far end of the piece at hand.
+    behind: f64,
+    /// Optical depth from the eye to that end.
+    depth: f64,
+    /// Loss-weighted source colour.
+    colour: f64,
+}
+
+impl Backward {
+    #[inline(always)]
+    fn step<R: Real, E: Emission, const K: usize>(&mut self, pass: &mut Pass<'_, '_, R>, entry: &Entry<R, K>) {
+        let extinction = pass.dvr.medium.extinction;
+        let x = (R::of(extinction) * entry.moments.first).f64();
+        let source = extinction * E::integral(&entry.moments).f64();
+        // Mean source of the piece; where nothing absorbs it has no weight.
+        let mean = if x > 0.0 { self.colour * source / x } else { 0.0 };
+        let beyond = (-self.depth).exp();
+        self.depth -= x;
+        let before = (-self.depth).exp();
+        let escape = escape(x);
+        // The contribution is T S φ(x) with φ the escape: at fixed S, c changes with x as well.
+        let by_depth = beyond * (mean - self.behind) - before * escape * mean;
+        let by_source = before * escape * self.colour;
+        self.behind += -(-x).exp_m1() * (mean - self.behind);
+        pass.deposit::<E, K>(entry, by_depth, by_source);
+    }
+}

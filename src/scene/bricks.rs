@@ -1,0 +1,369 @@
+//! Sparse bricks with an apron: the arrangement of a scalar grid that rays walk through.
+//!
+//! A brick owns the 8³ *cells* whose lowest corner lies in one leaf of the VDB tree, and stores the
+//! 9³ voxel values at their corners, so that trilinear interpolation never leaves the brick. A voxel
+//! on the low face of a leaf also takes part in cells of the neighbours below; those bricks exist
+//! whenever such a voxel is not zero, even where the file has no leaf.
+//!
+//! Values of a brick: `values[(x * 9 + y) * 9 + z]`, z fastest as in OpenVDB's leaves.
+
+use crate::error::{Error, Result};
+use crate::math::{Aabb, Affine};
+use crate::real::Real;
+use crate::scene::grid::{Grid, LEAF_VOXELS};
+use glam::{DVec3, IVec3};
+use rayon::prelude::*;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+/// Cells along the edge of a brick.
+pub const CELLS: usize = 8;
+/// Stored voxels along the edge of a brick: its cells' corners.
+pub const EDGE: usize = CELLS + 1;
+/// Stored voxels of a brick.
+pub const BRICK: usize = EDGE * EDGE * EDGE;
+/// Marks the absence of a brick.
+pub const NONE: u32 = u32::MAX;
+
+/// Offset of a stored voxel in its brick.
+#[inline(always)]
+pub const fn slot(x: usize, y: usize, z: usize) -> usize {
+    (x * EDGE + y) * EDGE + z
+}
+
+/// Which bricks there are, and who is whose neighbour.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Topology {
+    /// Brick coordinates of the table's first entry.
+    min: IVec3,
+    /// Table entries along x, y, z.
+    dim: IVec3,
+    /// Brick number or [`NONE`], z fastest.
+    table: Vec<u32>,
+    /// Brick coordinates (voxel coordinates / 8), ascending.
+    bricks: Vec<IVec3>,
+}
+
+/// The most entries that a table may have: 1 GiB of them. Volumes that need more are two specks far
+/// apart.
+const TABLE_LIMIT: i64 = 1 << 28;
+
+impl Topology {
+    /// A topology of the given brick coordinates (voxel coordinates divided by 8).
+    ///
+    /// # Errors
+    /// If the bricks are so far apart that the look-up table would not fit.
+    pub fn new(bricks: impl IntoIterator<Item = IVec3>) -> Result<Self> {
+        let set: BTreeSet<[i32; 3]> = bricks.into_iter().map(|b| b.to_array()).collect();
+        let bricks: Vec<IVec3> = set.into_iter().map(IVec3::from_array).collect();
+        let Some(&first) = bricks.first() else {
+            return Ok(Self { min: IVec3::ZERO, dim: IVec3::ZERO, table: Vec::new(), bricks });
+        };
+        let (min, max) = bricks.iter().fold((first, first), |(lo, hi), b| (lo.min(*b), hi.max(*b)));
+        let extent = max.as_i64vec3() - min.as_i64vec3() + 1;
+        let entries = extent.x.checked_mul(extent.y).and_then(|e| e.checked_mul(extent.z));
+        if entries.is_none_or(|e| e > TABLE_LIMIT) {
+            return Err(Error::unsupported(format!(
+                "active voxels are spread over {} x {} x {} voxels, too far apart to index",
+                8 * extent.x,
+                8 * extent.y,
+                8 * extent.z
+            ))
+            .hint("keep the part that matters with `cumulo convert --crop`"));
+        }
+        let dim = extent.as_ivec3();
+        let mut topology =
+            Self { min, dim, table: vec![NONE; (extent.x * extent.y * extent.z) as usize], bricks: Vec::new() };
+        for (i, b) in bricks.iter().enumerate() {
+            if let Some(entry) = topology.entry(*b) {
+                topology.table[entry] = i as u32;
+            }
+        }
+        topology.bricks = bricks;
+        Ok(topology)
+    }
+
+    #[inline(always)]
+    fn entry(&self, brick: IVec3) -> Option<usize> {
+        let r = brick - self.min;
+        let inside = r.cmpge(IVec3::ZERO).all() && r.cmplt(self.dim).all();
+        inside.then(|| ((r.x * self.dim.y + r.y) as usize) * self.dim.z as usize + r.z as usize)
+    }
+
+    /// Number of the brick at these brick coordinates, or [`NONE`].
+    #[inline(always)]
+    pub fn find(&self, brick: IVec3) -> u32 {
+        self.entry(brick).map_or(NONE, |e| self.table[e])
+    }
+
+    /// Brick coordinates by number, ascending.
+    pub fn bricks(&self) -> &[IVec3] {
+        &self.bricks
+    }
+
+    /// How many bricks there are.
+    pub fn len(&self) -> usize {
+        self.bricks.len()
+    }
+
+    /// True if there are none.
+    pub fn is_empty(&self) -> bool {
+        self.bricks.is_empty()
+    }
+
+    /// Index-space box of all cells, with the lowest and the highest brick coordinates.
+    pub fn bounds(&self) -> Aabb {
+        if self.is_empty() {
+            return Aabb::EMPTY;
+        }
+        Aabb { min: 8.0 * self.min.as_dvec3(), max: 8.0 * (self.min + self.dim).as_dvec3() }
+    }
+
+    /// Copies owned voxels (512 a brick, z fastest) into stored ones (729 a brick), aprons included.
+    pub fn spread<R: Real>(&self, owned: &[R], stored: &mut [R]) {
+        stored.par_chunks_mut(BRICK).zip(self.bricks.par_iter()).for_each(|(out, brick)| {
+            for corner in 0..8 {
+                let offset = IVec3::new(corner >> 2 & 1, corner >> 1 & 1, corner & 1);
+                let source = self.find(*brick + offset);
+                let part = |a: i32| if a == 0 { 0..CELLS } else { CELLS..EDGE };
+                for x in part(offset.x) {
+                    for y in part(offset.y) {
+                        for z in part(offset.z) {
+                            out[slot(x, y, z)] = if source == NONE {
+                                R::ZERO
+                            } else {
+                                owned[source as usize * LEAF_VOXELS + ((x & 7) << 6 | (y & 7) << 3 | (z & 7))]
+                            };
+                        }
+                    }
+                }
+            }
+        });
+    }
+
+    /// Adds stored values onto the voxels that own them: the transpose of [`Topology::spread`].
+    pub fn fold<R: Real>(&self, stored: &[R], owned: &mut [R]) {
+        owned.par_chunks_mut(LEAF_VOXELS).zip(self.bricks.par_iter().enumerate()).for_each(|(out, (i, brick))| {
+            let own = &stored[i * BRICK..(i + 1) * BRICK];
+            for x in 0..CELLS {
+                for y in 0..CELLS {
+                    for z in 0..CELLS {
+                        out[x << 6 | y << 3 | z] = own[slot(x, y, z)];
+                    }
+                }
+            }
+            for corner in 1..8 {
+                let offset = IVec3::new(corner >> 2 & 1, corner >> 1 & 1, corner & 1);
+                let source = self.find(*brick - offset);
+                if source == NONE {
+                    continue;
+                }
+                let theirs = &stored[source as usize * BRICK..(source as usize + 1) * BRICK];
+                let part = |a: i32| if a == 0 { 0..CELLS } else { 0..1 };
+                let shift = |a: i32| a as usize * CELLS;
+                for x in part(offset.x) {
+                    for y in part(offset.y) {
+                        for z in part(offset.z) {
+                            out[x << 6 | y << 3 | z] +=
+                                theirs[slot(x + shift(offset.x), y + shift(offset.y), z + shift(offset.z))];
+                        }
+                    }
+                }
+            }
+        });
+    }
+}
+
+/// A scalar field on bricks: trilinear between voxel centres, zero outside.
+#[derive(Debug, Clone)]
+pub struct Bricks<R> {
+    /// Which bricks there are.
+    pub topology: Arc<Topology>,
+    /// 729 values a brick.
+    pub values: Vec<R>,
+    /// Index space to world space.
+    pub transform: Affine,
+}
+
+/// Where the voxels of a brick come from.
+#[derive(Clone, Copy)]
+enum Source {
+    Leaf(usize),
+    Constant(f32),
+}
+
+impl<R: Real> Bricks<R> {
+    /// A field of zeros.
+    pub fn zeros(topology: Arc<Topology>, transform: Affine) -> Self {
+        let values = vec![R::ZERO; topology.len() * BRICK];
+        Self { topology, values, transform }
+    }
+
+    /// Arranges a fog volume for rays, straight from its leaves and tiles.
+    ///
+    /// # Errors
+    /// If the grid is no fog volume with background 0, carries NaN, infinite or negative values, or
+    /// would need more than `max_memory` bytes.
+    pub fn from_grid(grid: &Grid, max_memory: u64) -> Result<Self> {
+        let named = |e: Error| e.part(format!("grid '{}'", grid.name));
+        if grid.background != 0.0 {
+            return Err(named(
+                Error::unsupported(format!("background is {}, a fog volume has 0 outside", grid.background))
+                    .hint("convert the grid to a fog volume first; a level set has its narrow band as background"),
+            ));
+        }
+        let bad = grid
+            .leaves
+            .par_iter()
+            .map(|l| l.values.iter().filter(|v| !(v.is_finite() && **v >= 0.0)).count())
+            .sum::<usize>()
+            + grid.tiles.iter().filter(|t| !(t.value.is_finite() && t.value >= 0.0)).count();
+        if bad > 0 {
+            return Err(named(
+                Error::invalid(format!(
+                    "{bad} values are NaN, infinite or negative; densities are finite and at least 0"
+                ))
+                .hint("`cumulo convert --repair` sets them to 0 and says how many there were"),
+            ));
+        }
+        let sources = sources(grid, max_memory).map_err(named)?;
+        let mut needed: BTreeSet<[i32; 3]> = BTreeSet::new();
+        for (key, source) in &sources {
+            for corner in 0..8 {
+                let offset = [corner >> 2 & 1, corner >> 1 & 1, corner & 1];
+                if touches(grid, source, offset) {
+                    needed.insert(std::array::from_fn(|a| key[a] - offset[a]));
+                }
+            }
+        }
+        let bytes = needed.len() as u64 * (BRICK * size_of::<R>()) as u64;
+        if bytes > max_memory {
+            return Err(named(too_large(bytes, max_memory)));
+        }
+        let topology = Arc::new(Topology::new(needed.into_iter().map(IVec3::from_array)).map_err(named)?);
+        let mut field = Self::zeros(topology.clone(), grid.transform);
+        field.values.par_chunks_mut(BRICK).zip(topology.bricks().par_iter()).for_each(|(out, brick)| {
+            for corner in 0..8 {
+                let offset = IVec3::new(corner >> 2 & 1, corner >> 1 & 1, corner & 1);
+                let Some(source) = sources.get(&(*brick + offset).to_array()) else { continue };
+                let part = |a: i32| if a == 0 { 0..CELLS } else { CELLS..EDGE };
+                for x in part(offset.x) {
+                    for y in part(offset.y) {
+                        for z in part(offset.z) {
+                            let v = match source {
+                                Source::Leaf(l) => grid.leaves[*l].values[(x & 7) << 6 | (y & 7) << 3 | (z & 7)],
+                                Source::Constant(v) => *v,
+                            };
+                            out[slot(x, y, z)] = R::of(f64::from(v));
+                        }
+                    }
+                }
+            }
+        });
+        Ok(field)
+    }
+
+    /// Smallest and largest value (zero counts, being the value outside).
+    pub fn range(&self) -> (R, R) {
+        self.values
+            .par_iter()
+            .fold(|| (R::ZERO, R::ZERO), |(a, b), v| (a.lesser(*v), b.greater(*v)))
+            .reduce(|| (R::ZERO, R::ZERO), |a, b| (a.0.lesser(b.0), a.1.greater(b.1)))
+    }
+
+    /// World-space box of all cells.
+    pub fn world_bounds(&self) -> Aabb {
+        self.transform.box_to_world(self.topology.bounds())
+    }
+
+    /// Trilinear value at index coordinates.
+    pub fn sample(&self, index: DVec3) -> R {
+        let base = index.floor();
+        let f = index - base;
+        let base = base.as_ivec3();
+        let brick = self.topology.find(IVec3::new(base.x >> 3, base.y >> 3, base.z >> 3));
+        if brick == NONE {
+            return R::ZERO;
+        }
+        let at = brick as usize * BRICK + slot((base.x & 7) as usize, (base.y & 7) as usize, (base.z & 7) as usize);
+        let mut sum = R::ZERO;
+        for corner in 0..8 {
+            let pick = |bit: usize, v: f64| if corner >> bit & 1 == 1 { v } else { 1.0 - v };
+            let w = pick(2, f.x) * pick(1, f.y) * pick(0, f.z);
+            sum += R::of(w) * self.values[at + slot(corner >> 2 & 1, corner >> 1 & 1, corner & 1)];
+        }
+        sum
+    }
+}
+
+fn too_large(bytes: u64, limit: u64) -> Error {
+    Error::unsupported(format!("needs {} MiB in memory, {} MiB are allowed", bytes >> 20, limit >> 20))
+        .hint("raise --max-memory, or reduce the grid with `cumulo convert --crop` or `--resample`")
+}
+
+/// Leaves and expanded tiles by brick coordinates; zero ones are left out.
+fn sources(grid: &Grid, max_memory: u64) -> Result<BTreeMap<[i32; 3], Source>> {
+    let mut sources = BTreeMap::new();
+    for tile in grid.tiles.iter().filter(|t| t.value != 0.0) {
+        let n = i64::from(tile.dim / 8);
+        let bytes = (sources.len() as u64 + (n * n * n) as u64) * (BRICK * size_of::<f32>()) as u64;
+        if bytes > max_memory {
+            return Err(too_large(bytes, max_memory));
+        }
+        let n = n as i32;
+        for x in 0..n {
+            for y in 0..n {
+                for z in 0..n {
+                    let o = tile.origin;
+                    sources.insert(
+                        [o[0].div_euclid(8) + x, o[1].div_euclid(8) + y, o[2].div_euclid(8) + z],
+                        Source::Constant(tile.value),
+                    );
+                }
+            }
+        }
+    }
+    for (i, leaf) in grid.leaves.iter().enumerate() {
+        if leaf.values.iter().any(|v| *v != 0.0) {
+            sources.insert(leaf.origin.map(|c| c.div_euclid(8)), Source::Leaf(i));
+        }
+    }
+    Ok(sources)
+}
+
+/// True if a voxel that is not zero lies on the low faces named by `offset` (all voxels for none).
+fn touches(grid: &Grid, source: &Source, offset: [i32; 3]) -> bool {
+    match source {
+        Source::Constant(_) => true,
+        Source::Leaf(l) => {
+            let end = |a: usize| if offset[a] == 1 { 1 } else { CELLS };
+            let values = &grid.leaves[*l].values;
+            (0..end(0)).any(|x| (0..end(1)).any(|y| (0..end(2)).any(|z| values[x << 6 | y << 3 | z] != 0.0)))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `⟨spread(u), v⟩ = ⟨u, fold(v)⟩`, exactly in integers.
+    #[test]
+    fn fold_is_the_transpose_of_spread() {
+        let bricks = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1], [0, 0, 1], [-1, 0, 0]];
+        let t = Topology::new(bricks.map(IVec3::from_array)).unwrap();
+        let owned: Vec<f64> = (0..t.len() * LEAF_VOXELS).map(|i| (i * 7 % 23) as f64).collect();
+        let other: Vec<f64> = (0..t.len() * BRICK).map(|i| (i * 5 % 19) as f64).collect();
+        let (mut stored, mut folded) = (vec![0.0; t.len() * BRICK], vec![0.0; t.len() * LEAF_VOXELS]);
+        t.spread(&owned, &mut stored);
+        t.fold(&other, &mut folded);
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        assert_eq!(dot(&stored, &other), dot(&owned, &folded));
+    }
+
+    #[test]
+    fn specks_too_far_apart_are_refused() {
+        let far = Topology::new([IVec3::ZERO, IVec3::splat(100_000)]);
+        assert!(far.unwrap_err().to_string().contains("--crop"));
+    }
+}

@@ -1,0 +1,183 @@
+//! Every derivative against central differences in f64, the adjoints against one another, and the
+//! transpose identity. The fields are smooth and the pieces' number does not change under the
+//! differences' steps, so central differences are good to h².
+
+mod common;
+
+use common::{field, lumps, odd, rays, unit};
+use cumulo::math::Ray;
+use cumulo::real::Real;
+use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Radiance, Tape};
+use cumulo::render::quadrature::Quadrature;
+use cumulo::scene::bricks::Bricks;
+use cumulo::scene::medium::{Medium, Source};
+
+const BACKGROUND: [f32; 3] = [0.9, 0.4, 0.1];
+/// A loss that weighs every channel and alpha differently: Σ k (v - t)² / 2.
+const TARGET: [f64; 4] = [0.3, 0.1, 0.5, 0.2];
+const WEIGHT: [f64; 4] = [1.0, 2.0, 0.5, -0.7];
+
+fn loss<R: Real>(seen: &Radiance<R>) -> f64 {
+    let v = seen.rgba().map(Real::f64);
+    (0..4).map(|c| 0.5 * WEIGHT[c] * (v[c] - TARGET[c]).powi(2)).sum()
+}
+
+fn slope<R: Real>(seen: &Radiance<R>) -> [R; 4] {
+    let v = seen.rgba().map(Real::f64);
+    std::array::from_fn(|c| R::of(WEIGHT[c] * (v[c] - TARGET[c])))
+}
+
+const RULES: [Quadrature; 3] = [Quadrature::Exact, Quadrature::Midpoint(0.4), Quadrature::Riemann(0.7)];
+const SOURCES: [Source; 2] = [Source::Grey([0.6, 0.3, 0.8]), Source::Linear([0.5, 1.5, 0.2])];
+
+fn total(f: &Bricks<f64>, medium: Medium, background: [f32; 3], rule: Quadrature, rays: &[Ray]) -> f64 {
+    let dvr = Dvr::new(f, medium).unwrap().background(background).quadrature(rule).early_stop(0.0);
+    rays.iter().map(|r| loss(&dvr.radiance(r))).sum()
+}
+
+fn gradient<R: Real>(
+    f: &Bricks<R>,
+    medium: Medium,
+    rule: Quadrature,
+    adjoint: Adjoint,
+    rays: &[Ray],
+) -> (Vec<R>, ParameterGradient) {
+    let dvr = Dvr::new(f, medium).unwrap().background(BACKGROUND).quadrature(rule).early_stop(0.0);
+    let (mut by_voxel, mut shared, mut tape) =
+        (vec![R::ZERO; f.values.len()], ParameterGradient::default(), Tape::default());
+    for ray in rays {
+        let seen = dvr.gradient(ray, slope, adjoint, &mut by_voxel, &mut shared, &mut tape);
+        if adjoint != Adjoint::Inversion {
+            assert_eq!(seen, dvr.radiance(ray), "the gradient's value is the value");
+        }
+    }
+    (by_voxel, shared)
+}
+
+/// Relative to the larger of the two, floored where both are rounding noise of the loss.
+fn close(what: &str, got: f64, expected: f64, relative: f64, floor: f64) {
+    let error = (got - expected).abs() / expected.abs().max(got.abs()).max(floor);
+    assert!(error < relative, "{what}: {got} against {expected}, off by {error:.1e}");
+}
+
+#[test]
+fn every_parameter_matches_central_differences() {
+    let mut f: Bricks<f64> = field(14, odd(), lumps(14));
+    let rays = rays(f.world_bounds(), 25, 2);
+    for rule in RULES {
+        for source in SOURCES {
+            let medium = Medium { extinction: 0.8, source };
+            let (by_voxel, shared) = gradient(&f, medium, rule, Adjoint::Tape, &rays);
+            // The error of a central difference is h² f'''/6 + eps |f| / h: h = 1e-5 leaves 1e-10.
+            let h = 1e-5;
+            let mut order: Vec<usize> = (0..f.values.len()).collect();
+            order.sort_by(|a, b| by_voxel[*b].abs().total_cmp(&by_voxel[*a].abs()));
+            for i in order.into_iter().step_by(97).take(40) {
+                let keep = f.values[i];
+                f.values[i] = keep + h;
+                let up = total(&f, medium, BACKGROUND, rule, &rays);
+                f.values[i] = keep - h;
+                let down = total(&f, medium, BACKGROUND, rule, &rays);
+                f.values[i] = keep;
+                close(&format!("{rule} {source:?} voxel {i}"), by_voxel[i], (up - down) / (2.0 * h), 2e-6, 1e-3);
+            }
+            let difference = |m: fn(&mut Medium, &mut [f32; 3], f64), h: f64| {
+                let at = |h| {
+                    let (mut medium, mut background) = (medium, BACKGROUND);
+                    m(&mut medium, &mut background, h);
+                    total(&f, medium, background, rule, &rays)
+                };
+                (at(h) - at(-h)) / (2.0 * h)
+            };
+            close("extinction", shared.extinction, difference(|m, _, h| m.extinction += h, 1e-5), 2e-6, 1e-3);
+            // Colours are f32: the step is a power of two so that it is taken exactly up to 2^-24 of
+            // the value, and the loss is quadratic in them, which central differences get right.
+            let h = 1.0 / 64.0;
+            let colour: [fn(&mut Medium, &mut [f32; 3], f64); 3] =
+                [|m, _, h| tint(m, 0, h), |m, _, h| tint(m, 1, h), |m, _, h| tint(m, 2, h)];
+            let behind: [fn(&mut Medium, &mut [f32; 3], f64); 3] =
+                [|_, b, h| b[0] += h as f32, |_, b, h| b[1] += h as f32, |_, b, h| b[2] += h as f32];
+            for c in 0..3 {
+                close("colour", shared.colour[c], difference(colour[c], h), 1e-5, 1e-3);
+                close("background", shared.background[c], difference(behind[c], h), 1e-5, 1e-3);
+            }
+        }
+    }
+}
+
+fn tint(m: &mut Medium, c: usize, h: f64) {
+    let (Source::Grey(k) | Source::Linear(k)) = &mut m.source;
+    k[c] += h as f32;
+}
+
+/// Replay walks the same spans backward: not one bit of difference.
+#[test]
+fn tape_and_replay_are_identical() {
+    let f: Bricks<f32> = field(20, odd(), lumps(20));
+    let rays = rays(f.world_bounds(), 200, 4);
+    for rule in RULES {
+        for source in SOURCES {
+            let medium = Medium { extinction: 6.0, source };
+            let tape = gradient(&f, medium, rule, Adjoint::Tape, &rays);
+            let replay = gradient(&f, medium, rule, Adjoint::Replay, &rays);
+            assert_eq!(tape, replay, "{rule} {source:?}");
+        }
+    }
+}
+
+/// The same after a ray has ended early.
+#[test]
+fn tape_and_replay_agree_after_an_early_stop() {
+    let f: Bricks<f32> = field(24, unit(), |_| 0.5);
+    let medium = Medium { extinction: 4.0, source: Source::Linear([1.0; 3]) };
+    let dvr = Dvr::new(&f, medium).unwrap().early_stop(1e-3);
+    let rays = rays(f.world_bounds(), 50, 8);
+    let run = |adjoint| {
+        let (mut g, mut p, mut tape) = (vec![0.0; f.values.len()], ParameterGradient::default(), Tape::default());
+        for r in &rays {
+            dvr.gradient(r, slope, adjoint, &mut g, &mut p, &mut tape);
+        }
+        (g, p)
+    };
+    let (tape, replay) = (run(Adjoint::Tape), run(Adjoint::Replay));
+    assert_eq!(tape, replay);
+    assert!(tape.0.iter().filter(|g| **g == 0.0).count() > tape.0.len() / 4, "what lies behind has no gradient");
+}
+
+/// Where nothing is opaque the paper's inversion gives the same numbers in f64.
+#[test]
+fn inversion_agrees_where_it_is_stable() {
+    let f: Bricks<f64> = field(14, odd(), lumps(14));
+    let rays = rays(f.world_bounds(), 30, 6);
+    for rule in RULES {
+        for source in SOURCES {
+            let medium = Medium { extinction: 0.3, source };
+            let (a, pa) = gradient(&f, medium, rule, Adjoint::Replay, &rays);
+            let (b, pb) = gradient(&f, medium, rule, Adjoint::Inversion, &rays);
+            let scale = a.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+            for (a, b) in a.iter().zip(&b) {
+                // Depth up to 3: the inversion loses e^3 of 2^-52 a step, over 60 steps.
+                assert!((a - b).abs() < 1e-11 * scale, "{rule} {source:?} {a} {b}");
+            }
+            close("extinction", pb.extinction, pa.extinction, 1e-10, 1e-6);
+        }
+    }
+}
+
+/// ⟨A u, w⟩ = ⟨u, Aᵀ w⟩ for the optical depth, which is linear in the voxels.
+#[test]
+fn the_adjoint_is_the_transpose() {
+    fn both<R: Real>(tolerance: f64) {
+        let f: Bricks<R> = field(20, odd(), lumps(20));
+        let dvr = Dvr::new(&f, Medium::absorbing(1.7)).unwrap().early_stop(0.0);
+        let (mut left, mut transposed, mut tape) = (0.0, vec![R::ZERO; f.values.len()], Tape::default());
+        for (i, ray) in rays(f.world_bounds(), 400, 12).iter().enumerate() {
+            let w = common::noise(i as u64);
+            left += w * dvr.back_project(ray, |_| w, &mut transposed, &mut tape);
+        }
+        let right: f64 = transposed.iter().zip(&f.values).map(|(g, v)| g.f64() * v.f64()).sum();
+        assert!((left - right).abs() < tolerance * left, "{left} {right}");
+    }
+    both::<f64>(1e-12);
+    both::<f32>(1e-5);
+}
