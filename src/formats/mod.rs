@@ -1,3 +1,5 @@
 //! Files in and out. Nothing here knows a renderer.
 
 pub mod atomic;
+pub mod exr;
+pub mod transforms;

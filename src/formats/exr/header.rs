@@ -1,0 +1,239 @@
+//! What a file holds, without its pixels, and the limits that protect memory from damaged headers.
+
+use super::{Window, attributes, guard};
+use crate::error::{Error, Result};
+use exr::meta::attribute::IntegerBounds;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+/// Most pixels that a window may have (11585²): as four planes of 32 bit they fill 2 GiB.
+const MAX_PIXELS: u64 = 1 << 27;
+
+/// Numbers of a channel in the file; all become `f32` in memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SampleType {
+    /// 16-bit float
+    Half,
+    /// 32-bit float
+    Float,
+    /// 32-bit unsigned integer (identifiers; above 2²⁴ they lose digits as `f32`)
+    Uint,
+}
+
+/// A channel of a part.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ChannelInfo {
+    /// Name as in the file: `ViewLayer.Combined.R`.
+    pub name: String,
+    /// Layer it belongs to: `ViewLayer.Combined`.
+    pub layer: String,
+    /// Its name in the layer: `R`.
+    pub component: String,
+    /// Numbers in the file.
+    pub sample_type: SampleType,
+    /// Every how many pixels there is a sample, along x and y.
+    pub sampling: [usize; 2],
+}
+
+/// A part of a file; most files have one.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Part {
+    /// Name, where it has one.
+    pub name: Option<String>,
+    /// Pixels that are stored.
+    pub data_window: Window,
+    /// Compression in the `exr` crate's words.
+    pub compression: String,
+    /// Tiles instead of scan lines.
+    pub tiled: bool,
+    /// Channels in file order (alphabetical).
+    pub channels: Vec<ChannelInfo>,
+    /// Attributes that do not describe the storage, as text.
+    pub attributes: BTreeMap<String, String>,
+}
+
+/// A layer: channels of one part that share a prefix.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LayerInfo {
+    /// Name; empty for channels without a prefix in a file of one part.
+    pub name: String,
+    /// Index of the part.
+    pub part: usize,
+    /// Indices of its channels in the part.
+    pub channels: Vec<usize>,
+}
+
+/// Everything but the pixels.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Header {
+    /// Window that the picture is for.
+    pub display_window: Window,
+    /// Smallest window around the data windows of all parts.
+    pub data_window: Window,
+    /// Width over height of a pixel.
+    pub pixel_aspect: f32,
+    /// Parts in file order.
+    pub parts: Vec<Part>,
+}
+
+impl Header {
+    /// Layers in file order.
+    pub fn layers(&self) -> Vec<LayerInfo> {
+        let mut layers: Vec<LayerInfo> = Vec::new();
+        for (part, p) in self.parts.iter().enumerate() {
+            for (index, channel) in p.channels.iter().enumerate() {
+                match layers.iter_mut().rfind(|l| l.part == part && l.name == channel.layer) {
+                    Some(layer) => layer.channels.push(index),
+                    None => layers.push(LayerInfo { name: channel.layer.clone(), part, channels: vec![index] }),
+                }
+            }
+        }
+        layers
+    }
+
+    /// Attributes of all parts; where two differ, the first part's.
+    pub fn attributes(&self) -> BTreeMap<String, String> {
+        let mut all = BTreeMap::new();
+        for (name, value) in self.parts.iter().flat_map(|p| &p.attributes) {
+            all.entry(name.clone()).or_insert_with(|| value.clone());
+        }
+        all
+    }
+}
+
+/// Reads the header of an OpenEXR file.
+///
+/// # Errors
+/// If the file cannot be read, is no OpenEXR file, is damaged or uses what is not supported (deep
+/// data), or if its windows are too large for the file (damaged) or for memory.
+pub fn header(path: &Path) -> Result<Header> {
+    Ok(open(path)?.1)
+}
+
+/// A file whose header has been read and checked, ready for its pixels.
+pub(super) type Reader = exr::block::reader::Reader<BufReader<File>>;
+
+/// Opens a file, reads its header and checks it.
+pub(super) fn open(path: &Path) -> Result<(Reader, Header)> {
+    let mut file = File::open(path).map_err(|e| Error::io(path, e))?;
+    let bytes = file.metadata().map_err(|e| Error::io(path, e))?.len();
+    let mut magic = [0_u8; 4];
+    match file.read_exact(&mut magic) {
+        Err(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => return Err(Error::io(path, e)),
+        Err(_) => return Err(Error::invalid(format!("only {bytes} bytes, no OpenEXR file")).at(path)),
+        Ok(()) if magic != exr::meta::magic_number::BYTES => {
+            return Err(Error::invalid(format!("no OpenEXR file (it begins with the bytes {magic:02x?})"))
+                .hint("OpenEXR files begin with 76 2f 31 01; convert other pictures first, e.g. with oiiotool")
+                .at(path));
+        }
+        Ok(()) => {}
+    }
+    std::io::Seek::rewind(&mut file).map_err(|e| Error::io(path, e))?;
+    let reader = guard::contained(path, || exr::block::read(BufReader::new(file), false))?;
+    check(reader.headers(), bytes).map_err(|e| e.at(path))?;
+    let header = described(reader.headers()).ok_or_else(|| guard::damaged("no part").at(path))?;
+    Ok((reader, header))
+}
+
+/// How many bytes of pixels a byte of file can hold at most, so that a damaged window does not make
+/// us allocate what the file cannot fill. Deflate packs at most 1032 to 1; DWA deflates what was run-length
+/// coded (64 to 1) before; the others (PIZ's run of 255 16-bit samples in 9 bits, RLE's 128 in two
+/// bytes) stay below deflate.
+fn expansion(compression: exr::compression::Compression) -> u64 {
+    use exr::compression::Compression as C;
+    match compression {
+        C::Uncompressed => 1,
+        C::DWAA(_) | C::DWAB(_) => 1032 * 64,
+        _ => 1032,
+    }
+}
+
+fn check(headers: &[exr::meta::header::Header], file_bytes: u64) -> Result<()> {
+    for (index, header) in headers.iter().enumerate() {
+        let part = format!("part {index}");
+        let display = window(header.shared_attributes.display_window);
+        let data = window(header.data_window());
+        for (what, w) in [("display", display), ("data", data)] {
+            if w.pixels() > MAX_PIXELS {
+                return Err(Error::invalid(format!("{what} window {w} has more than {MAX_PIXELS} pixels"))
+                    .hint("either the header is damaged or the picture is too large for memory")
+                    .part(part));
+            }
+        }
+        // Each chunk has 8 bytes in the table and at least 8 of its own.
+        let chunks = header.chunk_count as u64;
+        if chunks > file_bytes / 16 {
+            return Err(
+                guard::damaged(&format!("{chunks} chunks expected, but the file has {file_bytes} bytes")).part(part)
+            );
+        }
+        let pixel_bytes = data.pixels().saturating_mul(header.channels.bytes_per_pixel as u64);
+        if pixel_bytes / expansion(header.compression) > file_bytes {
+            return Err(guard::damaged(&format!(
+                "data window {data} needs {pixel_bytes} bytes of pixels, which {file_bytes} bytes of file cannot hold"
+            ))
+            .part(part));
+        }
+    }
+    Ok(())
+}
+
+fn window(bounds: IntegerBounds) -> Window {
+    Window { min: [bounds.position.0, bounds.position.1], size: [bounds.size.0, bounds.size.1] }
+}
+
+fn described(headers: &[exr::meta::header::Header]) -> Option<Header> {
+    let first = headers.first()?;
+    let several = headers.len() > 1;
+    let parts: Vec<Part> = headers
+        .iter()
+        .map(|header| {
+            let name = header.own_attributes.layer_name.as_ref().map(|n| attributes::text(n.as_slice()));
+            let prefix = if several { name.as_deref().unwrap_or("") } else { "" };
+            Part {
+                data_window: window(header.data_window()),
+                compression: header.compression.to_string(),
+                tiled: header.blocks.has_tiles(),
+                channels: header.channels.list.iter().map(|c| channel(c, prefix)).collect(),
+                attributes: attributes::all(header).collect(),
+                name,
+            }
+        })
+        .collect();
+    let data_window = parts.iter().map(|p| p.data_window).reduce(|a, b| a.union(&b))?;
+    Some(Header {
+        display_window: window(first.shared_attributes.display_window),
+        data_window,
+        pixel_aspect: first.shared_attributes.pixel_aspect,
+        parts,
+    })
+}
+
+/// Names a channel's layer. A prefix that repeats the part's name (Nuke, Blender) is not doubled.
+fn channel(description: &exr::meta::attribute::ChannelDescription, part: &str) -> ChannelInfo {
+    let name = attributes::text(description.name.as_slice());
+    let (prefix, component) = name.rsplit_once('.').unwrap_or(("", &name));
+    let repeats = prefix.strip_prefix(part).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'));
+    let layer = match (part, prefix) {
+        ("", _) => prefix.to_owned(),
+        (_, "") => part.to_owned(),
+        _ if repeats => prefix.to_owned(),
+        _ => format!("{part}.{prefix}"),
+    };
+    use exr::meta::attribute::SampleType as Exr;
+    ChannelInfo {
+        layer,
+        component: component.to_owned(),
+        sample_type: match description.sample_type {
+            Exr::F16 => SampleType::Half,
+            Exr::F32 => SampleType::Float,
+            Exr::U32 => SampleType::Uint,
+        },
+        sampling: [description.sampling.0, description.sampling.1],
+        name,
+    }
+}

@@ -1,0 +1,63 @@
+//! OpenEXR pictures in and out, on the `exr` crate.
+//!
+//! Read: single and multi-part files, any layers, half, float and uint samples, scan lines and
+//! tiles (of mip and rip maps the full size). Not read, and refused by name: deep data, subsampled
+//! channels, HTJ2K compression.
+//!
+//! # Windows
+//! Pictures cover the **display window**. Where a part's data window does not reach, samples are 0
+//! (transparent black); where it reaches further (overscan), it is cropped.
+//!
+//! # Layers
+//! A channel `ViewLayer.Combined.R` is component `R` of layer `ViewLayer.Combined`. A channel without
+//! a dot belongs to its part's name in a file of several parts and to the unnamed layer `""` in a file
+//! of one. Blender, Houdini (`C.r`), Nuke (`rgba.red`) and OpenEXR's own tools all fit this rule.
+
+mod attributes;
+mod decode;
+mod guard;
+mod header;
+mod picture;
+mod read;
+mod write;
+
+pub use header::{ChannelInfo, Header, LayerInfo, Part, SampleType, header};
+pub use picture::{Picture, picture, read_picture};
+pub use read::{Channel, Image, Layer, read};
+pub use write::{Attributes, write_picture};
+
+use serde::Serialize;
+
+/// A rectangle of pixels, x to the right, y downwards.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Window {
+    /// First pixel, inclusive.
+    pub min: [i32; 2],
+    /// Width and height in pixels.
+    pub size: [usize; 2],
+}
+
+impl Window {
+    /// Pixels inside.
+    pub fn pixels(&self) -> u64 {
+        self.size[0] as u64 * self.size[1] as u64
+    }
+
+    /// One past the last pixel on `axis` (0: x, 1: y).
+    fn end(&self, axis: usize) -> i64 {
+        i64::from(self.min[axis]) + self.size[axis] as i64
+    }
+
+    /// Smallest window around both.
+    fn union(&self, other: &Self) -> Self {
+        let min = [self.min[0].min(other.min[0]), self.min[1].min(other.min[1])];
+        let size = std::array::from_fn(|a| (self.end(a).max(other.end(a)) - i64::from(min[a])) as usize);
+        Self { min, size }
+    }
+}
+
+impl std::fmt::Display for Window {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}x{} at ({}, {})", self.size[0], self.size[1], self.min[0], self.min[1])
+    }
+}

@@ -1,0 +1,166 @@
+//! One layer of a file as an RGBA picture.
+
+use super::decode::{self, Source};
+use super::header::{self, Header, LayerInfo};
+use crate::error::{Error, Result};
+use crate::render::film::Film;
+use std::path::Path;
+
+/// A picture and where it came from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Pixels over the display window.
+    pub film: Film,
+    /// Name of the layer that was read; empty for the unnamed one.
+    pub layer: String,
+    /// NaN and infinite samples inside the display window. They stand in `film` as they are.
+    pub non_finite: usize,
+}
+
+/// Reads a picture; see [`picture`], which also says what was read.
+///
+/// # Errors
+/// As [`picture`].
+pub fn read_picture(path: &Path, layer: Option<&str>) -> Result<Film> {
+    Ok(picture(path, layer)?.film)
+}
+
+/// Reads one layer as RGBA over the display window (transparent black outside the data window).
+///
+/// `layer` is a layer's name, exactly, else without regard to case, else the last word of exactly one
+/// (`Combined` for `ViewLayer.Combined`). Without it the first that exists of: the unnamed layer if
+/// it has colours, `rgba`, `rgb`, `Composite.Combined`, `….Combined`, `beauty`, `C`, the only layer with colours,
+/// the unnamed layer if it is grey, the only layer that is grey.
+///
+/// Colours are the channels R, G, B or red, green, blue, or X, Y, Z of a vector, in any case. A layer with one channel beside
+/// alpha (Y, Z, anything) is grey: R = G = B. Without A or alpha, alpha is 1 inside the data window.
+///
+/// # Errors
+/// As [`header`](super::header()); if there is no such layer (the error lists what there is), it has
+/// no colours, or its chunks are missing, damaged or subsampled.
+pub fn picture(path: &Path, layer: Option<&str>) -> Result<Picture> {
+    let (reader, header) = header::open(path)?;
+    let layers = header.layers();
+    let chosen = match layer {
+        Some(name) => named(&layers, name),
+        None => default(&header, &layers),
+    }
+    .map_err(|e| e.at(path))?;
+    let Some(channels) = colours(&header, chosen) else {
+        return Err(Error::invalid(format!(
+            "layer '{}' has the channels {}, which make no picture",
+            chosen.name,
+            components(&header, chosen).join(", ")
+        ))
+        .hint("a picture needs R, G, B (or X, Y, Z) or a single channel")
+        .at(path));
+    };
+    let sources: Vec<Source> = channels.iter().map(|&channel| Source { part: chosen.part, channel }).collect();
+    let planes = decode::planes(path, reader, &header, &sources)?;
+    let non_finite = planes.iter().map(|p| p.non_finite).sum();
+    Ok(Picture { film: film(&header, chosen.part, &planes), layer: chosen.name.clone(), non_finite })
+}
+
+/// Channel indices in the part: grey, grey and alpha, RGB, or RGBA.
+fn colours(header: &Header, layer: &LayerInfo) -> Option<Vec<usize>> {
+    let find = |names: [&str; 2]| {
+        layer.channels.iter().copied().find(|&c| {
+            let component = &header.parts[layer.part].channels[c].component;
+            names.iter().any(|n| component.eq_ignore_ascii_case(n))
+        })
+    };
+    let alpha = find(["A", "alpha"]);
+    let rgb = [["R", "red"], ["G", "green"], ["B", "blue"]].map(find);
+    let xyz = [["X", "X"], ["Y", "Y"], ["Z", "Z"]].map(find);
+    let mut chosen = match (rgb, xyz) {
+        ([Some(r), Some(g), Some(b)], _) => vec![r, g, b],
+        (_, [Some(x), Some(y), Some(z)]) => vec![x, y, z],
+        _ => {
+            let mut rest = layer.channels.iter().copied().filter(|&c| Some(c) != alpha);
+            let only = rest.next().or(alpha)?;
+            if rest.next().is_some() {
+                return None;
+            }
+            vec![only]
+        }
+    };
+    chosen.extend(alpha.filter(|a| !chosen.contains(a)));
+    Some(chosen)
+}
+
+fn components(header: &Header, layer: &LayerInfo) -> Vec<String> {
+    layer.channels.iter().map(|&c| header.parts[layer.part].channels[c].component.clone()).collect()
+}
+
+fn listed(layers: &[LayerInfo]) -> String {
+    layers.iter().map(|l| format!("'{}'", l.name)).collect::<Vec<_>>().join(", ")
+}
+
+fn last_word(name: &str) -> &str {
+    name.rsplit('.').next().unwrap_or(name)
+}
+
+fn named<'a>(layers: &'a [LayerInfo], name: &str) -> Result<&'a LayerInfo> {
+    let only = |matches: &dyn Fn(&LayerInfo) -> bool| {
+        let mut found = layers.iter().filter(|l| matches(l));
+        found.next().filter(|_| found.next().is_none())
+    };
+    layers
+        .iter()
+        .find(|l| l.name == name)
+        .or_else(|| only(&|l| l.name.eq_ignore_ascii_case(name)))
+        .or_else(|| only(&|l| last_word(&l.name).eq_ignore_ascii_case(name)))
+        .ok_or_else(|| {
+            Error::invalid(format!("no layer '{name}'; the file has {}", listed(layers)))
+                .hint("give one of these names to --layer")
+        })
+}
+
+fn default<'a>(header: &Header, layers: &'a [LayerInfo]) -> Result<&'a LayerInfo> {
+    let coloured = |l: &&LayerInfo| colours(header, l).is_some_and(|c| c.len() >= 3);
+    let grey = |l: &&LayerInfo| colours(header, l).is_some_and(|c| c.len() < 3);
+    let called = |name: &str| layers.iter().filter(coloured).find(|l| l.name.eq_ignore_ascii_case(name));
+    let ending = |name: &str| layers.iter().filter(coloured).find(|l| last_word(&l.name).eq_ignore_ascii_case(name));
+    fn only<'a>(mut found: impl Iterator<Item = &'a LayerInfo>) -> Option<&'a LayerInfo> {
+        found.next().filter(|_| found.next().is_none())
+    }
+    called("")
+        .or_else(|| ending("rgba"))
+        .or_else(|| ending("rgb"))
+        .or_else(|| called("Composite.Combined"))
+        .or_else(|| ending("Combined"))
+        .or_else(|| ending("beauty"))
+        .or_else(|| ending("C"))
+        .or_else(|| only(layers.iter().filter(coloured)))
+        .or_else(|| layers.iter().filter(grey).find(|l| l.name.is_empty()))
+        .or_else(|| only(layers.iter().filter(grey)))
+        .ok_or_else(|| {
+            Error::invalid(format!("none of the layers is plainly the picture: {}", listed(layers)))
+                .hint("name the layer with --layer")
+        })
+}
+
+/// Only rows and columns of the data window are touched: a damaged display window costs address space,
+/// not memory.
+fn film(header: &Header, part: usize, planes: &[decode::Plane]) -> Film {
+    let (display, data) = (header.display_window, header.parts[part].data_window);
+    let mut film = Film::new(display.size[0], display.size[1]);
+    let range = |axis: usize| {
+        let start = i64::from(data.min[axis]) - i64::from(display.min[axis]);
+        let end = (start + data.size[axis] as i64).clamp(0, display.size[axis] as i64);
+        start.clamp(0, end) as usize..end as usize
+    };
+    for y in range(1) {
+        for x in range(0) {
+            let i = y * film.width + x;
+            let v = |p: usize| planes[p].samples[i];
+            film.rgba[i] = match planes.len() {
+                1 => [v(0), v(0), v(0), 1.0],
+                2 => [v(0), v(0), v(0), v(1)],
+                3 => [v(0), v(1), v(2), 1.0],
+                _ => [v(0), v(1), v(2), v(3)],
+            };
+        }
+    }
+    film
+}

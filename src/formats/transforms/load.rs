@@ -1,0 +1,255 @@
+//! From JSON to a capture, each fault named by its frame and key.
+
+use super::{folder, json_path};
+use crate::error::{Error, Result};
+use crate::formats::exr;
+use crate::scene::camera::{Camera, Projection};
+use crate::scene::capture::{Capture, Frame, Model, PixelFilter};
+use glam::{DMat4, DVec2, DVec4};
+use serde_json::{Map, Value};
+use std::path::{Path, PathBuf};
+
+/// Larger files are no camera lists; a hundred thousand frames take less.
+const MAX_BYTES: u64 = 1 << 26;
+
+/// Reads a capture from its JSON file or from the folder that holds `transforms.json`. Pictures are
+/// not read; their headers are where the size is not stated.
+///
+/// # Errors
+/// Names the file, the frame and the key that is missing or cannot be used.
+pub fn load(path: &Path) -> Result<Capture> {
+    let json = json_path(path);
+    parse(&json).map_err(|e| e.at(&json))
+}
+
+fn parse(json: &Path) -> Result<Capture> {
+    let root = read_object(json)?;
+    let top = Keys { own: &root, shared: None };
+    let frames = match root.get("frames") {
+        Some(Value::Array(frames)) if !frames.is_empty() => frames,
+        Some(Value::Array(_)) => return Err(Error::invalid("'frames' is empty; at least one view is needed")),
+        Some(_) => return Err(Error::invalid("'frames' is not a list")),
+        None => {
+            return Err(Error::invalid("no key 'frames'")
+                .hint("a capture lists its views: {\"frames\": [{\"file_path\": …, \"transform_matrix\": …}]}"));
+        }
+    };
+    let folder = folder(json);
+    let frames = frames
+        .iter()
+        .enumerate()
+        .map(|(i, value)| frame(value, &root, &folder).map_err(|e| e.part(format!("frame {i}"))))
+        .collect::<Result<Vec<_>>>()?;
+    let positive = |key: &str| match top.number(key)? {
+        Some(v) if v <= 0.0 => Err(Error::invalid(format!("'{key}' is {v}; a positive number is expected"))),
+        v => Ok(v),
+    };
+    Ok(Capture {
+        frames,
+        model: top.named("model", &["absorption", "emission-absorption"])?.unwrap_or(Model::Absorption),
+        background: top.colour("background")?.unwrap_or([1.0; 3]),
+        pixel_filter: top.named("pixel_filter", &["point", "box"])?.unwrap_or(PixelFilter::Point),
+        density_scale: positive("density_scale")?.unwrap_or(1.0),
+        emission: top.colour("emission")?.unwrap_or([1.0; 3]),
+        lattice: top.matrix("lattice")?,
+    })
+}
+
+/// The file as a JSON object.
+pub(super) fn read_object(json: &Path) -> Result<Map<String, Value>> {
+    let bytes = std::fs::metadata(json).map_err(|e| {
+        let missing = e.kind() == std::io::ErrorKind::NotFound;
+        let error = Error::io(json, e);
+        if missing { error.hint("a capture is a transforms.json or the folder that holds one") } else { error }
+    })?;
+    if bytes.len() > MAX_BYTES {
+        return Err(Error::invalid(format!("{} bytes are no list of cameras", bytes.len())));
+    }
+    let text = std::fs::read(json).map_err(|e| Error::io(json, e))?;
+    match serde_json::from_slice(&text) {
+        Ok(Value::Object(root)) => Ok(root),
+        Ok(_) => Err(Error::invalid("not a JSON object")),
+        Err(e) => Err(Error::invalid(format!("no valid JSON: {e}"))),
+    }
+}
+
+fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> Result<Frame> {
+    let Value::Object(own) = value else { return Err(Error::invalid("not a JSON object")) };
+    let keys = Keys { own, shared: Some(root) };
+    let picture = picture_path(own, folder)?;
+    let camera_to_world = (Keys { own, shared: None })
+        .matrix("transform_matrix")?
+        .ok_or_else(|| missing("transform_matrix", "the camera-to-world matrix, four rows of four numbers"))?;
+    let projection = projection(&keys)?;
+    let (width, height) = match (keys.size("w")?, keys.size("h")?) {
+        (Some(w), Some(h)) => (w, h),
+        (w, h) => {
+            let header = exr::header(&picture).map_err(|e| {
+                Error::invalid(format!("'w' and 'h' are not both given, and the picture cannot say: {e}"))
+            })?;
+            let [pw, ph] = header.display_window.size;
+            (w.unwrap_or(pw as u32), h.unwrap_or(ph as u32))
+        }
+    };
+    let camera = Camera {
+        camera_to_world,
+        projection,
+        focal: focal(&keys, projection, f64::from(width), f64::from(height))?,
+        centre: DVec2::new(
+            keys.number("cx")?.unwrap_or(0.5 * f64::from(width)),
+            keys.number("cy")?.unwrap_or(0.5 * f64::from(height)),
+        ),
+        width,
+        height,
+        near: keys.number("near")?.unwrap_or(0.0),
+    };
+    Ok(Frame { camera: rigid(camera)?, picture })
+}
+
+/// A matrix whose columns are of unit length already is kept to the last bit, so that what was
+/// written is what is read; others are normalised.
+fn rigid(camera: Camera) -> Result<Camera> {
+    let m = camera.camera_to_world;
+    let checked = camera.checked()?;
+    let unit = |c: DVec4| (c.truncate().length_squared() - 1.0).abs() < 8.0 * f64::EPSILON;
+    let keep = [m.x_axis, m.y_axis, m.z_axis].into_iter().all(unit);
+    Ok(if keep { Camera { camera_to_world: m, ..checked } } else { checked })
+}
+
+/// The picture's path, from `file_path`.
+pub(super) fn picture_path(own: &Map<String, Value>, folder: &Path) -> Result<PathBuf> {
+    let name = match own.get("file_path") {
+        Some(Value::String(name)) if !name.is_empty() => name,
+        Some(_) => return Err(Error::invalid("'file_path' is not a text")),
+        None => return Err(missing("file_path", "the picture's path, relative to this file")),
+    };
+    let path = folder.join(name);
+    // "view.0001" has no suffix that is one of a picture; Path would take ".0001" for it.
+    let suffix = path.extension().is_some_and(|e| e.to_string_lossy().chars().any(|c| c.is_ascii_alphabetic()));
+    Ok(if suffix { path } else { folder.join(format!("{name}.exr")) })
+}
+
+fn missing(key: &str, what: &str) -> Error {
+    Error::invalid(format!("no key '{key}'")).hint(format!("'{key}' is {what}"))
+}
+
+fn projection(keys: &Keys) -> Result<Projection> {
+    let projection = match keys.get("camera_model") {
+        None => Projection::Perspective,
+        Some(Value::String(s)) if matches!(s.as_str(), "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "PERSPECTIVE") => {
+            Projection::Perspective
+        }
+        Some(Value::String(s)) if s == "ORTHOGRAPHIC" => Projection::Orthographic,
+        Some(other) => {
+            return Err(Error::unsupported(format!(
+                "'camera_model' is {other}; OPENCV, PINHOLE or ORTHOGRAPHIC is expected"
+            ))
+            .hint("undistort the pictures to a pinhole camera first, e.g. with `colmap image_undistorter`"));
+        }
+    };
+    for key in ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"] {
+        if let Some(v) = keys.number(key)?.filter(|v| *v != 0.0) {
+            return Err(Error::unsupported(format!("lens distortion ('{key}' is {v})"))
+                .hint("undistort the pictures first, e.g. with `colmap image_undistorter`, and set it to 0"));
+        }
+    }
+    Ok(projection)
+}
+
+fn focal(keys: &Keys, projection: Projection, width: f64, height: f64) -> Result<DVec2> {
+    let axis = |length: &str, angle: &str, pixels: f64| -> Result<Option<f64>> {
+        if let Some(v) = keys.number(length)? {
+            return Ok(Some(v));
+        }
+        match keys.number(angle)? {
+            None => Ok(None),
+            Some(_) if projection == Projection::Orthographic => {
+                Err(Error::invalid(format!("'{angle}' has no meaning for an orthographic camera"))
+                    .hint(format!("give '{length}' in pixels per world unit")))
+            }
+            Some(v) if v > 0.0 && v < std::f64::consts::PI => Ok(Some(0.5 * pixels / (0.5 * v).tan())),
+            Some(v) => Err(Error::invalid(format!("'{angle}' is {v}; an angle between 0 and pi is expected"))),
+        }
+    };
+    let (x, y) = (axis("fl_x", "camera_angle_x", width)?, axis("fl_y", "camera_angle_y", height)?);
+    match (x, y) {
+        (Some(x), Some(y)) => Ok(DVec2::new(x, y)),
+        (Some(f), None) | (None, Some(f)) => Ok(DVec2::splat(f)),
+        (None, None) => Err(missing("fl_x", "the focal length in pixels; 'camera_angle_x' in radians does as well")),
+    }
+}
+
+/// Keys of a frame before those of the whole file.
+struct Keys<'a> {
+    own: &'a Map<String, Value>,
+    shared: Option<&'a Map<String, Value>>,
+}
+
+impl Keys<'_> {
+    /// `null` counts as absent.
+    fn get(&self, key: &str) -> Option<&Value> {
+        self.own.get(key).or_else(|| self.shared?.get(key)).filter(|v| !v.is_null())
+    }
+
+    fn number(&self, key: &str) -> Result<Option<f64>> {
+        match self.get(key) {
+            None => Ok(None),
+            Some(v) => v
+                .as_f64()
+                .filter(|n| n.is_finite())
+                .map(Some)
+                .ok_or_else(|| Error::invalid(format!("'{key}' is {}; a number is expected", short(v)))),
+        }
+    }
+
+    /// Sizes may be written as 800.0.
+    fn size(&self, key: &str) -> Result<Option<u32>> {
+        match self.number(key)? {
+            None => Ok(None),
+            Some(v) if (1.0..=65_536.0).contains(&v) && v.fract() == 0.0 => Ok(Some(v as u32)),
+            Some(v) => Err(Error::invalid(format!("'{key}' is {v}; a whole number from 1 to 65536 is expected"))),
+        }
+    }
+
+    fn colour(&self, key: &str) -> Result<Option<[f32; 3]>> {
+        let Some(value) = self.get(key) else { return Ok(None) };
+        let numbers: Option<Vec<f32>> = value.as_array().and_then(|list| {
+            list.iter().map(|v| v.as_f64().map(|n| n as f32).filter(|n| n.is_finite() && *n >= 0.0)).collect()
+        });
+        numbers
+            .and_then(|n| <[f32; 3]>::try_from(n).ok())
+            .map(Some)
+            .ok_or_else(|| Error::invalid(format!("'{key}' is {}; three numbers from 0 on are expected", short(value))))
+    }
+
+    fn matrix(&self, key: &str) -> Result<Option<DMat4>> {
+        let Some(value) = self.get(key) else { return Ok(None) };
+        let rows: Option<Vec<[f64; 4]>> = value.as_array().and_then(|rows| {
+            rows.iter()
+                .map(|row| {
+                    let numbers: Option<Vec<f64>> = row.as_array()?.iter().map(Value::as_f64).collect();
+                    <[f64; 4]>::try_from(numbers?).ok()
+                })
+                .collect()
+        });
+        let rows = rows.filter(|r| r.len() == 4 || r.len() == 3);
+        let Some(rows) = rows else {
+            return Err(Error::invalid(format!("'{key}' is {}; four rows of four numbers are expected", short(value))));
+        };
+        let last = rows.get(3).copied().unwrap_or([0.0, 0.0, 0.0, 1.0]);
+        Ok(Some(DMat4::from_cols_array_2d(&[rows[0], rows[1], rows[2], last]).transpose()))
+    }
+
+    fn named<T: serde::de::DeserializeOwned>(&self, key: &str, names: &[&str]) -> Result<Option<T>> {
+        let Some(value) = self.get(key) else { return Ok(None) };
+        serde_json::from_value(value.clone())
+            .map(Some)
+            .map_err(|_| Error::invalid(format!("'{key}' is {}; {} is expected", short(value), names.join(" or "))))
+    }
+}
+
+/// A value for an error message.
+fn short(value: &Value) -> String {
+    let text = value.to_string();
+    if text.chars().count() <= 60 { text } else { text.chars().take(57).chain("...".chars()).collect() }
+}

@@ -1,0 +1,175 @@
+//! Captures: what is written is read back to the bit, other tools' files are understood, and faults
+//! are named by frame and key.
+
+#![allow(clippy::unwrap_used)]
+
+use cumulo::formats::{exr, transforms};
+use cumulo::render::film::Film;
+use cumulo::scene::camera::{Camera, Projection};
+use cumulo::scene::capture::{Capture, Frame, Model, PixelFilter};
+use glam::{DMat4, DVec2, DVec3};
+use serde_json::{Map, Value, json};
+use std::path::Path;
+
+fn capture(folder: &Path) -> Capture {
+    let frames = (0..5)
+        .map(|i| {
+            let angle = 0.7 * f64::from(i) + 0.123_456_789;
+            let eye = DVec3::new(3.0 * angle.cos(), 3.0 * angle.sin(), 1.0 / 3.0);
+            Frame {
+                camera: Camera {
+                    camera_to_world: Camera::look_at(eye, DVec3::new(0.1, 0.2, 0.3), DVec3::Z),
+                    projection: if i == 3 { Projection::Orthographic } else { Projection::Perspective },
+                    focal: DVec2::new(100.0 / 3.0, 110.0 / 7.0 + f64::from(i)),
+                    centre: DVec2::new(31.7, 24.1),
+                    width: 64,
+                    height: 48 + i as u32,
+                    near: 0.1,
+                },
+                picture: folder.join(format!("view.{i:04}.exr")),
+            }
+        })
+        .collect();
+    Capture {
+        frames,
+        model: Model::EmissionAbsorption,
+        background: [0.1, 0.7, 1.0 / 3.0],
+        pixel_filter: PixelFilter::Box,
+        density_scale: 1.0 / 7.0,
+        emission: [1.0, 0.2, 1e-3],
+        lattice: Some(
+            DMat4::from_translation(DVec3::new(1e6 + 0.1, -2.5, 1.0 / 3.0)) * DMat4::from_scale(DVec3::splat(0.1)),
+        ),
+    }
+}
+
+#[test]
+fn what_is_saved_is_loaded_to_the_bit() {
+    let dir = tempfile::tempdir().unwrap();
+    let json = dir.path().join("transforms.json");
+    let written = capture(dir.path());
+    let mut extra = Map::new();
+    extra.insert("generator".into(), json!("test"));
+    transforms::save(&json, &written, &extra).unwrap();
+    assert_eq!(transforms::load(&json).unwrap(), written);
+    assert_eq!(transforms::load(dir.path()).unwrap(), written, "by its folder");
+    let mut text: Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
+    assert_eq!(text["generator"], "test");
+    assert_eq!(text["w"], 64, "what all views share is written once");
+    assert!(text["frames"][0].get("w").is_none());
+    assert_eq!(text["frames"][4]["h"], 52, "what differs is written with its view");
+    assert_eq!(text["frames"].as_array_mut().unwrap().remove(1)["file_path"], "view.0001.exr");
+    extra.insert("frames".into(), json!([]));
+    assert!(transforms::save(&json, &written, &extra).unwrap_err().to_string().contains("'frames'"));
+}
+
+fn load(text: &Value) -> cumulo::Result<Capture> {
+    let dir = tempfile::tempdir().unwrap();
+    let json = dir.path().join("transforms.json");
+    std::fs::write(&json, text.to_string()).unwrap();
+    transforms::load(&json)
+}
+
+fn identity() -> Value {
+    json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]])
+}
+
+/// As the NeRF data sets have it: an angle, no size, no suffix.
+#[test]
+fn a_nerf_file_takes_its_size_from_the_picture() {
+    let dir = tempfile::tempdir().unwrap();
+    let json = dir.path().join("transforms.json");
+    std::fs::create_dir(dir.path().join("train")).unwrap();
+    let film = Film::new(40, 30);
+    exr::write_picture(&dir.path().join("train/r_0.exr"), &film, &Default::default(), false).unwrap();
+    let text = json!({"camera_angle_x": 0.6911112070083618, "frames": [
+        {"file_path": "./train/r_0", "rotation": 0.01, "transform_matrix": identity()}]});
+    std::fs::write(&json, text.to_string()).unwrap();
+    let capture = transforms::load(&json).unwrap();
+    let camera = capture.frames[0].camera;
+    assert_eq!((camera.width, camera.height), (40, 30));
+    assert_eq!(camera.centre, DVec2::new(20.0, 15.0));
+    // f = w/2 / tan(angle/2), pixels square; both computed in f64.
+    let f = 20.0 / (0.5 * 0.6911112070083618_f64).tan();
+    assert!((camera.focal - DVec2::splat(f)).length() < 1e-12 * f);
+    assert_eq!(camera.position(), DVec3::new(0.0, 0.0, 4.0));
+    assert!(capture.frames[0].picture.ends_with("train/r_0.exr"));
+    assert_eq!((capture.model, capture.background), (Model::Absorption, [1.0; 3]));
+}
+
+#[test]
+fn a_frame_overrides_the_file() {
+    let c = load(&json!({"fl_x": 50, "w": 40.0, "h": 30, "cx": 19, "camera_model": "OPENCV", "k1": 0.0, "frames": [
+        {"file_path": "a.exr", "transform_matrix": identity()},
+        {"file_path": "b.0001", "transform_matrix": identity(), "fl_x": 60, "fl_y": 70, "cy": 3, "w": 20, "near": 0.5},
+        {"file_path": "c.exr", "transform_matrix": identity(), "camera_model": "ORTHOGRAPHIC"}]}))
+    .unwrap();
+    let cameras: Vec<Camera> = c.frames.iter().map(|f| f.camera).collect();
+    assert_eq!((cameras[0].focal, cameras[0].centre), (DVec2::splat(50.0), DVec2::new(19.0, 15.0)));
+    assert_eq!((cameras[1].focal, cameras[1].centre), (DVec2::new(60.0, 70.0), DVec2::new(19.0, 3.0)));
+    assert_eq!((cameras[1].width, cameras[1].near, cameras[0].near), (20, 0.5, 0.0));
+    assert_eq!(cameras[2].projection, Projection::Orthographic);
+    assert!(c.frames[1].picture.ends_with("b.0001.exr"));
+}
+
+#[test]
+fn faults_are_named_by_frame_and_key() {
+    let good = json!({"fl_x": 50, "w": 40, "h": 30, "frames": [
+        {"file_path": "a.exr", "transform_matrix": identity()},
+        {"file_path": "b.exr", "transform_matrix": identity()}]});
+    load(&good).unwrap();
+    let cases: [(&str, Value, &[&str]); 15] = [
+        ("/frames/1/transform_matrix", json!([[1, 2], [3]]), &["frame 1", "transform_matrix", "four rows"]),
+        ("/frames/1/transform_matrix/0/1", json!(0.5), &["frame 1", "not orthogonal"]),
+        ("/frames/1/transform_matrix/0/1", json!("x"), &["frame 1", "transform_matrix"]),
+        ("/frames/1/transform_matrix", Value::Null, &["frame 1", "transform_matrix"]),
+        ("/frames/0/file_path", json!(7), &["frame 0", "file_path"]),
+        ("/frames/0", json!([]), &["frame 0", "object"]),
+        ("/frames", json!([]), &["frames", "empty"]),
+        ("/fl_x", json!("wide"), &["fl_x", "number"]),
+        ("/fl_x", json!(-3), &["focal"]),
+        ("/fl_x", Value::Null, &["fl_x", "camera_angle_x"]),
+        ("/w", json!(0), &["'w'", "65536"]),
+        ("/w", json!(40.5), &["'w'", "whole"]),
+        ("/h", Value::Null, &["frame 0", "'h'", "a.exr"]),
+        ("/frames/1/k1", json!(0.1), &["frame 1", "k1", "undistort"]),
+        ("/frames/1/camera_model", json!("FISHEYE"), &["frame 1", "FISHEYE"]),
+    ];
+    for (pointer, value, words) in cases {
+        let mut bad = good.clone();
+        let (parent, key) = pointer.rsplit_once('/').unwrap();
+        match bad.pointer_mut(parent).unwrap() {
+            Value::Object(map) => drop(map.insert(key.into(), value)),
+            Value::Array(list) => list[key.parse::<usize>().unwrap()] = value,
+            _ => panic!("{pointer}"),
+        }
+        let message = load(&bad).unwrap_err().to_string();
+        for word in words.iter().chain(&["transforms.json"]) {
+            assert!(message.contains(word), "{pointer}: '{word}' is not in: {message}");
+        }
+    }
+    for (key, value) in [
+        ("background", json!([1, 2])),
+        ("model", json!("fog")),
+        ("density_scale", json!(0)),
+        ("emission", json!([1, 1, -1])),
+        ("pixel_filter", json!(1)),
+        ("lattice", json!(1)),
+    ] {
+        let mut bad = good.clone();
+        bad[key] = value;
+        let message = load(&bad).unwrap_err().to_string();
+        assert!(message.contains(key), "{key}: {message}");
+    }
+}
+
+#[test]
+fn missing_and_malformed_files_are_errors() {
+    let dir = tempfile::tempdir().unwrap();
+    let message = transforms::load(dir.path()).unwrap_err().to_string();
+    assert!(message.contains("transforms.json") && message.contains("capture"), "{message}");
+    for text in ["", "[]", "{\"frames\": [", "{\"frames\": 3}", "{}", "\u{0}"] {
+        std::fs::write(dir.path().join("transforms.json"), text).unwrap();
+        transforms::load(dir.path()).unwrap_err();
+    }
+}
