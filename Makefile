@@ -1,0 +1,45 @@
+# Every target makes what it needs: Debian packages where they are missing, Python environments, the
+# program. A second run finds it all there.
+.DEFAULT_GOAL := demo
+.PHONY: demo test check bench build setup clean
+
+export CUMULO := $(CURDIR)/target/release/cumulo
+export PYTHONDONTWRITEBYTECODE := 1
+CARGO_TARGET_DIR := $(CURDIR)/target
+export CARGO_TARGET_DIR
+
+# `make demo BLENDER=1` reconstructs from pictures that Cycles rendered.
+BLENDER ?=
+
+setup: ## everything that the other targets may need
+	python/setup.sh
+
+build:
+	python/setup.sh build
+	cargo build --release --locked
+
+demo: build
+ifneq ($(filter-out 0,$(BLENDER)),)
+	python/setup.sh bpy
+	.venvs/bpy/bin/python python/demo.py --blender
+else
+	/usr/bin/python3 python/demo.py
+endif
+
+test: setup
+	cargo build --release --locked
+	cargo test --release --locked
+	.venvs/bpy/bin/python -m pytest python/tests --ignore python/tests/usd
+	.venvs/usd/bin/python -m pytest python/tests/usd
+
+check: ## what is worth seeing before each commit; under three minutes once built
+	python/setup.sh build
+	cargo fmt --check
+	cargo clippy --release --locked --all-targets -- -D warnings
+	cargo test --release --locked --lib --bins
+
+bench: build
+	cargo bench --locked
+
+clean:
+	rm -rf target demo-out .venvs
