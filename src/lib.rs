@@ -18,6 +18,7 @@ pub mod error;
 pub mod formats;
 pub mod math;
 pub mod metrics;
+pub mod optimise;
 pub mod real;
 pub mod render;
 pub mod scene;

@@ -138,6 +138,22 @@ fn grazing_rays() {
     assert_eq!(dvr.optical_depth(&outside), 0.0);
 }
 
+/// A ray that creeps over the face between two bricks at a slope of 1e-17 rounds onto it from either
+/// side: nothing may be lost.
+#[test]
+fn creeping_along_a_face() {
+    let f: Bricks<f32> = field(32, unit(), |p| 1.0 + 0.1 * p.x);
+    let dvr = Dvr::new(&f, Medium::absorbing(1.0)).unwrap().early_stop(0.0);
+    for slope in [6e-17, -6e-17, 1e-12, -1e-12, 0.0] {
+        for x in [8.0, 8.0 + 2e-15, 8.0 - 2e-15, 16.0, 16.0 - 4e-15] {
+            let ray = Ray { origin: DVec3::new(x, -40.0, 9.5), direction: DVec3::new(slope, 1.0, 0.0) };
+            let depth = dvr.optical_depth(&ray);
+            let expected = 32.0 * (1.0 + 0.1 * x);
+            assert!((depth - expected).abs() < 1e-5 * expected, "{slope} {x}: {depth} {expected}");
+        }
+    }
+}
+
 /// A volume at 1e7 with voxels of 1e-4, and one of 1e7 voxels' size: rebased in f64.
 #[test]
 fn far_from_the_origin() {

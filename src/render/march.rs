@@ -211,8 +211,7 @@ fn cells<R: Real>(span: &Span<R>, mut visit: impl FnMut(usize, [R; 3], R, R)) {
     let (mut iy, sy, mut ny, jy) = axis(ey, dy);
     let (mut iz, sz, mut nz, jz) = axis(ez, dz);
     let mut t = R::ZERO;
-    // Out of the brick, rounding aside, exactly when the span ends.
-    while (ix | iy | iz) & !7 == 0 {
+    loop {
         let nearest = nx.lesser(ny).lesser(nz);
         let until = nearest.lesser(span.length);
         if until > t {
@@ -230,6 +229,16 @@ fn cells<R: Real>(span: &Span<R>, mut visit: impl FnMut(usize, [R; 3], R, R)) {
         nx += if cx { jx } else { R::ZERO };
         ny += if cy { jy } else { R::ZERO };
         nz += if cz { jz } else { R::ZERO };
+        // The span ends at the brick's face. A ray that creeps along a face may round onto it early:
+        // it stays in the outermost cells.
+        if (ix | iy | iz) & !7 != 0 {
+            for (i, n) in [(&mut ix, &mut nx), (&mut iy, &mut ny), (&mut iz, &mut nz)] {
+                if *i & !7 != 0 {
+                    *i = (*i).clamp(0, 7);
+                    *n = far;
+                }
+            }
+        }
     }
 }
 

@@ -1,0 +1,3 @@
+//! Volumes from pictures.
+
+pub mod projector;
