@@ -173,7 +173,8 @@ fn the_adjoint_is_the_transpose() {
         let (mut left, mut transposed, mut tape) = (0.0, vec![R::ZERO; f.values.len()], Tape::default());
         for (i, ray) in rays(f.world_bounds(), 400, 12).iter().enumerate() {
             let w = common::noise(i as u64);
-            left += w * dvr.back_project(ray, |_| w, &mut transposed, &mut tape);
+            left += w * dvr.trace(ray, &mut tape);
+            tape.spread(w, &dvr, &mut transposed);
         }
         let right: f64 = transposed.iter().zip(&f.values).map(|(g, v)| g.f64() * v.f64()).sum();
         assert!((left - right).abs() < tolerance * left, "{left} {right}");

@@ -5,6 +5,7 @@
 //! in order: the result has the same bits for any number of threads.
 
 use crate::math::Affine;
+use crate::optimise::observation::DepthMap;
 use crate::render::dvr::{Dvr, Tape};
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::camera::Camera;
@@ -13,10 +14,10 @@ use crate::scene::medium::Medium;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// One measured ray.
+/// One measured pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// Image position in pixels.
+    /// Image position of the pixel's centre, in pixels.
     pub position: [f32; 2],
     /// Measured optical depth.
     pub depth: f32,
@@ -24,24 +25,50 @@ pub struct Sample {
     pub weight: f32,
 }
 
-/// The rays of one picture.
+/// The measured pixels of one picture.
 #[derive(Debug, Clone)]
 pub struct View {
     /// Where it was taken from.
     pub camera: Camera,
-    /// Rays, in an order in which neighbours are close in the image.
+    /// Pixels, in an order in which neighbours are close in the image.
     pub samples: Vec<Sample>,
 }
 
-/// Rays handled in one go.
-const RUN: usize = 64;
+/// Edge of the image tiles in which pixels are ordered: neighbours in time are neighbours in space.
+const TILE: usize = 8;
+/// Pixels handled in one go.
+const RUN: usize = TILE * TILE;
+
+impl View {
+    /// The pixels of a map that have weight and whose rays meet the bricks.
+    pub fn new(map: &DepthMap, topology: &Topology, transform: &Affine) -> Self {
+        let mut samples = Vec::new();
+        for y0 in (0..map.height).step_by(TILE) {
+            for x0 in (0..map.width).step_by(TILE) {
+                for y in y0..(y0 + TILE).min(map.height) {
+                    for x in x0..(x0 + TILE).min(map.width) {
+                        let i = y * map.width + x;
+                        let position = [x as f32 + 0.5, y as f32 + 0.5];
+                        let ray = map.camera.ray(position[0].into(), position[1].into());
+                        let sample = Sample { position, depth: map.depth[i], weight: map.weight[i] };
+                        if sample.weight > 0.0 && crate::render::march::meets(topology, transform, &ray) {
+                            samples.push(sample);
+                        }
+                    }
+                }
+            }
+        }
+        Self { camera: map.camera, samples }
+    }
+}
 
 /// The operator on a fixed topology.
 #[derive(Debug)]
 pub struct Projector {
     topology: Arc<Topology>,
-    transform: Affine,
     medium: Medium,
+    /// Offsets in pixels of the rays whose mean a pixel is.
+    offsets: Vec<[f64; 2]>,
     /// One accumulator a lane, 729 values a brick.
     lanes: Vec<Vec<f32>>,
     /// The field at hand, with its aprons.
@@ -49,17 +76,20 @@ pub struct Projector {
 }
 
 impl Projector {
-    /// Prepares accumulators; `extinction` is per unit of density and world length.
-    pub fn new(topology: Arc<Topology>, transform: Affine, extinction: f64) -> Self {
-        // More lanes than that serve no machine; a lane is as large as the field.
+    /// Prepares accumulators. `extinction` is per unit of density and world length; a pixel is the
+    /// mean over `rays_per_edge`² rays.
+    pub fn new(topology: Arc<Topology>, transform: Affine, extinction: f64, rays_per_edge: usize) -> Self {
+        // A lane is as large as the field; more than 16 of them serve no machine.
         let bytes = (topology.len() * BRICK * size_of::<f32>()).max(1);
         let lanes = ((256 << 20) / bytes).clamp(2, 16);
         let field = Bricks::zeros(topology.clone(), transform);
+        let n = rays_per_edge.max(1);
+        let offset = |i: usize| (i as f64 + 0.5) / n as f64 - 0.5;
         Self {
             medium: Medium::absorbing(extinction),
+            offsets: (0..n * n).map(|i| [offset(i % n), offset(i / n)]).collect(),
             lanes: vec![vec![0.0; field.values.len()]; lanes],
             topology,
-            transform,
             field,
         }
     }
@@ -69,52 +99,17 @@ impl Projector {
         self.topology.len() * LEAF_VOXELS
     }
 
-    /// Walks every ray of the given views once. `slope(sample, depth)` says what to send back for an
-    /// optical depth of `voxels` along it, and what to add to the sum; `Aᵀ slope` goes to `out`.
+    /// Walks the rays of every pixel of the given views once. `slope(sample, depths)` maps the
+    /// optical depths along a pixel's rays to what is sent back per unit of their mean, and to
+    /// something to be summed; `Aᵀ slope` goes to `out`.
     pub fn normal(
         &mut self,
         voxels: &[f32],
-        views: &[&View],
+        views: &[View],
         out: &mut [f32],
-        slope: impl Fn(&Sample, f64) -> (f64, f64) + Sync,
+        slope: impl Fn(&Sample, &[f64]) -> (f64, f64) + Sync,
     ) -> f64 {
-        self.topology.spread(voxels, &mut self.field.values);
-        let Ok(dvr) = Dvr::new(&self.field, self.medium) else { return 0.0 };
-        let dvr = dvr.early_stop(0.0);
-        let runs: Vec<(&Camera, &[Sample])> =
-            views.iter().flat_map(|v| v.samples.chunks(RUN).map(|s| (&v.camera, s))).collect();
-        let count = self.lanes.len();
-        let arch = pulp::Arch::new();
-        let sums: Vec<f64> = self
-            .lanes
-            .par_iter_mut()
-            .enumerate()
-            .map_init(Tape::default, |tape, (lane, gradient)| {
-                gradient.fill(0.0);
-                let mut sum = 0.0;
-                for (camera, run) in runs.iter().skip(lane).step_by(count) {
-                    arch.dispatch(
-                        #[inline(always)]
-                        || {
-                            for s in *run {
-                                let ray = camera.ray(s.position[0].into(), s.position[1].into());
-                                dvr.back_project(
-                                    &ray,
-                                    |depth| {
-                                        let (back, add) = slope(s, depth);
-                                        sum += add;
-                                        back
-                                    },
-                                    gradient,
-                                    tape,
-                                );
-                            }
-                        },
-                    );
-                }
-                sum
-            })
-            .collect();
+        let sum = self.walk(voxels, views, slope, true);
         let (first, rest) = self.lanes.split_at_mut(1);
         first[0].par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
             for lane in rest.iter() {
@@ -124,6 +119,63 @@ impl Projector {
             }
         });
         self.topology.fold(&self.lanes[0], out);
+        sum
+    }
+
+    /// The sum alone: no gradient.
+    pub fn measure(&mut self, voxels: &[f32], views: &[View], value: impl Fn(&Sample, &[f64]) -> f64 + Sync) -> f64 {
+        self.walk(voxels, views, |s, z| (0.0, value(s, z)), false)
+    }
+
+    fn walk(
+        &mut self,
+        voxels: &[f32],
+        views: &[View],
+        slope: impl Fn(&Sample, &[f64]) -> (f64, f64) + Sync,
+        back: bool,
+    ) -> f64 {
+        self.topology.spread(voxels, &mut self.field.values);
+        let Ok(dvr) = Dvr::new(&self.field, self.medium) else { return 0.0 };
+        let dvr = dvr.early_stop(0.0);
+        let runs: Vec<(&Camera, &[Sample])> =
+            views.iter().flat_map(|v| v.samples.chunks(RUN).map(|s| (&v.camera, s))).collect();
+        let (count, offsets) = (self.lanes.len(), &self.offsets);
+        let share = 1.0 / offsets.len() as f64;
+        let arch = pulp::Arch::new();
+        let sums: Vec<f64> = self
+            .lanes
+            .par_iter_mut()
+            .enumerate()
+            .map_init(
+                || (Tape::default(), vec![0.0; offsets.len()]),
+                |(tape, depths), (lane, gradient)| {
+                    if back {
+                        gradient.fill(0.0);
+                    }
+                    let mut sum = 0.0;
+                    for (camera, run) in runs.iter().skip(lane).step_by(count) {
+                        arch.dispatch(
+                            #[inline(always)]
+                            || {
+                                for s in *run {
+                                    let [x, y] = s.position.map(f64::from);
+                                    for (z, [u, v]) in depths.iter_mut().zip(offsets) {
+                                        let ray = camera.ray(x + u, y + v);
+                                        *z = if back { dvr.trace(&ray, tape) } else { dvr.optical_depth(&ray) };
+                                    }
+                                    let (by_depth, add) = slope(s, depths);
+                                    sum += add;
+                                    if back {
+                                        tape.spread(share * by_depth, &dvr, gradient);
+                                    }
+                                }
+                            },
+                        );
+                    }
+                    sum
+                },
+            )
+            .collect();
         sums.into_iter().sum()
     }
 }

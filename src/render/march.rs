@@ -118,6 +118,18 @@ pub fn spans<R: Real>(topology: &Topology, ray: &IndexRay, reverse: bool, mut vi
     }
 }
 
+/// True if a world ray crosses any brick.
+pub fn meets(topology: &Topology, transform: &Affine, ray: &Ray) -> bool {
+    let mut met = false;
+    if let Some(ray) = IndexRay::new(topology, transform, ray) {
+        spans::<f32>(topology, &ray, false, |_| {
+            met = true;
+            false
+        });
+    }
+    met
+}
+
 /// A stretch of a ray within one cell: `K` quadrature nodes, each a set of interpolation weights.
 ///
 /// Corner `(x, y, z)` of the cell is `values[offset + slot(x, y, z)]` and has weight

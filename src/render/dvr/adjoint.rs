@@ -54,6 +54,21 @@ pub struct Tape<R> {
     depth: Vec<Piece<R, 1>>,
 }
 
+impl<R: Real> Tape<R> {
+    /// Adds `by_depth · extinction` times the interpolation weights of all traced rays to the stored
+    /// values of `gradient`, and forgets the rays.
+    #[inline(always)]
+    pub fn spread(&mut self, by_depth: f64, dvr: &Dvr<'_, R>, gradient: &mut [R]) {
+        let g = R::of(dvr.medium.extinction * by_depth);
+        if g != R::ZERO {
+            for piece in &self.depth {
+                scatter(gradient, piece.offset, g * piece.length, &piece.nodes[0]);
+            }
+        }
+        self.depth.clear();
+    }
+}
+
 /// A piece with what was found in it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Entry<R, const K: usize> {
@@ -111,30 +126,12 @@ impl<R: Real> Dvr<'_, R> {
         }
     }
 
-    /// Optical depth along a ray with exact quadrature, and its transpose: `residual` maps the depth
-    /// to a derivative, which is scattered to the voxels. The linear operator of tomography and its
-    /// adjoint in one walk.
+    /// Optical depth along a world ray with exact quadrature, its pieces appended to the tape: the
+    /// linear operator of tomography. [`Tape::spread`] is its transpose.
     #[inline(always)]
-    pub fn back_project(
-        &self,
-        ray: &Ray,
-        residual: impl FnOnce(f64) -> f64,
-        gradient: &mut [R],
-        tape: &mut Tape<R>,
-    ) -> f64 {
-        let Some(ray) = self.index_ray(ray) else {
-            residual(0.0);
-            return 0.0;
-        };
-        tape.depth.clear();
-        let depth = kernel::depth(self, &ray, ExactDepth, |piece| tape.depth.push(*piece));
-        let g = R::of(self.medium.extinction * residual(depth));
-        if g != R::ZERO {
-            for piece in &tape.depth {
-                scatter(gradient, piece.offset, g * piece.length, &piece.nodes[0]);
-            }
-        }
-        depth
+    pub fn trace(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
+        let Some(ray) = self.index_ray(ray) else { return 0.0 };
+        kernel::depth(self, &ray, ExactDepth, |piece| tape.depth.push(*piece))
     }
 
     /// What is left of the gradient where the ray meets no medium.

@@ -1,0 +1,330 @@
+//! Density from absorption pictures: hull, levels from coarse to fine, and when to stop.
+
+use crate::error::{Error, Result};
+use crate::math::{Aabb, Affine};
+use crate::optimise::hull::Hull;
+use crate::optimise::observation::{DepthMap, Observation};
+use crate::optimise::projector::{Projector, Sample, View};
+use crate::optimise::smooth::Smoother;
+use crate::optimise::solver::Solver;
+use crate::scene::bricks::{BRICK, Bricks, Topology};
+use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
+use glam::{DMat4, DVec3, IVec3};
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What to reconstruct and how far to go.
+#[derive(Debug, Clone)]
+pub struct Request {
+    /// Voxel lattice of the result, index to world.
+    pub lattice: Affine,
+    /// World box of the unknowns.
+    pub bounds: Aabb,
+    /// Extinction per unit of density and world length.
+    pub extinction: f64,
+    /// A pixel is the mean over this many rays squared.
+    pub rays_per_edge: usize,
+    /// Views that are not used, only looked at to know when to stop.
+    pub held_out: Vec<usize>,
+    /// Iterations on the finest level, at most.
+    pub iterations: u32,
+    /// Blur passes of the smoothness prior: more where pictures are few.
+    pub smoothing: u32,
+    /// Bound the influence of outliers (Huber's loss).
+    pub robust: bool,
+    /// A volume to start from.
+    pub init: Option<Bricks<f32>>,
+    /// Bytes that may be used.
+    pub max_memory: u64,
+}
+
+/// One iteration, for the progress display and the convergence plot.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Step {
+    /// Level, 0 the finest.
+    pub level: u32,
+    /// Iteration, all levels counted.
+    pub iteration: u32,
+    /// Seconds since the start.
+    pub seconds: f64,
+    /// PSNR of the held-out views' transmittance (peak 1), if there are any.
+    pub held_out_psnr_db: Option<f64>,
+}
+
+/// A stage and the seconds it took.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Stage {
+    /// What was done.
+    pub name: String,
+    /// Wall time.
+    pub seconds: f64,
+}
+
+/// What came out.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// The densities as a fog volume.
+    pub grid: Grid,
+    /// Every iteration.
+    pub history: Vec<Step>,
+    /// Time by stage.
+    pub stages: Vec<Stage>,
+    /// PSNR of the transmittance of the views that were used (peak 1).
+    pub train_psnr_db: f64,
+    /// The same for those that were not.
+    pub held_out_psnr_db: Option<f64>,
+    /// Unknown voxels on the finest level.
+    pub unknowns: usize,
+    /// True if the user stopped it.
+    pub stopped: bool,
+}
+
+/// Coarsest level: at least this many voxels along the longest edge.
+const COARSEST: f64 = 24.0;
+/// Iterations on each level but the finest.
+const COARSE_ITERATIONS: u32 = 8;
+/// A level ends when this many iterations brought less than [`GAIN`] dB on the held-out views.
+const PATIENCE: usize = 6;
+const GAIN: f64 = 0.3;
+
+/// Reconstructs the densities. `watch` sees every step and may stop the work; what is there by then
+/// is returned.
+///
+/// # Errors
+/// If the pictures leave no unknown, or the unknowns do not fit in memory.
+pub fn reconstruct(
+    observation: &Observation,
+    request: &Request,
+    mut watch: impl FnMut(&Step) -> ControlFlow<()>,
+) -> Result<Outcome> {
+    let start = Instant::now();
+    let mut stages = Vec::new();
+    let mut history: Vec<Step> = Vec::new();
+    let mut stopped = false;
+    let mut field = request.init.clone();
+    let levels = levels(&request.lattice, &request.bounds, field.is_some());
+    let mut last = None;
+    for level in (0..levels).rev() {
+        let begun = Instant::now();
+        let (result, psnr) = {
+            let mut work = Level::new(observation, request, level, field.as_ref())?;
+            stages
+                .push(Stage { name: format!("level {level}: hull and rays"), seconds: begun.elapsed().as_secs_f64() });
+            let begun = Instant::now();
+            let limit = if level == 0 { request.iterations } else { COARSE_ITERATIONS.min(request.iterations) };
+            let done = work.solve(limit, |held_out_psnr_db| {
+                let step = Step {
+                    level,
+                    iteration: history.len() as u32 + 1,
+                    seconds: start.elapsed().as_secs_f64(),
+                    held_out_psnr_db,
+                };
+                history.push(step);
+                watch(&step)
+            });
+            stages.push(Stage { name: format!("level {level}: solve"), seconds: begun.elapsed().as_secs_f64() });
+            stopped = done.stopped;
+            let psnr = (level == 0 || stopped).then(|| work.psnr(&done.voxels));
+            (work.field(done.voxels), psnr)
+        };
+        last = psnr.map(|p| (p, result.1));
+        field = Some(result.0);
+        if stopped {
+            break;
+        }
+    }
+    let (Some(field), Some(((train, held_out), unknowns))) = (field, last) else {
+        return Err(Error::invalid("no level was solved"));
+    };
+    Ok(Outcome {
+        grid: to_grid(&field),
+        history,
+        stages,
+        train_psnr_db: train,
+        held_out_psnr_db: held_out,
+        unknowns,
+        stopped,
+    })
+}
+
+/// How many levels, each of half the resolution, lead up to the finest. A start leaves nothing for
+/// coarser levels to find.
+fn levels(lattice: &Affine, bounds: &Aabb, started: bool) -> u32 {
+    if started {
+        return 1;
+    }
+    let longest = (bounds.size() / lattice.voxel_size()).max_element();
+    (1..8).take_while(|l| longest / f64::from(1 << l) >= COARSEST).count() as u32 + 1
+}
+
+/// The problem on one level.
+struct Level {
+    topology: Arc<Topology>,
+    lattice: Affine,
+    unknown: Vec<bool>,
+    train: Vec<View>,
+    held_out: Vec<View>,
+    projector: Projector,
+    smoother: Smoother,
+    start: Vec<f32>,
+    robust: bool,
+}
+
+/// What a level's solve left.
+struct Solved {
+    voxels: Vec<f32>,
+    stopped: bool,
+}
+
+impl Level {
+    fn new(observation: &Observation, request: &Request, level: u32, start: Option<&Bricks<f32>>) -> Result<Self> {
+        let stride = 1_usize << level;
+        let scale = DMat4::from_scale(DVec3::splat(stride as f64));
+        let lattice = Affine::new(request.lattice.matrix() * scale)?;
+        let hull = Hull::new(observation);
+        // Solver vectors, the field, its accumulators and the way back.
+        let per_brick = (LEAF_VOXELS * 9 + BRICK * 4) * size_of::<f32>();
+        let limit = (request.max_memory / per_brick as u64) as usize;
+        let (topology, unknown) = hull.unknowns(&lattice, &request.bounds, limit)?;
+        if !unknown.contains(&true) {
+            return Err(Error::invalid("the pictures leave no voxel that could hold anything")
+                .hint("check the cameras and the background colour, or give the region with --bounds"));
+        }
+        let topology = Arc::new(topology);
+        let reduced = |maps: &[&DepthMap]| -> Vec<View> {
+            maps.par_iter().map(|m| View::new(&m.reduced(stride), &topology, &lattice)).collect()
+        };
+        let (held_out, train): (Vec<_>, Vec<_>) =
+            observation.maps.iter().enumerate().partition(|(i, _)| request.held_out.contains(i));
+        let maps = |v: Vec<(usize, &'_ DepthMap)>| -> Vec<View> {
+            reduced(&v.into_iter().map(|(_, m)| m).collect::<Vec<_>>())
+        };
+        let (held_out, train) = (maps(held_out), maps(train));
+        if train.iter().all(|v| v.samples.is_empty()) {
+            return Err(
+                Error::invalid("no ray of the pictures meets the region").hint("check --bounds and the cameras")
+            );
+        }
+        let start = match start {
+            Some(field) => resample(field, &topology, &lattice),
+            None => vec![0.0; unknown.len()],
+        };
+        Ok(Self {
+            projector: Projector::new(topology.clone(), lattice, request.extinction, request.rays_per_edge),
+            smoother: Smoother::new(&topology, request.smoothing, 0.2),
+            robust: request.robust,
+            topology,
+            lattice,
+            unknown,
+            train,
+            held_out,
+            start,
+        })
+    }
+
+    fn solve(&mut self, limit: u32, mut watch: impl FnMut(Option<f64>) -> ControlFlow<()>) -> Solved {
+        let start = std::mem::take(&mut self.start);
+        let mut solver =
+            Solver::new(&self.train, &mut self.projector, &mut self.smoother, &self.unknown, start).robust(self.robust);
+        let mut trail: Vec<f64> = Vec::new();
+        let mut best: Option<(f64, Vec<f32>)> = None;
+        let mut stopped = false;
+        for _ in 0..limit {
+            if !solver.iterate() {
+                break;
+            }
+            let psnr = (!self.held_out.is_empty()).then(|| picture_psnr(&self.held_out, |v, f| solver.measure(v, f)));
+            stopped = watch(psnr).is_break();
+            if let Some(now) = psnr {
+                trail.push(now);
+                if best.as_ref().is_none_or(|(b, _)| now > *b) {
+                    best = Some((now, solver.densities()));
+                }
+                let stalled = trail.len() > PATIENCE && now < trail[trail.len() - 1 - PATIENCE] + GAIN;
+                if stalled {
+                    break;
+                }
+            }
+            if stopped {
+                break;
+            }
+        }
+        Solved { voxels: best.map_or_else(|| solver.densities(), |(_, v)| v), stopped }
+    }
+
+    /// PSNR of the used and of the held-out pictures.
+    fn psnr(&mut self, voxels: &[f32]) -> (f64, Option<f64>) {
+        let projector = &mut self.projector;
+        let mut of = |views: &[View]| picture_psnr(views, |v, f| projector.measure(voxels, v, f));
+        (of(&self.train), (!self.held_out.is_empty()).then(|| of(&self.held_out)))
+    }
+
+    fn field(self, voxels: Vec<f32>) -> (Bricks<f32>, usize) {
+        let mut field = Bricks::zeros(self.topology.clone(), self.lattice);
+        self.topology.spread(&voxels, &mut field.values);
+        (field, self.unknown.iter().filter(|u| **u).count())
+    }
+}
+
+/// PSNR of the transmittance over all pixels of the views, peak 1. Pixels whose rays meet no brick
+/// count as right: they were empty in the picture.
+fn picture_psnr(views: &[View], mut measure: impl FnMut(&[View], fn(&Sample, &[f64]) -> f64) -> f64) -> f64 {
+    let pixels: f64 = views.iter().map(|v| f64::from(v.camera.width) * f64::from(v.camera.height)).sum();
+    let square = measure(views, |s, z| {
+        let seen = z.iter().map(|z| (-z).exp()).sum::<f64>() / z.len() as f64;
+        ((-f64::from(s.depth)).exp() - seen).powi(2)
+    });
+    -10.0 * (square / pixels).max(1e-20).log10()
+}
+
+/// Values of a field at the voxels of another lattice.
+fn resample(field: &Bricks<f32>, topology: &Topology, lattice: &Affine) -> Vec<f32> {
+    let mut out = vec![0.0; topology.len() * LEAF_VOXELS];
+    out.par_chunks_mut(LEAF_VOXELS).zip(topology.bricks().par_iter()).for_each(|(values, brick)| {
+        for (i, v) in values.iter_mut().enumerate() {
+            let local = IVec3::new((i >> 6) as i32, (i >> 3 & 7) as i32, (i & 7) as i32);
+            let world = lattice.to_world((8 * *brick + local).as_dvec3());
+            *v = field.sample(field.transform.to_index(world));
+        }
+    });
+    out
+}
+
+/// The field's own voxels as a fog volume, bricks without density left out.
+fn to_grid(field: &Bricks<f32>) -> Grid {
+    let mut owned = vec![0.0; field.topology.len() * LEAF_VOXELS];
+    for (brick, out) in field.values.chunks(BRICK).zip(owned.chunks_mut(LEAF_VOXELS)) {
+        for (i, v) in out.iter_mut().enumerate() {
+            *v = brick[crate::scene::bricks::slot(i >> 6, i >> 3 & 7, i & 7)];
+        }
+    }
+    let leaves = field
+        .topology
+        .bricks()
+        .iter()
+        .zip(owned.chunks(LEAF_VOXELS))
+        .filter(|(_, v)| v.iter().any(|v| *v > 0.0))
+        .map(|(brick, v)| {
+            let mut leaf =
+                Leaf { origin: (8 * *brick).to_array(), values: Box::new([0.0; LEAF_VOXELS]), active: [0; 8] };
+            for (i, value) in v.iter().enumerate() {
+                leaf.values[i] = *value;
+                leaf.active[i >> 6] |= u64::from(*value > 0.0) << (i & 63);
+            }
+            leaf
+        })
+        .collect();
+    Grid {
+        name: "density".into(),
+        class: GridClass::FogVolume,
+        transform: field.transform,
+        background: 0.0,
+        leaves,
+        tiles: Vec::new(),
+        metadata: BTreeMap::new(),
+    }
+}

@@ -1,0 +1,229 @@
+//! The visual hull: where the medium can be, judged by the pixels that saw nothing.
+//!
+//! A pixel without optical depth has met only zeros (densities are not negative), so every voxel in
+//! its way is zero. What lies outside a picture is not judged by it.
+
+use crate::error::{Error, Result};
+use crate::math::{Aabb, Affine};
+use crate::optimise::observation::{DepthMap, Observation};
+use crate::scene::bricks::Topology;
+use crate::scene::camera::{Camera, Projection};
+use crate::scene::grid::LEAF_VOXELS;
+use glam::{DMat3, DVec2, DVec3, IVec3};
+use rayon::prelude::*;
+
+/// One view's silhouette as a summed-area table, so that any rectangle is judged at once.
+struct Silhouette<'a> {
+    camera: &'a Camera,
+    width: i64,
+    height: i64,
+    /// `(width + 1) · (height + 1)` counts of non-empty pixels above and left.
+    sums: Vec<u32>,
+    /// Image box of the non-empty pixels.
+    extent: Option<(DVec2, DVec2)>,
+}
+
+impl<'a> Silhouette<'a> {
+    fn new(map: &'a DepthMap, empty: f32) -> Self {
+        let (w, h) = (map.width, map.height);
+        let mut sums = vec![0_u32; (w + 1) * (h + 1)];
+        let mut extent: Option<(DVec2, DVec2)> = None;
+        for y in 0..h {
+            let mut row = 0;
+            for x in 0..w {
+                let i = y * w + x;
+                // A pixel without weight has measured nothing: it must not carve.
+                if map.weight[i] == 0.0 || map.depth[i] > empty {
+                    row += 1;
+                    let (low, high) = (DVec2::new(x as f64, y as f64), DVec2::new(x as f64 + 1.0, y as f64 + 1.0));
+                    extent = Some(extent.map_or((low, high), |(a, b)| (a.min(low), b.max(high))));
+                }
+                sums[(y + 1) * (w + 1) + x + 1] = sums[y * (w + 1) + x + 1] + row;
+            }
+        }
+        Self { camera: &map.camera, width: w as i64, height: h as i64, sums, extent }
+    }
+
+    /// True if the picture shows all of the rectangle and nothing in it. A pixel belongs to the
+    /// rectangle if its centre lies inside.
+    fn empty(&self, low: DVec2, high: DVec2) -> bool {
+        let (x0, y0) = ((low.x - 0.5).ceil() as i64, (low.y - 0.5).ceil() as i64);
+        let (x1, y1) = ((high.x - 0.5).floor() as i64 + 1, (high.y - 0.5).floor() as i64 + 1);
+        if x0 < 0 || y0 < 0 || x1 > self.width || y1 > self.height || x0 >= x1 || y0 >= y1 {
+            return false;
+        }
+        let at = |x: i64, y: i64| self.sums[(y * (self.width + 1) + x) as usize];
+        at(x1, y1) + at(x0, y0) == at(x0, y1) + at(x1, y0)
+    }
+
+    /// True if a ball around a world point shows nothing. The rectangle is at least a pixel wide.
+    fn ball_is_empty(&self, centre: DVec3, radius: f64) -> bool {
+        let Some((pixel, depth)) = self.camera.project(centre) else { return false };
+        let scale = match self.camera.projection {
+            Projection::Orthographic => 1.0,
+            // The nearest part of the ball is seen largest; a ball around the eye is not judged.
+            Projection::Perspective if depth <= 2.0 * radius => return false,
+            Projection::Perspective => 1.0 / (depth - radius),
+        };
+        let reach = (radius * scale * self.camera.focal).max(DVec2::splat(0.75));
+        self.empty(pixel - reach, pixel + reach)
+    }
+}
+
+/// The silhouettes of all views.
+pub struct Hull<'a> {
+    views: Vec<Silhouette<'a>>,
+}
+
+impl<'a> Hull<'a> {
+    /// Prepares the silhouettes.
+    pub fn new(observation: &'a Observation) -> Self {
+        Self { views: observation.maps.par_iter().map(|m| Silhouette::new(m, observation.empty)).collect() }
+    }
+
+    /// True if some view shows that there is nothing in the ball.
+    fn carved(&self, centre: DVec3, radius: f64) -> bool {
+        self.views.iter().any(|v| v.ball_is_empty(centre, radius))
+    }
+
+    /// World box of the hull, found coarse to fine.
+    ///
+    /// # Errors
+    /// If every picture is empty, or the views do not bound a region.
+    pub fn bounds(&self) -> Result<Aabb> {
+        if self.views.iter().all(|v| v.extent.is_none()) {
+            return Err(Error::invalid("every picture is empty: there is nothing to reconstruct")
+                .hint("check that `background` in transforms.json is the colour of the empty pixels"));
+        }
+        let (centre, radius) = self.ball()?;
+        let mut bounds = Aabb { min: centre - radius, max: centre + radius };
+        const CELLS: i32 = 32;
+        for round in 0..12 {
+            let cell = bounds.size() / f64::from(CELLS);
+            let kept = (0..CELLS * CELLS * CELLS)
+                .into_par_iter()
+                .filter_map(|i| {
+                    let p = IVec3::new(i / (CELLS * CELLS), i / CELLS % CELLS, i % CELLS).as_dvec3();
+                    let centre = bounds.min + (p + 0.5) * cell;
+                    (!self.carved(centre, 0.5 * cell.length()))
+                        .then(|| Aabb { min: centre - 0.5 * cell, max: centre + 0.5 * cell })
+                })
+                .reduce(|| Aabb::EMPTY, Aabb::union);
+            if kept.is_empty() {
+                return Err(Error::invalid(
+                    "the pictures contradict one another: no point is non-empty in all of them",
+                )
+                .hint("check the cameras (camera-to-world, looking down -Z, y up) and the background colour"));
+            }
+            let touches = (kept.min - bounds.min).min_element() <= 0.0 || (bounds.max - kept.max).min_element() <= 0.0;
+            if touches && round < 6 && kept.size().max_element() > 0.9 * bounds.size().max_element() {
+                let grow = bounds.size();
+                bounds = Aabb { min: bounds.min - 0.5 * grow, max: bounds.max + 0.5 * grow };
+                continue;
+            }
+            let shrunk = kept.size().max_element() < 0.9 * bounds.size().max_element();
+            bounds = kept;
+            if !shrunk {
+                break;
+            }
+        }
+        Ok(bounds)
+    }
+
+    /// A first guess: the point nearest to all views' central rays, and how far the silhouettes
+    /// reach around it.
+    fn ball(&self) -> Result<(DVec3, f64)> {
+        let (mut a, mut b, mut sum, mut count) = (DMat3::ZERO, DVec3::ZERO, DVec3::ZERO, 0.0);
+        for v in &self.views {
+            let Some((low, high)) = v.extent else { continue };
+            let middle = 0.5 * (low + high);
+            let ray = v.camera.ray(middle.x, middle.y);
+            let d = ray.direction;
+            let across = DMat3::IDENTITY - DMat3::from_cols(d * d.x, d * d.y, d * d.z);
+            a += across;
+            b += across * ray.origin;
+            sum += ray.origin;
+            count += 1.0;
+        }
+        if a.determinant().abs() < 1e-6 * f64::powi(count, 3) {
+            return Err(Error::invalid("the views do not bound a region: their directions are (nearly) all the same")
+                .hint("give the region with --bounds x0,y0,z0,x1,y1,z1"));
+        }
+        let centre = a.inverse() * b;
+        let radius = self
+            .views
+            .iter()
+            .filter_map(|v| {
+                let (low, high) = v.extent?;
+                let (pixel, depth) = v.camera.project(centre)?;
+                let reach = ((high - pixel).max(pixel - low) / v.camera.focal).max_element();
+                Some(match v.camera.projection {
+                    Projection::Orthographic => reach,
+                    Projection::Perspective => reach * depth,
+                })
+            })
+            .fold(0.0, f64::max);
+        if !(radius > 0.0 && centre.is_finite()) {
+            return Err(Error::invalid("the views look away from one another: no common region")
+                .hint("check the cameras, or give the region with --bounds x0,y0,z0,x1,y1,z1"));
+        }
+        Ok((centre, 1.05 * radius))
+    }
+
+    /// Bricks of `lattice` inside the world box that hold unknowns, and which of their voxels are
+    /// unknown (512 a brick): those whose own half of the way to the neighbours is not seen empty.
+    ///
+    /// # Errors
+    /// If the lattice would have more than `limit` bricks.
+    pub fn unknowns(&self, lattice: &Affine, bounds: &Aabb, limit: usize) -> Result<(Topology, Vec<bool>)> {
+        let inside = Aabb {
+            min: bounds.corners().iter().map(|c| lattice.to_index(*c)).fold(DVec3::INFINITY, DVec3::min),
+            max: bounds.corners().iter().map(|c| lattice.to_index(*c)).fold(DVec3::NEG_INFINITY, DVec3::max),
+        };
+        let voxel = lattice.voxel_size();
+        let (low, high) = ((inside.min / 8.0).floor(), (inside.max / 8.0).floor());
+        let extent = high - low + 1.0;
+        if extent.x * extent.y * extent.z > 1e8 || low.abs().max(high.abs()).max_element() > 1e8 {
+            return Err(too_fine(extent * 8.0));
+        }
+        let (low, extent) = (low.as_ivec3(), extent.as_ivec3());
+        let half_brick = 0.5 * (voxel * 8.0).length();
+        let brick_at = |i: i32| low + IVec3::new(i / (extent.y * extent.z), i / extent.z % extent.y, i % extent.z);
+        let margin = 0.5 * voxel.max_element();
+        let candidates: Vec<(IVec3, Vec<bool>)> = (0..extent.element_product())
+            .into_par_iter()
+            .filter_map(|i| {
+                let brick = brick_at(i);
+                let origin = 8 * brick;
+                if self.carved(lattice.to_world(origin.as_dvec3() + 3.5), half_brick) {
+                    return None;
+                }
+                let unknown: Vec<bool> = (0..LEAF_VOXELS as i32)
+                    .map(|v| {
+                        let p = (origin + IVec3::new(v >> 6, v >> 3 & 7, v & 7)).as_dvec3();
+                        let within = p.cmpge(inside.min - 0.5).all() && p.cmple(inside.max + 0.5).all();
+                        within && !self.carved(lattice.to_world(p), margin)
+                    })
+                    .collect();
+                unknown.contains(&true).then_some((brick, unknown))
+            })
+            .collect();
+        if candidates.len() > limit {
+            return Err(too_fine(extent.as_dvec3() * 8.0));
+        }
+        // A voxel on the low face of its brick reaches into the cells of the brick below.
+        let below = candidates.iter().flat_map(|(b, _)| (0..8).map(|c| *b - IVec3::new(c >> 2 & 1, c >> 1 & 1, c & 1)));
+        let topology = Topology::new(below)?;
+        let mut unknown = vec![false; topology.len() * LEAF_VOXELS];
+        for (brick, own) in candidates {
+            let at = topology.find(brick) as usize * LEAF_VOXELS;
+            unknown[at..at + LEAF_VOXELS].copy_from_slice(&own);
+        }
+        Ok((topology, unknown))
+    }
+}
+
+fn too_fine(voxels: DVec3) -> Error {
+    Error::unsupported(format!("{:.0} x {:.0} x {:.0} voxels do not fit in memory", voxels.x, voxels.y, voxels.z))
+        .hint("choose a larger --voxel-size or a smaller --resolution, give --bounds, or raise --max-memory")
+}

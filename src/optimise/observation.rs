@@ -1,0 +1,158 @@
+//! Pictures as measurements: optical depths with weights.
+//!
+//! A grey medium shows `L = c (1 - T) + T b` in each channel, so the transmittance, and with it the
+//! optical depth, follows from the picture alone: `T = Σ (L - c)(b - c) / Σ (b - c)²`. Absorption is
+//! `c = 0`. Reconstruction is then linear in the unknown densities.
+
+use crate::error::{Error, Result};
+use crate::render::film::Film;
+use crate::scene::camera::Camera;
+use rayon::prelude::*;
+
+/// A camera and its picture.
+#[derive(Debug, Clone)]
+pub struct Photo {
+    /// Where it was taken from.
+    pub camera: Camera,
+    /// What was seen.
+    pub film: Film,
+    /// Named in messages: the file.
+    pub name: String,
+}
+
+/// Optical depth of every pixel of a view.
+#[derive(Debug, Clone)]
+pub struct DepthMap {
+    /// Where it was taken from.
+    pub camera: Camera,
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Optical depth, row-major; noise may make it negative.
+    pub depth: Vec<f32>,
+    /// Weight of a squared residual in optical depth, 0..1; 0 where nothing was measured.
+    pub weight: Vec<f32>,
+    /// Named in messages.
+    pub name: String,
+}
+
+/// What the pictures have in common.
+#[derive(Debug, Clone)]
+pub struct Observation {
+    /// One map a view.
+    pub maps: Vec<DepthMap>,
+    /// A pixel with less optical depth than this has met nothing.
+    pub empty: f32,
+}
+
+/// Optical depth beyond which a pixel says only "opaque": the transmittance is below the steps of
+/// half-precision files and any renderer's noise.
+const OPAQUE: f64 = 14.0;
+/// Transmittance 1 / TRUST is where weights begin to fall. Noise of constant size in a picture is
+/// noise of size 1/T in the optical depth, so dark pixels deserve T²; clean pictures deserve equal
+/// weights. Whether a single picture is noisy or detailed cannot be told, and between the two nothing
+/// is lost on clean ones (measured: the same convergence as equal weights).
+const TRUST: f64 = 6.0;
+/// Optical depth below which a pixel of a clean picture is empty: a few roundings of `f32` near 1.
+const EMPTY: f32 = 2e-6;
+
+impl Observation {
+    /// Reads transmittances off the pictures; `background` is the radiance behind the medium and
+    /// `source` that of the medium itself.
+    ///
+    /// # Errors
+    /// If no channel tells the medium from the background, or a picture is mostly not finite.
+    pub fn new(photos: &[Photo], background: [f32; 3], source: [f32; 3]) -> Result<Self> {
+        let contrast: [f64; 3] = std::array::from_fn(|c| f64::from(background[c]) - f64::from(source[c]));
+        let power: f64 = contrast.iter().map(|c| c * c).sum();
+        let by_alpha = power < 1e-12;
+        let transmittance = |p: &[f32; 4]| {
+            if by_alpha {
+                1.0 - f64::from(p[3])
+            } else {
+                (0..3).map(|c| (f64::from(p[c]) - f64::from(source[c])) * contrast[c]).sum::<f64>() / power
+            }
+        };
+        let seen: Vec<Vec<f64>> = photos.par_iter().map(|p| p.film.rgba.iter().map(transmittance).collect()).collect();
+        for (photo, values) in photos.iter().zip(&seen) {
+            let bad = values.iter().filter(|v| !v.is_finite()).count();
+            if bad * 10 > values.len() {
+                return Err(Error::invalid(format!("{bad} of {} pixels are NaN or infinite", values.len()))
+                    .at(&photo.name)
+                    .hint("render the view again, or take it out of the capture"));
+            }
+        }
+        if by_alpha && seen.iter().flatten().all(|t| *t == 0.0) {
+            return Err(Error::invalid("background and source have the same colour and alpha is 1 everywhere: the pictures do not show the medium")
+                .hint("render on a background that differs from the medium's colour, or with alpha, and state it as `background` in transforms.json"));
+        }
+        let untouched = seen.iter().flatten().filter(|t| (**t - 1.0).abs() < f64::from(EMPTY)).count();
+        let clean = untouched * 100 >= seen.iter().map(Vec::len).sum::<usize>();
+        let empty = if clean { EMPTY } else { haze(&seen) };
+        let maps = photos
+            .iter()
+            .zip(seen)
+            .map(|(photo, seen)| {
+                let limit = (-OPAQUE).exp();
+                let weight = |t: f64| {
+                    let relative = TRUST * t.max(limit);
+                    if t.is_finite() { (relative * relative / (1.0 + relative * relative)) as f32 } else { 0.0 }
+                };
+                DepthMap {
+                    camera: photo.camera,
+                    width: photo.film.width,
+                    height: photo.film.height,
+                    weight: seen.iter().map(|t| if *t > 0.0 { weight(*t) } else { weight(*t) * 1e-3 }).collect(),
+                    depth: seen.iter().map(|t| if t.is_finite() { -t.max(limit).ln() as f32 } else { 0.0 }).collect(),
+                    name: photo.name.clone(),
+                }
+            })
+            .collect();
+        Ok(Self { maps, empty })
+    }
+}
+
+impl DepthMap {
+    /// Means over blocks of `stride`² pixels, weights summed: a view for a coarser volume.
+    pub fn reduced(&self, stride: usize) -> Self {
+        if stride <= 1 {
+            return self.clone();
+        }
+        let (width, height) = (self.width.div_ceil(stride), self.height.div_ceil(stride));
+        let mut out = Self { width, height, depth: Vec::new(), weight: Vec::new(), ..self.clone() };
+        for y in 0..height {
+            for x in 0..width {
+                let (mut sum, mut weight, mut count) = (0.0_f64, 0.0_f64, 0_u32);
+                for v in y * stride..((y + 1) * stride).min(self.height) {
+                    for u in x * stride..((x + 1) * stride).min(self.width) {
+                        let i = v * self.width + u;
+                        sum += f64::from(self.weight[i]) * f64::from(self.depth[i]);
+                        weight += f64::from(self.weight[i]);
+                        count += 1;
+                    }
+                }
+                out.depth.push(if weight > 0.0 { (sum / weight) as f32 } else { 0.0 });
+                out.weight.push((weight / f64::from(count.max(1))) as f32);
+            }
+        }
+        let s = stride as f64;
+        out.camera.focal /= s;
+        out.camera.centre /= s;
+        out.camera.width = width as u32;
+        out.camera.height = height as u32;
+        out
+    }
+}
+
+/// What counts as empty where no pixel is exactly the background: three times the spread of the
+/// brightest tenth of all pixels around 1, at least.
+fn haze(seen: &[Vec<f64>]) -> f32 {
+    let mut distances: Vec<f64> = seen.iter().flatten().filter(|t| t.is_finite()).map(|t| (t - 1.0).abs()).collect();
+    if distances.is_empty() {
+        return EMPTY;
+    }
+    let k = distances.len() / 10;
+    let (_, value, _) = distances.select_nth_unstable_by(k, f64::total_cmp);
+    EMPTY.max(3.0 * *value as f32)
+}
