@@ -2,4 +2,5 @@
 
 pub mod atomic;
 pub mod exr;
+pub mod png;
 pub mod transforms;

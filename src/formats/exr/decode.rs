@@ -1,7 +1,7 @@
 //! From chunks to planes over the display window.
 
 use super::header::{Header, Reader};
-use super::{SampleType, Window, guard};
+use super::{SampleType, Window, dwa, guard};
 use crate::error::{Error, Result};
 use exr::block::UncompressedBlock;
 use exr::block::reader::ChunksReader;
@@ -67,7 +67,14 @@ pub(super) fn planes(path: &Path, reader: Reader, header: &Header, sources: &[So
         }
         let blocks: Vec<UncompressedBlock> = batch
             .into_par_iter()
-            .map(|chunk| guard::contained(path, || UncompressedBlock::decompress_chunk(chunk, &meta, false)))
+            .map(|chunk| {
+                guard::contained(path, || {
+                    if let Some(header) = meta.headers.get(chunk.layer_index) {
+                        dwa::check(&chunk, header)?;
+                    }
+                    UncompressedBlock::decompress_chunk(chunk, &meta, false)
+                })
+            })
             .collect::<Result<_>>()?;
         for block in blocks {
             let at = (block.index.layer, block.index.pixel_position.0, block.index.pixel_position.1);

@@ -15,6 +15,7 @@
 
 mod attributes;
 mod decode;
+mod dwa;
 mod guard;
 mod header;
 mod picture;
