@@ -166,14 +166,13 @@ fn every_compression_is_read() {
         check(name, &film, whole, whole, 0, true, 0.0);
     }
     for (name, tolerance) in [
-        // B44 keeps 6 bits of the differences within 4x4 pixels, which here span 51/256 in steps of
-        // a power of two, and at block edges of the pattern 1.
-        ("b44", 1.0 / 16.0),
-        ("b44a", 1.0 / 16.0),
-        // DWA at the default level 45 quantises to 45e-5 of the perceptual scale before 8x8 transforms; the pattern's jumps
-        // of 1 ring. Values reach 4, where the scale's slope is below 8.
-        ("dwaa", 0.1),
-        ("dwab", 0.1),
+        // Lossy, and these are the worst cases for them: a pattern that jumps by 1 in values up to 4.
+        // OpenEXR's own decoder is off by as much; twice what was measured (1/85 and 1/64) is allowed, an
+        // order below the pattern's jumps, which a misplaced block or channel would show.
+        ("b44", 1.0 / 42.0),
+        ("b44a", 1.0 / 42.0),
+        ("dwaa", 1.0 / 32.0),
+        ("dwab", 1.0 / 32.0),
     ] {
         let film = exr::read_picture(&fixture(&format!("{name}.exr")), None).unwrap();
         check(name, &film, whole, whole, 0, true, tolerance);
@@ -251,4 +250,32 @@ fn files_of_the_crates_own_writer_are_read() {
     assert_eq!(film.rgba[5], [10.625, 11.625, 12.625, 1.0]);
     let message = exr::read_picture(&path, None).unwrap_err().to_string();
     assert!(message.contains("'left', 'right.diffuse'") && message.contains("--layer"), "{message}");
+}
+
+#[test]
+fn summaries_say_what_is_in_a_file() {
+    let text = exr::summary(&fixture("blender.exr")).unwrap().to_string();
+    for word in ["24x10", "zip", "'Composite.Combined'", "'ViewLayer.Depth'", "half", "float", "mean"] {
+        assert!(text.contains(word), "'{word}' is not in: {text}");
+    }
+    let camera = serde_json::to_value(exr::summary(&fixture("camera.exr")).unwrap()).unwrap();
+    assert!(camera["camera"]["worldToCamera"].as_str().unwrap().ends_with("14 15"));
+    let red = &camera["parts"][0]["layers"][0]["channels"][3];
+    assert_eq!((&red["name"], &red["sample_type"], &red["min"]), (&"R".into(), &"float".into(), &0.0.into()));
+    let nan = exr::summary(&fixture("nan.exr")).unwrap();
+    assert_eq!(nan.parts[0].layers[0].channels.iter().map(|c| c.non_finite).sum::<usize>(), 3);
+    assert!(nan.parts[0].layers[0].channels.iter().all(|c| c.max.unwrap().is_finite()));
+}
+
+#[test]
+fn problems_are_listed_with_what_to_do() {
+    for name in ["blender.exr", "multipart.exr", "overscan.exr", "mipmap.exr"] {
+        assert_eq!(exr::problems(&fixture(name)), [], "{name}");
+    }
+    let nan = exr::problems(&fixture("nan.exr"));
+    assert_eq!(nan.len(), 3);
+    assert!(nan[0].what.contains("'A' has 1 NaN") && !nan[0].hint.is_empty(), "{nan:?}");
+    let deep = exr::problems(&fixture("deep.exr"));
+    assert!(deep.len() == 1 && deep[0].what.contains("deep"), "{deep:?}");
+    assert!(exr::problems(&fixture("make_exr.py"))[0].what.contains("no OpenEXR file"));
 }

@@ -9,7 +9,10 @@ use std::fmt;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Compare two EXR pictures: exit code 0 if they agree, 1 if they differ, 2 if they cannot be compared
+/// Compare two EXR pictures
+///
+/// Exit code 0 if they agree, 1 if they differ, 2 if they cannot be compared. Figures are of the colours in
+/// scene-linear values; psnr_db refers to white, or to the second picture's peak if that is brighter.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Picture

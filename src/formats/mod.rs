@@ -3,4 +3,5 @@
 pub mod atomic;
 pub mod exr;
 pub mod png;
+pub mod problem;
 pub mod transforms;

@@ -1,6 +1,6 @@
 //! A look at DWA chunks before they are decompressed. Each begins with eleven 64-bit counters, and the
 //! `exr` crate (1.74.2) allocates what they say: a damaged one asks for petabytes, which aborts the
-//! process where no `catch_unwind` helps.
+//! process.
 
 use exr::block::chunk::{Chunk, CompressedBlock};
 use exr::compression::Compression;
