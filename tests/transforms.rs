@@ -173,3 +173,98 @@ fn missing_and_malformed_files_are_errors() {
         transforms::load(dir.path()).unwrap_err();
     }
 }
+
+fn picture(path: &Path, width: usize, height: usize, first: f32) {
+    let mut film = Film::new(width, height);
+    film.rgba[0][0] = first;
+    exr::write_picture(path, &film, &Default::default(), false).unwrap();
+}
+
+#[test]
+fn problems_are_listed_all_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let json = dir.path().join("transforms.json");
+    for i in 0..5 {
+        picture(&dir.path().join(format!("{i}.exr")), 40, 30, 0.0);
+    }
+    let frame = |name: &str| json!({"file_path": name, "transform_matrix": identity()});
+    let mut text =
+        json!({"fl_x": 50, "w": 40, "h": 30, "frames": [frame("0"), frame("1"), frame("2"), frame("3"), frame("4")]});
+    let problems = |text: &Value| {
+        std::fs::write(&json, text.to_string()).unwrap();
+        transforms::problems(dir.path())
+    };
+    assert_eq!(problems(&text), []);
+
+    picture(&dir.path().join("1.exr"), 30, 40, 0.0);
+    std::fs::remove_file(dir.path().join("2.exr")).unwrap();
+    picture(&dir.path().join("3.exr"), 40, 30, f32::NAN);
+    text["frames"][4]["file_path"] = json!("0.exr");
+    let found = problems(&text);
+    let whats: Vec<&str> = found.iter().map(|p| p.what.as_str()).collect();
+    assert_eq!(whats.len(), 4, "{whats:?}");
+    let expected =
+        [["frame 1", "30x40"], ["frame 2", "2.exr"], ["frame 3", "NaN"], ["frame 4", "same picture as frame 0"]];
+    for (what, words) in whats.iter().zip(expected) {
+        assert!(words.iter().all(|w| what.contains(w)), "{what}");
+    }
+
+    text["frames"][1]["transform_matrix"][0][1] = json!(0.5);
+    text["frames"][3]["k1"] = json!(0.5);
+    let found = problems(&text);
+    assert_eq!(found.len(), 2, "{found:?}");
+    assert!(found[0].what.contains("frame 1") && found[0].what.contains("orthogonal"));
+    assert!(found[1].what.contains("frame 3") && found[1].hint.contains("undistort"));
+    assert_eq!(problems(&json!({"frames": []})).len(), 1);
+}
+
+#[test]
+fn summaries_count_views_and_sizes() {
+    let dir = tempfile::tempdir().unwrap();
+    let json = dir.path().join("transforms.json");
+    transforms::save(&json, &capture(dir.path()), &Map::new()).unwrap();
+    let summary = transforms::summary(&json).unwrap();
+    assert_eq!((summary.frames, summary.orthographic, summary.sizes["64x52"]), (5, 1, 1));
+    assert!(summary.cameras_max.iter().zip(summary.cameras_min).all(|(high, low)| *high >= low && *high <= 3.0));
+    assert!(summary.to_string().contains("5 views"));
+}
+
+/// Bytes that mean something in JSON, and two that never do.
+const DAMAGE: &[u8] = b"0123456789-.eE[]{},:\"nlt\0\xff";
+
+/// 300 damaged captures: none panics; what loads has usable numbers.
+#[test]
+fn damaged_captures_are_loaded_or_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let json = dir.path().join("transforms.json");
+    transforms::save(&json, &capture(dir.path()), &Map::new()).unwrap();
+    let whole = std::fs::read(&json).unwrap();
+    let mut state = 1_u64;
+    let mut random = move |n: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % n
+    };
+    let mut refused = 0;
+    for round in 0..300 {
+        let mut bytes = whole.clone();
+        if round % 5 == 0 {
+            bytes.truncate(random(bytes.len()));
+        }
+        for _ in 0..=random(4) {
+            let at = random(bytes.len().max(1));
+            if let Some(byte) = bytes.get_mut(at) {
+                *byte = DAMAGE[random(DAMAGE.len())];
+            }
+        }
+        std::fs::write(&json, &bytes).unwrap();
+        match transforms::load(&json) {
+            Err(error) => {
+                refused += 1;
+                assert!(error.to_string().contains("transforms.json"), "{error}");
+            }
+            Ok(capture) => assert!(capture.frames.iter().all(|f| f.camera.checked().is_ok())),
+        }
+        transforms::problems(&json);
+    }
+    assert!((100..300).contains(&refused), "{refused} of 300 refused");
+}

@@ -1,5 +1,6 @@
 //! The command line: each subcommand loads, works, writes and reports.
 
+pub mod compare;
 pub mod output;
 
 use crate::error::{Error, Result};
@@ -32,7 +33,9 @@ pub struct Global {
 }
 
 #[derive(Debug, Subcommand)]
-enum Command {}
+enum Command {
+    Compare(compare::Arguments),
+}
 
 /// Runs the command line.
 ///
@@ -48,6 +51,8 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
             .build_global()
             .map_err(|e| Error::invalid(format!("--threads {n}: {e}")))?;
     }
-    let _output = Output::new(&arguments.global);
-    match arguments.command {}
+    let output = Output::new(&arguments.global);
+    match arguments.command {
+        Command::Compare(a) => compare::run(&a, &output),
+    }
 }

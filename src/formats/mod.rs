@@ -2,4 +2,6 @@
 
 pub mod atomic;
 pub mod exr;
+pub mod png;
+pub mod problem;
 pub mod transforms;

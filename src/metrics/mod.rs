@@ -1,1 +1,160 @@
 //! How far apart two pictures or two volumes are.
+//!
+//! Pictures are compared by their colour channels in scene-linear values; alpha has a figure of its own.
+//! Pixels in which either picture has a NaN or infinite sample are left out and counted.
+
+pub mod error;
+pub mod heatmap;
+pub mod ssim;
+
+use crate::error::{Error, Result};
+use crate::render::film::Film;
+use serde::{Serialize, Serializer};
+
+/// What two pictures of one size differ by. `b` is the reference.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Comparison {
+    /// Peak signal-to-noise ratio in dB; infinite for identical colours, which JSON writes as `null`.
+    #[serde(serialize_with = "finite_or_null")]
+    pub psnr_db: f64,
+    /// Structural similarity, mean over the colour channels; 1 for identical colours.
+    pub ssim: f64,
+    /// Mean of (a - b)² / (b² + 0.01).
+    pub rel_mse: f64,
+    /// Largest absolute difference of a colour channel.
+    pub max_abs: f64,
+    /// Root of the mean squared difference.
+    pub rms: f64,
+    /// Largest absolute difference of alpha.
+    pub alpha_max_abs: f64,
+    /// Signal peak that `psnr_db` and `ssim` refer to.
+    pub peak: f64,
+    /// Width and height in pixels.
+    pub size: [usize; 2],
+    /// Pixels left out because one of the pictures is NaN or infinite there.
+    pub non_finite_pixels: usize,
+    /// Of these, pixels where the two pictures are not the same.
+    pub non_finite_differences: usize,
+}
+
+/// JSON has no infinity; `null` stands for it.
+fn finite_or_null<S: Serializer>(value: &f64, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    if value.is_finite() { serializer.serialize_f64(*value) } else { serializer.serialize_none() }
+}
+
+impl Comparison {
+    /// True if no sample, colour or alpha, differs by more than `tolerance`, and what is not finite is
+    /// the same in both.
+    pub fn within(&self, tolerance: f64) -> bool {
+        self.max_abs <= tolerance && self.alpha_max_abs <= tolerance && self.non_finite_differences == 0
+    }
+}
+
+/// Peak of a reference's signal: 1, or its largest absolute finite colour where that is larger. Pictures that
+/// reach from black to white are so measured against white, and brighter ones against their own.
+pub fn peak(reference: &Film) -> f64 {
+    let colours = reference.rgba.iter().flat_map(|p| &p[..3]);
+    colours.filter(|v| v.is_finite()).fold(1.0, |m, v| f64::from(v.abs()).max(m))
+}
+
+/// Compares picture `a` with the reference `b`.
+///
+/// # Errors
+/// If the sizes differ or there is no pixel.
+pub fn compare(a: &Film, b: &Film) -> Result<Comparison> {
+    if (a.width, a.height) != (b.width, b.height) {
+        return Err(Error::invalid(format!(
+            "pictures of different sizes: {}x{} and {}x{}",
+            a.width, a.height, b.width, b.height
+        ))
+        .hint("render or crop them to the same size"));
+    }
+    if a.rgba.is_empty() {
+        return Err(Error::invalid("pictures without pixels cannot be compared"));
+    }
+    let finite = |p: &[f32; 4]| p.iter().all(|v| v.is_finite());
+    let (mut a, mut b) = (a.clone(), b.clone());
+    let (mut left_out, mut unlike) = (0, 0);
+    for (p, q) in a.rgba.iter_mut().zip(&mut b.rgba) {
+        if !finite(p) || !finite(q) {
+            let same = |(x, y): (&f32, &f32)| x == y || (x.is_nan() && y.is_nan());
+            left_out += 1;
+            unlike += usize::from(!p.iter().zip(q.iter()).all(same));
+            // Equal and black, so that they add nothing to any sum; the means are over the others.
+            (*p, *q) = ([0.0; 4], [0.0; 4]);
+        }
+    }
+    let peak = peak(&b);
+    let errors = error::colours(&a, &b, a.rgba.len() - left_out);
+    Ok(Comparison {
+        psnr_db: error::psnr_db(errors.mse, peak),
+        ssim: ssim::films(&a, &b, peak),
+        rel_mse: errors.rel_mse,
+        max_abs: errors.max_abs,
+        rms: errors.mse.sqrt(),
+        alpha_max_abs: errors.alpha_max_abs,
+        peak,
+        size: [a.width, a.height],
+        non_finite_pixels: left_out,
+        non_finite_differences: unlike,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grey(value: f32) -> Film {
+        Film { width: 16, height: 12, rgba: vec![[value, value, value, 1.0]; 192] }
+    }
+
+    #[test]
+    fn identical_pictures_have_no_error_and_null_for_the_infinite() {
+        let c = compare(&grey(0.3), &grey(0.3)).unwrap();
+        assert_eq!((c.psnr_db, c.ssim, c.rel_mse, c.max_abs), (f64::INFINITY, 1.0, 0.0, 0.0));
+        assert!(c.within(0.0));
+        let json = serde_json::to_value(&c).unwrap();
+        assert!(json["psnr_db"].is_null());
+        assert_eq!(json["ssim"], 1.0);
+    }
+
+    #[test]
+    fn the_peak_is_the_references_if_it_is_brighter_than_white() {
+        // Differences of 1 against a peak of 10: 20 dB; against a peak of 1 (darker reference): 0 dB.
+        assert!((compare(&grey(9.0), &grey(10.0)).unwrap().psnr_db - 20.0).abs() < 1e-12);
+        assert!(compare(&grey(1.0), &grey(0.0)).unwrap().psnr_db.abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_not_finite_is_left_out_and_counted() {
+        let (mut a, mut b) = (grey(0.5), grey(0.25));
+        a.rgba[5][0] = f32::NAN;
+        b.rgba[5][0] = f32::NAN;
+        let c = compare(&a, &b).unwrap();
+        // Its other channels differ, so the pixel counts as different; the rest differs by 1/4.
+        assert_eq!((c.non_finite_pixels, c.non_finite_differences, c.max_abs), (1, 1, 0.25));
+        assert!((c.rms - 0.25).abs() < 1e-15);
+        let c = compare(&a, &a.clone()).unwrap();
+        assert_eq!((c.non_finite_pixels, c.non_finite_differences), (1, 0));
+        assert!(c.within(0.0));
+        b = grey(0.5);
+        let c = compare(&a, &b).unwrap();
+        assert!(!c.within(1e9), "NaN against a number is a difference");
+    }
+
+    #[test]
+    fn alpha_alone_is_a_difference() {
+        let mut a = grey(0.5);
+        a.rgba[7][3] = 0.5;
+        let c = compare(&a, &grey(0.5)).unwrap();
+        assert_eq!((c.max_abs, c.alpha_max_abs), (0.0, 0.5));
+        assert!(!c.within(0.4) && c.within(0.5));
+    }
+
+    #[test]
+    fn sizes_must_agree() {
+        let message = compare(&grey(0.0), &Film::new(12, 16)).unwrap_err().to_string();
+        assert!(message.contains("16x12") && message.contains("12x16"), "{message}");
+        assert!(compare(&Film::new(0, 0), &Film::new(0, 0)).is_err());
+    }
+}

@@ -1,7 +1,7 @@
 //! From chunks to planes over the display window.
 
 use super::header::{Header, Reader};
-use super::{SampleType, Window, guard};
+use super::{SampleType, Window, dwa, fault};
 use crate::error::{Error, Result};
 use exr::block::UncompressedBlock;
 use exr::block::reader::ChunksReader;
@@ -54,25 +54,32 @@ pub(super) fn planes(path: &Path, reader: Reader, header: &Header, sources: &[So
         .collect();
 
     let wanted = |part: usize| sources.iter().any(|s| s.part == part);
-    let mut chunks = guard::contained(path, || {
+    let mut chunks = fault::translated(path, || {
         reader.filter_chunks(false, |_, tile, block| tile.level_index == Vec2(0, 0) && wanted(block.layer))
     })?;
     let expected = chunks.expected_chunk_count();
     let meta = chunks.meta_data().clone();
     let mut seen = HashSet::with_capacity(expected);
     loop {
-        let batch = guard::contained(path, || chunks.by_ref().take(BATCH).collect::<exr::error::Result<Vec<_>>>())?;
+        let batch = fault::translated(path, || chunks.by_ref().take(BATCH).collect::<exr::error::Result<Vec<_>>>())?;
         if batch.is_empty() {
             break;
         }
         let blocks: Vec<UncompressedBlock> = batch
             .into_par_iter()
-            .map(|chunk| guard::contained(path, || UncompressedBlock::decompress_chunk(chunk, &meta, false)))
+            .map(|chunk| {
+                fault::translated(path, || {
+                    if let Some(header) = meta.headers.get(chunk.layer_index) {
+                        dwa::check(&chunk, header)?;
+                    }
+                    UncompressedBlock::decompress_chunk(chunk, &meta, false)
+                })
+            })
             .collect::<Result<_>>()?;
         for block in blocks {
             let at = (block.index.layer, block.index.pixel_position.0, block.index.pixel_position.1);
             if block.index.level != Vec2(0, 0) || !wanted(block.index.layer) || !seen.insert(at) {
-                return Err(guard::damaged("its table of chunks points to the wrong places").at(path));
+                return Err(fault::damaged("its table of chunks points to the wrong places").at(path));
             }
             place(&block, header, sources, &meta, display, &mut planes);
         }

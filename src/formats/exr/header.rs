@@ -1,6 +1,6 @@
 //! What a file holds, without its pixels, and the limits that protect memory from damaged headers.
 
-use super::{Window, attributes, guard};
+use super::{Window, attributes, fault};
 use crate::error::{Error, Result};
 use exr::meta::attribute::IntegerBounds;
 use serde::Serialize;
@@ -133,22 +133,24 @@ pub(super) fn open(path: &Path) -> Result<(Reader, Header)> {
         Ok(()) => {}
     }
     std::io::Seek::rewind(&mut file).map_err(|e| Error::io(path, e))?;
-    let reader = guard::contained(path, || exr::block::read(BufReader::new(file), false))?;
+    let reader = fault::translated(path, || exr::block::read(BufReader::new(file), false))?;
     check(reader.headers(), bytes).map_err(|e| e.at(path))?;
-    let header = described(reader.headers()).ok_or_else(|| guard::damaged("no part").at(path))?;
+    let header = described(reader.headers()).ok_or_else(|| fault::damaged("no part").at(path))?;
     Ok((reader, header))
 }
 
 /// How many bytes of pixels a byte of file can hold at most, so that a damaged window does not make
-/// us allocate what the file cannot fill. Deflate packs at most 1032 to 1; DWA deflates what was run-length
-/// coded (64 to 1) before; the others (PIZ's run of 255 16-bit samples in 9 bits, RLE's 128 in two
-/// bytes) stay below deflate.
+/// us allocate what the file cannot fill. Deflate packs at most 1032 to 1, PXR24 drops a byte of four
+/// before it, DWA deflates what was run-length coded (64 to 1). PIZ's runs of 256 16-bit samples in 9 bits and
+/// RLE's of 128 bytes in two stay below deflate. HTJ2K is refused later, by name.
 fn expansion(compression: exr::compression::Compression) -> u64 {
     use exr::compression::Compression as C;
     match compression {
         C::Uncompressed => 1,
+        C::PXR24 => 1032 * 4 / 3,
         C::DWAA(_) | C::DWAB(_) => 1032 * 64,
-        _ => 1032,
+        C::HTJ2K32 | C::HTJ2K256 => u64::MAX,
+        C::RLE | C::ZIP1 | C::ZIP16 | C::PIZ | C::B44 | C::B44A => 1032,
     }
 }
 
@@ -168,12 +170,12 @@ fn check(headers: &[exr::meta::header::Header], file_bytes: u64) -> Result<()> {
         let chunks = header.chunk_count as u64;
         if chunks > file_bytes / 16 {
             return Err(
-                guard::damaged(&format!("{chunks} chunks expected, but the file has {file_bytes} bytes")).part(part)
+                fault::damaged(&format!("{chunks} chunks expected, but the file has {file_bytes} bytes")).part(part)
             );
         }
         let pixel_bytes = data.pixels().saturating_mul(header.channels.bytes_per_pixel as u64);
         if pixel_bytes / expansion(header.compression) > file_bytes {
-            return Err(guard::damaged(&format!(
+            return Err(fault::damaged(&format!(
                 "data window {data} needs {pixel_bytes} bytes of pixels, which {file_bytes} bytes of file cannot hold"
             ))
             .part(part));

@@ -15,15 +15,18 @@
 
 mod attributes;
 mod decode;
-mod guard;
+mod dwa;
+mod fault;
 mod header;
 mod picture;
 mod read;
+mod summary;
 mod write;
 
 pub use header::{ChannelInfo, Header, LayerInfo, Part, SampleType, header};
 pub use picture::{Picture, picture, read_picture};
 pub use read::{Channel, Image, Layer, read};
+pub use summary::{ChannelSummary, ExrSummary, LayerSummary, PartSummary, problems, summary};
 pub use write::{Attributes, write_picture};
 
 use serde::Serialize;

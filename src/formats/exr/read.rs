@@ -2,7 +2,7 @@
 
 use super::decode::{self, Source};
 use super::header::{self, SampleType};
-use super::{Window, guard};
+use super::{Window, fault};
 use crate::error::Result;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -60,7 +60,7 @@ pub fn read(path: &Path) -> Result<Image> {
     let sources: Vec<Source> =
         layers.iter().flat_map(|l| l.channels.iter().map(|&channel| Source { part: l.part, channel })).collect();
     if header.display_window.pixels().saturating_mul(sources.len() as u64) > MAX_SAMPLES {
-        return Err(guard::too_large(header.display_window, sources.len()).at(path));
+        return Err(fault::too_large(header.display_window, sources.len()).at(path));
     }
     let mut planes = decode::planes(path, reader, &header, &sources)?.into_iter();
     let layers = layers

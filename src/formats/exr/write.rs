@@ -1,6 +1,6 @@
 //! Pictures out: one part, scan lines, ZIP.
 
-use super::guard;
+use super::fault;
 use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::render::film::Film;
@@ -58,14 +58,14 @@ fn encoded(path: &Path, film: &Film, attributes: &Attributes, half: bool) -> Res
             (r, g, b, a)
         });
         let image = Image::from_layer(Layer::new((width, height), own, encoding, channels));
-        guard::contained(path, || image.write().to_buffered(&mut bytes))?;
+        fault::translated(path, || image.write().to_buffered(&mut bytes))?;
     } else {
         let channels = SpecificChannels::rgba(|p: Vec2<usize>| {
             let [r, g, b, a] = at(p);
             (r, g, b, a)
         });
         let image = Image::from_layer(Layer::new((width, height), own, encoding, channels));
-        guard::contained(path, || image.write().to_buffered(&mut bytes))?;
+        fault::translated(path, || image.write().to_buffered(&mut bytes))?;
     }
     let mut bytes = bytes.into_inner();
     sort_attributes(&mut bytes);

@@ -73,7 +73,7 @@ pub(super) fn read_object(json: &Path) -> Result<Map<String, Value>> {
     }
 }
 
-fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> Result<Frame> {
+pub(super) fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> Result<Frame> {
     let Value::Object(own) = value else { return Err(Error::invalid("not a JSON object")) };
     let keys = Keys { own, shared: Some(root) };
     let picture = picture_path(own, folder)?;

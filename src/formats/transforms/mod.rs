@@ -16,9 +16,11 @@
 //! Other keys are ignored.
 
 mod load;
+mod problems;
 mod save;
 
 pub use load::load;
+pub use problems::{CaptureSummary, problems, summary};
 pub use save::save;
 
 use std::path::{Path, PathBuf};

@@ -1,15 +1,19 @@
-//! Keeps the `exr` crate's panics on damaged files inside, and its errors in this crate's words.
+//! The `exr` crate's errors in this crate's words.
+//!
+//! Nothing here catches panics: version 1.74.2 did not panic once in 600 000 reads of 300 000 damaged
+//! files of every compression (`tests/exr_damaged.rs` with more rounds). What did end the process, an
+//! allocation of petabytes for DWA, is refused before (see `dwa`).
 
 use crate::error::{Error, Result};
 use std::path::Path;
 
-/// Runs a call into the `exr` crate.
-pub(super) fn contained<T>(path: &Path, call: impl FnOnce() -> exr::error::Result<T>) -> Result<T> {
-    call().map_err(|e| translated(path, e))
+/// Runs calls into the `exr` crate.
+pub(super) fn translated<T>(path: &Path, calls: impl FnOnce() -> exr::error::Result<T>) -> Result<T> {
+    calls().map_err(|e| in_words(path, e))
 }
 
 /// The crate's error in ours.
-pub(super) fn translated(path: &Path, error: exr::error::Error) -> Error {
+fn in_words(path: &Path, error: exr::error::Error) -> Error {
     use exr::error::Error as Exr;
     match error {
         Exr::NotSupported(what) => Error::unsupported(format!("OpenEXR feature: {what}")).hint(

@@ -1,0 +1,92 @@
+//! `cumulo compare`: how far apart two pictures are.
+
+use super::output::Output;
+use crate::error::{Error, Result};
+use crate::formats::{exr, png};
+use crate::metrics::{self, Comparison, heatmap};
+use serde::Serialize;
+use std::fmt;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Compare two EXR pictures
+///
+/// Exit code 0 if they agree, 1 if they differ, 2 if they cannot be compared. Figures are of the colours in
+/// scene-linear values; psnr_db refers to white, or to the second picture's peak if that is brighter.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Picture
+    a: PathBuf,
+    /// Picture it is measured against
+    b: PathBuf,
+    /// Layer of both files (default: the beauty)
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
+    /// Largest absolute difference that still counts as agreement
+    #[arg(long, value_name = "T", default_value_t = 0.0)]
+    tolerance: f64,
+    /// Write the absolute difference of each pixel as a PNG in false colours
+    #[arg(long, value_name = "OUT.png")]
+    heatmap: Option<PathBuf>,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    #[serde(flatten)]
+    comparison: Comparison,
+    layers: [String; 2],
+    differ: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    heatmap_scale: Option<f64>,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let c = &self.comparison;
+        writeln!(f, "size      {} x {}", c.size[0], c.size[1])?;
+        if self.layers.iter().any(|l| !l.is_empty()) {
+            writeln!(f, "layers    '{}' and '{}'", self.layers[0], self.layers[1])?;
+        }
+        writeln!(f, "psnr_db   {:.4} (peak {})", c.psnr_db, c.peak)?;
+        writeln!(f, "ssim      {:.6}", c.ssim)?;
+        writeln!(f, "rel_mse   {:.6e}", c.rel_mse)?;
+        writeln!(f, "max_abs   {:.6e}", c.max_abs)?;
+        writeln!(f, "rms       {:.6e}", c.rms)?;
+        writeln!(f, "alpha     {:.6e} (largest difference)", c.alpha_max_abs)?;
+        if c.non_finite_pixels > 0 {
+            writeln!(
+                f,
+                "left out  {} pixels with NaN or infinite samples, {} of them different",
+                c.non_finite_pixels, c.non_finite_differences
+            )?;
+        }
+        if let Some(scale) = self.heatmap_scale {
+            writeln!(f, "heatmap   brightest at {scale:.6e}")?;
+        }
+        write!(f, "{}", if self.differ { "the pictures differ" } else { "the pictures agree" })
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// If a picture cannot be read, the sizes differ, or the heat map cannot be written.
+pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
+    if arguments.tolerance.is_nan() || arguments.tolerance < 0.0 {
+        return Err(Error::invalid(format!("--tolerance {}: a number from 0 on is expected", arguments.tolerance)));
+    }
+    let layer = arguments.layer.as_deref();
+    let a = exr::picture(&arguments.a, layer)?;
+    let b = exr::picture(&arguments.b, layer)?;
+    let comparison = metrics::compare(&a.film, &b.film)
+        .map_err(|e| e.part(format!("{} and {}", arguments.a.display(), arguments.b.display())))?;
+    let mut heatmap_scale = None;
+    if let Some(path) = &arguments.heatmap {
+        let (rgb, scale) = heatmap::difference_rgb8(&a.film, &b.film);
+        png::write_rgb8(path, a.film.width, a.film.height, &rgb)?;
+        heatmap_scale = Some(scale);
+    }
+    let differ = !comparison.within(arguments.tolerance);
+    output.report(&Report { comparison, layers: [a.layer, b.layer], differ, heatmap_scale })?;
+    Ok(if differ { ExitCode::from(1) } else { ExitCode::SUCCESS })
+}

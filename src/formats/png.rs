@@ -1,0 +1,75 @@
+//! 8-bit PNGs for people to look at: heat maps and pictures in reports.
+
+use super::atomic;
+use crate::error::{Error, Result};
+use crate::render::film::Film;
+use std::path::Path;
+
+/// Writes `rgb[3 * (y * width + x) + channel]` as an sRGB PNG; the file appears whole or not at all.
+///
+/// # Errors
+/// As [`encode_rgb8`], or the operating system's error.
+pub fn write_rgb8(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<()> {
+    let bytes = encode_rgb8(width, height, rgb).map_err(|e| e.at(path))?;
+    atomic::write(path, |p| std::fs::write(p, &bytes).map_err(|e| Error::io(path, e)))
+}
+
+/// The bytes of an sRGB PNG file with the pixels `rgb[3 * (y * width + x) + channel]`.
+///
+/// # Errors
+/// If a side is 0 or `rgb` has not three bytes a pixel.
+pub fn encode_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>> {
+    let fault = |what: String| Error::invalid(format!("PNG of {width}x{height}: {what}"));
+    let (Ok(w), Ok(h)) = (u32::try_from(width), u32::try_from(height)) else {
+        return Err(fault("sides must fit 32 bits".into()));
+    };
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, w, h);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
+    let mut writer = encoder.write_header().map_err(|e| fault(e.to_string()))?;
+    writer.write_image_data(rgb).map_err(|e| fault(e.to_string()))?;
+    writer.finish().map_err(|e| fault(e.to_string()))?;
+    Ok(bytes)
+}
+
+/// A film as a display shows it: premultiplied colour over black, clipped to 0..1, sRGB transfer
+/// (IEC 61966-2-1). Three bytes a pixel; NaN becomes 0.
+pub fn display_rgb8(film: &Film) -> Vec<u8> {
+    film.rgba.iter().flat_map(|p| [p[0], p[1], p[2]].map(srgb8)).collect()
+}
+
+fn srgb8(linear: f32) -> u8 {
+    let v = if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
+    // `as` saturates and turns NaN into 0.
+    (255.0 * v + 0.5) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn display_values_follow_srgb() {
+        let film = Film {
+            width: 2,
+            height: 1,
+            // 0.214 041 14 is sRGB 0.5, so 127.5 rounds to 128.
+            rgba: vec![[0.0, 1.0, 0.214_041_14, 1.0], [-3.0, 7.0, f32::NAN, 0.0]],
+        };
+        assert_eq!(display_rgb8(&film), [0, 255, 128, 0, 255, 0]);
+    }
+
+    #[test]
+    fn what_is_encoded_decodes_to_the_same() {
+        let rgb: Vec<u8> = (0..5 * 3 * 3).map(|i| (i * 37 % 256) as u8).collect();
+        let bytes = encode_rgb8(5, 3, &rgb).unwrap();
+        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
+        let mut back = vec![0; reader.output_buffer_size().unwrap()];
+        let info = reader.next_frame(&mut back).unwrap();
+        assert_eq!((info.width, info.height, back), (5, 3, rgb));
+        assert!(encode_rgb8(5, 3, &[0; 44]).is_err());
+        assert!(encode_rgb8(0, 3, &[]).is_err());
+    }
+}

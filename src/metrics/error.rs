@@ -1,0 +1,72 @@
+//! Sums of differences, in `f64`.
+
+use crate::render::film::Film;
+
+/// Floor of the relative error's denominator: keeps black pixels from dominating.
+const RELATIVE_FLOOR: f64 = 0.01;
+
+/// Errors of the colours of two films.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Errors {
+    /// Mean squared difference over pixels and colour channels.
+    pub mse: f64,
+    /// Mean of (a - b)² / (b² + 0.01).
+    pub rel_mse: f64,
+    /// Largest absolute difference of a colour channel.
+    pub max_abs: f64,
+    /// Largest absolute difference of alpha.
+    pub alpha_max_abs: f64,
+}
+
+/// Errors of `a` against the reference `b` (of the same size), with means over `pixels` pixels; all 0
+/// if `pixels` is 0.
+pub fn colours(a: &Film, b: &Film, pixels: usize) -> Errors {
+    let (mut square, mut relative, mut max_abs, mut alpha_max_abs) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+    for (p, q) in a.rgba.iter().zip(&b.rgba) {
+        for c in 0..3 {
+            let (x, y) = (f64::from(p[c]), f64::from(q[c]));
+            let d2 = (x - y) * (x - y);
+            square += d2;
+            relative += d2 / (y * y + RELATIVE_FLOOR);
+            max_abs = max_abs.max((x - y).abs());
+        }
+        alpha_max_abs = alpha_max_abs.max((f64::from(p[3]) - f64::from(q[3])).abs());
+    }
+    let n = 3.0 * pixels.max(1) as f64;
+    Errors { mse: square / n, rel_mse: relative / n, max_abs, alpha_max_abs }
+}
+
+/// Root of the mean squared difference of two planes of the same length; 0 for empty ones.
+pub fn rms(a: &[f32], b: &[f32]) -> f64 {
+    let sum: f64 = a.iter().zip(b).map(|(x, y)| (f64::from(*x) - f64::from(*y)).powi(2)).sum();
+    (sum / a.len().max(1) as f64).sqrt()
+}
+
+/// Largest absolute difference of two planes.
+pub fn max_abs(a: &[f32], b: &[f32]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| (f64::from(*x) - f64::from(*y)).abs()).fold(0.0, f64::max)
+}
+
+/// Peak signal-to-noise ratio in dB of a mean squared error; infinite where the error is 0.
+pub fn psnr_db(mse: f64, peak: f64) -> f64 {
+    if mse == 0.0 { f64::INFINITY } else { 10.0 * (peak * peak / mse).log10() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn closed_forms() {
+        // A constant difference d: mse = d², psnr = -20 log10(d); d = 1/16 is exact in f32.
+        let b = Film { width: 4, height: 2, rgba: vec![[0.5, 0.5, 0.5, 1.0]; 8] };
+        let a = Film { width: 4, height: 2, rgba: vec![[0.5625, 0.5625, 0.5625, 0.75]; 8] };
+        let e = colours(&a, &b, 8);
+        assert_eq!((e.mse, e.max_abs, e.alpha_max_abs), (1.0 / 256.0, 0.0625, 0.25));
+        // 1/256 / 0.26: two roundings of 2^-53 each.
+        assert!((e.rel_mse - 1.0 / 256.0 / 0.26).abs() < 4.0 * f64::EPSILON);
+        assert!((psnr_db(e.mse, 1.0) - 24.082_399_653_118_497).abs() < 1e-12);
+        assert_eq!(psnr_db(0.0, 1.0), f64::INFINITY);
+        assert_eq!((rms(&[1.0, 2.0], &[1.0, 4.0]), max_abs(&[1.0, 2.0], &[1.0, 4.0])), (2.0_f64.sqrt(), 2.0));
+    }
+}
