@@ -1,3 +1,4 @@
 //! Files in and out. Nothing here knows a renderer.
 
 pub mod atomic;
+pub mod vdb;
