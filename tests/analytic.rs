@@ -1,8 +1,8 @@
 //! Closed forms: what the renderer must give without any reference picture.
 
-mod common;
+mod fields;
 
-use common::{field, grid, lumps, odd, rays, unit};
+use fields::{field, grid, lumps, odd, rays, unit};
 use cumulo::math::{Affine, Ray};
 use cumulo::render::dvr::Dvr;
 use cumulo::render::quadrature::Quadrature;

@@ -2,9 +2,9 @@
 //! transpose identity. The fields are smooth and the pieces' number does not change under the
 //! differences' steps, so central differences are good to h².
 
-mod common;
+mod fields;
 
-use common::{field, lumps, odd, rays, unit};
+use fields::{field, lumps, odd, rays, unit};
 use cumulo::math::Ray;
 use cumulo::real::Real;
 use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Radiance, Tape};
@@ -172,7 +172,7 @@ fn the_adjoint_is_the_transpose() {
         let dvr = Dvr::new(&f, Medium::absorbing(1.7)).unwrap().early_stop(0.0);
         let (mut left, mut transposed, mut tape) = (0.0, vec![R::ZERO; f.values.len()], Tape::default());
         for (i, ray) in rays(f.world_bounds(), 400, 12).iter().enumerate() {
-            let w = common::noise(i as u64);
+            let w = fields::noise(i as u64);
             left += w * dvr.trace(ray, &mut tape);
             tape.spread(w, &dvr, &mut transposed);
         }

@@ -1,9 +1,9 @@
 //! Hard cases: f32 against f64, each with the figure it must keep. The names follow the table of
 //! hard cases in the README.
 
-mod common;
+mod fields;
 
-use common::{field, lumps, noise, rays, unit};
+use fields::{field, lumps, noise, rays, unit};
 use cumulo::math::{Affine, Ray};
 use cumulo::real::Real;
 use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Tape};
@@ -206,7 +206,7 @@ fn degenerate_volumes() {
 #[test]
 fn poisoned_values_are_refused() {
     for bad in [f64::NAN, f64::INFINITY, -1.0] {
-        let g = common::grid(8, unit(), |p| if p == DVec3::ZERO { bad } else { noise(p.x as u64) });
+        let g = fields::grid(8, unit(), |p| if p == DVec3::ZERO { bad } else { noise(p.x as u64) });
         let error = Bricks::<f32>::from_grid(&g, 1 << 30).unwrap_err().to_string();
         assert!(error.contains("1 values are NaN") && error.contains("--repair"), "{error}");
     }

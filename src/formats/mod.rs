@@ -5,3 +5,4 @@ pub mod exr;
 pub mod png;
 pub mod problem;
 pub mod transforms;
+pub mod vdb;

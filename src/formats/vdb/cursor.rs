@@ -1,0 +1,135 @@
+//! A reader over a file that knows its length: nothing is read, skipped or allocated beyond it.
+
+use crate::error::{Error, Result};
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+/// Little-endian primitives of a VDB file, each bounds-checked against the file's length.
+pub(super) struct Cursor {
+    reader: BufReader<File>,
+    path: PathBuf,
+    position: u64,
+    length: u64,
+}
+
+impl Cursor {
+    pub(super) fn open(path: &Path) -> Result<Self> {
+        let io = |e| Error::io(path, e);
+        let file = File::open(path).map_err(io)?;
+        let meta = file.metadata().map_err(io)?;
+        if !meta.is_file() {
+            return Err(Error::invalid("not a regular file").at(path));
+        }
+        let reader = BufReader::with_capacity(1 << 18, file);
+        Ok(Self { reader, path: path.to_path_buf(), position: 0, length: meta.len() })
+    }
+
+    /// An error that says where in the file it stands.
+    pub(super) fn damaged(&self, what: impl std::fmt::Display) -> Error {
+        Error::invalid(format!("{what} (at byte {} of {})", self.position, self.length))
+            .at(&self.path)
+            .hint("the file is truncated or damaged; export it again or fetch a fresh copy")
+    }
+
+    pub(super) fn position(&self) -> u64 {
+        self.position
+    }
+
+    pub(super) fn length(&self) -> u64 {
+        self.length
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn claim(&mut self, bytes: u64, what: &str) -> Result<()> {
+        let left = self.length - self.position;
+        if bytes > left {
+            return Err(self.damaged(format_args!("{what} needs {bytes} bytes, {left} are left")));
+        }
+        self.position += bytes;
+        Ok(())
+    }
+
+    pub(super) fn skip(&mut self, bytes: u64, what: &str) -> Result<()> {
+        self.claim(bytes, what)?;
+        // Within the file, so within i64; short hops stay inside the buffer.
+        self.reader.seek_relative(bytes as i64).map_err(|e| Error::io(&self.path, e))
+    }
+
+    pub(super) fn seek(&mut self, position: u64) -> Result<()> {
+        if position > self.length {
+            return Err(self.damaged(format_args!("an offset points to byte {position}, past the end")));
+        }
+        self.reader.seek(SeekFrom::Start(position)).map_err(|e| Error::io(&self.path, e))?;
+        self.position = position;
+        Ok(())
+    }
+
+    pub(super) fn fill(&mut self, out: &mut [u8], what: &str) -> Result<()> {
+        self.claim(out.len() as u64, what)?;
+        self.reader.read_exact(out).map_err(|e| Error::io(&self.path, e))
+    }
+
+    fn array<const N: usize>(&mut self, what: &str) -> Result<[u8; N]> {
+        let mut out = [0; N];
+        self.fill(&mut out, what)?;
+        Ok(out)
+    }
+
+    pub(super) fn u8(&mut self, what: &str) -> Result<u8> {
+        Ok(self.array::<1>(what)?[0])
+    }
+
+    /// A C++ `bool`: any byte but 0 and 1 is undefined behaviour on the other side.
+    pub(super) fn bool(&mut self, what: &str) -> Result<bool> {
+        match self.u8(what)? {
+            0 => Ok(false),
+            1 => Ok(true),
+            n => Err(self.damaged(format_args!("{what} is {n}, 0 or 1 expected"))),
+        }
+    }
+
+    pub(super) fn u32(&mut self, what: &str) -> Result<u32> {
+        self.array(what).map(u32::from_le_bytes)
+    }
+
+    pub(super) fn i32(&mut self, what: &str) -> Result<i32> {
+        self.array(what).map(i32::from_le_bytes)
+    }
+
+    pub(super) fn i64(&mut self, what: &str) -> Result<i64> {
+        self.array(what).map(i64::from_le_bytes)
+    }
+
+    pub(super) fn f64(&mut self, what: &str) -> Result<f64> {
+        self.array(what).map(f64::from_le_bytes)
+    }
+
+    pub(super) fn coord(&mut self, what: &str) -> Result<[i32; 3]> {
+        Ok([self.i32(what)?, self.i32(what)?, self.i32(what)?])
+    }
+
+    /// Length-prefixed bytes; the length is checked before anything is allocated.
+    pub(super) fn bytes(&mut self, what: &str) -> Result<Vec<u8>> {
+        let length = u64::from(self.u32(what)?);
+        let left = self.length - self.position;
+        if length > left {
+            return Err(self.damaged(format_args!("{what} claims {length} bytes, {left} are left")));
+        }
+        let mut out = vec![0; length as usize];
+        self.fill(&mut out, what)?;
+        Ok(out)
+    }
+
+    /// A length-prefixed string that must be short and without NUL: a name, not a payload.
+    pub(super) fn name(&mut self, what: &str) -> Result<String> {
+        let bytes = self.bytes(what)?;
+        if bytes.len() > 4096 || bytes.contains(&0) {
+            return Err(self.damaged(format_args!("{what} of {} bytes is not a name", bytes.len())));
+        }
+        Ok(String::from_utf8_lossy(&bytes).into_owned())
+    }
+}

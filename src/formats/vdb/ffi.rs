@@ -1,0 +1,72 @@
+//! The only place where C is spoken: generated declarations, and one function that turns a status
+//! into a result.
+
+#[allow(missing_docs, dead_code, non_camel_case_types, unused_qualifications, clippy::all)]
+mod generated {
+    include!(concat!(env!("OUT_DIR"), "/vdb_ffi.rs"));
+}
+
+use generated::{CUMULO_VDB_OK, CUMULO_VDB_OUT_OF_MEMORY, CUMULO_VDB_UNSUPPORTED, cumulo_vdb_status};
+pub(super) use generated::{
+    cumulo_vdb_close as close, cumulo_vdb_file as RawFile, cumulo_vdb_file_meta as file_meta,
+    cumulo_vdb_grid as RawGrid, cumulo_vdb_grid_crop as grid_crop, cumulo_vdb_grid_free as grid_free,
+    cumulo_vdb_grid_info as grid_info, cumulo_vdb_grid_meta as grid_meta, cumulo_vdb_grid_new as grid_new,
+    cumulo_vdb_grid_prune as grid_prune, cumulo_vdb_grid_repair as grid_repair,
+    cumulo_vdb_grid_resample as grid_resample, cumulo_vdb_grid_set_class as grid_set_class,
+    cumulo_vdb_grid_set_half as grid_set_half, cumulo_vdb_grid_set_matrix as grid_set_matrix,
+    cumulo_vdb_grid_set_name as grid_set_name, cumulo_vdb_info as Info, cumulo_vdb_leaves as RawLeaves,
+    cumulo_vdb_leaves_copy as leaves_copy, cumulo_vdb_leaves_count as leaves_count,
+    cumulo_vdb_leaves_free as leaves_free, cumulo_vdb_leaves_new as leaves_new, cumulo_vdb_meta as RawMeta,
+    cumulo_vdb_meta_count as meta_count, cumulo_vdb_meta_entry as MetaEntry, cumulo_vdb_meta_free as meta_free,
+    cumulo_vdb_meta_get as meta_get, cumulo_vdb_meta_new as meta_new, cumulo_vdb_meta_set as meta_set,
+    cumulo_vdb_open as open, cumulo_vdb_read as read, cumulo_vdb_tile as RawTile, cumulo_vdb_tiles as tiles,
+    cumulo_vdb_write as write,
+};
+
+use crate::error::{Error, Result};
+use std::ffi::{CString, c_char};
+use std::path::Path;
+
+/// Runs one entry of the shim and turns its status into a result.
+pub(super) fn call(entry: impl FnOnce(*mut cumulo_vdb_status) -> i32) -> Result<()> {
+    let mut status = cumulo_vdb_status { code: 0, message: [0; 508] };
+    let code = entry(&mut status);
+    if code == CUMULO_VDB_OK as i32 {
+        return Ok(());
+    }
+    let message = text(&status.message);
+    Err(if code == CUMULO_VDB_UNSUPPORTED as i32 {
+        Error::unsupported(message)
+    } else if code == CUMULO_VDB_OUT_OF_MEMORY as i32 {
+        Error::native("OpenVDB ran out of memory")
+            .hint("raise --max-memory if the file is to be trusted, or crop or resample it where it was made")
+    } else {
+        Error::native(format!("OpenVDB: {message}"))
+    })
+}
+
+/// NUL-terminated text of any encoding. OpenVDB's messages can quote raw bytes of the file, so
+/// control characters are replaced.
+pub(super) fn text(chars: &[c_char]) -> String {
+    let bytes: Vec<u8> = chars.iter().map(|c| *c as u8).take_while(|c| *c != 0).collect();
+    printable(&bytes)
+}
+
+/// Lossy UTF-8 without control characters other than tab and line feed.
+pub(super) fn printable(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes)
+        .chars()
+        .map(|c| if c.is_control() && c != '\n' && c != '\t' { '\u{fffd}' } else { c })
+        .collect()
+}
+
+/// A path for C.
+pub(super) fn c_path(path: &Path) -> Result<CString> {
+    use std::os::unix::ffi::OsStrExt;
+    CString::new(path.as_os_str().as_bytes()).map_err(|_| Error::invalid("the path contains a NUL byte").at(path))
+}
+
+/// A name for C.
+pub(super) fn c_name(name: &str) -> Result<CString> {
+    CString::new(name).map_err(|_| Error::invalid(format!("the name {name:?} contains a NUL byte")))
+}

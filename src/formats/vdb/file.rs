@@ -1,0 +1,165 @@
+//! An open VDB file: its directory from the preflight, its grids through OpenVDB.
+
+use super::ffi;
+use super::meta::Meta;
+use super::native::NativeGrid;
+use super::preflight::{self, Entry, Limits, Preflight};
+use crate::error::{Error, Result};
+use crate::scene::grid::{Grid, MetaValue};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::ptr::{NonNull, null_mut};
+
+/// A VDB file open for reading. Grids are loaded one by one, never lazily.
+pub struct File {
+    raw: NonNull<ffi::RawFile>,
+    path: PathBuf,
+    preflight: Preflight,
+    limits: Limits,
+}
+
+impl std::fmt::Debug for File {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("File").field("path", &self.path).field("preflight", &self.preflight).finish_non_exhaustive()
+    }
+}
+
+// SAFETY: `io::File` is tied to no thread; it is not `Sync`, so it is used by one at a time.
+unsafe impl Send for File {}
+
+impl File {
+    /// Checks the file's skeleton in Rust, then opens it with OpenVDB.
+    ///
+    /// # Errors
+    /// What [`preflight::check`] finds, or OpenVDB's own words.
+    pub fn open(path: impl AsRef<Path>, limits: Limits) -> Result<Self> {
+        let path = path.as_ref();
+        let preflight = preflight::check(path, &limits)?;
+        let name = ffi::c_path(path)?;
+        let mut raw = null_mut();
+        // SAFETY: the path is NUL-terminated and `raw` a valid place for the handle.
+        ffi::call(|s| unsafe { ffi::open(name.as_ptr(), &mut raw, s) }).map_err(|e| e.at(path))?;
+        let raw = NonNull::new(raw).ok_or_else(|| Error::native("no file handle").at(path))?;
+        Ok(Self { raw, path: path.to_path_buf(), preflight, limits })
+    }
+
+    /// Path it was opened by.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+    /// File version, writing library and grid directory.
+    pub fn preflight(&self) -> &Preflight {
+        &self.preflight
+    }
+    /// Grids in file order.
+    pub fn entries(&self) -> &[Entry] {
+        &self.preflight.entries
+    }
+
+    pub(super) fn native_metadata(&self) -> Result<Meta> {
+        let mut raw = null_mut();
+        // SAFETY: the file is open and `raw` a valid place for the handle.
+        ffi::call(|s| unsafe { ffi::file_meta(self.raw.as_ptr(), &mut raw, s) }).map_err(|e| e.at(&self.path))?;
+        // SAFETY: fresh from the shim.
+        unsafe { Meta::own(raw) }.ok_or_else(|| Error::native("no metadata handle").at(&self.path))
+    }
+
+    /// Metadata of the file as a whole.
+    ///
+    /// # Errors
+    /// OpenVDB's own words.
+    pub fn metadata(&self) -> Result<BTreeMap<String, MetaValue>> {
+        self.native_metadata()?.entries()
+    }
+
+    /// The entry of that name: exact (`density[1]`), or the only one whose name without suffix it is.
+    ///
+    /// # Errors
+    /// Lists the grids that there are.
+    pub fn find(&self, name: &str) -> Result<&Entry> {
+        let entries = self.entries();
+        let listed = || entries.iter().map(|e| format!("'{}'", e.name)).collect::<Vec<_>>().join(", ");
+        if let Some(exact) = entries.iter().find(|e| e.name == name) {
+            return Ok(exact);
+        }
+        let mut same = entries.iter().filter(|e| e.base_name == name);
+        match (same.next(), same.next()) {
+            (Some(only), None) => Ok(only),
+            (Some(_), Some(_)) => {
+                Err(Error::invalid(format!("several grids are named '{name}'; the file has {}", listed()))
+                    .at(&self.path)
+                    .hint("name one of them with its number"))
+            }
+            _ if entries.is_empty() => Err(Error::invalid("the file has no grids").at(&self.path)),
+            _ => Err(Error::invalid(format!("no grid '{name}'; the file has {}", listed())).at(&self.path)),
+        }
+    }
+
+    /// Loads a grid of any type onto the native side.
+    ///
+    /// # Errors
+    /// OpenVDB's own words with file and grid, or that the grid exceeds the memory allowed.
+    pub fn read(&self, name: &str) -> Result<NativeGrid> {
+        let entry = self.find(name)?;
+        let place = |e: Error| e.at(&self.path).part(format!("grid '{}'", entry.name));
+        let unique = ffi::c_name(&entry.name).map_err(place)?;
+        // What was walked node by node is bounded already; the rest is read under a guard.
+        let guard = if entry.fully_checked { 0 } else { self.limits.max_memory };
+        let mut raw = null_mut();
+        // SAFETY: the file is open, the name NUL-terminated, and `raw` a valid place.
+        ffi::call(|s| unsafe { ffi::read(self.raw.as_ptr(), unique.as_ptr(), guard, &mut raw, s) })
+            .map_err(|e| place(e).hint("the file may be damaged; export it again"))?;
+        // SAFETY: fresh from the shim.
+        unsafe { NativeGrid::own(raw, entry.name.clone()) }.map_err(place)
+    }
+
+    /// Loads a scalar grid into memory; see [`NativeGrid::to_grid`].
+    ///
+    /// # Errors
+    /// As [`File::read`] and [`NativeGrid::to_grid`].
+    pub fn read_grid(&self, name: &str) -> Result<Grid> {
+        self.read(name)?.to_grid().map_err(|e| e.at(&self.path))
+    }
+
+    /// The grid a density is wanted from: the named one, else `density`, else the only fog volume,
+    /// else the only float grid.
+    ///
+    /// # Errors
+    /// If there is none or the choice is not clear (lists the grids), if it is a level set (says how
+    /// to convert it), or as [`File::read_grid`].
+    pub fn read_fog(&self, name: Option<&str>) -> Result<Grid> {
+        let name = match name {
+            Some(n) => n.to_owned(),
+            None => self.default_density()?,
+        };
+        let grid = self.read_grid(&name)?;
+        super::require_fog(&grid).map_err(|e| e.at(&self.path))?;
+        Ok(grid)
+    }
+
+    fn default_density(&self) -> Result<String> {
+        let entries = self.entries();
+        if entries.iter().any(|e| e.base_name == "density") {
+            return self.find("density").map(|e| e.name.clone());
+        }
+        let scalar: Vec<_> = entries
+            .iter()
+            .filter(|e| matches!(e.grid_type.as_str(), "Tree_float_5_4_3" | "Tree_double_5_4_3"))
+            .collect();
+        if let [only] = scalar.as_slice() {
+            return Ok(only.name.clone());
+        }
+        let listed = entries.iter().map(|e| format!("'{}' ({})", e.name, e.grid_type)).collect::<Vec<_>>().join(", ");
+        Err(Error::invalid(format!("which grid is the density? The file has {listed}"))
+            .at(&self.path)
+            .hint("name it with --grid"))
+    }
+}
+
+impl Drop for File {
+    /// Closes the stream. Grids already read own their data and stay valid.
+    fn drop(&mut self) {
+        // SAFETY: owned, and closed once.
+        unsafe { ffi::close(self.raw.as_ptr()) }
+    }
+}

@@ -1,0 +1,102 @@
+//! Metadata of files and grids, in and out.
+
+use super::ffi;
+use crate::error::Result;
+use crate::scene::grid::MetaValue;
+use std::collections::BTreeMap;
+use std::ffi::c_char;
+use std::ptr::{NonNull, null, null_mut};
+
+/// A metadata map on the native side: a file's own copy, or a view of a grid's.
+pub(super) struct Meta(NonNull<ffi::RawMeta>);
+
+// SAFETY: the handle is a shared pointer whose count is atomic; mutation takes `&mut self`.
+unsafe impl Send for Meta {}
+
+impl Meta {
+    /// # Safety
+    /// `raw` comes from the shim and is owned by nobody else.
+    pub(super) unsafe fn own(raw: *mut ffi::RawMeta) -> Option<Self> {
+        NonNull::new(raw).map(Self)
+    }
+
+    pub(super) fn new() -> Result<Self> {
+        let mut raw = null_mut();
+        // SAFETY: `raw` is a valid place for the new handle.
+        ffi::call(|s| unsafe { ffi::meta_new(&mut raw, s) })?;
+        // SAFETY: fresh from the shim.
+        unsafe { Self::own(raw) }.ok_or_else(|| crate::Error::native("no metadata handle"))
+    }
+
+    pub(super) fn as_ptr(&self) -> *mut ffi::RawMeta {
+        self.0.as_ptr()
+    }
+
+    /// All entries. Values of types without a counterpart appear as their text.
+    pub(super) fn entries(&self) -> Result<BTreeMap<String, MetaValue>> {
+        let mut all = BTreeMap::new();
+        // SAFETY: the handle is alive.
+        for index in 0..unsafe { ffi::meta_count(self.as_ptr()) } {
+            let mut entry = ffi::MetaEntry::default();
+            // SAFETY: the handle is alive and `entry` is a valid place.
+            ffi::call(|s| unsafe { ffi::meta_get(self.as_ptr(), index, &mut entry, s) })?;
+            // SAFETY: the pointers stay valid until the next call on this handle or thread.
+            let (name, text) = unsafe { (slice(entry.name, entry.name_length), slice(entry.text, entry.text_length)) };
+            let count = entry.count.clamp(0, 16) as usize;
+            let value = match entry.kind {
+                1 => MetaValue::Bool(entry.ints[0] != 0),
+                2 => MetaValue::Int(entry.ints[0]),
+                3 => MetaValue::Float(entry.floats[0]),
+                5 => MetaValue::Ints(entry.ints[..count.min(4)].to_vec()),
+                6 => MetaValue::Floats(entry.floats[..count].to_vec()),
+                _ => MetaValue::Text(ffi::printable(text)),
+            };
+            all.insert(ffi::printable(name), value);
+        }
+        Ok(all)
+    }
+
+    /// Sets or replaces one entry.
+    pub(super) fn set(&mut self, name: &str, value: &MetaValue) -> Result<()> {
+        let mut entry =
+            ffi::MetaEntry { name: name.as_ptr().cast(), name_length: name.len(), ..ffi::MetaEntry::default() };
+        entry.text = null();
+        match value {
+            MetaValue::Bool(b) => (entry.kind, entry.ints[0]) = (1, i64::from(*b)),
+            MetaValue::Int(i) => (entry.kind, entry.ints[0]) = (2, *i),
+            MetaValue::Float(f) => (entry.kind, entry.floats[0]) = (3, *f),
+            MetaValue::Text(t) => {
+                (entry.kind, entry.text, entry.text_length) = (4, t.as_ptr().cast(), t.len());
+            }
+            MetaValue::Ints(v) => {
+                (entry.kind, entry.count) = (5, v.len() as i32);
+                entry.ints.iter_mut().zip(v).for_each(|(to, from)| *to = *from);
+            }
+            MetaValue::Floats(v) => {
+                (entry.kind, entry.count) = (6, v.len() as i32);
+                entry.floats.iter_mut().zip(v).for_each(|(to, from)| *to = *from);
+            }
+        }
+        // SAFETY: handle and entry are alive, and the shim copies the strings.
+        ffi::call(|s| unsafe { ffi::meta_set(self.as_ptr(), &entry, s) })
+            .map_err(|e| e.part(format!("metadata '{name}'")))
+    }
+}
+
+/// # Safety
+/// `start` is null, or valid for `length` bytes while the result is used.
+unsafe fn slice<'a>(start: *const c_char, length: usize) -> &'a [u8] {
+    if start.is_null() {
+        return &[];
+    }
+    // SAFETY: the caller's promise.
+    unsafe { std::slice::from_raw_parts(start.cast(), length) }
+}
+
+impl Drop for Meta {
+    /// Gives up the share in the map; a grid behind a view lives on.
+    fn drop(&mut self) {
+        // SAFETY: owned, and freed once.
+        unsafe { ffi::meta_free(self.as_ptr()) }
+    }
+}

@@ -1,0 +1,454 @@
+//! A grid on the native side: any type OpenVDB knows, with its transform and metadata untouched.
+
+use super::ffi;
+use super::meta::Meta;
+use crate::error::{Error, Result};
+use crate::math::{Aabb, Affine};
+use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf, MetaValue, Tile};
+use glam::{DMat4, DVec3};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::ptr::{NonNull, null_mut};
+
+/// An owned native grid.
+#[derive(Debug)]
+pub struct NativeGrid {
+    raw: NonNull<ffi::RawGrid>,
+    name: String,
+}
+
+// SAFETY: a grid is tied to no thread; all mutation takes `&mut self`.
+unsafe impl Send for NativeGrid {}
+
+/// Where a grid lies.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Transform {
+    /// An invertible affine map.
+    Affine(Affine),
+    /// Something else, such as a frustum; the name is OpenVDB's.
+    Other(String),
+}
+
+/// What a grid is, without its values.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GridInfo {
+    /// Name, unique within the file it came from.
+    pub name: String,
+    /// `float`, `vec3s`, `ptdataidx32`, ...
+    pub value_type: String,
+    /// `Tree_float_5_4_3`.
+    pub grid_type: String,
+    /// What the values mean.
+    pub class: GridClass,
+    /// Index to world.
+    pub transform: Transform,
+    /// OpenVDB's name of the map (`UniformScaleMap`, ...).
+    pub map_type: String,
+    /// Values are stored as 16-bit floats in files.
+    pub half: bool,
+    /// 1 or 3 where values can be read, 0 for grids that are only passed through.
+    pub components: usize,
+    /// Value outside of everything; one entry a component.
+    pub background: Vec<f64>,
+    /// Voxels, those of active tiles included.
+    pub active_voxels: u64,
+    /// Inclusive box of active voxels in index space; `None` if there are none.
+    pub index_box: Option<([i32; 3], [i32; 3])>,
+    /// Leaves of 8³ voxels.
+    pub leaf_count: u64,
+    /// Active constant blocks above leaf level.
+    pub active_tiles: u64,
+    /// Bytes in memory.
+    pub memory: u64,
+}
+
+impl GridInfo {
+    /// World-space box around the active voxels' cells (half a voxel beyond their centres); `None`
+    /// if there are none or the transform is not affine.
+    pub fn world_box(&self) -> Option<Aabb> {
+        let (Transform::Affine(map), Some((min, max))) = (&self.transform, self.index_box) else { return None };
+        let corner = |c: [i32; 3]| DVec3::from_array(c.map(f64::from));
+        Some(map.box_to_world(Aabb { min: corner(min) - 0.5, max: corner(max) + 0.5 }))
+    }
+    /// The affine map.
+    ///
+    /// # Errors
+    /// Says what the transform is instead, and what to do.
+    pub fn affine(&self) -> Result<Affine> {
+        match &self.transform {
+            Transform::Affine(map) => Ok(*map),
+            Transform::Other(kind) => {
+                Err(Error::unsupported(format!("the grid has a {kind}, an affine transform is needed"))
+                    .part(format!("grid '{}'", self.name))
+                    .hint("resample the grid onto a linear transform first, e.g. in Houdini with VDB Resample"))
+            }
+        }
+    }
+}
+
+/// 8³ voxels with all components: `values[i * components + c]` with `i = (x << 6) | (y << 3) | z`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RawLeaf {
+    /// Index coordinates of the first voxel.
+    pub origin: [i32; 3],
+    /// Values of all voxels, components interleaved.
+    pub values: Vec<f32>,
+    /// Bit `i & 63` of word `i >> 6` is set if voxel `i` is active.
+    pub active: [u64; 8],
+}
+
+/// A constant block with all components (the first ones of three).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RawTile {
+    /// Index coordinates of the first voxel.
+    pub origin: [i32; 3],
+    /// Edge length in voxels.
+    pub dim: i32,
+    /// Value; unused components are zero.
+    pub value: [f32; 3],
+    /// Whether its voxels count.
+    pub active: bool,
+}
+
+/// A grid of one or three components in memory.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RawGrid {
+    /// Values a voxel has.
+    pub components: usize,
+    /// Leaves in ascending order of origin.
+    pub leaves: Vec<RawLeaf>,
+    /// Tiles in ascending order of origin.
+    pub tiles: Vec<RawTile>,
+}
+
+/// The list of a grid's leaves, sorted, on the native side.
+struct Leaves {
+    raw: NonNull<ffi::RawLeaves>,
+    count: usize,
+}
+
+// SAFETY: copying a leaf only reads, and the handle keeps its grid alive.
+unsafe impl Sync for Leaves {}
+
+impl Leaves {
+    fn copy(&self, index: usize, values: &mut [f32]) -> ([i32; 3], [u64; 8]) {
+        let (mut origin, mut active) = ([0; 3], [0; 8]);
+        debug_assert!(index < self.count && values.len() >= LEAF_VOXELS);
+        // SAFETY: the index is below the count, and the callers size `values` by the components.
+        unsafe {
+            ffi::leaves_copy(self.raw.as_ptr(), index, origin.as_mut_ptr(), values.as_mut_ptr(), active.as_mut_ptr());
+        }
+        (origin, active)
+    }
+}
+
+impl Drop for Leaves {
+    /// Gives up the list and its share in the grid.
+    fn drop(&mut self) {
+        // SAFETY: owned, and freed once.
+        unsafe { ffi::leaves_free(self.raw.as_ptr()) }
+    }
+}
+
+impl NativeGrid {
+    /// # Safety
+    /// `raw` comes from the shim and is owned by nobody else.
+    pub(super) unsafe fn own(raw: *mut ffi::RawGrid, name: String) -> Result<Self> {
+        let raw = NonNull::new(raw).ok_or_else(|| Error::native("no grid handle"))?;
+        Ok(Self { raw, name })
+    }
+
+    pub(super) fn as_ptr(&self) -> *mut ffi::RawGrid {
+        self.raw.as_ptr()
+    }
+
+    fn place(&self) -> impl Fn(Error) -> Error + '_ {
+        |e| e.part(format!("grid '{}'", self.name))
+    }
+
+    /// Name, unique within the file it came from.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// What the grid is. Walks the tree once for boxes and counts.
+    ///
+    /// # Errors
+    /// OpenVDB's own words, or that the transform is singular.
+    pub fn info(&self) -> Result<GridInfo> {
+        let mut info = ffi::Info { grid_type: [0; 128], ..ffi::Info::default() };
+        // SAFETY: the grid is alive and `info` a valid place.
+        ffi::call(|s| unsafe { ffi::grid_info(self.as_ptr(), &mut info, s) }).map_err(self.place())?;
+        let map_type = ffi::text(&info.map_type);
+        let transform = if info.linear != 0 {
+            // Row vectors in row order are column vectors in column order: no transposition needed.
+            Transform::Affine(Affine::new(DMat4::from_cols_array(&info.matrix)).map_err(self.place())?)
+        } else {
+            Transform::Other(map_type.clone())
+        };
+        let components = info.components.clamp(0, 3) as usize;
+        // An empty grid's box is (INT_MAX, INT_MIN).
+        let filled = (0..3).all(|a| info.box_min[a] <= info.box_max[a]);
+        Ok(GridInfo {
+            name: self.name.clone(),
+            value_type: ffi::text(&info.value_type),
+            grid_type: ffi::text(&info.grid_type),
+            class: match info.grid_class {
+                1 => GridClass::LevelSet,
+                2 => GridClass::FogVolume,
+                3 => GridClass::Staggered,
+                _ => GridClass::Unknown,
+            },
+            transform,
+            map_type,
+            half: info.saved_as_half != 0,
+            components,
+            background: info.background[..components].to_vec(),
+            active_voxels: info.active_voxels,
+            index_box: filled.then_some((info.box_min, info.box_max)),
+            leaf_count: info.leaf_count,
+            active_tiles: info.active_tiles,
+            memory: info.memory,
+        })
+    }
+
+    fn native_metadata(&self) -> Result<Meta> {
+        let mut raw = null_mut();
+        // SAFETY: the grid is alive and `raw` a valid place for the handle.
+        ffi::call(|s| unsafe { ffi::grid_meta(self.as_ptr(), &mut raw, s) }).map_err(self.place())?;
+        // SAFETY: fresh from the shim.
+        unsafe { Meta::own(raw) }.ok_or_else(|| Error::native("no metadata handle"))
+    }
+
+    /// Metadata of the grid, what OpenVDB itself keeps there included.
+    ///
+    /// # Errors
+    /// OpenVDB's own words.
+    pub fn metadata(&self) -> Result<BTreeMap<String, MetaValue>> {
+        self.native_metadata()?.entries().map_err(self.place())
+    }
+
+    /// Sets or replaces one metadata entry.
+    ///
+    /// # Errors
+    /// If the value has a shape OpenVDB has no type for.
+    pub fn set_metadata(&mut self, name: &str, value: &MetaValue) -> Result<()> {
+        self.native_metadata()?.set(name, value).map_err(self.place())
+    }
+
+    /// Renames the grid.
+    ///
+    /// # Errors
+    /// If the name contains a NUL byte.
+    pub fn set_name(&mut self, name: &str) -> Result<()> {
+        let c = ffi::c_name(name)?;
+        // SAFETY: the grid is alive and the name NUL-terminated.
+        ffi::call(|s| unsafe { ffi::grid_set_name(self.as_ptr(), c.as_ptr(), s) }).map_err(self.place())?;
+        self.name = name.to_owned();
+        Ok(())
+    }
+
+    /// States what the values mean.
+    ///
+    /// # Errors
+    /// OpenVDB's own words.
+    pub fn set_class(&mut self, class: GridClass) -> Result<()> {
+        let code = match class {
+            GridClass::Unknown => 0,
+            GridClass::LevelSet => 1,
+            GridClass::FogVolume => 2,
+            GridClass::Staggered => 3,
+        };
+        // SAFETY: the grid is alive.
+        ffi::call(|s| unsafe { ffi::grid_set_class(self.as_ptr(), code, s) }).map_err(self.place())
+    }
+
+    /// Stores real values as 16-bit floats, or not.
+    ///
+    /// # Errors
+    /// OpenVDB's own words.
+    pub fn set_half(&mut self, half: bool) -> Result<()> {
+        // SAFETY: the grid is alive.
+        ffi::call(|s| unsafe { ffi::grid_set_half(self.as_ptr(), half.into(), s) }).map_err(self.place())
+    }
+
+    /// Replaces the transform.
+    ///
+    /// # Errors
+    /// OpenVDB's own words.
+    pub fn set_transform(&mut self, transform: &Affine) -> Result<()> {
+        let matrix = transform.matrix().to_cols_array();
+        // SAFETY: the grid is alive and the matrix has 16 entries.
+        ffi::call(|s| unsafe { ffi::grid_set_matrix(self.as_ptr(), matrix.as_ptr(), s) }).map_err(self.place())
+    }
+
+    /// Sets everything outside a world-space box to the background. Under a rotated or sheared
+    /// transform the box is the index-space one around it.
+    ///
+    /// # Errors
+    /// For grids without values (points).
+    pub fn crop(&mut self, world: Aabb) -> Result<()> {
+        let (min, max) = (world.min.to_array(), world.max.to_array());
+        // SAFETY: the grid is alive and the corners have 3 entries.
+        ffi::call(|s| unsafe { ffi::grid_crop(self.as_ptr(), min.as_ptr(), max.as_ptr(), s) }).map_err(self.place())
+    }
+
+    /// Turns blocks whose values agree within `tolerance` into tiles; level sets lose what lies
+    /// outside their narrow band.
+    ///
+    /// # Errors
+    /// For grids without values (points).
+    pub fn prune(&mut self, tolerance: f64) -> Result<()> {
+        // SAFETY: the grid is alive.
+        ffi::call(|s| unsafe { ffi::grid_prune(self.as_ptr(), tolerance, s) }).map_err(self.place())
+    }
+
+    /// Resamples trilinearly to cubic voxels of edge `voxel_size` in world units. The axes keep
+    /// their directions, and index (0, 0, 0) its place.
+    ///
+    /// # Errors
+    /// For grids that cannot be interpolated, or whose transform is not affine.
+    pub fn resample(&mut self, voxel_size: f64) -> Result<()> {
+        let m = self.info()?.affine()?.matrix();
+        let axis = |v: glam::DVec4| v * (voxel_size / v.length());
+        let target = Affine::new(DMat4::from_cols(axis(m.x_axis), axis(m.y_axis), axis(m.z_axis), m.w_axis))
+            .map_err(self.place())?;
+        let matrix = target.matrix().to_cols_array();
+        // SAFETY: the grid is alive and the matrix has 16 entries.
+        ffi::call(|s| unsafe { ffi::grid_resample(self.as_ptr(), matrix.as_ptr(), s) }).map_err(self.place())
+    }
+
+    /// Sets values that are not finite to zero, and negative scalars too if asked. Returns how many
+    /// voxels and tiles changed.
+    ///
+    /// # Errors
+    /// OpenVDB's own words.
+    pub fn repair(&mut self, negative: bool) -> Result<u64> {
+        let mut changed = 0;
+        // SAFETY: the grid is alive and `changed` a valid place.
+        ffi::call(|s| unsafe { ffi::grid_repair(self.as_ptr(), negative.into(), &mut changed, s) })
+            .map_err(self.place())?;
+        Ok(changed)
+    }
+
+    fn leaves(&self) -> Result<Leaves> {
+        let mut raw = null_mut();
+        // SAFETY: the grid is alive and `raw` a valid place for the handle.
+        ffi::call(|s| unsafe { ffi::leaves_new(self.as_ptr(), &mut raw, s) }).map_err(self.place())?;
+        let raw = NonNull::new(raw).ok_or_else(|| Error::native("no leaves handle"))?;
+        // SAFETY: fresh from the shim.
+        let count = unsafe { ffi::leaves_count(raw.as_ptr()) };
+        Ok(Leaves { raw, count })
+    }
+
+    fn tiles(&self) -> Result<Vec<RawTile>> {
+        let mut count = 0;
+        // SAFETY: with capacity 0 nothing is written but the count.
+        ffi::call(|s| unsafe { ffi::tiles(self.as_ptr(), null_mut(), 0, &mut count, s) }).map_err(self.place())?;
+        let mut raw = vec![ffi::RawTile::default(); count];
+        // SAFETY: `raw` has room for `count` tiles.
+        ffi::call(|s| unsafe { ffi::tiles(self.as_ptr(), raw.as_mut_ptr(), raw.len(), &mut count, s) })
+            .map_err(self.place())?;
+        let mut tiles: Vec<_> = raw
+            .iter()
+            .map(|t| RawTile { origin: t.origin, dim: t.dim, value: t.value, active: t.active != 0 })
+            .collect();
+        tiles.sort_by_key(|t| t.origin);
+        Ok(tiles)
+    }
+
+    /// Copies all values, one or three a voxel, to `f32`.
+    ///
+    /// # Errors
+    /// For grids without values (points).
+    pub fn to_raw(&self) -> Result<RawGrid> {
+        let components = self.info()?.components;
+        let leaves = self.leaves()?;
+        let copied = (0..leaves.count).into_par_iter().map(|index| {
+            let mut values = vec![0.0; LEAF_VOXELS * components];
+            let (origin, active) = leaves.copy(index, &mut values);
+            RawLeaf { origin, values, active }
+        });
+        Ok(RawGrid { components, leaves: copied.collect(), tiles: self.tiles()? })
+    }
+
+    /// Copies a scalar grid (float, double, integers, bool; stored as half or not) to `f32`, with
+    /// active and inactive values, tiles and metadata.
+    ///
+    /// # Errors
+    /// For vector and point grids, and for transforms that are not affine.
+    pub fn to_grid(&self) -> Result<Grid> {
+        let info = self.info()?;
+        if info.components != 1 {
+            return Err(Error::unsupported(format!("the grid holds {} values, scalars are needed", info.value_type))
+                .part(format!("grid '{}'", self.name))
+                .hint("name a scalar grid with --grid; cumulo info lists them"));
+        }
+        let leaves = self.leaves()?;
+        let copied = (0..leaves.count).into_par_iter().map(|index| {
+            let mut values = Box::new([0.0; LEAF_VOXELS]);
+            let (origin, active) = leaves.copy(index, &mut values[..]);
+            Leaf { origin, values, active }
+        });
+        let tile = |t: RawTile| Tile { origin: t.origin, dim: t.dim, value: t.value[0], active: t.active };
+        Ok(Grid {
+            transform: info.affine()?,
+            name: info.name,
+            class: info.class,
+            background: info.background[0] as f32,
+            leaves: copied.collect(),
+            tiles: self.tiles()?.into_iter().map(tile).collect(),
+            metadata: self.metadata()?,
+        })
+    }
+
+    /// A float grid with the contents of `grid`.
+    ///
+    /// # Errors
+    /// If a tile's edge is not 8, 128 or 4096, or metadata has a shape OpenVDB has no type for.
+    pub fn from_grid(grid: &Grid) -> Result<Self> {
+        let origins: Vec<_> = grid.leaves.iter().map(|l| l.origin).collect();
+        let values: Vec<_> = grid.leaves.iter().map(|l| l.values.as_ptr()).collect();
+        let active: Vec<_> = grid.leaves.iter().map(|l| l.active.as_ptr()).collect();
+        let tiles: Vec<_> = grid
+            .tiles
+            .iter()
+            .map(|t| ffi::RawTile { origin: t.origin, dim: t.dim, value: [t.value, 0.0, 0.0], active: t.active.into() })
+            .collect();
+        let mut raw = null_mut();
+        // SAFETY: the arrays have `leaves.len()` and `tiles.len()` entries, each leaf 512 values and
+        // 8 words, and the shim copies them before it returns.
+        let made = ffi::call(|s| unsafe {
+            ffi::grid_new(
+                1,
+                &grid.background,
+                origins.as_ptr(),
+                values.as_ptr(),
+                active.as_ptr(),
+                origins.len(),
+                tiles.as_ptr(),
+                tiles.len(),
+                &mut raw,
+                s,
+            )
+        });
+        made.map_err(|e| e.part(format!("grid '{}'", grid.name)))?;
+        // SAFETY: fresh from the shim.
+        let mut native = unsafe { Self::own(raw, grid.name.clone()) }?;
+        for (name, value) in &grid.metadata {
+            native.set_metadata(name, value)?;
+        }
+        native.set_name(&grid.name)?;
+        native.set_class(grid.class)?;
+        native.set_transform(&grid.transform)?;
+        Ok(native)
+    }
+}
+
+impl Drop for NativeGrid {
+    /// Gives up this share of the grid; the tree goes with the last one.
+    fn drop(&mut self) {
+        // SAFETY: owned, and freed once.
+        unsafe { ffi::grid_free(self.as_ptr()) }
+    }
+}

@@ -1,0 +1,334 @@
+//! Reads the skeleton of a VDB file in Rust before OpenVDB may: magic, version, metadata, grid
+//! descriptors, offsets and, for all standard value grids, every node and buffer length.
+//!
+//! OpenVDB trusts lengths and offsets: a truncated uncompressed file reads "successfully" as
+//! garbage, and a hostile length is allocated first. What passes here is complete and bounded.
+
+use super::cursor::Cursor;
+use super::topology::{Topology, ValueType, Walk};
+use crate::error::{Error, Result};
+use std::path::Path;
+
+const MAGIC: i64 = 0x5644_4220;
+/// The newest file version that the linked library (10.0) reads.
+pub const NEWEST_VERSION: u32 = 224;
+/// Before this, trees are laid out otherwise (OpenVDB 1.1, 2013).
+const OLDEST_WALKED: u32 = 222;
+/// Before this, OpenVDB's own reader has special cases nobody can test any more.
+const OLDEST_VERSION: u32 = 219;
+
+/// What reading a file may cost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Bytes that one grid may take in memory.
+    pub max_memory: u64,
+}
+
+impl Default for Limits {
+    /// Half of the machine's memory, or 4 GiB where that cannot be learnt.
+    fn default() -> Self {
+        let half = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
+            let line = text.lines().find_map(|l| l.strip_prefix("MemTotal:"))?;
+            line.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib * 512)
+        });
+        Self { max_memory: half.unwrap_or(4 << 30) }
+    }
+}
+
+impl Limits {
+    pub(super) fn exceeded(&self, needed: u64, leaves: u64) -> Error {
+        Error::unsupported(format!(
+            "the tree needs more than {needed} bytes ({leaves} leaves so far), {} are allowed",
+            self.max_memory
+        ))
+        .hint("raise --max-memory if the file is to be trusted, or crop or resample it where it was made")
+    }
+}
+
+/// One grid as the file's directory describes it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Entry {
+    /// Name, unique within the file: `density`, or `density[1]` where the name occurs again.
+    pub name: String,
+    /// Name without the suffix; what the grid itself says.
+    pub base_name: String,
+    /// `Tree_float_5_4_3`.
+    pub grid_type: String,
+    /// Real values are stored as 16-bit floats.
+    pub half: bool,
+    /// Unique name of the grid whose tree this one shares.
+    pub instance_of: Option<String>,
+    /// Bytes in the file.
+    pub file_bytes: u64,
+    /// Leaves and memory, where the tree could be walked.
+    pub topology: Option<Topology>,
+    /// Every length in the grid was checked; otherwise the library reads it under a memory guard.
+    pub fully_checked: bool,
+}
+
+/// A file that is complete as far as its skeleton tells.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Preflight {
+    /// File format version.
+    pub version: u32,
+    /// Version of the library that wrote it.
+    pub library: (u32, u32),
+    /// Grids in file order.
+    pub entries: Vec<Entry>,
+}
+
+struct Descriptor {
+    entry: Entry,
+    position: u64,
+    block: u64,
+    end: u64,
+}
+
+/// Checks the whole file.
+///
+/// # Errors
+/// `Invalid` where the file contradicts itself (truncated, damaged), `Unsupported` for other formats,
+/// other versions, or trees above the limits; always with what to do.
+pub fn check(path: &Path, limits: &Limits) -> Result<Preflight> {
+    let mut cursor = Cursor::open(path)?;
+    let c = &mut cursor;
+    let version = magic_and_version(c)?;
+    let library = (c.u32("library version")?, c.u32("library version")?);
+    if !c.bool("offset flag")? {
+        return Err(Error::unsupported("the file was streamed and has no grid offsets")
+            .at(path)
+            .hint("write it again with vdb_tool -read IN -write OUT, or from the program that made it"));
+    }
+    if (220..222).contains(&version) {
+        c.bool("compression flag")?;
+    }
+    c.skip(36, "unique identifier")?;
+    metadata(c)?;
+    let count = c.i32("grid count")?;
+    if count < 0 {
+        return Err(c.damaged(format_args!("the file claims {count} grids")));
+    }
+    let mut descriptors: Vec<Descriptor> = Vec::new();
+    let mut expected = c.position();
+    for _ in 0..count {
+        let mut d = descriptor(c)?;
+        if d.position < expected || d.position != c.position() {
+            return Err(c.damaged(format_args!("grid '{}' should start at {}", d.entry.name, d.position)));
+        }
+        if descriptors.iter().any(|o| o.entry.name == d.entry.name) {
+            return Err(c.damaged(format_args!("two grids have the unique name '{}'", d.entry.name)));
+        }
+        body(c, &mut d, version, limits).map_err(|e| e.part(format!("grid '{}'", d.entry.name)))?;
+        c.seek(d.end)?;
+        expected = d.end;
+        descriptors.push(d);
+    }
+    if expected != c.length() {
+        return Err(c.damaged(format_args!("the last grid ends at {expected}, the file at {}", c.length())));
+    }
+    for d in &descriptors {
+        if let Some(parent) = &d.entry.instance_of {
+            let found = descriptors.iter().find(|o| o.entry.name == *parent && o.entry.instance_of.is_none());
+            if found.is_none_or(|o| o.entry.grid_type != d.entry.grid_type) {
+                return Err(c.damaged(format_args!("grid '{}' shares the tree of '{parent}'", d.entry.name)));
+            }
+        }
+    }
+    Ok(Preflight { version, library, entries: descriptors.into_iter().map(|d| d.entry).collect() })
+}
+
+fn magic_and_version(c: &mut Cursor) -> Result<u32> {
+    let path = c.path().to_path_buf();
+    let mut magic = [0; 8];
+    c.fill(&mut magic, "magic number")?;
+    if magic.starts_with(b"NanoVDB") {
+        return Err(Error::unsupported("this is a NanoVDB file; NanoVDB is not supported yet")
+            .at(path)
+            .hint("convert it to OpenVDB with nanovdb_convert IN.nvdb OUT.vdb, or in Houdini"));
+    }
+    if i64::from_le_bytes(magic) != MAGIC {
+        return Err(Error::invalid("this is no OpenVDB file (its first bytes are not ' BDV')")
+            .at(path)
+            .hint("give a .vdb file as Houdini, Blender or OpenVDB's tools write it"));
+    }
+    let version = c.u32("file version")?;
+    if version > NEWEST_VERSION {
+        return Err(Error::unsupported(format!(
+            "file version {version} is newer than this program reads ({NEWEST_VERSION})"
+        ))
+        .at(path)
+        .hint(
+            "write it with OpenVDB 12 or older (Blender 5.0, Houdini 20.5), or install a newer libopenvdb and rebuild",
+        ));
+    }
+    if version < OLDEST_VERSION {
+        return Err(Error::unsupported(format!("file version {version} predates OpenVDB 1.0 ({OLDEST_VERSION})"))
+            .at(path)
+            .hint("open it in an old Houdini and write it again"));
+    }
+    Ok(version)
+}
+
+fn descriptor(c: &mut Cursor) -> Result<Descriptor> {
+    let unique = c.name("grid name")?;
+    let full_type = c.name("grid type")?;
+    let parent = c.name("instance name")?;
+    let [position, block, end] = std::array::from_fn(|_| c.i64("grid offset"));
+    let (position, block, end) = (position?, block?, end?);
+    let (base_name, name) = readable_name(&unique);
+    let (grid_type, half) = match full_type.strip_suffix("_HalfFloat") {
+        Some(t) => (t.to_owned(), true),
+        None => (full_type, false),
+    };
+    let instance_of = (!parent.is_empty()).then(|| readable_name(&parent).1);
+    // An instance has no tree of its own and leaves the block offset unset.
+    let ordered = position > 0 && position < end && (instance_of.is_some() || (position <= block && block <= end));
+    if !ordered || end as u64 > c.length() {
+        return Err(c.damaged(format_args!(
+            "grid '{name}' lies at {position}..{block}..{end}; ascending offsets up to {} expected",
+            c.length()
+        )));
+    }
+    let file_bytes = (end - position) as u64;
+    let entry =
+        Entry { name, base_name, grid_type, half, instance_of, file_bytes, topology: None, fully_checked: false };
+    Ok(Descriptor { entry, position: position as u64, block: block as u64, end: end as u64 })
+}
+
+/// OpenVDB marks a repeated name with the control character 0x1e and a number, shown as `[number]`.
+fn readable_name(unique: &str) -> (String, String) {
+    match unique.split_once('\u{1e}') {
+        Some((base, number)) => (base.to_owned(), format!("{base}[{number}]")),
+        None => (unique.to_owned(), unique.to_owned()),
+    }
+}
+
+fn body(c: &mut Cursor, d: &mut Descriptor, version: u32, limits: &Limits) -> Result<()> {
+    let compression = if version >= OLDEST_WALKED { c.u32("compression flags")? } else { 0 };
+    metadata(c)?;
+    transform(c)?;
+    if d.entry.instance_of.is_some() {
+        d.entry.fully_checked = true;
+        return at(c, d.end, "the grid's end");
+    }
+    let value = match ValueType::of(&d.entry.grid_type, d.entry.half) {
+        Some(v) if version >= OLDEST_WALKED => v,
+        _ => return Ok(()),
+    };
+    let mut walk = Walk::new(c, value, compression, limits)?;
+    d.entry.topology = Some(walk.topology()?);
+    if value.is_complete() {
+        walk.buffers()?;
+        d.entry.fully_checked = true;
+        at(c, d.end, "the grid's end")
+    } else {
+        at(c, d.block, "the grid's buffers")
+    }
+}
+
+fn at(c: &Cursor, expected: u64, what: &str) -> Result<()> {
+    if c.position() == expected { Ok(()) } else { Err(c.damaged(format_args!("{what} should be at byte {expected}"))) }
+}
+
+/// Sizes of metadata values that the library reads without looking at the stated size.
+fn fixed_size(type_name: &str) -> Option<usize> {
+    Some(match type_name {
+        "bool" => 1,
+        "int32" | "float" => 4,
+        "int64" | "double" | "vec2i" | "vec2s" => 8,
+        "vec3i" | "vec3s" => 12,
+        "vec2d" | "vec4i" | "vec4s" => 16,
+        "vec3d" => 24,
+        "vec4d" => 32,
+        "mat4s" => 64,
+        "mat4d" => 128,
+        _ => return None,
+    })
+}
+
+fn metadata(c: &mut Cursor) -> Result<()> {
+    let count = c.i32("metadata count")?;
+    if count < 0 {
+        return Err(c.damaged(format_args!("metadata claims {count} entries")));
+    }
+    for _ in 0..count {
+        let name = c.name("metadata name")?;
+        let type_name = c.name("metadata type")?;
+        let value = c.bytes("metadata value")?;
+        if fixed_size(&type_name).is_some_and(|n| n != value.len()) {
+            return Err(c.damaged(format_args!("metadata '{name}' of type {type_name} has {} bytes", value.len())));
+        }
+        if type_name == "__delayedload" && !delayed_load_fits(&value, c.length()) {
+            return Err(c.damaged(format_args!("metadata '{name}' has sizes that do not fit")));
+        }
+        if type_name == "bool" && value[0] > 1 {
+            return Err(c.damaged(format_args!("metadata '{name}' is a bool of {}", value[0])));
+        }
+    }
+    Ok(())
+}
+
+/// OpenVDB's own table for delayed loading: a leaf count, then a byte a leaf and eight bytes a leaf,
+/// each raw or as a Blosc block. It is parsed even by an eager reader, lengths unchecked.
+fn delayed_load_fits(value: &[u8], file_length: u64) -> bool {
+    if value.is_empty() {
+        return true;
+    }
+    let word = |at: usize| value.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes);
+    let Some(count) = word(0).map(u64::from) else { return false };
+    let mut at = 4;
+    // A leaf takes at least its 64 bytes of mask.
+    let mut section = |entry: u64| -> Option<()> {
+        let bytes = word(at)?;
+        at += 4;
+        if bytes > 0 && bytes < u32::MAX {
+            // OpenVDB pads short buffers to 128 bytes before it packs them.
+            (u64::from(word(at + 4)?) == (count * entry).max(128) && word(at + 12)? == bytes).then_some(())?;
+            at += bytes as usize;
+        } else if bytes == 0 {
+            at += (count * entry) as usize;
+        }
+        (at <= value.len()).then_some(())
+    };
+    count <= file_length / 64 && section(1).is_some() && section(8).is_some()
+}
+
+fn transform(c: &mut Cursor) -> Result<()> {
+    let name = c.name("transform type")?;
+    let numbers = match name.as_str() {
+        "AffineMap" | "UnitaryMap" => 16,
+        "ScaleMap" | "UniformScaleMap" => 15,
+        "TranslationMap" => 3,
+        "ScaleTranslateMap" | "UniformScaleTranslateMap" => 18,
+        "NonlinearFrustumMap" => {
+            // A box, the taper and the depth, then the linear map behind it.
+            c.skip(8 * 8, "frustum")?;
+            return match c.name("transform type")?.as_str() {
+                "NonlinearFrustumMap" => Err(c.damaged("a frustum within a frustum")),
+                second => linear_map(c, second),
+            };
+        }
+        _ => return Err(c.damaged(format_args!("transform of unknown type '{name}'"))),
+    };
+    numbers_finite(c, numbers)
+}
+
+fn linear_map(c: &mut Cursor, name: &str) -> Result<()> {
+    match name {
+        "AffineMap" | "UnitaryMap" => numbers_finite(c, 16),
+        "ScaleMap" | "UniformScaleMap" => numbers_finite(c, 15),
+        "TranslationMap" => numbers_finite(c, 3),
+        "ScaleTranslateMap" | "UniformScaleTranslateMap" => numbers_finite(c, 18),
+        _ => Err(c.damaged(format_args!("transform of unknown type '{name}'"))),
+    }
+}
+
+/// Not-a-number and infinities in a map reach every coordinate; no program writes them on purpose.
+fn numbers_finite(c: &mut Cursor, count: usize) -> Result<()> {
+    for _ in 0..count {
+        if !c.f64("transform")?.is_finite() {
+            return Err(c.damaged("the transform has entries that are not finite"));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,139 @@
+/* The C face of OpenVDB that Rust sees. Plain structs and opaque handles only; every function that
+ * can fail takes a status and returns its code. Nothing here throws. Matrices are OpenVDB's own
+ * row-vector ones, row by row. Index boxes are inclusive. */
+#ifndef CUMULO_VDB_SHIM_H
+#define CUMULO_VDB_SHIM_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum {
+    CUMULO_VDB_OK = 0,
+    CUMULO_VDB_FAILED = 1,       /* OpenVDB or the standard library said no */
+    CUMULO_VDB_OUT_OF_MEMORY = 2,
+    CUMULO_VDB_UNKNOWN = 3,      /* something that is not a std::exception was thrown */
+    CUMULO_VDB_UNSUPPORTED = 4   /* this grid type or transform cannot do that */
+};
+
+typedef struct cumulo_vdb_status {
+    int32_t code;
+    char message[508]; /* NUL-terminated, cut to fit, any bytes */
+} cumulo_vdb_status;
+
+typedef struct cumulo_vdb_file cumulo_vdb_file;
+typedef struct cumulo_vdb_grid cumulo_vdb_grid;
+typedef struct cumulo_vdb_meta cumulo_vdb_meta;
+typedef struct cumulo_vdb_leaves cumulo_vdb_leaves;
+
+typedef struct cumulo_vdb_info {
+    char value_type[48]; /* "float", "vec3s", ... */
+    char grid_type[128]; /* "Tree_float_5_4_3" */
+    char map_type[64];   /* "UniformScaleMap", ... */
+    int32_t grid_class;  /* 0 unknown, 1 level set, 2 fog volume, 3 staggered */
+    int32_t saved_as_half;
+    int32_t linear;      /* matrix is meaningful */
+    int32_t components;  /* 1 or 3 where values can be read, else 0 */
+    double matrix[16];
+    double background[3];
+    int32_t box_min[3];
+    int32_t box_max[3];
+    uint64_t active_voxels;
+    uint64_t leaf_count;
+    uint64_t active_tiles;
+    uint64_t memory;
+} cumulo_vdb_info;
+
+enum {
+    CUMULO_VDB_META_OTHER = 0,
+    CUMULO_VDB_META_BOOL = 1,
+    CUMULO_VDB_META_INT = 2,
+    CUMULO_VDB_META_FLOAT = 3,
+    CUMULO_VDB_META_TEXT = 4,
+    CUMULO_VDB_META_INTS = 5,
+    CUMULO_VDB_META_FLOATS = 6
+};
+
+typedef struct cumulo_vdb_meta_entry {
+    const char* name; /* valid until the handle is freed or changed */
+    size_t name_length;
+    const char* type;
+    size_t type_length;
+    const char* text;
+    size_t text_length;
+    int32_t kind;
+    int32_t count; /* of ints or floats */
+    int64_t ints[4];
+    double floats[16];
+} cumulo_vdb_meta_entry;
+
+typedef struct cumulo_vdb_tile {
+    int32_t origin[3];
+    int32_t dim;
+    float value[3];
+    int32_t active;
+} cumulo_vdb_tile;
+
+/* Files. Opening never defers loading. */
+int32_t cumulo_vdb_open(const char* path, cumulo_vdb_file** out, cumulo_vdb_status* status);
+void cumulo_vdb_close(cumulo_vdb_file* file);
+int32_t cumulo_vdb_file_meta(cumulo_vdb_file* file, cumulo_vdb_meta** out, cumulo_vdb_status* status);
+/* `data_limit`: bytes of private memory the process may grow by while reading; 0 is no limit. */
+int32_t cumulo_vdb_read(cumulo_vdb_file* file, const char* unique_name, uint64_t data_limit, cumulo_vdb_grid** out,
+                        cumulo_vdb_status* status);
+/* `meta` may be null. `codec`: 0 none, 1 Blosc. */
+int32_t cumulo_vdb_write(const char* path, const cumulo_vdb_grid* const* grids, size_t count,
+                         const cumulo_vdb_meta* meta, int32_t codec, cumulo_vdb_status* status);
+
+/* Metadata. A handle from a grid is a view of that grid and keeps it alive. */
+int32_t cumulo_vdb_meta_new(cumulo_vdb_meta** out, cumulo_vdb_status* status);
+void cumulo_vdb_meta_free(cumulo_vdb_meta* meta);
+size_t cumulo_vdb_meta_count(const cumulo_vdb_meta* meta);
+int32_t cumulo_vdb_meta_get(cumulo_vdb_meta* meta, size_t index, cumulo_vdb_meta_entry* out,
+                            cumulo_vdb_status* status);
+int32_t cumulo_vdb_meta_set(cumulo_vdb_meta* meta, const cumulo_vdb_meta_entry* entry, cumulo_vdb_status* status);
+
+/* Grids. */
+void cumulo_vdb_grid_free(cumulo_vdb_grid* grid);
+int32_t cumulo_vdb_grid_info(const cumulo_vdb_grid* grid, cumulo_vdb_info* out, cumulo_vdb_status* status);
+int32_t cumulo_vdb_grid_meta(cumulo_vdb_grid* grid, cumulo_vdb_meta** out, cumulo_vdb_status* status);
+
+/* Leaves in ascending order of origin; copying is thread-safe. */
+int32_t cumulo_vdb_leaves_new(const cumulo_vdb_grid* grid, cumulo_vdb_leaves** out, cumulo_vdb_status* status);
+void cumulo_vdb_leaves_free(cumulo_vdb_leaves* leaves);
+size_t cumulo_vdb_leaves_count(const cumulo_vdb_leaves* leaves);
+/* `values` holds 512 times the grid's components, interleaved; `active` 8 words. */
+void cumulo_vdb_leaves_copy(const cumulo_vdb_leaves* leaves, size_t index, int32_t* origin, float* values,
+                            uint64_t* active);
+/* Active tiles and inactive ones whose value is not the background. Writes up to `capacity` tiles
+ * and always the true number; ask with capacity 0 first. */
+int32_t cumulo_vdb_tiles(const cumulo_vdb_grid* grid, cumulo_vdb_tile* tiles, size_t capacity, size_t* count,
+                         cumulo_vdb_status* status);
+
+/* A float (components 1) or vec3s (components 3) grid. */
+int32_t cumulo_vdb_grid_new(int32_t components, const float* background, const int32_t (*origins)[3],
+                            const float* const* values, const uint64_t* const* active, size_t leaf_count,
+                            const cumulo_vdb_tile* tiles, size_t tile_count, cumulo_vdb_grid** out,
+                            cumulo_vdb_status* status);
+int32_t cumulo_vdb_grid_set_name(cumulo_vdb_grid* grid, const char* name, cumulo_vdb_status* status);
+int32_t cumulo_vdb_grid_set_class(cumulo_vdb_grid* grid, int32_t grid_class, cumulo_vdb_status* status);
+int32_t cumulo_vdb_grid_set_half(cumulo_vdb_grid* grid, int32_t half, cumulo_vdb_status* status);
+int32_t cumulo_vdb_grid_set_matrix(cumulo_vdb_grid* grid, const double* matrix, cumulo_vdb_status* status);
+
+/* Edits in place. */
+int32_t cumulo_vdb_grid_crop(cumulo_vdb_grid* grid, const double* world_min, const double* world_max,
+                             cumulo_vdb_status* status);
+int32_t cumulo_vdb_grid_prune(cumulo_vdb_grid* grid, double tolerance, cumulo_vdb_status* status);
+/* Trilinear, onto a lattice with the given index-to-world matrix. */
+int32_t cumulo_vdb_grid_resample(cumulo_vdb_grid* grid, const double* matrix, cumulo_vdb_status* status);
+/* Non-finite values become zero, and negative ones too where `negative` is set; `changed` counts
+ * them (voxels and tiles). */
+int32_t cumulo_vdb_grid_repair(cumulo_vdb_grid* grid, int32_t negative, uint64_t* changed, cumulo_vdb_status* status);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

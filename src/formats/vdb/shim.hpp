@@ -1,0 +1,71 @@
+// What the parts of the shim share: the handles and the wall that no exception passes.
+#pragma once
+
+#include "shim.h"
+
+#include <openvdb/openvdb.h>
+
+#include <algorithm>
+#include <cstring>
+#include <exception>
+#include <memory>
+#include <new>
+#include <stdexcept>
+#include <string>
+
+struct cumulo_vdb_grid {
+    openvdb::GridBase::Ptr grid;
+};
+
+struct cumulo_vdb_meta {
+    openvdb::MetaMap::Ptr map; // of a grid: shares the grid's ownership
+};
+
+namespace cumulo {
+
+// Grids whose values we read, by the number of components.
+using ScalarGrids = openvdb::TypeList<openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Int32Grid, openvdb::Int64Grid,
+                                      openvdb::BoolGrid, openvdb::MaskGrid>;
+using VectorGrids = openvdb::TypeList<openvdb::Vec3SGrid, openvdb::Vec3DGrid, openvdb::Vec3IGrid>;
+using ReadableGrids = ScalarGrids::Append<VectorGrids>;
+
+// The request makes no sense for this grid: the caller's fault, not the library's.
+struct Unsupported : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
+template <size_t N> void set_text(char (&out)[N], const char* text) {
+    std::strncpy(out, text ? text : "", N - 1);
+    out[N - 1] = 0;
+}
+
+// The exception wall. Every entry that can fail runs its body in here.
+template <typename Body> int32_t guarded(cumulo_vdb_status* status, Body&& body) noexcept {
+    int32_t code = CUMULO_VDB_OK;
+    const char* fixed = "";
+    try {
+        body();
+        status->code = CUMULO_VDB_OK;
+        status->message[0] = 0;
+        return CUMULO_VDB_OK;
+    } catch (const Unsupported& e) {
+        code = CUMULO_VDB_UNSUPPORTED;
+        set_text(status->message, e.what());
+        fixed = nullptr;
+    } catch (const std::bad_alloc&) {
+        code = CUMULO_VDB_OUT_OF_MEMORY;
+        fixed = "out of memory";
+    } catch (const std::exception& e) {
+        code = CUMULO_VDB_FAILED;
+        set_text(status->message, e.what());
+        fixed = nullptr;
+    } catch (...) {
+        code = CUMULO_VDB_UNKNOWN;
+        fixed = "an exception of unknown type";
+    }
+    if (fixed) set_text(status->message, fixed);
+    status->code = code;
+    return code;
+}
+
+} // namespace cumulo

@@ -1,0 +1,91 @@
+//! Fields with known integrals, and rays through them.
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use cumulo::math::{Affine, Ray};
+use cumulo::real::Real;
+use cumulo::scene::bricks::Bricks;
+use cumulo::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
+use glam::{DMat3, DMat4, DVec3};
+use std::collections::BTreeMap;
+
+/// A grid of `n³` voxels, index (0, 0, 0) first, from a function of the index coordinates.
+pub fn grid(n: i32, transform: Affine, f: impl Fn(DVec3) -> f64) -> Grid {
+    let mut leaves = Vec::new();
+    for x in (0..n).step_by(8) {
+        for y in (0..n).step_by(8) {
+            for z in (0..n).step_by(8) {
+                let mut values = Box::new([0.0_f32; LEAF_VOXELS]);
+                let mut active = [0_u64; 8];
+                for i in 0..LEAF_VOXELS {
+                    let p = [x + (i as i32 >> 6), y + (i as i32 >> 3 & 7), z + (i as i32 & 7)];
+                    if p.iter().all(|c| *c < n) {
+                        values[i] = f(DVec3::new(p[0].into(), p[1].into(), p[2].into())) as f32;
+                        active[i >> 6] |= 1 << (i & 63);
+                    }
+                }
+                leaves.push(Leaf { origin: [x, y, z], values, active });
+            }
+        }
+    }
+    Grid {
+        name: "density".into(),
+        class: GridClass::FogVolume,
+        transform,
+        background: 0.0,
+        leaves,
+        tiles: Vec::new(),
+        metadata: BTreeMap::new(),
+    }
+}
+
+/// The same as bricks.
+pub fn field<R: Real>(n: i32, transform: Affine, f: impl Fn(DVec3) -> f64) -> Bricks<R> {
+    Bricks::from_grid(&grid(n, transform, f), 1 << 30).unwrap()
+}
+
+/// Voxels of edge 1 at integer world positions.
+pub fn unit() -> Affine {
+    Affine::uniform(1.0, DVec3::ZERO).unwrap()
+}
+
+/// Sheared, mirrored, non-uniform, shifted.
+pub fn odd() -> Affine {
+    let linear = DMat3::from_cols(DVec3::new(-0.7, 0.1, 0.05), DVec3::new(0.2, 1.3, -0.1), DVec3::new(0.0, 0.3, 0.45));
+    Affine::new(DMat4::from_mat3_translation(linear, DVec3::new(3.0, -7.0, 11.0))).unwrap()
+}
+
+/// A cheap hash to 0..1, the same everywhere.
+pub fn noise(seed: u64) -> f64 {
+    let mut h = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0xD1B5_4A32_D192_ED03;
+    h = (h ^ (h >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    h = (h ^ (h >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    ((h ^ (h >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+/// A smooth positive bump field, irregular enough to have no symmetry.
+pub fn lumps(n: i32) -> impl Fn(DVec3) -> f64 {
+    move |p| {
+        let q = p / f64::from(n);
+        let blob = |c: DVec3, s: f64| (-(q - c).length_squared() / (2.0 * s * s)).exp();
+        let wave = 1.0 + 0.5 * (9.0 * q.x + 4.0 * q.y * q.y).sin() * (7.0 * q.z - 3.0 * q.x).cos();
+        let edge = |c: f64| (c * (1.0 - c) * 8.0).clamp(0.0, 1.0);
+        (blob(DVec3::new(0.4, 0.5, 0.45), 0.16) + 0.6 * blob(DVec3::new(0.65, 0.4, 0.6), 0.1))
+            * wave
+            * edge(q.x)
+            * edge(q.y)
+            * edge(q.z)
+    }
+}
+
+/// Rays from a sphere around the field's box towards points inside it.
+pub fn rays(field_bounds: cumulo::math::Aabb, count: u64, seed: u64) -> Vec<Ray> {
+    let (centre, size) = (field_bounds.centre(), field_bounds.size());
+    (0..count)
+        .map(|i| {
+            let r = |k: u64| noise(seed.wrapping_add(i * 16 + k)) - 0.5;
+            let target = centre + size * DVec3::new(r(0), r(1), r(2)) * 0.8;
+            let from = DVec3::new(r(3), r(4), r(5)).normalize() * size.length();
+            Ray { origin: centre + from, direction: (target - centre - from).normalize() }
+        })
+        .collect()
+}

@@ -1,0 +1,42 @@
+//! Files from Houdini, Bifrost and others, where a folder of them is at hand.
+
+use cumulo::formats::vdb::{File, Limits, NativeGrid, write_native};
+use std::collections::BTreeMap;
+
+#[test]
+#[ignore = "needs a folder of VDB files in CUMULO_REAL_DATA"]
+fn every_real_file_opens_and_passes_through_or_is_refused_with_a_hint() {
+    let folder = std::env::var("CUMULO_REAL_DATA").expect("CUMULO_REAL_DATA names a folder");
+    let mut seen = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let is = |e: &str| path.extension().is_some_and(|x| x == e);
+        if is("nvdb") {
+            let text = File::open(&path, Limits::default()).unwrap_err().to_string();
+            assert!(text.contains("NanoVDB") && text.contains("nanovdb_convert"), "{text}");
+        } else if is("vdb") {
+            let file = File::open(&path, Limits::default()).unwrap();
+            let grids: Vec<NativeGrid> = file.entries().iter().map(|e| file.read(&e.name).unwrap()).collect();
+            let dir = tempfile::tempdir().unwrap();
+            let copy = dir.path().join("copy.vdb");
+            write_native(&copy, &grids.iter().collect::<Vec<_>>(), Some(&file), &BTreeMap::new(), Default::default())
+                .unwrap();
+            let back = File::open(&copy, Limits::default()).unwrap();
+            assert_eq!(back.metadata().unwrap(), file.metadata().unwrap());
+            for (a, b) in file.entries().iter().zip(back.entries()) {
+                let (a, b) = (file.read(&a.name).unwrap(), back.read(&b.name).unwrap());
+                let (ai, bi) = (a.info().unwrap(), b.info().unwrap());
+                assert_eq!(ai, bi, "{}", path.display());
+                if ai.components == 1 {
+                    assert_eq!(a.to_raw().unwrap(), b.to_raw().unwrap());
+                }
+                let estimate = back.find(a.name()).unwrap().topology.map(|t| t.memory).unwrap_or(u64::MAX);
+                assert!(bi.memory <= estimate, "{}: {} > {estimate}", path.display(), bi.memory);
+            }
+        } else {
+            continue;
+        }
+        seen += 1;
+    }
+    assert!(seen > 0, "no .vdb or .nvdb file in the folder");
+}
