@@ -12,13 +12,20 @@ def padded_copy(path, grid, folder, chunk=128, margin=2):
 
     Cycles renders inside a mesh around the active leaves and tiles, and on their low sides that mesh
     stops at the first voxel's centre: of a block that begins where a leaf does it loses the ramp
-    from -1 to 0. A new path each time, too: Blender keeps grids by path and never looks again.
+    from -1 to 0. Of a mirroring transform that mesh is inside out and nothing is seen: the copy counts
+    its z index the other way round. A new path each time, too: Blender keeps grids by path and never
+    looks again.
     """
     source = openvdb.read(str(path), grid)
     if np.ndim(source.background) != 0 or source.background != 0:
         raise ValueError(f"{path}: grid {grid!r} is no fog volume: its background is {source.background}, not 0")
     copy = openvdb.FloatGrid()
-    copy.name, copy.gridClass, copy.transform = grid, source.gridClass, source.transform
+    copy.name, copy.gridClass = grid, source.gridClass
+    matrix = index_to_world(source)
+    mirrored = np.linalg.det(matrix[:3, :3]) < 0
+    if mirrored:
+        matrix[:, 2] *= -1
+    copy.transform = openvdb.createLinearTransform(matrix.T.tolist())
     # Whatever differs from the background becomes active, so zeros can be; afterwards it becomes 0.
     copy.background = nothing = -float(np.finfo(np.float32).max)
     low, high = source.evalActiveVoxelBoundingBox()
@@ -34,7 +41,10 @@ def padded_copy(path, grid, folder, chunk=128, margin=2):
                         near = _widened(near, axis, margin)
                     if near.any():
                         inner = values[(slice(margin, -margin),) * 3]
-                        copy.copyFromArray(np.where(near, inner, np.float32(nothing)), ijk=(x, y, z))
+                        block = np.where(near, inner, np.float32(nothing))
+                        if mirrored:
+                            block = np.ascontiguousarray(block[:, :, ::-1])
+                        copy.copyFromArray(block, ijk=(x, y, 1 - z - chunk if mirrored else z))
     copy.background = 0.0
     padded = pathlib.Path(folder) / f"{pathlib.Path(path).stem}.padded.vdb"
     openvdb.write(str(padded), grids=[copy])
@@ -54,13 +64,20 @@ def lattice(path, grid):
     source = openvdb.read(str(path), grid)
     if not source.activeVoxelCount():
         raise ValueError(f"{path}: grid {grid!r} has no active voxels; there is nothing to see")
+    return index_to_world(source), source.evalActiveVoxelBoundingBox()
+
+
+def index_to_world(source):
+    """The grid's transform as [4, 4] f64 on column vectors. Raises ValueError where it is no matrix."""
+    if not source.transform.isLinear:
+        raise ValueError(f"grid {source.name!r} lies in a frustum, which no matrix describes; resample it")
     origin = np.array(source.transform.indexToWorld((0, 0, 0)))
     matrix = np.eye(4)
     matrix[:3, 3] = origin
     for axis in range(3):
         unit = [float(axis == other) for other in range(3)]
         matrix[:3, axis] = np.array(source.transform.indexToWorld(unit)) - origin
-    return matrix, source.evalActiveVoxelBoundingBox()
+    return matrix
 
 
 def world_box(matrix, box):

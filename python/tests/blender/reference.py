@@ -1,0 +1,72 @@
+"""A third opinion, slow and plain: optical depth by f64 marching, box chords in closed form, and the
+statistics by which noisy pictures are judged."""
+
+import math
+
+import numpy as np
+import openvdb
+
+
+def box_chord(camera, low, high, matrix=None, offsets=((0.5, 0.5),), near=0.0):
+    """Length, in world units, that each ray runs inside a box (in `matrix`'s frame), f64
+    [offset, height, width]; nothing before `near` along the viewing axis counts."""
+    origin, direction = camera.rays(offsets)
+    start = near_distance(camera, direction, near)
+    to_box = np.linalg.inv(np.eye(4) if matrix is None else np.asarray(matrix, dtype=np.float64))
+    origin = origin @ to_box[:3, :3].T + to_box[:3, 3]
+    direction = direction @ to_box[:3, :3].T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first, second = (np.asarray(low) - origin) / direction, (np.asarray(high) - origin) / direction
+    enter = np.nanmax(np.minimum(first, second), axis=-1)
+    leave = np.nanmin(np.maximum(first, second), axis=-1)
+    # World directions have unit length, so that the parameter is a world length.
+    return np.maximum(leave - np.maximum(enter, start), 0.0)
+
+
+def near_distance(camera, direction, near):
+    """Distance along each ray at which the near plane lies."""
+    return near / (direction @ -camera.camera_to_world[:3, 2])
+
+
+def optical_depth(path, grid, camera, near=0.0, steps_per_voxel=8):
+    """Line integral of a grid along the rays through pixel centres, world units, [height, width] f64.
+
+    Midpoint steps of a trilinear field: along a ray it is a cubic between cell borders and kinked at
+    them; an eighth of a voxel keeps the error of a kink below (1/8)^2/8 = 0.2 % of one voxel's depth.
+    """
+    source = openvdb.read(str(path), grid)
+    low, high = source.evalActiveVoxelBoundingBox()
+    low, high = np.array(low) - 1, np.array(high) + 1
+    values = np.zeros(high - low + 1, dtype=np.float32)
+    source.copyToArray(values, ijk=low.tolist())
+    origin, direction = (v[0].reshape(-1, 3) for v in camera.rays())
+    start = near_distance(camera, direction, near)
+    zero = np.array(source.transform.indexToWorld((0, 0, 0)))
+    axes = np.stack([np.array(source.transform.indexToWorld(e)) - zero for e in np.eye(3).tolist()], axis=1)
+    to_index = np.linalg.inv(axes)
+    origin, direction = (origin - zero) @ to_index.T - low, direction @ to_index.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first, second = (0 - origin) / direction, (high - low - origin) / direction
+    enter = np.maximum(np.nanmax(np.minimum(first, second), axis=-1), start)
+    length = np.maximum(np.nanmin(np.maximum(first, second), axis=-1) - enter, 0.0)
+    count = max(1, math.ceil(steps_per_voxel * (np.linalg.norm(direction, axis=-1) * length).max()))
+    total = np.zeros(len(origin))
+    for step in range(count):
+        at = origin + (enter + (step + 0.5) / count * length)[:, None] * direction
+        total += trilinear(values, at)
+    return (total * length / count).reshape(camera.height, camera.width)
+
+
+def trilinear(values, at):
+    """Interpolated `values` at index positions [n, 3], which must lie inside."""
+    cell = np.clip(np.floor(at).astype(np.int64), 0, np.array(values.shape) - 2)
+    t = at - cell
+    flat = values.reshape(-1)
+    strides = (values.shape[1] * values.shape[2], values.shape[2], 1)
+    base = cell @ np.array(strides)
+    total = np.zeros(len(at))
+    for corner in range(8):
+        bits = [corner >> axis & 1 for axis in range(3)]
+        weight = np.prod([t[:, axis] if bit else 1.0 - t[:, axis] for axis, bit in enumerate(bits)], axis=0)
+        total += weight * flat[base + sum(bit * stride for bit, stride in zip(bits, strides))]
+    return total
