@@ -77,6 +77,9 @@ def _new_scene(settings):
     cycles.sample_clamp_direct = 0.0
     cycles.sample_clamp_indirect = 0.0
     cycles.light_sampling_threshold = 0.0
+    # Pixels independent of each other (blue noise would tie neighbours), so that their spread tells
+    # the standard error of a mean.
+    cycles.sampling_pattern = "TABULATED_SOBOL"
     cycles.max_bounces = 0
     cycles.volume_bounces = 0
     cycles.transparent_max_bounces = 1024

@@ -2,7 +2,9 @@
 statistics by which noisy pictures are judged."""
 
 import math
+import statistics
 
+import cumulo.blender  # noqa: F401  brings `openvdb`
 import numpy as np
 import openvdb
 
@@ -70,3 +72,42 @@ def trilinear(values, at):
         weight = np.prod([t[:, axis] if bit else 1.0 - t[:, axis] for axis, bit in enumerate(bits)], axis=0)
         total += weight * flat[base + sum(bit * stride for bit, stride in zip(bits, strides))]
     return total
+
+
+def excess(first, second, expected, samples=None, block=8, alpha=1e-3):
+    """Judges two renders of one view by different seeds, [height, width] each, against `expected`.
+
+    For every block of pixels the mean difference is divided by its standard error, taken from the
+    seeds' own difference: var((a + b)/2) = (a - b)^2/4. The largest is compared with what `alpha`
+    allows over all blocks (Šidak), with the wider tails of a t distribution, because the error comes
+    from the block's few pixels. Returns largest/allowed: above 1 the pictures differ. The picture as a
+    whole counts as one block more, which finds small differences that go the same way everywhere.
+
+    `samples`: per pixel, of a ray-marched picture. Its optical depth is itself an estimate, whose
+    variance v lifts the mean of exp by T v/2; v is read off the noise, and that much is allowed.
+    """
+    first, second, expected = (np.asarray(p, dtype=np.float64) for p in (first, second, expected))
+    error, variance = 0.5 * (first + second) - expected, 0.25 * (first - second) ** 2
+    lift = np.zeros_like(error)
+    if samples:
+        # One sample's variance is 2 samples x variance of the mean of two pictures.
+        lift = samples * variance / np.maximum(expected, 0.05)
+    blocks = [
+        (slice(y, y + block), slice(x, x + block))
+        for y in range(0, error.shape[0], block)
+        for x in range(0, error.shape[1], block)
+    ] + [(slice(None), slice(None))]
+    chance = 1.0 - (1.0 - alpha) ** (1.0 / len(blocks))
+    normal = statistics.NormalDist().inv_cdf(1.0 - 0.5 * chance)
+    worst = 0.0
+    for part in blocks:
+        count = error[part].size
+        # Cornish-Fisher expansion of Student's quantile. Pixels share the noise unequally: of those
+        # that carry it there are about 3 (sum v)^2 / sum v^2, v being squares of normal numbers.
+        squares = (variance[part] ** 2).sum()
+        free = min(count, 3.0 * variance[part].sum() ** 2 / squares) if squares else count
+        allowed = normal + (normal**3 + normal) / (4 * free) + (5 * normal**5 + 16 * normal**3 + 3 * normal) / (96 * free**2)
+        # Both pictures are stored in f32, at most 1.
+        spread = math.sqrt(variance[part].sum()) / count + 2.0**-22
+        worst = max(worst, max(0.0, abs(error[part].mean()) - lift[part].mean()) / (allowed * spread))
+    return worst
