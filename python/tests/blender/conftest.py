@@ -1,6 +1,8 @@
-"""Who says what a picture should be: plain marching in f64, or the program."""
+"""Who says what a picture should be: plain sums in f64, or the program."""
 
 import dataclasses
+import pathlib
+import tempfile
 
 import numpy as np
 import pytest
@@ -24,8 +26,8 @@ def by_program(cumulo):
     """The same by `cumulo render --cameras`."""
 
     def render(folder, vdb, camera, settings, supersample=1):
-        asked, given = folder / "asked", folder / "given"
-        asked.mkdir()
+        asked = pathlib.Path(tempfile.mkdtemp(dir=folder))
+        given = asked / "given"
         Capture(
             [(finer(camera, supersample), asked / "view.exr")],
             model=settings.model,

@@ -1,4 +1,4 @@
-"""A third opinion, slow and plain: optical depth by f64 marching, box chords in closed form, and the
+"""A third opinion, slow and plain: exact optical depth in f64, box chords in closed form, and the
 statistics by which noisy pictures are judged."""
 
 import math
@@ -30,11 +30,11 @@ def near_distance(camera, direction, near):
     return near / (direction @ -camera.camera_to_world[:3, 2])
 
 
-def optical_depth(path, grid, camera, near=0.0, steps_per_voxel=8):
+def optical_depth(path, grid, camera, near=0.0):
     """Line integral of a grid along the rays through pixel centres, world units, [height, width] f64.
 
-    Midpoint steps of a trilinear field: along a ray it is a cubic between cell borders and kinked at
-    them; an eighth of a voxel keeps the error of a kink below (1/8)^2/8 = 0.2 % of one voxel's depth.
+    Between the planes through voxel centres a trilinear field is a cubic along any ray, which two
+    Gauss points integrate exactly; so this is exact but for f64's rounding.
     """
     source = openvdb.read(str(path), grid)
     low, high = source.evalActiveVoxelBoundingBox()
@@ -49,18 +49,21 @@ def optical_depth(path, grid, camera, near=0.0, steps_per_voxel=8):
     origin, direction = (origin - zero) @ to_index.T - low, direction @ to_index.T
     with np.errstate(divide="ignore", invalid="ignore"):
         first, second = (0 - origin) / direction, (high - low - origin) / direction
-    enter = np.maximum(np.nanmax(np.minimum(first, second), axis=-1), start)
-    length = np.maximum(np.nanmin(np.maximum(first, second), axis=-1) - enter, 0.0)
-    count = max(1, math.ceil(steps_per_voxel * (np.linalg.norm(direction, axis=-1) * length).max()))
+        enter = np.maximum(np.nanmax(np.minimum(first, second), axis=-1), start)
+        leave = np.maximum(np.nanmin(np.maximum(first, second), axis=-1), enter)
+        planes = [(np.arange(high[a] - low[a] + 1) - origin[:, a, None]) / direction[:, a, None] for a in range(3)]
+    inside = np.nan_to_num(np.concatenate(planes, axis=1), nan=0.0)
+    borders = np.sort(np.clip(inside, enter[:, None], leave[:, None]), axis=1)
     total = np.zeros(len(origin))
-    for step in range(count):
-        at = origin + (enter + (step + 0.5) / count * length)[:, None] * direction
-        total += trilinear(values, at)
-    return (total * length / count).reshape(camera.height, camera.width)
+    for before, after in zip(borders.T[:-1], borders.T[1:]):
+        for gauss in (0.5 - math.sqrt(1 / 12), 0.5 + math.sqrt(1 / 12)):
+            at = origin + (before + gauss * (after - before))[:, None] * direction
+            total += 0.5 * (after - before) * trilinear(values, at)
+    return total.reshape(camera.height, camera.width)
 
 
 def trilinear(values, at):
-    """Interpolated `values` at index positions [n, 3], which must lie inside."""
+    """Interpolated `values` at index positions [n, 3]; the border cells go on outside."""
     cell = np.clip(np.floor(at).astype(np.int64), 0, np.array(values.shape) - 2)
     t = at - cell
     flat = values.reshape(-1)

@@ -1,4 +1,4 @@
-"""Cycles against plain marching and against the program: all kinds of camera, all kinds of transform.
+"""Cycles against plain sums and against the program: all kinds of camera, all kinds of transform.
 
 Cycles marches with a tenth of a voxel and gathers within 0.005 pixels of each centre, so that its
 pictures are point samples with little noise; two seeds tell how much (`reference.excess`).
@@ -65,7 +65,7 @@ def test_the_near_plane_cuts_alike(fixtures, expected):
 def test_every_transform_is_placed_alike(fixtures, expected, name):
     vdb = fixtures / f"{name}.vdb"
     view = sphere_cameras(5, *padding.world_box(*padding.lattice(vdb, "density")), 40, 40)[1]
-    depth = reference.optical_depth(vdb, "density", view, steps_per_voxel=1)
+    depth = reference.optical_depth(vdb, "density", view)
     # The thickest part lets a twentieth of the light through.
     settings = blender.Settings(density_scale=3.0 / depth.max(), samples=SAMPLES, step_rate=0.1, pixel_filter="point")
     first, second = (picture[..., 3] for picture in render_twice(blender.Stage(settings, vdb), view))
