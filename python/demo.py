@@ -16,6 +16,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "python"))
 from cumulo.run import CumuloError, cumulo  # noqa: E402  from this checkout
 
+# The smoke stands in a box of side 2.
 VIEWS, SIZE, VOXELS = 32, "128x128", 64
 
 
@@ -56,7 +57,7 @@ def main():
         cycles.render_capture(
             smoke,
             [camera for camera, _ in capture.frames],
-            cycles.Settings(density_scale=capture.density_scale, background=capture.background),
+            cycles.Settings(density_scale=capture.density_scale, background=capture.background, samples=16, step_rate=0.5),
             pictures,
             progress=cycles.show_progress,
         )
@@ -64,7 +65,7 @@ def main():
     say(f"the volume, from the pictures alone: {found}")
     result = cumulo(
         "reconstruct", "density", pictures / "transforms.json", "-o", found,
-        "--resolution", VOXELS, "--held-out", 2, "--report", report, progress=True,
+        "--voxel-size", 2.0 / VOXELS, "--held-out", 2, "--report", report, progress=True,
     )  # fmt: skip
     grid = cumulo("diff", smoke, found)["grids"][0]
 

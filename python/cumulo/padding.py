@@ -6,6 +6,17 @@ import numpy as np
 import openvdb
 
 
+def read_grid(path, grid):
+    """One grid of a VDB file. Raises ValueError that names the file and its grids where it has no such."""
+    try:
+        return openvdb.read(str(path), grid)
+    except KeyError:
+        names = [found.name for found in openvdb.readAllGridMetadata(str(path))]
+        raise ValueError(f"{path}: no grid {grid!r}; it has {', '.join(names) or 'none'}") from None
+    except RuntimeError as error:
+        raise ValueError(f"{path}: OpenVDB cannot read it: {error}") from error
+
+
 def padded_copy(path, grid, folder, chunk=128, margin=2):
     """Copies one scalar grid to a new file in `folder`, with `margin` active zero voxels around what
     is not zero; returns the new path.
@@ -16,7 +27,7 @@ def padded_copy(path, grid, folder, chunk=128, margin=2):
     its z index the other way round. A new path each time, too: Blender keeps grids by path and never
     looks again.
     """
-    source = openvdb.read(str(path), grid)
+    source = read_grid(path, grid)
     if np.ndim(source.background) != 0 or source.background != 0:
         raise ValueError(f"{path}: grid {grid!r} is no fog volume: its background is {source.background}, not 0")
     copy = openvdb.FloatGrid()
@@ -61,7 +72,7 @@ def _widened(mask, axis, margin):
 def lattice(path, grid):
     """Index-to-world matrix of a grid, [4, 4] f64 on column vectors, and its active index box
     (low, high), both inclusive. Raises ValueError where the grid has nothing in it."""
-    source = openvdb.read(str(path), grid)
+    source = read_grid(path, grid)
     if not source.activeVoxelCount():
         raise ValueError(f"{path}: grid {grid!r} has no active voxels; there is nothing to see")
     return index_to_world(source), source.evalActiveVoxelBoundingBox()
