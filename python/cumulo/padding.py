@@ -1,0 +1,99 @@
+"""Copies of VDB grids that Cycles renders whole (needs the `openvdb` module, which Blender brings)."""
+
+import pathlib
+
+import numpy as np
+import openvdb
+
+
+def read_grid(path, grid):
+    """One grid of a VDB file. Raises ValueError that names the file and its grids where it has no such."""
+    try:
+        return openvdb.read(str(path), grid)
+    except KeyError:
+        names = [found.name for found in openvdb.readAllGridMetadata(str(path))]
+        raise ValueError(f"{path}: no grid {grid!r}; it has {', '.join(names) or 'none'}") from None
+    except RuntimeError as error:
+        raise ValueError(f"{path}: OpenVDB cannot read it: {error}") from error
+
+
+def padded_copy(path, grid, folder, chunk=128, margin=2):
+    """Copies one scalar grid to a new file in `folder`, with `margin` active zero voxels around what
+    is not zero; returns the new path.
+
+    Cycles renders inside a mesh around the active leaves and tiles, and on their low sides that mesh
+    stops at the first voxel's centre: of a block that begins where a leaf does it loses the ramp
+    from -1 to 0. Of a mirroring transform that mesh is inside out and nothing is seen: the copy counts
+    its z index the other way round. A new path each time, too: Blender keeps grids by path and never
+    looks again.
+    """
+    source = read_grid(path, grid)
+    if np.ndim(source.background) != 0 or source.background != 0:
+        raise ValueError(f"{path}: grid {grid!r} is no fog volume: its background is {source.background}, not 0")
+    copy = openvdb.FloatGrid()
+    copy.name, copy.gridClass = grid, source.gridClass
+    matrix = index_to_world(source)
+    mirrored = np.linalg.det(matrix[:3, :3]) < 0
+    if mirrored:
+        matrix[:, 2] *= -1
+    copy.transform = openvdb.createLinearTransform(matrix.T.tolist())
+    # Whatever differs from the background becomes active, so zeros can be; afterwards it becomes 0.
+    copy.background = nothing = -float(np.finfo(np.float32).max)
+    low, high = source.evalActiveVoxelBoundingBox()
+    if source.activeVoxelCount():
+        starts = [range(a - margin, b + margin + 1, chunk) for a, b in zip(low, high)]
+        for x in starts[0]:
+            for y in starts[1]:
+                for z in starts[2]:
+                    values = np.zeros([chunk + 2 * margin] * 3, dtype=np.float32)
+                    source.copyToArray(values, ijk=(x - margin, y - margin, z - margin))
+                    near = values != 0
+                    for axis in range(3):
+                        near = _widened(near, axis, margin)
+                    if near.any():
+                        inner = values[(slice(margin, -margin),) * 3]
+                        block = np.where(near, inner, np.float32(nothing))
+                        if mirrored:
+                            block = np.ascontiguousarray(block[:, :, ::-1])
+                        copy.copyFromArray(block, ijk=(x, y, 1 - z - chunk if mirrored else z))
+    copy.background = 0.0
+    padded = pathlib.Path(folder) / f"{pathlib.Path(path).stem}.padded.vdb"
+    openvdb.write(str(padded), grids=[copy])
+    return padded
+
+
+def _widened(mask, axis, margin):
+    """The mask without `margin` at both ends of `axis`, true where it was true within `margin`."""
+    length = mask.shape[axis] - 2 * margin
+    parts = [np.take(mask, range(shift, shift + length), axis) for shift in range(2 * margin + 1)]
+    return np.logical_or.reduce(parts)
+
+
+def lattice(path, grid):
+    """Index-to-world matrix of a grid, [4, 4] f64 on column vectors, and its active index box
+    (low, high), both inclusive. Raises ValueError where the grid has nothing in it."""
+    source = read_grid(path, grid)
+    if not source.activeVoxelCount():
+        raise ValueError(f"{path}: grid {grid!r} has no active voxels; there is nothing to see")
+    return index_to_world(source), source.evalActiveVoxelBoundingBox()
+
+
+def index_to_world(source):
+    """The grid's transform as [4, 4] f64 on column vectors. Raises ValueError where it is no matrix."""
+    if not source.transform.isLinear:
+        raise ValueError(f"grid {source.name!r} lies in a frustum, which no matrix describes; resample it")
+    origin = np.array(source.transform.indexToWorld((0, 0, 0)))
+    matrix = np.eye(4)
+    matrix[:3, 3] = origin
+    for axis in range(3):
+        unit = [float(axis == other) for other in range(3)]
+        matrix[:3, axis] = np.array(source.transform.indexToWorld(unit)) - origin
+    return matrix
+
+
+def world_box(matrix, box):
+    """World box (low, high) of index box `box` under `matrix`, half a voxel wider on every side."""
+    low, high = np.array(box[0]) - 0.5, np.array(box[1]) + 0.5
+    corners = [[(low, high)[i >> axis & 1][axis] for axis in range(3)] + [1.0] for i in range(8)]
+    world = np.array(corners) @ matrix[:3].T
+    return world.min(0), world.max(0)
