@@ -2,12 +2,12 @@
 
 mod fields;
 
-use fields::{field, grid, lumps, odd, rays, unit};
 use cumulo::math::{Affine, Ray};
 use cumulo::render::dvr::Dvr;
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
+use fields::{field, grid, lumps, odd, rays, unit};
 use glam::DVec3;
 
 /// Adaptive-free reference: Simpson on 1/64-voxel steps of the trilinear interpolant itself. On a

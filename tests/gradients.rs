@@ -4,13 +4,13 @@
 
 mod fields;
 
-use fields::{field, lumps, odd, rays, unit};
 use cumulo::math::Ray;
 use cumulo::real::Real;
 use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Radiance, Tape};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
+use fields::{field, lumps, odd, rays, unit};
 
 const BACKGROUND: [f32; 3] = [0.9, 0.4, 0.1];
 /// A loss that weighs every channel and alpha differently: Σ k (v - t)² / 2.

@@ -3,13 +3,13 @@
 
 mod fields;
 
-use fields::{field, lumps, noise, rays, unit};
 use cumulo::math::{Affine, Ray};
 use cumulo::real::Real;
 use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Tape};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
+use fields::{field, lumps, noise, rays, unit};
 use glam::{DMat3, DMat4, DVec3};
 
 /// Gradient of rgb·(1, 2, 3) + alpha along one ray, by the given adjoint.

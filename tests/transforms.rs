@@ -6,7 +6,7 @@
 use cumulo::formats::{exr, transforms};
 use cumulo::render::film::Film;
 use cumulo::scene::camera::{Camera, Projection};
-use cumulo::scene::capture::{Capture, Frame, Model, PixelFilter};
+use cumulo::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
 use glam::{DMat4, DVec2, DVec3};
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -37,6 +37,7 @@ fn capture(folder: &Path) -> Capture {
         pixel_filter: PixelFilter::Box,
         density_scale: 1.0 / 7.0,
         emission: [1.0, 0.2, 1e-3],
+        emission_model: EmissionModel::Linear,
         lattice: Some(
             DMat4::from_translation(DVec3::new(1e6 + 0.1, -2.5, 1.0 / 3.0)) * DMat4::from_scale(DVec3::splat(0.1)),
         ),
@@ -154,6 +155,7 @@ fn faults_are_named_by_frame_and_key() {
         ("density_scale", json!(0)),
         ("emission", json!([1, 1, -1])),
         ("pixel_filter", json!(1)),
+        ("emission_model", json!("quadratic")),
         ("lattice", json!(1)),
     ] {
         let mut bad = good.clone();

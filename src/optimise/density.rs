@@ -8,11 +8,11 @@ use crate::optimise::projector::{Projector, Sample, View};
 use crate::optimise::smooth::Smoother;
 use crate::optimise::solver::Solver;
 use crate::scene::bricks::{BRICK, Bricks, Topology};
-use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
-use glam::{DMat4, DVec3, IVec3};
+use crate::scene::grid::{Grid, LEAF_VOXELS};
+use crate::scene::medium::Medium;
+use glam::{DMat4, DVec3};
 use rayon::prelude::*;
 use serde::Serialize;
-use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
@@ -24,8 +24,10 @@ pub struct Request {
     pub lattice: Affine,
     /// World box of the unknowns.
     pub bounds: Aabb,
-    /// Extinction per unit of density and world length.
-    pub extinction: f64,
+    /// What density does to light.
+    pub medium: Medium,
+    /// Radiance behind it.
+    pub background: [f32; 3],
     /// A pixel is the mean over this many rays squared.
     pub rays_per_edge: usize,
     /// Views that are not used, only looked at to know when to stop.
@@ -106,7 +108,7 @@ pub fn reconstruct(
     let mut history: Vec<Step> = Vec::new();
     let mut stopped = false;
     let mut field = request.init.clone();
-    let levels = levels(&request.lattice, &request.bounds, field.is_some());
+    let levels = levels(&request.lattice, &request.bounds, field.as_ref());
     let mut last = None;
     for level in (0..levels).rev() {
         let begun = Instant::now();
@@ -141,7 +143,7 @@ pub fn reconstruct(
         return Err(Error::invalid("no level was solved"));
     };
     Ok(Outcome {
-        grid: to_grid(&field),
+        grid: field.to_grid("density"),
         history,
         stages,
         train_psnr_db: train,
@@ -151,11 +153,12 @@ pub fn reconstruct(
     })
 }
 
-/// How many levels, each of half the resolution, lead up to the finest. A start leaves nothing for
-/// coarser levels to find.
-fn levels(lattice: &Affine, bounds: &Aabb, started: bool) -> u32 {
-    if started {
-        return 1;
+/// How many levels, each of half the resolution, lead up to the finest. A start is taken up on the
+/// level of its own resolution.
+fn levels(lattice: &Affine, bounds: &Aabb, start: Option<&Bricks<f32>>) -> u32 {
+    if let Some(start) = start {
+        let ratio = (start.transform.voxel_size() / lattice.voxel_size()).max_element();
+        return ratio.log2().round().clamp(0.0, 7.0) as u32 + 1;
     }
     let longest = (bounds.size() / lattice.voxel_size()).max_element();
     (1..8).take_while(|l| longest / f64::from(1 << l) >= COARSEST).count() as u32 + 1
@@ -210,11 +213,11 @@ impl Level {
             );
         }
         let start = match start {
-            Some(field) => resample(field, &topology, &lattice),
+            Some(field) => field.resampled(&topology, &lattice),
             None => vec![0.0; unknown.len()],
         };
         Ok(Self {
-            projector: Projector::new(topology.clone(), lattice, request.extinction, request.rays_per_edge),
+            projector: Projector::new(topology.clone(), lattice, request.medium.extinction, request.rays_per_edge),
             smoother: Smoother::new(&topology, request.smoothing, 0.2),
             robust: request.robust,
             topology,
@@ -279,52 +282,4 @@ fn picture_psnr(views: &[View], mut measure: impl FnMut(&[View], fn(&Sample, &[f
         ((-f64::from(s.depth)).exp() - seen).powi(2)
     });
     -10.0 * (square / pixels).max(1e-20).log10()
-}
-
-/// Values of a field at the voxels of another lattice.
-fn resample(field: &Bricks<f32>, topology: &Topology, lattice: &Affine) -> Vec<f32> {
-    let mut out = vec![0.0; topology.len() * LEAF_VOXELS];
-    out.par_chunks_mut(LEAF_VOXELS).zip(topology.bricks().par_iter()).for_each(|(values, brick)| {
-        for (i, v) in values.iter_mut().enumerate() {
-            let local = IVec3::new((i >> 6) as i32, (i >> 3 & 7) as i32, (i & 7) as i32);
-            let world = lattice.to_world((8 * *brick + local).as_dvec3());
-            *v = field.sample(field.transform.to_index(world));
-        }
-    });
-    out
-}
-
-/// The field's own voxels as a fog volume, bricks without density left out.
-fn to_grid(field: &Bricks<f32>) -> Grid {
-    let mut owned = vec![0.0; field.topology.len() * LEAF_VOXELS];
-    for (brick, out) in field.values.chunks(BRICK).zip(owned.chunks_mut(LEAF_VOXELS)) {
-        for (i, v) in out.iter_mut().enumerate() {
-            *v = brick[crate::scene::bricks::slot(i >> 6, i >> 3 & 7, i & 7)];
-        }
-    }
-    let leaves = field
-        .topology
-        .bricks()
-        .iter()
-        .zip(owned.chunks(LEAF_VOXELS))
-        .filter(|(_, v)| v.iter().any(|v| *v > 0.0))
-        .map(|(brick, v)| {
-            let mut leaf =
-                Leaf { origin: (8 * *brick).to_array(), values: Box::new([0.0; LEAF_VOXELS]), active: [0; 8] };
-            for (i, value) in v.iter().enumerate() {
-                leaf.values[i] = *value;
-                leaf.active[i >> 6] |= u64::from(*value > 0.0) << (i & 63);
-            }
-            leaf
-        })
-        .collect();
-    Grid {
-        name: "density".into(),
-        class: GridClass::FogVolume,
-        transform: field.transform,
-        background: 0.0,
-        leaves,
-        tiles: Vec::new(),
-        metadata: BTreeMap::new(),
-    }
 }

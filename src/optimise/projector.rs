@@ -6,6 +6,7 @@
 
 use crate::math::Affine;
 use crate::optimise::observation::DepthMap;
+use crate::optimise::pictures::lanes;
 use crate::render::dvr::{Dvr, Tape};
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::camera::Camera;
@@ -79,10 +80,8 @@ impl Projector {
     /// Prepares accumulators. `extinction` is per unit of density and world length; a pixel is the
     /// mean over `rays_per_edge`² rays.
     pub fn new(topology: Arc<Topology>, transform: Affine, extinction: f64, rays_per_edge: usize) -> Self {
-        // A lane is as large as the field; more than 16 of them serve no machine.
-        let bytes = (topology.len() * BRICK * size_of::<f32>()).max(1);
-        let lanes = ((256 << 20) / bytes).clamp(2, 16);
         let field = Bricks::zeros(topology.clone(), transform);
+        let lanes = lanes(&field);
         let n = rays_per_edge.max(1);
         let offset = |i: usize| (i as f64 + 0.5) / n as f64 - 0.5;
         Self {

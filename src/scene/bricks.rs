@@ -10,7 +10,7 @@
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
 use crate::real::Real;
-use crate::scene::grid::{Grid, LEAF_VOXELS};
+use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -274,6 +274,60 @@ impl<R: Real> Bricks<R> {
     /// World-space box of all cells.
     pub fn world_bounds(&self) -> Aabb {
         self.transform.box_to_world(self.topology.bounds())
+    }
+
+    /// Values at the voxels of another lattice, 512 a brick of `topology`.
+    pub fn resampled(&self, topology: &Topology, lattice: &Affine) -> Vec<R> {
+        let mut out = vec![R::ZERO; topology.len() * LEAF_VOXELS];
+        out.par_chunks_mut(LEAF_VOXELS).zip(topology.bricks().par_iter()).for_each(|(values, brick)| {
+            for (i, v) in values.iter_mut().enumerate() {
+                let local = IVec3::new((i >> 6) as i32, (i >> 3 & 7) as i32, (i & 7) as i32);
+                let world = lattice.to_world((8 * *brick + local).as_dvec3());
+                *v = self.sample(self.transform.to_index(world));
+            }
+        });
+        out
+    }
+
+    /// The bricks' own voxels as a fog volume; voxels that are not positive are inactive, leaves
+    /// without active voxels left out.
+    pub fn to_grid(&self, name: &str) -> Grid {
+        let leaves = self.topology.bricks().iter().zip(self.values.chunks(BRICK)).filter_map(|(brick, stored)| {
+            let mut leaf =
+                Leaf { origin: (8 * *brick).to_array(), values: Box::new([0.0; LEAF_VOXELS]), active: [0; 8] };
+            for i in 0..LEAF_VOXELS {
+                let value = stored[slot(i >> 6, i >> 3 & 7, i & 7)].f64() as f32;
+                if value > 0.0 {
+                    leaf.values[i] = value;
+                    leaf.active[i >> 6] |= 1 << (i & 63);
+                }
+            }
+            (leaf.active != [0; 8]).then_some(leaf)
+        });
+        Grid {
+            name: name.into(),
+            class: GridClass::FogVolume,
+            transform: self.transform,
+            background: 0.0,
+            leaves: leaves.collect(),
+            tiles: Vec::new(),
+            metadata: BTreeMap::new(),
+        }
+    }
+
+    /// World-space box of the voxels that are not zero and of the cells around them.
+    pub fn content(&self) -> Aabb {
+        let index = self.topology.bricks().par_iter().zip(self.values.par_chunks(BRICK)).map(|(brick, stored)| {
+            (0..BRICK).filter(|i| stored[*i] != R::ZERO).fold(Aabb::EMPTY, |b, i| {
+                let local = IVec3::new((i / EDGE / EDGE) as i32, (i / EDGE % EDGE) as i32, (i % EDGE) as i32);
+                b.including((8 * *brick + local).as_dvec3())
+            })
+        });
+        let index = index.reduce(|| Aabb::EMPTY, Aabb::union);
+        if index.is_empty() {
+            return Aabb::EMPTY;
+        }
+        self.transform.box_to_world(Aabb { min: index.min - 1.0, max: index.max + 1.0 })
     }
 
     /// Trilinear value at index coordinates.

@@ -1,6 +1,7 @@
 //! A multi-view capture: cameras, the pictures they took and what is known of how they were made.
 
 use crate::scene::camera::Camera;
+use crate::scene::medium::{Medium, Source};
 use glam::DMat4;
 use std::path::PathBuf;
 
@@ -12,6 +13,16 @@ pub enum Model {
     Absorption,
     /// `∫ T σ c dt + T · background`.
     EmissionAbsorption,
+}
+
+/// How the source's radiance follows the density.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EmissionModel {
+    /// The same everywhere.
+    Grey,
+    /// Proportional to the density.
+    Linear,
 }
 
 /// What a pixel's value is of the radiance that falls on it.
@@ -49,6 +60,20 @@ pub struct Capture {
     pub density_scale: f64,
     /// Radiance of the source per channel (emission-absorption only); white unless stated.
     pub emission: [f32; 3],
+    /// How that radiance follows the density; constant unless stated.
+    pub emission_model: EmissionModel,
     /// Voxel lattice of the volume in the pictures, index to world, where its maker knew it.
     pub lattice: Option<DMat4>,
+}
+
+impl Capture {
+    /// The medium that the pictures show.
+    pub fn medium(&self) -> Medium {
+        let source = match (self.model, self.emission_model) {
+            (Model::Absorption, _) => Source::Grey([0.0; 3]),
+            (Model::EmissionAbsorption, EmissionModel::Grey) => Source::Grey(self.emission),
+            (Model::EmissionAbsorption, EmissionModel::Linear) => Source::Linear(self.emission),
+        };
+        Medium { extinction: self.density_scale, source }
+    }
 }

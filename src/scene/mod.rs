@@ -5,3 +5,4 @@ pub mod camera;
 pub mod capture;
 pub mod grid;
 pub mod medium;
+pub mod orbit;

@@ -4,7 +4,7 @@ use super::{folder, json_path};
 use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::scene::camera::{Camera, Projection};
-use crate::scene::capture::{Capture, Frame, Model, PixelFilter};
+use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
 use glam::{DMat4, DVec2, DVec4};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
@@ -51,6 +51,7 @@ fn parse(json: &Path) -> Result<Capture> {
         pixel_filter: top.named("pixel_filter", &["point", "box"])?.unwrap_or(PixelFilter::Point),
         density_scale: positive("density_scale")?.unwrap_or(1.0),
         emission: top.colour("emission")?.unwrap_or([1.0; 3]),
+        emission_model: top.named("emission_model", &["grey", "linear"])?.unwrap_or(EmissionModel::Grey),
         lattice: top.matrix("lattice")?,
     })
 }

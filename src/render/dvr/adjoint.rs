@@ -46,6 +46,18 @@ pub struct ParameterGradient {
     pub background: [f64; 3],
 }
 
+impl ParameterGradient {
+    /// Sum of two.
+    #[must_use]
+    pub fn plus(self, o: &Self) -> Self {
+        Self {
+            extinction: self.extinction + o.extinction,
+            colour: std::array::from_fn(|c| self.colour[c] + o.colour[c]),
+            background: std::array::from_fn(|c| self.background[c] + o.background[c]),
+        }
+    }
+}
+
 /// Scratch memory of one thread, reused from ray to ray.
 #[derive(Debug, Clone, Default)]
 pub struct Tape<R> {

@@ -1,0 +1,84 @@
+//! Gradients of losses that are sums over pixels, for any medium: value, loss derivative and adjoint
+//! of one ray in one go.
+
+use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, Tape};
+use crate::scene::bricks::{BRICK, Bricks};
+use crate::scene::camera::Camera;
+use rayon::prelude::*;
+
+/// A camera and the colours and alpha it should see.
+#[derive(Debug, Clone)]
+pub struct Target {
+    /// Where it was taken from.
+    pub camera: Camera,
+    /// Row-major.
+    pub rgba: Vec<[f32; 4]>,
+}
+
+/// Pixels handled in one go.
+const RUN: usize = 64;
+
+/// Adds the gradient of `Σ loss(seen, target)` over all pixels of the targets to `gradient` (stored
+/// values, 729 a brick) and returns the sum. `loss` gives value and derivative per pixel. Accumulators
+/// are per lane and added in order: the same bits for any number of threads.
+pub fn gradient(
+    dvr: &Dvr<'_, f32>,
+    targets: &[&Target],
+    loss: impl Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4]) + Sync,
+    gradient: &mut [f32],
+) -> (f64, ParameterGradient) {
+    let runs: Vec<(&Target, usize)> =
+        targets.iter().flat_map(|t| (0..t.rgba.len()).step_by(RUN).map(move |first| (*t, first))).collect();
+    let count = lanes(dvr.field());
+    let arch = pulp::Arch::new();
+    let parts: Vec<(f64, ParameterGradient, Vec<f32>)> = (0..count)
+        .into_par_iter()
+        .map(|lane| {
+            let mut tape = Tape::default();
+            let (mut sum, mut shared) = (0.0, ParameterGradient::default());
+            let mut own = vec![0.0; dvr.field().values.len()];
+            for (target, first) in runs.iter().skip(lane).step_by(count) {
+                arch.dispatch(
+                    #[inline(always)]
+                    || {
+                        let width = target.camera.width as usize;
+                        for i in *first..(*first + RUN).min(target.rgba.len()) {
+                            let ray = target.camera.ray((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+                            let slope = |seen: &crate::render::dvr::Radiance<f32>| {
+                                let (value, slope) = loss(&seen.rgba(), &target.rgba[i]);
+                                sum += value;
+                                slope
+                            };
+                            dvr.gradient(&ray, slope, Adjoint::Tape, &mut own, &mut shared, &mut tape);
+                        }
+                    },
+                );
+            }
+            (sum, shared, own)
+        })
+        .collect();
+    gradient.par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
+        for (_, _, lane) in &parts {
+            for (t, v) in total.iter_mut().zip(&lane[i * BRICK..]) {
+                *t += v;
+            }
+        }
+    });
+    parts.iter().fold((0.0, ParameterGradient::default()), |(sum, shared), (s, p, _)| (sum + s, shared.plus(p)))
+}
+
+/// Accumulators that fit beside a field: as many as 16, as few as 2.
+pub fn lanes(field: &Bricks<f32>) -> usize {
+    ((256 << 20) / (field.values.len() * size_of::<f32>()).max(1)).clamp(2, 16)
+}
+
+/// Sum of squared differences of the colours over all pixels.
+pub fn error(dvr: &Dvr<'_, f32>, targets: &[&Target]) -> f64 {
+    let cancel = std::sync::atomic::AtomicBool::new(false);
+    let of = |t: &&Target| -> f64 {
+        let Some(film) = crate::render::picture(dvr, &t.camera, 1, &cancel) else { return f64::INFINITY };
+        let square = |(a, b): (&[f32; 4], &[f32; 4])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
+        film.rgba.iter().zip(&t.rgba).map(square).sum()
+    };
+    targets.iter().map(of).sum()
+}

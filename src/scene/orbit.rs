@@ -1,0 +1,95 @@
+//! Cameras placed around a box.
+
+use crate::math::Aabb;
+use crate::scene::camera::{Camera, Projection};
+use glam::{DVec2, DVec3};
+
+/// How views are spread.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Layout {
+    /// Over the whole sphere, by the golden angle: evenly, and no two along one line.
+    Sphere,
+    /// On the horizontal circle around z.
+    Ring,
+}
+
+/// `count` perspective cameras of `width` x `height` pixels that look at the box's centre and see all
+/// of it. `field_of_view` is the angle in degrees that the box's sphere takes.
+pub fn cameras(
+    bounds: &Aabb,
+    count: usize,
+    layout: Layout,
+    width: u32,
+    height: u32,
+    field_of_view: f64,
+) -> Vec<Camera> {
+    let centre = bounds.centre();
+    let radius = (0.5 * bounds.size().length()).max(f64::MIN_POSITIVE);
+    let half = (0.5 * field_of_view).to_radians();
+    let distance = radius / half.sin();
+    let directions: Vec<DVec3> = (0..count).map(|i| direction(i, count, layout)).collect();
+    let eyes: Vec<_> = directions.iter().map(|d| Camera::look_at(centre + distance * *d, centre, DVec3::Z)).collect();
+    // As large as the corners allow in the view that needs most, so that all share one lens.
+    let reach = eyes.iter().fold(DVec2::splat(f64::MIN_POSITIVE), |reach, eye| {
+        let to_camera = eye.inverse();
+        bounds.corners().iter().fold(reach, |reach, corner| {
+            let p = to_camera.transform_point3(*corner);
+            reach.max(DVec2::new(p.x.abs(), p.y.abs()) / -p.z)
+        })
+    });
+    let size = DVec2::new(f64::from(width), f64::from(height));
+    // One pixel of margin on each side shows the silhouette's outside.
+    let focal = ((0.5 * size - 1.0).max(DVec2::splat(0.5)) / reach).min_element();
+    eyes.into_iter()
+        .map(|camera_to_world| Camera {
+            camera_to_world,
+            projection: Projection::Perspective,
+            focal: DVec2::splat(focal),
+            centre: 0.5 * size,
+            width,
+            height,
+            near: 0.0,
+        })
+        .collect()
+}
+
+fn direction(i: usize, count: usize, layout: Layout) -> DVec3 {
+    let i = i as f64;
+    let count = count as f64;
+    match layout {
+        Layout::Sphere => {
+            let z = 1.0 - 2.0 * (i + 0.5) / count;
+            let (sin, cos) = (std::f64::consts::PI * (3.0 - 5.0_f64.sqrt()) * i).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            DVec3::new(r * cos, r * sin, z)
+        }
+        Layout::Ring => {
+            let (sin, cos) = (std::f64::consts::TAU * i / count).sin_cos();
+            DVec3::new(cos, sin, 0.0)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_corner_is_in_every_picture() {
+        let bounds = Aabb { min: DVec3::new(-3.0, 1.0, 2.0), max: DVec3::new(1.0, 2.0, 12.0) };
+        for layout in [Layout::Sphere, Layout::Ring] {
+            for camera in cameras(&bounds, 17, layout, 64, 40, 40.0) {
+                for corner in bounds.corners() {
+                    let (p, _) = camera.project(corner).unwrap();
+                    assert!(p.min_element() > 0.9 && p.x < 63.1 && p.y < 39.1, "{layout:?} {p}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_sphere_is_covered_evenly() {
+        let sum: DVec3 = (0..200).map(|i| direction(i, 200, Layout::Sphere)).sum();
+        assert!(sum.length() < 2.0, "{sum}");
+    }
+}
