@@ -1,5 +1,7 @@
 //! What goes into a VDB comes out of it, for every kind of grid, seen by us and by OpenVDB's tools.
 
+#![allow(clippy::unwrap_used)]
+
 mod common;
 
 use common::fog;

@@ -1,6 +1,11 @@
 //! The command line: each subcommand loads, works, writes and reports.
 
+pub mod convert;
+pub mod diff;
+pub mod info;
+pub mod memory;
 pub mod output;
+pub mod validate;
 
 use crate::error::{Error, Result};
 use clap::{Parser, Subcommand};
@@ -32,7 +37,12 @@ pub struct Global {
 }
 
 #[derive(Debug, Subcommand)]
-enum Command {}
+enum Command {
+    Info(info::Info),
+    Validate(validate::Validate),
+    Convert(convert::Convert),
+    Diff(diff::Diff),
+}
 
 /// Runs the command line.
 ///
@@ -48,6 +58,11 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
             .build_global()
             .map_err(|e| Error::invalid(format!("--threads {n}: {e}")))?;
     }
-    let _output = Output::new(&arguments.global);
-    match arguments.command {}
+    let output = Output::new(&arguments.global);
+    match arguments.command {
+        Command::Info(c) => c.run(&output),
+        Command::Validate(c) => c.run(&output),
+        Command::Convert(c) => c.run(&output),
+        Command::Diff(c) => c.run(&output),
+    }
 }

@@ -1,1 +1,3 @@
 //! How far apart two pictures or two volumes are.
+
+pub mod volume;

@@ -3,3 +3,4 @@
 pub mod camera;
 pub mod capture;
 pub mod grid;
+pub mod statistics;
