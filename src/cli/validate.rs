@@ -1,7 +1,7 @@
 //! `cumulo validate`: what is wrong with a file, and what to do.
 
 use super::info::statistics_of;
-use super::memory::{Memory, human};
+use super::memory::Memory;
 use super::output::Output;
 use crate::error::{Error, Kind, Result};
 use crate::formats::vdb::{File, GridInfo, Limits, NativeGrid, Transform};
@@ -192,10 +192,6 @@ fn numbers(info: &GridInfo, s: &Statistics, found: &mut Findings) {
     if scalar_density && s.negative > 0 {
         let what = format!("{} densities are negative (down to {})", s.negative, s.min.unwrap_or_default());
         found.problem(name, what, "cumulo convert --repair sets them to 0");
-    }
-    if scalar_density && info.memory > 8 * info.active_voxels.max(1) * 512 {
-        let what = format!("{} in memory for {} active voxels", human(info.memory), info.active_voxels);
-        found.note(name, what, "cumulo convert --prune 0 may make it smaller");
     }
 }
 
