@@ -141,7 +141,7 @@ fn pyopenvdb_sees_what_we_wrote() {
         "import pyopenvdb as v\n\
          g = v.read({path:?}, 'density')\n\
          assert g.activeVoxelCount() == {active} + 128**3, g.activeVoxelCount()\n\
-         assert g.getConstAccessor().probeValue({voxel:?}[0:3] and tuple({voxel:?})) == ({value:?}, True)\n\
+         assert g.getConstAccessor().probeValue(tuple({voxel:?})) == ({value:?}, True)\n\
          assert g.getConstAccessor().probeValue((513, 514, 515)) == (0.25, False)\n\
          assert g['note'] == 'kept' and g.gridClass == 'fog volume'\n\
          assert g.transform.indexToWorld((0, 0, 0)) == (1.0, -2.0, 3.0)\n",
