@@ -36,6 +36,8 @@ struct Report {
     grids: Vec<Compared>,
     only_in_a: Vec<String>,
     only_in_b: Vec<String>,
+    /// Point grids in both files: neither same nor different.
+    not_compared: Vec<String>,
 }
 
 #[derive(Debug, Serialize)]
@@ -62,8 +64,12 @@ impl Diff {
             if self.grid.is_some() { vec![] } else { names.filter(|n| !pairs.iter().any(|p| pick(p) == n)).collect() }
         };
         let (only_in_a, only_in_b): (Vec<_>, Vec<_>) = (alone(&a, |p| &p.0), alone(&b, |p| &p.1));
-        let mut grids = Vec::new();
+        let (mut grids, mut not_compared) = (Vec::new(), Vec::new());
         for (in_a, in_b) in &pairs {
+            if self.grid.is_none() && [(&a, in_a), (&b, in_b)].iter().any(|(f, n)| is_points(f, n)) {
+                not_compared.push(in_a.clone());
+                continue;
+            }
             let (left, right) = (load(&a, in_a)?, load(&b, in_b)?);
             let difference =
                 compare(&left.field()?, &right.field()?).map_err(|e| e.at(&self.b).part(format!("grid '{in_b}'")))?;
@@ -71,7 +77,7 @@ impl Diff {
         }
         let same =
             only_in_a.is_empty() && only_in_b.is_empty() && grids.iter().all(|g| g.difference.within(self.tolerance));
-        output.report(&Report { same, grids, only_in_a, only_in_b })?;
+        output.report(&Report { same, grids, only_in_a, only_in_b, not_compared })?;
         Ok(if same { ExitCode::SUCCESS } else { ExitCode::from(1) })
     }
 
@@ -96,6 +102,10 @@ impl Diff {
         let shared = a.entries().iter().filter(|e| b.entries().iter().any(|o| o.name == e.name));
         Ok(shared.map(|e| (e.name.clone(), e.name.clone())).collect())
     }
+}
+
+fn is_points(file: &File, name: &str) -> bool {
+    file.find(name).is_ok_and(|entry| entry.grid_type.starts_with("Tree_pt"))
 }
 
 struct Loaded {
@@ -142,6 +152,9 @@ impl fmt::Display for Report {
         }
         for (names, side) in [(&self.only_in_a, "first"), (&self.only_in_b, "second")] {
             names.iter().try_for_each(|name| writeln!(f, "'{name}' is only in the {side} file"))?;
+        }
+        for name in &self.not_compared {
+            writeln!(f, "'{name}' holds points and was not compared")?;
         }
         writeln!(f, "{}", if self.same { "same" } else { "different" })
     }
