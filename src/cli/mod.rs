@@ -1,7 +1,12 @@
 //! The command line: each subcommand loads, works, writes and reports.
 
 pub mod compare;
+pub mod convert;
+pub mod diff;
+pub mod info;
+pub mod memory;
 pub mod output;
+pub mod validate;
 
 use crate::error::{Error, Result};
 use clap::{Parser, Subcommand};
@@ -35,6 +40,10 @@ pub struct Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     Compare(compare::Arguments),
+    Info(info::Info),
+    Validate(validate::Validate),
+    Convert(convert::Convert),
+    Diff(diff::Diff),
 }
 
 /// Runs the command line.
@@ -54,5 +63,9 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let output = Output::new(&arguments.global);
     match arguments.command {
         Command::Compare(a) => compare::run(&a, &output),
+        Command::Info(c) => c.run(&output),
+        Command::Validate(c) => c.run(&output),
+        Command::Convert(c) => c.run(&output),
+        Command::Diff(c) => c.run(&output),
     }
 }

@@ -158,3 +158,5 @@ mod tests {
         assert!(compare(&Film::new(0, 0), &Film::new(0, 0)).is_err());
     }
 }
+
+pub mod volume;

@@ -46,7 +46,8 @@ pub struct Tile {
 }
 
 /// Metadata value of a file or a grid.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[serde(untagged)]
 pub enum MetaValue {
     /// `bool`
     Bool(bool),

@@ -6,3 +6,4 @@ pub mod capture;
 pub mod grid;
 pub mod medium;
 pub mod orbit;
+pub mod statistics;

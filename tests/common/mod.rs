@@ -1,4 +1,5 @@
 //! What the tests share: generated volumes.
+#![allow(dead_code, clippy::unwrap_used, missing_docs)]
 
 use cumulo::math::Affine;
 use cumulo::scene::grid::{Grid, GridClass, Leaf, Tile};
@@ -45,4 +46,13 @@ pub fn fog(name: &str, n: i32, seed: u64) -> Grid {
         ],
         metadata: BTreeMap::new(),
     }
+}
+
+/// Runs a script in Debian's Python, which has pyopenvdb.
+///
+/// # Panics
+/// If the script fails, with what it printed.
+pub fn python(script: &str) {
+    let out = std::process::Command::new("/usr/bin/python3").args(["-c", script]).output().unwrap();
+    assert!(out.status.success(), "{}\n{script}", String::from_utf8_lossy(&out.stderr));
 }

@@ -103,7 +103,7 @@ impl File {
         let entry = self.find(name)?;
         let place = |e: Error| e.at(&self.path).part(format!("grid '{}'", entry.name));
         let unique = ffi::c_name(&entry.name).map_err(place)?;
-        // What was walked node by node is bounded already; the rest is read under a guard.
+        // What was walked node by node is bounded already; the rest (points) is tried in a child first.
         let guard = if entry.fully_checked { 0 } else { self.limits.max_memory };
         let mut raw = null_mut();
         // SAFETY: the file is open, the name NUL-terminated, and `raw` a valid place.

@@ -22,6 +22,8 @@ unsafe impl Send for NativeGrid {}
 
 /// Where a grid lies.
 #[derive(Debug, Clone, PartialEq)]
+// There is one of these a grid: its size does not matter.
+#[allow(clippy::large_enum_variant)]
 pub enum Transform {
     /// An invertible affine map.
     Affine(Affine),

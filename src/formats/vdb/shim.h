@@ -81,7 +81,8 @@ typedef struct cumulo_vdb_tile {
 int32_t cumulo_vdb_open(const char* path, cumulo_vdb_file** out, cumulo_vdb_status* status);
 void cumulo_vdb_close(cumulo_vdb_file* file);
 int32_t cumulo_vdb_file_meta(cumulo_vdb_file* file, cumulo_vdb_meta** out, cumulo_vdb_status* status);
-/* `data_limit`: bytes of private memory the process may grow by while reading; 0 is no limit. */
+/* `data_limit`: 0 for a grid whose every length was checked. Otherwise the grid is first tried in a
+ * child process, then read while the process may grow by that many bytes of private memory. */
 int32_t cumulo_vdb_read(cumulo_vdb_file* file, const char* unique_name, uint64_t data_limit, cumulo_vdb_grid** out,
                         cumulo_vdb_status* status);
 /* `meta` may be null. `codec`: 0 none, 1 Blosc. */

@@ -1,0 +1,207 @@
+//! `cumulo convert`: VDB in, VDB out, with edits in between. Grids stay native, so that nothing is
+//! lost that no edit touches.
+
+use super::memory::{Memory, human};
+use super::output::Output;
+use crate::error::{Error, Result};
+use crate::formats::vdb::{Codec, File, NativeGrid, write_native};
+use crate::math::Aabb;
+use crate::scene::grid::GridClass;
+use glam::DVec3;
+use half::f16;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Copy a VDB, choosing, cropping, resampling, repairing or repacking its grids
+#[derive(Debug, clap::Args)]
+pub struct Convert {
+    /// VDB to read
+    input: PathBuf,
+    /// VDB to write
+    output: PathBuf,
+    /// Keep only this grid (repeatable)
+    #[arg(long, value_name = "NAME")]
+    grid: Vec<String>,
+    /// Rename a grid (repeatable)
+    #[arg(long, value_name = "OLD=NEW", value_parser = renaming)]
+    rename: Vec<(String, String)>,
+    /// Store real values as 16-bit floats
+    #[arg(long)]
+    half: bool,
+    /// How values are packed
+    #[arg(long, value_enum, default_value_t)]
+    codec: Codec,
+    /// Keep only what lies in this world-space box
+    #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = corners, allow_hyphen_values = true)]
+    crop: Option<Aabb>,
+    /// Resample trilinearly to cubic voxels of this edge length in world units
+    #[arg(long, value_name = "VOXEL", value_parser = positive)]
+    resample: Option<f64>,
+    /// Make blocks whose values agree within TOL constant
+    #[arg(long, value_name = "TOL", value_parser = not_negative)]
+    prune: Option<f64>,
+    /// Set NaN and infinite values, and negative fog densities, to zero
+    #[arg(long)]
+    repair: bool,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    text.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| format!("'{text}' is not a finite number"))
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    number(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err(format!("'{text}' must be above zero")) })
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    number(text).and_then(|v| if v >= 0.0 { Ok(v) } else { Err(format!("'{text}' must not be negative")) })
+}
+
+fn corners(text: &str) -> Result<Aabb, String> {
+    let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
+    let [x0, y0, z0, x1, y1, z1] = numbers[..] else {
+        return Err(format!("{} numbers, six are needed: x0,y0,z0,x1,y1,z1", numbers.len()));
+    };
+    let box_ = Aabb { min: DVec3::new(x0, y0, z0), max: DVec3::new(x1, y1, z1) };
+    if box_.is_empty() { Err("the first corner must not exceed the second".into()) } else { Ok(box_) }
+}
+
+fn renaming(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((old, new)) if !old.is_empty() && !new.is_empty() => Ok((old.into(), new.into())),
+        _ => Err(format!("'{text}' is not OLD=NEW")),
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    input: PathBuf,
+    output: PathBuf,
+    bytes: u64,
+    grids: Vec<Done>,
+}
+
+#[derive(Debug, Default, Serialize)]
+struct Done {
+    name: String,
+    from: String,
+    active_voxels: u64,
+    /// Values set to zero by `--repair`.
+    repaired: Option<u64>,
+    /// Finite values that become infinite as half.
+    half_overflow: Option<u64>,
+    /// Values that become zero as half.
+    half_underflow: Option<u64>,
+}
+
+impl Convert {
+    /// Reads, edits, writes and reports.
+    ///
+    /// # Errors
+    /// If the input cannot be read, a grid is not there or cannot be edited so, or the output cannot
+    /// be written; the output is untouched then.
+    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let limits = self.memory.limits();
+        let file = File::open(&self.input, limits)?;
+        let names = self.chosen(&file)?;
+        let renames = self.renames(&file, &names)?;
+        let mut natives = Vec::new();
+        let mut grids = Vec::new();
+        let mut memory = 0;
+        for name in &names {
+            let mut native = file.read(name)?;
+            grids.push(self.edit(&mut native, renames.get(name)).map_err(|e| e.at(&self.input))?);
+            memory += native.info().map_or(0, |i| i.memory);
+            if memory > limits.max_memory {
+                return Err(Error::unsupported(format!("the grids take {} together", human(memory)))
+                    .at(&self.input)
+                    .hint("raise --max-memory, or convert them one by one with --grid"));
+            }
+            natives.push(native);
+        }
+        write_native(&self.output, &natives.iter().collect::<Vec<_>>(), Some(&file), &BTreeMap::new(), self.codec)?;
+        let bytes = std::fs::metadata(&self.output).map_err(|e| Error::io(&self.output, e))?.len();
+        output.report(&Report { input: self.input.clone(), output: self.output.clone(), bytes, grids })?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    fn chosen(&self, file: &File) -> Result<Vec<String>> {
+        if self.grid.is_empty() {
+            return Ok(file.entries().iter().map(|e| e.name.clone()).collect());
+        }
+        self.grid.iter().map(|name| file.find(name).map(|e| e.name.clone())).collect()
+    }
+
+    fn renames(&self, file: &File, chosen: &[String]) -> Result<BTreeMap<String, String>> {
+        let mut all = BTreeMap::new();
+        for (old, new) in &self.rename {
+            let name = &file.find(old)?.name;
+            if !chosen.contains(name) {
+                return Err(Error::invalid(format!("--rename {old}={new}: that grid is not among those of --grid")));
+            }
+            all.insert(name.clone(), new.clone());
+        }
+        Ok(all)
+    }
+
+    fn edit(&self, native: &mut NativeGrid, rename: Option<&String>) -> Result<Done> {
+        let mut done = Done { from: native.name().to_owned(), ..Done::default() };
+        if let Some(world) = self.crop {
+            native.crop(world)?;
+        }
+        if let Some(voxel_size) = self.resample {
+            native.resample(voxel_size)?;
+        }
+        let info = native.info()?;
+        if self.repair {
+            done.repaired = Some(native.repair(info.class == GridClass::FogVolume)?);
+        }
+        if let Some(tolerance) = self.prune {
+            native.prune(tolerance)?;
+        }
+        if self.half && matches!(info.value_type.as_str(), "float" | "double" | "vec3s" | "vec3d") {
+            let raw = native.to_raw()?;
+            let in_leaves = raw.leaves.iter().flat_map(|l| l.values.iter().copied());
+            let in_tiles = raw.tiles.iter().flat_map(|t| t.value);
+            let (mut overflow, mut underflow) = (0, 0);
+            for v in in_leaves.chain(in_tiles).filter(|v| v.is_finite()) {
+                let h = f16::from_f32(v);
+                overflow += u64::from(h.is_infinite());
+                underflow += u64::from(v != 0.0 && h.to_f32() == 0.0);
+            }
+            (done.half_overflow, done.half_underflow) = (Some(overflow), Some(underflow));
+            native.set_half(true)?;
+        }
+        if let Some(new) = rename {
+            native.set_name(new)?;
+        }
+        done.name = native.name().to_owned();
+        done.active_voxels = native.info()?.active_voxels;
+        Ok(done)
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}: {} grid(s), {}", self.output.display(), self.grids.len(), human(self.bytes))?;
+        for grid in &self.grids {
+            write!(f, "  '{}': {} active voxels", grid.name, grid.active_voxels)?;
+            if grid.name != grid.from {
+                write!(f, ", was '{}'", grid.from)?;
+            }
+            if let Some(n) = grid.repaired {
+                write!(f, ", {n} values set to zero")?;
+            }
+            if let (Some(over), Some(under)) = (grid.half_overflow, grid.half_underflow) {
+                write!(f, ", as half {over} overflow and {under} vanish")?;
+            }
+            writeln!(f)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,161 @@
+//! `cumulo diff`: how far the grids of two VDB files are apart.
+
+use super::memory::Memory;
+use super::output::Output;
+use crate::error::{Error, Result};
+use crate::formats::vdb::{File, GridInfo, RawGrid};
+use crate::metrics::volume::{Difference, Field, compare};
+use serde::Serialize;
+use std::fmt;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Compare the grids of two VDBs; exit code 1 if they differ
+#[derive(Debug, clap::Args)]
+#[command(after_help = "PSNR is taken over the union of the two boxes of active voxels on A's lattice, with the \
+    largest |A| as its peak; it is null in JSON and 'inf' in text for identical grids. Where the transforms differ, B \
+    is sampled trilinearly at A's voxel centres.")]
+pub struct Diff {
+    /// The reference
+    a: PathBuf,
+    /// What is compared with it
+    b: PathBuf,
+    /// Compare only this grid
+    #[arg(long, value_name = "NAME")]
+    grid: Option<String>,
+    /// Largest absolute difference that counts as equal
+    #[arg(long, value_name = "MAX_ABS", default_value_t = 0.0)]
+    tolerance: f64,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    same: bool,
+    grids: Vec<Compared>,
+    only_in_a: Vec<String>,
+    only_in_b: Vec<String>,
+    /// Point grids in both files: neither same nor different.
+    not_compared: Vec<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct Compared {
+    name: String,
+    #[serde(flatten)]
+    difference: Difference,
+}
+
+impl Diff {
+    /// Reads, compares and reports.
+    ///
+    /// # Errors
+    /// If a file cannot be read, a grid is not there, or two grids cannot be compared.
+    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        if self.tolerance.is_nan() || self.tolerance < 0.0 {
+            return Err(Error::invalid(format!("--tolerance {}: zero or more is needed", self.tolerance)));
+        }
+        let a = File::open(&self.a, self.memory.limits())?;
+        let b = File::open(&self.b, self.memory.limits())?;
+        let pairs = self.pairs(&a, &b)?;
+        let alone = |from: &File, pick: fn(&(String, String)) -> &String| {
+            let names = from.entries().iter().map(|e| e.name.clone());
+            if self.grid.is_some() { vec![] } else { names.filter(|n| !pairs.iter().any(|p| pick(p) == n)).collect() }
+        };
+        let (only_in_a, only_in_b): (Vec<_>, Vec<_>) = (alone(&a, |p| &p.0), alone(&b, |p| &p.1));
+        let (mut grids, mut not_compared) = (Vec::new(), Vec::new());
+        for (in_a, in_b) in &pairs {
+            if self.grid.is_none() && [(&a, in_a), (&b, in_b)].iter().any(|(f, n)| is_points(f, n)) {
+                not_compared.push(in_a.clone());
+                continue;
+            }
+            let (left, right) = (load(&a, in_a)?, load(&b, in_b)?);
+            let difference =
+                compare(&left.field()?, &right.field()?).map_err(|e| e.at(&self.b).part(format!("grid '{in_b}'")))?;
+            grids.push(Compared { name: in_a.clone(), difference });
+        }
+        let same =
+            only_in_a.is_empty() && only_in_b.is_empty() && grids.iter().all(|g| g.difference.within(self.tolerance));
+        output.report(&Report { same, grids, only_in_a, only_in_b, not_compared })?;
+        Ok(if same { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    }
+
+    /// Names to compare: equal ones, or the only one on each side.
+    fn pairs(&self, a: &File, b: &File) -> Result<Vec<(String, String)>> {
+        let only = |file: &File| match file.entries() {
+            [one] => Some(one.name.clone()),
+            _ => None,
+        };
+        if let Some(name) = &self.grid {
+            let in_a = a.find(name)?.name.clone();
+            let in_b = match (b.find(name), only(b)) {
+                (Ok(entry), _) => entry.name.clone(),
+                (Err(_), Some(one)) => one,
+                (Err(error), None) => return Err(error),
+            };
+            return Ok(vec![(in_a, in_b)]);
+        }
+        if let (Some(one), Some(other)) = (only(a), only(b)) {
+            return Ok(vec![(one, other)]);
+        }
+        let shared = a.entries().iter().filter(|e| b.entries().iter().any(|o| o.name == e.name));
+        Ok(shared.map(|e| (e.name.clone(), e.name.clone())).collect())
+    }
+}
+
+fn is_points(file: &File, name: &str) -> bool {
+    file.find(name).is_ok_and(|entry| entry.grid_type.starts_with("Tree_pt"))
+}
+
+struct Loaded {
+    info: GridInfo,
+    raw: RawGrid,
+}
+
+fn load(file: &File, name: &str) -> Result<Loaded> {
+    let native = file.read(name)?;
+    let info = native.info().map_err(|e| e.at(file.path()))?;
+    let raw = native.to_raw().map_err(|e| e.at(file.path()).hint("compare a grid with values: name it with --grid"))?;
+    info.affine().map_err(|e| e.at(file.path()))?;
+    Ok(Loaded { info, raw })
+}
+
+impl Loaded {
+    fn field(&self) -> Result<Field<'_>> {
+        let mut background = [0.0; 3];
+        background.iter_mut().zip(&self.info.background).for_each(|(to, from)| *to = *from as f32);
+        let mut field = Field::new(self.raw.components, background, self.info.affine()?, self.info.index_box);
+        self.raw.leaves.iter().for_each(|l| field.add_leaf(l.origin, &l.values, &l.active));
+        self.raw.tiles.iter().for_each(|t| field.add_tile(t.origin, t.dim, t.value, t.active));
+        Ok(field)
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for grid in &self.grids {
+            let d = &grid.difference;
+            let psnr = match d.psnr_db {
+                Some(db) => format!("{db:.2} dB"),
+                None if d.rms == 0.0 => "inf".into(),
+                None => "undefined (A is zero)".into(),
+            };
+            writeln!(
+                f,
+                "'{}': psnr {psnr}, rms {:.4e}, max abs {:.4e}, topology IoU {:.4}, transforms {:.4e} apart, {} voxels",
+                grid.name, d.rms, d.max_abs, d.topology_iou, d.transform_difference, d.voxels
+            )?;
+            if d.incomparable > 0 {
+                writeln!(f, "  {} values are finite on one side only", d.incomparable)?;
+            }
+        }
+        for (names, side) in [(&self.only_in_a, "first"), (&self.only_in_b, "second")] {
+            names.iter().try_for_each(|name| writeln!(f, "'{name}' is only in the {side} file"))?;
+        }
+        for name in &self.not_compared {
+            writeln!(f, "'{name}' holds points and was not compared")?;
+        }
+        writeln!(f, "{}", if self.same { "same" } else { "different" })
+    }
+}

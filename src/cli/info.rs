@@ -1,0 +1,257 @@
+//! `cumulo info`: what is in a file.
+
+use super::memory::{Memory, human};
+use super::output::Output;
+use crate::error::{Error, Result};
+use crate::formats::vdb::{File, GridInfo, Limits, RawGrid, Transform};
+use crate::formats::{self, Format};
+use crate::scene::grid::{GridClass, MetaValue};
+use crate::scene::statistics::{self, Statistics};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Show what is in files: grids, transforms, bounds, statistics and metadata
+#[derive(Debug, clap::Args)]
+pub struct Info {
+    /// Files to look at
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    files: Vec<Volume>,
+}
+
+#[derive(Debug, Serialize)]
+struct Volume {
+    path: PathBuf,
+    format: Format,
+    file_version: u32,
+    library_version: String,
+    metadata: BTreeMap<String, MetaValue>,
+    grids: Vec<Grid>,
+}
+
+#[derive(Debug, Serialize)]
+struct Grid {
+    name: String,
+    value_type: String,
+    grid_type: String,
+    class: &'static str,
+    half: bool,
+    instance_of: Option<String>,
+    transform: Placement,
+    active_voxels: u64,
+    leaves: u64,
+    active_tiles: u64,
+    background: Vec<f64>,
+    index_bounds: Option<Bounds<i32>>,
+    world_bounds: Option<Bounds<f64>>,
+    memory_bytes: u64,
+    statistics: Option<Statistics>,
+    metadata: BTreeMap<String, MetaValue>,
+}
+
+#[derive(Debug, Serialize)]
+struct Placement {
+    kind: String,
+    /// Rows of the index-to-world matrix for column vectors; none for maps that are not affine.
+    matrix: Option<[[f64; 4]; 4]>,
+    voxel_size: Option<[f64; 3]>,
+}
+
+#[derive(Debug, Serialize)]
+struct Bounds<T> {
+    min: [T; 3],
+    max: [T; 3],
+}
+
+impl Info {
+    /// Reads and reports.
+    ///
+    /// # Errors
+    /// If a file cannot be read or is of a kind that is not known.
+    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let mut files = Vec::new();
+        for path in &self.files {
+            match formats::sniff(path)? {
+                // NanoVDB too: its refusal says how to convert it.
+                Format::Vdb | Format::NanoVdb => files.push(volume(path, self.memory.limits())?),
+                other @ (Format::Exr | Format::Json | Format::Unknown) => {
+                    return Err(Error::unsupported(format!("no information is known about {other:?} files"))
+                        .at(path)
+                        .hint("give .vdb files"));
+                }
+            }
+        }
+        output.report(&Report { files })?;
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+fn volume(path: &Path, limits: Limits) -> Result<Volume> {
+    let file = File::open(path, limits)?;
+    let mut grids = Vec::new();
+    for entry in file.entries() {
+        let native = file.read(&entry.name)?;
+        let info = native.info().map_err(|e| e.at(path))?;
+        let statistics = if info.components > 0 { Some(statistics_of(&native.to_raw()?)) } else { None };
+        grids.push(grid(info, entry.instance_of.clone(), statistics, native.metadata()?));
+    }
+    let (major, minor) = file.preflight().library;
+    Ok(Volume {
+        path: path.to_path_buf(),
+        format: Format::Vdb,
+        file_version: file.preflight().version,
+        library_version: format!("{major}.{minor}"),
+        metadata: file.metadata()?,
+        grids,
+    })
+}
+
+/// Statistics of active voxels and tiles; vectors by their length.
+pub(super) fn statistics_of(raw: &RawGrid) -> Statistics {
+    let magnitude = |v: &[f32]| match v {
+        [one] => *one,
+        many => many.iter().map(|c| c * c).sum::<f32>().sqrt(),
+    };
+    statistics::of(|| {
+        let voxels = raw.leaves.iter().flat_map(move |leaf| {
+            let on = (0..512).filter(|i| leaf.active[i >> 6] >> (i & 63) & 1 == 1);
+            on.map(move |i| (magnitude(&leaf.values[i * raw.components..][..raw.components]), 1))
+        });
+        let tiles = raw.tiles.iter().filter(|t| t.active);
+        voxels.chain(tiles.map(move |t| (magnitude(&t.value[..raw.components]), (t.dim as u64).pow(3))))
+    })
+}
+
+pub(super) fn class_name(class: GridClass) -> &'static str {
+    match class {
+        GridClass::FogVolume => "fog volume",
+        GridClass::LevelSet => "level set",
+        GridClass::Staggered => "staggered",
+        GridClass::Unknown => "unknown",
+    }
+}
+
+fn grid(
+    info: GridInfo,
+    instance_of: Option<String>,
+    statistics: Option<Statistics>,
+    metadata: BTreeMap<String, MetaValue>,
+) -> Grid {
+    let world_bounds = info.world_box().map(|b| Bounds { min: b.min.to_array(), max: b.max.to_array() });
+    let affine = match &info.transform {
+        Transform::Affine(a) => Some(a),
+        Transform::Other(_) => None,
+    };
+    Grid {
+        transform: Placement {
+            kind: info.map_type.clone(),
+            matrix: affine.map(|a| a.matrix().transpose().to_cols_array_2d()),
+            voxel_size: affine.map(|a| a.voxel_size().to_array()),
+        },
+        name: info.name,
+        value_type: info.value_type,
+        grid_type: info.grid_type,
+        class: class_name(info.class),
+        half: info.half,
+        instance_of,
+        active_voxels: info.active_voxels,
+        leaves: info.leaf_count,
+        active_tiles: info.active_tiles,
+        background: info.background,
+        index_bounds: info.index_box.map(|(min, max)| Bounds { min, max }),
+        world_bounds,
+        memory_bytes: info.memory,
+        statistics,
+        metadata,
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.files.iter().try_for_each(|file| write!(f, "{file}"))
+    }
+}
+
+fn show(value: &MetaValue) -> String {
+    match value {
+        MetaValue::Bool(v) => v.to_string(),
+        MetaValue::Int(v) => v.to_string(),
+        MetaValue::Float(v) => v.to_string(),
+        MetaValue::Text(v) => v.clone(),
+        MetaValue::Ints(v) => format!("{v:?}"),
+        MetaValue::Floats(v) => format!("{v:?}"),
+    }
+}
+
+impl fmt::Display for Volume {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{}: OpenVDB file version {}, written by library {}, {} grid(s)",
+            self.path.display(),
+            self.file_version,
+            self.library_version,
+            self.grids.len()
+        )?;
+        for (name, value) in &self.metadata {
+            writeln!(f, "  {name}: {}", show(value))?;
+        }
+        self.grids.iter().try_for_each(|grid| write!(f, "{grid}"))
+    }
+}
+
+impl fmt::Display for Grid {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let half = if self.half { ", stored as half" } else { "" };
+        writeln!(f, "  grid '{}': {}, {}{half}", self.name, self.value_type, self.class)?;
+        if let Some(parent) = &self.instance_of {
+            writeln!(f, "    shares the tree of '{parent}'")?;
+        }
+        match (&self.transform.voxel_size, &self.transform.matrix) {
+            (Some(v), Some(m)) => {
+                writeln!(f, "    voxel size {} x {} x {} ({})", v[0], v[1], v[2], self.transform.kind)?;
+                for row in &m[..3] {
+                    writeln!(f, "      [{:>12.6} {:>12.6} {:>12.6} {:>12.6}]", row[0], row[1], row[2], row[3])?;
+                }
+            }
+            _ => writeln!(f, "    transform {} (not affine: resample before use)", self.transform.kind)?,
+        }
+        writeln!(
+            f,
+            "    {} active voxels in {} leaves and {} tiles, {} in memory, background {:?}",
+            self.active_voxels,
+            self.leaves,
+            self.active_tiles,
+            human(self.memory_bytes),
+            self.background
+        )?;
+        match &self.index_bounds {
+            Some(b) => writeln!(f, "    index bounds {:?} to {:?}", b.min, b.max)?,
+            None => writeln!(f, "    empty")?,
+        }
+        if let Some(b) = &self.world_bounds {
+            writeln!(f, "    world bounds {:?} to {:?}", b.min, b.max)?;
+        }
+        if let Some(s) = &self.statistics {
+            if let (Some(min), Some(max), Some(mean)) = (s.min, s.max, s.mean) {
+                writeln!(f, "    min {min}, max {max}, mean {mean:.6}; histogram {:?}", s.histogram)?;
+            }
+            if s.nan + s.infinite > 0 {
+                writeln!(f, "    {} NaN, {} infinite: cumulo convert --repair sets them to zero", s.nan, s.infinite)?;
+            }
+        }
+        for (name, value) in &self.metadata {
+            writeln!(f, "    {name}: {}", show(value))?;
+        }
+        Ok(())
+    }
+}

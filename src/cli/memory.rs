@@ -1,0 +1,46 @@
+//! The memory that reading a file may take.
+
+use crate::formats::vdb::Limits;
+
+/// `--max-memory` of the commands that read volumes.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct Memory {
+    /// Memory that one grid may take, in bytes or with K, M, G, T (default: half of the machine's)
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    max_memory: Option<u64>,
+}
+
+impl Memory {
+    /// The limits for readers.
+    pub fn limits(self) -> Limits {
+        self.max_memory.map_or_else(Limits::default, |max_memory| Limits { max_memory })
+    }
+}
+
+fn bytes(text: &str) -> Result<u64, String> {
+    let expected = || format!("'{text}' is no size; give bytes, or a number with K, M, G or T such as 4G");
+    let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let shift = match text[digits.len()..].to_ascii_uppercase().as_str() {
+        "" | "B" => 0,
+        "K" | "KIB" | "KB" => 10,
+        "M" | "MIB" | "MB" => 20,
+        "G" | "GIB" | "GB" => 30,
+        "T" | "TIB" | "TB" => 40,
+        _ => return Err(expected()),
+    };
+    let number: f64 = digits.parse().map_err(|_| expected())?;
+    let size = number * (1_u64 << shift) as f64;
+    if size.is_finite() && size >= 1.0 { Ok(size as u64) } else { Err(expected()) }
+}
+
+/// A size for people.
+pub fn human(bytes: u64) -> String {
+    let mut size = bytes as f64;
+    for unit in ["B", "KiB", "MiB"] {
+        if size < 1024.0 {
+            return if unit == "B" { format!("{bytes} B") } else { format!("{size:.1} {unit}") };
+        }
+        size /= 1024.0;
+    }
+    format!("{size:.2} GiB")
+}
