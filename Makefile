@@ -5,6 +5,8 @@
 
 export CUMULO := $(CURDIR)/target/release/cumulo
 export PYTHONDONTWRITEBYTECODE := 1
+# Where rustup puts cargo, for shells that have not been told yet.
+export PATH := $(PATH):$(HOME)/.cargo/bin
 CARGO_TARGET_DIR := $(CURDIR)/target
 export CARGO_TARGET_DIR
 

@@ -14,6 +14,8 @@ build_packages="g++ make libopenvdb-dev libboost-dev libclang-dev libopenvdb-too
 # Blender opens these even without a display.
 bpy_packages="libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libxext6 libsm6 libice6 libgl1"
 
+PATH=$PATH:${HOME:-/root}/.cargo/bin
+
 say() { printf '%s\n' "$*" >&2; }
 die() { say "error: $*"; exit 2; }
 

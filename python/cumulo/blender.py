@@ -101,8 +101,8 @@ def _new_scene(settings):
     render.use_sequencer = False
     # Views of one volume follow each other: its upload is kept.
     render.use_persistent_data = True
-    # The film gets emission and transmittance; the background is laid behind afterwards, so that
-    # alpha is known too. Both are linear in each other's place.
+    # The film gets emission and transmittance; the background is laid behind afterwards, which is
+    # the same to a constant one and tells alpha besides.
     render.film_transparent = True
     scene.view_settings.view_transform = "Raw"
     image = render.image_settings

@@ -16,9 +16,9 @@ SAMPLES = 16
 
 
 def camera(eye, width=40, height=32, target=(1.0, 1.0, 1.0), **options):
-    """A camera at the plume (a box from 0 to 2, up is y) that sees all of it."""
+    """A camera at the plume (a box from 0 to 2, up is z) that sees all of it."""
     defaults = {"fl_x": 44.0, "fl_y": 44.0, "cx": width / 2, "cy": height / 2}
-    return Camera(look_at(eye, target, (0, 1, 0)), width=width, height=height, **{**defaults, **options})
+    return Camera(look_at(eye, target, (0, 0, 1)), width=width, height=height, **{**defaults, **options})
 
 
 CAMERAS = {
