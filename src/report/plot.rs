@@ -26,12 +26,19 @@ pub const PALETTE: [(RGBColor, &str); 8] = [
     (RGBColor(0x3F, 0x6B, 0x7A), "#93c4d4"),
 ];
 
+/// Coordinates beyond this are left out, and an axis spans at least [`LEAST_SPAN`] and [`LEAST_SHARE`] of its
+/// largest coordinate: outside of that, plotters looks for ticks without end.
+const FARTHEST: f64 = 1e12;
+const LEAST_SPAN: f64 = 1e-9;
+const LEAST_SHARE: f64 = 1e-6;
+
 /// A line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
     /// What the legend calls it.
     pub label: String,
-    /// Its points, in the order in which they are joined. Those that are not finite are left out.
+    /// Its points, in the order in which they are joined. Those that are not finite, or beyond
+    /// 1e12, are left out.
     pub points: Vec<(f64, f64)>,
 }
 
@@ -68,9 +75,9 @@ impl Plot {
 
     /// The plot with its legend.
     pub(super) fn draw(&self) -> Result<Markup> {
-        let finite = |p: &&(f64, f64)| p.0.is_finite() && p.1.is_finite();
+        let drawn = |p: &&(f64, f64)| p.0.abs() <= FARTHEST && p.1.abs() <= FARTHEST;
         let lines: Vec<Vec<(f64, f64)>> =
-            self.series.iter().map(|s| s.points.iter().filter(finite).copied().collect()).collect();
+            self.series.iter().map(|s| s.points.iter().filter(drawn).copied().collect()).collect();
         let Some((x, y)) = ranges(lines.iter().flatten()) else {
             return Ok(html! { p { "There are no points to plot." } });
         };
@@ -145,10 +152,14 @@ fn ranges<'a>(points: impl Iterator<Item = &'a (f64, f64)>) -> Option<(Range<f64
         all = Some([a.min(*x), b.max(*x), c.min(*y), d.max(*y)]);
     }
     let [x0, x1, y0, y1] = all?;
-    // A range of no width has no ticks; one beyond f64 has no width.
     let widen = |low: f64, high: f64, share: f64| {
         let span = high - low;
-        let room = if span > 0.0 { share * span } else { 0.5 * low.abs().max(1.0) };
+        let least = LEAST_SPAN.max(LEAST_SHARE * low.abs().max(high.abs()));
+        let room = match span {
+            // One value only: a range in which it reads well.
+            0.0 => 0.5 * low.abs().max(1.0),
+            _ => (share * span).max(least),
+        };
         low - room..high + room
     };
     let x = if x0 >= 0.0 { 0.0..widen(0.0, x1, 0.02).end } else { widen(x0, x1, 0.02) };
