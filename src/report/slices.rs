@@ -13,6 +13,9 @@ use maud::{Markup, html};
 const CUTS: [(usize, usize, usize, &str); 3] =
     [(2, 0, 1, "x to the right, y up"), (1, 0, 2, "x to the right, z up"), (0, 1, 2, "y to the right, z up")];
 
+/// What the columns show; without a reference only the first.
+const COLUMNS: [&str; 3] = ["Volume", "Reference", "Difference"];
+
 /// One slice: values row-major from the top left.
 struct Slice {
     width: usize,
@@ -100,26 +103,23 @@ pub fn table(quantity: &str, volume: &Bricks<f32>, reference: Option<&Bricks<f32
                         (number::short(w * size[plane.right])) " × " (number::short(h * size[plane.up])) " world units"
                     }
                 }
-                @for cell in &cells { td { (cell) } }
+                @for (cell, label) in cells.iter().zip(COLUMNS) { td data-label=(label) { (cell) } }
             }
         })
     };
     let rows = (0..3).map(row).collect::<Result<Vec<_>>>()?;
     let values = picture::bar(|t| grey(t, 1.0), "0", &format!("{} {quantity}", number::short(top)))?;
-    let differences = picture::bar(|t| heatmap::shade_rgb8(t, 1.0), "0", &number::short(top_apart))?;
+    let differences =
+        picture::bar(|t| heatmap::shade_rgb8(t, 1.0), "0", &format!("{} difference", number::short(top_apart)))?;
     Ok(html! {
         p { "Through the centre of mass, along the index axes, at the voxels' centres." }
-        p { (values) @if reference.is_some() { " " (differences) " of difference" } }
+        p { (values) @if reference.is_some() { " " (differences) } }
         div.wide {
             table.pictures {
                 thead {
                     tr {
                         th scope="col" { "Slice" }
-                        th scope="col" { "Volume" }
-                        @if reference.is_some() {
-                            th scope="col" { "Reference" }
-                            th scope="col" { "Difference" }
-                        }
+                        @for label in &COLUMNS[..if reference.is_some() { 3 } else { 1 }] { th scope="col" { (label) } }
                     }
                 }
                 tbody { @for row in &rows { (row) } }
