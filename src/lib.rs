@@ -2,7 +2,7 @@
 //! differentiated.
 //!
 //! ```text
-//! formats ──▶ scene ──▶ render ──▶ optimise, metrics ──▶ cli
+//! formats ──▶ scene ──▶ render ──▶ optimise, metrics ──▶ report ──▶ cli
 //! ```
 //! Arrows point one way: `scene` knows no file format, `render` no command line, `optimise` no
 //! pixels' origin, `formats` no renderer.
@@ -21,6 +21,7 @@ pub mod metrics;
 pub mod optimise;
 pub mod real;
 pub mod render;
+pub mod report;
 pub mod scene;
 
 pub use error::{Error, Result};

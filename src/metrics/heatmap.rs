@@ -20,16 +20,24 @@ const STOPS: [[f64; 3]; 9] = [
 /// brightest colour stands for (the largest of all; 0 for identical pictures). Pixels that are
 /// not finite are painted with the brightest colour. Both films have the same size.
 pub fn difference_rgb8(a: &Film, b: &Film) -> (Vec<u8>, f64) {
-    let differences: Vec<f64> = a
-        .rgba
-        .iter()
-        .zip(&b.rgba)
-        .map(|(p, q)| {
-            let d = (0..3).map(|c| (f64::from(p[c]) - f64::from(q[c])).abs());
-            if d.clone().any(f64::is_nan) { f64::INFINITY } else { d.fold(0.0, f64::max) }
-        })
-        .collect();
+    let differences = differences(a, b);
     let scale = differences.iter().copied().filter(|d| d.is_finite()).fold(0.0, f64::max);
+    (shade_rgb8(&differences, scale), scale)
+}
+
+/// Largest absolute colour difference of each pixel; infinite where a sample is NaN. Both films have the
+/// same size.
+pub fn differences(a: &Film, b: &Film) -> Vec<f64> {
+    let difference = |(p, q): (&[f32; 4], &[f32; 4])| {
+        let d = (0..3).map(|c| (f64::from(p[c]) - f64::from(q[c])).abs());
+        if d.clone().any(f64::is_nan) { f64::INFINITY } else { d.fold(0.0, f64::max) }
+    };
+    a.rgba.iter().zip(&b.rgba).map(difference).collect()
+}
+
+/// Differences in colours, three bytes each; `scale` and all above have the brightest colour. Several
+/// pictures painted with one scale can be compared with each other.
+pub fn shade_rgb8(differences: &[f64], scale: f64) -> Vec<u8> {
     let shade = |d: f64| {
         if d == f64::INFINITY {
             1.0
@@ -39,7 +47,7 @@ pub fn difference_rgb8(a: &Film, b: &Film) -> (Vec<u8>, f64) {
             0.0
         }
     };
-    (differences.into_iter().flat_map(|d| colour(shade(d))).collect(), scale)
+    differences.iter().flat_map(|d| colour(shade(*d))).collect()
 }
 
 /// Colour of `t` in 0..1.

@@ -1,0 +1,157 @@
+//! One self-contained HTML page that shows what a command has done.
+//!
+//! A [`Page`] is made of sections, in the order in which they are added. Pictures, style and plots are
+//! inside the file; it loads nothing, runs nothing, and says so to the browser. Every text is escaped:
+//! names come from files.
+
+mod number;
+mod picture;
+mod plot;
+mod slices;
+mod stages;
+mod views;
+
+pub use plot::{Plot, Series};
+pub use views::{MOST_VIEWS, ViewRow, choose};
+
+use crate::error::{Error, Result};
+use crate::formats::atomic;
+use crate::scene::bricks::Bricks;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use std::path::{Path, PathBuf};
+
+/// Name of the page in the report's folder.
+const FILE_NAME: &str = "index.html";
+
+/// What the browser may do with the page: show pictures and styles that it contains, and nothing else.
+const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'";
+
+/// A report in the making.
+#[derive(Debug, Clone)]
+pub struct Page {
+    title: String,
+    summary: String,
+    sections: Vec<Markup>,
+}
+
+impl Page {
+    /// A page with a title and a sentence beneath it that says what was done and how it went.
+    pub fn new(title: impl Into<String>, summary: impl Into<String>) -> Self {
+        Self { title: title.into(), summary: summary.into(), sections: Vec::new() }
+    }
+
+    /// The few figures that matter, as label and value with its unit, shown large.
+    pub fn figures(&mut self, figures: &[(impl AsRef<str>, impl AsRef<str>)]) -> &mut Self {
+        self.sections.push(html! {
+            section.figures aria-label="Figures" {
+                dl {
+                    @for (label, value) in figures {
+                        div { dt { (label.as_ref()) } dd { (value.as_ref()) } }
+                    }
+                }
+            }
+        });
+        self
+    }
+
+    /// Views beside their re-renders and the differences, all differences in one scale. At most
+    /// [`MOST_VIEWS`] rows are shown, those of [`choose`]; `total` is how many views there are, where
+    /// `rows` are a part of them.
+    ///
+    /// # Errors
+    /// Names the view whose pictures are empty, or whose picture and render differ in size.
+    pub fn views(&mut self, heading: &str, rows: &[ViewRow], total: usize) -> Result<&mut Self> {
+        let body = views::table(rows, total)?;
+        Ok(self.section(heading, body))
+    }
+
+    /// Slices along the index axes of `volume` through its density-weighted centre, with the same places of
+    /// `reference` and the differences if there is one. `quantity` names the values, with their unit if
+    /// they have one.
+    ///
+    /// # Errors
+    /// If a slice cannot be encoded.
+    pub fn slices(
+        &mut self,
+        heading: &str,
+        quantity: &str,
+        volume: &Bricks<f32>,
+        reference: Option<&Bricks<f32>>,
+    ) -> Result<&mut Self> {
+        let body = slices::table(quantity, volume, reference)?;
+        Ok(self.section(heading, body))
+    }
+
+    /// Lines over a common pair of axes.
+    ///
+    /// # Errors
+    /// If the plot cannot be drawn.
+    pub fn plot(&mut self, heading: &str, plot: &Plot) -> Result<&mut Self> {
+        let body = plot.draw()?;
+        Ok(self.section(heading, body))
+    }
+
+    /// Stages in the order in which they ran, with the seconds that each took.
+    pub fn stages(&mut self, stages: &[(impl AsRef<str>, f64)]) -> &mut Self {
+        let body = stages::bar_and_table(stages);
+        self.section("Time by stage", body)
+    }
+
+    /// Where the result comes from: version, command line, inputs and their hashes, settings.
+    pub fn provenance(&mut self, entries: &[(impl AsRef<str>, impl AsRef<str>)]) -> &mut Self {
+        let body = html! {
+            table.provenance {
+                tbody {
+                    @for (key, value) in entries {
+                        tr { th scope="row" { (key.as_ref()) } td { code { (value.as_ref()) } } }
+                    }
+                }
+            }
+        };
+        self.section("Provenance", body)
+    }
+
+    fn section(&mut self, heading: &str, body: Markup) -> &mut Self {
+        self.sections.push(html! { section { h2 { (heading) } (body) } });
+        self
+    }
+
+    /// The page's text.
+    pub fn html(&self) -> String {
+        let page = html! {
+            (DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    meta name="viewport" content="width=device-width, initial-scale=1";
+                    meta name="color-scheme" content="light dark";
+                    meta http-equiv="Content-Security-Policy" content=(POLICY);
+                    // Keeps browsers from asking the server for a favicon.
+                    link rel="icon" href="data:,";
+                    title { (self.title) }
+                    style { (PreEscaped(include_str!("style.css"))) (PreEscaped(plot::style())) }
+                }
+                body {
+                    main {
+                        header { h1 { (self.title) } p { (self.summary) } }
+                        @for section in &self.sections { (section) }
+                    }
+                    footer { "Written by cumulo " (env!("CARGO_PKG_VERSION")) }
+                }
+            }
+        };
+        page.into_string()
+    }
+
+    /// Writes the page as `dir/index.html`, making the folder if need be, and returns its path.
+    ///
+    /// # Errors
+    /// The operating system's, with the path.
+    pub fn write(&self, dir: &Path) -> Result<PathBuf> {
+        std::fs::create_dir_all(dir)
+            .map_err(|e| Error::io(dir, e).hint("the report needs a folder that can be written to"))?;
+        let path = dir.join(FILE_NAME);
+        atomic::write(&path, |p| std::fs::write(p, self.html()).map_err(|e| Error::io(p, e)))?;
+        Ok(path)
+    }
+}

@@ -1,0 +1,105 @@
+//! Pictures inside the page: shrunk to what a page shows, encoded as PNG, written as `data:` addresses.
+
+use crate::error::Result;
+use crate::formats::png;
+use crate::metrics::heatmap;
+use crate::render::film::Film;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use maud::{Markup, html};
+
+/// Longest side of a picture on the page.
+pub const MOST_PIXELS: usize = 512;
+
+/// Pictures narrower than this are shown with square pixels when the page enlarges them.
+const COARSE: usize = 256;
+
+/// A picture of `rgb[3 * (y * width + x) + channel]`. `aspect` is its width over its height as shown.
+///
+/// # Errors
+/// If it has no pixels.
+pub fn rgb8(width: usize, height: usize, rgb: &[u8], aspect: f64, alt: &str) -> Result<Markup> {
+    let address = format!("data:image/png;base64,{}", STANDARD.encode(png::encode_rgb8(width, height, rgb)?));
+    let class = (width.max(height) < COARSE).then_some("coarse");
+    let style = format!("aspect-ratio:{aspect:.4}");
+    Ok(html! { img class=[class] src=(address) width=(width) height=(height) style=(style) alt=(alt); })
+}
+
+/// A film as a display shows it.
+///
+/// # Errors
+/// If it has no pixels.
+pub fn film(film: &Film, alt: &str) -> Result<Markup> {
+    let pool = Pool::of(film.width, film.height);
+    let mean = |pixels: &mut dyn Iterator<Item = [f32; 4]>| {
+        let (sum, n) = pixels.fold(([0.0; 4], 0.0), |(s, n), p| (std::array::from_fn(|c| s[c] + p[c]), n + 1.0_f32));
+        sum.map(|v: f32| v / n)
+    };
+    let small = Film { width: pool.width, height: pool.height, rgba: pool.apply(&film.rgba, mean) };
+    rgb8(pool.width, pool.height, &png::display_rgb8(&small), aspect(film.width, film.height), alt)
+}
+
+/// Differences (`values[y * width + x]`) in false colours; a pixel that stands for several shows the
+/// largest of them.
+///
+/// # Errors
+/// If there are no pixels.
+pub fn differences(width: usize, height: usize, values: &[f64], scale: f64, alt: &str) -> Result<Markup> {
+    let pool = Pool::of(width, height);
+    let small = pool.apply(values, |pixels: &mut dyn Iterator<Item = f64>| pixels.fold(0.0, f64::max));
+    rgb8(pool.width, pool.height, &heatmap::shade_rgb8(&small, scale), aspect(width, height), alt)
+}
+
+/// A bar of all the colours between the words for its two ends; `paint` colours values in 0..1.
+///
+/// # Errors
+/// If it cannot be encoded.
+pub fn bar(paint: impl Fn(&[f64]) -> Vec<u8>, low: &str, high: &str) -> Result<Markup> {
+    let ramp: Vec<f64> = (0..256).map(|i| f64::from(i) / 255.0).collect();
+    let picture = rgb8(ramp.len(), 1, &paint(&ramp), 16.0, &format!("colour bar from {low} to {high}"))?;
+    Ok(html! { span.bar { span { (low) } (picture) span { (high) } } })
+}
+
+fn aspect(width: usize, height: usize) -> f64 {
+    width as f64 / height.max(1) as f64
+}
+
+/// Square blocks of pixels that become one.
+struct Pool {
+    block: usize,
+    from: [usize; 2],
+    width: usize,
+    height: usize,
+}
+
+impl Pool {
+    fn of(width: usize, height: usize) -> Self {
+        let block = width.max(height).div_ceil(MOST_PIXELS).max(1);
+        Self { block, from: [width, height], width: width.div_ceil(block), height: height.div_ceil(block) }
+    }
+
+    fn apply<T: Copy>(&self, pixels: &[T], one: impl Fn(&mut dyn Iterator<Item = T>) -> T) -> Vec<T> {
+        let [w, h] = self.from;
+        let span = |i: usize, end: usize| i * self.block..((i + 1) * self.block).min(end);
+        let block = |x: usize, y: usize| span(y, h).flat_map(move |v| span(x, w).map(move |u| pixels[v * w + u]));
+        (0..self.height)
+            .flat_map(|y| (0..self.width).map(move |x| (x, y)))
+            .map(|(x, y)| one(&mut block(x, y)))
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_at_the_border_are_smaller() {
+        let pool = Pool::of(1025, 2);
+        assert_eq!((pool.block, pool.width, pool.height), (3, 342, 1));
+        let ones = vec![1; 1025 * 2];
+        let sizes = pool.apply(&ones, |p| p.sum::<i32>());
+        assert_eq!((sizes[0], sizes[341]), (6, 4));
+        assert_eq!(Pool::of(512, 7).block, 1);
+    }
+}

@@ -1,0 +1,183 @@
+//! Lines over a pair of axes, as SVG in the page.
+
+use crate::error::{Error, Result};
+use maud::{Markup, PreEscaped, html};
+use plotters::prelude::*;
+use std::fmt::Write;
+use std::ops::Range;
+
+/// Size in which plots are drawn; the page scales them.
+const SIZE: (u32, u32) = (900, 380);
+
+/// Text and axes, and grid lines: on a light page and on a dark one.
+const INK: (RGBColor, &str) = (RGBColor(0x1B, 0x1E, 0x23), "#e6e8eb");
+const GRID: (RGBColor, &str) = (RGBColor(0xD9, 0xDC, 0xE1), "#3a3f47");
+
+/// Colours of the series: on a light page and on a dark one. Each has at least 3:1 against its page, and
+/// neighbours differ in lightness too.
+pub const PALETTE: [(RGBColor, &str); 8] = [
+    (RGBColor(0x1F, 0x5F, 0xBF), "#7db2ff"),
+    (RGBColor(0xC2, 0x55, 0x00), "#ffa45c"),
+    (RGBColor(0x0B, 0x7A, 0x5E), "#4fd0a8"),
+    (RGBColor(0xA0, 0x2B, 0x8C), "#f08be0"),
+    (RGBColor(0x5B, 0x4B, 0xB5), "#b3a6ff"),
+    (RGBColor(0x8A, 0x6A, 0x00), "#e0c050"),
+    (RGBColor(0xB8, 0x1E, 0x3C), "#ff8296"),
+    (RGBColor(0x3F, 0x6B, 0x7A), "#93c4d4"),
+];
+
+/// Coordinates beyond this are left out, and an axis spans at least [`LEAST_SPAN`] and [`LEAST_SHARE`] of its
+/// largest coordinate: outside of that, plotters looks for ticks without end.
+const FARTHEST: f64 = 1e12;
+const LEAST_SPAN: f64 = 1e-9;
+const LEAST_SHARE: f64 = 1e-6;
+
+/// A line.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Series {
+    /// What the legend calls it.
+    pub label: String,
+    /// Its points, in the order in which they are joined. Those that are not finite, or beyond
+    /// 1e12, are left out.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// Lines over a common pair of axes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plot {
+    /// What is counted to the right, with its unit.
+    pub x: String,
+    /// What is counted upwards, with its unit.
+    pub y: String,
+    /// The lines.
+    pub series: Vec<Series>,
+}
+
+impl Plot {
+    /// The PSNR of held-out views (dB) over time, from steps of (seconds since the start, PSNR if there was
+    /// any, level), in order. Each level is a line of its own, which begins where the one before it ended.
+    pub fn convergence(steps: impl IntoIterator<Item = (f64, Option<f64>, u32)>) -> Self {
+        let mut series: Vec<Series> = Vec::new();
+        let mut last = None;
+        for (seconds, psnr, level) in steps {
+            let Some(psnr) = psnr.filter(|p| p.is_finite()) else { continue };
+            match (series.last_mut(), last) {
+                (Some(line), Some((before, _))) if before == level => line.points.push((seconds, psnr)),
+                (_, last) => series.push(Series {
+                    label: if level == 0 { "finest level".into() } else { format!("level {level}") },
+                    points: last.map(|(_, point)| point).into_iter().chain([(seconds, psnr)]).collect(),
+                }),
+            }
+            last = Some((level, (seconds, psnr)));
+        }
+        Self { x: "seconds".into(), y: "PSNR of held-out views (dB)".into(), series }
+    }
+
+    /// The plot with its legend.
+    pub(super) fn draw(&self) -> Result<Markup> {
+        let drawn = |p: &&(f64, f64)| p.0.abs() <= FARTHEST && p.1.abs() <= FARTHEST;
+        let lines: Vec<Vec<(f64, f64)>> =
+            self.series.iter().map(|s| s.points.iter().filter(drawn).copied().collect()).collect();
+        let Some((x, y)) = ranges(lines.iter().flatten()) else {
+            return Ok(html! { p { "There are no points to plot." } });
+        };
+        let mut svg = String::new();
+        self.paint(&lines, x, y, &mut svg)
+            .map_err(|e| Error::invalid(format!("the plot of {} cannot be drawn: {e}", self.y)))?;
+        // Needed in SVG files, not in HTML; the page is to hold no address at all.
+        let svg = svg.replacen(" xmlns=\"http://www.w3.org/2000/svg\"", "", 1);
+        let last = |i: usize| lines[i].last().map(|p| format!("{:.2}", p.1));
+        Ok(html! {
+            figure.plot {
+                div.wide {
+                    div role="img" aria-label=(format!("{} over {}", self.y, self.x)) { (PreEscaped(svg)) }
+                }
+                figcaption {
+                    @for (i, series) in self.series.iter().enumerate() {
+                        @if let Some(last) = last(i) {
+                            span.key {
+                                span class={ "swatch c" (i % PALETTE.len()) } {}
+                                (series.label) " " span.caption { "ends at " (last) }
+                            }
+                        }
+                    }
+                }
+            }
+        })
+    }
+
+    fn paint(
+        &self,
+        lines: &[Vec<(f64, f64)>],
+        x: Range<f64>,
+        y: Range<f64>,
+        svg: &mut String,
+    ) -> std::result::Result<(), Box<dyn std::error::Error>> {
+        let area = SVGBackend::with_string(svg, SIZE).into_drawing_area();
+        let mut chart = ChartBuilder::on(&area)
+            .margin(12)
+            .margin_right(24)
+            .x_label_area_size(46)
+            .y_label_area_size(64)
+            .build_cartesian_2d(x, y)?;
+        let text = ("sans-serif", 14).into_font().color(&INK.0);
+        chart
+            .configure_mesh()
+            .x_desc(&self.x)
+            .y_desc(&self.y)
+            .label_style(text.clone())
+            .axis_desc_style(text)
+            .axis_style(INK.0)
+            .bold_line_style(GRID.0)
+            .light_line_style(TRANSPARENT)
+            .draw()?;
+        for (i, line) in lines.iter().enumerate() {
+            let colour = PALETTE[i % PALETTE.len()].0;
+            chart.draw_series(LineSeries::new(line.iter().copied(), colour.stroke_width(2)))?;
+            // A level of one step has no line, and few points should be seen as what they are.
+            if line.len() <= 60 {
+                chart.draw_series(line.iter().map(|p| Circle::new(*p, 3, colour.filled())))?;
+            }
+        }
+        area.present()?;
+        Ok(())
+    }
+}
+
+/// Ranges of both axes with room to breathe; nothing if there are no points.
+fn ranges<'a>(points: impl Iterator<Item = &'a (f64, f64)>) -> Option<(Range<f64>, Range<f64>)> {
+    let mut all: Option<[f64; 4]> = None;
+    for (x, y) in points {
+        let [a, b, c, d] = all.unwrap_or([*x, *x, *y, *y]);
+        all = Some([a.min(*x), b.max(*x), c.min(*y), d.max(*y)]);
+    }
+    let [x0, x1, y0, y1] = all?;
+    let widen = |low: f64, high: f64, share: f64| {
+        let span = high - low;
+        let least = LEAST_SPAN.max(LEAST_SHARE * low.abs().max(high.abs()));
+        let room = match span {
+            // One value only: a range in which it reads well.
+            0.0 => 0.5 * low.abs().max(1.0),
+            _ => (share * span).max(least),
+        };
+        low - room..high + room
+    };
+    let x = if x0 >= 0.0 { 0.0..widen(0.0, x1, 0.02).end } else { widen(x0, x1, 0.02) };
+    Some((x, widen(y0, y1, 0.06)))
+}
+
+/// Style sheet of the colours. Plots carry those of a light page; a dark page replaces them.
+pub fn style() -> String {
+    let hex = |c: RGBColor| format!("#{:02X}{:02X}{:02X}", c.0, c.1, c.2);
+    let mut css = String::new();
+    let mut dark = String::new();
+    for (i, (light, other)) in PALETTE.iter().enumerate() {
+        let _ = write!(css, ".c{i}{{background:{}}}", hex(*light));
+        let _ = write!(dark, ".c{i}{{background:{other}}}");
+    }
+    for (light, other) in PALETTE.iter().chain([&INK, &GRID]) {
+        let light = hex(*light);
+        let _ = write!(dark, ".plot [fill=\"{light}\"]{{fill:{other}}}.plot [stroke=\"{light}\"]{{stroke:{other}}}");
+    }
+    format!("{css}@media screen and (prefers-color-scheme:dark){{{dark}}}")
+}
