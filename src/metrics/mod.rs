@@ -6,6 +6,7 @@
 pub mod error;
 pub mod heatmap;
 pub mod ssim;
+pub mod volume;
 
 use crate::error::{Error, Result};
 use crate::render::film::Film;
@@ -158,5 +159,3 @@ mod tests {
         assert!(compare(&Film::new(0, 0), &Film::new(0, 0)).is_err());
     }
 }
-
-pub mod volume;

@@ -203,7 +203,7 @@ impl Fit {
             for i in 0..LEAF_VOXELS {
                 let here = b * LEAF_VOXELS + i;
                 for (axis, stride) in [(IVec3::X, 64), (IVec3::Y, 8), (IVec3::Z, 1)] {
-                    let there = if i / stride & 7 < 7 {
+                    let there = if (i / stride) & 7 < 7 {
                         here + stride
                     } else {
                         match topology.find(*brick + axis) {

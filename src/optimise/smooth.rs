@@ -105,7 +105,7 @@ impl<'a> Lines<'a> {
     fn each(&self, mut visit: impl FnMut(usize, f32, f32)) {
         let (s, last) = (self.stride, 7 * self.stride);
         for i in 0..LEAF_VOXELS {
-            let place = i / s & 7;
+            let place = (i / s) & 7;
             let before = if place > 0 { self.own[i - s] } else { self.below.map_or(0.0, |n| n[i + last]) };
             let after = if place < 7 { self.own[i + s] } else { self.above.map_or(0.0, |n| n[i - last]) };
             visit(i, self.own[i], before + after);

@@ -90,7 +90,7 @@ impl<'a> Solver<'a> {
 
     /// One iteration; false once nothing is left to improve.
     pub fn iterate(&mut self) -> bool {
-        if self.step % CYCLE == 0 && !self.begin_cycle() {
+        if self.step.is_multiple_of(CYCLE) && !self.begin_cycle() {
             return false;
         }
         self.step += 1;
@@ -106,7 +106,7 @@ impl<'a> Solver<'a> {
         axpy(&mut self.residual, -length, &self.image);
         let before = self.power;
         self.precondition();
-        if !(self.power > 1e-12 * before) {
+        if self.power.is_nan() || self.power <= 1e-12 * before {
             self.power = 0.0;
             self.step = self.step.next_multiple_of(CYCLE);
             return true;
