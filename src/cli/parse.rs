@@ -31,9 +31,9 @@ pub fn corners(text: &str) -> Result<Aabb, String> {
 /// A picture's size, `WxH` in pixels.
 pub fn size(text: &str) -> Result<[u32; 2], String> {
     let side = |s: &str| s.trim().parse::<u32>().ok().filter(|n| (1..=65_536).contains(n));
-    text.split_once('x')
-        .and_then(|(w, h)| Some([side(w)?, side(h)?]))
-        .ok_or_else(|| format!("'{text}' is no size; give WIDTHxHEIGHT in pixels, each from 1 to 65536, such as 256x256"))
+    text.split_once('x').and_then(|(w, h)| Some([side(w)?, side(h)?])).ok_or_else(|| {
+        format!("'{text}' is no size; give WIDTHxHEIGHT in pixels, each from 1 to 65536, such as 256x256")
+    })
 }
 
 /// Scene-linear `r,g,b`, or one number for grey; from zero on.

@@ -5,9 +5,9 @@ use super::output::Output;
 use super::provenance::Provenance;
 use super::{cancel, parse};
 use crate::error::{Error, Result};
+use crate::formats::exr;
 use crate::formats::transforms::{self, FILE_NAME};
 use crate::formats::vdb::File;
-use crate::formats::exr;
 use crate::render::dvr::Dvr;
 use crate::render::quadrature::Quadrature;
 use crate::render::{self, scale};
@@ -151,7 +151,8 @@ impl Render {
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
         capture.frames.par_iter().try_for_each(|frame| {
-            let film = render::picture(&dvr, &frame.camera, self.supersample as usize, cancel).ok_or_else(Error::cancelled)?;
+            let film =
+                render::picture(&dvr, &frame.camera, self.supersample as usize, cancel).ok_or_else(Error::cancelled)?;
             exr::write_picture(&waiting.path().join(file_name(&frame.picture)), &film, &attributes, false)?;
             bar.inc(1);
             Ok::<_, Error>(())
@@ -182,14 +183,14 @@ impl Render {
         let cameras: Vec<Camera> = match (&asked, self.views) {
             (Some(capture), _) => capture.frames.iter().map(|f| f.camera).collect(),
             (None, count) => {
-                let bounds = field.content();
-                if bounds.is_empty() {
+                let outline = field.outline();
+                if outline.is_empty() {
                     return Err(Error::invalid("the grid is empty: there is nothing to place cameras around")
                         .at(&self.input)
                         .hint("choose another grid with --grid, or give the cameras with --cameras"));
                 }
                 let [w, h] = self.size;
-                orbit::cameras(&bounds, count.unwrap_or(1) as usize, self.layout, w, h, self.fov)
+                orbit::cameras(&outline, count.unwrap_or(1) as usize, self.layout, w, h, self.fov)
             }
         };
         let density_scale = match (self.density_scale, &asked) {
@@ -207,10 +208,10 @@ impl Render {
         // The other model's background would be a surprise: white light behind a bright source.
         let same = asked.filter(|c| c.model == model);
         let behind = if model == Model::Absorption { [1.0; 3] } else { [0.0; 3] };
-        let frames = cameras.into_iter().enumerate().map(|(i, camera)| Frame {
-            camera,
-            picture: self.output.join(format!("view_{i:03}.exr")),
-        });
+        let frames = cameras
+            .into_iter()
+            .enumerate()
+            .map(|(i, camera)| Frame { camera, picture: self.output.join(format!("view_{i:03}.exr")) });
         Ok(Capture {
             frames: frames.collect(),
             model,

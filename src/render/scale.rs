@@ -49,7 +49,7 @@ mod tests {
     fn the_thickest_paths_come_to_three() {
         let topology = Arc::new(Topology::new([IVec3::ZERO]).unwrap());
         let mut field = Bricks::zeros(topology, Affine::uniform(1.0, DVec3::ZERO).unwrap());
-        let cameras = orbit::cameras(&field.world_bounds(), 4, Layout::Ring, 40, 30, 30.0);
+        let cameras = orbit::cameras(&field.world_bounds().corners(), 4, Layout::Ring, 40, 30, 30.0);
         assert_eq!(density_scale(&field, &cameras), None);
         field.values.fill(0.25);
         let scale = density_scale(&field, &cameras).unwrap();

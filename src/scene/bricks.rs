@@ -315,19 +315,20 @@ impl<R: Real> Bricks<R> {
         }
     }
 
-    /// World-space box of the voxels that are not zero and of the cells around them.
-    pub fn content(&self) -> Aabb {
-        let index = self.topology.bricks().par_iter().zip(self.values.par_chunks(BRICK)).map(|(brick, stored)| {
+    /// World-space corners of boxes, one a brick, around the voxels that are not zero and the cells
+    /// they reach into; none for an empty field.
+    pub fn outline(&self) -> Vec<DVec3> {
+        let boxes = self.topology.bricks().par_iter().zip(self.values.par_chunks(BRICK)).map(|(brick, stored)| {
             (0..BRICK).filter(|i| stored[*i] != R::ZERO).fold(Aabb::EMPTY, |b, i| {
                 let local = IVec3::new((i / EDGE / EDGE) as i32, (i / EDGE % EDGE) as i32, (i % EDGE) as i32);
                 b.including((8 * *brick + local).as_dvec3())
             })
         });
-        let index = index.reduce(|| Aabb::EMPTY, Aabb::union);
-        if index.is_empty() {
-            return Aabb::EMPTY;
-        }
-        self.transform.box_to_world(Aabb { min: index.min - 1.0, max: index.max + 1.0 })
+        boxes
+            .filter(|b| !b.is_empty())
+            .flat_map_iter(|b| Aabb { min: b.min - 1.0, max: b.max + 1.0 }.corners())
+            .map(|corner| self.transform.to_world(corner))
+            .collect()
     }
 
     /// Trilinear value at index coordinates.

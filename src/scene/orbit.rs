@@ -1,6 +1,5 @@
-//! Cameras placed around a box.
+//! Cameras placed around a volume.
 
-use crate::math::Aabb;
 use crate::scene::camera::{Camera, Projection};
 use glam::{DVec2, DVec3};
 
@@ -13,27 +12,26 @@ pub enum Layout {
     Ring,
 }
 
-/// `count` perspective cameras of `width` x `height` pixels that look at the box's centre and see all
-/// of it. `field_of_view` is the angle in degrees that the box's sphere takes.
+/// `count` perspective cameras of `width` x `height` pixels around `points` that all see all of them.
+/// `field_of_view` is the angle in degrees that the sphere around the points takes.
 pub fn cameras(
-    bounds: &Aabb,
+    points: &[DVec3],
     count: usize,
     layout: Layout,
     width: u32,
     height: u32,
     field_of_view: f64,
 ) -> Vec<Camera> {
-    let centre = bounds.centre();
-    let radius = (0.5 * bounds.size().length()).max(f64::MIN_POSITIVE);
+    let (centre, radius) = ball(points);
     let half = (0.5 * field_of_view).to_radians();
-    let distance = radius / half.sin();
+    let distance = radius.max(f64::MIN_POSITIVE) / half.sin();
     let directions: Vec<DVec3> = (0..count).map(|i| direction(i, count, layout)).collect();
     let eyes: Vec<_> = directions.iter().map(|d| Camera::look_at(centre + distance * *d, centre, DVec3::Z)).collect();
-    // As large as the corners allow in the view that needs most, so that all share one lens.
+    // As large as the points allow in the view that needs most, so that all share one lens.
     let reach = eyes.iter().fold(DVec2::splat(f64::MIN_POSITIVE), |reach, eye| {
         let to_camera = eye.inverse();
-        bounds.corners().iter().fold(reach, |reach, corner| {
-            let p = to_camera.transform_point3(*corner);
+        points.iter().fold(reach, |reach, point| {
+            let p = to_camera.transform_point3(*point);
             reach.max(DVec2::new(p.x.abs(), p.y.abs()) / -p.z)
         })
     });
@@ -51,6 +49,26 @@ pub fn cameras(
             near: 0.0,
         })
         .collect()
+}
+
+/// A ball around points, at most a tenth larger than the smallest (Ritter 1990).
+fn ball(points: &[DVec3]) -> (DVec3, f64) {
+    let Some(first) = points.first() else { return (DVec3::ZERO, 0.0) };
+    let farthest = |from: DVec3| {
+        let by_distance = |a: &&DVec3, b: &&DVec3| a.distance_squared(from).total_cmp(&b.distance_squared(from));
+        points.iter().max_by(by_distance).copied().unwrap_or(from)
+    };
+    let a = farthest(*first);
+    let b = farthest(a);
+    let (mut centre, mut radius) = (0.5 * (a + b), 0.5 * a.distance(b));
+    for p in points {
+        let distance = p.distance(centre);
+        if distance > radius {
+            radius = 0.5 * (radius + distance);
+            centre += (distance - radius) / distance * (*p - centre);
+        }
+    }
+    (centre, radius)
 }
 
 fn direction(i: usize, count: usize, layout: Layout) -> DVec3 {
@@ -73,12 +91,13 @@ fn direction(i: usize, count: usize, layout: Layout) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::Aabb;
 
     #[test]
     fn every_corner_is_in_every_picture() {
         let bounds = Aabb { min: DVec3::new(-3.0, 1.0, 2.0), max: DVec3::new(1.0, 2.0, 12.0) };
         for layout in [Layout::Sphere, Layout::Ring] {
-            for camera in cameras(&bounds, 17, layout, 64, 40, 40.0) {
+            for camera in cameras(&bounds.corners(), 17, layout, 64, 40, 40.0) {
                 for corner in bounds.corners() {
                     let (p, _) = camera.project(corner).unwrap();
                     assert!(p.min_element() > 0.9 && p.x < 63.1 && p.y < 39.1, "{layout:?} {p}");
