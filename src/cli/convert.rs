@@ -3,11 +3,11 @@
 
 use super::memory::{Memory, human};
 use super::output::Output;
+use super::parse::{corners, not_negative, positive};
 use crate::error::{Error, Result};
 use crate::formats::vdb::{Codec, File, NativeGrid, write_native};
 use crate::math::Aabb;
 use crate::scene::grid::GridClass;
-use glam::DVec3;
 use half::f16;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -48,27 +48,6 @@ pub struct Convert {
     repair: bool,
     #[command(flatten)]
     memory: Memory,
-}
-
-fn number(text: &str) -> Result<f64, String> {
-    text.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| format!("'{text}' is not a finite number"))
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    number(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err(format!("'{text}' must be above zero")) })
-}
-
-fn not_negative(text: &str) -> Result<f64, String> {
-    number(text).and_then(|v| if v >= 0.0 { Ok(v) } else { Err(format!("'{text}' must not be negative")) })
-}
-
-fn corners(text: &str) -> Result<Aabb, String> {
-    let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
-    let [x0, y0, z0, x1, y1, z1] = numbers[..] else {
-        return Err(format!("{} numbers, six are needed: x0,y0,z0,x1,y1,z1", numbers.len()));
-    };
-    let box_ = Aabb { min: DVec3::new(x0, y0, z0), max: DVec3::new(x1, y1, z1) };
-    if box_.is_empty() { Err("the first corner must not exceed the second".into()) } else { Ok(box_) }
 }
 
 fn renaming(text: &str) -> Result<(String, String), String> {

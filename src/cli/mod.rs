@@ -1,11 +1,18 @@
 //! The command line: each subcommand loads, works, writes and reports.
 
+pub mod cancel;
 pub mod compare;
 pub mod convert;
 pub mod diff;
 pub mod info;
 pub mod memory;
 pub mod output;
+pub mod parse;
+pub mod provenance;
+pub mod reconstruct;
+pub mod render;
+pub mod report;
+pub mod run;
 pub mod validate;
 
 use crate::error::{Error, Result};
@@ -44,6 +51,10 @@ enum Command {
     Validate(validate::Validate),
     Convert(convert::Convert),
     Diff(diff::Diff),
+    Render(render::Render),
+    #[command(subcommand)]
+    Reconstruct(reconstruct::Reconstruct),
+    Report(report::Report),
 }
 
 /// Runs the command line.
@@ -67,5 +78,8 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Command::Validate(c) => c.run(&output),
         Command::Convert(c) => c.run(&output),
         Command::Diff(c) => c.run(&output),
+        Command::Render(c) => c.run(&output),
+        Command::Reconstruct(c) => c.run(&output),
+        Command::Report(c) => c.run(&output),
     }
 }

@@ -11,22 +11,37 @@ use std::path::Path;
 /// Whatever `write` returns, or the operating system's error with `path`; the temporary file is gone
 /// in either case.
 pub fn write(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
-    let folder = match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
-    };
-    let extension = path.extension().map(|e| format!(".{}", e.to_string_lossy())).unwrap_or_default();
-    let temporary = tempfile::Builder::new()
-        .prefix(".cumulo-")
-        .suffix(&extension)
-        .tempfile_in(folder)
-        .map_err(|e| Error::io(path, e).hint("the output's folder must exist and be writable"))?;
+    let temporary = temporary(path)?;
     write(temporary.path()).map_err(|e| e.at(path))?;
     // Reopen by name: a library may have replaced the file that the handle points to.
     std::fs::File::open(temporary.path()).and_then(|f| f.sync_all()).map_err(|e| Error::io(path, e))?;
     set_default_mode(temporary.path()).map_err(|e| Error::io(path, e))?;
     temporary.persist(path).map_err(|e| Error::io(path, e.error))?;
     Ok(())
+}
+
+/// Makes sure that `path` can be written, before the work whose result it is to hold.
+///
+/// # Errors
+/// If it is a folder, or its own folder does not exist or cannot be written to.
+pub fn probe(path: &Path) -> Result<()> {
+    if path.is_dir() {
+        return Err(Error::invalid("this is a folder; the name of a file is expected").at(path));
+    }
+    temporary(path).map(drop)
+}
+
+fn temporary(path: &Path) -> Result<tempfile::NamedTempFile> {
+    let folder = match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    };
+    let extension = path.extension().map(|e| format!(".{}", e.to_string_lossy())).unwrap_or_default();
+    tempfile::Builder::new()
+        .prefix(".cumulo-")
+        .suffix(&extension)
+        .tempfile_in(folder)
+        .map_err(|e| Error::io(path, e).hint("the output's folder must exist and be writable"))
 }
 
 /// Temporary files are private to their owner; outputs follow the user's umask like any other file.

@@ -12,7 +12,7 @@ use crate::scene::grid::{Grid, LEAF_VOXELS};
 use crate::scene::medium::Medium;
 use glam::{DMat4, DVec3};
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
@@ -45,7 +45,7 @@ pub struct Request {
 }
 
 /// One iteration, for the progress display and the convergence plot.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Step {
     /// Level, 0 the finest.
     pub level: u32,
@@ -53,12 +53,15 @@ pub struct Step {
     pub iteration: u32,
     /// Seconds since the start.
     pub seconds: f64,
+    /// What is made small: the weighted RMS of the optical depths' residuals, or, for the paper's
+    /// recipe, the mean absolute difference of the batch's pictures.
+    pub loss: f64,
     /// PSNR of the held-out views' transmittance (peak 1), if there are any.
     pub held_out_psnr_db: Option<f64>,
 }
 
 /// A stage and the seconds it took.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Stage {
     /// What was done.
     pub name: String,
@@ -118,11 +121,12 @@ pub fn reconstruct(
                 .push(Stage { name: format!("level {level}: hull and rays"), seconds: begun.elapsed().as_secs_f64() });
             let begun = Instant::now();
             let limit = if level == 0 { request.iterations } else { COARSE_ITERATIONS.min(request.iterations) };
-            let done = work.solve(limit, |held_out_psnr_db| {
+            let done = work.solve(limit, |loss, held_out_psnr_db| {
                 let step = Step {
                     level,
                     iteration: history.len() as u32 + 1,
                     seconds: start.elapsed().as_secs_f64(),
+                    loss,
                     held_out_psnr_db,
                 };
                 history.push(step);
@@ -151,6 +155,12 @@ pub fn reconstruct(
         unknowns,
         stopped,
     })
+}
+
+/// Iterations that a run from nothing takes at most, all levels counted.
+pub fn most_iterations(request: &Request) -> u64 {
+    let levels = levels(&request.lattice, &request.bounds, request.init.as_ref());
+    u64::from(request.iterations) + u64::from(levels - 1) * u64::from(COARSE_ITERATIONS.min(request.iterations))
 }
 
 /// How many levels, each of half the resolution, lead up to the finest. A start is taken up on the
@@ -229,7 +239,7 @@ impl Level {
         })
     }
 
-    fn solve(&mut self, limit: u32, mut watch: impl FnMut(Option<f64>) -> ControlFlow<()>) -> Solved {
+    fn solve(&mut self, limit: u32, mut watch: impl FnMut(f64, Option<f64>) -> ControlFlow<()>) -> Solved {
         let start = std::mem::take(&mut self.start);
         let mut solver =
             Solver::new(&self.train, &mut self.projector, &mut self.smoother, &self.unknown, start).robust(self.robust);
@@ -241,7 +251,7 @@ impl Level {
                 break;
             }
             let psnr = (!self.held_out.is_empty()).then(|| picture_psnr(&self.held_out, |v, f| solver.measure(v, f)));
-            stopped = watch(psnr).is_break();
+            stopped = watch(solver.loss(), psnr).is_break();
             if let Some(now) = psnr {
                 trail.push(now);
                 if best.as_ref().is_none_or(|(b, _)| now > *b) {

@@ -8,6 +8,7 @@
 pub mod adam;
 pub mod density;
 pub mod hull;
+pub mod lattice;
 pub mod observation;
 pub mod paper;
 pub mod pictures;

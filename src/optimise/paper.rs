@@ -48,12 +48,8 @@ pub fn reconstruct(
     let deepest = observation.maps.iter().flat_map(|m| m.depth.iter()).fold(0.0_f32, |a, b| a.max(*b));
     let unit = f64::from(deepest) / (0.25 * longest * request.medium.extinction);
 
-    let voxels = (request.bounds.size() / request.lattice.voxel_size()).max_element();
-    let mut level = (1..8).take_while(|l| voxels / f64::from(1 << l) >= COARSEST).count() as u32;
+    let mut level = coarsest(request);
     let mut field = request.init.clone();
-    if field.is_some() {
-        level = 0;
-    }
     let (mut history, mut stages) = (Vec::new(), Vec::new());
     loop {
         let begun = Instant::now();
@@ -62,7 +58,7 @@ pub fn reconstruct(
         let mut stopped = false;
         'epochs: for epoch in 0..epochs {
             for batch in batches(&train, epoch) {
-                fit.step(&batch, request)?;
+                let loss = fit.step(&batch, request)?;
                 let held_out_psnr_db = if held_out.is_empty() {
                     None
                 } else {
@@ -72,6 +68,7 @@ pub fn reconstruct(
                     level,
                     iteration: history.len() as u32 + 1,
                     seconds: start.elapsed().as_secs_f64(),
+                    loss,
                     held_out_psnr_db,
                 };
                 history.push(step);
@@ -99,6 +96,21 @@ pub fn reconstruct(
         field = Some(fit.field);
         level -= 1;
     }
+}
+
+/// The level to begin on; a start is taken up on the finest.
+fn coarsest(request: &Request) -> u32 {
+    if request.init.is_some() {
+        return 0;
+    }
+    let voxels = (request.bounds.size() / request.lattice.voxel_size()).max_element();
+    (1..8).take_while(|l| voxels / f64::from(1 << l) >= COARSEST).count() as u32
+}
+
+/// Steps that a run takes at most, with `views` pictures that are used.
+pub fn most_iterations(request: &Request, views: usize) -> u64 {
+    let epochs = request.iterations + coarsest(request) * COARSE_EPOCHS.min(request.iterations);
+    u64::from(epochs) * views.div_ceil(BATCH) as u64
 }
 
 /// Views in batches, in an order that changes from epoch to epoch (a stride coprime to their number).
@@ -146,7 +158,10 @@ impl Fit {
         let topology: Arc<Topology> = Arc::new(topology);
         let mask: Vec<f32> = unknown.iter().map(|u| f32::from(u8::from(*u))).collect();
         let x = match start {
-            Some(field) => field.resampled(&topology, &lattice).iter().map(|v| v / unit as f32).collect(),
+            Some(field) => {
+                let known = field.resampled(&topology, &lattice);
+                known.iter().zip(&mask).map(|(v, m)| m * v / unit as f32).collect()
+            }
             None => mask.iter().map(|m| m * START).collect(),
         };
         let mut fit = Self {
@@ -171,7 +186,8 @@ impl Fit {
         Ok(Dvr::new(&self.field, request.medium)?.background(request.background))
     }
 
-    fn step(&mut self, batch: &[&Target], request: &Request) -> Result<()> {
+    /// One step of Adam; returns the L1 loss before it.
+    fn step(&mut self, batch: &[&Target], request: &Request) -> Result<f64> {
         let values: usize = batch.iter().map(|t| 4 * t.rgba.len()).sum();
         let share = 1.0 / values.max(1) as f32;
         let mut stored = std::mem::take(&mut self.stored);
@@ -181,7 +197,7 @@ impl Fit {
             let value = difference.iter().map(|d| f64::from(d.abs())).sum();
             (value, difference.map(|d| if d == 0.0 { 0.0 } else { share * d.signum() }))
         };
-        pictures::gradient(&self.renderer(request)?, batch, l1, &mut stored);
+        let (sum, _) = pictures::gradient(&self.renderer(request)?, batch, l1, &mut stored);
         let mut owned = std::mem::take(&mut self.owned);
         self.field.topology.fold(&stored, &mut owned);
         for g in &mut owned {
@@ -191,7 +207,7 @@ impl Fit {
         self.adam.step(&mut self.x, &owned, &self.mask);
         (self.stored, self.owned) = (stored, owned);
         self.spread();
-        Ok(())
+        Ok(sum * f64::from(share))
     }
 
     /// Adds the gradient of λ times the mean squared difference of neighbours.

@@ -100,15 +100,15 @@ impl Projector {
 
     /// Walks the rays of every pixel of the given views once. `slope(sample, depths)` maps the
     /// optical depths along a pixel's rays to what is sent back per unit of their mean, and to
-    /// something to be summed; `Aᵀ slope` goes to `out`.
+    /// two things to be summed; `Aᵀ slope` goes to `out`.
     pub fn normal(
         &mut self,
         voxels: &[f32],
         views: &[View],
         out: &mut [f32],
-        slope: impl Fn(&Sample, &[f64]) -> (f64, f64) + Sync,
-    ) -> f64 {
-        let sum = self.walk(voxels, views, slope, true);
+        slope: impl Fn(&Sample, &[f64]) -> (f64, [f64; 2]) + Sync,
+    ) -> [f64; 2] {
+        let sums = self.walk(voxels, views, slope, true);
         let (first, rest) = self.lanes.split_at_mut(1);
         first[0].par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
             for lane in rest.iter() {
@@ -118,30 +118,30 @@ impl Projector {
             }
         });
         self.topology.fold(&self.lanes[0], out);
-        sum
+        sums
     }
 
     /// The sum alone: no gradient.
     pub fn measure(&mut self, voxels: &[f32], views: &[View], value: impl Fn(&Sample, &[f64]) -> f64 + Sync) -> f64 {
-        self.walk(voxels, views, |s, z| (0.0, value(s, z)), false)
+        self.walk(voxels, views, |s, z| (0.0, [value(s, z), 0.0]), false)[0]
     }
 
     fn walk(
         &mut self,
         voxels: &[f32],
         views: &[View],
-        slope: impl Fn(&Sample, &[f64]) -> (f64, f64) + Sync,
+        slope: impl Fn(&Sample, &[f64]) -> (f64, [f64; 2]) + Sync,
         back: bool,
-    ) -> f64 {
+    ) -> [f64; 2] {
         self.topology.spread(voxels, &mut self.field.values);
-        let Ok(dvr) = Dvr::new(&self.field, self.medium) else { return 0.0 };
+        let Ok(dvr) = Dvr::new(&self.field, self.medium) else { return [0.0; 2] };
         let dvr = dvr.early_stop(0.0);
         let runs: Vec<(&Camera, &[Sample])> =
             views.iter().flat_map(|v| v.samples.chunks(RUN).map(|s| (&v.camera, s))).collect();
         let (count, offsets) = (self.lanes.len(), &self.offsets);
         let share = 1.0 / offsets.len() as f64;
         let arch = pulp::Arch::new();
-        let sums: Vec<f64> = self
+        let sums: Vec<[f64; 2]> = self
             .lanes
             .par_iter_mut()
             .enumerate()
@@ -151,7 +151,7 @@ impl Projector {
                     if back {
                         gradient.fill(0.0);
                     }
-                    let mut sum = 0.0;
+                    let mut sums = [0.0; 2];
                     for (camera, run) in runs.iter().skip(lane).step_by(count) {
                         arch.dispatch(
                             #[inline(always)]
@@ -163,7 +163,7 @@ impl Projector {
                                         *z = if back { dvr.trace(&ray, tape) } else { dvr.optical_depth(&ray) };
                                     }
                                     let (by_depth, add) = slope(s, depths);
-                                    sum += add;
+                                    sums = [sums[0] + add[0], sums[1] + add[1]];
                                     if back {
                                         tape.spread(share * by_depth, &dvr, gradient);
                                     }
@@ -171,10 +171,10 @@ impl Projector {
                             },
                         );
                     }
-                    sum
+                    sums
                 },
             )
             .collect();
-        sums.into_iter().sum()
+        sums.into_iter().fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]])
     }
 }

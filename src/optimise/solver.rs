@@ -32,6 +32,8 @@ pub struct Solver<'a> {
     robust: bool,
     /// Huber's threshold on a weighted residual, infinite for least squares.
     huber: f64,
+    /// Sum of the squares that are made small.
+    square: f64,
     step: u32,
 }
 
@@ -62,6 +64,7 @@ impl<'a> Solver<'a> {
             robust: false,
             huber: f64::INFINITY,
             step: 0,
+            square: 0.0,
         }
     }
 
@@ -71,6 +74,12 @@ impl<'a> Solver<'a> {
     pub fn robust(mut self, robust: bool) -> Self {
         self.robust = robust;
         self
+    }
+
+    /// Root mean square of the weighted residuals in optical depth, as the quadratic model has it.
+    pub fn loss(&self) -> f64 {
+        let pixels = self.views.iter().map(|v| v.samples.len()).sum::<usize>().max(1);
+        (self.square.max(0.0) / pixels as f64).sqrt()
     }
 
     /// The densities so far, not negative.
@@ -94,9 +103,9 @@ impl<'a> Solver<'a> {
             return false;
         }
         self.step += 1;
-        let curvature = self.projector.normal(&self.direction, self.views, &mut self.image, |s, z| {
+        let [curvature, _] = self.projector.normal(&self.direction, self.views, &mut self.image, |s, z| {
             let z = mean(z);
-            (f64::from(s.weight) * z, f64::from(s.weight) * z * z)
+            (f64::from(s.weight) * z, [f64::from(s.weight) * z * z, 0.0])
         });
         if !(curvature > 0.0 && curvature.is_finite()) {
             return false;
@@ -104,6 +113,7 @@ impl<'a> Solver<'a> {
         let length = (self.power / curvature) as f32;
         axpy(&mut self.x, length, &self.direction);
         axpy(&mut self.residual, -length, &self.image);
+        self.square -= self.power * self.power / curvature;
         let before = self.power;
         self.precondition();
         if self.power.is_nan() || self.power <= 1e-12 * before {
@@ -120,7 +130,7 @@ impl<'a> Solver<'a> {
     fn begin_cycle(&mut self) -> bool {
         self.x.par_iter_mut().for_each(|x| *x = x.max(0.0));
         let huber = self.huber;
-        let spread = self.projector.normal(&self.x, self.views, &mut self.residual, |s, z| {
+        let [spread, square] = self.projector.normal(&self.x, self.views, &mut self.residual, |s, z| {
             // A pixel is the mean of transmittances, not of depths: the difference is known from the
             // present estimate and taken off the measurement.
             let z_mean = mean(z);
@@ -128,8 +138,10 @@ impl<'a> Solver<'a> {
             let miss = f64::from(s.depth) - (z_mean - bent);
             let size = f64::from(s.weight).sqrt() * miss.abs();
             let trust = if size > huber { huber / size } else { 1.0 };
-            (f64::from(s.weight) * trust * miss, size.min(huber))
+            let pull = f64::from(s.weight) * trust * miss;
+            (pull, [size.min(huber), pull * miss])
         });
+        self.square = square;
         if self.robust {
             // Mean absolute value of a normal distribution: σ √(2/π); three σ is rare.
             let pixels = self.views.iter().map(|v| v.samples.len()).sum::<usize>().max(1);

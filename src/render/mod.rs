@@ -4,6 +4,7 @@ pub mod dvr;
 pub mod film;
 pub mod march;
 pub mod quadrature;
+pub mod scale;
 
 use crate::scene::camera::Camera;
 use dvr::Dvr;

@@ -6,7 +6,7 @@ use glam::DMat4;
 use std::path::PathBuf;
 
 /// Which light model the pictures show.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Model {
     /// `T · background`.
@@ -16,7 +16,7 @@ pub enum Model {
 }
 
 /// How the source's radiance follows the density.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum EmissionModel {
     /// The same everywhere.

@@ -31,7 +31,7 @@ use std::path::{Path, PathBuf};
 pub const FILE_NAME: &str = "transforms.json";
 
 /// The JSON file that `path` names, itself or by its folder.
-fn json_path(path: &Path) -> PathBuf {
+pub fn json_path(path: &Path) -> PathBuf {
     if path.is_dir() { path.join(FILE_NAME) } else { path.to_path_buf() }
 }
 

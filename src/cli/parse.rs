@@ -1,0 +1,63 @@
+//! Option values that several commands share.
+
+use crate::math::Aabb;
+use glam::DVec3;
+
+/// A finite number.
+pub fn number(text: &str) -> Result<f64, String> {
+    text.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| format!("'{text}' is not a finite number"))
+}
+
+/// A finite number above zero.
+pub fn positive(text: &str) -> Result<f64, String> {
+    number(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err(format!("'{text}' must be above zero")) })
+}
+
+/// A finite number from zero on.
+pub fn not_negative(text: &str) -> Result<f64, String> {
+    number(text).and_then(|v| if v >= 0.0 { Ok(v) } else { Err(format!("'{text}' must not be negative")) })
+}
+
+/// A world-space box, `x0,y0,z0,x1,y1,z1`.
+pub fn corners(text: &str) -> Result<Aabb, String> {
+    let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
+    let [x0, y0, z0, x1, y1, z1] = numbers[..] else {
+        return Err(format!("{} numbers, six are needed: x0,y0,z0,x1,y1,z1", numbers.len()));
+    };
+    let box_ = Aabb { min: DVec3::new(x0, y0, z0), max: DVec3::new(x1, y1, z1) };
+    if box_.is_empty() { Err("the first corner must not exceed the second".into()) } else { Ok(box_) }
+}
+
+/// A picture's size, `WxH` in pixels.
+pub fn size(text: &str) -> Result<[u32; 2], String> {
+    let side = |s: &str| s.trim().parse::<u32>().ok().filter(|n| (1..=65_536).contains(n));
+    text.split_once('x')
+        .and_then(|(w, h)| Some([side(w)?, side(h)?]))
+        .ok_or_else(|| format!("'{text}' is no size; give WIDTHxHEIGHT in pixels, each from 1 to 65536, such as 256x256"))
+}
+
+/// Scene-linear `r,g,b`, or one number for grey; from zero on.
+pub fn colour(text: &str) -> Result<[f32; 3], String> {
+    let numbers = text.split(',').map(not_negative).collect::<Result<Vec<_>, _>>()?;
+    match numbers[..] {
+        [grey] => Ok([grey as f32; 3]),
+        [r, g, b] => Ok([r as f32, g as f32, b as f32]),
+        _ => Err(format!("{} numbers; one (grey) or three (r,g,b) are needed", numbers.len())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_can_be_read_and_what_not() {
+        assert_eq!(size("640x480").unwrap(), [640, 480]);
+        assert!(size("640").is_err() && size("0x4").is_err() && size("4x70000").is_err());
+        assert_eq!(colour("0.5").unwrap(), [0.5; 3]);
+        assert_eq!(colour("1, 0,0.25").unwrap(), [1.0, 0.0, 0.25]);
+        assert!(colour("1,2").is_err() && colour("-1").is_err() && colour("nan").is_err());
+        assert!(corners("0,0,0,1,1").is_err() && corners("0,0,0,-1,1,1").is_err() && corners("0,0,0,1,1,1").is_ok());
+        assert!(positive("0").is_err() && positive("inf").is_err() && not_negative("0").is_ok());
+    }
+}

@@ -1,0 +1,131 @@
+//! Where an output comes from: version, command line, hashes of the inputs, wall time.
+
+use crate::error::{Error, Result};
+use crate::formats::exr::Attributes;
+use crate::scene::grid::MetaValue;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::path::Path;
+use std::time::Instant;
+
+/// The entries, by name.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Provenance {
+    /// Program and version.
+    pub software: String,
+    /// The words of the command line.
+    pub command: String,
+    /// Inputs and the SHA-256 of their bytes.
+    pub inputs: BTreeMap<String, String>,
+    /// Seconds from the start of the command to the writing of the output.
+    pub seconds: f64,
+    #[serde(skip, default = "Instant::now")]
+    start: Instant,
+}
+
+impl Provenance {
+    /// Begins with this process's command line; the clock runs from here.
+    pub fn begin() -> Self {
+        let words = std::env::args_os().map(|word| quoted(&word.to_string_lossy()));
+        Self {
+            software: concat!("cumulo ", env!("CARGO_PKG_VERSION")).to_owned(),
+            command: words.collect::<Vec<_>>().join(" "),
+            inputs: BTreeMap::new(),
+            seconds: 0.0,
+            start: Instant::now(),
+        }
+    }
+
+    /// Adds an input: one hash over the bytes of all `files`, in their order.
+    ///
+    /// # Errors
+    /// The operating system's, with the file.
+    pub fn input<'a>(&mut self, name: &Path, files: impl IntoIterator<Item = &'a Path>) -> Result<()> {
+        let mut hash = Sha256::new();
+        let mut buffer = vec![0; 1 << 16];
+        for path in files {
+            let mut file = std::fs::File::open(path).map_err(|e| Error::io(path, e))?;
+            loop {
+                match file.read(&mut buffer).map_err(|e| Error::io(path, e))? {
+                    0 => break,
+                    n => hash.update(&buffer[..n]),
+                }
+            }
+        }
+        let text = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+        self.inputs.insert(name.display().to_string(), text);
+        Ok(())
+    }
+
+    /// Seconds so far; also kept as the time of the output.
+    pub fn lap(&mut self) -> f64 {
+        self.seconds = self.start.elapsed().as_secs_f64();
+        self.seconds
+    }
+
+    /// As attributes of an EXR.
+    pub fn attributes(&self) -> Attributes {
+        let mut all = Attributes::new();
+        all.insert("software".into(), self.software.clone());
+        all.insert("cumulo:command".into(), self.command.clone());
+        all.insert("cumulo:input".into(), self.hashes());
+        all
+    }
+
+    /// As metadata of a VDB.
+    pub fn metadata(&self) -> BTreeMap<String, MetaValue> {
+        let mut all = BTreeMap::new();
+        all.insert("creator".into(), MetaValue::Text(self.software.clone()));
+        all.insert("cumulo_command".into(), MetaValue::Text(self.command.clone()));
+        all.insert("cumulo_seconds".into(), MetaValue::Float(self.seconds));
+        all.insert("cumulo_input".into(), MetaValue::Text(self.hashes()));
+        all
+    }
+
+    fn hashes(&self) -> String {
+        self.inputs.iter().map(|(name, hash)| format!("{name} sha256:{hash}")).collect::<Vec<_>>().join(", ")
+    }
+
+    /// As rows of a report.
+    pub fn rows(&self) -> Vec<(String, String)> {
+        let mut all = vec![("Program".to_owned(), self.software.clone()), ("Command".to_owned(), self.command.clone())];
+        all.extend(self.inputs.iter().map(|(name, hash)| (format!("Input {name}"), format!("sha256 {hash}"))));
+        all
+    }
+}
+
+/// A word as a shell would need it to be written.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+%@".contains(c);
+    if !word.is_empty() && word.chars().all(plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', r"'\''")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_survive_a_shell() {
+        assert_eq!(quoted("a/b.vdb"), "a/b.vdb");
+        assert_eq!(quoted("a b"), "'a b'");
+        assert_eq!(quoted("it's"), r"'it'\''s'");
+        assert_eq!(quoted(""), "''");
+    }
+
+    #[test]
+    fn the_hash_is_that_of_all_files_in_order() {
+        let dir = tempfile::tempdir().unwrap();
+        let [a, b] = ["a", "bc"].map(|text| {
+            let path = dir.path().join(text);
+            std::fs::write(&path, text).unwrap();
+            path
+        });
+        let mut p = Provenance::begin();
+        p.input(Path::new("x"), [a.as_path(), b.as_path()]).unwrap();
+        // echo -n abc | sha256sum
+        assert_eq!(p.inputs["x"], "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+        assert!(p.input(Path::new("y"), [dir.path().join("none").as_path()]).is_err());
+    }
+}

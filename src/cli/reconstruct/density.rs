@@ -1,0 +1,298 @@
+//! `cumulo reconstruct density`: a VDB from absorption or emission-absorption pictures.
+
+use crate::cli::memory::Memory;
+use crate::cli::output::Output;
+use crate::cli::provenance::Provenance;
+use crate::cli::run::{self, Run, Solver};
+use crate::cli::{cancel, parse, report};
+use crate::error::{Error, Result};
+use crate::formats::vdb::{Codec, File, Limits, write_grids};
+use crate::formats::{atomic, exr, transforms};
+use crate::math::Aabb;
+use crate::optimise::density::{Outcome, Request, Stage, Step};
+use crate::optimise::hull::Hull;
+use crate::optimise::lattice;
+use crate::optimise::observation::{Observation, Photo};
+use crate::optimise::{density, paper};
+use crate::report::{MOST_VIEWS, choose};
+use crate::scene::bricks::Bricks;
+use crate::scene::capture::Capture;
+use crate::scene::medium::Source;
+use indicatif::ProgressBar;
+use rayon::prelude::*;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+/// Reconstruct the density of a volume from pictures of it
+///
+/// The pictures' density scale is divided out, so that the result stands beside the volume that was rendered. Ctrl-C
+/// writes what is there (exit code 1); --resume goes on from it.
+#[derive(Debug, clap::Args)]
+pub struct Density {
+    /// transforms.json of the pictures, or its folder
+    capture: PathBuf,
+    /// VDB to write
+    #[arg(long, short, value_name = "OUT.vdb")]
+    output: PathBuf,
+    /// Edge of the voxels in world units (default: the capture's lattice, else a pixel's size in the volume)
+    #[arg(long, value_name = "S", value_parser = parse::positive)]
+    voxel_size: Option<f64>,
+    /// Voxels along the longest edge of the region instead
+    #[arg(long, value_name = "N", conflicts_with = "voxel_size", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    resolution: Option<u32>,
+    /// Region in world space, x0,y0,z0,x1,y1,z1; auto: where no picture shows that there is nothing
+    #[arg(long, value_name = "auto|BOX", default_value = "auto", allow_hyphen_values = true, value_parser = bounds)]
+    bounds: Bounds,
+    /// Start from this volume
+    #[arg(long, value_name = "IN.vdb")]
+    init: Option<PathBuf>,
+    /// How the densities are found: auto is cg where the pictures depend on the optical depth alone, else paper
+    #[arg(long, value_enum, default_value_t = Choice::Auto)]
+    solver: Choice,
+    /// Views that are not used, only looked at to know when to stop (default: one of 8 or more)
+    #[arg(long, value_name = "K")]
+    held_out: Option<usize>,
+    /// Iterations on the finest level, at most (paper: epochs)
+    #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    iterations: u32,
+    /// Blur passes of the smoothness prior (default: 2, more where pictures are few or noisy)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
+    smoothing: Option<u32>,
+    /// Bound the influence of outliers: auto where the pictures are noisy
+    #[arg(long, value_enum, default_value_t = Robust::Auto)]
+    robust: Robust,
+    /// Layer of the pictures (default: the beauty)
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
+    /// Name of the grid
+    #[arg(long, value_name = "NAME", default_value = "density")]
+    grid: String,
+    /// Write a page that shows how it went
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    /// Start from the output, if it is there
+    #[arg(long, conflicts_with = "init")]
+    resume: bool,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+/// `--bounds`.
+#[derive(Debug, Clone, Copy)]
+enum Bounds {
+    Auto,
+    Given(Aabb),
+}
+
+fn bounds(text: &str) -> Result<Bounds, String> {
+    if text == "auto" { Ok(Bounds::Auto) } else { parse::corners(text).map(Bounds::Given) }
+}
+
+/// `--solver`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Choice {
+    Auto,
+    /// Conjugate gradients in the smoothness prior's metric
+    Cg,
+    /// Adam as in Weiss & Westermann (2021)
+    Paper,
+}
+
+/// `--robust`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Robust {
+    Auto,
+    Yes,
+    No,
+}
+
+impl Density {
+    /// Reads, reconstructs, writes and reports.
+    ///
+    /// # Errors
+    /// If the pictures cannot be read or used, or the outputs cannot be written.
+    pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
+        let cancel = cancel::listen();
+        let mut provenance = Provenance::begin();
+        let limits = self.memory.limits();
+        atomic::probe(&self.output)?;
+        if let Some(dir) = &self.report {
+            report::prepare(dir)?;
+        }
+        let capture = transforms::load(&self.capture)?;
+        let solver = self.solver(&capture)?;
+        let held_out = self.held_out(capture.frames.len())?;
+
+        let begun = Instant::now();
+        let photos = photos(&capture, self.layer.as_deref(), limits)?;
+        let json = transforms::json_path(&self.capture);
+        let pictures = capture.frames.iter().map(|f| f.picture.as_path());
+        provenance.input(&json, std::iter::once(json.as_path()).chain(pictures))?;
+        let observation = observe(&photos, &capture).map_err(|e| e.at(&json))?;
+        let request = self.request(&capture, &observation, held_out, limits).map_err(|e| e.at(&json))?;
+        let mut stages = vec![Stage { name: "read pictures".into(), seconds: begun.elapsed().as_secs_f64() }];
+
+        let used = photos.len() - request.held_out.len();
+        let length = match solver {
+            Solver::Cg => density::most_iterations(&request),
+            Solver::Paper => paper::most_iterations(&request, used),
+        };
+        let bar = output.progress(length, "density");
+        let watch = |step: &Step| {
+            show(&bar, step);
+            if cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let outcome = match solver {
+            Solver::Cg => density::reconstruct(&observation, &request, watch),
+            Solver::Paper => paper::reconstruct(&photos, &observation, &request, watch),
+        };
+        bar.finish_and_clear();
+        let Outcome { mut grid, history, stages: solved, train_psnr_db, held_out_psnr_db, unknowns, stopped } =
+            outcome.map_err(|e| e.at(&json))?;
+        stages.extend(solved);
+        drop((photos, observation));
+
+        let begun = Instant::now();
+        let seconds = provenance.lap();
+        grid.name.clone_from(&self.grid);
+        write_grids(&self.output, &[&grid], &provenance.metadata(), Codec::default(), false)?;
+        stages.push(Stage { name: "write".into(), seconds: begun.elapsed().as_secs_f64() });
+        let views = capture.frames.len();
+        let mut run = Run {
+            capture: json,
+            output: self.output.clone(),
+            grid: self.grid.clone(),
+            solver,
+            layer: self.layer.clone(),
+            iterations: history.len() as u32,
+            seconds,
+            train_psnr_db,
+            held_out_psnr_db,
+            peak_memory_mb: run::peak_memory_mb(),
+            stopped,
+            views,
+            shown: choose(&(0..views).map(|i| request.held_out.contains(&i)).collect::<Vec<_>>(), MOST_VIEWS),
+            held_out: request.held_out,
+            voxel_size: grid.transform.voxel_size().to_array(),
+            unknowns,
+            report: None,
+            stages,
+            history,
+            provenance,
+        };
+        if stopped {
+            output.note("stopped; what was there by then is written, and --resume goes on from it");
+        }
+        if let Some(dir) = &self.report {
+            run.report = Some(report::write(dir, &run)?);
+        }
+        output.report(&run)?;
+        Ok(if stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
+    }
+
+    fn solver(&self, capture: &Capture) -> Result<Solver> {
+        let grey = matches!(capture.medium().source, Source::Grey(_));
+        match self.solver {
+            Choice::Cg if !grey => {
+                Err(Error::unsupported("--solver cg needs pictures that depend on the optical depth alone")
+                    .at(&self.capture)
+                    .hint("these show emission that follows the density: use --solver paper"))
+            }
+            Choice::Paper => Ok(Solver::Paper),
+            Choice::Auto if !grey => Ok(Solver::Paper),
+            Choice::Auto | Choice::Cg => Ok(Solver::Cg),
+        }
+    }
+
+    /// Numbers of the held-out views, evenly spaced.
+    fn held_out(&self, views: usize) -> Result<Vec<usize>> {
+        let count = self.held_out.unwrap_or(usize::from(views >= 8));
+        if count >= views {
+            return Err(Error::invalid(format!("--held-out {count} leaves none of the {views} views"))
+                .at(&self.capture)
+                .hint("hold out fewer views than there are"));
+        }
+        Ok((0..count).map(|i| (2 * i + 1) * views / (2 * count)).collect())
+    }
+
+    fn request(
+        &self,
+        capture: &Capture,
+        observation: &Observation,
+        held_out: Vec<usize>,
+        limits: Limits,
+    ) -> Result<Request> {
+        let bounds = match self.bounds {
+            Bounds::Given(bounds) => bounds,
+            Bounds::Auto => Hull::new(observation).bounds()?,
+        };
+        let voxel_size = match (self.voxel_size, self.resolution) {
+            (Some(size), _) => Some(size),
+            (None, Some(count)) => Some(lattice::divided(&bounds, count)?),
+            (None, None) if capture.lattice.is_some() => None,
+            (None, None) => lattice::footprint(&observation.maps, &bounds),
+        };
+        let previous = (self.resume && self.output.exists()).then_some(&self.output);
+        let init = self.init.as_ref().or(previous).map(|path| volume(path, limits)).transpose()?;
+        let noisy = observation.noisy();
+        Ok(Request {
+            lattice: lattice::choose(capture.lattice, voxel_size)?,
+            bounds,
+            medium: capture.medium(),
+            background: capture.background,
+            rays_per_edge: run::rays_per_edge(capture.pixel_filter),
+            smoothing: self.smoothing.unwrap_or(if noisy || capture.frames.len() < 24 { 4 } else { 2 }),
+            robust: self.robust == Robust::Yes || self.robust == Robust::Auto && noisy,
+            held_out,
+            iterations: self.iterations,
+            init,
+            max_memory: limits.max_memory,
+        })
+    }
+}
+
+fn volume(path: &Path, limits: Limits) -> Result<Bricks<f32>> {
+    let grid = File::open(path, limits)?.read_fog(None)?;
+    Bricks::from_grid(&grid, limits.max_memory).map_err(|e| e.at(path))
+}
+
+/// Reads all pictures.
+fn photos(capture: &Capture, layer: Option<&str>, limits: Limits) -> Result<Vec<Photo>> {
+    let pixels: u64 = capture.frames.iter().map(|f| u64::from(f.camera.width) * u64::from(f.camera.height)).sum();
+    // Colours, depths and weights, and the rays that the solver walks.
+    if pixels * 48 > limits.max_memory {
+        return Err(Error::unsupported(format!("{pixels} pixels do not fit in memory"))
+            .hint("use fewer or smaller pictures, or raise --max-memory"));
+    }
+    let read = |frame: &crate::scene::capture::Frame| {
+        let film = exr::read_picture(&frame.picture, layer)?;
+        let (w, h) = (frame.camera.width as usize, frame.camera.height as usize);
+        if (film.width, film.height) != (w, h) {
+            return Err(Error::invalid(format!(
+                "the picture has {}x{} pixels, transforms.json says {w}x{h}",
+                film.width, film.height
+            ))
+            .at(&frame.picture)
+            .hint("correct 'w' and 'h' together with 'fl_x', 'fl_y', 'cx' and 'cy', or leave them out"));
+        }
+        Ok(Photo { camera: frame.camera, film, name: frame.picture.display().to_string() })
+    };
+    capture.frames.par_iter().map(read).collect()
+}
+
+fn observe(photos: &[Photo], capture: &Capture) -> Result<Observation> {
+    match capture.medium().source {
+        Source::Grey(colour) => Observation::new(photos, capture.background, colour),
+        // Where the source varies, colours do not tell the optical depth: alpha does.
+        Source::Linear(_) => Observation::new(photos, capture.background, capture.background),
+    }
+}
+
+fn show(bar: &ProgressBar, step: &Step) {
+    let psnr = step.held_out_psnr_db.map(|p| format!(", held-out {p:.2} dB")).unwrap_or_default();
+    bar.set_position(u64::from(step.iteration));
+    bar.set_message(format!("level {}, loss {:.3e}{psnr}", step.level, step.loss));
+}

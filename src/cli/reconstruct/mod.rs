@@ -1,0 +1,27 @@
+//! `cumulo reconstruct`: what pictures say about the volume in them.
+
+mod density;
+
+use super::output::Output;
+use crate::error::Result;
+use std::process::ExitCode;
+
+/// Reconstruct from multi-view pictures
+#[derive(Debug, clap::Subcommand)]
+pub enum Reconstruct {
+    /// Density from absorption or emission-absorption pictures.
+    #[command(name = "density")]
+    Density(Box<density::Density>),
+}
+
+impl Reconstruct {
+    /// Runs the chosen reconstruction.
+    ///
+    /// # Errors
+    /// Whatever it met.
+    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        match self {
+            Self::Density(c) => c.run(output),
+        }
+    }
+}

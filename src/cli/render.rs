@@ -1,0 +1,229 @@
+//! `cumulo render`: pictures of a volume from many sides, as a capture.
+
+use super::memory::Memory;
+use super::output::Output;
+use super::provenance::Provenance;
+use super::{cancel, parse};
+use crate::error::{Error, Result};
+use crate::formats::transforms::{self, FILE_NAME};
+use crate::formats::vdb::File;
+use crate::formats::exr;
+use crate::render::dvr::Dvr;
+use crate::render::quadrature::Quadrature;
+use crate::render::{self, scale};
+use crate::scene::bricks::Bricks;
+use crate::scene::camera::Camera;
+use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
+use crate::scene::orbit::{self, Layout};
+use rayon::prelude::*;
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::str::FromStr;
+
+/// Render a volume from many sides: a capture of EXR pictures and transforms.json
+///
+/// Pictures are 32-bit float, scene-linear, alpha = 1 - transmittance. Absorption shows the background through the
+/// volume; emission-absorption adds the light of a source that is part of it.
+#[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("from").required(true).args(["views", "cameras"]))]
+pub struct Render {
+    /// VDB to render
+    input: PathBuf,
+    /// Folder for transforms.json and the pictures
+    #[arg(long, short, value_name = "DIR")]
+    output: PathBuf,
+    /// Place this many cameras around the volume
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    views: Option<u32>,
+    /// How --views are placed: over the whole sphere, or on the horizontal circle
+    #[arg(long, value_enum, default_value_t = Layout::Sphere, conflicts_with = "cameras")]
+    layout: Layout,
+    /// Size of the pictures of --views in pixels
+    #[arg(long, value_name = "WxH", default_value = "256x256", value_parser = parse::size, conflicts_with = "cameras")]
+    size: [u32; 2],
+    /// Angle in degrees that the volume takes in the pictures of --views
+    #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = angle, conflicts_with = "cameras")]
+    fov: f64,
+    /// Take cameras, and what else is not given, from a transforms.json
+    #[arg(long, value_name = "CAPTURE")]
+    cameras: Option<PathBuf>,
+    /// What is seen (default: that of --cameras, else absorption)
+    #[arg(long, value_enum)]
+    model: Option<Model>,
+    /// Extinction per unit of density and length; auto makes the 99th percentile of the optical depth 3
+    /// (default: that of --cameras, else 1)
+    #[arg(long, value_name = "S|auto")]
+    density_scale: Option<DensityScale>,
+    /// Radiance behind the volume, r,g,b (default: that of --cameras, else white for absorption, black for
+    /// emission-absorption)
+    #[arg(long, value_name = "R,G,B", value_parser = parse::colour)]
+    background: Option<[f32; 3]>,
+    /// Radiance of the source, r,g,b (default: that of --cameras, else white)
+    #[arg(long, value_name = "R,G,B", value_parser = parse::colour)]
+    emission: Option<[f32; 3]>,
+    /// How that radiance follows the density (default: that of --cameras, else grey: not at all)
+    #[arg(long, value_enum)]
+    emission_model: Option<EmissionModel>,
+    /// Integration along rays: exact, midpoint:STEP or riemann:STEP, steps in voxels
+    #[arg(long, value_name = "Q", default_value = "exact")]
+    quadrature: Quadrature,
+    /// Rays along each edge of a pixel; more than one make it the mean over its square
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
+    supersample: u32,
+    /// Grid to render (default: density, else the only scalar one)
+    #[arg(long, value_name = "NAME")]
+    grid: Option<String>,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+/// `--density-scale`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum DensityScale {
+    Given(f64),
+    Auto,
+}
+
+impl FromStr for DensityScale {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "auto" { Ok(Self::Auto) } else { parse::positive(text).map(Self::Given) }
+    }
+}
+
+fn angle(text: &str) -> Result<f64, String> {
+    let degrees = parse::positive(text)?;
+    if degrees < 170.0 { Ok(degrees) } else { Err(format!("'{text}' must be below 170 degrees")) }
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    output: PathBuf,
+    views: usize,
+    model: Model,
+    density_scale: f64,
+    quadrature: String,
+    seconds: f64,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{}: {} views in {:.2} s, density scale {}",
+            self.output.join(FILE_NAME).display(),
+            self.views,
+            self.seconds,
+            self.density_scale
+        )
+    }
+}
+
+impl Render {
+    /// Reads, renders, writes and reports.
+    ///
+    /// # Errors
+    /// If the volume or the cameras cannot be used, or the folder cannot be written to; an earlier
+    /// capture in the folder is untouched then.
+    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let cancel = cancel::listen();
+        let mut provenance = Provenance::begin();
+        let limits = self.memory.limits();
+        let asked = self.cameras.as_deref().map(transforms::load).transpose()?;
+        let grid = File::open(&self.input, limits)?.read_fog(self.grid.as_deref())?;
+        let field = Bricks::from_grid(&grid, limits.max_memory).map_err(|e| e.at(&self.input))?;
+        drop(grid);
+        provenance.input(&self.input, [self.input.as_path()])?;
+        let capture = self.capture(&field, asked)?;
+
+        std::fs::create_dir_all(&self.output)
+            .map_err(|e| Error::io(&self.output, e).hint("the pictures need a folder that can be written to"))?;
+        // Pictures wait in a folder of their own until all are there: an interrupted run must not mix
+        // its pictures with those of an earlier one.
+        let waiting = tempfile::Builder::new()
+            .prefix(".cumulo-")
+            .tempdir_in(&self.output)
+            .map_err(|e| Error::io(&self.output, e))?;
+        let dvr = Dvr::new(&field, capture.medium())?.background(capture.background).quadrature(self.quadrature);
+        let bar = output.progress(capture.frames.len() as u64, "render");
+        let attributes = provenance.attributes();
+        capture.frames.par_iter().try_for_each(|frame| {
+            let film = render::picture(&dvr, &frame.camera, self.supersample as usize, cancel).ok_or_else(Error::cancelled)?;
+            exr::write_picture(&waiting.path().join(file_name(&frame.picture)), &film, &attributes, false)?;
+            bar.inc(1);
+            Ok::<_, Error>(())
+        })?;
+        bar.finish_and_clear();
+        for frame in &capture.frames {
+            let from = waiting.path().join(file_name(&frame.picture));
+            std::fs::rename(&from, &frame.picture).map_err(|e| Error::io(&frame.picture, e))?;
+        }
+        let seconds = provenance.lap();
+        let mut extra = Map::new();
+        extra.insert("provenance".into(), json!(provenance));
+        extra.insert("quadrature".into(), Value::String(self.quadrature.to_string()));
+        transforms::save(&self.output.join(FILE_NAME), &capture, &extra)?;
+        output.report(&Report {
+            output: self.output.clone(),
+            views: capture.frames.len(),
+            model: capture.model,
+            density_scale: capture.density_scale,
+            quadrature: self.quadrature.to_string(),
+            seconds,
+        })?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// What the pictures will show, from the options and, where they are silent, from `--cameras`.
+    fn capture(&self, field: &Bricks<f32>, asked: Option<Capture>) -> Result<Capture> {
+        let cameras: Vec<Camera> = match (&asked, self.views) {
+            (Some(capture), _) => capture.frames.iter().map(|f| f.camera).collect(),
+            (None, count) => {
+                let bounds = field.content();
+                if bounds.is_empty() {
+                    return Err(Error::invalid("the grid is empty: there is nothing to place cameras around")
+                        .at(&self.input)
+                        .hint("choose another grid with --grid, or give the cameras with --cameras"));
+                }
+                let [w, h] = self.size;
+                orbit::cameras(&bounds, count.unwrap_or(1) as usize, self.layout, w, h, self.fov)
+            }
+        };
+        let density_scale = match (self.density_scale, &asked) {
+            (Some(DensityScale::Given(s)), _) => s,
+            (Some(DensityScale::Auto), _) => scale::density_scale(field, &cameras).ok_or_else(|| {
+                Error::invalid("no pixel meets any density, so that no scale can be found")
+                    .at(&self.input)
+                    .hint("check the grid and the cameras, or give the scale as a number")
+            })?,
+            (None, Some(capture)) => capture.density_scale,
+            (None, None) => 1.0,
+        };
+        let asked = asked.as_ref();
+        let model = self.model.or(asked.map(|c| c.model)).unwrap_or(Model::Absorption);
+        // The other model's background would be a surprise: white light behind a bright source.
+        let same = asked.filter(|c| c.model == model);
+        let behind = if model == Model::Absorption { [1.0; 3] } else { [0.0; 3] };
+        let frames = cameras.into_iter().enumerate().map(|(i, camera)| Frame {
+            camera,
+            picture: self.output.join(format!("view_{i:03}.exr")),
+        });
+        Ok(Capture {
+            frames: frames.collect(),
+            model,
+            background: self.background.or(same.map(|c| c.background)).unwrap_or(behind),
+            pixel_filter: if self.supersample > 1 { PixelFilter::Box } else { PixelFilter::Point },
+            density_scale,
+            emission: self.emission.or(asked.map(|c| c.emission)).unwrap_or([1.0; 3]),
+            emission_model: self.emission_model.or(asked.map(|c| c.emission_model)).unwrap_or(EmissionModel::Grey),
+            lattice: Some(field.transform.matrix()),
+        })
+    }
+}
+
+fn file_name(picture: &Path) -> &Path {
+    picture.file_name().map_or(picture, Path::new)
+}

@@ -1,0 +1,98 @@
+//! What a reconstruction did: its report, kept beside the page so that the page can be made again.
+
+use super::provenance::Provenance;
+use crate::optimise::density::{Stage, Step};
+use crate::scene::capture::PixelFilter;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::path::PathBuf;
+
+/// How the densities were found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Solver {
+    /// Conjugate gradients in the smoothness prior's metric.
+    Cg,
+    /// Weiss & Westermann (2021).
+    Paper,
+}
+
+/// A reconstruction of densities.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Run {
+    /// The pictures' transforms.json.
+    pub capture: PathBuf,
+    /// The VDB that was written.
+    pub output: PathBuf,
+    /// Name of its grid.
+    pub grid: String,
+    /// How the densities were found.
+    pub solver: Solver,
+    /// Layer of the pictures that was asked for.
+    pub layer: Option<String>,
+    /// Iterations, all levels counted.
+    pub iterations: u32,
+    /// Wall time up to the writing of the VDB.
+    pub seconds: f64,
+    /// PSNR of the views that were used, peak 1.
+    pub train_psnr_db: f64,
+    /// PSNR of those that were not.
+    pub held_out_psnr_db: Option<f64>,
+    /// Largest resident memory of the process in MB (2²⁰ bytes); none where the system does not tell.
+    pub peak_memory_mb: Option<f64>,
+    /// True if the user stopped it.
+    pub stopped: bool,
+    /// Number of views.
+    pub views: usize,
+    /// Numbers of the held-out views.
+    pub held_out: Vec<usize>,
+    /// Numbers of the views that the page shows.
+    pub shown: Vec<usize>,
+    /// Edge lengths of the voxels in world units.
+    pub voxel_size: [f64; 3],
+    /// Unknown voxels on the finest level.
+    pub unknowns: usize,
+    /// The page, if one was asked for.
+    pub report: Option<PathBuf>,
+    /// Time by stage.
+    pub stages: Vec<Stage>,
+    /// Every iteration.
+    pub history: Vec<Step>,
+    /// Version, command line and hash of the inputs.
+    pub provenance: Provenance,
+}
+
+/// Rays along each edge of a pixel by which its filter is followed.
+pub fn rays_per_edge(filter: PixelFilter) -> usize {
+    match filter {
+        PixelFilter::Point => 1,
+        PixelFilter::Box => 2,
+    }
+}
+
+/// Largest resident memory of this process so far, in units of 2²⁰ bytes.
+pub fn peak_memory_mb() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
+    let kib: f64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kib / 1024.0)
+}
+
+impl fmt::Display for Run {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [x, y, z] = self.voxel_size;
+        writeln!(f, "{}: grid '{}', {} voxels of {x} x {y} x {z}", self.output.display(), self.grid, self.unknowns)?;
+        writeln!(f, "  {} iterations in {:.2} s", self.iterations, self.seconds)?;
+        writeln!(f, "  used views     {:.2} dB ({})", self.train_psnr_db, self.views - self.held_out.len())?;
+        if let Some(psnr) = self.held_out_psnr_db {
+            writeln!(f, "  held-out views {psnr:.2} dB ({})", self.held_out.len())?;
+        }
+        if let Some(mb) = self.peak_memory_mb {
+            writeln!(f, "  peak memory    {mb:.0} MB")?;
+        }
+        if let Some(page) = &self.report {
+            writeln!(f, "  report         {}", page.display())?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,59 @@
+//! A density scale at which a volume's pictures neither vanish nor go black.
+
+use crate::render::dvr::Dvr;
+use crate::scene::bricks::Bricks;
+use crate::scene::camera::Camera;
+use crate::scene::medium::Medium;
+use rayon::prelude::*;
+
+/// Share of the pixels that meet the medium whose optical depth stays below [`DEPTH`].
+const SHARE: f64 = 0.99;
+/// Optical depth at that share: a transmittance of 5 %.
+const DEPTH: f64 = 3.0;
+/// Pixels looked at along each edge of a picture, about.
+const PIXELS: u32 = 64;
+
+/// Extinction per unit of density at which the 99th percentile of the optical depth, over the pixels
+/// of all cameras that meet any density, is 3. About 64 x 64 pixels of each picture are looked at.
+/// `None` if no pixel meets anything.
+pub fn density_scale(field: &Bricks<f32>, cameras: &[Camera]) -> Option<f64> {
+    let dvr = Dvr::new(field, Medium::absorbing(1.0)).ok()?.early_stop(0.0);
+    let of_camera = |camera: &Camera| {
+        let stride = (camera.width.min(camera.height) / PIXELS).max(1);
+        let of_row = |y: u32| {
+            let pixels = (stride / 2..camera.width).step_by(stride as usize);
+            pixels.map(|x| dvr.optical_depth(&camera.ray(f64::from(x) + 0.5, f64::from(y) + 0.5))).collect::<Vec<_>>()
+        };
+        (stride / 2..camera.height).step_by(stride as usize).flat_map(of_row).filter(|d| *d > 0.0).collect::<Vec<_>>()
+    };
+    let mut depths: Vec<f64> = cameras.par_iter().flat_map(of_camera).collect();
+    if depths.is_empty() {
+        return None;
+    }
+    let at = ((depths.len() - 1) as f64 * SHARE).round() as usize;
+    let (_, depth, _) = depths.select_nth_unstable_by(at, f64::total_cmp);
+    let scale = DEPTH / *depth;
+    scale.is_finite().then_some(scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Affine;
+    use crate::scene::bricks::Topology;
+    use crate::scene::orbit::{self, Layout};
+    use glam::{DVec3, IVec3};
+    use std::sync::Arc;
+
+    #[test]
+    fn the_thickest_paths_come_to_three() {
+        let topology = Arc::new(Topology::new([IVec3::ZERO]).unwrap());
+        let mut field = Bricks::zeros(topology, Affine::uniform(1.0, DVec3::ZERO).unwrap());
+        let cameras = orbit::cameras(&field.world_bounds(), 4, Layout::Ring, 40, 30, 30.0);
+        assert_eq!(density_scale(&field, &cameras), None);
+        field.values.fill(0.25);
+        let scale = density_scale(&field, &cameras).unwrap();
+        // A cube of 8 units of density 1/4: 2 straight through, 2√2 along the diagonal of a face.
+        assert!((3.0 / 2.84..3.0 / 2.0).contains(&scale), "{scale}");
+    }
+}
