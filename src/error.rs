@@ -92,6 +92,14 @@ impl Error {
     pub fn what(&self) -> &str {
         &self.0.what
     }
+    /// Grid, layer, frame or argument it happened in, where one was named.
+    pub fn place(&self) -> Option<&str> {
+        self.0.part.as_deref()
+    }
+    /// What to do, where it is known.
+    pub fn remedy(&self) -> Option<&str> {
+        self.0.hint.as_deref()
+    }
 }
 
 impl fmt::Display for Error {

@@ -1,5 +1,7 @@
 //! Closed forms: what the renderer must give without any reference picture.
 
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+
 mod fields;
 
 use cumulo::math::{Affine, Ray};

@@ -1,6 +1,6 @@
 //! `cumulo compare` from the outside: figures, exit codes, streams, wrong use.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 use assert_cmd::Command;
 use cumulo::formats::exr;

@@ -2,6 +2,8 @@
 //! transpose identity. The fields are smooth and the pieces' number does not change under the
 //! differences' steps, so central differences are good to h².
 
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+
 mod fields;
 
 use cumulo::math::Ray;

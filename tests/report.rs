@@ -1,6 +1,6 @@
 //! The report: one file, nothing from outside, whatever the names are.
 
-#![allow(clippy::unwrap_used, clippy::expect_used)]
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a panic is how a test fails")]
 
 use base64::Engine;
 use cumulo::math::Affine;

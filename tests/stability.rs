@@ -1,6 +1,8 @@
 //! Hard cases: f32 against f64, each with the figure it must keep. The names follow the table of
 //! hard cases in the README.
 
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+
 mod fields;
 
 use cumulo::math::{Affine, Ray};

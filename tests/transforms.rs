@@ -1,7 +1,7 @@
 //! Captures: what is written is read back to the bit, other tools' files are understood, and faults
 //! are named by frame and key.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 use cumulo::formats::{exr, transforms};
 use cumulo::render::film::Film;
@@ -170,6 +170,7 @@ fn missing_and_malformed_files_are_errors() {
     let dir = tempfile::tempdir().unwrap();
     let message = transforms::load(dir.path()).unwrap_err().to_string();
     assert!(message.contains("transforms.json") && message.contains("capture"), "{message}");
+    assert!(transforms::problems(dir.path()).unwrap_err().io_kind().is_some(), "no fault of the content");
     for text in ["", "[]", "{\"frames\": [", "{\"frames\": 3}", "{}", "\u{0}"] {
         std::fs::write(dir.path().join("transforms.json"), text).unwrap();
         transforms::load(dir.path()).unwrap_err();
@@ -194,7 +195,7 @@ fn problems_are_listed_all_at_once() {
         json!({"fl_x": 50, "w": 40, "h": 30, "frames": [frame("0"), frame("1"), frame("2"), frame("3"), frame("4")]});
     let problems = |text: &Value| {
         std::fs::write(&json, text.to_string()).unwrap();
-        transforms::problems(dir.path())
+        transforms::problems(dir.path()).unwrap()
     };
     assert_eq!(problems(&text), []);
 
@@ -203,7 +204,7 @@ fn problems_are_listed_all_at_once() {
     picture(&dir.path().join("3.exr"), 40, 30, f32::NAN);
     text["frames"][4]["file_path"] = json!("0.exr");
     let found = problems(&text);
-    let whats: Vec<&str> = found.iter().map(|p| p.what.as_str()).collect();
+    let whats: Vec<String> = found.iter().map(ToString::to_string).collect();
     assert_eq!(whats.len(), 4, "{whats:?}");
     let expected =
         [["frame 1", "30x40"], ["frame 2", "2.exr"], ["frame 3", "NaN"], ["frame 4", "same picture as frame 0"]];
@@ -215,8 +216,8 @@ fn problems_are_listed_all_at_once() {
     text["frames"][3]["k1"] = json!(0.5);
     let found = problems(&text);
     assert_eq!(found.len(), 2, "{found:?}");
-    assert!(found[0].what.contains("frame 1") && found[0].what.contains("orthogonal"));
-    assert!(found[1].what.contains("frame 3") && found[1].hint.contains("undistort"));
+    assert!(found[0].part.as_deref() == Some("frame 1") && found[0].what.contains("orthogonal"));
+    assert!(found[1].part.as_deref() == Some("frame 3") && found[1].remedy.contains("undistort"));
     assert_eq!(problems(&json!({"frames": []})).len(), 1);
 }
 
@@ -228,7 +229,20 @@ fn summaries_count_views_and_sizes() {
     let summary = transforms::summary(&json).unwrap();
     assert_eq!((summary.frames, summary.orthographic, summary.sizes["64x52"]), (5, 1, 1));
     assert!(summary.cameras_max.iter().zip(summary.cameras_min).all(|(high, low)| *high >= low && *high <= 3.0));
-    assert!(summary.to_string().contains("5 views"));
+    assert_eq!((summary.emission, summary.emission_model), (Some([1.0, 0.2, 1e-3]), Some(EmissionModel::Linear)));
+    // The lattice is a translation of a scale: each column has a single entry, whose root of a square rounds twice.
+    let size = summary.lattice_voxel_size.unwrap();
+    assert!(size.iter().all(|s| (s - 0.1).abs() < 4.0 * f64::EPSILON * 0.1), "{size:?}");
+    let text = summary.to_string();
+    for words in
+        ["5 view", "1 of 64x52", "4 perspective, 1 orthographic", "[1.0, 0.2, 0.001] times the density", "lattice"]
+    {
+        assert!(text.contains(words), "'{words}' is not in: {text}");
+    }
+    let dark = Capture { model: Model::Absorption, lattice: None, ..capture(dir.path()) };
+    transforms::save(&json, &dark, &Map::new()).unwrap();
+    let summary = transforms::summary(dir.path()).unwrap();
+    assert_eq!((summary.emission, summary.emission_model, summary.lattice_voxel_size), (None, None, None));
 }
 
 /// Bytes that mean something in JSON, and two that never do.
@@ -266,7 +280,7 @@ fn damaged_captures_are_loaded_or_refused() {
             }
             Ok(capture) => assert!(capture.frames.iter().all(|f| f.camera.checked().is_ok())),
         }
-        transforms::problems(&json);
+        transforms::problems(&json).unwrap();
     }
     assert!((100..300).contains(&refused), "{refused} of 300 refused");
 }

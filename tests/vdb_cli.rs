@@ -1,6 +1,6 @@
 //! The commands on VDB files: what they print, and how they end.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 mod common;
 

@@ -1,6 +1,6 @@
 //! Damaged files are refused: no crash, no hang, no memory beyond the cap.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 mod common;
 

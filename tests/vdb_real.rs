@@ -1,6 +1,6 @@
 //! Files from Houdini, Bifrost and others, where a folder of them is at hand.
 
-#![allow(clippy::unwrap_used, clippy::expect_used)]
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a panic is how a test fails")]
 
 use cumulo::formats::vdb::{File, Limits, NativeGrid, write_native};
 use std::collections::BTreeMap;

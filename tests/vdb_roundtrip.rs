@@ -1,6 +1,6 @@
 //! What goes into a VDB comes out of it, for every kind of grid, seen by us and by OpenVDB's tools.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 mod common;
 

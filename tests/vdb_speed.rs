@@ -1,6 +1,6 @@
 //! How long a 256³ noise takes, read into our memory and written (goal B10).
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 mod common;
 

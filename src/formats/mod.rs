@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use std::io::Read;
 use std::path::Path;
 
-/// What a file is, by its first bytes.
+/// What a file is, by its first bytes, or a folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
@@ -21,17 +21,21 @@ pub enum Format {
     NanoVdb,
     /// OpenEXR.
     Exr,
-    /// JSON: an object or an array.
-    Json,
+    /// A multi-view capture: a JSON object, or a folder.
+    Capture,
     /// None of these.
     Unknown,
 }
 
-/// Looks at the first bytes; the name's extension does not matter.
+/// Looks at the first bytes; the name's extension does not matter. A folder can only be a capture's:
+/// whether it holds one is for its reader to say.
 ///
 /// # Errors
 /// If the file cannot be read.
 pub fn sniff(path: &Path) -> Result<Format> {
+    if path.is_dir() {
+        return Ok(Format::Capture);
+    }
     let mut start = Vec::with_capacity(64);
     let file = std::fs::File::open(path).map_err(|e| Error::io(path, e))?;
     file.take(64).read_to_end(&mut start).map_err(|e| Error::io(path, e))?;
@@ -42,9 +46,15 @@ pub fn sniff(path: &Path) -> Result<Format> {
         Format::NanoVdb
     } else if start.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
         Format::Exr
-    } else if text.iter().find(|b| !b.is_ascii_whitespace()).is_some_and(|b| b"{[".contains(b)) {
-        Format::Json
+    } else if text.iter().find(|b| !b.is_ascii_whitespace()).is_some_and(|b| *b == b'{') {
+        Format::Capture
     } else {
         Format::Unknown
     })
+}
+
+/// The refusal of a file of [`Format::Unknown`].
+pub fn unknown() -> Error {
+    Error::unsupported("no file of a known kind")
+        .hint("OpenVDB and OpenEXR files are understood, and captures: a transforms.json or the folder that holds one")
 }

@@ -19,6 +19,8 @@ fn in_words(path: &Path, error: exr::error::Error) -> Error {
         Exr::NotSupported(what) => Error::unsupported(format!("OpenEXR feature: {what}")).hint(
             "write it as flat scan lines with ZIP compression, e.g. `oiiotool in.exr --compression zip -o out.exr`",
         ),
+        // A chunk's offset beyond what the system can seek to: the file's fault, not the disk's.
+        Exr::Io(e) if e.kind() == std::io::ErrorKind::InvalidInput => damaged("offset of a chunk out of range"),
         Exr::Io(e) => Error::io(path, e),
         Exr::Invalid(what) => damaged(&what),
         Exr::Aborted => Error::cancelled(),

@@ -19,14 +19,16 @@ mod dwa;
 mod fault;
 mod header;
 mod picture;
+mod problems;
 mod read;
 mod summary;
 mod write;
 
 pub use header::{ChannelInfo, Header, LayerInfo, Part, SampleType, header};
 pub use picture::{Picture, picture, read_picture};
+pub use problems::problems;
 pub use read::{Channel, Image, Layer, read};
-pub use summary::{ChannelSummary, ExrSummary, LayerSummary, PartSummary, problems, summary};
+pub use summary::{ChannelSummary, ExrSummary, LayerSummary, PartSummary, summary};
 pub use write::{Attributes, write_picture};
 
 use serde::Serialize;

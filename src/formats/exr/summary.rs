@@ -1,9 +1,8 @@
-//! What `info` and `validate` say of an OpenEXR file.
+//! An OpenEXR file in figures, for `info`.
 
 use super::header::{ChannelInfo, Part};
 use super::{Channel, Window, header, read};
 use crate::error::Result;
-use crate::formats::problem::Problem;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -18,8 +17,9 @@ pub struct ExrSummary {
     pub pixel_aspect: f32,
     /// Parts in file order.
     pub parts: Vec<PartSummary>,
-    /// Matrices of the camera (`worldToCamera`, `worldToNDC`), row by row, where the file has them.
-    pub camera: BTreeMap<String, String>,
+    /// Matrices of the camera (`worldToCamera`, `worldToNDC`), row by row, where the file has them. As
+    /// OpenEXR has it, points are row vectors: the translation is the last row.
+    pub camera: BTreeMap<String, [[f32; 4]; 4]>,
     /// All other attributes.
     pub attributes: BTreeMap<String, String>,
 }
@@ -81,8 +81,14 @@ pub fn summary(path: &Path) -> Result<ExrSummary> {
             channels: channels.map(|(&c, channel)| figures(&header.parts[info.part].channels[c], channel)).collect(),
         });
     }
-    let (camera, attributes) =
-        header.attributes().into_iter().partition(|(name, _)| matches!(name.as_str(), "worldToCamera" | "worldToNDC"));
+    let mut attributes = header.attributes();
+    let mut camera = BTreeMap::new();
+    for name in ["worldToCamera", "worldToNDC"] {
+        if let Some(rows) = attributes.get(name).and_then(|text| matrix(text)) {
+            attributes.remove(name);
+            camera.insert(name.to_owned(), rows);
+        }
+    }
     Ok(ExrSummary {
         display_window: header.display_window,
         pixel_aspect: header.pixel_aspect,
@@ -90,6 +96,13 @@ pub fn summary(path: &Path) -> Result<ExrSummary> {
         camera,
         attributes,
     })
+}
+
+/// An attribute's text as four rows, if it is a matrix.
+fn matrix(text: &str) -> Option<[[f32; 4]; 4]> {
+    let numbers: Vec<f32> = text.split(' ').map(str::parse).collect::<Result<_, _>>().ok()?;
+    let numbers: [f32; 16] = numbers.try_into().ok()?;
+    Some(std::array::from_fn(|row| std::array::from_fn(|column| numbers[4 * row + column])))
 }
 
 fn part(part: &Part) -> PartSummary {
@@ -114,50 +127,6 @@ fn figures(info: &ChannelInfo, channel: &Channel) -> ChannelSummary {
     }
 }
 
-/// What is wrong with a file; empty if nothing is. A file that cannot be read is one problem.
-pub fn problems(path: &Path) -> Vec<Problem> {
-    let summary = match summary(path) {
-        Ok(summary) => summary,
-        Err(error) => return vec![error.into()],
-    };
-    let mut found = Vec::new();
-    for (i, part) in summary.parts.iter().enumerate() {
-        for channel in part.layers.iter().flat_map(|l| &l.channels).filter(|c| c.non_finite > 0) {
-            found.push(Problem::new(
-                format!(
-                    "{}: channel '{}' has {} NaN or infinite samples",
-                    path.display(),
-                    channel.info.name,
-                    channel.non_finite
-                ),
-                "render it again, or fill the holes before it is used",
-            ));
-        }
-        if apart(&part.data_window, &summary.display_window) {
-            found.push(Problem::new(
-                format!(
-                    "{}: part {i} is stored at {}, outside the display window {}",
-                    path.display(),
-                    part.data_window,
-                    summary.display_window
-                ),
-                "nothing of it would be seen; correct the windows",
-            ));
-        }
-    }
-    if !(summary.pixel_aspect.is_finite() && summary.pixel_aspect > 0.0) {
-        found.push(Problem::new(
-            format!("{}: pixel aspect ratio {}", path.display(), summary.pixel_aspect),
-            "a positive number is expected, 1 for square pixels",
-        ));
-    }
-    found
-}
-
-fn apart(a: &Window, b: &Window) -> bool {
-    (0..2).any(|axis| a.end(axis) <= i64::from(b.min[axis]) || b.end(axis) <= i64::from(a.min[axis]))
-}
-
 impl fmt::Display for ExrSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "OpenEXR, display window {}, pixel aspect {}", self.display_window, self.pixel_aspect)?;
@@ -166,7 +135,10 @@ impl fmt::Display for ExrSummary {
             let storage = if part.tiled { "tiles" } else { "scan lines" };
             writeln!(f, "part {i}{name}: data window {}, {storage}, {}", part.data_window, part.compression)?;
             for layer in &part.layers {
-                writeln!(f, "  layer '{}'", layer.name)?;
+                match layer.name.as_str() {
+                    "" => writeln!(f, "  unnamed layer")?,
+                    name => writeln!(f, "  layer '{name}'")?,
+                }
                 for c in &layer.channels {
                     let kind = format!("{:?}", c.info.sample_type).to_lowercase();
                     write!(f, "    {:<8} {kind:<5}", c.info.component)?;
@@ -174,13 +146,19 @@ impl fmt::Display for ExrSummary {
                         write!(f, "  {min} to {max}, mean {mean:.6}")?;
                     }
                     if c.non_finite > 0 {
-                        write!(f, "  {} NaN or infinite", c.non_finite)?;
+                        write!(f, "  ({} NaN or infinite)", c.non_finite)?;
                     }
                     writeln!(f)?;
                 }
             }
         }
-        for (name, value) in self.camera.iter().chain(&self.attributes) {
+        for (name, rows) in &self.camera {
+            writeln!(f, "camera matrix {name}, for row vectors")?;
+            for [a, b, c, d] in rows {
+                writeln!(f, "  [{a:>12.6} {b:>12.6} {c:>12.6} {d:>12.6}]")?;
+            }
+        }
+        for (name, value) in &self.attributes {
             writeln!(f, "{name}: {value}")?;
         }
         Ok(())

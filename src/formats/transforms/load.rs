@@ -67,7 +67,8 @@ pub(super) fn read_object(json: &Path) -> Result<Map<String, Value>> {
         return Err(Error::invalid(format!("{} bytes are no list of cameras", bytes.len())));
     }
     let text = std::fs::read(json).map_err(|e| Error::io(json, e))?;
-    match serde_json::from_slice(&text) {
+    // Windows editors put a byte order mark before the text.
+    match serde_json::from_slice(text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text)) {
         Ok(Value::Object(root)) => Ok(root),
         Ok(_) => Err(Error::invalid("not a JSON object")),
         Err(e) => Err(Error::invalid(format!("no valid JSON: {e}"))),
@@ -86,7 +87,9 @@ pub(super) fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> 
         (Some(w), Some(h)) => (w, h),
         (w, h) => {
             let header = exr::header(&picture).map_err(|e| {
-                Error::invalid(format!("'w' and 'h' are not both given, and the picture cannot say: {e}"))
+                let picture = picture.display();
+                Error::invalid(format!("'w' and 'h' are not both given, and {picture} cannot say: {}", e.what()))
+                    .hint("give both in pixels, or add the picture")
             })?;
             let [pw, ph] = header.display_window.size;
             (w.unwrap_or(pw as u32), h.unwrap_or(ph as u32))

@@ -18,10 +18,12 @@
 mod load;
 mod problems;
 mod save;
+mod summary;
 
 pub use load::load;
-pub use problems::{CaptureSummary, problems, summary};
+pub use problems::problems;
 pub use save::save;
+pub use summary::{CaptureSummary, summary};
 
 use std::path::{Path, PathBuf};
 

@@ -1,37 +1,18 @@
-//! `cumulo info`: what is in a file.
+//! An OpenVDB file in figures.
 
-use super::memory::{Memory, human};
-use super::output::Output;
-use crate::error::{Error, Result};
+use crate::cli::memory::human;
+use crate::error::Result;
 use crate::formats::vdb::{File, GridInfo, Limits, RawGrid, Transform};
-use crate::formats::{self, Format};
 use crate::scene::grid::{GridClass, MetaValue};
 use crate::scene::statistics::{self, Statistics};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
-use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::path::Path;
 
-/// Show what is in files: grids, transforms, bounds, statistics and metadata
-#[derive(Debug, clap::Args)]
-pub struct Info {
-    /// Files to look at
-    #[arg(required = true, value_name = "FILE")]
-    files: Vec<PathBuf>,
-    #[command(flatten)]
-    memory: Memory,
-}
-
+/// What `info` says of a file.
 #[derive(Debug, Serialize)]
-struct Report {
-    files: Vec<Volume>,
-}
-
-#[derive(Debug, Serialize)]
-struct Volume {
-    path: PathBuf,
-    format: Format,
+pub(super) struct Volume {
     file_version: u32,
     library_version: String,
     metadata: BTreeMap<String, MetaValue>,
@@ -72,30 +53,11 @@ struct Bounds<T> {
     max: [T; 3],
 }
 
-impl Info {
-    /// Reads and reports.
-    ///
-    /// # Errors
-    /// If a file cannot be read or is of a kind that is not known.
-    pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let mut files = Vec::new();
-        for path in &self.files {
-            match formats::sniff(path)? {
-                // NanoVDB too: its refusal says how to convert it.
-                Format::Vdb | Format::NanoVdb => files.push(volume(path, self.memory.limits())?),
-                other @ (Format::Exr | Format::Json | Format::Unknown) => {
-                    return Err(Error::unsupported(format!("no information is known about {other:?} files"))
-                        .at(path)
-                        .hint("give .vdb files"));
-                }
-            }
-        }
-        output.report(&Report { files })?;
-        Ok(ExitCode::SUCCESS)
-    }
-}
-
-fn volume(path: &Path, limits: Limits) -> Result<Volume> {
+/// Reads all grids and their values.
+///
+/// # Errors
+/// If the file or one of its grids cannot be read.
+pub(super) fn summary(path: &Path, limits: Limits) -> Result<Volume> {
     let file = File::open(path, limits)?;
     let mut grids = Vec::new();
     for entry in file.entries() {
@@ -106,8 +68,6 @@ fn volume(path: &Path, limits: Limits) -> Result<Volume> {
     }
     let (major, minor) = file.preflight().library;
     Ok(Volume {
-        path: path.to_path_buf(),
-        format: Format::Vdb,
         file_version: file.preflight().version,
         library_version: format!("{major}.{minor}"),
         metadata: file.metadata()?,
@@ -116,7 +76,7 @@ fn volume(path: &Path, limits: Limits) -> Result<Volume> {
 }
 
 /// Statistics of active voxels and tiles; vectors by their length.
-pub(super) fn statistics_of(raw: &RawGrid) -> Statistics {
+pub(in crate::cli) fn statistics_of(raw: &RawGrid) -> Statistics {
     let magnitude = |v: &[f32]| match v {
         [one] => *one,
         many => many.iter().map(|c| c * c).sum::<f32>().sqrt(),
@@ -131,7 +91,7 @@ pub(super) fn statistics_of(raw: &RawGrid) -> Statistics {
     })
 }
 
-pub(super) fn class_name(class: GridClass) -> &'static str {
+fn class_name(class: GridClass) -> &'static str {
     match class {
         GridClass::FogVolume => "fog volume",
         GridClass::LevelSet => "level set",
@@ -175,12 +135,6 @@ fn grid(
     }
 }
 
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.files.iter().try_for_each(|file| write!(f, "{file}"))
-    }
-}
-
 fn show(value: &MetaValue) -> String {
     match value {
         MetaValue::Bool(v) => v.to_string(),
@@ -196,14 +150,13 @@ impl fmt::Display for Volume {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{}: OpenVDB file version {}, written by library {}, {} grid(s)",
-            self.path.display(),
+            "OpenVDB file version {}, written by library {}, {} grid(s)",
             self.file_version,
             self.library_version,
             self.grids.len()
         )?;
         for (name, value) in &self.metadata {
-            writeln!(f, "  {name}: {}", show(value))?;
+            writeln!(f, "{name}: {}", show(value))?;
         }
         self.grids.iter().try_for_each(|grid| write!(f, "{grid}"))
     }
@@ -212,22 +165,22 @@ impl fmt::Display for Volume {
 impl fmt::Display for Grid {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let half = if self.half { ", stored as half" } else { "" };
-        writeln!(f, "  grid '{}': {}, {}{half}", self.name, self.value_type, self.class)?;
+        writeln!(f, "grid '{}': {}, {}{half}", self.name, self.value_type, self.class)?;
         if let Some(parent) = &self.instance_of {
-            writeln!(f, "    shares the tree of '{parent}'")?;
+            writeln!(f, "  shares the tree of '{parent}'")?;
         }
         match (&self.transform.voxel_size, &self.transform.matrix) {
             (Some(v), Some(m)) => {
-                writeln!(f, "    voxel size {} x {} x {} ({})", v[0], v[1], v[2], self.transform.kind)?;
+                writeln!(f, "  voxel size {} x {} x {} ({})", v[0], v[1], v[2], self.transform.kind)?;
                 for row in &m[..3] {
-                    writeln!(f, "      [{:>12.6} {:>12.6} {:>12.6} {:>12.6}]", row[0], row[1], row[2], row[3])?;
+                    writeln!(f, "    [{:>12.6} {:>12.6} {:>12.6} {:>12.6}]", row[0], row[1], row[2], row[3])?;
                 }
             }
-            _ => writeln!(f, "    transform {} (not affine: resample before use)", self.transform.kind)?,
+            _ => writeln!(f, "  transform {} (not affine: resample before use)", self.transform.kind)?,
         }
         writeln!(
             f,
-            "    {} active voxels in {} leaves and {} tiles, {} in memory, background {:?}",
+            "  {} active voxels in {} leaves and {} tiles, {} in memory, background {:?}",
             self.active_voxels,
             self.leaves,
             self.active_tiles,
@@ -235,22 +188,22 @@ impl fmt::Display for Grid {
             self.background
         )?;
         match &self.index_bounds {
-            Some(b) => writeln!(f, "    index bounds {:?} to {:?}", b.min, b.max)?,
-            None => writeln!(f, "    empty")?,
+            Some(b) => writeln!(f, "  index bounds {:?} to {:?}", b.min, b.max)?,
+            None => writeln!(f, "  empty")?,
         }
         if let Some(b) = &self.world_bounds {
-            writeln!(f, "    world bounds {:?} to {:?}", b.min, b.max)?;
+            writeln!(f, "  world bounds {:?} to {:?}", b.min, b.max)?;
         }
         if let Some(s) = &self.statistics {
             if let (Some(min), Some(max), Some(mean)) = (s.min, s.max, s.mean) {
-                writeln!(f, "    min {min}, max {max}, mean {mean:.6}; histogram {:?}", s.histogram)?;
+                writeln!(f, "  min {min}, max {max}, mean {mean:.6}; histogram {:?}", s.histogram)?;
             }
             if s.nan + s.infinite > 0 {
-                writeln!(f, "    {} NaN, {} infinite: cumulo convert --repair sets them to zero", s.nan, s.infinite)?;
+                writeln!(f, "  {} NaN, {} infinite: cumulo convert --repair sets them to zero", s.nan, s.infinite)?;
             }
         }
         for (name, value) in &self.metadata {
-            writeln!(f, "    {name}: {}", show(value))?;
+            writeln!(f, "  {name}: {}", show(value))?;
         }
         Ok(())
     }

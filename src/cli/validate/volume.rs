@@ -1,0 +1,100 @@
+//! What is wrong with an OpenVDB file.
+
+use super::findings::Findings;
+use crate::cli::info::statistics_of;
+use crate::error::Result;
+use crate::formats::vdb::{File, GridInfo, Limits, NativeGrid, Transform};
+use crate::scene::grid::GridClass;
+use crate::scene::statistics::Statistics;
+use std::path::Path;
+
+/// Looks at all grids and their values.
+///
+/// # Errors
+/// If the operating system does not let the file be read.
+pub(super) fn check(path: &Path, limits: Limits, found: &mut Findings) -> Result<()> {
+    let file = match File::open(path, limits) {
+        Ok(file) => file,
+        Err(error) => return found.refusal(error),
+    };
+    if file.entries().is_empty() {
+        found.problem(None, "the file has no grids", "check the export settings of the program that made it");
+    }
+    for entry in file.entries() {
+        let name = entry.name.as_str();
+        if entry.name != entry.base_name && entry.name.ends_with("[0]") {
+            found.note(Some(name), "several grids share this name", "name them as here, with their number, in --grid");
+        }
+        let native = match file.read(name) {
+            Ok(native) => native,
+            Err(error) => {
+                found.refusal(error.part(format!("grid '{name}'")))?;
+                continue;
+            }
+        };
+        match native.info() {
+            Ok(info) => values(&native, &info, found)?,
+            Err(error) => found.refusal(error.part(format!("grid '{name}'")))?,
+        }
+    }
+    Ok(())
+}
+
+fn values(native: &NativeGrid, info: &GridInfo, found: &mut Findings) -> Result<()> {
+    let name = Some(info.name.as_str());
+    if let Transform::Other(kind) = &info.transform {
+        found.problem(name, format!("the transform is a {kind}, not affine"), "resample it onto a linear transform");
+    }
+    if info.active_voxels == 0 {
+        found.problem(name, "the grid is empty", "check that the simulation or the export reached this frame");
+    }
+    if info.class == GridClass::LevelSet {
+        found.note(
+            name,
+            "this is a level set: distances, no density",
+            "for rendering as fog, convert it: vdb_tool -read IN.vdb -ls2fog -write OUT.vdb, or Houdini's Convert VDB",
+        );
+    }
+    if info.components == 0 {
+        found.note(
+            name,
+            format!("{} values are passed through, not looked at", info.value_type),
+            "nothing needs to be done",
+        );
+        return Ok(());
+    }
+    let s = statistics_of(&native.to_raw()?);
+    numbers(info, &s, found);
+    if !info.background.iter().all(|b| b.is_finite()) {
+        found.problem(name, format!("the background is {:?}", info.background), "cumulo convert --repair sets it to 0");
+    } else if info.class == GridClass::FogVolume && info.background.iter().any(|b| *b != 0.0) {
+        found.problem(
+            name,
+            format!("a fog volume with background {:?} is infinite", info.background),
+            "set the background to 0 where it was made, or --crop it",
+        );
+    }
+    Ok(())
+}
+
+fn numbers(info: &GridInfo, s: &Statistics, found: &mut Findings) {
+    let name = Some(info.name.as_str());
+    if s.nan > 0 {
+        found.problem(name, format!("{} values are NaN", s.nan), "cumulo convert --repair sets them to 0");
+    }
+    if s.infinite > 0 && info.half {
+        let what = format!("{} values are infinite, and the grid is stored as half: they exceeded 65504", s.infinite);
+        found.problem(name, what, "write it again from the source without half, or scaled down");
+    } else if s.infinite > 0 {
+        found.problem(name, format!("{} values are infinite", s.infinite), "cumulo convert --repair sets them to 0");
+    }
+    if s.above_half > 0 && !info.half {
+        let what = format!("{} values are above 65504", s.above_half);
+        found.note(name, what, "do not store this grid as half: they would become infinite");
+    }
+    let scalar_density = info.components == 1 && info.class == GridClass::FogVolume;
+    if scalar_density && s.negative > 0 {
+        let what = format!("{} densities are negative (down to {})", s.negative, s.min.unwrap_or_default());
+        found.problem(name, what, "cumulo convert --repair sets them to 0");
+    }
+}

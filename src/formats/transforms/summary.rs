@@ -1,0 +1,100 @@
+//! A capture in figures, for `info`.
+
+use super::load;
+use crate::error::Result;
+use crate::math::Aabb;
+use crate::scene::camera::Projection;
+use crate::scene::capture::{EmissionModel, Model, PixelFilter};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+
+/// A capture in figures.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CaptureSummary {
+    /// Number of views.
+    pub frames: usize,
+    /// Number of views of each size, `WxH`.
+    pub sizes: BTreeMap<String, usize>,
+    /// Number of orthographic views; the others are perspective.
+    pub orthographic: usize,
+    /// Smallest corner of the box around the cameras, in world units.
+    pub cameras_min: [f64; 3],
+    /// Largest corner.
+    pub cameras_max: [f64; 3],
+    /// Light model.
+    pub model: Model,
+    /// Radiance behind the volume.
+    pub background: [f32; 3],
+    /// Radiance of the source per channel; none where the model has no source.
+    pub emission: Option<[f32; 3]>,
+    /// How that radiance follows the density; none where the model has no source.
+    pub emission_model: Option<EmissionModel>,
+    /// What a pixel's value stands for.
+    pub pixel_filter: PixelFilter,
+    /// Extinction per unit of density and world length.
+    pub density_scale: f64,
+    /// Voxel size along each axis of the volume's lattice, in world units, where the capture knows it.
+    pub lattice_voxel_size: Option<[f64; 3]>,
+}
+
+/// Reads a capture and sums it up. Its pictures are not looked at.
+///
+/// # Errors
+/// As [`load`](super::load()).
+pub fn summary(path: &Path) -> Result<CaptureSummary> {
+    let capture = load(path)?;
+    let mut sizes = BTreeMap::new();
+    for frame in &capture.frames {
+        *sizes.entry(format!("{}x{}", frame.camera.width, frame.camera.height)).or_default() += 1;
+    }
+    let cameras = capture.frames.iter().fold(Aabb::EMPTY, |b, frame| b.including(frame.camera.position()));
+    let emits = capture.model == Model::EmissionAbsorption;
+    Ok(CaptureSummary {
+        frames: capture.frames.len(),
+        sizes,
+        orthographic: capture.frames.iter().filter(|f| f.camera.projection == Projection::Orthographic).count(),
+        cameras_min: cameras.min.to_array(),
+        cameras_max: cameras.max.to_array(),
+        model: capture.model,
+        background: capture.background,
+        emission: emits.then_some(capture.emission),
+        emission_model: emits.then_some(capture.emission_model),
+        pixel_filter: capture.pixel_filter,
+        density_scale: capture.density_scale,
+        lattice_voxel_size: capture
+            .lattice
+            .map(|m| [m.x_axis, m.y_axis, m.z_axis].map(|column| column.truncate().length())),
+    })
+}
+
+impl fmt::Display for CaptureSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "capture of {} view(s)", self.frames)?;
+        let sizes: Vec<String> = self.sizes.iter().map(|(size, n)| format!("{n} of {size}")).collect();
+        writeln!(f, "pictures: {}", sizes.join(", "))?;
+        write!(f, "cameras: {} perspective, {} orthographic, ", self.frames - self.orthographic, self.orthographic)?;
+        writeln!(f, "positions from {:?} to {:?}", self.cameras_min, self.cameras_max)?;
+        match (self.emission, self.emission_model) {
+            (Some(colour), Some(EmissionModel::Grey)) => {
+                writeln!(f, "model: emission-absorption, emission {colour:?} everywhere")?;
+            }
+            (Some(colour), Some(EmissionModel::Linear)) => {
+                writeln!(f, "model: emission-absorption, emission {colour:?} times the density")?;
+            }
+            _ => writeln!(f, "model: absorption")?,
+        }
+        writeln!(f, "background: {:?}", self.background)?;
+        let pixels = match self.pixel_filter {
+            PixelFilter::Point => "radiance at the pixel's centre",
+            PixelFilter::Box => "mean radiance over the pixel's square",
+        };
+        writeln!(f, "pixels: {pixels}")?;
+        writeln!(f, "density scale: {}", self.density_scale)?;
+        if let Some([x, y, z]) = self.lattice_voxel_size {
+            writeln!(f, "lattice: voxel size {x} x {y} x {z}")?;
+        }
+        Ok(())
+    }
+}
