@@ -1,7 +1,8 @@
 //! The visual hull: where the medium can be, judged by the pixels that saw nothing.
 //!
 //! A pixel without optical depth has met only zeros (densities are not negative), so every voxel in
-//! its way is zero. What lies outside a picture is not judged by it.
+//! its way is zero. A picture whose border saw nothing shows the whole medium: what lies outside of it
+//! is empty too. What lies outside any other picture is not judged by it.
 
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
@@ -21,6 +22,8 @@ struct Silhouette<'a> {
     sums: Vec<u32>,
     /// Image box of the non-empty pixels.
     extent: Option<(DVec2, DVec2)>,
+    /// True if the border is empty.
+    whole: bool,
 }
 
 impl<'a> Silhouette<'a> {
@@ -41,15 +44,24 @@ impl<'a> Silhouette<'a> {
                 sums[(y + 1) * (w + 1) + x + 1] = sums[y * (w + 1) + x + 1] + row;
             }
         }
-        Self { camera: &map.camera, width: w as i64, height: h as i64, sums, extent }
+        let inner = DVec2::new(w as f64, h as f64) - 1.0;
+        let whole = extent.is_none_or(|(low, high)| low.cmpge(DVec2::ONE).all() && high.cmple(inner).all());
+        Self { camera: &map.camera, width: w as i64, height: h as i64, sums, extent, whole }
     }
 
-    /// True if the picture shows all of the rectangle and nothing in it. A pixel belongs to the
-    /// rectangle if its centre lies inside.
+    /// True if there is nothing in the rectangle, of which the picture must show all unless it shows
+    /// the whole medium. A pixel belongs to the rectangle if its centre lies inside.
     fn empty(&self, low: DVec2, high: DVec2) -> bool {
-        let (x0, y0) = ((low.x - 0.5).ceil() as i64, (low.y - 0.5).ceil() as i64);
-        let (x1, y1) = ((high.x - 0.5).floor() as i64 + 1, (high.y - 0.5).floor() as i64 + 1);
-        if x0 < 0 || y0 < 0 || x1 > self.width || y1 > self.height || x0 >= x1 || y0 >= y1 {
+        let (mut x0, mut y0) = ((low.x - 0.5).ceil() as i64, (low.y - 0.5).ceil() as i64);
+        let (mut x1, mut y1) = ((high.x - 0.5).floor() as i64 + 1, (high.y - 0.5).floor() as i64 + 1);
+        if self.whole {
+            (x0, x1) = (x0.clamp(0, self.width), x1.clamp(0, self.width));
+            (y0, y1) = (y0.clamp(0, self.height), y1.clamp(0, self.height));
+            if x0 >= x1 || y0 >= y1 {
+                // Outside, or between the centres of two pixels.
+                return x1 == 0 || y1 == 0 || x0 == self.width || y0 == self.height;
+            }
+        } else if x0 < 0 || y0 < 0 || x1 > self.width || y1 > self.height || x0 >= x1 || y0 >= y1 {
             return false;
         }
         let at = |x: i64, y: i64| self.sums[(y * (self.width + 1) + x) as usize];
@@ -58,12 +70,19 @@ impl<'a> Silhouette<'a> {
 
     /// True if a ball around a world point shows nothing. The rectangle is at least a pixel wide.
     fn ball_is_empty(&self, centre: DVec3, radius: f64) -> bool {
-        let Some((pixel, depth)) = self.camera.project(centre) else { return false };
+        let Some((pixel, depth)) = self.camera.project(centre) else {
+            let behind = -self.camera.forward().dot(centre - self.camera.position());
+            return self.whole && behind > radius;
+        };
         let scale = match self.camera.projection {
-            Projection::Orthographic => 1.0,
-            // The nearest part of the ball is seen largest; a ball around the eye is not judged.
+            Projection::Orthographic => DVec2::ONE,
+            // A ball around the eye is not judged.
             Projection::Perspective if depth <= 2.0 * radius => return false,
-            Projection::Perspective => 1.0 / (depth - radius),
+            // |(x + δx)/(z + δz) - x/z| ≤ |δ| √(1 + (x/z)²) / (z - |δ|)
+            Projection::Perspective => {
+                let slope = (pixel - self.camera.centre) / self.camera.focal;
+                (1.0 + slope * slope).map(f64::sqrt) / (depth - radius)
+            }
         };
         let reach = (radius * scale * self.camera.focal).max(DVec2::splat(0.75));
         self.empty(pixel - reach, pixel + reach)
