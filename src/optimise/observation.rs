@@ -49,11 +49,10 @@ pub struct Observation {
 /// Optical depth beyond which a pixel says only "opaque": the transmittance is below the steps of
 /// half-precision files and any renderer's noise.
 const OPAQUE: f64 = 14.0;
-/// Transmittance 1 / TRUST is where weights begin to fall. Noise of constant size in a picture is
-/// noise of size 1/T in the optical depth, so dark pixels deserve T²; clean pictures deserve equal
-/// weights. Whether a single picture is noisy or detailed cannot be told, and between the two nothing
-/// is lost on clean ones (measured: the same convergence as equal weights).
-const TRUST: f64 = 6.0;
+/// Transmittance 1 / trust is where weights begin to fall, in clean pictures and in noisy ones. Noise
+/// of constant size in a picture is noise of size 1/T in the optical depth, so dark pixels deserve T²;
+/// clean pictures deserve equal weights until their last digits are reached.
+const TRUST: [f64; 2] = [60.0, 6.0];
 /// Optical depth below which a pixel of a clean picture is empty: a few roundings of `f32` near 1.
 const EMPTY: f32 = 2e-6;
 
@@ -90,13 +89,14 @@ impl Observation {
         let untouched = seen.iter().flatten().filter(|t| (**t - 1.0).abs() < f64::from(EMPTY)).count();
         let clean = untouched * 100 >= seen.iter().map(Vec::len).sum::<usize>();
         let empty = if clean { EMPTY } else { haze(&seen) };
+        let trust = TRUST[usize::from(!clean)];
         let maps = photos
             .iter()
             .zip(seen)
             .map(|(photo, seen)| {
                 let limit = (-OPAQUE).exp();
                 let weight = |t: f64| {
-                    let relative = TRUST * t.max(limit);
+                    let relative = trust * t.max(limit);
                     if t.is_finite() { (relative * relative / (1.0 + relative * relative)) as f32 } else { 0.0 }
                 };
                 DepthMap {

@@ -1,6 +1,6 @@
 //! The smoothness prior, as the metric in which the solver looks for the smallest change.
 //!
-//! `M = P B (L + a) B P`: the hull's mask P, a binomial blur B and the negative Laplacian L. Conjugate
+//! `M = P B (L + a) B P`: the mask P (0 outside the hull, else a weight), a binomial blur B and the negative Laplacian L. Conjugate
 //! gradients preconditioned by M from a start x₀ converge to the solution nearest to x₀ in the norm of
 //! M⁻¹ (prior-conditioning: Calvetti & Somersalo 2005), so what the pictures leave open is filled
 //! smoothly instead of with the stripes of single rays. `L + a` lifts the middle frequencies against
@@ -32,7 +32,35 @@ impl Smoother {
         Self { neighbours, passes, ridge, scratch: vec![0.0; topology.len() * LEAF_VOXELS] }
     }
 
-    /// `out = M r`; `mask` is 1 for unknown voxels and 0 for known ones.
+    /// Writes √((x̄ + ε) / (x* + ε)) for every voxel of a field: x̄ its blurred values, x* their 99th percentile, ε a
+    /// tenth of that. As weights of the mask they make the prior one on relative change: where there
+    /// is much, much may change, and where there is nothing, little appears (the reweighting of FOCUSS,
+    /// Gorodnitsky & Rao 1997, at its exponent for sparse fields). A field of zeros gives 1.
+    pub fn relative(&mut self, field: &[f32], out: &mut [f32]) {
+        out.copy_from_slice(field);
+        self.blur(out);
+        let mut positive: Vec<f32> = out.iter().copied().filter(|v| *v > 0.0).collect();
+        if positive.is_empty() {
+            out.fill(1.0);
+            return;
+        }
+        let at = (positive.len() - 1) * 99 / 100;
+        let (_, top, _) = positive.select_nth_unstable_by(at, f32::total_cmp);
+        let (top, floor) = (*top, 0.1 * *top);
+        out.par_iter_mut().for_each(|v| *v = ((*v + floor) / (top + floor)).sqrt());
+    }
+
+    /// How much of a field is finer than the blur: ‖x - Bx‖ / ‖x‖, 0 for a field of zeros.
+    pub fn roughness(&mut self, field: &[f32]) -> f64 {
+        let mut soft = field.to_vec();
+        self.blur(&mut soft);
+        let square = |v: f32| f64::from(v) * f64::from(v);
+        let (fine, all) =
+            field.iter().zip(&soft).fold((0.0, 0.0), |(a, b), (x, s)| (a + square(x - s), b + square(*x)));
+        if all > 0.0 { (fine / all).sqrt() } else { 0.0 }
+    }
+
+    /// `out = M r`; `mask` is 0 for known voxels and the prior's weight for unknown ones.
     pub fn apply(&mut self, r: &[f32], mask: &[f32], out: &mut [f32]) {
         out.par_iter_mut().zip(r).zip(mask).for_each(|((o, r), m)| *o = r * m);
         for _ in 0..self.passes {

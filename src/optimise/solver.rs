@@ -9,8 +9,9 @@ use crate::optimise::projector::{Projector, View};
 use crate::optimise::smooth::Smoother;
 use rayon::prelude::*;
 
-/// Iterations between two looks at which voxels are zero.
+/// Iterations between two looks at which voxels are zero, and up to the first: it starts from a guess.
 const CYCLE: u32 = 8;
+const FIRST_CYCLE: u32 = 4;
 
 /// The state of a solve: unknowns, 512 a brick.
 #[derive(Debug)]
@@ -20,7 +21,7 @@ pub struct Solver<'a> {
     smoother: &'a mut Smoother,
     /// 1 where a voxel may be anything, by the hull.
     hull: Vec<f32>,
-    /// The same without the voxels held at zero.
+    /// The prior's weight of each voxel that is neither held at zero nor outside the hull.
     free: Vec<f32>,
     x: Vec<f32>,
     residual: Vec<f32>,
@@ -34,7 +35,9 @@ pub struct Solver<'a> {
     huber: f64,
     /// Sum of the squares that are made small.
     square: f64,
-    step: u32,
+    /// Iterations left of this cycle, and those of the next.
+    left: u32,
+    length: u32,
 }
 
 impl<'a> Solver<'a> {
@@ -63,7 +66,8 @@ impl<'a> Solver<'a> {
             power: 0.0,
             robust: false,
             huber: f64::INFINITY,
-            step: 0,
+            left: 0,
+            length: FIRST_CYCLE,
             square: 0.0,
         }
     }
@@ -99,10 +103,13 @@ impl<'a> Solver<'a> {
 
     /// One iteration; false once nothing is left to improve.
     pub fn iterate(&mut self) -> bool {
-        if self.step.is_multiple_of(CYCLE) && !self.begin_cycle() {
-            return false;
+        if self.left == 0 {
+            if !self.begin_cycle() {
+                return false;
+            }
+            (self.left, self.length) = (self.length, CYCLE);
         }
-        self.step += 1;
+        self.left -= 1;
         let [curvature, _] = self.projector.normal(&self.direction, self.views, &mut self.image, |s, z| {
             let z = mean(z);
             (f64::from(s.weight) * z, [f64::from(s.weight) * z * z, 0.0])
@@ -118,7 +125,7 @@ impl<'a> Solver<'a> {
         self.precondition();
         if self.power.is_nan() || self.power <= 1e-12 * before {
             self.power = 0.0;
-            self.step = self.step.next_multiple_of(CYCLE);
+            self.left = 0;
             return true;
         }
         let ratio = (self.power / before) as f32;
@@ -147,12 +154,11 @@ impl<'a> Solver<'a> {
             let pixels = self.views.iter().map(|v| v.samples.len()).sum::<usize>().max(1);
             self.huber = 3.0 * (std::f64::consts::PI / 2.0).sqrt() * spread / pixels as f64;
         }
+        self.smoother.relative(&self.x, &mut self.free);
         let (x, residual) = (&self.x, &self.residual);
-        self.free
-            .par_iter_mut()
-            .zip(&self.hull)
-            .enumerate()
-            .for_each(|(i, (f, h))| *f = if x[i] == 0.0 && residual[i] <= 0.0 { 0.0 } else { *h });
+        self.free.par_iter_mut().zip(&self.hull).enumerate().for_each(|(i, (f, h))| {
+            *f *= if x[i] == 0.0 && residual[i] <= 0.0 { 0.0 } else { *h };
+        });
         self.precondition();
         self.direction.copy_from_slice(&self.preconditioned);
         self.power > 0.0 && self.power.is_finite()

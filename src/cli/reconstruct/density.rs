@@ -58,7 +58,7 @@ pub struct Density {
     /// Iterations on the finest level, at most (paper: epochs)
     #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: u32,
-    /// Blur passes of the smoothness prior (default: 2, more where pictures are few or noisy)
+    /// Blur passes of the smoothness prior (default: 2, less where the volume turns out to be rough)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     smoothing: Option<u32>,
     /// Bound the influence of outliers: auto where the pictures are noisy
@@ -237,15 +237,14 @@ impl Density {
         };
         let previous = (self.resume && self.output.exists()).then_some(&self.output);
         let init = self.init.as_ref().or(previous).map(|path| volume(path, limits)).transpose()?;
-        let noisy = observation.noisy();
         Ok(Request {
             lattice: lattice::choose(capture.lattice, voxel_size)?,
             bounds,
             medium: capture.medium(),
             background: capture.background,
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),
-            smoothing: self.smoothing.unwrap_or(if noisy || capture.frames.len() < 24 { 4 } else { 2 }),
-            robust: self.robust == Robust::Yes || self.robust == Robust::Auto && noisy,
+            smoothing: self.smoothing,
+            robust: self.robust == Robust::Yes || self.robust == Robust::Auto && observation.noisy(),
             held_out,
             iterations: self.iterations,
             init,
