@@ -1,10 +1,11 @@
 //! Gradients of losses that are sums over pixels, for any medium: value, loss derivative and adjoint
 //! of one ray in one go.
 
-use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, Tape};
+use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, Radiance, Tape};
 use crate::scene::bricks::{BRICK, Bricks};
 use crate::scene::camera::Camera;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// A camera and the colours and alpha it should see.
 #[derive(Debug, Clone)]
@@ -38,21 +39,9 @@ pub fn gradient(
             let (mut sum, mut shared) = (0.0, ParameterGradient::default());
             let mut own = vec![0.0; dvr.field().values.len()];
             for (target, first) in runs.iter().skip(lane).step_by(count) {
-                arch.dispatch(
-                    #[inline(always)]
-                    || {
-                        let width = target.camera.width as usize;
-                        for i in *first..(*first + RUN).min(target.rgba.len()) {
-                            let ray = target.camera.ray((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-                            let slope = |seen: &crate::render::dvr::Radiance<f32>| {
-                                let (value, slope) = loss(&seen.rgba(), &target.rgba[i]);
-                                sum += value;
-                                slope
-                            };
-                            dvr.gradient(&ray, slope, Adjoint::Tape, &mut own, &mut shared, &mut tape);
-                        }
-                    },
-                );
+                let pixels = *first..(*first + RUN).min(target.rgba.len());
+                let (loss, gradient, shared, tape) = (&loss, &mut own[..], &mut shared, &mut tape);
+                sum += arch.dispatch(Run { dvr, target, pixels, loss, gradient, shared, tape });
             }
             (sum, shared, own)
         })
@@ -65,6 +54,37 @@ pub fn gradient(
         }
     });
     parts.iter().fold((0.0, ParameterGradient::default()), |(sum, shared), (s, p, _)| (sum + s, shared.plus(p)))
+}
+
+/// Neighbouring pixels of one view: the unit that is compiled once for each instruction set.
+struct Run<'a, 'd, F> {
+    dvr: &'a Dvr<'d, f32>,
+    target: &'a Target,
+    pixels: Range<usize>,
+    loss: &'a F,
+    gradient: &'a mut [f32],
+    shared: &'a mut ParameterGradient,
+    tape: &'a mut Tape<f32>,
+}
+
+impl<F: Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4])> pulp::NullaryFnOnce for Run<'_, '_, F> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn call(self) -> f64 {
+        let width = self.target.camera.width as usize;
+        let mut sum = 0.0;
+        for i in self.pixels {
+            let ray = self.target.camera.ray((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+            let slope = |seen: &Radiance<f32>| {
+                let (value, slope) = (self.loss)(&seen.rgba(), &self.target.rgba[i]);
+                sum += value;
+                slope
+            };
+            self.dvr.gradient(&ray, slope, Adjoint::Tape, self.gradient, self.shared, self.tape);
+        }
+        sum
+    }
 }
 
 /// Accumulators that fit beside a field: as many as 16, as few as 2.

@@ -139,7 +139,6 @@ impl Projector {
         let runs: Vec<(&Camera, &[Sample])> =
             views.iter().flat_map(|v| v.samples.chunks(RUN).map(|s| (&v.camera, s))).collect();
         let (count, offsets) = (self.lanes.len(), &self.offsets);
-        let share = 1.0 / offsets.len() as f64;
         let arch = pulp::Arch::new();
         let sums: Vec<[f64; 2]> = self
             .lanes
@@ -152,29 +151,56 @@ impl Projector {
                         gradient.fill(0.0);
                     }
                     let mut sums = [0.0; 2];
-                    for (camera, run) in runs.iter().skip(lane).step_by(count) {
-                        arch.dispatch(
-                            #[inline(always)]
-                            || {
-                                for s in *run {
-                                    let [x, y] = s.position.map(f64::from);
-                                    for (z, [u, v]) in depths.iter_mut().zip(offsets) {
-                                        let ray = camera.ray(x + u, y + v);
-                                        *z = if back { dvr.trace(&ray, tape) } else { dvr.optical_depth(&ray) };
-                                    }
-                                    let (by_depth, add) = slope(s, depths);
-                                    sums = [sums[0] + add[0], sums[1] + add[1]];
-                                    if back {
-                                        tape.spread(share * by_depth, &dvr, gradient);
-                                    }
-                                }
-                            },
-                        );
+                    for (camera, samples) in runs.iter().skip(lane).step_by(count) {
+                        let (dvr, slope, tape, depths) = (&dvr, &slope, &mut *tape, &mut depths[..]);
+                        let gradient = back.then_some(&mut gradient[..]);
+                        let add = arch.dispatch(Run { dvr, camera, samples, offsets, slope, tape, depths, gradient });
+                        sums = [sums[0] + add[0], sums[1] + add[1]];
                     }
                     sums
                 },
             )
             .collect();
         sums.into_iter().fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]])
+    }
+}
+
+/// Neighbouring pixels of one view: the unit that is compiled once for each instruction set.
+struct Run<'a, 'd, F> {
+    dvr: &'a Dvr<'d, f32>,
+    camera: &'a Camera,
+    samples: &'a [Sample],
+    offsets: &'a [[f64; 2]],
+    slope: &'a F,
+    tape: &'a mut Tape<f32>,
+    /// One a ray of a pixel.
+    depths: &'a mut [f64],
+    /// Where the derivatives go, if they are wanted.
+    gradient: Option<&'a mut [f32]>,
+}
+
+impl<F: Fn(&Sample, &[f64]) -> (f64, [f64; 2])> pulp::NullaryFnOnce for Run<'_, '_, F> {
+    type Output = [f64; 2];
+
+    #[inline(always)]
+    fn call(mut self) -> [f64; 2] {
+        let share = 1.0 / self.offsets.len() as f64;
+        let mut sums = [0.0; 2];
+        for sample in self.samples {
+            let [x, y] = sample.position.map(f64::from);
+            for (depth, [u, v]) in self.depths.iter_mut().zip(self.offsets) {
+                let ray = self.camera.ray(x + u, y + v);
+                *depth = match self.gradient {
+                    Some(_) => self.dvr.trace(&ray, self.tape),
+                    None => self.dvr.optical_depth(&ray),
+                };
+            }
+            let (by_depth, add) = (self.slope)(sample, self.depths);
+            sums = [sums[0] + add[0], sums[1] + add[1]];
+            if let Some(gradient) = &mut self.gradient {
+                self.tape.spread(share * by_depth, self.dvr, gradient);
+            }
+        }
+        sums
     }
 }

@@ -122,10 +122,16 @@ pub fn spans<R: Real>(topology: &Topology, ray: &IndexRay, reverse: bool, mut vi
 pub fn meets(topology: &Topology, transform: &Affine, ray: &Ray) -> bool {
     let mut met = false;
     if let Some(ray) = IndexRay::new(topology, transform, ray) {
-        spans::<f32>(topology, &ray, false, |_| {
-            met = true;
-            false
-        });
+        spans::<f32>(
+            topology,
+            &ray,
+            false,
+            #[inline(always)]
+            |_| {
+                met = true;
+                false
+            },
+        );
     }
     met
 }
@@ -202,6 +208,20 @@ fn chord_weights<R: Real>(m: [R; 3], h: [R; 3]) -> [[R; 4]; 2] {
     [std::array::from_fn(|i| yz[i] - far[i]), far]
 }
 
+/// Along one axis: the cell of the entry, the step from cell to cell, the length to the first plane and
+/// from plane to plane.
+#[inline(always)]
+fn planes<R: Real>(entry: R, direction: R) -> (i32, i32, R, R) {
+    let cell = entry.trunc().clamp(0, 7);
+    if direction == R::ZERO {
+        return (cell, 0, R::of(f64::MAX), R::ZERO);
+    }
+    let inverse = R::ONE / direction;
+    let up = direction > R::ZERO;
+    let first = (R::int(cell + i32::from(up)) - entry) * inverse;
+    (cell, if up { 1 } else { -1 }, first, if up { inverse } else { -inverse })
+}
+
 /// The cells along a span, near to far: offset among the field's values, lowest corner, and the
 /// interval of length from the entry.
 #[inline(always)]
@@ -209,19 +229,9 @@ fn cells<R: Real>(span: &Span<R>, mut visit: impl FnMut(usize, [R; 3], R, R)) {
     let far = R::of(f64::MAX);
     let [ex, ey, ez] = span.entry;
     let [dx, dy, dz] = span.direction;
-    let axis = |e: R, d: R| {
-        let i = (e.trunc()).clamp(0, 7);
-        if d == R::ZERO {
-            return (i, 0, far, R::ZERO);
-        }
-        let inverse = R::ONE / d;
-        let up = d > R::ZERO;
-        let first = (R::int(i + i32::from(up)) - e) * inverse;
-        (i, if up { 1 } else { -1 }, first, if up { inverse } else { -inverse })
-    };
-    let (mut ix, sx, mut nx, jx) = axis(ex, dx);
-    let (mut iy, sy, mut ny, jy) = axis(ey, dy);
-    let (mut iz, sz, mut nz, jz) = axis(ez, dz);
+    let (mut ix, sx, mut nx, jx) = planes(ex, dx);
+    let (mut iy, sy, mut ny, jy) = planes(ey, dy);
+    let (mut iz, sz, mut nz, jz) = planes(ez, dz);
     let mut t = R::ZERO;
     loop {
         let nearest = nx.lesser(ny).lesser(nz);
@@ -270,16 +280,20 @@ impl<R: Real> Rule<R, 1> for ExactDepth {
     fn pieces(&self, _: &[R], span: &Span<R>, mut visit: impl FnMut(&Piece<R, 1>)) {
         let (half, inv_sqrt3) = (R::of(0.5), R::of(1.0 / 3.0_f64.sqrt()));
         let [dx, dy, dz] = span.direction;
-        cells(span, |offset, low, a, b| {
-            let (mid, reach) = (half * (a + b), half * (b - a) * inv_sqrt3);
-            let m = [
-                span.entry[0] + mid * dx - low[0],
-                span.entry[1] + mid * dy - low[1],
-                span.entry[2] + mid * dz - low[2],
-            ];
-            let h = [reach * dx, reach * dy, reach * dz];
-            visit(&Piece { offset, length: b - a, nodes: [chord_weights(m, h)] });
-        });
+        cells(
+            span,
+            #[inline(always)]
+            |offset, low, a, b| {
+                let (mid, reach) = (half * (a + b), half * (b - a) * inv_sqrt3);
+                let m = [
+                    span.entry[0] + mid * dx - low[0],
+                    span.entry[1] + mid * dy - low[1],
+                    span.entry[2] + mid * dz - low[2],
+                ];
+                let h = [reach * dx, reach * dy, reach * dz];
+                visit(&Piece { offset, length: b - a, nodes: [chord_weights(m, h)] });
+            },
+        );
     }
 }
 
@@ -310,28 +324,32 @@ impl<R: Real> Rule<R, 4> for ExactSource {
     #[inline(always)]
     fn pieces(&self, values: &[R], span: &Span<R>, mut visit: impl FnMut(&Piece<R, 4>)) {
         let [dx, dy, dz] = span.direction;
-        cells(span, |offset, low, a, b| {
-            let v = corners(values, offset);
-            let flat = [v[0][0], v[0][1], v[0][2], v[0][3], v[1][0], v[1][1], v[1][2], v[1][3]];
-            let (least, most) = flat.iter().fold((flat[0], flat[0]), |(l, m), v| (l.lesser(*v), m.greater(*v)));
-            let x = self.extinction * (most * (b - a)).f64();
-            let parts = (x * x * self.colour * (most - least).f64() / (12.0 * self.tolerance)).sqrt();
-            // Past 64 parts the piece is opaque many times over and its own weight is gone.
-            let parts = (parts.ceil() as u32).clamp(1, 64);
-            let length = (b - a) * R::of(1.0 / f64::from(parts));
-            for part in 0..parts {
-                let start = a + length * R::int(part as i32);
-                let nodes = GAUSS4.map(|(position, _)| {
-                    let t = start + length * R::of(position);
-                    weights([
-                        span.entry[0] + t * dx - low[0],
-                        span.entry[1] + t * dy - low[1],
-                        span.entry[2] + t * dz - low[2],
-                    ])
-                });
-                visit(&Piece { offset, length, nodes });
-            }
-        });
+        cells(
+            span,
+            #[inline(always)]
+            |offset, low, a, b| {
+                let v = corners(values, offset);
+                let flat = [v[0][0], v[0][1], v[0][2], v[0][3], v[1][0], v[1][1], v[1][2], v[1][3]];
+                let (least, most) = flat.iter().fold((flat[0], flat[0]), |(l, m), v| (l.lesser(*v), m.greater(*v)));
+                let x = self.extinction * (most * (b - a)).f64();
+                let parts = (x * x * self.colour * (most - least).f64() / (12.0 * self.tolerance)).sqrt();
+                // Past 64 parts the piece is opaque many times over and its own weight is gone.
+                let parts = (parts.ceil() as u32).clamp(1, 64);
+                let length = (b - a) * R::of(1.0 / f64::from(parts));
+                for part in 0..parts {
+                    let start = a + length * R::int(part as i32);
+                    let nodes = GAUSS4.map(|(position, _)| {
+                        let t = start + length * R::of(position);
+                        weights([
+                            span.entry[0] + t * dx - low[0],
+                            span.entry[1] + t * dy - low[1],
+                            span.entry[2] + t * dz - low[2],
+                        ])
+                    });
+                    visit(&Piece { offset, length, nodes });
+                }
+            },
+        );
     }
 }
 

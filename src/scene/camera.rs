@@ -81,6 +81,7 @@ impl Camera {
 
     /// World-space ray through image position `(x, y)` in pixels, direction of unit length. It starts
     /// at the near plane.
+    #[inline(always)]
     pub fn ray(&self, x: f64, y: f64) -> Ray {
         let px = (x - self.centre.x) / self.focal.x;
         let py = (self.centre.y - y) / self.focal.y;

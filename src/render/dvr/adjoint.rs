@@ -143,10 +143,17 @@ impl<R: Real> Dvr<'_, R> {
     #[inline(always)]
     pub fn trace(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
         let Some(ray) = self.index_ray(ray) else { return 0.0 };
-        kernel::depth(self, &ray, ExactDepth, |piece| tape.depth.push(*piece))
+        kernel::depth(
+            self,
+            &ray,
+            ExactDepth,
+            #[inline(always)]
+            |piece| tape.depth.push(*piece),
+        )
     }
 
     /// What is left of the gradient where the ray meets no medium.
+    #[inline(always)]
     fn outside(&self, seen: &Radiance<R>, g: [R; 4], parameters: &mut ParameterGradient) {
         for c in 0..3 {
             parameters.background[c] += g[c].f64() * seen.transmittance.f64();
@@ -185,12 +192,18 @@ impl<R: Real> Pass<'_, '_, R> {
         tape.clear();
         let keep = adjoint == Adjoint::Tape;
         let mut length = R::ZERO;
-        let depth = kernel::depth(self.dvr, &self.ray, rule, |piece| {
-            length += piece.length;
-            if keep {
-                tape.push(*piece);
-            }
-        });
+        let depth = kernel::depth(
+            self.dvr,
+            &self.ray,
+            rule,
+            #[inline(always)]
+            |piece| {
+                length += piece.length;
+                if keep {
+                    tape.push(*piece);
+                }
+            },
+        );
         let seen = grey(depth, colour, self.dvr.background);
         let blend = Blend { emitted: -(-depth).exp_m1(), depth, end: self.ray.leave };
         let weighted = self.shared(loss(&seen), &blend, colour);
@@ -204,9 +217,15 @@ impl<R: Real> Pass<'_, '_, R> {
                 scatter(gradient, piece.offset, g * piece.length, &piece.nodes[0]);
             }
         } else {
-            kernel::depth(self.dvr, &self.ray, rule, |piece| {
-                scatter(gradient, piece.offset, g * piece.length, &piece.nodes[0]);
-            });
+            kernel::depth(
+                self.dvr,
+                &self.ray,
+                rule,
+                #[inline(always)]
+                |piece| {
+                    scatter(gradient, piece.offset, g * piece.length, &piece.nodes[0]);
+                },
+            );
         }
         seen
     }
@@ -224,11 +243,18 @@ impl<R: Real> Pass<'_, '_, R> {
         tape.clear();
         let (Source::Grey(colour) | Source::Linear(colour)) = self.dvr.medium.source;
         let keep = adjoint != Adjoint::Replay;
-        let blend = kernel::blend(self.dvr, &self.ray, rule, emission, |piece, moments| {
-            if keep {
-                tape.push(Entry { piece: *piece, moments: *moments });
-            }
-        });
+        let blend = kernel::blend(
+            self.dvr,
+            &self.ray,
+            rule,
+            emission,
+            #[inline(always)]
+            |piece, moments| {
+                if keep {
+                    tape.push(Entry { piece: *piece, moments: *moments });
+                }
+            },
+        );
         let seen = over(blend.emitted, (-blend.depth).exp(), colour, self.dvr.background);
         let weighted = self.shared(loss(&seen), &blend, colour);
         match adjoint {
@@ -243,16 +269,27 @@ impl<R: Real> Pass<'_, '_, R> {
                 let mut back = Backward { behind: weighted.background, depth: blend.depth, colour: weighted.colour };
                 let values = &self.dvr.field.values;
                 let ray = self.ray.until(blend.end);
-                spans(&self.dvr.field.topology, &ray, true, |span: Span<R>| {
-                    tape.clear();
-                    rule.pieces(values, &span, |piece| {
-                        tape.push(Entry { piece: *piece, moments: Moments::of(values, piece) });
-                    });
-                    for entry in tape.iter().rev() {
-                        back.step::<R, E, K>(self, entry);
-                    }
-                    true
-                });
+                spans(
+                    &self.dvr.field.topology,
+                    &ray,
+                    true,
+                    #[inline(always)]
+                    |span: Span<R>| {
+                        tape.clear();
+                        rule.pieces(
+                            values,
+                            &span,
+                            #[inline(always)]
+                            |piece| {
+                                tape.push(Entry { piece: *piece, moments: Moments::of(values, piece) });
+                            },
+                        );
+                        for entry in tape.iter().rev() {
+                            back.step::<R, E, K>(self, entry);
+                        }
+                        true
+                    },
+                );
             }
         }
         seen

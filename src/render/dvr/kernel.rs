@@ -93,19 +93,30 @@ pub(super) fn depth<R: Real, Q: Rule<R, 1>>(
     let values = &dvr.field.values;
     let limit = dvr.depth_limit / dvr.medium.extinction;
     let mut total = 0.0;
-    spans(&dvr.field.topology, ray, false, |span| {
-        let mut lanes = [R::ZERO; 4];
-        rule.pieces(values, &span, |piece| {
-            let v = corners(values, piece.offset);
-            let w = &piece.nodes[0];
-            for (i, lane) in lanes.iter_mut().enumerate() {
-                *lane += piece.length * (w[0][i] * v[0][i] + w[1][i] * v[1][i]);
-            }
-            record(piece);
-        });
-        total += ((lanes[0] + lanes[1]) + (lanes[2] + lanes[3])).f64();
-        total < limit
-    });
+    spans(
+        &dvr.field.topology,
+        ray,
+        false,
+        #[inline(always)]
+        |span| {
+            let mut lanes = [R::ZERO; 4];
+            rule.pieces(
+                values,
+                &span,
+                #[inline(always)]
+                |piece| {
+                    let v = corners(values, piece.offset);
+                    let w = &piece.nodes[0];
+                    for (i, lane) in lanes.iter_mut().enumerate() {
+                        *lane += piece.length * (w[0][i] * v[0][i] + w[1][i] * v[1][i]);
+                    }
+                    record(piece);
+                },
+            );
+            total += ((lanes[0] + lanes[1]) + (lanes[2] + lanes[3])).f64();
+            total < limit
+        },
+    );
     dvr.medium.extinction * total
 }
 
@@ -146,19 +157,30 @@ pub(super) fn blend<R: Real, E: Emission, const K: usize, Q: Rule<R, K>>(
     let values = &dvr.field.values;
     let extinction = R::of(dvr.medium.extinction);
     let mut state = Blend { emitted: 0.0, depth: 0.0, end: ray.leave };
-    spans(&dvr.field.topology, ray, false, |span| {
-        rule.pieces(values, &span, |piece| {
-            let m = Moments::of(values, piece);
-            let x = extinction * m.first;
-            state.emitted += (-state.depth).exp() * (extinction * E::integral(&m) * escape(x)).f64();
-            state.depth += x.f64();
-            record(piece, &m);
-        });
-        let open = state.depth < dvr.depth_limit;
-        if !open {
-            state.end = span.end;
-        }
-        open
-    });
+    spans(
+        &dvr.field.topology,
+        ray,
+        false,
+        #[inline(always)]
+        |span| {
+            rule.pieces(
+                values,
+                &span,
+                #[inline(always)]
+                |piece| {
+                    let m = Moments::of(values, piece);
+                    let x = extinction * m.first;
+                    state.emitted += (-state.depth).exp() * (extinction * E::integral(&m) * escape(x)).f64();
+                    state.depth += x.f64();
+                    record(piece, &m);
+                },
+            );
+            let open = state.depth < dvr.depth_limit;
+            if !open {
+                state.end = span.end;
+            }
+            open
+        },
+    );
     state
 }

@@ -98,14 +98,17 @@ impl<'a, R: Real> Dvr<'a, R> {
         self.field
     }
 
+    #[inline(always)]
     fn index_ray(&self, ray: &Ray) -> Option<IndexRay> {
         IndexRay::new(&self.field.topology, &self.field.transform, ray)
     }
 
+    #[inline(always)]
     fn uniform(&self, step: f64, phase: f64, ray: &IndexRay) -> Uniform {
         Uniform { step: step * self.voxel, phase, enter: ray.enter, leave: ray.leave }
     }
 
+    #[inline(always)]
     fn exact_source(&self, colour: [f32; 3]) -> ExactSource {
         ExactSource {
             extinction: self.medium.extinction,
@@ -119,9 +122,27 @@ impl<'a, R: Real> Dvr<'a, R> {
     pub fn optical_depth(&self, ray: &Ray) -> f64 {
         let Some(ray) = self.index_ray(ray) else { return 0.0 };
         match self.quadrature {
-            Quadrature::Exact => kernel::depth(self, &ray, ExactDepth, |_| ()),
-            Quadrature::Midpoint(h) => kernel::depth(self, &ray, self.uniform(h, 0.5, &ray), |_| ()),
-            Quadrature::Riemann(h) => kernel::depth(self, &ray, self.uniform(h, 0.0, &ray), |_| ()),
+            Quadrature::Exact => kernel::depth(
+                self,
+                &ray,
+                ExactDepth,
+                #[inline(always)]
+                |_| (),
+            ),
+            Quadrature::Midpoint(h) => kernel::depth(
+                self,
+                &ray,
+                self.uniform(h, 0.5, &ray),
+                #[inline(always)]
+                |_| (),
+            ),
+            Quadrature::Riemann(h) => kernel::depth(
+                self,
+                &ray,
+                self.uniform(h, 0.0, &ray),
+                #[inline(always)]
+                |_| (),
+            ),
         }
     }
 
@@ -134,9 +155,30 @@ impl<'a, R: Real> Dvr<'a, R> {
         };
         let Some(ray) = self.index_ray(ray) else { return grey(0.0, colour, self.background) };
         let seen = match self.quadrature {
-            Quadrature::Exact => blend(self, &ray, self.exact_source(colour), Proportional, |_, _| ()),
-            Quadrature::Midpoint(h) => blend(self, &ray, self.uniform(h, 0.5, &ray), Proportional, |_, _| ()),
-            Quadrature::Riemann(h) => blend(self, &ray, self.uniform(h, 0.0, &ray), Proportional, |_, _| ()),
+            Quadrature::Exact => blend(
+                self,
+                &ray,
+                self.exact_source(colour),
+                Proportional,
+                #[inline(always)]
+                |_, _| (),
+            ),
+            Quadrature::Midpoint(h) => blend(
+                self,
+                &ray,
+                self.uniform(h, 0.5, &ray),
+                Proportional,
+                #[inline(always)]
+                |_, _| (),
+            ),
+            Quadrature::Riemann(h) => blend(
+                self,
+                &ray,
+                self.uniform(h, 0.0, &ray),
+                Proportional,
+                #[inline(always)]
+                |_, _| (),
+            ),
         };
         over(seen.emitted, (-seen.depth).exp(), colour, self.background)
     }
