@@ -56,7 +56,7 @@ pub struct Density {
     #[arg(long, value_name = "K")]
     held_out: Option<usize>,
     /// Iterations on the finest level, at most (paper: epochs)
-    #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: u32,
     /// Blur passes of the smoothness prior (default: 2, less where the volume turns out to be rough)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
