@@ -6,6 +6,7 @@
 """
 
 import argparse
+import dataclasses
 import pathlib
 import shutil
 import subprocess
@@ -16,8 +17,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "python"))
 from cumulo.run import CumuloError, cumulo  # noqa: E402  from this checkout
 
-# The smoke stands in a box of side 2.
-VIEWS, SIZE, VOXELS = 32, "128x128", 64
+OUT = ROOT / "demo-out"
 
 
 def say(text):
@@ -25,56 +25,82 @@ def say(text):
     print(f"\n== {text}", flush=True)
 
 
-def main():
-    """Makes the volume, takes the pictures, reconstructs, compares."""
+def options():
+    """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--blender", action="store_true", help="pictures by Blender's Cycles")
-    blender = parser.parse_args().blender
-    start = time.monotonic()
-    out = ROOT / "demo-out"
-    shutil.rmtree(out, ignore_errors=True)
-    out.mkdir()
-    smoke, found = out / "smoke.vdb", out / "found.vdb"
-    pictures, report = out / "pictures", out / "report"
+    parser.add_argument("--volume", type=pathlib.Path, help="this VDB instead of a smoke of its own")
+    parser.add_argument("--voxels", type=int, default=64, help="edge of that smoke (64)")
+    parser.add_argument("--views", type=int, default=32, help="pictures (32)")
+    parser.add_argument("--size", default="128x128", help="of the pictures (128x128)")
+    parser.add_argument("--samples", type=int, default=16, help="Cycles' samples a pixel (16)")
+    return parser.parse_args()
 
-    say(f"a smoke of {VOXELS}^3 voxels: {smoke}")
+
+def make_smoke(voxels):
+    """The volume, by the fixtures' generator."""
+    smoke = OUT / "smoke.vdb"
+    say(f"a smoke of {voxels}^3 voxels: {smoke}")
     maker = ROOT / "fixtures" / "make_fixtures.py"
-    subprocess.run([sys.executable, str(maker), "--plume", str(VOXELS), str(smoke)], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([sys.executable, str(maker), "--plume", str(voxels), str(smoke)], check=True, stdout=subprocess.DEVNULL)
+    return smoke
 
-    say(f"{VIEWS} pictures of it, {SIZE}, by Cumulo: {pictures}")
+
+def main():
+    """Makes the volume, takes the pictures, reconstructs, compares."""
+    asked = options()
+    start = time.monotonic()
+    shutil.rmtree(OUT, ignore_errors=True)
+    OUT.mkdir()
+    smoke = asked.volume or make_smoke(asked.voxels)
+    found, pictures, report = OUT / "found.vdb", OUT / "pictures", OUT / "report"
+
+    say(f"{asked.views} pictures of it, {asked.size}, by Cumulo: {pictures}")
     cumulo(
-        "render", smoke, "--views", VIEWS, "--size", SIZE, "--model", "absorption", "--density-scale", "auto", "-o", pictures,
+        "render", smoke, "--views", asked.views, "--size", asked.size, "--density-scale", "auto", "-o", pictures,
         json_report=False, progress=True,
     )  # fmt: skip
-    if blender:
+    if asked.blender:
         from cumulo import blender as cycles
+        from cumulo import noise
         from cumulo.capture import Capture
+        from cumulo.exr import read_exr
 
         # The same cameras and the same scale.
         capture = Capture.read(pictures)
-        pictures = out / "pictures-cycles"
-        say(f"{VIEWS} pictures of it, {SIZE}, by Blender's Cycles: {pictures}")
-        cycles.render_capture(
-            smoke,
-            [camera for camera, _ in capture.frames],
-            cycles.Settings(density_scale=capture.density_scale, background=capture.background, samples=16, step_rate=0.5),
-            pictures,
-            progress=cycles.show_progress,
+        cameras = [camera for camera, _ in capture.frames]
+        settings = cycles.Settings(
+            density_scale=capture.density_scale, background=capture.background, samples=asked.samples, step_rate=0.5
         )
+        pictures = OUT / "pictures-cycles"
+        say(f"{asked.views} pictures of it, {asked.size}, by Blender's Cycles: {pictures}")
+        capture = cycles.render_capture(smoke, cameras, settings, pictures, progress=cycles.show_progress)
 
     say(f"the volume, from the pictures alone: {found}")
     result = cumulo(
-        "reconstruct", "density", pictures / "transforms.json", "-o", found,
-        "--voxel-size", 2.0 / VOXELS, "--held-out", 2, "--report", report, progress=True,
-    )  # fmt: skip
+        "reconstruct", "density", pictures, "-o", found, "--held-out", 2, "--report", report, progress=True
+    )
     grid = cumulo("diff", smoke, found)["grids"][0]
+    beside = []
+    if asked.blender:
+        # Another seed tells how noisy the pictures themselves are.
+        say("the held-out views again, with another seed, and the found volume, by Blender's Cycles")
+        held_out = result["held_out"]
+        again = cycles.render_capture(smoke, [cameras[i] for i in held_out], dataclasses.replace(settings, seed=7001), OUT / "again")
+        pairs = [(capture.frames[i][1], frame[1]) for i, frame in zip(held_out, again.frames)]
+        floors = [noise.floor_of(read_exr(first), read_exr(second)) for first, second in pairs]
+        shown = [cameras[i] for i in result["shown"]]
+        cycles.render_capture(found, shown, dataclasses.replace(settings, seed=9001), OUT / "found-cycles")
+        beside = ["--beside", f"The found volume in Cycles={OUT / 'found-cycles'}"]
+    page = cumulo("report", report, "--reference", smoke, *beside)["report"]
 
-    page = next(iter(sorted(report.glob("*.html"))), report)
     say("done")
     print(f"report            {page}")
-    print(f"volume PSNR       {grid['psnr_db']:.2f} dB against {smoke.relative_to(ROOT)}")
+    print(f"volume PSNR       {grid['psnr_db']:.2f} dB against {smoke}")
     print(f"held-out views    {result['held_out_psnr_db']:.2f} dB")
-    print(f"reconstruction    {result['seconds']:.1f} s, {result['iterations']} iterations")
+    if asked.blender:
+        print(f"their noise floor {min(floor.psnr_db for floor in floors):.2f} dB, from two seeds")
+    print(f"reconstruction    {result['seconds']:.1f} s, {result['iterations']} iterations, {result['peak_memory_mb']:.0f} MB")
     print(f"the whole demo    {time.monotonic() - start:.1f} s")
 
 
