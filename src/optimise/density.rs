@@ -245,8 +245,10 @@ impl Level {
             Some(field) => field.resampled(&topology, &lattice),
             None => vec![0.0; unknown.len()],
         };
+        // Pixels of coarser levels are means of many already; one ray is as good as their model gets.
+        let rays = if level == 0 { request.rays_per_edge } else { 1 };
         Ok(Self {
-            projector: Projector::new(topology.clone(), lattice, request.medium.extinction, request.rays_per_edge),
+            projector: Projector::new(topology.clone(), lattice, request.medium.extinction, rays),
             smoother: Smoother::new(&topology, passes, 0.2),
             robust: request.robust,
             topology,
