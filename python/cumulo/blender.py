@@ -307,7 +307,9 @@ def _loaded(grids):
 
 
 def show_progress(done, of):
-    """One line on stderr that counts the views."""
+    """One line on stderr that counts the views, where somebody is watching it."""
+    if not sys.stderr.isatty():
+        return
     print(f"\rCycles view {done} of {of}", end="" if done < of else "\n", file=sys.stderr, flush=True)
 
 
