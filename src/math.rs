@@ -74,6 +74,10 @@ impl Aabb {
     /// Parameter interval of `ray` inside the box, from `t ≥ 0`; `None` if it misses.
     /// A direction component of zero is decided by the position alone (no `0·∞`).
     pub fn clip(&self, ray: &Ray) -> Option<(f64, f64)> {
+        // An empty box has infinite corners: its slabs would be crossed from -∞ to ∞.
+        if self.is_empty() {
+            return None;
+        }
         let (mut t0, mut t1) = (0.0_f64, f64::INFINITY);
         for a in 0..3 {
             let (o, d) = (ray.origin[a], ray.direction[a]);

@@ -194,6 +194,9 @@ fn degenerate_volumes() {
     let ray = Ray { origin: DVec3::new(-5.0, 4.0, 4.0), direction: DVec3::X };
     let seen = Dvr::new(&empty, Medium::absorbing(1.0)).unwrap().radiance(&ray);
     assert_eq!((seen.rgb, seen.transmittance), ([1.0; 3], 1.0));
+    // Along no axis, where the empty box's slabs are all crossed.
+    let slanted = Dvr::new(&empty, Medium::absorbing(1.0)).unwrap().radiance(&slanted());
+    assert_eq!((slanted.rgb, slanted.transmittance), ([1.0; 3], 1.0));
 
     // One voxel at the low corner of a leaf: it reaches into bricks that have no leaf.
     let single: Bricks<f32> = field(9, unit(), |p| f64::from(p == DVec3::splat(8.0)));

@@ -138,6 +138,7 @@ impl Render {
         drop(grid);
         provenance.input(&self.input, [self.input.as_path()])?;
         let capture = self.capture(&field, asked)?;
+        fits(&capture, limits.max_memory)?;
 
         std::fs::create_dir_all(&self.output)
             .map_err(|e| Error::io(&self.output, e).hint("the pictures need a folder that can be written to"))?;
@@ -222,6 +223,21 @@ impl Render {
             emission_model: self.emission_model.or(asked.map(|c| c.emission_model)).unwrap_or(EmissionModel::Grey),
             lattice: Some(field.transform.matrix()),
         })
+    }
+}
+
+/// Refuses pictures that could not be held in memory: their pixels, the file's samples and its bytes, for each thread.
+fn fits(capture: &Capture, max_memory: u64) -> Result<()> {
+    let at_once = rayon::current_num_threads().min(capture.frames.len()) as u64;
+    let pixels = |f: &Frame| u64::from(f.camera.width) * u64::from(f.camera.height);
+    match capture.frames.iter().max_by_key(|f| pixels(f)) {
+        Some(f) if pixels(f) * 48 * at_once > max_memory => {
+            let Camera { width, height, .. } = f.camera;
+            Err(Error::unsupported(format!("{at_once} pictures of {width}x{height} pixels do not fit in memory"))
+                .at(&f.picture)
+                .hint("choose a smaller --size, fewer --threads, or raise --max-memory"))
+        }
+        _ => Ok(()),
     }
 }
 

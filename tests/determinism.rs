@@ -1,0 +1,178 @@
+//! The same bits for any number of threads and any instruction set.
+
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+
+mod fields;
+mod work;
+
+use cumulo::optimise::density::{self, Request};
+use cumulo::optimise::hull::Hull;
+use cumulo::optimise::observation::{Observation, Photo};
+use cumulo::optimise::pictures::{self, Target};
+use cumulo::optimise::projector::{Projector, View};
+use cumulo::render;
+use cumulo::render::dvr::Dvr;
+use cumulo::render::quadrature::Quadrature;
+use cumulo::scene::bricks::Bricks;
+use cumulo::scene::camera::Camera;
+use cumulo::scene::medium::{Medium, Source};
+use cumulo::scene::orbit::{self, Layout};
+use fields::{field, lumps, noise, odd};
+use std::fmt::Debug;
+use std::ops::ControlFlow;
+use std::sync::atomic::AtomicBool;
+use work::{Work, density};
+
+/// Runs `f` with 1, 2 and 8 threads and expects equal results.
+fn alike<T: PartialEq + Debug + Send>(what: &str, f: impl Fn() -> T + Sync) {
+    let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(&f);
+    let one = on(1);
+    for threads in [2, 8] {
+        assert!(on(threads) == one, "{what}: {threads} threads give other bits than one");
+    }
+}
+
+fn scene() -> (Bricks<f32>, Vec<Camera>) {
+    let field: Bricks<f32> = field(40, odd(), lumps(40));
+    let cameras = orbit::cameras(&field.world_bounds().corners(), 9, Layout::Sphere, 48, 40, 40.0);
+    (field, cameras)
+}
+
+const MEDIA: [Medium; 3] = [
+    Medium { extinction: 0.8, source: Source::Grey([0.0; 3]) },
+    Medium { extinction: 0.8, source: Source::Grey([0.5, 1.0, 0.25]) },
+    Medium { extinction: 0.8, source: Source::Linear([0.5, 1.0, 0.25]) },
+];
+const RULES: [Quadrature; 3] = [Quadrature::Exact, Quadrature::Midpoint(0.6), Quadrature::Riemann(0.6)];
+
+fn photos(field: &Bricks<f32>, cameras: &[Camera], medium: Medium) -> Vec<Photo> {
+    let dvr = Dvr::new(field, medium).unwrap();
+    let film = |c: &Camera| render::picture(&dvr, c, 1, &AtomicBool::new(false)).unwrap();
+    cameras.iter().map(|c| Photo { camera: *c, film: film(c), name: "photo".into() }).collect()
+}
+
+#[test]
+fn pictures() {
+    let (field, cameras) = scene();
+    for medium in MEDIA {
+        for rule in RULES {
+            let dvr = Dvr::new(&field, medium).unwrap().quadrature(rule);
+            alike("picture", || render::picture(&dvr, &cameras[2], 2, &AtomicBool::new(false)));
+        }
+    }
+}
+
+/// The kernel that is compiled for this machine's instruction set, against the one that is compiled for
+/// the oldest.
+#[test]
+fn dispatched_kernels_equal_the_scalar_one() {
+    let (field, cameras) = scene();
+    for medium in MEDIA {
+        for rule in RULES {
+            let dvr = Dvr::new(&field, medium).unwrap().quadrature(rule);
+            let film = render::picture(&dvr, &cameras[3], 1, &AtomicBool::new(false)).unwrap();
+            for (i, pixel) in film.rgba.iter().enumerate() {
+                let ray = cameras[3].ray((i % film.width) as f64 + 0.5, (i / film.width) as f64 + 0.5);
+                let bits = |p: [f32; 4]| p.map(f32::to_bits);
+                assert_eq!(bits(*pixel), bits(dvr.radiance(&ray).rgba()), "{medium:?} {rule} pixel {i}");
+            }
+        }
+    }
+}
+
+#[test]
+fn gradients() {
+    let (field, cameras) = scene();
+    for medium in MEDIA {
+        let dvr = Dvr::new(&field, medium).unwrap();
+        let target = |c: &Camera| Target { camera: *c, rgba: vec![[0.4, 0.5, 0.6, 0.3]; 48 * 40] };
+        let targets: Vec<Target> = cameras.iter().take(3).map(target).collect();
+        let all: Vec<&Target> = targets.iter().collect();
+        alike("gradient", || {
+            let mut g = vec![0.0; field.values.len()];
+            let (sum, shared) = pictures::gradient(
+                &dvr,
+                &all,
+                |a, b| {
+                    let d: [f32; 4] = std::array::from_fn(|c| a[c] - b[c]);
+                    (d.iter().map(|d| f64::from(d * d)).sum(), d)
+                },
+                &mut g,
+            );
+            assert!(g.iter().any(|v| *v != 0.0));
+            (g, sum.to_bits(), shared)
+        });
+    }
+}
+
+#[test]
+fn the_projector() {
+    let (field, cameras) = scene();
+    let observation = Observation::new(&photos(&field, &cameras, MEDIA[0]), [1.0; 3], [0.0; 3]).unwrap();
+    let (topology, transform) = (field.topology.clone(), field.transform);
+    let views: Vec<View> = observation.maps.iter().map(|m| View::new(m, &topology, &transform)).collect();
+    let x: Vec<f32> = (0..topology.len() as u64 * 512).map(|i| noise(i) as f32).collect();
+    alike("projector", || {
+        let mut projector = Projector::new(topology.clone(), transform, 0.8, 2);
+        let mut out = vec![0.0; projector.unknowns()];
+        let sums = projector.normal(&x, &views, &mut out, |s, z| {
+            let miss = f64::from(s.depth) - z.iter().sum::<f64>();
+            (miss, [miss * miss, 1.0])
+        });
+        (out, sums.map(f64::to_bits))
+    });
+}
+
+#[test]
+fn a_whole_reconstruction() {
+    let (field, cameras) = scene();
+    let observation = Observation::new(&photos(&field, &cameras, MEDIA[0]), [1.0; 3], [0.0; 3]).unwrap();
+    alike("reconstruction", || {
+        let request = Request {
+            lattice: field.transform,
+            bounds: Hull::new(&observation).bounds().unwrap(),
+            medium: MEDIA[0],
+            background: [1.0; 3],
+            rays_per_edge: 1,
+            held_out: vec![4],
+            iterations: 6,
+            smoothing: None,
+            robust: true,
+            init: None,
+            max_memory: 1 << 30,
+        };
+        let outcome = density::reconstruct(&observation, &request, |_| ControlFlow::Continue(())).unwrap();
+        let losses: Vec<u64> = outcome.history.iter().map(|s| s.loss.to_bits()).collect();
+        (outcome.grid, losses, outcome.train_psnr_db.to_bits())
+    });
+}
+
+#[test]
+fn the_command_line() {
+    let work = Work::new();
+    let kinds = [("one", "1", "--threads 1"), ("two", "1", "--threads 2"), ("eight", "8", "")];
+    for (name, threads, option) in kinds {
+        for words in [
+            format!("render @plume.vdb --views 9 --size 24x24 --density-scale 3 {option} -o {name}"),
+            format!("reconstruct density {name} --resolution 14 --iterations 6 {option} -o {name}.vdb"),
+            format!("reconstruct density {name} --resolution 10 --iterations 1 --solver paper {option} -o {name}p.vdb"),
+        ] {
+            let out = work.command(&words).env("RAYON_NUM_THREADS", threads).output().unwrap();
+            assert!(out.status.success(), "{words}: {}", work::errors(&out));
+        }
+    }
+    for other in ["two", "eight"] {
+        for i in 0..9 {
+            let of = |folder| work.picture(&format!("{folder}/view_{i:03}.exr"));
+            assert!(of("one") == of(other), "{other}: view {i}");
+        }
+        for kind in ["", "p"] {
+            // Metadata holds the command line and the time.
+            let of = |name| {
+                let grid = density(&work.path(&format!("{name}{kind}.vdb")));
+                (grid.leaves, grid.tiles, grid.transform)
+            };
+            assert!(of("one") == of(other), "{other}{kind}: the volumes differ");
+        }
+    }
+}

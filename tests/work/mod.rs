@@ -1,0 +1,132 @@
+//! A folder of its own for the program to work in.
+#![allow(dead_code, clippy::unwrap_used, missing_docs, reason = "each test file uses its own part")]
+
+use cumulo::formats::vdb::{File, Limits};
+use cumulo::render::film::Film;
+use cumulo::scene::grid::Grid;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+pub fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name)
+}
+
+/// The density of a VDB.
+pub fn density(path: &Path) -> Grid {
+    File::open(path, Limits::default()).unwrap().read_fog(None).unwrap()
+}
+
+pub struct Work(TempDir);
+
+impl Work {
+    pub fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// The program in this folder; words are split at blanks, `@name` is a fixture.
+    pub fn command(&self, words: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_cumulo"));
+        command.current_dir(self.0.path());
+        for word in words.split_whitespace() {
+            match word.strip_prefix('@') {
+                Some(name) => command.arg(fixture(name)),
+                None => command.arg(word),
+            };
+        }
+        command
+    }
+
+    /// Runs it, expects success and gives its JSON.
+    pub fn json(&self, words: &str) -> Value {
+        let out = self.command(words).arg("--json").output().unwrap();
+        assert!(out.status.success(), "{words}: {}", errors(&out));
+        serde_json::from_slice(&out.stdout).unwrap()
+    }
+
+    /// Runs it, expects exit code 2 and that standard error holds every one of `expected`.
+    pub fn refused(&self, words: &str, expected: &[&str]) {
+        let out = self.command(words).output().unwrap();
+        assert_eq!(out.status.code(), Some(2), "{words}: {}", errors(&out));
+        for text in expected {
+            assert!(errors(&out).contains(text), "{words}: '{text}' is not in:\n{}", errors(&out));
+        }
+    }
+
+    /// `cumulo diff`'s entry of the only grid.
+    pub fn difference(&self, a: &str, b: &str) -> Value {
+        let out = self.command(&format!("diff {a} {b} --json")).output().unwrap();
+        serde_json::from_slice::<Value>(&out.stdout).unwrap()["grids"][0].clone()
+    }
+
+    pub fn volume_psnr(&self, b: &str) -> f64 {
+        self.difference("@plume.vdb", b)["psnr_db"].as_f64().unwrap()
+    }
+
+    /// Starts it without waiting.
+    pub fn start(&self, words: &str) -> Child {
+        self.command(words).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    }
+
+    /// Every file beneath a folder and its bytes.
+    pub fn files(&self, folder: &str) -> BTreeMap<PathBuf, Vec<u8>> {
+        let mut found = BTreeMap::new();
+        let mut left = vec![self.path(folder)];
+        while let Some(dir) = left.pop() {
+            for entry in std::fs::read_dir(dir).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    found.insert(path.clone(), Vec::new());
+                    left.push(path);
+                } else {
+                    found.insert(path.clone(), std::fs::read(&path).unwrap());
+                }
+            }
+        }
+        found
+    }
+
+    pub fn picture(&self, name: &str) -> Film {
+        cumulo::formats::exr::read_picture(&self.path(name), None).unwrap()
+    }
+
+    /// Changes every picture of a capture.
+    pub fn edit(&self, folder: &str, mut change: impl FnMut(usize, &mut Film)) {
+        let capture = cumulo::formats::transforms::load(&self.path(folder)).unwrap();
+        for (i, frame) in capture.frames.iter().enumerate() {
+            let mut film = cumulo::formats::exr::read_picture(&frame.picture, None).unwrap();
+            change(i, &mut film);
+            cumulo::formats::exr::write_picture(&frame.picture, &film, &BTreeMap::new(), false).unwrap();
+        }
+    }
+}
+
+pub fn errors(out: &Output) -> String {
+    String::from_utf8_lossy(&out.stderr).into_owned()
+}
+
+/// Sends Ctrl-C and waits.
+pub fn interrupt(child: Child) -> Output {
+    let status = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(status.success());
+    child.wait_with_output().unwrap()
+}
+
+/// Waits until something holds.
+///
+/// # Panics
+/// After twenty seconds.
+pub fn until(what: &str, mut holds: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !holds() {
+        assert!(begun.elapsed() < Duration::from_secs(20), "{what}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
