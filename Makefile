@@ -12,6 +12,8 @@ export CARGO_TARGET_DIR
 
 # `make demo BLENDER=1` reconstructs from pictures that Cycles rendered.
 BLENDER ?=
+# Environments of the other programs, see python/peers/README.md.
+PEERS ?=
 
 setup: ## everything that the other targets may need
 	python/setup.sh
@@ -40,8 +42,9 @@ check: ## what is worth seeing before each commit; under three minutes once buil
 	cargo clippy --release --locked --all-targets -- -D warnings
 	cargo test --release --locked --lib --bins
 
-bench: build
-	cargo bench --locked
+bench: build ## our figures against the goals; PEERS="PEERS_ENV RTK_ENV" runs the peers too
+	python/setup.sh bench
+	/usr/bin/python3 python/bench.py $(if $(PEERS),--peers $(PEERS))
 
 clean:
 	rm -rf target demo-out .venvs

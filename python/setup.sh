@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Makes this machine ready: Debian packages that are missing, and the Python environments under .venvs/.
 #
-#   python/setup.sh [build] [bpy] [usd]      all three when none is named
+#   python/setup.sh [build] [bpy] [usd] [bench]      all but bench when none is named
 #
 # What is there already is left alone, so a second run does nothing; an environment counts as there
 # only when its stamp, written last, names the same requirements, so an interrupted install is redone.
@@ -13,6 +13,9 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 build_packages="g++ make libopenvdb-dev libboost-dev libclang-dev libopenvdb-tools python3-openvdb"
 # Blender opens these even without a display.
 bpy_packages="libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libxext6 libsm6 libice6 libgl1"
+
+# What compares volumes, and compiles OpenVDB's side of the comparison.
+bench_packages="$build_packages python3-numpy"
 
 PATH=$PATH:${HOME:-/root}/.cargo/bin
 
@@ -121,6 +124,11 @@ for part in "$@"; do
         make_environment bpy 3.11 bpy
         ;;
     usd) make_environment usd 3 pxr.Usd ;;
-    *) die "unknown part '$part'; give build, bpy or usd" ;;
+    bench)
+        # shellcheck disable=SC2086
+        install_packages $bench_packages
+        make_environment bench 3 numba
+        ;;
+    *) die "unknown part '$part'; give build, bpy, usd or bench" ;;
     esac
 done

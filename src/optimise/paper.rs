@@ -12,7 +12,7 @@ use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::hull::Hull;
 use crate::optimise::observation::{Observation, Photo};
 use crate::optimise::pictures::{self, Target};
-use crate::render::dvr::Dvr;
+use crate::render::dvr::{Adjoint, Dvr};
 use crate::scene::bricks::{Bricks, Topology};
 use crate::scene::grid::LEAF_VOXELS;
 use glam::{DMat4, DVec3, IVec3};
@@ -197,7 +197,7 @@ impl Fit {
             let value = difference.iter().map(|d| f64::from(d.abs())).sum();
             (value, difference.map(|d| if d == 0.0 { 0.0 } else { share * d.signum() }))
         };
-        let (sum, _) = pictures::gradient(&self.renderer(request)?, batch, l1, &mut stored);
+        let (sum, _) = pictures::gradient(&self.renderer(request)?, batch, l1, Adjoint::Tape, &mut stored);
         let mut owned = std::mem::take(&mut self.owned);
         self.field.topology.fold(&stored, &mut owned);
         for g in &mut owned {

@@ -26,6 +26,7 @@ pub fn gradient(
     dvr: &Dvr<'_, f32>,
     targets: &[&Target],
     loss: impl Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4]) + Sync,
+    adjoint: Adjoint,
     gradient: &mut [f32],
 ) -> (f64, ParameterGradient) {
     let runs: Vec<(&Target, usize)> =
@@ -41,7 +42,7 @@ pub fn gradient(
             for (target, first) in runs.iter().skip(lane).step_by(count) {
                 let pixels = *first..(*first + RUN).min(target.rgba.len());
                 let (loss, gradient, shared, tape) = (&loss, &mut own[..], &mut shared, &mut tape);
-                sum += arch.dispatch(Run { dvr, target, pixels, loss, gradient, shared, tape });
+                sum += arch.dispatch(Run { dvr, target, pixels, loss, adjoint, gradient, shared, tape });
             }
             (sum, shared, own)
         })
@@ -62,6 +63,7 @@ struct Run<'a, 'd, F> {
     target: &'a Target,
     pixels: Range<usize>,
     loss: &'a F,
+    adjoint: Adjoint,
     gradient: &'a mut [f32],
     shared: &'a mut ParameterGradient,
     tape: &'a mut Tape<f32>,
@@ -81,7 +83,7 @@ impl<F: Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4])> pulp::NullaryFnOnce for Run
                 sum += value;
                 slope
             };
-            self.dvr.gradient(&ray, slope, Adjoint::Tape, self.gradient, self.shared, self.tape);
+            self.dvr.gradient(&ray, slope, self.adjoint, self.gradient, self.shared, self.tape);
         }
         sum
     }

@@ -344,13 +344,19 @@ impl NativeGrid {
     }
 
     fn tiles(&self) -> Result<Vec<RawTile>> {
+        // Walking for the tiles costs more than their room: few have more than these.
+        let mut raw = vec![ffi::RawTile::default(); 256];
         let mut count = 0;
-        // SAFETY: with capacity 0 nothing is written but the count.
-        ffi::call(|s| unsafe { ffi::tiles(self.as_ptr(), null_mut(), 0, &mut count, s) }).map_err(self.place())?;
-        let mut raw = vec![ffi::RawTile::default(); count];
-        // SAFETY: `raw` has room for `count` tiles.
-        ffi::call(|s| unsafe { ffi::tiles(self.as_ptr(), raw.as_mut_ptr(), raw.len(), &mut count, s) })
-            .map_err(self.place())?;
+        loop {
+            // SAFETY: `raw` has room for `raw.len()` tiles; beyond, the shim only counts.
+            ffi::call(|s| unsafe { ffi::tiles(self.as_ptr(), raw.as_mut_ptr(), raw.len(), &mut count, s) })
+                .map_err(self.place())?;
+            if count <= raw.len() {
+                break;
+            }
+            raw.resize(count, ffi::RawTile::default());
+        }
+        raw.truncate(count);
         let mut tiles: Vec<_> = raw
             .iter()
             .map(|t| RawTile { origin: t.origin, dim: t.dim, value: t.value, active: t.active != 0 })

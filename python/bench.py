@@ -1,0 +1,234 @@
+#!/usr/bin/env python3
+"""Our figures beside those of other programs, as one Markdown table on stdout and `target/bench/results.json`.
+
+    bench.py [--only B4 B6 ...] [--data DIR] [--peers PEERS_ENV RTK_ENV]
+
+Kernels (B3, B10, B11) come from `cargo bench --bench kernels`; B4, B5 and B6 reconstruct exact data sets
+(`python/peers/`, made where they are missing by the environment `python/setup.sh bench` sets up) with ever
+more iterations until the goal's PSNR is reached. With `--peers` the other programs run too, in turn with
+ours; else their figures are those noted when a quiet machine ran them, marked `noted`.
+
+Runs under Debian's Python with python3-numpy and python3-openvdb.
+"""
+
+import argparse
+import glob
+import json
+import os
+import pathlib
+import statistics
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pyopenvdb as vdb
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "python"))
+from cumulo.run import CumuloError, cumulo  # noqa: E402  from this checkout
+
+OUT = ROOT / "target" / "bench"
+PEERS = ROOT / "python" / "peers"
+# Iterations on the finest level; the shortest run that reaches the goal counts.
+LADDER = (6, 12, 24, 50)
+# A run shorter than this is repeated: its median counts.
+SHORT, REPEATS = 10.0, 3
+
+
+@dataclass
+class Set:
+    """A data set, what the peer makes of it, and what we want to be."""
+
+    id: str
+    name: str
+    work: str
+    make: list
+    # Name, decibels (clipped to 0..1 where that is better) and seconds on a quiet machine, if they are known.
+    peer: str
+    noted: tuple
+    # Decibels to reach beyond the peer's, or in all; how many times faster than the peer, if that is a goal.
+    above: float = 0.0
+    decibels: float | None = None
+    faster: float | None = None
+
+
+def cone(views, noted, **goal):
+    """B4 with so many views."""
+    work = f"128³ from {views} views on a sphere"
+    return Set("B4", f"b4_{views}", work, ["b4", "--views", str(views)], "RTK CG", noted, **goal)
+
+
+SETS = [
+    cone(8, (30.07, None)),
+    cone(16, (35.16, None)),
+    cone(32, (39.79, None)),
+    cone(64, (46.97, 22.0), decibels=48.0, faster=5.0),
+    cone(128, (53.17, None)),
+    Set("B5", "b5", "128³ from 64 parallel-beam angles", ["b5"], "ASTRA SIRT", (54.4, 97.0), faster=10.0),
+    Set("B6", "b6", "64³ from 16 views", ["b6"], "Mitsuba 3", (27.9, 81.0), above=10.0, faster=100.0),
+]  # fmt: skip
+
+
+def say(text):
+    """Progress, on stderr."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def output(command, **environment):
+    """What a command prints on stdout; its stderr passes through."""
+    done = subprocess.run(
+        [str(word) for word in command], stdout=subprocess.PIPE, text=True, check=True, env=os.environ | environment
+    )
+    return done.stdout
+
+
+def data_set(wanted, folder):
+    """The folder of a data set, made in target/bench where it is missing. (Not in `folder`, which is the user's.)"""
+    for place in filter(None, (folder, OUT)):
+        # The truth is written last.
+        if (place / wanted.name / "truth.vdb").is_file():
+            return place / wanted.name
+    python = ROOT / ".venvs" / "bench" / "bin" / "python"
+    if not python.is_file():
+        raise FileNotFoundError(f"{python} is missing; run python/setup.sh bench, or give finished sets with --data")
+    say(f"making {OUT / wanted.name}")
+    output([python, PEERS / "projections.py", wanted.make[0], OUT / wanted.name, *wanted.make[1:]])
+    return OUT / wanted.name
+
+
+def psnr(path, truth):
+    """Decibels over all voxels of the lattice, peak 1: what the peers' scripts print."""
+    grid = vdb.read(str(path), "density")
+    found = np.zeros(truth.shape[::-1], np.float32)
+    grid.copyToArray(found)
+    error = np.mean((found.transpose(2, 1, 0).astype(np.float64) - truth) ** 2)
+    return float(-10 * np.log10(max(error, 1e-20)))
+
+
+def ours(data, iterations):
+    """Decibels, and seconds from the first picture read to the volume ready to be written."""
+    path = OUT / f"{data.name}.vdb"
+    report = cumulo("reconstruct", "density", data, "-o", path, "--held-out", 0, "--iterations", iterations, "--quiet")
+    return psnr(path, np.load(data / "truth.npy")), report["seconds"]
+
+
+def theirs(wanted, data, environments):
+    """Decibels and seconds of the peer."""
+    peers, rtk = (env / "bin" / "python" for env in environments)
+    llvm = os.environ.get("DRJIT_LIBLLVM_PATH") or next(iter(glob.glob("/usr/lib/*/libLLVM-19.so")), "")
+    command = {
+        "B4": [rtk, PEERS / "run_rtk.py", data, "--alg", "cg"],
+        "B5": [peers, PEERS / "run_astra.py", data, "--alg", "SIRT"],
+        "B6": [peers, PEERS / "run_mitsuba.py", data],
+    }[wanted.id]
+    line = json.loads(output(command, **({"DRJIT_LIBLLVM_PATH": llvm} if llvm else {})).splitlines()[-1])
+    return max(line["psnr_db"], line.get("psnr_clipped_db", 0.0)), line["seconds"]
+
+
+def reconstruction(wanted, folder, environments, rounds):
+    """The row of one data set."""
+    data = data_set(wanted, folder)
+    say(f"{wanted.id}: {wanted.work}")
+    measured = [theirs(wanted, data, environments)] if environments else []
+    peer_db = measured[0][0] if measured else wanted.noted[0]
+    target = wanted.decibels or peer_db + wanted.above
+    trail = []
+    for iterations in LADDER:
+        quality, seconds = ours(data, iterations)
+        trail.append({"iterations": iterations, "psnr_db": round(quality, 2), "seconds": round(seconds, 3)})
+        say(f"  {iterations} iterations: {quality:.2f} dB in {seconds:.2f} s (goal {target:.2f} dB)")
+        if quality >= target:
+            break
+    best = max(trail, key=lambda step: step["psnr_db"])
+    times = [best["seconds"]]
+    while len(times) < REPEATS and best["seconds"] < SHORT:
+        times.append(ours(data, best["iterations"])[1])
+    for _ in range(rounds - 1 if measured else 0):
+        measured.append(theirs(wanted, data, environments))
+        times.append(ours(data, best["iterations"])[1])
+    seconds = statistics.median(times)
+    peer_seconds = statistics.median(s for _, s in measured) if measured else wanted.noted[1]
+    reached = best["psnr_db"] >= target
+    ratio = peer_seconds / seconds if peer_seconds else None
+    fast = wanted.faster is None or (ratio is not None and ratio >= wanted.faster)
+    goal = f">= {target:.1f} dB" + (f", {wanted.faster:g}x faster" if wanted.faster else "")
+    duration = f" in {peer_seconds:.1f} s" if peer_seconds else ""
+    return {
+        "id": wanted.id,
+        "work": wanted.work,
+        "peer": f"{wanted.peer}: {peer_db:.1f} dB{duration}{'' if measured else ' (noted)'}",
+        "ours": f"{best['psnr_db']:.1f} dB in {seconds:.2f} s ({best['iterations']} iterations)",
+        "ratio": ratio,
+        "goal": goal,
+        "met": reached and fast,
+        "detail": {"trail": trail, "seconds": times, "peer": measured},
+    }
+
+
+def newer(path, source):
+    """True if `path` is there and was made from `source` as it is."""
+    return path.is_file() and path.stat().st_mtime >= source.stat().st_mtime
+
+
+def kernels(volume):
+    """The rows of `cargo bench`; `volume` asks for reading and writing too."""
+    report, options = OUT / "kernels.json", []
+    if volume:
+        noise, peer, source = OUT / "noise256.vdb", OUT / "vdb_read", PEERS / "vdb_read.cpp"
+        if not newer(noise, PEERS / "vdb_noise.py"):
+            output([sys.executable, PEERS / "vdb_noise.py", noise])
+        if not newer(peer, source):
+            say("compiling OpenVDB's side")
+            libraries = ["-lopenvdb", "-ltbb", "-lImath-3_1"]
+            output(["g++", "-O3", "-DNDEBUG", "-std=c++17", source, "-o", peer, *libraries])
+        options = ["--vdb", noise, peer, OUT]
+    say("kernels")
+    target = os.environ.get("CARGO_TARGET_DIR", str(ROOT / "target"))
+    command = ["cargo", "bench", "--quiet", "--locked", "--manifest-path", ROOT / "Cargo.toml", "--bench", "kernels"]
+    output([*command, "--", "--json", report, *options], CARGO_TARGET_DIR=target)
+    return json.loads(report.read_text())
+
+
+def table(rows):
+    """The rows as Markdown."""
+    lines = ["| id | work | peer | ours | ratio | goal | met |", "|---|---|---|---|---|---|---|"]
+    for row in rows:
+        ratio = "–" if row["ratio"] is None else f"{row['ratio']:.2f}"
+        met = {True: "yes", False: "NO", None: "–"}[row["met"]]
+        words = [row["id"], row["work"], row["peer"] or "–", row["ours"], ratio, row["goal"] or "–", met]
+        lines.append(f"| {' | '.join(words)} |")
+    return "\n".join(lines)
+
+
+def main():
+    """Measures, writes the JSON, prints the table."""
+    every = ["B3", "B4", "B5", "B6", "B10", "B11"]
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", nargs="+", choices=every, default=every, metavar="ID", help=f"of {' '.join(every)}")
+    parser.add_argument("--data", type=pathlib.Path, help="folder of finished data sets (b4_8, ..., b5, b6)")
+    parser.add_argument("--peers", nargs=2, type=pathlib.Path, metavar=("PEERS_ENV", "RTK_ENV"), help="run the peers too")
+    parser.add_argument("--rounds", type=int, default=1, help="runs of a peer, in turn with ours (default: 1)")
+    a = parser.parse_args()
+    OUT.mkdir(parents=True, exist_ok=True)
+    start, before = time.monotonic(), os.getloadavg()[0]
+    rows = []
+    if {"B3", "B10", "B11"} & set(a.only):
+        shown = {*a.only, "rate"}
+        rows += [row for row in kernels("B10" in a.only) if row["id"] in shown]
+    rows += [reconstruction(s, a.data, a.peers, a.rounds) for s in SETS if s.id in a.only]
+    machine = {"cores": os.cpu_count(), "load_before": before, "load_after": os.getloadavg()[0]}
+    machine["seconds"] = round(time.monotonic() - start, 1)
+    results = OUT / "results.json"
+    results.write_text(json.dumps({"machine": machine, "rows": rows}, indent=1, ensure_ascii=False) + "\n")
+    print(table(rows))
+    print(f"\n{machine['cores']} cores, load {before:.1f} before and {machine['load_after']:.1f} after; {results} has all times.")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except (CumuloError, OSError, subprocess.CalledProcessError) as error:
+        say(f"error: {error}")
+        sys.exit(2)

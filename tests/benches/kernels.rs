@@ -1,0 +1,30 @@
+//! What the parts cost. `cargo bench --bench kernels` prints a table; `python/bench.py` asks for
+//! `-- --json FILE --vdb VOLUME PEER FOLDER` and puts the rows beside those of whole reconstructions.
+
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a bench stops at the first fault and prints its figures")]
+
+#[path = "../fields/mod.rs"]
+mod fields;
+mod rays;
+mod row;
+mod turns;
+mod vdb;
+
+use std::path::Path;
+
+fn main() {
+    // `cargo bench` appends `--bench`.
+    let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
+    let after = |name: &str| arguments.iter().position(|a| a == name).map(|i| &arguments[i + 1..]);
+    if let Some([input, output, ..]) = after(vdb::OWN_SIDE) {
+        return vdb::own_side(Path::new(input), Path::new(output));
+    }
+    let mut rows = rays::rows();
+    if let Some([volume, peer, folder, ..]) = after("--vdb") {
+        rows.extend(vdb::rows(Path::new(volume), Path::new(peer), Path::new(folder)));
+    }
+    match after("--json") {
+        Some([path, ..]) => std::fs::write(path, serde_json::to_string_pretty(&rows).unwrap()).unwrap(),
+        _ => print!("{}", row::table(&rows)),
+    }
+}
