@@ -34,7 +34,7 @@ pub struct Request {
     pub held_out: Vec<usize>,
     /// Iterations on the finest level, at most.
     pub iterations: u32,
-    /// Blur passes of the smoothness prior; without, they follow the roughness of the coarser level.
+    /// Blur passes of the smoothness prior; without, the held-out views decide.
     pub smoothing: Option<u32>,
     /// Bound the influence of outliers (Huber's loss).
     pub robust: bool,
@@ -96,12 +96,11 @@ const COARSE_ITERATIONS: u32 = 8;
 const PATIENCE: usize = 6;
 const GAIN: f64 = 0.3;
 
-/// Blur passes before anything is known.
+/// Blur passes that the coarsest level tries first, and the most that are tried.
 const PASSES: u32 = 2;
-/// Roughness (‖x - Bx‖ / ‖x‖) of the coarser level's solution from which on one pass less is taken, and
-/// from which on none. Measured: smooth random fields have 0.05 there, a medium with an edge 0.12,
-/// Houdini's smoke 0.21; their best numbers of passes are 2, 1 and 0 (by 0.5, 0.9 and 5 dB).
-const ROUGH: [f64; 2] = [0.09, 0.17];
+const MOST_PASSES: u32 = 6;
+/// Iterations after which two numbers of passes are compared.
+const TRIAL: u32 = 4;
 
 /// Reconstructs the densities. `watch` sees every step and may stop the work; what is there by then
 /// is returned.
@@ -142,11 +141,7 @@ pub fn reconstruct(
             });
             stages.push(Stage { name: format!("level {level}: solve"), seconds: begun.elapsed().as_secs_f64() });
             stopped = done.stopped;
-            // Noise is rough too: it must not be taken for detail.
-            if request.smoothing.is_none() && !observation.noisy() {
-                let roughness = work.smoother.roughness(&done.voxels);
-                passes = PASSES - ROUGH.iter().filter(|r| roughness > **r).count() as u32;
-            }
+            passes = work.smoother.passes;
             let psnr = (level == 0 || stopped).then(|| work.psnr(&done.voxels));
             (work.field(done.voxels), psnr)
         };
@@ -173,7 +168,10 @@ pub fn reconstruct(
 /// Iterations that a run from nothing takes at most, all levels counted.
 pub fn most_iterations(request: &Request) -> u64 {
     let levels = levels(&request.lattice, &request.bounds, request.init.as_ref());
-    u64::from(request.iterations) + u64::from(levels - 1) * u64::from(COARSE_ITERATIONS.min(request.iterations))
+    let coarse = u64::from(levels - 1) * u64::from(COARSE_ITERATIONS.min(request.iterations));
+    // Each level tries one number of blur passes that it does not keep, or more.
+    let tried = if request.smoothing.is_none() { u64::from(levels * TRIAL) } else { 0 };
+    u64::from(request.iterations) + coarse + tried
 }
 
 /// How many levels, each of half the resolution, lead up to the finest. A start is taken up on the
@@ -198,11 +196,16 @@ struct Level {
     smoother: Smoother,
     start: Vec<f32>,
     robust: bool,
+    finest: bool,
+    /// Whether the number of blur passes is to be found.
+    explore: bool,
 }
 
 /// What a level's solve left.
 struct Solved {
     voxels: Vec<f32>,
+    /// PSNR of the held-out pictures.
+    psnr: Option<f64>,
     stopped: bool,
 }
 
@@ -251,6 +254,8 @@ impl Level {
             projector: Projector::new(topology.clone(), lattice, request.medium.extinction, rays),
             smoother: Smoother::new(&topology, passes, 0.2),
             robust: request.robust,
+            finest: level == 0,
+            explore: request.smoothing.is_none(),
             topology,
             lattice,
             unknown,
@@ -262,6 +267,51 @@ impl Level {
 
     fn solve(&mut self, limit: u32, mut watch: impl FnMut(f64, Option<f64>) -> ControlFlow<()>) -> Solved {
         let start = std::mem::take(&mut self.start);
+        if !self.explore || self.held_out.is_empty() || limit <= TRIAL {
+            return self.descend(start, limit, &mut watch);
+        }
+        let tried = self.compare(&start, &mut watch);
+        if tried.stopped {
+            return tried;
+        }
+        let done = self.descend(tried.voxels.clone(), limit - TRIAL, &mut watch);
+        if done.psnr > tried.psnr { done } else { Solved { stopped: done.stopped, ..tried } }
+    }
+
+    /// How smooth the volume is, how many pictures there are and how noisy they are: all of it decides
+    /// how many blur passes are best, and the held-out views know. More and more passes are tried for a
+    /// few iterations while they help, else, where that is cheap, fewer and fewer.
+    fn compare(&mut self, start: &[f32], watch: &mut impl FnMut(f64, Option<f64>) -> ControlFlow<()>) -> Solved {
+        let first = self.smoother.passes;
+        let mut best = (first, self.descend(start.to_vec(), TRIAL, watch));
+        let fewer = (0..first).rev().take(if self.finest { 0 } else { MOST_PASSES as usize }).collect::<Vec<_>>();
+        for direction in [(first + 1..=MOST_PASSES).collect::<Vec<_>>(), fewer] {
+            for passes in direction {
+                if best.1.stopped {
+                    break;
+                }
+                self.smoother.passes = passes;
+                let next = self.descend(start.to_vec(), TRIAL, watch);
+                if next.psnr <= best.1.psnr {
+                    best.1.stopped = next.stopped;
+                    break;
+                }
+                best = (passes, next);
+            }
+            if best.0 != first {
+                break;
+            }
+        }
+        self.smoother.passes = best.0;
+        best.1
+    }
+
+    fn descend(
+        &mut self,
+        start: Vec<f32>,
+        limit: u32,
+        watch: &mut impl FnMut(f64, Option<f64>) -> ControlFlow<()>,
+    ) -> Solved {
         let mut solver =
             Solver::new(&self.train, &mut self.projector, &mut self.smoother, &self.unknown, start).robust(self.robust);
         let mut trail: Vec<f64> = Vec::new();
@@ -287,7 +337,11 @@ impl Level {
                 break;
             }
         }
-        Solved { voxels: best.map_or_else(|| solver.densities(), |(_, v)| v), stopped }
+        let (psnr, voxels) = match best {
+            Some((psnr, voxels)) => (Some(psnr), voxels),
+            None => (None, solver.densities()),
+        };
+        Solved { voxels, psnr, stopped }
     }
 
     /// PSNR of the used and of the held-out pictures.

@@ -113,13 +113,6 @@ impl Observation {
     }
 }
 
-impl Observation {
-    /// True if the pictures are noisy: hardly a pixel shows the background exactly.
-    pub fn noisy(&self) -> bool {
-        self.empty > EMPTY
-    }
-}
-
 impl DepthMap {
     /// Means over blocks of `stride`² pixels, weights summed: a view for a coarser volume.
     pub fn reduced(&self, stride: usize) -> Self {

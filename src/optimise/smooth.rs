@@ -16,7 +16,8 @@ use rayon::prelude::*;
 pub struct Smoother {
     /// Brick numbers below and above along x, y, z.
     neighbours: Vec<[[u32; 2]; 3]>,
-    passes: u32,
+    /// Blur passes before and after the Laplacian.
+    pub passes: u32,
     ridge: f32,
     scratch: Vec<f32>,
 }
@@ -48,16 +49,6 @@ impl Smoother {
         let (_, top, _) = positive.select_nth_unstable_by(at, f32::total_cmp);
         let (top, floor) = (*top, 0.1 * *top);
         out.par_iter_mut().for_each(|v| *v = ((*v + floor) / (top + floor)).sqrt());
-    }
-
-    /// How much of a field is finer than the blur: ‖x - Bx‖ / ‖x‖, 0 for a field of zeros.
-    pub fn roughness(&mut self, field: &[f32]) -> f64 {
-        let mut soft = field.to_vec();
-        self.blur(&mut soft);
-        let square = |v: f32| f64::from(v) * f64::from(v);
-        let (fine, all) =
-            field.iter().zip(&soft).fold((0.0, 0.0), |(a, b), (x, s)| (a + square(x - s), b + square(*x)));
-        if all > 0.0 { (fine / all).sqrt() } else { 0.0 }
     }
 
     /// `out = M r`; `mask` is 0 for known voxels and the prior's weight for unknown ones.

@@ -56,14 +56,14 @@ pub struct Density {
     #[arg(long, value_name = "K")]
     held_out: Option<usize>,
     /// Iterations on the finest level, at most (paper: epochs)
-    #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: u32,
-    /// Blur passes of the smoothness prior (default: 2, less where the volume turns out to be rough)
+    /// Blur passes of the smoothness prior (default: as many as suit the held-out views; without these 2)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     smoothing: Option<u32>,
-    /// Bound the influence of outliers: auto where the pictures are noisy
-    #[arg(long, value_enum, default_value_t = Robust::Auto)]
-    robust: Robust,
+    /// Let outliers among the pixels pull as hard as their squares say: plain least squares
+    #[arg(long)]
+    trusting: bool,
     /// Layer of the pictures (default: the beauty)
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
@@ -99,14 +99,6 @@ enum Choice {
     Cg,
     /// Adam as in Weiss & Westermann (2021)
     Paper,
-}
-
-/// `--robust`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Robust {
-    Auto,
-    Yes,
-    No,
 }
 
 impl Density {
@@ -244,7 +236,7 @@ impl Density {
             background: capture.background,
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),
             smoothing: self.smoothing,
-            robust: self.robust == Robust::Yes || self.robust == Robust::Auto && observation.noisy(),
+            robust: !self.trusting,
             held_out,
             iterations: self.iterations,
             init,
@@ -292,6 +284,8 @@ fn observe(photos: &[Photo], capture: &Capture) -> Result<Observation> {
 
 fn show(bar: &ProgressBar, step: &Step) {
     let psnr = step.held_out_psnr_db.map(|p| format!(", held-out {p:.2} dB")).unwrap_or_default();
-    bar.set_position(u64::from(step.iteration));
+    let position = u64::from(step.iteration);
+    bar.set_length(bar.length().unwrap_or(0).max(position));
+    bar.set_position(position);
     bar.set_message(format!("level {}, loss {:.3e}{psnr}", step.level, step.loss));
 }
