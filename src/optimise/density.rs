@@ -92,7 +92,8 @@ pub struct Outcome {
 const COARSEST: f64 = 24.0;
 /// Iterations on each level but the finest.
 const COARSE_ITERATIONS: u32 = 8;
-/// A level ends when this many iterations brought less than [`GAIN`] dB on the held-out views.
+/// A level ends when this many iterations brought less than [`GAIN`] dB on the held-out views; less is
+/// no difference.
 const PATIENCE: usize = 6;
 const GAIN: f64 = 0.3;
 
@@ -292,7 +293,9 @@ impl Level {
                 }
                 self.smoother.passes = passes;
                 let next = self.descend(start.to_vec(), TRIAL, watch);
-                if next.psnr <= best.1.psnr {
+                // A smoother prior is ahead at first; it has to be clearly so.
+                let ahead = if passes > best.0 { GAIN } else { 0.0 };
+                if next.psnr.unwrap_or(0.0) <= best.1.psnr.unwrap_or(0.0) + ahead {
                     best.1.stopped = next.stopped;
                     break;
                 }
