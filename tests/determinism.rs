@@ -11,7 +11,7 @@ use cumulo::optimise::observation::{Observation, Photo};
 use cumulo::optimise::pictures::{self, Target};
 use cumulo::optimise::projector::{Projector, View};
 use cumulo::render;
-use cumulo::render::dvr::Dvr;
+use cumulo::render::dvr::{Adjoint, Dvr};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::Camera;
@@ -97,6 +97,7 @@ fn gradients() {
                     let d: [f32; 4] = std::array::from_fn(|c| a[c] - b[c]);
                     (d.iter().map(|d| f64::from(d * d)).sum(), d)
                 },
+                Adjoint::Tape,
                 &mut g,
             );
             assert!(g.iter().any(|v| *v != 0.0));
