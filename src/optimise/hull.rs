@@ -1,8 +1,8 @@
 //! The visual hull: where the medium can be, judged by the pixels that saw nothing.
 //!
 //! A pixel without optical depth has met only zeros (densities are not negative), so every voxel in
-//! its way is zero. A picture whose border saw nothing shows the whole medium: what lies outside of it
-//! is empty too. What lies outside any other picture is not judged by it.
+//! its way is zero. A picture that shows something, but nothing at its border, shows the whole medium:
+//! what lies outside of it is empty too. What lies outside any other picture is not judged by it.
 
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
@@ -38,6 +38,8 @@ impl<'a> Silhouette<'a> {
                 // A pixel without weight has measured nothing: it must not carve.
                 if map.weight[i] == 0.0 || map.depth[i] > empty {
                     row += 1;
+                }
+                if map.weight[i] > 0.0 && map.depth[i] > empty {
                     let (low, high) = (DVec2::new(x as f64, y as f64), DVec2::new(x as f64 + 1.0, y as f64 + 1.0));
                     extent = Some(extent.map_or((low, high), |(a, b)| (a.min(low), b.max(high))));
                 }
@@ -45,7 +47,7 @@ impl<'a> Silhouette<'a> {
             }
         }
         let inner = DVec2::new(w as f64, h as f64) - 1.0;
-        let whole = extent.is_none_or(|(low, high)| low.cmpge(DVec2::ONE).all() && high.cmple(inner).all());
+        let whole = extent.is_some_and(|(low, high)| low.cmpge(DVec2::ONE).all() && high.cmple(inner).all());
         Self { camera: &map.camera, width: w as i64, height: h as i64, sums, extent, whole }
     }
 
@@ -74,6 +76,10 @@ impl<'a> Silhouette<'a> {
             let behind = -self.camera.forward().dot(centre - self.camera.position());
             return self.whole && behind > radius;
         };
+        // Nothing is said about what lies before the near plane.
+        if depth - radius < self.camera.near {
+            return false;
+        }
         let scale = match self.camera.projection {
             Projection::Orthographic => DVec2::ONE,
             // A ball around the eye is not judged.
@@ -135,7 +141,7 @@ impl<'a> Hull<'a> {
                 .hint("check the cameras (camera-to-world, looking down -Z, y up) and the background colour"));
             }
             let touches = (kept.min - bounds.min).min_element() <= 0.0 || (bounds.max - kept.max).min_element() <= 0.0;
-            if touches && round < 6 && kept.size().max_element() > 0.9 * bounds.size().max_element() {
+            if touches && round < 2 && kept.size().max_element() > 0.9 * bounds.size().max_element() {
                 let grow = bounds.size();
                 bounds = Aabb { min: bounds.min - 0.5 * grow, max: bounds.max + 0.5 * grow };
                 continue;

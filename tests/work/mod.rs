@@ -63,6 +63,7 @@ impl Work {
     /// `cumulo diff`'s entry of the only grid.
     pub fn difference(&self, a: &str, b: &str) -> Value {
         let out = self.command(&format!("diff {a} {b} --json")).output().unwrap();
+        assert!(!out.stdout.is_empty(), "{}", errors(&out));
         serde_json::from_slice::<Value>(&out.stdout).unwrap()["grids"][0].clone()
     }
 

@@ -1,0 +1,222 @@
+//! Parts of the reconstruction: the prior's metric, the hull, the measurements, the operator.
+
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+
+mod fields;
+
+use cumulo::math::{Aabb, Affine};
+use cumulo::optimise::hull::Hull;
+use cumulo::optimise::observation::{Observation, Photo};
+use cumulo::optimise::projector::{Projector, View};
+use cumulo::optimise::smooth::Smoother;
+use cumulo::optimise::solver::{Solver, mean};
+use cumulo::render::dvr::Dvr;
+use cumulo::render::film::Film;
+use cumulo::render::picture;
+use cumulo::scene::bricks::{Bricks, Topology};
+use cumulo::scene::camera::Camera;
+use cumulo::scene::grid::LEAF_VOXELS;
+use cumulo::scene::medium::Medium;
+use cumulo::scene::orbit::{self, Layout};
+use glam::{DMat4, DVec3, IVec3};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// Numbers in 0..1 that look random.
+fn noise(count: usize, seed: u64) -> Vec<f32> {
+    let mut state = seed;
+    let next = |_| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / (1 << 24) as f32
+    };
+    (0..count).map(next).collect()
+}
+
+fn dot(a: &[f32], b: &[f32]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
+}
+
+/// A ball of radius 9 voxels around (0.5, 0, 0), in a turned and stretched lattice.
+fn ball() -> Bricks<f32> {
+    let place = DMat4::from_translation(DVec3::new(3.0, -2.0, 1.0))
+        * DMat4::from_rotation_y(0.4)
+        * DMat4::from_scale(DVec3::new(0.1, 0.1, 0.12));
+    let inside = |p: DVec3| if (p - DVec3::new(0.5, 0.0, 0.0)).length() < 9.0 { 0.8 } else { 0.0 };
+    let bricks = (0..64).map(|i| IVec3::new(i >> 4, i >> 2 & 3, i & 3) - 2);
+    let mut field = Bricks::zeros(Arc::new(Topology::new(bricks).unwrap()), Affine::new(place).unwrap());
+    let owned: Vec<f32> = field
+        .topology
+        .bricks()
+        .iter()
+        .flat_map(|b| (0..512).map(move |i| inside((8 * *b + IVec3::new(i >> 6, i >> 3 & 7, i & 7)).as_dvec3())))
+        .collect();
+    field.topology.clone().spread(&owned, &mut field.values);
+    field
+}
+
+fn photos(field: &Bricks<f32>, cameras: &[Camera], background: [f32; 3]) -> Vec<Photo> {
+    let dvr = Dvr::new(field, Medium::absorbing(1.5)).unwrap().background(background).early_stop(0.0);
+    let shoot = |camera: &Camera| Photo {
+        camera: *camera,
+        film: picture(&dvr, camera, 1, &AtomicBool::new(false)).unwrap(),
+        name: "view".into(),
+    };
+    cameras.iter().map(shoot).collect()
+}
+
+fn observed(field: &Bricks<f32>, views: usize) -> Observation {
+    let cameras = orbit::cameras(&field.outline(), views, Layout::Sphere, 40, 36, 35.0);
+    Observation::new(&photos(field, &cameras, [1.0; 3]), [1.0; 3], [0.0; 3]).unwrap()
+}
+
+#[test]
+fn the_prior_is_a_metric() {
+    let field = ball();
+    let n = field.topology.len() * LEAF_VOXELS;
+    let mask: Vec<f32> = noise(n, 5).iter().map(|v| if *v < 0.3 { 0.0 } else { *v }).collect();
+    let (u, v) = (noise(n, 1), noise(n, 2));
+    let (mut mu, mut mv) = (vec![0.0; n], vec![0.0; n]);
+    for passes in [0, 1, 3] {
+        let mut smoother = Smoother::new(&field.topology, passes, 0.2);
+        smoother.apply(&u, &mask, &mut mu);
+        smoother.apply(&v, &mask, &mut mv);
+        let (a, b) = (dot(&mu, &v), dot(&u, &mv));
+        // Sums of 2^15 products of f32: their roundings are some 1e-7 of the sum of magnitudes.
+        assert!((a - b).abs() < 1e-5 * dot(&u, &v), "{passes} passes: {a} and {b}");
+        assert!(dot(&mu, &u) > 0.0);
+        assert!(mask.iter().zip(&mu).all(|(m, o)| *m > 0.0 || *o == 0.0));
+    }
+}
+
+#[test]
+fn relative_weights_are_one_at_the_top_and_small_where_there_is_nothing() {
+    let field = ball();
+    let n = field.topology.len() * LEAF_VOXELS;
+    let mut smoother = Smoother::new(&field.topology, 1, 0.2);
+    let mut weights = vec![0.0; n];
+    smoother.relative(&vec![0.0; n], &mut weights);
+    assert!(weights.iter().all(|w| *w == 1.0));
+    let mut x = vec![0.0; n];
+    field.topology.fold(&field.values, &mut x);
+    smoother.relative(&x, &mut weights);
+    let (low, high) = weights.iter().fold((f32::MAX, 0.0_f32), |(l, h), w| (l.min(*w), h.max(*w)));
+    // √(0.1 / 1.1) where nothing is; aprons were counted in, so the top may exceed the 99th percentile.
+    assert!((low - 0.3015).abs() < 1e-3 && (0.9..2.9).contains(&high), "{low} {high}");
+}
+
+#[test]
+fn the_hull_keeps_the_medium_and_little_more() {
+    let field = ball();
+    let observation = observed(&field, 14);
+    let hull = Hull::new(&observation);
+    let bounds = hull.bounds().unwrap();
+    let content = field.outline().into_iter().fold(Aabb::EMPTY, Aabb::including);
+    let reach = 0.12 * 3.0;
+    assert!((bounds.min - content.min).min_element() > -2.0 * reach, "{bounds:?} {content:?}");
+    assert!((bounds.max - content.max).max_element() < 2.0 * reach, "{bounds:?} {content:?}");
+    let (topology, unknown) = hull.unknowns(&field.transform, &bounds, 1 << 20).unwrap();
+    let mut inside = 0;
+    for (b, brick) in field.topology.bricks().iter().enumerate() {
+        for i in 0..512_i32 {
+            let index = (8 * *brick + IVec3::new(i >> 6, i >> 3 & 7, i & 7)).as_dvec3();
+            if field.sample(index) > 0.0 {
+                inside += 1;
+                let at = topology.find(*brick);
+                assert!(at != cumulo::scene::bricks::NONE, "brick {b} was carved");
+                assert!(unknown[at as usize * LEAF_VOXELS + i as usize], "voxel {index} was carved");
+            }
+        }
+    }
+    let kept = unknown.iter().filter(|u| **u).count();
+    assert!(inside > 2500 && kept < 2 * inside, "{kept} unknowns for {inside} voxels");
+}
+
+#[test]
+fn views_of_one_direction_bound_nothing() {
+    let field = ball();
+    let camera = orbit::cameras(&field.outline(), 1, Layout::Ring, 40, 36, 35.0)[0];
+    let pictures = photos(&field, &[camera, camera], [1.0; 3]);
+    let observation = Observation::new(&pictures, [1.0; 3], [0.0; 3]).unwrap();
+    let message = Hull::new(&observation).bounds().unwrap_err().to_string();
+    assert!(message.contains("--bounds"), "{message}");
+}
+
+#[test]
+fn what_a_near_plane_hides_is_not_carved() {
+    let field = ball();
+    let mut cameras = orbit::cameras(&field.outline(), 14, Layout::Sphere, 40, 36, 35.0);
+    // One camera begins to see behind the whole medium: its picture is empty.
+    cameras[4].near = 2.0 * (cameras[4].position() - field.world_bounds().centre()).length();
+    let pictures = photos(&field, &cameras, [1.0; 3]);
+    assert!(pictures[4].film.rgba.iter().all(|p| p[3] == 0.0));
+    let observation = Observation::new(&pictures, [1.0; 3], [0.0; 3]).unwrap();
+    let bounds = Hull::new(&observation).bounds().unwrap();
+    let content = field.outline().into_iter().fold(Aabb::EMPTY, Aabb::including);
+    assert!(bounds.size().min_element() > 0.7 * content.size().min_element(), "{bounds:?}");
+}
+
+#[test]
+fn transmittance_is_read_off_any_grey_medium() {
+    let camera = orbit::cameras(&[DVec3::ZERO, DVec3::ONE], 1, Layout::Ring, 4, 1, 30.0)[0];
+    let (source, background) = ([0.9, 0.1, 0.4], [0.0, 0.5, 0.4]);
+    let mut film = Film::new(4, 1);
+    for (pixel, t) in film.rgba.iter_mut().zip([1.0_f32, 0.5, 0.01, 0.25]) {
+        *pixel = [0, 1, 2, 3].map(|c| if c == 3 { 1.0 - t } else { source[c] * (1.0 - t) + background[c] * t });
+    }
+    film.rgba[3][1] = f32::NAN;
+    let photo = Photo { camera, film, name: "view".into() };
+    // One pixel in four is more than is tolerated in a whole picture; among ten it is not.
+    assert!(Observation::new(std::slice::from_ref(&photo), background, source).is_err());
+    let mut wide = photo;
+    wide.film = Film { width: 12, height: 1, rgba: [&wide.film.rgba[..], &[[0.0, 0.5, 0.4, 0.0]; 8]].concat() };
+    let map = &Observation::new(&[wide], background, source).unwrap().maps[0];
+    for (depth, t) in map.depth.iter().zip([1.0_f32, 0.5, 0.01]) {
+        // Colours near 0.5 are rounded at 3e-8; at T = 0.01 that is 6e-6 of the depth.
+        assert!((depth + t.ln()).abs() < 2e-5, "{depth} {t}");
+    }
+    assert_eq!((map.depth[3], map.weight[3]), (0.0, 0.0));
+    assert!(map.weight[..3].iter().all(|w| *w > 0.2 && *w <= 1.0), "{:?}", map.weight);
+}
+
+/// `⟨A x, y⟩ = ⟨x, Aᵀ y⟩` through the one walk that gives both.
+#[test]
+fn the_operator_has_its_transpose() {
+    let field = ball();
+    let observation = observed(&field, 3);
+    let views: Vec<View> = observation.maps.iter().map(|m| View::new(m, &field.topology, &field.transform)).collect();
+    for rays in [1, 2] {
+        let mut projector = Projector::new(field.topology.clone(), field.transform, 1.5, rays);
+        let n = projector.unknowns();
+        let (x, mut back) = (noise(n, 3), vec![0.0; n]);
+        // y is the measured depth of each pixel.
+        let [forward, _] = projector.normal(&x, &views, &mut back, |s, z| {
+            let y = f64::from(s.depth);
+            (y, [mean(z) * y, 0.0])
+        });
+        let backward = dot(&x, &back);
+        assert!((forward / backward - 1.0).abs() < 1e-5, "{rays} rays: {forward} and {backward}");
+    }
+}
+
+#[test]
+fn the_solver_goes_down_and_stays_above_zero() {
+    let field = ball();
+    let observation = observed(&field, 10);
+    let views: Vec<View> = observation.maps.iter().map(|m| View::new(m, &field.topology, &field.transform)).collect();
+    let mut projector = Projector::new(field.topology.clone(), field.transform, 1.5, 1);
+    let mut smoother = Smoother::new(&field.topology, 1, 0.2);
+    let n = projector.unknowns();
+    let mut solver = Solver::new(&views, &mut projector, &mut smoother, &vec![true; n], vec![0.0; n]);
+    let mut losses = Vec::new();
+    for _ in 0..4 {
+        assert!(solver.iterate());
+        losses.push(solver.loss());
+    }
+    assert!(losses.windows(2).all(|w| w[1] < w[0]), "{losses:?}");
+    for _ in 0..16 {
+        solver.iterate();
+    }
+    assert!(solver.loss() < 0.1 * losses[0], "{losses:?}, then {}", solver.loss());
+    let found = solver.densities();
+    assert!(found.iter().all(|v| *v >= 0.0 && v.is_finite()));
+}
