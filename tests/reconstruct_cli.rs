@@ -1,6 +1,6 @@
 //! `cumulo reconstruct density` and `cumulo report`: what comes out, and how they end.
 
-#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is how a test fails")]
 
 mod work;
 
