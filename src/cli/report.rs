@@ -124,7 +124,7 @@ fn page(run: &Run, limits: Limits, reference: Option<&Grid>, beside: Option<&(&s
             "Densities of grid '{}' that explain {} views of {}{}.",
             run.grid,
             run.views - run.held_out.len(),
-            run.capture.display(),
+            run.capture.parent().and_then(Path::file_name).unwrap_or(run.capture.as_os_str()).to_string_lossy(),
             if run.stopped { "; stopped before the end" } else { "" }
         ),
     );

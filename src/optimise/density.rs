@@ -207,6 +207,8 @@ struct Solved {
     voxels: Vec<f32>,
     /// PSNR of the held-out pictures.
     psnr: Option<f64>,
+    /// True if later iterations were worse.
+    falling: bool,
     stopped: bool,
 }
 
@@ -293,8 +295,9 @@ impl Level {
                 }
                 self.smoother.passes = passes;
                 let next = self.descend(start.to_vec(), TRIAL, watch);
-                // A smoother prior is ahead at first; it has to be clearly so.
-                let ahead = if passes > best.0 { GAIN } else { 0.0 };
+                // A smoother prior is ahead at first; it has to be clearly so, unless the other one has
+                // begun to fit the noise.
+                let ahead = if passes > best.0 && !best.1.falling { GAIN } else { 0.0 };
                 if next.psnr.unwrap_or(0.0) <= best.1.psnr.unwrap_or(0.0) + ahead {
                     best.1.stopped = next.stopped;
                     break;
@@ -344,7 +347,7 @@ impl Level {
             Some((psnr, voxels)) => (Some(psnr), voxels),
             None => (None, solver.densities()),
         };
-        Solved { voxels, psnr, stopped }
+        Solved { voxels, psnr, falling: trail.last().copied() < psnr, stopped }
     }
 
     /// PSNR of the used and of the held-out pictures.
