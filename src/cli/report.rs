@@ -121,7 +121,7 @@ fn page(run: &Run, limits: Limits, reference: Option<&Grid>, beside: Option<&(&s
     let mut page = Page::new(
         format!("{name}, from {} pictures", run.views),
         format!(
-            "Densities of grid '{}' that explain {} views of {}{}.",
+            "Densities of grid '{}' that explain {} views of '{}'{}.",
             run.grid,
             run.views - run.held_out.len(),
             run.capture.parent().and_then(Path::file_name).unwrap_or(run.capture.as_os_str()).to_string_lossy(),
