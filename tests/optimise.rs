@@ -131,6 +131,20 @@ fn the_hull_keeps_the_medium_and_little_more() {
     assert!(inside > 2500 && kept < 2 * inside, "{kept} unknowns for {inside} voxels");
 }
 
+/// Between the cones of few views lies much that no picture shows.
+#[test]
+fn outside_of_pictures_that_show_the_whole_medium_is_nothing() {
+    let field = ball();
+    let observation = observed(&field, 3);
+    let content = field.outline().into_iter().fold(Aabb::EMPTY, Aabb::including);
+    let far = 4.0 * content.size();
+    let wide = Aabb { min: content.min - far, max: content.max + far };
+    let (topology, unknown) = Hull::new(&observation).unknowns(&field.transform, &wide, 1 << 20).unwrap();
+    let kept = unknown.iter().filter(|u| **u).count();
+    // The ball has 3050 voxels; the cones of three views meet in a body some times as large.
+    assert!(kept < 5 * 3050, "{kept} unknowns in {} bricks", topology.len());
+}
+
 #[test]
 fn views_of_one_direction_bound_nothing() {
     let field = ball();

@@ -285,3 +285,14 @@ fn wrong_use_ends_with_2() {
     }
     assert!(!work.path("x").exists(), "nothing is begun");
 }
+
+#[test]
+fn the_pictures_of_the_given_cameras_are_not_replaced() {
+    let work = Work::new();
+    work.json("render @plume.vdb --views 2 --size 8x8 -o cap");
+    let before = work.files("cap");
+    for (cameras, out) in [("cap", "cap"), ("cap/transforms.json", "cap/../cap")] {
+        work.refused(&format!("render @plume.vdb --cameras {cameras} -o {out}"), &["--cameras", "another folder"]);
+    }
+    assert!(work.files("cap") == before);
+}

@@ -140,6 +140,7 @@ impl Render {
         let capture = self.capture(&field, asked)?;
         fits(&capture, limits.max_memory)?;
 
+        self.spare_the_given()?;
         std::fs::create_dir_all(&self.output)
             .map_err(|e| Error::io(&self.output, e).hint("the pictures need a folder that can be written to"))?;
         // Pictures wait in a folder of their own until all are there: an interrupted run must not mix
@@ -177,6 +178,20 @@ impl Render {
             seconds,
         })?;
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// The pictures of `--cameras` must not be replaced by ours.
+    fn spare_the_given(&self) -> Result<()> {
+        let Some(given) = &self.cameras else { return Ok(()) };
+        let json = transforms::json_path(given);
+        let place = |path: &Path| std::fs::canonicalize(path).ok();
+        let theirs = json.parent().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p }).and_then(place);
+        if theirs.is_some() && theirs == place(&self.output) {
+            return Err(Error::invalid("the pictures of --cameras lie in this folder and would be replaced")
+                .at(&self.output)
+                .hint("give another folder with --output"));
+        }
+        Ok(())
     }
 
     /// What the pictures will show, from the options and, where they are silent, from `--cameras`.

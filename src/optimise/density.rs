@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
 use crate::optimise::hull::Hull;
+use crate::optimise::lattice;
 use crate::optimise::observation::{DepthMap, Observation};
 use crate::optimise::projector::{Projector, Sample, View};
 use crate::optimise::smooth::Smoother;
@@ -10,7 +11,6 @@ use crate::optimise::solver::Solver;
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::grid::{Grid, LEAF_VOXELS};
 use crate::scene::medium::Medium;
-use glam::{DMat4, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
@@ -182,8 +182,7 @@ fn levels(lattice: &Affine, bounds: &Aabb, start: Option<&Bricks<f32>>) -> u32 {
         let ratio = (start.transform.voxel_size() / lattice.voxel_size()).max_element();
         return ratio.log2().round().clamp(0.0, 7.0) as u32 + 1;
     }
-    let longest = (bounds.size() / lattice.voxel_size()).max_element();
-    (1..8).take_while(|l| longest / f64::from(1 << l) >= COARSEST).count() as u32 + 1
+    lattice::coarser_levels(lattice, bounds, COARSEST) + 1
 }
 
 /// The problem on one level.
@@ -221,17 +220,12 @@ impl Level {
         passes: u32,
     ) -> Result<Self> {
         let stride = 1_usize << level;
-        let scale = DMat4::from_scale(DVec3::splat(stride as f64));
-        let lattice = Affine::new(request.lattice.matrix() * scale)?;
+        let lattice = lattice::coarser(&request.lattice, level)?;
         let hull = Hull::new(observation);
         // Solver vectors, the field, its accumulators and the way back.
         let per_brick = (LEAF_VOXELS * 9 + BRICK * 4) * size_of::<f32>();
         let limit = (request.max_memory / per_brick as u64) as usize;
         let (topology, unknown) = hull.unknowns(&lattice, &request.bounds, limit)?;
-        if !unknown.contains(&true) {
-            return Err(Error::invalid("the pictures leave no voxel that could hold anything")
-                .hint("check the cameras and the background colour, or give the region with --bounds"));
-        }
         let topology = Arc::new(topology);
         let reduced = |maps: &[&DepthMap]| -> Vec<View> {
             maps.par_iter().map(|m| View::new(&m.reduced(stride), &topology, &lattice)).collect()

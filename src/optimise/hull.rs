@@ -199,7 +199,7 @@ impl<'a> Hull<'a> {
     /// unknown (512 a brick): those whose own half of the way to the neighbours is not seen empty.
     ///
     /// # Errors
-    /// If the lattice would have more than `limit` bricks.
+    /// If the lattice would have more than `limit` bricks, or no voxel is unknown.
     pub fn unknowns(&self, lattice: &Affine, bounds: &Aabb, limit: usize) -> Result<(Topology, Vec<bool>)> {
         let inside = Aabb {
             min: bounds.corners().iter().map(|c| lattice.to_index(*c)).fold(DVec3::INFINITY, DVec3::min),
@@ -235,6 +235,10 @@ impl<'a> Hull<'a> {
             .collect();
         if candidates.len() > limit {
             return Err(too_fine(extent.as_dvec3() * 8.0));
+        }
+        if candidates.is_empty() {
+            return Err(Error::invalid("the pictures leave no voxel that could hold anything")
+                .hint("check the cameras and the background colour, or give the region with --bounds"));
         }
         // A voxel on the low face of its brick reaches into the cells of the brick below.
         let below = candidates.iter().flat_map(|(b, _)| (0..8).map(|c| *b - IVec3::new(c >> 2 & 1, c >> 1 & 1, c & 1)));

@@ -27,6 +27,21 @@ pub fn choose(known: Option<DMat4>, voxel_size: Option<f64>) -> Result<Affine> {
     Affine::new(DMat4::from_mat3_translation(axes, m.w_axis.truncate()))
 }
 
+/// The lattice of a level: voxels 2^`level` times as large, the first one at the same place.
+///
+/// # Errors
+/// If the voxels become too large for their numbers.
+pub fn coarser(lattice: &Affine, level: u32) -> Result<Affine> {
+    Affine::new(lattice.matrix() * DMat4::from_scale(DVec3::splat(f64::from(1_u32 << level))))
+}
+
+/// How many levels, each of half the resolution, lie above the finest if the coarsest has at least
+/// `least` voxels along the longest edge.
+pub fn coarser_levels(lattice: &Affine, bounds: &Aabb, least: f64) -> u32 {
+    let longest = (bounds.size() / lattice.voxel_size()).max_element();
+    (1..8).take_while(|l| longest / f64::from(1_u32 << l) >= least).count() as u32
+}
+
 /// World length of a pixel at the centre of the region: the median over all views, by the finer of
 /// the picture's two directions. Voxels much smaller than that cannot be told apart.
 pub fn footprint(maps: &[DepthMap], bounds: &Aabb) -> Option<f64> {

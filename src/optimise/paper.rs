@@ -5,17 +5,17 @@
 //! Densities are in the unit in which the paper's volumes lie in 0..1. It is taken from the pictures:
 //! the density that, over a quarter of the box, gives the largest optical depth seen.
 
-use crate::error::{Error, Result};
-use crate::math::Affine;
+use crate::error::Result;
 use crate::optimise::adam::Adam;
 use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::hull::Hull;
+use crate::optimise::lattice;
 use crate::optimise::observation::{Observation, Photo};
 use crate::optimise::pictures::{self, Target};
 use crate::render::dvr::{Adjoint, Dvr};
 use crate::scene::bricks::{Bricks, Topology};
 use crate::scene::grid::LEAF_VOXELS;
-use glam::{DMat4, DVec3, IVec3};
+use glam::IVec3;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
@@ -103,8 +103,7 @@ fn coarsest(request: &Request) -> u32 {
     if request.init.is_some() {
         return 0;
     }
-    let voxels = (request.bounds.size() / request.lattice.voxel_size()).max_element();
-    (1..8).take_while(|l| voxels / f64::from(1 << l) >= COARSEST).count() as u32
+    lattice::coarser_levels(&request.lattice, &request.bounds, COARSEST)
 }
 
 /// Steps that a run takes at most, with `views` pictures that are used.
@@ -147,14 +146,9 @@ impl Fit {
         start: Option<&Bricks<f32>>,
         unit: f64,
     ) -> Result<Self> {
-        let lattice =
-            Affine::new(request.lattice.matrix() * DMat4::from_scale(DVec3::splat(f64::from(1_u32 << level))))?;
+        let lattice = lattice::coarser(&request.lattice, level)?;
         let limit = (request.max_memory / (LEAF_VOXELS * 64) as u64) as usize;
         let (topology, unknown) = Hull::new(observation).unknowns(&lattice, &request.bounds, limit)?;
-        if !unknown.contains(&true) {
-            return Err(Error::invalid("the pictures leave no voxel that could hold anything")
-                .hint("check the cameras and the background colour, or give the region with --bounds"));
-        }
         let topology: Arc<Topology> = Arc::new(topology);
         let mask: Vec<f32> = unknown.iter().map(|u| f32::from(u8::from(*u))).collect();
         let x = match start {

@@ -61,9 +61,9 @@ pub struct Density {
     /// Blur passes of the smoothness prior (default: as many as suit the held-out views; without these 2)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     smoothing: Option<u32>,
-    /// Let outliers among the pixels pull as hard as their squares say: plain least squares
-    #[arg(long)]
-    trusting: bool,
+    /// What cg makes small: huber bounds the influence of outliers, l2 is plain least squares
+    #[arg(long, value_enum, default_value_t = Loss::Huber)]
+    loss: Loss,
     /// Layer of the pictures (default: the beauty)
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
@@ -99,6 +99,13 @@ enum Choice {
     Cg,
     /// Adam as in Weiss & Westermann (2021)
     Paper,
+}
+
+/// `--loss`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Loss {
+    Huber,
+    L2,
 }
 
 impl Density {
@@ -236,7 +243,7 @@ impl Density {
             background: capture.background,
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),
             smoothing: self.smoothing,
-            robust: !self.trusting,
+            robust: self.loss == Loss::Huber,
             held_out,
             iterations: self.iterations,
             init,
