@@ -16,6 +16,7 @@
 pub mod cli;
 pub mod error;
 pub mod formats;
+pub mod lanes;
 pub mod math;
 pub mod metrics;
 pub mod optimise;

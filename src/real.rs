@@ -1,23 +1,26 @@
 //! The floating-point type a kernel runs in: `f32` for work, `f64` for references and tests.
 
+use crate::lanes::Lanes;
 use std::fmt::Debug;
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
+/// What formulas need that are written once for a number and for several at once.
+pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self> {
+    /// One.
+    fn one() -> Self;
+}
+
 /// `f32` or `f64`.
 pub trait Real:
-    Copy
+    Number
     + Debug
     + Default
     + PartialOrd
     + Send
     + Sync
     + 'static
-    + Add<Output = Self>
-    + Sub<Output = Self>
-    + Mul<Output = Self>
     + Div<Output = Self>
-    + Neg<Output = Self>
     + AddAssign
     + SubAssign
     + Sum
@@ -32,6 +35,13 @@ pub trait Real:
     fn int(v: i32) -> Self;
     /// Integer part, towards zero.
     fn trunc(self) -> i32;
+    /// Four at once.
+    type Lanes: Lanes<Self> + Debug + Send + Sync;
+    /// A number so large that its neighbours are one apart: adding it rounds, and leaves the whole
+    /// number in the low bits.
+    const ONES: Self;
+    /// The low bits.
+    fn low_bits(self) -> u32;
     /// Widens to a double, exactly.
     fn f64(self) -> f64;
     /// `e^x - 1` without cancellation near zero.
@@ -51,7 +61,13 @@ pub trait Real:
 }
 
 macro_rules! real {
-    ($t:ty) => {
+    ($t:ty, $lanes:ty) => {
+        impl Number for $t {
+            #[inline(always)]
+            fn one() -> Self {
+                1.0
+            }
+        }
         impl Real for $t {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
@@ -66,6 +82,12 @@ macro_rules! real {
             #[inline(always)]
             fn trunc(self) -> i32 {
                 self as i32
+            }
+            type Lanes = $lanes;
+            const ONES: $t = 1.5 * (1_u64 << (<$t>::MANTISSA_DIGITS - 1)) as $t;
+            #[inline(always)]
+            fn low_bits(self) -> u32 {
+                self.to_bits() as u32 & 0xf_ffff
             }
             #[inline(always)]
             fn f64(self) -> f64 {
@@ -82,5 +104,5 @@ macro_rules! real {
         }
     };
 }
-real!(f32);
-real!(f64);
+real!(f32, glam::Vec4);
+real!(f64, glam::DVec4);

@@ -35,32 +35,31 @@ pub struct View {
     pub samples: Vec<Sample>,
 }
 
-/// Edge of the image tiles in which pixels are ordered: neighbours in time are neighbours in space.
-const TILE: usize = 8;
 /// Pixels handled in one go.
-const RUN: usize = TILE * TILE;
+const RUN: usize = 1024;
 
 impl View {
     /// The pixels of a map that have weight and whose rays meet the bricks.
     pub fn new(map: &DepthMap, topology: &Topology, transform: &Affine) -> Self {
         let mut samples = Vec::new();
-        for y0 in (0..map.height).step_by(TILE) {
-            for x0 in (0..map.width).step_by(TILE) {
-                for y in y0..(y0 + TILE).min(map.height) {
-                    for x in x0..(x0 + TILE).min(map.width) {
-                        let i = y * map.width + x;
-                        let position = [x as f32 + 0.5, y as f32 + 0.5];
-                        let ray = map.camera.ray(position[0].into(), position[1].into());
-                        let sample = Sample { position, depth: map.depth[i], weight: map.weight[i] };
-                        if sample.weight > 0.0 && crate::render::march::meets(topology, transform, &ray) {
-                            samples.push(sample);
-                        }
-                    }
-                }
+        let edge = map.width.max(map.height).next_power_of_two();
+        for code in 0..edge * edge {
+            let (x, y) = (even_bits(code), even_bits(code >> 1));
+            if x >= map.width || y >= map.height { continue; }
+            let i = y * map.width + x;
+            let position = [x as f32 + 0.5, y as f32 + 0.5];
+            let ray = map.camera.ray(position[0].into(), position[1].into());
+            let sample = Sample { position, depth: map.depth[i], weight: map.weight[i] };
+            if sample.weight > 0.0 && crate::render::march::meets(topology, transform, &ray) {
+                samples.push(sample);
             }
         }
         Self { camera: map.camera, samples }
     }
+}
+
+fn even_bits(code: usize) -> usize {
+    (0..usize::BITS as usize / 2).map(|bit| (code >> (2 * bit) & 1) << bit).sum()
 }
 
 /// The operator on a fixed topology.
@@ -190,15 +189,13 @@ impl<F: Fn(&Sample, &[f64]) -> (f64, [f64; 2])> pulp::NullaryFnOnce for Run<'_, 
             let [x, y] = sample.position.map(f64::from);
             for (depth, [u, v]) in self.depths.iter_mut().zip(self.offsets) {
                 let ray = self.camera.ray(x + u, y + v);
-                *depth = match self.gradient {
-                    Some(_) => self.dvr.trace(&ray, self.tape),
-                    None => self.dvr.optical_depth(&ray),
-                };
+                *depth = self.dvr.trace(&ray, self.tape);
             }
             let (by_depth, add) = (self.slope)(sample, self.depths);
             sums = [sums[0] + add[0], sums[1] + add[1]];
-            if let Some(gradient) = &mut self.gradient {
-                self.tape.spread(share * by_depth, self.dvr, gradient);
+            match &mut self.gradient {
+                Some(gradient) => self.tape.spread(share * by_depth, self.dvr, gradient),
+                None => self.tape.forget(),
             }
         }
         sums

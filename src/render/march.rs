@@ -6,7 +6,8 @@
 //! which the value gathers and the gradient scatters.
 
 use crate::math::{Affine, Ray};
-use crate::real::Real;
+use crate::lanes::{LANES, Lanes};
+use crate::real::{Number, Real};
 use crate::scene::bricks::{BRICK, NONE, Topology, slot};
 use glam::{DVec3, IVec3};
 
@@ -47,12 +48,26 @@ pub struct Span<R> {
     pub entry: [R; 3],
     /// Local coordinates gained per unit of world length.
     pub direction: [R; 3],
+    /// Its reciprocals.
+    pub inverse: [R; 3],
     /// World length from the ray's origin to the entry.
     pub start: f64,
     /// World length from the ray's origin to the exit.
     pub end: f64,
     /// World length inside the brick.
     pub length: R,
+}
+
+impl<R: Real> Span<R> {
+    const NOWHERE: Self = Self {
+        base: 0,
+        entry: [R::ZERO; 3],
+        direction: [R::ZERO; 3],
+        inverse: [R::ZERO; 3],
+        start: 0.0,
+        end: 0.0,
+        length: R::ZERO,
+    };
 }
 
 /// Visits the bricks along a ray, near to far or (`reverse`) far to near; `visit` returns false to
@@ -69,6 +84,8 @@ pub fn spans<R: Real>(topology: &Topology, ray: &IndexRay, reverse: bool, mut vi
     let mut next = [f64::INFINITY; 3];
     let mut step = [0; 3];
     let crossing = |a: usize, plane: i32| sign * ((8.0 * f64::from(plane) - o[a]) / d[a]);
+    let direction = d.map(R::of);
+    let inverse = direction.map(|d| R::ONE / d);
     for a in 0..3 {
         if d[a] == 0.0 {
             continue;
@@ -95,7 +112,8 @@ pub fn spans<R: Real>(topology: &Topology, ray: &IndexRay, reverse: bool, mut vi
                 let span = Span {
                     base: number as usize * BRICK,
                     entry: [local(0), local(1), local(2)],
-                    direction: [R::of(d[0]), R::of(d[1]), R::of(d[2])],
+                    direction,
+                    inverse,
                     start: t0,
                     end: t1,
                     length: R::of(t1 - t0),
@@ -115,6 +133,42 @@ pub fn spans<R: Real>(topology: &Topology, ray: &IndexRay, reverse: bool, mut vi
                 next[a] = crossing(a, brick[a] + i32::from(step[a] > 0));
             }
         }
+    }
+}
+
+/// Spans that are handled together. Work of one kind is done for all of them before work of the next:
+/// the steps of one kind wait for each other (a crossing for the crossing before it, a load for its
+/// address), those of different cells do not.
+pub const BATCH: usize = 8;
+
+/// Visits the bricks along a ray in batches, from near to far or (`reverse`) from far to near; inside
+/// a batch spans are always ordered near to far. `visit` returns false to stop.
+#[inline(always)]
+pub fn batches<R: Real>(
+    topology: &Topology,
+    ray: &IndexRay,
+    reverse: bool,
+    mut visit: impl FnMut(&[Span<R>]) -> bool,
+) {
+    let mut batch = [Span::NOWHERE; BATCH];
+    let (mut count, mut open) = (0, true);
+    spans(
+        topology,
+        ray,
+        reverse,
+        #[inline(always)]
+        |span| {
+            batch[if reverse { BATCH - 1 - count } else { count }] = span;
+            count += 1;
+            if count == BATCH {
+                open = visit(&batch);
+                count = 0;
+            }
+            open
+        },
+    );
+    if open && count > 0 {
+        visit(if reverse { &batch[BATCH - count..] } else { &batch[..count] });
     }
 }
 
@@ -138,20 +192,20 @@ pub fn meets(topology: &Topology, transform: &Affine, ray: &Ray) -> bool {
 
 /// A stretch of a ray within one cell: `K` quadrature nodes, each a set of interpolation weights.
 ///
-/// Corner `(x, y, z)` of the cell is `values[offset + slot(x, y, z)]` and has weight
-/// `nodes[k][x][2 y + z]`.
+/// Corner `(x, y, z)` of the cell is `values[offset + slot(x, y, z)]` and has weight number `2 y + z`
+/// of `nodes[k][x]`.
 #[derive(Debug, Clone, Copy)]
-pub struct Piece<R, const K: usize> {
+pub struct Piece<R: Real, const K: usize> {
     /// Offset of the cell's lowest corner among the field's values.
     pub offset: usize,
     /// World length.
     pub length: R,
     /// Trilinear weights at each node.
-    pub nodes: [[[R; 4]; 2]; K],
+    pub nodes: [[R::Lanes; 2]; K],
 }
 
 /// Offsets of a cell's corners in the order of a piece's weights, for x = 0 and x = 1.
-const CORNERS: [[usize; 4]; 2] = [
+const CORNERS: [[usize; LANES]; 2] = [
     [slot(0, 0, 0), slot(0, 0, 1), slot(0, 1, 0), slot(0, 1, 1)],
     [slot(1, 0, 0), slot(1, 0, 1), slot(1, 1, 0), slot(1, 1, 1)],
 ];
@@ -160,115 +214,110 @@ const REACH: usize = slot(1, 1, 1) + 1;
 
 /// The values at a cell's corners, in the order of a piece's weights.
 #[inline(always)]
-pub fn corners<R: Real>(values: &[R], offset: usize) -> [[R; 4]; 2] {
+pub fn corners<R: Real>(values: &[R], offset: usize) -> [R::Lanes; 2] {
     let v = &values[offset..offset + REACH];
-    [
-        [v[CORNERS[0][0]], v[CORNERS[0][1]], v[CORNERS[0][2]], v[CORNERS[0][3]]],
-        [v[CORNERS[1][0]], v[CORNERS[1][1]], v[CORNERS[1][2]], v[CORNERS[1][3]]],
-    ]
+    let load = |[a, b, c, d]: [usize; LANES]| R::Lanes::load([v[a], v[b], v[c], v[d]]);
+    [load(CORNERS[0]), load(CORNERS[1])]
 }
 
 /// `Σ w v`: the interpolated value.
 #[inline(always)]
-pub fn gather<R: Real>(w: &[[R; 4]; 2], v: &[[R; 4]; 2]) -> R {
-    let s: [R; 4] = std::array::from_fn(|i| w[0][i] * v[0][i] + w[1][i] * v[1][i]);
-    (s[0] + s[1]) + (s[2] + s[3])
+pub fn gather<R: Real>(w: &[R::Lanes; 2], v: &[R::Lanes; 2]) -> R {
+    (w[0] * v[0] + w[1] * v[1]).sum()
 }
 
 /// `values += g w`: the transpose of [`gather`].
 #[inline(always)]
-pub fn scatter<R: Real>(values: &mut [R], offset: usize, g: R, w: &[[R; 4]; 2]) {
+pub fn scatter<R: Real>(values: &mut [R], offset: usize, g: R, w: &[R::Lanes; 2]) {
     let v = &mut values[offset..offset + REACH];
-    for x in 0..2 {
-        for i in 0..4 {
-            v[CORNERS[x][i]] += g * w[x][i];
+    for (corners, w) in CORNERS.iter().zip(w) {
+        for (corner, add) in corners.iter().zip((R::Lanes::splat(g) * *w).store()) {
+            v[*corner] += add;
         }
     }
 }
 
 /// Trilinear weights at cell-local coordinates `m`.
 #[inline(always)]
-pub fn weights<R: Real>(m: [R; 3]) -> [[R; 4]; 2] {
+pub fn weights<R: Real>(m: [R; 3]) -> [R::Lanes; 2] {
     let n = [R::ONE - m[0], R::ONE - m[1], R::ONE - m[2]];
-    let yz = [n[1] * n[2], n[1] * m[2], m[1] * n[2], m[1] * m[2]];
-    let far = yz.map(|w| w * m[0]);
-    [std::array::from_fn(|i| yz[i] - far[i]), far]
+    let yz = R::Lanes::load([n[1] * n[2], n[1] * m[2], m[1] * n[2], m[1] * m[2]]);
+    let far = yz * R::Lanes::splat(m[0]);
+    [yz - far, far]
 }
 
 /// Mean of the trilinear weights at `m ± h`, without evaluating both: for `h` = half the chord / √3
 /// this is the two-point Gauss rule, exact for the cubic that the field is along the chord.
 #[inline(always)]
-fn chord_weights<R: Real>(m: [R; 3], h: [R; 3]) -> [[R; 4]; 2] {
-    let n = [R::ONE - m[0], R::ONE - m[1], R::ONE - m[2]];
+fn chord_weights<N: Number>(m: [N; 3], h: [N; 3]) -> [[N; 4]; 2] {
+    let n = [N::one() - m[0], N::one() - m[1], N::one() - m[2]];
     let hyz = h[1] * h[2];
     let yz = [n[1] * n[2] + hyz, n[1] * m[2] - hyz, m[1] * n[2] - hyz, m[1] * m[2] + hyz];
     let (hy, hz) = (h[0] * h[1], h[0] * h[2]);
     let cross = [-(n[1] * hz + n[2] * hy), n[1] * hz - m[2] * hy, n[2] * hy - m[1] * hz, m[1] * hz + m[2] * hy];
-    let far: [R; 4] = std::array::from_fn(|i| yz[i] * m[0] + cross[i]);
-    [std::array::from_fn(|i| yz[i] - far[i]), far]
+    let far = [yz[0] * m[0] + cross[0], yz[1] * m[0] + cross[1], yz[2] * m[0] + cross[2], yz[3] * m[0] + cross[3]];
+    [[yz[0] - far[0], yz[1] - far[1], yz[2] - far[2], yz[3] - far[3]], far]
 }
 
-/// Along one axis: the cell of the entry, the step from cell to cell, the length to the first plane and
-/// from plane to plane.
-#[inline(always)]
-fn planes<R: Real>(entry: R, direction: R) -> (i32, i32, R, R) {
-    let cell = entry.trunc().clamp(0, 7);
-    if direction == R::ZERO {
-        return (cell, 0, R::of(f64::MAX), R::ZERO);
-    }
-    let inverse = R::ONE / direction;
-    let up = direction > R::ZERO;
-    let first = (R::int(cell + i32::from(up)) - entry) * inverse;
-    (cell, if up { 1 } else { -1 }, first, if up { inverse } else { -inverse })
-}
+/// The most cells that a span may have: eight planes along each axis, three of them at the entry.
+const MOST: usize = 27;
 
-/// The cells along a span, near to far: offset among the field's values, lowest corner, and the
-/// interval of length from the entry.
+/// Where a span crosses the faces of its cells: ascending lengths from the entry, from zero to the
+/// span's length, which is repeated to fill the last [`LANES`]. Returns the number of cells.
 #[inline(always)]
-fn cells<R: Real>(span: &Span<R>, mut visit: impl FnMut(usize, [R; 3], R, R)) {
-    let far = R::of(f64::MAX);
-    let [ex, ey, ez] = span.entry;
-    let [dx, dy, dz] = span.direction;
-    let (mut ix, sx, mut nx, jx) = planes(ex, dx);
-    let (mut iy, sy, mut ny, jy) = planes(ey, dy);
-    let (mut iz, sz, mut nz, jz) = planes(ez, dz);
-    let mut t = R::ZERO;
-    loop {
-        let nearest = nx.lesser(ny).lesser(nz);
-        let until = nearest.lesser(span.length);
-        if until > t {
-            let offset = span.base + slot(ix as usize, iy as usize, iz as usize);
-            visit(offset, [R::int(ix), R::int(iy), R::int(iz)], t, until);
-            t = until;
+fn crossings<R: Real>(span: &Span<R>, at: &mut [R; MOST + 1 + LANES]) -> usize {
+    let [x, y, z] = span.entry;
+    let lows = low(R::Lanes::load([x, y, z, R::ZERO])).store();
+    // Along each axis: the length to the next plane, and from plane to plane.
+    let [(mut x, dx), (mut y, dy), (mut z, dz)] = std::array::from_fn(|a| {
+        let (up, inverse) = (span.direction[a] > R::ZERO, span.inverse[a]);
+        if !inverse.f64().is_finite() {
+            return (R::of(f64::MAX), R::ZERO);
         }
-        if nearest >= span.length {
-            return;
-        }
-        let (cx, cy, cz) = (nx <= nearest, ny <= nearest, nz <= nearest);
-        ix += if cx { sx } else { 0 };
-        iy += if cy { sy } else { 0 };
-        iz += if cz { sz } else { 0 };
-        nx += if cx { jx } else { R::ZERO };
-        ny += if cy { jy } else { R::ZERO };
-        nz += if cz { jz } else { R::ZERO };
-        // The span ends at the brick's face. A ray that creeps along a face may round onto it early:
-        // it stays in the outermost cells.
-        if (ix | iy | iz) & !7 != 0 {
-            for (i, n) in [(&mut ix, &mut nx), (&mut iy, &mut ny), (&mut iz, &mut nz)] {
-                if *i & !7 != 0 {
-                    *i = (*i).clamp(0, 7);
-                    *n = far;
-                }
+        let plane = if up { lows[a] + R::ONE } else { lows[a] };
+        ((plane - span.entry[a]) * inverse, if up { inverse } else { -inverse })
+    });
+    at[0] = R::ZERO;
+    for cells in 1..=MOST {
+        let nearest = x.lesser(y).lesser(z);
+        at[cells] = nearest.lesser(span.length);
+        if !(nearest < span.length) {
+            for past in &mut at[cells + 1..=cells + LANES] {
+                *past = span.length;
             }
+            return cells;
         }
+        x += if x <= nearest { dx } else { R::ZERO };
+        y += if y <= nearest { dy } else { R::ZERO };
+        z += if z <= nearest { dz } else { R::ZERO };
     }
+    at[MOST..].fill(span.length);
+    MOST
 }
 
-/// Turns a span into pieces with `K` nodes each.
+/// Lowest corners, along one axis, of the cells of a brick that hold these coordinates. On a face it
+/// may be either cell; what rounds past the brick's faces stays in the outermost cells.
+#[inline(always)]
+fn low<R: Real, L: Lanes<R>>(coordinate: L) -> L {
+    // Adding rounds to the nearest whole number: down, half a cell lower.
+    let ones = L::splat(R::ONES);
+    (coordinate.clamped(R::ZERO, R::of(7.75)) - L::splat(R::of(0.5)) + ones) - ones
+}
+
+/// Offsets in a brick of the cells with these lowest corners.
+#[inline(always)]
+fn offsets<R: Real, L: Lanes<R>>(low: [L; 3]) -> [u32; LANES] {
+    let all = |v: usize| L::splat(R::int(v as i32));
+    let sum = low[0] * all(slot(1, 0, 0)) + low[1] * all(slot(0, 1, 0)) + low[2];
+    let [a, b, c, d] = (sum + L::splat(R::ONES)).store();
+    [a.low_bits(), b.low_bits(), c.low_bits(), d.low_bits()]
+}
+
+/// Turns spans into pieces with `K` nodes each.
 pub trait Rule<R: Real, const K: usize>: Copy + Sync {
-    /// Visits the pieces of a span near to far. `values` are the field's, for rules that place
-    /// their nodes by them.
-    fn pieces(&self, values: &[R], span: &Span<R>, visit: impl FnMut(&Piece<R, K>));
+    /// Appends the pieces of at most [`BATCH`] spans, near to far. `values` are the field's, for rules
+    /// that place their nodes by them.
+    fn pieces(&self, values: &[R], spans: &[Span<R>], pieces: &mut Vec<Piece<R, K>>);
 }
 
 /// Optical depth without discretisation error: one averaged node a cell.
@@ -277,23 +326,39 @@ pub struct ExactDepth;
 
 impl<R: Real> Rule<R, 1> for ExactDepth {
     #[inline(always)]
-    fn pieces(&self, _: &[R], span: &Span<R>, mut visit: impl FnMut(&Piece<R, 1>)) {
-        let (half, inv_sqrt3) = (R::of(0.5), R::of(1.0 / 3.0_f64.sqrt()));
-        let [dx, dy, dz] = span.direction;
-        cells(
-            span,
-            #[inline(always)]
-            |offset, low, a, b| {
-                let (mid, reach) = (half * (a + b), half * (b - a) * inv_sqrt3);
-                let m = [
-                    span.entry[0] + mid * dx - low[0],
-                    span.entry[1] + mid * dy - low[1],
-                    span.entry[2] + mid * dz - low[2],
-                ];
-                let h = [reach * dx, reach * dy, reach * dz];
-                visit(&Piece { offset, length: b - a, nodes: [chord_weights(m, h)] });
-            },
-        );
+    fn pieces(&self, _: &[R], spans: &[Span<R>], pieces: &mut Vec<Piece<R, 1>>) {
+        let all = <R::Lanes as Lanes<R>>::splat;
+        let (half, third) = (all(R::of(0.5)), all(R::of(0.5 / 3.0_f64.sqrt())));
+        let mut at = [[R::ZERO; MOST + 1 + LANES]; BATCH];
+        let mut counts = [0; BATCH];
+        for ((span, at), count) in spans.iter().zip(&mut at).zip(&mut counts) {
+            *count = crossings(span, at);
+        }
+        for ((span, at), count) in spans.iter().zip(&at).zip(counts) {
+            let ([x, y, z], [dx, dy, dz]) = (span.entry, span.direction);
+            let (entry, along) = ([all(x), all(y), all(z)], [all(dx), all(dy), all(dz)]);
+            let last = pieces.len() + count;
+            for first in (0..count).step_by(LANES) {
+                let at = &at[first..=first + LANES];
+                let from = R::Lanes::load([at[0], at[1], at[2], at[3]]);
+                let until = R::Lanes::load([at[1], at[2], at[3], at[4]]);
+                let (middle, length) = (half * (from + until), until - from);
+                let reach = third * length;
+                let [x, y, z] =
+                    [entry[0] + middle * along[0], entry[1] + middle * along[1], entry[2] + middle * along[2]];
+                let low = [low(x), low(y), low(z)];
+                let m = [x - low[0], y - low[1], z - low[2]];
+                let [near, far] = chord_weights(m, [reach * along[0], reach * along[1], reach * along[2]]);
+                let (near, far) = (R::Lanes::transpose(near), R::Lanes::transpose(far));
+                let (offset, length) = (offsets(low), length.store());
+                for i in 0..LANES {
+                    let offset = span.base + offset[i] as usize;
+                    pieces.push(Piece { offset, length: length[i], nodes: [[near[i], far[i]]] });
+                }
+            }
+            // Less what fills the last lanes.
+            pieces.truncate(last);
+        }
     }
 }
 
@@ -322,15 +387,19 @@ pub struct ExactSource {
 
 impl<R: Real> Rule<R, 4> for ExactSource {
     #[inline(always)]
-    fn pieces(&self, values: &[R], span: &Span<R>, mut visit: impl FnMut(&Piece<R, 4>)) {
-        let [dx, dy, dz] = span.direction;
-        cells(
-            span,
-            #[inline(always)]
-            |offset, low, a, b| {
+    fn pieces(&self, values: &[R], spans: &[Span<R>], pieces: &mut Vec<Piece<R, 4>>) {
+        for span in spans {
+            let [dx, dy, dz] = span.direction;
+            let mut at = [R::ZERO; MOST + 1 + LANES];
+            for cell in 0..crossings(span, &mut at) {
+                let (a, b) = (at[cell], at[cell + 1]);
+                let middle = R::of(0.5) * (a + b);
+                let low = [0, 1, 2].map(|k| low(R::Lanes::splat(span.entry[k] + middle * span.direction[k])));
+                let offset = span.base + offsets(low)[0] as usize;
+                let low = low.map(|l| l.store()[0]);
                 let v = corners(values, offset);
-                let flat = [v[0][0], v[0][1], v[0][2], v[0][3], v[1][0], v[1][1], v[1][2], v[1][3]];
-                let (least, most) = flat.iter().fold((flat[0], flat[0]), |(l, m), v| (l.lesser(*v), m.greater(*v)));
+                let v = v.map(R::Lanes::store);
+                let (least, most) = v.iter().flatten().fold((v[0][0], v[0][0]), |(l, m), v| (l.lesser(*v), m.greater(*v)));
                 let x = self.extinction * (most * (b - a)).f64();
                 let parts = (x * x * self.colour * (most - least).f64() / (12.0 * self.tolerance)).sqrt();
                 // Past 64 parts the piece is opaque many times over and its own weight is gone.
@@ -346,10 +415,10 @@ impl<R: Real> Rule<R, 4> for ExactSource {
                             span.entry[2] + t * dz - low[2],
                         ])
                     });
-                    visit(&Piece { offset, length, nodes });
+                    pieces.push(Piece { offset, length, nodes });
                 }
-            },
-        );
+            }
+        }
     }
 }
 
@@ -390,20 +459,19 @@ impl Uniform {
 
 impl<R: Real> Rule<R, 1> for Uniform {
     #[inline(always)]
-    fn pieces(&self, _: &[R], span: &Span<R>, mut visit: impl FnMut(&Piece<R, 1>)) {
-        let [dx, dy, dz] = span.direction;
-        // Half-open spans: each sample belongs to exactly one.
-        for k in self.before(span.start)..self.before(span.end) {
-            let (position, length) = self.step(k);
-            let t = R::of(position - span.start);
-            let p = [span.entry[0] + t * dx, span.entry[1] + t * dy, span.entry[2] + t * dz];
-            let low = p.map(|c| c.trunc().clamp(0, 7));
-            let m: [R; 3] = std::array::from_fn(|a| p[a] - R::int(low[a]));
-            visit(&Piece {
-                offset: span.base + slot(low[0] as usize, low[1] as usize, low[2] as usize),
-                length: R::of(length),
-                nodes: [weights(m)],
-            });
+    fn pieces(&self, _: &[R], spans: &[Span<R>], pieces: &mut Vec<Piece<R, 1>>) {
+        for span in spans {
+            let [dx, dy, dz] = span.direction;
+            // Half-open spans: each sample belongs to exactly one.
+            for k in self.before(span.start)..self.before(span.end) {
+                let (position, length) = self.step(k);
+                let t = R::of(position - span.start);
+                let p = [span.entry[0] + t * dx, span.entry[1] + t * dy, span.entry[2] + t * dz];
+                let low = p.map(|c| low(R::Lanes::splat(c)));
+                let offset = span.base + offsets(low)[0] as usize;
+                let m = std::array::from_fn(|a| p[a] - low[a].store()[0]);
+                pieces.push(Piece { offset, length: R::of(length), nodes: [weights(m)] });
+            }
         }
     }
 }

@@ -7,7 +7,7 @@ pub mod quadrature;
 pub mod scale;
 
 use crate::scene::camera::Camera;
-use dvr::Dvr;
+use dvr::{Dvr, Tape};
 use film::Film;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -50,13 +50,14 @@ impl pulp::NullaryFnOnce for Tile<'_, '_> {
     fn call(self) {
         let n = self.rays_per_edge;
         let share = 1.0 / (n * n) as f32;
+        let mut tape = Tape::default();
         for (row, pixels) in self.rows.chunks_mut(self.camera.width as usize).enumerate() {
             let y = (self.top + row) as f64;
             for (x, pixel) in pixels.iter_mut().enumerate().skip(self.left).take(TILE) {
                 for i in 0..n * n {
                     let offset = |i: usize| (i as f64 + 0.5) / n as f64;
                     let ray = self.camera.ray(x as f64 + offset(i % n), y + offset(i / n));
-                    let seen = self.dvr.radiance(&ray).rgba();
+                    let seen = self.dvr.radiance_with(&ray, &mut tape).rgba();
                     for c in 0..4 {
                         pixel[c] += share * seen[c];
                     }

@@ -20,7 +20,7 @@ use super::kernel::{self, Blend, Constant, Emission, Moments, Proportional, esca
 use super::{Dvr, Radiance};
 use crate::math::Ray;
 use crate::real::Real;
-use crate::render::march::{ExactDepth, IndexRay, Piece, Rule, Span, scatter, spans};
+use crate::render::march::{ExactDepth, IndexRay, Piece, Rule, batches, scatter};
 use crate::render::quadrature::Quadrature;
 use crate::scene::medium::Source;
 
@@ -60,10 +60,13 @@ impl ParameterGradient {
 
 /// Scratch memory of one thread, reused from ray to ray.
 #[derive(Debug, Clone, Default)]
-pub struct Tape<R> {
-    one: Vec<Entry<R, 1>>,
-    four: Vec<Entry<R, 4>>,
-    depth: Vec<Piece<R, 1>>,
+pub struct Tape<R: Real> {
+    /// Pieces with one node and with four, of a batch or, where only the depth matters, of a ray.
+    pub(super) one: Vec<Piece<R, 1>>,
+    pub(super) four: Vec<Piece<R, 4>>,
+    /// What was found in the pieces of a ray.
+    one_entries: Vec<Entry<R, 1>>,
+    four_entries: Vec<Entry<R, 4>>,
 }
 
 impl<R: Real> Tape<R> {
@@ -73,17 +76,22 @@ impl<R: Real> Tape<R> {
     pub fn spread(&mut self, by_depth: f64, dvr: &Dvr<'_, R>, gradient: &mut [R]) {
         let g = R::of(dvr.medium.extinction * by_depth);
         if g != R::ZERO {
-            for piece in &self.depth {
+            for piece in &self.one {
                 scatter(gradient, piece.offset, g * piece.length, &piece.nodes[0]);
             }
         }
-        self.depth.clear();
+        self.forget();
+    }
+
+    /// Forgets the rays.
+    pub fn forget(&mut self) {
+        self.one.clear();
     }
 }
 
 /// A piece with what was found in it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Entry<R, const K: usize> {
+pub(super) struct Entry<R: Real, const K: usize> {
     pub piece: Piece<R, K>,
     pub moments: Moments<R, K>,
 }
@@ -111,29 +119,29 @@ impl<R: Real> Dvr<'_, R> {
         let mut pass = Pass { dvr: self, ray, gradient, parameters };
         match (self.medium.source, self.quadrature, adjoint) {
             (Source::Grey(_), Quadrature::Exact, Adjoint::Inversion) => {
-                pass.recursion(loss, adjoint, ExactDepth, Constant, &mut tape.one)
+                pass.recursion(loss, adjoint, ExactDepth, Constant, &mut tape.one, &mut tape.one_entries)
             }
             (Source::Grey(_), Quadrature::Midpoint(h), Adjoint::Inversion) => {
-                pass.recursion(loss, adjoint, self.uniform(h, 0.5, &ray), Constant, &mut tape.one)
+                pass.recursion(loss, adjoint, self.uniform(h, 0.5, &ray), Constant, &mut tape.one, &mut tape.one_entries)
             }
             (Source::Grey(_), Quadrature::Riemann(h), Adjoint::Inversion) => {
-                pass.recursion(loss, adjoint, self.uniform(h, 0.0, &ray), Constant, &mut tape.one)
+                pass.recursion(loss, adjoint, self.uniform(h, 0.0, &ray), Constant, &mut tape.one, &mut tape.one_entries)
             }
-            (Source::Grey(c), Quadrature::Exact, _) => pass.depth_only(loss, adjoint, ExactDepth, c, &mut tape.depth),
+            (Source::Grey(c), Quadrature::Exact, _) => pass.depth_only(loss, adjoint, ExactDepth, c, &mut tape.one),
             (Source::Grey(c), Quadrature::Midpoint(h), _) => {
-                pass.depth_only(loss, adjoint, self.uniform(h, 0.5, &ray), c, &mut tape.depth)
+                pass.depth_only(loss, adjoint, self.uniform(h, 0.5, &ray), c, &mut tape.one)
             }
             (Source::Grey(c), Quadrature::Riemann(h), _) => {
-                pass.depth_only(loss, adjoint, self.uniform(h, 0.0, &ray), c, &mut tape.depth)
+                pass.depth_only(loss, adjoint, self.uniform(h, 0.0, &ray), c, &mut tape.one)
             }
             (Source::Linear(c), Quadrature::Exact, _) => {
-                pass.recursion(loss, adjoint, self.exact_source(c), Proportional, &mut tape.four)
+                pass.recursion(loss, adjoint, self.exact_source(c), Proportional, &mut tape.four, &mut tape.four_entries)
             }
             (Source::Linear(_), Quadrature::Midpoint(h), _) => {
-                pass.recursion(loss, adjoint, self.uniform(h, 0.5, &ray), Proportional, &mut tape.one)
+                pass.recursion(loss, adjoint, self.uniform(h, 0.5, &ray), Proportional, &mut tape.one, &mut tape.one_entries)
             }
             (Source::Linear(_), Quadrature::Riemann(h), _) => {
-                pass.recursion(loss, adjoint, self.uniform(h, 0.0, &ray), Proportional, &mut tape.one)
+                pass.recursion(loss, adjoint, self.uniform(h, 0.0, &ray), Proportional, &mut tape.one, &mut tape.one_entries)
             }
         }
     }
@@ -147,8 +155,9 @@ impl<R: Real> Dvr<'_, R> {
             self,
             &ray,
             ExactDepth,
+            &mut tape.one,
             #[inline(always)]
-            |piece| tape.depth.push(*piece),
+            |_| (),
         )
     }
 
@@ -191,16 +200,15 @@ impl<R: Real> Pass<'_, '_, R> {
     ) -> Radiance<R> {
         tape.clear();
         let keep = adjoint == Adjoint::Tape;
-        let mut length = R::ZERO;
         let depth = kernel::depth(
             self.dvr,
             &self.ray,
             rule,
+            tape,
             #[inline(always)]
-            |piece| {
-                length += piece.length;
-                if keep {
-                    tape.push(*piece);
+            |tape| {
+                if !keep {
+                    tape.clear();
                 }
             },
         );
@@ -212,20 +220,15 @@ impl<R: Real> Pass<'_, '_, R> {
         let g = R::of(slope * self.dvr.medium.extinction);
         self.parameters.extinction += slope * depth / self.dvr.medium.extinction;
         let gradient = &mut *self.gradient;
-        if keep {
-            for piece in tape.iter() {
+        let mut back = |tape: &mut Vec<Piece<R, 1>>| {
+            for piece in tape.drain(..) {
                 scatter(gradient, piece.offset, g * piece.length, &piece.nodes[0]);
             }
+        };
+        if keep {
+            back(tape);
         } else {
-            kernel::depth(
-                self.dvr,
-                &self.ray,
-                rule,
-                #[inline(always)]
-                |piece| {
-                    scatter(gradient, piece.offset, g * piece.length, &piece.nodes[0]);
-                },
-            );
+            kernel::depth(self.dvr, &self.ray, rule, tape, back);
         }
         seen
     }
@@ -238,6 +241,7 @@ impl<R: Real> Pass<'_, '_, R> {
         adjoint: Adjoint,
         rule: Q,
         emission: E,
+        pieces: &mut Vec<Piece<R, K>>,
         tape: &mut Vec<Entry<R, K>>,
     ) -> Radiance<R> {
         tape.clear();
@@ -248,6 +252,7 @@ impl<R: Real> Pass<'_, '_, R> {
             &self.ray,
             rule,
             emission,
+            pieces,
             #[inline(always)]
             |piece, moments| {
                 if keep {
@@ -269,23 +274,16 @@ impl<R: Real> Pass<'_, '_, R> {
                 let mut back = Backward { behind: weighted.background, depth: blend.depth, colour: weighted.colour };
                 let values = &self.dvr.field.values;
                 let ray = self.ray.until(blend.end);
-                spans(
+                batches(
                     &self.dvr.field.topology,
                     &ray,
                     true,
                     #[inline(always)]
-                    |span: Span<R>| {
-                        tape.clear();
-                        rule.pieces(
-                            values,
-                            &span,
-                            #[inline(always)]
-                            |piece| {
-                                tape.push(Entry { piece: *piece, moments: Moments::of(values, piece) });
-                            },
-                        );
-                        for entry in tape.iter().rev() {
-                            back.step::<R, E, K>(self, entry);
+                    |spans| {
+                        pieces.clear();
+                        rule.pieces(values, spans, pieces);
+                        for piece in pieces.iter().rev() {
+                            back.step::<R, E, K>(self, &Entry { piece: *piece, moments: Moments::of(values, piece) });
                         }
                         true
                     },

@@ -2,8 +2,9 @@
 //! blending where the source varies.
 
 use super::{Dvr, Radiance};
+use crate::lanes::Lanes;
 use crate::real::Real;
-use crate::render::march::{GAUSS4, IndexRay, Piece, Rule, corners, gather, spans};
+use crate::render::march::{GAUSS4, IndexRay, Piece, Rule, batches, corners, gather};
 
 /// What a medium emits: the integral of `c / colour` against extinction, and its derivative.
 pub(super) trait Emission: Copy {
@@ -81,39 +82,34 @@ pub(super) fn escape<R: Real>(x: R) -> R {
     if x > R::ZERO { -(-x).exp_m1() / x } else { R::ONE }
 }
 
-/// Optical depth along a ray. Inside a brick the sum runs in `R`, from brick to brick in `f64`.
-/// `record` sees every piece.
+/// Optical depth along a ray. Inside a batch of bricks the sum runs in `R`, from batch to batch in
+/// `f64`. Pieces are appended to `tape`, which `after` sees at the end of each batch.
 #[inline(always)]
 pub(super) fn depth<R: Real, Q: Rule<R, 1>>(
     dvr: &Dvr<'_, R>,
     ray: &IndexRay,
     rule: Q,
-    mut record: impl FnMut(&Piece<R, 1>),
+    tape: &mut Vec<Piece<R, 1>>,
+    mut after: impl FnMut(&mut Vec<Piece<R, 1>>),
 ) -> f64 {
     let values = &dvr.field.values;
     let limit = dvr.depth_limit / dvr.medium.extinction;
     let mut total = 0.0;
-    spans(
+    batches(
         &dvr.field.topology,
         ray,
         false,
         #[inline(always)]
-        |span| {
-            let mut lanes = [R::ZERO; 4];
-            rule.pieces(
-                values,
-                &span,
-                #[inline(always)]
-                |piece| {
-                    let v = corners(values, piece.offset);
-                    let w = &piece.nodes[0];
-                    for (i, lane) in lanes.iter_mut().enumerate() {
-                        *lane += piece.length * (w[0][i] * v[0][i] + w[1][i] * v[1][i]);
-                    }
-                    record(piece);
-                },
-            );
-            total += ((lanes[0] + lanes[1]) + (lanes[2] + lanes[3])).f64();
+        |spans| {
+            let first = tape.len();
+            rule.pieces(values, spans, tape);
+            let mut sum = R::Lanes::splat(R::ZERO);
+            for piece in &tape[first..] {
+                let (v, w) = (corners(values, piece.offset), &piece.nodes[0]);
+                sum = sum + R::Lanes::splat(piece.length) * (w[0] * v[0] + w[1] * v[1]);
+            }
+            total += sum.sum().f64();
+            after(tape);
             total < limit
         },
     );
@@ -152,32 +148,30 @@ pub(super) fn blend<R: Real, E: Emission, const K: usize, Q: Rule<R, K>>(
     ray: &IndexRay,
     rule: Q,
     _: E,
+    pieces: &mut Vec<Piece<R, K>>,
     mut record: impl FnMut(&Piece<R, K>, &Moments<R, K>),
 ) -> Blend {
     let values = &dvr.field.values;
     let extinction = R::of(dvr.medium.extinction);
     let mut state = Blend { emitted: 0.0, depth: 0.0, end: ray.leave };
-    spans(
+    batches(
         &dvr.field.topology,
         ray,
         false,
         #[inline(always)]
-        |span| {
-            rule.pieces(
-                values,
-                &span,
-                #[inline(always)]
-                |piece| {
-                    let m = Moments::of(values, piece);
-                    let x = extinction * m.first;
-                    state.emitted += (-state.depth).exp() * (extinction * E::integral(&m) * escape(x)).f64();
-                    state.depth += x.f64();
-                    record(piece, &m);
-                },
-            );
+        |spans| {
+            pieces.clear();
+            rule.pieces(values, spans, pieces);
+            for piece in pieces.iter() {
+                let m = Moments::of(values, piece);
+                let x = extinction * m.first;
+                state.emitted += (-state.depth).exp() * (extinction * E::integral(&m) * escape(x)).f64();
+                state.depth += x.f64();
+                record(piece, &m);
+            }
             let open = state.depth < dvr.depth_limit;
-            if !open {
-                state.end = span.end;
+            if let (false, Some(last)) = (open, spans.last()) {
+                state.end = last.end;
             }
             open
         },

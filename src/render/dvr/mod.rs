@@ -118,67 +118,40 @@ impl<'a, R: Real> Dvr<'a, R> {
     }
 
     /// Optical depth `∫σ` along a world ray of unit direction, summed in `f64`.
-    #[inline(always)]
     pub fn optical_depth(&self, ray: &Ray) -> f64 {
-        let Some(ray) = self.index_ray(ray) else { return 0.0 };
-        match self.quadrature {
-            Quadrature::Exact => kernel::depth(
-                self,
-                &ray,
-                ExactDepth,
-                #[inline(always)]
-                |_| (),
-            ),
-            Quadrature::Midpoint(h) => kernel::depth(
-                self,
-                &ray,
-                self.uniform(h, 0.5, &ray),
-                #[inline(always)]
-                |_| (),
-            ),
-            Quadrature::Riemann(h) => kernel::depth(
-                self,
-                &ray,
-                self.uniform(h, 0.0, &ray),
-                #[inline(always)]
-                |_| (),
-            ),
-        }
+        self.depth_with(ray, &mut Tape::default())
     }
 
     /// Radiance along a world ray of unit direction.
-    #[inline(always)]
     pub fn radiance(&self, ray: &Ray) -> Radiance<R> {
+        self.radiance_with(ray, &mut Tape::default())
+    }
+
+    #[inline(always)]
+    fn depth_with(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
+        let Some(ray) = self.index_ray(ray) else { return 0.0 };
+        tape.forget();
+        let pieces = &mut tape.one;
+        match self.quadrature {
+            Quadrature::Exact => kernel::depth(self, &ray, ExactDepth, pieces, Vec::clear),
+            Quadrature::Midpoint(h) => kernel::depth(self, &ray, self.uniform(h, 0.5, &ray), pieces, Vec::clear),
+            Quadrature::Riemann(h) => kernel::depth(self, &ray, self.uniform(h, 0.0, &ray), pieces, Vec::clear),
+        }
+    }
+
+    /// [`Dvr::radiance`] for many rays: the scratch memory is kept.
+    #[inline(always)]
+    pub fn radiance_with(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance<R> {
         let colour = match self.medium.source {
-            Source::Grey(colour) => return grey(self.optical_depth(ray), colour, self.background),
+            Source::Grey(colour) => return grey(self.depth_with(ray, tape), colour, self.background),
             Source::Linear(colour) => colour,
         };
         let Some(ray) = self.index_ray(ray) else { return grey(0.0, colour, self.background) };
+        let Tape { one, four, .. } = tape;
         let seen = match self.quadrature {
-            Quadrature::Exact => blend(
-                self,
-                &ray,
-                self.exact_source(colour),
-                Proportional,
-                #[inline(always)]
-                |_, _| (),
-            ),
-            Quadrature::Midpoint(h) => blend(
-                self,
-                &ray,
-                self.uniform(h, 0.5, &ray),
-                Proportional,
-                #[inline(always)]
-                |_, _| (),
-            ),
-            Quadrature::Riemann(h) => blend(
-                self,
-                &ray,
-                self.uniform(h, 0.0, &ray),
-                Proportional,
-                #[inline(always)]
-                |_, _| (),
-            ),
+            Quadrature::Exact => blend(self, &ray, self.exact_source(colour), Proportional, four, |_, _| ()),
+            Quadrature::Midpoint(h) => blend(self, &ray, self.uniform(h, 0.5, &ray), Proportional, one, |_, _| ()),
+            Quadrature::Riemann(h) => blend(self, &ray, self.uniform(h, 0.0, &ray), Proportional, one, |_, _| ()),
         };
         over(seen.emitted, (-seen.depth).exp(), colour, self.background)
     }

@@ -1,0 +1,63 @@
+//! Four numbers that are computed together, in one vector register where the machine has them.
+
+use crate::real::{Number, Real};
+
+/// How many numbers there are in a [`Lanes`].
+pub const LANES: usize = 4;
+
+/// Four numbers; operators work on each.
+pub trait Lanes<R: Real>: Number {
+    /// The same number four times.
+    fn splat(v: R) -> Self;
+    /// Four numbers from an array.
+    fn load(from: [R; LANES]) -> Self;
+    /// The numbers.
+    fn store(self) -> [R; LANES];
+    /// Each no less than `low` and no more than `high`.
+    fn clamped(self, low: R, high: R) -> Self;
+    /// Their sum, first and third, second and fourth first.
+    fn sum(self) -> R;
+    /// Rows for columns.
+    fn transpose(columns: [Self; LANES]) -> [Self; LANES];
+}
+
+macro_rules! lanes {
+    ($real:ty, $vector:ty, $matrix:ty) => {
+        impl Number for $vector {
+            #[inline(always)]
+            fn one() -> Self {
+                Self::ONE
+            }
+        }
+        impl Lanes<$real> for $vector {
+            #[inline(always)]
+            fn splat(v: $real) -> Self {
+                Self::splat(v)
+            }
+            #[inline(always)]
+            fn load(from: [$real; LANES]) -> Self {
+                Self::from_array(from)
+            }
+            #[inline(always)]
+            fn store(self) -> [$real; LANES] {
+                self.to_array()
+            }
+            #[inline(always)]
+            fn clamped(self, low: $real, high: $real) -> Self {
+                self.max(Self::splat(low)).min(Self::splat(high))
+            }
+            #[inline(always)]
+            fn sum(self) -> $real {
+                let [a, b, c, d] = self.to_array();
+                (a + c) + (b + d)
+            }
+            #[inline(always)]
+            fn transpose([x, y, z, w]: [Self; LANES]) -> [Self; LANES] {
+                let m = <$matrix>::from_cols(x, y, z, w).transpose();
+                [m.x_axis, m.y_axis, m.z_axis, m.w_axis]
+            }
+        }
+    };
+}
+lanes!(f32, glam::Vec4, glam::Mat4);
+lanes!(f64, glam::DVec4, glam::DMat4);
