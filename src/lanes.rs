@@ -17,6 +17,12 @@ pub trait Lanes<R: Real>: Number {
     fn clamped(self, low: R, high: R) -> Self;
     /// Their sum, first and third, second and fourth first.
     fn sum(self) -> R;
+    /// The lesser of each two.
+    fn lesser(self, o: Self) -> Self;
+    /// True if each is at least the other.
+    fn reach(self, o: Self) -> bool;
+    /// Adds `step` to each number that is no greater than `limit`.
+    fn advanced(self, limit: Self, step: Self) -> Self;
     /// Rows for columns.
     fn transpose(columns: [Self; LANES]) -> [Self; LANES];
 }
@@ -50,6 +56,18 @@ macro_rules! lanes {
             fn sum(self) -> $real {
                 let [a, b, c, d] = self.to_array();
                 (a + c) + (b + d)
+            }
+            #[inline(always)]
+            fn lesser(self, o: Self) -> Self {
+                self.min(o)
+            }
+            #[inline(always)]
+            fn reach(self, o: Self) -> bool {
+                self.cmpge(o).all()
+            }
+            #[inline(always)]
+            fn advanced(self, limit: Self, step: Self) -> Self {
+                self + Self::select(self.cmple(limit), step, Self::ZERO)
             }
             #[inline(always)]
             fn transpose([x, y, z, w]: [Self; LANES]) -> [Self; LANES] {

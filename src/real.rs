@@ -13,17 +13,7 @@ pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
 
 /// `f32` or `f64`.
 pub trait Real:
-    Number
-    + Debug
-    + Default
-    + PartialOrd
-    + Send
-    + Sync
-    + 'static
-    + Div<Output = Self>
-    + AddAssign
-    + SubAssign
-    + Sum
+    Number + Debug + Default + PartialOrd + Send + Sync + 'static + Div<Output = Self> + AddAssign + SubAssign + Sum
 {
     /// Zero.
     const ZERO: Self;

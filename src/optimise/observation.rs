@@ -44,6 +44,8 @@ pub struct Observation {
     pub maps: Vec<DepthMap>,
     /// A pixel with less optical depth than this has met nothing.
     pub empty: f32,
+    /// Pictures without noise: what is empty has the background's very colour.
+    pub clean: bool,
 }
 
 /// Optical depth beyond which a pixel says only "opaque": the transmittance is below the steps of
@@ -109,7 +111,7 @@ impl Observation {
                 }
             })
             .collect();
-        Ok(Self { maps, empty })
+        Ok(Self { maps, empty, clean })
     }
 }
 

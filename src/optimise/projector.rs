@@ -45,7 +45,9 @@ impl View {
         let edge = map.width.max(map.height).next_power_of_two();
         for code in 0..edge * edge {
             let (x, y) = (even_bits(code), even_bits(code >> 1));
-            if x >= map.width || y >= map.height { continue; }
+            if x >= map.width || y >= map.height {
+                continue;
+            }
             let i = y * map.width + x;
             let position = [x as f32 + 0.5, y as f32 + 0.5];
             let ray = map.camera.ray(position[0].into(), position[1].into());

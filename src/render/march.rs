@@ -5,8 +5,8 @@
 //! from the origin. What comes out are [`Piece`]s: a cell, a length and interpolation weights, by
 //! which the value gathers and the gradient scatters.
 
-use crate::math::{Affine, Ray};
 use crate::lanes::{LANES, Lanes};
+use crate::math::{Affine, Ray};
 use crate::real::{Number, Real};
 use crate::scene::bricks::{BRICK, NONE, Topology, slot};
 use glam::{DVec3, IVec3};
@@ -144,12 +144,7 @@ pub const BATCH: usize = 8;
 /// Visits the bricks along a ray in batches, from near to far or (`reverse`) from far to near; inside
 /// a batch spans are always ordered near to far. `visit` returns false to stop.
 #[inline(always)]
-pub fn batches<R: Real>(
-    topology: &Topology,
-    ray: &IndexRay,
-    reverse: bool,
-    mut visit: impl FnMut(&[Span<R>]) -> bool,
-) {
+pub fn batches<R: Real>(topology: &Topology, ray: &IndexRay, reverse: bool, mut visit: impl FnMut(&[Span<R>]) -> bool) {
     let mut batch = [Span::NOWHERE; BATCH];
     let (mut count, mut open) = (0, true);
     spans(
@@ -204,6 +199,36 @@ pub struct Piece<R: Real, const K: usize> {
     pub nodes: [[R::Lanes; 2]; K],
 }
 
+/// Four cells with the weights of their corners in the integral over their lengths of the ray: all that
+/// an optical depth needs. What is left over of the four has weights of zero.
+#[derive(Debug, Clone, Copy)]
+pub struct Quartet<R: Real> {
+    /// Offsets of the cells' lowest corners among the field's values.
+    pub offset: [u32; LANES],
+    /// Weights by cell and x of the corner, times the length: world length.
+    pub weights: [[R::Lanes; 2]; LANES],
+}
+
+impl<R: Real> Quartet<R> {
+    /// `Σ w v` over all cells, a share in each lane.
+    #[inline(always)]
+    pub fn gather(&self, values: &[R]) -> R::Lanes {
+        let cell = |i: usize| {
+            let (v, w) = (corners(values, self.offset[i] as usize), &self.weights[i]);
+            w[0] * v[0] + w[1] * v[1]
+        };
+        (cell(0) + cell(1)) + (cell(2) + cell(3))
+    }
+
+    /// `values += g w`: the transpose of [`Quartet::gather`].
+    #[inline(always)]
+    pub fn scatter(&self, values: &mut [R], g: R) {
+        for (offset, w) in self.offset.iter().zip(&self.weights) {
+            scatter(values, *offset as usize, g, w);
+        }
+    }
+}
+
 /// Offsets of a cell's corners in the order of a piece's weights, for x = 0 and x = 1.
 const CORNERS: [[usize; LANES]; 2] = [
     [slot(0, 0, 0), slot(0, 0, 1), slot(0, 1, 0), slot(0, 1, 1)],
@@ -246,53 +271,66 @@ pub fn weights<R: Real>(m: [R; 3]) -> [R::Lanes; 2] {
     [yz - far, far]
 }
 
-/// Mean of the trilinear weights at `m ± h`, without evaluating both: for `h` = half the chord / √3
-/// this is the two-point Gauss rule, exact for the cubic that the field is along the chord.
+/// Mean of the trilinear weights at `m ± h`, without evaluating both, times a length: for `h` = half
+/// the chord / √3 this is the two-point Gauss rule, exact for the cubic that the field is along the chord.
 #[inline(always)]
-fn chord_weights<N: Number>(m: [N; 3], h: [N; 3]) -> [[N; 4]; 2] {
+fn chord_weights<N: Number>(m: [N; 3], h: [N; 3], length: N) -> ([N; 4], [N; 4]) {
     let n = [N::one() - m[0], N::one() - m[1], N::one() - m[2]];
-    let hyz = h[1] * h[2];
-    let yz = [n[1] * n[2] + hyz, n[1] * m[2] - hyz, m[1] * n[2] - hyz, m[1] * m[2] + hyz];
-    let (hy, hz) = (h[0] * h[1], h[0] * h[2]);
-    let cross = [-(n[1] * hz + n[2] * hy), n[1] * hz - m[2] * hy, n[2] * hy - m[1] * hz, m[1] * hz + m[2] * hy];
+    let (my, ny) = (length * m[1], length * n[1]);
+    let (hx, hy) = (length * h[0], length * h[1]);
+    let (hxy, hxz, hyz) = (hx * h[1], hx * h[2], hy * h[2]);
+    let yz = [ny * n[2] + hyz, ny * m[2] - hyz, my * n[2] - hyz, my * m[2] + hyz];
+    let cross = [-(n[1] * hxz + n[2] * hxy), n[1] * hxz - m[2] * hxy, n[2] * hxy - m[1] * hxz, m[1] * hxz + m[2] * hxy];
     let far = [yz[0] * m[0] + cross[0], yz[1] * m[0] + cross[1], yz[2] * m[0] + cross[2], yz[3] * m[0] + cross[3]];
-    [[yz[0] - far[0], yz[1] - far[1], yz[2] - far[2], yz[3] - far[3]], far]
+    ([yz[0] - far[0], yz[1] - far[1], yz[2] - far[2], yz[3] - far[3]], far)
 }
 
-/// The most cells that a span may have: eight planes along each axis, three of them at the entry.
-const MOST: usize = 27;
+/// The most cells that a span may have, rounded up: eight planes along each axis, three at the entry.
+const MOST: usize = 28;
+/// Lengths from a span's entry to where it crosses the faces of its cells: ascending from zero to the
+/// span's length, which fills the last four.
+type Crossings<R> = [R; MOST + 1];
 
-/// Where a span crosses the faces of its cells: ascending lengths from the entry, from zero to the
-/// span's length, which is repeated to fill the last [`LANES`]. Returns the number of cells.
+/// Crossings of four spans of one ray in lockstep. (One by one, each would wait for its own chain of
+/// comparisons, and its end could not be foreseen.)
 #[inline(always)]
-fn crossings<R: Real>(span: &Span<R>, at: &mut [R; MOST + 1 + LANES]) -> usize {
-    let [x, y, z] = span.entry;
-    let lows = low(R::Lanes::load([x, y, z, R::ZERO])).store();
+fn crossings<R: Real>(spans: [&Span<R>; LANES], at: &mut [Crossings<R>; LANES]) {
+    let [a, b, c, d] = spans;
+    let all = <R::Lanes as Lanes<R>>::splat;
     // Along each axis: the length to the next plane, and from plane to plane.
-    let [(mut x, dx), (mut y, dy), (mut z, dz)] = std::array::from_fn(|a| {
-        let (up, inverse) = (span.direction[a] > R::ZERO, span.inverse[a]);
+    let axis = |k: usize| {
+        let (up, inverse) = (a.direction[k] > R::ZERO, a.inverse[k]);
         if !inverse.f64().is_finite() {
-            return (R::of(f64::MAX), R::ZERO);
+            return (all(R::of(f64::MAX)), all(R::ZERO));
         }
-        let plane = if up { lows[a] + R::ONE } else { lows[a] };
-        ((plane - span.entry[a]) * inverse, if up { inverse } else { -inverse })
-    });
-    at[0] = R::ZERO;
-    for cells in 1..=MOST {
+        let entry = R::Lanes::load([a.entry[k], b.entry[k], c.entry[k], d.entry[k]]);
+        let plane = if up { low(entry) + all(R::ONE) } else { low(entry) };
+        ((plane - entry) * all(inverse), all(if up { inverse } else { -inverse }))
+    };
+    let [(mut x, dx), (mut y, dy), (mut z, dz)] = [axis(0), axis(1), axis(2)];
+    let length = R::Lanes::load([a.length, b.length, c.length, d.length]);
+    let mut advance = || {
         let nearest = x.lesser(y).lesser(z);
-        at[cells] = nearest.lesser(span.length);
-        if !(nearest < span.length) {
-            for past in &mut at[cells + 1..=cells + LANES] {
-                *past = span.length;
-            }
-            return cells;
+        (x, y, z) = (x.advanced(nearest, dx), y.advanced(nearest, dy), z.advanced(nearest, dz));
+        nearest.lesser(length)
+    };
+    let mut first = all(R::ZERO);
+    for k in (0..MOST).step_by(LANES) {
+        let second = advance();
+        let third = advance();
+        let fourth = advance();
+        let rows = R::Lanes::transpose([first, second, third, fourth]);
+        for (at, row) in at.iter_mut().zip(rows) {
+            at[k..k + LANES].copy_from_slice(&row.store());
         }
-        x += if x <= nearest { dx } else { R::ZERO };
-        y += if y <= nearest { dy } else { R::ZERO };
-        z += if z <= nearest { dz } else { R::ZERO };
+        first = advance();
+        if first.reach(length) || k == MOST - LANES {
+            for (at, length) in at.iter_mut().zip(length.store()) {
+                at[k + LANES] = length;
+            }
+            return;
+        }
     }
-    at[MOST..].fill(span.length);
-    MOST
 }
 
 /// Lowest corners, along one axis, of the cells of a brick that hold these coordinates. On a face it
@@ -320,26 +358,33 @@ pub trait Rule<R: Real, const K: usize>: Copy + Sync {
     fn pieces(&self, values: &[R], spans: &[Span<R>], pieces: &mut Vec<Piece<R, K>>);
 }
 
+/// What optical depths alone are made of.
+pub trait DepthRule<R: Real>: Copy + Sync {
+    /// Appends the cells of at most [`BATCH`] spans of one ray.
+    fn cells(&self, spans: &[Span<R>], cells: &mut Vec<Quartet<R>>);
+}
+
 /// Optical depth without discretisation error: one averaged node a cell.
 #[derive(Debug, Clone, Copy)]
 pub struct ExactDepth;
 
-impl<R: Real> Rule<R, 1> for ExactDepth {
+impl<R: Real> DepthRule<R> for ExactDepth {
     #[inline(always)]
-    fn pieces(&self, _: &[R], spans: &[Span<R>], pieces: &mut Vec<Piece<R, 1>>) {
+    fn cells(&self, spans: &[Span<R>], cells: &mut Vec<Quartet<R>>) {
+        let mut at = [[R::ZERO; MOST + 1]; BATCH];
+        for (spans, at) in spans.chunks(LANES).zip(at.as_chunks_mut().0) {
+            let last = spans.len() - 1;
+            crossings([0, 1, 2, 3].map(|i| &spans[last.min(i)]), at);
+        }
         let all = <R::Lanes as Lanes<R>>::splat;
         let (half, third) = (all(R::of(0.5)), all(R::of(0.5 / 3.0_f64.sqrt())));
-        let mut at = [[R::ZERO; MOST + 1 + LANES]; BATCH];
-        let mut counts = [0; BATCH];
-        for ((span, at), count) in spans.iter().zip(&mut at).zip(&mut counts) {
-            *count = crossings(span, at);
-        }
-        for ((span, at), count) in spans.iter().zip(&at).zip(counts) {
+        for (span, at) in spans.iter().zip(&at) {
             let ([x, y, z], [dx, dy, dz]) = (span.entry, span.direction);
             let (entry, along) = ([all(x), all(y), all(z)], [all(dx), all(dy), all(dz)]);
-            let last = pieces.len() + count;
-            for first in (0..count).step_by(LANES) {
-                let at = &at[first..=first + LANES];
+            for at in at.windows(LANES + 1).step_by(LANES) {
+                if !(at[0] < span.length) {
+                    break;
+                }
                 let from = R::Lanes::load([at[0], at[1], at[2], at[3]]);
                 let until = R::Lanes::load([at[1], at[2], at[3], at[4]]);
                 let (middle, length) = (half * (from + until), until - from);
@@ -348,16 +393,15 @@ impl<R: Real> Rule<R, 1> for ExactDepth {
                     [entry[0] + middle * along[0], entry[1] + middle * along[1], entry[2] + middle * along[2]];
                 let low = [low(x), low(y), low(z)];
                 let m = [x - low[0], y - low[1], z - low[2]];
-                let [near, far] = chord_weights(m, [reach * along[0], reach * along[1], reach * along[2]]);
+                let (near, far) = chord_weights(m, [reach * along[0], reach * along[1], reach * along[2]], length);
                 let (near, far) = (R::Lanes::transpose(near), R::Lanes::transpose(far));
-                let (offset, length) = (offsets(low), length.store());
-                for i in 0..LANES {
-                    let offset = span.base + offset[i] as usize;
-                    pieces.push(Piece { offset, length: length[i], nodes: [[near[i], far[i]]] });
-                }
+                let [a, b, c, d] = offsets(low);
+                let base = span.base as u32;
+                cells.push(Quartet {
+                    offset: [base + a, base + b, base + c, base + d],
+                    weights: [[near[0], far[0]], [near[1], far[1]], [near[2], far[2]], [near[3], far[3]]],
+                });
             }
-            // Less what fills the last lanes.
-            pieces.truncate(last);
         }
     }
 }
@@ -390,16 +434,21 @@ impl<R: Real> Rule<R, 4> for ExactSource {
     fn pieces(&self, values: &[R], spans: &[Span<R>], pieces: &mut Vec<Piece<R, 4>>) {
         for span in spans {
             let [dx, dy, dz] = span.direction;
-            let mut at = [R::ZERO; MOST + 1 + LANES];
-            for cell in 0..crossings(span, &mut at) {
-                let (a, b) = (at[cell], at[cell + 1]);
+            let mut at = [[R::ZERO; MOST + 1]; LANES];
+            crossings([span; LANES], &mut at);
+            for pair in at[0].windows(2) {
+                let (a, b) = (pair[0], pair[1]);
+                if !(a < span.length) {
+                    break;
+                }
                 let middle = R::of(0.5) * (a + b);
                 let low = [0, 1, 2].map(|k| low(R::Lanes::splat(span.entry[k] + middle * span.direction[k])));
                 let offset = span.base + offsets(low)[0] as usize;
                 let low = low.map(|l| l.store()[0]);
                 let v = corners(values, offset);
                 let v = v.map(R::Lanes::store);
-                let (least, most) = v.iter().flatten().fold((v[0][0], v[0][0]), |(l, m), v| (l.lesser(*v), m.greater(*v)));
+                let (least, most) =
+                    v.iter().flatten().fold((v[0][0], v[0][0]), |(l, m), v| (l.lesser(*v), m.greater(*v)));
                 let x = self.extinction * (most * (b - a)).f64();
                 let parts = (x * x * self.colour * (most - least).f64() / (12.0 * self.tolerance)).sqrt();
                 // Past 64 parts the piece is opaque many times over and its own weight is gone.
@@ -472,6 +521,23 @@ impl<R: Real> Rule<R, 1> for Uniform {
                 let m = std::array::from_fn(|a| p[a] - low[a].store()[0]);
                 pieces.push(Piece { offset, length: R::of(length), nodes: [weights(m)] });
             }
+        }
+    }
+}
+
+impl<R: Real> DepthRule<R> for Uniform {
+    #[inline(always)]
+    fn cells(&self, spans: &[Span<R>], cells: &mut Vec<Quartet<R>>) {
+        let mut pieces = Vec::new();
+        Rule::<R, 1>::pieces(self, &[], spans, &mut pieces);
+        for four in pieces.chunks(LANES) {
+            let mut cell = Quartet { offset: [0; LANES], weights: [[R::Lanes::splat(R::ZERO); 2]; LANES] };
+            for (i, piece) in four.iter().enumerate() {
+                let ([near, far], length) = (piece.nodes[0], R::Lanes::splat(piece.length));
+                cell.offset[i] = piece.offset as u32;
+                cell.weights[i] = [near * length, far * length];
+            }
+            cells.push(cell);
         }
     }
 }

@@ -59,6 +59,14 @@ impl Topology {
         let Some(&first) = bricks.first() else {
             return Ok(Self { min: IVec3::ZERO, dim: IVec3::ZERO, table: Vec::new(), bricks });
         };
+        // Kernels hold offsets of values in 32 bits.
+        if bricks.len() > u32::MAX as usize / BRICK {
+            return Err(Error::unsupported(format!(
+                "{} blocks of 8³ voxels are more than can be addressed",
+                bricks.len()
+            ))
+            .hint("take a part with `cumulo convert --crop`, or a coarser one with `--resample`"));
+        }
         let (min, max) = bricks.iter().fold((first, first), |(lo, hi), b| (lo.min(*b), hi.max(*b)));
         let extent = max.as_i64vec3() - min.as_i64vec3() + 1;
         let entries = extent.x.checked_mul(extent.y).and_then(|e| e.checked_mul(extent.z));

@@ -58,7 +58,7 @@ pub struct Density {
     /// Iterations on the finest level, at most (paper: epochs)
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: u32,
-    /// Blur passes of the smoothness prior (default: as many as suit the held-out views; without these 2)
+    /// Blur passes of the smoothness prior (default: as many as suit the held-out views; without these 1, or 2 where the pictures are noisy)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     smoothing: Option<u32>,
     /// What cg makes small: huber bounds the influence of outliers, l2 is plain least squares

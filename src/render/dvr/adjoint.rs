@@ -20,7 +20,7 @@ use super::kernel::{self, Blend, Constant, Emission, Moments, Proportional, esca
 use super::{Dvr, Radiance};
 use crate::math::Ray;
 use crate::real::Real;
-use crate::render::march::{ExactDepth, IndexRay, Piece, Rule, batches, scatter};
+use crate::render::march::{DepthRule, ExactDepth, IndexRay, Piece, Quartet, Rule, batches, scatter};
 use crate::render::quadrature::Quadrature;
 use crate::scene::medium::Source;
 
@@ -61,7 +61,9 @@ impl ParameterGradient {
 /// Scratch memory of one thread, reused from ray to ray.
 #[derive(Debug, Clone, Default)]
 pub struct Tape<R: Real> {
-    /// Pieces with one node and with four, of a batch or, where only the depth matters, of a ray.
+    /// Cells of rays of which only the depth matters.
+    pub(super) cells: Vec<Quartet<R>>,
+    /// Pieces of a batch, with one node and with four.
     pub(super) one: Vec<Piece<R, 1>>,
     pub(super) four: Vec<Piece<R, 4>>,
     /// What was found in the pieces of a ray.
@@ -76,8 +78,8 @@ impl<R: Real> Tape<R> {
     pub fn spread(&mut self, by_depth: f64, dvr: &Dvr<'_, R>, gradient: &mut [R]) {
         let g = R::of(dvr.medium.extinction * by_depth);
         if g != R::ZERO {
-            for piece in &self.one {
-                scatter(gradient, piece.offset, g * piece.length, &piece.nodes[0]);
+            for cells in &self.cells {
+                cells.scatter(gradient, g);
             }
         }
         self.forget();
@@ -85,7 +87,7 @@ impl<R: Real> Tape<R> {
 
     /// Forgets the rays.
     pub fn forget(&mut self) {
-        self.one.clear();
+        self.cells.clear();
     }
 }
 
@@ -118,31 +120,56 @@ impl<R: Real> Dvr<'_, R> {
         };
         let mut pass = Pass { dvr: self, ray, gradient, parameters };
         match (self.medium.source, self.quadrature, adjoint) {
-            (Source::Grey(_), Quadrature::Exact, Adjoint::Inversion) => {
-                pass.recursion(loss, adjoint, ExactDepth, Constant, &mut tape.one, &mut tape.one_entries)
+            (Source::Grey(c), Quadrature::Exact, Adjoint::Inversion) => {
+                pass.recursion(loss, adjoint, self.exact_source(c), Constant, &mut tape.four, &mut tape.four_entries)
             }
-            (Source::Grey(_), Quadrature::Midpoint(h), Adjoint::Inversion) => {
-                pass.recursion(loss, adjoint, self.uniform(h, 0.5, &ray), Constant, &mut tape.one, &mut tape.one_entries)
-            }
-            (Source::Grey(_), Quadrature::Riemann(h), Adjoint::Inversion) => {
-                pass.recursion(loss, adjoint, self.uniform(h, 0.0, &ray), Constant, &mut tape.one, &mut tape.one_entries)
-            }
-            (Source::Grey(c), Quadrature::Exact, _) => pass.depth_only(loss, adjoint, ExactDepth, c, &mut tape.one),
+            (Source::Grey(_), Quadrature::Midpoint(h), Adjoint::Inversion) => pass.recursion(
+                loss,
+                adjoint,
+                self.uniform(h, 0.5, &ray),
+                Constant,
+                &mut tape.one,
+                &mut tape.one_entries,
+            ),
+            (Source::Grey(_), Quadrature::Riemann(h), Adjoint::Inversion) => pass.recursion(
+                loss,
+                adjoint,
+                self.uniform(h, 0.0, &ray),
+                Constant,
+                &mut tape.one,
+                &mut tape.one_entries,
+            ),
+            (Source::Grey(c), Quadrature::Exact, _) => pass.depth_only(loss, adjoint, ExactDepth, c, &mut tape.cells),
             (Source::Grey(c), Quadrature::Midpoint(h), _) => {
-                pass.depth_only(loss, adjoint, self.uniform(h, 0.5, &ray), c, &mut tape.one)
+                pass.depth_only(loss, adjoint, self.uniform(h, 0.5, &ray), c, &mut tape.cells)
             }
             (Source::Grey(c), Quadrature::Riemann(h), _) => {
-                pass.depth_only(loss, adjoint, self.uniform(h, 0.0, &ray), c, &mut tape.one)
+                pass.depth_only(loss, adjoint, self.uniform(h, 0.0, &ray), c, &mut tape.cells)
             }
-            (Source::Linear(c), Quadrature::Exact, _) => {
-                pass.recursion(loss, adjoint, self.exact_source(c), Proportional, &mut tape.four, &mut tape.four_entries)
-            }
-            (Source::Linear(_), Quadrature::Midpoint(h), _) => {
-                pass.recursion(loss, adjoint, self.uniform(h, 0.5, &ray), Proportional, &mut tape.one, &mut tape.one_entries)
-            }
-            (Source::Linear(_), Quadrature::Riemann(h), _) => {
-                pass.recursion(loss, adjoint, self.uniform(h, 0.0, &ray), Proportional, &mut tape.one, &mut tape.one_entries)
-            }
+            (Source::Linear(c), Quadrature::Exact, _) => pass.recursion(
+                loss,
+                adjoint,
+                self.exact_source(c),
+                Proportional,
+                &mut tape.four,
+                &mut tape.four_entries,
+            ),
+            (Source::Linear(_), Quadrature::Midpoint(h), _) => pass.recursion(
+                loss,
+                adjoint,
+                self.uniform(h, 0.5, &ray),
+                Proportional,
+                &mut tape.one,
+                &mut tape.one_entries,
+            ),
+            (Source::Linear(_), Quadrature::Riemann(h), _) => pass.recursion(
+                loss,
+                adjoint,
+                self.uniform(h, 0.0, &ray),
+                Proportional,
+                &mut tape.one,
+                &mut tape.one_entries,
+            ),
         }
     }
 
@@ -155,7 +182,7 @@ impl<R: Real> Dvr<'_, R> {
             self,
             &ray,
             ExactDepth,
-            &mut tape.one,
+            &mut tape.cells,
             #[inline(always)]
             |_| (),
         )
@@ -190,13 +217,13 @@ pub(super) struct Pass<'p, 'a, R> {
 impl<R: Real> Pass<'_, '_, R> {
     /// Grey sources: one derivative for the whole ray.
     #[inline(always)]
-    fn depth_only<Q: Rule<R, 1>>(
+    fn depth_only<Q: DepthRule<R>>(
         &mut self,
         loss: impl FnOnce(&Radiance<R>) -> [R; 4],
         adjoint: Adjoint,
         rule: Q,
         colour: [f32; 3],
-        tape: &mut Vec<Piece<R, 1>>,
+        tape: &mut Vec<Quartet<R>>,
     ) -> Radiance<R> {
         tape.clear();
         let keep = adjoint == Adjoint::Tape;
@@ -220,9 +247,9 @@ impl<R: Real> Pass<'_, '_, R> {
         let g = R::of(slope * self.dvr.medium.extinction);
         self.parameters.extinction += slope * depth / self.dvr.medium.extinction;
         let gradient = &mut *self.gradient;
-        let mut back = |tape: &mut Vec<Piece<R, 1>>| {
-            for piece in tape.drain(..) {
-                scatter(gradient, piece.offset, g * piece.length, &piece.nodes[0]);
+        let mut back = |tape: &mut Vec<Quartet<R>>| {
+            for cells in tape.drain(..) {
+                cells.scatter(gradient, g);
             }
         };
         if keep {

@@ -4,7 +4,7 @@
 use super::{Dvr, Radiance};
 use crate::lanes::Lanes;
 use crate::real::Real;
-use crate::render::march::{GAUSS4, IndexRay, Piece, Rule, batches, corners, gather};
+use crate::render::march::{DepthRule, GAUSS4, IndexRay, Piece, Quartet, Rule, batches, corners, gather};
 
 /// What a medium emits: the integral of `c / colour` against extinction, and its derivative.
 pub(super) trait Emission: Copy {
@@ -83,14 +83,14 @@ pub(super) fn escape<R: Real>(x: R) -> R {
 }
 
 /// Optical depth along a ray. Inside a batch of bricks the sum runs in `R`, from batch to batch in
-/// `f64`. Pieces are appended to `tape`, which `after` sees at the end of each batch.
+/// `f64`. Cells are appended to `tape`, which `after` sees at the end of each batch.
 #[inline(always)]
-pub(super) fn depth<R: Real, Q: Rule<R, 1>>(
+pub(super) fn depth<R: Real, Q: DepthRule<R>>(
     dvr: &Dvr<'_, R>,
     ray: &IndexRay,
     rule: Q,
-    tape: &mut Vec<Piece<R, 1>>,
-    mut after: impl FnMut(&mut Vec<Piece<R, 1>>),
+    tape: &mut Vec<Quartet<R>>,
+    mut after: impl FnMut(&mut Vec<Quartet<R>>),
 ) -> f64 {
     let values = &dvr.field.values;
     let limit = dvr.depth_limit / dvr.medium.extinction;
@@ -102,11 +102,10 @@ pub(super) fn depth<R: Real, Q: Rule<R, 1>>(
         #[inline(always)]
         |spans| {
             let first = tape.len();
-            rule.pieces(values, spans, tape);
+            rule.cells(spans, tape);
             let mut sum = R::Lanes::splat(R::ZERO);
-            for piece in &tape[first..] {
-                let (v, w) = (corners(values, piece.offset), &piece.nodes[0]);
-                sum = sum + R::Lanes::splat(piece.length) * (w[0] * v[0] + w[1] * v[1]);
+            for cells in &tape[first..] {
+                sum = sum + cells.gather(values);
             }
             total += sum.sum().f64();
             after(tape);

@@ -131,11 +131,11 @@ impl<'a, R: Real> Dvr<'a, R> {
     fn depth_with(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
         let Some(ray) = self.index_ray(ray) else { return 0.0 };
         tape.forget();
-        let pieces = &mut tape.one;
+        let cells = &mut tape.cells;
         match self.quadrature {
-            Quadrature::Exact => kernel::depth(self, &ray, ExactDepth, pieces, Vec::clear),
-            Quadrature::Midpoint(h) => kernel::depth(self, &ray, self.uniform(h, 0.5, &ray), pieces, Vec::clear),
-            Quadrature::Riemann(h) => kernel::depth(self, &ray, self.uniform(h, 0.0, &ray), pieces, Vec::clear),
+            Quadrature::Exact => kernel::depth(self, &ray, ExactDepth, cells, Vec::clear),
+            Quadrature::Midpoint(h) => kernel::depth(self, &ray, self.uniform(h, 0.5, &ray), cells, Vec::clear),
+            Quadrature::Riemann(h) => kernel::depth(self, &ray, self.uniform(h, 0.0, &ray), cells, Vec::clear),
         }
     }
 
