@@ -2,10 +2,10 @@
 //! of one ray in one go.
 
 use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, Radiance, Tape};
+use crate::render::order::morton;
 use crate::scene::bricks::{BRICK, Bricks};
 use crate::scene::camera::Camera;
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// A camera and the colours and alpha it should see.
 #[derive(Debug, Clone)]
@@ -17,7 +17,7 @@ pub struct Target {
 }
 
 /// Pixels handled in one go.
-const RUN: usize = 64;
+const RUN: usize = 1024;
 
 /// Adds the gradient of `Σ loss(seen, target)` over all pixels of the targets to `gradient` (stored
 /// values, 729 a brick) and returns the sum. `loss` gives value and derivative per pixel. Accumulators
@@ -29,9 +29,11 @@ pub fn gradient(
     adjoint: Adjoint,
     gradient: &mut [f32],
 ) -> (f64, ParameterGradient) {
-    let runs: Vec<(&Target, usize)> =
-        targets.iter().flat_map(|t| (0..t.rgba.len()).step_by(RUN).map(move |first| (*t, first))).collect();
-    let count = lanes(dvr.field());
+    let orders: Vec<Vec<usize>> =
+        targets.iter().map(|t| morton(t.camera.width as usize, t.camera.height as usize).collect()).collect();
+    let runs: Vec<(&Target, &[usize])> =
+        targets.iter().zip(&orders).flat_map(|(t, order)| order.chunks(RUN).map(move |pixels| (*t, pixels))).collect();
+    let count = lanes(dvr.field(), targets.iter().map(|t| t.rgba.len()).sum());
     let arch = pulp::Arch::new();
     let parts: Vec<(f64, ParameterGradient, Vec<f32>)> = (0..count)
         .into_par_iter()
@@ -39,8 +41,7 @@ pub fn gradient(
             let mut tape = Tape::default();
             let (mut sum, mut shared) = (0.0, ParameterGradient::default());
             let mut own = vec![0.0; dvr.field().values.len()];
-            for (target, first) in runs.iter().skip(lane).step_by(count) {
-                let pixels = *first..(*first + RUN).min(target.rgba.len());
+            for (target, pixels) in runs.iter().skip(lane).step_by(count) {
                 let (loss, gradient, shared, tape) = (&loss, &mut own[..], &mut shared, &mut tape);
                 sum += arch.dispatch(Run { dvr, target, pixels, loss, adjoint, gradient, shared, tape });
             }
@@ -61,7 +62,7 @@ pub fn gradient(
 struct Run<'a, 'd, F> {
     dvr: &'a Dvr<'d, f32>,
     target: &'a Target,
-    pixels: Range<usize>,
+    pixels: &'a [usize],
     loss: &'a F,
     adjoint: Adjoint,
     gradient: &'a mut [f32],
@@ -76,7 +77,7 @@ impl<F: Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4])> pulp::NullaryFnOnce for Run
     fn call(self) -> f64 {
         let width = self.target.camera.width as usize;
         let mut sum = 0.0;
-        for i in self.pixels {
+        for &i in self.pixels {
             let ray = self.target.camera.ray((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
             let slope = |seen: &Radiance<f32>| {
                 let (value, slope) = (self.loss)(&seen.rgba(), &self.target.rgba[i]);
@@ -89,9 +90,15 @@ impl<F: Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4])> pulp::NullaryFnOnce for Run
     }
 }
 
-/// Accumulators that fit beside a field: as many as 16, as few as 2.
-pub fn lanes(field: &Bricks<f32>) -> usize {
-    ((256 << 20) / (field.values.len() * size_of::<f32>()).max(1)).clamp(2, 16)
+/// Accumulators for so many rays through a field: as many as pay (each is cleared and added up, which
+/// must cost less than the rays do) and as fit in memory, from 2 to 16.
+pub fn lanes(field: &Bricks<f32>, rays: usize) -> usize {
+    let values = field.values.len().max(1);
+    // A ray through the whole of a cube of bricks crosses about one and a half cells a voxel.
+    let cells = rays as f64 * 12.0 * (field.topology.len() as f64).cbrt();
+    let pays = (cells / values as f64) as usize;
+    let fits = (256 << 20) / (values * size_of::<f32>());
+    pays.min(fits).clamp(2, 16).next_power_of_two()
 }
 
 /// Sum of squared differences of the colours over all pixels.

@@ -8,6 +8,7 @@ use crate::math::Affine;
 use crate::optimise::observation::DepthMap;
 use crate::optimise::pictures::lanes;
 use crate::render::dvr::{Dvr, Tape};
+use crate::render::order::morton;
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::camera::Camera;
 use crate::scene::grid::LEAF_VOXELS;
@@ -42,13 +43,8 @@ impl View {
     /// The pixels of a map that have weight and whose rays meet the bricks.
     pub fn new(map: &DepthMap, topology: &Topology, transform: &Affine) -> Self {
         let mut samples = Vec::new();
-        let edge = map.width.max(map.height).next_power_of_two();
-        for code in 0..edge * edge {
-            let (x, y) = (even_bits(code), even_bits(code >> 1));
-            if x >= map.width || y >= map.height {
-                continue;
-            }
-            let i = y * map.width + x;
+        for i in morton(map.width, map.height) {
+            let (x, y) = (i % map.width, i / map.width);
             let position = [x as f32 + 0.5, y as f32 + 0.5];
             let ray = map.camera.ray(position[0].into(), position[1].into());
             let sample = Sample { position, depth: map.depth[i], weight: map.weight[i] };
@@ -58,10 +54,6 @@ impl View {
         }
         Self { camera: map.camera, samples }
     }
-}
-
-fn even_bits(code: usize) -> usize {
-    (0..usize::BITS as usize / 2).map(|bit| (code >> (2 * bit) & 1) << bit).sum()
 }
 
 /// The operator on a fixed topology.
@@ -82,7 +74,7 @@ impl Projector {
     /// mean over `rays_per_edge`² rays.
     pub fn new(topology: Arc<Topology>, transform: Affine, extinction: f64, rays_per_edge: usize) -> Self {
         let field = Bricks::zeros(topology.clone(), transform);
-        let lanes = lanes(&field);
+        let lanes = lanes(&field, usize::MAX);
         let n = rays_per_edge.max(1);
         let offset = |i: usize| (i as f64 + 0.5) / n as f64 - 0.5;
         Self {

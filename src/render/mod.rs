@@ -3,6 +3,7 @@
 pub mod dvr;
 pub mod film;
 pub mod march;
+pub mod order;
 pub mod quadrature;
 pub mod scale;
 

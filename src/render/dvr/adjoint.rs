@@ -18,6 +18,7 @@
 use super::inversion;
 use super::kernel::{self, Blend, Constant, Emission, Moments, Proportional, escape, grey, node_weight, over};
 use super::{Dvr, Radiance};
+use crate::lanes::Lanes;
 use crate::math::Ray;
 use crate::real::Real;
 use crate::render::march::{DepthRule, ExactDepth, IndexRay, Piece, Quartet, Rule, batches, scatter};
@@ -118,7 +119,7 @@ impl<R: Real> Dvr<'_, R> {
             self.outside(&seen, loss(&seen), parameters);
             return seen;
         };
-        let mut pass = Pass { dvr: self, ray, gradient, parameters };
+        let mut pass = Pass { dvr: self, ray, gradient, parameters, pending: None };
         match (self.medium.source, self.quadrature, adjoint) {
             (Source::Grey(c), Quadrature::Exact, Adjoint::Inversion) => {
                 pass.recursion(loss, adjoint, self.exact_source(c), Constant, &mut tape.four, &mut tape.four_entries)
@@ -207,11 +208,13 @@ pub(super) struct Weighted {
 }
 
 /// One ray's forward and backward pass.
-pub(super) struct Pass<'p, 'a, R> {
+pub(super) struct Pass<'p, 'a, R: Real> {
     pub dvr: &'p Dvr<'a, R>,
     pub ray: IndexRay,
     pub gradient: &'p mut [R],
     pub parameters: &'p mut ParameterGradient,
+    /// Derivatives that wait: a cell of many pieces is scattered once.
+    pending: Option<(usize, [R::Lanes; 2])>,
 }
 
 impl<R: Real> Pass<'_, '_, R> {
@@ -317,6 +320,7 @@ impl<R: Real> Pass<'_, '_, R> {
                 );
             }
         }
+        self.flush();
         seen
     }
 
@@ -342,9 +346,24 @@ impl<R: Real> Pass<'_, '_, R> {
         let Entry { piece, moments } = entry;
         self.parameters.extinction += by_depth * moments.first.f64() + by_source * E::integral(moments).f64();
         let (by_depth, by_source) = (R::of(extinction * by_depth), R::of(extinction * by_source));
+        let mut weights = [R::Lanes::splat(R::ZERO); 2];
+        match self.pending {
+            Some((offset, pending)) if offset == piece.offset => weights = pending,
+            _ => self.flush(),
+        }
         for (k, node) in piece.nodes.iter().enumerate() {
             let g = by_depth + by_source * E::slope(moments.density[k]);
-            scatter(self.gradient, piece.offset, g * piece.length * node_weight::<R, K>(k), node);
+            let g = R::Lanes::splat(g * piece.length * node_weight::<R, K>(k));
+            weights = [weights[0] + g * node[0], weights[1] + g * node[1]];
+        }
+        self.pending = Some((piece.offset, weights));
+    }
+
+    /// Scatters what waits.
+    #[inline(always)]
+    pub(super) fn flush(&mut self) {
+        if let Some((offset, weights)) = self.pending.take() {
+            scatter(self.gradient, offset, R::ONE, &weights);
         }
     }
 }
