@@ -382,7 +382,7 @@ impl<R: Real> DepthRule<R> for ExactDepth {
             let ([x, y, z], [dx, dy, dz]) = (span.entry, span.direction);
             let (entry, along) = ([all(x), all(y), all(z)], [all(dx), all(dy), all(dz)]);
             for at in at.windows(LANES + 1).step_by(LANES) {
-                if !(at[0] < span.length) {
+                if at[0] >= span.length {
                     break;
                 }
                 let from = R::Lanes::load([at[0], at[1], at[2], at[3]]);
@@ -438,7 +438,7 @@ impl<R: Real> Rule<R, 4> for ExactSource {
             crossings([span; LANES], &mut at);
             for pair in at[0].windows(2) {
                 let (a, b) = (pair[0], pair[1]);
-                if !(a < span.length) {
+                if a >= span.length {
                     break;
                 }
                 let middle = R::of(0.5) * (a + b);
