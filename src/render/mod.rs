@@ -1,10 +1,12 @@
 //! Light on its way through the scene.
 
+pub mod cell;
 pub mod dvr;
 pub mod film;
 pub mod march;
 pub mod order;
 pub mod quadrature;
+pub mod rule;
 pub mod scale;
 
 use crate::scene::camera::Camera;

@@ -21,7 +21,9 @@ use super::{Dvr, Radiance};
 use crate::lanes::Lanes;
 use crate::math::Ray;
 use crate::real::Real;
-use crate::render::march::{DepthRule, ExactDepth, IndexRay, Piece, Quartet, Rule, batches, scatter};
+use crate::render::cell::{Piece, Quartet, scatter};
+use crate::render::march::{IndexRay, batches};
+use crate::render::rule::{DepthRule, ExactDepth, Rule};
 use crate::render::quadrature::Quadrature;
 use crate::scene::medium::Source;
 

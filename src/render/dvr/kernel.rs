@@ -4,7 +4,9 @@
 use super::{Dvr, Radiance};
 use crate::lanes::Lanes;
 use crate::real::Real;
-use crate::render::march::{DepthRule, GAUSS4, IndexRay, Piece, Quartet, Rule, batches, corners, gather};
+use crate::render::cell::{Piece, Quartet, corners, gather};
+use crate::render::march::{IndexRay, batches};
+use crate::render::rule::{DepthRule, GAUSS4, Rule};
 
 /// What a medium emits: the integral of `c / colour` against extinction, and its derivative.
 pub(super) trait Emission: Copy {

@@ -1,0 +1,173 @@
+//! Cells of a brick that a ray crosses: a length, and the interpolation weights of the corners, by
+//! which the value gathers and the gradient scatters.
+
+use crate::lanes::{LANES, Lanes};
+use crate::real::{Number, Real};
+use crate::render::march::Span;
+use crate::scene::bricks::slot;
+
+/// A stretch of a ray within one cell: `K` quadrature nodes, each a set of interpolation weights.
+///
+/// Corner `(x, y, z)` of the cell is `values[offset + slot(x, y, z)]` and has weight number `2 y + z`
+/// of `nodes[k][x]`.
+#[derive(Debug, Clone, Copy)]
+pub struct Piece<R: Real, const K: usize> {
+    /// Offset of the cell's lowest corner among the field's values.
+    pub offset: usize,
+    /// World length.
+    pub length: R,
+    /// Trilinear weights at each node.
+    pub nodes: [[R::Lanes; 2]; K],
+}
+
+/// Four cells with the weights of their corners in the integral over their lengths of the ray: all that
+/// an optical depth needs. What is left over of the four has weights of zero.
+#[derive(Debug, Clone, Copy)]
+pub struct Quartet<R: Real> {
+    /// Offsets of the cells' lowest corners among the field's values.
+    pub offset: [u32; LANES],
+    /// Weights by cell and x of the corner, times the length: world length.
+    pub weights: [[R::Lanes; 2]; LANES],
+}
+
+impl<R: Real> Quartet<R> {
+    /// `Σ w v` over all cells, a share in each lane.
+    #[inline(always)]
+    pub fn gather(&self, values: &[R]) -> R::Lanes {
+        let cell = |i: usize| {
+            let (v, w) = (corners(values, self.offset[i] as usize), &self.weights[i]);
+            w[0] * v[0] + w[1] * v[1]
+        };
+        (cell(0) + cell(1)) + (cell(2) + cell(3))
+    }
+
+    /// `values += g w`: the transpose of [`Quartet::gather`].
+    #[inline(always)]
+    pub fn scatter(&self, values: &mut [R], g: R) {
+        for (offset, w) in self.offset.iter().zip(&self.weights) {
+            scatter(values, *offset as usize, g, w);
+        }
+    }
+}
+
+/// Offsets of a cell's corners in the order of a piece's weights, for x = 0 and x = 1.
+const CORNERS: [[usize; LANES]; 2] = [
+    [slot(0, 0, 0), slot(0, 0, 1), slot(0, 1, 0), slot(0, 1, 1)],
+    [slot(1, 0, 0), slot(1, 0, 1), slot(1, 1, 0), slot(1, 1, 1)],
+];
+/// From a cell's lowest corner to one past its highest.
+const REACH: usize = slot(1, 1, 1) + 1;
+
+/// The values at a cell's corners, in the order of a piece's weights.
+#[inline(always)]
+pub fn corners<R: Real>(values: &[R], offset: usize) -> [R::Lanes; 2] {
+    let v = &values[offset..offset + REACH];
+    let load = |[a, b, c, d]: [usize; LANES]| R::Lanes::load([v[a], v[b], v[c], v[d]]);
+    [load(CORNERS[0]), load(CORNERS[1])]
+}
+
+/// `Σ w v`: the interpolated value.
+#[inline(always)]
+pub fn gather<R: Real>(w: &[R::Lanes; 2], v: &[R::Lanes; 2]) -> R {
+    (w[0] * v[0] + w[1] * v[1]).sum()
+}
+
+/// `values += g w`: the transpose of [`gather`].
+#[inline(always)]
+pub fn scatter<R: Real>(values: &mut [R], offset: usize, g: R, w: &[R::Lanes; 2]) {
+    let v = &mut values[offset..offset + REACH];
+    for (corners, w) in CORNERS.iter().zip(w) {
+        for (corner, add) in corners.iter().zip((R::Lanes::splat(g) * *w).store()) {
+            v[*corner] += add;
+        }
+    }
+}
+
+/// Trilinear weights at cell-local coordinates `m`.
+#[inline(always)]
+pub fn weights<R: Real>(m: [R; 3]) -> [R::Lanes; 2] {
+    let n = [R::ONE - m[0], R::ONE - m[1], R::ONE - m[2]];
+    let yz = R::Lanes::load([n[1] * n[2], n[1] * m[2], m[1] * n[2], m[1] * m[2]]);
+    let far = yz * R::Lanes::splat(m[0]);
+    [yz - far, far]
+}
+
+/// Mean of the trilinear weights at `m ± h`, without evaluating both, times a length: for `h` = half
+/// the chord / √3 this is the two-point Gauss rule, exact for the cubic that the field is along the chord.
+#[inline(always)]
+pub(super) fn chord_weights<N: Number>(m: [N; 3], h: [N; 3], length: N) -> ([N; 4], [N; 4]) {
+    let n = [N::one() - m[0], N::one() - m[1], N::one() - m[2]];
+    let (my, ny) = (length * m[1], length * n[1]);
+    let (hx, hy) = (length * h[0], length * h[1]);
+    let (hxy, hxz, hyz) = (hx * h[1], hx * h[2], hy * h[2]);
+    let yz = [ny * n[2] + hyz, ny * m[2] - hyz, my * n[2] - hyz, my * m[2] + hyz];
+    let cross = [-(n[1] * hxz + n[2] * hxy), n[1] * hxz - m[2] * hxy, n[2] * hxy - m[1] * hxz, m[1] * hxz + m[2] * hxy];
+    let far = [yz[0] * m[0] + cross[0], yz[1] * m[0] + cross[1], yz[2] * m[0] + cross[2], yz[3] * m[0] + cross[3]];
+    ([yz[0] - far[0], yz[1] - far[1], yz[2] - far[2], yz[3] - far[3]], far)
+}
+
+/// The most cells that a span may have, rounded up: eight planes along each axis, three at the entry.
+pub(super) const MOST: usize = 28;
+/// Lengths from a span's entry to where it crosses the faces of its cells: ascending from zero to the
+/// span's length, which fills the last four.
+pub(super) type Crossings<R> = [R; MOST + 1];
+
+/// Crossings of four spans of one ray in lockstep. (One by one, each would wait for its own chain of
+/// comparisons, and its end could not be foreseen.)
+#[inline(always)]
+pub(super) fn crossings<R: Real>(spans: [&Span<R>; LANES], at: &mut [Crossings<R>; LANES]) {
+    let [a, b, c, d] = spans;
+    let all = <R::Lanes as Lanes<R>>::splat;
+    // Along each axis: the length to the next plane, and from plane to plane.
+    let axis = |k: usize| {
+        let (up, inverse) = (a.direction[k] > R::ZERO, a.inverse[k]);
+        if !inverse.f64().is_finite() {
+            return (all(R::of(f64::MAX)), all(R::ZERO));
+        }
+        let entry = R::Lanes::load([a.entry[k], b.entry[k], c.entry[k], d.entry[k]]);
+        let plane = if up { low(entry) + all(R::ONE) } else { low(entry) };
+        ((plane - entry) * all(inverse), all(if up { inverse } else { -inverse }))
+    };
+    let [(mut x, dx), (mut y, dy), (mut z, dz)] = [axis(0), axis(1), axis(2)];
+    let length = R::Lanes::load([a.length, b.length, c.length, d.length]);
+    let mut advance = || {
+        let nearest = x.lesser(y).lesser(z);
+        (x, y, z) = (x.advanced(nearest, dx), y.advanced(nearest, dy), z.advanced(nearest, dz));
+        nearest.lesser(length)
+    };
+    let mut first = all(R::ZERO);
+    for k in (0..MOST).step_by(LANES) {
+        let second = advance();
+        let third = advance();
+        let fourth = advance();
+        let rows = R::Lanes::transpose([first, second, third, fourth]);
+        for (at, row) in at.iter_mut().zip(rows) {
+            at[k..k + LANES].copy_from_slice(&row.store());
+        }
+        first = advance();
+        if first.reach(length) || k == MOST - LANES {
+            for (at, length) in at.iter_mut().zip(length.store()) {
+                at[k + LANES] = length;
+            }
+            return;
+        }
+    }
+}
+
+/// Lowest corners, along one axis, of the cells of a brick that hold these coordinates. On a face it
+/// may be either cell; what rounds past the brick's faces stays in the outermost cells.
+#[inline(always)]
+pub(super) fn low<R: Real, L: Lanes<R>>(coordinate: L) -> L {
+    // Adding rounds to the nearest whole number: down, half a cell lower.
+    let ones = L::splat(R::ONES);
+    (coordinate.clamped(R::ZERO, R::of(7.75)) - L::splat(R::of(0.5)) + ones) - ones
+}
+
+/// Offsets in a brick of the cells with these lowest corners.
+#[inline(always)]
+pub(super) fn offsets<R: Real, L: Lanes<R>>(low: [L; 3]) -> [u32; LANES] {
+    let all = |v: usize| L::splat(R::int(v as i32));
+    let sum = low[0] * all(slot(1, 0, 0)) + low[1] * all(slot(0, 1, 0)) + low[2];
+    let [a, b, c, d] = (sum + L::splat(R::ONES)).store();
+    [a.low_bits(), b.low_bits(), c.low_bits(), d.low_bits()]
+}
