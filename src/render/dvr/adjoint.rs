@@ -23,8 +23,8 @@ use crate::math::Ray;
 use crate::real::Real;
 use crate::render::cell::{Piece, Quartet, scatter};
 use crate::render::march::{IndexRay, batches};
-use crate::render::rule::{DepthRule, ExactDepth, Rule};
 use crate::render::quadrature::Quadrature;
+use crate::render::rule::{DepthRule, ExactDepth, Rule};
 use crate::scene::medium::Source;
 
 /// How the backward pass gets at the samples of the forward pass again.
