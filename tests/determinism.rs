@@ -8,7 +8,7 @@ mod work;
 use cumulo::optimise::density::{self, Request};
 use cumulo::optimise::hull::Hull;
 use cumulo::optimise::observation::{Observation, Photo};
-use cumulo::optimise::pictures::{self, Target};
+use cumulo::optimise::pictures::{self, Accumulators, Target};
 use cumulo::optimise::projector::{Projector, View};
 use cumulo::render;
 use cumulo::render::dvr::{Adjoint, Dvr};
@@ -98,6 +98,7 @@ fn gradients() {
                     (d.iter().map(|d| f64::from(d * d)).sum(), d)
                 },
                 Adjoint::Tape,
+                &mut Accumulators::default(),
                 &mut g,
             );
             assert!(g.iter().any(|v| *v != 0.0));

@@ -11,7 +11,7 @@ use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::hull::Hull;
 use crate::optimise::lattice;
 use crate::optimise::observation::{Observation, Photo};
-use crate::optimise::pictures::{self, Target};
+use crate::optimise::pictures::{self, Accumulators, Target};
 use crate::render::dvr::{Adjoint, Dvr};
 use crate::scene::bricks::{Bricks, Topology};
 use crate::scene::grid::LEAF_VOXELS;
@@ -135,6 +135,7 @@ struct Fit {
     unit: f32,
     adam: Adam,
     stored: Vec<f32>,
+    accumulators: Accumulators,
     owned: Vec<f32>,
 }
 
@@ -160,6 +161,7 @@ impl Fit {
         };
         let mut fit = Self {
             stored: vec![0.0; topology.len() * crate::scene::bricks::BRICK],
+            accumulators: Accumulators::default(),
             owned: vec![0.0; mask.len()],
             adam: Adam::new(mask.len(), RATE),
             field: Bricks::zeros(topology, lattice),
@@ -191,7 +193,10 @@ impl Fit {
             let value = difference.iter().map(|d| f64::from(d.abs())).sum();
             (value, difference.map(|d| if d == 0.0 { 0.0 } else { share * d.signum() }))
         };
-        let (sum, _) = pictures::gradient(&self.renderer(request)?, batch, l1, Adjoint::Tape, &mut stored);
+        let mut accumulators = std::mem::take(&mut self.accumulators);
+        let (sum, _) =
+            pictures::gradient(&self.renderer(request)?, batch, l1, Adjoint::Tape, &mut accumulators, &mut stored);
+        self.accumulators = accumulators;
         let mut owned = std::mem::take(&mut self.owned);
         self.field.topology.fold(&stored, &mut owned);
         for g in &mut owned {

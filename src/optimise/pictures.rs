@@ -19,6 +19,10 @@ pub struct Target {
 /// Pixels handled in one go.
 const RUN: usize = 1024;
 
+/// Memory that gradients are summed up in, kept from call to call.
+#[derive(Debug, Clone, Default)]
+pub struct Accumulators(Vec<Vec<f32>>);
+
 /// Adds the gradient of `Σ loss(seen, target)` over all pixels of the targets to `gradient` (stored
 /// values, 729 a brick) and returns the sum. `loss` gives value and derivative per pixel. Accumulators
 /// are per lane and added in order: the same bits for any number of threads.
@@ -27,6 +31,7 @@ pub fn gradient(
     targets: &[&Target],
     loss: impl Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4]) + Sync,
     adjoint: Adjoint,
+    accumulators: &mut Accumulators,
     gradient: &mut [f32],
 ) -> (f64, ParameterGradient) {
     let orders: Vec<Vec<usize>> =
@@ -35,27 +40,31 @@ pub fn gradient(
         targets.iter().zip(&orders).flat_map(|(t, order)| order.chunks(RUN).map(move |pixels| (*t, pixels))).collect();
     let count = lanes(dvr.field(), targets.iter().map(|t| t.rgba.len()).sum());
     let arch = pulp::Arch::new();
-    let parts: Vec<(f64, ParameterGradient, Vec<f32>)> = (0..count)
-        .into_par_iter()
-        .map(|lane| {
+    let lanes = &mut accumulators.0;
+    lanes.resize_with(count, Vec::new);
+    let parts: Vec<(f64, ParameterGradient)> = lanes
+        .par_iter_mut()
+        .enumerate()
+        .map(|(lane, own)| {
             let mut tape = Tape::default();
             let (mut sum, mut shared) = (0.0, ParameterGradient::default());
-            let mut own = vec![0.0; dvr.field().values.len()];
+            own.clear();
+            own.resize(dvr.field().values.len(), 0.0);
             for (target, pixels) in runs.iter().skip(lane).step_by(count) {
                 let (loss, gradient, shared, tape) = (&loss, &mut own[..], &mut shared, &mut tape);
                 sum += arch.dispatch(Run { dvr, target, pixels, loss, adjoint, gradient, shared, tape });
             }
-            (sum, shared, own)
+            (sum, shared)
         })
         .collect();
     gradient.par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
-        for (_, _, lane) in &parts {
+        for lane in lanes.iter() {
             for (t, v) in total.iter_mut().zip(&lane[i * BRICK..]) {
                 *t += v;
             }
         }
     });
-    parts.iter().fold((0.0, ParameterGradient::default()), |(sum, shared), (s, p, _)| (sum + s, shared.plus(p)))
+    parts.iter().fold((0.0, ParameterGradient::default()), |(sum, shared), (s, p)| (sum + s, shared.plus(p)))
 }
 
 /// Neighbouring pixels of one view: the unit that is compiled once for each instruction set.

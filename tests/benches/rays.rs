@@ -5,7 +5,7 @@ use super::row::Row;
 use super::turns::{in_turn, median, ratio};
 use cumulo::math::{Affine, Ray};
 use cumulo::optimise::observation::DepthMap;
-use cumulo::optimise::pictures::{self, Target};
+use cumulo::optimise::pictures::{self, Accumulators, Target};
 use cumulo::optimise::projector::{Projector, View};
 use cumulo::render::dvr::{Adjoint, Dvr};
 use cumulo::render::picture;
@@ -97,10 +97,10 @@ fn gradients(name: &str, dvr: &Dvr<'_, f32>, scene: &Scene, pool: &ThreadPool) -
         let d: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
         (d.iter().map(|d| f64::from(0.5 * d * d)).sum(), d)
     };
-    let mut sums = [(); 2].map(|()| vec![0.0_f32; scene.field.values.len()]);
+    let mut sums = [(); 2].map(|()| (Accumulators::default(), vec![0.0_f32; scene.field.values.len()]));
     let [by_tape, by_replay] = &mut sums;
-    let back = |adjoint: Adjoint, sum: &mut Vec<f32>| {
-        pool.install(|| black_box(pictures::gradient(dvr, &targets, squares, adjoint, sum)));
+    let back = |adjoint: Adjoint, (accumulators, sum): &mut (Accumulators, Vec<f32>)| {
+        pool.install(|| black_box(pictures::gradient(dvr, &targets, squares, adjoint, accumulators, sum)));
     };
     let [value, tape, replay] =
         in_turn([&mut || render(dvr, scene, pool), &mut || back(Adjoint::Tape, by_tape), &mut || {

@@ -253,9 +253,10 @@ impl<R: Real> Pass<'_, '_, R> {
         self.parameters.extinction += slope * depth / self.dvr.medium.extinction;
         let gradient = &mut *self.gradient;
         let mut back = |tape: &mut Vec<Quartet<R>>| {
-            for cells in tape.drain(..) {
+            for cells in tape.iter() {
                 cells.scatter(gradient, g);
             }
+            tape.clear();
         };
         if keep {
             back(tape);
