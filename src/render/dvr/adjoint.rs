@@ -300,7 +300,7 @@ impl<R: Real> Pass<'_, '_, R> {
             Adjoint::Tape => {
                 let mut back = Backward { behind: weighted.background, depth: blend.depth, colour: weighted.colour };
                 for entry in tape.iter().rev() {
-                    back.step::<R, E, K>(self, entry);
+                    back.step::<R, E, K>(self, &entry.piece, &entry.moments);
                 }
             }
             Adjoint::Replay => {
@@ -316,7 +316,7 @@ impl<R: Real> Pass<'_, '_, R> {
                         pieces.clear();
                         rule.pieces(values, spans, pieces);
                         for piece in pieces.iter().rev() {
-                            back.step::<R, E, K>(self, &Entry { piece: *piece, moments: Moments::of(values, piece) });
+                            back.step::<R, E, K>(self, piece, &Moments::of(values, piece));
                         }
                         true
                     },
@@ -344,9 +344,14 @@ impl<R: Real> Pass<'_, '_, R> {
 
     /// Scatters the derivatives with respect to a piece's optical depth and source integral.
     #[inline(always)]
-    pub(super) fn deposit<E: Emission, const K: usize>(&mut self, entry: &Entry<R, K>, by_depth: f64, by_source: f64) {
+    pub(super) fn deposit<E: Emission, const K: usize>(
+        &mut self,
+        piece: &Piece<R, K>,
+        moments: &Moments<R, K>,
+        by_depth: f64,
+        by_source: f64,
+    ) {
         let extinction = self.dvr.medium.extinction;
-        let Entry { piece, moments } = entry;
         self.parameters.extinction += by_depth * moments.first.f64() + by_source * E::integral(moments).f64();
         let (by_depth, by_source) = (R::of(extinction * by_depth), R::of(extinction * by_source));
         let mut weights = [R::Lanes::splat(R::ZERO); 2];
@@ -383,10 +388,15 @@ struct Backward {
 
 impl Backward {
     #[inline(always)]
-    fn step<R: Real, E: Emission, const K: usize>(&mut self, pass: &mut Pass<'_, '_, R>, entry: &Entry<R, K>) {
+    fn step<R: Real, E: Emission, const K: usize>(
+        &mut self,
+        pass: &mut Pass<'_, '_, R>,
+        piece: &Piece<R, K>,
+        moments: &Moments<R, K>,
+    ) {
         let extinction = pass.dvr.medium.extinction;
-        let x = (R::of(extinction) * entry.moments.first).f64();
-        let source = extinction * E::integral(&entry.moments).f64();
+        let x = (R::of(extinction) * moments.first).f64();
+        let source = extinction * E::integral(moments).f64();
         // Mean source of the piece; where nothing absorbs it has no weight.
         let mean = if x > 0.0 { self.colour * source / x } else { 0.0 };
         let beyond = (-self.depth).exp();
@@ -397,6 +407,6 @@ impl Backward {
         let by_depth = beyond * (mean - self.behind) - before * escape * mean;
         let by_source = before * escape * self.colour;
         self.behind += -(-x).exp_m1() * (mean - self.behind);
-        pass.deposit::<E, K>(entry, by_depth, by_source);
+        pass.deposit::<E, K>(piece, moments, by_depth, by_source);
     }
 }

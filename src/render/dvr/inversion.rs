@@ -40,6 +40,6 @@ pub(super) fn backward<R: Real, E: Emission, const K: usize>(
         let slope = if x > R::ZERO { ((R::ONE - alpha) - escape) / x } else { -R::of(0.5) };
         let source = extinction * E::integral(&entry.moments);
         let by_depth = by_alpha * (R::ONE - alpha) + by_piece * source * slope;
-        pass.deposit::<E, K>(entry, by_depth.f64(), (by_piece * escape).f64());
+        pass.deposit::<E, K>(&entry.piece, &entry.moments, by_depth.f64(), (by_piece * escape).f64());
     }
 }
