@@ -23,8 +23,6 @@ pub trait Real:
     fn of(v: f64) -> Self;
     /// Converts a small integer, exactly.
     fn int(v: i32) -> Self;
-    /// Integer part, towards zero.
-    fn trunc(self) -> i32;
     /// Four at once.
     type Lanes: Lanes<Self> + Debug + Send + Sync;
     /// A number so large that its neighbours are one apart: adding it rounds, and leaves the whole
@@ -36,8 +34,6 @@ pub trait Real:
     fn f64(self) -> f64;
     /// `e^x - 1` without cancellation near zero.
     fn exp_m1(self) -> Self;
-    /// Square root.
-    fn sqrt(self) -> Self;
     /// Lesser of two numbers (neither NaN).
     #[inline(always)]
     fn lesser(self, o: Self) -> Self {
@@ -69,10 +65,6 @@ macro_rules! real {
             fn int(v: i32) -> Self {
                 v as $t
             }
-            #[inline(always)]
-            fn trunc(self) -> i32 {
-                self as i32
-            }
             type Lanes = $lanes;
             const ONES: $t = 1.5 * (1_u64 << (<$t>::MANTISSA_DIGITS - 1)) as $t;
             #[inline(always)]
@@ -86,10 +78,6 @@ macro_rules! real {
             #[inline(always)]
             fn exp_m1(self) -> Self {
                 <$t>::exp_m1(self)
-            }
-            #[inline(always)]
-            fn sqrt(self) -> Self {
-                <$t>::sqrt(self)
             }
         }
     };

@@ -107,7 +107,8 @@ pub fn lanes(field: &Bricks<f32>, rays: usize) -> usize {
     let cells = rays as f64 * 12.0 * (field.topology.len() as f64).cbrt();
     let pays = (cells / values as f64) as usize;
     let fits = (256 << 20) / (values * size_of::<f32>());
-    pays.min(fits).clamp(2, 16).next_power_of_two()
+    // A power of two: as many for each of two, four or eight threads.
+    1 << pays.min(fits).clamp(2, 16).ilog2()
 }
 
 /// Sum of squared differences of the colours over all pixels.

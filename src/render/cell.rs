@@ -109,7 +109,7 @@ pub(super) fn chord_weights<N: Number>(m: [N; 3], h: [N; 3], length: N) -> ([N; 
 /// The most cells that a span may have, rounded up: eight planes along each axis, three at the entry.
 pub(super) const MOST: usize = 28;
 /// Lengths from a span's entry to where it crosses the faces of its cells: ascending from zero to the
-/// span's length, which fills the last four.
+/// span's length, which is repeated until one past a multiple of four; nothing is meant by the rest.
 pub(super) type Crossings<R> = [R; MOST + 1];
 
 /// Crossings of four spans of one ray in lockstep. (One by one, each would wait for its own chain of

@@ -3,9 +3,13 @@
 /// Row-major indices of a picture's pixels along a Morton curve: what follows each other lies close
 /// together at every scale, so that rays find their bricks in every cache.
 pub fn morton(width: usize, height: usize) -> impl Iterator<Item = usize> {
-    let edge = width.max(height).next_power_of_two();
-    (0..edge * edge).filter_map(move |code| {
-        let (x, y) = (even_bits(code), even_bits(code >> 1));
+    // Squares as high as the shorter side: the curve of a strip's longer side would be all gaps.
+    let edge = width.min(height).next_power_of_two();
+    let (across, down) = (width.div_ceil(edge), height.div_ceil(edge));
+    (0..across * down * edge * edge).filter_map(move |i| {
+        let (square, code) = (i / (edge * edge), i % (edge * edge));
+        let x = square % across * edge + even_bits(code);
+        let y = square / across * edge + even_bits(code >> 1);
         (x < width && y < height).then_some(y * width + x)
     })
 }
@@ -33,6 +37,7 @@ mod tests {
         assert_eq!(sorted, (0..15).collect::<Vec<_>>());
         let (x, y) = (even_bits(0xffff_ffff_5555_5557), even_bits(0xffff_ffff_5555_5557 >> 1));
         assert_eq!((x, y), (0xffff_ffff, 0xffff_0001));
+        assert_eq!(morton(1 << 20, 1).count() + morton(1, 1 << 20).count(), 2 << 20);
         assert_eq!(morton(0, 3).count() + morton(3, 0).count(), 0);
     }
 }

@@ -160,9 +160,10 @@ impl Uniform {
     }
 }
 
-impl<R: Real> Rule<R, 1> for Uniform {
+impl Uniform {
+    /// The samples on spans, as pieces.
     #[inline(always)]
-    fn pieces(&self, _: &[R], spans: &[Span<R>], pieces: &mut Vec<Piece<R, 1>>) {
+    fn samples<R: Real>(&self, spans: &[Span<R>], mut visit: impl FnMut(Piece<R, 1>)) {
         for span in spans {
             let [dx, dy, dz] = span.direction;
             // Half-open spans: each sample belongs to exactly one.
@@ -173,25 +174,36 @@ impl<R: Real> Rule<R, 1> for Uniform {
                 let low = p.map(|c| low(R::Lanes::splat(c)));
                 let offset = span.base + offsets(low)[0] as usize;
                 let m = std::array::from_fn(|a| p[a] - low[a].store()[0]);
-                pieces.push(Piece { offset, length: R::of(length), nodes: [weights(m)] });
+                visit(Piece { offset, length: R::of(length), nodes: [weights(m)] });
             }
         }
+    }
+}
+
+impl<R: Real> Rule<R, 1> for Uniform {
+    #[inline(always)]
+    fn pieces(&self, _: &[R], spans: &[Span<R>], pieces: &mut Vec<Piece<R, 1>>) {
+        self.samples(spans, |piece| pieces.push(piece));
     }
 }
 
 impl<R: Real> DepthRule<R> for Uniform {
     #[inline(always)]
     fn cells(&self, spans: &[Span<R>], cells: &mut Vec<Quartet<R>>) {
-        let mut pieces = Vec::new();
-        Rule::<R, 1>::pieces(self, &[], spans, &mut pieces);
-        for four in pieces.chunks(LANES) {
-            let mut cell = Quartet { offset: [0; LANES], weights: [[R::Lanes::splat(R::ZERO); 2]; LANES] };
-            for (i, piece) in four.iter().enumerate() {
-                let ([near, far], length) = (piece.nodes[0], R::Lanes::splat(piece.length));
-                cell.offset[i] = piece.offset as u32;
-                cell.weights[i] = [near * length, far * length];
+        let empty = Quartet { offset: [0; LANES], weights: [[R::Lanes::splat(R::ZERO); 2]; LANES] };
+        let (mut four, mut count) = (empty, 0);
+        self.samples(spans, |piece| {
+            let ([near, far], length) = (piece.nodes[0], R::Lanes::splat(piece.length));
+            four.offset[count] = piece.offset as u32;
+            four.weights[count] = [near * length, far * length];
+            count += 1;
+            if count == LANES {
+                cells.push(four);
+                (four, count) = (empty, 0);
             }
-            cells.push(cell);
+        });
+        if count > 0 {
+            cells.push(four);
         }
     }
 }

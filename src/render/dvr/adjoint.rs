@@ -32,7 +32,7 @@ use crate::scene::medium::Source;
 pub enum Adjoint {
     /// A tape of one ray: fast, memory of one ray's samples per thread.
     Tape,
-    /// Walk the ray twice: memory of one brick's samples per thread, any loss.
+    /// Walk the ray twice: memory of one batch of bricks' samples per thread, any loss.
     Replay,
     /// The paper's inversion of the blend, for comparison: breaks down where a sample is opaque.
     Inversion,
