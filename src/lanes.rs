@@ -23,12 +23,16 @@ pub trait Lanes<R: Real>: Number {
     fn reach(self, o: Self) -> bool;
     /// Adds `step` to each number that is no greater than `limit`.
     fn advanced(self, limit: Self, step: Self) -> Self;
+    /// Their magnitudes.
+    fn abs(self) -> Self;
+    /// `e` to the power of each.
+    fn exp(self) -> Self;
     /// Rows for columns.
     fn transpose(columns: [Self; LANES]) -> [Self; LANES];
 }
 
 macro_rules! lanes {
-    ($real:ty, $vector:ty, $matrix:ty) => {
+    ($real:ty, $vector:ty, $matrix:ty, $exp:expr) => {
         impl Number for $vector {
             #[inline(always)]
             fn one() -> Self {
@@ -70,6 +74,14 @@ macro_rules! lanes {
                 self + Self::select(self.cmple(limit), step, Self::ZERO)
             }
             #[inline(always)]
+            fn abs(self) -> Self {
+                Self::abs(self)
+            }
+            #[inline(always)]
+            fn exp(self) -> Self {
+                $exp(self)
+            }
+            #[inline(always)]
             fn transpose([x, y, z, w]: [Self; LANES]) -> [Self; LANES] {
                 let m = <$matrix>::from_cols(x, y, z, w).transpose();
                 [m.x_axis, m.y_axis, m.z_axis, m.w_axis]
@@ -77,5 +89,6 @@ macro_rules! lanes {
         }
     };
 }
-lanes!(f32, glam::Vec4, glam::Mat4);
-lanes!(f64, glam::DVec4, glam::DMat4);
+lanes!(f32, glam::Vec4, glam::Mat4, |v: glam::Vec4| wide::f32x4::new(v.to_array()).exp().to_array().into());
+// One by one: the reference's last bit counts for more than its speed.
+lanes!(f64, glam::DVec4, glam::DMat4, glam::DVec4::exp);

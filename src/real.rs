@@ -34,6 +34,8 @@ pub trait Real:
     fn f64(self) -> f64;
     /// `e^x - 1` without cancellation near zero.
     fn exp_m1(self) -> Self;
+    /// `e^x`.
+    fn exp(self) -> Self;
     /// Lesser of two numbers (neither NaN).
     #[inline(always)]
     fn lesser(self, o: Self) -> Self {
@@ -78,6 +80,10 @@ macro_rules! real {
             #[inline(always)]
             fn exp_m1(self) -> Self {
                 <$t>::exp_m1(self)
+            }
+            #[inline(always)]
+            fn exp(self) -> Self {
+                <$t>::exp(self)
             }
         }
     };

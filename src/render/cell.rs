@@ -1,24 +1,13 @@
-//! Cells of a brick that a ray crosses: a length, and the interpolation weights of the corners, by
-//! which the value gathers and the gradient scatters.
+//! Cells of a brick that a ray crosses: where it crosses them, and the interpolation weights of their
+//! corners, by which the value gathers and the gradient scatters.
+//!
+//! Corner `(x, y, z)` of a cell is `values[offset + slot(x, y, z)]`; weights and corner values come by x,
+//! with corner `(x, y, z)` in lane `2 y + z`.
 
 use crate::lanes::{LANES, Lanes};
 use crate::real::{Number, Real};
 use crate::render::march::Span;
 use crate::scene::bricks::slot;
-
-/// A stretch of a ray within one cell: `K` quadrature nodes, each a set of interpolation weights.
-///
-/// Corner `(x, y, z)` of the cell is `values[offset + slot(x, y, z)]` and has weight number `2 y + z`
-/// of `nodes[k][x]`.
-#[derive(Debug, Clone, Copy)]
-pub struct Piece<R: Real, const K: usize> {
-    /// Offset of the cell's lowest corner among the field's values.
-    pub offset: usize,
-    /// World length.
-    pub length: R,
-    /// Trilinear weights at each node.
-    pub nodes: [[R::Lanes; 2]; K],
-}
 
 /// Four cells with the weights of their corners in the integral over their lengths of the ray: all that
 /// an optical depth needs. What is left over of the four has weights of zero.
@@ -50,7 +39,7 @@ impl<R: Real> Quartet<R> {
     }
 }
 
-/// Offsets of a cell's corners in the order of a piece's weights, for x = 0 and x = 1.
+/// Offsets of a cell's corners in the order of their weights, for x = 0 and x = 1.
 const CORNERS: [[usize; LANES]; 2] = [
     [slot(0, 0, 0), slot(0, 0, 1), slot(0, 1, 0), slot(0, 1, 1)],
     [slot(1, 0, 0), slot(1, 0, 1), slot(1, 1, 0), slot(1, 1, 1)],
@@ -58,7 +47,7 @@ const CORNERS: [[usize; LANES]; 2] = [
 /// From a cell's lowest corner to one past its highest.
 const REACH: usize = slot(1, 1, 1) + 1;
 
-/// The values at a cell's corners, in the order of a piece's weights.
+/// The values at a cell's corners, in the order of their weights.
 #[inline(always)]
 pub fn corners<R: Real>(values: &[R], offset: usize) -> [R::Lanes; 2] {
     let v = &values[offset..offset + REACH];

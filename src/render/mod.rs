@@ -3,11 +3,13 @@
 pub mod cell;
 pub mod dvr;
 pub mod film;
+pub mod gauss;
 pub mod march;
 pub mod order;
 pub mod quadrature;
 pub mod rule;
 pub mod scale;
+pub mod segment;
 
 use crate::scene::camera::Camera;
 use dvr::{Dvr, Tape};

@@ -2,14 +2,17 @@
 
 use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
-use crate::render::cell::{MOST, Piece, Quartet, chord_weights, corners, crossings, low, offsets, weights};
+use crate::render::cell::{Crossings, MOST, Quartet, chord_weights, corners, crossings, gather, low, offsets, weights};
+use crate::render::gauss;
 use crate::render::march::{BATCH, Span};
+use crate::render::segment::{Chord, Sample};
 
-/// Turns spans into pieces with `K` nodes each.
-pub trait Rule<R: Real, const K: usize>: Copy + Sync {
-    /// Appends the pieces of at most [`BATCH`] spans, near to far. `values` are the field's, for rules
-    /// that place their nodes by them.
-    fn pieces(&self, values: &[R], spans: &[Span<R>], pieces: &mut Vec<Piece<R, K>>);
+/// Cuts spans into segments.
+pub trait Rule<R: Real>: Copy + Sync {
+    /// What it cuts them into.
+    type Segment: Copy;
+    /// Appends the segments of at most [`BATCH`] spans, near to far, with the densities in them.
+    fn segments(&self, values: &[R], spans: &[Span<R>], segments: &mut Vec<Self::Segment>);
 }
 
 /// What optical depths alone are made of.
@@ -25,11 +28,7 @@ pub struct ExactDepth;
 impl<R: Real> DepthRule<R> for ExactDepth {
     #[inline(always)]
     fn cells(&self, spans: &[Span<R>], cells: &mut Vec<Quartet<R>>) {
-        let mut at = [[R::ZERO; MOST + 1]; BATCH];
-        for (spans, at) in spans.chunks(LANES).zip(at.as_chunks_mut().0) {
-            let last = spans.len() - 1;
-            crossings([0, 1, 2, 3].map(|i| &spans[last.min(i)]), at);
-        }
+        let at = all_crossings(spans);
         let all = <R::Lanes as Lanes<R>>::splat;
         let (half, third) = (all(R::of(0.5)), all(R::of(0.5 / 3.0_f64.sqrt())));
         for (span, at) in spans.iter().zip(&at) {
@@ -60,65 +59,130 @@ impl<R: Real> DepthRule<R> for ExactDepth {
     }
 }
 
-/// Four-point Gauss-Legendre nodes and weights on 0..1: exact to degree 7.
-pub const GAUSS4: [(f64, f64); 4] = [
-    (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
-    (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
-    (0.669_990_521_792_428_1, 0.326_072_577_431_273_07),
-    (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
-];
+/// Crossings of a batch.
+#[inline(always)]
+fn all_crossings<R: Real>(spans: &[Span<R>]) -> [Crossings<R>; BATCH] {
+    let mut at = [[R::ZERO; MOST + 1]; BATCH];
+    for (spans, at) in spans.chunks(LANES).zip(at.as_chunks_mut().0) {
+        let last = spans.len() - 1;
+        crossings([0, 1, 2, 3].map(|i| &spans[last.min(i)]), at);
+    }
+    at
+}
 
-/// Cells with four Gauss nodes, split until the source's variation under absorption inside a piece
-/// costs less than a stated error.
-///
-/// With optical depth x and a source that varies by Δc over the piece, taking the mean source costs
-/// at most `x² Δc / 12` (the covariance of two linear functions); n parts divide it by n².
+/// Cells, each cut until what four Gauss points lose of the light from a piece is below a stated error.
 #[derive(Debug, Clone, Copy)]
 pub struct ExactSource {
     /// Extinction per unit of density.
     pub extinction: f64,
-    /// Radiance of the source per unit of density, brightest channel.
-    pub colour: f64,
-    /// Radiance error allowed per piece.
+    /// Error allowed per piece, as it arrives at the eye, over the radiance of the source per unit of
+    /// density.
     pub tolerance: f64,
 }
 
-impl<R: Real> Rule<R, 4> for ExactSource {
+/// The most halvings in a cell. (An error falls 500 times when the length is halved, and behind an
+/// optical depth of 20 none arrives: no cell that means anything has as many.)
+const MOST_HALVINGS: usize = 256;
+
+/// A cell that a ray crosses.
+struct Cell<R: Real> {
+    /// Offset of its lowest corner.
+    offset: usize,
+    /// Cell-local coordinates of the span's entry, the same in all lanes.
+    entry: [R::Lanes; 3],
+    /// Coordinates gained per world length.
+    along: [R::Lanes; 3],
+}
+
+impl<R: Real> Cell<R> {
     #[inline(always)]
-    fn pieces(&self, values: &[R], spans: &[Span<R>], pieces: &mut Vec<Piece<R, 4>>) {
-        for span in spans {
-            let [dx, dy, dz] = span.direction;
-            let mut at = [[R::ZERO; MOST + 1]; LANES];
-            crossings([span; LANES], &mut at);
-            for pair in at[0].windows(2) {
-                let (a, b) = (pair[0], pair[1]);
-                if a >= span.length {
+    fn chord(&self, values: &[R], start: R, length: R) -> Chord<R> {
+        let all = <R::Lanes as Lanes<R>>::splat;
+        let t = all(start) + all(length) * gauss::lanes::<R>(gauss::NODES);
+        let ([x, y, z], [dx, dy, dz]) = (self.entry, self.along);
+        let at = [x + t * dx, y + t * dy, z + t * dz];
+        let density = Chord::<R>::interpolate(&corners(values, self.offset), at);
+        Chord { offset: self.offset, length, at, density }
+    }
+}
+
+impl ExactSource {
+    /// Cuts a cell, `depth` behind the batch's beginning; returns the depth behind the cell.
+    #[inline(never)]
+    fn cut<R: Real>(
+        &self,
+        cell: &Cell<R>,
+        values: &[R],
+        mut start: R,
+        end: R,
+        mut depth: R,
+        segments: &mut Vec<Chord<R>>,
+    ) -> R {
+        let all = <R::Lanes as Lanes<R>>::splat;
+        let (extinction, tolerance) = (R::of(self.extinction), R::of(self.tolerance));
+        let mut length = R::of(0.5) * (end - start);
+        let mut halvings_left = MOST_HALVINGS;
+        while length > R::ZERO {
+            let chord = cell.chord(values, start, length);
+            let density = chord.density.store().map(all);
+            let x = all(extinction * length);
+            if gauss::error::<R>(density, x).store()[0] > tolerance * depth.exp() && halvings_left > 0 {
+                halvings_left -= 1;
+                length = R::of(0.5) * length;
+                continue;
+            }
+            segments.push(chord);
+            depth += (x * gauss::integral::<R>(density)).store()[0];
+            start += length;
+            length = (length + length).lesser(end - start);
+        }
+        depth
+    }
+}
+
+impl<R: Real> Rule<R> for ExactSource {
+    type Segment = Chord<R>;
+
+    #[inline(always)]
+    fn segments(&self, values: &[R], spans: &[Span<R>], segments: &mut Vec<Chord<R>>) {
+        let all = <R::Lanes as Lanes<R>>::splat;
+        let (extinction, tolerance) = (R::of(self.extinction), R::of(self.tolerance));
+        // Since the batch began: what is nearer makes the light from here only fainter.
+        let mut depth = R::ZERO;
+        for (span, at) in spans.iter().zip(&all_crossings(spans)) {
+            let ([x, y, z], [dx, dy, dz]) = (span.entry, span.direction);
+            let along = [all(dx), all(dy), all(dz)];
+            for at in at.windows(LANES + 1).step_by(LANES) {
+                if at[0] >= span.length {
                     break;
                 }
-                let middle = R::of(0.5) * (a + b);
-                let low = [0, 1, 2].map(|k| low(R::Lanes::splat(span.entry[k] + middle * span.direction[k])));
-                let offset = span.base + offsets(low)[0] as usize;
-                let low = low.map(|l| l.store()[0]);
-                let v = corners(values, offset);
-                let v = v.map(R::Lanes::store);
-                let (least, most) =
-                    v.iter().flatten().fold((v[0][0], v[0][0]), |(l, m), v| (l.lesser(*v), m.greater(*v)));
-                let x = self.extinction * (most * (b - a)).f64();
-                let parts = (x * x * self.colour * (most - least).f64() / (12.0 * self.tolerance)).sqrt();
-                // Past 64 parts the piece is opaque many times over and its own weight is gone.
-                let parts = (parts.ceil() as u32).clamp(1, 64);
-                let length = (b - a) * R::of(1.0 / f64::from(parts));
-                for part in 0..parts {
-                    let start = a + length * R::int(part as i32);
-                    let nodes = GAUSS4.map(|(position, _)| {
-                        let t = start + length * R::of(position);
-                        weights([
-                            span.entry[0] + t * dx - low[0],
-                            span.entry[1] + t * dy - low[1],
-                            span.entry[2] + t * dz - low[2],
-                        ])
-                    });
-                    pieces.push(Piece { offset, length, nodes });
+                let from = R::Lanes::load([at[0], at[1], at[2], at[3]]);
+                let until = R::Lanes::load([at[1], at[2], at[3], at[4]]);
+                let middle = all(R::of(0.5)) * (from + until);
+                let low =
+                    [low(all(x) + middle * along[0]), low(all(y) + middle * along[1]), low(all(z) + middle * along[2])];
+                let offset = offsets(low);
+                let [ex, ey, ez] = [(all(x) - low[0]).store(), (all(y) - low[1]).store(), (all(z) - low[2]).store()];
+                let cell = |i: usize| Cell {
+                    offset: span.base + offset[i] as usize,
+                    entry: [all(ex[i]), all(ey[i]), all(ez[i])],
+                    along,
+                };
+                let whole = |i: usize| cell(i).chord(values, at[i], at[i + 1] - at[i]);
+                let whole = [whole(0), whole(1), whole(2), whole(3)];
+                let density = R::Lanes::transpose(whole.map(|chord| chord.density));
+                let scale = all(extinction) * (until - from);
+                let errors = gauss::error::<R>(density, scale).store();
+                let depths = (scale * gauss::integral::<R>(density)).store();
+                for i in 0..LANES {
+                    if errors[i] <= tolerance || errors[i] <= tolerance * depth.exp() {
+                        if whole[i].length > R::ZERO {
+                            segments.push(whole[i]);
+                        }
+                        depth += depths[i];
+                    } else {
+                        depth = self.cut(&cell(i), values, at[i], at[i + 1], depth, segments);
+                    }
                 }
             }
         }
@@ -161,9 +225,9 @@ impl Uniform {
 }
 
 impl Uniform {
-    /// The samples on spans, as pieces.
+    /// The samples on spans: offset of the cell, world length, interpolation weights.
     #[inline(always)]
-    fn samples<R: Real>(&self, spans: &[Span<R>], mut visit: impl FnMut(Piece<R, 1>)) {
+    fn samples<R: Real>(&self, spans: &[Span<R>], mut visit: impl FnMut(usize, R, [R::Lanes; 2])) {
         for span in spans {
             let [dx, dy, dz] = span.direction;
             // Half-open spans: each sample belongs to exactly one.
@@ -174,16 +238,21 @@ impl Uniform {
                 let low = p.map(|c| low(R::Lanes::splat(c)));
                 let offset = span.base + offsets(low)[0] as usize;
                 let m = std::array::from_fn(|a| p[a] - low[a].store()[0]);
-                visit(Piece { offset, length: R::of(length), nodes: [weights(m)] });
+                visit(offset, R::of(length), weights(m));
             }
         }
     }
 }
 
-impl<R: Real> Rule<R, 1> for Uniform {
+impl<R: Real> Rule<R> for Uniform {
+    type Segment = Sample<R>;
+
     #[inline(always)]
-    fn pieces(&self, _: &[R], spans: &[Span<R>], pieces: &mut Vec<Piece<R, 1>>) {
-        self.samples(spans, |piece| pieces.push(piece));
+    fn segments(&self, values: &[R], spans: &[Span<R>], segments: &mut Vec<Sample<R>>) {
+        self.samples(spans, |offset, length, weights| {
+            let density = gather(&weights, &corners(values, offset));
+            segments.push(Sample { offset, length, weights, density });
+        });
     }
 }
 
@@ -192,9 +261,9 @@ impl<R: Real> DepthRule<R> for Uniform {
     fn cells(&self, spans: &[Span<R>], cells: &mut Vec<Quartet<R>>) {
         let empty = Quartet { offset: [0; LANES], weights: [[R::Lanes::splat(R::ZERO); 2]; LANES] };
         let (mut four, mut count) = (empty, 0);
-        self.samples(spans, |piece| {
-            let ([near, far], length) = (piece.nodes[0], R::Lanes::splat(piece.length));
-            four.offset[count] = piece.offset as u32;
+        self.samples(spans, |offset, length, [near, far]| {
+            let length = R::Lanes::splat(length);
+            four.offset[count] = offset as u32;
             four.weights[count] = [near * length, far * length];
             count += 1;
             if count == LANES {

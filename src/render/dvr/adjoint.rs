@@ -1,30 +1,30 @@
 //! The gradient of a loss on one pixel with respect to everything along its ray.
 //!
-//! Let `x_i` be the optical depth of piece i, `c_i` its source, `T_i` the transmittance before it and
-//! `W_{i+1}` the radiance seen from its far end (background included, T reset to one). From the far
-//! end:
+//! Let `x_i` be the optical depth of segment i, `e_i` the radiance that leaves it, `T_i` the transmittance
+//! before it and `V_i` the radiance from beyond it, background included, as it arrives at the eye. From
+//! the far end:
 //!
 //! ```text
-//! W ← background
-//! for i = N-1 … 0:   ∂L/∂x_i = T_{i+1} (c_i - W)     ∂L/∂c_i = T_i (1 - e^{-x_i})
-//!                    W ← W + (1 - e^{-x_i}) (c_i - W)
+//! V ← T_N · background
+//! for i = N-1 … 0:   ∂L/∂x_i = -V     ∂L/∂e_i = T_i     V ← V + T_i e_i
 //! ```
-//! No division by `1 - α`: finite for opaque pieces, where inverting the blend
-//! (Weiss & Westermann 2021, sect. 4.3; here [`Adjoint::Inversion`]) is 0/0.
+//! and from there by [`Lit::slopes`] to the densities. No division by `1 - α`: finite for opaque segments,
+//! where inverting the blend (Weiss & Westermann 2021, sect. 4.3; here [`Adjoint::Inversion`]) is 0/0.
 //!
 //! All channels share the transmittance, so the recursion runs once, on the loss-weighted radiance:
-//! with `g` the loss derivative, `W = Σ g_c L_c - g_α T`.
+//! with `g` the loss derivative, `V = Σ g_c L_c - g_α T`.
 
 use super::inversion;
-use super::kernel::{self, Blend, Constant, Emission, Moments, Proportional, escape, grey, node_weight, over};
+use super::kernel::{self, Blend, grey, over};
+use super::light::{Constant, Emission, Light, Lit, Proportional};
 use super::{Dvr, Radiance};
-use crate::lanes::Lanes;
 use crate::math::Ray;
 use crate::real::Real;
-use crate::render::cell::{Piece, Quartet, scatter};
+use crate::render::cell::{Quartet, scatter};
 use crate::render::march::{IndexRay, batches};
 use crate::render::quadrature::Quadrature;
 use crate::render::rule::{DepthRule, ExactDepth, Rule};
+use crate::render::segment::{Chord, Sample};
 use crate::scene::medium::Source;
 
 /// How the backward pass gets at the samples of the forward pass again.
@@ -66,12 +66,12 @@ impl ParameterGradient {
 pub struct Tape<R: Real> {
     /// Cells of rays of which only the depth matters.
     pub(super) cells: Vec<Quartet<R>>,
-    /// Pieces of a batch, with one node and with four.
-    pub(super) one: Vec<Piece<R, 1>>,
-    pub(super) four: Vec<Piece<R, 4>>,
-    /// What was found in the pieces of a ray.
-    one_entries: Vec<Entry<R, 1>>,
-    four_entries: Vec<Entry<R, 4>>,
+    /// Segments of a batch.
+    pub(super) samples: Vec<Sample<R>>,
+    pub(super) chords: Vec<Chord<R>>,
+    /// Segments of a ray.
+    lit_samples: Vec<Entry<R, Sample<R>>>,
+    lit_chords: Vec<Entry<R, Chord<R>>>,
 }
 
 impl<R: Real> Tape<R> {
@@ -94,11 +94,11 @@ impl<R: Real> Tape<R> {
     }
 }
 
-/// A piece with what was found in it.
+/// A segment with its light.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Entry<R: Real, const K: usize> {
-    pub piece: Piece<R, K>,
-    pub moments: Moments<R, K>,
+pub(super) struct Entry<R: Real, S> {
+    pub segment: S,
+    pub light: Light<R>,
 }
 
 impl<R: Real> Dvr<'_, R> {
@@ -124,23 +124,23 @@ impl<R: Real> Dvr<'_, R> {
         let mut pass = Pass { dvr: self, ray, gradient, parameters, pending: None };
         match (self.medium.source, self.quadrature, adjoint) {
             (Source::Grey(c), Quadrature::Exact, Adjoint::Inversion) => {
-                pass.recursion(loss, adjoint, self.exact_source(c), Constant, &mut tape.four, &mut tape.four_entries)
+                pass.recursion(loss, adjoint, self.exact_source(c), Constant, &mut tape.chords, &mut tape.lit_chords)
             }
             (Source::Grey(_), Quadrature::Midpoint(h), Adjoint::Inversion) => pass.recursion(
                 loss,
                 adjoint,
                 self.uniform(h, 0.5, &ray),
                 Constant,
-                &mut tape.one,
-                &mut tape.one_entries,
+                &mut tape.samples,
+                &mut tape.lit_samples,
             ),
             (Source::Grey(_), Quadrature::Riemann(h), Adjoint::Inversion) => pass.recursion(
                 loss,
                 adjoint,
                 self.uniform(h, 0.0, &ray),
                 Constant,
-                &mut tape.one,
-                &mut tape.one_entries,
+                &mut tape.samples,
+                &mut tape.lit_samples,
             ),
             (Source::Grey(c), Quadrature::Exact, _) => pass.depth_only(loss, adjoint, ExactDepth, c, &mut tape.cells),
             (Source::Grey(c), Quadrature::Midpoint(h), _) => {
@@ -154,24 +154,24 @@ impl<R: Real> Dvr<'_, R> {
                 adjoint,
                 self.exact_source(c),
                 Proportional,
-                &mut tape.four,
-                &mut tape.four_entries,
+                &mut tape.chords,
+                &mut tape.lit_chords,
             ),
             (Source::Linear(_), Quadrature::Midpoint(h), _) => pass.recursion(
                 loss,
                 adjoint,
                 self.uniform(h, 0.5, &ray),
                 Proportional,
-                &mut tape.one,
-                &mut tape.one_entries,
+                &mut tape.samples,
+                &mut tape.lit_samples,
             ),
             (Source::Linear(_), Quadrature::Riemann(h), _) => pass.recursion(
                 loss,
                 adjoint,
                 self.uniform(h, 0.0, &ray),
                 Proportional,
-                &mut tape.one,
-                &mut tape.one_entries,
+                &mut tape.samples,
+                &mut tape.lit_samples,
             ),
         }
     }
@@ -268,14 +268,14 @@ impl<R: Real> Pass<'_, '_, R> {
 
     /// Sources that vary: the recursion of this module's head, or the paper's inversion.
     #[inline(always)]
-    fn recursion<E: Emission, const K: usize, Q: Rule<R, K>>(
+    fn recursion<E: Emission, S: Lit<R>, Q: Rule<R, Segment = S>>(
         &mut self,
         loss: impl FnOnce(&Radiance<R>) -> [R; 4],
         adjoint: Adjoint,
         rule: Q,
         emission: E,
-        pieces: &mut Vec<Piece<R, K>>,
-        tape: &mut Vec<Entry<R, K>>,
+        segments: &mut Vec<S>,
+        tape: &mut Vec<Entry<R, S>>,
     ) -> Radiance<R> {
         tape.clear();
         let (Source::Grey(colour) | Source::Linear(colour)) = self.dvr.medium.source;
@@ -285,27 +285,29 @@ impl<R: Real> Pass<'_, '_, R> {
             &self.ray,
             rule,
             emission,
-            pieces,
+            segments,
             #[inline(always)]
-            |piece, moments| {
+            |segment, light| {
                 if keep {
-                    tape.push(Entry { piece: *piece, moments: *moments });
+                    tape.push(Entry { segment: *segment, light: *light });
                 }
             },
         );
-        let seen = over(blend.emitted, (-blend.depth).exp(), colour, self.dvr.background);
+        let transmittance = (-blend.depth).exp();
+        let seen = over(blend.emitted, transmittance, colour, self.dvr.background);
         let weighted = self.shared(loss(&seen), &blend, colour);
+        let mut back =
+            Backward { beyond: transmittance * weighted.background, depth: blend.depth, colour: weighted.colour };
         match adjoint {
-            Adjoint::Inversion => inversion::backward::<R, E, K>(self, tape, weighted),
+            Adjoint::Inversion => inversion::backward::<R, E, S>(self, tape, weighted),
             Adjoint::Tape => {
-                let mut back = Backward { behind: weighted.background, depth: blend.depth, colour: weighted.colour };
                 for entry in tape.iter().rev() {
-                    back.step::<R, E, K>(self, &entry.piece, &entry.moments);
+                    back.step::<R, E, S>(self, &entry.segment, &entry.light);
                 }
             }
             Adjoint::Replay => {
-                let mut back = Backward { behind: weighted.background, depth: blend.depth, colour: weighted.colour };
                 let values = &self.dvr.field.values;
+                let extinction = R::of(self.dvr.medium.extinction);
                 let ray = self.ray.until(blend.end);
                 batches(
                     &self.dvr.field.topology,
@@ -313,10 +315,10 @@ impl<R: Real> Pass<'_, '_, R> {
                     true,
                     #[inline(always)]
                     |spans| {
-                        pieces.clear();
-                        rule.pieces(values, spans, pieces);
-                        for piece in pieces.iter().rev() {
-                            back.step::<R, E, K>(self, piece, &Moments::of(values, piece));
+                        segments.clear();
+                        rule.segments(values, spans, segments);
+                        for segment in segments.iter().rev() {
+                            back.step::<R, E, S>(self, segment, &segment.light::<E>(extinction));
                         }
                         true
                     },
@@ -342,29 +344,27 @@ impl<R: Real> Pass<'_, '_, R> {
         weighted
     }
 
-    /// Scatters the derivatives with respect to a piece's optical depth and source integral.
+    /// Scatters the derivatives with respect to a segment's optical depth and emitted radiance.
     #[inline(always)]
-    pub(super) fn deposit<E: Emission, const K: usize>(
+    pub(super) fn deposit<E: Emission, S: Lit<R>>(
         &mut self,
-        piece: &Piece<R, K>,
-        moments: &Moments<R, K>,
+        segment: &S,
+        light: &Light<R>,
         by_depth: f64,
-        by_source: f64,
+        by_emitted: f64,
     ) {
         let extinction = self.dvr.medium.extinction;
-        self.parameters.extinction += by_depth * moments.first.f64() + by_source * E::integral(moments).f64();
-        let (by_depth, by_source) = (R::of(extinction * by_depth), R::of(extinction * by_source));
-        let mut weights = [R::Lanes::splat(R::ZERO); 2];
-        match self.pending {
-            Some((offset, pending)) if offset == piece.offset => weights = pending,
-            _ => self.flush(),
+        let slopes = segment.slopes::<E>(R::of(extinction), light, R::of(by_depth), R::of(by_emitted));
+        self.parameters.extinction += slopes.extinction.f64() / extinction;
+        let [near, far] = slopes.corners;
+        let offset = segment.offset();
+        match &mut self.pending {
+            Some((waiting, [a, b])) if *waiting == offset => (*a, *b) = (*a + near, *b + far),
+            _ => {
+                self.flush();
+                self.pending = Some((offset, [near, far]));
+            }
         }
-        for (k, node) in piece.nodes.iter().enumerate() {
-            let g = by_depth + by_source * E::slope(moments.density[k]);
-            let g = R::Lanes::splat(g * piece.length * node_weight::<R, K>(k));
-            weights = [weights[0] + g * node[0], weights[1] + g * node[1]];
-        }
-        self.pending = Some((piece.offset, weights));
     }
 
     /// Scatters what waits.
@@ -378,9 +378,9 @@ impl<R: Real> Pass<'_, '_, R> {
 
 /// State of the division-free recursion.
 struct Backward {
-    /// Loss-weighted radiance seen from the far end of the piece at hand.
-    behind: f64,
-    /// Optical depth from the eye to that end.
+    /// Loss-weighted radiance from beyond the segment at hand, as it arrives at the eye.
+    beyond: f64,
+    /// Optical depth from the eye to the segment's far end.
     depth: f64,
     /// Loss-weighted source colour.
     colour: f64,
@@ -388,25 +388,10 @@ struct Backward {
 
 impl Backward {
     #[inline(always)]
-    fn step<R: Real, E: Emission, const K: usize>(
-        &mut self,
-        pass: &mut Pass<'_, '_, R>,
-        piece: &Piece<R, K>,
-        moments: &Moments<R, K>,
-    ) {
-        let extinction = pass.dvr.medium.extinction;
-        let x = (R::of(extinction) * moments.first).f64();
-        let source = extinction * E::integral(moments).f64();
-        // Mean source of the piece; where nothing absorbs it has no weight.
-        let mean = if x > 0.0 { self.colour * source / x } else { 0.0 };
-        let beyond = (-self.depth).exp();
-        self.depth -= x;
-        let before = (-self.depth).exp();
-        let escape = escape(x);
-        // The contribution is T S φ(x) with φ the escape: at fixed S, c changes with x as well.
-        let by_depth = beyond * (mean - self.behind) - before * escape * mean;
-        let by_source = before * escape * self.colour;
-        self.behind += -(-x).exp_m1() * (mean - self.behind);
-        pass.deposit::<E, K>(piece, moments, by_depth, by_source);
+    fn step<R: Real, E: Emission, S: Lit<R>>(&mut self, pass: &mut Pass<'_, '_, R>, segment: &S, light: &Light<R>) {
+        self.depth -= light.depth.f64();
+        let by_emitted = self.colour * (-self.depth).exp();
+        pass.deposit::<E, S>(segment, light, -self.beyond, by_emitted);
+        self.beyond += by_emitted * light.emitted.f64();
     }
 }

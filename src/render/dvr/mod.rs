@@ -9,6 +9,7 @@
 mod adjoint;
 mod inversion;
 mod kernel;
+mod light;
 
 pub use adjoint::{Adjoint, ParameterGradient, Tape};
 
@@ -20,7 +21,8 @@ use crate::render::quadrature::Quadrature;
 use crate::render::rule::{ExactDepth, ExactSource, Uniform};
 use crate::scene::bricks::Bricks;
 use crate::scene::medium::{Medium, Source};
-use kernel::{Proportional, blend, grey, over};
+use kernel::{blend, grey, over};
+use light::Proportional;
 
 /// What is seen along one ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,7 +69,7 @@ impl<'a, R: Real> Dvr<'a, R> {
             quadrature: Quadrature::Exact,
             depth_limit: f64::INFINITY,
             voxel: field.transform.voxel_size().min_element(),
-            tolerance: 1e-7,
+            tolerance: 4e-7,
         };
         Ok(renderer.early_stop(1e-6))
     }
@@ -111,11 +113,8 @@ impl<'a, R: Real> Dvr<'a, R> {
 
     #[inline(always)]
     fn exact_source(&self, colour: [f32; 3]) -> ExactSource {
-        ExactSource {
-            extinction: self.medium.extinction,
-            colour: f64::from(colour.into_iter().fold(0.0, f32::max)),
-            tolerance: self.tolerance,
-        }
+        let brightest = f64::from(colour.into_iter().fold(f32::MIN_POSITIVE, f32::max));
+        ExactSource { extinction: self.medium.extinction, tolerance: self.tolerance / brightest }
     }
 
     /// Optical depth `∫σ` along a world ray of unit direction, summed in `f64`.
@@ -148,11 +147,11 @@ impl<'a, R: Real> Dvr<'a, R> {
             Source::Linear(colour) => colour,
         };
         let Some(ray) = self.index_ray(ray) else { return grey(0.0, colour, self.background) };
-        let Tape { one, four, .. } = tape;
+        let Tape { samples, chords, .. } = tape;
         let seen = match self.quadrature {
-            Quadrature::Exact => blend(self, &ray, self.exact_source(colour), Proportional, four, |_, _| ()),
-            Quadrature::Midpoint(h) => blend(self, &ray, self.uniform(h, 0.5, &ray), Proportional, one, |_, _| ()),
-            Quadrature::Riemann(h) => blend(self, &ray, self.uniform(h, 0.0, &ray), Proportional, one, |_, _| ()),
+            Quadrature::Exact => blend(self, &ray, self.exact_source(colour), Proportional, chords, |_, _| ()),
+            Quadrature::Midpoint(h) => blend(self, &ray, self.uniform(h, 0.5, &ray), Proportional, samples, |_, _| ()),
+            Quadrature::Riemann(h) => blend(self, &ray, self.uniform(h, 0.0, &ray), Proportional, samples, |_, _| ()),
         };
         over(seen.emitted, (-seen.depth).exp(), colour, self.background)
     }
