@@ -22,12 +22,6 @@ pub struct IndexRay {
 }
 
 impl IndexRay {
-    /// The same ray, ending at `leave`.
-    #[must_use]
-    pub fn until(self, leave: f64) -> Self {
-        Self { leave, ..self }
-    }
-
     /// Rebases a world ray (unit direction); `None` if it misses the bricks.
     #[inline]
     pub fn new(topology: &Topology, transform: &Affine, ray: &Ray) -> Option<Self> {
@@ -140,19 +134,18 @@ pub fn spans<R: Real>(topology: &Topology, ray: &IndexRay, reverse: bool, mut vi
 /// address), those of different cells do not.
 pub const BATCH: usize = 8;
 
-/// Visits the bricks along a ray in batches, from near to far or (`reverse`) from far to near; inside
-/// a batch spans are always ordered near to far. `visit` returns false to stop.
+/// Visits the bricks along a ray in batches, near to far; `visit` returns false to stop.
 #[inline(always)]
-pub fn batches<R: Real>(topology: &Topology, ray: &IndexRay, reverse: bool, mut visit: impl FnMut(&[Span<R>]) -> bool) {
+pub fn batches<R: Real>(topology: &Topology, ray: &IndexRay, mut visit: impl FnMut(&[Span<R>]) -> bool) {
     let mut batch = [Span::NOWHERE; BATCH];
     let (mut count, mut open) = (0, true);
     spans(
         topology,
         ray,
-        reverse,
+        false,
         #[inline(always)]
         |span| {
-            batch[if reverse { BATCH - 1 - count } else { count }] = span;
+            batch[count] = span;
             count += 1;
             if count == BATCH {
                 open = visit(&batch);
@@ -162,7 +155,36 @@ pub fn batches<R: Real>(topology: &Topology, ray: &IndexRay, reverse: bool, mut 
         },
     );
     if open && count > 0 {
-        visit(if reverse { &batch[BATCH - count..] } else { &batch[..count] });
+        visit(&batch[..count]);
+    }
+}
+
+/// Visits the batches of [`batches`] that come before the one that begins at world length `last`, far to
+/// near; inside a batch spans are ordered near to far all the same.
+#[inline(always)]
+pub fn batches_before<R: Real>(topology: &Topology, ray: &IndexRay, last: f64, mut visit: impl FnMut(&[Span<R>])) {
+    if last <= ray.enter {
+        return;
+    }
+    let mut batch = [Span::NOWHERE; BATCH];
+    let mut count = BATCH;
+    spans(
+        topology,
+        &IndexRay { leave: last, ..*ray },
+        true,
+        #[inline(always)]
+        |span| {
+            count -= 1;
+            batch[count] = span;
+            if count == 0 {
+                visit(&batch);
+                count = BATCH;
+            }
+            true
+        },
+    );
+    if count < BATCH {
+        visit(&batch[count..]);
     }
 }
 

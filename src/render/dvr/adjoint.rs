@@ -21,7 +21,7 @@ use super::{Dvr, Radiance};
 use crate::math::Ray;
 use crate::real::Real;
 use crate::render::cell::{Quartet, scatter};
-use crate::render::march::{IndexRay, batches};
+use crate::render::march::{IndexRay, batches_before};
 use crate::render::quadrature::Quadrature;
 use crate::render::rule::{DepthRule, ExactDepth, Rule};
 use crate::render::segment::{Chord, Sample};
@@ -32,7 +32,8 @@ use crate::scene::medium::Source;
 pub enum Adjoint {
     /// A tape of one ray: fast, memory of one ray's samples per thread.
     Tape,
-    /// Walk the ray twice: memory of one batch of bricks' samples per thread, any loss.
+    /// Walk the ray twice, but for its last bricks: memory of one batch of bricks' samples per thread,
+    /// any loss.
     Replay,
     /// The paper's inversion of the blend, for comparison: breaks down where a sample is opaque.
     Inversion,
@@ -181,14 +182,7 @@ impl<R: Real> Dvr<'_, R> {
     #[inline(always)]
     pub fn trace(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
         let Some(ray) = self.index_ray(ray) else { return 0.0 };
-        kernel::depth(
-            self,
-            &ray,
-            ExactDepth,
-            &mut tape.cells,
-            #[inline(always)]
-            |_| (),
-        )
+        kernel::depth(self, &ray, ExactDepth, &mut tape.cells, true).depth
     }
 
     /// What is left of the gradient where the ray meets no medium.
@@ -231,37 +225,29 @@ impl<R: Real> Pass<'_, '_, R> {
         tape: &mut Vec<Quartet<R>>,
     ) -> Radiance<R> {
         tape.clear();
-        let keep = adjoint == Adjoint::Tape;
-        let depth = kernel::depth(
-            self.dvr,
-            &self.ray,
-            rule,
-            tape,
-            #[inline(always)]
-            |tape| {
-                if !keep {
-                    tape.clear();
-                }
-            },
-        );
+        let mut blend = kernel::depth(self.dvr, &self.ray, rule, tape, adjoint == Adjoint::Tape);
+        let depth = blend.depth;
         let seen = grey(depth, colour, self.dvr.background);
-        let blend = Blend { emitted: -(-depth).exp_m1(), depth, end: self.ray.leave };
+        blend.emitted = -(-depth).exp_m1();
         let weighted = self.shared(loss(&seen), &blend, colour);
         // ∂L/∂depth: more depth replaces background by source.
         let slope = (-depth).exp() * (weighted.colour - weighted.background);
         let g = R::of(slope * self.dvr.medium.extinction);
         self.parameters.extinction += slope * depth / self.dvr.medium.extinction;
         let gradient = &mut *self.gradient;
-        let mut back = |tape: &mut Vec<Quartet<R>>| {
-            for cells in tape.iter() {
-                cells.scatter(gradient, g);
-            }
-            tape.clear();
-        };
-        if keep {
-            back(tape);
-        } else {
-            kernel::depth(self.dvr, &self.ray, rule, tape, back);
+        let mut back = |tape: &mut Vec<Quartet<R>>| tape.drain(..).rev().for_each(|cells| cells.scatter(gradient, g));
+        back(tape);
+        if adjoint == Adjoint::Replay {
+            batches_before(
+                &self.dvr.field.topology,
+                &self.ray,
+                blend.last,
+                #[inline(always)]
+                |spans| {
+                    rule.cells(spans, tape);
+                    back(tape);
+                },
+            );
         }
         seen
     }
@@ -287,10 +273,10 @@ impl<R: Real> Pass<'_, '_, R> {
             emission,
             segments,
             #[inline(always)]
-            |segment, light| {
-                if keep {
-                    tape.push(Entry { segment: *segment, light: *light });
-                }
+            |found| match found {
+                Some((segment, light)) => tape.push(Entry { segment: *segment, light: *light }),
+                None if !keep => tape.clear(),
+                None => (),
             },
         );
         let transmittance = (-blend.depth).exp();
@@ -298,32 +284,29 @@ impl<R: Real> Pass<'_, '_, R> {
         let weighted = self.shared(loss(&seen), &blend, colour);
         let mut back =
             Backward { beyond: transmittance * weighted.background, depth: blend.depth, colour: weighted.colour };
-        match adjoint {
-            Adjoint::Inversion => inversion::backward::<R, E, S>(self, tape, weighted),
-            Adjoint::Tape => {
-                for entry in tape.iter().rev() {
-                    back.step::<R, E, S>(self, &entry.segment, &entry.light);
-                }
+        if adjoint == Adjoint::Inversion {
+            inversion::backward::<R, E, S>(self, tape, weighted);
+        } else {
+            for entry in tape.iter().rev() {
+                back.step::<R, E, S>(self, &entry.segment, &entry.light);
             }
-            Adjoint::Replay => {
-                let values = &self.dvr.field.values;
-                let extinction = R::of(self.dvr.medium.extinction);
-                let ray = self.ray.until(blend.end);
-                batches(
-                    &self.dvr.field.topology,
-                    &ray,
-                    true,
-                    #[inline(always)]
-                    |spans| {
-                        segments.clear();
-                        rule.segments(values, spans, segments);
-                        for segment in segments.iter().rev() {
-                            back.step::<R, E, S>(self, segment, &segment.light::<E>(extinction));
-                        }
-                        true
-                    },
-                );
-            }
+        }
+        if adjoint == Adjoint::Replay {
+            let (dvr, ray) = (self.dvr, self.ray);
+            let extinction = R::of(dvr.medium.extinction);
+            batches_before(
+                &dvr.field.topology,
+                &ray,
+                blend.last,
+                #[inline(always)]
+                |spans| {
+                    segments.clear();
+                    rule.segments(&dvr.field.values, spans, segments);
+                    for segment in segments.iter().rev() {
+                        back.step::<R, E, S>(self, segment, &segment.light::<E>(extinction));
+                    }
+                },
+            );
         }
         self.flush();
         seen

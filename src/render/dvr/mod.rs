@@ -132,11 +132,12 @@ impl<'a, R: Real> Dvr<'a, R> {
         let Some(ray) = self.index_ray(ray) else { return 0.0 };
         tape.forget();
         let cells = &mut tape.cells;
-        match self.quadrature {
-            Quadrature::Exact => kernel::depth(self, &ray, ExactDepth, cells, Vec::clear),
-            Quadrature::Midpoint(h) => kernel::depth(self, &ray, self.uniform(h, 0.5, &ray), cells, Vec::clear),
-            Quadrature::Riemann(h) => kernel::depth(self, &ray, self.uniform(h, 0.0, &ray), cells, Vec::clear),
-        }
+        let blend = match self.quadrature {
+            Quadrature::Exact => kernel::depth(self, &ray, ExactDepth, cells, false),
+            Quadrature::Midpoint(h) => kernel::depth(self, &ray, self.uniform(h, 0.5, &ray), cells, false),
+            Quadrature::Riemann(h) => kernel::depth(self, &ray, self.uniform(h, 0.0, &ray), cells, false),
+        };
+        blend.depth
     }
 
     /// [`Dvr::radiance`] for many rays: the scratch memory is kept.
@@ -149,9 +150,9 @@ impl<'a, R: Real> Dvr<'a, R> {
         let Some(ray) = self.index_ray(ray) else { return grey(0.0, colour, self.background) };
         let Tape { samples, chords, .. } = tape;
         let seen = match self.quadrature {
-            Quadrature::Exact => blend(self, &ray, self.exact_source(colour), Proportional, chords, |_, _| ()),
-            Quadrature::Midpoint(h) => blend(self, &ray, self.uniform(h, 0.5, &ray), Proportional, samples, |_, _| ()),
-            Quadrature::Riemann(h) => blend(self, &ray, self.uniform(h, 0.0, &ray), Proportional, samples, |_, _| ()),
+            Quadrature::Exact => blend(self, &ray, self.exact_source(colour), Proportional, chords, |_| ()),
+            Quadrature::Midpoint(h) => blend(self, &ray, self.uniform(h, 0.5, &ray), Proportional, samples, |_| ()),
+            Quadrature::Riemann(h) => blend(self, &ray, self.uniform(h, 0.0, &ray), Proportional, samples, |_| ()),
         };
         over(seen.emitted, (-seen.depth).exp(), colour, self.background)
     }
