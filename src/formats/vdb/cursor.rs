@@ -44,6 +44,11 @@ impl Cursor {
         &self.path
     }
 
+    /// The file, wherever it stands.
+    pub(super) fn into_file(self) -> File {
+        self.reader.into_inner()
+    }
+
     fn claim(&mut self, bytes: u64, what: &str) -> Result<()> {
         let left = self.length - self.position;
         if bytes > left {

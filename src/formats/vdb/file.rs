@@ -1,6 +1,7 @@
 //! An open VDB file: its directory from the preflight, its grids through OpenVDB.
 
 use super::ffi;
+use super::load;
 use super::meta::Meta;
 use super::native::NativeGrid;
 use super::preflight::{self, Entry, Limits, Preflight};
@@ -13,6 +14,8 @@ use std::ptr::{NonNull, null_mut};
 /// A VDB file open for reading. Grids are loaded one by one, never lazily.
 pub struct File {
     raw: NonNull<ffi::RawFile>,
+    /// What was checked, still open: a file put in its place meanwhile is another one.
+    source: std::fs::File,
     path: PathBuf,
     preflight: Preflight,
     limits: Limits,
@@ -34,13 +37,13 @@ impl File {
     /// What [`preflight::check`] finds, or OpenVDB's own words.
     pub fn open(path: impl AsRef<Path>, limits: Limits) -> Result<Self> {
         let path = path.as_ref();
-        let preflight = preflight::check(path, &limits)?;
+        let (preflight, source) = preflight::open(path, &limits)?;
         let name = ffi::c_path(path)?;
         let mut raw = null_mut();
         // SAFETY: the path is NUL-terminated and `raw` a valid place for the handle.
         ffi::call(|s| unsafe { ffi::open(name.as_ptr(), &mut raw, s) }).map_err(|e| e.at(path))?;
         let raw = NonNull::new(raw).ok_or_else(|| Error::native("no file handle").at(path))?;
-        Ok(Self { raw, path: path.to_path_buf(), preflight, limits })
+        Ok(Self { raw, source, path: path.to_path_buf(), preflight, limits })
     }
 
     /// Path it was opened by.
@@ -102,13 +105,16 @@ impl File {
     pub fn read(&self, name: &str) -> Result<NativeGrid> {
         let entry = self.find(name)?;
         let place = |e: Error| e.at(&self.path).part(format!("grid '{}'", entry.name));
+        let damaged = |e| place(e).hint("the file may be damaged; export it again");
+        if entry.layout.is_some() {
+            return load::grid(&self.source, &self.preflight, entry).map_err(damaged);
+        }
         let unique = ffi::c_name(&entry.name).map_err(place)?;
         // What was walked node by node is bounded already; the rest (points) is tried in a child first.
         let guard = if entry.fully_checked { 0 } else { self.limits.max_memory };
         let mut raw = null_mut();
         // SAFETY: the file is open, the name NUL-terminated, and `raw` a valid place.
-        ffi::call(|s| unsafe { ffi::read(self.raw.as_ptr(), unique.as_ptr(), guard, &mut raw, s) })
-            .map_err(|e| place(e).hint("the file may be damaged; export it again"))?;
+        ffi::call(|s| unsafe { ffi::read(self.raw.as_ptr(), unique.as_ptr(), guard, &mut raw, s) }).map_err(damaged)?;
         // SAFETY: fresh from the shim.
         unsafe { NativeGrid::own(raw, entry.name.clone()) }.map_err(place)
     }

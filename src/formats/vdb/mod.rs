@@ -15,6 +15,7 @@
 mod cursor;
 mod ffi;
 mod file;
+mod load;
 mod meta;
 mod native;
 pub mod preflight;

@@ -64,6 +64,21 @@ pub struct Entry {
     pub topology: Option<Topology>,
     /// Every length in the grid was checked; otherwise the library reads it under a memory guard.
     pub fully_checked: bool,
+    /// Where its leaves lie, for grids with a tree of their own that was checked whole.
+    pub(super) layout: Option<Layout>,
+}
+
+/// Where a grid's parts lie in the file.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Layout {
+    /// First byte: the compression flags.
+    pub from: u64,
+    /// First byte of the leaves' buffers.
+    pub buffers: u64,
+    /// Where each run of leaves begins ([`super::topology::RUN`] of them, fewer in the last).
+    pub runs: Vec<u64>,
+    /// One past the last byte.
+    pub end: u64,
 }
 
 /// A file that is complete as far as its skeleton tells.
@@ -90,6 +105,11 @@ struct Descriptor {
 /// `Invalid` where the file contradicts itself (truncated, damaged), `Unsupported` for other formats,
 /// other versions, or trees above the limits; always with what to do.
 pub fn check(path: &Path, limits: &Limits) -> Result<Preflight> {
+    open(path, limits).map(|(preflight, _)| preflight)
+}
+
+/// [`check`], with the file that was checked.
+pub(super) fn open(path: &Path, limits: &Limits) -> Result<(Preflight, std::fs::File)> {
     let mut cursor = Cursor::open(path)?;
     let c = &mut cursor;
     let version = magic_and_version(c)?;
@@ -134,7 +154,8 @@ pub fn check(path: &Path, limits: &Limits) -> Result<Preflight> {
             }
         }
     }
-    Ok(Preflight { version, library, entries: descriptors.into_iter().map(|d| d.entry).collect() })
+    let preflight = Preflight { version, library, entries: descriptors.into_iter().map(|d| d.entry).collect() };
+    Ok((preflight, cursor.into_file()))
 }
 
 fn magic_and_version(c: &mut Cursor) -> Result<u32> {
@@ -190,8 +211,17 @@ fn descriptor(c: &mut Cursor) -> Result<Descriptor> {
         )));
     }
     let file_bytes = (end - position) as u64;
-    let entry =
-        Entry { name, base_name, grid_type, half, instance_of, file_bytes, topology: None, fully_checked: false };
+    let entry = Entry {
+        name,
+        base_name,
+        grid_type,
+        half,
+        instance_of,
+        file_bytes,
+        topology: None,
+        fully_checked: false,
+        layout: None,
+    };
     Ok(Descriptor { entry, position: position as u64, block: block as u64, end: end as u64 })
 }
 
@@ -218,8 +248,10 @@ fn body(c: &mut Cursor, d: &mut Descriptor, version: u32, limits: &Limits) -> Re
     let mut walk = Walk::new(c, value, compression, limits)?;
     d.entry.topology = Some(walk.topology()?);
     if value.is_complete() {
-        walk.buffers()?;
+        let runs = walk.buffers()?;
         d.entry.fully_checked = true;
+        let buffers = runs.first().copied().unwrap_or(d.end);
+        d.entry.layout = Some(Layout { from: d.position, buffers, runs, end: d.end });
         at(c, d.end, "the grid's end")
     } else {
         at(c, d.block, "the grid's buffers")

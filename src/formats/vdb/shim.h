@@ -28,6 +28,7 @@ typedef struct cumulo_vdb_file cumulo_vdb_file;
 typedef struct cumulo_vdb_grid cumulo_vdb_grid;
 typedef struct cumulo_vdb_meta cumulo_vdb_meta;
 typedef struct cumulo_vdb_leaves cumulo_vdb_leaves;
+typedef struct cumulo_vdb_loading cumulo_vdb_loading;
 
 typedef struct cumulo_vdb_info {
     char value_type[48]; /* "float", "vec3s", ... */
@@ -85,6 +86,24 @@ int32_t cumulo_vdb_file_meta(cumulo_vdb_file* file, cumulo_vdb_meta** out, cumul
  * child process, then read while the process may grow by that many bytes of private memory. */
 int32_t cumulo_vdb_read(cumulo_vdb_file* file, const char* unique_name, uint64_t data_limit, cumulo_vdb_grid** out,
                         cumulo_vdb_status* status);
+/* Where a grid lies in a file: every length in it was checked. */
+typedef struct cumulo_vdb_layout {
+    int32_t fd;            /* stays the caller's; read by position */
+    int32_t half;
+    const char* grid_type; /* "Tree_float_5_4_3" */
+    uint32_t file_version;
+    uint32_t library[2];   /* version of the library that wrote it */
+    uint64_t from;         /* first byte: the compression flags */
+    uint64_t buffers;      /* first byte of the leaves' buffers */
+    uint64_t leaf_count;
+} cumulo_vdb_layout;
+/* Reads all of a grid but its leaves' buffers; then those, in file order from leaf `first` on, that lie
+ * at these bytes (thread-safe for different leaves); then hands over the grid, or, where `out` is null,
+ * drops it. The end consumes the handle whatever it returns. */
+int32_t cumulo_vdb_load_begin(const cumulo_vdb_layout* layout, cumulo_vdb_loading** out, cumulo_vdb_status* status);
+int32_t cumulo_vdb_load_leaves(const cumulo_vdb_loading* loading, size_t first, size_t count, uint64_t from,
+                               uint64_t until, cumulo_vdb_status* status);
+int32_t cumulo_vdb_load_end(cumulo_vdb_loading* loading, cumulo_vdb_grid** out, cumulo_vdb_status* status);
 /* `meta` may be null. `codec`: 0 none, 1 Blosc. */
 int32_t cumulo_vdb_write(const char* path, const cumulo_vdb_grid* const* grids, size_t count,
                          const cumulo_vdb_meta* meta, int32_t codec, cumulo_vdb_status* status);

@@ -26,6 +26,9 @@ enum LeafKind {
     Opaque,
 }
 
+/// Leaves that are decoded in one go.
+pub(super) const RUN: usize = 128;
+
 /// A value type of a standard tree.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ValueType {
@@ -233,9 +236,13 @@ impl<'a> Walk<'a> {
         self.cursor.skip(length as u64, what)
     }
 
-    /// All leaf buffers. Call after [`Walk::topology`].
-    pub(super) fn buffers(&mut self) -> Result<()> {
-        for (origin, active) in std::mem::take(&mut self.leaves) {
+    /// All leaf buffers. Call after [`Walk::topology`]. Returns where each run of [`RUN`] leaves begins.
+    pub(super) fn buffers(&mut self) -> Result<Vec<u64>> {
+        let mut runs = Vec::new();
+        for (i, (origin, active)) in std::mem::take(&mut self.leaves).into_iter().enumerate() {
+            if i % RUN == 0 {
+                runs.push(self.cursor.position());
+            }
             self.cursor.skip(64, "leaf mask")?;
             match self.value.leaf {
                 LeafKind::Values => self.compressed(512, u64::from(active), "leaf values")?,
@@ -251,6 +258,6 @@ impl<'a> Walk<'a> {
                 LeafKind::Opaque => return Err(Error::unsupported("point buffers are not walked")),
             }
         }
-        Ok(())
+        Ok(runs)
     }
 }
