@@ -240,9 +240,7 @@ impl<'a> Hull<'a> {
             return Err(Error::invalid("the pictures leave no voxel that could hold anything")
                 .hint("check the cameras and the background colour, or give the region with --bounds"));
         }
-        // A voxel on the low face of its brick reaches into the cells of the brick below.
-        let below = candidates.iter().flat_map(|(b, _)| (0..8).map(|c| *b - IVec3::new(c >> 2 & 1, c >> 1 & 1, c & 1)));
-        let topology = Topology::new(below)?;
+        let topology = Topology::new(candidates.iter().flat_map(|(brick, own)| reached(*brick, own)))?;
         let mut unknown = vec![false; topology.len() * LEAF_VOXELS];
         for (brick, own) in candidates {
             let at = topology.find(brick) as usize * LEAF_VOXELS;
@@ -250,6 +248,19 @@ impl<'a> Hull<'a> {
         }
         Ok((topology, unknown))
     }
+}
+
+/// Bricks with cells that the unknowns of a brick are corners of: itself, and those below it where an
+/// unknown lies on the low faces.
+fn reached(brick: IVec3, unknown: &[bool]) -> impl Iterator<Item = IVec3> {
+    let mut steps = [false; 8];
+    for v in (0..LEAF_VOXELS).filter(|v| unknown[*v]) {
+        // Bits of the faces that the voxel lies on, x first.
+        let faces = usize::from(v >> 6 == 0) << 2 | usize::from(v >> 3 & 7 == 0) << 1 | usize::from(v & 7 == 0);
+        (0..8).filter(|step| step & !faces == 0).for_each(|step| steps[step] = true);
+    }
+    let below = |step: usize| IVec3::new(step as i32 >> 2, step as i32 >> 1 & 1, step as i32 & 1);
+    (0..8).filter(move |step| steps[*step]).map(move |step| brick - below(step))
 }
 
 fn too_fine(voxels: DVec3) -> Error {
