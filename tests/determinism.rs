@@ -7,9 +7,9 @@ mod work;
 
 use cumulo::optimise::density::{self, Request};
 use cumulo::optimise::hull::Hull;
-use cumulo::optimise::observation::{Observation, Photo};
+use cumulo::optimise::observation::{DepthMap, Observation, Photo};
 use cumulo::optimise::pictures::{self, Accumulators, Target};
-use cumulo::optimise::projector::{Projector, View};
+use cumulo::optimise::projector::Projector;
 use cumulo::render;
 use cumulo::render::dvr::{Adjoint, Dvr};
 use cumulo::render::quadrature::Quadrature;
@@ -112,11 +112,12 @@ fn the_projector() {
     let (field, cameras) = scene();
     let observation = Observation::new(&photos(&field, &cameras, MEDIA[0]), [1.0; 3], [0.0; 3]).unwrap();
     let (topology, transform) = (field.topology.clone(), field.transform);
-    let views: Vec<View> = observation.maps.iter().map(|m| View::new(m, &topology, &transform)).collect();
+    let maps: Vec<&DepthMap> = observation.maps.iter().collect();
     let x: Vec<f32> = (0..topology.len() as u64 * 512).map(|i| noise(i) as f32).collect();
     alike("projector", || {
         let mut projector = Projector::new(topology.clone(), transform, 0.8, 2);
         let mut out = vec![0.0; projector.unknowns()];
+        let views = projector.views(&maps, 1, &vec![true; projector.unknowns()]);
         let sums = projector.normal(&x, &views, &mut out, |s, z| {
             let miss = f64::from(s.depth) - z.iter().sum::<f64>();
             (miss, [miss * miss, 1.0])

@@ -6,8 +6,8 @@ mod fields;
 
 use cumulo::math::{Aabb, Affine};
 use cumulo::optimise::hull::Hull;
-use cumulo::optimise::observation::{Observation, Photo};
-use cumulo::optimise::projector::{Projector, View};
+use cumulo::optimise::observation::{DepthMap, Observation, Photo};
+use cumulo::optimise::projector::{Projector, Sample, View};
 use cumulo::optimise::smooth::Smoother;
 use cumulo::optimise::solver::{Solver, mean};
 use cumulo::render::dvr::Dvr;
@@ -197,10 +197,11 @@ fn transmittance_is_read_off_any_grey_medium() {
 fn the_operator_has_its_transpose() {
     let field = ball();
     let observation = observed(&field, 3);
-    let views: Vec<View> = observation.maps.iter().map(|m| View::new(m, &field.topology, &field.transform)).collect();
+    let maps: Vec<&DepthMap> = observation.maps.iter().collect();
     for rays in [1, 2] {
         let mut projector = Projector::new(field.topology.clone(), field.transform, 1.5, rays);
         let n = projector.unknowns();
+        let views = projector.views(&maps, 1, &vec![true; n]);
         let (x, mut back) = (noise(n, 3), vec![0.0; n]);
         // y is the measured depth of each pixel.
         let [forward, _] = projector.normal(&x, &views, &mut back, |s, z| {
@@ -212,14 +213,40 @@ fn the_operator_has_its_transpose() {
     }
 }
 
+/// Pixels are put aside only if nothing of them depends on an unknown: what is left out of the walk is
+/// zero in it, and sums over pixels are as if nothing were.
+#[test]
+fn idle_pixels_are_those_without_a_say() {
+    let field = ball();
+    let observation = observed(&field, 3);
+    let maps: Vec<&DepthMap> = observation.maps.iter().collect();
+    let mut projector = Projector::new(field.topology.clone(), field.transform, 1.5, 2);
+    let n = projector.unknowns();
+    let unknown: Vec<bool> = (0..n).map(|i| i % 512 == 77).collect();
+    let (all, some) = (projector.views(&maps, 1, &vec![true; n]), projector.views(&maps, 1, &unknown));
+    let count = |views: &[View]| views.iter().map(|v| (v.samples.len(), v.idle.len())).collect::<Vec<_>>();
+    assert!(count(&all).iter().zip(count(&some)).all(|(a, s)| s.1 > a.1 && s.0 > 0 && s.0 < a.0 / 2));
+    let x: Vec<f32> = noise(n, 5).iter().zip(&unknown).map(|(x, u)| if *u { *x } else { 0.0 }).collect();
+    let square = |s: &Sample, z: &[f64]| (mean(z) - f64::from(s.depth)).powi(2);
+    let (a, s) = (projector.measure(&x, &all, square), projector.measure(&x, &some, square));
+    assert!((a - s).abs() < 1e-9 * a, "{a} {s}");
+    let mut backward = [vec![0.0; n], vec![0.0; n]];
+    for (views, out) in [&all, &some].into_iter().zip(&mut backward) {
+        projector.normal(&x, views, out, |s, z| (mean(z) - f64::from(s.depth), [0.0; 2]));
+    }
+    for i in (0..n).filter(|i| unknown[*i]) {
+        assert!((backward[0][i] - backward[1][i]).abs() <= 1e-4 * backward[0][i].abs().max(1e-2), "voxel {i}");
+    }
+}
+
 #[test]
 fn the_solver_goes_down_and_stays_above_zero() {
     let field = ball();
     let observation = observed(&field, 10);
-    let views: Vec<View> = observation.maps.iter().map(|m| View::new(m, &field.topology, &field.transform)).collect();
     let mut projector = Projector::new(field.topology.clone(), field.transform, 1.5, 1);
     let mut smoother = Smoother::new(&field.topology, 1, 0.2);
     let n = projector.unknowns();
+    let views = projector.views(&observation.maps.iter().collect::<Vec<_>>(), 1, &vec![true; n]);
     let mut solver = Solver::new(&views, &mut projector, &mut smoother, &vec![true; n], vec![0.0; n]);
     let mut losses = Vec::new();
     for _ in 0..4 {

@@ -11,7 +11,6 @@ use crate::optimise::solver::Solver;
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::grid::{Grid, LEAF_VOXELS};
 use crate::scene::medium::Medium;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -230,15 +229,15 @@ impl Level {
         let limit = (request.max_memory / per_brick as u64) as usize;
         let (topology, unknown) = hull.unknowns(&lattice, &request.bounds, limit)?;
         let topology = Arc::new(topology);
-        let reduced = |maps: &[&DepthMap]| -> Vec<View> {
-            maps.par_iter().map(|m| View::new(&m.reduced(stride), &topology, &lattice)).collect()
-        };
+        // Pixels of coarser levels are means of many already; one ray is as good as their model gets.
+        let rays = if level == 0 { request.rays_per_edge } else { 1 };
+        let mut projector = Projector::new(topology.clone(), lattice, request.medium.extinction, rays);
         let (held_out, train): (Vec<_>, Vec<_>) =
             observation.maps.iter().enumerate().partition(|(i, _)| request.held_out.contains(i));
-        let maps = |v: Vec<(usize, &'_ DepthMap)>| -> Vec<View> {
-            reduced(&v.into_iter().map(|(_, m)| m).collect::<Vec<_>>())
+        let mut views = |maps: Vec<(usize, &DepthMap)>| {
+            projector.views(&maps.into_iter().map(|(_, m)| m).collect::<Vec<_>>(), stride, &unknown)
         };
-        let (held_out, train) = (maps(held_out), maps(train));
+        let (held_out, train) = (views(held_out), views(train));
         if train.iter().all(|v| v.samples.is_empty()) {
             return Err(
                 Error::invalid("no ray of the pictures meets the region").hint("check --bounds and the cameras")
@@ -248,10 +247,8 @@ impl Level {
             Some(field) => field.resampled(&topology, &lattice),
             None => vec![0.0; unknown.len()],
         };
-        // Pixels of coarser levels are means of many already; one ray is as good as their model gets.
-        let rays = if level == 0 { request.rays_per_edge } else { 1 };
         Ok(Self {
-            projector: Projector::new(topology.clone(), lattice, request.medium.extinction, rays),
+            projector,
             smoother: Smoother::new(&topology, passes, 0.2),
             robust: request.robust,
             finest: level == 0,
@@ -361,8 +358,7 @@ impl Level {
     }
 }
 
-/// PSNR of the transmittance over all pixels of the views, peak 1. Pixels whose rays meet no brick
-/// count as right: they were empty in the picture.
+/// PSNR of the transmittance over all pixels of the views, peak 1. Pixels without weight count as right.
 fn picture_psnr(views: &[View], mut measure: impl FnMut(&[View], fn(&Sample, &[f64]) -> f64) -> f64) -> f64 {
     let pixels: f64 = views.iter().map(|v| f64::from(v.camera.width) * f64::from(v.camera.height)).sum();
     let square = measure(views, |s, z| {

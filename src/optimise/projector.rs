@@ -27,34 +27,19 @@ pub struct Sample {
     pub weight: f32,
 }
 
-/// The measured pixels of one picture.
+/// The measured pixels of one picture, in an order in which neighbours are close in the image.
 #[derive(Debug, Clone)]
 pub struct View {
     /// Where it was taken from.
     pub camera: Camera,
-    /// Pixels, in an order in which neighbours are close in the image.
+    /// Pixels whose rays cross unknowns.
     pub samples: Vec<Sample>,
+    /// Pixels that show nothing whatever the unknowns are, but have measured something.
+    pub idle: Vec<Sample>,
 }
 
 /// Pixels handled in one go.
 const RUN: usize = 1024;
-
-impl View {
-    /// The pixels of a map that have weight and whose rays meet the bricks.
-    pub fn new(map: &DepthMap, topology: &Topology, transform: &Affine) -> Self {
-        let mut samples = Vec::new();
-        for i in morton(map.width, map.height) {
-            let (x, y) = (i % map.width, i / map.width);
-            let position = [x as f32 + 0.5, y as f32 + 0.5];
-            let ray = map.camera.ray(position[0].into(), position[1].into());
-            let sample = Sample { position, depth: map.depth[i], weight: map.weight[i] };
-            if sample.weight > 0.0 && crate::render::march::meets(topology, transform, &ray) {
-                samples.push(sample);
-            }
-        }
-        Self { camera: map.camera, samples }
-    }
-}
 
 /// The operator on a fixed topology.
 #[derive(Debug)]
@@ -91,7 +76,41 @@ impl Projector {
         self.topology.len() * LEAF_VOXELS
     }
 
-    /// Walks the rays of every pixel of the given views once. `slope(sample, depths)` maps the
+    /// The pixels that have weight of maps reduced by `stride`, with those put aside whose rays cross no cell of an unknown
+    /// (`true`, 512 a brick): their rows of the operator are zero.
+    pub fn views(&mut self, maps: &[&DepthMap], stride: usize, unknown: &[bool]) -> Vec<View> {
+        let ones: Vec<f32> = unknown.iter().map(|u| f32::from(u8::from(*u))).collect();
+        self.topology.spread(&ones, &mut self.field.values);
+        let Ok(dvr) = Dvr::new(&self.field, self.medium) else { return Vec::new() };
+        let dvr = dvr.early_stop(0.0);
+        let arch = pulp::Arch::new();
+        let view = |map: &&DepthMap| {
+            let map = map.reduced(stride);
+            let (mut tape, mut depths) = (Tape::default(), vec![0.0; self.offsets.len()]);
+            let pixels = morton(map.width, map.height).filter(|i| map.weight[*i] > 0.0).map(|i| {
+                let (x, y) = (i % map.width, i / map.width);
+                Sample { position: [x as f32 + 0.5, y as f32 + 0.5], depth: map.depth[i], weight: map.weight[i] }
+            });
+            let (samples, mut idle): (Vec<_>, Vec<_>) = pixels.partition(|sample| {
+                let [depth, _] = arch.dispatch(Run {
+                    dvr: &dvr,
+                    camera: &map.camera,
+                    samples: std::slice::from_ref(sample),
+                    offsets: &self.offsets,
+                    slope: &|_: &Sample, z: &[f64]| (0.0, [z.iter().sum(), 0.0]),
+                    tape: &mut tape,
+                    depths: &mut depths,
+                    gradient: None,
+                });
+                depth > 0.0
+            });
+            idle.retain(|sample| sample.depth != 0.0);
+            View { camera: map.camera, samples, idle }
+        };
+        maps.par_iter().map(view).collect()
+    }
+
+    /// Walks the rays of every pixel of the given views once, but for the idle ones. `slope(sample, depths)` maps the
     /// optical depths along a pixel's rays to what is sent back per unit of their mean, and to
     /// two things to be summed; `Aᵀ slope` goes to `out`.
     pub fn normal(
@@ -114,9 +133,11 @@ impl Projector {
         sums
     }
 
-    /// The sum alone: no gradient.
+    /// The sum alone, idle pixels included: no gradient.
     pub fn measure(&mut self, voxels: &[f32], views: &[View], value: impl Fn(&Sample, &[f64]) -> f64 + Sync) -> f64 {
-        self.walk(voxels, views, |s, z| (0.0, [value(s, z), 0.0]), false)[0]
+        let nothing = vec![0.0; self.offsets.len()];
+        let idle: f64 = views.iter().flat_map(|v| &v.idle).map(|s| value(s, &nothing)).sum();
+        idle + self.walk(voxels, views, |s, z| (0.0, [value(s, z), 0.0]), false)[0]
     }
 
     fn walk(

@@ -187,21 +187,3 @@ pub fn batches_before<R: Real>(topology: &Topology, ray: &IndexRay, last: f64, m
         visit(&batch[count..]);
     }
 }
-
-/// True if a world ray crosses any brick.
-pub fn meets(topology: &Topology, transform: &Affine, ray: &Ray) -> bool {
-    let mut met = false;
-    if let Some(ray) = IndexRay::new(topology, transform, ray) {
-        spans::<f32>(
-            topology,
-            &ray,
-            false,
-            #[inline(always)]
-            |_| {
-                met = true;
-                false
-            },
-        );
-    }
-    met
-}

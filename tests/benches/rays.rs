@@ -6,7 +6,7 @@ use super::turns::{in_turn, median, ratio};
 use cumulo::math::{Affine, Ray};
 use cumulo::optimise::observation::DepthMap;
 use cumulo::optimise::pictures::{self, Accumulators, Target};
-use cumulo::optimise::projector::{Projector, View};
+use cumulo::optimise::projector::Projector;
 use cumulo::render::dvr::{Adjoint, Dvr};
 use cumulo::render::picture;
 use cumulo::scene::bricks::{Bricks, NONE};
@@ -147,8 +147,9 @@ fn projections_per_second(scene: &Scene, pools: &[ThreadPool; 2]) -> Vec<Row> {
         name: "view".into(),
     };
     let topology = &scene.field.topology;
-    let views: Vec<View> = scene.cameras.iter().map(|c| View::new(&map(c), topology, &scene.field.transform)).collect();
     let mut projector = Projector::new(topology.clone(), scene.field.transform, 0.15, 1);
+    let maps: Vec<DepthMap> = scene.cameras.iter().map(map).collect();
+    let views = projector.views(&maps.iter().collect::<Vec<_>>(), 1, &vec![true; projector.unknowns()]);
     let mut voxels = vec![0.0; projector.unknowns()];
     topology.fold(&scene.field.values, &mut voxels);
     let mut out = voxels.clone();
