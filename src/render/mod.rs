@@ -17,20 +17,21 @@ use film::Film;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Edge of the tiles that threads work on: rays of a tile meet the same bricks.
-const TILE: usize = 16;
+/// Width and height of the tiles that threads work on. Rays of a tile meet the same bricks; a band of
+/// tiles is a task, and small pictures need many.
+const TILE: (usize, usize) = (16, 4);
 
 /// Renders a picture, the mean over `rays_per_edge`² rays a pixel. `None` if `cancel` was set.
 pub fn picture(dvr: &Dvr<'_, f32>, camera: &Camera, rays_per_edge: usize, cancel: &AtomicBool) -> Option<Film> {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let mut film = Film::new(width, height);
     let arch = pulp::Arch::new();
-    film.rgba.par_chunks_mut(width * TILE).enumerate().for_each(|(band, rows)| {
-        for left in (0..width).step_by(TILE) {
+    film.rgba.par_chunks_mut(width * TILE.1).enumerate().for_each(|(band, rows)| {
+        for left in (0..width).step_by(TILE.0) {
             if cancel.load(Ordering::Relaxed) {
                 return;
             }
-            arch.dispatch(Tile { dvr, camera, rays_per_edge: rays_per_edge.max(1), rows, top: band * TILE, left });
+            arch.dispatch(Tile { dvr, camera, rays_per_edge: rays_per_edge.max(1), rows, top: band * TILE.1, left });
         }
     });
     (!cancel.load(Ordering::Relaxed)).then_some(film)
@@ -58,7 +59,7 @@ impl pulp::NullaryFnOnce for Tile<'_, '_> {
         let mut tape = Tape::default();
         for (row, pixels) in self.rows.chunks_mut(self.camera.width as usize).enumerate() {
             let y = (self.top + row) as f64;
-            for (x, pixel) in pixels.iter_mut().enumerate().skip(self.left).take(TILE) {
+            for (x, pixel) in pixels.iter_mut().enumerate().skip(self.left).take(TILE.0) {
                 for i in 0..n * n {
                     let offset = |i: usize| (i as f64 + 0.5) / n as f64;
                     let ray = self.camera.ray(x as f64 + offset(i % n), y + offset(i / n));
