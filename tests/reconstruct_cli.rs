@@ -175,7 +175,7 @@ fn outliers_are_borne() {
 /// Without held-out views the prior depends on whether the pictures are clean.
 #[test]
 fn a_blind_prior_is_rougher_for_clean_pictures() {
-    let work = with_pictures(12, 24);
+    let work = with_pictures(12, 40);
     let same = |passes: u32| {
         work.json(&format!("reconstruct density cap -o blind.vdb {SMALL} --held-out 0"));
         work.json(&format!("reconstruct density cap -o given.vdb {SMALL} --held-out 0 --smoothing {passes}"));

@@ -44,18 +44,24 @@ pub struct Observation {
     pub maps: Vec<DepthMap>,
     /// A pixel with less optical depth than this has met nothing.
     pub empty: f32,
-    /// Pictures without noise: what is empty has the background's very colour.
+    /// Pictures with hardly any noise: what is empty has the background's very colour, and what is not
+    /// is about as smooth as volumes are.
     pub clean: bool,
 }
 
 /// Optical depth beyond which a pixel says only "opaque": the transmittance is below the steps of
 /// half-precision files and any renderer's noise.
 const OPAQUE: f64 = 14.0;
-/// Transmittance 1 / trust is where weights begin to fall, in clean pictures and in noisy ones. Noise
-/// of constant size in a picture is noise of size 1/T in the optical depth, so dark pixels deserve T²;
-/// clean pictures deserve equal weights until their last digits are reached.
-const TRUST: [f64; 2] = [60.0, 6.0];
-/// Optical depth below which a pixel of a clean picture is empty: a few roundings of `f32` near 1.
+/// Error in optical depth that a volume of voxels makes of its own: noise below it hardly matters. (Noise
+/// of size σ in a picture is noise of size σ / T in the optical depth, so dark pixels deserve weights of
+/// T², from T = σ / error on.)
+const OWN_ERROR: f64 = 0.08;
+/// Bounds of that error over the noise.
+const TRUST: std::ops::RangeInclusive<f64> = 3.0..=60.0;
+/// Noise in the transmittance from which on pictures count as noisy. Detail of a pixel's size answers to
+/// the estimate too, up to half of this.
+const NOISY: f64 = 8e-3;
+/// Optical depth below which a pixel is empty where some have the background's very colour: a few roundings of `f32` near 1.
 const EMPTY: f32 = 2e-6;
 
 impl Observation {
@@ -89,9 +95,11 @@ impl Observation {
                 .hint("render on a background that differs from the medium's colour, or with alpha, and state it as `background` in transforms.json"));
         }
         let untouched = seen.iter().flatten().filter(|t| (**t - 1.0).abs() < f64::from(EMPTY)).count();
-        let clean = untouched * 100 >= seen.iter().map(Vec::len).sum::<usize>();
-        let empty = if clean { EMPTY } else { haze(&seen) };
-        let trust = TRUST[usize::from(!clean)];
+        let exact = untouched * 100 >= seen.iter().map(Vec::len).sum::<usize>();
+        let empty = if exact { EMPTY } else { haze(&seen) };
+        let noise = noise(photos, &seen);
+        let clean = exact && noise < NOISY;
+        let trust = (OWN_ERROR / noise.max(1e-12)).clamp(*TRUST.start(), *TRUST.end());
         let maps = photos
             .iter()
             .zip(seen)
@@ -157,4 +165,57 @@ fn haze(seen: &[Vec<f64>]) -> f32 {
     let k = distances.len() / 10;
     let (_, value, _) = distances.select_nth_unstable_by(k, f64::total_cmp);
     EMPTY.max(3.0 * *value as f32)
+}
+
+/// Standard deviation of the noise in the transmittance of pixels that show something, by a mask that
+/// smooth pictures hardly answer to (Immerkær 1996). Noise answers half as much in pictures of half the
+/// size, detail several times as much: what both answers share is no noise.
+fn noise(photos: &[Photo], seen: &[Vec<f64>]) -> f64 {
+    let full: Vec<Picture> = photos
+        .iter()
+        .zip(seen)
+        .map(|(p, t)| Picture { width: p.film.width, height: p.film.height, t: t.clone() })
+        .collect();
+    let half: Vec<Picture> = full.iter().map(Picture::halved).collect();
+    let (here, coarser) = (answer(&full), answer(&half));
+    (here * here - 0.25 * coarser * coarser).max(0.0).sqrt()
+}
+
+/// Transmittances of a picture, row by row.
+struct Picture {
+    width: usize,
+    height: usize,
+    t: Vec<f64>,
+}
+
+impl Picture {
+    /// Means of four pixels; an odd last row or column is left out.
+    fn halved(&self) -> Self {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let mean = |i: usize| {
+            let corner = 2 * (i / width.max(1)) * self.width + 2 * (i % width.max(1));
+            [0, 1, self.width, self.width + 1].iter().map(|k| 0.25 * self.t[corner + k]).sum()
+        };
+        Self { width, height, t: (0..width * height).map(mean).collect() }
+    }
+}
+
+/// Standard deviation of white noise that the median answer of all pixels to the mask would be of.
+fn answer(pictures: &[Picture]) -> f64 {
+    const MASK: [f64; 9] = [1.0, -2.0, 1.0, -2.0, 4.0, -2.0, 1.0, -2.0, 1.0];
+    let of = |p: &Picture| -> Vec<f64> {
+        let at = |x: usize, y: usize| p.t[y * p.width + x];
+        let answer = |x: usize, y: usize| (0..9).map(|k| MASK[k] * at(x + k % 3 - 1, y + k / 3 - 1)).sum::<f64>().abs();
+        let inner = (1..p.height.saturating_sub(1)).flat_map(|y| (1..p.width.saturating_sub(1)).map(move |x| (x, y)));
+        let shown = inner.filter(|(x, y)| (at(*x, *y) - 1.0).abs() > f64::from(EMPTY));
+        shown.map(|(x, y)| answer(x, y)).filter(|a| a.is_finite()).collect()
+    };
+    let mut answers: Vec<f64> = pictures.par_iter().flat_map_iter(of).collect();
+    if answers.is_empty() {
+        return 0.0;
+    }
+    let middle = answers.len() / 2;
+    let (_, median, _) = answers.select_nth_unstable_by(middle, f64::total_cmp);
+    // The squares of the mask's weights sum up to 36; half of a normal distribution lies within 0.6745 σ.
+    *median / (6.0 * 0.6745)
 }
