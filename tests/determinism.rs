@@ -85,7 +85,7 @@ fn gradients() {
     let (field, cameras) = scene();
     for medium in MEDIA {
         let dvr = Dvr::new(&field, medium).unwrap();
-        let target = |c: &Camera| Target { camera: *c, rgba: vec![[0.4, 0.5, 0.6, 0.3]; 48 * 40] };
+        let target = |c: &Camera| Target { camera: *c, rgba: vec![[0.4, 0.5, 0.6, 0.3]; 48 * 40], rays_per_edge: 1 };
         let targets: Vec<Target> = cameras.iter().take(3).map(target).collect();
         let all: Vec<&Target> = targets.iter().collect();
         alike("gradient", || {

@@ -145,6 +145,33 @@ fn outside_of_pictures_that_show_the_whole_medium_is_nothing() {
     assert!(kept < 5 * 3050, "{kept} unknowns in {} bricks", topology.len());
 }
 
+/// A picture that shows the whole of one ball, and nothing at its border, but not the other ball: the
+/// other pictures know better.
+#[test]
+fn a_close_up_of_a_part_takes_nothing_away() {
+    let bricks = (0..128).map(|i| IVec3::new(i >> 2 & 15, i >> 1 & 1, i & 1) + IVec3::new(0, 0, 2 * (i >> 6)));
+    let mut field = Bricks::zeros(Arc::new(Topology::new(bricks).unwrap()), Affine::uniform(1.0, DVec3::ZERO).unwrap());
+    let balls = [DVec3::new(10.0, 8.0, 8.0), DVec3::new(110.0, 8.0, 8.0)];
+    let owned: Vec<f32> = field
+        .topology
+        .bricks()
+        .iter()
+        .flat_map(|b| (0..512).map(move |i| (8 * *b + IVec3::new(i >> 6, i >> 3 & 7, i & 7)).as_dvec3()))
+        .map(|p| if balls.iter().any(|c| (p - *c).length() < 5.0) { 0.2 } else { 0.0 })
+        .collect();
+    field.topology.clone().spread(&owned, &mut field.values);
+    let mut cameras = orbit::cameras(&field.outline(), 8, Layout::Sphere, 40, 40, 35.0);
+    let close = Camera {
+        camera_to_world: DMat4::from_translation(DVec3::new(10.0, 8.0, 60.0)),
+        focal: glam::DVec2::splat(80.0),
+        ..cameras[0]
+    };
+    cameras.push(close);
+    let observation = Observation::new(&photos(&field, &cameras, [1.0; 3]), [1.0; 3], [0.0; 3]).unwrap();
+    let bounds = Hull::new(&observation).bounds().unwrap();
+    assert!(balls.iter().all(|c| bounds.min.cmplt(*c - 4.0).all() && bounds.max.cmpgt(*c + 4.0).all()), "{bounds:?}");
+}
+
 #[test]
 fn views_of_one_direction_bound_nothing() {
     let field = ball();
@@ -260,4 +287,31 @@ fn the_solver_goes_down_and_stays_above_zero() {
     assert!(solver.loss() < 0.1 * losses[0], "{losses:?}, then {}", solver.loss());
     let found = solver.densities();
     assert!(found.iter().all(|v| *v >= 0.0 && v.is_finite()));
+}
+
+/// Noise is told from detail: the estimate follows what was added to the pictures and sees none in them.
+#[test]
+fn weights_follow_the_noise() {
+    let field = ball();
+    let cameras = orbit::cameras(&field.outline(), 4, Layout::Sphere, 64, 64, 35.0);
+    let weight = |sigma: f32| {
+        let mut photos = photos(&field, &cameras, [1.0; 3]);
+        for (k, photo) in photos.iter_mut().enumerate() {
+            let n = photo.film.rgba.len();
+            let (a, b, c) = (noise(n, k as u64), noise(n, k as u64 + 100), noise(n, k as u64 + 200));
+            for (i, pixel) in photo.film.rgba.iter_mut().enumerate().filter(|(_, p)| p[3] > 0.0) {
+                let add = sigma * 2.0 * (a[i] + b[i] + c[i] - 1.5);
+                pixel[..3].iter_mut().for_each(|v| *v += add);
+            }
+        }
+        let observation = Observation::new(&photos, [1.0; 3], [0.0; 3]).unwrap();
+        // The weight of the darkest pixel falls with the noise.
+        let weights = observation.maps.iter().flat_map(|m| m.weight.iter().zip(&m.depth));
+        let darkest = weights.filter(|(_, d)| (0.9..1.1).contains(*d)).map(|(w, _)| *w).fold(1.0, f32::min);
+        (observation.clean, darkest)
+    };
+    let (clean, noisy) = (weight(0.0), weight(0.05));
+    assert!(clean.0 && clean.1 > 0.99, "{clean:?}");
+    // 0.08 / 0.05 is below the bound of 3: T = e^-1.1 weighs 1 in 2.
+    assert!(!noisy.0 && (0.4..0.65).contains(&noisy.1), "{noisy:?}");
 }

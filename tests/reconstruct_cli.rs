@@ -172,6 +172,18 @@ fn outliers_are_borne() {
     assert!(huber > 20.0 && huber > squares, "{huber} dB, least squares {squares} dB");
 }
 
+/// A pixel that is not finite says nothing, to either solver.
+#[test]
+fn holes_in_pictures_are_borne_by_the_paper_too() {
+    let work = with_pictures(8, 24);
+    let words = format!("reconstruct density cap -o found.vdb {SMALL} --solver paper");
+    let whole = work.json(&words)["train_psnr_db"].as_f64().unwrap();
+    work.edit("cap", |_, film| film.rgba[300] = [f32::NAN; 4]);
+    let report = work.json(&words);
+    let holed = report["train_psnr_db"].as_f64().unwrap();
+    assert!((holed - whole).abs() < 1.0, "{whole} dB whole, {holed} dB with holes");
+}
+
 /// Without held-out views the prior depends on whether the pictures are clean.
 #[test]
 fn a_blind_prior_is_rougher_for_clean_pictures() {

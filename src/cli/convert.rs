@@ -43,11 +43,20 @@ pub struct Convert {
     /// Make blocks whose values agree within TOL constant
     #[arg(long, value_name = "TOL", value_parser = not_negative)]
     prune: Option<f64>,
-    /// Set NaN and infinite values, and negative fog densities, to zero
-    #[arg(long)]
-    repair: bool,
+    /// Set NaN and infinite values, and negative densities, to zero; auto: fog volumes hold densities, other grids do not
+    #[arg(long, value_enum, value_name = "WHAT", num_args = 0..=1, require_equals = true, default_missing_value = "auto")]
+    repair: Option<Repair>,
     #[command(flatten)]
     memory: Memory,
+}
+
+/// What a grid's values are, for what is wrong with them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Repair {
+    /// By the grid's class.
+    Auto,
+    /// Densities, whatever the class.
+    Density,
 }
 
 fn renaming(text: &str) -> Result<(String, String), String> {
@@ -137,8 +146,9 @@ impl Convert {
             native.resample(voxel_size)?;
         }
         let info = native.info()?;
-        if self.repair {
-            done.repaired = Some(native.repair(info.class == GridClass::FogVolume)?);
+        if let Some(what) = self.repair {
+            let densities = what == Repair::Density || info.class == GridClass::FogVolume;
+            done.repaired = Some(native.repair(densities)?);
         }
         if let Some(tolerance) = self.prune {
             native.prune(tolerance)?;

@@ -133,6 +133,8 @@ impl Render {
         let mut provenance = Provenance::begin();
         let limits = self.memory.limits();
         let asked = self.cameras.as_deref().map(transforms::load).transpose()?;
+        let asked_pictures: Option<Vec<PathBuf>> =
+            asked.as_ref().map(|c| c.frames.iter().map(|f| f.picture.clone()).collect());
         let grid = File::open(&self.input, limits)?.read_fog(self.grid.as_deref())?;
         let field = Bricks::from_grid(&grid, limits.max_memory).map_err(|e| e.at(&self.input))?;
         drop(grid);
@@ -140,7 +142,10 @@ impl Render {
         let capture = self.capture(&field, asked)?;
         fits(&capture, limits.max_memory)?;
 
-        self.spare_the_given()?;
+        if let Some(frame) = capture.frames.iter().find(|f| f.picture.is_dir()) {
+            return Err(Error::invalid("a folder stands where a picture is to go").at(&frame.picture));
+        }
+        self.spare_the_given(asked_pictures.as_deref().unwrap_or_default())?;
         std::fs::create_dir_all(&self.output)
             .map_err(|e| Error::io(&self.output, e).hint("the pictures need a folder that can be written to"))?;
         // Pictures wait in a folder of their own until all are there: an interrupted run must not mix
@@ -181,12 +186,16 @@ impl Render {
     }
 
     /// The pictures of `--cameras` must not be replaced by ours.
-    fn spare_the_given(&self) -> Result<()> {
+    fn spare_the_given(&self, pictures: &[PathBuf]) -> Result<()> {
         let Some(given) = &self.cameras else { return Ok(()) };
         let json = transforms::json_path(given);
-        let place = |path: &Path| std::fs::canonicalize(path).ok();
-        let theirs = json.parent().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p }).and_then(place);
-        if theirs.is_some() && theirs == place(&self.output) {
+        let folder = |path: &Path| {
+            let parent = path.parent().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
+            parent.and_then(|p| std::fs::canonicalize(p).ok())
+        };
+        let ours = std::fs::canonicalize(&self.output).ok();
+        let theirs = pictures.iter().map(PathBuf::as_path).chain([json.as_path()]);
+        if ours.is_some() && theirs.map(folder).any(|theirs| theirs == ours) {
             return Err(Error::invalid("the pictures of --cameras lie in this folder and would be replaced")
                 .at(&self.output)
                 .hint("give another folder with --output"));

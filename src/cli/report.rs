@@ -98,13 +98,13 @@ pub fn prepare(dir: &Path) -> Result<()> {
 ///
 /// # Errors
 /// As [`Report::run`].
-pub fn write(dir: &Path, run: &Run) -> Result<PathBuf> {
+pub fn write(dir: &Path, run: &Run, limits: Limits) -> Result<PathBuf> {
     let absolute = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
     let record = Run { capture: absolute(&run.capture), output: absolute(&run.output), ..run.clone() };
     let text = serde_json::to_vec_pretty(&record).map_err(|e| Error::invalid(e.to_string()))?;
     let path = dir.join(RECORD);
     atomic::write(&path, |p| std::fs::write(p, &text).map_err(|e| Error::io(&path, e)))?;
-    page(run, Limits::default(), None, None)?.write(dir)
+    page(run, limits, None, None)?.write(dir)
 }
 
 /// The page: figures, views beside re-renders, slices, convergence, times, provenance.

@@ -2,10 +2,11 @@
 //!
 //! A pixel without optical depth has met only zeros (densities are not negative), so every voxel in
 //! its way is zero. A picture that shows something, but nothing at its border, shows the whole medium:
-//! what lies outside of it is empty too. What lies outside any other picture is not judged by it.
+//! what lies outside of it is empty too, unless another picture shows something there. What lies outside any
+//! other picture is not judged by it.
 
 use crate::error::{Error, Result};
-use crate::math::{Aabb, Affine};
+use crate::math::{Aabb, Affine, Ray};
 use crate::optimise::observation::{DepthMap, Observation};
 use crate::scene::bricks::Topology;
 use crate::scene::camera::{Camera, Projection};
@@ -22,7 +23,7 @@ struct Silhouette<'a> {
     sums: Vec<u32>,
     /// Image box of the non-empty pixels.
     extent: Option<(DVec2, DVec2)>,
-    /// True if the border is empty.
+    /// True if the border is empty, and no other picture shows something beside this one.
     whole: bool,
 }
 
@@ -103,7 +104,16 @@ pub struct Hull<'a> {
 impl<'a> Hull<'a> {
     /// Prepares the silhouettes.
     pub fn new(observation: &'a Observation) -> Self {
-        Self { views: observation.maps.par_iter().map(|m| Silhouette::new(m, observation.empty)).collect() }
+        let mut views: Vec<Silhouette> =
+            observation.maps.par_iter().map(|m| Silhouette::new(m, observation.empty)).collect();
+        // A picture of a part of the medium can have an empty border, too. Others tell: they see
+        // something beside its frustum.
+        let seen: Vec<Ray> = observation.maps.par_iter().flat_map_iter(|m| shown(m, observation.empty)).collect();
+        views.par_iter_mut().filter(|v| v.whole).for_each(|v| {
+            let frustum = frustum(v.camera);
+            v.whole = seen.iter().all(|ray| crosses(ray, &frustum));
+        });
+        Self { views }
     }
 
     /// True if some view shows that there is nothing in the ball.
@@ -248,6 +258,44 @@ impl<'a> Hull<'a> {
         }
         Ok((topology, unknown))
     }
+}
+
+/// Some of the rays of a picture that meet something.
+const SHOWN: usize = 1024;
+
+fn shown(map: &DepthMap, empty: f32) -> impl Iterator<Item = Ray> {
+    let pixels: Vec<usize> = (0..map.depth.len()).filter(|i| map.weight[*i] > 0.0 && map.depth[*i] > empty).collect();
+    let step = pixels.len().div_ceil(SHOWN).max(1);
+    pixels.into_iter().step_by(step).map(|i| map.camera.ray((i % map.width) as f64 + 0.5, (i / map.width) as f64 + 0.5))
+}
+
+/// Planes at the sides of what a camera sees: points on them and normals inward.
+fn frustum(camera: &Camera) -> [(DVec3, DVec3); 4] {
+    let (w, h) = (f64::from(camera.width), f64::from(camera.height));
+    let corners = [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)].map(|(x, y)| camera.ray(x, y));
+    let middle = camera.ray(0.5 * w, 0.5 * h);
+    let inside = middle.origin + middle.direction;
+    std::array::from_fn(|i| {
+        let (a, b) = (&corners[i], &corners[(i + 1) % 4]);
+        let normal = a.direction.cross(b.origin + b.direction - a.origin);
+        (a.origin, normal * (inside - a.origin).dot(normal).signum())
+    })
+}
+
+/// True if a ray has points on the inner side of all planes.
+fn crosses(ray: &Ray, planes: &[(DVec3, DVec3)]) -> bool {
+    let (mut from, mut until) = (0.0_f64, f64::INFINITY);
+    for (point, normal) in planes {
+        let (height, slope) = ((ray.origin - *point).dot(*normal), ray.direction.dot(*normal));
+        if slope > 0.0 {
+            from = from.max(-height / slope);
+        } else if slope < 0.0 {
+            until = until.min(-height / slope);
+        } else if height < 0.0 {
+            return false;
+        }
+    }
+    from <= until
 }
 
 /// Bricks with cells that the unknowns of a brick are corners of: itself, and those below it where an

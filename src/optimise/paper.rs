@@ -39,7 +39,11 @@ pub fn reconstruct(
     mut watch: impl FnMut(&Step) -> ControlFlow<()>,
 ) -> Result<Outcome> {
     let start = Instant::now();
-    let target = |(_, p): (usize, &Photo)| Target { camera: p.camera, rgba: p.film.rgba.clone() };
+    let target = |(_, p): (usize, &Photo)| Target {
+        camera: p.camera,
+        rgba: p.film.rgba.clone(),
+        rays_per_edge: request.rays_per_edge,
+    };
     let (held_out, train): (Vec<_>, Vec<_>) =
         photos.iter().enumerate().partition(|(i, _)| request.held_out.contains(i));
     let held_out: Vec<Target> = held_out.into_iter().map(target).collect();

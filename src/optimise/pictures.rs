@@ -12,8 +12,10 @@ use rayon::prelude::*;
 pub struct Target {
     /// Where it was taken from.
     pub camera: Camera,
-    /// Row-major.
+    /// Row-major. Pixels that are not finite ask for nothing.
     pub rgba: Vec<[f32; 4]>,
+    /// A pixel is the mean over the square of so many rays.
+    pub rays_per_edge: usize,
 }
 
 /// Pixels handled in one go.
@@ -84,16 +86,34 @@ impl<F: Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4])> pulp::NullaryFnOnce for Run
 
     #[inline(always)]
     fn call(self) -> f64 {
-        let width = self.target.camera.width as usize;
+        let Target { camera, rgba, rays_per_edge: n } = self.target;
+        let (width, share) = (camera.width as usize, 1.0 / (n * n) as f32);
         let mut sum = 0.0;
-        for &i in self.pixels {
-            let ray = self.target.camera.ray((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-            let slope = |seen: &Radiance<f32>| {
-                let (value, slope) = (self.loss)(&seen.rgba(), &self.target.rgba[i]);
+        let asked = self.pixels.iter().filter(|i| rgba[**i].iter().all(|v| v.is_finite()));
+        for &i in asked {
+            let ray = |k: usize| {
+                let offset = |k: usize| (k as f64 + 0.5) / *n as f64;
+                camera.ray((i % width) as f64 + offset(k % n), (i / width) as f64 + offset(k / n))
+            };
+            let mut loss = |seen: &[f32; 4]| {
+                let (value, slope) = (self.loss)(seen, &rgba[i]);
                 sum += value;
                 slope
             };
-            self.dvr.gradient(&ray, slope, self.adjoint, self.gradient, self.shared, self.tape);
+            if *n == 1 {
+                let slope = |seen: &Radiance<f32>| loss(&seen.rgba());
+                self.dvr.gradient(&ray(0), slope, self.adjoint, self.gradient, self.shared, self.tape);
+                continue;
+            }
+            let mut mean = [0.0; 4];
+            for k in 0..n * n {
+                let seen = self.dvr.radiance_with(&ray(k), self.tape).rgba();
+                mean.iter_mut().zip(seen).for_each(|(m, v)| *m += share * v);
+            }
+            let slope = loss(&mean).map(|g| share * g);
+            for k in 0..n * n {
+                self.dvr.gradient(&ray(k), |_| slope, self.adjoint, self.gradient, self.shared, self.tape);
+            }
         }
         sum
     }
@@ -111,13 +131,14 @@ pub fn lanes(field: &Bricks<f32>, rays: usize) -> usize {
     1 << pays.min(fits).clamp(2, 16).ilog2()
 }
 
-/// Sum of squared differences of the colours over all pixels.
+/// Sum of squared differences of the colours over all pixels that are finite.
 pub fn error(dvr: &Dvr<'_, f32>, targets: &[&Target]) -> f64 {
     let cancel = std::sync::atomic::AtomicBool::new(false);
     let of = |t: &&Target| -> f64 {
-        let Some(film) = crate::render::picture(dvr, &t.camera, 1, &cancel) else { return f64::INFINITY };
+        let Some(film) = crate::render::picture(dvr, &t.camera, t.rays_per_edge, &cancel) else { return f64::INFINITY };
         let square = |(a, b): (&[f32; 4], &[f32; 4])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
-        film.rgba.iter().zip(&t.rgba).map(square).sum()
+        let asked = film.rgba.iter().zip(&t.rgba).filter(|(_, wanted)| wanted.iter().all(|v| v.is_finite()));
+        asked.map(square).sum()
     };
     targets.iter().map(of).sum()
 }

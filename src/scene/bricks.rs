@@ -231,7 +231,7 @@ impl<R: Real> Bricks<R> {
                 Error::invalid(format!(
                     "{bad} values are NaN, infinite or negative; densities are finite and at least 0"
                 ))
-                .hint("`cumulo convert --repair` sets them to 0 and says how many there were"),
+                .hint("`cumulo convert --repair=density` sets them to 0 and says how many there were"),
             ));
         }
         let sources = sources(grid, max_memory).map_err(named)?;

@@ -91,7 +91,8 @@ fn render(dvr: &Dvr<'_, f32>, scene: &Scene, pool: &ThreadPool) {
 /// Value against value and gradient, one thread, each through the driver that the program itself uses.
 fn gradients(name: &str, dvr: &Dvr<'_, f32>, scene: &Scene, pool: &ThreadPool) -> Vec<Row> {
     let grey = vec![[0.5; 4]; (PIXELS * PIXELS) as usize];
-    let targets: Vec<Target> = scene.cameras.iter().map(|c| Target { camera: *c, rgba: grey.clone() }).collect();
+    let targets: Vec<Target> =
+        scene.cameras.iter().map(|c| Target { camera: *c, rgba: grey.clone(), rays_per_edge: 1 }).collect();
     let targets: Vec<&Target> = targets.iter().collect();
     let squares = |seen: &[f32; 4], wanted: &[f32; 4]| {
         let d: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);

@@ -55,9 +55,9 @@ pub struct Density {
     /// Views that are not used, only looked at to know when to stop (default: one of 8 or more)
     #[arg(long, value_name = "K")]
     held_out: Option<usize>,
-    /// Iterations on the finest level, at most (paper: epochs)
-    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    iterations: u32,
+    /// Iterations on the finest level, at most (default: 24; paper: 50 epochs)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    iterations: Option<u32>,
     /// Blur passes of the smoothness prior (default: as many as suit the held-out views; without these 1, or 2 where the pictures are noisy)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     smoothing: Option<u32>,
@@ -131,7 +131,7 @@ impl Density {
         let pictures = capture.frames.iter().map(|f| f.picture.as_path());
         provenance.input(&json, std::iter::once(json.as_path()).chain(pictures))?;
         let observation = observe(&photos, &capture).map_err(|e| e.at(&json))?;
-        let request = self.request(&capture, &observation, held_out, limits).map_err(|e| e.at(&json))?;
+        let request = self.request(&capture, &observation, solver, held_out, limits).map_err(|e| e.at(&json))?;
         let mut stages = vec![Stage { name: "read pictures".into(), seconds: begun.elapsed().as_secs_f64() }];
 
         let used = photos.len() - request.held_out.len();
@@ -186,7 +186,7 @@ impl Density {
             output.note("stopped; what was there by then is written, and --resume goes on from it");
         }
         if let Some(dir) = &self.report {
-            run.report = Some(report::write(dir, &run)?);
+            run.report = Some(report::write(dir, &run, limits)?);
         }
         output.report(&run)?;
         Ok(if stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
@@ -221,6 +221,7 @@ impl Density {
         &self,
         capture: &Capture,
         observation: &Observation,
+        solver: Solver,
         held_out: Vec<usize>,
         limits: Limits,
     ) -> Result<Request> {
@@ -245,7 +246,7 @@ impl Density {
             smoothing: self.smoothing,
             robust: self.loss == Loss::Huber,
             held_out,
-            iterations: self.iterations,
+            iterations: self.iterations.unwrap_or(if solver == Solver::Cg { 24 } else { 50 }),
             init,
             max_memory: limits.max_memory,
         })

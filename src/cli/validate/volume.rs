@@ -3,7 +3,7 @@
 use super::findings::Findings;
 use crate::cli::info::statistics_of;
 use crate::error::Result;
-use crate::formats::vdb::{File, GridInfo, Limits, NativeGrid, Transform};
+use crate::formats::vdb::{File, GridInfo, Limits, NativeGrid, RawGrid, RawLeaf, Transform};
 use crate::scene::grid::GridClass;
 use crate::scene::statistics::Statistics;
 use std::path::Path;
@@ -63,8 +63,14 @@ fn values(native: &NativeGrid, info: &GridInfo, found: &mut Findings) -> Result<
         );
         return Ok(());
     }
-    let s = statistics_of(&native.to_raw()?);
-    numbers(info, &s, found);
+    let raw = native.to_raw()?;
+    numbers(info, &statistics_of(&raw), found);
+    // Renderers interpolate between all values, active or not.
+    let hidden = if scalar_density(info) { inactive_faults(&raw) } else { 0 };
+    if hidden > 0 {
+        let what = format!("{hidden} inactive values are negative or not finite");
+        found.problem(name, what, "cumulo convert --repair sets them to 0");
+    }
     if !info.background.iter().all(|b| b.is_finite()) {
         found.problem(name, format!("the background is {:?}", info.background), "cumulo convert --repair sets it to 0");
     } else if info.class == GridClass::FogVolume && info.background.iter().any(|b| *b != 0.0) {
@@ -92,9 +98,23 @@ fn numbers(info: &GridInfo, s: &Statistics, found: &mut Findings) {
         let what = format!("{} values are above 65504", s.above_half);
         found.note(name, what, "do not store this grid as half: they would become infinite");
     }
-    let scalar_density = info.components == 1 && info.class == GridClass::FogVolume;
-    if scalar_density && s.negative > 0 {
+    if scalar_density(info) && s.negative > 0 {
         let what = format!("{} densities are negative (down to {})", s.negative, s.min.unwrap_or_default());
         found.problem(name, what, "cumulo convert --repair sets them to 0");
+    } else if info.components == 1 && info.class == GridClass::Unknown && s.negative > 0 {
+        let what = format!("{} values are negative (down to {})", s.negative, s.min.unwrap_or_default());
+        found.note(name, what, "if these are densities, cumulo convert --repair=density sets them to 0");
     }
+}
+
+fn scalar_density(info: &GridInfo) -> bool {
+    info.components == 1 && info.class == GridClass::FogVolume
+}
+
+/// Inactive voxels and tiles that no density may be.
+fn inactive_faults(raw: &RawGrid) -> usize {
+    let bad = |v: f32| !(v.is_finite() && v >= 0.0);
+    let off = |l: &RawLeaf| (0..512).filter(|i| l.active[i >> 6] >> (i & 63) & 1 == 0 && bad(l.values[*i])).count();
+    let tiles = raw.tiles.iter().filter(|t| !t.active && bad(t.value[0])).count();
+    raw.leaves.iter().map(off).sum::<usize>() + tiles
 }

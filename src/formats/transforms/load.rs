@@ -162,7 +162,9 @@ fn projection(keys: &Keys) -> Result<Projection> {
 
 fn focal(keys: &Keys, projection: Projection, width: f64, height: f64) -> Result<DVec2> {
     let axis = |length: &str, angle: &str, pixels: f64| -> Result<Option<f64>> {
-        if let Some(v) = keys.number(length)? {
+        // A frame's own angle outdoes a length that was given for all.
+        let own_angle = keys.own.get(angle).is_some_and(|v| !v.is_null()) && !keys.own.contains_key(length);
+        if let Some(v) = keys.number(length)?.filter(|_| !own_angle) {
             return Ok(Some(v));
         }
         match keys.number(angle)? {

@@ -7,6 +7,7 @@
 use super::cursor::Cursor;
 use super::topology::{Topology, ValueType, Walk};
 use crate::error::{Error, Result};
+use std::collections::HashMap;
 use std::path::Path;
 
 const MAGIC: i64 = 0x5644_4220;
@@ -129,13 +130,14 @@ pub(super) fn open(path: &Path, limits: &Limits) -> Result<(Preflight, std::fs::
         return Err(c.damaged(format_args!("the file claims {count} grids")));
     }
     let mut descriptors: Vec<Descriptor> = Vec::new();
+    let mut numbers = HashMap::new();
     let mut expected = c.position();
     for _ in 0..count {
         let mut d = descriptor(c)?;
         if d.position < expected || d.position != c.position() {
             return Err(c.damaged(format_args!("grid '{}' should start at {}", d.entry.name, d.position)));
         }
-        if descriptors.iter().any(|o| o.entry.name == d.entry.name) {
+        if numbers.insert(d.entry.name.clone(), descriptors.len()).is_some() {
             return Err(c.damaged(format_args!("two grids have the unique name '{}'", d.entry.name)));
         }
         body(c, &mut d, version, limits).map_err(|e| e.part(format!("grid '{}'", d.entry.name)))?;
@@ -146,13 +148,15 @@ pub(super) fn open(path: &Path, limits: &Limits) -> Result<(Preflight, std::fs::
     if expected != c.length() {
         return Err(c.damaged(format_args!("the last grid ends at {expected}, the file at {}", c.length())));
     }
-    for d in &descriptors {
-        if let Some(parent) = &d.entry.instance_of {
-            let found = descriptors.iter().find(|o| o.entry.name == *parent && o.entry.instance_of.is_none());
-            if found.is_none_or(|o| o.entry.grid_type != d.entry.grid_type) {
-                return Err(c.damaged(format_args!("grid '{}' shares the tree of '{parent}'", d.entry.name)));
-            }
-        }
+    for i in 0..descriptors.len() {
+        let Some(parent) = &descriptors[i].entry.instance_of else { continue };
+        let found = numbers.get(parent).map(|n| &descriptors[*n].entry).filter(|o| o.instance_of.is_none());
+        let Some(found) = found.filter(|o| o.grid_type == descriptors[i].entry.grid_type) else {
+            let name = &descriptors[i].entry.name;
+            return Err(c.damaged(format_args!("grid '{name}' shares the tree of '{parent}'")));
+        };
+        // The library reads the parent's tree again, with what is wrong in it.
+        descriptors[i].entry.fully_checked = found.fully_checked;
     }
     let preflight = Preflight { version, library, entries: descriptors.into_iter().map(|d| d.entry).collect() };
     Ok((preflight, cursor.into_file()))
@@ -238,7 +242,6 @@ fn body(c: &mut Cursor, d: &mut Descriptor, version: u32, limits: &Limits) -> Re
     metadata(c)?;
     transform(c)?;
     if d.entry.instance_of.is_some() {
-        d.entry.fully_checked = true;
         return at(c, d.end, "the grid's end");
     }
     let value = match ValueType::of(&d.entry.grid_type, d.entry.half) {
@@ -327,22 +330,15 @@ fn delayed_load_fits(value: &[u8], file_length: u64) -> bool {
 
 fn transform(c: &mut Cursor) -> Result<()> {
     let name = c.name("transform type")?;
-    let numbers = match name.as_str() {
-        "AffineMap" | "UnitaryMap" => 16,
-        "ScaleMap" | "UniformScaleMap" => 15,
-        "TranslationMap" => 3,
-        "ScaleTranslateMap" | "UniformScaleTranslateMap" => 18,
-        "NonlinearFrustumMap" => {
-            // A box, the taper and the depth, then the linear map behind it.
-            c.skip(8 * 8, "frustum")?;
-            return match c.name("transform type")?.as_str() {
-                "NonlinearFrustumMap" => Err(c.damaged("a frustum within a frustum")),
-                second => linear_map(c, second),
-            };
-        }
-        _ => return Err(c.damaged(format_args!("transform of unknown type '{name}'"))),
-    };
-    numbers_finite(c, numbers)
+    if name != "NonlinearFrustumMap" {
+        return linear_map(c, &name);
+    }
+    // A box, the taper and the depth, then the linear map behind it.
+    c.skip(8 * 8, "frustum")?;
+    match c.name("transform type")?.as_str() {
+        "NonlinearFrustumMap" => Err(c.damaged("a frustum within a frustum")),
+        second => linear_map(c, second),
+    }
 }
 
 fn linear_map(c: &mut Cursor, name: &str) -> Result<()> {

@@ -19,6 +19,9 @@ struct cumulo_vdb_grid {
 
 struct cumulo_vdb_meta {
     openvdb::MetaMap::Ptr map; // of a grid: shares the grid's ownership
+    // The entry after the one that was asked for last: entries are asked for in order.
+    openvdb::MetaMap::MetaIterator at = {};
+    size_t next = SIZE_MAX;
 };
 
 namespace cumulo {

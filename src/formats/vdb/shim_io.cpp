@@ -24,12 +24,18 @@ struct cumulo_vdb_file {
 
 namespace {
 
+// One grid at a time is read under a limit, which is the whole process's.
+std::mutex& limit_mutex() {
+    static std::mutex m;
+    return m;
+}
+
 // Lowers the soft limit on private memory while a grid is read whose contents could not be checked
-// beforehand, so that a hostile length ends in bad_alloc instead of in the kernel's killer.
+// beforehand, so that a hostile length ends in bad_alloc instead of in the kernel's killer. Under
+// `limit_mutex`.
 class DataLimit {
 public:
-    explicit DataLimit(uint64_t growth) : lock(mutex()) {
-        if (growth == 0) return;
+    explicit DataLimit(uint64_t growth) {
         unsigned long long pages[6] = {};
         std::FILE* f = std::fopen("/proc/self/statm", "r");
         if (!f) return;
@@ -39,7 +45,7 @@ public:
         if (got != 6 || getrlimit(RLIMIT_DATA, &before) != 0) return;
         const rlim_t now = rlim_t(pages[5]) * rlim_t(sysconf(_SC_PAGESIZE));
         struct rlimit limit = before;
-        limit.rlim_cur = std::min<rlim_t>(before.rlim_cur, now + growth);
+        limit.rlim_cur = growth < before.rlim_cur - std::min(now, before.rlim_cur) ? now + rlim_t(growth) : before.rlim_cur;
         lowered = setrlimit(RLIMIT_DATA, &limit) == 0;
     }
     ~DataLimit() {
@@ -49,11 +55,6 @@ public:
     DataLimit& operator=(const DataLimit&) = delete;
 
 private:
-    static std::mutex& mutex() {
-        static std::mutex m;
-        return m;
-    }
-    std::lock_guard<std::mutex> lock;
     struct rlimit before {};
     bool lowered = false;
 };
@@ -167,9 +168,13 @@ int32_t cumulo_vdb_read(cumulo_vdb_file* file, const char* unique_name, uint64_t
                         cumulo_vdb_status* status) {
     return guarded(status, [&] {
         auto handle = std::make_unique<cumulo_vdb_grid>();
-        if (data_limit > 0) rehearse(file->file.filename(), unique_name, data_limit);
-        {
+        if (data_limit > 0) {
+            // Locked before the fork: the child inherits the lock, and nobody else in it could give it back.
+            const std::lock_guard<std::mutex> lock(limit_mutex());
+            rehearse(file->file.filename(), unique_name, data_limit);
             DataLimit limit(data_limit);
+            handle->grid = file->file.readGrid(unique_name);
+        } else {
             handle->grid = file->file.readGrid(unique_name);
         }
         if (!handle->grid) throw std::runtime_error("the library returned no grid");
@@ -209,9 +214,14 @@ size_t cumulo_vdb_meta_count(const cumulo_vdb_meta* meta) { return meta->map->me
 int32_t cumulo_vdb_meta_get(cumulo_vdb_meta* meta, size_t index, cumulo_vdb_meta_entry* out,
                             cumulo_vdb_status* status) {
     return guarded(status, [&] {
-        auto it = meta->map->beginMeta();
-        for (size_t i = 0; i < index && it != meta->map->endMeta(); ++i) ++it;
-        if (it == meta->map->endMeta()) throw std::out_of_range("metadata index");
+        if (index == 0 || index != meta->next) {
+            meta->at = meta->map->beginMeta();
+            meta->next = 0;
+        }
+        for (; meta->next < index && meta->at != meta->map->endMeta(); ++meta->next) ++meta->at;
+        if (meta->at == meta->map->endMeta()) throw std::out_of_range("metadata index");
+        const auto it = meta->at++;
+        ++meta->next;
         *out = cumulo_vdb_meta_entry{};
         out->name = it->first.data();
         out->name_length = it->first.size();
@@ -247,6 +257,7 @@ int32_t cumulo_vdb_meta_set(cumulo_vdb_meta* meta, const cumulo_vdb_meta_entry* 
     return guarded(status, [&] {
         const std::string name(e->name, e->name_length);
         MetaMap& map = *meta->map;
+        meta->next = SIZE_MAX; // iterators are stale
         map.removeMeta(name);
         const bool fits = e->ints[0] >= INT32_MIN && e->ints[0] <= INT32_MAX;
         const bool single = double(float(e->floats[0])) == e->floats[0];
