@@ -204,3 +204,27 @@ fn vdb_print_lists_our_grids() {
     let text = String::from_utf8(out.stdout).unwrap();
     assert!(text.contains("Name: density") && text.contains("is_saved_as_half_float: true"), "{text}");
 }
+
+/// Types that we only pass through keep their type and their values in full.
+#[test]
+fn doubles_and_integers_are_passed_through_in_full() {
+    let dir = tempfile::tempdir().unwrap();
+    let copy = dir.path().join("copy.vdb");
+    let fixture = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/kinds.vdb");
+    let file = File::open(&fixture, Limits::default()).unwrap();
+    let grids: Vec<NativeGrid> = file.entries().iter().map(|e| file.read(&e.name).unwrap()).collect();
+    write_native(&copy, &grids.iter().collect::<Vec<_>>(), Some(&file), &BTreeMap::new(), Codec::Blosc).unwrap();
+    let back = File::open(&copy, Limits::default()).unwrap();
+    let mut types = Vec::new();
+    for grid in &grids {
+        let other = back.read(grid.name()).unwrap();
+        let (a, b) = (grid.info().unwrap(), other.info().unwrap());
+        assert_eq!(a, b);
+        assert_eq!(grid.metadata().unwrap(), other.metadata().unwrap());
+        assert!(a.components == 0 || grid.same_values(&other).unwrap(), "{}", grid.name());
+        types.push(a.value_type);
+    }
+    let native = |seed| NativeGrid::from_grid(&fog("density", 2, seed)).unwrap();
+    assert!(native(1).same_values(&native(1)).unwrap() && !native(1).same_values(&native(2)).unwrap());
+    assert!(["double", "int32"].iter().all(|t| types.iter().any(|u| u == t)), "{types:?}");
+}

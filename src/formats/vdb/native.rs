@@ -333,6 +333,18 @@ impl NativeGrid {
         Ok(changed)
     }
 
+    /// True if both have the same tree: nodes, active states and values, in the type's own precision.
+    /// Grids of different types, and of points, never do.
+    ///
+    /// # Errors
+    /// OpenVDB's own words.
+    pub fn same_values(&self, other: &Self) -> Result<bool> {
+        let mut same = 0;
+        // SAFETY: both grids are alive and `same` a valid place.
+        ffi::call(|s| unsafe { ffi::grid_same(self.as_ptr(), other.as_ptr(), &mut same, s) }).map_err(self.place())?;
+        Ok(same != 0)
+    }
+
     fn leaves(&self) -> Result<Leaves> {
         let mut raw = null_mut();
         // SAFETY: the grid is alive and `raw` a valid place for the handle.

@@ -133,6 +133,10 @@ void cumulo_vdb_leaves_copy(const cumulo_vdb_leaves* leaves, size_t index, int32
 int32_t cumulo_vdb_tiles(const cumulo_vdb_grid* grid, cumulo_vdb_tile* tiles, size_t capacity, size_t* count,
                          cumulo_vdb_status* status);
 
+/* Whether two grids of one type have the same nodes, masks and values, in the type's own precision. */
+int32_t cumulo_vdb_grid_same(const cumulo_vdb_grid* a, const cumulo_vdb_grid* b, int32_t* same,
+                             cumulo_vdb_status* status);
+
 /* A float (components 1) or vec3s (components 3) grid. */
 int32_t cumulo_vdb_grid_new(int32_t components, const float* background, const int32_t (*origins)[3],
                             const float* const* values, const uint64_t* const* active, size_t leaf_count,

@@ -192,6 +192,26 @@ int32_t cumulo_vdb_tiles(const cumulo_vdb_grid* handle, cumulo_vdb_tile* tiles, 
     });
 }
 
+int32_t cumulo_vdb_grid_same(const cumulo_vdb_grid* a, const cumulo_vdb_grid* b, int32_t* same,
+                             cumulo_vdb_status* status) {
+    return guarded(status, [&] {
+        *same = 0;
+        a->grid->apply<cumulo::ReadableGrids>([&](const auto& left) {
+            using GridT = std::decay_t<decltype(left)>;
+            const auto right = gridConstPtrCast<GridT>(GridBase::ConstPtr(b->grid));
+            if (!right || left.background() != right->background()) return;
+            if (!left.tree().hasSameTopology(right->tree())) return;
+            // Of one topology: nodes and values come in the same order.
+            auto i = left.cbeginValueAll();
+            auto j = right->cbeginValueAll();
+            for (; i && j; ++i, ++j) {
+                if (*i != *j || i.isValueOn() != j.isValueOn()) return;
+            }
+            *same = !i && !j;
+        });
+    });
+}
+
 int32_t cumulo_vdb_grid_new(int32_t components, const float* background, const int32_t (*origins)[3],
                             const float* const* values, const uint64_t* const* active, size_t leaf_count,
                             const cumulo_vdb_tile* tiles, size_t tile_count, cumulo_vdb_grid** out,
