@@ -238,6 +238,19 @@ fn a_run_that_fails_leaves_the_earlier_capture() {
     assert!(work.picture("nothing/view_000.exr").rgba.iter().all(|p| *p == [1.0, 1.0, 1.0, 0.0]));
 }
 
+/// Pictures are spared wherever the capture of `--cameras` has them.
+#[test]
+fn pictures_in_another_folder_are_not_replaced() {
+    let work = Work::new();
+    work.json("render @plume.vdb --views 2 --size 8x8 -o shots");
+    std::fs::create_dir(work.path("scene")).unwrap();
+    let text = std::fs::read_to_string(work.path("shots/transforms.json")).unwrap();
+    std::fs::write(work.path("scene/transforms.json"), text.replace("view_", "../shots/view_")).unwrap();
+    let before = work.files("shots");
+    work.refused("render @plume.vdb --cameras scene -o shots", &["would be replaced", "--output"]);
+    assert!(work.files("shots") == before);
+}
+
 #[test]
 fn an_interrupted_run_leaves_the_earlier_capture() {
     let work = Work::new();

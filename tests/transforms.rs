@@ -284,3 +284,25 @@ fn damaged_captures_are_loaded_or_refused() {
     }
     assert!((100..300).contains(&refused), "{refused} of 300 refused");
 }
+
+/// What a frame says of its focal length goes before what is said for all, in whichever unit.
+#[test]
+fn a_frame_has_a_focal_length_of_its_own() {
+    let dir = tempfile::tempdir().unwrap();
+    let pose = json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 5], [0, 0, 0, 1]]);
+    let frame = |own: Value| {
+        let mut frame = json!({"file_path": "a.exr", "transform_matrix": pose.clone()});
+        frame.as_object_mut().unwrap().extend(own.as_object().unwrap().clone());
+        frame
+    };
+    let text = json!({"w": 20, "h": 20, "fl_x": 100.0, "frames": [
+        frame(json!({})),
+        frame(json!({"fl_x": 50.0})),
+        frame(json!({"camera_angle_x": std::f64::consts::FRAC_PI_2})),
+    ]});
+    std::fs::write(dir.path().join("transforms.json"), text.to_string()).unwrap();
+    let capture = transforms::load(dir.path()).unwrap();
+    let focal: Vec<f64> = capture.frames.iter().map(|f| f.camera.focal.x).collect();
+    assert_eq!(&focal[..2], [100.0, 50.0]);
+    assert!((focal[2] - 10.0).abs() < 1e-12, "{focal:?}");
+}

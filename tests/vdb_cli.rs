@@ -7,7 +7,7 @@ mod common;
 use assert_cmd::Command;
 use common::fog;
 use cumulo::formats::vdb::{Codec, File, Limits, write_grids};
-use cumulo::scene::grid::Grid;
+use cumulo::scene::grid::{Grid, GridClass};
 use predicates::str::contains;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -78,6 +78,39 @@ fn validate_names_what_is_wrong_and_repair_mends_it() {
     let done = json(&["convert", from, to, "--repair", "--grid", "density"], 0);
     assert_eq!(done["grids"][0]["repaired"], 3);
     assert_eq!(json(&["validate", to], 0)["valid"], true);
+}
+
+/// What `render` refuses is found by `validate` or mended by what the refusal says: values that are not
+/// active, and densities in grids that are not marked as such.
+#[test]
+fn every_refusal_of_a_density_has_a_way_out() {
+    let dir = folder();
+    let to = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    let mut hidden = compact("density", 1, 7);
+    hidden.background = 0.0;
+    hidden.leaves[0].active = [0; 8];
+    hidden.leaves[0].active[0] = 1;
+    hidden.leaves[0].values.fill(0.5);
+    hidden.leaves[0].values[9] = -1.0;
+    let mut unmarked = hidden.clone();
+    unmarked.class = GridClass::Unknown;
+    unmarked.leaves[0].active = [u64::MAX; 8];
+    for (grid, name, code, repair) in
+        [(&hidden, "hidden", 1, "--repair"), (&unmarked, "unmarked", 0, "--repair=density")]
+    {
+        let path = write(dir.path(), &format!("{name}.vdb"), &[grid]);
+        let path = path.to_str().unwrap();
+        let report = json(&["validate", path], code).to_string();
+        assert!(report.contains("negative") && report.contains(repair), "{name}: {report}");
+        let words = ["render", path, "--views", "1", "--size", "4x4", "-o", &to(&format!("{name}-shots"))];
+        cumulo().args(words).assert().code(2).stderr(contains("--repair=density"));
+        let good = to(&format!("{name}-good.vdb"));
+        assert_eq!(json(&["convert", path, &good, repair], 0)["grids"][0]["repaired"], 1, "{name}");
+        cumulo().args(["render", &good]).args(&words[2..]).assert().success();
+    }
+    // By its class alone nothing in it is wrong.
+    let kept = json(&["convert", &to("unmarked.vdb"), &to("kept.vdb"), "--repair"], 0);
+    assert_eq!(kept["grids"][0]["repaired"], 0);
 }
 
 #[test]
