@@ -32,7 +32,7 @@ from cumulo.run import CumuloError, cumulo  # noqa: E402  from this checkout
 OUT = ROOT / "target" / "bench"
 PEERS = ROOT / "python" / "peers"
 # Iterations on the finest level; the shortest run that reaches the goal counts.
-LADDER = (5, 10, 20, 30, 50)
+LADDER = (5, 10, 20, 24, 30, 50)
 # A run shorter than this is repeated: its median counts.
 SHORT, REPEATS = 10.0, 3
 
