@@ -7,3 +7,5 @@ pub mod grid;
 pub mod medium;
 pub mod orbit;
 pub mod statistics;
+pub mod table;
+pub mod transfer;

@@ -1,0 +1,312 @@
+//! Piecewise linear functions of the density, which is all that renderers know of transfer functions:
+//! knots are the split points of their quadrature.
+
+use crate::error::{Error, Result};
+
+/// Red, green and blue radiance of the source, and extinction per world unit.
+pub type Rgbs = [f64; 4];
+
+/// A piecewise linear function: constant below the first knot and above the last. Two knots of one
+/// density are a step; at it the value is the upper one's.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Table {
+    knots: Vec<f64>,
+    values: Vec<Rgbs>,
+}
+
+/// Derivatives of a loss with respect to what a table is between two knots, piece by piece: `knots + 1`
+/// pieces, the constant ones outside included.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TableGradient {
+    /// With respect to the values at the lower end and at the upper end of each piece. Pieces outside
+    /// have one end alone: the first its upper, the last its lower.
+    pub pieces: Vec<[Rgbs; 2]>,
+}
+
+impl Table {
+    /// A table of ascending `knots` with a value each.
+    ///
+    /// # Errors
+    /// If there is no knot, a number is not finite, a value negative, or the knots do not ascend (two of
+    /// one density are allowed, three are not).
+    pub fn new(knots: Vec<f64>, values: Vec<Rgbs>) -> Result<Self> {
+        if knots.is_empty() || knots.len() != values.len() {
+            return Err(Error::invalid(format!(
+                "{} knots with {} values: one each is needed",
+                knots.len(),
+                values.len()
+            )));
+        }
+        if let Some(bad) = knots.iter().find(|k| !k.is_finite()) {
+            return Err(Error::invalid(format!("a point lies at density {bad}: finite numbers are needed")));
+        }
+        if let Some(pair) = knots.windows(2).find(|k| k[1] < k[0]) {
+            return Err(Error::invalid(format!("density {} comes after {}: points must ascend", pair[1], pair[0])));
+        }
+        if let Some(three) = knots.windows(3).find(|k| k[0] == k[2]) {
+            return Err(Error::invalid(format!("three points at density {}: two make a step", three[0])));
+        }
+        for (knot, value) in knots.iter().zip(&values) {
+            if let Some(bad) = value.iter().find(|v| !(v.is_finite() && **v >= 0.0)) {
+                return Err(Error::invalid(format!(
+                    "at density {knot} a value is {bad}: colours and extinction must be finite and not negative"
+                )));
+            }
+        }
+        Ok(Self { knots, values })
+    }
+
+    /// Densities of the knots, ascending.
+    pub fn knots(&self) -> &[f64] {
+        &self.knots
+    }
+
+    /// Values at the knots.
+    pub fn values(&self) -> &[Rgbs] {
+        &self.values
+    }
+
+    /// Number of the piece that a density lies in: that of the first knot above it.
+    pub fn piece(&self, density: f64) -> usize {
+        self.knots.partition_point(|k| *k <= density)
+    }
+
+    /// Both ends of a piece: densities (infinite outside) and values.
+    pub fn ends(&self, piece: usize) -> ([f64; 2], [Rgbs; 2]) {
+        let last = self.knots.len() - 1;
+        match piece {
+            0 => ([f64::NEG_INFINITY, self.knots[0]], [self.values[0]; 2]),
+            p if p > last => ([self.knots[last], f64::INFINITY], [self.values[last]; 2]),
+            p => ([self.knots[p - 1], self.knots[p]], [self.values[p - 1], self.values[p]]),
+        }
+    }
+
+    /// Value at a density.
+    pub fn at(&self, density: f64) -> Rgbs {
+        let ([low, high], [a, b]) = self.ends(self.piece(density));
+        if !(high - low).is_finite() {
+            return a;
+        }
+        let f = (density - low) / (high - low);
+        std::array::from_fn(|c| a[c] + f * (b[c] - a[c]))
+    }
+
+    /// Derivative with respect to the density, from above where it has two; zero outside.
+    pub fn slope(&self, density: f64) -> Rgbs {
+        self.slope_of(self.piece(density))
+    }
+
+    /// Derivative with respect to the density in a piece; zero where the piece is a step.
+    pub fn slope_of(&self, piece: usize) -> Rgbs {
+        let ([low, high], [a, b]) = self.ends(piece);
+        let width = high - low;
+        if width > 0.0 && width.is_finite() { std::array::from_fn(|c| (b[c] - a[c]) / width) } else { [0.0; 4] }
+    }
+
+    /// Least and greatest value over a range of densities.
+    pub fn bounds(&self, low: f64, high: f64) -> (Rgbs, Rgbs) {
+        let mut least = self.at(low);
+        let mut most = least;
+        let inner = self.knots.partition_point(|k| *k < low)..self.knots.partition_point(|k| *k <= high);
+        for value in self.values[inner].iter().chain([&self.at(high)]) {
+            for c in 0..4 {
+                least[c] = least[c].min(value[c]);
+                most[c] = most[c].max(value[c]);
+            }
+        }
+        (least, most)
+    }
+
+    /// Greatest value anywhere.
+    pub fn peak(&self) -> Rgbs {
+        self.bounds(self.knots[0], self.knots[self.knots.len() - 1]).1
+    }
+
+    /// `∫ (σ r, σ g, σ b, σ) dd` over a range of densities: what pre-integration takes from the table.
+    /// Negative if the range runs downward.
+    pub fn integral(&self, from: f64, to: f64) -> Rgbs {
+        if to < from {
+            return self.integral(to, from).map(|v| -v);
+        }
+        let mut sum = [0.0; 4];
+        for piece in self.piece(from)..=self.piece(to) {
+            let ([low, high], _) = self.ends(piece);
+            let (a, b) = (from.max(low), to.min(high));
+            if b <= a {
+                continue;
+            }
+            // The product of two linear functions: Simpson's rule is exact. The middle lies in the piece.
+            let middle = self.at(0.5 * (a + b));
+            let slope = self.slope_of(piece);
+            let half = 0.5 * (b - a);
+            let at = |offset: f64| -> Rgbs { std::array::from_fn(|c| middle[c] + offset * slope[c]) };
+            let (near, far) = (at(-half), at(half));
+            for c in 0..3 {
+                sum[c] += half / 3.0 * (near[3] * near[c] + 4.0 * middle[3] * middle[c] + far[3] * far[c]);
+            }
+            sum[3] += 2.0 * half * middle[3];
+        }
+        sum
+    }
+
+    /// The table without knots that change it by no more than `tolerance` times each channel's peak.
+    /// Greedy: every piece is made as long as the knots that it leaves out allow (0 drops those that lie
+    /// on a line).
+    #[must_use]
+    pub fn simplified(&self, tolerance: f64) -> Self {
+        let allowed = self.peak().map(|p| tolerance.max(4.0 * f64::EPSILON) * p);
+        let n = self.knots.len();
+        let (mut kept, mut from) = (vec![0], 0);
+        while from + 1 < n {
+            // The slopes that pass all knots since `from` within what is allowed, by channel.
+            let (mut least, mut most) = ([f64::NEG_INFINITY; 4], [f64::INFINITY; 4]);
+            let mut to = from + 1;
+            for next in from + 1..n {
+                let width = self.knots[next] - self.knots[from];
+                let rise: Rgbs = std::array::from_fn(|c| self.values[next][c] - self.values[from][c]);
+                let passes = |c: usize| width > 0.0 && (least[c]..=most[c]).contains(&(rise[c] / width));
+                if next > from + 1 && !(0..4).all(passes) {
+                    // A piece may end only on a knot, and only on one that its own line passes.
+                    if width == 0.0 || (0..4).any(|c| least[c] > most[c]) {
+                        break;
+                    }
+                } else {
+                    to = next;
+                }
+                if width == 0.0 {
+                    break;
+                }
+                for c in 0..4 {
+                    least[c] = least[c].max((rise[c] - allowed[c]) / width);
+                    most[c] = most[c].min((rise[c] + allowed[c]) / width);
+                }
+            }
+            kept.push(to);
+            from = to;
+        }
+        Self {
+            knots: kept.iter().map(|i| self.knots[*i]).collect(),
+            values: kept.iter().map(|i| self.values[*i]).collect(),
+        }
+    }
+}
+
+impl TableGradient {
+    /// Zero for each piece of a table.
+    pub fn zeros(table: &Table) -> Self {
+        Self { pieces: vec![[[0.0; 4]; 2]; table.knots.len() + 1] }
+    }
+
+    /// Adds another of the same table.
+    pub fn add(&mut self, other: &Self) {
+        for (a, b) in self.pieces.iter_mut().flatten().flatten().zip(other.pieces.iter().flatten().flatten()) {
+            *a += b;
+        }
+    }
+
+    /// With respect to the knots' values.
+    pub fn by_value(&self) -> Vec<Rgbs> {
+        self.pieces.windows(2).map(|p| std::array::from_fn(|c| p[0][1][c] + p[1][0][c])).collect()
+    }
+
+    /// With respect to the knots' densities. What a step adds by moving is left out: it is the pieces
+    /// beside it that are moved.
+    pub fn by_knot(&self, table: &Table) -> Vec<f64> {
+        let pull = |piece: usize, end: usize| -> f64 {
+            table.slope_of(piece).iter().zip(self.pieces[piece][end]).map(|(s, g)| s * g).sum()
+        };
+        (0..table.knots.len()).map(|k| -pull(k, 1) - pull(k + 1, 0)).collect()
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn table() -> Table {
+        let value = |v: f64| [v, 2.0 * v, 0.5, 1.0 + v];
+        Table::new(vec![0.0, 0.25, 0.5, 0.5, 1.0], [0.0, 1.0, 0.5, 2.0, 0.0].map(value).to_vec()).unwrap()
+    }
+
+    #[test]
+    fn values_are_linear_between_knots_and_clamped_outside() {
+        let t = table();
+        assert_eq!(t.at(-1.0), [0.0, 0.0, 0.5, 1.0]);
+        assert_eq!(t.at(0.125), [0.5, 1.0, 0.5, 1.5]);
+        assert_eq!(t.at(0.5), [2.0, 4.0, 0.5, 3.0], "the upper side of a step");
+        assert_eq!(t.at(7.0), [0.0, 0.0, 0.5, 1.0]);
+        assert_eq!((t.slope(-1.0), t.slope(7.0), t.slope(0.1)), ([0.0; 4], [0.0; 4], [4.0, 8.0, 0.0, 4.0]));
+    }
+
+    #[test]
+    fn bounds_hold_and_are_met() {
+        let t = table();
+        let (least, most) = t.bounds(0.2, 0.6);
+        assert_eq!((least[0], most[0]), (0.5, 2.0));
+        assert_eq!(t.bounds(0.5, 0.5).0[0], 0.5, "a step's lower side counts");
+        assert_eq!(t.peak()[3], 3.0);
+    }
+
+    #[test]
+    fn what_is_no_function_is_refused() {
+        let one = [[0.0; 4]; 3].to_vec();
+        for (knots, values, word) in [
+            (vec![], vec![], "0 knots"),
+            (vec![0.0, 2.0, 1.0], one.clone(), "ascend"),
+            (vec![1.0; 3], one.clone(), "step"),
+            (vec![0.0, f64::NAN, 1.0], one, "finite"),
+            (vec![0.0], vec![[0.0, 0.0, 0.0, -1.0]], "negative"),
+        ] {
+            assert!(Table::new(knots, values).unwrap_err().to_string().contains(word), "{word}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn integrals_add_up(a in -0.5..1.5_f64, b in -0.5..1.5_f64) {
+            let t = table();
+            let n = 20_000;
+            let mut sum = [0.0; 4];
+            for i in 0..n {
+                let v = t.at(a + (b - a) * (f64::from(i) + 0.5) / f64::from(n));
+                for c in 0..4 {
+                    sum[c] += (b - a) / f64::from(n) * v[3] * if c < 3 { v[c] } else { 1.0 };
+                }
+            }
+            let exact = t.integral(a, b);
+            for c in 0..4 {
+                prop_assert!((exact[c] - sum[c]).abs() < 1e-3, "{exact:?} {sum:?}");
+            }
+        }
+
+        #[test]
+        fn a_simplified_table_stays_within_the_tolerance(
+            values in prop::collection::vec(0.0..1.0_f64, 2..40), tolerance in 0.0..0.3_f64, step in any::<bool>(),
+        ) {
+            let mut knots: Vec<f64> = (0..values.len()).map(|i| i as f64).collect();
+            if step {
+                knots[1] = 0.0;
+            }
+            let t = Table::new(knots, values.iter().map(|v| [*v, 1.0 - v, 0.0, v * v]).collect()).unwrap();
+            let s = t.simplified(tolerance);
+            let peak = t.peak();
+            for (k, v) in t.knots.iter().zip(&t.values) {
+                let (least, most) = s.bounds(*k, *k);
+                for c in 0..4 {
+                    let off = (v[c] - least[c]).abs().min((v[c] - most[c]).abs());
+                    prop_assert!(off <= tolerance * peak[c] + 1e-12, "{off}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn knots_on_a_line_are_dropped() {
+        let line = |i: usize| [i as f64, 2.0, 0.0, 3.0 * i as f64];
+        let t = Table::new((0..256).map(|i| i as f64 / 255.0).collect(), (0..256).map(line).collect()).unwrap();
+        assert_eq!(t.simplified(0.0).knots(), [0.0, 1.0]);
+        assert_eq!(table().simplified(0.0), table());
+    }
+}

@@ -1,0 +1,341 @@
+//! Transfer functions: which colour and extinction a density has.
+//!
+//! Each kind is a [`Table`] in the end, and a derivative with respect to the table becomes one with
+//! respect to the kind's own parameters by [`Transfer::chain`].
+
+use crate::error::{Error, Result};
+use crate::scene::table::{Rgbs, Table, TableGradient};
+use serde::{Deserialize, Serialize};
+
+/// A transfer function with its parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Transfer {
+    /// Texels over a range of densities, each in the middle of its share: texel i of R at
+    /// `low + (i + 1/2) (high - low) / R`. Linear in between, constant outside of the outermost.
+    Texture {
+        /// Densities `low` and `high`.
+        domain: [f64; 2],
+        /// Values, from low to high.
+        texels: Vec<Rgbs>,
+    },
+    /// Linear between points of ascending density, constant outside; two points of one density are a step.
+    Piecewise {
+        /// Density, then red, green, blue and extinction.
+        points: Vec<[f64; 5]>,
+    },
+    /// A sum of Gaussian lobes, tabulated over a range of densities and constant outside.
+    Gaussians {
+        /// Densities `low` and `high`.
+        domain: [f64; 2],
+        /// The lobes.
+        lobes: Vec<Lobe>,
+    },
+    /// Extinction is the density, up to the end of the domain; one colour.
+    Identity {
+        /// Densities `low` and `high`.
+        domain: [f64; 2],
+        /// Radiance of the source.
+        colour: [f64; 3],
+    },
+}
+
+/// One lobe: `rgbs · exp(-(d - mean)² / 2 e^{2 ln_width})`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lobe {
+    /// Density at its top.
+    pub mean: f64,
+    /// Logarithm of the standard deviation: it cannot become negative, nor its powers overflow.
+    pub ln_width: f64,
+    /// Values at its top.
+    pub rgbs: Rgbs,
+}
+
+/// Cells of the tables of Gaussians. No lobe is narrower than half of one.
+const GAUSSIAN_CELLS: usize = 512;
+/// The most texels, points or lobes: two a value of 16 bits.
+const MOST: usize = 1 << 17;
+
+impl Lobe {
+    /// The lobe's share of its top at a density, and the derivatives of that with respect to mean and
+    /// logarithmic width, which is held at `floor`.
+    fn at(&self, density: f64, floor: f64) -> (f64, f64, f64) {
+        let own = self.ln_width.exp();
+        let width = own.max(floor);
+        let u = (density - self.mean) / width;
+        let value = (-0.5 * u * u).exp();
+        (value, value * u / width, if own > floor { value * u * u } else { 0.0 })
+    }
+}
+
+impl Transfer {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// Says which one cannot be used.
+    pub fn checked(self) -> Result<Self> {
+        let count = match &self {
+            Self::Texture { texels, .. } => texels.len(),
+            Self::Piecewise { points } => points.len(),
+            Self::Gaussians { lobes, .. } => lobes.len(),
+            Self::Identity { .. } => 1,
+        };
+        if !(1..=MOST).contains(&count) {
+            return Err(Error::invalid(format!("a transfer function of {count} entries: 1 to {MOST} can be used")));
+        }
+        if let Self::Texture { domain: [low, high], .. }
+        | Self::Gaussians { domain: [low, high], .. }
+        | Self::Identity { domain: [low, high], .. } = &self
+            && !(low.is_finite() && high.is_finite() && low < high && (high - low).is_finite())
+        {
+            return Err(Error::invalid(format!("domain {low}..{high} of the transfer function must ascend")));
+        }
+        if let Self::Identity { domain: [low, _], .. } = &self
+            && *low < 0.0
+        {
+            return Err(Error::invalid(format!("an identity from density {low} on: extinction cannot be negative")));
+        }
+        if let Self::Gaussians { lobes, .. } = &self
+            && let Some(lobe) = lobes.iter().find(|l| !(l.mean.is_finite() && l.ln_width.abs() < 100.0))
+        {
+            return Err(Error::invalid(format!(
+                "a lobe of mean {} and logarithmic width {} cannot be used",
+                lobe.mean, lobe.ln_width
+            )));
+        }
+        self.table()?;
+        Ok(self)
+    }
+
+    /// The knots that renderers use.
+    ///
+    /// # Errors
+    /// As [`Table::new`].
+    pub fn table(&self) -> Result<Table> {
+        let (knots, values) = match self {
+            Self::Texture { domain, texels } => (Self::centres(*domain, texels.len()), texels.clone()),
+            Self::Piecewise { points } => points.iter().map(|[d, r, g, b, s]| (*d, [*r, *g, *b, *s])).unzip(),
+            Self::Gaussians { domain, lobes } => {
+                let (knots, floor) = gaussian_knots(*domain);
+                let sum = |d: &f64| {
+                    let mut value = [0.0; 4];
+                    for lobe in lobes {
+                        let (share, ..) = lobe.at(*d, floor);
+                        value.iter_mut().zip(lobe.rgbs).for_each(|(v, top)| *v += share * top);
+                    }
+                    value
+                };
+                let values = knots.iter().map(sum).collect();
+                (knots, values)
+            }
+            Self::Identity { domain, colour: [r, g, b] } => (domain.to_vec(), domain.map(|d| [*r, *g, *b, d]).to_vec()),
+        };
+        Table::new(knots, values)
+    }
+
+    /// Densities of `count` texels over a domain.
+    pub fn centres([low, high]: [f64; 2], count: usize) -> Vec<f64> {
+        (0..count).map(|i| low + (i as f64 + 0.5) * (high - low) / count as f64).collect()
+    }
+
+    /// All parameters, with their names: what [`Transfer::chain`] differentiates by.
+    pub fn parameters(&self) -> Vec<(String, f64)> {
+        const CHANNELS: [&str; 4] = ["red", "green", "blue", "extinction"];
+        let four = |what: &str, i: usize, v: &[f64]| {
+            v.iter().zip(CHANNELS).map(|(v, c)| (format!("{what}[{i}].{c}"), *v)).collect::<Vec<_>>()
+        };
+        match self {
+            Self::Texture { texels, .. } => texels.iter().enumerate().flat_map(|(i, t)| four("texel", i, t)).collect(),
+            Self::Piecewise { points } => {
+                let one = |(i, p): (usize, &[f64; 5])| {
+                    let mut all = vec![(format!("point[{i}].density"), p[0])];
+                    all.extend(four("point", i, &p[1..]));
+                    all
+                };
+                points.iter().enumerate().flat_map(one).collect()
+            }
+            Self::Gaussians { lobes, .. } => {
+                let one = |(i, l): (usize, &Lobe)| {
+                    let mut all =
+                        vec![(format!("lobe[{i}].mean"), l.mean), (format!("lobe[{i}].ln_width"), l.ln_width)];
+                    all.extend(four("lobe", i, &l.rgbs));
+                    all
+                };
+                lobes.iter().enumerate().flat_map(one).collect()
+            }
+            Self::Identity { colour, .. } => four("colour", 0, colour),
+        }
+    }
+
+    /// The same function with other parameters, in the order of [`Transfer::parameters`].
+    #[must_use]
+    pub fn with_parameters(&self, new: &[f64]) -> Self {
+        let mut all = self.clone();
+        let mut new = new.iter();
+        let mut set = |v: &mut f64| *v = new.next().copied().unwrap_or(*v);
+        match &mut all {
+            Self::Texture { texels, .. } => texels.iter_mut().flatten().for_each(&mut set),
+            Self::Piecewise { points } => points.iter_mut().flatten().for_each(&mut set),
+            Self::Gaussians { lobes, .. } => lobes.iter_mut().for_each(|l| {
+                set(&mut l.mean);
+                set(&mut l.ln_width);
+                l.rgbs.iter_mut().for_each(&mut set);
+            }),
+            Self::Identity { colour, .. } => colour.iter_mut().for_each(&mut set),
+        }
+        all
+    }
+
+    /// Derivatives of a loss with respect to the parameters, from those with respect to the table.
+    ///
+    /// # Errors
+    /// As [`Table::new`].
+    pub fn chain(&self, gradient: &TableGradient) -> Result<Vec<f64>> {
+        let by_value = gradient.by_value();
+        Ok(match self {
+            Self::Texture { .. } => by_value.into_iter().flatten().collect(),
+            Self::Piecewise { .. } => {
+                let by_knot = gradient.by_knot(&self.table()?);
+                by_knot.into_iter().zip(by_value).flat_map(|(d, [r, g, b, s])| [d, r, g, b, s]).collect()
+            }
+            Self::Gaussians { domain, lobes } => {
+                let (knots, floor) = gaussian_knots(*domain);
+                let of = |lobe: &Lobe| {
+                    let mut all = [0.0; 6];
+                    for (knot, by_value) in knots.iter().zip(&by_value) {
+                        let (share, by_mean, by_width) = lobe.at(*knot, floor);
+                        let pull: f64 = lobe.rgbs.iter().zip(by_value).map(|(top, g)| top * g).sum();
+                        all[0] += pull * by_mean;
+                        all[1] += pull * by_width;
+                        all[2..].iter_mut().zip(by_value).for_each(|(a, g)| *a += share * g);
+                    }
+                    all
+                };
+                lobes.iter().flat_map(of).collect()
+            }
+            Self::Identity { .. } => (0..3).map(|c| by_value.iter().map(|v| v[c]).sum()).collect(),
+        })
+    }
+}
+
+/// Knots of Gaussians over a domain, and the least width.
+fn gaussian_knots([low, high]: [f64; 2]) -> (Vec<f64>, f64) {
+    let cell = (high - low) / GAUSSIAN_CELLS as f64;
+    ((0..=GAUSSIAN_CELLS).map(|i| low + i as f64 * cell).collect(), 0.5 * cell)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    fn all() -> Vec<Transfer> {
+        let rgbs = |v: f64| [v, 1.0 - v, 0.5 * v, 2.0 * v];
+        vec![
+            Transfer::Texture { domain: [0.0, 2.0], texels: [0.1, 0.9, 0.4, 0.7].map(rgbs).to_vec() },
+            Transfer::Piecewise {
+                points: [(0.1, 0.2), (0.5, 0.9), (1.5, 0.3)].map(|(d, v)| [d, v, 0.5, 1.0 - v, 3.0 * v]).to_vec(),
+            },
+            Transfer::Gaussians {
+                domain: [0.0, 2.0],
+                lobes: vec![
+                    Lobe { mean: 0.6, ln_width: -2.0, rgbs: [1.0, 0.2, 0.1, 3.0] },
+                    Lobe { mean: 1.4, ln_width: -1.0, rgbs: [0.1, 0.5, 0.9, 1.0] },
+                ],
+            },
+            Transfer::Identity { domain: [0.0, 2.0], colour: [0.3, 0.6, 0.9] },
+        ]
+    }
+
+    /// A loss that is any function of the table: here a weighted sum of samples, whose derivative with
+    /// respect to the pieces is known.
+    fn loss(t: &Transfer) -> (f64, TableGradient) {
+        let table = t.table().unwrap();
+        let mut gradient = TableGradient::zeros(&table);
+        let mut sum = 0.0;
+        for i in 0..57 {
+            let d = -0.1 + 0.041 * f64::from(i);
+            let piece = table.piece(d);
+            let ([low, high], _) = table.ends(piece);
+            let f = ((d - low) / (high - low)).clamp(0.0, 1.0);
+            let f = if f.is_finite() { f } else { f64::from(u8::from(piece == 0)) };
+            for c in 0..4 {
+                let w = (f64::from(i) + 1.3 * c as f64).sin();
+                sum += w * table.at(d)[c];
+                gradient.pieces[piece][0][c] += w * (1.0 - f);
+                gradient.pieces[piece][1][c] += w * f;
+            }
+        }
+        (sum, gradient)
+    }
+
+    #[test]
+    fn the_chain_rule_matches_central_differences() {
+        for t in all() {
+            let chained = t.chain(&loss(&t).1).unwrap();
+            let parameters = t.parameters();
+            assert_eq!(chained.len(), parameters.len());
+            for (i, (name, value)) in parameters.iter().enumerate() {
+                let at = |h: f64| {
+                    let mut p: Vec<f64> = parameters.iter().map(|p| p.1).collect();
+                    p[i] = value + h;
+                    loss(&t.with_parameters(&p)).0
+                };
+                let difference = (at(1e-6) - at(-1e-6)) / 2e-6;
+                assert!(
+                    (difference - chained[i]).abs() < 1e-6 * (1.0 + difference.abs()),
+                    "{name} {difference} {}",
+                    chained[i]
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn texels_lie_in_the_middle_of_their_shares() {
+        let t = &all()[0];
+        assert_eq!(t.table().unwrap().knots(), [0.25, 0.75, 1.25, 1.75]);
+        assert_eq!(t.table().unwrap().at(1.0)[0], 0.65);
+    }
+
+    #[test]
+    fn a_narrow_lobe_stays_visible_and_finite() {
+        let t = Transfer::Gaussians {
+            domain: [0.0, 1.0],
+            lobes: vec![Lobe { mean: 0.5, ln_width: -90.0, rgbs: [1.0; 4] }],
+        };
+        let table = t.clone().checked().unwrap().table().unwrap();
+        assert_eq!(table.peak(), [1.0; 4]);
+        assert!(t.chain(&loss(&t).1).unwrap().iter().all(|v| v.is_finite()));
+    }
+
+    #[test]
+    fn json_has_one_form_a_kind_and_unknown_words_are_refused() {
+        for t in all() {
+            let text = serde_json::to_string(&t).unwrap();
+            assert_eq!(serde_json::from_str::<Transfer>(&text).unwrap(), t);
+        }
+        assert!(
+            serde_json::from_str::<Transfer>(r#"{"kind":"identity","domain":[0,1],"colour":[1,1,1],"x":1}"#).is_err()
+        );
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_refused() {
+        for (t, word) in [
+            (Transfer::Texture { domain: [1.0, 1.0], texels: vec![[0.0; 4]] }, "ascend"),
+            (Transfer::Texture { domain: [0.0, 1.0], texels: vec![] }, "0 entries"),
+            (Transfer::Identity { domain: [-1.0, 1.0], colour: [1.0; 3] }, "negative"),
+            (
+                Transfer::Gaussians {
+                    domain: [0.0, 1.0],
+                    lobes: vec![Lobe { mean: f64::NAN, ln_width: 0.0, rgbs: [0.0; 4] }],
+                },
+                "mean",
+            ),
+        ] {
+            assert!(t.checked().unwrap_err().to_string().contains(word), "{word}");
+        }
+    }
+}
