@@ -19,6 +19,8 @@ pub trait Lanes<R: Real>: Number {
     fn sum(self) -> R;
     /// The lesser of each two.
     fn lesser(self, o: Self) -> Self;
+    /// The greater of each two.
+    fn greater(self, o: Self) -> Self;
     /// True if each is at least the other.
     fn reach(self, o: Self) -> bool;
     /// Adds `step` to each number that is no greater than `limit`.
@@ -64,6 +66,10 @@ macro_rules! lanes {
             #[inline(always)]
             fn lesser(self, o: Self) -> Self {
                 self.min(o)
+            }
+            #[inline(always)]
+            fn greater(self, o: Self) -> Self {
+                self.max(o)
             }
             #[inline(always)]
             fn reach(self, o: Self) -> bool {

@@ -117,7 +117,7 @@ fn quadratures_have_their_order() {
     let f: Bricks<f64> = field(24, odd(), lumps(24));
     let medium = Medium { extinction: 1.5, source: Source::Linear([1.0, 0.5, 0.25]) };
     let rays = rays(f.world_bounds(), 60, 5);
-    let dvr = |q| Dvr::new(&f, medium).unwrap().quadrature(q).early_stop(0.0).background([0.2; 3]);
+    let dvr = |q| Dvr::new(&f, medium.clone()).unwrap().quadrature(q).early_stop(0.0).background([0.2; 3]);
     let exact: Vec<f64> = rays.iter().map(|r| dvr(Quadrature::Exact).radiance(r).rgb[0]).collect();
     let error = |q| {
         let d = dvr(q);
@@ -139,7 +139,7 @@ fn linear_source_is_integrated_with_its_absorption() {
     let f: Bricks<f64> = field(16, unit(), lumps(16));
     for extinction in [0.01, 1.0, 50.0] {
         let medium = Medium { extinction, source: Source::Linear([1.0, 2.0, 0.0]) };
-        let dvr = Dvr::new(&f, medium).unwrap().early_stop(0.0).background([0.0; 3]);
+        let dvr = Dvr::new(&f, medium.clone()).unwrap().early_stop(0.0).background([0.0; 3]);
         for ray in rays(f.world_bounds(), 10, 9) {
             let (a, b) = f.world_bounds().clip(&ray).unwrap();
             let n = 200_000;
@@ -163,7 +163,7 @@ fn linear_source_is_integrated_with_its_absorption() {
 fn furnace() {
     let f: Bricks<f64> = field(16, odd(), lumps(16));
     let medium = Medium { extinction: 3.0, source: Source::Grey([0.7; 3]) };
-    let dvr = Dvr::new(&f, medium).unwrap().background([0.7; 3]);
+    let dvr = Dvr::new(&f, medium.clone()).unwrap().background([0.7; 3]);
     for ray in rays(f.world_bounds(), 50, 3) {
         // Source and background alike: the volume is invisible.
         assert!((dvr.radiance(&ray).rgb[2] - f64::from(0.7_f32)).abs() < 1e-12);

@@ -8,7 +8,7 @@ mod work;
 use cumulo::optimise::density::{self, Request};
 use cumulo::optimise::hull::Hull;
 use cumulo::optimise::observation::{DepthMap, Observation, Photo};
-use cumulo::optimise::pictures::{self, Accumulators, Target};
+use cumulo::optimise::pictures::{self, Accumulators, Gradients, Target};
 use cumulo::optimise::projector::Projector;
 use cumulo::render;
 use cumulo::render::dvr::{Adjoint, Dvr};
@@ -56,7 +56,7 @@ fn pictures() {
     let (field, cameras) = scene();
     for medium in MEDIA {
         for rule in RULES {
-            let dvr = Dvr::new(&field, medium).unwrap().quadrature(rule);
+            let dvr = Dvr::new(&field, medium.clone()).unwrap().quadrature(rule);
             alike("picture", || render::picture(&dvr, &cameras[2], 2, &AtomicBool::new(false)));
         }
     }
@@ -69,7 +69,7 @@ fn dispatched_kernels_equal_the_scalar_one() {
     let (field, cameras) = scene();
     for medium in MEDIA {
         for rule in RULES {
-            let dvr = Dvr::new(&field, medium).unwrap().quadrature(rule);
+            let dvr = Dvr::new(&field, medium.clone()).unwrap().quadrature(rule);
             let film = render::picture(&dvr, &cameras[3], 1, &AtomicBool::new(false)).unwrap();
             for (i, pixel) in film.rgba.iter().enumerate() {
                 let ray = cameras[3].ray((i % film.width) as f64 + 0.5, (i / film.width) as f64 + 0.5);
@@ -84,7 +84,7 @@ fn dispatched_kernels_equal_the_scalar_one() {
 fn gradients() {
     let (field, cameras) = scene();
     for medium in MEDIA {
-        let dvr = Dvr::new(&field, medium).unwrap();
+        let dvr = Dvr::new(&field, medium.clone()).unwrap();
         let target = |c: &Camera| Target { camera: *c, rgba: vec![[0.4, 0.5, 0.6, 0.3]; 48 * 40], rays_per_edge: 1 };
         let targets: Vec<Target> = cameras.iter().take(3).map(target).collect();
         let all: Vec<&Target> = targets.iter().collect();
@@ -99,7 +99,7 @@ fn gradients() {
                 },
                 Adjoint::Tape,
                 &mut Accumulators::default(),
-                &mut g,
+                &mut Gradients { voxels: Some(&mut g), ..Gradients::default() },
             );
             assert!(g.iter().any(|v| *v != 0.0));
             (g, sum.to_bits(), shared)
@@ -110,7 +110,7 @@ fn gradients() {
 #[test]
 fn the_projector() {
     let (field, cameras) = scene();
-    let observation = Observation::new(&photos(&field, &cameras, MEDIA[0]), [1.0; 3], [0.0; 3]).unwrap();
+    let observation = Observation::new(&photos(&field, &cameras, MEDIA[0].clone()), [1.0; 3], [0.0; 3]).unwrap();
     let (topology, transform) = (field.topology.clone(), field.transform);
     let maps: Vec<&DepthMap> = observation.maps.iter().collect();
     let x: Vec<f32> = (0..topology.len() as u64 * 512).map(|i| noise(i) as f32).collect();
@@ -129,12 +129,12 @@ fn the_projector() {
 #[test]
 fn a_whole_reconstruction() {
     let (field, cameras) = scene();
-    let observation = Observation::new(&photos(&field, &cameras, MEDIA[0]), [1.0; 3], [0.0; 3]).unwrap();
+    let observation = Observation::new(&photos(&field, &cameras, MEDIA[0].clone()), [1.0; 3], [0.0; 3]).unwrap();
     alike("reconstruction", || {
         let request = Request {
             lattice: field.transform,
             bounds: Hull::new(&observation).bounds().unwrap(),
-            medium: MEDIA[0],
+            medium: MEDIA[0].clone(),
             background: [1.0; 3],
             rays_per_edge: 1,
             held_out: vec![4],

@@ -6,7 +6,7 @@ mod fields;
 
 use cumulo::math::{Affine, Ray};
 use cumulo::real::Real;
-use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Tape};
+use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
@@ -14,11 +14,12 @@ use fields::{field, lumps, noise, rays, unit};
 use glam::{DMat3, DMat4, DVec3};
 
 /// Gradient of rgb·(1, 2, 3) + alpha along one ray, by the given adjoint.
-fn gradient<R: Real>(f: &Bricks<R>, medium: Medium, rule: Quadrature, adjoint: Adjoint, ray: &Ray) -> Vec<f64> {
-    let dvr = Dvr::new(f, medium).unwrap().quadrature(rule).background([0.3, 0.2, 0.1]).early_stop(0.0);
+fn gradient<R: Real>(f: &Bricks<R>, medium: &Medium, rule: Quadrature, adjoint: Adjoint, ray: &Ray) -> Vec<f64> {
+    let dvr = Dvr::new(f, medium.clone()).unwrap().quadrature(rule).background([0.3, 0.2, 0.1]).early_stop(0.0);
     let (mut g, mut p, mut tape) = (vec![R::ZERO; f.values.len()], ParameterGradient::default(), Tape::default());
     let weights = [R::ONE, R::of(2.0), R::of(3.0), R::ONE];
-    dvr.gradient(ray, |_| weights, adjoint, &mut g, &mut p, &mut tape);
+    let sinks = Sinks { voxels: Some(&mut g), table: None, ray: None, shared: &mut p };
+    dvr.gradient(ray, |_| weights, adjoint, sinks, &mut tape);
     g.into_iter().map(Real::f64).collect()
 }
 
@@ -44,9 +45,9 @@ fn alpha_to_one() {
     for exponent in -8..=6 {
         let medium = Medium { extinction: 10_f64.powi(exponent), source: Source::Linear([0.5, 1.0, 0.25]) };
         let rule = Quadrature::Midpoint(1.0);
-        let reference = gradient(&wide, medium, rule, Adjoint::Tape, &slanted());
-        let recursion = relative(&gradient(&narrow, medium, rule, Adjoint::Tape, &slanted()), &reference);
-        let inversion = relative(&gradient(&narrow, medium, rule, Adjoint::Inversion, &slanted()), &reference);
+        let reference = gradient(&wide, &medium, rule, Adjoint::Tape, &slanted());
+        let recursion = relative(&gradient(&narrow, &medium, rule, Adjoint::Tape, &slanted()), &reference);
+        let inversion = relative(&gradient(&narrow, &medium, rule, Adjoint::Inversion, &slanted()), &reference);
         assert!(recursion < 5e-6, "τΔt 1e{exponent}: recursion off by {recursion:.1e}");
         inversion_broke += i32::from(inversion > 1e-2);
     }
@@ -64,8 +65,8 @@ fn deep_and_long() {
         for step in [1.0, 0.1, 0.002] {
             let medium = Medium { extinction: depth / 6.0, source: Source::Linear([0.5, 1.0, 0.25]) };
             let rule = Quadrature::Midpoint(step);
-            let reference = gradient(&wide, medium, rule, Adjoint::Replay, &slanted());
-            let error = relative(&gradient(&narrow, medium, rule, Adjoint::Replay, &slanted()), &reference);
+            let reference = gradient(&wide, &medium, rule, Adjoint::Replay, &slanted());
+            let error = relative(&gradient(&narrow, &medium, rule, Adjoint::Replay, &slanted()), &reference);
             // Up to 10 000 f32 additions into one voxel; 5e-6 otherwise.
             let limit = if step < 0.01 { 3e-5 } else { 5e-6 };
             assert!(error < limit, "depth {depth}, step {step}: {error:.1e}");
@@ -80,8 +81,8 @@ fn inversion_drifts_at_depth_fifteen() {
     let ray = Ray { origin: DVec3::new(-9.0, 7.5, 7.5), direction: DVec3::X };
     let medium = Medium { extinction: 15.0 / 16.0, source: Source::Linear([0.5, 1.0, 0.25]) };
     let rule = Quadrature::Midpoint(0.05);
-    let reference = gradient(&wide, medium, rule, Adjoint::Tape, &ray);
-    let of = |adjoint| relative(&gradient(&narrow, medium, rule, adjoint, &ray), &reference);
+    let reference = gradient(&wide, &medium, rule, Adjoint::Tape, &ray);
+    let of = |adjoint| relative(&gradient(&narrow, &medium, rule, adjoint, &ray), &reference);
     let (recursion, inversion) = (of(Adjoint::Tape), of(Adjoint::Inversion));
     assert!(recursion < 5e-6 && inversion > 100.0 * recursion, "{recursion:.1e} {inversion:.1e}");
 }

@@ -11,7 +11,7 @@ use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::hull::Hull;
 use crate::optimise::lattice;
 use crate::optimise::observation::{Observation, Photo};
-use crate::optimise::pictures::{self, Accumulators, Target};
+use crate::optimise::pictures::{self, Accumulators, Gradients, Target};
 use crate::render::dvr::{Adjoint, Dvr};
 use crate::scene::bricks::{Bricks, Topology};
 use crate::scene::grid::LEAF_VOXELS;
@@ -183,7 +183,7 @@ impl Fit {
     }
 
     fn renderer(&self, request: &Request) -> Result<Dvr<'_, f32>> {
-        Ok(Dvr::new(&self.field, request.medium)?.background(request.background))
+        Ok(Dvr::new(&self.field, request.medium.clone())?.background(request.background))
     }
 
     /// One step of Adam; returns the L1 loss before it.
@@ -198,8 +198,9 @@ impl Fit {
             (value, difference.map(|d| if d == 0.0 { 0.0 } else { share * d.signum() }))
         };
         let mut accumulators = std::mem::take(&mut self.accumulators);
-        let (sum, _) =
-            pictures::gradient(&self.renderer(request)?, batch, l1, Adjoint::Tape, &mut accumulators, &mut stored);
+        let mut gradients = Gradients { voxels: Some(&mut stored), ..Gradients::default() };
+        let dvr = self.renderer(request)?;
+        let (sum, _) = pictures::gradient(&dvr, batch, l1, Adjoint::Tape, &mut accumulators, &mut gradients);
         self.accumulators = accumulators;
         let mut owned = std::mem::take(&mut self.owned);
         self.field.topology.fold(&stored, &mut owned);

@@ -1,10 +1,11 @@
 //! Gradients of losses that are sums over pixels, for any medium: value, loss derivative and adjoint
 //! of one ray in one go.
 
-use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, Radiance, Tape};
+use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, Radiance, RayGradient, Sinks, Tape};
 use crate::render::order::morton;
 use crate::scene::bricks::{BRICK, Bricks};
-use crate::scene::camera::Camera;
+use crate::scene::camera::{Camera, CameraGradient};
+use crate::scene::table::TableGradient;
 use rayon::prelude::*;
 
 /// A camera and the colours and alpha it should see.
@@ -21,51 +22,107 @@ pub struct Target {
 /// Pixels handled in one go.
 const RUN: usize = 1024;
 
+/// What gradients are added to; what is `None` is not computed.
+#[derive(Debug, Default)]
+pub struct Gradients<'g> {
+    /// By stored value, 729 a brick.
+    pub voxels: Option<&'g mut [f32]>,
+    /// By piece of the transfer function.
+    pub table: Option<&'g mut TableGradient>,
+    /// By camera, one a target.
+    pub cameras: Option<&'g mut [CameraGradient]>,
+    /// By the quadrature's step, in voxels.
+    pub step: Option<&'g mut f64>,
+}
+
 /// Memory that gradients are summed up in, kept from call to call.
 #[derive(Debug, Clone, Default)]
-pub struct Accumulators(Vec<Vec<f32>>);
+pub struct Accumulators(Vec<Lane>);
 
-/// Adds the gradient of `Σ loss(seen, target)` over all pixels of the targets to `gradient` (stored
-/// values, 729 a brick) and returns the sum. `loss` gives value and derivative per pixel. Accumulators
-/// are per lane and added in order: the same bits for any number of threads.
+/// Its share of one lane.
+#[derive(Debug, Clone, Default)]
+struct Lane {
+    voxels: Option<Vec<f32>>,
+    table: Option<TableGradient>,
+    cameras: Option<Vec<CameraGradient>>,
+    step: f64,
+}
+
+impl Lane {
+    /// Zeros for what is wanted.
+    fn clear(&mut self, dvr: &Dvr<'_, f32>, wanted: &Gradients<'_>) {
+        self.voxels = wanted.voxels.is_some().then(|| {
+            let mut voxels = self.voxels.take().unwrap_or_default();
+            voxels.clear();
+            voxels.resize(dvr.field().values.len(), 0.0);
+            voxels
+        });
+        self.table = wanted.table.as_ref().map(|t| TableGradient { pieces: vec![[[0.0; 4]; 2]; t.pieces.len()] });
+        self.cameras = wanted.cameras.as_ref().map(|c| vec![CameraGradient::default(); c.len()]);
+        self.step = 0.0;
+    }
+}
+
+/// Adds the gradient of `Σ loss(seen, target)` over all pixels of the targets to `gradients` and returns
+/// the sum. `loss` gives value and derivative per pixel. Accumulators are per lane and added in order:
+/// the same bits for any number of threads.
 pub fn gradient(
     dvr: &Dvr<'_, f32>,
     targets: &[&Target],
     loss: impl Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4]) + Sync,
     adjoint: Adjoint,
     accumulators: &mut Accumulators,
-    gradient: &mut [f32],
+    gradients: &mut Gradients<'_>,
 ) -> (f64, ParameterGradient) {
     let orders: Vec<Vec<usize>> =
         targets.iter().map(|t| morton(t.camera.width as usize, t.camera.height as usize).collect()).collect();
-    let runs: Vec<(&Target, &[usize])> =
-        targets.iter().zip(&orders).flat_map(|(t, order)| order.chunks(RUN).map(move |pixels| (*t, pixels))).collect();
-    let count = lanes(dvr.field(), targets.iter().map(|t| t.rgba.len()).sum());
+    let runs: Vec<(usize, &[usize])> = orders
+        .iter()
+        .enumerate()
+        .flat_map(|(number, order)| order.chunks(RUN).map(move |pixels| (number, pixels)))
+        .collect();
+    let count = match gradients.voxels {
+        Some(_) => lanes(dvr.field(), targets.iter().map(|t| t.rgba.len()).sum()),
+        None => MOST_LANES,
+    };
     let arch = pulp::Arch::new();
     let lanes = &mut accumulators.0;
-    lanes.resize_with(count, Vec::new);
+    lanes.resize_with(count, Lane::default);
+    let wanted = &*gradients;
     let parts: Vec<(f64, ParameterGradient)> = lanes
         .par_iter_mut()
         .enumerate()
         .map(|(lane, own)| {
             let mut tape = Tape::default();
             let (mut sum, mut shared) = (0.0, ParameterGradient::default());
-            own.clear();
-            own.resize(dvr.field().values.len(), 0.0);
-            for (target, pixels) in runs.iter().skip(lane).step_by(count) {
-                let (loss, gradient, shared, tape) = (&loss, &mut own[..], &mut shared, &mut tape);
-                sum += arch.dispatch(Run { dvr, target, pixels, loss, adjoint, gradient, shared, tape });
+            own.clear(dvr, wanted);
+            for &(number, pixels) in runs.iter().skip(lane).step_by(count) {
+                let (loss, shared, tape) = (&loss, &mut shared, &mut tape);
+                sum += arch.dispatch(Run { dvr, target: targets[number], number, pixels, loss, adjoint, own, shared, tape });
             }
             (sum, shared)
         })
         .collect();
-    gradient.par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
-        for lane in lanes.iter() {
-            for (t, v) in total.iter_mut().zip(&lane[i * BRICK..]) {
-                *t += v;
+    if let Some(voxels) = gradients.voxels.as_deref_mut() {
+        voxels.par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
+            for lane in lanes.iter().filter_map(|lane| lane.voxels.as_ref()) {
+                for (t, v) in total.iter_mut().zip(&lane[i * BRICK..]) {
+                    *t += v;
+                }
             }
+        });
+    }
+    for lane in lanes {
+        if let (Some(total), Some(own)) = (gradients.table.as_deref_mut(), &lane.table) {
+            total.add(own);
         }
-    });
+        if let (Some(total), Some(own)) = (gradients.cameras.as_deref_mut(), &lane.cameras) {
+            total.iter_mut().zip(own).for_each(|(t, o)| *t = t.plus(o));
+        }
+        if let Some(total) = gradients.step.as_deref_mut() {
+            *total += lane.step;
+        }
+    }
     parts.iter().fold((0.0, ParameterGradient::default()), |(sum, shared), (s, p)| (sum + s, shared.plus(p)))
 }
 
@@ -73,51 +130,78 @@ pub fn gradient(
 struct Run<'a, 'd, F> {
     dvr: &'a Dvr<'d, f32>,
     target: &'a Target,
+    /// The target's.
+    number: usize,
     pixels: &'a [usize],
     loss: &'a F,
     adjoint: Adjoint,
-    gradient: &'a mut [f32],
+    own: &'a mut Lane,
     shared: &'a mut ParameterGradient,
     tape: &'a mut Tape<f32>,
+}
+
+impl<F: Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4])> Run<'_, '_, F> {
+    /// Radiance and gradient of the ray through an image position.
+    #[inline(always)]
+    fn ray(&mut self, [x, y]: [f64; 2], slope: impl FnOnce(&Radiance<f32>) -> [f32; 4]) {
+        let mut moved = RayGradient::default();
+        let own = &mut *self.own;
+        let follow = own.cameras.is_some();
+        let sinks = Sinks {
+            voxels: own.voxels.as_deref_mut(),
+            table: own.table.as_mut(),
+            ray: follow.then_some(&mut moved),
+            shared: self.shared,
+        };
+        let camera = &self.target.camera;
+        self.dvr.gradient(&camera.ray(x, y), slope, self.adjoint, sinks, self.tape);
+        if let Some(cameras) = &mut own.cameras {
+            cameras[self.number] = cameras[self.number].plus(&camera.gradient(x, y, moved.origin, moved.direction));
+            own.step += moved.step;
+        }
+    }
 }
 
 impl<F: Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4])> pulp::NullaryFnOnce for Run<'_, '_, F> {
     type Output = f64;
 
     #[inline(always)]
-    fn call(self) -> f64 {
+    fn call(mut self) -> f64 {
         let Target { camera, rgba, rays_per_edge: n } = self.target;
         let (width, share) = (camera.width as usize, 1.0 / (n * n) as f32);
-        let mut sum = 0.0;
+        let (mut sum, loss) = (0.0, self.loss);
         let asked = self.pixels.iter().filter(|i| rgba[**i].iter().all(|v| v.is_finite()));
         for &i in asked {
-            let ray = |k: usize| {
+            let position = |k: usize| {
                 let offset = |k: usize| (k as f64 + 0.5) / *n as f64;
-                camera.ray((i % width) as f64 + offset(k % n), (i / width) as f64 + offset(k / n))
+                [(i % width) as f64 + offset(k % n), (i / width) as f64 + offset(k / n)]
             };
             let mut loss = |seen: &[f32; 4]| {
-                let (value, slope) = (self.loss)(seen, &rgba[i]);
+                let (value, slope) = loss(seen, &rgba[i]);
                 sum += value;
                 slope
             };
             if *n == 1 {
-                let slope = |seen: &Radiance<f32>| loss(&seen.rgba());
-                self.dvr.gradient(&ray(0), slope, self.adjoint, self.gradient, self.shared, self.tape);
+                self.ray(position(0), |seen| loss(&seen.rgba()));
                 continue;
             }
             let mut mean = [0.0; 4];
             for k in 0..n * n {
-                let seen = self.dvr.radiance_with(&ray(k), self.tape).rgba();
+                let [x, y] = position(k);
+                let seen = self.dvr.radiance_with(&camera.ray(x, y), self.tape).rgba();
                 mean.iter_mut().zip(seen).for_each(|(m, v)| *m += share * v);
             }
             let slope = loss(&mean).map(|g| share * g);
             for k in 0..n * n {
-                self.dvr.gradient(&ray(k), |_| slope, self.adjoint, self.gradient, self.shared, self.tape);
+                self.ray(position(k), |_| slope);
             }
         }
         sum
     }
 }
+
+/// The most accumulators.
+const MOST_LANES: usize = 16;
 
 /// Accumulators for so many rays through a field: as many as pay (each is cleared and added up, which
 /// must cost less than the rays do) and as fit in memory, from 2 to 16.
@@ -128,7 +212,7 @@ pub fn lanes(field: &Bricks<f32>, rays: usize) -> usize {
     let pays = (cells / values as f64) as usize;
     let fits = (256 << 20) / (values * size_of::<f32>());
     // A power of two: as many for each of two, four or eight threads.
-    1 << pays.min(fits).clamp(2, 16).ilog2()
+    1 << pays.min(fits).clamp(2, MOST_LANES).ilog2()
 }
 
 /// Sum of squared differences of the colours over all pixels that are finite.

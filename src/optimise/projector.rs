@@ -81,7 +81,7 @@ impl Projector {
     pub fn views(&mut self, maps: &[&DepthMap], stride: usize, unknown: &[bool]) -> Vec<View> {
         let ones: Vec<f32> = unknown.iter().map(|u| f32::from(u8::from(*u))).collect();
         self.topology.spread(&ones, &mut self.field.values);
-        let Ok(dvr) = Dvr::new(&self.field, self.medium) else { return Vec::new() };
+        let Ok(dvr) = Dvr::new(&self.field, self.medium.clone()) else { return Vec::new() };
         let dvr = dvr.early_stop(0.0);
         let arch = pulp::Arch::new();
         let view = |map: &&DepthMap| {
@@ -148,7 +148,7 @@ impl Projector {
         back: bool,
     ) -> [f64; 2] {
         self.topology.spread(voxels, &mut self.field.values);
-        let Ok(dvr) = Dvr::new(&self.field, self.medium) else { return [0.0; 2] };
+        let Ok(dvr) = Dvr::new(&self.field, self.medium.clone()) else { return [0.0; 2] };
         let dvr = dvr.early_stop(0.0);
         let runs: Vec<(&Camera, &[Sample])> =
             views.iter().flat_map(|v| v.samples.chunks(RUN).map(|s| (&v.camera, s))).collect();

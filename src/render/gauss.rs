@@ -75,36 +75,64 @@ const fn transposed(m: [[f64; LANES]; LANES]) -> [[f64; LANES]; LANES] {
     t
 }
 
+/// Coefficients, from the constant up, of the cubics with these values at each point, for four segments
+/// at once; the argument runs from -1 to 1.
+#[inline(always)]
+pub fn coefficients<R: Real>([a, b, c, d]: [R::Lanes; LANES]) -> [R::Lanes; LANES] {
+    let all = |v: f64| R::Lanes::splat(R::of(v));
+    let (even, odd) = ([a + d, b + c], [a - d, b - c]);
+    let coefficient = |k: usize| {
+        let [outer, inner] = if k.is_multiple_of(2) { even } else { odd };
+        all(OUTER[k]) * outer + all(INNER[k]) * inner
+    };
+    [coefficient(0), coefficient(1), coefficient(2), coefficient(3)]
+}
+
+/// Bounds of cubics over -1..1: the least and the greatest of their Bézier points.
+#[inline(always)]
+pub fn hull<R: Real>([a, b, c, d]: [R::Lanes; LANES]) -> (R::Lanes, R::Lanes) {
+    let third = R::Lanes::splat(R::of(1.0 / 3.0));
+    let (even, odd) = (a + c, b + d);
+    let (mid_even, mid_odd) = (a - third * c, third * b - d);
+    let (p, q, r, s) = (even - odd, mid_even - mid_odd, mid_even + mid_odd, even + odd);
+    (p.lesser(q).lesser(r.lesser(s)), p.greater(q).greater(r.greater(s)))
+}
+
 /// The circle on which [`error`] bounds the integrand.
 const RADIUS: f64 = 5.0;
 /// What four points lose of `Σ (v / RADIUS)ⁿ` over -1..1, all even n from 8 on.
 const LOST: f64 = 3.252_618_1e-8;
 
-/// Bounds, for four segments at once, of the error of the four points for `∫ σ d e^{-τ}`, `τ(t) = ∫₀ᵗ σ`:
-/// `density` by point, the cubic's values; `extinction` that of a unit of density, whole segment.
+/// Bounds, for four segments at once, of the error of the four points for `∫ σ (d - d̄) e^{-τ}` over a
+/// segment, `τ(t) = ∫₀ᵗ σ`: `density` by coefficient, `mean` the mean density d̄; `σ` is `depth`, that of
+/// the whole segment at its middle's density, plus `slope` times what the density differs from that.
 ///
 /// Each coefficient of the integrand's Taylor series about the middle is no more than that of a
-/// majorant, the one made of the magnitudes of the cubic's coefficients; the majorant's are bounded by
-/// its value on a circle (Cauchy). Of `σ d` itself, of degree 6, nothing is lost. Where the majorant
-/// says nothing, the integral and its sum of four are both no more than a few times the density.
+/// majorant, the one made of the magnitudes of the cubics' coefficients; the majorant's are bounded by
+/// its value on a circle (Cauchy). Of `σ (d - d̄)` itself, of degree 6, nothing is lost. Where the
+/// majorant says nothing, the integral and its sum of four are both no more than a few times the
+/// largest difference.
 #[inline(always)]
-pub fn error<R: Real>([a, b, c, d]: [R::Lanes; LANES], extinction: R::Lanes) -> R::Lanes {
+pub fn error<R: Real>(
+    density: [R::Lanes; LANES],
+    mean: R::Lanes,
+    depth: R::Lanes,
+    slope: R::Lanes,
+) -> R::Lanes {
     let all = |v: f64| R::Lanes::splat(R::of(v));
-    let (even, odd) = ([a + d, b + c], [a - d, b - c]);
-    let magnitude = |k: usize| {
-        let [outer, inner] = if k.is_multiple_of(2) { even } else { odd };
-        (all(OUTER[k]) * outer + all(INNER[k]) * inner).abs()
-    };
-    let (m0, m1, m2, m3) = (magnitude(0), magnitude(1), magnitude(2), magnitude(3));
+    let [m0, m1, m2, m3] = [density[0], density[1].abs(), density[2].abs(), density[3].abs()];
     let r = RADIUS;
-    let sum = (m0 + all(r) * m1) + (all(r * r) * m2 + all(r * r * r) * m3);
-    let half = all(0.5) * extinction;
-    let depth = half * all(r) * ((m0 + all(r / 2.0) * m1) + (all(r * r / 3.0) * m2 + all(r * r * r / 4.0) * m3));
+    let tail = all(r) * m1 + (all(r * r) * m2 + all(r * r * r) * m3);
+    let (depth, slope) = (depth.abs(), slope.abs());
+    let varied = (m0 - mean).abs() + tail;
+    let half = all(0.5);
+    let reach = depth + slope * (all(r / 2.0) * m1 + (all(r * r / 3.0) * m2 + all(r * r * r / 4.0) * m3));
+    let reach = half * all(r) * reach;
     // e^x - 1 ≤ x (1 + x/2 (1 + x/3 · 4)) up to x = 3; beyond that nothing is claimed.
-    let x = depth.lesser(all(3.0));
-    let growth = x * (all(1.0) + all(0.5) * x * (all(1.0) + all(4.0 / 3.0) * x));
-    let bound = half * sum * sum * all(LOST) * growth + (depth - x) * all(1e30);
-    bound.lesser(all(8.0) * sum)
+    let x = reach.lesser(all(3.0));
+    let growth = x * (all(1.0) + half * x * (all(1.0) + all(4.0 / 3.0) * x));
+    let bound = half * (depth + slope * tail) * varied * all(LOST) * growth + (reach - x) * all(1e30) * varied;
+    bound.lesser(all(8.0) * varied)
 }
 
 #[cfg(test)]
@@ -119,34 +147,55 @@ mod tests {
         basis(OUTER, v[0]) * w[0] + basis(INNER, v[0]) * w[1] + basis(INNER, v[1]) * w[2] + basis(OUTER, v[1]) * w[3]
     }
 
-    /// `∫ σ d e^{-τ}` over 0..1 by the points alone.
-    fn four(density: [f64; LANES], extinction: f64) -> f64 {
-        let tau = integrals_up_to::<f64>(DVec4::from(density)).to_array();
-        (0..LANES).map(|k| WEIGHTS[k] * extinction * density[k].powi(2) * (-extinction * tau[k]).exp()).sum()
+    /// `∫ σ (d - reference) e^{-τ}` over 0..1 by the points alone, `σ = a + b d`.
+    fn four(density: [f64; LANES], [a, b]: [f64; 2], reference: f64) -> f64 {
+        let sigma = density.map(|d| a + b * d);
+        let tau = integrals_up_to::<f64>(DVec4::from(sigma)).to_array();
+        (0..LANES).map(|k| WEIGHTS[k] * sigma[k] * (density[k] - reference) * (-tau[k]).exp()).sum()
     }
 
     /// The same by 64 pieces, 9 orders of magnitude better.
-    fn fine(density: [f64; LANES], extinction: f64) -> f64 {
+    fn fine(density: [f64; LANES], line: [f64; 2], reference: f64) -> f64 {
         let (mut total, mut depth, n) = (0.0, 0.0, 64.0);
         for piece in 0..64 {
             let part = NODES.map(|node| cubic(density, (f64::from(piece) + node) / n));
-            total += f64::exp(-depth) * four(part, extinction / n);
-            depth += extinction / n * integral::<f64>(part.map(DVec4::splat))[0];
+            total += f64::exp(-depth) * four(part, line.map(|v| v / n), reference);
+            depth += integral::<f64>(part.map(|d| DVec4::splat(line[0] + line[1] * d)))[0] / n;
         }
         total
+    }
+
+    fn bound(density: [f64; LANES], [a, b]: [f64; 2], mean: f64) -> f64 {
+        let c = coefficients::<f64>(density.map(DVec4::splat));
+        let all = DVec4::splat;
+        error::<f64>(c, all(mean), all(a) + all(b) * c[0], all(b))[0]
+    }
+
+    fn mean(density: [f64; LANES]) -> f64 {
+        integral::<f64>(density.map(DVec4::splat))[0]
     }
 
     proptest! {
         #[test]
         fn the_bound_holds(
             density in prop::array::uniform4(0.0..1.0_f64),
-            extinction in (-3.0..1.5_f64).prop_map(|e| 10_f64.powf(e)),
+            line in prop::array::uniform2((-3.0..1.5_f64).prop_map(|e| 10_f64.powf(e))),
         ) {
             // The cubic through any four values may dip below zero: such are none of ours.
             prop_assume!((0..=20).all(|i| cubic(density, f64::from(i) / 20.0) >= 0.0));
-            let bound = error::<f64>(density.map(DVec4::splat), DVec4::splat(extinction))[0];
-            let lost = (four(density, extinction) - fine(density, extinction)).abs();
+            let mean = mean(density);
+            let lost = (four(density, line, mean) - fine(density, line, mean)).abs();
+            let bound = bound(density, line, mean);
             prop_assert!(lost <= bound + 1e-15, "{lost:e} > {bound:e}");
+        }
+
+        #[test]
+        fn the_hull_holds(density in prop::array::uniform4(-1.0..1.0_f64)) {
+            let (least, most) = hull::<f64>(coefficients::<f64>(density.map(DVec4::splat)));
+            for i in 0..=20 {
+                let value = cubic(density, f64::from(i) / 20.0);
+                prop_assert!(least[0] <= value + 1e-12 && value <= most[0] + 1e-12);
+            }
         }
 
         /// Depths are exact, and so is the integral of the square.
@@ -176,7 +225,8 @@ mod tests {
     /// Not so loose that it would cost: smooth cells of optical depth 0.3 are left whole.
     #[test]
     fn the_bound_is_of_use() {
-        let bound = error::<f64>(NODES.map(|u| DVec4::splat(0.7 + u * (0.3 - 0.1 * u))), DVec4::splat(0.3))[0];
+        let density = NODES.map(|u| 0.7 + u * (0.3 - 0.1 * u));
+        let bound = bound(density, [0.0, 0.3], mean(density));
         assert!(bound < 4e-7, "{bound:e}");
     }
 }

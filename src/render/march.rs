@@ -5,30 +5,54 @@
 //! from the origin. [`batches`] hands several bricks at once to a quadrature rule
 //! ([`crate::render::rule`]), which makes cells of them ([`crate::render::cell`]).
 
-use crate::math::{Affine, Ray};
+use crate::math::{Aabb, Affine, Ray};
 use crate::real::Real;
 use crate::scene::bricks::{BRICK, NONE, Topology};
 use glam::{DVec3, IVec3};
 
-/// A ray in index space, clipped to the bricks; its parameter is world length.
+/// A ray in index space, clipped to a domain; its parameter is world length.
 #[derive(Debug, Clone, Copy)]
 pub struct IndexRay {
     origin: DVec3,
     direction: DVec3,
-    /// Where it enters the box of all bricks.
+    /// Where it enters the field's domain.
     pub enter: f64,
     /// Where it leaves it.
     pub leave: f64,
 }
 
 impl IndexRay {
-    /// Rebases a world ray (unit direction); `None` if it misses the bricks.
+    /// Rebases a world ray (unit direction); `None` if it misses the domain.
     #[inline]
-    pub fn new(topology: &Topology, transform: &Affine, ray: &Ray) -> Option<Self> {
+    pub fn new(domain: &Aabb, transform: &Affine, ray: &Ray) -> Option<Self> {
         let origin = transform.to_index(ray.origin);
         let direction = transform.vector_to_index(ray.direction);
-        let (enter, leave) = topology.bounds().clip(&Ray { origin, direction })?;
+        let (enter, leave) = domain.clip(&Ray { origin, direction })?;
         Some(Self { origin, direction, enter, leave })
+    }
+
+    /// Index coordinates gained per unit of world length.
+    pub fn direction(&self) -> DVec3 {
+        self.direction
+    }
+
+    /// Index coordinates at world length `t`.
+    pub fn at(&self, t: f64) -> DVec3 {
+        self.origin + t * self.direction
+    }
+
+    /// The axis of the domain's face through which the ray goes at world length `t`, its entry or exit,
+    /// and the coordinate gained along it; `None` where the ray begins inside.
+    pub fn face(&self, domain: &Aabb, t: f64) -> Option<(usize, f64)> {
+        if t <= 0.0 {
+            return None;
+        }
+        let off = |axis: usize| {
+            let p = self.at(t)[axis];
+            (p - domain.min[axis]).abs().min((p - domain.max[axis]).abs())
+        };
+        let axis = (0..3).filter(|a| self.direction[*a] != 0.0).min_by(|a, b| off(*a).total_cmp(&off(*b)))?;
+        Some((axis, self.direction[axis]))
     }
 }
 

@@ -1,6 +1,8 @@
 //! Light on its way through the scene.
 
 pub mod cell;
+pub mod cubic;
+pub mod curve;
 pub mod dvr;
 pub mod film;
 pub mod gauss;

@@ -3,16 +3,24 @@
 use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
 use crate::render::cell::{Crossings, MOST, Quartet, chord_weights, corners, crossings, gather, low, offsets, weights};
+use crate::render::cubic;
+use crate::render::curve::{Curve, Piece};
 use crate::render::gauss;
 use crate::render::march::{BATCH, Span};
 use crate::render::segment::{Chord, Sample};
 
 /// Cuts spans into segments.
-pub trait Rule<R: Real>: Copy + Sync {
+pub trait Rule<R: Real, const C: usize>: Copy + Sync {
     /// What it cuts them into.
     type Segment: Copy;
     /// Appends the segments of at most [`BATCH`] spans, near to far, with the densities in them.
-    fn segments(&self, values: &[R], spans: &[Span<R>], segments: &mut Vec<Self::Segment>);
+    fn segments(&self, curve: &Curve<R, C>, values: &[R], spans: &[Span<R>], segments: &mut Vec<Self::Segment>);
+    /// True if the segments fill the way from entry to exit, so that moving these alone adds or takes
+    /// away what lies there; else [`Rule::moved`] says what it does.
+    const BOUNDED: bool;
+    /// Derivatives with respect to entry, exit and step (world lengths), from those with respect to a
+    /// segment's length and position.
+    fn moved(&self, segment: &Self::Segment, by_length: f64, by_position: f64) -> [f64; 3];
 }
 
 /// What optical depths alone are made of.
@@ -70,24 +78,26 @@ fn all_crossings<R: Real>(spans: &[Span<R>]) -> [Crossings<R>; BATCH] {
     at
 }
 
-/// Cells, each cut until what four Gauss points lose of the light from a piece is below a stated error.
+/// Cells, cut where the density crosses a knot of the curve, and further until what four Gauss points
+/// lose of the light from a piece is below a stated error.
 #[derive(Debug, Clone, Copy)]
 pub struct ExactSource {
-    /// Extinction per unit of density.
-    pub extinction: f64,
-    /// Error allowed per piece, as it arrives at the eye, over the radiance of the source per unit of
-    /// density.
+    /// Radiance error allowed per piece, as it arrives at the eye, in units of the curve's source.
     pub tolerance: f64,
+    /// Keep pieces in which nothing is absorbed: what they could do has a derivative.
+    pub keep_clear: bool,
 }
 
-/// The most halvings in a cell. (An error falls 500 times when the length is halved, and behind an
-/// optical depth of 20 none arrives: no cell that means anything has as many.)
+/// The most halvings of a piece. (An error falls 500 times when the length is halved, and behind an
+/// optical depth of 20 none arrives: no piece that means anything has as many.)
 const MOST_HALVINGS: usize = 256;
 
 /// A cell that a ray crosses.
 struct Cell<R: Real> {
     /// Offset of its lowest corner.
     offset: usize,
+    /// World length from the ray's origin to the span's entry.
+    begin: f64,
     /// Cell-local coordinates of the span's entry, the same in all lanes.
     entry: [R::Lanes; 3],
     /// Coordinates gained per world length.
@@ -96,59 +106,129 @@ struct Cell<R: Real> {
 
 impl<R: Real> Cell<R> {
     #[inline(always)]
-    fn chord(&self, values: &[R], start: R, length: R) -> Chord<R> {
+    fn chord(&self, values: &[R], start: R, length: R, piece: u32) -> Chord<R> {
         let all = <R::Lanes as Lanes<R>>::splat;
         let t = all(start) + all(length) * gauss::lanes::<R>(gauss::NODES);
         let ([x, y, z], [dx, dy, dz]) = (self.entry, self.along);
         let at = [x + t * dx, y + t * dy, z + t * dz];
         let density = Chord::<R>::interpolate(&corners(values, self.offset), at);
-        Chord { offset: self.offset, length, at, density }
+        Chord { offset: self.offset, piece, length, start: R::of(self.begin + start.f64()), at, density }
     }
 }
 
-impl ExactSource {
-    /// Cuts a cell, `depth` behind the batch's beginning; returns the depth behind the cell.
+/// What cells are cut into, as it is written.
+struct Cutter<'a, R: Real, const C: usize> {
+    rule: &'a ExactSource,
+    curve: &'a Curve<R, C>,
+    values: &'a [R],
+    segments: &'a mut Vec<Chord<R>>,
+    /// Optical depth since the batch began: what is nearer makes the light from here only fainter.
+    depth: R,
+}
+
+impl<R: Real, const C: usize> Cutter<'_, R, C> {
+    /// Cuts a cell at the knots that the density crosses; `cubic` is the density from -1 at `from` to 1 at
+    /// `until`.
     #[inline(never)]
-    fn cut<R: Real>(
-        &self,
-        cell: &Cell<R>,
-        values: &[R],
-        mut start: R,
-        end: R,
-        mut depth: R,
-        segments: &mut Vec<Chord<R>>,
-    ) -> R {
+    fn split(&mut self, cell: &Cell<R>, from: R, until: R, cubic: [f64; LANES]) {
+        let mut start = from;
+        let mut emit = |cutter: &mut Self, v: f64, piece: u32| {
+            let end = if v >= 1.0 { until } else { R::of(from.f64() + 0.5 * (v + 1.0) * (until - from).f64()) };
+            if end > start {
+                cutter.cut(cell, start, end, piece);
+                start = end;
+            }
+        };
+        let turns = cubic::turns(cubic);
+        for ends in turns.windows(2) {
+            let (mut v, last) = (ends[0], ends[1]);
+            let (begin, end) = (cubic::at(cubic, v), cubic::at(cubic, last));
+            let rising = end > begin;
+            let mut piece = self.curve.find(R::of(begin));
+            while !rising && piece > 0 && self.curve.piece(piece).low.f64() >= begin {
+                piece -= 1;
+            }
+            loop {
+                let Piece { low, high, .. } = self.curve.piece(piece);
+                let knot = if rising { high.f64() } else { low.f64() };
+                if if rising { knot >= end } else { knot <= end } {
+                    emit(self, last, piece);
+                    break;
+                }
+                v = cubic::crossing(cubic, knot, v, last);
+                emit(self, v, piece);
+                piece = if rising { piece + 1 } else { piece - 1 };
+            }
+        }
+    }
+
+    /// Cuts a piece until its error is small.
+    #[inline(never)]
+    fn cut(&mut self, cell: &Cell<R>, mut start: R, end: R, piece: u32) {
         let all = <R::Lanes as Lanes<R>>::splat;
-        let (extinction, tolerance) = (R::of(self.extinction), R::of(self.tolerance));
-        let mut length = R::of(0.5) * (end - start);
+        let line = self.curve.piece(piece);
+        if line.is_clear() && !self.rule.keep_clear {
+            return;
+        }
+        let mut length = end - start;
         let mut halvings_left = MOST_HALVINGS;
         while length > R::ZERO {
-            let chord = cell.chord(values, start, length);
-            let density = chord.density.store().map(all);
-            let x = all(extinction * length);
-            if gauss::error::<R>(density, x).store()[0] > tolerance * depth.exp() && halvings_left > 0 {
+            let chord = cell.chord(self.values, start, length, piece);
+            let measure = Measure::new(chord.density.store().map(all), all(length), [line; LANES]);
+            let error = measure.error.store()[0];
+            if error > R::of(self.rule.tolerance) * self.depth.exp() && halvings_left > 0 {
                 halvings_left -= 1;
                 length = R::of(0.5) * length;
                 continue;
             }
-            segments.push(chord);
-            depth += (x * gauss::integral::<R>(density)).store()[0];
+            self.segments.push(chord);
+            self.depth += measure.depth.store()[0];
             start += length;
             length = (length + length).lesser(end - start);
         }
-        depth
     }
 }
 
-impl<R: Real> Rule<R> for ExactSource {
+/// What decides about four chords.
+struct Measure<R: Real> {
+    /// The densities' coefficients.
+    cubic: [R::Lanes; LANES],
+    /// Optical depths.
+    depth: R::Lanes,
+    /// Bounds of the error in the light emitted.
+    error: R::Lanes,
+}
+
+impl<R: Real> Measure<R> {
+    /// Of densities by point, lengths, and the lines of the curve.
+    #[inline(always)]
+    fn new<const C: usize>(density: [R::Lanes; LANES], length: R::Lanes, lines: [&Piece<R, C>; LANES]) -> Self {
+        let of = |f: fn(&Piece<R, C>) -> R| R::Lanes::load(lines.map(f));
+        let cubic = gauss::coefficients::<R>(density);
+        let mean = gauss::integral::<R>(density);
+        let slope = length * of(|p| p.extinction[1]);
+        let middle = length * of(|p| p.extinction[0]) + slope * (cubic[0] - of(|p| p.base));
+        let error = of(|p| p.steepest) * gauss::error::<R>(cubic, mean, middle, slope);
+        Self { cubic, depth: middle + slope * (mean - cubic[0]), error }
+    }
+}
+
+impl<R: Real, const C: usize> Rule<R, C> for ExactSource {
     type Segment = Chord<R>;
 
+    const BOUNDED: bool = true;
+
+    /// The integral does not depend on where it is cut.
     #[inline(always)]
-    fn segments(&self, values: &[R], spans: &[Span<R>], segments: &mut Vec<Chord<R>>) {
+    fn moved(&self, _: &Chord<R>, _: f64, _: f64) -> [f64; 3] {
+        [0.0; 3]
+    }
+
+    #[inline(always)]
+    fn segments(&self, curve: &Curve<R, C>, values: &[R], spans: &[Span<R>], segments: &mut Vec<Chord<R>>) {
         let all = <R::Lanes as Lanes<R>>::splat;
-        let (extinction, tolerance) = (R::of(self.extinction), R::of(self.tolerance));
-        // Since the batch began: what is nearer makes the light from here only fainter.
-        let mut depth = R::ZERO;
+        let tolerance = R::of(self.tolerance);
+        let mut cutter = Cutter { rule: self, curve, values, segments, depth: R::ZERO };
         for (span, at) in spans.iter().zip(&all_crossings(spans)) {
             let ([x, y, z], [dx, dy, dz]) = (span.entry, span.direction);
             let along = [all(dx), all(dy), all(dz)];
@@ -165,23 +245,41 @@ impl<R: Real> Rule<R> for ExactSource {
                 let [ex, ey, ez] = [(all(x) - low[0]).store(), (all(y) - low[1]).store(), (all(z) - low[2]).store()];
                 let cell = |i: usize| Cell {
                     offset: span.base + offset[i] as usize,
+                    begin: span.start,
                     entry: [all(ex[i]), all(ey[i]), all(ez[i])],
                     along,
                 };
-                let whole = |i: usize| cell(i).chord(values, at[i], at[i + 1] - at[i]);
-                let whole = [whole(0), whole(1), whole(2), whole(3)];
+                let whole = |i: usize| cell(i).chord(values, at[i], at[i + 1] - at[i], 0);
+                let mut whole = [whole(0), whole(1), whole(2), whole(3)];
                 let density = R::Lanes::transpose(whole.map(|chord| chord.density));
-                let scale = all(extinction) * (until - from);
-                let errors = gauss::error::<R>(density, scale).store();
-                let depths = (scale * gauss::integral::<R>(density)).store();
+                let (mut lines, mut fits) = ([curve.piece(0); LANES], [true; LANES]);
+                if curve.len() > 1 {
+                    let cubic = gauss::coefficients::<R>(density);
+                    let (least, most) = gauss::hull::<R>(cubic);
+                    // What rounding adds to the hull is no crossing.
+                    let slack = all(R::of(1.0 / f64::from(1 << 20))) * (most - least);
+                    let (least, most) = ((least + slack).store(), (most - slack).store());
+                    for (i, middle) in cubic[0].store().into_iter().enumerate() {
+                        whole[i].piece = curve.find(middle);
+                        lines[i] = curve.piece(whole[i].piece);
+                        fits[i] = lines[i].low <= least[i] && most[i] <= lines[i].high;
+                    }
+                }
+                let measure = Measure::new(density, until - from, lines);
+                let (errors, depths) = (measure.error.store(), measure.depth.store());
                 for i in 0..LANES {
-                    if errors[i] <= tolerance || errors[i] <= tolerance * depth.exp() {
+                    if !fits[i] {
+                        let cubic = measure.cubic.map(|c| c.store()[i].f64());
+                        cutter.split(&cell(i), at[i], at[i + 1], cubic);
+                    } else if lines[i].is_clear() && !self.keep_clear {
+                        continue;
+                    } else if errors[i] <= tolerance || errors[i] <= tolerance * cutter.depth.exp() {
                         if whole[i].length > R::ZERO {
-                            segments.push(whole[i]);
+                            cutter.segments.push(whole[i]);
                         }
-                        depth += depths[i];
+                        cutter.depth += depths[i];
                     } else {
-                        depth = self.cut(&cell(i), values, at[i], at[i + 1], depth, segments);
+                        cutter.cut(&cell(i), at[i], at[i + 1], whole[i].piece);
                     }
                 }
             }
@@ -225,9 +323,9 @@ impl Uniform {
 }
 
 impl Uniform {
-    /// The samples on spans: offset of the cell, world length, interpolation weights.
+    /// The samples on spans: number of the step and world length up to it, offset of the cell, world length, cell-local coordinates.
     #[inline(always)]
-    fn samples<R: Real>(&self, spans: &[Span<R>], mut visit: impl FnMut(usize, R, [R::Lanes; 2])) {
+    fn samples<R: Real>(&self, spans: &[Span<R>], mut visit: impl FnMut((u64, f64), usize, R, [R; 3])) {
         for span in spans {
             let [dx, dy, dz] = span.direction;
             // Half-open spans: each sample belongs to exactly one.
@@ -238,21 +336,33 @@ impl Uniform {
                 let low = p.map(|c| low(R::Lanes::splat(c)));
                 let offset = span.base + offsets(low)[0] as usize;
                 let m = std::array::from_fn(|a| p[a] - low[a].store()[0]);
-                visit(offset, R::of(length), weights(m));
+                visit((k, position), offset, R::of(length), m);
             }
         }
     }
 }
 
-impl<R: Real> Rule<R> for Uniform {
+impl<R: Real, const C: usize> Rule<R, C> for Uniform {
     type Segment = Sample<R>;
 
     #[inline(always)]
-    fn segments(&self, values: &[R], spans: &[Span<R>], segments: &mut Vec<Sample<R>>) {
-        self.samples(spans, |offset, length, weights| {
-            let density = gather(&weights, &corners(values, offset));
-            segments.push(Sample { offset, length, weights, density });
+    fn segments(&self, curve: &Curve<R, C>, values: &[R], spans: &[Span<R>], segments: &mut Vec<Sample<R>>) {
+        self.samples(spans, |(number, position), offset, length, at| {
+            let density = gather(&weights(at), &corners(values, offset));
+            segments.push(Sample { offset, piece: curve.find(density), length, at, density, number, position });
         });
+    }
+
+    const BOUNDED: bool = false;
+
+    #[inline(always)]
+    fn moved(&self, sample: &Sample<R>, by_length: f64, by_position: f64) -> [f64; 3] {
+        let number = sample.number as f64;
+        if sample.number + 1 < self.steps() {
+            return [by_position, 0.0, (number + self.phase) * by_position + by_length];
+        }
+        let begin = (1.0 - self.phase) * by_position - by_length;
+        [begin, self.phase * by_position + by_length, number * begin]
     }
 }
 
@@ -261,8 +371,8 @@ impl<R: Real> DepthRule<R> for Uniform {
     fn cells(&self, spans: &[Span<R>], cells: &mut Vec<Quartet<R>>) {
         let empty = Quartet { offset: [0; LANES], weights: [[R::Lanes::splat(R::ZERO); 2]; LANES] };
         let (mut four, mut count) = (empty, 0);
-        self.samples(spans, |offset, length, [near, far]| {
-            let length = R::Lanes::splat(length);
+        self.samples(spans, |_, offset, length, at| {
+            let ([near, far], length) = (weights(at), R::Lanes::splat(length));
             four.offset[count] = offset as u32;
             four.weights[count] = [near * length, far * length];
             count += 1;

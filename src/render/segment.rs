@@ -8,12 +8,18 @@ use crate::real::Real;
 pub struct Sample<R: Real> {
     /// Offset of the cell's lowest corner among the field's values.
     pub offset: usize,
+    /// Number of the curve's piece that the density lies in.
+    pub piece: u32,
     /// World length.
     pub length: R,
-    /// Interpolation weights of the corners, by x.
-    pub weights: [R::Lanes; 2],
+    /// Cell-local coordinates.
+    pub at: [R; 3],
     /// The density.
     pub density: R,
+    /// Number of the step.
+    pub number: u64,
+    /// World length from the ray's origin.
+    pub position: f64,
 }
 
 /// A stretch with the densities at the four points of [`crate::render::gauss`], which determine the
@@ -22,8 +28,12 @@ pub struct Sample<R: Real> {
 pub struct Chord<R: Real> {
     /// Offset of the cell's lowest corner among the field's values.
     pub offset: usize,
+    /// Number of the curve's piece that the densities lie in.
+    pub piece: u32,
     /// World length.
     pub length: R,
+    /// World length from the ray's origin.
+    pub start: R,
     /// Cell-local coordinates of the points.
     pub at: [R::Lanes; 3],
     /// Densities there.
@@ -60,4 +70,18 @@ impl<R: Real> Chord<R> {
         let high = by_density * x;
         [face(by_density - high), face(high)]
     }
+}
+
+/// Gradient of the interpolated density with respect to the cell-local coordinates, at four points.
+#[inline(always)]
+pub fn slopes<R: Real>(corners: &[R::Lanes; 2], [x, y, z]: [R::Lanes; 3]) -> [R::Lanes; 3] {
+    let all = <R::Lanes as Lanes<R>>::splat;
+    // On a face of constant x: value, and its derivatives by y and by z.
+    let face = |corners: R::Lanes| {
+        let [a, b, c, d] = corners.store();
+        let (low, high) = (all(a) + z * all(b - a), all(c) + z * all(d - c));
+        (low + y * (high - low), high - low, all(b - a) + y * all((d - c) - (b - a)))
+    };
+    let ((low, low_y, low_z), (high, high_y, high_z)) = (face(corners[0]), face(corners[1]));
+    [high - low, low_y + x * (high_y - low_y), low_z + x * (high_z - low_z)]
 }

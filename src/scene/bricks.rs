@@ -127,6 +127,18 @@ impl Topology {
         Aabb { min: 8.0 * self.min.as_dvec3(), max: 8.0 * (self.min + self.dim).as_dvec3() }
     }
 
+    /// The same bricks with the same numbers, but found only where `keep` says so.
+    #[must_use]
+    pub fn masked(&self, keep: impl Fn(usize) -> bool) -> Self {
+        let mut masked = self.clone();
+        for entry in masked.table.iter_mut().filter(|e| **e != NONE) {
+            if !keep(*entry as usize) {
+                *entry = NONE;
+            }
+        }
+        masked
+    }
+
     /// Copies owned voxels (512 a brick, z fastest) into stored ones (729 a brick), aprons included.
     pub fn spread<R: Real>(&self, owned: &[R], stored: &mut [R]) {
         stored.par_chunks_mut(BRICK).zip(self.bricks.par_iter()).for_each(|(out, brick)| {
@@ -191,6 +203,9 @@ pub struct Bricks<R> {
     pub values: Vec<R>,
     /// Index space to world space.
     pub transform: Affine,
+    /// Index-space box beyond which there is nothing: a transfer function may absorb where the density is
+    /// zero, inside of it. The box of all bricks' cells, or smaller.
+    pub domain: Aabb,
 }
 
 /// Where the voxels of a brick come from.
@@ -204,7 +219,8 @@ impl<R: Real> Bricks<R> {
     /// A field of zeros.
     pub fn zeros(topology: Arc<Topology>, transform: Affine) -> Self {
         let values = vec![R::ZERO; topology.len() * BRICK];
-        Self { topology, values, transform }
+        let domain = topology.bounds();
+        Self { topology, values, transform, domain }
     }
 
     /// Arranges a fog volume for rays, straight from its leaves and tiles.

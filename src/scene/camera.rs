@@ -5,7 +5,7 @@
 
 use crate::error::{Error, Result};
 use crate::math::Ray;
-use glam::{DMat3, DMat4, DVec2, DVec3};
+use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
 
 /// How pixels map to rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,6 +33,32 @@ pub struct Camera {
     pub height: u32,
     /// World-space distance along the viewing axis before which nothing is seen.
     pub near: f64,
+}
+
+/// Derivatives with respect to a camera, or a step of one ([`Camera::moved`]).
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct CameraGradient {
+    /// By position, in world units.
+    pub position: DVec3,
+    /// By rotation about the position: a vector along the axis, in radians, world axes.
+    pub rotation: DVec3,
+    /// By focal length, in the camera's unit of it.
+    pub focal: DVec2,
+    /// By principal point, in pixels.
+    pub centre: DVec2,
+}
+
+impl CameraGradient {
+    /// Sum of two.
+    #[must_use]
+    pub fn plus(&self, o: &Self) -> Self {
+        Self {
+            position: self.position + o.position,
+            rotation: self.rotation + o.rotation,
+            focal: self.focal + o.focal,
+            centre: self.centre + o.centre,
+        }
+    }
 }
 
 impl Camera {
@@ -98,6 +124,39 @@ impl Camera {
         }
     }
 
+    /// Derivatives of a loss with respect to the camera, from those with respect to the origin and
+    /// direction of its ray through `(x, y)`.
+    pub fn gradient(&self, x: f64, y: f64, by_origin: DVec3, by_direction: DVec3) -> CameraGradient {
+        let ray = self.ray(x, y);
+        let turned = (ray.origin - self.position()).cross(by_origin) + ray.direction.cross(by_direction);
+        // In the camera's own axes, by its image plane's coordinates.
+        let to_camera = |v: DVec3| self.camera_to_world.transpose().transform_vector3(v);
+        let (origin, direction) = (to_camera(by_origin), to_camera(by_direction));
+        let plane = DVec2::new((x - self.centre.x) / self.focal.x, (self.centre.y - y) / self.focal.y);
+        let by_plane = match self.projection {
+            Projection::Perspective => {
+                let d = plane.extend(-1.0);
+                let unit = d.normalize();
+                (self.near * origin + (direction - unit * unit.dot(direction)) / d.length()).truncate()
+            }
+            Projection::Orthographic => origin.truncate(),
+        };
+        let by_centre = by_plane * DVec2::new(-1.0, 1.0) / self.focal;
+        CameraGradient { position: by_origin, rotation: turned, focal: -by_plane * plane / self.focal, centre: by_centre }
+    }
+
+    /// The camera moved by a vector, turned about its position by a rotation vector (world axes,
+    /// radians), with its focal lengths changed.
+    #[must_use]
+    pub fn moved(mut self, by: &CameraGradient) -> Self {
+        let turn = DMat3::from_quat(DQuat::from_scaled_axis(by.rotation));
+        let axes = turn * DMat3::from_mat4(self.camera_to_world);
+        self.camera_to_world = DMat4::from_mat3_translation(axes, self.position() + by.position);
+        self.focal += by.focal;
+        self.centre += by.centre;
+        self
+    }
+
     /// Image position in pixels of a world point and its distance along the viewing axis; `None` at
     /// or behind the camera of a perspective.
     pub fn project(&self, world: DVec3) -> Option<(DVec2, f64)> {
@@ -155,6 +214,36 @@ mod tests {
                 let (pixel, depth) = c.project(c.ray(x, y).at(2.5)).unwrap();
                 assert!((pixel - DVec2::new(x, y)).length() < 1e-10, "{p:?} {pixel}");
                 assert!(depth > c.near);
+            }
+        }
+    }
+
+    #[test]
+    fn gradients_match_central_differences() {
+        let (o, d) = (DVec3::new(0.3, -1.2, 0.7), DVec3::new(-0.4, 0.9, 1.1));
+        for p in [Projection::Perspective, Projection::Orthographic] {
+            let c = camera(p).checked().unwrap();
+            let g = c.gradient(12.25, 30.5, o, d);
+            let loss = |c: Camera| {
+                let ray = c.ray(12.25, 30.5);
+                ray.origin.dot(o) + ray.direction.dot(d)
+            };
+            let check = |expected: f64, set: &dyn Fn(&mut CameraGradient, f64)| {
+                let at = |h: f64| {
+                    let mut step = CameraGradient::default();
+                    set(&mut step, h);
+                    loss(c.moved(&step))
+                };
+                let difference = (at(1e-5) - at(-1e-5)) / 2e-5;
+                assert!((difference - expected).abs() < 1e-8, "{p:?} {difference} {expected}");
+            };
+            for a in 0..3 {
+                check(g.position[a], &|s, h| s.position[a] = h);
+                check(g.rotation[a], &|s, h| s.rotation[a] = h);
+            }
+            for a in 0..2 {
+                check(g.focal[a], &|s, h| s.focal[a] = h);
+                check(g.centre[a], &|s, h| s.centre[a] = h);
             }
         }
     }

@@ -5,7 +5,7 @@ use super::row::Row;
 use super::turns::{in_turn, median, ratio};
 use cumulo::math::{Affine, Ray};
 use cumulo::optimise::observation::DepthMap;
-use cumulo::optimise::pictures::{self, Accumulators, Target};
+use cumulo::optimise::pictures::{self, Accumulators, Gradients, Target};
 use cumulo::optimise::projector::Projector;
 use cumulo::render::dvr::{Adjoint, Dvr};
 use cumulo::render::picture;
@@ -101,7 +101,8 @@ fn gradients(name: &str, dvr: &Dvr<'_, f32>, scene: &Scene, pool: &ThreadPool) -
     let mut sums = [(); 2].map(|()| (Accumulators::default(), vec![0.0_f32; scene.field.values.len()]));
     let [by_tape, by_replay] = &mut sums;
     let back = |adjoint: Adjoint, (accumulators, sum): &mut (Accumulators, Vec<f32>)| {
-        pool.install(|| black_box(pictures::gradient(dvr, &targets, squares, adjoint, accumulators, sum)));
+        let mut gradients = Gradients { voxels: Some(sum), ..Gradients::default() };
+        pool.install(|| black_box(pictures::gradient(dvr, &targets, squares, adjoint, accumulators, &mut gradients)));
     };
     let [value, tape, replay] =
         in_turn([&mut || render(dvr, scene, pool), &mut || back(Adjoint::Tape, by_tape), &mut || {

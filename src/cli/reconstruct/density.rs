@@ -286,7 +286,7 @@ fn observe(photos: &[Photo], capture: &Capture) -> Result<Observation> {
     match capture.medium().source {
         Source::Grey(colour) => Observation::new(photos, capture.background, colour),
         // Where the source varies, colours do not tell the optical depth: alpha does.
-        Source::Linear(_) => Observation::new(photos, capture.background, capture.background),
+        Source::Linear(_) | Source::Transfer(_) => Observation::new(photos, capture.background, capture.background),
     }
 }
 

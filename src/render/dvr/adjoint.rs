@@ -1,12 +1,13 @@
 //! The gradient of a loss on one pixel with respect to everything along its ray.
 //!
-//! Let `x_i` be the optical depth of segment i, `e_i` the radiance that leaves it, `T_i` the transmittance
-//! before it and `V_i` the radiance from beyond it, background included, as it arrives at the eye. From
-//! the far end:
+//! Let `x_i` be the optical depth of segment i, `c_i` its source at the mean density and `s_i q_i` what
+//! varies of its light ([`light`](super::light)), `T_i` the transmittance before it and `V_i` the radiance
+//! from beyond it, background included, as it arrives at the eye. From the far end:
 //!
 //! ```text
 //! V ← T_N · background
-//! for i = N-1 … 0:   ∂L/∂x_i = -V     ∂L/∂e_i = T_i     V ← V + T_i e_i
+//! for i = N-1 … 0:   ∂L/∂x_i = c_i T_{i+1} - V    ∂L/∂c_i = T_i - T_{i+1}    ∂L/∂q_i = s_i T_i
+//!                    V ← V + c_i (T_i - T_{i+1}) + s_i T_i q_i
 //! ```
 //! and from there by [`Lit::slopes`] to the densities. No division by `1 - α`: finite for opaque segments,
 //! where inverting the blend (Weiss & Westermann 2021, sect. 4.3; here [`Adjoint::Inversion`]) is 0/0.
@@ -15,17 +16,21 @@
 //! with `g` the loss derivative, `V = Σ g_c L_c - g_α T`.
 
 use super::inversion;
-use super::kernel::{self, Blend, grey, over};
-use super::light::{Constant, Emission, Light, Lit, Proportional};
-use super::{Dvr, Radiance};
+use super::kernel::{self, Blend, arriving, grey, over};
+use super::light::{By, Glow, Light, Lit};
+use super::{Dvr, Matter, Optics, Radiance};
+use crate::lanes::Lanes;
 use crate::math::Ray;
 use crate::real::Real;
 use crate::render::cell::{Quartet, scatter};
+use crate::render::curve::{Curve, Piece};
 use crate::render::march::{IndexRay, batches_before};
 use crate::render::quadrature::Quadrature;
 use crate::render::rule::{DepthRule, ExactDepth, Rule};
 use crate::render::segment::{Chord, Sample};
 use crate::scene::medium::Source;
+use crate::scene::table::TableGradient;
+use glam::DVec3;
 
 /// How the backward pass gets at the samples of the forward pass again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,7 +49,7 @@ pub enum Adjoint {
 pub struct ParameterGradient {
     /// With respect to the medium's extinction.
     pub extinction: f64,
-    /// With respect to the source's colour.
+    /// With respect to the source's colour; zero with a transfer function, which has its own.
     pub colour: [f64; 3],
     /// With respect to the background.
     pub background: [f64; 3],
@@ -60,6 +65,31 @@ impl ParameterGradient {
             background: std::array::from_fn(|c| self.background[c] + o.background[c]),
         }
     }
+}
+
+/// Derivatives of the loss with respect to one ray's origin and direction (of unit length: only changes
+/// across it mean anything), in world space, and to the quadrature's step.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct RayGradient {
+    /// With respect to the origin.
+    pub origin: DVec3,
+    /// With respect to the direction.
+    pub direction: DVec3,
+    /// With respect to the step of a quadrature that has one, in voxels.
+    pub step: f64,
+}
+
+/// Where a gradient is added to; what is `None` is not computed.
+#[derive(Debug)]
+pub struct Sinks<'g, R: Real> {
+    /// By stored value, as in [`Bricks::values`](crate::scene::bricks::Bricks::values).
+    pub voxels: Option<&'g mut [R]>,
+    /// By piece of the transfer function; for media that have one.
+    pub table: Option<&'g mut TableGradient>,
+    /// Of this ray.
+    pub ray: Option<&'g mut RayGradient>,
+    /// Of all that rays share.
+    pub shared: &'g mut ParameterGradient,
 }
 
 /// Scratch memory of one thread, reused from ray to ray.
@@ -104,76 +134,39 @@ pub(super) struct Entry<R: Real, S> {
 
 impl<R: Real> Dvr<'_, R> {
     /// Radiance along a world ray, and the gradient of a loss on it: `loss` maps the radiance to the
-    /// derivative with respect to R, G, B and alpha. The density gradient is added to `gradient`,
-    /// stored values as in [`Bricks::values`](crate::scene::bricks::Bricks::values), and that of the
-    /// shared parameters to `parameters`.
+    /// derivative with respect to R, G, B and alpha.
     #[inline(always)]
     pub fn gradient(
         &self,
         ray: &Ray,
         loss: impl FnOnce(&Radiance<R>) -> [R; 4],
         adjoint: Adjoint,
-        gradient: &mut [R],
-        parameters: &mut ParameterGradient,
+        sinks: Sinks<'_, R>,
         tape: &mut Tape<R>,
     ) -> Radiance<R> {
         let Some(ray) = self.index_ray(ray) else {
             let seen = grey(0.0, [0.0; 3], self.background);
-            self.outside(&seen, loss(&seen), parameters);
+            let g = loss(&seen);
+            for c in 0..3 {
+                sinks.shared.background[c] += g[c].f64() * seen.transmittance.f64();
+            }
             return seen;
         };
-        let mut pass = Pass { dvr: self, ray, gradient, parameters, pending: None };
-        match (self.medium.source, self.quadrature, adjoint) {
-            (Source::Grey(c), Quadrature::Exact, Adjoint::Inversion) => {
-                pass.recursion(loss, adjoint, self.exact_source(c), Constant, &mut tape.chords, &mut tape.lit_chords)
-            }
-            (Source::Grey(_), Quadrature::Midpoint(h), Adjoint::Inversion) => pass.recursion(
-                loss,
-                adjoint,
-                self.uniform(h, 0.5, &ray),
-                Constant,
-                &mut tape.samples,
-                &mut tape.lit_samples,
-            ),
-            (Source::Grey(_), Quadrature::Riemann(h), Adjoint::Inversion) => pass.recursion(
-                loss,
-                adjoint,
-                self.uniform(h, 0.0, &ray),
-                Constant,
-                &mut tape.samples,
-                &mut tape.lit_samples,
-            ),
-            (Source::Grey(c), Quadrature::Exact, _) => pass.depth_only(loss, adjoint, ExactDepth, c, &mut tape.cells),
-            (Source::Grey(c), Quadrature::Midpoint(h), _) => {
-                pass.depth_only(loss, adjoint, self.uniform(h, 0.5, &ray), c, &mut tape.cells)
-            }
-            (Source::Grey(c), Quadrature::Riemann(h), _) => {
-                pass.depth_only(loss, adjoint, self.uniform(h, 0.0, &ray), c, &mut tape.cells)
-            }
-            (Source::Linear(c), Quadrature::Exact, _) => pass.recursion(
-                loss,
-                adjoint,
-                self.exact_source(c),
-                Proportional,
-                &mut tape.chords,
-                &mut tape.lit_chords,
-            ),
-            (Source::Linear(_), Quadrature::Midpoint(h), _) => pass.recursion(
-                loss,
-                adjoint,
-                self.uniform(h, 0.5, &ray),
-                Proportional,
-                &mut tape.samples,
-                &mut tape.lit_samples,
-            ),
-            (Source::Linear(_), Quadrature::Riemann(h), _) => pass.recursion(
-                loss,
-                adjoint,
-                self.uniform(h, 0.0, &ray),
-                Proportional,
-                &mut tape.samples,
-                &mut tape.lit_samples,
-            ),
+        // Depths are averages over cells: where the ray goes needs their points.
+        let whole = adjoint != Adjoint::Inversion && sinks.ray.is_none();
+        let keep_clear = sinks.table.is_some();
+        let mut pass = Pass::new(self, ray, sinks);
+        if let (Source::Grey(c), true) = (&self.medium.source, whole) {
+            let cells = &mut tape.cells;
+            return match self.quadrature {
+                Quadrature::Exact => pass.depth_only(loss, adjoint, ExactDepth, *c, cells),
+                Quadrature::Midpoint(h) => pass.depth_only(loss, adjoint, self.uniform(h, 0.5, &ray), *c, cells),
+                Quadrature::Riemann(h) => pass.depth_only(loss, adjoint, self.uniform(h, 0.0, &ray), *c, cells),
+            };
+        }
+        match &self.matter {
+            Matter::Line(optics) => pass.by_quadrature(loss, adjoint, optics, keep_clear, tape),
+            Matter::Table(optics) => pass.by_quadrature(loss, adjoint, optics, keep_clear, tape),
         }
     }
 
@@ -184,36 +177,48 @@ impl<R: Real> Dvr<'_, R> {
         let Some(ray) = self.index_ray(ray) else { return 0.0 };
         kernel::depth(self, &ray, ExactDepth, &mut tape.cells, true).depth
     }
-
-    /// What is left of the gradient where the ray meets no medium.
-    #[inline(always)]
-    fn outside(&self, seen: &Radiance<R>, g: [R; 4], parameters: &mut ParameterGradient) {
-        for c in 0..3 {
-            parameters.background[c] += g[c].f64() * seen.transmittance.f64();
-        }
-    }
 }
 
-/// Loss-weighted radiance of the background and of a unit of source.
+/// The loss's derivatives, and what they weigh.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Weighted {
+pub(super) struct Weighted<const C: usize> {
+    /// By red, green, blue and alpha.
+    pub loss: [f64; 4],
     /// `Σ g_c background_c - g_α`.
     pub background: f64,
-    /// `Σ g_c colour_c`.
-    pub colour: f64,
+    /// For each channel of the curve.
+    pub colour: [f64; C],
 }
 
 /// One ray's forward and backward pass.
 pub(super) struct Pass<'p, 'a, R: Real> {
     pub dvr: &'p Dvr<'a, R>,
-    pub ray: IndexRay,
-    pub gradient: &'p mut [R],
-    pub parameters: &'p mut ParameterGradient,
+    ray: IndexRay,
+    sinks: Sinks<'p, R>,
     /// Derivatives that wait: a cell of many pieces is scattered once.
     pending: Option<(usize, [R::Lanes; 2])>,
+    moved: Moved,
 }
 
-impl<R: Real> Pass<'_, '_, R> {
+/// Derivatives with respect to where a ray's points lie, in index space.
+#[derive(Debug, Clone, Copy, Default)]
+struct Moved {
+    /// With respect to a shift of all points.
+    shift: DVec3,
+    /// With respect to a shift that grows with the world length from the origin.
+    turn: DVec3,
+    /// With respect to the world length at which the ray enters the medium's box, and leaves it.
+    enter: f64,
+    leave: f64,
+    /// With respect to the quadrature's step, in world length.
+    step: f64,
+}
+
+impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
+    fn new(dvr: &'p Dvr<'a, R>, ray: IndexRay, sinks: Sinks<'p, R>) -> Self {
+        Self { dvr, ray, sinks, pending: None, moved: Moved::default() }
+    }
+
     /// Grey sources: one derivative for the whole ray.
     #[inline(always)]
     fn depth_only<Q: DepthRule<R>>(
@@ -225,23 +230,22 @@ impl<R: Real> Pass<'_, '_, R> {
         tape: &mut Vec<Quartet<R>>,
     ) -> Radiance<R> {
         tape.clear();
-        let mut blend = kernel::depth(self.dvr, &self.ray, rule, tape, adjoint == Adjoint::Tape);
-        let depth = blend.depth;
+        let Blend { depth, last, .. } = kernel::depth(self.dvr, &self.ray, rule, tape, adjoint == Adjoint::Tape);
         let seen = grey(depth, colour, self.dvr.background);
-        blend.emitted = -(-depth).exp_m1();
-        let weighted = self.shared(loss(&seen), &blend, colour);
+        let tint = [colour.map(f64::from)];
+        let weighted = self.shared(loss(&seen), &[-(-depth).exp_m1()], depth, &tint);
         // ∂L/∂depth: more depth replaces background by source.
-        let slope = (-depth).exp() * (weighted.colour - weighted.background);
+        let slope = (-depth).exp() * (weighted.colour[0] - weighted.background);
         let g = R::of(slope * self.dvr.medium.extinction);
-        self.parameters.extinction += slope * depth / self.dvr.medium.extinction;
-        let gradient = &mut *self.gradient;
+        self.sinks.shared.extinction += slope * depth / self.dvr.medium.extinction;
+        let Some(gradient) = self.sinks.voxels.as_deref_mut() else { return seen };
         let mut back = |tape: &mut Vec<Quartet<R>>| tape.drain(..).rev().for_each(|cells| cells.scatter(gradient, g));
         back(tape);
         if adjoint == Adjoint::Replay {
             batches_before(
                 &self.dvr.field.topology,
                 &self.ray,
-                blend.last,
+                last,
                 #[inline(always)]
                 |spans| {
                     rule.cells(spans, tape);
@@ -252,25 +256,52 @@ impl<R: Real> Pass<'_, '_, R> {
         seen
     }
 
+    #[inline(always)]
+    fn by_quadrature<const C: usize>(
+        &mut self,
+        loss: impl FnOnce(&Radiance<R>) -> [R; 4],
+        adjoint: Adjoint,
+        optics: &Optics<R, C>,
+        keep_clear: bool,
+        tape: &mut Tape<R>,
+    ) -> Radiance<R> {
+        let Tape { samples, chords, lit_samples, lit_chords, .. } = tape;
+        let (dvr, ray) = (self.dvr, self.ray);
+        match dvr.quadrature {
+            Quadrature::Exact => {
+                let rule = dvr.exact_source(optics, keep_clear);
+                self.recursion(loss, adjoint, rule, optics, chords, lit_chords)
+            }
+            Quadrature::Midpoint(h) => {
+                self.recursion(loss, adjoint, dvr.uniform(h, 0.5, &ray), optics, samples, lit_samples)
+            }
+            Quadrature::Riemann(h) => {
+                self.recursion(loss, adjoint, dvr.uniform(h, 0.0, &ray), optics, samples, lit_samples)
+            }
+        }
+    }
+
     /// Sources that vary: the recursion of this module's head, or the paper's inversion.
     #[inline(always)]
-    fn recursion<E: Emission, S: Lit<R>, Q: Rule<R, Segment = S>>(
+    fn recursion<S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
         &mut self,
         loss: impl FnOnce(&Radiance<R>) -> [R; 4],
         adjoint: Adjoint,
         rule: Q,
-        emission: E,
+        optics: &Optics<R, C>,
         segments: &mut Vec<S>,
         tape: &mut Vec<Entry<R, S>>,
     ) -> Radiance<R> {
         tape.clear();
-        let (Source::Grey(colour) | Source::Linear(colour)) = self.dvr.medium.source;
         let keep = adjoint != Adjoint::Replay;
+        let (dvr, ray, curve) = (self.dvr, self.ray, &optics.curve);
+        let topology = if self.sinks.table.is_some() { &dvr.field.topology } else { &dvr.visible };
         let blend = kernel::blend(
-            self.dvr,
-            &self.ray,
+            dvr,
+            topology,
+            &ray,
             rule,
-            emission,
+            curve,
             segments,
             #[inline(always)]
             |found| match found {
@@ -280,101 +311,204 @@ impl<R: Real> Pass<'_, '_, R> {
             },
         );
         let transmittance = (-blend.depth).exp();
-        let seen = over(blend.emitted, transmittance, colour, self.dvr.background);
-        let weighted = self.shared(loss(&seen), &blend, colour);
-        let mut back =
-            Backward { beyond: transmittance * weighted.background, depth: blend.depth, colour: weighted.colour };
+        let seen = over(optics.tinted(&blend.emitted), transmittance, dvr.background);
+        let weighted = self.shared(loss(&seen), &blend.emitted, blend.depth, &optics.tint);
         if adjoint == Adjoint::Inversion {
-            inversion::backward::<R, E, S>(self, tape, weighted);
-        } else {
-            for entry in tape.iter().rev() {
-                back.step::<R, E, S>(self, &entry.segment, &entry.light);
-            }
+            inversion::backward(self, curve, rule, tape, &weighted);
+            self.finish();
+            return seen;
+        }
+        let mut back =
+            Backward { beyond: transmittance * weighted.background, depth: blend.depth, open: transmittance, weighted };
+        if self.sinks.ray.is_some() && Q::BOUNDED {
+            self.moved.leave = transmittance * self.gain(optics, ray.leave, weighted.background, &weighted);
+        }
+        for entry in tape.iter().rev() {
+            back.step(self, curve, rule, &entry.segment, &entry.light);
         }
         if adjoint == Adjoint::Replay {
-            let (dvr, ray) = (self.dvr, self.ray);
-            let extinction = R::of(dvr.medium.extinction);
             batches_before(
-                &dvr.field.topology,
+                topology,
                 &ray,
                 blend.last,
                 #[inline(always)]
                 |spans| {
                     segments.clear();
-                    rule.segments(&dvr.field.values, spans, segments);
+                    rule.segments(curve, &dvr.field.values, spans, segments);
                     for segment in segments.iter().rev() {
-                        back.step::<R, E, S>(self, segment, &segment.light::<E>(extinction));
+                        let light = segment.light(curve.piece(segment.piece()));
+                        back.step(self, curve, rule, segment, &light);
                     }
                 },
             );
         }
-        self.flush();
+        if self.sinks.ray.is_some() && Q::BOUNDED {
+            self.moved.enter = -self.gain(optics, ray.enter, back.beyond, &weighted);
+        }
+        self.finish();
         seen
     }
 
-    /// Gradient of colour and background; the weights that the voxels' gradient needs.
+    /// Loss-weighted light that a unit of length at world length `t` adds, in front of light `beyond`.
+    fn gain<const C: usize>(&self, optics: &Optics<R, C>, t: f64, beyond: f64, weighted: &Weighted<C>) -> f64 {
+        let density = self.dvr.field.sample(self.ray.at(t));
+        let line = optics.curve.piece(optics.curve.find(density));
+        let extinction = line.extinction[0] + line.extinction[1] * (density - line.base);
+        extinction.f64() * (Glow::new(line, density, &weighted.colour).mean - beyond)
+    }
+
+    /// Gradient of colour and background; the weights that the rest needs.
     #[inline(always)]
-    fn shared(&mut self, g: [R; 4], blend: &Blend, colour: [f32; 3]) -> Weighted {
-        let g = g.map(Real::f64);
-        let transmittance = (-blend.depth).exp();
-        let mut weighted = Weighted { background: -g[3], colour: 0.0 };
+    fn shared<const C: usize>(
+        &mut self,
+        g: [R; 4],
+        emitted: &[f64; C],
+        depth: f64,
+        tint: &[[f64; 3]; C],
+    ) -> Weighted<C> {
+        let loss = g.map(Real::f64);
+        let transmittance = (-depth).exp();
+        let mut weighted = Weighted { loss, background: -loss[3], colour: [0.0; C] };
+        let shared = &mut *self.sinks.shared;
         for c in 0..3 {
-            self.parameters.colour[c] += g[c] * blend.emitted;
-            self.parameters.background[c] += g[c] * transmittance;
-            weighted.background += g[c] * f64::from(self.dvr.background[c]);
-            weighted.colour += g[c] * f64::from(colour[c]);
+            shared.background[c] += loss[c] * transmittance;
+            weighted.background += loss[c] * f64::from(self.dvr.background[c]);
+            for (weight, tint) in weighted.colour.iter_mut().zip(tint) {
+                *weight += loss[c] * tint[c];
+            }
+            if C == 1 {
+                shared.colour[c] += loss[c] * emitted[0];
+            }
         }
         weighted
     }
 
-    /// Scatters the derivatives with respect to a segment's optical depth and emitted radiance.
+    /// Hands the derivatives of one segment to the sinks.
     #[inline(always)]
-    pub(super) fn deposit<E: Emission, S: Lit<R>>(
+    pub(super) fn deposit<S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
         &mut self,
-        segment: &S,
-        light: &Light<R>,
-        by_depth: f64,
-        by_emitted: f64,
+        rule: Q,
+        line: &Piece<R, C>,
+        (segment, light): (&S, &Light<R>),
+        slope: R,
+        by: By<R>,
+        weighted: &Weighted<C>,
     ) {
         let extinction = self.dvr.medium.extinction;
-        let slopes = segment.slopes::<E>(R::of(extinction), light, R::of(by_depth), R::of(by_emitted));
-        self.parameters.extinction += slopes.extinction.f64() / extinction;
-        let [near, far] = slopes.corners;
-        let offset = segment.offset();
-        match &mut self.pending {
-            Some((waiting, [a, b])) if *waiting == offset => (*a, *b) = (*a + near, *b + far),
-            _ => {
-                self.flush();
-                self.pending = Some((offset, [near, far]));
+        let slopes = segment.slopes(line, light, slope, by);
+        self.sinks.shared.extinction += (slopes.length * segment.length()).f64() / extinction;
+        if self.sinks.voxels.is_some() {
+            let [near, far] = segment.spread(slopes.density);
+            let offset = segment.offset();
+            match &mut self.pending {
+                Some((waiting, [a, b])) if *waiting == offset => (*a, *b) = (*a + near, *b + far),
+                _ => {
+                    self.flush();
+                    self.pending = Some((offset, [near, far]));
+                }
             }
+        }
+        if let Some(table) = self.sinks.table.as_deref_mut() {
+            let all = <R::Lanes as Lanes<R>>::splat;
+            let fraction = all(line.fraction(R::ZERO)) + segment.densities() * all(line.fraction_slope());
+            let upper = (slopes.extinction * fraction).sum().f64();
+            let both = slopes.extinction.sum().f64();
+            let by_mean = by.mean.f64();
+            let lit = by_mean * line.fraction(light.mean).f64()
+                + (by.varied * light.varied * line.fraction_slope()).f64();
+            let [low, high] = &mut table.pieces[segment.piece() as usize];
+            for c in 0..3 {
+                low[c] += weighted.loss[c] * (by_mean - lit);
+                high[c] += weighted.loss[c] * lit;
+            }
+            low[3] += extinction * (both - upper);
+            high[3] += extinction * upper;
+        }
+        if self.sinks.ray.is_some() {
+            let (shift, turn) = segment.moved(&self.dvr.field.values, slopes.density);
+            self.moved.shift += shift;
+            self.moved.turn += turn;
+            let by_position = shift.dot(self.ray.direction());
+            let [enter, leave, step] = rule.moved(segment, slopes.length.f64(), by_position);
+            self.moved.enter += enter;
+            self.moved.leave += leave;
+            self.moved.step += step;
         }
     }
 
     /// Scatters what waits.
     #[inline(always)]
-    pub(super) fn flush(&mut self) {
-        if let Some((offset, weights)) = self.pending.take() {
-            scatter(self.gradient, offset, R::ONE, &weights);
+    fn flush(&mut self) {
+        if let (Some((offset, weights)), Some(voxels)) = (self.pending.take(), self.sinks.voxels.as_deref_mut()) {
+            scatter(voxels, offset, R::ONE, &weights);
+        }
+    }
+
+    /// Scatters what waits, and brings the ray's derivatives to world space.
+    #[inline(always)]
+    fn finish(&mut self) {
+        self.flush();
+        if let Some(ray) = self.sinks.ray.as_deref_mut() {
+            let Moved { mut shift, mut turn, enter, leave, step } = self.moved;
+            // The box's faces stand still: t = (face - o) / d.
+            for (t, by) in [(self.ray.enter, enter), (self.ray.leave, leave)] {
+                if let Some((axis, along)) = self.ray.face(&self.dvr.field.domain, t) {
+                    shift[axis] -= by / along;
+                    turn[axis] -= by * t / along;
+                }
+            }
+            let to_world = self.dvr.field.transform.inverse_matrix();
+            ray.origin += to_world.transpose().transform_vector3(shift);
+            ray.direction += to_world.transpose().transform_vector3(turn);
+            ray.step += step * self.dvr.voxel;
         }
     }
 }
 
-/// State of the division-free recursion.
-struct Backward {
-    /// Loss-weighted radiance from beyond the segment at hand, as it arrives at the eye.
-    beyond: f64,
-    /// Optical depth from the eye to the segment's far end.
-    depth: f64,
-    /// Loss-weighted source colour.
-    colour: f64,
+/// A segment that knows where it lies.
+pub(super) trait Traced<R: Real>: Lit<R> {
+    /// Offset of its cell.
+    fn offset(&self) -> usize;
+    /// World length.
+    fn length(&self) -> R;
+    /// Derivatives with respect to the corners of its cell, from those by density.
+    fn spread(&self, by_density: R::Lanes) -> [R::Lanes; 2];
+    /// Derivatives with respect to its points' index coordinates: summed, and times their world length
+    /// from the origin.
+    fn moved(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3);
 }
 
-impl Backward {
+/// State of the division-free recursion.
+struct Backward<const C: usize> {
+    /// Loss-weighted radiance from beyond the segment at hand, as it arrives at the eye.
+    beyond: f64,
+    /// Optical depth from the eye to the segment's far end, and the transmittance.
+    depth: f64,
+    open: f64,
+    weighted: Weighted<C>,
+}
+
+impl<const C: usize> Backward<C> {
     #[inline(always)]
-    fn step<R: Real, E: Emission, S: Lit<R>>(&mut self, pass: &mut Pass<'_, '_, R>, segment: &S, light: &Light<R>) {
+    fn step<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>>(
+        &mut self,
+        pass: &mut Pass<'_, '_, R>,
+        curve: &Curve<R, C>,
+        rule: Q,
+        segment: &S,
+        light: &Light<R>,
+    ) {
+        let line = curve.piece(segment.piece());
+        let glow = Glow::new(line, light.mean, &self.weighted.colour);
         self.depth -= light.depth.f64();
-        let by_emitted = self.colour * (-self.depth).exp();
-        pass.deposit::<E, S>(segment, light, -self.beyond, by_emitted);
-        self.beyond += by_emitted * light.emitted.f64();
+        let before = (-self.depth).exp();
+        let by = By {
+            depth: R::of(glow.mean * self.open - self.beyond),
+            mean: R::of(before - self.open),
+            varied: R::of(before),
+        };
+        pass.deposit(rule, line, (segment, light), R::of(glow.slope), by, &self.weighted);
+        self.beyond += arriving(glow, light, before, self.open);
+        self.open = before;
     }
 }

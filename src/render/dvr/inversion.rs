@@ -3,32 +3,39 @@
 //! published, so that its error can be shown beside the recursion's: it is 0/0 behind an opaque
 //! sample, and drifts with the optical depth.
 
-use super::adjoint::{Entry, Pass, Weighted};
-use super::light::{Emission, Lit};
+use super::adjoint::{Entry, Pass, Traced, Weighted};
+use super::light::{By, Glow};
 use crate::real::Real;
+use crate::render::curve::Curve;
+use crate::render::rule::Rule;
 
 /// Blends the tape forward in `R`, then walks it backward by inversion.
 #[inline(always)]
-pub(super) fn backward<R: Real, E: Emission, S: Lit<R>>(
+pub(super) fn backward<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
     pass: &mut Pass<'_, '_, R>,
+    curve: &Curve<R, C>,
+    rule: Q,
     tape: &[Entry<R, S>],
-    weighted: Weighted,
+    weighted: &Weighted<C>,
 ) {
     let alpha = |entry: &Entry<R, S>| -(-entry.light.depth).exp_m1();
     let mut opacity = R::ZERO;
     for entry in tape {
         opacity += (R::ONE - opacity) * alpha(entry);
     }
-    let by_emitted = R::of(weighted.colour);
     let mut by_opacity = R::of(-weighted.background);
     for entry in tape.iter().rev() {
+        let (segment, light) = (&entry.segment, &entry.light);
+        let line = curve.piece(segment.piece());
+        let glow = Glow::new(line, light.mean, &weighted.colour);
+        let (mean, slope) = (R::of(glow.mean), R::of(glow.slope));
         let alpha = alpha(entry);
         opacity = (opacity - alpha) / (R::ONE - alpha);
         let open = R::ONE - opacity;
-        // emitted' = emitted + open · e,  opacity' = opacity + open · α
-        let by_depth = open * by_opacity * (R::ONE - alpha);
-        let by_light = open * by_emitted;
-        by_opacity = by_opacity * (R::ONE - alpha) - by_emitted * entry.light.emitted;
-        pass.deposit::<E, S>(&entry.segment, &entry.light, by_depth.f64(), by_light.f64());
+        // emitted' = emitted + open · e,  opacity' = opacity + open · α,  e = c̄ α + s q
+        let by_depth = open * (by_opacity + mean) * (R::ONE - alpha);
+        by_opacity = by_opacity * (R::ONE - alpha) - (mean * alpha + slope * light.varied);
+        let by = By { depth: by_depth, mean: open * alpha, varied: open };
+        pass.deposit(rule, line, (segment, light), slope, by, weighted);
     }
 }

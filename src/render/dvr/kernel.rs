@@ -1,19 +1,21 @@
 //! The value: optical depth alone where the picture depends on nothing else, and front-to-back
 //! blending where the source varies.
 
-use super::light::{Emission, Light, Lit};
+use super::light::{Glow, Light, Lit};
 use super::{Dvr, Radiance};
 use crate::lanes::Lanes;
 use crate::real::Real;
 use crate::render::cell::Quartet;
+use crate::render::curve::Curve;
 use crate::render::march::{IndexRay, batches};
 use crate::render::rule::{DepthRule, Rule};
+use crate::scene::bricks::Topology;
 
 /// What is found along a ray.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Blend {
-    /// `∫ T σ c dt / colour`; zero where only the depth is asked for.
-    pub emitted: f64,
+pub(super) struct Blend<const C: usize> {
+    /// `∫ T σ c dt` of the curve's channels; zero where only the depth is asked for.
+    pub emitted: [f64; C],
     /// Optical depth.
     pub depth: f64,
     /// Where the last batch of bricks begins.
@@ -29,7 +31,7 @@ pub(super) fn depth<R: Real, Q: DepthRule<R>>(
     rule: Q,
     tape: &mut Vec<Quartet<R>>,
     keep: bool,
-) -> Blend {
+) -> Blend<0> {
     let values = &dvr.field.values;
     let limit = dvr.depth_limit / dvr.medium.extinction;
     let (mut total, mut last) = (0.0, ray.enter);
@@ -52,48 +54,59 @@ pub(super) fn depth<R: Real, Q: DepthRule<R>>(
             total < limit
         },
     );
-    Blend { emitted: 0.0, depth: dvr.medium.extinction * total, last }
+    Blend { emitted: [], depth: dvr.medium.extinction * total, last }
 }
 
 /// `L = c (1 - T) + T · background`.
 #[inline(always)]
 pub(super) fn grey<R: Real>(depth: f64, colour: [f32; 3], background: [f32; 3]) -> Radiance<R> {
-    over(-(-depth).exp_m1(), (-depth).exp(), colour, background)
+    let opacity = -(-depth).exp_m1();
+    over(colour.map(|c| f64::from(c) * opacity), (-depth).exp(), background)
 }
 
-/// `L = colour · emitted + T · background`.
+/// `L = emitted + T · background`.
 #[inline(always)]
-pub(super) fn over<R: Real>(emitted: f64, transmittance: f64, colour: [f32; 3], background: [f32; 3]) -> Radiance<R> {
-    let channel = |c: usize| R::of(f64::from(colour[c]) * emitted + f64::from(background[c]) * transmittance);
-    Radiance { rgb: std::array::from_fn(channel), transmittance: R::of(transmittance) }
+pub(super) fn over<R: Real>(emitted: [f64; 3], transmittance: f64, background: [f32; 3]) -> Radiance<R> {
+    let channel = |c: usize| R::of(emitted[c] + f64::from(background[c]) * transmittance);
+    Radiance { rgb: [channel(0), channel(1), channel(2)], transmittance: R::of(transmittance) }
 }
 
-/// Front-to-back blending; the optical depth is carried in `f64`. `record` sees every segment with its
-/// light, and `None` before those of a batch.
+/// Front-to-back blending; the optical depth is carried in `f64`, and so is the transmittance, whose
+/// differences are what a source that does not vary adds. `record` sees every segment with its light, and
+/// `None` before those of a batch.
 #[inline(always)]
-pub(super) fn blend<R: Real, E: Emission, S: Lit<R>, Q: Rule<R, Segment = S>>(
+pub(super) fn blend<R: Real, S: Lit<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
     dvr: &Dvr<'_, R>,
+    topology: &Topology,
     ray: &IndexRay,
     rule: Q,
-    _: E,
+    curve: &Curve<R, C>,
     segments: &mut Vec<S>,
     mut record: impl FnMut(Option<(&S, &Light<R>)>),
-) -> Blend {
+) -> Blend<C> {
     let values = &dvr.field.values;
-    let extinction = R::of(dvr.medium.extinction);
-    let mut state = Blend { emitted: 0.0, depth: 0.0, last: ray.enter };
+    let mut state = Blend { emitted: [0.0; C], depth: 0.0, last: ray.enter };
+    let mut open = 1.0;
     batches(
-        &dvr.field.topology,
+        topology,
         ray,
         #[inline(always)]
         |spans| {
             segments.clear();
-            rule.segments(values, spans, segments);
+            rule.segments(curve, values, spans, segments);
             record(None);
             for segment in segments.iter() {
-                let light = segment.light::<E>(extinction);
-                state.emitted += (-state.depth).exp() * light.emitted.f64();
+                let line = curve.piece(segment.piece());
+                let light = segment.light(line);
                 state.depth += light.depth.f64();
+                let beyond = (-state.depth).exp();
+                let (absorbed, varied) = (open - beyond, open * light.varied.f64());
+                for c in 0..C {
+                    let [at_base, slope] = line.source[c];
+                    let mean = at_base + slope * (light.mean - line.base);
+                    state.emitted[c] += mean.f64() * absorbed + slope.f64() * varied;
+                }
+                open = beyond;
                 record(Some((segment, &light)));
             }
             state.last = spans[0].start;
@@ -101,4 +114,10 @@ pub(super) fn blend<R: Real, E: Emission, S: Lit<R>, Q: Rule<R, Segment = S>>(
         },
     );
     state
+}
+
+/// Light of one segment, loss-weighted, as it arrives at the eye.
+#[inline(always)]
+pub(super) fn arriving<R: Real>(glow: Glow, light: &Light<R>, before: f64, beyond: f64) -> f64 {
+    glow.mean * (before - beyond) + glow.slope * before * light.varied.f64()
 }

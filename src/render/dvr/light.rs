@@ -1,128 +1,160 @@
 //! What a segment of a ray does to light: value and derivative.
+//!
+//! Within a segment extinction and source are linear in the density d, `σ = a + b d`, `c = c̄ + s (d - d̄)`
+//! with d̄ the mean density. With `x` the segment's optical depth, `T` the transmittance before it and
+//! `q = ∫ σ (d - d̄) e^{-τ}`, it adds `T (c̄ (1 - e^{-x}) + s q)`: a source that is the same everywhere needs
+//! no quadrature, and all channels share one.
 
 use crate::lanes::Lanes;
-use crate::real::{Number, Real};
+use crate::real::Real;
+use crate::render::curve::Piece;
 use crate::render::gauss;
 use crate::render::segment::{Chord, Sample};
-
-/// What a medium emits: radiance of its source over `colour`, as a function of the density.
-pub(super) trait Emission: Copy {
-    /// `c / colour`.
-    fn source<N: Number>(density: N) -> N;
-    /// Its derivative.
-    fn slope<N: Number>(density: N) -> N;
-}
-
-/// `c = colour`.
-#[derive(Clone, Copy)]
-pub(super) struct Constant;
-
-impl Emission for Constant {
-    #[inline(always)]
-    fn source<N: Number>(_: N) -> N {
-        N::one()
-    }
-    #[inline(always)]
-    fn slope<N: Number>(_: N) -> N {
-        N::one() - N::one()
-    }
-}
-
-/// `c = colour · d`.
-#[derive(Clone, Copy)]
-pub(super) struct Proportional;
-
-impl Emission for Proportional {
-    #[inline(always)]
-    fn source<N: Number>(density: N) -> N {
-        density
-    }
-    #[inline(always)]
-    fn slope<N: Number>(_: N) -> N {
-        N::one()
-    }
-}
 
 /// Light of a segment.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Light<R: Real> {
-    /// Optical depth.
+    /// Optical depth x.
     pub depth: R,
-    /// Radiance that leaves it towards the eye, over `colour`.
-    pub emitted: R,
-    /// Transmittance from each point to the near end; from the far end for a sample.
+    /// Mean density d̄.
+    pub mean: R,
+    /// `q`, the part of the light that follows the density within the segment.
+    pub varied: R,
+    /// Transmittance from each point to the near end.
     open: R::Lanes,
 }
 
-/// Derivatives of a loss.
+/// Source of one channel, or loss-weighted of all, along a segment: at the mean density, and its slope.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Glow {
+    pub mean: f64,
+    pub slope: f64,
+}
+
+impl Glow {
+    /// Of the channels' lines with a weight each.
+    #[inline(always)]
+    pub fn new<R: Real, const C: usize>(line: &Piece<R, C>, mean: R, weights: &[f64; C]) -> Self {
+        let offset = (mean - line.base).f64();
+        let mut glow = Self { mean: 0.0, slope: 0.0 };
+        for (weight, [at_base, slope]) in weights.iter().zip(line.source) {
+            glow.mean += weight * (at_base.f64() + slope.f64() * offset);
+            glow.slope += weight * slope.f64();
+        }
+        glow
+    }
+}
+
+/// Derivatives of a loss with respect to what a segment gives: its optical depth (the light that it
+/// lets through and emits itself included), its source at the mean density, and `q` of a unit slope.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct By<R> {
+    pub depth: R,
+    pub mean: R,
+    pub varied: R,
+}
+
+/// The same with respect to what it is made of, at each of its points; a sample has one, in the first
+/// lane.
 pub(super) struct Slopes<R: Real> {
-    /// With respect to the densities of the cell's corners, by x.
-    pub corners: [R::Lanes; 2],
-    /// With respect to the extinction, times the extinction.
-    pub extinction: R,
+    /// With respect to the densities.
+    pub density: R::Lanes,
+    /// With respect to the extinctions.
+    pub extinction: R::Lanes,
+    /// With respect to the length.
+    pub length: R,
 }
 
 /// A segment that light goes through.
 pub(super) trait Lit<R: Real>: Copy {
-    /// Offset of its cell.
-    fn offset(&self) -> usize;
+    /// Number of the curve's piece that it lies in.
+    fn piece(&self) -> u32;
     /// Its light.
-    fn light<E: Emission>(&self, extinction: R) -> Light<R>;
-    /// The derivatives of a loss, from those with respect to depth and emitted radiance.
-    fn slopes<E: Emission>(&self, extinction: R, light: &Light<R>, by_depth: R, by_emitted: R) -> Slopes<R>;
+    fn light<const C: usize>(&self, line: &Piece<R, C>) -> Light<R>;
+    /// The derivatives of a loss; `slope` is that of the loss-weighted source.
+    fn slopes<const C: usize>(&self, line: &Piece<R, C>, light: &Light<R>, slope: R, by: By<R>) -> Slopes<R>;
+    /// Densities at its points.
+    fn densities(&self) -> R::Lanes;
 }
 
-/// `x = σ l`, `e = c (1 - e^{-x})`.
+/// `x = σ l`, `q = 0`.
 impl<R: Real> Lit<R> for Sample<R> {
     #[inline(always)]
-    fn offset(&self) -> usize {
-        self.offset
+    fn piece(&self) -> u32 {
+        self.piece
     }
 
     #[inline(always)]
-    fn light<E: Emission>(&self, extinction: R) -> Light<R> {
-        let depth = extinction * self.length * self.density;
-        let emitted = -(-depth).exp_m1() * E::source(self.density);
-        Light { depth, emitted, open: R::Lanes::splat((-depth).exp()) }
+    fn light<const C: usize>(&self, line: &Piece<R, C>) -> Light<R> {
+        let extinction = line.extinction[0] + line.extinction[1] * (self.density - line.base);
+        let zero = R::Lanes::splat(R::ZERO);
+        Light { depth: extinction * self.length, mean: self.density, varied: R::ZERO, open: zero }
     }
 
     #[inline(always)]
-    fn slopes<E: Emission>(&self, extinction: R, light: &Light<R>, by_depth: R, by_emitted: R) -> Slopes<R> {
-        let by_depth = by_depth + by_emitted * E::source(self.density) * light.open.store()[0];
-        let by_source = by_emitted * -(-light.depth).exp_m1();
-        let by_density = R::Lanes::splat(by_depth * extinction * self.length + by_source * E::slope(self.density));
-        let corners = [by_density * self.weights[0], by_density * self.weights[1]];
-        Slopes { corners, extinction: by_depth * light.depth }
+    fn slopes<const C: usize>(&self, line: &Piece<R, C>, _: &Light<R>, slope: R, by: By<R>) -> Slopes<R> {
+        let extinction = line.extinction[0] + line.extinction[1] * (self.density - line.base);
+        let by_extinction = by.depth * self.length;
+        let by_density = by_extinction * line.extinction[1] + by.mean * slope;
+        let first = |v: R| R::Lanes::load([v, R::ZERO, R::ZERO, R::ZERO]);
+        Slopes { density: first(by_density), extinction: first(by_extinction), length: by.depth * extinction }
+    }
+
+    #[inline(always)]
+    fn densities(&self) -> R::Lanes {
+        R::Lanes::splat(self.density)
     }
 }
 
-/// `x = Σ w_k x_k`, `e = Σ w_k x_k c_k e^{-τ_k}` with `x_k = σ_k l` and `τ_k = Σ_j a_kj x_j`: depths are
-/// exact, and the error of `e` is bounded by [`gauss::error`].
+/// `x = Σ w_k x_k`, `q = Σ w_k x_k (d_k - d̄) e^{-τ_k}` with `x_k = σ_k l`, `τ_k = Σ_j a_kj x_j` and
+/// `d̄ = Σ w_k d_k`: depths are exact, and the error of `q` is bounded by [`gauss::error`].
 impl<R: Real> Lit<R> for Chord<R> {
     #[inline(always)]
-    fn offset(&self) -> usize {
-        self.offset
+    fn piece(&self) -> u32 {
+        self.piece
     }
 
     #[inline(always)]
-    fn light<E: Emission>(&self, extinction: R) -> Light<R> {
-        let x = R::Lanes::splat(extinction * self.length) * self.density;
-        let open = (-gauss::integrals_up_to::<R>(x)).exp();
-        let shares = gauss::lanes::<R>(gauss::WEIGHTS) * x;
-        Light { depth: shares.sum(), emitted: (shares * E::source(self.density) * open).sum(), open }
-    }
-
-    #[inline(always)]
-    fn slopes<E: Emission>(&self, extinction: R, light: &Light<R>, by_depth: R, by_emitted: R) -> Slopes<R> {
-        let (by_depth, by_emitted) = (R::Lanes::splat(by_depth), R::Lanes::splat(by_emitted));
-        let length = R::Lanes::splat(extinction * self.length);
-        let x = length * self.density;
+    fn light<const C: usize>(&self, line: &Piece<R, C>) -> Light<R> {
+        let all = <R::Lanes as Lanes<R>>::splat;
         let weights = gauss::lanes::<R>(gauss::WEIGHTS);
-        let arriving = by_emitted * light.open;
+        let x = self.depths(line);
+        let open = (-gauss::integrals_up_to::<R>(x)).exp();
+        let shares = weights * x;
+        let mean = (weights * self.density).sum();
+        Light { depth: shares.sum(), mean, varied: (shares * (self.density - all(mean)) * open).sum(), open }
+    }
+
+    #[inline(always)]
+    fn slopes<const C: usize>(&self, line: &Piece<R, C>, light: &Light<R>, slope: R, by: By<R>) -> Slopes<R> {
+        let all = <R::Lanes as Lanes<R>>::splat;
+        let weights = gauss::lanes::<R>(gauss::WEIGHTS);
+        let x = self.depths(line);
+        let arriving = all(by.varied * slope) * light.open;
         let shares = weights * x * arriving;
-        let source = E::source(self.density);
-        let by_x = weights * (by_depth + arriving * source) - gauss::integrals_up_to_transposed::<R>(shares * source);
-        let by_density = by_x * length + shares * E::slope(self.density);
-        Slopes { corners: self.spread(by_density), extinction: (by_x * x).sum() }
+        let offset = self.density - all(light.mean);
+        let by_x = weights * (all(by.depth) + arriving * offset)
+            - gauss::integrals_up_to_transposed::<R>(shares * offset);
+        // The mean density is where the source is taken, and what q measures from.
+        let by_mean = all(by.mean * slope - shares.sum()) * weights;
+        let length = all(self.length);
+        let density = by_x * (length * all(line.extinction[1])) + shares + by_mean;
+        let inverse = R::ONE / self.length;
+        Slopes { density, extinction: by_x * length, length: (by_x * x).sum() * inverse }
+    }
+
+    #[inline(always)]
+    fn densities(&self) -> R::Lanes {
+        self.density
+    }
+}
+
+impl<R: Real> Chord<R> {
+    /// Extinction times the length, at each point.
+    #[inline(always)]
+    fn depths<const C: usize>(&self, line: &Piece<R, C>) -> R::Lanes {
+        let all = <R::Lanes as Lanes<R>>::splat;
+        let [at_base, slope] = line.extinction;
+        all(self.length) * (all(at_base) + all(slope) * (self.density - all(line.base)))
     }
 }

@@ -1,0 +1,184 @@
+//! Extinction and source as kernels need them: piecewise linear in the density, in the kernel's own
+//! precision, with a look-up.
+
+use crate::real::Real;
+use crate::scene::table::Table;
+
+/// One linear piece. It begins where the last one ends; the outermost reach to infinity.
+#[derive(Debug, Clone, Copy)]
+pub struct Piece<R, const C: usize> {
+    /// Density at its lower end.
+    pub low: R,
+    /// Density at its upper end.
+    pub high: R,
+    /// Density that the linear functions are written from.
+    pub base: R,
+    /// Extinction at `base`, and its slope.
+    pub extinction: [R; 2],
+    /// Radiance of the source at `base`, and its slope, by channel.
+    pub source: [[R; 2]; C],
+    /// The largest of the sources' slopes.
+    pub steepest: R,
+    /// Reciprocal of the width; zero outside.
+    inverse_width: R,
+    /// Share of the upper end in the value at `base`.
+    upper: R,
+}
+
+impl<R: Real, const C: usize> Piece<R, C> {
+    /// Share of the upper end in the value at a density; the lower end has the rest.
+    #[inline(always)]
+    pub fn fraction(&self, density: R) -> R {
+        self.upper + (density - self.base) * self.inverse_width
+    }
+
+    /// Change of [`Piece::fraction`] with the density.
+    #[inline(always)]
+    pub fn fraction_slope(&self) -> R {
+        self.inverse_width
+    }
+
+    /// True if nothing is absorbed or emitted in it.
+    #[inline(always)]
+    pub fn is_clear(&self) -> bool {
+        self.extinction[0] == R::ZERO && self.extinction[1] == R::ZERO
+    }
+}
+
+/// A piecewise linear function of the density with `C` channels of source.
+#[derive(Debug, Clone)]
+pub struct Curve<R, const C: usize> {
+    pieces: Vec<Piece<R, C>>,
+    /// The piece that each bucket's lower end lies in; buckets divide the range of the knots evenly.
+    buckets: Vec<u32>,
+    first: R,
+    buckets_per_density: R,
+}
+
+/// Buckets a knot: most hold no knot, so that the search in one ends at once.
+const BUCKETS: usize = 4;
+
+impl<R: Real> Curve<R, 1> {
+    /// One line through zero for the extinction, another for the one channel of source.
+    pub fn line(extinction: f64, source: [f64; 2]) -> Self {
+        let (least, most) = (R::of(f64::MIN), R::of(f64::MAX));
+        let piece = Piece {
+            low: least,
+            high: most,
+            base: R::ZERO,
+            extinction: [R::ZERO, R::of(extinction)],
+            source: [source.map(R::of)],
+            steepest: R::of(source[1]),
+            inverse_width: R::ZERO,
+            upper: R::ZERO,
+        };
+        Self { pieces: vec![piece], buckets: vec![0], first: R::ZERO, buckets_per_density: R::ZERO }
+    }
+}
+
+impl<R: Real> Curve<R, 3> {
+    /// A table, its extinction times `scale`.
+    pub fn new(table: &Table, scale: f64) -> Self {
+        let last = table.knots().len();
+        let piece = |p: usize| {
+            let ([low, high], [value, _]) = table.ends(p);
+            let slope = table.slope_of(p);
+            let width = high - low;
+            let inner = width.is_finite() && width > 0.0;
+            let line = |c: usize, scale: f64| [R::of(scale * value[c]), R::of(scale * slope[c])];
+            Piece {
+                low: R::of(low),
+                high: R::of(high),
+                base: R::of(if p == 0 { high } else { low }),
+                extinction: line(3, scale),
+                source: [line(0, 1.0), line(1, 1.0), line(2, 1.0)],
+                steepest: slope[..3].iter().fold(R::ZERO, |m, s| m.greater(R::of(s.abs()))),
+                inverse_width: if inner { R::of(1.0 / width) } else { R::ZERO },
+                upper: if p == 0 { R::ONE } else { R::ZERO },
+            }
+        };
+        let mut pieces: Vec<Piece<R, 3>> = (0..=last).map(piece).collect();
+        // Rounded knots may coincide: no density lies between them then.
+        for p in 1..pieces.len() {
+            pieces[p].low = pieces[p - 1].high;
+        }
+        let (first, range) = (table.knots()[0], table.knots()[last - 1] - table.knots()[0]);
+        let count = if range > 0.0 { (BUCKETS * last).min(1 << 18) } else { 1 };
+        let width = range / count as f64;
+        let buckets = (0..count).map(|b| {
+            // A bucket's end is rounded when densities are looked up: start a little below.
+            let density = R::of(first + (b as f64 - 1e-3) * width);
+            pieces.partition_point(|p| p.high <= density).min(last) as u32
+        });
+        let buckets = buckets.collect();
+        let buckets_per_density = if range > 0.0 { R::of(count as f64 / range) } else { R::ZERO };
+        Self { pieces, buckets, first: R::of(first), buckets_per_density }
+    }
+}
+
+impl<R: Real, const C: usize> Curve<R, C> {
+    /// Number of the piece with `low <= density < high`.
+    #[inline(always)]
+    pub fn find(&self, density: R) -> u32 {
+        let scaled = (density - self.first) * self.buckets_per_density;
+        let bucket = (scaled.f64() as usize).min(self.buckets.len() - 1);
+        let mut piece = self.buckets[bucket];
+        while density >= self.pieces[piece as usize].high && (piece as usize) < self.pieces.len() - 1 {
+            piece += 1;
+        }
+        // What rounding has put a bucket too far.
+        while density < self.pieces[piece as usize].low && piece > 0 {
+            piece -= 1;
+        }
+        piece
+    }
+
+    /// A piece by its number.
+    #[inline(always)]
+    pub fn piece(&self, number: u32) -> &Piece<R, C> {
+        &self.pieces[number as usize]
+    }
+
+    /// How many pieces there are.
+    #[inline(always)]
+    pub fn len(&self) -> usize {
+        self.pieces.len()
+    }
+
+    /// Never true.
+    pub fn is_empty(&self) -> bool {
+        self.pieces.is_empty()
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn every_density_finds_its_piece(
+            mut knots in prop::collection::vec(-2.0..3.0_f64, 1..60), step in any::<bool>(), density in -3.0..4.0_f64,
+        ) {
+            knots.sort_by(f64::total_cmp);
+            if step && knots.len() > 1 {
+                knots[1] = knots[0];
+            }
+            prop_assume!(knots.windows(3).all(|k| k[0] < k[2]));
+            let values = knots.iter().map(|k| [k.abs(), 0.0, 1.0, k * k]).collect();
+            let table = Table::new(knots.clone(), values).unwrap();
+            let (wide, narrow) = (Curve::<f64, 3>::new(&table, 2.0), Curve::<f32, 3>::new(&table, 2.0));
+            for d in knots.into_iter().chain([density]) {
+                let number = wide.find(d);
+                prop_assert_eq!(number as usize, table.piece(d));
+                let p = wide.piece(number);
+                let extinction = p.extinction[0] + p.extinction[1] * (d - p.base);
+                prop_assert!((extinction - 2.0 * table.at(d)[3]).abs() < 1e-9 * (1.0 + extinction));
+                let p = narrow.piece(narrow.find(d as f32));
+                prop_assert!(p.low <= d as f32 && (d as f32) < p.high);
+            }
+        }
+    }
+}

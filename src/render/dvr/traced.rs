@@ -1,0 +1,61 @@
+//! Where segments lie: how derivatives by density become derivatives by voxel, and by the ray's points.
+
+use super::adjoint::Traced;
+use crate::lanes::Lanes;
+use crate::real::Real;
+use crate::render::cell::{corners, weights};
+use crate::render::gauss;
+use crate::render::segment::{Chord, Sample, slopes};
+use glam::DVec3;
+
+impl<R: Real> Traced<R> for Sample<R> {
+    #[inline(always)]
+    fn offset(&self) -> usize {
+        self.offset
+    }
+
+    #[inline(always)]
+    fn length(&self) -> R {
+        self.length
+    }
+
+    #[inline(always)]
+    fn spread(&self, by_density: R::Lanes) -> [R::Lanes; 2] {
+        let g = R::Lanes::splat(by_density.store()[0]);
+        weights(self.at).map(|w| g * w)
+    }
+
+    #[inline(always)]
+    fn moved(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3) {
+        let g = by_density.store()[0].f64();
+        let slopes = slopes::<R>(&corners(values, self.offset), self.at.map(R::Lanes::splat));
+        let shift = g * DVec3::from_array(slopes.map(|s| s.store()[0].f64()));
+        (shift, self.position * shift)
+    }
+}
+
+impl<R: Real> Traced<R> for Chord<R> {
+    #[inline(always)]
+    fn offset(&self) -> usize {
+        self.offset
+    }
+
+    #[inline(always)]
+    fn length(&self) -> R {
+        self.length
+    }
+
+    #[inline(always)]
+    fn spread(&self, by_density: R::Lanes) -> [R::Lanes; 2] {
+        Self::spread(self, by_density)
+    }
+
+    #[inline(always)]
+    fn moved(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3) {
+        let all = <R::Lanes as Lanes<R>>::splat;
+        let t = all(self.start) + all(self.length) * gauss::lanes::<R>(gauss::NODES);
+        let slopes = slopes::<R>(&corners(values, self.offset), self.at);
+        let by = |g: R::Lanes| DVec3::from_array(slopes.map(|s| (s * g).sum().f64()));
+        (by(by_density), by(by_density * t))
+    }
+}

@@ -1,0 +1,302 @@
+//! Transfer functions: values against a fine sum, every gradient against central differences in f64, the
+//! adjoints against one another.
+
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+
+mod fields;
+
+use cumulo::math::Ray;
+use cumulo::real::Real;
+use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Radiance, RayGradient, Sinks, Tape};
+use cumulo::render::quadrature::Quadrature;
+use cumulo::scene::bricks::Bricks;
+use cumulo::scene::medium::{Medium, Source};
+use cumulo::scene::table::TableGradient;
+use cumulo::scene::transfer::{Lobe, Transfer};
+use fields::{field, lumps, odd, rays, unit};
+use glam::DVec3;
+use std::sync::Arc;
+
+const BACKGROUND: [f32; 3] = [0.5, 0.25, 0.125];
+const TARGET: [f64; 4] = [0.3, 0.1, 0.5, 0.2];
+const WEIGHT: [f64; 4] = [1.0, 2.0, 0.5, -0.7];
+const RULES: [Quadrature; 3] = [Quadrature::Exact, Quadrature::Midpoint(0.4), Quadrature::Riemann(0.7)];
+
+fn loss<R: Real>(seen: &Radiance<R>) -> f64 {
+    let v = seen.rgba().map(Real::f64);
+    (0..4).map(|c| 0.5 * WEIGHT[c] * (v[c] - TARGET[c]).powi(2)).sum()
+}
+
+fn slope<R: Real>(seen: &Radiance<R>) -> [R; 4] {
+    let v = seen.rgba().map(Real::f64);
+    std::array::from_fn(|c| R::of(WEIGHT[c] * (v[c] - TARGET[c])))
+}
+
+/// Peaks, a plateau, a transparent gap; densities of [`lumps`] go up to about 1.2.
+fn kinds() -> Vec<Transfer> {
+    let texel = |i: usize| {
+        let d = (i as f64 + 0.5) / 12.0;
+        [d, 1.0 - d, 0.5 + 0.4 * (9.0 * d).sin(), 1.5 * (8.0 * d).sin().powi(2)]
+    };
+    vec![
+        Transfer::Texture { domain: [0.0, 1.0], texels: (0..12).map(texel).collect() },
+        Transfer::Piecewise {
+            points: vec![
+                [0.05, 1.0, 0.0, 0.0, 0.0],
+                [0.2, 1.0, 0.5, 0.0, 2.0],
+                [0.3, 0.5, 0.5, 0.5, 0.0],
+                [0.5, 0.5, 0.5, 0.5, 0.0],
+                [0.7, 0.0, 0.2, 1.0, 3.0],
+            ],
+        },
+        Transfer::Gaussians {
+            domain: [0.0, 1.0],
+            lobes: vec![
+                Lobe { mean: 0.25, ln_width: -3.0, rgbs: [1.0, 0.6, 0.1, 1.0] },
+                Lobe { mean: 0.7, ln_width: -2.0, rgbs: [0.1, 0.3, 0.9, 2.0] },
+            ],
+        },
+        Transfer::Identity { domain: [0.0, 0.9], colour: [0.9, 0.6, 0.3] },
+    ]
+}
+
+fn medium(transfer: &Transfer, extinction: f64) -> Medium {
+    Medium { extinction, source: Source::Transfer(Arc::new(transfer.table().unwrap())) }
+}
+
+fn dvr<R: Real>(f: &Bricks<R>, medium: Medium, rule: Quadrature) -> Dvr<'_, R> {
+    let tolerance = if R::of(1.0 / 3.0).f64() == 1.0 / 3.0 { 1e-11 } else { 4e-7 };
+    Dvr::new(f, medium).unwrap().background(BACKGROUND).quadrature(rule).tolerance(tolerance).early_stop(0.0)
+}
+
+fn total(f: &Bricks<f64>, medium: &Medium, rule: Quadrature, rays: &[Ray]) -> f64 {
+    let dvr = dvr(f, medium.clone(), rule);
+    rays.iter().map(|r| loss(&dvr.radiance(r))).sum()
+}
+
+/// Everything's gradient.
+#[derive(Debug, Default, PartialEq)]
+struct All<R> {
+    voxels: Vec<R>,
+    table: TableGradient,
+    rays: Vec<RayGradient>,
+    shared: ParameterGradient,
+}
+
+fn gradient<R: Real>(f: &Bricks<R>, medium: &Medium, rule: Quadrature, adjoint: Adjoint, rays: &[Ray]) -> All<R> {
+    let dvr = dvr(f, medium.clone(), rule);
+    let Source::Transfer(table) = &medium.source else { unreachable!() };
+    let mut all = All {
+        voxels: vec![R::ZERO; f.values.len()],
+        table: TableGradient::zeros(table),
+        rays: Vec::new(),
+        shared: ParameterGradient::default(),
+    };
+    let mut tape = Tape::default();
+    for ray in rays {
+        let mut moved = RayGradient::default();
+        let sinks = Sinks {
+            voxels: Some(&mut all.voxels),
+            table: Some(&mut all.table),
+            ray: Some(&mut moved),
+            shared: &mut all.shared,
+        };
+        dvr.gradient(ray, slope, adjoint, sinks, &mut tape);
+        all.rays.push(moved);
+    }
+    all
+}
+
+fn close(what: &str, got: f64, expected: f64, relative: f64, floor: f64) {
+    let error = (got - expected).abs() / expected.abs().max(got.abs()).max(floor);
+    assert!(error < relative, "{what}: {got} against {expected}, off by {error:.1e}");
+}
+
+/// The integral itself, by 40 000 midpoints of the interpolated density and the table's own look-up.
+fn fine(f: &Bricks<f64>, medium: &Medium, ray: &Ray) -> [f64; 4] {
+    let Source::Transfer(table) = &medium.source else { unreachable!() };
+    let to_index = |p: DVec3| f.transform.to_index(p);
+    let (o, d) = (to_index(ray.origin), f.transform.vector_to_index(ray.direction));
+    let Some((enter, leave)) = f.domain.clip(&Ray { origin: o, direction: d }) else {
+        return [BACKGROUND[0].into(), BACKGROUND[1].into(), BACKGROUND[2].into(), 0.0];
+    };
+    let (n, mut depth, mut rgb) = (40_000, 0.0_f64, [0.0; 3]);
+    let h = (leave - enter) / f64::from(n);
+    for i in 0..n {
+        let value = table.at(f.sample(o + (enter + (f64::from(i) + 0.5) * h) * d));
+        let x = medium.extinction * value[3] * h;
+        for c in 0..3 {
+            rgb[c] += (-depth).exp() * -(-x).exp_m1() * value[c];
+        }
+        depth += x;
+    }
+    let open = (-depth).exp();
+    let rgb: [f64; 3] = std::array::from_fn(|c| rgb[c] + open * f64::from(BACKGROUND[c]));
+    [rgb[0], rgb[1], rgb[2], 1.0 - open]
+}
+
+#[test]
+fn exact_values_are_the_integral() {
+    let wide: Bricks<f64> = field(20, odd(), lumps(20));
+    let narrow: Bricks<f32> = field(20, odd(), lumps(20));
+    let rays = rays(wide.world_bounds(), 12, 5);
+    for transfer in kinds() {
+        for extinction in [0.3, 3.0, 60.0] {
+            let medium = medium(&transfer, extinction);
+            for ray in &rays {
+                let reference = fine(&wide, &medium, ray);
+                let exact = dvr(&wide, medium.clone(), Quadrature::Exact).radiance(ray).rgba();
+                let single = dvr(&narrow, medium.clone(), Quadrature::Exact).radiance(ray).rgba();
+                for c in 0..4 {
+                    // The fine sum's own error is about (h σ)² / 24 of the whole.
+                    assert!((exact[c] - reference[c]).abs() < 2e-5, "{transfer:?} {exact:?} {reference:?}");
+                    assert!((f64::from(single[c]) - exact[c]).abs() < 4e-6, "{transfer:?} {single:?} {exact:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn every_gradient_matches_central_differences() {
+    let mut f: Bricks<f64> = field(14, odd(), lumps(14));
+    let rays = rays(f.world_bounds(), 25, 2);
+    for rule in RULES {
+        for transfer in kinds() {
+            let table = transfer.table().unwrap();
+            let medium = medium(&transfer, 0.8);
+            let all = gradient(&f, &medium, rule, Adjoint::Tape, &rays);
+            let h = 1e-6;
+            // Uniform samples may step across a kink: then the difference is not the derivative.
+            let kinks = if rule == Quadrature::Exact { 0 } else { 6 };
+            let mut missed = 0;
+            let mut check = |what: String, got: f64, expected: f64| {
+                let error = (got - expected).abs() / expected.abs().max(got.abs()).max(1e-3);
+                if error > 1e-5 {
+                    missed += 1;
+                    assert!(missed <= kinks, "{rule} {what}: {got} against {expected}, off by {error:.1e}");
+                }
+            };
+            let mut order: Vec<usize> = (0..f.values.len()).collect();
+            order.sort_by(|a, b| all.voxels[*b].abs().total_cmp(&all.voxels[*a].abs()));
+            for i in order.into_iter().step_by(61).take(40) {
+                let keep = f.values[i];
+                f.values[i] = keep + h;
+                let up = total(&f, &medium, rule, &rays);
+                f.values[i] = keep - h;
+                let down = total(&f, &medium, rule, &rays);
+                f.values[i] = keep;
+                check(format!("{transfer:?} voxel {i}"), all.voxels[i], (up - down) / (2.0 * h));
+            }
+            let at = |m: Medium| total(&f, &m, rule, &rays);
+            let mut scaled = [medium.clone(), medium.clone()];
+            scaled[0].extinction += h;
+            scaled[1].extinction -= h;
+            let [up, down] = scaled.map(at);
+            check("extinction".into(), all.shared.extinction, (up - down) / (2.0 * h));
+            let parameters = transfer.parameters();
+            for (i, (by, (name, value))) in transfer.chain(&all.table).unwrap().into_iter().zip(&parameters).enumerate() {
+                let mut p: Vec<f64> = parameters.iter().map(|p| p.1).collect();
+                let mut shifted = |h: f64| {
+                    p[i] = value + h;
+                    total(&f, &self::medium(&transfer.with_parameters(&p), 0.8), rule, &rays)
+                };
+                // What is zero cannot become less: one side, to second order.
+                let difference = if value - h >= 0.0 {
+                    (shifted(h) - shifted(-h)) / (2.0 * h)
+                } else {
+                    (4.0 * shifted(h) - shifted(2.0 * h) - 3.0 * shifted(0.0)) / (2.0 * h)
+                };
+                check(format!("{name} of {}", table.knots().len()), by, difference);
+            }
+            // Where each ray begins and goes, and the step.
+            for (ray, got) in rays.iter().zip(&all.rays).take(12) {
+                for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+                    let at = |ray: Ray| total(&f, &medium, rule, &[ray]);
+                    let origin = |h: f64| at(Ray { origin: ray.origin + h * axis, ..*ray });
+                    check("origin".into(), got.origin.dot(axis), (origin(h) - origin(-h)) / (2.0 * h));
+                    let turn = |h: f64| at(Ray { direction: (ray.direction + h * axis).normalize(), ..*ray });
+                    let across = axis - ray.direction * ray.direction.dot(axis);
+                    check("direction".into(), got.direction.dot(across), (turn(h) - turn(-h)) / (2.0 * h));
+                }
+            }
+            let by_step: f64 = all.rays.iter().map(|r| r.step).sum();
+            let stepped = |h: f64| match rule {
+                Quadrature::Exact => Quadrature::Exact,
+                Quadrature::Midpoint(s) => Quadrature::Midpoint(s + h),
+                Quadrature::Riemann(s) => Quadrature::Riemann(s + h),
+            };
+            let at = |h: f64| total(&f, &medium, stepped(h), &rays);
+            check("step".into(), by_step, (at(1e-7) - at(-1e-7)) / 2e-7);
+        }
+    }
+}
+
+/// A field that is not zero where its domain ends, seen from outside and from within: entry and exit
+/// move with the ray.
+#[test]
+fn entry_and_exit_move_with_the_ray() {
+    let mut f: Bricks<f64> = field(16, unit(), |p| 0.5 + 0.02 * p.x + 0.01 * p.y * p.z / 16.0);
+    f.domain = cumulo::math::Aabb { min: DVec3::splat(0.0), max: DVec3::splat(15.0) };
+    let mut rays = rays(f.world_bounds(), 20, 9);
+    rays.push(Ray { origin: DVec3::new(7.0, 6.5, 3.2), direction: DVec3::new(0.3, 0.5, 0.8).normalize() });
+    let transfer = Transfer::Piecewise { points: vec![[0.0, 1.0, 0.2, 0.1, 0.05], [1.0, 0.2, 0.8, 0.6, 0.4]] };
+    let medium = medium(&transfer, 0.5);
+    for rule in RULES {
+        for (ray, got) in rays.iter().zip(&gradient(&f, &medium, rule, Adjoint::Replay, &rays).rays) {
+            for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+                let at = |ray: Ray| total(&f, &medium, rule, &[ray]);
+                let h = 1e-6;
+                let origin = |h: f64| at(Ray { origin: ray.origin + h * axis, ..*ray });
+                close("origin", got.origin.dot(axis), (origin(h) - origin(-h)) / (2.0 * h), 1e-5, 1e-3);
+                let turn = |h: f64| at(Ray { direction: (ray.direction + h * axis).normalize(), ..*ray });
+                let across = axis - ray.direction * ray.direction.dot(axis);
+                close("direction", got.direction.dot(across), (turn(h) - turn(-h)) / (2.0 * h), 1e-5, 1e-3);
+            }
+        }
+    }
+}
+
+#[test]
+fn adjoints_agree() {
+    let single: Bricks<f32> = field(20, odd(), lumps(20));
+    let wide: Bricks<f64> = field(20, odd(), lumps(20));
+    let rays = rays(wide.world_bounds(), 40, 4);
+    for transfer in kinds() {
+        for rule in RULES {
+            let medium = medium(&transfer, 0.3);
+            let tape = gradient(&single, &medium, rule, Adjoint::Tape, &rays);
+            let replay = gradient(&single, &medium, rule, Adjoint::Replay, &rays);
+            assert_eq!(tape.voxels, replay.voxels, "{transfer:?} {rule}");
+            assert_eq!(tape.rays, replay.rays, "{transfer:?} {rule}");
+            let (a, b) = (transfer.chain(&tape.table).unwrap(), transfer.chain(&replay.table).unwrap());
+            assert_eq!(a, b);
+            let replay = gradient(&wide, &medium, rule, Adjoint::Replay, &rays);
+            let inversion = gradient(&wide, &medium, rule, Adjoint::Inversion, &rays);
+            let scale = replay.voxels.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+            for (a, b) in replay.voxels.iter().zip(&inversion.voxels) {
+                assert!((a - b).abs() < 1e-9 * scale, "{transfer:?} {rule} {a} {b}");
+            }
+        }
+    }
+}
+
+/// A thin opaque shell that samples miss, and a spike narrower than any cell's range of densities.
+#[test]
+fn nothing_is_missed_between_samples() {
+    let f: Bricks<f64> = field(16, unit(), |p| p.x / 15.0);
+    let ray = Ray { origin: DVec3::new(-3.0, 7.3, 6.8), direction: DVec3::X };
+    let spike = |width: f64| Transfer::Piecewise {
+        points: vec![
+            [0.5 - width, 1.0, 1.0, 1.0, 0.0],
+            [0.5, 1.0, 1.0, 1.0, 2.0 / width],
+            [0.5 + width, 1.0, 1.0, 1.0, 0.0],
+        ],
+    };
+    for width in [1e-1, 1e-3, 1e-6] {
+        // Its area in density is 2; a unit of density is 15 units of length; then a lone voxel's fade.
+        let seen = dvr(&f, medium(&spike(width), 0.1), Quadrature::Exact).optical_depth(&ray);
+        let expected = 0.1 * 2.0 * 15.0 + 0.1 * 2.0;
+        close("depth", seen, expected, 1e-6, 1.0);
+    }
+}
