@@ -4,10 +4,13 @@
 use super::memory::{Memory, human};
 use super::output::Output;
 use super::parse::{corners, not_negative, positive};
+use super::transfer::TransferOption;
 use crate::error::{Error, Result};
+use crate::formats::transfer::{METADATA_KEY, TransferSummary, to_metadata};
 use crate::formats::vdb::{Codec, File, NativeGrid, write_native};
 use crate::math::Aabb;
 use crate::scene::grid::GridClass;
+use crate::scene::transfer::Transfer;
 use half::f16;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -47,6 +50,8 @@ pub struct Convert {
     #[arg(long, value_enum, value_name = "WHAT", num_args = 0..=1, require_equals = true, default_missing_value = "auto")]
     repair: Option<Repair>,
     #[command(flatten)]
+    transfer: TransferOption,
+    #[command(flatten)]
     memory: Memory,
 }
 
@@ -72,6 +77,8 @@ struct Report {
     output: PathBuf,
     bytes: u64,
     grids: Vec<Done>,
+    /// What `--tf` attached to them.
+    transfer: Option<TransferSummary>,
 }
 
 #[derive(Debug, Default, Serialize)]
@@ -85,6 +92,8 @@ struct Done {
     half_overflow: Option<u64>,
     /// Values that become zero as half.
     half_underflow: Option<u64>,
+    /// True if it was given the transfer function of `--tf`.
+    transfer: bool,
 }
 
 impl Convert {
@@ -95,6 +104,7 @@ impl Convert {
     /// be written; the output is untouched then.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let limits = self.memory.limits();
+        let transfer = self.transfer.load()?;
         let file = File::open(&self.input, limits)?;
         let names = self.chosen(&file)?;
         let renames = self.renames(&file, &names)?;
@@ -103,7 +113,7 @@ impl Convert {
         let mut memory = 0;
         for name in &names {
             let mut native = file.read(name)?;
-            grids.push(self.edit(&mut native, renames.get(name)).map_err(|e| e.at(&self.input))?);
+            grids.push(self.edit(&mut native, renames.get(name), transfer.as_ref()).map_err(|e| e.at(&self.input))?);
             memory += native.info().map_or(0, |i| i.memory);
             if memory > limits.max_memory {
                 return Err(Error::unsupported(format!("the grids take {} together", human(memory)))
@@ -112,9 +122,13 @@ impl Convert {
             }
             natives.push(native);
         }
+        if transfer.is_some() && !grids.iter().any(|g| g.transfer) {
+            return Err(Error::invalid("no grid holds scalars, which a transfer function needs").at(&self.input));
+        }
         write_native(&self.output, &natives.iter().collect::<Vec<_>>(), Some(&file), &BTreeMap::new(), self.codec)?;
+        let transfer = transfer.as_ref().map(TransferSummary::of).transpose()?;
         let bytes = std::fs::metadata(&self.output).map_err(|e| Error::io(&self.output, e))?.len();
-        output.report(&Report { input: self.input.clone(), output: self.output.clone(), bytes, grids })?;
+        output.report(&Report { input: self.input.clone(), output: self.output.clone(), bytes, grids, transfer })?;
         Ok(ExitCode::SUCCESS)
     }
 
@@ -137,7 +151,7 @@ impl Convert {
         Ok(all)
     }
 
-    fn edit(&self, native: &mut NativeGrid, rename: Option<&String>) -> Result<Done> {
+    fn edit(&self, native: &mut NativeGrid, rename: Option<&String>, transfer: Option<&Transfer>) -> Result<Done> {
         let mut done = Done { from: native.name().to_owned(), ..Done::default() };
         if let Some(world) = self.crop {
             native.crop(world)?;
@@ -166,6 +180,10 @@ impl Convert {
             (done.half_overflow, done.half_underflow) = (Some(overflow), Some(underflow));
             native.set_half(true)?;
         }
+        if let Some(transfer) = transfer.filter(|_| info.components == 1) {
+            native.set_metadata(METADATA_KEY, &to_metadata(transfer))?;
+            done.transfer = true;
+        }
         if let Some(new) = rename {
             native.set_name(new)?;
         }
@@ -189,7 +207,13 @@ impl fmt::Display for Report {
             if let (Some(over), Some(under)) = (grid.half_overflow, grid.half_underflow) {
                 write!(f, ", as half {over} overflow and {under} vanish")?;
             }
+            if grid.transfer {
+                write!(f, ", with the transfer function")?;
+            }
             writeln!(f)?;
+        }
+        if let Some(transfer) = &self.transfer {
+            writeln!(f, "  transfer function: {transfer}")?;
         }
         Ok(())
     }

@@ -13,6 +13,7 @@ pub mod reconstruct;
 pub mod render;
 pub mod report;
 pub mod run;
+pub mod transfer;
 pub mod validate;
 
 use crate::error::{Error, Result};
@@ -55,6 +56,7 @@ enum Command {
     #[command(subcommand)]
     Reconstruct(reconstruct::Reconstruct),
     Report(report::Report),
+    Transfer(transfer::TransferCommand),
 }
 
 /// Runs the command line.
@@ -81,5 +83,6 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Command::Render(c) => c.run(&output),
         Command::Reconstruct(c) => c.run(&output),
         Command::Report(c) => c.run(&output),
+        Command::Transfer(c) => c.run(&output),
     }
 }

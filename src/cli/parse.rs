@@ -18,6 +18,16 @@ pub fn not_negative(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v >= 0.0 { Ok(v) } else { Err(format!("'{text}' must not be negative")) })
 }
 
+/// Two ascending numbers, `low,high`.
+pub fn ascending(text: &str) -> Result<[f64; 2], String> {
+    let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
+    match numbers[..] {
+        [low, high] if low < high && (high - low).is_finite() => Ok([low, high]),
+        [low, high] => Err(format!("{low} and {high} do not ascend")),
+        _ => Err(format!("{} numbers, two are needed: low,high", numbers.len())),
+    }
+}
+
 /// A world-space box, `x0,y0,z0,x1,y1,z1`.
 pub fn corners(text: &str) -> Result<Aabb, String> {
     let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
@@ -58,6 +68,8 @@ mod tests {
         assert_eq!(colour("1, 0,0.25").unwrap(), [1.0, 0.0, 0.25]);
         assert!(colour("1,2").is_err() && colour("-1").is_err() && colour("nan").is_err());
         assert!(corners("0,0,0,1,1").is_err() && corners("0,0,0,-1,1,1").is_err() && corners("0,0,0,1,1,1").is_ok());
+        assert_eq!(ascending("-1, 2.5").unwrap(), [-1.0, 2.5]);
+        assert!(ascending("1,1").is_err() && ascending("1").is_err() && ascending("0,inf").is_err());
         assert!(positive("0").is_err() && positive("inf").is_err() && not_negative("0").is_ok());
     }
 }

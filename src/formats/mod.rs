@@ -4,6 +4,7 @@ pub mod atomic;
 pub mod exr;
 pub mod png;
 pub mod problem;
+pub mod transfer;
 pub mod transforms;
 pub mod vdb;
 

@@ -2,6 +2,7 @@
 
 use crate::cli::memory::human;
 use crate::error::Result;
+use crate::formats::transfer::{METADATA_KEY, TransferSummary, from_metadata};
 use crate::formats::vdb::{File, GridInfo, Limits, RawGrid, Transform};
 use crate::scene::grid::{GridClass, MetaValue};
 use crate::scene::statistics::{self, Statistics};
@@ -36,7 +37,16 @@ struct Grid {
     world_bounds: Option<Bounds<f64>>,
     memory_bytes: u64,
     statistics: Option<Statistics>,
+    transfer: Option<Carried>,
     metadata: BTreeMap<String, MetaValue>,
+}
+
+/// The transfer function that a grid carries.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum Carried {
+    Usable(TransferSummary),
+    Unusable { problem: String },
 }
 
 #[derive(Debug, Serialize)]
@@ -91,6 +101,14 @@ pub(in crate::cli) fn statistics_of(raw: &RawGrid) -> Statistics {
     })
 }
 
+/// One that cannot be used keeps nobody from learning what else is in the file.
+fn carried(metadata: &BTreeMap<String, MetaValue>) -> Option<Carried> {
+    match from_metadata(metadata).and_then(|t| t.map(|t| TransferSummary::of(&t)).transpose()) {
+        Ok(usable) => usable.map(Carried::Usable),
+        Err(error) => Some(Carried::Unusable { problem: error.what().to_owned() }),
+    }
+}
+
 fn class_name(class: GridClass) -> &'static str {
     match class {
         GridClass::FogVolume => "fog volume",
@@ -131,6 +149,7 @@ fn grid(
         world_bounds,
         memory_bytes: info.memory,
         statistics,
+        transfer: carried(&metadata),
         metadata,
     }
 }
@@ -202,7 +221,13 @@ impl fmt::Display for Grid {
                 writeln!(f, "  {} NaN, {} infinite: cumulo convert --repair sets them to zero", s.nan, s.infinite)?;
             }
         }
-        for (name, value) in &self.metadata {
+        match &self.transfer {
+            Some(Carried::Usable(transfer)) => writeln!(f, "  transfer function: {transfer}")?,
+            Some(Carried::Unusable { problem }) => writeln!(f, "  transfer function that cannot be used: {problem}")?,
+            None => {}
+        }
+        // The transfer function's text, of any length, is summed up above.
+        for (name, value) in self.metadata.iter().filter(|(name, _)| *name != METADATA_KEY) {
             writeln!(f, "  {name}: {}", show(value))?;
         }
         Ok(())

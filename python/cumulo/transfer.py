@@ -1,0 +1,80 @@
+"""Transfer functions in the form of `.tf.json`, from Blender's colour ramps.
+
+    from cumulo.transfer import transfer_from_color_ramp, write_transfer
+    ramp = material.node_tree.nodes["Color Ramp"].color_ramp
+    write_transfer("smoke.tf.json", transfer_from_color_ramp(ramp, domain=(0, 2), extinction=10))
+"""
+
+import json
+import os
+import pathlib
+import tempfile
+
+import numpy as np
+
+# Curves are sampled at this many equal steps, and beside where the ramp itself has a kink or a step.
+STEPS = 256
+
+
+def transfer_from_color_ramp(ramp, domain=(0.0, 1.0), extinction=1.0, name=None):
+    """What a `bpy.types.ColorRamp` says of densities, as the dict that a `.tf.json` holds.
+
+    Positions 0 and 1 stand for the two densities of `domain`. Colours are the ramp's, scene-linear in
+    Blender already; extinction is its alpha times `extinction`, per world unit. Raises ValueError where
+    those are no ascending densities, or no finite extinction from zero on.
+    """
+    low, high = map(float, domain)
+    if not (np.isfinite([low, high]).all() and low < high):
+        raise ValueError(f"domain {domain}: two ascending densities are expected")
+    if not (np.isfinite(extinction) and extinction >= 0):
+        raise ValueError(f"extinction {extinction}: a finite number from zero on is expected")
+    points = [
+        # Both ends of the domain exactly. Cardinal curves swing below zero.
+        [(1.0 - at) * low + at * high, *(max(c, 0.0) for c in colour[:3]), max(colour[3], 0.0) * extinction]
+        for at, colour in _knots(ramp)
+    ]
+    document = {"format": "cumulo-transfer-function", "version": 1}
+    if name is not None:
+        document["name"] = name
+    return document | {"transfer": {"kind": "piecewise", "points": points}}
+
+
+def write_transfer(path, document):
+    """Writes a `.tf.json`, whole or not at all."""
+    path = pathlib.Path(path)
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as folder:
+        draft = pathlib.Path(folder) / path.name
+        draft.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n")
+        os.replace(draft, path)
+
+
+def _knots(ramp):
+    """(position, colour) between which the ramp is linear; two of one position are a step."""
+    elements = [(element.position, tuple(element.color)) for element in ramp.elements]
+    if ramp.interpolation == "CONSTANT":
+        # Each colour holds up to the next element; before the first it is the first's.
+        before = [elements[0], *elements[:-1]]
+        knots = [pair for (_, old), (at, new) in zip(before, elements) for pair in ((at, old), (at, new))]
+    elif ramp.interpolation == "LINEAR" and ramp.color_mode == "RGB":
+        knots = elements
+    else:
+        # Elements are evaluated from either side: they are where curves have kinks, and, two in one
+        # place, steps.
+        exact = {np.float32(at) for at, _ in elements}
+        steps = {np.float32(i / STEPS) for i in range(STEPS + 1)} - exact
+        beside = [(at, np.nextafter(at, np.float32(side))) for at in exact for side in (-1, 2)]
+        # Sorted by place, then from lower to upper side.
+        places = sorted([(at, at) for at in steps] + beside)
+        knots = [(float(at), tuple(ramp.evaluate(float(side)))) for at, side in places]
+    return _merged(knots)
+
+
+def _merged(knots):
+    """Of the knots of one place the first and the last; once, if they agree."""
+    kept = []
+    for at, colour in knots:
+        if len(kept) > 1 and kept[-2][0] == at:
+            kept.pop()
+        if not kept or kept[-1] != (at, colour):
+            kept.append((at, colour))
+    return kept

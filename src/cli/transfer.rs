@@ -1,0 +1,159 @@
+//! `cumulo transfer`: transfer functions in, `.tf.json` out; and `--tf` of the commands that use one.
+
+use super::memory::Memory;
+use super::output::Output;
+use super::parse::{ascending, positive};
+use super::provenance::Provenance;
+use crate::error::{Error, Result};
+use crate::formats::atomic;
+use crate::formats::transfer::{self, Options, Source, TransferSummary};
+use crate::scene::transfer::Transfer;
+use serde::Serialize;
+use std::fmt;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Show a transfer function, or convert it to .tf.json
+///
+/// Read are .tf.json, colour map presets of ParaView (JSON and XML), and VDBs whose grids carry one; content tells
+/// which. ParaView's display-referred colours become scene-linear, its opacities extinctions.
+#[derive(Debug, clap::Args)]
+pub struct TransferCommand {
+    /// Transfer function to read
+    input: PathBuf,
+    /// Write it to this .tf.json
+    #[arg(long, short, value_name = "OUT")]
+    output: Option<PathBuf>,
+    /// Which of several: the preset of this name, in a VDB that of this grid (default: the first)
+    #[arg(long, value_name = "NAME")]
+    preset: Option<String>,
+    /// Map its densities to this range
+    #[arg(long, value_name = "LOW,HIGH", value_parser = ascending, allow_hyphen_values = true)]
+    range: Option<[f64; 2]>,
+    /// World length that the opacities of a ParaView preset are for (default: 1)
+    #[arg(long, value_name = "U", value_parser = positive)]
+    unit_distance: Option<f64>,
+    /// Extinction per world unit at the end of a ParaView preset without opacities (default: 1)
+    #[arg(long, value_name = "S", value_parser = positive)]
+    extinction: Option<f64>,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+/// The transfer function that a command uses.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct TransferOption {
+    /// Transfer function: a .tf.json, a colour map preset of ParaView (JSON, XML), or a VDB that carries one
+    #[arg(long = "tf", value_name = "FILE")]
+    pub tf: Option<PathBuf>,
+    /// Which of several in --tf: the preset of this name, in a VDB that of this grid (default: the first)
+    #[arg(long, value_name = "NAME", requires = "tf")]
+    pub tf_preset: Option<String>,
+    /// Map the densities of --tf to this range
+    #[arg(long, value_name = "LOW,HIGH", value_parser = ascending, allow_hyphen_values = true, requires = "tf")]
+    pub tf_range: Option<[f64; 2]>,
+    /// World length that the opacities of a ParaView preset are for (default: 1)
+    #[arg(long, value_name = "U", value_parser = positive, requires = "tf")]
+    pub tf_unit_distance: Option<f64>,
+    /// Extinction per world unit at the end of a ParaView preset without opacities (default: 1)
+    #[arg(long, value_name = "S", value_parser = positive, requires = "tf")]
+    pub tf_extinction: Option<f64>,
+}
+
+impl TransferOption {
+    /// The function, if one was asked for.
+    ///
+    /// # Errors
+    /// As [`transfer::load`].
+    pub fn load(&self) -> Result<Option<Transfer>> {
+        let Some(path) = &self.tf else { return Ok(None) };
+        let options = Options {
+            preset: self.tf_preset.clone(),
+            range: self.tf_range,
+            unit_distance: self.tf_unit_distance,
+            extinction: self.tf_extinction,
+            ..Options::default()
+        };
+        transfer::load(path, &options).map(|loaded| Some(loaded.transfer))
+    }
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    input: PathBuf,
+    output: Option<PathBuf>,
+    source: Source,
+    name: Option<String>,
+    #[serde(flatten)]
+    summary: TransferSummary,
+    presets: Vec<String>,
+    notes: Vec<String>,
+}
+
+impl TransferCommand {
+    /// Reads, writes where that is asked for, and reports.
+    ///
+    /// # Errors
+    /// If the input is no transfer function that can be used, or the output cannot be written.
+    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let mut provenance = Provenance::begin();
+        if let Some(path) = &self.output {
+            atomic::probe(path)?;
+        }
+        let loaded = transfer::load(&self.input, &self.options())?;
+        if let Some(path) = &self.output {
+            provenance.input(&self.input, [self.input.as_path()])?;
+            provenance.lap();
+            let provenance = serde_json::to_value(&provenance).map_err(|e| Error::invalid(e.to_string()).at(path))?;
+            transfer::save(path, &loaded.transfer, loaded.name.as_deref(), Some(&provenance))?;
+        }
+        output.report(&Report {
+            input: self.input.clone(),
+            output: self.output.clone(),
+            source: loaded.source,
+            name: loaded.name,
+            summary: TransferSummary::of(&loaded.transfer)?,
+            presets: loaded.presets,
+            notes: loaded.notes,
+        })?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    fn options(&self) -> Options {
+        Options {
+            preset: self.preset.clone(),
+            range: self.range,
+            unit_distance: self.unit_distance,
+            extinction: self.extinction,
+            limits: self.memory.limits(),
+        }
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let source = match self.source {
+            Source::Cumulo => "transfer function",
+            Source::ParaviewJson => "ParaView preset (JSON)",
+            Source::ParaviewXml => "ParaView preset (XML)",
+            Source::Vdb => "transfer function of a VDB's grid",
+        };
+        write!(f, "{}: {source}", self.input.display())?;
+        if let Some(name) = &self.name {
+            write!(f, " '{name}'")?;
+        }
+        writeln!(f, "\n  {}", self.summary)?;
+        let [r, g, b] = self.summary.peak_colour;
+        writeln!(f, "  peak radiance {r} {g} {b}")?;
+        for note in &self.notes {
+            writeln!(f, "  {note}")?;
+        }
+        if self.presets.len() > 1 {
+            writeln!(f, "  the file has: {}", self.presets.join(", "))?;
+        }
+        if let Some(output) = &self.output {
+            writeln!(f, "{}: written", output.display())?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,82 @@
+//! Transfer functions that a VDB's grids carry.
+
+use super::{Loaded, Options, Source, chosen, document, refuse_opacity_options};
+use crate::error::{Error, Result};
+use crate::formats::vdb::File;
+use crate::scene::grid::MetaValue;
+use crate::scene::transfer::Transfer;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Name of the metadata entry.
+pub const METADATA_KEY: &str = "cumulo_transfer";
+
+/// The value under [`METADATA_KEY`].
+pub fn to_metadata(transfer: &Transfer) -> MetaValue {
+    MetaValue::Text(document::compact(transfer))
+}
+
+/// The transfer function among a grid's metadata, if there is one.
+///
+/// # Errors
+/// If the entry is there, but is no transfer function that can be used.
+pub fn from_metadata(metadata: &BTreeMap<String, MetaValue>) -> Result<Option<Transfer>> {
+    let parsed = match metadata.get(METADATA_KEY) {
+        None => return Ok(None),
+        Some(MetaValue::Text(text)) => document::object(text).and_then(|object| document::transfer(&object)),
+        Some(other) => Err(Error::invalid(format!("{other:?} is no text"))),
+    };
+    parsed.map(Some).map_err(|e| {
+        e.part(format!("metadata '{METADATA_KEY}'")).hint("cumulo convert --tf replaces it with another function")
+    })
+}
+
+pub(super) fn load(path: &Path, options: &Options) -> Result<Loaded> {
+    refuse_opacity_options(options)?;
+    let file = File::open(path, options.limits)?;
+    let mut all = Vec::new();
+    for entry in file.entries() {
+        let metadata = file.read(&entry.name)?.metadata()?;
+        if metadata.contains_key(METADATA_KEY) {
+            all.push((entry.name.clone(), metadata));
+        }
+    }
+    let presets: Vec<String> = all.iter().map(|(name, _)| name.clone()).collect();
+    if presets.is_empty() {
+        return Err(Error::invalid("none of the grids carries a transfer function")
+            .hint("cumulo convert IN.vdb OUT.vdb --tf FILE attaches one"));
+    }
+    let (name, metadata) = all.swap_remove(chosen(&presets, options.preset.as_deref())?);
+    let transfer = from_metadata(&metadata)
+        .map_err(|e| Error::invalid(e.to_string()).part(format!("grid '{name}'")))?
+        .ok_or_else(|| Error::invalid("no transfer function").part(format!("grid '{name}'")))?;
+    Ok(Loaded { transfer, source: Source::Vdb, name: Some(name), presets, notes: Vec::new() })
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn metadata_gives_back_the_same_bits() {
+        let transfer =
+            Transfer::Piecewise { points: vec![[0.1, 1.0 / 3.0, 0.0, 2e-17, 7.0], [0.7, 0.5, 1.0, 0.0, 0.0]] };
+        let mut all = BTreeMap::new();
+        assert_eq!(from_metadata(&all).unwrap(), None);
+        all.insert(METADATA_KEY.into(), to_metadata(&transfer));
+        assert_eq!(from_metadata(&all).unwrap(), Some(transfer));
+    }
+
+    #[test]
+    fn unusable_metadata_is_refused_by_name() {
+        for (value, word) in [
+            (MetaValue::Int(3), "no text"),
+            (MetaValue::Text("{".into()), "no valid JSON"),
+            (MetaValue::Text(r#"{"format":"cumulo-transfer-function","version":2}"#.into()), "'version' is 2"),
+        ] {
+            let error = from_metadata(&[(METADATA_KEY.to_owned(), value)].into()).unwrap_err().to_string();
+            assert!(error.contains(word) && error.contains("cumulo_transfer"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! Our own JSON, in and out.
+
+use super::{Loaded, Options, Source, chosen, refuse_opacity_options};
+use crate::error::{Error, Result};
+use crate::formats::atomic;
+use crate::scene::transfer::Transfer;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use serde_json::value::RawValue;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// What `format` says.
+pub const FORMAT: &str = "cumulo-transfer-function";
+/// What `version` says; others are refused.
+pub const VERSION: u32 = 1;
+
+/// An object whose values are read when they are asked for.
+pub(super) type Object<'a> = BTreeMap<String, &'a RawValue>;
+
+#[derive(Serialize)]
+struct Document<'a> {
+    format: &'static str,
+    version: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    name: Option<&'a str>,
+    transfer: &'a Transfer,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    provenance: Option<&'a Value>,
+}
+
+/// Writes a `.tf.json`, such that [`load`](super::load()) gives back the same bits.
+///
+/// # Errors
+/// If the function cannot be used, or the file cannot be written.
+pub fn save(path: &Path, transfer: &Transfer, name: Option<&str>, provenance: Option<&Value>) -> Result<()> {
+    transfer.clone().checked().map_err(|e| e.at(path))?;
+    let document = Document { format: FORMAT, version: VERSION, name, transfer, provenance };
+    let mut text = serde_json::to_string_pretty(&document).map_err(|e| Error::invalid(e.to_string()).at(path))?;
+    text.push('\n');
+    atomic::write(path, |p| std::fs::write(p, text).map_err(|e| Error::io(path, e)))
+}
+
+/// The same on one line, without name and provenance.
+pub(super) fn compact(transfer: &Transfer) -> String {
+    let document = Document { format: FORMAT, version: VERSION, name: None, transfer, provenance: None };
+    // Numbers and fixed keys: nothing that could not be written.
+    serde_json::to_string(&document).unwrap_or_default()
+}
+
+pub(super) fn object(text: &str) -> Result<Object<'_>> {
+    serde_json::from_str(text).map_err(|e| Error::invalid(format!("no valid JSON: {e}")))
+}
+
+pub(super) fn objects(text: &str) -> Result<Vec<Object<'_>>> {
+    let raw: Vec<&RawValue> = serde_json::from_str(text).map_err(|e| Error::invalid(format!("no valid JSON: {e}")))?;
+    raw.into_iter()
+        .enumerate()
+        .map(|(i, raw)| {
+            serde_json::from_str(raw.get())
+                .map_err(|_| Error::invalid("not a JSON object").part(format!("preset {}", i + 1)))
+        })
+        .collect()
+}
+
+/// The value of a key; `null` counts as absent.
+pub(super) fn value<T: DeserializeOwned>(object: &Object, key: &str, expected: &str) -> Result<Option<T>> {
+    let Some(raw) = object.get(key) else { return Ok(None) };
+    serde_json::from_str(raw.get())
+        .map_err(|_| Error::invalid(format!("'{key}' is {}; {expected} is expected", short(raw.get()))))
+}
+
+pub(super) fn is_ours(object: &Object) -> bool {
+    object.contains_key("format") || object.contains_key("transfer")
+}
+
+pub(super) fn load(object: &Object, options: &Options) -> Result<Loaded> {
+    refuse_opacity_options(options)?;
+    let transfer = transfer(object)?;
+    let name: Option<String> = value(object, "name", "a text")?;
+    let presets: Vec<String> = name.iter().cloned().collect();
+    if options.preset.is_some() && presets.is_empty() {
+        return Err(Error::invalid("a name was asked for, but the one transfer function in this file has none"));
+    }
+    chosen(&presets, options.preset.as_deref())?;
+    Ok(Loaded { transfer, source: Source::Cumulo, name, presets, notes: Vec::new() })
+}
+
+/// The function of a document whose format and version are those understood.
+pub(super) fn transfer(object: &Object) -> Result<Transfer> {
+    let format: Option<Value> = value(object, "format", "a text")?;
+    if format != Some(FORMAT.into()) {
+        let found = format.map_or_else(|| "missing".to_owned(), |v| short(&v.to_string()));
+        return Err(Error::unsupported(format!("'format' is {found}; \"{FORMAT}\" is expected")));
+    }
+    let version: Option<Value> = value(object, "version", "a whole number")?;
+    if version != Some(VERSION.into()) {
+        let found = version.map_or_else(|| "missing".to_owned(), |v| short(&v.to_string()));
+        return Err(Error::unsupported(format!("'version' is {found}; {VERSION} is expected"))
+            .hint("a newer version of this program may read it"));
+    }
+    let raw = object.get("transfer").ok_or_else(|| {
+        Error::invalid("no key 'transfer'").hint("it holds the function: {\"kind\": \"piecewise\", \"points\": …}")
+    })?;
+    let transfer: Transfer =
+        serde_json::from_str(raw.get()).map_err(|e| Error::invalid(format!("'transfer' cannot be used: {e}")))?;
+    transfer.checked()
+}
+
+/// A text for an error message.
+pub(super) fn short(text: &str) -> String {
+    if text.chars().count() <= 60 { text.to_owned() } else { text.chars().take(57).chain("...".chars()).collect() }
+}

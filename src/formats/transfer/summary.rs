@@ -1,0 +1,96 @@
+//! A transfer function in figures, for `transfer` and `info`.
+
+use super::rescale::range;
+use crate::error::Result;
+use crate::scene::transfer::Transfer;
+use serde::Serialize;
+use std::fmt;
+
+/// A transfer function in figures.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TransferSummary {
+    /// `texture`, `piecewise`, `gaussians` or `identity`.
+    pub kind: &'static str,
+    /// Texels, points or lobes.
+    pub entries: usize,
+    /// Numbers that can be optimised.
+    pub parameters: usize,
+    /// First and last density that it speaks of.
+    pub range: [f64; 2],
+    /// Greatest extinction, per world unit.
+    pub peak_extinction: f64,
+    /// Greatest radiance of the source, by channel.
+    pub peak_colour: [f64; 3],
+    /// True if density 0 absorbs nothing: empty space can be skipped.
+    pub empty_at_zero: bool,
+}
+
+impl TransferSummary {
+    /// Sums a function up.
+    ///
+    /// # Errors
+    /// As [`Transfer::table`].
+    pub fn of(transfer: &Transfer) -> Result<Self> {
+        let (kind, entries, parameters) = match transfer {
+            Transfer::Texture { texels, .. } => ("texture", texels.len(), 4 * texels.len()),
+            Transfer::Piecewise { points } => ("piecewise", points.len(), 5 * points.len()),
+            Transfer::Gaussians { lobes, .. } => ("gaussians", lobes.len(), 6 * lobes.len()),
+            Transfer::Identity { .. } => ("identity", 1, 3),
+        };
+        let table = transfer.table()?;
+        let [r, g, b, peak_extinction] = table.peak();
+        Ok(Self {
+            kind,
+            entries,
+            parameters,
+            range: range(transfer),
+            peak_extinction,
+            peak_colour: [r, g, b],
+            empty_at_zero: table.at(0.0)[3] == 0.0,
+        })
+    }
+}
+
+impl fmt::Display for TransferSummary {
+    /// One line.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (one, many) = match self.kind {
+            "texture" => ("texel", "texels"),
+            "piecewise" => ("point", "points"),
+            "gaussians" => ("lobe", "lobes"),
+            _ => ("colour", "colours"),
+        };
+        let [low, high] = self.range;
+        let empty = if self.empty_at_zero { "nothing" } else { "something" };
+        write!(
+            f,
+            "{} of {} {}, {} parameters, densities {low} to {high}, peak extinction {}, {empty} at density 0",
+            self.kind,
+            self.entries,
+            if self.entries == 1 { one } else { many },
+            self.parameters,
+            self.peak_extinction
+        )
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+    use crate::scene::transfer::Lobe;
+
+    #[test]
+    fn parameters_are_counted_as_the_function_does() {
+        for t in [
+            Transfer::Texture { domain: [0.0, 1.0], texels: vec![[0.5; 4]; 3] },
+            Transfer::Piecewise { points: vec![[0.0; 5], [1.0; 5]] },
+            Transfer::Gaussians { domain: [0.0, 1.0], lobes: vec![Lobe { mean: 0.5, ln_width: -2.0, rgbs: [1.0; 4] }] },
+            Transfer::Identity { domain: [0.0, 1.0], colour: [1.0; 3] },
+        ] {
+            let s = TransferSummary::of(&t).unwrap();
+            assert_eq!(s.parameters, t.parameters().len(), "{s}");
+            assert_eq!(s.range, [0.0, 1.0]);
+        }
+    }
+}
