@@ -19,6 +19,8 @@ pub trait Real:
     const ZERO: Self;
     /// One.
     const ONE: Self;
+    /// From one to the next number.
+    const EPSILON: Self;
     /// Rounds a double.
     fn of(v: f64) -> Self;
     /// Converts a small integer, exactly.
@@ -59,6 +61,7 @@ macro_rules! real {
         impl Real for $t {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
+            const EPSILON: Self = <$t>::EPSILON;
             #[inline(always)]
             fn of(v: f64) -> Self {
                 v as $t

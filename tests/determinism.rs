@@ -93,7 +93,7 @@ fn gradients() {
             let (sum, shared) = pictures::gradient(
                 &dvr,
                 &all,
-                |a, b| {
+                &|a, b| {
                     let d: [f32; 4] = std::array::from_fn(|c| a[c] - b[c]);
                     (d.iter().map(|d| f64::from(d * d)).sum(), d)
                 },

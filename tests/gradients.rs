@@ -8,7 +8,7 @@ mod fields;
 
 use cumulo::math::Ray;
 use cumulo::real::Real;
-use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Radiance, Sinks, Tape};
+use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Precision, Radiance, Sinks, Tape};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
@@ -37,7 +37,7 @@ fn total(f: &Bricks<f64>, medium: &Medium, background: [f32; 3], rule: Quadratur
     rays.iter().map(|r| loss(&dvr.radiance(r))).sum()
 }
 
-fn gradient<R: Real>(
+fn gradient<R: Precision>(
     f: &Bricks<R>,
     medium: &Medium,
     rule: Quadrature,
@@ -49,7 +49,7 @@ fn gradient<R: Real>(
         (vec![R::ZERO; f.values.len()], ParameterGradient::default(), Tape::default());
     for ray in rays {
         let sinks = Sinks { voxels: Some(&mut by_voxel), table: None, ray: None, shared: &mut shared };
-        let seen = dvr.gradient(ray, slope, adjoint, sinks, &mut tape);
+        let seen = dvr.gradient(ray, &mut slope, adjoint, sinks, &mut tape);
         if adjoint != Adjoint::Inversion {
             assert_eq!(seen, dvr.radiance(ray), "the gradient's value is the value");
         }
@@ -145,7 +145,7 @@ fn tape_and_replay_agree_after_an_early_stop() {
         let (mut g, mut p, mut tape) = (vec![0.0; f.values.len()], ParameterGradient::default(), Tape::default());
         for r in &rays {
             let sinks = Sinks { voxels: Some(&mut g), table: None, ray: None, shared: &mut p };
-            dvr.gradient(r, slope, adjoint, sinks, &mut tape);
+            dvr.gradient(r, &mut slope, adjoint, sinks, &mut tape);
         }
         (g, p)
     };
@@ -178,7 +178,7 @@ fn inversion_agrees_where_it_is_stable() {
 /// ⟨A u, w⟩ = ⟨u, Aᵀ w⟩ for the optical depth, which is linear in the voxels.
 #[test]
 fn the_adjoint_is_the_transpose() {
-    fn both<R: Real>(tolerance: f64) {
+    fn both<R: Precision>(tolerance: f64) {
         let f: Bricks<R> = field(20, odd(), lumps(20));
         let dvr = Dvr::new(&f, Medium::absorbing(1.7)).unwrap().early_stop(0.0);
         let (mut left, mut transposed, mut tape) = (0.0, vec![R::ZERO; f.values.len()], Tape::default());

@@ -6,7 +6,7 @@ mod fields;
 
 use cumulo::math::{Affine, Ray};
 use cumulo::real::Real;
-use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
+use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Precision, Sinks, Tape};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
@@ -14,12 +14,12 @@ use fields::{field, lumps, noise, rays, unit};
 use glam::{DMat3, DMat4, DVec3};
 
 /// Gradient of rgb·(1, 2, 3) + alpha along one ray, by the given adjoint.
-fn gradient<R: Real>(f: &Bricks<R>, medium: &Medium, rule: Quadrature, adjoint: Adjoint, ray: &Ray) -> Vec<f64> {
+fn gradient<R: Precision>(f: &Bricks<R>, medium: &Medium, rule: Quadrature, adjoint: Adjoint, ray: &Ray) -> Vec<f64> {
     let dvr = Dvr::new(f, medium.clone()).unwrap().quadrature(rule).background([0.3, 0.2, 0.1]).early_stop(0.0);
     let (mut g, mut p, mut tape) = (vec![R::ZERO; f.values.len()], ParameterGradient::default(), Tape::default());
     let weights = [R::ONE, R::of(2.0), R::of(3.0), R::ONE];
     let sinks = Sinks { voxels: Some(&mut g), table: None, ray: None, shared: &mut p };
-    dvr.gradient(ray, |_| weights, adjoint, sinks, &mut tape);
+    dvr.gradient(ray, &mut |_| weights, adjoint, sinks, &mut tape);
     g.into_iter().map(Real::f64).collect()
 }
 

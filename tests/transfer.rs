@@ -7,7 +7,7 @@ mod fields;
 
 use cumulo::math::Ray;
 use cumulo::real::Real;
-use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Radiance, RayGradient, Sinks, Tape};
+use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Precision, Radiance, RayGradient, Sinks, Tape};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
@@ -30,6 +30,11 @@ fn loss<R: Real>(seen: &Radiance<R>) -> f64 {
 fn slope<R: Real>(seen: &Radiance<R>) -> [R; 4] {
     let v = seen.rgba().map(Real::f64);
     std::array::from_fn(|c| R::of(WEIGHT[c] * (v[c] - TARGET[c])))
+}
+
+/// Lumps, and zeros around them: some of the functions absorb there.
+fn cloud<R: Real>(n: i32) -> Bricks<R> {
+    field(n, odd(), lumps(n)).filled(1 << 30).unwrap()
 }
 
 /// Peaks, a plateau, a transparent gap; densities of [`lumps`] go up to about 1.2.
@@ -83,7 +88,7 @@ struct All<R> {
     shared: ParameterGradient,
 }
 
-fn gradient<R: Real>(f: &Bricks<R>, medium: &Medium, rule: Quadrature, adjoint: Adjoint, rays: &[Ray]) -> All<R> {
+fn gradient<R: Precision>(f: &Bricks<R>, medium: &Medium, rule: Quadrature, adjoint: Adjoint, rays: &[Ray]) -> All<R> {
     let dvr = dvr(f, medium.clone(), rule);
     let Source::Transfer(table) = &medium.source else { unreachable!() };
     let mut all = All {
@@ -101,7 +106,7 @@ fn gradient<R: Real>(f: &Bricks<R>, medium: &Medium, rule: Quadrature, adjoint: 
             ray: Some(&mut moved),
             shared: &mut all.shared,
         };
-        dvr.gradient(ray, slope, adjoint, sinks, &mut tape);
+        dvr.gradient(ray, &mut slope, adjoint, sinks, &mut tape);
         all.rays.push(moved);
     }
     all
@@ -110,6 +115,16 @@ fn gradient<R: Real>(f: &Bricks<R>, medium: &Medium, rule: Quadrature, adjoint: 
 fn close(what: &str, got: f64, expected: f64, relative: f64, floor: f64) {
     let error = (got - expected).abs() / expected.abs().max(got.abs()).max(floor);
     assert!(error < relative, "{what}: {got} against {expected}, off by {error:.1e}");
+}
+
+/// Central difference; from above only, to second order too, where less than zero would be a kink of the
+/// function, or no function at all.
+fn difference(value: f64, h: f64, mut at: impl FnMut(f64) -> f64) -> f64 {
+    if value >= h {
+        (at(value + h) - at(value - h)) / (2.0 * h)
+    } else {
+        (4.0 * at(value + h) - at(value + 2.0 * h) - 3.0 * at(value)) / (2.0 * h)
+    }
 }
 
 /// The integral itself, by 40 000 midpoints of the interpolated density and the table's own look-up.
@@ -137,8 +152,8 @@ fn fine(f: &Bricks<f64>, medium: &Medium, ray: &Ray) -> [f64; 4] {
 
 #[test]
 fn exact_values_are_the_integral() {
-    let wide: Bricks<f64> = field(20, odd(), lumps(20));
-    let narrow: Bricks<f32> = field(20, odd(), lumps(20));
+    let wide: Bricks<f64> = cloud(20);
+    let narrow: Bricks<f32> = cloud(20);
     let rays = rays(wide.world_bounds(), 12, 5);
     for transfer in kinds() {
         for extinction in [0.3, 3.0, 60.0] {
@@ -159,34 +174,34 @@ fn exact_values_are_the_integral() {
 
 #[test]
 fn every_gradient_matches_central_differences() {
-    let mut f: Bricks<f64> = field(14, odd(), lumps(14));
+    let mut f: Bricks<f64> = cloud(14);
     let rays = rays(f.world_bounds(), 25, 2);
     for rule in RULES {
         for transfer in kinds() {
             let table = transfer.table().unwrap();
             let medium = medium(&transfer, 0.8);
             let all = gradient(&f, &medium, rule, Adjoint::Tape, &rays);
-            let h = 1e-6;
+            let h = if rule == Quadrature::Exact { 1e-5 } else { 1e-6 };
             // Uniform samples may step across a kink: then the difference is not the derivative.
             let kinks = if rule == Quadrature::Exact { 0 } else { 6 };
             let mut missed = 0;
             let mut check = |what: String, got: f64, expected: f64| {
                 let error = (got - expected).abs() / expected.abs().max(got.abs()).max(1e-3);
-                if error > 1e-5 {
+                if error > 2e-5 {
                     missed += 1;
-                    assert!(missed <= kinks, "{rule} {what}: {got} against {expected}, off by {error:.1e}");
+                    assert!(missed <= kinks, "{rule} {transfer:?} {what}: {got} against {expected}, off by {error:.1e}");
                 }
             };
             let mut order: Vec<usize> = (0..f.values.len()).collect();
             order.sort_by(|a, b| all.voxels[*b].abs().total_cmp(&all.voxels[*a].abs()));
             for i in order.into_iter().step_by(61).take(40) {
                 let keep = f.values[i];
-                f.values[i] = keep + h;
-                let up = total(&f, &medium, rule, &rays);
-                f.values[i] = keep - h;
-                let down = total(&f, &medium, rule, &rays);
+                let difference = difference(keep, h, |value| {
+                    f.values[i] = value;
+                    total(&f, &medium, rule, &rays)
+                });
                 f.values[i] = keep;
-                check(format!("{transfer:?} voxel {i}"), all.voxels[i], (up - down) / (2.0 * h));
+                check(format!("voxel {i}"), all.voxels[i], difference);
             }
             let at = |m: Medium| total(&f, &m, rule, &rays);
             let mut scaled = [medium.clone(), medium.clone()];
@@ -197,19 +212,15 @@ fn every_gradient_matches_central_differences() {
             let parameters = transfer.parameters();
             for (i, (by, (name, value))) in transfer.chain(&all.table).unwrap().into_iter().zip(&parameters).enumerate() {
                 let mut p: Vec<f64> = parameters.iter().map(|p| p.1).collect();
-                let mut shifted = |h: f64| {
-                    p[i] = value + h;
+                let difference = difference(*value, h, |value| {
+                    p[i] = value;
                     total(&f, &self::medium(&transfer.with_parameters(&p), 0.8), rule, &rays)
-                };
-                // What is zero cannot become less: one side, to second order.
-                let difference = if value - h >= 0.0 {
-                    (shifted(h) - shifted(-h)) / (2.0 * h)
-                } else {
-                    (4.0 * shifted(h) - shifted(2.0 * h) - 3.0 * shifted(0.0)) / (2.0 * h)
-                };
+                });
                 check(format!("{name} of {}", table.knots().len()), by, difference);
             }
             // Where each ray begins and goes, and the step.
+            // A ray that touches a knot's isosurface has a derivative that is no Lipschitz function.
+            let h = 1e-7;
             for (ray, got) in rays.iter().zip(&all.rays).take(12) {
                 for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
                     let at = |ray: Ray| total(&f, &medium, rule, &[ray]);
@@ -259,8 +270,8 @@ fn entry_and_exit_move_with_the_ray() {
 
 #[test]
 fn adjoints_agree() {
-    let single: Bricks<f32> = field(20, odd(), lumps(20));
-    let wide: Bricks<f64> = field(20, odd(), lumps(20));
+    let single: Bricks<f32> = cloud(20);
+    let wide: Bricks<f64> = cloud(20);
     let rays = rays(wide.world_bounds(), 40, 4);
     for transfer in kinds() {
         for rule in RULES {

@@ -200,7 +200,7 @@ impl Fit {
         let mut accumulators = std::mem::take(&mut self.accumulators);
         let mut gradients = Gradients { voxels: Some(&mut stored), ..Gradients::default() };
         let dvr = self.renderer(request)?;
-        let (sum, _) = pictures::gradient(&dvr, batch, l1, Adjoint::Tape, &mut accumulators, &mut gradients);
+        let (sum, _) = pictures::gradient(&dvr, batch, &l1, Adjoint::Tape, &mut accumulators, &mut gradients);
         self.accumulators = accumulators;
         let mut owned = std::mem::take(&mut self.owned);
         self.field.topology.fold(&stored, &mut owned);

@@ -1,7 +1,8 @@
 //! Gradients of losses that are sums over pixels, for any medium: value, loss derivative and adjoint
 //! of one ray in one go.
 
-use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, Radiance, RayGradient, Sinks, Tape};
+use crate::render::arch::Arch;
+use crate::render::dvr::{Adjoint, Dvr, Loss, ParameterGradient, RayGradient, Sinks, Tape};
 use crate::render::order::morton;
 use crate::scene::bricks::{BRICK, Bricks};
 use crate::scene::camera::{Camera, CameraGradient};
@@ -18,6 +19,9 @@ pub struct Target {
     /// A pixel is the mean over the square of so many rays.
     pub rays_per_edge: usize,
 }
+
+/// Value and derivative of one pixel's loss: what is seen, what should be.
+pub type PixelLoss<'l> = &'l (dyn Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4]) + Sync);
 
 /// Pixels handled in one go.
 const RUN: usize = 1024;
@@ -69,7 +73,7 @@ impl Lane {
 pub fn gradient(
     dvr: &Dvr<'_, f32>,
     targets: &[&Target],
-    loss: impl Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4]) + Sync,
+    loss: PixelLoss<'_>,
     adjoint: Adjoint,
     accumulators: &mut Accumulators,
     gradients: &mut Gradients<'_>,
@@ -85,7 +89,7 @@ pub fn gradient(
         Some(_) => lanes(dvr.field(), targets.iter().map(|t| t.rgba.len()).sum()),
         None => MOST_LANES,
     };
-    let arch = pulp::Arch::new();
+    let arch = Arch::default();
     let lanes = &mut accumulators.0;
     lanes.resize_with(count, Lane::default);
     let wanted = &*gradients;
@@ -97,7 +101,7 @@ pub fn gradient(
             let (mut sum, mut shared) = (0.0, ParameterGradient::default());
             own.clear(dvr, wanted);
             for &(number, pixels) in runs.iter().skip(lane).step_by(count) {
-                let (loss, shared, tape) = (&loss, &mut shared, &mut tape);
+                let (shared, tape) = (&mut shared, &mut tape);
                 sum += arch.dispatch(Run { dvr, target: targets[number], number, pixels, loss, adjoint, own, shared, tape });
             }
             (sum, shared)
@@ -127,23 +131,23 @@ pub fn gradient(
 }
 
 /// Neighbouring pixels of one view: the unit that is compiled once for each instruction set.
-struct Run<'a, 'd, F> {
+struct Run<'a, 'd> {
     dvr: &'a Dvr<'d, f32>,
     target: &'a Target,
     /// The target's.
     number: usize,
     pixels: &'a [usize],
-    loss: &'a F,
+    loss: PixelLoss<'a>,
     adjoint: Adjoint,
     own: &'a mut Lane,
     shared: &'a mut ParameterGradient,
     tape: &'a mut Tape<f32>,
 }
 
-impl<F: Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4])> Run<'_, '_, F> {
+impl Run<'_, '_> {
     /// Radiance and gradient of the ray through an image position.
     #[inline(always)]
-    fn ray(&mut self, [x, y]: [f64; 2], slope: impl FnOnce(&Radiance<f32>) -> [f32; 4]) {
+    fn ray(&mut self, [x, y]: [f64; 2], slope: Loss<'_, f32>) {
         let mut moved = RayGradient::default();
         let own = &mut *self.own;
         let follow = own.cameras.is_some();
@@ -154,7 +158,7 @@ impl<F: Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4])> Run<'_, '_, F> {
             shared: self.shared,
         };
         let camera = &self.target.camera;
-        self.dvr.gradient(&camera.ray(x, y), slope, self.adjoint, sinks, self.tape);
+        self.dvr.gradient_with(&camera.ray(x, y), slope, self.adjoint, sinks, self.tape);
         if let Some(cameras) = &mut own.cameras {
             cameras[self.number] = cameras[self.number].plus(&camera.gradient(x, y, moved.origin, moved.direction));
             own.step += moved.step;
@@ -162,7 +166,7 @@ impl<F: Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4])> Run<'_, '_, F> {
     }
 }
 
-impl<F: Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4])> pulp::NullaryFnOnce for Run<'_, '_, F> {
+impl pulp::NullaryFnOnce for Run<'_, '_> {
     type Output = f64;
 
     #[inline(always)]
@@ -182,7 +186,7 @@ impl<F: Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4])> pulp::NullaryFnOnce for Run
                 slope
             };
             if *n == 1 {
-                self.ray(position(0), |seen| loss(&seen.rgba()));
+                self.ray(position(0), &mut |seen| loss(&seen.rgba()));
                 continue;
             }
             let mut mean = [0.0; 4];
@@ -193,7 +197,7 @@ impl<F: Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4])> pulp::NullaryFnOnce for Run
             }
             let slope = loss(&mean).map(|g| share * g);
             for k in 0..n * n {
-                self.ray(position(k), |_| slope);
+                self.ray(position(k), &mut |_| slope);
             }
         }
         sum

@@ -7,6 +7,7 @@
 use crate::math::Affine;
 use crate::optimise::observation::DepthMap;
 use crate::optimise::pictures::lanes;
+use crate::render::arch::Arch;
 use crate::render::dvr::{Dvr, Tape};
 use crate::render::order::morton;
 use crate::scene::bricks::{BRICK, Bricks, Topology};
@@ -83,7 +84,7 @@ impl Projector {
         self.topology.spread(&ones, &mut self.field.values);
         let Ok(dvr) = Dvr::new(&self.field, self.medium.clone()) else { return Vec::new() };
         let dvr = dvr.early_stop(0.0);
-        let arch = pulp::Arch::new();
+        let arch = Arch::default();
         let view = |map: &&DepthMap| {
             let map = map.reduced(stride);
             let (mut tape, mut depths) = (Tape::default(), vec![0.0; self.offsets.len()]);
@@ -153,7 +154,7 @@ impl Projector {
         let runs: Vec<(&Camera, &[Sample])> =
             views.iter().flat_map(|v| v.samples.chunks(RUN).map(|s| (&v.camera, s))).collect();
         let (count, offsets) = (self.lanes.len(), &self.offsets);
-        let arch = pulp::Arch::new();
+        let arch = Arch::default();
         let sums: Vec<[f64; 2]> = self
             .lanes
             .par_iter_mut()
@@ -204,7 +205,7 @@ impl<F: Fn(&Sample, &[f64]) -> (f64, [f64; 2])> pulp::NullaryFnOnce for Run<'_, 
             let [x, y] = sample.position.map(f64::from);
             for (depth, [u, v]) in self.depths.iter_mut().zip(self.offsets) {
                 let ray = self.camera.ray(x + u, y + v);
-                *depth = self.dvr.trace(&ray, self.tape);
+                *depth = self.dvr.trace_with(&ray, self.tape);
             }
             let (by_depth, add) = (self.slope)(sample, self.depths);
             sums = [sums[0] + add[0], sums[1] + add[1]];

@@ -30,6 +30,9 @@ pub fn turns([_, b, c, d]: [f64; 4]) -> [f64; 4] {
 pub fn crossing(cubic: [f64; 4], value: f64, mut low: f64, mut high: f64) -> f64 {
     let [_, b, c, d] = cubic;
     let (at_low, at_high) = (at(cubic, low) - value, at(cubic, high) - value);
+    if at_low == at_high {
+        return low;
+    }
     let rising = at_high > at_low;
     // The chord's crossing is a good guess.
     let mut v = low + (high - low) * (at_low / (at_low - at_high)).clamp(0.0, 1.0);

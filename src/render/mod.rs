@@ -1,5 +1,6 @@
 //! Light on its way through the scene.
 
+pub mod arch;
 pub mod cell;
 pub mod cubic;
 pub mod curve;
@@ -14,6 +15,7 @@ pub mod scale;
 pub mod segment;
 
 use crate::scene::camera::Camera;
+use arch::Arch;
 use dvr::{Dvr, Tape};
 use film::Film;
 use rayon::prelude::*;
@@ -27,7 +29,7 @@ const TILE: (usize, usize) = (16, 4);
 pub fn picture(dvr: &Dvr<'_, f32>, camera: &Camera, rays_per_edge: usize, cancel: &AtomicBool) -> Option<Film> {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let mut film = Film::new(width, height);
-    let arch = pulp::Arch::new();
+    let arch = Arch::default();
     film.rgba.par_chunks_mut(width * TILE.1).enumerate().for_each(|(band, rows)| {
         for left in (0..width).step_by(TILE.0) {
             if cancel.load(Ordering::Relaxed) {

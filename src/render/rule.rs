@@ -257,7 +257,7 @@ impl<R: Real, const C: usize> Rule<R, C> for ExactSource {
                     let cubic = gauss::coefficients::<R>(density);
                     let (least, most) = gauss::hull::<R>(cubic);
                     // What rounding adds to the hull is no crossing.
-                    let slack = all(R::of(1.0 / f64::from(1 << 20))) * (most - least);
+                    let slack = all(R::of(8.0) * R::EPSILON) * least.abs().greater(most.abs());
                     let (least, most) = ((least + slack).store(), (most - slack).store());
                     for (i, middle) in cubic[0].store().into_iter().enumerate() {
                         whole[i].piece = curve.find(middle);

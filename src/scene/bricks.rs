@@ -287,6 +287,47 @@ impl<R: Real> Bricks<R> {
         Ok(field)
     }
 
+    /// The same field with all bricks of its domain, for media that absorb where the density is zero.
+    ///
+    /// # Errors
+    /// If it would need more than `max_memory` bytes.
+    pub fn filled(self, max_memory: u64) -> Result<Self> {
+        if self.is_filled() {
+            return Ok(self);
+        }
+        let (min, max) = self.domain_bricks();
+        let count = (max - min).as_u64vec3();
+        let bytes = count.x.saturating_mul(count.y).saturating_mul(count.z).saturating_mul((BRICK * size_of::<R>()) as u64);
+        if bytes > max_memory {
+            return Err(too_large(bytes, max_memory));
+        }
+        let all = (min.x..max.x).flat_map(|x| (min.y..max.y).map(move |y| (x, y)));
+        let all = all.flat_map(|(x, y)| (min.z..max.z).map(move |z| IVec3::new(x, y, z)));
+        let topology = Topology::new(all.chain(self.topology.bricks().iter().copied()))?;
+        let mut filled = Self { domain: self.domain, ..Self::zeros(Arc::new(topology), self.transform) };
+        for (brick, values) in self.topology.bricks().iter().zip(self.values.chunks(BRICK)) {
+            let to = filled.topology.find(*brick) as usize * BRICK;
+            filled.values[to..to + BRICK].copy_from_slice(values);
+        }
+        Ok(filled)
+    }
+
+    /// True if no brick of the domain is missing.
+    pub fn is_filled(&self) -> bool {
+        let (min, max) = self.domain_bricks();
+        let inside = |b: &&IVec3| b.cmpge(min).all() && b.cmplt(max).all();
+        let count = (max - min).as_i64vec3();
+        self.topology.bricks().iter().filter(inside).count() as i64 == count.x * count.y * count.z
+    }
+
+    /// Coordinates of the domain's bricks: the lowest, and one past the highest.
+    fn domain_bricks(&self) -> (IVec3, IVec3) {
+        if self.domain.is_empty() {
+            return (IVec3::ZERO, IVec3::ZERO);
+        }
+        ((self.domain.min / 8.0).floor().as_ivec3(), (self.domain.max / 8.0).ceil().as_ivec3())
+    }
+
     /// Smallest and largest value (zero counts, being the value outside).
     pub fn range(&self) -> (R, R) {
         self.values

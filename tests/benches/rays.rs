@@ -102,7 +102,7 @@ fn gradients(name: &str, dvr: &Dvr<'_, f32>, scene: &Scene, pool: &ThreadPool) -
     let [by_tape, by_replay] = &mut sums;
     let back = |adjoint: Adjoint, (accumulators, sum): &mut (Accumulators, Vec<f32>)| {
         let mut gradients = Gradients { voxels: Some(sum), ..Gradients::default() };
-        pool.install(|| black_box(pictures::gradient(dvr, &targets, squares, adjoint, accumulators, &mut gradients)));
+        pool.install(|| black_box(pictures::gradient(dvr, &targets, &squares, adjoint, accumulators, &mut gradients)));
     };
     let [value, tape, replay] =
         in_turn([&mut || render(dvr, scene, pool), &mut || back(Adjoint::Tape, by_tape), &mut || {

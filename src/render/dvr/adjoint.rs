@@ -17,8 +17,8 @@
 
 use super::inversion;
 use super::kernel::{self, Blend, arriving, grey, over};
-use super::light::{By, Glow, Light, Lit};
-use super::{Dvr, Matter, Optics, Radiance};
+use super::light::{By, Glow, Light, Lit, Slopes};
+use super::{Dvr, Matter, Optics, Precision, Radiance};
 use crate::lanes::Lanes;
 use crate::math::Ray;
 use crate::real::Real;
@@ -26,7 +26,8 @@ use crate::render::cell::{Quartet, scatter};
 use crate::render::curve::{Curve, Piece};
 use crate::render::march::{IndexRay, batches_before};
 use crate::render::quadrature::Quadrature;
-use crate::render::rule::{DepthRule, ExactDepth, Rule};
+use crate::render::rule::{DepthRule, ExactDepth, Rule, Uniform};
+use crate::scene::bricks::Topology;
 use crate::render::segment::{Chord, Sample};
 use crate::scene::medium::Source;
 use crate::scene::table::TableGradient;
@@ -78,6 +79,9 @@ pub struct RayGradient {
     /// With respect to the step of a quadrature that has one, in voxels.
     pub step: f64,
 }
+
+/// Derivative of a loss with respect to R, G, B and alpha at a radiance.
+pub type Loss<'l, R> = &'l mut dyn FnMut(&Radiance<R>) -> [R; 4];
 
 /// Where a gradient is added to; what is `None` is not computed.
 #[derive(Debug)]
@@ -132,14 +136,13 @@ pub(super) struct Entry<R: Real, S> {
     pub light: Light<R>,
 }
 
-impl<R: Real> Dvr<'_, R> {
-    /// Radiance along a world ray, and the gradient of a loss on it: `loss` maps the radiance to the
-    /// derivative with respect to R, G, B and alpha.
+impl<R: Precision> Dvr<'_, R> {
+    /// [`Dvr::gradient`] for drivers that are compiled for each instruction set.
     #[inline(always)]
-    pub fn gradient(
+    pub(crate) fn gradient_with(
         &self,
         ray: &Ray,
-        loss: impl FnOnce(&Radiance<R>) -> [R; 4],
+        loss: Loss<'_, R>,
         adjoint: Adjoint,
         sinks: Sinks<'_, R>,
         tape: &mut Tape<R>,
@@ -152,28 +155,29 @@ impl<R: Real> Dvr<'_, R> {
             }
             return seen;
         };
-        // Depths are averages over cells: where the ray goes needs their points.
-        let whole = adjoint != Adjoint::Inversion && sinks.ray.is_none();
-        let keep_clear = sinks.table.is_some();
         let mut pass = Pass::new(self, ray, sinks);
-        if let (Source::Grey(c), true) = (&self.medium.source, whole) {
-            let cells = &mut tape.cells;
-            return match self.quadrature {
-                Quadrature::Exact => pass.depth_only(loss, adjoint, ExactDepth, *c, cells),
-                Quadrature::Midpoint(h) => pass.depth_only(loss, adjoint, self.uniform(h, 0.5, &ray), *c, cells),
-                Quadrature::Riemann(h) => pass.depth_only(loss, adjoint, self.uniform(h, 0.0, &ray), *c, cells),
-            };
+        // What is not asked for in earnest is compiled once, not for each instruction set.
+        if self.quadrature != Quadrature::Exact || adjoint == Adjoint::Inversion {
+            return R::uncommon(&mut pass, loss, adjoint, tape);
         }
+        if let (Source::Grey(colour), None) = (&self.medium.source, &pass.sinks.ray) {
+            return pass.depth_only(loss, adjoint, ExactDepth, *colour, &mut tape.cells);
+        }
+        let Tape { chords, lit_chords, .. } = tape;
         match &self.matter {
-            Matter::Line(optics) => pass.by_quadrature(loss, adjoint, optics, keep_clear, tape),
-            Matter::Table(optics) => pass.by_quadrature(loss, adjoint, optics, keep_clear, tape),
+            Matter::Line(optics) => {
+                pass.recursion(loss, adjoint, self.exact_source(optics, false), optics, chords, lit_chords)
+            }
+            Matter::Table(optics) => {
+                let rule = self.exact_source(optics, pass.sinks.table.is_some());
+                pass.recursion(loss, adjoint, rule, optics, chords, lit_chords)
+            }
         }
     }
 
-    /// Optical depth along a world ray with exact quadrature, its pieces appended to the tape: the
-    /// linear operator of tomography. [`Tape::spread`] is its transpose.
+    /// [`Dvr::trace`] for drivers that are compiled for each instruction set.
     #[inline(always)]
-    pub fn trace(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
+    pub(crate) fn trace_with(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
         let Some(ray) = self.index_ray(ray) else { return 0.0 };
         kernel::depth(self, &ray, ExactDepth, &mut tape.cells, true).depth
     }
@@ -191,8 +195,8 @@ pub(super) struct Weighted<const C: usize> {
 }
 
 /// One ray's forward and backward pass.
-pub(super) struct Pass<'p, 'a, R: Real> {
-    pub dvr: &'p Dvr<'a, R>,
+pub struct Pass<'p, 'a, R: Real> {
+    dvr: &'p Dvr<'a, R>,
     ray: IndexRay,
     sinks: Sinks<'p, R>,
     /// Derivatives that wait: a cell of many pieces is scattered once.
@@ -223,7 +227,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     #[inline(always)]
     fn depth_only<Q: DepthRule<R>>(
         &mut self,
-        loss: impl FnOnce(&Radiance<R>) -> [R; 4],
+        loss: Loss<'_, R>,
         adjoint: Adjoint,
         rule: Q,
         colour: [f32; 3],
@@ -256,36 +260,73 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         seen
     }
 
-    #[inline(always)]
-    fn by_quadrature<const C: usize>(
+    /// Quadratures with a step, and the paper's inversion.
+    pub(super) fn uncommon(&mut self, loss: Loss<'_, R>, adjoint: Adjoint, tape: &mut Tape<R>) -> Radiance<R> {
+        let dvr = self.dvr;
+        let uniform = dvr.uniform(&self.ray);
+        // Depths are averages over cells: where the ray goes needs their points.
+        if let (Source::Grey(colour), None, Some(rule)) = (&dvr.medium.source, &self.sinks.ray, uniform)
+            && adjoint != Adjoint::Inversion
+        {
+            return self.depth_only(loss, adjoint, rule, *colour, &mut tape.cells);
+        }
+        match &dvr.matter {
+            Matter::Line(optics) => self.uncommon_of(loss, adjoint, uniform, optics, tape),
+            Matter::Table(optics) => self.uncommon_of(loss, adjoint, uniform, optics, tape),
+        }
+    }
+
+    fn uncommon_of<const C: usize>(
         &mut self,
-        loss: impl FnOnce(&Radiance<R>) -> [R; 4],
+        loss: Loss<'_, R>,
         adjoint: Adjoint,
+        uniform: Option<Uniform>,
         optics: &Optics<R, C>,
-        keep_clear: bool,
         tape: &mut Tape<R>,
     ) -> Radiance<R> {
         let Tape { samples, chords, lit_samples, lit_chords, .. } = tape;
-        let (dvr, ray) = (self.dvr, self.ray);
-        match dvr.quadrature {
-            Quadrature::Exact => {
-                let rule = dvr.exact_source(optics, keep_clear);
-                self.recursion(loss, adjoint, rule, optics, chords, lit_chords)
-            }
-            Quadrature::Midpoint(h) => {
-                self.recursion(loss, adjoint, dvr.uniform(h, 0.5, &ray), optics, samples, lit_samples)
-            }
-            Quadrature::Riemann(h) => {
-                self.recursion(loss, adjoint, dvr.uniform(h, 0.0, &ray), optics, samples, lit_samples)
+        match (uniform, adjoint) {
+            (Some(rule), Adjoint::Inversion) => self.inversion(loss, rule, optics, samples, lit_samples),
+            (Some(rule), _) => self.recursion(loss, adjoint, rule, optics, samples, lit_samples),
+            (None, _) => {
+                let rule = self.dvr.exact_source(optics, self.sinks.table.is_some());
+                self.inversion(loss, rule, optics, chords, lit_chords)
             }
         }
     }
 
-    /// Sources that vary: the recursion of this module's head, or the paper's inversion.
+    /// The paper's backward pass.
+    fn inversion<S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
+        &mut self,
+        loss: Loss<'_, R>,
+        rule: Q,
+        optics: &Optics<R, C>,
+        segments: &mut Vec<S>,
+        tape: &mut Vec<Entry<R, S>>,
+    ) -> Radiance<R> {
+        tape.clear();
+        let (dvr, curve) = (self.dvr, &optics.curve);
+        let blend = kernel::blend(dvr, self.topology(), &self.ray, rule, curve, segments, |found| {
+            tape.extend(found.map(|(segment, light)| Entry { segment: *segment, light: *light }));
+        });
+        let seen = over(optics.tinted(&blend.emitted), blend.depth, dvr.background);
+        let weighted = self.shared(loss(&seen), &blend.emitted, blend.depth, &optics.tint);
+        inversion::backward(self, curve, rule, tape, &weighted);
+        self.finish();
+        seen
+    }
+
+    /// The bricks that matter: a transfer function's own derivative does not vanish where it is clear.
+    #[inline(always)]
+    fn topology(&self) -> &'p Topology {
+        if self.sinks.table.is_some() { &self.dvr.field.topology } else { &self.dvr.visible }
+    }
+
+    /// Sources that vary: the recursion of this module's head.
     #[inline(always)]
     fn recursion<S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
         &mut self,
-        loss: impl FnOnce(&Radiance<R>) -> [R; 4],
+        loss: Loss<'_, R>,
         adjoint: Adjoint,
         rule: Q,
         optics: &Optics<R, C>,
@@ -295,7 +336,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         tape.clear();
         let keep = adjoint != Adjoint::Replay;
         let (dvr, ray, curve) = (self.dvr, self.ray, &optics.curve);
-        let topology = if self.sinks.table.is_some() { &dvr.field.topology } else { &dvr.visible };
+        let topology = self.topology();
         let blend = kernel::blend(
             dvr,
             topology,
@@ -311,13 +352,8 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
             },
         );
         let transmittance = (-blend.depth).exp();
-        let seen = over(optics.tinted(&blend.emitted), transmittance, dvr.background);
+        let seen = over(optics.tinted(&blend.emitted), blend.depth, dvr.background);
         let weighted = self.shared(loss(&seen), &blend.emitted, blend.depth, &optics.tint);
-        if adjoint == Adjoint::Inversion {
-            inversion::backward(self, curve, rule, tape, &weighted);
-            self.finish();
-            return seen;
-        }
         let mut back =
             Backward { beyond: transmittance * weighted.background, depth: blend.depth, open: transmittance, weighted };
         if self.sinks.ray.is_some() && Q::BOUNDED {
@@ -350,6 +386,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     }
 
     /// Loss-weighted light that a unit of length at world length `t` adds, in front of light `beyond`.
+    #[inline(never)]
     fn gain<const C: usize>(&self, optics: &Optics<R, C>, t: f64, beyond: f64, weighted: &Weighted<C>) -> f64 {
         let density = self.dvr.field.sample(self.ray.at(t));
         let line = optics.curve.piece(optics.curve.find(density));
@@ -425,15 +462,26 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
             high[3] += extinction * upper;
         }
         if self.sinks.ray.is_some() {
-            let (shift, turn) = segment.moved(&self.dvr.field.values, slopes.density);
-            self.moved.shift += shift;
-            self.moved.turn += turn;
-            let by_position = shift.dot(self.ray.direction());
-            let [enter, leave, step] = rule.moved(segment, slopes.length.f64(), by_position);
-            self.moved.enter += enter;
-            self.moved.leave += leave;
-            self.moved.step += step;
+            self.follow(rule, segment, &slopes);
         }
+    }
+
+    /// Notes what a segment's points ask the ray to do.
+    #[inline(never)]
+    fn follow<S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
+        &mut self,
+        rule: Q,
+        segment: &S,
+        slopes: &Slopes<R>,
+    ) {
+        let (shift, turn) = segment.moved(&self.dvr.field.values, slopes.density);
+        self.moved.shift += shift;
+        self.moved.turn += turn;
+        let by_position = shift.dot(self.ray.direction());
+        let [enter, leave, step] = rule.moved(segment, slopes.length.f64(), by_position);
+        self.moved.enter += enter;
+        self.moved.leave += leave;
+        self.moved.step += step;
     }
 
     /// Scatters what waits.
@@ -448,6 +496,13 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     #[inline(always)]
     fn finish(&mut self) {
         self.flush();
+        if self.sinks.ray.is_some() {
+            self.to_world();
+        }
+    }
+
+    #[inline(never)]
+    fn to_world(&mut self) {
         if let Some(ray) = self.sinks.ray.as_deref_mut() {
             let Moved { mut shift, mut turn, enter, leave, step } = self.moved;
             // The box's faces stand still: t = (face - o) / d.

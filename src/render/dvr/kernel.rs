@@ -61,14 +61,15 @@ pub(super) fn depth<R: Real, Q: DepthRule<R>>(
 #[inline(always)]
 pub(super) fn grey<R: Real>(depth: f64, colour: [f32; 3], background: [f32; 3]) -> Radiance<R> {
     let opacity = -(-depth).exp_m1();
-    over(colour.map(|c| f64::from(c) * opacity), (-depth).exp(), background)
+    over(colour.map(|c| f64::from(c) * opacity), depth, background)
 }
 
 /// `L = emitted + T · background`.
 #[inline(always)]
-pub(super) fn over<R: Real>(emitted: [f64; 3], transmittance: f64, background: [f32; 3]) -> Radiance<R> {
+pub(super) fn over<R: Real>(emitted: [f64; 3], depth: f64, background: [f32; 3]) -> Radiance<R> {
+    let transmittance = (-depth).exp();
     let channel = |c: usize| R::of(emitted[c] + f64::from(background[c]) * transmittance);
-    Radiance { rgb: [channel(0), channel(1), channel(2)], transmittance: R::of(transmittance) }
+    Radiance { rgb: [channel(0), channel(1), channel(2)], transmittance: R::of(transmittance), depth }
 }
 
 /// Front-to-back blending; the optical depth is carried in `f64`, and so is the transmittance, whose

@@ -12,9 +12,11 @@ mod kernel;
 mod light;
 mod traced;
 
-pub use adjoint::{Adjoint, ParameterGradient, RayGradient, Sinks, Tape};
+pub use adjoint::{Adjoint, Loss, ParameterGradient, RayGradient, Sinks, Tape};
+#[doc(hidden)]
+pub use adjoint::Pass;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::Ray;
 use crate::real::Real;
 use crate::render::march::IndexRay;
@@ -34,6 +36,8 @@ pub struct Radiance<R> {
     pub rgb: [R; 3],
     /// Transmittance of the whole ray.
     pub transmittance: R,
+    /// Optical depth of the whole ray.
+    pub depth: f64,
 }
 
 impl<R: Real> Radiance<R> {
@@ -104,6 +108,99 @@ fn visible<R: Real>(field: &Bricks<R>, medium: &Medium) -> Arc<Topology> {
     Arc::new(field.topology.masked(|brick| seen[brick]))
 }
 
+/// A precision that kernels are compiled for, once, here: they are large, and generic functions would
+/// be compiled again wherever they are used.
+pub trait Precision: Real {
+    /// [`Dvr::radiance`] with scratch memory.
+    fn radiance(dvr: &Dvr<'_, Self>, ray: &Ray, tape: &mut Tape<Self>) -> Radiance<Self>;
+    /// [`Dvr::gradient`].
+    fn gradient(
+        dvr: &Dvr<'_, Self>,
+        ray: &Ray,
+        loss: Loss<'_, Self>,
+        adjoint: Adjoint,
+        sinks: Sinks<'_, Self>,
+        tape: &mut Tape<Self>,
+    ) -> Radiance<Self>;
+    /// The gradients that few ask for.
+    fn uncommon(
+        pass: &mut Pass<'_, '_, Self>,
+        loss: Loss<'_, Self>,
+        adjoint: Adjoint,
+        tape: &mut Tape<Self>,
+    ) -> Radiance<Self>;
+    /// [`Dvr::trace`].
+    fn trace(dvr: &Dvr<'_, Self>, ray: &Ray, tape: &mut Tape<Self>) -> f64;
+}
+
+macro_rules! precision {
+    ($real:ty) => {
+        impl Precision for $real {
+            #[inline(never)]
+            fn radiance(dvr: &Dvr<'_, Self>, ray: &Ray, tape: &mut Tape<Self>) -> Radiance<Self> {
+                dvr.radiance_with(ray, tape)
+            }
+            #[inline(never)]
+            fn gradient(
+                dvr: &Dvr<'_, Self>,
+                ray: &Ray,
+                loss: Loss<'_, Self>,
+                adjoint: Adjoint,
+                sinks: Sinks<'_, Self>,
+                tape: &mut Tape<Self>,
+            ) -> Radiance<Self> {
+                dvr.gradient_with(ray, loss, adjoint, sinks, tape)
+            }
+            #[inline(never)]
+            fn uncommon(
+                pass: &mut Pass<'_, '_, Self>,
+                loss: Loss<'_, Self>,
+                adjoint: Adjoint,
+                tape: &mut Tape<Self>,
+            ) -> Radiance<Self> {
+                pass.uncommon(loss, adjoint, tape)
+            }
+            #[inline(never)]
+            fn trace(dvr: &Dvr<'_, Self>, ray: &Ray, tape: &mut Tape<Self>) -> f64 {
+                dvr.trace_with(ray, tape)
+            }
+        }
+    };
+}
+precision!(f32);
+precision!(f64);
+
+impl<R: Precision> Dvr<'_, R> {
+    /// Radiance along a world ray of unit direction.
+    pub fn radiance(&self, ray: &Ray) -> Radiance<R> {
+        R::radiance(self, ray, &mut Tape::default())
+    }
+
+    /// Optical depth `∫σ` along a world ray of unit direction, summed in `f64`.
+    pub fn optical_depth(&self, ray: &Ray) -> f64 {
+        R::radiance(self, ray, &mut Tape::default()).depth
+    }
+
+    /// Radiance along a world ray, and the gradient of a loss on it: `loss` maps the radiance to the
+    /// derivative with respect to R, G, B and alpha.
+    pub fn gradient(
+        &self,
+        ray: &Ray,
+        loss: Loss<'_, R>,
+        adjoint: Adjoint,
+        sinks: Sinks<'_, R>,
+        tape: &mut Tape<R>,
+    ) -> Radiance<R> {
+        R::gradient(self, ray, loss, adjoint, sinks, tape)
+    }
+
+    /// Optical depth along a world ray with exact quadrature, its pieces appended to the tape: the
+    /// linear operator of tomography. [`Tape::spread`] is its transpose.
+    pub fn trace(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
+        R::trace(self, ray, tape)
+    }
+}
+
 /// Direct volume renderer of a density field in precision `R`.
 #[derive(Debug, Clone)]
 pub struct Dvr<'a, R> {
@@ -127,9 +224,16 @@ impl<'a, R: Real> Dvr<'a, R> {
     /// 1e-6 of the light behind could reach the eye.
     ///
     /// # Errors
-    /// If the medium's numbers are not usable.
+    /// If the medium's numbers are not usable, or it absorbs at density zero where the field has no bricks.
     pub fn new(field: &'a Bricks<R>, medium: Medium) -> Result<Self> {
         let medium = medium.checked()?;
+        if let Source::Transfer(table) = &medium.source
+            && table.at(0.0)[3] > 0.0
+            && !field.is_filled()
+        {
+            return Err(Error::invalid("the transfer function absorbs where the density is 0, and bricks are missing there")
+                .hint("fill the field first: `Bricks::filled`"));
+        }
         let renderer = Self {
             field,
             matter: Matter::new(&medium),
@@ -184,9 +288,15 @@ impl<'a, R: Real> Dvr<'a, R> {
         IndexRay::new(&self.field.domain, &self.field.transform, ray)
     }
 
+    /// Samples of a quadrature with a step.
     #[inline(always)]
-    fn uniform(&self, step: f64, phase: f64, ray: &IndexRay) -> Uniform {
-        Uniform { step: step * self.voxel, phase, enter: ray.enter, leave: ray.leave }
+    fn uniform(&self, ray: &IndexRay) -> Option<Uniform> {
+        let (step, phase) = match self.quadrature {
+            Quadrature::Exact => return None,
+            Quadrature::Midpoint(step) => (step, 0.5),
+            Quadrature::Riemann(step) => (step, 0.0),
+        };
+        Some(Uniform { step: step * self.voxel, phase, enter: ray.enter, leave: ray.leave })
     }
 
     #[inline(always)]
@@ -194,36 +304,21 @@ impl<'a, R: Real> Dvr<'a, R> {
         ExactSource { tolerance: self.tolerance * optics.bright, keep_clear }
     }
 
-    /// Optical depth `∫σ` along a world ray of unit direction, summed in `f64`.
-    pub fn optical_depth(&self, ray: &Ray) -> f64 {
-        let tape = &mut Tape::default();
-        match self.matter {
-            Matter::Line(_) => self.depth_with(ray, tape),
-            Matter::Table(_) => -self.radiance_with(ray, tape).transmittance.f64().ln(),
-        }
-    }
-
-    /// Radiance along a world ray of unit direction.
-    pub fn radiance(&self, ray: &Ray) -> Radiance<R> {
-        self.radiance_with(ray, &mut Tape::default())
-    }
-
     #[inline(always)]
     fn depth_with(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
         let Some(ray) = self.index_ray(ray) else { return 0.0 };
         tape.forget();
         let cells = &mut tape.cells;
-        let blend = match self.quadrature {
-            Quadrature::Exact => kernel::depth(self, &ray, ExactDepth, cells, false),
-            Quadrature::Midpoint(h) => kernel::depth(self, &ray, self.uniform(h, 0.5, &ray), cells, false),
-            Quadrature::Riemann(h) => kernel::depth(self, &ray, self.uniform(h, 0.0, &ray), cells, false),
+        let blend = match self.uniform(&ray) {
+            None => kernel::depth(self, &ray, ExactDepth, cells, false),
+            Some(rule) => kernel::depth(self, &ray, rule, cells, false),
         };
         blend.depth
     }
 
-    /// [`Dvr::radiance`] for many rays: the scratch memory is kept.
+    /// [`Dvr::radiance`] for drivers that are compiled for each instruction set.
     #[inline(always)]
-    pub fn radiance_with(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance<R> {
+    pub(crate) fn radiance_with(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance<R> {
         if let Source::Grey(colour) = self.medium.source {
             return grey(self.depth_with(ray, tape), colour, self.background);
         }
@@ -238,15 +333,10 @@ impl<'a, R: Real> Dvr<'a, R> {
     fn blended<const C: usize>(&self, ray: &IndexRay, optics: &Optics<R, C>, tape: &mut Tape<R>) -> Radiance<R> {
         let Tape { samples, chords, .. } = tape;
         let (curve, topology) = (&optics.curve, &self.visible);
-        let seen = match self.quadrature {
-            Quadrature::Exact => {
-                blend(self, topology, ray, self.exact_source(optics, false), curve, chords, |_| ())
-            }
-            Quadrature::Midpoint(h) => {
-                blend(self, topology, ray, self.uniform(h, 0.5, ray), curve, samples, |_| ())
-            }
-            Quadrature::Riemann(h) => blend(self, topology, ray, self.uniform(h, 0.0, ray), curve, samples, |_| ()),
+        let seen = match self.uniform(ray) {
+            None => blend(self, topology, ray, self.exact_source(optics, false), curve, chords, |_| ()),
+            Some(rule) => blend(self, topology, ray, rule, curve, samples, |_| ()),
         };
-        over(optics.tinted(&seen.emitted), (-seen.depth).exp(), self.background)
+        over(optics.tinted(&seen.emitted), seen.depth, self.background)
     }
 }
