@@ -189,7 +189,10 @@ fn every_gradient_matches_central_differences() {
                 let error = (got - expected).abs() / expected.abs().max(got.abs()).max(1e-3);
                 if error > 2e-5 {
                     missed += 1;
-                    assert!(missed <= kinks, "{rule} {transfer:?} {what}: {got} against {expected}, off by {error:.1e}");
+                    assert!(
+                        missed <= kinks,
+                        "{rule} {transfer:?} {what}: {got} against {expected}, off by {error:.1e}"
+                    );
                 }
             };
             let mut order: Vec<usize> = (0..f.values.len()).collect();
@@ -210,7 +213,8 @@ fn every_gradient_matches_central_differences() {
             let [up, down] = scaled.map(at);
             check("extinction".into(), all.shared.extinction, (up - down) / (2.0 * h));
             let parameters = transfer.parameters();
-            for (i, (by, (name, value))) in transfer.chain(&all.table).unwrap().into_iter().zip(&parameters).enumerate() {
+            for (i, (by, (name, value))) in transfer.chain(&all.table).unwrap().into_iter().zip(&parameters).enumerate()
+            {
                 let mut p: Vec<f64> = parameters.iter().map(|p| p.1).collect();
                 let difference = difference(*value, h, |value| {
                     p[i] = value;

@@ -7,6 +7,7 @@ use cumulo::formats::{exr, transforms};
 use cumulo::render::film::Film;
 use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
+use cumulo::scene::transfer::Transfer;
 use glam::{DMat4, DVec2, DVec3};
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -38,6 +39,7 @@ fn capture(folder: &Path) -> Capture {
         density_scale: 1.0 / 7.0,
         emission: [1.0, 0.2, 1e-3],
         emission_model: EmissionModel::Linear,
+        transfer: Some(Transfer::Identity { domain: [0.0, 1.0 / 3.0], colour: [0.1, 0.2, 0.3] }),
         lattice: Some(
             DMat4::from_translation(DVec3::new(1e6 + 0.1, -2.5, 1.0 / 3.0)) * DMat4::from_scale(DVec3::splat(0.1)),
         ),
@@ -156,6 +158,8 @@ fn faults_are_named_by_frame_and_key() {
         ("emission", json!([1, 1, -1])),
         ("pixel_filter", json!(1)),
         ("emission_model", json!("quadratic")),
+        ("transfer", json!({"kind": "identity", "domain": [1, 0], "colour": [1, 1, 1]})),
+        ("transfer", json!("ramp")),
         ("lattice", json!(1)),
     ] {
         let mut bad = good.clone();

@@ -104,7 +104,7 @@ impl Convert {
     /// be written; the output is untouched then.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let limits = self.memory.limits();
-        let transfer = self.transfer.load()?;
+        let transfer = self.transfer.load(limits)?;
         let file = File::open(&self.input, limits)?;
         let names = self.chosen(&file)?;
         let renames = self.renames(&file, &names)?;

@@ -15,6 +15,7 @@ pub mod report;
 pub mod run;
 pub mod transfer;
 pub mod validate;
+pub mod volume;
 
 use crate::error::{Error, Result};
 use clap::{Parser, Subcommand};

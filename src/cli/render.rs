@@ -3,18 +3,20 @@
 use super::memory::Memory;
 use super::output::Output;
 use super::provenance::Provenance;
-use super::{cancel, parse};
+use super::transfer::TransferOption;
+use super::{cancel, parse, volume};
 use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::formats::transforms::{self, FILE_NAME};
-use crate::formats::vdb::File;
 use crate::render::dvr::Dvr;
 use crate::render::quadrature::Quadrature;
 use crate::render::{self, scale};
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
+use crate::scene::medium::Source;
 use crate::scene::orbit::{self, Layout};
+use crate::scene::transfer::Transfer;
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -22,6 +24,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
+use std::sync::Arc;
 
 /// Render a volume from many sides: a capture of EXR pictures and transforms.json
 ///
@@ -50,8 +53,8 @@ pub struct Render {
     /// Take cameras, and what else is not given, from a transforms.json
     #[arg(long, value_name = "CAPTURE")]
     cameras: Option<PathBuf>,
-    /// What is seen (default: that of --cameras, else absorption)
-    #[arg(long, value_enum)]
+    /// What is seen (default: that of --cameras, emission-absorption with a transfer function, else absorption)
+    #[arg(long, value_enum, conflicts_with = "tf")]
     model: Option<Model>,
     /// Extinction per unit of density and length; auto makes the 99th percentile of the optical depth 3
     /// (default: that of --cameras, else 1)
@@ -62,11 +65,13 @@ pub struct Render {
     #[arg(long, value_name = "R,G,B", value_parser = parse::colour)]
     background: Option<[f32; 3]>,
     /// Radiance of the source, r,g,b (default: that of --cameras, else white)
-    #[arg(long, value_name = "R,G,B", value_parser = parse::colour)]
+    #[arg(long, value_name = "R,G,B", value_parser = parse::colour, conflicts_with = "tf")]
     emission: Option<[f32; 3]>,
     /// How that radiance follows the density (default: that of --cameras, else grey: not at all)
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, conflicts_with = "tf")]
     emission_model: Option<EmissionModel>,
+    #[command(flatten)]
+    transfer: TransferOption,
     /// Integration along rays: exact, midpoint:STEP or riemann:STEP, steps in voxels
     #[arg(long, value_name = "Q", default_value = "exact")]
     quadrature: Quadrature,
@@ -135,11 +140,15 @@ impl Render {
         let asked = self.cameras.as_deref().map(transforms::load).transpose()?;
         let asked_pictures: Option<Vec<PathBuf>> =
             asked.as_ref().map(|c| c.frames.iter().map(|f| f.picture.clone()).collect());
-        let grid = File::open(&self.input, limits)?.read_fog(self.grid.as_deref())?;
-        let field = Bricks::from_grid(&grid, limits.max_memory).map_err(|e| e.at(&self.input))?;
+        let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
+        let transfer = self.transfer(transfer, asked.as_ref());
+        let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
         drop(grid);
         provenance.input(&self.input, [self.input.as_path()])?;
-        let capture = self.capture(&field, asked)?;
+        if let Some(tf) = &self.transfer.tf {
+            provenance.input(tf, [tf.as_path()])?;
+        }
+        let capture = self.capture(&field, transfer, asked)?;
         fits(&capture, limits.max_memory)?;
 
         if let Some(frame) = capture.frames.iter().find(|f| f.picture.is_dir()) {
@@ -154,7 +163,7 @@ impl Render {
             .prefix(".cumulo-")
             .tempdir_in(&self.output)
             .map_err(|e| Error::io(&self.output, e))?;
-        let dvr = Dvr::new(&field, capture.medium())?.background(capture.background).quadrature(self.quadrature);
+        let dvr = Dvr::new(&field, capture.medium()?)?.background(capture.background).quadrature(self.quadrature);
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
         capture.frames.par_iter().try_for_each(|frame| {
@@ -203,8 +212,25 @@ impl Render {
         Ok(())
     }
 
+    /// The transfer function that the pictures will show: the one asked for, else that of `--cameras`, else
+    /// the one that the grid carries; none for other models.
+    fn transfer(&self, found: Option<Transfer>, asked: Option<&Capture>) -> Option<Transfer> {
+        if self.transfer.tf.is_some() {
+            return found;
+        }
+        let emits = |m: Model| m == Model::EmissionAbsorption;
+        let other = self.model.is_some_and(|m| !emits(m)) || self.emission.is_some() || self.emission_model.is_some();
+        match asked {
+            _ if other => None,
+            Some(capture) if self.model.is_none() || emits(capture.model) => {
+                capture.transfer.clone().filter(|_| emits(capture.model))
+            }
+            _ => found,
+        }
+    }
+
     /// What the pictures will show, from the options and, where they are silent, from `--cameras`.
-    fn capture(&self, field: &Bricks<f32>, asked: Option<Capture>) -> Result<Capture> {
+    fn capture(&self, field: &Bricks<f32>, transfer: Option<Transfer>, asked: Option<Capture>) -> Result<Capture> {
         let cameras: Vec<Camera> = match (&asked, self.views) {
             (Some(capture), _) => capture.frames.iter().map(|f| f.camera).collect(),
             (None, count) => {
@@ -218,9 +244,13 @@ impl Render {
                 orbit::cameras(&outline, count.unwrap_or(1) as usize, self.layout, w, h, self.fov)
             }
         };
+        let source = match &transfer {
+            Some(transfer) => Source::Transfer(Arc::new(transfer.table()?)),
+            None => Source::Grey([0.0; 3]),
+        };
         let density_scale = match (self.density_scale, &asked) {
             (Some(DensityScale::Given(s)), _) => s,
-            (Some(DensityScale::Auto), _) => scale::density_scale(field, &cameras).ok_or_else(|| {
+            (Some(DensityScale::Auto), _) => scale::density_scale(field, &source, &cameras).ok_or_else(|| {
                 Error::invalid("no pixel meets any density, so that no scale can be found")
                     .at(&self.input)
                     .hint("check the grid and the cameras, or give the scale as a number")
@@ -229,7 +259,8 @@ impl Render {
             (None, None) => 1.0,
         };
         let asked = asked.as_ref();
-        let model = self.model.or(asked.map(|c| c.model)).unwrap_or(Model::Absorption);
+        let given = self.model.or(transfer.as_ref().map(|_| Model::EmissionAbsorption));
+        let model = given.or(asked.map(|c| c.model)).unwrap_or(Model::Absorption);
         // The other model's background would be a surprise: white light behind a bright source.
         let same = asked.filter(|c| c.model == model);
         let behind = if model == Model::Absorption { [1.0; 3] } else { [0.0; 3] };
@@ -245,6 +276,7 @@ impl Render {
             density_scale,
             emission: self.emission.or(asked.map(|c| c.emission)).unwrap_or([1.0; 3]),
             emission_model: self.emission_model.or(asked.map(|c| c.emission_model)).unwrap_or(EmissionModel::Grey),
+            transfer,
             lattice: Some(field.transform.matrix()),
         })
     }

@@ -170,7 +170,7 @@ fn bricks(grid: &Grid, path: &Path, limits: Limits) -> Result<Bricks<f32>> {
 
 /// The views that are shown, rendered again.
 fn rows(run: &Run, capture: &Capture, field: &Bricks<f32>, beside: Option<&(&str, Capture)>) -> Result<Vec<ViewRow>> {
-    let dvr = Dvr::new(field, capture.medium())?.background(capture.background);
+    let dvr = Dvr::new(field, capture.medium()?)?.background(capture.background);
     let rays = run::rays_per_edge(capture.pixel_filter);
     let never = AtomicBool::new(false);
     let shown = run.shown.iter().filter_map(|i| Some((*i, capture.frames.get(*i)?)));

@@ -7,6 +7,7 @@ use super::provenance::Provenance;
 use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::formats::transfer::{self, Options, Source, TransferSummary};
+use crate::formats::vdb::Limits;
 use crate::scene::transfer::Transfer;
 use serde::Serialize;
 use std::fmt;
@@ -65,14 +66,14 @@ impl TransferOption {
     ///
     /// # Errors
     /// As [`transfer::load`].
-    pub fn load(&self) -> Result<Option<Transfer>> {
+    pub fn load(&self, limits: Limits) -> Result<Option<Transfer>> {
         let Some(path) = &self.tf else { return Ok(None) };
         let options = Options {
             preset: self.tf_preset.clone(),
             range: self.tf_range,
             unit_distance: self.tf_unit_distance,
             extinction: self.tf_extinction,
-            ..Options::default()
+            limits,
         };
         transfer::load(path, &options).map(|loaded| Some(loaded.transfer))
     }

@@ -102,7 +102,17 @@ pub fn gradient(
             own.clear(dvr, wanted);
             for &(number, pixels) in runs.iter().skip(lane).step_by(count) {
                 let (shared, tape) = (&mut shared, &mut tape);
-                sum += arch.dispatch(Run { dvr, target: targets[number], number, pixels, loss, adjoint, own, shared, tape });
+                sum += arch.dispatch(Run {
+                    dvr,
+                    target: targets[number],
+                    number,
+                    pixels,
+                    loss,
+                    adjoint,
+                    own,
+                    shared,
+                    tape,
+                });
             }
             (sum, shared)
         })

@@ -113,12 +113,7 @@ const LOST: f64 = 3.252_618_1e-8;
 /// majorant says nothing, the integral and its sum of four are both no more than a few times the
 /// largest difference.
 #[inline(always)]
-pub fn error<R: Real>(
-    density: [R::Lanes; LANES],
-    mean: R::Lanes,
-    depth: R::Lanes,
-    slope: R::Lanes,
-) -> R::Lanes {
+pub fn error<R: Real>(density: [R::Lanes; LANES], mean: R::Lanes, depth: R::Lanes, slope: R::Lanes) -> R::Lanes {
     let all = |v: f64| R::Lanes::splat(R::of(v));
     let [m0, m1, m2, m3] = [density[0], density[1].abs(), density[2].abs(), density[3].abs()];
     let r = RADIUS;

@@ -3,7 +3,7 @@
 use crate::render::dvr::Dvr;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
-use crate::scene::medium::Medium;
+use crate::scene::medium::{Medium, Source};
 use rayon::prelude::*;
 
 /// Share of the pixels that meet the medium whose optical depth stays below [`DEPTH`].
@@ -13,11 +13,11 @@ const DEPTH: f64 = 3.0;
 /// Pixels looked at along each edge of a picture, about.
 const PIXELS: u32 = 64;
 
-/// Extinction per unit of density at which the 99th percentile of the optical depth, over the pixels
+/// Extinction per unit of density (or factor of the transfer function's) at which the 99th percentile of the optical depth, over the pixels
 /// of all cameras that meet any density, is 3. About 64 x 64 pixels of each picture are looked at.
 /// `None` if no pixel meets anything.
-pub fn density_scale(field: &Bricks<f32>, cameras: &[Camera]) -> Option<f64> {
-    let dvr = Dvr::new(field, Medium::absorbing(1.0)).ok()?.early_stop(0.0);
+pub fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Camera]) -> Option<f64> {
+    let dvr = Dvr::new(field, Medium { extinction: 1.0, source: source.clone() }).ok()?.early_stop(0.0);
     let of_camera = |camera: &Camera| {
         let stride = (camera.width.min(camera.height) / PIXELS).max(1);
         let of_row = |y: u32| {
@@ -50,9 +50,9 @@ mod tests {
         let topology = Arc::new(Topology::new([IVec3::ZERO]).unwrap());
         let mut field = Bricks::zeros(topology, Affine::uniform(1.0, DVec3::ZERO).unwrap());
         let cameras = orbit::cameras(&field.world_bounds().corners(), 4, Layout::Ring, 40, 30, 30.0);
-        assert_eq!(density_scale(&field, &cameras), None);
+        assert_eq!(density_scale(&field, &Source::Grey([0.0; 3]), &cameras), None);
         field.values.fill(0.25);
-        let scale = density_scale(&field, &cameras).unwrap();
+        let scale = density_scale(&field, &Source::Grey([0.0; 3]), &cameras).unwrap();
         // A cube of 8 units of density 1/4: 2 straight through, 2√2 along the diagonal of a face.
         assert!((3.0 / 2.84..3.0 / 2.0).contains(&scale), "{scale}");
     }

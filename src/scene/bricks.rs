@@ -297,7 +297,8 @@ impl<R: Real> Bricks<R> {
         }
         let (min, max) = self.domain_bricks();
         let count = (max - min).as_u64vec3();
-        let bytes = count.x.saturating_mul(count.y).saturating_mul(count.z).saturating_mul((BRICK * size_of::<R>()) as u64);
+        let bytes =
+            count.x.saturating_mul(count.y).saturating_mul(count.z).saturating_mul((BRICK * size_of::<R>()) as u64);
         if bytes > max_memory {
             return Err(too_large(bytes, max_memory));
         }

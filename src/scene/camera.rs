@@ -142,7 +142,12 @@ impl Camera {
             Projection::Orthographic => origin.truncate(),
         };
         let by_centre = by_plane * DVec2::new(-1.0, 1.0) / self.focal;
-        CameraGradient { position: by_origin, rotation: turned, focal: -by_plane * plane / self.focal, centre: by_centre }
+        CameraGradient {
+            position: by_origin,
+            rotation: turned,
+            focal: -by_plane * plane / self.focal,
+            centre: by_centre,
+        }
     }
 
     /// The camera moved by a vector, turned about its position by a rotation vector (world axes,

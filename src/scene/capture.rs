@@ -1,9 +1,12 @@
 //! A multi-view capture: cameras, the pictures they took and what is known of how they were made.
 
+use crate::error::Result;
 use crate::scene::camera::Camera;
 use crate::scene::medium::{Medium, Source};
+use crate::scene::transfer::Transfer;
 use glam::DMat4;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Which light model the pictures show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, clap::ValueEnum)]
@@ -62,18 +65,25 @@ pub struct Capture {
     pub emission: [f32; 3],
     /// How that radiance follows the density; constant unless stated.
     pub emission_model: EmissionModel,
+    /// Colour and extinction by density (emission-absorption only), which then stands in the place of the
+    /// source's radiance; `density_scale` multiplies its extinction.
+    pub transfer: Option<Transfer>,
     /// Voxel lattice of the volume in the pictures, index to world, where its maker knew it.
     pub lattice: Option<DMat4>,
 }
 
 impl Capture {
     /// The medium that the pictures show.
-    pub fn medium(&self) -> Medium {
-        let source = match (self.model, self.emission_model) {
-            (Model::Absorption, _) => Source::Grey([0.0; 3]),
-            (Model::EmissionAbsorption, EmissionModel::Grey) => Source::Grey(self.emission),
-            (Model::EmissionAbsorption, EmissionModel::Linear) => Source::Linear(self.emission),
+    ///
+    /// # Errors
+    /// If the transfer function cannot be used.
+    pub fn medium(&self) -> Result<Medium> {
+        let source = match (self.model, &self.transfer, self.emission_model) {
+            (Model::Absorption, ..) => Source::Grey([0.0; 3]),
+            (_, Some(transfer), _) => Source::Transfer(Arc::new(transfer.table()?)),
+            (_, None, EmissionModel::Grey) => Source::Grey(self.emission),
+            (_, None, EmissionModel::Linear) => Source::Linear(self.emission),
         };
-        Medium { extinction: self.density_scale, source }
+        Ok(Medium { extinction: self.density_scale, source })
     }
 }

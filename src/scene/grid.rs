@@ -1,6 +1,8 @@
 //! A grid as files hold it: sparse leaves and tiles with their metadata, not yet arranged for rays.
 
-use crate::math::Affine;
+use crate::math::{Aabb, Affine};
+use glam::IVec3;
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// What the values of a grid mean, as OpenVDB names it.
@@ -80,4 +82,24 @@ pub struct Grid {
     pub tiles: Vec<Tile>,
     /// Metadata that a writer should keep, by name.
     pub metadata: BTreeMap<String, MetaValue>,
+}
+
+impl Grid {
+    /// Box of the centres of all active voxels, in index space; empty if there are none.
+    pub fn active_box(&self) -> Aabb {
+        let of_leaf = |leaf: &Leaf| {
+            let origin = IVec3::from_array(leaf.origin);
+            let active = (0..LEAF_VOXELS).filter(|i| leaf.active[i >> 6] >> (i & 63) & 1 == 1);
+            active.fold(Aabb::EMPTY, |b, i| {
+                let local = IVec3::new((i >> 6) as i32, (i >> 3 & 7) as i32, (i & 7) as i32);
+                b.including((origin + local).as_dvec3())
+            })
+        };
+        let of_tile = |tile: &Tile| {
+            let low = IVec3::from_array(tile.origin).as_dvec3();
+            Aabb { min: low, max: low + f64::from(tile.dim - 1) }
+        };
+        let leaves = self.leaves.par_iter().map(of_leaf).reduce(|| Aabb::EMPTY, Aabb::union);
+        self.tiles.iter().filter(|t| t.active).map(of_tile).fold(leaves, Aabb::union)
+    }
 }

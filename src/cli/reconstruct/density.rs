@@ -193,7 +193,7 @@ impl Density {
     }
 
     fn solver(&self, capture: &Capture) -> Result<Solver> {
-        let grey = matches!(capture.medium().source, Source::Grey(_));
+        let grey = matches!(capture.medium()?.source, Source::Grey(_));
         match self.solver {
             Choice::Cg if !grey => {
                 Err(Error::unsupported("--solver cg needs pictures that depend on the optical depth alone")
@@ -240,7 +240,7 @@ impl Density {
         Ok(Request {
             lattice: lattice::choose(capture.lattice, voxel_size)?,
             bounds,
-            medium: capture.medium(),
+            medium: capture.medium()?,
             background: capture.background,
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),
             smoothing: self.smoothing,
@@ -283,7 +283,7 @@ fn photos(capture: &Capture, layer: Option<&str>, limits: Limits) -> Result<Vec<
 }
 
 fn observe(photos: &[Photo], capture: &Capture) -> Result<Observation> {
-    match capture.medium().source {
+    match capture.medium()?.source {
         Source::Grey(colour) => Observation::new(photos, capture.background, colour),
         // Where the source varies, colours do not tell the optical depth: alpha does.
         Source::Linear(_) | Source::Transfer(_) => Observation::new(photos, capture.background, capture.background),

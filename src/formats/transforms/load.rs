@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
+use crate::scene::transfer::Transfer;
 use glam::{DMat4, DVec2, DVec4};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
@@ -52,6 +53,7 @@ fn parse(json: &Path) -> Result<Capture> {
         density_scale: positive("density_scale")?.unwrap_or(1.0),
         emission: top.colour("emission")?.unwrap_or([1.0; 3]),
         emission_model: top.named("emission_model", &["grey", "linear"])?.unwrap_or(EmissionModel::Grey),
+        transfer: top.transfer()?,
         lattice: top.matrix("lattice")?,
     })
 }
@@ -244,6 +246,13 @@ impl Keys<'_> {
         };
         let last = rows.get(3).copied().unwrap_or([0.0, 0.0, 0.0, 1.0]);
         Ok(Some(DMat4::from_cols_array_2d(&[rows[0], rows[1], rows[2], last]).transpose()))
+    }
+
+    fn transfer(&self) -> Result<Option<Transfer>> {
+        let Some(value) = self.get("transfer") else { return Ok(None) };
+        let transfer: Transfer = serde_json::from_value(value.clone())
+            .map_err(|e| Error::invalid(format!("'transfer' is no transfer function: {e}")))?;
+        transfer.checked().map(Some).map_err(|e| e.part("'transfer'"))
     }
 
     fn named<T: serde::de::DeserializeOwned>(&self, key: &str, names: &[&str]) -> Result<Option<T>> {

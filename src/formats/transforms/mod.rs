@@ -12,7 +12,8 @@
 //! - `file_path`: picture, relative to the file's folder; `.exr` is appended where there is no suffix.
 //!
 //! Ours, at the top: `background` [r, g, b], `model` (`absorption`, `emission-absorption`), `pixel_filter`
-//! (`point`, `box`), `density_scale`, `emission` [r, g, b], `emission_model` (`grey`, `linear`), `lattice` (index to world, four rows).
+//! (`point`, `box`), `density_scale`, `emission` [r, g, b], `emission_model` (`grey`, `linear`),
+//! `transfer` (a [transfer function](crate::scene::transfer::Transfer)), `lattice` (index to world, four rows).
 //! Other keys are ignored.
 
 mod load;

@@ -52,6 +52,9 @@ fn text(path: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<St
     root.insert("density_scale".into(), json!(capture.density_scale));
     root.insert("emission".into(), json!(capture.emission.map(shortest)));
     root.insert("emission_model".into(), json!(capture.emission_model));
+    if let Some(transfer) = &capture.transfer {
+        root.insert("transfer".into(), json!(transfer));
+    }
     if let Some(lattice) = capture.lattice {
         root.insert("lattice".into(), rows(lattice));
     }

@@ -31,6 +31,8 @@ pub struct CaptureSummary {
     pub emission: Option<[f32; 3]>,
     /// How that radiance follows the density; none where the model has no source.
     pub emission_model: Option<EmissionModel>,
+    /// Whether colours and extinction follow a transfer function.
+    pub transfer: bool,
     /// What a pixel's value stands for.
     pub pixel_filter: PixelFilter,
     /// Extinction per unit of density and world length.
@@ -61,6 +63,7 @@ pub fn summary(path: &Path) -> Result<CaptureSummary> {
         background: capture.background,
         emission: emits.then_some(capture.emission),
         emission_model: emits.then_some(capture.emission_model),
+        transfer: emits && capture.transfer.is_some(),
         pixel_filter: capture.pixel_filter,
         density_scale: capture.density_scale,
         lattice_voxel_size: capture
@@ -76,7 +79,7 @@ impl fmt::Display for CaptureSummary {
         writeln!(f, "pictures: {}", sizes.join(", "))?;
         write!(f, "cameras: {} perspective, {} orthographic, ", self.frames - self.orthographic, self.orthographic)?;
         writeln!(f, "positions from {:?} to {:?}", self.cameras_min, self.cameras_max)?;
-        match (self.emission, self.emission_model) {
+        match (self.emission.filter(|_| !self.transfer), self.emission_model) {
             (Some(colour), Some(EmissionModel::Grey)) => {
                 writeln!(f, "model: emission-absorption, emission {colour:?} everywhere")?;
             }

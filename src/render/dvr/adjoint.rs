@@ -27,8 +27,8 @@ use crate::render::curve::{Curve, Piece};
 use crate::render::march::{IndexRay, batches_before};
 use crate::render::quadrature::Quadrature;
 use crate::render::rule::{DepthRule, ExactDepth, Rule, Uniform};
-use crate::scene::bricks::Topology;
 use crate::render::segment::{Chord, Sample};
+use crate::scene::bricks::Topology;
 use crate::scene::medium::Source;
 use crate::scene::table::TableGradient;
 use glam::DVec3;
@@ -451,8 +451,8 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
             let upper = (slopes.extinction * fraction).sum().f64();
             let both = slopes.extinction.sum().f64();
             let by_mean = by.mean.f64();
-            let lit = by_mean * line.fraction(light.mean).f64()
-                + (by.varied * light.varied * line.fraction_slope()).f64();
+            let lit =
+                by_mean * line.fraction(light.mean).f64() + (by.varied * light.varied * line.fraction_slope()).f64();
             let [low, high] = &mut table.pieces[segment.piece() as usize];
             for c in 0..3 {
                 low[c] += weighted.loss[c] * (by_mean - lit);

@@ -133,8 +133,8 @@ impl<R: Real> Lit<R> for Chord<R> {
         let arriving = all(by.varied * slope) * light.open;
         let shares = weights * x * arriving;
         let offset = self.density - all(light.mean);
-        let by_x = weights * (all(by.depth) + arriving * offset)
-            - gauss::integrals_up_to_transposed::<R>(shares * offset);
+        let by_x =
+            weights * (all(by.depth) + arriving * offset) - gauss::integrals_up_to_transposed::<R>(shares * offset);
         // The mean density is where the source is taken, and what q measures from.
         let by_mean = all(by.mean * slope - shares.sum()) * weights;
         let length = all(self.length);

@@ -12,15 +12,15 @@ mod kernel;
 mod light;
 mod traced;
 
-pub use adjoint::{Adjoint, Loss, ParameterGradient, RayGradient, Sinks, Tape};
 #[doc(hidden)]
 pub use adjoint::Pass;
+pub use adjoint::{Adjoint, Loss, ParameterGradient, RayGradient, Sinks, Tape};
 
 use crate::error::{Error, Result};
 use crate::math::Ray;
 use crate::real::Real;
-use crate::render::march::IndexRay;
 use crate::render::curve::Curve;
+use crate::render::march::IndexRay;
 use crate::render::quadrature::Quadrature;
 use crate::render::rule::{ExactDepth, ExactSource, Uniform};
 use crate::scene::bricks::{BRICK, Bricks, Topology};
@@ -82,7 +82,11 @@ impl<R: Real> Matter<R> {
         let line = |source: [f64; 2], colour: [f32; 3]| {
             let brightest = f64::from(colour.into_iter().fold(f32::MIN_POSITIVE, f32::max));
             let tint = [colour.map(f64::from)];
-            Self::Line(Arc::new(Optics { curve: Curve::line(medium.extinction, source), tint, bright: 1.0 / brightest }))
+            Self::Line(Arc::new(Optics {
+                curve: Curve::line(medium.extinction, source),
+                tint,
+                bright: 1.0 / brightest,
+            }))
         };
         match &medium.source {
             Source::Grey(colour) => line([1.0, 0.0], *colour),
@@ -231,8 +235,10 @@ impl<'a, R: Real> Dvr<'a, R> {
             && table.at(0.0)[3] > 0.0
             && !field.is_filled()
         {
-            return Err(Error::invalid("the transfer function absorbs where the density is 0, and bricks are missing there")
-                .hint("fill the field first: `Bricks::filled`"));
+            return Err(Error::invalid(
+                "the transfer function absorbs where the density is 0, and bricks are missing there",
+            )
+            .hint("fill the field first: `Bricks::filled`"));
         }
         let renderer = Self {
             field,

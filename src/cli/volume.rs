@@ -1,0 +1,42 @@
+//! The volume that a command works on, arranged for rays, with the transfer function that goes with it.
+
+use super::transfer::TransferOption;
+use crate::error::Result;
+use crate::formats::transfer;
+use crate::formats::vdb::{File, Limits};
+use crate::scene::bricks::Bricks;
+use crate::scene::grid::Grid;
+use crate::scene::transfer::Transfer;
+use std::path::Path;
+
+/// Reads a fog volume, and the transfer function asked for, else the one that its grid carries.
+///
+/// # Errors
+/// If either cannot be read or used.
+pub fn read(
+    path: &Path,
+    name: Option<&str>,
+    option: &TransferOption,
+    limits: Limits,
+) -> Result<(Grid, Option<Transfer>)> {
+    let asked = option.load(limits)?;
+    let grid = File::open(path, limits)?.read_fog(name)?;
+    let named = |e: crate::error::Error| e.part(format!("grid '{}'", grid.name)).at(path);
+    let transfer = match asked {
+        Some(transfer) => Some(transfer),
+        None => transfer::from_metadata(&grid.metadata).map_err(named)?,
+    };
+    Ok((grid, transfer))
+}
+
+/// Arranges a grid for rays. With a transfer function the volume ends at its outermost active voxels, as
+/// there is nothing that the density falls off to; and what absorbs at density zero fills its box.
+///
+/// # Errors
+/// If it would need more memory than is allowed.
+pub fn arrange(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
+    let mut field = Bricks::from_grid(grid, limits.max_memory)?;
+    let Some(transfer) = transfer else { return Ok(field) };
+    field.domain = grid.active_box();
+    if transfer.table()?.at(0.0)[3] > 0.0 { field.filled(limits.max_memory) } else { Ok(field) }
+}
