@@ -233,6 +233,10 @@ fn summaries_count_views_and_sizes() {
     let summary = transforms::summary(&json).unwrap();
     assert_eq!((summary.frames, summary.orthographic, summary.sizes["64x52"]), (5, 1, 1));
     assert!(summary.cameras_max.iter().zip(summary.cameras_min).all(|(high, low)| *high >= low && *high <= 3.0));
+    assert_eq!((summary.emission, summary.emission_model, summary.transfer), (None, None, true));
+    assert!(summary.to_string().contains("by a transfer function"));
+    transforms::save(&json, &Capture { transfer: None, ..capture(dir.path()) }, &Map::new()).unwrap();
+    let summary = transforms::summary(&json).unwrap();
     assert_eq!((summary.emission, summary.emission_model), (Some([1.0, 0.2, 1e-3]), Some(EmissionModel::Linear)));
     // The lattice is a translation of a scale: each column has a single entry, whose root of a square rounds twice.
     let size = summary.lattice_voxel_size.unwrap();

@@ -1,7 +1,6 @@
 //! Gradients of losses that are sums over pixels, for any medium: value, loss derivative and adjoint
 //! of one ray in one go.
 
-use crate::render::arch::Arch;
 use crate::render::dvr::{Adjoint, Dvr, Loss, ParameterGradient, RayGradient, Sinks, Tape};
 use crate::render::order::morton;
 use crate::scene::bricks::{BRICK, Bricks};
@@ -89,7 +88,6 @@ pub fn gradient(
         Some(_) => lanes(dvr.field(), targets.iter().map(|t| t.rgba.len()).sum()),
         None => MOST_LANES,
     };
-    let arch = Arch::default();
     let lanes = &mut accumulators.0;
     lanes.resize_with(count, Lane::default);
     let wanted = &*gradients;
@@ -102,17 +100,8 @@ pub fn gradient(
             own.clear(dvr, wanted);
             for &(number, pixels) in runs.iter().skip(lane).step_by(count) {
                 let (shared, tape) = (&mut shared, &mut tape);
-                sum += arch.dispatch(Run {
-                    dvr,
-                    target: targets[number],
-                    number,
-                    pixels,
-                    loss,
-                    adjoint,
-                    own,
-                    shared,
-                    tape,
-                });
+                let run = Run { dvr, target: targets[number], number, pixels, loss, adjoint, own, shared, tape };
+                sum += run.loss();
             }
             (sum, shared)
         })
@@ -140,7 +129,7 @@ pub fn gradient(
     parts.iter().fold((0.0, ParameterGradient::default()), |(sum, shared), (s, p)| (sum + s, shared.plus(p)))
 }
 
-/// Neighbouring pixels of one view: the unit that is compiled once for each instruction set.
+/// Neighbouring pixels of one view.
 struct Run<'a, 'd> {
     dvr: &'a Dvr<'d, f32>,
     target: &'a Target,
@@ -156,7 +145,6 @@ struct Run<'a, 'd> {
 
 impl Run<'_, '_> {
     /// Radiance and gradient of the ray through an image position.
-    #[inline(always)]
     fn ray(&mut self, [x, y]: [f64; 2], slope: Loss<'_, f32>) {
         let mut moved = RayGradient::default();
         let own = &mut *self.own;
@@ -168,19 +156,15 @@ impl Run<'_, '_> {
             shared: self.shared,
         };
         let camera = &self.target.camera;
-        self.dvr.gradient_with(&camera.ray(x, y), slope, self.adjoint, sinks, self.tape);
+        self.dvr.gradient(&camera.ray(x, y), slope, self.adjoint, sinks, self.tape);
         if let Some(cameras) = &mut own.cameras {
             cameras[self.number] = cameras[self.number].plus(&camera.gradient(x, y, moved.origin, moved.direction));
             own.step += moved.step;
         }
     }
-}
 
-impl pulp::NullaryFnOnce for Run<'_, '_> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn call(mut self) -> f64 {
+    /// Adds all pixels' gradients; returns the sum of their losses.
+    fn loss(mut self) -> f64 {
         let Target { camera, rgba, rays_per_edge: n } = self.target;
         let (width, share) = (camera.width as usize, 1.0 / (n * n) as f32);
         let (mut sum, loss) = (0.0, self.loss);
@@ -202,7 +186,7 @@ impl pulp::NullaryFnOnce for Run<'_, '_> {
             let mut mean = [0.0; 4];
             for k in 0..n * n {
                 let [x, y] = position(k);
-                let seen = self.dvr.radiance_with(&camera.ray(x, y), self.tape).rgba();
+                let seen = self.dvr.radiance_on(&camera.ray(x, y), self.tape).rgba();
                 mean.iter_mut().zip(seen).for_each(|(m, v)| *m += share * v);
             }
             let slope = loss(&mean).map(|g| share * g);

@@ -20,6 +20,14 @@ impl Default for Arch {
 }
 
 impl Arch {
+    /// The oldest, whatever the machine has.
+    pub fn oldest() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        return Self { wide: None };
+        #[cfg(not(target_arch = "x86_64"))]
+        Self { any: pulp::Arch::Scalar }
+    }
+
     /// Runs `loops`; what is inlined into its `call` is compiled for the instruction set.
     #[inline(always)]
     pub fn dispatch<F: pulp::NullaryFnOnce>(self, loops: F) -> F::Output {
@@ -30,5 +38,17 @@ impl Arch {
         };
         #[cfg(not(target_arch = "x86_64"))]
         self.any.dispatch(loops)
+    }
+}
+
+/// Stands where an [`Arch`] could, for loops that are compiled once.
+#[derive(Debug, Clone, Copy)]
+pub struct Plain;
+
+impl Plain {
+    /// Runs `loops`.
+    #[inline(always)]
+    pub fn dispatch<F: pulp::NullaryFnOnce>(self, loops: F) -> F::Output {
+        loops.call()
     }
 }

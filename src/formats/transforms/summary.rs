@@ -53,6 +53,8 @@ pub fn summary(path: &Path) -> Result<CaptureSummary> {
     }
     let cameras = capture.frames.iter().fold(Aabb::EMPTY, |b, frame| b.including(frame.camera.position()));
     let emits = capture.model == Model::EmissionAbsorption;
+    let transfer = emits && capture.transfer.is_some();
+    let own = emits && !transfer;
     Ok(CaptureSummary {
         frames: capture.frames.len(),
         sizes,
@@ -61,9 +63,9 @@ pub fn summary(path: &Path) -> Result<CaptureSummary> {
         cameras_max: cameras.max.to_array(),
         model: capture.model,
         background: capture.background,
-        emission: emits.then_some(capture.emission),
-        emission_model: emits.then_some(capture.emission_model),
-        transfer: emits && capture.transfer.is_some(),
+        emission: own.then_some(capture.emission),
+        emission_model: own.then_some(capture.emission_model),
+        transfer,
         pixel_filter: capture.pixel_filter,
         density_scale: capture.density_scale,
         lattice_voxel_size: capture
@@ -79,13 +81,14 @@ impl fmt::Display for CaptureSummary {
         writeln!(f, "pictures: {}", sizes.join(", "))?;
         write!(f, "cameras: {} perspective, {} orthographic, ", self.frames - self.orthographic, self.orthographic)?;
         writeln!(f, "positions from {:?} to {:?}", self.cameras_min, self.cameras_max)?;
-        match (self.emission.filter(|_| !self.transfer), self.emission_model) {
+        match (self.emission, self.emission_model) {
             (Some(colour), Some(EmissionModel::Grey)) => {
                 writeln!(f, "model: emission-absorption, emission {colour:?} everywhere")?;
             }
             (Some(colour), Some(EmissionModel::Linear)) => {
                 writeln!(f, "model: emission-absorption, emission {colour:?} times the density")?;
             }
+            _ if self.transfer => writeln!(f, "model: emission-absorption, by a transfer function")?,
             _ => writeln!(f, "model: absorption")?,
         }
         writeln!(f, "background: {:?}", self.background)?;

@@ -137,9 +137,8 @@ pub(super) struct Entry<R: Real, S> {
 }
 
 impl<R: Precision> Dvr<'_, R> {
-    /// [`Dvr::gradient`] for drivers that are compiled for each instruction set.
     #[inline(always)]
-    pub(crate) fn gradient_with(
+    pub(super) fn gradient_with(
         &self,
         ray: &Ray,
         loss: Loss<'_, R>,

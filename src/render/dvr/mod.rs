@@ -19,6 +19,7 @@ pub use adjoint::{Adjoint, Loss, ParameterGradient, RayGradient, Sinks, Tape};
 use crate::error::{Error, Result};
 use crate::math::Ray;
 use crate::real::Real;
+use crate::render::arch::{Arch, Plain};
 use crate::render::curve::Curve;
 use crate::render::march::IndexRay;
 use crate::render::quadrature::Quadrature;
@@ -112,8 +113,8 @@ fn visible<R: Real>(field: &Bricks<R>, medium: &Medium) -> Arc<Topology> {
     Arc::new(field.topology.masked(|brick| seen[brick]))
 }
 
-/// A precision that kernels are compiled for, once, here: they are large, and generic functions would
-/// be compiled again wherever they are used.
+/// A precision that kernels are compiled for, here: they are large, and generic functions would be
+/// compiled again wherever they are used.
 pub trait Precision: Real {
     /// [`Dvr::radiance`] with scratch memory.
     fn radiance(dvr: &Dvr<'_, Self>, ray: &Ray, tape: &mut Tape<Self>) -> Radiance<Self>;
@@ -138,13 +139,11 @@ pub trait Precision: Real {
 }
 
 macro_rules! precision {
-    ($real:ty) => {
+    ($real:ty, $arch:expr) => {
         impl Precision for $real {
-            #[inline(never)]
             fn radiance(dvr: &Dvr<'_, Self>, ray: &Ray, tape: &mut Tape<Self>) -> Radiance<Self> {
-                dvr.radiance_with(ray, tape)
+                $arch(dvr).dispatch(Value { dvr, ray, tape })
             }
-            #[inline(never)]
             fn gradient(
                 dvr: &Dvr<'_, Self>,
                 ray: &Ray,
@@ -153,7 +152,7 @@ macro_rules! precision {
                 sinks: Sinks<'_, Self>,
                 tape: &mut Tape<Self>,
             ) -> Radiance<Self> {
-                dvr.gradient_with(ray, loss, adjoint, sinks, tape)
+                $arch(dvr).dispatch(Gradient { dvr, ray, loss, adjoint, sinks, tape })
             }
             #[inline(never)]
             fn uncommon(
@@ -171,13 +170,55 @@ macro_rules! precision {
         }
     };
 }
-precision!(f32);
-precision!(f64);
+precision!(f32, |dvr: &Dvr<'_, f32>| dvr.arch);
+// The reference is compiled for one instruction set alone.
+precision!(f64, |_: &Dvr<'_, f64>| Plain);
+
+/// What is compiled for each instruction set: the value along one ray. (A closure would not do: its
+/// call is compiled for the oldest one.)
+struct Value<'k, 'd, R: Real> {
+    dvr: &'k Dvr<'d, R>,
+    ray: &'k Ray,
+    tape: &'k mut Tape<R>,
+}
+
+impl<R: Real> pulp::NullaryFnOnce for Value<'_, '_, R> {
+    type Output = Radiance<R>;
+
+    #[inline(always)]
+    fn call(self) -> Radiance<R> {
+        self.dvr.radiance_with(self.ray, self.tape)
+    }
+}
+
+/// The same for a gradient.
+struct Gradient<'k, 'd, R: Real> {
+    dvr: &'k Dvr<'d, R>,
+    ray: &'k Ray,
+    loss: Loss<'k, R>,
+    adjoint: Adjoint,
+    sinks: Sinks<'k, R>,
+    tape: &'k mut Tape<R>,
+}
+
+impl<R: Precision> pulp::NullaryFnOnce for Gradient<'_, '_, R> {
+    type Output = Radiance<R>;
+
+    #[inline(always)]
+    fn call(self) -> Radiance<R> {
+        self.dvr.gradient_with(self.ray, self.loss, self.adjoint, self.sinks, self.tape)
+    }
+}
 
 impl<R: Precision> Dvr<'_, R> {
     /// Radiance along a world ray of unit direction.
     pub fn radiance(&self, ray: &Ray) -> Radiance<R> {
         R::radiance(self, ray, &mut Tape::default())
+    }
+
+    /// [`Dvr::radiance`] for many rays: the scratch memory is kept.
+    pub fn radiance_on(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance<R> {
+        R::radiance(self, ray, tape)
     }
 
     /// Optical depth `∫σ` along a world ray of unit direction, summed in `f64`.
@@ -221,6 +262,7 @@ pub struct Dvr<'a, R> {
     voxel: f64,
     /// Radiance error allowed per piece where the source varies, relative to the brightest.
     tolerance: f64,
+    arch: Arch,
 }
 
 impl<'a, R: Real> Dvr<'a, R> {
@@ -250,6 +292,7 @@ impl<'a, R: Real> Dvr<'a, R> {
             depth_limit: f64::INFINITY,
             voxel: field.transform.voxel_size().min_element(),
             tolerance: 4e-7,
+            arch: Arch::default(),
         };
         Ok(renderer.early_stop(1e-6))
     }
@@ -281,6 +324,13 @@ impl<'a, R: Real> Dvr<'a, R> {
     #[must_use]
     pub fn tolerance(mut self, tolerance: f64) -> Self {
         self.tolerance = tolerance;
+        self
+    }
+
+    /// Sets the instruction set of `f32` kernels; results do not depend on it.
+    #[must_use]
+    pub fn arch(mut self, arch: Arch) -> Self {
+        self.arch = arch;
         self
     }
 
@@ -322,9 +372,8 @@ impl<'a, R: Real> Dvr<'a, R> {
         blend.depth
     }
 
-    /// [`Dvr::radiance`] for drivers that are compiled for each instruction set.
     #[inline(always)]
-    pub(crate) fn radiance_with(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance<R> {
+    fn radiance_with(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance<R> {
         if let Source::Grey(colour) = self.medium.source {
             return grey(self.depth_with(ray, tape), colour, self.background);
         }
