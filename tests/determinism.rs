@@ -75,7 +75,11 @@ fn dispatched_kernels_equal_the_scalar_one() {
             for (i, pixel) in film.rgba.iter().enumerate() {
                 let ray = cameras[3].ray((i % film.width) as f64 + 0.5, (i / film.width) as f64 + 0.5);
                 let bits = |p: [f32; 4]| p.map(f32::to_bits);
-                assert_eq!(bits(*pixel), bits(dvr.clone().arch(Arch::oldest()).radiance(&ray).rgba()), "{medium:?} {rule} pixel {i}");
+                assert_eq!(
+                    bits(*pixel),
+                    bits(dvr.clone().arch(Arch::oldest()).radiance(&ray).rgba()),
+                    "{medium:?} {rule} pixel {i}"
+                );
             }
         }
     }

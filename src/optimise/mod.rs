@@ -15,3 +15,4 @@ pub mod pictures;
 pub mod projector;
 pub mod smooth;
 pub mod solver;
+pub mod transfer;

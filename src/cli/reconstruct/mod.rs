@@ -1,6 +1,8 @@
 //! `cumulo reconstruct`: what pictures say about the volume in them.
 
 mod density;
+mod photos;
+mod tf;
 
 use super::output::Output;
 use crate::error::Result;
@@ -12,6 +14,9 @@ pub enum Reconstruct {
     /// Density from absorption or emission-absorption pictures.
     #[command(name = "density")]
     Density(Box<density::Density>),
+    /// Transfer function of a known volume.
+    #[command(name = "tf")]
+    Tf(Box<tf::Tf>),
 }
 
 impl Reconstruct {
@@ -22,6 +27,7 @@ impl Reconstruct {
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         match self {
             Self::Density(c) => c.run(output),
+            Self::Tf(c) => c.run(output),
         }
     }
 }

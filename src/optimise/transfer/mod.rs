@@ -1,0 +1,288 @@
+//! A transfer function from pictures of a known volume (Weiss & Westermann 2021, sect. 5.2), by Gauss and
+//! Newton instead of a thousand small steps.
+//!
+//! A few hundred unknowns stand against a hundred thousand pixels, and most of the problem is linear: the
+//! logarithm of the transmittance is linear in the extinctions, and with these known the picture is linear in
+//! the colours. So extinctions are taken from alpha first, colours from them, and then both are refined
+//! together on the normal equations of rays drawn from all pictures. How smooth the function is, the
+//! held-out views decide.
+
+mod normal;
+mod rays;
+mod rows;
+
+use crate::error::{Error, Result};
+use crate::optimise::density::Stage;
+use crate::optimise::observation::Photo;
+use crate::render::dvr::Dvr;
+use crate::render::quadrature::Quadrature;
+use crate::scene::bricks::Bricks;
+use crate::scene::medium::{Medium, Source};
+use crate::scene::table::Rgbs;
+use crate::scene::transfer::Transfer;
+use normal::{Normal, Prior};
+use rays::{Draw, Rays};
+use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What is known, and how to go about it.
+#[derive(Debug, Clone)]
+pub struct Request {
+    /// Factor of the extinctions that the pictures were made with; it is divided out.
+    pub extinction: f64,
+    /// Radiance behind the volume.
+    pub background: [f32; 3],
+    /// How rays are integrated.
+    pub quadrature: Quadrature,
+    /// Range of densities that the texels cover.
+    pub domain: [f64; 2],
+    /// Number of texels.
+    pub texels: usize,
+    /// Weight of the smoothness prior relative to the data's; chosen by the held-out views if `None`.
+    pub smooth: Option<f64>,
+    /// Views that are not used.
+    pub held_out: Vec<usize>,
+    /// Rays drawn from the used views, about.
+    pub rays: usize,
+    /// Rays along each edge of a pixel.
+    pub rays_per_edge: usize,
+    /// Refinements of extinctions and colours together, at most.
+    pub iterations: u32,
+    /// A function to begin with.
+    pub init: Option<Transfer>,
+}
+
+/// State after a refinement.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub struct Step {
+    /// Number, from 1.
+    pub iteration: u32,
+    /// Seconds since the start.
+    pub seconds: f64,
+    /// Weight of the prior.
+    pub smooth: f64,
+    /// Root mean square difference over the rays that were used.
+    pub rms: f64,
+    /// PSNR over rays of the held-out views, peak 1.
+    pub held_out_psnr_db: Option<f64>,
+}
+
+/// What was found.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// The function, as a texture.
+    pub transfer: Transfer,
+    /// How much the pictures say about each texel's extinction and colour, 0..1: the share of the
+    /// curvature that is theirs, not the prior's.
+    pub confidence: Vec<[f64; 2]>,
+    /// Weight of the prior that was chosen.
+    pub smooth: f64,
+    /// Every refinement.
+    pub history: Vec<Step>,
+    /// Time by stage.
+    pub stages: Vec<Stage>,
+    /// True if `watch` broke off.
+    pub stopped: bool,
+}
+
+/// Weights of the prior, strongest first: each begins where the one before it ended.
+const LADDER: [f64; 7] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
+/// That of pictures without held-out views.
+const USUAL: f64 = 1e-4;
+/// Times the least error: as good as the best.
+const GOOD_ENOUGH: f64 = 1.02;
+/// Refinements a weight.
+const REFINEMENTS: u32 = 2;
+
+/// Finds the texels whose pictures of `field` are most like `photos`.
+///
+/// # Errors
+/// If the request's numbers cannot be used, or no pixel of the used views is finite and meets the volume.
+pub fn reconstruct(
+    field: &Bricks<f32>,
+    photos: &[Photo],
+    request: &Request,
+    mut watch: impl FnMut(&Step) -> ControlFlow<()>,
+) -> Result<Outcome> {
+    let start = Instant::now();
+    let mut fit = Fit::new(field, photos, request)?;
+    let mut stages = Vec::new();
+    let mut stage = |name: &str, since: Instant| {
+        stages.push(Stage { name: name.into(), seconds: since.elapsed().as_secs_f64() });
+    };
+    let begun = Instant::now();
+    let first = request.smooth.unwrap_or(LADDER[0]);
+    if request.init.is_none() {
+        fit.extinctions_from_alpha(first)?;
+        stage("extinctions from alpha", begun);
+        let begun = Instant::now();
+        fit.refine(first, Unknowns::Colours)?;
+        stage("colours", begun);
+    }
+    let begun = Instant::now();
+    let weights: &[f64] = match (&request.smooth, fit.held_out.is_empty()) {
+        (Some(weight), _) => std::slice::from_ref(weight),
+        (None, true) => &[USUAL],
+        (None, false) => &LADDER,
+    };
+    let refinements = if weights.len() > 1 { REFINEMENTS } else { request.iterations };
+    let mut history: Vec<Step> = Vec::new();
+    let mut tried: Vec<(f64, Vec<Rgbs>, f64)> = Vec::new();
+    let mut stopped = false;
+    'ladder: for &smooth in weights {
+        for _ in 0..refinements {
+            if history.len() as u32 >= request.iterations {
+                break 'ladder;
+            }
+            let rms = fit.refine(smooth, Unknowns::All)?;
+            let error = fit.error(&fit.held_out)?;
+            let step = Step {
+                iteration: history.len() as u32 + 1,
+                seconds: start.elapsed().as_secs_f64(),
+                smooth,
+                rms,
+                held_out_psnr_db: error.map(|e| -10.0 * e.max(1e-20).log10()),
+            };
+            history.push(step);
+            let score = error.unwrap_or(rms * rms);
+            tried.push((score, fit.texels.clone(), smooth));
+            if watch(&step).is_break() {
+                stopped = true;
+                break 'ladder;
+            }
+        }
+        // Past the best weight less smoothing follows the noise.
+        if weights.len() > 1 && tried.last().is_some_and(|last| last.0 > 1.5 * least(&tried)) {
+            break;
+        }
+    }
+    stage("extinctions and colours", begun);
+    // The smoothest of those that are as good as the best.
+    let enough = GOOD_ENOUGH * least(&tried);
+    let mut smooth = first;
+    if let Some((_, texels, weight)) = tried.into_iter().find(|t| t.0 <= enough) {
+        (fit.texels, smooth) = (texels, weight);
+    }
+    Ok(Outcome { confidence: fit.confidence(smooth)?, transfer: fit.transfer(), smooth, history, stages, stopped })
+}
+
+fn least(tried: &[(f64, Vec<Rgbs>, f64)]) -> f64 {
+    tried.iter().fold(f64::INFINITY, |least, t| least.min(t.0))
+}
+
+/// What a refinement changes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Unknowns {
+    Colours,
+    All,
+}
+
+/// The texels, and the rays that they are to explain.
+struct Fit<'a> {
+    field: &'a Bricks<f32>,
+    request: &'a Request,
+    texels: Vec<Rgbs>,
+    used: Rays,
+    held_out: Rays,
+    /// Damping of the steps (Levenberg & Marquardt).
+    damping: f64,
+}
+
+impl<'a> Fit<'a> {
+    fn new(field: &'a Bricks<f32>, photos: &[Photo], request: &'a Request) -> Result<Self> {
+        let is_held_out = |i: usize| request.held_out.contains(&i);
+        let used =
+            Rays::draw(photos, |i| !is_held_out(i), Draw { count: request.rays, per_edge: request.rays_per_edge });
+        let some = Draw { count: request.rays / 8, per_edge: request.rays_per_edge };
+        let held_out = Rays::draw(photos, is_held_out, some);
+        if used.is_empty() {
+            return Err(Error::invalid("no pixel of the used views has finite values")
+                .hint("check the pictures with `cumulo validate`"));
+        }
+        let texels = match &request.init {
+            Some(init) => {
+                let table = init.table()?;
+                Transfer::centres(request.domain, request.texels).into_iter().map(|d| table.at(d)).collect()
+            }
+            None => vec![[0.5, 0.5, 0.5, 0.0]; request.texels],
+        };
+        let fit = Self { field, request, texels, used, held_out, damping: 1e-4 };
+        fit.transfer().checked()?;
+        Ok(fit)
+    }
+
+    fn transfer(&self) -> Transfer {
+        Transfer::Texture { domain: self.request.domain, texels: self.texels.clone() }
+    }
+
+    fn renderer(&self, texels: &[Rgbs]) -> Result<Dvr<'a, f32>> {
+        let transfer = Transfer::Texture { domain: self.request.domain, texels: texels.to_vec() };
+        let source = Source::Transfer(Arc::new(transfer.table()?));
+        let medium = Medium { extinction: self.request.extinction, source };
+        Ok(Dvr::new(self.field, medium)?.background(self.request.background).quadrature(self.request.quadrature))
+    }
+
+    /// Extinctions by Gauss and Newton on `T = e^{-H s}`: with nothing that absorbs, the derivative of alpha
+    /// is H, and one walk finds it.
+    fn extinctions_from_alpha(&mut self, smooth: f64) -> Result<()> {
+        let clear: Vec<Rgbs> = self.texels.iter().map(|[r, g, b, _]| [*r, *g, *b, 0.0]).collect();
+        let lengths = rows::lengths(&self.renderer(&clear)?, &self.used, self.texels.len());
+        let extinctions = rows::extinctions(&lengths, &self.used, self.texels.len(), smooth);
+        for (texel, extinction) in self.texels.iter_mut().zip(extinctions) {
+            texel[3] = extinction;
+        }
+        Ok(())
+    }
+
+    /// One step; the root mean square difference before it. A step that makes things worse is taken back, and
+    /// the next one is shorter.
+    fn refine(&mut self, smooth: f64, unknowns: Unknowns) -> Result<f64> {
+        let scale = self.scale();
+        let mut normal = Normal::zeros(self.texels.len());
+        rows::accumulate(&self.renderer(&self.texels)?, &self.used, scale, &mut normal);
+        let before = normal.cost;
+        let rms = (before / (4 * self.used.len()) as f64).sqrt();
+        let prior = Prior { weight: smooth * normal.level(), scale };
+        let penalty = |texels: &[Rgbs]| prior.cost(texels);
+        let from = before + penalty(&self.texels);
+        for _ in 0..6 {
+            let Some(step) = normal.solve(&self.texels, &prior, self.damping, unknowns == Unknowns::All) else {
+                self.damping *= 10.0;
+                continue;
+            };
+            let cost = rows::cost(&self.renderer(&step)?, &self.used) + penalty(&step);
+            if cost <= from {
+                self.texels = step;
+                self.damping = (0.2 * self.damping).max(1e-9);
+                break;
+            }
+            self.damping = (10.0 * self.damping).max(1e-6);
+        }
+        Ok(rms)
+    }
+
+    /// Extinction that counts as much as a colour of one.
+    fn scale(&self) -> f64 {
+        let largest = self.texels.iter().fold(0.0_f64, |m, t| m.max(t[3]));
+        if largest > 0.0 { largest } else { 1.0 / self.field.world_bounds().size().max_element() }
+    }
+
+    /// Mean squared difference of the colours; `None` without rays.
+    fn error(&self, rays: &Rays) -> Result<Option<f64>> {
+        if rays.is_empty() {
+            return Ok(None);
+        }
+        let square = rows::colour_cost(&self.renderer(&self.texels)?, rays);
+        Ok(Some(square / (3 * rays.len()) as f64))
+    }
+
+    fn confidence(&self, smooth: f64) -> Result<Vec<[f64; 2]>> {
+        let scale = self.scale();
+        let mut normal = Normal::zeros(self.texels.len());
+        rows::accumulate(&self.renderer(&self.texels)?, &self.used, scale, &mut normal);
+        let prior = Prior { weight: smooth * normal.level(), scale };
+        Ok(normal.confidence(&prior))
+    }
+}
