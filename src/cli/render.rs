@@ -72,9 +72,10 @@ pub struct Render {
     emission_model: Option<EmissionModel>,
     #[command(flatten)]
     transfer: TransferOption,
-    /// Integration along rays: exact, midpoint:STEP or riemann:STEP, steps in voxels
-    #[arg(long, value_name = "Q", default_value = "exact")]
-    quadrature: Quadrature,
+    /// Integration along rays: exact, preintegrated, midpoint:STEP or riemann:STEP, steps in voxels (default:
+    /// preintegrated with a transfer function, else exact)
+    #[arg(long, value_name = "Q")]
+    quadrature: Option<Quadrature>,
     /// Rays along each edge of a pixel; more than one make it the mean over its square
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     supersample: u32,
@@ -163,7 +164,9 @@ impl Render {
             .prefix(".cumulo-")
             .tempdir_in(&self.output)
             .map_err(|e| Error::io(&self.output, e))?;
-        let dvr = Dvr::new(&field, capture.medium()?)?.background(capture.background).quadrature(self.quadrature);
+        let usual = if capture.transfer.is_some() { Quadrature::Preintegrated } else { Quadrature::Exact };
+        let quadrature = self.quadrature.unwrap_or(usual);
+        let dvr = Dvr::new(&field, capture.medium()?)?.background(capture.background).quadrature(quadrature);
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
         capture.frames.par_iter().try_for_each(|frame| {
@@ -181,14 +184,14 @@ impl Render {
         let seconds = provenance.lap();
         let mut extra = Map::new();
         extra.insert("provenance".into(), json!(provenance));
-        extra.insert("quadrature".into(), Value::String(self.quadrature.to_string()));
+        extra.insert("quadrature".into(), Value::String(quadrature.to_string()));
         transforms::save(&self.output.join(FILE_NAME), &capture, &extra)?;
         output.report(&Report {
             output: self.output.clone(),
             views: capture.frames.len(),
             model: capture.model,
             density_scale: capture.density_scale,
-            quadrature: self.quadrature.to_string(),
+            quadrature: quadrature.to_string(),
             seconds,
         })?;
         Ok(ExitCode::SUCCESS)

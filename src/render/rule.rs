@@ -93,7 +93,8 @@ pub struct ExactSource {
 const MOST_HALVINGS: usize = 256;
 
 /// A cell that a ray crosses.
-struct Cell<R: Real> {
+#[derive(Debug, Clone, Copy)]
+pub struct Cell<R: Real> {
     /// Offset of its lowest corner.
     offset: usize,
     /// World length from the ray's origin to the span's entry.
@@ -104,13 +105,55 @@ struct Cell<R: Real> {
     along: [R::Lanes; 3],
 }
 
+/// Visits the cells of at most [`BATCH`] spans of one ray, near to far, four at a time, with the world lengths
+/// from the span's entry at which they are entered and left. What is left over of four has no length.
+#[inline(always)]
+pub fn cells<R: Real>(spans: &[Span<R>], mut visit: impl FnMut([Cell<R>; LANES], R::Lanes, R::Lanes)) {
+    let all = <R::Lanes as Lanes<R>>::splat;
+    for (span, at) in spans.iter().zip(&all_crossings(spans)) {
+        let ([x, y, z], [dx, dy, dz]) = (span.entry, span.direction);
+        let along = [all(dx), all(dy), all(dz)];
+        for at in at.windows(LANES + 1).step_by(LANES) {
+            if at[0] >= span.length {
+                break;
+            }
+            let from = R::Lanes::load([at[0], at[1], at[2], at[3]]);
+            let until = R::Lanes::load([at[1], at[2], at[3], at[4]]);
+            let middle = all(R::of(0.5)) * (from + until);
+            let low =
+                [low(all(x) + middle * along[0]), low(all(y) + middle * along[1]), low(all(z) + middle * along[2])];
+            let offset = offsets(low);
+            let [ex, ey, ez] = [(all(x) - low[0]).store(), (all(y) - low[1]).store(), (all(z) - low[2]).store()];
+            let cell = |i: usize| Cell {
+                offset: span.base + offset[i] as usize,
+                begin: span.start,
+                entry: [all(ex[i]), all(ey[i]), all(ez[i])],
+                along,
+            };
+            visit([cell(0), cell(1), cell(2), cell(3)], from, until);
+        }
+    }
+}
+
 impl<R: Real> Cell<R> {
+    /// Densities at the four points of [`gauss`] on a stretch.
     #[inline(always)]
-    fn chord(&self, values: &[R], start: R, length: R, piece: u32) -> Chord<R> {
+    pub fn densities(&self, values: &[R], start: R, length: R) -> R::Lanes {
+        Chord::<R>::interpolate(&corners(values, self.offset), self.at(start, length))
+    }
+
+    /// Cell-local coordinates of these points.
+    #[inline(always)]
+    fn at(&self, start: R, length: R) -> [R::Lanes; 3] {
         let all = <R::Lanes as Lanes<R>>::splat;
         let t = all(start) + all(length) * gauss::lanes::<R>(gauss::NODES);
         let ([x, y, z], [dx, dy, dz]) = (self.entry, self.along);
-        let at = [x + t * dx, y + t * dy, z + t * dz];
+        [x + t * dx, y + t * dy, z + t * dz]
+    }
+
+    #[inline(always)]
+    fn chord(&self, values: &[R], start: R, length: R, piece: u32) -> Chord<R> {
+        let at = self.at(start, length);
         let density = Chord::<R>::interpolate(&corners(values, self.offset), at);
         Chord { offset: self.offset, piece, length, start: R::of(self.begin + start.f64()), at, density }
     }
@@ -229,27 +272,12 @@ impl<R: Real, const C: usize> Rule<R, C> for ExactSource {
         let all = <R::Lanes as Lanes<R>>::splat;
         let tolerance = R::of(self.tolerance);
         let mut cutter = Cutter { rule: self, curve, values, segments, depth: R::ZERO };
-        for (span, at) in spans.iter().zip(&all_crossings(spans)) {
-            let ([x, y, z], [dx, dy, dz]) = (span.entry, span.direction);
-            let along = [all(dx), all(dy), all(dz)];
-            for at in at.windows(LANES + 1).step_by(LANES) {
-                if at[0] >= span.length {
-                    break;
-                }
-                let from = R::Lanes::load([at[0], at[1], at[2], at[3]]);
-                let until = R::Lanes::load([at[1], at[2], at[3], at[4]]);
-                let middle = all(R::of(0.5)) * (from + until);
-                let low =
-                    [low(all(x) + middle * along[0]), low(all(y) + middle * along[1]), low(all(z) + middle * along[2])];
-                let offset = offsets(low);
-                let [ex, ey, ez] = [(all(x) - low[0]).store(), (all(y) - low[1]).store(), (all(z) - low[2]).store()];
-                let cell = |i: usize| Cell {
-                    offset: span.base + offset[i] as usize,
-                    begin: span.start,
-                    entry: [all(ex[i]), all(ey[i]), all(ez[i])],
-                    along,
-                };
-                let whole = |i: usize| cell(i).chord(values, at[i], at[i + 1] - at[i], 0);
+        cells(
+            spans,
+            #[inline(always)]
+            |four, from, until| {
+                let (at, end, length) = (from.store(), until.store(), (until - from).store());
+                let whole = |i: usize| four[i].chord(values, at[i], length[i], 0);
                 let mut whole = [whole(0), whole(1), whole(2), whole(3)];
                 let density = R::Lanes::transpose(whole.map(|chord| chord.density));
                 let (mut lines, mut fits) = ([curve.piece(0); LANES], [true; LANES]);
@@ -270,7 +298,7 @@ impl<R: Real, const C: usize> Rule<R, C> for ExactSource {
                 for i in 0..LANES {
                     if !fits[i] {
                         let cubic = measure.cubic.map(|c| c.store()[i].f64());
-                        cutter.split(&cell(i), at[i], at[i + 1], cubic);
+                        cutter.split(&four[i], at[i], end[i], cubic);
                     } else if lines[i].is_clear() && !self.keep_clear {
                         continue;
                     } else if errors[i] <= tolerance || errors[i] <= tolerance * cutter.depth.exp() {
@@ -279,11 +307,11 @@ impl<R: Real, const C: usize> Rule<R, C> for ExactSource {
                         }
                         cutter.depth += depths[i];
                     } else {
-                        cutter.cut(&cell(i), at[i], at[i + 1], whole[i].piece);
+                        cutter.cut(&four[i], at[i], end[i], whole[i].piece);
                     }
                 }
-            }
-        }
+            },
+        );
     }
 }
 

@@ -25,7 +25,6 @@ use crate::real::Real;
 use crate::render::cell::{Quartet, scatter};
 use crate::render::curve::{Curve, Piece};
 use crate::render::march::{IndexRay, batches_before};
-use crate::render::quadrature::Quadrature;
 use crate::render::rule::{DepthRule, ExactDepth, Rule, Uniform};
 use crate::render::segment::{Chord, Sample};
 use crate::scene::bricks::Topology;
@@ -156,7 +155,7 @@ impl<R: Precision> Dvr<'_, R> {
         };
         let mut pass = Pass::new(self, ray, sinks);
         // What is not asked for in earnest is compiled once, not for each instruction set.
-        if self.quadrature != Quadrature::Exact || adjoint == Adjoint::Inversion {
+        if self.uniform(&pass.ray).is_some() || adjoint == Adjoint::Inversion {
             return R::uncommon(&mut pass, loss, adjoint, tape);
         }
         if let (Source::Grey(colour), None) = (&self.medium.source, &pass.sinks.ray) {
@@ -167,7 +166,7 @@ impl<R: Precision> Dvr<'_, R> {
             Matter::Line(optics) => {
                 pass.recursion(loss, adjoint, self.exact_source(optics, false), optics, chords, lit_chords)
             }
-            Matter::Table(optics) => {
+            Matter::Table(optics, _) => {
                 let rule = self.exact_source(optics, pass.sinks.table.is_some());
                 pass.recursion(loss, adjoint, rule, optics, chords, lit_chords)
             }
@@ -271,7 +270,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         }
         match &dvr.matter {
             Matter::Line(optics) => self.uncommon_of(loss, adjoint, uniform, optics, tape),
-            Matter::Table(optics) => self.uncommon_of(loss, adjoint, uniform, optics, tape),
+            Matter::Table(optics, _) => self.uncommon_of(loss, adjoint, uniform, optics, tape),
         }
     }
 

@@ -10,6 +10,7 @@ mod adjoint;
 mod inversion;
 mod kernel;
 mod light;
+mod preintegrated;
 mod traced;
 
 #[doc(hidden)]
@@ -27,6 +28,7 @@ use crate::render::rule::{ExactDepth, ExactSource, Uniform};
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::medium::{Medium, Source};
 use kernel::{blend, grey, over};
+use preintegrated::Cumulative;
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -75,7 +77,14 @@ impl<R, const C: usize> Optics<R, C> {
 #[derive(Debug, Clone)]
 enum Matter<R> {
     Line(Arc<Optics<R, 1>>),
-    Table(Arc<Optics<R, 3>>),
+    Table(Arc<Optics<R, 3>>, Arc<Preintegrated>),
+}
+
+/// What pre-integration looks up.
+#[derive(Debug, Clone)]
+struct Preintegrated {
+    curve: Curve<f32, 3>,
+    tables: Cumulative,
 }
 
 impl<R: Real> Matter<R> {
@@ -96,7 +105,9 @@ impl<R: Real> Matter<R> {
                 let brightest = table.peak()[..3].iter().fold(f64::MIN_POSITIVE, |a, b| a.max(*b));
                 let tint = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
                 let curve = Curve::new(table, medium.extinction);
-                Self::Table(Arc::new(Optics { curve, tint, bright: brightest }))
+                let tables = Cumulative::new(table, medium.extinction);
+                let preintegrated = Preintegrated { curve: Curve::new(table, medium.extinction), tables };
+                Self::Table(Arc::new(Optics { curve, tint, bright: brightest }), Arc::new(preintegrated))
             }
         }
     }
@@ -348,7 +359,7 @@ impl<'a, R: Real> Dvr<'a, R> {
     #[inline(always)]
     fn uniform(&self, ray: &IndexRay) -> Option<Uniform> {
         let (step, phase) = match self.quadrature {
-            Quadrature::Exact => return None,
+            Quadrature::Exact | Quadrature::Preintegrated => return None,
             Quadrature::Midpoint(step) => (step, 0.5),
             Quadrature::Riemann(step) => (step, 0.0),
         };
@@ -380,7 +391,11 @@ impl<'a, R: Real> Dvr<'a, R> {
         let Some(ray) = self.index_ray(ray) else { return grey(0.0, [0.0; 3], self.background) };
         match &self.matter {
             Matter::Line(optics) => self.blended(&ray, optics, tape),
-            Matter::Table(optics) => self.blended(&ray, optics, tape),
+            Matter::Table(_, tables) if self.quadrature == Quadrature::Preintegrated => {
+                let seen = preintegrated::blend(self, &tables.tables, &tables.curve, &ray);
+                over(seen.emitted, seen.depth, self.background)
+            }
+            Matter::Table(optics, _) => self.blended(&ray, optics, tape),
         }
     }
 
