@@ -317,7 +317,8 @@ fn page(report: &Report, outcome: &Outcome, views: Vec<View>, total: usize) -> R
     let plot = |y: &str, series: Vec<Series>| Plot { x: "density".into(), y: y.into(), series };
     let values = table.values();
     page.plot("Extinction", &plot("per world unit", vec![line("extinction", &|i| values[i][3])]))?;
-    let colours = [("red", 0), ("green", 1), ("blue", 2)].map(|(label, c)| line(label, &move |i| values[i][c]));
+    // In the order of the plot's colours, which begin with a blue, an orange and a green.
+    let colours = [("blue", 2), ("red", 0), ("green", 1)].map(|(label, c)| line(label, &move |i| values[i][c]));
     page.plot("Colour", &plot("radiance of the source", colours.into()))?;
     let known = [("extinction", 0), ("colour", 1)].map(|(label, c)| line(label, &|i| outcome.confidence[i][c]));
     page.plot("What the pictures say", &plot("share of the pictures, not of the prior", known.into()))?;
