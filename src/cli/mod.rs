@@ -15,6 +15,7 @@ pub mod report;
 pub mod run;
 pub mod transfer;
 pub mod validate;
+pub mod viewpoint;
 pub mod volume;
 
 use crate::error::{Error, Result};
@@ -58,6 +59,7 @@ enum Command {
     Reconstruct(reconstruct::Reconstruct),
     Report(report::Report),
     Transfer(transfer::TransferCommand),
+    Viewpoint(viewpoint::Viewpoint),
 }
 
 /// Runs the command line.
@@ -85,5 +87,6 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Command::Reconstruct(c) => c.run(&output),
         Command::Report(c) => c.run(&output),
         Command::Transfer(c) => c.run(&output),
+        Command::Viewpoint(c) => c.run(&output),
     }
 }
