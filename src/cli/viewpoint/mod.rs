@@ -49,7 +49,7 @@ pub struct Viewpoint {
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     starts: u32,
     /// Evaluations from each start, at most, for each size of picture that the search goes through
-    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: u32,
     /// Also look from this many viewpoints spread evenly over the sphere, to compare
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
