@@ -8,6 +8,8 @@ pub mod info;
 pub mod memory;
 pub mod output;
 pub mod parse;
+pub mod photos;
+pub mod pose;
 pub mod provenance;
 pub mod reconstruct;
 pub mod render;
@@ -54,6 +56,7 @@ enum Command {
     Validate(validate::Validate),
     Convert(convert::Convert),
     Diff(diff::Diff),
+    Pose(pose::Pose),
     Render(render::Render),
     #[command(subcommand)]
     Reconstruct(reconstruct::Reconstruct),
@@ -83,6 +86,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Command::Validate(c) => c.run(&output),
         Command::Convert(c) => c.run(&output),
         Command::Diff(c) => c.run(&output),
+        Command::Pose(c) => c.run(&output),
         Command::Render(c) => c.run(&output),
         Command::Reconstruct(c) => c.run(&output),
         Command::Report(c) => c.run(&output),

@@ -4,6 +4,7 @@
 //! pictures ──▶ observation ──▶ hull ──▶ solver (projector, smooth) ──▶ density
 //!     └───────────────────────────────▶ adam (pictures) ────────────▶ paper
 //! volume ────▶ rows ──▶ entropy ──▶ ascent ──▶ viewpoint
+//!               └─────▶ normal ──────────────▶ pose
 //! ```
 
 pub mod adam;
@@ -12,9 +13,11 @@ pub mod density;
 pub mod entropy;
 pub mod hull;
 pub mod lattice;
+pub mod normal;
 pub mod observation;
 pub mod paper;
 pub mod pictures;
+pub mod pose;
 pub mod projector;
 pub mod rows;
 pub mod smooth;
