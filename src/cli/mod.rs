@@ -8,6 +8,8 @@ pub mod info;
 pub mod memory;
 pub mod output;
 pub mod parse;
+pub mod photos;
+pub mod pose;
 pub mod provenance;
 pub mod reconstruct;
 pub mod render;
@@ -15,6 +17,7 @@ pub mod report;
 pub mod run;
 pub mod transfer;
 pub mod validate;
+pub mod viewpoint;
 pub mod volume;
 
 use crate::error::{Error, Result};
@@ -53,11 +56,13 @@ enum Command {
     Validate(validate::Validate),
     Convert(convert::Convert),
     Diff(diff::Diff),
+    Pose(pose::Pose),
     Render(render::Render),
     #[command(subcommand)]
     Reconstruct(reconstruct::Reconstruct),
     Report(report::Report),
     Transfer(transfer::TransferCommand),
+    Viewpoint(viewpoint::Viewpoint),
 }
 
 /// Runs the command line.
@@ -81,9 +86,11 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Command::Validate(c) => c.run(&output),
         Command::Convert(c) => c.run(&output),
         Command::Diff(c) => c.run(&output),
+        Command::Pose(c) => c.run(&output),
         Command::Render(c) => c.run(&output),
         Command::Reconstruct(c) => c.run(&output),
         Command::Report(c) => c.run(&output),
         Command::Transfer(c) => c.run(&output),
+        Command::Viewpoint(c) => c.run(&output),
     }
 }

@@ -2,6 +2,23 @@
 
 use crate::math::Aabb;
 use glam::DVec3;
+use std::str::FromStr;
+
+/// Extinction per unit of density and length.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum DensityScale {
+    /// This.
+    Given(f64),
+    /// Such that pictures neither vanish nor go black.
+    Auto,
+}
+
+impl FromStr for DensityScale {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "auto" { Ok(Self::Auto) } else { positive(text).map(Self::Given) }
+    }
+}
 
 /// A finite number.
 pub fn number(text: &str) -> Result<f64, String> {
@@ -16,6 +33,12 @@ pub fn positive(text: &str) -> Result<f64, String> {
 /// A finite number from zero on.
 pub fn not_negative(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v >= 0.0 { Ok(v) } else { Err(format!("'{text}' must not be negative")) })
+}
+
+/// An angle of view in degrees.
+pub fn angle(text: &str) -> Result<f64, String> {
+    let degrees = positive(text)?;
+    if degrees < 170.0 { Ok(degrees) } else { Err(format!("'{text}' must be below 170 degrees")) }
 }
 
 /// Two ascending numbers, `low,high`.

@@ -2,9 +2,10 @@
 
 use super::memory::Memory;
 use super::output::Output;
+use super::parse::{self, DensityScale};
 use super::provenance::Provenance;
 use super::transfer::TransferOption;
-use super::{cancel, parse, volume};
+use super::{cancel, volume};
 use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::formats::transforms::{self, FILE_NAME};
@@ -23,7 +24,6 @@ use serde_json::{Map, Value, json};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::str::FromStr;
 use std::sync::Arc;
 
 /// Render a volume from many sides: a capture of EXR pictures and transforms.json
@@ -48,7 +48,7 @@ pub struct Render {
     #[arg(long, value_name = "WxH", default_value = "256x256", value_parser = parse::size, conflicts_with = "cameras")]
     size: [u32; 2],
     /// Angle in degrees that the volume takes in the pictures of --views
-    #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = angle, conflicts_with = "cameras")]
+    #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = parse::angle, conflicts_with = "cameras")]
     fov: f64,
     /// Take cameras, and what else is not given, from a transforms.json
     #[arg(long, value_name = "CAPTURE")]
@@ -84,25 +84,6 @@ pub struct Render {
     grid: Option<String>,
     #[command(flatten)]
     memory: Memory,
-}
-
-/// `--density-scale`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum DensityScale {
-    Given(f64),
-    Auto,
-}
-
-impl FromStr for DensityScale {
-    type Err = String;
-    fn from_str(text: &str) -> Result<Self, String> {
-        if text == "auto" { Ok(Self::Auto) } else { parse::positive(text).map(Self::Given) }
-    }
-}
-
-fn angle(text: &str) -> Result<f64, String> {
-    let degrees = parse::positive(text)?;
-    if degrees < 170.0 { Ok(degrees) } else { Err(format!("'{text}' must be below 170 degrees")) }
 }
 
 #[derive(Debug, Serialize)]
@@ -286,7 +267,7 @@ impl Render {
 }
 
 /// Refuses pictures that could not be held in memory: their pixels, the file's samples and its bytes, for each thread.
-fn fits(capture: &Capture, max_memory: u64) -> Result<()> {
+pub(super) fn fits(capture: &Capture, max_memory: u64) -> Result<()> {
     let at_once = rayon::current_num_threads().min(capture.frames.len()) as u64;
     let pixels = |f: &Frame| u64::from(f.camera.width) * u64::from(f.camera.height);
     match capture.frames.iter().max_by_key(|f| pixels(f)) {

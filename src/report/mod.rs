@@ -8,14 +8,17 @@ mod number;
 mod picture;
 mod plot;
 mod slices;
+mod sphere;
 mod stages;
 mod views;
 
 pub use plot::{Plot, Series};
+pub use sphere::{SphereMap, Walk};
 pub use views::{MOST_VIEWS, ViewRow, choose};
 
 use crate::error::{Error, Result};
 use crate::formats::atomic;
+use crate::render::film::Film;
 use crate::scene::bricks::Bricks;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use std::path::{Path, PathBuf};
@@ -89,6 +92,45 @@ impl Page {
     pub fn plot(&mut self, heading: &str, plot: &Plot) -> Result<&mut Self> {
         let body = plot.draw()?;
         Ok(self.section(heading, body))
+    }
+
+    /// Paths over a sphere of directions.
+    ///
+    /// # Errors
+    /// If it cannot be drawn.
+    pub fn sphere(&mut self, heading: &str, map: &SphereMap) -> Result<&mut Self> {
+        let body = map.draw()?;
+        Ok(self.section(heading, body))
+    }
+
+    /// A picture with a sentence beneath it.
+    ///
+    /// # Errors
+    /// If it has no pixels.
+    pub fn picture(&mut self, heading: &str, film: &Film, caption: &str) -> Result<&mut Self> {
+        let picture = picture::film(film, caption)?;
+        Ok(self.section(heading, html! { figure.picture { (picture) figcaption.caption { (caption) } } }))
+    }
+
+    /// A table of figures: what is said of its rows, and the rows, each with its name first.
+    pub fn table(&mut self, heading: &str, columns: &[&str], rows: &[Vec<String>]) -> &mut Self {
+        let body = html! {
+            div.wide {
+                table.figures {
+                    thead { tr { @for column in columns { th scope="col" { (column) } } } }
+                    tbody {
+                        @for row in rows {
+                            tr {
+                                @for (i, cell) in row.iter().enumerate() {
+                                    @if i == 0 { th scope="row" { (cell) } } @else { td { (cell) } }
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+        };
+        self.section(heading, body)
     }
 
     /// Stages in the order in which they ran, with the seconds that each took.

@@ -26,6 +26,9 @@ pub const PALETTE: [(RGBColor, &str); 8] = [
     (RGBColor(0x3F, 0x6B, 0x7A), "#93c4d4"),
 ];
 
+/// Text and lines of plots that are drawn elsewhere; a dark page replaces it.
+pub const INK_RGB: RGBColor = INK.0;
+
 /// Coordinates beyond this are left out, and an axis spans at least [`LEAST_SPAN`] and [`LEAST_SHARE`] of its
 /// largest coordinate: outside of that, plotters looks for ticks without end.
 const FARTHEST: f64 = 1e12;
@@ -166,9 +169,13 @@ fn ranges<'a>(points: impl Iterator<Item = &'a (f64, f64)>) -> Option<(Range<f64
     Some((x, widen(y0, y1, 0.06)))
 }
 
+/// A colour as SVG has it, in the one spelling that a dark page knows.
+pub fn hex(c: RGBColor) -> String {
+    format!("#{:02X}{:02X}{:02X}", c.0, c.1, c.2)
+}
+
 /// Style sheet of the colours. Plots carry those of a light page; a dark page replaces them.
 pub fn style() -> String {
-    let hex = |c: RGBColor| format!("#{:02X}{:02X}{:02X}", c.0, c.1, c.2);
     let mut css = String::new();
     let mut dark = String::new();
     for (i, (light, other)) in PALETTE.iter().enumerate() {

@@ -52,7 +52,7 @@ pub fn cameras(
 }
 
 /// A ball around points, at most a tenth larger than the smallest (Ritter 1990).
-fn ball(points: &[DVec3]) -> (DVec3, f64) {
+pub(super) fn ball(points: &[DVec3]) -> (DVec3, f64) {
     let Some(first) = points.first() else { return (DVec3::ZERO, 0.0) };
     let farthest = |from: DVec3| {
         let by_distance = |a: &&DVec3, b: &&DVec3| a.distance_squared(from).total_cmp(&b.distance_squared(from));
@@ -71,7 +71,8 @@ fn ball(points: &[DVec3]) -> (DVec3, f64) {
     (centre, radius)
 }
 
-fn direction(i: usize, count: usize, layout: Layout) -> DVec3 {
+/// Unit vector to the view of number `i` of `count`.
+pub fn direction(i: usize, count: usize, layout: Layout) -> DVec3 {
     let i = i as f64;
     let count = count as f64;
     match layout {

@@ -1,11 +1,10 @@
 //! `cumulo reconstruct density`: a VDB from absorption or emission-absorption pictures.
 
-use super::photos;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
 use crate::cli::run::{self, Run, Solver};
-use crate::cli::{cancel, parse, report};
+use crate::cli::{cancel, parse, photos, report};
 use crate::error::{Error, Result};
 use crate::formats::vdb::{Codec, File, Limits, write_grids};
 use crate::formats::{atomic, transforms};

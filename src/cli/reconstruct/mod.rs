@@ -1,7 +1,6 @@
 //! `cumulo reconstruct`: what pictures say about the volume in them.
 
 mod density;
-mod photos;
 mod tf;
 
 use super::output::Output;

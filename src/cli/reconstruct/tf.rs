@@ -1,10 +1,9 @@
 //! `cumulo reconstruct tf`: the transfer function that a known volume was rendered with.
 
-use super::photos;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
-use crate::cli::{cancel, parse, run};
+use crate::cli::{cancel, parse, photos, run};
 use crate::error::{Error, Result};
 use crate::formats::transfer::{self, Options};
 use crate::formats::vdb::{File, Limits};

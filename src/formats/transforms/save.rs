@@ -7,7 +7,7 @@ use crate::scene::camera::{Camera, Projection};
 use crate::scene::capture::Capture;
 use glam::DMat4;
 use serde_json::{Map, Value, json};
-use std::path::Path;
+use std::path::{Component, Path, PathBuf};
 
 /// Writes a capture to the JSON file `path` (not its pictures). Numbers are written so that
 /// [`load`](super::load) gives back the same bits. What all views share is written once. `extra` adds keys at the
@@ -34,7 +34,7 @@ fn text(path: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<St
         .iter()
         .enumerate()
         .map(|(i, frame)| {
-            let relative = frame.picture.strip_prefix(&folder).unwrap_or(&frame.picture);
+            let relative = relative(&frame.picture, &folder);
             let name = relative.to_str().ok_or_else(|| {
                 Error::invalid(format!("picture path {} is not Unicode", relative.display())).part(format!("frame {i}"))
             })?;
@@ -69,6 +69,24 @@ fn text(path: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<St
     Ok(text)
 }
 
+/// A picture's path from the capture's folder. One that lies elsewhere is reached by `..`, if both folders exist.
+fn relative(picture: &Path, folder: &Path) -> PathBuf {
+    if let Ok(inside) = picture.strip_prefix(folder) {
+        return inside.to_path_buf();
+    }
+    let real = |p: &Path| std::fs::canonicalize(if p.as_os_str().is_empty() { Path::new(".") } else { p });
+    let place = picture.parent().zip(picture.file_name());
+    let Some((parent, name)) = place.filter(|_| picture.is_relative()) else { return picture.to_path_buf() };
+    let (Ok(from), Ok(to)) = (real(folder), real(parent)) else { return picture.to_path_buf() };
+    let shared = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
+    // Another drive cannot be reached.
+    if shared == 0 {
+        return to.join(name);
+    }
+    let up = from.components().skip(shared).map(|_| Component::ParentDir);
+    up.chain(to.components().skip(shared)).collect::<PathBuf>().join(name)
+}
+
 /// All that a camera is, but its place.
 fn intrinsics(camera: &Camera) -> Map<String, Value> {
     let model = match camera.projection {
@@ -96,4 +114,23 @@ fn shortest(value: f32) -> f64 {
 fn rows(m: DMat4) -> Value {
     let rows = [0, 1, 2, 3].map(|i| m.row(i).to_array());
     json!(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_are_found_from_the_files_folder() {
+        let dir = tempfile::tempdir().unwrap();
+        let [a, b] = ["a", "a/b"].map(|name| dir.path().join(name));
+        std::fs::create_dir_all(&b).unwrap();
+        let relative = |picture: &Path, folder: &Path| relative(picture, folder);
+        assert_eq!(relative(&a.join("p.exr"), &a), Path::new("p.exr"));
+        assert_eq!(relative(&a.join("p.exr"), &b), a.join("p.exr"), "absolute paths stay");
+        assert_eq!(relative(Path::new("x/p.exr"), Path::new("")), Path::new("x/p.exr"));
+        assert_eq!(relative(Path::new("src/../tests/p.exr"), Path::new("src")), Path::new("../tests/p.exr"));
+        assert_eq!(relative(Path::new("p.exr"), Path::new("src/cli")), Path::new("../../p.exr"));
+        assert_eq!(relative(Path::new("none/p.exr"), Path::new("src")), Path::new("none/p.exr"), "nowhere");
+    }
 }

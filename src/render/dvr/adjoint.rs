@@ -495,12 +495,12 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     fn finish(&mut self) {
         self.flush();
         if self.sinks.ray.is_some() {
-            self.bring_to_world();
+            self.hand_over();
         }
     }
 
     #[inline(never)]
-    fn bring_to_world(&mut self) {
+    fn hand_over(&mut self) {
         if let Some(ray) = self.sinks.ray.as_deref_mut() {
             let Moved { mut shift, mut turn, enter, leave, step } = self.moved;
             // The box's faces stand still: t = (face - o) / d.

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 ///
 /// # Errors
 /// If one cannot be read or has another size than its camera, or they do not fit in memory.
-pub(super) fn read(capture: &Capture, layer: Option<&str>, limits: Limits) -> Result<Vec<Photo>> {
+pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits) -> Result<Vec<Photo>> {
     let pixels: u64 = capture.frames.iter().map(|f| u64::from(f.camera.width) * u64::from(f.camera.height)).sum();
     // Colours, depths and weights, and the rays that the solver walks.
     if pixels * 48 > limits.max_memory {
@@ -38,7 +38,7 @@ pub(super) fn read(capture: &Capture, layer: Option<&str>, limits: Limits) -> Re
 ///
 /// # Errors
 /// If no view would be left.
-pub(super) fn held_out(count: Option<usize>, views: usize, enough: usize) -> Result<Vec<usize>> {
+pub fn held_out(count: Option<usize>, views: usize, enough: usize) -> Result<Vec<usize>> {
     let count = count.unwrap_or(usize::from(views >= enough));
     if count >= views {
         return Err(Error::invalid(format!("--held-out {count} leaves none of the {views} views"))

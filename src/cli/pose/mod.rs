@@ -1,0 +1,264 @@
+//! `cumulo pose`: cameras that agree with their pictures.
+
+mod page;
+
+use super::memory::Memory;
+use super::output::Output;
+use super::provenance::Provenance;
+use super::transfer::TransferOption;
+use super::{cancel, photos, report, run, volume};
+use crate::error::{Error, Result};
+use crate::formats::{atomic, transforms};
+use crate::math::Aabb;
+use crate::optimise::pictures::Target;
+use crate::optimise::pose::{self, Found, Request, levels};
+use crate::render::dvr::Dvr;
+use crate::scene::bricks::Bricks;
+use crate::scene::camera::Camera;
+use crate::scene::capture::{Capture, Model};
+use crate::scene::transfer::Transfer;
+use glam::{DMat3, DQuat, DVec3};
+use serde::Serialize;
+use serde_json::{Map, json};
+use std::fmt;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+/// Find where cameras stood, from their pictures and the volume in them
+///
+/// Cameras of the capture are where the search begins: a few degrees and a few percent of the distance off. Position
+/// and rotation of each are moved until what it sees of the volume is its picture. Ctrl-C writes what is there (exit
+/// code 1).
+#[derive(Debug, clap::Args)]
+pub struct Pose {
+    /// transforms.json of the pictures, or its folder
+    capture: PathBuf,
+    /// Volume in the pictures
+    #[arg(long, value_name = "IN.vdb")]
+    volume: PathBuf,
+    /// Capture (JSON) with the new cameras, and the same pictures
+    #[arg(long, short, value_name = "OUT.json")]
+    output: PathBuf,
+    #[command(flatten)]
+    transfer: TransferOption,
+    /// Find the focal length, too: one factor for all cameras
+    #[arg(long)]
+    solve_focal: bool,
+    /// Steps on each size of pictures that the search goes through, at most
+    #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    iterations: u32,
+    /// Layer of the pictures (default: the beauty)
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
+    /// Grid of the volume (default: density, else the only scalar one)
+    #[arg(long, value_name = "NAME")]
+    grid: Option<String>,
+    /// Write a page that shows how it went
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+#[derive(Debug, Serialize)]
+struct Moved {
+    picture: String,
+    /// Of the colours' differences.
+    rms_before: f64,
+    rms_after: f64,
+    /// Angle between the axes before and after.
+    rotated_degrees: f64,
+    /// Way from the position before, of the distance to the volume's centre.
+    moved_percent: f64,
+    iterations: u32,
+    /// Directions of six that the picture says nothing about: along them the camera stays.
+    undetermined: usize,
+    note: Option<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    output: PathBuf,
+    cameras: Vec<Moved>,
+    /// Over all cameras.
+    rms_before: f64,
+    rms_after: f64,
+    iterations: u32,
+    /// Focal length by that of the capture; none if it was not to be found.
+    focal_factor: Option<f64>,
+    seconds: f64,
+    stopped: bool,
+    report: Option<PathBuf>,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}: {} camera(s) in {:.2} s", self.output.display(), self.cameras.len(), self.seconds)?;
+        writeln!(f, "  rms {:.3e}, before {:.3e}", self.rms_after, self.rms_before)?;
+        if let Some(factor) = self.focal_factor {
+            writeln!(f, "  focal length times {factor:.6}")?;
+        }
+        for camera in &self.cameras {
+            write!(f, "  {}: rms {:.3e}, before {:.3e}", camera.picture, camera.rms_after, camera.rms_before)?;
+            writeln!(f, "; moved by {:.3} degrees, {:.3} %", camera.rotated_degrees, camera.moved_percent)?;
+            if let Some(note) = &camera.note {
+                writeln!(f, "    {note}")?;
+            }
+        }
+        if let Some(page) = &self.report {
+            writeln!(f, "  report {}", page.display())?;
+        }
+        Ok(())
+    }
+}
+
+impl Pose {
+    /// Reads, solves, writes and reports.
+    ///
+    /// # Errors
+    /// If capture, pictures or volume cannot be read or used, or the outputs cannot be written.
+    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let cancel = cancel::listen();
+        let mut provenance = Provenance::begin();
+        let limits = self.memory.limits();
+        atomic::probe(&self.output)?;
+        if let Some(dir) = &self.report {
+            report::prepare(dir)?;
+        }
+        let json = transforms::json_path(&self.capture);
+        let capture = transforms::load(&json)?;
+        let (grid, carried) = volume::read(&self.volume, self.grid.as_deref(), &self.transfer, limits)?;
+        let shown = self.shown(&capture, carried);
+        let field = volume::arrange(&grid, shown.transfer.as_ref(), limits).map_err(|e| e.at(&self.volume))?;
+        drop(grid);
+        let photos = photos::read(&shown, self.layer.as_deref(), limits)?;
+        let pictures = shown.frames.iter().map(|f| f.picture.as_path());
+        provenance.input(&json, std::iter::once(json.as_path()).chain(pictures))?;
+        provenance.input(&self.volume, [self.volume.as_path()])?;
+        if let Some(tf) = &self.transfer.tf {
+            provenance.input(tf, [tf.as_path()])?;
+        }
+
+        let centre = self.centre(&field)?;
+        let rays_per_edge = run::rays_per_edge(shown.pixel_filter);
+        let targets: Vec<Target> = photos
+            .into_iter()
+            .map(|photo| Target { camera: photo.camera, rgba: photo.film.rgba, rays_per_edge })
+            .collect();
+        let medium = shown.medium()?;
+        let dvr = Dvr::new(&field, medium.clone())?.background(shown.background);
+        let request = Request {
+            medium: &medium,
+            background: shown.background,
+            centre,
+            iterations: self.iterations,
+            solve_focal: self.solve_focal,
+        };
+        let bar = output.progress(targets.iter().map(|t| levels(&t.camera) as u64 + 1).sum(), "pose");
+        let begun = Instant::now();
+        let found = pose::solve(&dvr, &targets, &request, cancel, &|| bar.inc(1));
+        let seconds = begun.elapsed().as_secs_f64();
+        bar.finish_and_clear();
+        let stopped = cancel.load(Ordering::Relaxed);
+        provenance.lap();
+
+        let mut report = self.summary(&shown, &found, centre, seconds, stopped);
+        // Notes of what was overridden for this run do not belong into the capture: only its cameras change.
+        let mut solved = Capture { transfer: shown.transfer.clone(), model: shown.model, ..capture };
+        solved.frames.iter_mut().zip(&found).for_each(|(frame, found)| frame.camera = found.camera);
+        let mut extra = Map::new();
+        extra.insert("provenance".into(), json!(provenance));
+        transforms::save(&self.output, &solved, &extra)?;
+        if let Some(dir) = &self.report {
+            let page = page::page(&report, &solved, &targets, &dvr, &provenance)?;
+            report.report = Some(page.write(dir)?);
+        }
+        for camera in &report.cameras {
+            if let Some(note) = &camera.note {
+                output.note(format!("{}: {note}", camera.picture));
+            }
+        }
+        if stopped {
+            output.note("stopped; what was there by then is written");
+        }
+        output.report(&report)?;
+        Ok(if stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
+    }
+
+    /// The capture as its pictures are to be understood.
+    fn shown(&self, capture: &Capture, transfer: Option<Transfer>) -> Capture {
+        match transfer.filter(|_| self.transfer.tf.is_some()) {
+            Some(transfer) => Capture { transfer: Some(transfer), model: Model::EmissionAbsorption, ..capture.clone() },
+            // A function that the pictures do not show would cut the volume's edge.
+            None if capture.model == Model::Absorption => Capture { transfer: None, ..capture.clone() },
+            None => capture.clone(),
+        }
+    }
+
+    /// The middle of what is in the volume.
+    fn centre(&self, field: &Bricks<f32>) -> Result<DVec3> {
+        let outline = field.outline();
+        if outline.is_empty() {
+            return Err(Error::invalid("the grid is empty: no picture says anything about a camera")
+                .at(&self.volume)
+                .hint("choose another grid with --grid"));
+        }
+        Ok(outline.into_iter().fold(Aabb::EMPTY, |b, p| b.including(p)).centre())
+    }
+
+    fn summary(&self, capture: &Capture, found: &[Found], centre: DVec3, seconds: f64, stopped: bool) -> Report {
+        let cameras: Vec<Moved> = capture
+            .frames
+            .iter()
+            .zip(found)
+            .map(|(frame, found)| {
+                let (degrees, percent) = apart(&frame.camera, &found.camera, centre);
+                let note = match found.undetermined {
+                    0 => None,
+                    6 => Some("the picture says nothing about the camera, which stays where it was".to_owned()),
+                    n => Some(format!(
+                        "the picture says nothing about {n} of the camera's six directions of motion, along which it \
+                         stays where it was"
+                    )),
+                };
+                Moved {
+                    picture: frame.picture.file_name().unwrap_or(frame.picture.as_os_str()).to_string_lossy().into(),
+                    rms_before: found.rms[0],
+                    rms_after: found.rms[1],
+                    rotated_degrees: degrees,
+                    moved_percent: percent,
+                    iterations: found.iterations,
+                    undetermined: found.undetermined,
+                    note,
+                }
+            })
+            .collect();
+        let mean = |of: usize| {
+            let sums = found.iter().fold((0.0, 0), |(s, n), f| (s + f.rms[of].powi(2) * f.count as f64, n + f.count));
+            (sums.0 / sums.1.max(1) as f64).sqrt()
+        };
+        let factor = capture.frames.first().zip(found.first()).map(|(a, b)| b.camera.focal.x / a.camera.focal.x);
+        Report {
+            output: self.output.clone(),
+            cameras,
+            rms_before: mean(0),
+            rms_after: mean(1),
+            iterations: found.iter().map(|f| f.iterations).max().unwrap_or(0),
+            focal_factor: factor.filter(|_| self.solve_focal),
+            seconds,
+            stopped,
+            report: None,
+        }
+    }
+}
+
+/// Angle in degrees between two cameras' axes, and the way between them in percent of the first one's distance.
+fn apart(a: &Camera, b: &Camera, centre: DVec3) -> (f64, f64) {
+    let axes = |c: &Camera| DMat3::from_mat4(c.camera_to_world);
+    let turn = DQuat::from_mat3(&(axes(b) * axes(a).transpose()));
+    let degrees = 2.0 * turn.xyz().length().atan2(turn.w.abs()).to_degrees();
+    let distance = a.position().distance(centre).max(f64::MIN_POSITIVE);
+    (degrees, 100.0 * a.position().distance(b.position()) / distance)
+}

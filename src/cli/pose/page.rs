@@ -1,0 +1,80 @@
+//! The page of a search for cameras.
+
+use super::Report;
+use crate::cli::provenance::Provenance;
+use crate::error::{Error, Result};
+use crate::metrics;
+use crate::optimise::pictures::Target;
+use crate::render;
+use crate::render::dvr::Dvr;
+use crate::render::film::Film;
+use crate::report::{MOST_VIEWS, Page, ViewRow, choose};
+use crate::scene::capture::Capture;
+use std::sync::atomic::AtomicBool;
+
+/// How far each camera was moved, and what it sees now.
+pub fn page(
+    report: &Report,
+    solved: &Capture,
+    targets: &[Target],
+    dvr: &Dvr<'_, f32>,
+    provenance: &Provenance,
+) -> Result<Page> {
+    let name = report.output.file_name().unwrap_or(report.output.as_os_str()).to_string_lossy();
+    let mut page = Page::new(
+        format!("{name}, {} cameras", report.cameras.len()),
+        format!(
+            "Cameras moved until what they see is their pictures{}.",
+            if report.stopped { "; stopped before the end" } else { "" }
+        ),
+    );
+    let mut figures = vec![
+        ("RMS", format!("{:.3e}", report.rms_after)),
+        ("RMS before", format!("{:.3e}", report.rms_before)),
+        ("Time", format!("{:.2} s", report.seconds)),
+    ];
+    if let Some(factor) = report.focal_factor {
+        figures.push(("Focal length times", format!("{factor:.6}")));
+    }
+    page.figures(&figures);
+    let rows: Vec<Vec<String>> = report
+        .cameras
+        .iter()
+        .map(|c| {
+            vec![
+                c.picture.clone(),
+                format!("{:.3e}", c.rms_before),
+                format!("{:.3e}", c.rms_after),
+                format!("{:.4}°", c.rotated_degrees),
+                format!("{:.4} %", c.moved_percent),
+                c.iterations.to_string(),
+                (6 - c.undetermined).to_string(),
+            ]
+        })
+        .collect();
+    let columns = ["Picture", "RMS before", "RMS after", "Rotated", "Moved, of distance", "Steps", "Directions of six"];
+    page.table("Cameras", &columns, &rows);
+    let never = AtomicBool::new(false);
+    let views = choose(&vec![false; targets.len()], MOST_VIEWS)
+        .into_iter()
+        .map(|i| {
+            let (frame, target) = (&solved.frames[i], &targets[i]);
+            let render =
+                render::picture(dvr, &frame.camera, target.rays_per_edge, &never).ok_or_else(Error::cancelled)?;
+            let picture = Film { width: render.width, height: render.height, rgba: target.rgba.clone() };
+            let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
+            Ok(ViewRow {
+                name: frame.picture.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+                picture,
+                render,
+                extra: None,
+                held_out: false,
+                psnr_db: Some(comparison.psnr_db),
+                note: report.cameras[i].note.clone().unwrap_or_default(),
+            })
+        })
+        .collect::<Result<Vec<_>>>()?;
+    page.views("Views from the new cameras", &views, targets.len())?;
+    page.provenance(&provenance.rows());
+    Ok(page)
+}

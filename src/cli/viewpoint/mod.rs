@@ -1,0 +1,327 @@
+//! `cumulo viewpoint`: where a volume shows most.
+
+mod page;
+
+use super::memory::Memory;
+use super::output::Output;
+use super::parse::{self, DensityScale};
+use super::provenance::Provenance;
+use super::transfer::TransferOption;
+use super::{cancel, render, report, volume};
+use crate::error::{Error, Result};
+use crate::formats::{atomic, exr, transforms};
+use crate::optimise::viewpoint::{self, Outcome, Request, sizes};
+use crate::render::dvr::Dvr;
+use crate::render::film::Film;
+use crate::render::scale;
+use crate::scene::bricks::Bricks;
+use crate::scene::camera::Camera;
+use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
+use crate::scene::medium::{Medium, Source};
+use crate::scene::sphere::{self, Sphere};
+use crate::scene::table::Table;
+use crate::scene::transfer::Transfer;
+use glam::DVec3;
+use serde::Serialize;
+use serde_json::{Map, json};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// Find the viewpoints from which a volume shows most
+///
+/// Cameras stand on a sphere around the volume and face its centre. Those from which the opacity entropy of the
+/// picture is largest are written as a capture, the best first. Ctrl-C writes what is there (exit code 1).
+#[derive(Debug, clap::Args)]
+pub struct Viewpoint {
+    /// VDB to look at
+    input: PathBuf,
+    /// Capture (JSON) for the cameras
+    #[arg(long, short, value_name = "OUT.json")]
+    output: PathBuf,
+    /// Folder for the cameras' pictures (default: that of the output)
+    #[arg(long, value_name = "DIR")]
+    pictures: Option<PathBuf>,
+    /// Number of viewpoints to start from
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    starts: u32,
+    /// Evaluations from each start, at most, for each size of picture that the search goes through
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    iterations: u32,
+    /// Also look from this many viewpoints spread evenly over the sphere, to compare
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
+    samples: u32,
+    /// Size of the pictures in pixels
+    #[arg(long, value_name = "WxH", default_value = "256x256", value_parser = parse::size)]
+    size: [u32; 2],
+    /// Angle in degrees that the volume takes in the pictures
+    #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = parse::angle)]
+    fov: f64,
+    /// Extinction per unit of density and length; auto makes the 99th percentile of the optical depth 3
+    #[arg(long, value_name = "S|auto", default_value = "1")]
+    density_scale: DensityScale,
+    /// Radiance behind the volume in the pictures, r,g,b (default: white, black with a transfer function)
+    #[arg(long, value_name = "R,G,B", value_parser = parse::colour)]
+    background: Option<[f32; 3]>,
+    #[command(flatten)]
+    transfer: TransferOption,
+    /// Grid to look at (default: density, else the only scalar one)
+    #[arg(long, value_name = "NAME")]
+    grid: Option<String>,
+    /// Write a page that shows the search
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+#[derive(Debug, Serialize)]
+struct Start {
+    /// Unit vectors from the centre to the camera.
+    start: [f64; 3],
+    end: [f64; 3],
+    entropy: f64,
+    iterations: u32,
+    /// Number of the view it has reached.
+    view: usize,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    output: PathBuf,
+    views: usize,
+    /// Of the best view.
+    entropy: f64,
+    sampled_best_entropy: Option<f64>,
+    starts: Vec<Start>,
+    /// True if nothing is to be seen.
+    blank: bool,
+    stopped: bool,
+    density_scale: f64,
+    /// Wall times: of the search, of the samples, of one picture without derivatives.
+    seconds: f64,
+    sampled_seconds: Option<f64>,
+    render_seconds: f64,
+    /// The search's time in such pictures.
+    equivalent_renders: f64,
+    report: Option<PathBuf>,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}: {} view(s), the best of entropy {:.6}", self.output.display(), self.views, self.entropy)?;
+        if let Some(best) = self.sampled_best_entropy {
+            writeln!(f, "  best sampled   {best:.6}")?;
+        }
+        write!(f, "  {} start(s) in {:.2} s", self.starts.len(), self.seconds)?;
+        writeln!(f, ", the time of {:.0} pictures", self.equivalent_renders)?;
+        if let Some(seconds) = self.sampled_seconds {
+            writeln!(f, "  samples in     {seconds:.2} s")?;
+        }
+        if let Some(page) = &self.report {
+            writeln!(f, "  report         {}", page.display())?;
+        }
+        Ok(())
+    }
+}
+
+/// Entropies on the sphere, and how long they took.
+type Samples = (Vec<(DVec3, f64)>, f64);
+
+impl Viewpoint {
+    /// Reads, searches, renders, writes and reports.
+    ///
+    /// # Errors
+    /// If the volume cannot be read or has nothing in it, or the outputs cannot be written.
+    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let cancel = cancel::listen();
+        let mut provenance = Provenance::begin();
+        let limits = self.memory.limits();
+        atomic::probe(&self.output)?;
+        self.spare_others()?;
+        if let Some(dir) = &self.report {
+            report::prepare(dir)?;
+        }
+        let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
+        let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
+        drop(grid);
+        provenance.input(&self.input, [self.input.as_path()])?;
+        if let Some(tf) = &self.transfer.tf {
+            provenance.input(tf, [tf.as_path()])?;
+        }
+        let around = Sphere::around(&field.outline(), self.size, self.fov)
+            .map_err(|e| e.at(&self.input).hint("choose another grid with --grid"))?;
+        let request =
+            Request { sphere: around, starts: sphere::starts(self.starts as usize), iterations: self.iterations };
+        let mut capture = self.capture(&field, transfer, &request)?;
+        render::fits(&capture, limits.max_memory)?;
+
+        let dvr = Dvr::new(&field, opaque(capture.medium()?)?)?;
+        let sizes = sizes(&around).len() as u64;
+        let bar = output.progress(u64::from(self.starts) * sizes + u64::from(self.samples), "viewpoint");
+        let mut found = viewpoint::search(&dvr, &request, cancel, &|| bar.inc(1));
+        let samples = self.sample(&dvr, &around, cancel, &|| bar.inc(1));
+        bar.finish_and_clear();
+        found.stopped = cancel.load(Ordering::Relaxed);
+        let blank = found.views.iter().all(|view| view.entropy.blank);
+        if blank {
+            output.note(format!(
+                "{}: the pictures are blank, so that all viewpoints are alike; try --density-scale auto, or another \
+                 transfer function",
+                self.input.display()
+            ));
+        }
+
+        let best = self.write(&field, &mut capture, &around, &found, &mut provenance)?;
+        let mut report = self.summary(&found, samples.as_ref(), blank, capture.density_scale);
+        if let Some(dir) = &self.report {
+            let samples = samples.as_ref().map(|(all, _)| all.as_slice()).unwrap_or_default();
+            let page = page::page(&self.input, &report, &found, samples, best, &provenance)?;
+            report.report = Some(page.write(dir)?);
+        }
+        if found.stopped {
+            output.note("stopped; what was there by then is written");
+        }
+        output.report(&report)?;
+        Ok(if found.stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
+    }
+
+    /// The pictures of another capture must not be replaced by ours.
+    fn spare_others(&self) -> Result<()> {
+        let json = self.folder().join(transforms::FILE_NAME);
+        let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
+        if json.exists() && !same(&json, &self.output) {
+            return Err(Error::invalid("another capture lies here, and its pictures might be replaced")
+                .at(&json)
+                .hint("give a folder for the pictures with --pictures"));
+        }
+        Ok(())
+    }
+
+    fn folder(&self) -> PathBuf {
+        let beside = || self.output.parent().map(Path::to_path_buf).unwrap_or_default();
+        self.pictures.clone().unwrap_or_else(beside)
+    }
+
+    /// What the pictures will show; its cameras are those of the starts.
+    fn capture(&self, field: &Bricks<f32>, transfer: Option<Transfer>, request: &Request) -> Result<Capture> {
+        let cameras: Vec<Camera> = request.starts.iter().map(|d| request.sphere.camera(&sphere::upright(*d))).collect();
+        let source = match &transfer {
+            Some(transfer) => Source::Transfer(Arc::new(transfer.table()?)),
+            None => Source::Grey([0.0; 3]),
+        };
+        let density_scale = match self.density_scale {
+            DensityScale::Given(scale) => scale,
+            DensityScale::Auto => scale::density_scale(field, &source, &cameras).ok_or_else(|| {
+                Error::invalid("no pixel meets any density, so that no scale can be found")
+                    .at(&self.input)
+                    .hint("check the grid and the transfer function, or give the scale as a number")
+            })?,
+        };
+        let emits = transfer.is_some();
+        Ok(Capture {
+            frames: self.frames(cameras),
+            model: if emits { Model::EmissionAbsorption } else { Model::Absorption },
+            background: self.background.unwrap_or(if emits { [0.0; 3] } else { [1.0; 3] }),
+            pixel_filter: PixelFilter::Point,
+            density_scale,
+            emission: [1.0; 3],
+            emission_model: EmissionModel::Grey,
+            transfer,
+            lattice: Some(field.transform.matrix()),
+        })
+    }
+
+    fn frames(&self, cameras: Vec<Camera>) -> Vec<Frame> {
+        let folder = self.folder();
+        let frame = |(i, camera)| Frame { camera, picture: folder.join(format!("view_{i:03}.exr")) };
+        cameras.into_iter().enumerate().map(frame).collect()
+    }
+
+    fn sample(
+        &self,
+        dvr: &Dvr<'_, f32>,
+        around: &Sphere,
+        cancel: &AtomicBool,
+        tick: &(dyn Fn() + Sync),
+    ) -> Option<Samples> {
+        let begun = Instant::now();
+        let count = Some(self.samples as usize).filter(|n| *n > 0)?;
+        let all = viewpoint::sample(dvr, around, count, cancel, tick)?;
+        Some((all, begun.elapsed().as_secs_f64()))
+    }
+
+    /// Writes pictures and capture; the best view's picture.
+    fn write(
+        &self,
+        field: &Bricks<f32>,
+        capture: &mut Capture,
+        around: &Sphere,
+        found: &Outcome,
+        provenance: &mut Provenance,
+    ) -> Result<Film> {
+        capture.frames = self.frames(found.views.iter().map(|view| around.camera(&view.axes)).collect());
+        let folder = self.folder();
+        if !folder.as_os_str().is_empty() {
+            std::fs::create_dir_all(&folder)
+                .map_err(|e| Error::io(&folder, e).hint("the pictures need a folder that can be written to"))?;
+        }
+        let dvr = Dvr::new(field, capture.medium()?)?.background(capture.background);
+        // What was found is worth its pictures even if the search was stopped.
+        let never = AtomicBool::new(false);
+        let attributes = provenance.attributes();
+        let mut best = None;
+        for frame in &capture.frames {
+            let film = crate::render::picture(&dvr, &frame.camera, 1, &never).ok_or_else(Error::cancelled)?;
+            exr::write_picture(&frame.picture, &film, &attributes, false)?;
+            best.get_or_insert(film);
+        }
+        provenance.lap();
+        let mut extra = Map::new();
+        let entropies: Vec<f64> = found.views.iter().map(|view| view.entropy.value).collect();
+        extra.insert("opacity_entropy".into(), json!(entropies));
+        extra.insert("provenance".into(), json!(provenance));
+        transforms::save(&self.output, capture, &extra)?;
+        best.ok_or_else(|| Error::invalid("no viewpoint was found"))
+    }
+
+    fn summary(&self, found: &Outcome, samples: Option<&Samples>, blank: bool, density_scale: f64) -> Report {
+        let starts = found.paths.iter().map(|path| {
+            let view = &found.views[path.view];
+            let start = path.directions.first().map_or([0.0; 3], DVec3::to_array);
+            let (end, entropy) = (view.axes.z_axis.to_array(), view.entropy.value);
+            Start { start, end, entropy, iterations: path.iterations, view: path.view }
+        });
+        Report {
+            output: self.output.clone(),
+            views: found.views.len(),
+            entropy: found.views.first().map_or(0.0, |view| view.entropy.value),
+            sampled_best_entropy: samples.map(|(all, _)| all.iter().map(|s| s.1).fold(0.0, f64::max)),
+            starts: starts.collect(),
+            blank,
+            stopped: found.stopped,
+            density_scale,
+            seconds: found.seconds,
+            sampled_seconds: samples.map(|(_, seconds)| *seconds),
+            render_seconds: found.render_seconds,
+            equivalent_renders: found.seconds / found.render_seconds,
+            report: None,
+        }
+    }
+}
+
+/// A medium of the same opacity with less to compute: of a transfer function's colours none matters, and points
+/// that only they need are left out.
+fn opaque(medium: Medium) -> Result<Medium> {
+    let source = match &medium.source {
+        Source::Grey(_) | Source::Linear(_) => Source::Grey([0.0; 3]),
+        Source::Transfer(table) => {
+            let values = table.values().iter().map(|v| [1.0, 1.0, 1.0, v[3]]).collect();
+            Source::Transfer(Arc::new(Table::new(table.knots().to_vec(), values)?.simplified(0.0)))
+        }
+    };
+    Ok(Medium { source, ..medium })
+}

@@ -1,0 +1,156 @@
+//! Gradient ascent on the sphere of viewpoints, with curvature learnt on the way.
+//!
+//! BFGS (Nocedal & Wright 2006, eq. 6.17) in the two coordinates of the tangent plane. They belong to the
+//! camera's own axes, which steps carry along (parallel transport): gradients and steps of different points can be
+//! subtracted from one another as they are.
+
+use crate::scene::sphere::stepped;
+use glam::{DMat2, DMat3, DVec2};
+
+/// Length of the first step in radians: a sixth of what lies between the paper's starts.
+const FIRST: f64 = 0.2;
+/// The longest step.
+const LONGEST: f64 = 0.5;
+/// Share of the rise that the gradient promises below which a step is taken back (Armijo).
+const RISE: f64 = 1e-4;
+
+/// A value and its derivative by a step along the axes right and up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Slope {
+    /// What is to become large.
+    pub value: f64,
+    /// Derivative by a rotation vector's two coordinates, per radian.
+    pub gradient: DVec2,
+}
+
+/// A climber: where it is and what it knows.
+#[derive(Debug, Clone)]
+pub struct Ascent {
+    /// Axes of the viewpoint.
+    pub axes: DMat3,
+    /// Axes of all viewpoints it was at, the first one included.
+    pub path: Vec<DMat3>,
+    /// Value where it is, as the last climb saw it; none before.
+    pub value: Option<f64>,
+    /// Number of evaluations.
+    pub evaluations: u32,
+    /// Minus the inverse of the second derivatives, once two points have told of them.
+    curvature: Option<DMat2>,
+}
+
+impl Ascent {
+    /// A climber at a viewpoint.
+    pub fn new(axes: DMat3) -> Self {
+        Self { axes, path: vec![axes], value: None, evaluations: 0, curvature: None }
+    }
+
+    /// Sets out anew with a frame of the same viewpoint, turned about the line of sight: what was learnt of the
+    /// curvature turns with it, path and count begin again.
+    pub fn rest(&mut self, axes: DMat3) {
+        let old = DMat2::from_cols(
+            DVec2::new(self.axes.x_axis.dot(axes.x_axis), self.axes.x_axis.dot(axes.y_axis)),
+            DVec2::new(self.axes.y_axis.dot(axes.x_axis), self.axes.y_axis.dot(axes.y_axis)),
+        );
+        let curvature = self.curvature.map(|inverse| old * inverse * old.transpose());
+        *self = Self { value: self.value, curvature, ..Self::new(axes) };
+    }
+
+    /// Climbs until steps are shorter than `shortest` (radians) or promise a smaller rise than `worth`, for at most
+    /// `most` evaluations. `evaluate` gives nothing once the search is to stop. What was learnt of the curvature is
+    /// kept for the next climb.
+    pub fn climb(&mut self, [shortest, worth]: [f64; 2], most: u32, evaluate: impl Fn(&DMat3) -> Option<Slope>) {
+        let end = self.evaluations.saturating_add(most);
+        let look = |axes: &DMat3, count: &mut u32| {
+            (*count < end).then(|| *count += 1)?;
+            evaluate(axes).filter(|s| s.value.is_finite() && s.gradient.is_finite())
+        };
+        let Some(mut here) = look(&self.axes, &mut self.evaluations) else { return };
+        loop {
+            self.value = Some(here.value);
+            let mut step = self.step(here.gradient);
+            let (there, axes) = loop {
+                let promised = here.gradient.dot(step);
+                // A step of nothing ends here, too.
+                if !(step.length() > shortest && promised > worth) {
+                    return;
+                }
+                let axes = stepped(&self.axes, step);
+                let Some(there) = look(&axes, &mut self.evaluations) else { return };
+                if there.value >= here.value + RISE * promised {
+                    break (there, axes);
+                }
+                step *= shrunk(here.value, promised, there.value);
+            };
+            self.learn(step, here.gradient - there.gradient);
+            (self.axes, here) = (axes, there);
+            self.path.push(axes);
+        }
+    }
+
+    fn step(&self, gradient: DVec2) -> DVec2 {
+        let step = match self.curvature {
+            Some(inverse) => inverse * gradient,
+            None => gradient.normalize_or_zero() * FIRST,
+        };
+        step.clamp_length_max(LONGEST)
+    }
+
+    /// Takes up what a step and the gradient's fall along it say.
+    fn learn(&mut self, step: DVec2, fall: DVec2) {
+        let along = step.dot(fall);
+        if along <= 1e-9 * step.length() * fall.length() {
+            // The land curves upwards here: no summit near, go on in longer steps.
+            self.curvature = self.curvature.map(|inverse| 2.0 * inverse);
+            return;
+        }
+        let inverse = self.curvature.unwrap_or(DMat2::from_diagonal(DVec2::splat(along / fall.length_squared())));
+        let outer = |a: DVec2, b: DVec2| DMat2::from_cols(a * b.x, a * b.y);
+        let keep = DMat2::IDENTITY - outer(step, fall) * (1.0 / along);
+        self.curvature = Some(keep * inverse * keep.transpose() + outer(step, step) * (1.0 / along));
+    }
+}
+
+/// Where the parabola through two values and the slope at the first has its top, as a share of the step.
+fn shrunk(here: f64, promised: f64, there: f64) -> f64 {
+    let top = 0.5 * promised / (promised + here - there);
+    if top.is_finite() { top.clamp(0.1, 0.5) } else { 0.1 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::sphere::upright;
+    use glam::DVec3;
+
+    /// A hill on the sphere: its top at the direction to which a quadratic form is largest.
+    fn hill(axes: &DMat3) -> Slope {
+        let form = DMat3::from_diagonal(DVec3::new(1.0, 0.4, 3.0));
+        let d = axes.z_axis;
+        // d changes by ω × d: the derivative by ω is d × ∇.
+        let by_turn = d.cross(2.0 * (form * d));
+        Slope { value: d.dot(form * d), gradient: DVec2::new(by_turn.dot(axes.x_axis), by_turn.dot(axes.y_axis)) }
+    }
+
+    #[test]
+    fn the_top_is_found_in_few_steps_even_at_a_pole() {
+        for from in [DVec3::new(1.0, 0.3, 0.2), DVec3::new(-0.2, 1.0, -0.1), DVec3::new(0.5, 0.5, 0.7)] {
+            let mut ascent = Ascent::new(upright(from.normalize()));
+            ascent.climb([1e-7, 0.0], 60, |axes| Some(hill(axes)));
+            assert!(ascent.axes.z_axis.cross(DVec3::Z).length() < 1e-6, "{:?}", ascent.axes.z_axis);
+            assert!(ascent.evaluations < 25, "{}", ascent.evaluations);
+        }
+    }
+
+    #[test]
+    fn flat_land_and_refusals_end_it() {
+        let mut ascent = Ascent::new(DMat3::IDENTITY);
+        ascent.climb([1e-3, 0.0], 9, |_| Some(Slope { value: 1.0, gradient: DVec2::ZERO }));
+        assert_eq!((ascent.evaluations, ascent.path.len()), (1, 1));
+        ascent.climb([1e-3, 0.0], 9, |_| None);
+        ascent.climb([1e-3, 0.0], 9, |_| Some(Slope { value: f64::NAN, gradient: DVec2::ONE }));
+        assert_eq!((ascent.evaluations, ascent.path.len()), (3, 1));
+        let mut limited = Ascent::new(upright(DVec3::new(1.0, 0.3, 0.2).normalize()));
+        limited.climb([0.0; 2], 4, |axes| Some(hill(axes)));
+        assert_eq!(limited.evaluations, 4);
+    }
+}

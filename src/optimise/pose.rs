@@ -1,0 +1,267 @@
+//! Where cameras stood, from their pictures and the volume in them: least squares by Levenberg and Marquardt.
+//!
+//! The derivatives of every pixel's colours by the camera are those of the renderer's adjoint. Pictures are shrunk
+//! at first, so that cameras find their way from further off.
+
+use crate::optimise::normal::{Frame, Normal, Pose, Spectrum, steps};
+use crate::optimise::pictures::Target;
+use crate::optimise::rows::Rows;
+use crate::render::dvr::Dvr;
+use crate::scene::camera::Camera;
+use crate::scene::medium::{Medium, Source};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Pixels along the shorter side of the smallest pictures, at least.
+const COARSEST: u32 = 16;
+/// Steps (radians, shares of the distance) below which a search ends, on full pictures and on shrunk ones.
+const FINE: f64 = 1e-7;
+const COARSE: f64 = 1e-4;
+/// Damping at first, as a share of the largest eigenvalue.
+const DAMPING: f64 = 1e-4;
+/// Steps in a row that make it worse, after which a search ends.
+const PATIENCE: u32 = 6;
+
+/// What is looked for.
+#[derive(Debug, Clone, Copy)]
+pub struct Request<'r> {
+    /// What pictures show of the density.
+    pub medium: &'r Medium,
+    /// Radiance behind it.
+    pub background: [f32; 3],
+    /// A point that cameras look at: their distance to it is the unit of their position.
+    pub centre: DVec3,
+    /// Steps on each size of pictures, at most.
+    pub iterations: u32,
+    /// Whether a focal length that all share is to be found, too.
+    pub solve_focal: bool,
+}
+
+/// What became of a camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// Where it stands now.
+    pub camera: Camera,
+    /// Root mean square of the colours' differences before and after.
+    pub rms: [f64; 2],
+    /// Number of colours that were compared.
+    pub count: u64,
+    /// Steps tried, on all sizes.
+    pub iterations: u32,
+    /// Directions of the six that its picture says nothing about.
+    pub undetermined: usize,
+}
+
+/// Moves cameras to where their pictures agree with what is seen. Those of `targets` are where they begin; `tick` is
+/// told of every camera and size of picture that is done. Once `cancel` is set they stay where they are.
+pub fn solve(
+    dvr: &Dvr<'_, f32>,
+    targets: &[Target],
+    request: &Request<'_>,
+    cancel: &AtomicBool,
+    tick: &(dyn Fn() + Sync),
+) -> Vec<Found> {
+    let search = |group: &[Target]| Search::new(dvr, group, request, cancel).run(tick);
+    if request.solve_focal {
+        return search(targets);
+    }
+    targets.par_chunks(1).flat_map_iter(search).collect()
+}
+
+/// How often a picture is halved before the search begins.
+pub fn levels(camera: &Camera) -> usize {
+    let shorter = camera.width.min(camera.height);
+    (1..32).take_while(|level| shorter >> level >= COARSEST).count()
+}
+
+/// A picture and its halves, the smallest last.
+fn pyramid(target: &Target) -> Vec<Target> {
+    let mut all = vec![target.clone()];
+    for _ in 0..levels(&target.camera) {
+        let next = halved(&all[all.len() - 1]);
+        all.push(next);
+    }
+    all
+}
+
+/// A picture of half the size: means over two by two pixels (an odd row or column is left out), with its camera.
+fn halved(target: &Target) -> Target {
+    let camera = shrunk(&target.camera, 1);
+    let (w, from) = (camera.width as usize, target.camera.width as usize);
+    let mean = |i: usize| {
+        let corner = 2 * (i / w) * from + 2 * (i % w);
+        let four = [0, 1, from, from + 1].map(|k| target.rgba[corner + k]);
+        // One that asks for nothing leaves nothing that could be asked for.
+        std::array::from_fn(|c| 0.25 * four.iter().map(|p| p[c]).sum::<f32>())
+    };
+    let rgba = (0..w * camera.height as usize).map(mean).collect();
+    Target { camera, rgba, rays_per_edge: target.rays_per_edge.max(2) }
+}
+
+/// The camera of a picture that was halved so many times.
+fn shrunk(camera: &Camera, level: usize) -> Camera {
+    let share = 0.5_f64.powi(level as i32);
+    Camera {
+        focal: share * camera.focal,
+        centre: share * camera.centre,
+        width: camera.width >> level,
+        height: camera.height >> level,
+        ..*camera
+    }
+}
+
+/// Derivatives that a walk gives, and how the colours' follow from them: all colours of a source of one shape are
+/// the same function of the ray but for factors.
+struct Colours {
+    losses: Vec<[f32; 4]>,
+    /// By colour, for each loss.
+    mix: [[f64; 3]; 3],
+}
+
+impl Colours {
+    fn new(medium: &Medium, background: [f32; 3]) -> Self {
+        let unit = |c: usize| std::array::from_fn(|i| if i == c { 1.0 } else { 0.0 });
+        let behind = background.map(f64::from);
+        match &medium.source {
+            // L = α colour + (1 - α) background.
+            Source::Grey(colour) => Self {
+                losses: vec![unit(3)],
+                mix: std::array::from_fn(|c| [f64::from(colour[c]) - behind[c], 0.0, 0.0]),
+            },
+            // L = e colour + (1 - α) background: e from the brightest.
+            Source::Linear(colour) => {
+                let most = (0..3).fold(0, |most, c| if colour[c] > colour[most] { c } else { most });
+                let share =
+                    |c: usize| if colour[c] > 0.0 { f64::from(colour[c]) / f64::from(colour[most]) } else { 0.0 };
+                Self {
+                    losses: vec![unit(most), unit(3)],
+                    mix: std::array::from_fn(|c| [share(c), share(c) * behind[most] - behind[c], 0.0]),
+                }
+            }
+            Source::Transfer(_) => Self {
+                losses: [0, 1, 2].map(unit).to_vec(),
+                mix: [0, 1, 2].map(|c| std::array::from_fn(|i| if i == c { 1.0 } else { 0.0 })),
+            },
+        }
+    }
+}
+
+/// Cameras that are moved together.
+struct Search<'s, 'd> {
+    dvr: &'s Dvr<'d, f32>,
+    request: &'s Request<'s>,
+    cancel: &'s AtomicBool,
+    colours: Colours,
+    pyramids: Vec<Vec<Target>>,
+    /// Cameras of the full pictures, where they stand now.
+    cameras: Vec<Camera>,
+    /// Their distances at first.
+    distances: Vec<f64>,
+    iterations: u32,
+}
+
+/// Normal equations of all cameras.
+type Equations = Vec<(Normal, Spectrum)>;
+
+impl<'s, 'd> Search<'s, 'd> {
+    fn new(dvr: &'s Dvr<'d, f32>, targets: &[Target], request: &'s Request<'s>, cancel: &'s AtomicBool) -> Self {
+        let distance = |t: &Target| t.camera.position().distance(request.centre).max(f64::MIN_POSITIVE);
+        Self {
+            dvr,
+            request,
+            cancel,
+            colours: Colours::new(request.medium, request.background),
+            pyramids: targets.iter().map(pyramid).collect(),
+            cameras: targets.iter().map(|t| t.camera).collect(),
+            distances: targets.iter().map(distance).collect(),
+            iterations: 0,
+        }
+    }
+
+    fn run(mut self, tick: &(dyn Fn() + Sync)) -> Vec<Found> {
+        let before = self.linearised(&self.cameras, 0);
+        let deepest = self.pyramids.iter().map(Vec::len).max().unwrap_or(1);
+        for level in (0..deepest).rev() {
+            self.descend(level);
+            self.pyramids.iter().filter(|p| level < p.len()).for_each(|_| tick());
+        }
+        let after = self.linearised(&self.cameras, 0);
+        let found = self.cameras.iter().zip(before.iter().zip(&after)).map(|(camera, (before, after))| Found {
+            camera: *camera,
+            rms: [before.0.rms(), after.0.rms()],
+            count: after.0.count,
+            iterations: self.iterations,
+            undetermined: after.1.undetermined(),
+        });
+        found.collect()
+    }
+
+    /// Levenberg and Marquardt's method on pictures of one size, with Nielsen's damping (1999).
+    fn descend(&mut self, level: usize) {
+        let shortest = if level == 0 { FINE } else { COARSE };
+        let error = |equations: &Equations| equations.iter().map(|(normal, _)| normal.error).sum::<f64>();
+        let mut here = self.linearised(&self.cameras, level);
+        let largest = here.iter().map(|(_, spectrum)| spectrum.largest()).fold(0.0, f64::max);
+        let (mut damping, mut growth, mut failed) = (DAMPING * largest, 2.0, 0);
+        for _ in 0..self.request.iterations {
+            if self.cancel.load(Ordering::Relaxed) {
+                return;
+            }
+            let (poses, focal, promised) = steps(&here, damping, self.request.solve_focal);
+            let size = poses.iter().map(Pose::amax).fold(focal.abs(), f64::max);
+            if !(size > shortest && size.is_finite() && promised > 0.0) {
+                return;
+            }
+            // Beyond that no derivative holds.
+            let share = (0.2 / size).min(1.0);
+            let moved: Vec<Camera> = self
+                .cameras
+                .iter()
+                .zip(&self.distances)
+                .zip(&poses)
+                .map(|((c, distance), step)| Frame::new(c, *distance).moved(c, &(share * step), share * focal))
+                .collect();
+            let there = self.linearised(&moved, level);
+            self.iterations += 1;
+            let gain = (error(&here) - error(&there)) / promised;
+            if gain > 0.0 {
+                damping *= (1.0 - (2.0 * gain - 1.0).powi(3)).max(0.1);
+                (growth, failed) = (2.0, 0);
+                (self.cameras, here) = (moved, there);
+            } else {
+                damping *= growth;
+                growth *= 2.0;
+                failed += 1;
+                if failed == PATIENCE {
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Normal equations of cameras of full pictures on pictures of a level, or the smallest there are.
+    fn linearised(&self, cameras: &[Camera], level: usize) -> Equations {
+        let of = |((camera, distance), pyramid): ((&Camera, &f64), &Vec<Target>)| {
+            let level = level.min(pyramid.len() - 1);
+            let Target { rgba, rays_per_edge, .. } = &pyramid[level];
+            let camera = shrunk(camera, level);
+            let frame = Frame::new(&camera, *distance);
+            let rows = Rows { dvr: self.dvr, camera: &camera, rays_per_edge: *rays_per_edge };
+            let asked = |i: usize| rgba[i][..3].iter().all(|v| v.is_finite());
+            let Colours { losses, mix } = &self.colours;
+            let sums = rows.fold(asked, losses, |normal: &mut Normal, i, seen, by| {
+                let by: Vec<(Pose, f64)> = by.iter().map(|by| frame.derivative(by)).collect();
+                for c in 0..3 {
+                    let row = by.iter().zip(mix[c]).fold((Pose::zeros(), 0.0), |(pose, focal), (by, share)| {
+                        (pose + share * by.0, focal + share * by.1)
+                    });
+                    normal.add(&row, f64::from(rgba[i][c]) - seen[c]);
+                }
+            });
+            let normal: Normal = sums.into_iter().sum();
+            (normal, normal.spectrum())
+        };
+        cameras.par_iter().zip(&self.distances).zip(&self.pyramids).map(of).collect()
+    }
+}

@@ -1,0 +1,98 @@
+//! How a picture changes with its camera, pixel by pixel: rows of the Jacobian.
+
+use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, RayGradient, Sinks, Tape};
+use crate::render::order::morton;
+use crate::scene::camera::{Camera, CameraGradient};
+use rayon::prelude::*;
+
+/// Pixels handled in one go. Small pictures need many runs, so that all threads have some.
+const RUN: usize = 256;
+
+/// A camera's picture.
+#[derive(Debug, Clone, Copy)]
+pub struct Rows<'r, 'd> {
+    /// What is seen.
+    pub dvr: &'r Dvr<'d, f32>,
+    /// From where.
+    pub camera: &'r Camera,
+    /// A pixel is the mean over the square of so many rays.
+    pub rays_per_edge: usize,
+}
+
+/// Receives a pixel: its number, red, green, blue and alpha, and its derivatives.
+type Visit<'v> = &'v mut dyn FnMut(usize, &[f64; 4], &[CameraGradient]);
+
+impl Rows<'_, '_> {
+    /// Number of pixels.
+    pub fn pixels(&self) -> usize {
+        self.camera.width as usize * self.camera.height as usize
+    }
+
+    /// Visits the pixels that are `asked` for, by their row-major number, with what is seen and the derivatives of
+    /// each of `losses` by the camera; a loss is given by its derivatives with respect to red, green, blue and
+    /// alpha. Pixels come in runs that depend on the picture's size alone, each with a sum of its own, in a fixed
+    /// order: added up in that order, they give the same bits for any number of threads.
+    pub fn fold<A: Default + Send>(
+        &self,
+        asked: impl Fn(usize) -> bool + Sync,
+        losses: &[[f32; 4]],
+        visit: impl Fn(&mut A, usize, &[f64; 4], &[CameraGradient]) + Sync,
+    ) -> Vec<A> {
+        let order: Vec<usize> = morton(self.camera.width as usize, self.camera.height as usize).collect();
+        let run = |pixels: &[usize]| {
+            let mut sum = A::default();
+            let wanted: Vec<usize> = pixels.iter().copied().filter(|i| asked(*i)).collect();
+            let visit: Visit<'_> = &mut |i, seen, by| visit(&mut sum, i, seen, by);
+            Run { rows: *self, pixels: &wanted, losses, visit }.walk();
+            sum
+        };
+        order.par_chunks(RUN).map(run).collect()
+    }
+}
+
+/// Neighbouring pixels.
+struct Run<'a, 'r, 'd> {
+    rows: Rows<'r, 'd>,
+    pixels: &'a [usize],
+    losses: &'a [[f32; 4]],
+    visit: Visit<'a>,
+}
+
+impl Run<'_, '_, '_> {
+    fn walk(self) {
+        let Rows { dvr, camera, rays_per_edge } = self.rows;
+        let (n, width) = (rays_per_edge.max(1), camera.width as usize);
+        let share = 1.0 / (n * n) as f64;
+        let (mut tape, mut shared) = (Tape::default(), ParameterGradient::default());
+        let mut by = vec![CameraGradient::default(); self.losses.len()];
+        for &i in self.pixels {
+            let mut seen = [0.0; 4];
+            by.fill(CameraGradient::default());
+            for k in 0..n * n {
+                let offset = |k: usize| (k as f64 + 0.5) / n as f64;
+                let (x, y) = ((i % width) as f64 + offset(k % n), (i / width) as f64 + offset(k / n));
+                let ray = camera.ray(x, y);
+                let mut radiance = None;
+                for (by, loss) in by.iter_mut().zip(self.losses) {
+                    let mut moved = RayGradient::default();
+                    let sinks = Sinks { voxels: None, table: None, ray: Some(&mut moved), shared: &mut shared };
+                    radiance = Some(dvr.gradient(&ray, &mut |_| *loss, Adjoint::Tape, sinks, &mut tape));
+                    // Many rays meet nothing.
+                    if moved != RayGradient::default() {
+                        *by = by.plus(&camera.gradient(x, y, share * moved.origin, share * moved.direction));
+                    }
+                }
+                let radiance = match radiance {
+                    Some(radiance) => radiance,
+                    None => dvr.radiance_on(&ray, &mut tape),
+                };
+                for c in 0..3 {
+                    seen[c] += share * f64::from(radiance.rgb[c]);
+                }
+                // One minus the transmittance would be zero for faint media.
+                seen[3] -= share * (-radiance.depth).exp_m1();
+            }
+            (self.visit)(i, &seen, &by);
+        }
+    }
+}

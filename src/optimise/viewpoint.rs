@@ -1,0 +1,233 @@
+//! Viewpoints from which a volume shows most: maxima of the opacity entropy over a sphere (Weiss & Westermann
+//! 2021, sect. 5.1).
+//!
+//! Climbers leave from several starts, first on small pictures; those that meet go on as one, on pictures twice as
+//! large each time, the higher half of them. A picture of full size would move them by less than its
+//! pixels: it is for the last look, with the upright camera that is handed out.
+
+use crate::optimise::ascent::{Ascent, Slope};
+use crate::optimise::entropy::{self, Entropy};
+use crate::optimise::rows::Rows;
+use crate::render::dvr::Dvr;
+use crate::scene::sphere::{Sphere, levelled, spread, upright};
+use glam::{DMat3, DVec2, DVec3};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// Pixels along the shorter side beyond which a search begins with smaller pictures.
+const COARSE: u32 = 32;
+/// Climbers that go on to larger pictures: half of them, but no fewer than this.
+const HIGHEST: usize = 2;
+/// Climbers closer than this have met: pixels of the picture as it turns, and radians at most.
+const MET: [f64; 2] = [3.0, 0.2];
+/// Where climbs end: length of a step, in pixels of the picture as it turns, and the rise that it promises. On the
+/// way there pictures of few pixels are off by more.
+const COARSELY: [f64; 2] = [0.5, 2e-5];
+const FINELY: [f64; 2] = [0.2, 5e-7];
+
+/// What is looked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Request {
+    /// Where cameras stand, and the size of their pictures.
+    pub sphere: Sphere,
+    /// Unit vectors from the centre.
+    pub starts: Vec<DVec3>,
+    /// Evaluations for each start and size of picture, at most.
+    pub iterations: u32,
+}
+
+/// A maximum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// Axes of the camera: right, up, back.
+    pub axes: DMat3,
+    /// Of its picture.
+    pub entropy: Entropy,
+}
+
+/// What became of a start.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Path {
+    /// Unit vectors from the centre to all viewpoints on the way.
+    pub directions: Vec<DVec3>,
+    /// Number of evaluations, those as one with others that it met included.
+    pub iterations: u32,
+    /// Number of the view it has reached.
+    pub view: usize,
+}
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// Different maxima, the best first.
+    pub views: Vec<View>,
+    /// One for each start.
+    pub paths: Vec<Path>,
+    /// Wall time of all.
+    pub seconds: f64,
+    /// Wall time of one picture of full size without derivatives: the mean of the last looks.
+    pub render_seconds: f64,
+    /// True if it was stopped.
+    pub stopped: bool,
+}
+
+/// Climbs from every start. `tick` is told of every start and every size of picture that it has been through. Once
+/// `cancel` is set climbers stay where they are.
+pub fn search(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool, tick: &(dyn Fn() + Sync)) -> Outcome {
+    let begun = Instant::now();
+    let starts: Vec<DMat3> = request.starts.iter().map(|d| upright(*d)).collect();
+    let mut climbers: Vec<Climber> =
+        starts.iter().enumerate().map(|(i, axes)| Climber { ascent: Ascent::new(*axes), starts: vec![i] }).collect();
+    let mut paths: Vec<Path> =
+        starts.iter().map(|axes| Path { directions: vec![axes.z_axis], iterations: 0, view: 0 }).collect();
+    let mut count = climbers.len();
+    for (turn, level) in sizes(&request.sphere).enumerate() {
+        let sphere = request.sphere.scaled(0.5_f64.powi(level));
+        let end = if level > 1 { COARSELY } else { FINELY };
+        if turn > 0 {
+            count = count.min(climbers.len()).div_ceil(2).max(HIGHEST);
+        }
+        climbers.iter().skip(count).flat_map(|climber| &climber.starts).for_each(|_| tick());
+        climbers.par_iter_mut().take(count).for_each(|climber| {
+            climb(dvr, &sphere, &mut climber.ascent, end, request.iterations, cancel);
+            climber.starts.iter().for_each(|_| tick());
+        });
+        for climber in climbers.iter().take(count) {
+            for start in &climber.starts {
+                let path = &mut paths[*start];
+                path.directions.extend(climber.ascent.path.iter().map(|axes| axes.z_axis));
+                path.iterations += climber.ascent.evaluations;
+            }
+        }
+        climbers = meet(climbers, (MET[0] * radians_per_pixel(&sphere)).min(MET[1]));
+    }
+    let look = Instant::now();
+    let views = climbers.iter().map(|climber| {
+        let axes = levelled(&climber.ascent.axes);
+        View { axes, entropy: at(dvr, &request.sphere, &axes) }
+    });
+    let mut views: Vec<(&Climber, View)> = climbers.iter().zip(views).collect();
+    let render_seconds = look.elapsed().as_secs_f64() / views.len().max(1) as f64;
+    // Stable: equal ones as they were.
+    views.sort_by(|a, b| b.1.entropy.value.total_cmp(&a.1.entropy.value));
+    for (number, (climber, view)) in views.iter().enumerate() {
+        for start in &climber.starts {
+            paths[*start].view = number;
+            paths[*start].directions.push(view.axes.z_axis);
+        }
+    }
+    let views = views.into_iter().map(|(_, view)| view).collect();
+    let stopped = cancel.load(Ordering::Relaxed);
+    Outcome { views, paths, seconds: begun.elapsed().as_secs_f64(), render_seconds, stopped }
+}
+
+/// Entropies of upright views spread evenly over the sphere, with their directions. Nothing if it was stopped.
+pub fn sample(
+    dvr: &Dvr<'_, f32>,
+    sphere: &Sphere,
+    count: usize,
+    cancel: &AtomicBool,
+    tick: &(dyn Fn() + Sync),
+) -> Option<Vec<(DVec3, f64)>> {
+    let directions = spread(count);
+    let look = |direction: &DVec3| {
+        if cancel.load(Ordering::Relaxed) {
+            return None;
+        }
+        tick();
+        Some((*direction, at(dvr, sphere, &upright(*direction)).value))
+    };
+    directions.par_iter().map(look).collect()
+}
+
+/// How often pictures are halved, for each size that the search goes through.
+pub fn sizes(sphere: &Sphere) -> impl ExactSizeIterator<Item = i32> {
+    let shorter = sphere.size[0].min(sphere.size[1]);
+    let most = (1..32).take_while(|level| shorter >> level >= COARSE).count() as i32;
+    (most.min(1)..most + 1).rev()
+}
+
+/// A climber, and the starts that have become it.
+#[derive(Debug)]
+struct Climber {
+    ascent: Ascent,
+    starts: Vec<usize>,
+}
+
+impl Climber {
+    fn height(&self) -> f64 {
+        self.ascent.value.unwrap_or(f64::NEG_INFINITY)
+    }
+}
+
+/// Climbs on pictures of one size.
+fn climb(
+    dvr: &Dvr<'_, f32>,
+    sphere: &Sphere,
+    ascent: &mut Ascent,
+    [pixels, rise]: [f64; 2],
+    most: u32,
+    cancel: &AtomicBool,
+) {
+    // Upright at first, never on the way: pixels that turn would be a step in the entropy.
+    let axes = levelled(&ascent.axes);
+    ascent.rest(axes);
+    ascent.climb([pixels * radians_per_pixel(sphere), rise], most, |axes| {
+        if cancel.load(Ordering::Relaxed) {
+            return None;
+        }
+        let camera = sphere.camera(axes);
+        let Entropy { value, by_turn, .. } =
+            entropy::gradient(&Rows { dvr, camera: &camera, rays_per_edge: 1 }, sphere.centre);
+        // A turn about the line of sight changes nothing but the pixels' places.
+        Some(Slope { value, gradient: DVec2::new(by_turn.dot(axes.x_axis), by_turn.dot(axes.y_axis)) })
+    });
+}
+
+/// Turn by which what is nearest moves on by a pixel.
+fn radians_per_pixel(sphere: &Sphere) -> f64 {
+    2.0 / f64::from(sphere.size[0].min(sphere.size[1]))
+}
+
+/// Climbers that are as near become one, the one that is higher up. The highest come first.
+fn meet(mut climbers: Vec<Climber>, near: f64) -> Vec<Climber> {
+    climbers.sort_by(|a, b| b.height().total_cmp(&a.height()));
+    let mut kept: Vec<Climber> = Vec::new();
+    for climber in climbers {
+        let place = |c: &Climber| c.ascent.axes.z_axis;
+        match kept.iter_mut().find(|other| place(other).angle_between(place(&climber)) < near) {
+            Some(other) => other.starts.extend(climber.starts),
+            None => kept.push(climber),
+        }
+    }
+    kept
+}
+
+fn at(dvr: &Dvr<'_, f32>, sphere: &Sphere, axes: &DMat3) -> Entropy {
+    entropy::value(&Rows { dvr, camera: &sphere.camera(axes), rays_per_edge: 1 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn climbers_meet_and_the_higher_one_goes_on() {
+        let climber = |start: usize, x: f64, value: f64| {
+            let mut ascent = Ascent::new(upright(DVec3::new(x, 0.0, 1.0).normalize()));
+            ascent.value = Some(value);
+            Climber { ascent, starts: vec![start] }
+        };
+        let kept = meet(vec![climber(0, 0.0, 0.5), climber(1, 1.0, 0.7), climber(2, 0.01, 0.6)], 0.02);
+        let found: Vec<_> = kept.iter().map(|c| (c.starts.clone(), c.ascent.value)).collect();
+        assert_eq!(found, [(vec![1], Some(0.7)), (vec![2, 0], Some(0.6))]);
+    }
+
+    #[test]
+    fn large_pictures_are_halved() {
+        let of = |size: [u32; 2]| sizes(&Sphere { centre: DVec3::ZERO, distance: 1.0, focal: 1.0, size }).collect();
+        let all: [Vec<i32>; 5] = [of([256, 256]), of([32, 900]), of([63, 63]), of([64, 400]), of([1, 1])];
+        assert_eq!(all, [vec![3, 2, 1], vec![0], vec![0], vec![1], vec![0]]);
+    }
+}

@@ -1,0 +1,165 @@
+//! The sphere of viewpoints around a volume: cameras at one distance from its centre, facing it.
+//!
+//! A viewpoint is a frame of axes (right, up, back; `back` is the unit vector from the centre to the
+//! camera), and a step is a rotation about an axis across `back`: the exponential map of the sphere, which
+//! carries the up vector along. There is no longitude and no latitude, so that poles are points like any other.
+
+use crate::error::{Error, Result};
+use crate::scene::camera::{Camera, Projection};
+use crate::scene::orbit::{self, Layout};
+use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
+use std::f64::consts::FRAC_PI_4;
+
+/// Sine of the angle to the vertical below which "up" says nothing about a frame's roll.
+const POLE: f64 = 0.05;
+
+/// Cameras of one lens around a ball that is all in the picture, from wherever it is seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sphere {
+    /// What cameras face.
+    pub centre: DVec3,
+    /// From there to the cameras, in world units.
+    pub distance: f64,
+    /// Focal length in pixels.
+    pub focal: f64,
+    /// Size of the pictures in pixels.
+    pub size: [u32; 2],
+}
+
+impl Sphere {
+    /// The sphere around `points` on which the ball that holds them takes an angle of `field_of_view` degrees, and
+    /// the shorter side of a picture but for a pixel on each side.
+    ///
+    /// # Errors
+    /// If there are no points.
+    pub fn around(points: &[DVec3], size: [u32; 2], field_of_view: f64) -> Result<Self> {
+        if points.is_empty() {
+            return Err(Error::invalid("the grid is empty: there is nothing to look at"));
+        }
+        let (centre, radius) = orbit::ball(points);
+        let half = (0.5 * field_of_view).to_radians();
+        let reach = (0.5 * f64::from(size[0].min(size[1])) - 1.0).max(0.5);
+        let distance = radius.max(f64::MIN_POSITIVE) / half.sin();
+        Ok(Self { centre, distance, focal: reach / half.tan(), size })
+    }
+
+    /// The same with pictures `factor` times as large, at least one pixel each way.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Self {
+        let size = self.size.map(|n| ((f64::from(n) * factor).round() as u32).max(1));
+        let shorter = |s: [u32; 2]| f64::from(s[0].min(s[1]));
+        Self { focal: self.focal * shorter(size) / shorter(self.size), size, ..*self }
+    }
+
+    /// The camera with these axes.
+    pub fn camera(&self, axes: &DMat3) -> Camera {
+        let size = DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]));
+        Camera {
+            camera_to_world: DMat4::from_mat3_translation(*axes, self.centre + self.distance * axes.z_axis),
+            projection: Projection::Perspective,
+            focal: DVec2::splat(self.focal),
+            centre: 0.5 * size,
+            width: self.size[0],
+            height: self.size[1],
+            near: 0.0,
+        }
+    }
+}
+
+/// Axes of a camera in a direction from the centre, upright.
+pub fn upright(direction: DVec3) -> DMat3 {
+    DMat3::from_mat4(Camera::look_at(direction, DVec3::ZERO, DVec3::Z))
+}
+
+/// The same viewpoint upright; near a pole, where that would be a turn by any angle, as it is.
+pub fn levelled(axes: &DMat3) -> DMat3 {
+    if axes.z_axis.cross(DVec3::Z).length() < POLE { *axes } else { upright(axes.z_axis.normalize()) }
+}
+
+/// The viewpoint after a step: a rotation vector in radians, given along `right` and `up`. A step has the
+/// same two numbers in the axes before and after it.
+pub fn stepped(axes: &DMat3, step: DVec2) -> DMat3 {
+    let turn = DQuat::from_scaled_axis(axes.x_axis * step.x + axes.y_axis * step.y);
+    let moved = DMat3::from_quat(turn) * *axes;
+    // Rounding must not add up over a path.
+    let back = moved.z_axis.normalize();
+    let right = moved.y_axis.cross(back).normalize();
+    DMat3::from_cols(right, back.cross(right), back)
+}
+
+/// Unit vectors to start a search from: for eight those of Weiss & Westermann (2021), sect. 5.1 (longitudes 45°,
+/// 135°, 225°, 315° at latitudes ±45°), for other counts spread evenly.
+pub fn starts(count: usize) -> Vec<DVec3> {
+    if count != 8 {
+        return spread(count);
+    }
+    let corner = |i: usize| {
+        let (y, x) = (FRAC_PI_4 * (2 * (i % 4) + 1) as f64).sin_cos();
+        let level = if i < 4 { FRAC_PI_4.sin() } else { -FRAC_PI_4.sin() };
+        DVec3::new(x * FRAC_PI_4.cos(), y * FRAC_PI_4.cos(), level)
+    };
+    (0..8).map(corner).collect()
+}
+
+/// Unit vectors spread evenly: a Fibonacci lattice.
+pub fn spread(count: usize) -> Vec<DVec3> {
+    (0..count).map(|i| orbit::direction(i, count, Layout::Sphere)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rigid(axes: &DMat3) -> bool {
+        (*axes * axes.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-14) && axes.determinant() > 0.0
+    }
+
+    #[test]
+    fn steps_pass_over_the_pole_and_come_back() {
+        let from = upright(DVec3::new(0.3, 0.0, 1.0).normalize());
+        let step = DVec2::new(-0.6, 0.02);
+        let over = stepped(&from, step);
+        assert!(rigid(&over) && over.z_axis.angle_between(from.z_axis) - step.length() < 1e-12);
+        assert!(over.y_axis.dot(from.y_axis) > 0.5, "up is carried along, not turned: {over:?}");
+        assert!(stepped(&over, -step).abs_diff_eq(from, 1e-13));
+        let half = stepped(&stepped(&from, 0.5 * step), 0.5 * step);
+        assert!(half.abs_diff_eq(over, 1e-13), "a step keeps its two numbers: {half:?} {over:?}");
+    }
+
+    #[test]
+    fn frames_are_upright_but_at_the_poles() {
+        for d in spread(50).into_iter().chain([DVec3::Z, DVec3::NEG_Z]) {
+            let axes = levelled(&upright(d));
+            assert!(rigid(&axes) && axes.z_axis.abs_diff_eq(d, 1e-14));
+            assert!(axes.x_axis.z.abs() < 1e-14, "{d}");
+        }
+        let rolled = DMat3::from_rotation_z(1.0);
+        assert_eq!(levelled(&rolled), rolled);
+    }
+
+    #[test]
+    fn the_ball_fills_the_shorter_side() {
+        let points = [DVec3::new(1.0, 2.0, 3.0), DVec3::new(5.0, 2.0, 3.0)];
+        let sphere = Sphere::around(&points, [80, 60], 40.0).unwrap();
+        assert_eq!(sphere.centre, DVec3::new(3.0, 2.0, 3.0));
+        for s in [sphere, sphere.scaled(0.25)] {
+            let camera = s.camera(&upright(DVec3::new(0.2, -0.5, 0.6).normalize()));
+            // Where a ray touches a ball of radius 2.
+            let (sin, cos) = 20_f64.to_radians().sin_cos();
+            let m = DMat3::from_mat4(camera.camera_to_world);
+            let touch = s.centre + 2.0 * (m.z_axis * sin + m.y_axis * cos);
+            let (p, _) = camera.project(touch).unwrap();
+            let margin = f64::from(s.size[1]) / 60.0;
+            assert!((p - DVec2::new(0.5 * f64::from(s.size[0]), margin)).length() < 1e-9, "{p}");
+        }
+        assert!(Sphere::around(&[], [8, 8], 40.0).is_err());
+    }
+
+    #[test]
+    fn eight_starts_are_the_papers() {
+        let all = starts(8);
+        assert!(all.iter().all(|d| (d.length() - 1.0).abs() < 1e-15 && (d.z.abs() - 0.5_f64.sqrt()).abs() < 1e-15));
+        assert!(all.iter().all(|d| (d.x.abs() - 0.5).abs() < 1e-15 && (d.y.abs() - 0.5).abs() < 1e-15));
+        assert_eq!((starts(1).len(), starts(13).len()), (1, 13));
+    }
+}
