@@ -12,8 +12,8 @@ use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
 use cumulo::scene::table::TableGradient;
-use cumulo::scene::transfer::{Lobe, Transfer};
-use fields::{field, lumps, odd, rays, unit};
+use cumulo::scene::transfer::Transfer;
+use fields::{cloud, field, kinds, rays, unit};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -30,39 +30,6 @@ fn loss<R: Real>(seen: &Radiance<R>) -> f64 {
 fn slope<R: Real>(seen: &Radiance<R>) -> [R; 4] {
     let v = seen.rgba().map(Real::f64);
     std::array::from_fn(|c| R::of(WEIGHT[c] * (v[c] - TARGET[c])))
-}
-
-/// Lumps, and zeros around them: some of the functions absorb there.
-fn cloud<R: Real>(n: i32) -> Bricks<R> {
-    field(n, odd(), lumps(n)).filled(1 << 30).unwrap()
-}
-
-/// Peaks, a plateau, a transparent gap; densities of [`lumps`] go up to about 1.2.
-fn kinds() -> Vec<Transfer> {
-    let texel = |i: usize| {
-        let d = (i as f64 + 0.5) / 12.0;
-        [d, 1.0 - d, 0.5 + 0.4 * (9.0 * d).sin(), 1.5 * (8.0 * d).sin().powi(2)]
-    };
-    vec![
-        Transfer::Texture { domain: [0.0, 1.0], texels: (0..12).map(texel).collect() },
-        Transfer::Piecewise {
-            points: vec![
-                [0.05, 1.0, 0.0, 0.0, 0.0],
-                [0.2, 1.0, 0.5, 0.0, 2.0],
-                [0.3, 0.5, 0.5, 0.5, 0.0],
-                [0.5, 0.5, 0.5, 0.5, 0.0],
-                [0.7, 0.0, 0.2, 1.0, 3.0],
-            ],
-        },
-        Transfer::Gaussians {
-            domain: [0.0, 1.0],
-            lobes: vec![
-                Lobe { mean: 0.25, ln_width: -3.0, rgbs: [1.0, 0.6, 0.1, 1.0] },
-                Lobe { mean: 0.7, ln_width: -2.0, rgbs: [0.1, 0.3, 0.9, 2.0] },
-            ],
-        },
-        Transfer::Identity { domain: [0.0, 0.9], colour: [0.9, 0.6, 0.3] },
-    ]
 }
 
 fn medium(transfer: &Transfer, extinction: f64) -> Medium {

@@ -45,7 +45,7 @@ pub enum Adjoint {
     Inversion,
 }
 
-/// Derivatives of the loss with respect to the parameters that all rays share.
+/// Derivatives of the loss with respect to the parameters that all rays share, or a step of these.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ParameterGradient {
     /// With respect to the medium's extinction.
@@ -69,7 +69,7 @@ impl ParameterGradient {
 }
 
 /// Derivatives of the loss with respect to one ray's origin and direction (of unit length: only changes
-/// across it mean anything), in world space, and to the quadrature's step.
+/// across it mean anything), in world space, and to the quadrature's step; or a change of these.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct RayGradient {
     /// With respect to the origin.
@@ -389,8 +389,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     #[inline(never)]
     fn gain<const C: usize>(&self, optics: &Optics<R, C>, t: f64, beyond: f64, weighted: &Weighted<C>) -> f64 {
         let density = self.dvr.field.sample(self.ray.at(t));
-        let line = optics.curve.piece(optics.curve.find(density));
-        let extinction = line.extinction[0] + line.extinction[1] * (density - line.base);
+        let (line, extinction) = optics.at(density);
         extinction.f64() * (Glow::new(line, density, &weighted.colour).mean - beyond)
     }
 
@@ -531,6 +530,11 @@ pub(super) trait Traced<R: Real>: Lit<R> {
     /// Derivatives with respect to its points' index coordinates: summed, and times their world length
     /// from the origin.
     fn moved(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3);
+    /// Change of the densities with the stored values: the transpose of [`Traced::spread`].
+    fn interpolated(&self, by_value: &[R]) -> R::Lanes;
+    /// Change of the densities with its points' index coordinates, and the points' world lengths from the
+    /// origin: what [`Traced::moved`] is the transpose of.
+    fn slopes_along(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes);
 }
 
 /// State of the division-free recursion.
