@@ -80,6 +80,7 @@ impl<N: Number, const P: usize> Sub for Dual<N, P> {
 impl<N: Number, const P: usize> Mul for Dual<N, P> {
     type Output = Self;
     #[inline(always)]
+    #[allow(clippy::suspicious_arithmetic_impl, reason = "the rule of the derivative")]
     fn mul(self, o: Self) -> Self {
         let tangent = std::array::from_fn(|p| self.tangent[p] * o.value + self.value * o.tangent[p]);
         Self { value: self.value * o.value, tangent }
@@ -97,6 +98,7 @@ impl<N: Number, const P: usize> Neg for Dual<N, P> {
 impl<R: Real, const P: usize> Div for Dual<R, P> {
     type Output = Self;
     #[inline(always)]
+    #[allow(clippy::suspicious_arithmetic_impl, reason = "the rule of the derivative")]
     fn div(self, o: Self) -> Self {
         let value = self.value / o.value;
         Self { value, tangent: std::array::from_fn(|p| (self.tangent[p] - value * o.tangent[p]) / o.value) }

@@ -224,8 +224,9 @@ fn entry_and_exit_move_with_the_ray() {
     rays.push(Ray { origin: DVec3::new(7.0, 6.5, 3.2), direction: DVec3::new(0.3, 0.5, 0.8).normalize() });
     let transfer = Transfer::Piecewise { points: vec![[0.0, 1.0, 0.2, 0.1, 0.05], [1.0, 0.2, 0.8, 0.6, 0.4]] };
     let medium = medium(&transfer, 0.5);
-    for rule in RULES {
-        for (ray, got) in rays.iter().zip(&gradient(&f, &medium, rule, Adjoint::Replay, &rays).rays) {
+    let both = [Adjoint::Replay, Adjoint::Inversion];
+    for (rule, adjoint) in RULES.into_iter().flat_map(|rule| both.map(|adjoint| (rule, adjoint))) {
+        for (ray, got) in rays.iter().zip(&gradient(&f, &medium, rule, adjoint, &rays).rays) {
             for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
                 let at = |ray: Ray| total(&f, &medium, rule, &[ray]);
                 let h = 1e-6;

@@ -311,6 +311,13 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         });
         let seen = over(optics.tinted(&blend.emitted), blend.depth, dvr.background);
         let weighted = self.shared(loss(&seen), &blend.emitted, blend.depth, &optics.tint);
+        if self.sinks.ray.is_some() && Q::BOUNDED {
+            let transmittance = (-blend.depth).exp();
+            let emitted: f64 = weighted.colour.iter().zip(&blend.emitted).map(|(w, e)| w * e).sum();
+            let whole = emitted + transmittance * weighted.background;
+            self.moved.leave = transmittance * self.gain(optics, self.ray.leave, weighted.background, &weighted);
+            self.moved.enter = -self.gain(optics, self.ray.enter, whole, &weighted);
+        }
         inversion::backward(self, curve, rule, tape, &weighted);
         self.finish();
         seen
@@ -496,12 +503,12 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     fn finish(&mut self) {
         self.flush();
         if self.sinks.ray.is_some() {
-            self.to_world();
+            self.bring_to_world();
         }
     }
 
     #[inline(never)]
-    fn to_world(&mut self) {
+    fn bring_to_world(&mut self) {
         if let Some(ray) = self.sinks.ray.as_deref_mut() {
             let Moved { mut shift, mut turn, enter, leave, step } = self.moved;
             // The box's faces stand still: t = (face - o) / d.
