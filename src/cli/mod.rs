@@ -4,10 +4,12 @@ pub mod cancel;
 pub mod compare;
 pub mod convert;
 pub mod diff;
+pub mod gradient;
 pub mod info;
 pub mod memory;
 pub mod output;
 pub mod parse;
+pub mod photos;
 pub mod provenance;
 pub mod reconstruct;
 pub mod render;
@@ -53,6 +55,7 @@ enum Command {
     Validate(validate::Validate),
     Convert(convert::Convert),
     Diff(diff::Diff),
+    Gradient(gradient::GradientCommand),
     Render(render::Render),
     #[command(subcommand)]
     Reconstruct(reconstruct::Reconstruct),
@@ -81,6 +84,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Command::Validate(c) => c.run(&output),
         Command::Convert(c) => c.run(&output),
         Command::Diff(c) => c.run(&output),
+        Command::Gradient(c) => c.run(&output),
         Command::Render(c) => c.run(&output),
         Command::Reconstruct(c) => c.run(&output),
         Command::Report(c) => c.run(&output),

@@ -4,10 +4,10 @@ use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
 use crate::cli::run::{self, Run, Solver};
-use crate::cli::{cancel, parse, report};
+use crate::cli::{cancel, parse, photos, report};
 use crate::error::{Error, Result};
 use crate::formats::vdb::{Codec, File, Limits, write_grids};
-use crate::formats::{atomic, exr, transforms};
+use crate::formats::{atomic, transforms};
 use crate::math::Aabb;
 use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::hull::Hull;
@@ -19,7 +19,6 @@ use crate::scene::bricks::Bricks;
 use crate::scene::capture::Capture;
 use crate::scene::medium::Source;
 use indicatif::ProgressBar;
-use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -126,7 +125,7 @@ impl Density {
         let held_out = self.held_out(capture.frames.len())?;
 
         let begun = Instant::now();
-        let photos = photos(&capture, self.layer.as_deref(), limits)?;
+        let photos = photos::read(&capture, self.layer.as_deref(), limits)?;
         let json = transforms::json_path(&self.capture);
         let pictures = capture.frames.iter().map(|f| f.picture.as_path());
         provenance.input(&json, std::iter::once(json.as_path()).chain(pictures))?;
@@ -256,30 +255,6 @@ impl Density {
 fn volume(path: &Path, limits: Limits) -> Result<Bricks<f32>> {
     let grid = File::open(path, limits)?.read_fog(None)?;
     Bricks::from_grid(&grid, limits.max_memory).map_err(|e| e.at(path))
-}
-
-/// Reads all pictures.
-fn photos(capture: &Capture, layer: Option<&str>, limits: Limits) -> Result<Vec<Photo>> {
-    let pixels: u64 = capture.frames.iter().map(|f| u64::from(f.camera.width) * u64::from(f.camera.height)).sum();
-    // Colours, depths and weights, and the rays that the solver walks.
-    if pixels * 48 > limits.max_memory {
-        return Err(Error::unsupported(format!("{pixels} pixels do not fit in memory"))
-            .hint("use fewer or smaller pictures, or raise --max-memory"));
-    }
-    let read = |frame: &crate::scene::capture::Frame| {
-        let film = exr::read_picture(&frame.picture, layer)?;
-        let (w, h) = (frame.camera.width as usize, frame.camera.height as usize);
-        if (film.width, film.height) != (w, h) {
-            return Err(Error::invalid(format!(
-                "the picture has {}x{} pixels, transforms.json says {w}x{h}",
-                film.width, film.height
-            ))
-            .at(&frame.picture)
-            .hint("correct 'w' and 'h' together with 'fl_x', 'fl_y', 'cx' and 'cy', or leave them out"));
-        }
-        Ok(Photo { camera: frame.camera, film, name: frame.picture.display().to_string() })
-    };
-    capture.frames.par_iter().map(read).collect()
 }
 
 fn observe(photos: &[Photo], capture: &Capture) -> Result<Observation> {
