@@ -14,6 +14,7 @@
 //! - Images are scene-linear and row-major; alpha is 1 - transmittance, colour premultiplied.
 
 pub mod cli;
+pub mod dual;
 pub mod error;
 pub mod formats;
 pub mod lanes;

@@ -12,8 +12,8 @@ use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
 use cumulo::scene::table::TableGradient;
-use cumulo::scene::transfer::{Lobe, Transfer};
-use fields::{field, lumps, odd, rays, unit};
+use cumulo::scene::transfer::Transfer;
+use fields::{cloud, field, kinds, rays, unit};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -30,39 +30,6 @@ fn loss<R: Real>(seen: &Radiance<R>) -> f64 {
 fn slope<R: Real>(seen: &Radiance<R>) -> [R; 4] {
     let v = seen.rgba().map(Real::f64);
     std::array::from_fn(|c| R::of(WEIGHT[c] * (v[c] - TARGET[c])))
-}
-
-/// Lumps, and zeros around them: some of the functions absorb there.
-fn cloud<R: Real>(n: i32) -> Bricks<R> {
-    field(n, odd(), lumps(n)).filled(1 << 30).unwrap()
-}
-
-/// Peaks, a plateau, a transparent gap; densities of [`lumps`] go up to about 1.2.
-fn kinds() -> Vec<Transfer> {
-    let texel = |i: usize| {
-        let d = (i as f64 + 0.5) / 12.0;
-        [d, 1.0 - d, 0.5 + 0.4 * (9.0 * d).sin(), 1.5 * (8.0 * d).sin().powi(2)]
-    };
-    vec![
-        Transfer::Texture { domain: [0.0, 1.0], texels: (0..12).map(texel).collect() },
-        Transfer::Piecewise {
-            points: vec![
-                [0.05, 1.0, 0.0, 0.0, 0.0],
-                [0.2, 1.0, 0.5, 0.0, 2.0],
-                [0.3, 0.5, 0.5, 0.5, 0.0],
-                [0.5, 0.5, 0.5, 0.5, 0.0],
-                [0.7, 0.0, 0.2, 1.0, 3.0],
-            ],
-        },
-        Transfer::Gaussians {
-            domain: [0.0, 1.0],
-            lobes: vec![
-                Lobe { mean: 0.25, ln_width: -3.0, rgbs: [1.0, 0.6, 0.1, 1.0] },
-                Lobe { mean: 0.7, ln_width: -2.0, rgbs: [0.1, 0.3, 0.9, 2.0] },
-            ],
-        },
-        Transfer::Identity { domain: [0.0, 0.9], colour: [0.9, 0.6, 0.3] },
-    ]
 }
 
 fn medium(transfer: &Transfer, extinction: f64) -> Medium {
@@ -257,8 +224,9 @@ fn entry_and_exit_move_with_the_ray() {
     rays.push(Ray { origin: DVec3::new(7.0, 6.5, 3.2), direction: DVec3::new(0.3, 0.5, 0.8).normalize() });
     let transfer = Transfer::Piecewise { points: vec![[0.0, 1.0, 0.2, 0.1, 0.05], [1.0, 0.2, 0.8, 0.6, 0.4]] };
     let medium = medium(&transfer, 0.5);
-    for rule in RULES {
-        for (ray, got) in rays.iter().zip(&gradient(&f, &medium, rule, Adjoint::Replay, &rays).rays) {
+    let both = [Adjoint::Replay, Adjoint::Inversion];
+    for (rule, adjoint) in RULES.into_iter().flat_map(|rule| both.map(|adjoint| (rule, adjoint))) {
+        for (ray, got) in rays.iter().zip(&gradient(&f, &medium, rule, adjoint, &rays).rays) {
             for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
                 let at = |ray: Ray| total(&f, &medium, rule, &[ray]);
                 let h = 1e-6;

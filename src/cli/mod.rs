@@ -4,6 +4,7 @@ pub mod cancel;
 pub mod compare;
 pub mod convert;
 pub mod diff;
+pub mod gradient;
 pub mod info;
 pub mod memory;
 pub mod output;
@@ -57,6 +58,7 @@ enum Command {
     Convert(convert::Convert),
     Diff(diff::Diff),
     Pose(pose::Pose),
+    Gradient(gradient::GradientCommand),
     Render(render::Render),
     #[command(subcommand)]
     Reconstruct(reconstruct::Reconstruct),
@@ -87,6 +89,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Command::Convert(c) => c.run(&output),
         Command::Diff(c) => c.run(&output),
         Command::Pose(c) => c.run(&output),
+        Command::Gradient(c) => c.run(&output),
         Command::Render(c) => c.run(&output),
         Command::Reconstruct(c) => c.run(&output),
         Command::Report(c) => c.run(&output),

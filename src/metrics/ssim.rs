@@ -48,6 +48,64 @@ pub fn planes(a: &[f32], b: &[f32], width: usize, peak: f64) -> f64 {
     sums.iter().sum::<f64>() / count as f64
 }
 
+/// Similarity of two planes, and its derivative with respect to each pixel of the first.
+pub fn gradient(a: &[f64], b: &[f64], width: usize, peak: f64) -> (f64, Vec<f64>) {
+    let height = a.len().checked_div(width).unwrap_or(0);
+    if height == 0 {
+        return (1.0, Vec::new());
+    }
+    let moment =
+        |f: &dyn Fn(f64, f64) -> f64| blurred(&a.iter().zip(b).map(|(x, y)| f(*x, *y)).collect::<Vec<_>>(), width);
+    let (mean_a, mean_b) = (moment(&|x, _| x), moment(&|_, y| y));
+    let (square_a, square_b, product) = (moment(&|x, _| x * x), moment(&|_, y| y * y), moment(&|x, y| x * y));
+    let (c1, c2) = ((K1 * peak).powi(2), (K2 * peak).powi(2));
+    let inside = |n: usize| if n > 2 * RADIUS { RADIUS..n - RADIUS } else { 0..n };
+    let share = 1.0 / (inside(height).len() * inside(width).len()) as f64;
+    // By the window's mean of a, of a², and of a b.
+    let mut by = [0; 3].map(|_| vec![0.0; a.len()]);
+    let mut sum = 0.0;
+    for i in inside(height).flat_map(|y| inside(width).map(move |x| y * width + x)) {
+        let (ma, mb) = (mean_a[i], mean_b[i]);
+        let (va, vb, cov) = (square_a[i] - ma * ma, square_b[i] - mb * mb, product[i] - ma * mb);
+        let (light, both) = (2.0 * ma * mb + c1, 2.0 * cov + c2);
+        let (lights, spread) = (ma * ma + mb * mb + c1, va + vb + c2);
+        let similarity = light * both / (lights * spread);
+        sum += similarity;
+        let by_mean = 2.0 * mb * both / (lights * spread) - similarity * 2.0 * ma / lights;
+        let (by_spread, by_both) = (-similarity / spread, 2.0 * light / (lights * spread));
+        by[0][i] = share * (by_mean - 2.0 * ma * by_spread - mb * by_both);
+        by[1][i] = share * by_spread;
+        by[2][i] = share * by_both;
+    }
+    let [by_mean, by_square, by_product] = by.map(|by| blurred_transposed(&by, width));
+    let slope = (0..a.len()).map(|i| by_mean[i] + 2.0 * a[i] * by_square[i] + b[i] * by_product[i]);
+    (share * sum, slope.collect())
+}
+
+/// The transpose of [`blurred`].
+fn blurred_transposed(values: &[f64], width: usize) -> Vec<f64> {
+    let weights = weights();
+    let height = values.len() / width;
+    let mut rows = vec![0.0; values.len()];
+    for (y, row) in values.chunks(width).enumerate() {
+        for (k, w) in weights.iter().enumerate() {
+            let to = mirrored(y + k, height) * width;
+            for (o, v) in rows[to..to + width].iter_mut().zip(row) {
+                *o += w * v;
+            }
+        }
+    }
+    let mut out = vec![0.0; values.len()];
+    for (out, row) in out.chunks_mut(width).zip(rows.chunks(width)) {
+        for (x, v) in row.iter().enumerate() {
+            for (k, w) in weights.iter().enumerate() {
+                out[mirrored(x + k, width)] += w * v;
+            }
+        }
+    }
+    out
+}
+
 /// Convolution with the window, along rows and then along columns.
 fn blurred(values: &[f64], width: usize) -> Vec<f64> {
     let weights = weights();
@@ -118,6 +176,17 @@ mod tests {
             // Sums of 22 products in f64 on numbers of order 1; variances are differences of these,
             // divided by at least C2 = 9e-4.
             assert!((found - expected).abs() < 1e-11, "{width}x{height}: {found} {expected}");
+        }
+    }
+
+    /// The value that [`planes`] has; the derivative is tested with the loss that uses it.
+    #[test]
+    fn the_gradients_value_is_the_value() {
+        for (width, height) in [(32, 24), (7, 5), (3, 20)] {
+            let (a, b) = pair(width, height);
+            let wide = |p: &[f32]| p.iter().map(|v| f64::from(*v)).collect::<Vec<_>>();
+            let (value, _) = gradient(&wide(&a), &wide(&b), width, 1.0);
+            assert!((value - planes(&a, &b, width, 1.0)).abs() < 1e-12);
         }
     }
 

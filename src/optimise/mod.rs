@@ -6,21 +6,28 @@
 //! volume ────▶ rows ──▶ entropy ──▶ ascent ──▶ viewpoint
 //!               └─────▶ normal ──────────────▶ pose
 //! ```
+//! Gradients of any loss by any parameter, for study: `loss` ──▶ `objective` ──▶ `study` (`parameter`, `plan`, `difference`).
 
 pub mod adam;
 pub mod ascent;
 pub mod density;
+pub mod difference;
 pub mod entropy;
 pub mod hull;
 pub mod lattice;
+pub mod loss;
 pub mod normal;
+pub mod objective;
 pub mod observation;
 pub mod paper;
+pub mod parameter;
 pub mod pictures;
+pub mod plan;
 pub mod pose;
 pub mod projector;
 pub mod rows;
 pub mod smooth;
 pub mod solver;
+pub mod study;
 pub mod transfer;
 pub mod viewpoint;

@@ -21,6 +21,8 @@ pub trait Rule<R: Real, const C: usize>: Copy + Sync {
     /// Derivatives with respect to entry, exit and step (world lengths), from those with respect to a
     /// segment's length and position.
     fn moved(&self, segment: &Self::Segment, by_length: f64, by_position: f64) -> [f64; 3];
+    /// Change of a segment's length and position with entry, exit and step: the transpose of [`Rule::moved`].
+    fn carried(&self, segment: &Self::Segment, by: [f64; 3]) -> [f64; 2];
 }
 
 /// What optical depths alone are made of.
@@ -268,6 +270,11 @@ impl<R: Real, const C: usize> Rule<R, C> for ExactSource {
     }
 
     #[inline(always)]
+    fn carried(&self, _: &Chord<R>, _: [f64; 3]) -> [f64; 2] {
+        [0.0; 2]
+    }
+
+    #[inline(always)]
     fn segments(&self, curve: &Curve<R, C>, values: &[R], spans: &[Span<R>], segments: &mut Vec<Chord<R>>) {
         let all = <R::Lanes as Lanes<R>>::splat;
         let tolerance = R::of(self.tolerance);
@@ -391,6 +398,14 @@ impl<R: Real, const C: usize> Rule<R, C> for Uniform {
         }
         let begin = (1.0 - self.phase) * by_position - by_length;
         [begin, self.phase * by_position + by_length, number * begin]
+    }
+
+    #[inline(always)]
+    fn carried(&self, sample: &Sample<R>, [enter, leave, step]: [f64; 3]) -> [f64; 2] {
+        let number = sample.number as f64;
+        let begin = enter + number * step;
+        let length = if sample.number + 1 < self.steps() { step } else { leave - begin };
+        [length, begin + self.phase * length]
     }
 }
 

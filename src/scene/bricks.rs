@@ -161,6 +161,22 @@ impl Topology {
         });
     }
 
+    /// Where an owned voxel (512 a brick, z fastest) is stored: in its own brick first, then in the aprons of
+    /// those below.
+    pub fn slots(&self, voxel: usize) -> [Option<usize>; 8] {
+        let (brick, i) = (voxel / LEAF_VOXELS, voxel % LEAF_VOXELS);
+        let local = [i >> 6, i >> 3 & 7, i & 7];
+        std::array::from_fn(|corner| {
+            let below = [corner >> 2 & 1, corner >> 1 & 1, corner & 1];
+            if (0..3).any(|a| below[a] == 1 && local[a] != 0) {
+                return None;
+            }
+            let number = self.find(self.bricks[brick] - IVec3::from_array(below.map(|b| b as i32)));
+            let [x, y, z] = std::array::from_fn(|a| local[a] + below[a] * CELLS);
+            (number != NONE).then(|| number as usize * BRICK + slot(x, y, z))
+        })
+    }
+
     /// Adds stored values onto the voxels that own them: the transpose of [`Topology::spread`].
     pub fn fold<R: Real>(&self, stored: &[R], owned: &mut [R]) {
         owned.par_chunks_mut(LEAF_VOXELS).zip(self.bricks.par_iter().enumerate()).for_each(|(out, (i, brick))| {
@@ -480,6 +496,12 @@ mod tests {
         t.fold(&other, &mut folded);
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         assert_eq!(dot(&stored, &other), dot(&owned, &folded));
+        // Slots are the columns of the spread.
+        for (voxel, sum) in folded.iter().enumerate() {
+            let slots = t.slots(voxel);
+            assert_eq!(slots.into_iter().flatten().map(|s| other[s]).sum::<f64>(), *sum);
+            assert_eq!(slots[0].map(|s| stored[s]), Some(owned[voxel]));
+        }
     }
 
     #[test]

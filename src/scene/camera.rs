@@ -150,6 +150,27 @@ impl Camera {
         }
     }
 
+    /// Change of the origin and direction of the ray through `(x, y)` with a step of the camera
+    /// ([`Camera::moved`]): the transpose of [`Camera::gradient`].
+    pub fn tangent(&self, x: f64, y: f64, by: &CameraGradient) -> Ray {
+        let ray = self.ray(x, y);
+        let plane = DVec2::new((x - self.centre.x) / self.focal.x, (self.centre.y - y) / self.focal.y);
+        let plane_moved = ((by.centre * DVec2::new(-1.0, 1.0) - plane * by.focal) / self.focal).extend(0.0);
+        let (origin, direction) = match self.projection {
+            Projection::Perspective => {
+                let d = plane.extend(-1.0);
+                let unit = d.normalize();
+                (self.near * plane_moved, (plane_moved - unit * unit.dot(plane_moved)) / d.length())
+            }
+            Projection::Orthographic => (plane_moved, DVec3::ZERO),
+        };
+        let to_world = |v: DVec3| self.camera_to_world.transform_vector3(v);
+        Ray {
+            origin: by.position + by.rotation.cross(ray.origin - self.position()) + to_world(origin),
+            direction: by.rotation.cross(ray.direction) + to_world(direction),
+        }
+    }
+
     /// The camera moved by a vector, turned about its position by a rotation vector (world axes,
     /// radians), with its focal lengths changed.
     #[must_use]
@@ -249,6 +270,31 @@ mod tests {
             for a in 0..2 {
                 check(g.focal[a], &|s, h| s.focal[a] = h);
                 check(g.centre[a], &|s, h| s.centre[a] = h);
+            }
+        }
+    }
+
+    /// `⟨J v, w⟩ = ⟨v, Jᵀ w⟩`.
+    #[test]
+    fn the_gradient_is_the_tangents_transpose() {
+        let v = CameraGradient {
+            position: DVec3::new(0.3, -0.2, 0.7),
+            rotation: DVec3::new(-0.5, 0.4, 0.1),
+            focal: DVec2::new(3.0, -2.0),
+            centre: DVec2::new(0.7, 1.9),
+        };
+        let (o, d) = (DVec3::new(0.3, -1.2, 0.7), DVec3::new(-0.4, 0.9, 1.1));
+        for p in [Projection::Perspective, Projection::Orthographic] {
+            let c = camera(p).checked().unwrap();
+            for (x, y) in [(12.25, 30.5), (63.5, 0.5), (33.0, 20.5)] {
+                let (moved, g) = (c.tangent(x, y, &v), c.gradient(x, y, o, d));
+                let left = moved.origin.dot(o) + moved.direction.dot(d);
+                let right = g.position.dot(v.position)
+                    + g.rotation.dot(v.rotation)
+                    + g.focal.dot(v.focal)
+                    + g.centre.dot(v.centre);
+                // Some twenty products of order 1 to 10.
+                assert!((left - right).abs() < 1e-14, "{p:?} {left} {right}");
             }
         }
     }

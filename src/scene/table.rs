@@ -14,8 +14,8 @@ pub struct Table {
     values: Vec<Rgbs>,
 }
 
-/// Derivatives of a loss with respect to what a table is between two knots, piece by piece: `knots + 1`
-/// pieces, the constant ones outside included.
+/// Derivatives of a loss with respect to what a table is between two knots, or a direction in which that
+/// changes ([`Table::tangent`]), piece by piece: `knots + 1` pieces, the constant ones outside included.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TableGradient {
     /// With respect to the values at the lower end and at the upper end of each piece. Pieces outside
@@ -101,6 +101,19 @@ impl Table {
         let ([low, high], [a, b]) = self.ends(piece);
         let width = high - low;
         if width > 0.0 && width.is_finite() { std::array::from_fn(|c| (b[c] - a[c]) / width) } else { [0.0; 4] }
+    }
+
+    /// Change of the pieces' ends with the knots' densities and values: the transpose of
+    /// [`TableGradient::by_knot`] and [`TableGradient::by_value`]. A step's jump is left out as it is there.
+    pub fn tangent(&self, knots: &[f64], values: &[Rgbs]) -> TableGradient {
+        let last = self.knots.len() - 1;
+        // A knot that moves takes its value along: at the old density it is lower by the slope.
+        let end = |piece: usize, knot: usize| -> Rgbs {
+            let slope = self.slope_of(piece);
+            std::array::from_fn(|c| values[knot][c] - slope[c] * knots[knot])
+        };
+        let pieces = (0..=last + 1).map(|p| [end(p, p.saturating_sub(1)), end(p, p.min(last))]);
+        TableGradient { pieces: pieces.collect() }
     }
 
     /// Least and greatest value over a range of densities.

@@ -187,6 +187,45 @@ impl Transfer {
         all
     }
 
+    /// Change of the table with a change of the parameters, in the order of [`Transfer::parameters`]: the
+    /// transpose of [`Transfer::chain`]. What `by` leaves out does not change.
+    ///
+    /// # Errors
+    /// As [`Table::new`].
+    pub fn push(&self, by: &[f64]) -> Result<TableGradient> {
+        let table = self.table()?;
+        let mut by = by.iter().copied().chain(std::iter::repeat(0.0));
+        let mut next = || by.next().unwrap_or(0.0);
+        let mut knots = vec![0.0; table.knots().len()];
+        let mut values = vec![[0.0; 4]; knots.len()];
+        match self {
+            Self::Texture { .. } => values.iter_mut().flatten().for_each(|v| *v = next()),
+            Self::Piecewise { .. } => {
+                for (knot, value) in knots.iter_mut().zip(&mut values) {
+                    *knot = next();
+                    value.iter_mut().for_each(|v| *v = next());
+                }
+            }
+            Self::Gaussians { domain, lobes } => {
+                let (at, floor) = gaussian_knots(*domain);
+                for lobe in lobes {
+                    let (mean, width) = (next(), next());
+                    let top: Rgbs = std::array::from_fn(|_| next());
+                    for (knot, value) in at.iter().zip(&mut values) {
+                        let (share, by_mean, by_width) = lobe.at(*knot, floor);
+                        let moved = by_mean * mean + by_width * width;
+                        (0..4).for_each(|c| value[c] += share * top[c] + moved * lobe.rgbs[c]);
+                    }
+                }
+            }
+            Self::Identity { .. } => {
+                let [r, g, b] = std::array::from_fn(|_| next());
+                values.fill([r, g, b, 0.0]);
+            }
+        }
+        Ok(table.tangent(&knots, &values))
+    }
+
     /// Derivatives of a loss with respect to the parameters, from those with respect to the table.
     ///
     /// # Errors
@@ -289,6 +328,21 @@ mod tests {
                     chained[i]
                 );
             }
+        }
+    }
+
+    /// `⟨J v, w⟩ = ⟨v, Jᵀ w⟩`; the outermost pieces have one end alone.
+    #[test]
+    fn the_chain_is_the_transpose_of_the_push() {
+        for t in all() {
+            let w = loss(&t).1;
+            let v: Vec<f64> = (0..t.parameters().len()).map(|i| (1.7 * i as f64).sin()).collect();
+            let pushed = t.push(&v).unwrap();
+            assert_eq!(pushed.pieces.len(), w.pieces.len());
+            let pairs = pushed.pieces.iter().flatten().flatten().zip(w.pieces.iter().flatten().flatten());
+            let left: f64 = pairs.map(|(a, b)| a * b).sum();
+            let right: f64 = t.chain(&w).unwrap().iter().zip(&v).map(|(a, b)| a * b).sum();
+            assert!((left - right).abs() < 1e-11 * (1.0 + left.abs()), "{t:?} {left} {right}");
         }
     }
 

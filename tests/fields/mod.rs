@@ -5,6 +5,7 @@ use cumulo::math::{Affine, Ray};
 use cumulo::real::Real;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
+use cumulo::scene::transfer::{Lobe, Transfer};
 use glam::{DMat3, DMat4, DVec3};
 use std::collections::BTreeMap;
 
@@ -75,6 +76,39 @@ pub fn lumps(n: i32) -> impl Fn(DVec3) -> f64 {
             * edge(q.y)
             * edge(q.z)
     }
+}
+
+/// Lumps, and zeros around them: some of the functions absorb there.
+pub fn cloud<R: Real>(n: i32) -> Bricks<R> {
+    field(n, odd(), lumps(n)).filled(1 << 30).unwrap()
+}
+
+/// Peaks, a plateau, a transparent gap; densities of [`lumps`] go up to about 1.2.
+pub fn kinds() -> Vec<Transfer> {
+    let texel = |i: usize| {
+        let d = (i as f64 + 0.5) / 12.0;
+        [d, 1.0 - d, 0.5 + 0.4 * (9.0 * d).sin(), 1.5 * (8.0 * d).sin().powi(2)]
+    };
+    vec![
+        Transfer::Texture { domain: [0.0, 1.0], texels: (0..12).map(texel).collect() },
+        Transfer::Piecewise {
+            points: vec![
+                [0.05, 1.0, 0.0, 0.0, 0.0],
+                [0.2, 1.0, 0.5, 0.0, 2.0],
+                [0.3, 0.5, 0.5, 0.5, 0.0],
+                [0.5, 0.5, 0.5, 0.5, 0.0],
+                [0.7, 0.0, 0.2, 1.0, 3.0],
+            ],
+        },
+        Transfer::Gaussians {
+            domain: [0.0, 1.0],
+            lobes: vec![
+                Lobe { mean: 0.25, ln_width: -3.0, rgbs: [1.0, 0.6, 0.1, 1.0] },
+                Lobe { mean: 0.7, ln_width: -2.0, rgbs: [0.1, 0.3, 0.9, 2.0] },
+            ],
+        },
+        Transfer::Identity { domain: [0.0, 0.9], colour: [0.9, 0.6, 0.3] },
+    ]
 }
 
 /// Rays from a sphere around the field's box towards points inside it.

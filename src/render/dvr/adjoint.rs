@@ -44,7 +44,7 @@ pub enum Adjoint {
     Inversion,
 }
 
-/// Derivatives of the loss with respect to the parameters that all rays share.
+/// Derivatives of the loss with respect to the parameters that all rays share, or a step of these.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ParameterGradient {
     /// With respect to the medium's extinction.
@@ -68,7 +68,7 @@ impl ParameterGradient {
 }
 
 /// Derivatives of the loss with respect to one ray's origin and direction (of unit length: only changes
-/// across it mean anything), in world space, and to the quadrature's step.
+/// across it mean anything), in world space, and to the quadrature's step; or a change of these.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct RayGradient {
     /// With respect to the origin.
@@ -309,6 +309,13 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         });
         let seen = over(optics.tinted(&blend.emitted), blend.depth, dvr.background);
         let weighted = self.shared(loss(&seen), &blend.emitted, blend.depth, &optics.tint);
+        if self.sinks.ray.is_some() && Q::BOUNDED {
+            let transmittance = (-blend.depth).exp();
+            let emitted: f64 = weighted.colour.iter().zip(&blend.emitted).map(|(w, e)| w * e).sum();
+            let whole = emitted + transmittance * weighted.background;
+            self.moved.leave = transmittance * self.gain(optics, self.ray.leave, weighted.background, &weighted);
+            self.moved.enter = -self.gain(optics, self.ray.enter, whole, &weighted);
+        }
         inversion::backward(self, curve, rule, tape, &weighted);
         self.finish();
         seen
@@ -387,8 +394,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     #[inline(never)]
     fn gain<const C: usize>(&self, optics: &Optics<R, C>, t: f64, beyond: f64, weighted: &Weighted<C>) -> f64 {
         let density = self.dvr.field.sample(self.ray.at(t));
-        let line = optics.curve.piece(optics.curve.find(density));
-        let extinction = line.extinction[0] + line.extinction[1] * (density - line.base);
+        let (line, extinction) = optics.at(density);
         extinction.f64() * (Glow::new(line, density, &weighted.colour).mean - beyond)
     }
 
@@ -529,6 +535,11 @@ pub(super) trait Traced<R: Real>: Lit<R> {
     /// Derivatives with respect to its points' index coordinates: summed, and times their world length
     /// from the origin.
     fn moved(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3);
+    /// Change of the densities with the stored values: the transpose of [`Traced::spread`].
+    fn interpolated(&self, by_value: &[R]) -> R::Lanes;
+    /// Change of the densities with its points' index coordinates, and the points' world lengths from the
+    /// origin: what [`Traced::moved`] is the transpose of.
+    fn slopes_along(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes);
 }
 
 /// State of the division-free recursion.

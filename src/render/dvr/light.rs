@@ -5,6 +5,7 @@
 //! `q = ∫ σ (d - d̄) e^{-τ}`, it adds `T (c̄ (1 - e^{-x}) + s q)`: a source that is the same everywhere needs
 //! no quadrature, and all channels share one.
 
+use crate::dual::Dual;
 use crate::lanes::Lanes;
 use crate::real::Real;
 use crate::render::curve::Piece;
@@ -75,6 +76,9 @@ pub(super) trait Lit<R: Real>: Copy {
     fn slopes<const C: usize>(&self, line: &Piece<R, C>, light: &Light<R>, slope: R, by: By<R>) -> Slopes<R>;
     /// Densities at its points.
     fn densities(&self) -> R::Lanes;
+    /// Its light again, with derivatives: optical depth, mean density and `q`, from the densities at its
+    /// points and the extinctions there, times its length.
+    fn forward<const P: usize>(&self, density: Dual<R::Lanes, P>, depths: Dual<R::Lanes, P>) -> [Dual<R, P>; 3];
 }
 
 /// `x = σ l`, `q = 0`.
@@ -103,6 +107,12 @@ impl<R: Real> Lit<R> for Sample<R> {
     #[inline(always)]
     fn densities(&self) -> R::Lanes {
         R::Lanes::splat(self.density)
+    }
+
+    #[inline(always)]
+    fn forward<const P: usize>(&self, density: Dual<R::Lanes, P>, depths: Dual<R::Lanes, P>) -> [Dual<R, P>; 3] {
+        let first = |v: Dual<R::Lanes, P>| v.linear(|v| v.store()[0]);
+        [first(depths), first(density), Dual::constant(R::ZERO)]
     }
 }
 
@@ -146,6 +156,18 @@ impl<R: Real> Lit<R> for Chord<R> {
     #[inline(always)]
     fn densities(&self) -> R::Lanes {
         self.density
+    }
+
+    #[inline(always)]
+    fn forward<const P: usize>(&self, density: Dual<R::Lanes, P>, depths: Dual<R::Lanes, P>) -> [Dual<R, P>; 3] {
+        let weights = gauss::lanes::<R>(gauss::WEIGHTS);
+        let sum = |v: Dual<R::Lanes, P>| v.linear(Lanes::sum);
+        let closed = -depths.linear(gauss::integrals_up_to::<R>);
+        let open = closed.value.exp();
+        let open = closed.function(open, open);
+        let shares = depths.linear(|x| weights * x);
+        let mean = sum(density.linear(|d| weights * d));
+        [sum(shares), mean, sum(shares * (density - mean.linear(R::Lanes::splat)) * open)]
     }
 }
 

@@ -11,17 +11,19 @@ mod inversion;
 mod kernel;
 mod light;
 mod preintegrated;
+mod tangent;
 mod traced;
 
 #[doc(hidden)]
 pub use adjoint::Pass;
 pub use adjoint::{Adjoint, Loss, ParameterGradient, RayGradient, Sinks, Tape};
+pub use tangent::{Directions, Seeds, TangentRadiance};
 
 use crate::error::{Error, Result};
 use crate::math::Ray;
 use crate::real::Real;
 use crate::render::arch::{Arch, Plain};
-use crate::render::curve::Curve;
+use crate::render::curve::{Curve, Piece};
 use crate::render::march::IndexRay;
 use crate::render::quadrature::Quadrature;
 use crate::render::rule::{ExactDepth, ExactSource, Uniform};
@@ -61,6 +63,16 @@ struct Optics<R, const C: usize> {
 }
 
 impl<R, const C: usize> Optics<R, C> {
+    /// The piece of the curve at a density, and the extinction there.
+    #[inline(always)]
+    fn at(&self, density: R) -> (&Piece<R, C>, R)
+    where
+        R: Real,
+    {
+        let line = self.curve.piece(self.curve.find(density));
+        (line, line.extinction[0] + line.extinction[1] * (density - line.base))
+    }
+
     #[inline(always)]
     fn tinted(&self, emitted: &[f64; C]) -> [f64; 3] {
         let mut rgb = [0.0; 3];

@@ -3,7 +3,7 @@
 use super::adjoint::Traced;
 use crate::lanes::Lanes;
 use crate::real::Real;
-use crate::render::cell::{corners, weights};
+use crate::render::cell::{corners, gather, weights};
 use crate::render::gauss;
 use crate::render::segment::{Chord, Sample, slopes};
 use glam::DVec3;
@@ -32,6 +32,17 @@ impl<R: Real> Traced<R> for Sample<R> {
         let shift = g * DVec3::from_array(slopes.map(|s| s.store()[0].f64()));
         (shift, self.position * shift)
     }
+
+    #[inline(always)]
+    fn interpolated(&self, by_value: &[R]) -> R::Lanes {
+        R::Lanes::splat(gather(&weights(self.at), &corners(by_value, self.offset)))
+    }
+
+    #[inline(always)]
+    fn slopes_along(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes) {
+        let slopes = slopes::<R>(&corners(values, self.offset), self.at.map(R::Lanes::splat));
+        (slopes, R::Lanes::splat(R::of(self.position)))
+    }
 }
 
 impl<R: Real> Traced<R> for Chord<R> {
@@ -57,5 +68,17 @@ impl<R: Real> Traced<R> for Chord<R> {
         let slopes = slopes::<R>(&corners(values, self.offset), self.at);
         let by = |g: R::Lanes| DVec3::from_array(slopes.map(|s| (s * g).sum().f64()));
         (by(by_density), by(by_density * t))
+    }
+
+    #[inline(always)]
+    fn interpolated(&self, by_value: &[R]) -> R::Lanes {
+        Self::interpolate(&corners(by_value, self.offset), self.at)
+    }
+
+    #[inline(always)]
+    fn slopes_along(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes) {
+        let all = <R::Lanes as Lanes<R>>::splat;
+        let t = all(self.start) + all(self.length) * gauss::lanes::<R>(gauss::NODES);
+        (slopes::<R>(&corners(values, self.offset), self.at), t)
     }
 }

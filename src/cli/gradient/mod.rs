@@ -1,0 +1,344 @@
+//! `cumulo gradient`: derivatives of a loss on pictures, parameter by parameter, for checking and teaching.
+
+mod report;
+mod scene;
+mod voxels;
+
+use super::memory::Memory;
+use super::output::Output;
+use super::parse;
+use super::provenance::Provenance;
+use super::transfer::TransferOption;
+use crate::error::{Error, Result};
+use crate::formats::vdb::{Codec, Limits, write_grids};
+use crate::formats::{atomic, transforms};
+use crate::optimise::difference::relative_error;
+use crate::optimise::loss::Loss;
+use crate::optimise::objective::Forward;
+use crate::optimise::parameter::{CAMERA, Parameter};
+use crate::optimise::plan::{Mode, Plan, Task, Way};
+use crate::optimise::study::{Found, Study};
+use crate::render::dvr::Adjoint;
+use crate::render::quadrature::Quadrature;
+use crate::scene::capture::EmissionModel;
+use crate::scene::medium::Source;
+use report::{Report, Row};
+use scene::in_double;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Differentiate a loss on pictures of a volume, and check the derivatives
+///
+/// Pictures are those of --views cameras on a sphere, or are compared with a --target capture. --check sets a
+/// difference quotient in double precision beside each derivative: exit code 1 if any is off by more than --tolerance.
+#[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("from").required(true).args(["target", "views"]))]
+pub struct GradientCommand {
+    /// VDB to differentiate at
+    input: PathBuf,
+    /// What to differentiate by, one or more
+    #[arg(long, value_enum, value_delimiter = ',', required = true, value_name = "WHAT,...")]
+    wrt: Vec<Wrt>,
+    /// Loss, a mean over pixels and views
+    #[arg(long, value_enum)]
+    loss: LossName,
+    /// Difference from which on huber grows no faster
+    #[arg(long, value_name = "D", default_value_t = 0.1, value_parser = parse::positive)]
+    huber_delta: f64,
+    /// Transmittance below which log-transmittance asks for nothing
+    #[arg(long, value_name = "T", default_value_t = 1e-4, value_parser = parse::positive)]
+    transmittance_floor: f64,
+    /// transforms.json of the pictures to compare with, or its folder; cameras and light model are taken from it
+    #[arg(long, value_name = "CAPTURE")]
+    target: Option<PathBuf>,
+    /// Place this many cameras around the volume
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    views: Option<u32>,
+    /// Size of the pictures of --views in pixels
+    #[arg(long, value_name = "WxH", default_value = "64x64", value_parser = parse::size, conflicts_with = "target")]
+    size: [u32; 2],
+    /// Extinction per unit of density and length (default: that of --target, else 1)
+    #[arg(long, value_name = "S", value_parser = parse::positive)]
+    density_scale: Option<f64>,
+    /// Radiance behind the volume, r,g,b (default: that of --target, else white for absorption, black for
+    /// emission-absorption)
+    #[arg(long, value_name = "R,G,B", value_parser = parse::colour)]
+    background: Option<[f32; 3]>,
+    /// Radiance of the source, r,g,b (default: that of --target, else none)
+    #[arg(long, value_name = "R,G,B", value_parser = parse::colour, conflicts_with = "tf")]
+    emission: Option<[f32; 3]>,
+    /// How that radiance follows the density (default: that of --target, else grey: not at all)
+    #[arg(long, value_enum, conflicts_with = "tf", requires = "emission")]
+    emission_model: Option<EmissionModel>,
+    #[command(flatten)]
+    transfer: TransferOption,
+    /// Integration along rays: exact, midpoint:STEP or riemann:STEP, steps in voxels
+    #[arg(long, value_name = "Q", default_value = "exact")]
+    quadrature: Quadrature,
+    /// Forward or backward; auto goes by the number of parameters and the loss
+    #[arg(long, value_enum, default_value_t = Mode::Auto)]
+    mode: Mode,
+    /// How the backward pass gets at its samples (default: tape, or replay for losses of whole pictures)
+    #[arg(long, value_enum)]
+    adjoint: Option<AdjointName>,
+    /// Set a difference quotient beside each derivative, both in double precision
+    #[arg(long)]
+    check: bool,
+    /// Largest relative error that --check lets pass
+    #[arg(long, value_name = "T", default_value_t = 1e-4, value_parser = parse::not_negative, requires = "check")]
+    tolerance: f64,
+    /// How many voxels to list, those of the largest derivatives
+    #[arg(long, value_name = "K", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    largest: u32,
+    /// Write the derivative by each voxel as a VDB (with --wrt density)
+    #[arg(long, short, value_name = "OUT.vdb")]
+    output: Option<PathBuf>,
+    /// Grid to differentiate at (default: density, else the only scalar one)
+    #[arg(long, value_name = "NAME")]
+    grid: Option<String>,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+/// `--wrt`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Wrt {
+    /// The quadrature's step, in voxels
+    Step,
+    /// Position, rotation, focal lengths and principal point of each view
+    Camera,
+    /// The transfer function's parameters
+    Tf,
+    /// Every voxel
+    Density,
+    /// Radiance behind the volume
+    Background,
+    /// Extinction per unit of density
+    Extinction,
+}
+
+/// `--loss`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum LossName {
+    /// |c - c'|
+    L1,
+    /// (c - c')²
+    L2,
+    /// Quadratic for small differences, linear for large ones
+    Huber,
+    /// (ln T - ln T')² of the transmittances
+    LogTransmittance,
+    /// 1 - SSIM of the colours
+    Ssim,
+    /// Entropy of the alphas, 1 where all are equal
+    OpacityEntropy,
+    /// The colours themselves
+    Mean,
+}
+
+/// `--adjoint`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum AdjointName {
+    /// A tape of one ray
+    Tape,
+    /// Walk the ray twice
+    Replay,
+    /// Weiss & Westermann's inversion of the blend
+    Inversion,
+}
+
+/// The most directions that forward mode is let into: it walks every ray for each few of them.
+const MOST_DIRECTIONS: usize = 512;
+
+impl GradientCommand {
+    /// Reads, plans, differentiates, checks, writes and reports.
+    ///
+    /// # Errors
+    /// If the volume or the pictures cannot be used, or what is asked for does not exist.
+    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let mut provenance = Provenance::begin();
+        let limits = self.memory.limits();
+        self.fits_together()?;
+        if let Some(path) = &self.output {
+            atomic::probe(path)?;
+        }
+        let study = self.study(limits)?;
+        let target = self.target.as_deref().map(transforms::json_path);
+        for path in [Some(&self.input), target.as_ref(), self.transfer.tf.as_ref()].into_iter().flatten() {
+            provenance.input(path, [path.as_path()])?;
+        }
+        let (report, grid) = if self.check {
+            let mut study = in_double(study);
+            let (found, mut report) = self.differentiate(&study, limits)?;
+            self.compare(&mut study, &mut report, output)?;
+            (report, self.as_grid(&study, &found))
+        } else {
+            let (found, report) = self.differentiate(&study, limits)?;
+            (report, self.as_grid(&study, &found))
+        };
+        if let (Some(path), Some(grid)) = (&self.output, grid) {
+            provenance.lap();
+            write_grids(path, &[&grid], &provenance.metadata(), Codec::default(), false)?;
+        }
+        let wrong = report.worst_relative_error.is_some_and(|worst| worst.is_nan() || worst > self.tolerance);
+        output.report(&Report { seconds: provenance.lap(), ..report })?;
+        Ok(if wrong { ExitCode::from(1) } else { ExitCode::SUCCESS })
+    }
+
+    /// Refuses what contradicts itself, before anything is read.
+    fn fits_together(&self) -> Result<()> {
+        let asks = |w: Wrt| self.wrt.contains(&w);
+        if self.quadrature == Quadrature::Preintegrated {
+            return Err(Error::unsupported("pre-integration has no gradient of its own yet")
+                .hint("exact is what it approaches: --quadrature exact"));
+        }
+        if asks(Wrt::Step) && self.quadrature == Quadrature::Exact {
+            return Err(Error::invalid("--wrt step: the exact quadrature has no step")
+                .hint("choose one that has: --quadrature midpoint:0.5 or riemann:0.5"));
+        }
+        if self.output.is_some() && !asks(Wrt::Density) {
+            return Err(Error::invalid("--output is for derivatives by voxel, which --wrt does not ask for")
+                .hint("add density to --wrt, or leave --output out"));
+        }
+        if self.mode == Mode::Tangent && self.adjoint.is_some() {
+            return Err(Error::invalid("--mode tangent goes forward, --adjoint says how to go backward")
+                .hint("leave one of them out"));
+        }
+        if self.loss().compares() && self.target.is_none() {
+            return Err(Error::invalid("this loss compares with pictures, and --views has none")
+                .hint("give pictures with --target, or use --loss mean or opacity-entropy"));
+        }
+        Ok(())
+    }
+
+    fn loss(&self) -> Loss {
+        match self.loss {
+            LossName::L1 => Loss::L1,
+            LossName::L2 => Loss::L2,
+            LossName::Huber => Loss::Huber { delta: self.huber_delta },
+            LossName::LogTransmittance => Loss::LogTransmittance { floor: self.transmittance_floor },
+            LossName::Ssim => Loss::Dissimilarity { peak: 1.0 },
+            LossName::OpacityEntropy => Loss::OpacityEntropy,
+            LossName::Mean => Loss::Mean,
+        }
+    }
+
+    fn parameters<R: Forward>(&self, study: &Study<R>) -> Vec<Parameter> {
+        let mut all: Vec<Parameter> = Vec::new();
+        for (i, wrt) in self.wrt.iter().enumerate() {
+            if self.wrt[..i].contains(wrt) {
+                continue;
+            }
+            match wrt {
+                Wrt::Step => all.push(Parameter::Step),
+                Wrt::Camera => all.extend(
+                    (0..study.setting.cameras.len())
+                        .flat_map(|view| (0..CAMERA.len()).map(move |part| Parameter::Camera { view, part })),
+                ),
+                Wrt::Tf => {
+                    let count = study.setting.transfer.as_ref().map_or(0, |t| t.parameters().len());
+                    all.extend((0..count).map(Parameter::Transfer));
+                }
+                Wrt::Density => {}
+                Wrt::Background => all.extend((0..3).map(Parameter::Background)),
+                Wrt::Extinction => all.push(Parameter::Extinction),
+            }
+        }
+        all
+    }
+
+    fn differentiate<R: Forward>(&self, study: &Study<R>, limits: Limits) -> Result<(Found, Report)> {
+        let mut parameters = self.parameters(study);
+        let density = self.wrt.contains(&Wrt::Density);
+        let count = parameters.len() + if density { study.voxels() } else { 0 };
+        let adjoint = self.adjoint.map(|a| match a {
+            AdjointName::Tape => Adjoint::Tape,
+            AdjointName::Replay => Adjoint::Replay,
+            AdjointName::Inversion => Adjoint::Inversion,
+        });
+        let task = Task {
+            parameters: count,
+            reach: study.loss.reach(),
+            depth_alone: study.setting.transfer.is_none() && matches!(study.setting.source, Source::Grey(_)),
+        };
+        let plan = Plan::new(task, self.mode, adjoint);
+        let bytes = if density { count * study.field.values.len() * size_of::<R>() } else { 0 };
+        if plan.way == Way::Tangent && (count > MOST_DIRECTIONS || bytes as u64 > limits.max_memory) {
+            return Err(Error::unsupported(format!(
+                "--mode tangent walks every ray again for each few of {count} parameters; it takes {MOST_DIRECTIONS} at most"
+            ))
+            .hint("use --mode adjoint, which finds all at once"));
+        }
+        let found = study.gradient(plan.way, &parameters, density).map_err(|e| e.at(&self.input))?;
+        let mut derivatives = found.derivatives.clone();
+        if density {
+            let mut order: Vec<usize> = (0..found.by_voxel.len()).collect();
+            // The sort is stable: equal ones stay in their order.
+            order.sort_by(|a, b| found.by_voxel[*b].abs().total_cmp(&found.by_voxel[*a].abs()));
+            order.truncate(self.largest as usize);
+            derivatives.extend(order.iter().map(|i| found.by_voxel[*i]));
+            parameters.extend(order.into_iter().map(Parameter::Voxel));
+        }
+        let described = study.described(&parameters).into_iter().zip(parameters).zip(derivatives);
+        let row = |(((name, group, value), parameter), gradient)| Row {
+            name,
+            group,
+            value,
+            gradient,
+            difference: None,
+            relative_error: None,
+            parameter,
+        };
+        let rows = described.map(row).collect();
+        let (mode, adjoint) = match plan.way {
+            Way::Tangent => ("tangent", None),
+            Way::Adjoint(Adjoint::Tape) => ("adjoint", Some("tape")),
+            Way::Adjoint(Adjoint::Replay) => ("adjoint", Some("replay")),
+            Way::Adjoint(Adjoint::Inversion) => ("adjoint", Some("inversion")),
+        };
+        let report = Report {
+            input: self.input.clone(),
+            loss: clap::ValueEnum::to_possible_value(&self.loss).map_or_else(String::new, |v| v.get_name().to_owned()),
+            value: found.value,
+            parameters: count,
+            mode,
+            adjoint,
+            reason: plan.reason,
+            precision: if self.check { "f64" } else { "f32" },
+            quadrature: self.quadrature.to_string(),
+            views: study.setting.cameras.len(),
+            rows,
+            worst_relative_error: None,
+            tolerance: self.check.then_some(self.tolerance),
+            output: self.output.clone(),
+            seconds: 0.0,
+        };
+        Ok((found, report))
+    }
+
+    /// Sets difference quotients beside the derivatives.
+    fn compare(&self, study: &mut Study<f64>, report: &mut Report, output: &Output) -> Result<()> {
+        let bar = output.progress(report.rows.len() as u64, "check");
+        for row in &mut report.rows {
+            row.difference = study.difference(row.parameter).map_err(|e| e.part(row.name.clone()).at(&self.input))?;
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        let mut largest: BTreeMap<&str, f64> = BTreeMap::new();
+        for row in &report.rows {
+            let most = largest.entry(row.group).or_default();
+            *most = most.max(row.gradient.abs()).max(row.difference.map_or(0.0, f64::abs));
+        }
+        let mut worst = 0.0_f64;
+        for row in &mut report.rows {
+            let Some(difference) = row.difference else { continue };
+            let error = relative_error(row.gradient, difference, 1e-6 * largest[row.group]);
+            // A NaN must not look like agreement.
+            worst = if error.is_nan() || worst.is_nan() { f64::NAN } else { worst.max(error) };
+            row.relative_error = Some(error);
+        }
+        report.worst_relative_error = Some(worst);
+        Ok(())
+    }
+}

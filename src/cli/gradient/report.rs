@@ -1,0 +1,77 @@
+//! What `cumulo gradient` says.
+
+use crate::optimise::parameter::Parameter;
+use serde::Serialize;
+use std::fmt;
+use std::path::PathBuf;
+
+/// One parameter.
+#[derive(Debug, Serialize)]
+pub(super) struct Row {
+    pub name: String,
+    #[serde(skip)]
+    pub parameter: Parameter,
+    /// Those that its error is relative to the largest of.
+    #[serde(skip)]
+    pub group: &'static str,
+    pub value: f64,
+    pub gradient: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub difference: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relative_error: Option<f64>,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct Report {
+    pub input: PathBuf,
+    pub loss: String,
+    pub value: f64,
+    /// How many there are; of the voxels not all are listed.
+    pub parameters: usize,
+    pub mode: &'static str,
+    pub adjoint: Option<&'static str>,
+    pub reason: String,
+    pub precision: &'static str,
+    pub quadrature: String,
+    pub views: usize,
+    pub rows: Vec<Row>,
+    pub worst_relative_error: Option<f64>,
+    pub tolerance: Option<f64>,
+    pub output: Option<PathBuf>,
+    pub seconds: f64,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { loss, value, views, quadrature, precision, .. } = self;
+        writeln!(f, "{}: {loss} {value:.9e}, {views} views, {quadrature}, {precision}", self.input.display())?;
+        let way = self.adjoint.map_or_else(|| self.mode.to_owned(), |a| format!("{} ({a})", self.mode));
+        writeln!(f, "  {way}: {}", self.reason)?;
+        let wide = self.rows.iter().map(|r| r.name.len()).max().unwrap_or(0).max(9);
+        write!(f, "  {:wide$} {:>16} {:>17}", "parameter", "value", "derivative")?;
+        if self.tolerance.is_some() {
+            write!(f, " {:>17} {:>9}", "difference", "error")?;
+        }
+        writeln!(f)?;
+        for row in &self.rows {
+            write!(f, "  {:wide$} {:>16.9e} {:>17.9e}", row.name, row.value, row.gradient)?;
+            match (row.difference, row.relative_error) {
+                (Some(difference), Some(error)) => writeln!(f, " {difference:>17.9e} {error:>9.1e}")?,
+                _ if self.tolerance.is_some() => writeln!(f, "  a step: its jump has no derivative")?,
+                _ => writeln!(f)?,
+            }
+        }
+        if self.rows.len() < self.parameters {
+            writeln!(f, "  {} of {} parameters, the largest derivatives by voxel", self.rows.len(), self.parameters)?;
+        }
+        if let Some(output) = &self.output {
+            writeln!(f, "{}: written", output.display())?;
+        }
+        if let (Some(worst), Some(tolerance)) = (self.worst_relative_error, self.tolerance) {
+            let verdict = if worst <= tolerance { "agree" } else { "do not agree" };
+            writeln!(f, "derivatives and differences {verdict}: off by {worst:.1e} at most, {tolerance:e} allowed")?;
+        }
+        Ok(())
+    }
+}

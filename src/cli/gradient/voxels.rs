@@ -1,0 +1,37 @@
+//! Derivatives by voxel as a grid.
+
+use super::GradientCommand;
+use crate::optimise::objective::Forward;
+use crate::optimise::study::{Found, Study};
+use crate::scene::bricks::Topology;
+use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
+use std::collections::BTreeMap;
+
+impl GradientCommand {
+    /// The derivatives as a grid, if it is asked for.
+    pub(super) fn as_grid<R: Forward>(&self, study: &Study<R>, found: &Found) -> Option<Grid> {
+        self.output.as_ref()?;
+        Some(Grid {
+            name: "gradient".into(),
+            class: GridClass::Unknown,
+            transform: study.field.transform,
+            background: 0.0,
+            leaves: leaves(&study.field.topology, &found.by_voxel),
+            tiles: Vec::new(),
+            metadata: BTreeMap::new(),
+        })
+    }
+}
+
+/// Leaves of all bricks with a derivative that is not zero; these are active.
+fn leaves(topology: &Topology, by_voxel: &[f64]) -> Vec<Leaf> {
+    let leaf = |(brick, values): (&glam::IVec3, &[f64])| {
+        let mut leaf = Leaf { origin: (8 * *brick).to_array(), values: Box::new([0.0; LEAF_VOXELS]), active: [0; 8] };
+        for (i, v) in values.iter().enumerate().filter(|(_, v)| **v != 0.0) {
+            leaf.values[i] = *v as f32;
+            leaf.active[i >> 6] |= 1 << (i & 63);
+        }
+        (leaf.active != [0; 8]).then_some(leaf)
+    };
+    topology.bricks().iter().zip(by_voxel.chunks(LEAF_VOXELS)).filter_map(leaf).collect()
+}

@@ -1,0 +1,168 @@
+//! Difference quotients of a loss, parameter by parameter, in double precision: what derivatives are checked
+//! against.
+
+use crate::error::Result;
+use crate::optimise::parameter::{Parameter, camera_step};
+use crate::optimise::study::Study;
+use crate::render::quadrature::Quadrature;
+use crate::scene::transfer::Transfer;
+
+/// On which sides of a value the loss is smooth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Side {
+    Both,
+    Above,
+    Below,
+    /// A step of the transfer function, whose jump no derivative knows.
+    Neither,
+}
+
+impl Study<f64> {
+    /// Difference quotient of the loss, of second order: central, or from one side where the other is out of
+    /// bounds or beyond a knot of the transfer function. Steps shrink until two quotients agree: some losses
+    /// bend sharply (the entropy, where a pixel is all but clear). `None` where there is no derivative.
+    ///
+    /// # Errors
+    /// As [`Setting::dvr`](super::study::Setting::dvr).
+    pub fn difference(&mut self, parameter: Parameter) -> Result<Option<f64>> {
+        let (mut h, side) = self.reach(parameter)?;
+        if side == Side::Neither {
+            return Ok(None);
+        }
+        let mut last = self.quotient(parameter, h, side)?;
+        let (mut best, mut least) = (last, f64::INFINITY);
+        for _ in 0..3 {
+            h *= 0.1;
+            let next = self.quotient(parameter, h, side)?;
+            let off = relative_error(next, last, 0.0);
+            if off < least {
+                (best, least) = (next, off);
+            }
+            if off < 1e-6 {
+                break;
+            }
+            last = next;
+        }
+        Ok(Some(best))
+    }
+
+    fn quotient(&mut self, parameter: Parameter, h: f64, side: Side) -> Result<f64> {
+        let mut at = |h: f64| self.value_at(parameter, h);
+        if side == Side::Both {
+            let ((up, above), (down, below)) = (at(h)?, at(-h)?);
+            return Ok((up - down) / (above - below));
+        }
+        let h = if side == Side::Above { h } else { -h };
+        let (near, far, here) = (at(h)?.0, at(2.0 * h)?.0, at(0.0)?.0);
+        Ok((4.0 * near - far - 3.0 * here) / (2.0 * h))
+    }
+
+    /// The loss with a parameter changed, and by how much it was: some are held in `f32`.
+    fn value_at(&mut self, parameter: Parameter, by: f64) -> Result<(f64, f64)> {
+        let (keep, mut taken) = (self.setting.clone(), by);
+        let setting = &mut self.setting;
+        let mut voxels = Vec::new();
+        match parameter {
+            Parameter::Step => {
+                setting.quadrature = match setting.quadrature {
+                    whole @ (Quadrature::Exact | Quadrature::Preintegrated) => whole,
+                    Quadrature::Midpoint(step) => Quadrature::Midpoint(step + by),
+                    Quadrature::Riemann(step) => Quadrature::Riemann(step + by),
+                }
+            }
+            Parameter::Camera { view, part } => {
+                setting.cameras[view] = setting.cameras[view].moved(&camera_step(part, by));
+            }
+            Parameter::Transfer(i) => {
+                if let Some(transfer) = &mut setting.transfer {
+                    let mut all: Vec<f64> = transfer.parameters().iter().map(|p| p.1).collect();
+                    all[i] += by;
+                    *transfer = transfer.with_parameters(&all);
+                }
+            }
+            Parameter::Voxel(i) => {
+                for slot in self.field.topology.slots(i).into_iter().flatten() {
+                    voxels.push((slot, self.field.values[slot]));
+                    self.field.values[slot] += by;
+                }
+            }
+            Parameter::Background(c) => {
+                let new = (f64::from(setting.background[c]) + by) as f32;
+                taken = f64::from(new) - f64::from(setting.background[c]);
+                setting.background[c] = new;
+            }
+            Parameter::Extinction => setting.extinction += by,
+        }
+        let value = self.setting.dvr(&self.field).map(|dvr| self.objective().value(&dvr));
+        voxels.into_iter().for_each(|(slot, v)| self.field.values[slot] = v);
+        self.setting = keep;
+        Ok((value?, taken))
+    }
+
+    /// The step of a difference, and on which sides it may be taken. Values are good to 1e-16 of themselves, so
+    /// that a step of a millionth of what matters leaves 1e-10 of rounding and 1e-12 of curvature.
+    fn reach(&self, parameter: Parameter) -> Result<(f64, Side)> {
+        let setting = &self.setting;
+        let voxel = self.field.transform.voxel_size().min_element();
+        let (_, group, value) = self.described(&[parameter]).swap_remove(0);
+        let bounded = |h: f64| (h, if value < h { Side::Above } else { Side::Both });
+        Ok(match parameter {
+            Parameter::Step => (1e-6 * value, Side::Both),
+            Parameter::Camera { view, part } => {
+                let camera = &setting.cameras[view];
+                let distance = (camera.position() - self.field.world_bounds().centre()).length();
+                let h = match part {
+                    0..3 => 1e-5 * voxel,
+                    3..6 => 1e-5 * voxel / distance.max(voxel),
+                    6..8 => 1e-6 * value,
+                    _ => 1e-5,
+                };
+                (h, Side::Both)
+            }
+            Parameter::Transfer(_) => self.transfer_reach(group, value)?,
+            Parameter::Voxel(_) => {
+                let h = 1e-5 * self.field.range().1.max(1e-6);
+                let Some(transfer) = &setting.transfer else { return Ok(bounded(h)) };
+                match transfer.table()?.knots().iter().find(|k| (value - **k).abs() < 2.0 * h) {
+                    Some(knot) if value < *knot && value >= 2.0 * h => (h, Side::Below),
+                    Some(_) => (h, Side::Above),
+                    None => bounded(h),
+                }
+            }
+            // A power of two: exact up to 2^-24 of the colour, and that much is known.
+            Parameter::Background(_) => (1.0 / 4096.0, Side::Both),
+            Parameter::Extinction => (1e-6 * value, Side::Both),
+        })
+    }
+
+    fn transfer_reach(&self, group: &str, value: f64) -> Result<(f64, Side)> {
+        let Some(transfer) = &self.setting.transfer else { return Ok((1.0, Side::Neither)) };
+        let table = transfer.table()?;
+        let knots = table.knots();
+        let width = (knots[knots.len() - 1] - knots[0]).max(f64::MIN_POSITIVE);
+        Ok(match (group, transfer) {
+            ("tf.density", Transfer::Piecewise { .. }) => {
+                let gap = knots.iter().map(|k| (k - value).abs()).filter(|g| *g > 0.0).fold(width, f64::min);
+                if knots.iter().filter(|k| **k == value).count() > 1 {
+                    return Ok((1.0, Side::Neither));
+                }
+                let h = (1e-6 * width).min(0.25 * gap);
+                // Where the field is level at the knot, its densities belong to the piece above it.
+                let level = self.field.values.iter().any(|v| (v - value).abs() < 2.0 * h);
+                (h, if level { Side::Below } else { Side::Both })
+            }
+            ("tf.density", _) => (1e-6 * width, Side::Both),
+            ("tf.width", _) => (1e-6, Side::Both),
+            _ => {
+                let h = 1e-6 * table.peak().iter().fold(1e-3, |m: f64, v| m.max(*v));
+                (h, if value < h { Side::Above } else { Side::Both })
+            }
+        })
+    }
+}
+
+/// How far apart a derivative and a difference quotient are, relative to the larger, or to a floor.
+pub fn relative_error(derivative: f64, difference: f64, floor: f64) -> f64 {
+    let scale = derivative.abs().max(difference.abs()).max(floor);
+    if scale > 0.0 { (derivative - difference).abs() / scale } else { 0.0 }
+}

@@ -1,0 +1,174 @@
+//! A scene and a loss whose gradient is looked at parameter by parameter; [`difference`](super::difference)
+//! checks it.
+
+use crate::error::Result;
+use crate::optimise::loss::{Loss, Rgba};
+use crate::optimise::objective::{Forward, Objective};
+use crate::optimise::parameter::{self, Parameter};
+use crate::optimise::plan::Way;
+use crate::render::dvr::{Dvr, Precision};
+use crate::render::quadrature::Quadrature;
+use crate::scene::bricks::Bricks;
+use crate::scene::camera::Camera;
+use crate::scene::grid::LEAF_VOXELS;
+use crate::scene::medium::{Medium, Source};
+use crate::scene::transfer::Transfer;
+use std::sync::Arc;
+
+/// All that pictures depend on, but the voxels.
+#[derive(Debug, Clone)]
+pub struct Setting {
+    /// Where they are taken from.
+    pub cameras: Vec<Camera>,
+    /// Extinction per unit of density.
+    pub extinction: f64,
+    /// Radiance of the source where there is no transfer function.
+    pub source: Source,
+    /// Colour and extinction by density.
+    pub transfer: Option<Transfer>,
+    /// Radiance behind the volume.
+    pub background: [f32; 3],
+    /// Integration along rays.
+    pub quadrature: Quadrature,
+}
+
+impl Setting {
+    /// The renderer. In `f64` nothing is left out, so that differences show derivatives and not where rays end.
+    ///
+    /// # Errors
+    /// As [`Dvr::new`] and [`Transfer::table`].
+    pub fn dvr<'f, R: Precision>(&self, field: &'f Bricks<R>) -> Result<Dvr<'f, R>> {
+        let source = match &self.transfer {
+            Some(transfer) => Source::Transfer(Arc::new(transfer.table()?)),
+            None => self.source.clone(),
+        };
+        let dvr = Dvr::new(field, Medium { extinction: self.extinction, source })?
+            .background(self.background)
+            .quadrature(self.quadrature);
+        Ok(if R::EPSILON.f64() < 1e-10 { dvr.early_stop(0.0).tolerance(1e-11) } else { dvr })
+    }
+
+    /// The quadrature's step in voxels; zero where it has none.
+    fn step(&self) -> f64 {
+        match self.quadrature {
+            Quadrature::Exact | Quadrature::Preintegrated => 0.0,
+            Quadrature::Midpoint(step) | Quadrature::Riemann(step) => step,
+        }
+    }
+}
+
+/// A scene and a loss.
+#[derive(Debug, Clone)]
+pub struct Study<R> {
+    /// The voxels.
+    pub field: Bricks<R>,
+    /// What else there is.
+    pub setting: Setting,
+    /// The loss.
+    pub loss: Loss,
+    /// What the pictures should show, one a camera, or none.
+    pub wanted: Vec<Vec<Rgba>>,
+    /// A pixel is the mean over the square of so many rays.
+    pub rays_per_edge: usize,
+}
+
+/// Derivatives by parameter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// The loss.
+    pub value: f64,
+    /// In the order of the parameters.
+    pub derivatives: Vec<f64>,
+    /// By owned voxel, 512 a brick, where the density was asked for.
+    pub by_voxel: Vec<f64>,
+}
+
+impl<R: Forward> Study<R> {
+    /// The loss on its pictures.
+    pub fn objective(&self) -> Objective<'_> {
+        Objective {
+            loss: self.loss,
+            cameras: &self.setting.cameras,
+            wanted: &self.wanted,
+            rays_per_edge: self.rays_per_edge,
+        }
+    }
+
+    /// Number of voxels that bricks own.
+    pub fn voxels(&self) -> usize {
+        self.field.topology.len() * LEAF_VOXELS
+    }
+
+    /// The loss and its derivatives by the parameters, and by all voxels if `density` is set.
+    ///
+    /// # Errors
+    /// As [`Setting::dvr`].
+    pub fn gradient(&self, way: Way, parameters: &[Parameter], density: bool) -> Result<Found> {
+        let (dvr, transfer) = (self.setting.dvr(&self.field)?, self.setting.transfer.as_ref());
+        let objective = self.objective();
+        let topology = &self.field.topology;
+        match way {
+            Way::Adjoint(adjoint) => {
+                let pieces = transfer.map(|t| Ok::<_, crate::Error>(t.table()?.knots().len() + 1)).transpose()?;
+                let found = objective.adjoint(&dvr, adjoint, parameter::by(parameters, density, pieces));
+                let has_table = !found.table.pieces.is_empty();
+                let by_transfer = transfer.filter(|_| has_table).map_or(Ok(Vec::new()), |t| t.chain(&found.table))?;
+                let by_voxel = if density {
+                    let stored: Vec<f64> = found.voxels.iter().map(|v| v.f64()).collect();
+                    let mut owned = vec![0.0; self.voxels()];
+                    topology.fold(&stored, &mut owned);
+                    owned
+                } else {
+                    Vec::new()
+                };
+                let of = |p: &Parameter| parameter::derivative(&found, &by_transfer, &by_voxel, *p);
+                Ok(Found { value: found.value, derivatives: parameters.iter().map(of).collect(), by_voxel })
+            }
+            Way::Tangent => {
+                let voxels = if density { self.voxels() } else { 0 };
+                let all = parameters.iter().copied().chain((0..voxels).map(Parameter::Voxel));
+                let directions: Vec<_> =
+                    all.map(|p| parameter::direction(p, &self.field, transfer)).collect::<Result<_>>()?;
+                let (value, mut derivatives) = objective.tangent(&dvr, &directions);
+                let by_voxel = derivatives.split_off(parameters.len());
+                Ok(Found { value, derivatives, by_voxel })
+            }
+        }
+    }
+
+    /// Names of parameters, those of the groups whose derivatives are of one kind, and values.
+    pub fn described(&self, parameters: &[Parameter]) -> Vec<(String, &'static str, f64)> {
+        let transfer = self.setting.transfer.as_ref().map_or_else(Vec::new, Transfer::parameters);
+        parameters.iter().map(|p| self.describe(*p, &transfer)).collect()
+    }
+
+    fn describe(&self, parameter: Parameter, transfer: &[(String, f64)]) -> (String, &'static str, f64) {
+        let setting = &self.setting;
+        match parameter {
+            Parameter::Step => ("step".into(), "step", setting.step()),
+            Parameter::Camera { view, part } => {
+                let (name, value) = (parameter::CAMERA[part], parameter::camera_value(&setting.cameras[view], part));
+                (format!("camera[{view}].{name}"), name.split('.').next().unwrap_or(name), value)
+            }
+            Parameter::Transfer(i) => {
+                let (name, value) = &transfer[i];
+                let group = match name.rsplit('.').next() {
+                    Some("density" | "mean") => "tf.density",
+                    Some("ln_width") => "tf.width",
+                    Some("extinction") => "tf.extinction",
+                    _ => "tf.colour",
+                };
+                (format!("tf.{name}"), group, *value)
+            }
+            Parameter::Voxel(i) => {
+                let (at, slots) = (parameter::coordinates(&self.field.topology, i), self.field.topology.slots(i));
+                let value = slots[0].map_or(0.0, |slot| self.field.values[slot].f64());
+                (format!("density[{},{},{}]", at.x, at.y, at.z), "density", value)
+            }
+            Parameter::Background(c) => {
+                (format!("background.{}", ["red", "green", "blue"][c]), "background", setting.background[c].into())
+            }
+            Parameter::Extinction => ("extinction".into(), "extinction", setting.extinction),
+        }
+    }
+}

@@ -1,0 +1,354 @@
+//! Forward mode: radiance and its derivatives along `P` directions in one walk, for few parameters
+//! (Weiss & Westermann 2021, sect. 4.2).
+//!
+//! The walk and its segments are those of the value ([`blend`]), whose bits are handed through; dual numbers
+//! follow beside it. Of a segment, densities, extinctions and length change; from there
+//!
+//! ```text
+//! x' = x + Δx    T' = e^{-x'}    E ← E + c (T - T') + s T q
+//! ```
+//! as in [`light`](super::light) and [`kernel`](super::kernel), every letter with its derivatives. It is the
+//! transpose of [`adjoint`](super::adjoint), term by term.
+
+use super::adjoint::{ParameterGradient, RayGradient, Tape, Traced};
+use super::kernel::{Blend, blend, over};
+use super::light::{Light, Lit};
+use super::{Dvr, Matter, Optics, Precision, Radiance};
+use crate::dual::Dual;
+use crate::lanes::Lanes;
+use crate::math::Ray;
+use crate::real::Real;
+use crate::render::march::IndexRay;
+use crate::render::rule::Rule;
+use crate::scene::bricks::Topology;
+use crate::scene::medium::Source;
+use crate::scene::table::TableGradient;
+use glam::DVec3;
+
+/// Directions in which parameters change: derivatives of each with respect to `P` numbers.
+#[derive(Debug, Clone, Copy)]
+pub struct Seeds<'s, R, const P: usize> {
+    /// Of the ray's origin and direction (of unit length: changes across it), in world space, and of the
+    /// quadrature's step, in voxels.
+    pub ray: [RayGradient; P],
+    /// Of the stored values, as in [`Bricks::values`](crate::scene::bricks::Bricks::values), 729 a brick.
+    pub voxels: [Option<&'s [R]>; P],
+    /// Of the transfer function's pieces ([`Transfer::push`](crate::scene::transfer::Transfer::push)).
+    pub table: [Option<&'s TableGradient>; P],
+    /// Of extinction, the source's colour (of media without a transfer function) and background.
+    pub shared: [ParameterGradient; P],
+}
+
+impl<R, const P: usize> Default for Seeds<'_, R, P> {
+    /// Directions in which nothing changes.
+    fn default() -> Self {
+        Self {
+            ray: [RayGradient::default(); P],
+            voxels: [None; P],
+            table: [None; P],
+            shared: [ParameterGradient::default(); P],
+        }
+    }
+}
+
+/// A [`Radiance`] with its derivatives along `P` directions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TangentRadiance<R, const P: usize> {
+    /// Radiance of the three channels, the attenuated background included.
+    pub rgb: [Dual<R, P>; 3],
+    /// Transmittance of the whole ray.
+    pub transmittance: Dual<R, P>,
+    /// Optical depth of the whole ray.
+    pub depth: Dual<f64, P>,
+}
+
+impl<R: Real, const P: usize> TangentRadiance<R, P> {
+    /// The radiance alone.
+    pub fn radiance(&self) -> Radiance<R> {
+        Radiance { rgb: self.rgb.map(|c| c.value), transmittance: self.transmittance.value, depth: self.depth.value }
+    }
+
+    /// Colour and alpha = 1 - transmittance.
+    pub fn rgba(&self) -> [Dual<R, P>; 4] {
+        [self.rgb[0], self.rgb[1], self.rgb[2], Dual::constant(R::ONE) - self.transmittance]
+    }
+}
+
+/// A precision that `P` directions at once are compiled for.
+pub trait Directions<const P: usize>: Precision {
+    /// [`Dvr::tangent`].
+    fn tangent(
+        dvr: &Dvr<'_, Self>,
+        ray: &Ray,
+        seeds: &Seeds<'_, Self, P>,
+        tape: &mut Tape<Self>,
+    ) -> TangentRadiance<Self, P>;
+}
+
+macro_rules! directions {
+    ($($real:ty: $($count:literal)*),*) => {
+        $($(impl Directions<$count> for $real {
+            #[inline(never)]
+            fn tangent(
+                dvr: &Dvr<'_, Self>,
+                ray: &Ray,
+                seeds: &Seeds<'_, Self, $count>,
+                tape: &mut Tape<Self>,
+            ) -> TangentRadiance<Self, $count> {
+                dvr.tangent_with(ray, seeds, tape)
+            }
+        })*)*
+    };
+}
+// One parameter, a point on a sphere, a pose, a pose and a step. More are taken in turns.
+directions!(f32: 1 2 6 7, f64: 1 2 6 7);
+
+impl<R: Precision> Dvr<'_, R> {
+    /// Radiance along a world ray of unit direction, with its derivatives in `P` directions: the value has the
+    /// bits of [`Dvr::radiance`], the derivatives are those that [`Dvr::gradient`] is the transpose of.
+    pub fn tangent<const P: usize>(
+        &self,
+        ray: &Ray,
+        seeds: &Seeds<'_, R, P>,
+        tape: &mut Tape<R>,
+    ) -> TangentRadiance<R, P>
+    where
+        R: Directions<P>,
+    {
+        R::tangent(self, ray, seeds, tape)
+    }
+
+    fn tangent_with<const P: usize>(
+        &self,
+        ray: &Ray,
+        seeds: &Seeds<'_, R, P>,
+        tape: &mut Tape<R>,
+    ) -> TangentRadiance<R, P> {
+        let Some(found) = self.index_ray(ray) else {
+            let behind = Front { depth: Dual::constant(0.0), open: Dual::constant(1.0), emitted: [] };
+            return behind.seen(over([0.0; 3], 0.0, self.background), self, &[], seeds);
+        };
+        let mut seen = match &self.matter {
+            Matter::Line(optics) => self.tangent_of(&found, optics, seeds, tape),
+            Matter::Table(optics, _) => self.tangent_of(&found, optics, seeds, tape),
+        };
+        // Where these walks differ from the value's, they do so by rounding: it sees depths alone, or fewer bricks.
+        if matches!(self.medium.source, Source::Grey(_)) || seeds.table.iter().any(Option::is_some) {
+            let value = R::radiance(self, ray, tape);
+            (0..3).for_each(|c| seen.rgb[c].value = value.rgb[c]);
+            (seen.transmittance.value, seen.depth.value) = (value.transmittance, value.depth);
+        }
+        seen
+    }
+
+    fn tangent_of<const C: usize, const P: usize>(
+        &self,
+        ray: &IndexRay,
+        optics: &Optics<R, C>,
+        seeds: &Seeds<'_, R, P>,
+        tape: &mut Tape<R>,
+    ) -> TangentRadiance<R, P> {
+        let Tape { samples, chords, .. } = tape;
+        // A transfer function's own derivative does not vanish where it is clear.
+        let all = seeds.table.iter().any(Option::is_some);
+        match self.uniform(ray) {
+            None => follow(self, ray, self.exact_source(optics, all), optics, seeds, all, chords),
+            Some(rule) => follow(self, ray, rule, optics, seeds, all, samples),
+        }
+    }
+}
+
+/// One ray's walk with its derivatives.
+fn follow<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize, const P: usize>(
+    dvr: &Dvr<'_, R>,
+    ray: &IndexRay,
+    rule: Q,
+    optics: &Optics<R, C>,
+    seeds: &Seeds<'_, R, P>,
+    all: bool,
+    segments: &mut Vec<S>,
+) -> TangentRadiance<R, P> {
+    let motion = Motion::new(dvr, ray, seeds);
+    let mut front = Front { depth: Dual::constant(0.0), open: Dual::constant(1.0), emitted: [Dual::constant(0.0); C] };
+    if let (Some(motion), true) = (&motion, Q::BOUNDED) {
+        // What the entry leaves behind is no longer in front.
+        front.extend(dvr, ray, optics, ray.enter, motion.bounds.map(|[enter, ..]| -enter));
+    }
+    let topology = if all { &dvr.field.topology } else { &dvr.visible };
+    let found = walk(dvr, topology, ray, rule, optics, segments, &mut |segment, light| {
+        front.add(dvr, ray, rule, optics, seeds, motion.as_ref(), segment, light);
+    });
+    if let (Some(motion), true) = (&motion, Q::BOUNDED) {
+        front.extend(dvr, ray, optics, ray.leave, motion.bounds.map(|[_, leave, _]| leave));
+    }
+    let value = over(optics.tinted(&found.emitted), found.depth, dvr.background);
+    front.seen(value, dvr, &optics.tint, seeds)
+}
+
+/// [`blend`], compiled once for all numbers of directions.
+#[inline(never)]
+fn walk<R: Real, S: Lit<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
+    dvr: &Dvr<'_, R>,
+    topology: &Topology,
+    ray: &IndexRay,
+    rule: Q,
+    optics: &Optics<R, C>,
+    segments: &mut Vec<S>,
+    see: &mut dyn FnMut(&S, &Light<R>),
+) -> Blend<C> {
+    blend(dvr, topology, ray, rule, &optics.curve, segments, |found| {
+        if let Some((segment, light)) = found {
+            see(segment, light);
+        }
+    })
+}
+
+/// How a ray's points move along each direction.
+struct Motion<const P: usize> {
+    /// Index coordinates of all points.
+    shift: [DVec3; P],
+    /// The same by world length from the origin.
+    turn: [DVec3; P],
+    /// World lengths of entry and exit, and the quadrature's step.
+    bounds: [[f64; 3]; P],
+}
+
+impl<const P: usize> Motion<P> {
+    /// `None` if nothing moves.
+    fn new<R: Real>(dvr: &Dvr<'_, R>, ray: &IndexRay, seeds: &Seeds<'_, R, P>) -> Option<Self> {
+        if seeds.ray.iter().all(|by| *by == RayGradient::default()) {
+            return None;
+        }
+        let to_index = |v: DVec3| dvr.field.transform.vector_to_index(v);
+        let shift = seeds.ray.map(|by| to_index(by.origin));
+        let turn = seeds.ray.map(|by| to_index(by.direction));
+        // The box's faces stand still: t = (face - o) / d.
+        let face = |t: f64, p: usize| match ray.face(&dvr.field.domain, t) {
+            Some((axis, along)) => -(shift[p][axis] + t * turn[p][axis]) / along,
+            None => 0.0,
+        };
+        let bounds = std::array::from_fn(|p| [face(ray.enter, p), face(ray.leave, p), seeds.ray[p].step * dvr.voxel]);
+        Some(Self { shift, turn, bounds })
+    }
+}
+
+/// State of the front-to-back blend.
+struct Front<const C: usize, const P: usize> {
+    /// Optical depth so far, and the transmittance.
+    depth: Dual<f64, P>,
+    open: Dual<f64, P>,
+    /// Light so far, by the curve's channels.
+    emitted: [Dual<f64, P>; C],
+}
+
+impl<const C: usize, const P: usize> Front<C, P> {
+    /// Adds what a stretch of the ray at world length `t` does; it is of no length, but grows.
+    #[inline(never)]
+    fn extend<R: Real>(&mut self, dvr: &Dvr<'_, R>, ray: &IndexRay, optics: &Optics<R, C>, t: f64, by: [f64; P]) {
+        let density = dvr.field.sample(ray.at(t));
+        let (line, extinction) = optics.at(density);
+        let extinction = extinction.f64();
+        for p in 0..P {
+            for (emitted, [at_base, slope]) in self.emitted.iter_mut().zip(line.source) {
+                let source = at_base + slope * (density - line.base);
+                emitted.tangent[p] += self.open.value * extinction * source.f64() * by[p];
+            }
+            self.depth.tangent[p] += extinction * by[p];
+            self.open.tangent[p] = -self.open.value * self.depth.tangent[p];
+        }
+    }
+
+    /// Adds a segment.
+    #[inline(never)]
+    fn add<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>>(
+        &mut self,
+        dvr: &Dvr<'_, R>,
+        ray: &IndexRay,
+        rule: Q,
+        optics: &Optics<R, C>,
+        seeds: &Seeds<'_, R, P>,
+        motion: Option<&Motion<P>>,
+        segment: &S,
+        light: &Light<R>,
+    ) {
+        let all = <R::Lanes as Lanes<R>>::splat;
+        let line = optics.curve.piece(segment.piece());
+        let mut density = Dual::constant(segment.densities());
+        let mut length = Dual::constant(segment.length());
+        if let Some(Motion { shift, turn, bounds }) = motion {
+            let (slopes, t) = segment.slopes_along(&dvr.field.values);
+            for p in 0..P {
+                let [longer, further] = rule.carried(segment, bounds[p]);
+                length.tangent[p] = R::of(longer);
+                let shift = shift[p] + further * ray.direction();
+                for a in 0..3 {
+                    let moved = all(R::of(shift[a])) + t * all(R::of(turn[p][a]));
+                    density.tangent[p] = density.tangent[p] + slopes[a] * moved;
+                }
+            }
+        }
+        for p in 0..P {
+            if let Some(by_value) = seeds.voxels[p] {
+                density.tangent[p] = density.tangent[p] + segment.interpolated(by_value);
+            }
+        }
+        let mut extinction = density.linear(|v| all(line.extinction[1]) * v);
+        extinction.value = all(line.extinction[0]) + all(line.extinction[1]) * (density.value - all(line.base));
+        let fraction = all(line.fraction(R::ZERO)) + density.value * all(line.fraction_slope());
+        let scale = dvr.medium.extinction;
+        for p in 0..P {
+            let relative = seeds.shared[p].extinction / scale;
+            let mut more = extinction.tangent[p] + all(R::of(relative)) * extinction.value;
+            if let Some(table) = seeds.table[p] {
+                let [low, high] = table.pieces[segment.piece() as usize];
+                more = more + all(R::of(scale * low[3])) + all(R::of(scale * (high[3] - low[3]))) * fraction;
+            }
+            extinction.tangent[p] = more;
+        }
+        let depths = length.linear(all) * extinction;
+        let [depth, mean, varied] = segment.forward(density, depths);
+        self.depth = self.depth + depth.f64();
+        let beyond = (-self.depth).exp();
+        let (absorbed, varied) = (self.open - beyond, self.open * varied.f64());
+        for (c, emitted) in self.emitted.iter_mut().enumerate() {
+            let [at_base, slope] = line.source[c];
+            let mut source = mean.linear(|v| slope * v);
+            source.value = at_base + slope * (mean.value - line.base);
+            let (mut source, mut slope) = (source.f64(), Dual::constant(slope.f64()));
+            for p in 0..P {
+                if let Some(table) = seeds.table[p] {
+                    let [low, high] = table.pieces[segment.piece() as usize].map(|end| end[c]);
+                    source.tangent[p] += low + (high - low) * line.fraction(light.mean).f64();
+                    slope.tangent[p] = (high - low) * line.fraction_slope().f64();
+                }
+            }
+            *emitted = *emitted + source * absorbed + slope * varied;
+        }
+        self.open = beyond;
+    }
+
+    /// What is seen, with the derivatives of the value found: `L = emitted + T · background`.
+    fn seen<R: Real>(
+        &self,
+        value: Radiance<R>,
+        dvr: &Dvr<'_, R>,
+        tint: &[[f64; 3]; C],
+        seeds: &Seeds<'_, R, P>,
+    ) -> TangentRadiance<R, P> {
+        let open = (-self.depth.value).exp();
+        let by_open = self.depth.tangent.map(|d| -open * d);
+        let channel = |c: usize, p: usize| {
+            let by = &seeds.shared[p];
+            let mut sum = by.background[c] * open + f64::from(dvr.background[c]) * by_open[p];
+            for (emitted, tint) in self.emitted.iter().zip(tint) {
+                sum += emitted.tangent[p] * tint[c] + if C == 1 { emitted.value * by.colour[c] } else { 0.0 };
+            }
+            R::of(sum)
+        };
+        TangentRadiance {
+            rgb: std::array::from_fn(|c| Dual { value: value.rgb[c], tangent: std::array::from_fn(|p| channel(c, p)) }),
+            transmittance: Dual { value: value.transmittance, tangent: by_open.map(R::of) },
+            depth: Dual { value: value.depth, tangent: self.depth.tangent },
+        }
+    }
+}
