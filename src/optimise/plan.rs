@@ -4,7 +4,7 @@
 //! Measured in units of the backward way, one thread, 256² pixels of the plume (`cumulo gradient`): where the
 //! source varies, forward takes 1.0 for one parameter and 1.4 for four under a local loss; 0.7 for one, 1.0 for
 //! four and 2.1 for ten under a global one, as it need not walk again. Where light depends on the optical depth
-//! alone, backward there is one derivative a ray, and forward takes 2 to 4.
+//! alone, a ray has one derivative for all its voxels, and forward takes 1 (the step) to 4.
 
 use crate::optimise::loss::Reach;
 use crate::render::dvr::Adjoint;
@@ -76,7 +76,7 @@ impl Plan {
         }
         let backward = match (mode, adjoint, few) {
             (Mode::Auto, None, 0) => {
-                format!("{parameters}; light depends on the optical depth alone: one derivative a ray gives all")
+                format!("{parameters}; light depends on the optical depth alone, for which backward is the cheaper way")
             }
             (Mode::Auto, None, _) => format!("{parameters}, more than {few}: one backward pass finds all derivatives"),
             _ => "backward as asked".to_owned(),
