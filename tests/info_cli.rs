@@ -137,7 +137,7 @@ fn info_sums_up_a_capture_by_its_folder_and_by_its_file() {
     assert_eq!(by_file, by_folder);
     let expected = json!({"path": capture.json(), "format": "capture", "frames": 3, "sizes": {"8x6": 3},
         "orthographic": 0, "cameras_min": [0.0, 0.0, 4.0], "cameras_max": [2.0, 0.0, 4.0],
-        "model": "emission-absorption", "emission": [1.0, 0.5, 0.25], "emission_model": "linear",
+        "model": "emission-absorption", "emission": [1.0, 0.5, 0.25], "emission_model": "linear", "transfer": false,
         "background": [1.0, 1.0, 1.0], "pixel_filter": "point", "density_scale": 1.0,
         "lattice_voxel_size": [0.5, 0.25, 2.0]});
     assert_eq!(by_file["files"][0], expected);

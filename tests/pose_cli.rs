@@ -94,7 +94,9 @@ fn disturbed_cameras_come_back() {
         ("linear", "--model emission-absorption --emission-model linear --emission 1,0.5,0.2"),
         ("transfer", "--tf two.tf.json"),
     ] {
-        work.json(&format!("render a.vdb --views 6 --size 128x128 --density-scale auto {options} -o {name}"));
+        work.json(&format!(
+            "render a.vdb --views 6 --size 128x128 --density-scale auto --quadrature exact {options} -o {name}"
+        ));
         disturb(&work, &format!("{name}/transforms.json"), &format!("{name}/off.json"), middle, 2.0, 2.0, 1.0);
         let (degrees, percent) = apart(&work, &format!("{name}/transforms.json"), &format!("{name}/off.json"), middle);
         assert!((degrees - 2.0).abs() < 1e-6 && (percent - 2.0).abs() < 1e-6, "{degrees} {percent}");

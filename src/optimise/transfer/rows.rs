@@ -64,7 +64,7 @@ pub(super) fn lengths(clear: &Dvr<'_, f32>, rays: &Rays, texels: usize) -> Vec<L
     all
 }
 
-/// Extinctions whose `1 - e^{-H s}` are the alphas: twelve steps of Gauss and Newton with a smoothness prior of
+/// Extinctions whose `1 - e^{-H s}` are the alphas: at most twelve steps of Gauss and Newton with a smoothness prior of
 /// `smooth` times the mean of the diagonal.
 pub(super) fn extinctions(lengths: &[Lengths], rays: &Rays, texels: usize, smooth: f64) -> Vec<f64> {
     let longest = lengths.iter().map(|l| l.iter().map(|e| f64::from(e.1)).sum::<f64>()).fold(0.0_f64, f64::max);
@@ -72,31 +72,32 @@ pub(super) fn extinctions(lengths: &[Lengths], rays: &Rays, texels: usize, smoot
     let mut s = DVector::from_element(texels, if longest > 0.0 { 0.5 / longest } else { 0.0 });
     for _ in 0..12 {
         let part = lengths.len().div_ceil(LANES).max(1);
-        let sums: Vec<(DMatrix<f64>, DVector<f64>)> = lengths
+        let sums: Vec<(Vec<f64>, DVector<f64>)> = lengths
             .par_chunks(part)
             .enumerate()
             .map(|(lane, lines)| {
-                let (mut matrix, mut slope) = (DMatrix::zeros(texels, texels), DVector::zeros(texels));
+                // Row by row, on and above the diagonal.
+                let (mut matrix, mut slope) = (vec![0.0; texels * texels], DVector::zeros(texels));
                 for (i, line) in lines.iter().enumerate() {
                     let depth: f64 = line.iter().map(|(j, v)| f64::from(*v) * s[*j as usize]).sum();
                     let open = (-depth).exp();
                     let residual = open - (1.0 - f64::from(rays.wanted[lane * part + i][3]));
-                    for (j, v) in line {
-                        let by = -open * f64::from(*v);
-                        slope[*j as usize] += by * residual;
-                        for (k, w) in line {
-                            matrix[(*j as usize, *k as usize)] -= by * open * f64::from(*w);
+                    for (first, (j, v)) in line.iter().enumerate() {
+                        let by = open * f64::from(*v);
+                        slope[*j as usize] -= by * residual;
+                        let row = &mut matrix[*j as usize * texels..][..texels];
+                        let factor = by * open;
+                        for (k, w) in &line[first..] {
+                            row[*k as usize] += factor * f64::from(*w);
                         }
                     }
                 }
                 (matrix, slope)
             })
             .collect();
-        let (mut matrix, mut slope) = (DMatrix::zeros(texels, texels), DVector::zeros(texels));
-        for (m, v) in &sums {
-            matrix += m;
-            slope += v;
-        }
+        let mut slope: DVector<f64> = sums.iter().map(|s| &s.1).sum();
+        let sum = |i: usize, j: usize| sums.iter().map(|s| s.0[i.min(j) * texels + i.max(j)]).sum::<f64>();
+        let mut matrix = DMatrix::from_fn(texels, texels, sum);
         let level = matrix.trace() / texels as f64;
         if level <= 0.0 {
             break;
@@ -115,9 +116,11 @@ pub(super) fn extinctions(lengths: &[Lengths], rays: &Rays, texels: usize, smoot
             matrix[(i, i)] *= 1.0 + 1e-3;
             matrix[(i, i)] += 1e-9 * level;
         }
-        match bounded(&matrix, &slope, &s) {
-            Some(next) => s = next,
-            None => break,
+        let Some(next) = bounded(&matrix, &slope, &s) else { break };
+        let moved = (&next - &s).amax();
+        s = next;
+        if moved <= 1e-6 * s.amax() {
+            break;
         }
     }
     s.iter().copied().collect()

@@ -6,7 +6,7 @@
 //! `c = 0`, a density that is linear; here c is such that the mean density is that of the cubic which the
 //! density is. Extinctions that are linear in the density are integrated exactly, others with an error of
 //! third order in the stretch. Within a stretch light is emitted as if its colour were mixed; stretches that
-//! are too opaque for that are halved.
+//! are too opaque for that, or too curved, are halved.
 
 use super::Dvr;
 use super::kernel::Blend;
@@ -30,6 +30,8 @@ struct Piece {
     below: [[f64; 2]; SUMS],
     /// Coefficients of f about the base.
     line: [[f64; 3]; SUMS],
+    /// True if the colour varies with the density.
+    colourful: bool,
 }
 
 /// Cumulative tables of a transfer function.
@@ -55,7 +57,8 @@ impl Cumulative {
             let (a, b) = (scale * value[3], scale * slope[3]);
             let lit = |c: usize| [a * value[c], a * slope[c] + b * value[c], b * slope[c]];
             let base = if p == 0 { high } else { low };
-            let piece = Piece { base, below, line: [[a, b, 0.0], lit(0), lit(1), lit(2)] };
+            let colourful = slope[..3] != [0.0; 3];
+            let piece = Piece { base, below, line: [[a, b, 0.0], lit(0), lit(1), lit(2)], colourful };
             if p > 0 && high.is_finite() {
                 below = piece.at(high);
             }
@@ -84,8 +87,11 @@ impl Piece {
     }
 }
 
-/// Optical depth above which a stretch of several knots is halved.
+/// Optical depth above which a stretch of several colours is halved.
 const THICK: f64 = 0.25;
+/// Skew `c` above which a stretch of several knots is halved: towards a turn of the density the share of the
+/// length grows faster than a line.
+const SKEWED: f64 = 0.25;
 /// The most halvings of a stretch, one within the other.
 const MOST_HALVINGS: u32 = 5;
 
@@ -115,28 +121,36 @@ impl Front<'_> {
         let to = self.tables.at(self.curve, d1);
         let mean = cubic::mean(cubic, v0, v1);
         let width = to.density - from.density;
-        let line = &self.tables.0[to.piece as usize].line;
+        let Piece { base, line, colourful, .. } = &self.tables.0[to.piece as usize];
         let mut sums = [0.0; SUMS];
+        let mut mixed = *colourful;
         if from.piece == to.piece || width.abs() < 1e-9 * (1.0 + d0.abs()) {
-            // One line: the mean density tells the depth; colour times extinction is of second order.
-            let d = mean - self.tables.0[to.piece as usize].base;
+            // One line: the mean density tells the depth; colour times extinction asks for its variance too,
+            // here that of the same distribution of lengths.
+            let d = mean - base;
+            let skewed = 6.0 * (mean - from.density) - 3.0 * width;
+            let variance = (width * width * (1.0 / 12.0) - skewed * skewed * (1.0 / 36.0)).max(0.0);
             for (sum, [a, b, c]) in sums.iter_mut().zip(line) {
-                *sum = length * (a + d * (b + d * c));
+                *sum = length * (a + d * (b + d * c) + variance * c);
             }
         } else {
+            mixed = true;
             let inverse = 1.0 / width;
-            let skew = (6.0 * (mean - from.density) * inverse - 3.0).clamp(-1.0, 1.0);
+            let skew = 6.0 * (mean - from.density) * inverse - 3.0;
+            if skew.abs() > SKEWED && halvings > 0 {
+                self.halves(cubic, [v0, v1], half, halvings - 1);
+                return;
+            }
+            let skew = skew.clamp(-1.0, 1.0);
             for (k, sum) in sums.iter_mut().enumerate() {
                 let plain = to.sums[k][0] - from.sums[k][0];
                 let moment = (to.sums[k][1] - from.sums[k][1]) - from.density * plain;
                 *sum = length * inverse * ((1.0 - skew) * plain + 2.0 * skew * inverse * moment);
             }
-            if sums[0] > THICK && halvings > 0 {
-                let middle = 0.5 * (v0 + v1);
-                self.halved(cubic, [v0, middle], half, halvings - 1);
-                self.halved(cubic, [middle, v1], half, halvings - 1);
-                return;
-            }
+        }
+        if mixed && sums[0] > THICK && halvings > 0 {
+            self.halves(cubic, [v0, v1], half, halvings - 1);
+            return;
         }
         self.last = to;
         let depth = sums[0].max(0.0);
@@ -150,6 +164,13 @@ impl Front<'_> {
             self.emitted[c] += sums[1 + c] * share;
         }
         self.open = beyond;
+    }
+
+    #[inline(never)]
+    fn halves(&mut self, cubic: [f64; 4], [v0, v1]: [f64; 2], half: f64, halvings: u32) {
+        let middle = 0.5 * (v0 + v1);
+        self.stretch(cubic, [v0, middle], half, halvings);
+        self.stretch(cubic, [middle, v1], half, halvings);
     }
 
     #[inline(never)]
