@@ -196,7 +196,9 @@ impl<R: Real, const C: usize> Cutter<'_, R, C> {
             loop {
                 let Piece { low, high, .. } = self.curve.piece(piece);
                 let knot = if rising { high.f64() } else { low.f64() };
-                if if rising { knot >= end } else { knot <= end } {
+                // Not `knot >= end`: densities that overflow are NaN here, and cross nothing.
+                let crossed = if rising { knot < end } else { knot > end };
+                if !crossed {
                     emit(self, last, piece);
                     break;
                 }
