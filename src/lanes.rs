@@ -1,12 +1,13 @@
 //! Four numbers that are computed together, in one vector register where the machine has them.
 
 use crate::real::{Number, Real};
+use std::ops::AddAssign;
 
 /// How many numbers there are in a [`Lanes`].
 pub const LANES: usize = 4;
 
 /// Four numbers; operators work on each.
-pub trait Lanes<R: Real>: Number {
+pub trait Lanes<R: Real>: Number + Default + AddAssign {
     /// The same number four times.
     fn splat(v: R) -> Self;
     /// Four numbers from an array.

@@ -9,7 +9,8 @@ use cumulo::optimise::hull::Hull;
 use cumulo::optimise::observation::{DepthMap, Observation, Photo};
 use cumulo::optimise::projector::{Projector, Sample, View};
 use cumulo::optimise::smooth::Smoother;
-use cumulo::optimise::solver::{Solver, mean};
+use cumulo::optimise::depths::{Depths, mean};
+use cumulo::optimise::solver::Solver;
 use cumulo::render::dvr::Dvr;
 use cumulo::render::film::Film;
 use cumulo::render::picture;
@@ -274,7 +275,8 @@ fn the_solver_goes_down_and_stays_above_zero() {
     let mut smoother = Smoother::new(&field.topology, 1, 0.2);
     let n = projector.unknowns();
     let views = projector.views(&observation.maps.iter().collect::<Vec<_>>(), 1, &vec![true; n]);
-    let mut solver = Solver::new(&views, &mut projector, &mut smoother, &vec![true; n], vec![0.0; n]);
+    let depths = Depths::new(&views, &mut projector);
+    let mut solver = Solver::new(depths, &mut smoother, &vec![true; n], vec![0.0; n]);
     let mut losses = Vec::new();
     for _ in 0..4 {
         assert!(solver.iterate());
@@ -285,7 +287,7 @@ fn the_solver_goes_down_and_stays_above_zero() {
         solver.iterate();
     }
     assert!(solver.loss() < 0.1 * losses[0], "{losses:?}, then {}", solver.loss());
-    let found = solver.densities();
+    let found = solver.solution();
     assert!(found.iter().all(|v| *v >= 0.0 && v.is_finite()));
 }
 

@@ -6,6 +6,7 @@ pub mod convert;
 pub mod diff;
 pub mod gradient;
 pub mod info;
+pub mod light;
 pub mod memory;
 pub mod output;
 pub mod parse;

@@ -1,5 +1,6 @@
 //! `cumulo render`: pictures of a volume from many sides, as a capture.
 
+use super::light::Light;
 use super::memory::Memory;
 use super::output::Output;
 use super::parse::{self, DensityScale};
@@ -9,18 +10,22 @@ use super::{cancel, volume};
 use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::formats::transforms::{self, FILE_NAME};
+use crate::formats::vdb::{File, Limits, shaded};
 use crate::render::dvr::Dvr;
+use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;
-use crate::render::{self, scale};
+use crate::render::scale;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
 use crate::scene::medium::Source;
 use crate::scene::orbit::{self, Layout};
 use crate::scene::transfer::Transfer;
+use glam::Vec4;
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
+use std::borrow::Cow;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -86,6 +91,38 @@ pub struct Render {
     memory: Memory,
 }
 
+/// What is rendered.
+enum Scene {
+    /// Light that follows the density.
+    Density(Bricks<f32>),
+    /// Emissions and extinctions.
+    PreShaded(Bricks<Vec4>),
+}
+
+impl Scene {
+    /// What the optical depth is made of.
+    fn extinctions(&self) -> Cow<'_, Bricks<f32>> {
+        match self {
+            Self::Density(field) => Cow::Borrowed(field),
+            Self::PreShaded(volume) => Cow::Owned(volume.channel(3)),
+        }
+    }
+
+    fn light(&mut self, capture: &Capture, quadrature: Quadrature) -> Result<Light<'_>> {
+        Ok(match self {
+            Self::Density(field) => Light::Density(
+                Dvr::new(field, capture.medium()?)?.background(capture.background).quadrature(quadrature),
+            ),
+            Self::PreShaded(volume) => {
+                // It multiplies emissions too: colours stay.
+                let scale = capture.density_scale as f32;
+                volume.values.par_iter_mut().for_each(|v| *v *= scale);
+                Light::PreShaded(Preshaded::new(volume, capture.background))
+            }
+        })
+    }
+}
+
 #[derive(Debug, Serialize)]
 struct Report {
     output: PathBuf,
@@ -122,15 +159,12 @@ impl Render {
         let asked = self.cameras.as_deref().map(transforms::load).transpose()?;
         let asked_pictures: Option<Vec<PathBuf>> =
             asked.as_ref().map(|c| c.frames.iter().map(|f| f.picture.clone()).collect());
-        let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
-        let transfer = self.transfer(transfer, asked.as_ref());
-        let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
-        drop(grid);
+        let (mut scene, transfer) = self.scene(asked.as_ref(), limits)?;
         provenance.input(&self.input, [self.input.as_path()])?;
         if let Some(tf) = &self.transfer.tf {
             provenance.input(tf, [tf.as_path()])?;
         }
-        let capture = self.capture(&field, transfer, asked)?;
+        let capture = self.capture(&scene, transfer, asked)?;
         fits(&capture, limits.max_memory)?;
 
         if let Some(frame) = capture.frames.iter().find(|f| f.picture.is_dir()) {
@@ -147,12 +181,11 @@ impl Render {
             .map_err(|e| Error::io(&self.output, e))?;
         let usual = if capture.transfer.is_some() { Quadrature::Preintegrated } else { Quadrature::Exact };
         let quadrature = self.quadrature.unwrap_or(usual);
-        let dvr = Dvr::new(&field, capture.medium()?)?.background(capture.background).quadrature(quadrature);
+        let light = scene.light(&capture, quadrature)?;
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
         capture.frames.par_iter().try_for_each(|frame| {
-            let film =
-                render::picture(&dvr, &frame.camera, self.supersample as usize, cancel).ok_or_else(Error::cancelled)?;
+            let film = light.picture(&frame.camera, self.supersample as usize, cancel).ok_or_else(Error::cancelled)?;
             exr::write_picture(&waiting.path().join(file_name(&frame.picture)), &film, &attributes, false)?;
             bar.inc(1);
             Ok::<_, Error>(())
@@ -213,8 +246,21 @@ impl Render {
         }
     }
 
+    /// The volume, with the transfer function that is seen through.
+    fn scene(&self, asked: Option<&Capture>, limits: Limits) -> Result<(Scene, Option<Transfer>)> {
+        if self.model.or(asked.map(|c| c.model)) == Some(Model::PreShaded) && self.transfer.tf.is_none() {
+            let file = File::open(&self.input, limits)?;
+            return Ok((Scene::PreShaded(shaded::read(&file, self.grid.as_deref(), limits.max_memory)?), None));
+        }
+        let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
+        let transfer = self.transfer(transfer, asked);
+        let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
+        Ok((Scene::Density(field), transfer))
+    }
+
     /// What the pictures will show, from the options and, where they are silent, from `--cameras`.
-    fn capture(&self, field: &Bricks<f32>, transfer: Option<Transfer>, asked: Option<Capture>) -> Result<Capture> {
+    fn capture(&self, scene: &Scene, transfer: Option<Transfer>, asked: Option<Capture>) -> Result<Capture> {
+        let field = &*scene.extinctions();
         let cameras: Vec<Camera> = match (&asked, self.views) {
             (Some(capture), _) => capture.frames.iter().map(|f| f.camera).collect(),
             (None, count) => {
@@ -244,6 +290,7 @@ impl Render {
         };
         let asked = asked.as_ref();
         let given = self.model.or(transfer.as_ref().map(|_| Model::EmissionAbsorption));
+        let given = given.or(matches!(scene, Scene::PreShaded(_)).then_some(Model::PreShaded));
         let model = given.or(asked.map(|c| c.model)).unwrap_or(Model::Absorption);
         // The other model's background would be a surprise: white light behind a bright source.
         let same = asked.filter(|c| c.model == model);

@@ -2,13 +2,14 @@
 
 use super::memory::Memory;
 use super::output::Output;
-use super::run::{self, Run};
+use super::light::Light;
+use super::run::{self, Run, Solver};
 use crate::error::{Error, Result};
-use crate::formats::vdb::{File, Limits};
+use crate::formats::vdb::{File, Limits, shaded};
 use crate::formats::{atomic, exr, transforms};
 use crate::metrics::{self, volume};
-use crate::render;
 use crate::render::dvr::Dvr;
+use crate::render::preshaded::Preshaded;
 use crate::report::{Page, Plot, Series, ViewRow};
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
@@ -112,7 +113,15 @@ fn page(run: &Run, limits: Limits, reference: Option<&Grid>, beside: Option<&(&s
     let capture = transforms::load(&run.capture)?;
     let grid = File::open(&run.output, limits)?.read_fog(Some(&run.grid))?;
     let field = bricks(&grid, &run.output, limits)?;
-    let rows = rows(run, &capture, &field, beside)?;
+    let shaded = match run.solver {
+        Solver::Colour => Some(shaded::read(&File::open(&run.output, limits)?, Some(&run.grid), limits.max_memory)?),
+        Solver::Cg | Solver::Paper => None,
+    };
+    let light = match &shaded {
+        Some(volume) => Light::PreShaded(Preshaded::new(volume, capture.background)),
+        None => Light::Density(Dvr::new(&field, capture.medium()?)?.background(capture.background)),
+    };
+    let rows = rows(run, &capture, &light, beside)?;
     let difference = reference
         .map(|r| volume::compare(&volume::Field::from_grid(r), &volume::Field::from_grid(&grid)))
         .transpose()?;
@@ -121,7 +130,8 @@ fn page(run: &Run, limits: Limits, reference: Option<&Grid>, beside: Option<&(&s
     let mut page = Page::new(
         format!("{name}, from {} pictures", run.views),
         format!(
-            "Densities of grid '{}' that explain {} views of '{}'{}.",
+            "{} of grid '{}' that explain {} views of '{}'{}.",
+            if shaded.is_some() { "Emissions, with the extinctions" } else { "Densities" },
             run.grid,
             run.views - run.held_out.len(),
             run.capture.parent().and_then(Path::file_name).unwrap_or(run.capture.as_os_str()).to_string_lossy(),
@@ -169,15 +179,14 @@ fn bricks(grid: &Grid, path: &Path, limits: Limits) -> Result<Bricks<f32>> {
 }
 
 /// The views that are shown, rendered again.
-fn rows(run: &Run, capture: &Capture, field: &Bricks<f32>, beside: Option<&(&str, Capture)>) -> Result<Vec<ViewRow>> {
-    let dvr = Dvr::new(field, capture.medium()?)?.background(capture.background);
+fn rows(run: &Run, capture: &Capture, light: &Light<'_>, beside: Option<&(&str, Capture)>) -> Result<Vec<ViewRow>> {
     let rays = run::rays_per_edge(capture.pixel_filter);
     let never = AtomicBool::new(false);
     let shown = run.shown.iter().filter_map(|i| Some((*i, capture.frames.get(*i)?)));
     shown
         .map(|(i, frame)| {
             let picture = exr::read_picture(&frame.picture, run.layer.as_deref())?;
-            let render = render::picture(&dvr, &frame.camera, rays, &never).ok_or_else(Error::cancelled)?;
+            let render = light.picture(&frame.camera, rays, &never).ok_or_else(Error::cancelled)?;
             let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
             let extra = match beside.and_then(|(name, c)| Some((*name, same_place(c, &frame.camera)?))) {
                 Some((name, path)) => Some((name.to_owned(), exr::read_picture(path, None)?)),

@@ -3,6 +3,7 @@
 use super::provenance::Provenance;
 use crate::optimise::density::{Stage, Step};
 use crate::scene::capture::PixelFilter;
+use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::PathBuf;
@@ -15,6 +16,8 @@ pub enum Solver {
     Cg,
     /// Weiss & Westermann (2021).
     Paper,
+    /// Extinctions, then emissions: a pre-shaded volume.
+    Colour,
 }
 
 /// A reconstruction of densities.
@@ -76,6 +79,15 @@ pub fn peak_memory_mb() -> Option<f64> {
     let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
     let kib: f64 = line.split_whitespace().nth(1)?.parse().ok()?;
     Some(kib / 1024.0)
+}
+
+/// Shows where a reconstruction is.
+pub fn show(bar: &ProgressBar, step: &Step) {
+    let psnr = step.held_out_psnr_db.map(|p| format!(", held-out {p:.2} dB")).unwrap_or_default();
+    let position = u64::from(step.iteration);
+    bar.set_length(bar.length().unwrap_or(0).max(position));
+    bar.set_position(position);
+    bar.set_message(format!("level {}, loss {:.3e}{psnr}", step.level, step.loss));
 }
 
 impl fmt::Display for Run {

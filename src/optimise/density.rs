@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
+use crate::optimise::depths::Depths;
 use crate::optimise::hull::Hull;
 use crate::optimise::lattice;
 use crate::optimise::observation::{DepthMap, Observation};
@@ -312,8 +313,8 @@ impl Level {
         limit: u32,
         watch: &mut impl FnMut(f64, Option<f64>) -> ControlFlow<()>,
     ) -> Solved {
-        let mut solver =
-            Solver::new(&self.train, &mut self.projector, &mut self.smoother, &self.unknown, start).robust(self.robust);
+        let depths = Depths::new(&self.train, &mut self.projector);
+        let mut solver = Solver::new(depths, &mut self.smoother, &self.unknown, start).robust(self.robust);
         let mut trail: Vec<f64> = Vec::new();
         let mut best: Option<(f64, Vec<f32>)> = None;
         let mut stopped = false;
@@ -321,12 +322,15 @@ impl Level {
             if !solver.iterate() {
                 break;
             }
-            let psnr = (!self.held_out.is_empty()).then(|| picture_psnr(&self.held_out, |v, f| solver.measure(v, f)));
+            let solution = solver.solution();
+            let projector = &mut *solver.equations.projector;
+            let measure = |v: &[View], f: fn(&Sample, &[f64]) -> f64| projector.measure(&solution, v, f);
+            let psnr = (!self.held_out.is_empty()).then(|| picture_psnr(&self.held_out, measure));
             stopped = watch(solver.loss(), psnr).is_break();
             if let Some(now) = psnr {
                 trail.push(now);
                 if best.as_ref().is_none_or(|(b, _)| now > *b) {
-                    best = Some((now, solver.densities()));
+                    best = Some((now, solution));
                 }
                 let stalled = trail.len() > PATIENCE && now < trail[trail.len() - 1 - PATIENCE] + GAIN;
                 if stalled {
@@ -339,7 +343,7 @@ impl Level {
         }
         let (psnr, voxels) = match best {
             Some((psnr, voxels)) => (Some(psnr), voxels),
-            None => (None, solver.densities()),
+            None => (None, solver.solution()),
         };
         Solved { voxels, psnr, falling: trail.last().copied() < psnr, stopped }
     }

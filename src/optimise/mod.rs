@@ -10,8 +10,11 @@
 
 pub mod adam;
 pub mod ascent;
+pub mod colour;
 pub mod density;
+pub mod depths;
 pub mod difference;
+pub mod emission;
 pub mod entropy;
 pub mod hull;
 pub mod lattice;

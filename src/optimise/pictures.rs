@@ -3,7 +3,7 @@
 
 use crate::render::dvr::{Adjoint, Dvr, Loss, ParameterGradient, RayGradient, Sinks, Tape};
 use crate::render::order::morton;
-use crate::scene::bricks::{BRICK, Bricks};
+use crate::scene::bricks::{BRICK, Bricks, Voxel};
 use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
 use rayon::prelude::*;
@@ -203,12 +203,12 @@ const MOST_LANES: usize = 16;
 
 /// Accumulators for so many rays through a field: as many as pay (each is cleared and added up, which
 /// must cost less than the rays do) and as fit in memory, from 2 to 16.
-pub fn lanes(field: &Bricks<f32>, rays: usize) -> usize {
+pub fn lanes<V: Voxel>(field: &Bricks<V>, rays: usize) -> usize {
     let values = field.values.len().max(1);
     // A ray through the whole of a cube of bricks crosses about one and a half cells a voxel.
     let cells = rays as f64 * 12.0 * (field.topology.len() as f64).cbrt();
     let pays = (cells / values as f64) as usize;
-    let fits = (256 << 20) / (values * size_of::<f32>());
+    let fits = (256 << 20) / (values * size_of::<V>());
     // A power of two: as many for each of two, four or eight threads.
     1 << pays.min(fits).clamp(2, MOST_LANES).ilog2()
 }

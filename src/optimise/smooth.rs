@@ -33,6 +33,16 @@ impl Smoother {
         Self { neighbours, passes, ridge, scratch: vec![0.0; topology.len() * LEAF_VOXELS] }
     }
 
+    /// Voxels of a field.
+    pub fn len(&self) -> usize {
+        self.scratch.len()
+    }
+
+    /// True if there are none.
+    pub fn is_empty(&self) -> bool {
+        self.scratch.is_empty()
+    }
+
     /// Writes √((x̄ + ε) / (x* + ε)) for every voxel of a field: x̄ its blurred values, x* their 99th percentile, ε a
     /// tenth of that. As weights of the mask they make the prior one on relative change: where there
     /// is much, much may change, and where there is nothing, little appears (the reweighting of FOCUSS,

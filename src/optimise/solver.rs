@@ -1,11 +1,9 @@
-//! Non-negative least squares in optical depth: conjugate gradients, preconditioned by the smoothness
-//! prior, in cycles between which negative voxels are set to zero and held there while the gradient
+//! Non-negative least squares: conjugate gradients, preconditioned by the smoothness prior, in cycles between which negative voxels are set to zero and held there while the gradient
 //! pushes them down (an active set).
 //!
 //! `min Σ w (A x - y)²`, `x ≥ 0`, zero outside the hull. One iteration costs one walk of all rays:
 //! `⟨p, AᵀWA p⟩` and `AᵀWA p` come from the same pass.
 
-use crate::optimise::projector::{Projector, View};
 use crate::optimise::smooth::Smoother;
 use rayon::prelude::*;
 
@@ -13,11 +11,23 @@ use rayon::prelude::*;
 const CYCLE: u32 = 8;
 const FIRST_CYCLE: u32 = 4;
 
-/// The state of a solve: unknowns, 512 a brick.
+/// Weighted equations `A x = y`, one a row. The unknowns are those of a field, 512 a brick, or of several
+/// fields, one behind the other.
+pub trait Equations {
+    /// How many there are.
+    fn rows(&self) -> usize;
+    /// Writes `AᵀWA x` and returns `⟨x, AᵀWA x⟩`.
+    fn normal(&mut self, x: &[f32], out: &mut [f32]) -> f64;
+    /// Writes `AᵀW (y - A x)`, in which a row whose weighted residual `√w |y - A x|` is larger than `bound`
+    /// counts as if it were that; returns the sums of `√w |y - A x|`, bounded, and of what it is squared.
+    fn pull(&mut self, x: &[f32], bound: f64, out: &mut [f32]) -> [f64; 2];
+}
+
+/// The state of a solve.
 #[derive(Debug)]
-pub struct Solver<'a> {
-    views: &'a [View],
-    projector: &'a mut Projector,
+pub struct Solver<'a, E> {
+    /// What is solved.
+    pub equations: E,
     smoother: &'a mut Smoother,
     /// 1 where a voxel may be anything, by the hull.
     hull: Vec<f32>,
@@ -40,21 +50,15 @@ pub struct Solver<'a> {
     length: u32,
 }
 
-impl<'a> Solver<'a> {
-    /// Starts from `x` (512 values a brick); `unknown` is the hull.
-    pub fn new(
-        views: &'a [View],
-        projector: &'a mut Projector,
-        smoother: &'a mut Smoother,
-        unknown: &[bool],
-        mut x: Vec<f32>,
-    ) -> Self {
-        let hull: Vec<f32> = unknown.iter().map(|u| f32::from(u8::from(*u))).collect();
+impl<'a, E: Equations> Solver<'a, E> {
+    /// Starts from `x`; `unknown` is the hull, the same for each field.
+    pub fn new(equations: E, smoother: &'a mut Smoother, unknown: &[bool], mut x: Vec<f32>) -> Self {
+        let hull = unknown.iter().map(|u| f32::from(u8::from(*u)));
+        let hull: Vec<f32> = hull.cycle().take(x.len()).collect();
         x.par_iter_mut().zip(&hull).for_each(|(x, h)| *x = x.max(0.0) * h);
         let zeros = vec![0.0; x.len()];
         Self {
-            views,
-            projector,
+            equations,
             smoother,
             free: hull.clone(),
             hull,
@@ -80,25 +84,14 @@ impl<'a> Solver<'a> {
         self
     }
 
-    /// Root mean square of the weighted residuals in optical depth, as the quadratic model has it.
+    /// Root mean square of the weighted residuals, as the quadratic model has it.
     pub fn loss(&self) -> f64 {
-        let pixels = self.views.iter().map(|v| v.samples.len()).sum::<usize>().max(1);
-        (self.square.max(0.0) / pixels as f64).sqrt()
+        (self.square.max(0.0) / self.equations.rows().max(1) as f64).sqrt()
     }
 
-    /// The densities so far, not negative.
-    pub fn densities(&self) -> Vec<f32> {
+    /// The unknowns so far, not negative.
+    pub fn solution(&self) -> Vec<f32> {
         self.x.par_iter().map(|v| v.max(0.0)).collect()
-    }
-
-    /// Evaluates a sum over pixels at the densities so far: `value(sample, depths of its rays)`.
-    pub fn measure(
-        &mut self,
-        views: &[View],
-        value: impl Fn(&crate::optimise::projector::Sample, &[f64]) -> f64 + Sync,
-    ) -> f64 {
-        let x = self.densities();
-        self.projector.measure(&x, views, value)
     }
 
     /// One iteration; false once nothing is left to improve.
@@ -110,10 +103,7 @@ impl<'a> Solver<'a> {
             (self.left, self.length) = (self.length, CYCLE);
         }
         self.left -= 1;
-        let [curvature, _] = self.projector.normal(&self.direction, self.views, &mut self.image, |s, z| {
-            let z = mean(z);
-            (f64::from(s.weight) * z, [f64::from(s.weight) * z * z, 0.0])
-        });
+        let curvature = self.equations.normal(&self.direction, &mut self.image);
         if !(curvature > 0.0 && curvature.is_finite()) {
             return false;
         }
@@ -136,25 +126,17 @@ impl<'a> Solver<'a> {
     /// Projects onto the constraint, recomputes the true gradient and frees or holds voxels.
     fn begin_cycle(&mut self) -> bool {
         self.x.par_iter_mut().for_each(|x| *x = x.max(0.0));
-        let huber = self.huber;
-        let [spread, square] = self.projector.normal(&self.x, self.views, &mut self.residual, |s, z| {
-            // A pixel is the mean of transmittances, not of depths: the difference is known from the
-            // present estimate and taken off the measurement.
-            let z_mean = mean(z);
-            let bent = if z.len() > 1 { mean_of(z, |z| (z_mean - z).exp()).ln() } else { 0.0 };
-            let miss = f64::from(s.depth) - (z_mean - bent);
-            let size = f64::from(s.weight).sqrt() * miss.abs();
-            let trust = if size > huber { huber / size } else { 1.0 };
-            let pull = f64::from(s.weight) * trust * miss;
-            (pull, [size.min(huber), pull * miss])
-        });
+        let [spread, square] = self.equations.pull(&self.x, self.huber, &mut self.residual);
         self.square = square;
         if self.robust {
             // Mean absolute value of a normal distribution: σ √(2/π); three σ is rare.
-            let pixels = self.views.iter().map(|v| v.samples.len()).sum::<usize>().max(1);
-            self.huber = 3.0 * (std::f64::consts::PI / 2.0).sqrt() * spread / pixels as f64;
+            let rows = self.equations.rows().max(1) as f64;
+            self.huber = 3.0 * (std::f64::consts::PI / 2.0).sqrt() * spread / rows;
         }
-        self.smoother.relative(&self.x, &mut self.free);
+        let field = self.smoother.len();
+        for (x, free) in self.x.chunks(field).zip(self.free.chunks_mut(field)) {
+            self.smoother.relative(x, free);
+        }
         let (x, residual) = (&self.x, &self.residual);
         self.free.par_iter_mut().zip(&self.hull).enumerate().for_each(|(i, (f, h))| {
             *f *= if x[i] == 0.0 && residual[i] <= 0.0 { 0.0 } else { *h };
@@ -165,18 +147,13 @@ impl<'a> Solver<'a> {
     }
 
     fn precondition(&mut self) {
-        self.smoother.apply(&self.residual, &self.free, &mut self.preconditioned);
+        let field = self.smoother.len();
+        let fields = self.residual.chunks(field).zip(self.free.chunks(field));
+        for ((residual, free), out) in fields.zip(self.preconditioned.chunks_mut(field)) {
+            self.smoother.apply(residual, free, out);
+        }
         self.power = dot(&self.residual, &self.preconditioned);
     }
-}
-
-/// Mean optical depth of a pixel's rays.
-pub fn mean(depths: &[f64]) -> f64 {
-    mean_of(depths, |z| z)
-}
-
-fn mean_of(depths: &[f64], f: impl Fn(f64) -> f64) -> f64 {
-    depths.iter().map(|z| f(*z)).sum::<f64>() / depths.len() as f64
 }
 
 fn axpy(y: &mut [f32], a: f32, x: &[f32]) {

@@ -9,30 +9,62 @@ pub mod film;
 pub mod gauss;
 pub mod march;
 pub mod order;
+pub mod preshaded;
 pub mod quadrature;
 pub mod rule;
 pub mod scale;
 pub mod segment;
 
 use crate::scene::camera::Camera;
-use dvr::{Dvr, Tape};
+use crate::math::Ray;
+use dvr::Dvr;
 use film::Film;
+use preshaded::Preshaded;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// What can be seen along rays.
+pub trait Renderer: Sync {
+    /// Scratch memory of one thread.
+    type Tape: Default;
+    /// Radiance along a world ray of unit direction, and alpha = 1 - transmittance.
+    fn rgba(&self, ray: &Ray, tape: &mut Self::Tape) -> [f32; 4];
+}
+
+impl Renderer for Dvr<'_, f32> {
+    type Tape = dvr::Tape<f32>;
+
+    fn rgba(&self, ray: &Ray, tape: &mut Self::Tape) -> [f32; 4] {
+        self.radiance_on(ray, tape).rgba()
+    }
+}
+
+impl Renderer for Preshaded<'_, f32> {
+    type Tape = preshaded::Tape<f32>;
+
+    fn rgba(&self, ray: &Ray, tape: &mut Self::Tape) -> [f32; 4] {
+        self.radiance_on(ray, tape).rgba()
+    }
+}
 
 /// Width and height of the tiles that threads work on. Rays of a tile meet the same bricks; a band of
 /// tiles is a task, and small pictures need many.
 const TILE: (usize, usize) = (16, 4);
 
 /// Renders a picture, the mean over `rays_per_edge`² rays a pixel. `None` if `cancel` was set.
-pub fn picture(dvr: &Dvr<'_, f32>, camera: &Camera, rays_per_edge: usize, cancel: &AtomicBool) -> Option<Film> {
+pub fn picture(
+    renderer: &impl Renderer,
+    camera: &Camera,
+    rays_per_edge: usize,
+    cancel: &AtomicBool,
+) -> Option<Film> {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let mut film = Film::new(width, height);
     let n = rays_per_edge.max(1);
     let share = 1.0 / (n * n) as f32;
     let offset = |i: usize| (i as f64 + 0.5) / n as f64;
     film.rgba.par_chunks_mut(width * TILE.1).enumerate().for_each(|(band, rows)| {
-        let mut tape = Tape::default();
+        let mut tape = Default::default();
         for left in (0..width).step_by(TILE.0) {
             if cancel.load(Ordering::Relaxed) {
                 return;
@@ -42,7 +74,7 @@ pub fn picture(dvr: &Dvr<'_, f32>, camera: &Camera, rays_per_edge: usize, cancel
                 for (x, pixel) in pixels.iter_mut().enumerate().skip(left).take(TILE.0) {
                     for i in 0..n * n {
                         let ray = camera.ray(x as f64 + offset(i % n), y + offset(i / n));
-                        let seen = dvr.radiance_on(&ray, &mut tape).rgba();
+                        let seen = renderer.rgba(&ray, &mut tape);
                         for c in 0..4 {
                             pixel[c] += share * seen[c];
                         }

@@ -144,6 +144,14 @@ impl<R: Real> Cell<R> {
         Chord::<R>::interpolate(&corners(values, self.offset), self.at(start, length))
     }
 
+    /// Offset of the lowest corner, and cell-local coordinates, of the points at two lengths from the span's entry.
+    #[inline(always)]
+    pub fn places(&self, [near, far]: [R; 2]) -> (usize, [[R; 3]; 2]) {
+        let t = R::Lanes::load([near, far, R::ZERO, R::ZERO]);
+        let [x, y, z] = [0, 1, 2].map(|a| (self.entry[a] + t * self.along[a]).store());
+        (self.offset, [[x[0], y[0], z[0]], [x[1], y[1], z[1]]])
+    }
+
     /// Cell-local coordinates of these points.
     #[inline(always)]
     fn at(&self, start: R, length: R) -> [R::Lanes; 3] {

@@ -11,9 +11,10 @@ use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
 use crate::real::Real;
 use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
-use glam::{DVec3, IVec3};
+use glam::{DVec3, IVec3, Vec4};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::AddAssign;
 use std::sync::Arc;
 
 /// Cells along the edge of a brick.
@@ -30,6 +31,10 @@ pub const NONE: u32 = u32::MAX;
 pub const fn slot(x: usize, y: usize, z: usize) -> usize {
     (x * EDGE + y) * EDGE + z
 }
+
+/// What a voxel holds: a number, or four of a pre-shaded volume. By default it holds nothing.
+pub trait Voxel: Copy + Default + AddAssign + Send + Sync {}
+impl<V: Copy + Default + AddAssign + Send + Sync> Voxel for V {}
 
 /// Which bricks there are, and who is whose neighbour.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -140,7 +145,7 @@ impl Topology {
     }
 
     /// Copies owned voxels (512 a brick, z fastest) into stored ones (729 a brick), aprons included.
-    pub fn spread<R: Real>(&self, owned: &[R], stored: &mut [R]) {
+    pub fn spread<V: Voxel>(&self, owned: &[V], stored: &mut [V]) {
         stored.par_chunks_mut(BRICK).zip(self.bricks.par_iter()).for_each(|(out, brick)| {
             for corner in 0..8 {
                 let offset = IVec3::new(corner >> 2 & 1, corner >> 1 & 1, corner & 1);
@@ -150,7 +155,7 @@ impl Topology {
                     for y in part(offset.y) {
                         for z in part(offset.z) {
                             out[slot(x, y, z)] = if source == NONE {
-                                R::ZERO
+                                V::default()
                             } else {
                                 owned[source as usize * LEAF_VOXELS + ((x & 7) << 6 | (y & 7) << 3 | (z & 7))]
                             };
@@ -178,7 +183,7 @@ impl Topology {
     }
 
     /// Adds stored values onto the voxels that own them: the transpose of [`Topology::spread`].
-    pub fn fold<R: Real>(&self, stored: &[R], owned: &mut [R]) {
+    pub fn fold<V: Voxel>(&self, stored: &[V], owned: &mut [V]) {
         owned.par_chunks_mut(LEAF_VOXELS).zip(self.bricks.par_iter().enumerate()).for_each(|(out, (i, brick))| {
             let own = &stored[i * BRICK..(i + 1) * BRICK];
             for x in 0..CELLS {
@@ -210,13 +215,14 @@ impl Topology {
     }
 }
 
-/// A scalar field on bricks: trilinear between voxel centres, zero outside.
+/// A field on bricks, trilinear between voxel centres, zero outside: of scalars, or of the four values of a
+/// pre-shaded volume (emitted radiance per world length in R, G and B, and extinction).
 #[derive(Debug, Clone)]
-pub struct Bricks<R> {
+pub struct Bricks<V> {
     /// Which bricks there are.
     pub topology: Arc<Topology>,
     /// 729 values a brick.
-    pub values: Vec<R>,
+    pub values: Vec<V>,
     /// Index space to world space.
     pub transform: Affine,
     /// Index-space box beyond which there is nothing: a transfer function may absorb where the density is
@@ -231,14 +237,43 @@ enum Source {
     Constant(f32),
 }
 
-impl<R: Real> Bricks<R> {
+impl<V: Voxel> Bricks<V> {
     /// A field of zeros.
     pub fn zeros(topology: Arc<Topology>, transform: Affine) -> Self {
-        let values = vec![R::ZERO; topology.len() * BRICK];
+        let values = vec![V::default(); topology.len() * BRICK];
         let domain = topology.bounds();
         Self { topology, values, transform, domain }
     }
 
+    /// The stored values of the brick at these brick coordinates.
+    pub fn brick(&self, at: IVec3) -> Option<&[V]> {
+        let number = self.topology.find(at);
+        (number != NONE).then(|| &self.values[number as usize * BRICK..(number as usize + 1) * BRICK])
+    }
+
+    /// The bricks' own voxels, 512 a brick, z fastest: the inverse of [`Topology::spread`].
+    pub fn owned(&self) -> Vec<V> {
+        let mut owned = vec![V::default(); self.topology.len() * LEAF_VOXELS];
+        owned.par_chunks_mut(LEAF_VOXELS).zip(self.values.par_chunks(BRICK)).for_each(|(own, stored)| {
+            own.iter_mut().enumerate().for_each(|(i, v)| *v = stored[slot(i >> 6, i >> 3 & 7, i & 7)]);
+        });
+        owned
+    }
+}
+
+impl Bricks<Vec4> {
+    /// One of the four values of a pre-shaded volume: 0 to 2 the emissions in R, G and B, 3 the extinctions.
+    pub fn channel(&self, lane: usize) -> Bricks<f32> {
+        Bricks {
+            topology: self.topology.clone(),
+            values: self.values.par_iter().map(|v| v[lane]).collect(),
+            transform: self.transform,
+            domain: self.domain,
+        }
+    }
+}
+
+impl<R: Real> Bricks<R> {
     /// Arranges a fog volume for rays, straight from its leaves and tiles.
     ///
     /// # Errors

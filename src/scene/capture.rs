@@ -1,6 +1,6 @@
 //! A multi-view capture: cameras, the pictures they took and what is known of how they were made.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::scene::camera::Camera;
 use crate::scene::medium::{Medium, Source};
 use crate::scene::transfer::Transfer;
@@ -16,6 +16,8 @@ pub enum Model {
     Absorption,
     /// `∫ T σ c dt + T · background`.
     EmissionAbsorption,
+    /// `∫ T e dt + T · background`, with a grid of emissions e per length beside that of extinctions.
+    PreShaded,
 }
 
 /// How the source's radiance follows the density.
@@ -76,10 +78,14 @@ impl Capture {
     /// The medium that the pictures show.
     ///
     /// # Errors
-    /// If the transfer function cannot be used.
+    /// If the transfer function cannot be used, or what is emitted is no function of the density.
     pub fn medium(&self) -> Result<Medium> {
         let source = match (self.model, &self.transfer, self.emission_model) {
             (Model::Absorption, ..) => Source::Grey([0.0; 3]),
+            (Model::PreShaded, ..) => {
+                return Err(Error::unsupported("the pictures show a pre-shaded volume, whose colours no density tells")
+                    .hint("`cumulo reconstruct colour` finds such volumes"));
+            }
             (_, Some(transfer), _) => Source::Transfer(Arc::new(transfer.table()?)),
             (_, None, EmissionModel::Grey) => Source::Grey(self.emission),
             (_, None, EmissionModel::Linear) => Source::Linear(self.emission),

@@ -4,21 +4,18 @@ use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
 use crate::cli::run::{self, Run, Solver};
-use crate::cli::{cancel, parse, photos, report};
+use super::region::Region;
+use crate::cli::{cancel, photos, report};
 use crate::error::{Error, Result};
 use crate::formats::vdb::{Codec, File, Limits, write_grids};
 use crate::formats::{atomic, transforms};
-use crate::math::Aabb;
 use crate::optimise::density::{Outcome, Request, Stage, Step};
-use crate::optimise::hull::Hull;
-use crate::optimise::lattice;
 use crate::optimise::observation::{Observation, Photo};
 use crate::optimise::{density, paper};
 use crate::report::{MOST_VIEWS, choose};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::Capture;
 use crate::scene::medium::Source;
-use indicatif::ProgressBar;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -36,15 +33,8 @@ pub struct Density {
     /// VDB to write
     #[arg(long, short, value_name = "OUT.vdb")]
     output: PathBuf,
-    /// Edge of the voxels in world units (default: the capture's lattice, else a pixel's size in the volume)
-    #[arg(long, value_name = "S", value_parser = parse::positive)]
-    voxel_size: Option<f64>,
-    /// Voxels along the longest edge of the region instead
-    #[arg(long, value_name = "N", conflicts_with = "voxel_size", value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    resolution: Option<u32>,
-    /// Region in world space, x0,y0,z0,x1,y1,z1; auto: where no picture shows that there is nothing
-    #[arg(long, value_name = "auto|BOX", default_value = "auto", allow_hyphen_values = true, value_parser = bounds)]
-    bounds: Bounds,
+    #[command(flatten)]
+    region: Region,
     /// Start from this volume
     #[arg(long, value_name = "IN.vdb")]
     init: Option<PathBuf>,
@@ -77,17 +67,6 @@ pub struct Density {
     resume: bool,
     #[command(flatten)]
     memory: Memory,
-}
-
-/// `--bounds`.
-#[derive(Debug, Clone, Copy)]
-enum Bounds {
-    Auto,
-    Given(Aabb),
-}
-
-fn bounds(text: &str) -> Result<Bounds, String> {
-    if text == "auto" { Ok(Bounds::Auto) } else { parse::corners(text).map(Bounds::Given) }
 }
 
 /// `--solver`.
@@ -135,16 +114,16 @@ impl Density {
 
         let used = photos.len() - request.held_out.len();
         let length = match solver {
-            Solver::Cg => density::most_iterations(&request),
+            Solver::Cg | Solver::Colour => density::most_iterations(&request),
             Solver::Paper => paper::most_iterations(&request, used),
         };
         let bar = output.progress(length, "density");
         let watch = |step: &Step| {
-            show(&bar, step);
+            run::show(&bar, step);
             if cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
         let outcome = match solver {
-            Solver::Cg => density::reconstruct(&observation, &request, watch),
+            Solver::Cg | Solver::Colour => density::reconstruct(&observation, &request, watch),
             Solver::Paper => paper::reconstruct(&photos, &observation, &request, watch),
         };
         bar.finish_and_clear();
@@ -213,20 +192,11 @@ impl Density {
         held_out: Vec<usize>,
         limits: Limits,
     ) -> Result<Request> {
-        let bounds = match self.bounds {
-            Bounds::Given(bounds) => bounds,
-            Bounds::Auto => Hull::new(observation).bounds()?,
-        };
-        let voxel_size = match (self.voxel_size, self.resolution) {
-            (Some(size), _) => Some(size),
-            (None, Some(count)) => Some(lattice::divided(&bounds, count)?),
-            (None, None) if capture.lattice.is_some() => None,
-            (None, None) => lattice::footprint(&observation.maps, &bounds),
-        };
+        let (lattice, bounds) = self.region.choose(capture, observation)?;
         let previous = (self.resume && self.output.exists()).then_some(&self.output);
         let init = self.init.as_ref().or(previous).map(|path| volume(path, limits)).transpose()?;
         Ok(Request {
-            lattice: lattice::choose(capture.lattice, voxel_size)?,
+            lattice,
             bounds,
             medium: capture.medium()?,
             background: capture.background,
@@ -252,12 +222,4 @@ fn observe(photos: &[Photo], capture: &Capture) -> Result<Observation> {
         // Where the source varies, colours do not tell the optical depth: alpha does.
         Source::Linear(_) | Source::Transfer(_) => Observation::new(photos, capture.background, capture.background),
     }
-}
-
-fn show(bar: &ProgressBar, step: &Step) {
-    let psnr = step.held_out_psnr_db.map(|p| format!(", held-out {p:.2} dB")).unwrap_or_default();
-    let position = u64::from(step.iteration);
-    bar.set_length(bar.length().unwrap_or(0).max(position));
-    bar.set_position(position);
-    bar.set_message(format!("level {}, loss {:.3e}{psnr}", step.level, step.loss));
 }

@@ -1,6 +1,8 @@
 //! `cumulo reconstruct`: what pictures say about the volume in them.
 
+mod colour;
 mod density;
+mod region;
 mod tf;
 
 use super::output::Output;
@@ -13,6 +15,9 @@ pub enum Reconstruct {
     /// Density from absorption or emission-absorption pictures.
     #[command(name = "density")]
     Density(Box<density::Density>),
+    /// Pre-shaded volume: extinctions, and emissions in R, G and B.
+    #[command(name = "colour", visible_alias = "color")]
+    Colour(Box<colour::Colour>),
     /// Transfer function of a known volume.
     #[command(name = "tf")]
     Tf(Box<tf::Tf>),
@@ -26,6 +31,7 @@ impl Reconstruct {
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         match self {
             Self::Density(c) => c.run(output),
+            Self::Colour(c) => c.run(output),
             Self::Tf(c) => c.run(output),
         }
     }

@@ -19,6 +19,7 @@ mod load;
 mod meta;
 mod native;
 pub mod preflight;
+pub mod shaded;
 mod topology;
 mod write;
 

@@ -427,21 +427,58 @@ impl NativeGrid {
     /// # Errors
     /// If a tile's edge is not 8, 128 or 4096, or metadata has a shape OpenVDB has no type for.
     pub fn from_grid(grid: &Grid) -> Result<Self> {
-        let origins: Vec<_> = grid.leaves.iter().map(|l| l.origin).collect();
-        let values: Vec<_> = grid.leaves.iter().map(|l| l.values.as_ptr()).collect();
-        let active: Vec<_> = grid.leaves.iter().map(|l| l.active.as_ptr()).collect();
-        let tiles: Vec<_> = grid
+        let leaves = grid.leaves.iter().map(|l| (l.origin, l.values.as_slice(), &l.active));
+        let tiles = grid
             .tiles
             .iter()
-            .map(|t| ffi::RawTile { origin: t.origin, dim: t.dim, value: [t.value, 0.0, 0.0], active: t.active.into() })
-            .collect();
+            .map(|t| ffi::RawTile { origin: t.origin, dim: t.dim, value: [t.value, 0.0, 0.0], active: t.active.into() });
+        let mut native = Self::build(&grid.name, &[grid.background], leaves, &tiles.collect::<Vec<_>>())?;
+        for (name, value) in &grid.metadata {
+            native.set_metadata(name, value)?;
+        }
+        native.set_name(&grid.name)?;
+        native.set_class(grid.class)?;
+        native.set_transform(&grid.transform)?;
+        Ok(native)
+    }
+
+    /// A vec3s grid of these leaves, of three components, with background 0.
+    ///
+    /// # Errors
+    /// OpenVDB's own words.
+    pub fn from_vectors(name: &str, class: GridClass, transform: &Affine, leaves: &[RawLeaf]) -> Result<Self> {
+        let leaves = leaves.iter().map(|l| (l.origin, l.values.as_slice(), &l.active));
+        let mut native = Self::build(name, &[0.0; 3], leaves, &[])?;
+        native.set_name(name)?;
+        native.set_class(class)?;
+        native.set_transform(transform)?;
+        Ok(native)
+    }
+
+    /// A grid of as many components as the background has.
+    fn build<'l>(
+        name: &str,
+        background: &[f32],
+        leaves: impl Iterator<Item = ([i32; 3], &'l [f32], &'l [u64; 8])>,
+        tiles: &[ffi::RawTile],
+    ) -> Result<Self> {
+        let components = background.len();
+        let (mut origins, mut values, mut active) = (Vec::new(), Vec::new(), Vec::new());
+        for (origin, own, mask) in leaves {
+            if own.len() != LEAF_VOXELS * components {
+                return Err(Error::invalid(format!("a leaf of {} values", own.len())).part(format!("grid '{name}'")));
+            }
+            origins.push(origin);
+            values.push(own.as_ptr());
+            active.push(mask.as_ptr());
+        }
         let mut raw = null_mut();
-        // SAFETY: the arrays have `leaves.len()` and `tiles.len()` entries, each leaf 512 values and
+        // SAFETY: the arrays have as many entries as their lengths say, each leaf 512 values a component and
         // 8 words, and the shim copies them before it returns.
         let made = ffi::call(|s| unsafe {
             ffi::grid_new(
-                1,
-                &grid.background,
+                components as i32,
+                background.as_ptr(),
                 origins.as_ptr(),
                 values.as_ptr(),
                 active.as_ptr(),
@@ -452,16 +489,9 @@ impl NativeGrid {
                 s,
             )
         });
-        made.map_err(|e| e.part(format!("grid '{}'", grid.name)))?;
+        made.map_err(|e| e.part(format!("grid '{name}'")))?;
         // SAFETY: fresh from the shim.
-        let mut native = unsafe { Self::own(raw, grid.name.clone()) }?;
-        for (name, value) in &grid.metadata {
-            native.set_metadata(name, value)?;
-        }
-        native.set_name(&grid.name)?;
-        native.set_class(grid.class)?;
-        native.set_transform(&grid.transform)?;
-        Ok(native)
+        unsafe { Self::own(raw, name.to_owned()) }
     }
 }
 

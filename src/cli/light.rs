@@ -1,0 +1,27 @@
+//! Either kind of renderer that a command may need.
+
+use crate::render;
+use crate::render::dvr::Dvr;
+use crate::render::film::Film;
+use crate::render::preshaded::Preshaded;
+use crate::scene::camera::Camera;
+use std::sync::atomic::AtomicBool;
+
+/// What makes the pictures.
+#[derive(Debug)]
+pub enum Light<'a> {
+    /// Light that follows the density.
+    Density(Dvr<'a, f32>),
+    /// A pre-shaded volume.
+    PreShaded(Preshaded<'a, f32>),
+}
+
+impl Light<'_> {
+    /// As [`render::picture`].
+    pub fn picture(&self, camera: &Camera, rays_per_edge: usize, cancel: &AtomicBool) -> Option<Film> {
+        match self {
+            Self::Density(dvr) => render::picture(dvr, camera, rays_per_edge, cancel),
+            Self::PreShaded(volume) => render::picture(volume, camera, rays_per_edge, cancel),
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! `cumulo reconstruct colour`: a pre-shaded volume from emission-absorption pictures.
+
+use super::region::Region;
+use crate::cli::memory::Memory;
+use crate::cli::output::Output;
+use crate::cli::provenance::Provenance;
+use crate::cli::run::{self, Run, Solver};
+use crate::cli::{cancel, photos, report};
+use crate::error::{Error, Result};
+use crate::formats::vdb::{Limits, shaded};
+use crate::formats::{atomic, transforms};
+use crate::optimise::colour::{self, Shaded};
+use crate::optimise::density::{Request, Stage, Step};
+use crate::optimise::observation::Observation;
+use crate::report::{MOST_VIEWS, choose};
+use crate::scene::capture::{Capture, Model};
+use crate::scene::medium::Medium;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+/// Reconstruct a pre-shaded volume from emission-absorption pictures: extinction and emitted colour by voxel
+///
+/// Alpha tells the extinctions (grid 'density', per world length), the colours then tell what is emitted (grid
+/// 'emission', vec3s, radiance per world length). `cumulo render --model pre-shaded` renders the result. Ctrl-C
+/// writes what is there (exit code 1).
+#[derive(Debug, clap::Args)]
+pub struct Colour {
+    /// transforms.json of the pictures, or its folder
+    capture: PathBuf,
+    /// VDB to write
+    #[arg(long, short, value_name = "OUT.vdb")]
+    output: PathBuf,
+    #[command(flatten)]
+    region: Region,
+    /// Views that are not used, only looked at to know when to stop (default: one of 8 or more)
+    #[arg(long, value_name = "K")]
+    held_out: Option<usize>,
+    /// Iterations of the extinctions on the finest level, at most
+    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    iterations: u32,
+    /// Blur passes of the smoothness prior (default: as many as suit the held-out views and the pictures' noise)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
+    smoothing: Option<u32>,
+    /// Layer of the pictures (default: the beauty)
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
+    /// Write a page that shows how it went
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+impl Colour {
+    /// Reads, reconstructs, writes and reports.
+    ///
+    /// # Errors
+    /// If the pictures cannot be read or used, or the outputs cannot be written.
+    pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
+        let cancel = cancel::listen();
+        let mut provenance = Provenance::begin();
+        let limits = self.memory.limits();
+        atomic::probe(&self.output)?;
+        if let Some(dir) = &self.report {
+            report::prepare(dir)?;
+        }
+        let capture = transforms::load(&self.capture)?;
+        let json = transforms::json_path(&self.capture);
+        if capture.model == Model::Absorption {
+            return Err(Error::unsupported("the pictures show absorption alone, which has no colours of its own")
+                .at(&json)
+                .hint("use `cumulo reconstruct density`, or state \"model\": \"emission-absorption\""));
+        }
+        let held_out = photos::held_out(self.held_out, capture.frames.len(), 8).map_err(|e| e.at(&self.capture))?;
+
+        let begun = Instant::now();
+        let photos = photos::read(&capture, self.layer.as_deref(), limits)?;
+        let pictures = capture.frames.iter().map(|f| f.picture.as_path());
+        provenance.input(&json, std::iter::once(json.as_path()).chain(pictures))?;
+        // With the background's own colour as source, alpha tells the optical depth.
+        let observation =
+            Observation::new(&photos, capture.background, capture.background).map_err(|e| e.at(&json))?;
+        let request = self.request(&capture, &observation, held_out, limits).map_err(|e| e.at(&json))?;
+        let mut stages = vec![Stage { name: "read pictures".into(), seconds: begun.elapsed().as_secs_f64() }];
+
+        let bar = output.progress(colour::most_iterations(&request), "colour");
+        let outcome = colour::reconstruct(&photos, &observation, &request, |step: &Step| {
+            run::show(&bar, step);
+            if cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        bar.finish_and_clear();
+        let Shaded { volume, history, stages: solved, train_psnr_db, held_out_psnr_db, voxels, stopped } =
+            outcome.map_err(|e| e.at(&json))?;
+        stages.extend(solved);
+        drop((photos, observation));
+
+        let begun = Instant::now();
+        let seconds = provenance.lap();
+        shaded::write(&self.output, &volume, &[], &provenance.metadata())?;
+        stages.push(Stage { name: "write".into(), seconds: begun.elapsed().as_secs_f64() });
+        let views = capture.frames.len();
+        let mut run = Run {
+            capture: json,
+            output: self.output.clone(),
+            grid: shaded::EXTINCTION.into(),
+            solver: Solver::Colour,
+            layer: self.layer.clone(),
+            iterations: history.len() as u32,
+            seconds,
+            train_psnr_db,
+            held_out_psnr_db,
+            peak_memory_mb: run::peak_memory_mb(),
+            stopped,
+            views,
+            shown: choose(&(0..views).map(|i| request.held_out.contains(&i)).collect::<Vec<_>>(), MOST_VIEWS),
+            held_out: request.held_out,
+            voxel_size: volume.transform.voxel_size().to_array(),
+            unknowns: voxels,
+            report: None,
+            stages,
+            history,
+            provenance,
+        };
+        if stopped {
+            output.note("stopped; what was there by then is written");
+        }
+        if let Some(dir) = &self.report {
+            run.report = Some(report::write(dir, &run, limits)?);
+        }
+        output.report(&run)?;
+        Ok(if stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
+    }
+
+    fn request(
+        &self,
+        capture: &Capture,
+        observation: &Observation,
+        held_out: Vec<usize>,
+        limits: Limits,
+    ) -> Result<Request> {
+        let (lattice, bounds) = self.region.choose(capture, observation)?;
+        Ok(Request {
+            lattice,
+            bounds,
+            medium: Medium::absorbing(1.0),
+            background: capture.background,
+            rays_per_edge: run::rays_per_edge(capture.pixel_filter),
+            smoothing: self.smoothing,
+            robust: true,
+            held_out,
+            iterations: self.iterations,
+            init: None,
+            max_memory: limits.max_memory,
+        })
+    }
+}

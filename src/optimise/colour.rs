@@ -1,0 +1,242 @@
+//! A pre-shaded volume from emission-absorption pictures: extinctions from alpha, then emissions from the
+//! colours.
+//!
+//! Alpha tells the optical depth, in which the extinctions are linear
+//! ([`density`](crate::optimise::density)). With these the transmittance is known everywhere, and the
+//! colours are linear in the emissions ([`emission`](crate::optimise::emission)): both are least squares in
+//! the metric of the smoothness prior, without learning rates, and without the noise that descending in both at
+//! once leaves (Weiss & Westermann 2021, sect. 5.3).
+
+use crate::error::{Error, Result};
+use crate::optimise::density::{self, Outcome, Request, Stage, Step};
+use crate::optimise::emission::{Emission, Sight};
+use crate::optimise::lattice;
+use crate::optimise::observation::{Observation, Photo};
+use crate::optimise::smooth::Smoother;
+use crate::optimise::solver::Solver;
+use crate::scene::bricks::{BRICK, Bricks, Topology};
+use crate::scene::grid::LEAF_VOXELS;
+use glam::{IVec3, Vec4};
+use rayon::prelude::*;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What came out.
+#[derive(Debug, Clone)]
+pub struct Shaded {
+    /// Radiance emitted per world length in R, G and B, and extinction.
+    pub volume: Bricks<Vec4>,
+    /// Every iteration, those of the extinctions first.
+    pub history: Vec<Step>,
+    /// Time by stage.
+    pub stages: Vec<Stage>,
+    /// PSNR of the colours of the views that were used (peak 1).
+    pub train_psnr_db: f64,
+    /// The same for those that were not.
+    pub held_out_psnr_db: Option<f64>,
+    /// Voxels with an extinction.
+    pub voxels: usize,
+    /// True if the user stopped it.
+    pub stopped: bool,
+}
+
+/// Coarsest level: at least this many voxels along the longest edge.
+const COARSEST: f64 = 32.0;
+/// Iterations on each level but the finest, and there.
+const COARSE_ITERATIONS: u32 = 8;
+const ITERATIONS: u32 = 12;
+/// The finest level ends when this many iterations brought less than [`GAIN`] dB on the held-out views.
+const PATIENCE: usize = 3;
+const GAIN: f64 = 0.1;
+/// Blur passes of the smoothness prior for clean pictures, and for noisy ones.
+const CLEAN_PASSES: u32 = 1;
+const NOISY_PASSES: u32 = 3;
+
+/// Reconstructs extinctions and emissions. `request.medium` is what absorbs; `watch` sees every step and may
+/// stop the work; what is there by then is returned.
+///
+/// # Errors
+/// If alpha shows nothing, the pictures leave no unknown, or the unknowns do not fit in memory.
+pub fn reconstruct(
+    photos: &[Photo],
+    observation: &Observation,
+    request: &Request,
+    mut watch: impl FnMut(&Step) -> ControlFlow<()>,
+) -> Result<Shaded> {
+    let start = Instant::now();
+    let Outcome { grid, mut history, mut stages, mut stopped, .. } =
+        density::reconstruct(observation, request, &mut watch)?;
+    stages.iter_mut().for_each(|stage| stage.name.insert_str(0, "extinction, "));
+    let extinctions = Bricks::from_grid(&grid, request.max_memory)?;
+    drop(grid);
+    if extinctions.values.iter().all(|s| *s == 0.0) {
+        return Err(Error::invalid("alpha is 0 in all pictures: there is nothing to give a colour to")
+            .hint("render with alpha = 1 - transmittance, as `cumulo render` does"));
+    }
+    fits(extinctions.topology.len(), request.max_memory)?;
+
+    let mut found: Option<Bricks<Vec4>> = None;
+    let mut level = lattice::coarser_levels(&request.lattice, &request.bounds, COARSEST);
+    loop {
+        let begun = Instant::now();
+        let work = Level::new(photos, observation, request, level, &extinctions)?;
+        let colours = match &found {
+            Some(found) => (0..3).flat_map(|c| work.resampled(&found.channel(c))).collect(),
+            None => work.tinted(mean_colour(photos, request.background)),
+        };
+        let mut emission = Emission::new(&work.train, &work.extinctions, request.background, work.rays);
+        let colours = work.solve(&mut emission, colours, |loss, held_out_psnr_db| {
+            let iteration = history.len() as u32 + 1;
+            let step = Step { level, iteration, seconds: start.elapsed().as_secs_f64(), loss, held_out_psnr_db };
+            history.push(step);
+            stopped |= watch(&step).is_break();
+            if stopped { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        stages.push(Stage { name: format!("colours, level {level}"), seconds: begun.elapsed().as_secs_f64() });
+        if level == 0 || stopped {
+            return Ok(Shaded {
+                train_psnr_db: decibels(emission.error(&colours, &work.train)),
+                held_out_psnr_db: (!work.held_out.is_empty())
+                    .then(|| decibels(emission.error(&colours, &work.held_out))),
+                voxels: work.unknown.iter().filter(|u| **u).count(),
+                volume: emission.volume(&colours),
+                history,
+                stages,
+                stopped,
+            });
+        }
+        found = Some(emission.volume(&colours));
+        level -= 1;
+    }
+}
+
+/// Iterations that a run takes at most, all levels of both parts counted.
+pub fn most_iterations(request: &Request) -> u64 {
+    let coarse = lattice::coarser_levels(&request.lattice, &request.bounds, COARSEST) * COARSE_ITERATIONS;
+    density::most_iterations(request) + u64::from(coarse + ITERATIONS)
+}
+
+/// The problem of the colours on one level.
+struct Level {
+    extinctions: Bricks<f32>,
+    unknown: Vec<bool>,
+    train: Vec<Sight>,
+    held_out: Vec<Sight>,
+    rays: usize,
+    passes: u32,
+    iterations: u32,
+    robust: bool,
+}
+
+impl Level {
+    fn new(
+        photos: &[Photo],
+        observation: &Observation,
+        request: &Request,
+        level: u32,
+        extinctions: &Bricks<f32>,
+    ) -> Result<Self> {
+        let extinctions = if level == 0 { extinctions.clone() } else { coarser(extinctions, level)? };
+        let sight = |(i, photo): (usize, &Photo)| {
+            (request.held_out.contains(&i), Sight::new(photo, 1 << level, observation.empty))
+        };
+        let (held_out, train): (Vec<_>, Vec<_>) =
+            photos.par_iter().enumerate().map(sight).collect::<Vec<_>>().into_iter().partition(|(held, _)| *held);
+        let sights = |all: Vec<(bool, Sight)>| all.into_iter().map(|(_, sight)| sight).collect();
+        Ok(Self {
+            unknown: extinctions.owned().iter().map(|s| *s > 0.0).collect(),
+            extinctions,
+            train: sights(train),
+            held_out: sights(held_out),
+            rays: if level == 0 { request.rays_per_edge } else { 1 },
+            passes: request.smoothing.unwrap_or(if observation.clean { CLEAN_PASSES } else { NOISY_PASSES }),
+            iterations: if level == 0 { ITERATIONS } else { COARSE_ITERATIONS },
+            robust: request.robust,
+        })
+    }
+
+    fn resampled(&self, field: &Bricks<f32>) -> Vec<f32> {
+        field.resampled(&self.extinctions.topology, &self.extinctions.transform)
+    }
+
+    /// Emissions of one colour.
+    fn tinted(&self, colour: [f32; 3]) -> Vec<f32> {
+        let extinctions = self.extinctions.owned();
+        colour.iter().flat_map(|c| extinctions.iter().map(move |s| c * s)).collect()
+    }
+
+    /// The emissions that suit the held-out views best, else the last ones.
+    fn solve(
+        &self,
+        emission: &mut Emission<'_>,
+        start: Vec<f32>,
+        mut watch: impl FnMut(f64, Option<f64>) -> ControlFlow<()>,
+    ) -> Vec<f32> {
+        let mut smoother = Smoother::new(&self.extinctions.topology, self.passes, 0.2);
+        let mut solver = Solver::new(emission, &mut smoother, &self.unknown, start).robust(self.robust);
+        let mut trail: Vec<f64> = Vec::new();
+        let mut best = None;
+        for _ in 0..self.iterations {
+            if !solver.iterate() {
+                break;
+            }
+            let solution = solver.solution();
+            let psnr =
+                (!self.held_out.is_empty()).then(|| decibels(solver.equations.error(&solution, &self.held_out)));
+            let stopped = watch(solver.loss(), psnr).is_break();
+            if let Some(now) = psnr {
+                if trail.iter().all(|before| now > *before) {
+                    best = Some(solution);
+                }
+                trail.push(now);
+            }
+            let before = trail.len().checked_sub(1 + PATIENCE).map(|k| trail[k]);
+            if stopped || before.zip(trail.last()).is_some_and(|(before, now)| *now < before + GAIN) {
+                break;
+            }
+        }
+        best.unwrap_or_else(|| solver.solution())
+    }
+}
+
+/// Volumes, accumulators and the solver's vectors.
+fn fits(bricks: usize, max_memory: u64) -> Result<()> {
+    let lanes = rayon::current_num_threads().max(2);
+    let each = (1 + lanes) * BRICK * size_of::<Vec4>() + 8 * 3 * LEAF_VOXELS * size_of::<f32>();
+    if (bricks * each) as u64 > max_memory {
+        return Err(Error::unsupported(format!("the colours of {bricks} blocks of 8³ voxels do not fit in memory"))
+            .hint("choose a larger --voxel-size or a smaller --resolution, or raise --max-memory"));
+    }
+    Ok(())
+}
+
+/// What all light that is not the background's is on average, by opacity.
+fn mean_colour(photos: &[Photo], background: [f32; 3]) -> [f32; 3] {
+    let sum = |photo: &Photo| {
+        photo.film.rgba.iter().filter(|p| p.iter().all(|v| v.is_finite())).fold([0.0_f64; 4], |sum, p| {
+            let emitted = |c: usize| f64::from(p[c]) - f64::from(background[c]) * (1.0 - f64::from(p[3]));
+            [sum[0] + emitted(0), sum[1] + emitted(1), sum[2] + emitted(2), sum[3] + f64::from(p[3])]
+        })
+    };
+    let sums: Vec<[f64; 4]> = photos.par_iter().map(sum).collect();
+    let total = |c: usize| sums.iter().map(|s| s[c]).sum::<f64>();
+    [0, 1, 2].map(|c| (total(c) / total(3).max(1e-12)).max(0.0) as f32)
+}
+
+/// The same extinctions on voxels 2^`level` times as large.
+fn coarser(extinctions: &Bricks<f32>, level: u32) -> Result<Bricks<f32>> {
+    let lattice = lattice::coarser(&extinctions.transform, level)?;
+    let corners = (0..8).map(|c| IVec3::new(c >> 2, c >> 1 & 1, c & 1));
+    // Those that hold the voxels, and those below, into whose cells these reach.
+    let bricks = extinctions.topology.bricks().iter().flat_map(|b| corners.clone().map(|c| b.map(|v| v >> level) - c));
+    let topology = Arc::new(Topology::new(bricks)?);
+    let owned = extinctions.resampled(&topology, &lattice);
+    let mut field = Bricks::zeros(topology, lattice);
+    field.topology.spread(&owned, &mut field.values);
+    Ok(field)
+}
+
+fn decibels(square: f64) -> f64 {
+    -10.0 * square.max(1e-20).log10()
+}
