@@ -151,7 +151,7 @@ fn a_whole_reconstruction() {
         };
         let outcome = density::reconstruct(&observation, &request, |_| ControlFlow::Continue(())).unwrap();
         let losses: Vec<u64> = outcome.history.iter().map(|s| s.loss.to_bits()).collect();
-        (outcome.grid, losses, outcome.train_psnr_db.to_bits())
+        (outcome.field.to_grid("density"), losses, outcome.train_psnr_db.to_bits())
     });
 }
 

@@ -5,11 +5,11 @@
 mod fields;
 
 use cumulo::math::{Aabb, Affine};
+use cumulo::optimise::depths::{Depths, mean};
 use cumulo::optimise::hull::Hull;
 use cumulo::optimise::observation::{DepthMap, Observation, Photo};
 use cumulo::optimise::projector::{Projector, Sample, View};
 use cumulo::optimise::smooth::Smoother;
-use cumulo::optimise::depths::{Depths, mean};
 use cumulo::optimise::solver::Solver;
 use cumulo::render::dvr::Dvr;
 use cumulo::render::film::Film;

@@ -285,8 +285,11 @@ impl Render {
                     .at(&self.input)
                     .hint("check the grid and the cameras, or give the scale as a number")
             })?,
-            (None, Some(capture)) => capture.density_scale,
-            (None, None) => 1.0,
+            // A pre-shaded volume's extinctions are those of the pictures that it explains.
+            (None, Some(capture)) if matches!(scene, Scene::Density(_)) || capture.model == Model::PreShaded => {
+                capture.density_scale
+            }
+            (None, _) => 1.0,
         };
         let asked = asked.as_ref();
         let given = self.model.or(transfer.as_ref().map(|_| Model::EmissionAbsorption));

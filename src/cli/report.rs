@@ -1,19 +1,19 @@
 //! `cumulo report`: the page of a reconstruction, made again with more beside it.
 
+use super::light::Light;
 use super::memory::Memory;
 use super::output::Output;
-use super::light::Light;
-use super::run::{self, Run, Solver};
+use super::run::{self, CONFIDENCE, Run, Solver};
 use crate::error::{Error, Result};
 use crate::formats::vdb::{File, Limits, shaded};
-use crate::formats::{atomic, exr, transforms};
+use crate::formats::{atomic, exr, transfer, transforms};
 use crate::metrics::{self, volume};
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
 use crate::report::{Page, Plot, Series, ViewRow};
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
-use crate::scene::capture::Capture;
+use crate::scene::capture::{Capture, Model};
 use crate::scene::grid::Grid;
 use serde::Serialize;
 use std::fmt;
@@ -49,6 +49,18 @@ fn named(text: &str) -> Result<(String, PathBuf), String> {
 #[derive(Debug, Serialize)]
 struct Written {
     report: PathBuf,
+    /// Of the volume against `--reference`.
+    volume: Option<VolumeError>,
+}
+
+/// How far the volume is from another one.
+#[derive(Debug, Clone, Serialize)]
+struct VolumeError {
+    psnr_db: Option<f64>,
+    /// Over voxels of which the pictures say more than the prior (confidence of a half or more).
+    known_rms: Option<f64>,
+    /// Over the others.
+    unknown_rms: Option<f64>,
 }
 
 impl fmt::Display for Written {
@@ -75,8 +87,8 @@ impl Report {
             Some((name, path)) => Some((name.as_str(), transforms::load(path)?)),
             None => None,
         };
-        let page = page(&run, limits, reference.as_ref(), beside.as_ref())?.write(&self.folder)?;
-        output.report(&Written { report: page })?;
+        let (page, volume) = page(&run, limits, reference.as_ref(), beside.as_ref())?;
+        output.report(&Written { report: page.write(&self.folder)?, volume })?;
         Ok(ExitCode::SUCCESS)
     }
 }
@@ -105,17 +117,26 @@ pub fn write(dir: &Path, run: &Run, limits: Limits) -> Result<PathBuf> {
     let text = serde_json::to_vec_pretty(&record).map_err(|e| Error::invalid(e.to_string()))?;
     let path = dir.join(RECORD);
     atomic::write(&path, |p| std::fs::write(p, &text).map_err(|e| Error::io(&path, e)))?;
-    page(run, limits, None, None)?.write(dir)
+    page(run, limits, None, None)?.0.write(dir)
 }
 
 /// The page: figures, views beside re-renders, slices, convergence, times, provenance.
-fn page(run: &Run, limits: Limits, reference: Option<&Grid>, beside: Option<&(&str, Capture)>) -> Result<Page> {
-    let capture = transforms::load(&run.capture)?;
+fn page(
+    run: &Run,
+    limits: Limits,
+    reference: Option<&Grid>,
+    beside: Option<&(&str, Capture)>,
+) -> Result<(Page, Option<VolumeError>)> {
+    let mut capture = transforms::load(&run.capture)?;
     let grid = File::open(&run.output, limits)?.read_fog(Some(&run.grid))?;
-    let field = bricks(&grid, &run.output, limits)?;
+    let transfer = transfer::from_metadata(&grid.metadata).map_err(|e| e.at(&run.output))?;
+    let field = super::volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&run.output))?;
+    if let Some(transfer) = transfer {
+        (capture.transfer, capture.model) = (Some(transfer), Model::EmissionAbsorption);
+    }
     let shaded = match run.solver {
         Solver::Colour => Some(shaded::read(&File::open(&run.output, limits)?, Some(&run.grid), limits.max_memory)?),
-        Solver::Cg | Solver::Paper => None,
+        Solver::Cg | Solver::Paper | Solver::Behind => None,
     };
     let light = match &shaded {
         Some(volume) => Light::PreShaded(Preshaded::new(volume, capture.background)),
@@ -138,9 +159,17 @@ fn page(run: &Run, limits: Limits, reference: Option<&Grid>, beside: Option<&(&s
             if run.stopped { "; stopped before the end" } else { "" }
         ),
     );
+    let known = confidence(run, limits)?;
+    let other = reference.map(|r| bricks(r, Path::new(&r.name), limits)).transpose()?;
     let mut figures = Vec::new();
-    if let Some(d) = &difference {
+    let mut error = None;
+    if let (Some(d), Some(other)) = (&difference, &other) {
         figures.push(("Volume PSNR", d.psnr_db.map_or("identical".to_owned(), |p| format!("{p:.2} dB"))));
+        let [known_rms, unknown_rms] =
+            known.as_ref().map_or([None; 2], |known| volume::rms_apart(other, &field, known));
+        let parts = [("RMS where pictures decide", known_rms), ("RMS elsewhere", unknown_rms)];
+        figures.extend(parts.iter().filter_map(|(name, rms)| Some((*name, format!("{:.2e}", (*rms)?)))));
+        error = Some(VolumeError { psnr_db: d.psnr_db, known_rms, unknown_rms });
     }
     if let Some(psnr) = run.held_out_psnr_db {
         figures.push(("Held-out views", format!("{psnr:.2} dB")));
@@ -154,8 +183,10 @@ fn page(run: &Run, limits: Limits, reference: Option<&Grid>, beside: Option<&(&s
     }
     page.figures(&figures);
     page.views("Views", &rows, run.views)?;
-    let other = reference.map(|r| bricks(r, Path::new(&r.name), limits)).transpose()?;
     page.slices("Slices", "density", &field, other.as_ref())?;
+    if let Some(known) = &known {
+        page.slices("What the pictures say", "confidence, 0 to 1", known, None)?;
+    }
     if run.held_out_psnr_db.is_some() {
         let steps = run.history.iter().map(|s| (s.seconds, s.held_out_psnr_db, s.level));
         page.plot("Convergence", &Plot::convergence(steps))?;
@@ -171,7 +202,17 @@ fn page(run: &Run, limits: Limits, reference: Option<&Grid>, beside: Option<&(&s
     )?;
     page.stages(&run.stages.iter().map(|s| (s.name.as_str(), s.seconds)).collect::<Vec<_>>());
     page.provenance(&run.provenance.rows());
-    Ok(page)
+    Ok((page, error))
+}
+
+/// The grid of confidences beside the run's, if it wrote one.
+fn confidence(run: &Run, limits: Limits) -> Result<Option<Bricks<f32>>> {
+    let file = File::open(&run.output, limits)?;
+    let name = format!("{}{}", run.grid, CONFIDENCE);
+    if !file.entries().iter().any(|e| e.base_name == name) {
+        return Ok(None);
+    }
+    bricks(&file.read_grid(&name)?, &run.output, limits).map(Some)
 }
 
 fn bricks(grid: &Grid, path: &Path, limits: Limits) -> Result<Bricks<f32>> {

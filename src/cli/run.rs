@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::PathBuf;
 
+/// Ending of the name of the grid that says how much the pictures constrain each voxel.
+pub const CONFIDENCE: &str = "_confidence";
+
 /// How the densities were found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -18,6 +21,8 @@ pub enum Solver {
     Paper,
     /// Extinctions, then emissions: a pre-shaded volume.
     Colour,
+    /// A pre-shaded volume, the densities of its colours, and descent: behind a transfer function.
+    Behind,
 }
 
 /// A reconstruction of densities.

@@ -5,7 +5,8 @@
 
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
-use crate::scene::grid::Grid;
+use crate::scene::bricks::Bricks;
+use crate::scene::grid::{Grid, LEAF_VOXELS};
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -298,4 +299,28 @@ fn union(a: Option<IndexBox>, b: Option<IndexBox>) -> Option<IndexBox> {
 fn transform_difference(a: &Field<'_>, b: &Field<'_>, min: [i32; 3], max: [i32; 3]) -> f64 {
     let corners = Aabb { min: corner(min), max: corner(max) }.corners();
     corners.map(|c| a.transform.to_world(c).distance(b.transform.to_world(c))).into_iter().fold(0.0, f64::max)
+}
+/// Root mean squares of the differences at the voxels of `a` that are not zero in both, apart by a third field
+/// `known`: where it is a half or more, and elsewhere; none where there are no voxels.
+pub fn rms_apart(a: &Bricks<f32>, b: &Bricks<f32>, known: &Bricks<f32>) -> [Option<f64>; 2] {
+    let brick = |(brick, voxels): (&IVec3, &[f32])| {
+        let mut sums = [[0.0_f64; 2]; 2];
+        for (i, own) in voxels.iter().enumerate() {
+            let local = IVec3::new((i >> 6) as i32, (i >> 3 & 7) as i32, (i & 7) as i32);
+            let world = a.transform.to_world((8 * *brick + local).as_dvec3());
+            let other = b.sample(b.transform.to_index(world));
+            if *own != 0.0 || other != 0.0 {
+                let part = &mut sums[usize::from(known.sample(known.transform.to_index(world)) < 0.5)];
+                *part = [part[0] + f64::from(own - other).powi(2), part[1] + 1.0];
+            }
+        }
+        sums
+    };
+    let owned = a.owned();
+    let bricks = a.topology.bricks().par_iter().zip(owned.par_chunks(LEAF_VOXELS));
+    let all: Vec<_> = bricks.map(brick).collect();
+    [0, 1].map(|part| {
+        let [square, count] = all.iter().fold([0.0; 2], |t, s| [t[0] + s[part][0], t[1] + s[part][1]]);
+        (count > 0.0).then(|| (square / count).sqrt())
+    })
 }

@@ -5,7 +5,8 @@ use rayon::prelude::*;
 /// First and second moments of the gradient.
 #[derive(Debug, Clone)]
 pub struct Adam {
-    rate: f32,
+    /// Learning rate, in the unknowns' units.
+    pub rate: f32,
     step: i32,
     mean: Vec<f32>,
     square: Vec<f32>,

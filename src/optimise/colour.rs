@@ -65,11 +65,12 @@ pub fn reconstruct(
     mut watch: impl FnMut(&Step) -> ControlFlow<()>,
 ) -> Result<Shaded> {
     let start = Instant::now();
-    let Outcome { grid, mut history, mut stages, mut stopped, .. } =
+    let Outcome { field, mut history, mut stages, mut stopped, .. } =
         density::reconstruct(observation, request, &mut watch)?;
     stages.iter_mut().for_each(|stage| stage.name.insert_str(0, "extinction, "));
-    let extinctions = Bricks::from_grid(&grid, request.max_memory)?;
-    drop(grid);
+    // Bricks of the hull that turned out empty need no colours.
+    let extinctions = Bricks::from_grid(&field.to_grid("density"), request.max_memory)?;
+    drop(field);
     if extinctions.values.iter().all(|s| *s == 0.0) {
         return Err(Error::invalid("alpha is 0 in all pictures: there is nothing to give a colour to")
             .hint("render with alpha = 1 - transmittance, as `cumulo render` does"));
@@ -182,8 +183,7 @@ impl Level {
                 break;
             }
             let solution = solver.solution();
-            let psnr =
-                (!self.held_out.is_empty()).then(|| decibels(solver.equations.error(&solution, &self.held_out)));
+            let psnr = (!self.held_out.is_empty()).then(|| decibels(solver.equations.error(&solution, &self.held_out)));
             let stopped = watch(solver.loss(), psnr).is_break();
             if let Some(now) = psnr {
                 if trail.iter().all(|before| now > *before) {

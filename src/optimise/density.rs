@@ -10,7 +10,7 @@ use crate::optimise::projector::{Projector, Sample, View};
 use crate::optimise::smooth::Smoother;
 use crate::optimise::solver::Solver;
 use crate::scene::bricks::{BRICK, Bricks, Topology};
-use crate::scene::grid::{Grid, LEAF_VOXELS};
+use crate::scene::grid::LEAF_VOXELS;
 use crate::scene::medium::Medium;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
@@ -72,8 +72,8 @@ pub struct Stage {
 /// What came out.
 #[derive(Debug, Clone)]
 pub struct Outcome {
-    /// The densities as a fog volume.
-    pub grid: Grid,
+    /// The densities.
+    pub field: Bricks<f32>,
     /// Every iteration.
     pub history: Vec<Step>,
     /// Time by stage.
@@ -158,15 +158,7 @@ pub fn reconstruct(
     let (Some(field), Some(((train, held_out), unknowns))) = (field, last) else {
         return Err(Error::invalid("no level was solved"));
     };
-    Ok(Outcome {
-        grid: field.to_grid("density"),
-        history,
-        stages,
-        train_psnr_db: train,
-        held_out_psnr_db: held_out,
-        unknowns,
-        stopped,
-    })
+    Ok(Outcome { field, history, stages, train_psnr_db: train, held_out_psnr_db: held_out, unknowns, stopped })
 }
 
 /// Iterations that a run from nothing takes at most, all levels counted.

@@ -83,12 +83,7 @@ pub struct Emission<'a> {
 impl<'a> Emission<'a> {
     /// The equations of `sights` for a volume on the bricks of `extinctions`. A pixel is the mean over
     /// `rays_per_edge`² rays.
-    pub fn new(
-        sights: &'a [Sight],
-        extinctions: &Bricks<f32>,
-        background: [f32; 3],
-        rays_per_edge: usize,
-    ) -> Self {
+    pub fn new(sights: &'a [Sight], extinctions: &Bricks<f32>, background: [f32; 3], rays_per_edge: usize) -> Self {
         let topology = extinctions.topology.clone();
         let field = Bricks::<Vec4>::zeros(topology.clone(), extinctions.transform);
         let count = lanes(&field, sights.iter().map(|s| s.pixels.len()).sum());

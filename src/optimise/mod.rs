@@ -10,15 +10,20 @@
 
 pub mod adam;
 pub mod ascent;
+pub mod behind;
 pub mod colour;
+pub mod confidence;
 pub mod density;
 pub mod depths;
 pub mod difference;
 pub mod emission;
 pub mod entropy;
+pub mod fit;
 pub mod hull;
 pub mod lattice;
 pub mod loss;
+pub mod matching;
+pub mod neighbours;
 pub mod normal;
 pub mod objective;
 pub mod observation;

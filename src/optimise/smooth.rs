@@ -6,16 +6,15 @@
 //! smoothly instead of with the stripes of single rays. `L + a` lifts the middle frequencies against
 //! the 1/|k| of back-projection, which is what the ramp filter of filtered back-projection does.
 
+use crate::optimise::neighbours::Neighbours;
 use crate::scene::bricks::{NONE, Topology};
 use crate::scene::grid::LEAF_VOXELS;
-use glam::IVec3;
 use rayon::prelude::*;
 
 /// The preconditioner on a topology, 512 values a brick.
 #[derive(Debug)]
 pub struct Smoother {
-    /// Brick numbers below and above along x, y, z.
-    neighbours: Vec<[[u32; 2]; 3]>,
+    neighbours: Neighbours,
     /// Blur passes before and after the Laplacian.
     pub passes: u32,
     ridge: f32,
@@ -25,12 +24,7 @@ pub struct Smoother {
 impl Smoother {
     /// Blurs `passes` times before and after the Laplacian; `ridge` is `a` above, per voxel².
     pub fn new(topology: &Topology, passes: u32, ridge: f32) -> Self {
-        let neighbours = topology
-            .bricks()
-            .iter()
-            .map(|b| [IVec3::X, IVec3::Y, IVec3::Z].map(|axis| [topology.find(*b - axis), topology.find(*b + axis)]))
-            .collect();
-        Self { neighbours, passes, ridge, scratch: vec![0.0; topology.len() * LEAF_VOXELS] }
+        Self { neighbours: Neighbours::new(topology), passes, ridge, scratch: vec![0.0; topology.len() * LEAF_VOXELS] }
     }
 
     /// Voxels of a field.
@@ -87,7 +81,7 @@ impl Smoother {
         let neighbours = &self.neighbours;
         let source: &[f32] = values;
         self.scratch.par_chunks_mut(LEAF_VOXELS).enumerate().for_each(|(b, out)| {
-            let brick = Lines::new(source, b, neighbours[b][axis], axis);
+            let brick = Lines::new(source, b, neighbours.of_brick(b, axis), axis);
             brick.each(|i, centre, sides| out[i] = f(centre, sides));
         });
         values.copy_from_slice(&self.scratch);
@@ -102,7 +96,7 @@ impl Smoother {
                 *o = ridge * v;
             }
             for axis in 0..3 {
-                let brick = Lines::new(source, b, neighbours[b][axis], axis);
+                let brick = Lines::new(source, b, neighbours.of_brick(b, axis), axis);
                 brick.each(|i, centre, sides| out[i] += 2.0 * centre - sides);
             }
         });

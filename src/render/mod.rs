@@ -15,8 +15,8 @@ pub mod rule;
 pub mod scale;
 pub mod segment;
 
-use crate::scene::camera::Camera;
 use crate::math::Ray;
+use crate::scene::camera::Camera;
 use dvr::Dvr;
 use film::Film;
 use preshaded::Preshaded;
@@ -52,12 +52,7 @@ impl Renderer for Preshaded<'_, f32> {
 const TILE: (usize, usize) = (16, 4);
 
 /// Renders a picture, the mean over `rays_per_edge`² rays a pixel. `None` if `cancel` was set.
-pub fn picture(
-    renderer: &impl Renderer,
-    camera: &Camera,
-    rays_per_edge: usize,
-    cancel: &AtomicBool,
-) -> Option<Film> {
+pub fn picture(renderer: &impl Renderer, camera: &Camera, rays_per_edge: usize, cancel: &AtomicBool) -> Option<Film> {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let mut film = Film::new(width, height);
     let n = rays_per_edge.max(1);

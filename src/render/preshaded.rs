@@ -187,8 +187,11 @@ impl<'a, R: Real> Preshaded<'a, R> {
                             for i in (0..LANES).filter(|i| length[*i] > R::ZERO) {
                                 let mut stretch = Stretch::new(values, &four[i], from[i], length[i]);
                                 let depth = stretch.depth();
-                                let parts =
-                                    if depth > R::of(THICK) { (depth.f64() / THICK).ceil().min(MOST_PARTS) } else { 1.0 };
+                                let parts = if depth > R::of(THICK) {
+                                    (depth.f64() / THICK).ceil().min(MOST_PARTS)
+                                } else {
+                                    1.0
+                                };
                                 let part = length[i] / R::of(parts);
                                 for k in 0..parts as i32 {
                                     if parts > 1.0 {
@@ -207,11 +210,7 @@ impl<'a, R: Real> Preshaded<'a, R> {
         }
         let transmittance = (-front.depth).exp();
         let channel = |c: usize| R::of(emitted[c] + f64::from(self.background[c]) * transmittance);
-        Radiance {
-            rgb: [channel(0), channel(1), channel(2)],
-            transmittance: R::of(transmittance),
-            depth: front.depth,
-        }
+        Radiance { rgb: [channel(0), channel(1), channel(2)], transmittance: R::of(transmittance), depth: front.depth }
     }
 
     /// Radiance along a world ray, and the gradient of a loss on it by all four stored values: `loss` maps the

@@ -103,6 +103,16 @@ impl Topology {
         inside.then(|| ((r.x * self.dim.y + r.y) as usize) * self.dim.z as usize + r.z as usize)
     }
 
+    /// All bricks of the box around these.
+    ///
+    /// # Errors
+    /// If that are more than can be addressed.
+    pub fn filled(&self) -> Result<Self> {
+        let dim = self.dim;
+        let all = (0..dim.x).flat_map(|x| (0..dim.y).map(move |y| (x, y)));
+        Self::new(all.flat_map(|(x, y)| (0..dim.z).map(move |z| self.min + IVec3::new(x, y, z))))
+    }
+
     /// Number of the brick at these brick coordinates, or [`NONE`].
     #[inline(always)]
     pub fn find(&self, brick: IVec3) -> u32 {

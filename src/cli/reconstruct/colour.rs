@@ -81,8 +81,7 @@ impl Colour {
         let pictures = capture.frames.iter().map(|f| f.picture.as_path());
         provenance.input(&json, std::iter::once(json.as_path()).chain(pictures))?;
         // With the background's own colour as source, alpha tells the optical depth.
-        let observation =
-            Observation::new(&photos, capture.background, capture.background).map_err(|e| e.at(&json))?;
+        let observation = Observation::new(&photos, capture.background, capture.background).map_err(|e| e.at(&json))?;
         let request = self.request(&capture, &observation, held_out, limits).map_err(|e| e.at(&json))?;
         let mut stages = vec![Stage { name: "read pictures".into(), seconds: begun.elapsed().as_secs_f64() }];
 

@@ -1,20 +1,22 @@
 //! `cumulo reconstruct density`: a VDB from absorption or emission-absorption pictures.
 
+use super::known;
+use super::region::Region;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
 use crate::cli::run::{self, Run, Solver};
-use super::region::Region;
+use crate::cli::transfer::TransferOption;
 use crate::cli::{cancel, photos, report};
 use crate::error::{Error, Result};
 use crate::formats::vdb::{Codec, File, Limits, write_grids};
-use crate::formats::{atomic, transforms};
+use crate::formats::{atomic, transfer, transforms};
 use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::observation::{Observation, Photo};
-use crate::optimise::{density, paper};
+use crate::optimise::{behind, density, paper};
 use crate::report::{MOST_VIEWS, choose};
 use crate::scene::bricks::Bricks;
-use crate::scene::capture::Capture;
+use crate::scene::capture::{Capture, Model};
 use crate::scene::medium::Source;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -35,16 +37,19 @@ pub struct Density {
     output: PathBuf,
     #[command(flatten)]
     region: Region,
+    #[command(flatten)]
+    transfer: TransferOption,
     /// Start from this volume
     #[arg(long, value_name = "IN.vdb")]
     init: Option<PathBuf>,
-    /// How the densities are found: auto is cg where the pictures depend on the optical depth alone, else paper
+    /// How the densities are found: auto is cg where the pictures depend on the optical depth alone, colours first
+    /// where there is a transfer function, else paper
     #[arg(long, value_enum, default_value_t = Choice::Auto)]
     solver: Choice,
     /// Views that are not used, only looked at to know when to stop (default: one of 8 or more)
     #[arg(long, value_name = "K")]
     held_out: Option<usize>,
-    /// Iterations on the finest level, at most (default: 24; paper: 50 epochs)
+    /// Iterations on the finest level, at most (default: 24; with a transfer function, or paper: 50 epochs)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: Option<u32>,
     /// Blur passes of the smoothness prior (default: as many as suit the held-out views; without these 1, or 2 where the pictures are noisy)
@@ -99,7 +104,10 @@ impl Density {
         if let Some(dir) = &self.report {
             report::prepare(dir)?;
         }
-        let capture = transforms::load(&self.capture)?;
+        let mut capture = transforms::load(&self.capture)?;
+        if let Some(transfer) = self.transfer.load(limits)? {
+            (capture.transfer, capture.model) = (Some(transfer), Model::EmissionAbsorption);
+        }
         let solver = self.solver(&capture)?;
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 8).map_err(|e| e.at(&self.capture))?;
 
@@ -114,8 +122,9 @@ impl Density {
 
         let used = photos.len() - request.held_out.len();
         let length = match solver {
-            Solver::Cg | Solver::Colour => density::most_iterations(&request),
             Solver::Paper => paper::most_iterations(&request, used),
+            Solver::Behind => behind::most_iterations(&request),
+            Solver::Cg | Solver::Colour => density::most_iterations(&request),
         };
         let bar = output.progress(length, "density");
         let watch = |step: &Step| {
@@ -123,19 +132,27 @@ impl Density {
             if cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
         let outcome = match solver {
-            Solver::Cg | Solver::Colour => density::reconstruct(&observation, &request, watch),
             Solver::Paper => paper::reconstruct(&photos, &observation, &request, watch),
+            Solver::Behind => behind::reconstruct(&photos, &observation, &request, watch),
+            Solver::Cg | Solver::Colour => density::reconstruct(&observation, &request, watch),
         };
         bar.finish_and_clear();
-        let Outcome { mut grid, history, stages: solved, train_psnr_db, held_out_psnr_db, unknowns, stopped } =
+        let Outcome { field, history, stages: solved, train_psnr_db, held_out_psnr_db, unknowns, stopped } =
             outcome.map_err(|e| e.at(&json))?;
         stages.extend(solved);
-        drop((photos, observation));
+        drop(observation);
+        let begun = Instant::now();
+        let mut grid = field.to_grid(&self.grid);
+        let known = known::grid(&field, &photos, &request, train_psnr_db, &self.grid)?;
+        stages.push(Stage { name: "confidence".into(), seconds: begun.elapsed().as_secs_f64() });
+        drop((photos, field));
 
         let begun = Instant::now();
         let seconds = provenance.lap();
-        grid.name.clone_from(&self.grid);
-        write_grids(&self.output, &[&grid], &provenance.metadata(), Codec::default(), false)?;
+        if let Some(transfer) = capture.transfer.as_ref().filter(|_| capture.model == Model::EmissionAbsorption) {
+            grid.metadata.insert(transfer::METADATA_KEY.into(), transfer::to_metadata(transfer));
+        }
+        write_grids(&self.output, &[&grid, &known], &provenance.metadata(), Codec::default(), false)?;
         stages.push(Stage { name: "write".into(), seconds: begun.elapsed().as_secs_f64() });
         let views = capture.frames.len();
         let mut run = Run {
@@ -171,16 +188,16 @@ impl Density {
     }
 
     fn solver(&self, capture: &Capture) -> Result<Solver> {
-        let grey = matches!(capture.medium()?.source, Source::Grey(_));
-        match self.solver {
-            Choice::Cg if !grey => {
+        let source = capture.medium()?.source;
+        match (self.solver, source) {
+            (Choice::Auto | Choice::Cg, Source::Grey(_)) => Ok(Solver::Cg),
+            (Choice::Cg, _) => {
                 Err(Error::unsupported("--solver cg needs pictures that depend on the optical depth alone")
                     .at(&self.capture)
-                    .hint("these show emission that follows the density: use --solver paper"))
+                    .hint("these show emission that follows the density: use --solver auto"))
             }
-            Choice::Paper => Ok(Solver::Paper),
-            Choice::Auto if !grey => Ok(Solver::Paper),
-            Choice::Auto | Choice::Cg => Ok(Solver::Cg),
+            (Choice::Auto, Source::Transfer(_)) => Ok(Solver::Behind),
+            (Choice::Paper, _) | (Choice::Auto, Source::Linear(_)) => Ok(Solver::Paper),
         }
     }
 

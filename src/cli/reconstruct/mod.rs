@@ -2,6 +2,7 @@
 
 mod colour;
 mod density;
+mod known;
 mod region;
 mod tf;
 

@@ -428,10 +428,12 @@ impl NativeGrid {
     /// If a tile's edge is not 8, 128 or 4096, or metadata has a shape OpenVDB has no type for.
     pub fn from_grid(grid: &Grid) -> Result<Self> {
         let leaves = grid.leaves.iter().map(|l| (l.origin, l.values.as_slice(), &l.active));
-        let tiles = grid
-            .tiles
-            .iter()
-            .map(|t| ffi::RawTile { origin: t.origin, dim: t.dim, value: [t.value, 0.0, 0.0], active: t.active.into() });
+        let tiles = grid.tiles.iter().map(|t| ffi::RawTile {
+            origin: t.origin,
+            dim: t.dim,
+            value: [t.value, 0.0, 0.0],
+            active: t.active.into(),
+        });
         let mut native = Self::build(&grid.name, &[grid.background], leaves, &tiles.collect::<Vec<_>>())?;
         for (name, value) in &grid.metadata {
             native.set_metadata(name, value)?;

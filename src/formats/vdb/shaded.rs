@@ -22,7 +22,12 @@ pub const EMISSION: &str = "emission";
 ///
 /// # Errors
 /// As [`write_native`].
-pub fn write(path: &Path, volume: &Bricks<Vec4>, beside: &[&Grid], metadata: &BTreeMap<String, MetaValue>) -> Result<()> {
+pub fn write(
+    path: &Path,
+    volume: &Bricks<Vec4>,
+    beside: &[&Grid],
+    metadata: &BTreeMap<String, MetaValue>,
+) -> Result<()> {
     let owned = volume.owned();
     let leaves: Vec<RawLeaf> = volume
         .topology
@@ -66,12 +71,18 @@ pub fn read(file: &File, extinction: Option<&str>, max_memory: u64) -> Result<Br
         return Err(place(Error::unsupported(format!("the grid holds {} values, vec3s are needed", info.value_type))));
     }
     let transform = info.affine().map_err(place)?;
-    if !transform.matrix().abs_diff_eq(extinctions.transform.matrix(), 1e-9 * transform.matrix().to_cols_array().iter().fold(0.0, |a: f64, v| a.max(v.abs()))) {
+    if !transform.matrix().abs_diff_eq(
+        extinctions.transform.matrix(),
+        1e-9 * transform.matrix().to_cols_array().iter().fold(0.0, |a: f64, v| a.max(v.abs())),
+    ) {
         return Err(place(Error::unsupported(format!("its lattice is not that of grid '{}'", extinctions.name)))
             .hint("resample one of them with `cumulo convert --resample`"));
     }
     if info.background.iter().any(|v| *v != 0.0) {
-        return Err(place(Error::unsupported(format!("background is {:?}, nothing is emitted outside", info.background))));
+        return Err(place(Error::unsupported(format!(
+            "background is {:?}, nothing is emitted outside",
+            info.background
+        ))));
     }
     let raw = native.to_raw().map_err(place)?;
     drop(native);
@@ -83,9 +94,17 @@ pub fn read(file: &File, extinction: Option<&str>, max_memory: u64) -> Result<Br
         leaves: raw
             .leaves
             .iter()
-            .map(|l| Leaf { origin: l.origin, values: Box::new(std::array::from_fn(|i| l.values[3 * i + c])), active: l.active })
+            .map(|l| Leaf {
+                origin: l.origin,
+                values: Box::new(std::array::from_fn(|i| l.values[3 * i + c])),
+                active: l.active,
+            })
             .collect(),
-        tiles: raw.tiles.iter().map(|t| Tile { origin: t.origin, dim: t.dim, value: t.value[c], active: t.active }).collect(),
+        tiles: raw
+            .tiles
+            .iter()
+            .map(|t| Tile { origin: t.origin, dim: t.dim, value: t.value[c], active: t.active })
+            .collect(),
         metadata: BTreeMap::new(),
     };
     let each = max_memory / 8;

@@ -1,0 +1,158 @@
+//! Densities behind a transfer function.
+//!
+//! Through a function that is not monotonic, descending from anywhere ends in the nearest minimum. So the start
+//! is found without descending (Weiss & Westermann 2021, sect. 5.3): a pre-shaded volume, whose parts are linear
+//! in the pictures ([`colour`](crate::optimise::colour)), then the densities of its colours
+//! ([`matching`](crate::optimise::matching)). What the pictures say beyond the volume's resolution, descent adds
+//! ([`fit`](crate::optimise::fit)).
+
+use crate::error::{Error, Result};
+use crate::optimise::colour::{self, Shaded};
+use crate::optimise::density::{Outcome, Request, Stage, Step};
+use crate::optimise::fit::{Fit, Scene, batches, squared};
+use crate::optimise::hull::Hull;
+use crate::optimise::matching;
+use crate::optimise::observation::{Observation, Photo};
+use crate::optimise::pictures::Target;
+use crate::render::quadrature::Quadrature;
+use crate::scene::bricks::Topology;
+use crate::scene::grid::LEAF_VOXELS;
+use crate::scene::medium::{Medium, Source};
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Views of a step.
+const BATCH: usize = 8;
+/// Every so-manieth pixel of a view is used in a step; the others have their turn in the epochs after.
+const TURNS: usize = 4;
+/// Learning rate in the unit of the function's range, and what is left of it where an epoch brought less than
+/// [`GAIN`] dB.
+const RATE: f32 = 0.02;
+const SLOWER: f32 = 0.5;
+const GAIN: f64 = 0.1;
+/// The descent ends at a rate below this.
+const SLOWEST: f32 = 0.001;
+/// Weight of the prior on neighbours' differences.
+const PRIOR: f64 = 1e-3;
+
+/// Reconstructs densities from colours; `request.medium` has the transfer function, and
+/// `request.iterations` bounds the epochs of the descent. `watch` sees every step and may stop the work; what
+/// is there by then is returned.
+///
+/// # Errors
+/// If the medium has no transfer function, and as [`colour::reconstruct`].
+pub fn reconstruct(
+    photos: &[Photo],
+    observation: &Observation,
+    request: &Request,
+    mut watch: impl FnMut(&Step) -> ControlFlow<()>,
+) -> Result<Outcome> {
+    let Source::Transfer(table) = &request.medium.source else {
+        return Err(Error::invalid("there is no transfer function to look behind"));
+    };
+    let start = Instant::now();
+    let lattice = request.lattice;
+    let limit = (request.max_memory / (LEAF_VOXELS * 128) as u64) as usize;
+    let (mut topology, mut unknown) = Hull::new(observation).unknowns(&lattice, &request.bounds, limit)?;
+    if table.at(0.0)[3] > 0.0 {
+        (topology, unknown) = filled(&topology, &unknown)?;
+    }
+    let topology = Arc::new(topology);
+    let range = (table.knots()[table.knots().len() - 1] - table.knots()[0].min(0.0)).max(f64::MIN_POSITIVE) as f32;
+
+    let (densities, mut history, mut stages, mut stopped) = match &request.init {
+        Some(init) => (init.resampled(&topology, &lattice), Vec::new(), Vec::new(), false),
+        None => {
+            let asked =
+                Request { medium: Medium::absorbing(1.0), iterations: EXTINCTION_ITERATIONS, ..request.clone() };
+            let Shaded { volume, history, mut stages, stopped, .. } =
+                colour::reconstruct(photos, observation, &asked, &mut watch)?;
+            let begun = Instant::now();
+            let matched = matching::densities(&volume, table, request.medium.extinction, &topology, &unknown)?;
+            stages.push(Stage { name: "densities of the colours".into(), seconds: begun.elapsed().as_secs_f64() });
+            (matched.owned(), history, stages, stopped)
+        }
+    };
+
+    let begun = Instant::now();
+    let target =
+        |p: &Photo| Target { camera: p.camera, rgba: p.film.rgba.clone(), rays_per_edge: request.rays_per_edge };
+    let held = |i: &usize| request.held_out.contains(i);
+    let train: Vec<Target> = (0..photos.len()).filter(|i| !held(i)).map(|i| target(&photos[i])).collect();
+    let held_out: Vec<Target> = (0..photos.len()).filter(held).map(|i| target(&photos[i])).collect();
+    let looked_at: Vec<&Target> = if held_out.is_empty() { train.iter().collect() } else { held_out.iter().collect() };
+    let scene =
+        Scene { medium: &request.medium, background: request.background, quadrature: Quadrature::Preintegrated };
+
+    let mut rate = RATE;
+    let mut fit = Fit::new(topology, lattice, &unknown, &densities, range, rate);
+    let mut best = (fit.psnr(&looked_at, &scene)?, fit.field.clone());
+    for epoch in 0..request.iterations {
+        if stopped || rate < SLOWEST {
+            break;
+        }
+        fit.rate(rate);
+        let mut losses = Vec::new();
+        for (number, batch) in batches(&train, BATCH, epoch).iter().enumerate() {
+            let some: Vec<Target> = batch.iter().map(|t| thinned(t, epoch as usize + number)).collect();
+            losses.push(fit.step(&some.iter().collect::<Vec<_>>(), &scene, &squared, PRIOR)?);
+        }
+        let now = fit.psnr(&looked_at, &scene)?;
+        let step = Step {
+            level: 0,
+            iteration: history.len() as u32 + 1,
+            seconds: start.elapsed().as_secs_f64(),
+            loss: losses.iter().sum::<f64>() / losses.len().max(1) as f64,
+            held_out_psnr_db: (!held_out.is_empty()).then_some(now),
+        };
+        history.push(step);
+        stopped = watch(&step).is_break();
+        if now < best.0 + GAIN {
+            rate *= SLOWER;
+        }
+        if now > best.0 {
+            best = (now, fit.field.clone());
+        }
+    }
+    fit.field = best.1;
+    stages.push(Stage { name: "descent".into(), seconds: begun.elapsed().as_secs_f64() });
+    Ok(Outcome {
+        train_psnr_db: fit.psnr(&train.iter().collect::<Vec<_>>(), &scene)?,
+        held_out_psnr_db: (!held_out.is_empty()).then_some(best.0),
+        unknowns: fit.unknowns(),
+        field: fit.field,
+        history,
+        stages,
+        stopped,
+    })
+}
+
+/// Iterations of the extinctions on their finest level.
+const EXTINCTION_ITERATIONS: u32 = 24;
+
+/// Steps that a run takes at most.
+pub fn most_iterations(request: &Request) -> u64 {
+    let colours = if request.init.is_some() { 0 } else { colour::most_iterations(request) };
+    colours + u64::from(request.iterations)
+}
+
+/// With all bricks of the box, for functions that absorb where the density is 0.
+fn filled(topology: &Topology, unknown: &[bool]) -> Result<(Topology, Vec<bool>)> {
+    let all = topology.filled()?;
+    let mut wider = vec![false; all.len() * LEAF_VOXELS];
+    for (brick, own) in topology.bricks().iter().zip(unknown.chunks(LEAF_VOXELS)) {
+        let at = all.find(*brick) as usize * LEAF_VOXELS;
+        wider[at..at + LEAF_VOXELS].copy_from_slice(own);
+    }
+    Ok((all, wider))
+}
+
+/// A target of which only some pixels ask for something: those whose turn it is.
+fn thinned(target: &Target, turn: usize) -> Target {
+    let width = target.camera.width as usize;
+    // Neighbours have different turns.
+    let asked = |i: usize| (i % width + 2 * (i / width) + turn) % TURNS == 0;
+    let rgba = target.rgba.iter().enumerate().map(|(i, p)| if asked(i) { *p } else { [f32::NAN; 4] }).collect();
+    Target { camera: target.camera, rgba, rays_per_edge: target.rays_per_edge }
+}

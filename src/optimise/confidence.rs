@@ -1,0 +1,91 @@
+//! How much the pictures say about each voxel.
+//!
+//! The sum of squared sensitivities `S = Σ (∂L/∂d)²` over pixels and channels is what one voxel's variance
+//! would be bounded by if all others were known: noise of variance ε² leaves `ε² / S`. Beside a prior that knows
+//! the voxel to a variance p², the pictures' share is `S p² / (S p² + ε²)`: the confidence, 0 where the function
+//! is flat or nothing was seen, near 1 where the pictures decide. (That neighbours are confused with each other
+//! is left out: it says what is not known, not all that is known only in sums.)
+//!
+//! S is the diagonal of `JᵀJ`, for which random signs r give `E[(Jᵀr)²]` (Hutchinson 1990; Bekas, Kokiopoulou &
+//! Saad 2007): one backward walk a probe, whatever the renderer.
+
+use crate::error::Result;
+use crate::optimise::fit::Scene;
+use crate::optimise::neighbours::Neighbours;
+use crate::optimise::pictures::{self, Accumulators, Gradients, Target};
+use crate::render::dvr::Adjoint;
+use crate::scene::bricks::Bricks;
+use rayon::prelude::*;
+
+/// Probes; each takes one pixel of a block of [`BLOCK`]².
+const PROBES: usize = 8;
+const BLOCK: usize = 4;
+
+/// Confidence of each voxel (512 a brick), 0..1. `noise` is the standard deviation of a pixel's error,
+/// `spread` the density p that the prior leaves open.
+///
+/// # Errors
+/// If the medium cannot be used.
+pub fn confidence(
+    field: &Bricks<f32>,
+    scene: &Scene<'_>,
+    views: &[&Target],
+    noise: f64,
+    spread: f64,
+) -> Result<Vec<f32>> {
+    let renderer = scene.renderer(field)?;
+    let mut squares = vec![0.0_f32; field.owned().len()];
+    let mut owned = squares.clone();
+    let mut stored = vec![0.0_f32; field.values.len()];
+    let mut accumulators = Accumulators::default();
+    let linear = |_: &[f32; 4], signs: &[f32; 4]| (0.0, *signs);
+    for probe in 0..PROBES {
+        let signed: Vec<Target> = views.iter().enumerate().map(|(v, t)| signs(t, v, probe)).collect();
+        stored.fill(0.0);
+        let mut gradients = Gradients { voxels: Some(&mut stored), ..Gradients::default() };
+        let signed: Vec<&Target> = signed.iter().collect();
+        pictures::gradient(&renderer, &signed, &linear, Adjoint::Tape, &mut accumulators, &mut gradients);
+        field.topology.fold(&stored, &mut owned);
+        let share = (BLOCK * BLOCK) as f32 / PROBES as f32;
+        squares.par_iter_mut().zip(&owned).for_each(|(s, g)| *s += share * g * g);
+    }
+    // A few probes are a rough estimate; that of neighbours is nearly the same number.
+    let neighbours = Neighbours::new(&field.topology);
+    let ratio = (spread / noise.max(f64::MIN_POSITIVE)).powi(2);
+    let share = |voxel: usize| {
+        if squares[voxel] == 0.0 {
+            return 0.0;
+        }
+        let near = neighbours.of_voxel(voxel).into_iter().flatten().map(|v| squares[v]).filter(|s| *s > 0.0);
+        let (sum, count) = near.fold((2.0 * squares[voxel], 2.0_f32), |(sum, count), s| (sum + s, count + 1.0));
+        let known = ratio * f64::from(sum / count);
+        if known.is_finite() { (known / (1.0 + known)) as f32 } else { 1.0 }
+    };
+    Ok((0..squares.len()).into_par_iter().map(share).collect())
+}
+
+/// Random signs in the place of colours, for the pixels whose turn it is.
+fn signs(target: &Target, view: usize, probe: usize) -> Target {
+    let width = target.camera.width as usize;
+    let pixel = |i: usize| {
+        let turn = (i / width % BLOCK * BLOCK + i % width % BLOCK + 5 * probe) % (BLOCK * BLOCK);
+        if turn != 0 || !target.rgba[i].iter().all(|v| v.is_finite()) {
+            return [f32::NAN; 4];
+        }
+        let bits = scrambled(((view * PROBES + probe) as u64) << 40 | i as u64);
+        [20, 21, 22, 23].map(|bit| if bits >> bit & 1 == 1 { 1.0 } else { -1.0 })
+    };
+    Target {
+        camera: target.camera,
+        rgba: (0..target.rgba.len()).map(pixel).collect(),
+        rays_per_edge: target.rays_per_edge,
+    }
+}
+
+/// A bijection of 64 bits in which each bit of the result hangs on all of the argument's (Stafford's variant 13
+/// of MurmurHash3's finaliser).
+fn scrambled(mut v: u64) -> u64 {
+    v = (v ^ (v >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    v = (v ^ (v >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    v ^ (v >> 31)
+}

@@ -1,0 +1,44 @@
+//! Who is beside whom among the voxels of bricks, 512 a brick.
+
+use crate::scene::bricks::{NONE, Topology};
+use crate::scene::grid::LEAF_VOXELS;
+use glam::IVec3;
+
+/// Distance of neighbours along x, y, z in a brick.
+const STRIDES: [usize; 3] = [64, 8, 1];
+
+/// The neighbours of bricks and voxels.
+#[derive(Debug, Clone)]
+pub struct Neighbours(Vec<[[u32; 2]; 3]>);
+
+impl Neighbours {
+    /// Of a topology.
+    pub fn new(topology: &Topology) -> Self {
+        let beside = |b: &IVec3| [IVec3::X, IVec3::Y, IVec3::Z].map(|a| [topology.find(*b - a), topology.find(*b + a)]);
+        Self(topology.bricks().iter().map(beside).collect())
+    }
+
+    /// Numbers of the bricks below and above a brick along an axis, or [`NONE`].
+    pub fn of_brick(&self, brick: usize, axis: usize) -> [u32; 2] {
+        self.0[brick][axis]
+    }
+
+    /// The voxels below and above along x, y and z; none beyond the bricks.
+    pub fn of_voxel(&self, voxel: usize) -> [Option<usize>; 6] {
+        let (brick, i) = (voxel / LEAF_VOXELS, voxel % LEAF_VOXELS);
+        std::array::from_fn(|k| {
+            let (axis, up) = (k / 2, k % 2 == 1);
+            let stride = STRIDES[axis];
+            let at = i / stride & 7;
+            match (at, up) {
+                (0, false) | (7, true) => {
+                    let other = self.0[brick][axis][usize::from(up)];
+                    let there = if up { i - 7 * stride } else { i + 7 * stride };
+                    (other != NONE).then(|| other as usize * LEAF_VOXELS + there)
+                }
+                (_, true) => Some(voxel + stride),
+                (_, false) => Some(voxel - stride),
+            }
+        })
+    }
+}

@@ -1,0 +1,125 @@
+//! Colours and densities behind a transfer function: `cumulo reconstruct colour`, `reconstruct density --tf`,
+//! and the confidence grid.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is how a test fails")]
+
+mod work;
+
+use cumulo::formats::vdb::{File, Limits};
+use cumulo::scene::bricks::Bricks;
+use glam::DVec3;
+use serde_json::{Value, json};
+use work::Work;
+
+/// Two peaks, clear between and beside: not monotonic. plume.vdb has densities up to 1.
+fn with_pictures(views: u32, size: u32) -> Work {
+    let work = Work::new();
+    let points = [
+        [0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.1, 0.9, 0.4, 0.1, 0.0],
+        [0.25, 0.9, 0.4, 0.1, 3.0],
+        [0.4, 0.5, 0.4, 0.4, 0.0],
+        [0.5, 0.1, 0.4, 0.9, 0.0],
+        [0.75, 0.1, 0.4, 0.9, 9.0],
+        [1.0, 0.1, 0.4, 0.9, 9.0],
+    ];
+    let function = json!({"format": "cumulo-transfer-function", "version": 1,
+        "transfer": {"kind": "piecewise", "points": points}});
+    std::fs::write(work.path("two.tf.json"), function.to_string()).unwrap();
+    work.json(&format!(
+        "render @plume.vdb --tf two.tf.json --views {views} --size {size}x{size} --background 0.2,0.1,0.3 -o cap"
+    ));
+    work
+}
+
+fn number(report: &Value, key: &str) -> f64 {
+    report[key].as_f64().unwrap_or_else(|| panic!("no {key} in {report}"))
+}
+
+#[test]
+fn colours_come_back_and_are_rendered_again() {
+    let work = with_pictures(16, 48);
+    let report = work.json("reconstruct colour cap -o shaded.vdb --report page");
+    assert!(number(&report, "held_out_psnr_db") > 28.0, "{report}");
+    let info = work.json("info shaded.vdb");
+    let types: Vec<&str> =
+        info["files"][0]["grids"].as_array().unwrap().iter().map(|g| g["value_type"].as_str().unwrap()).collect();
+    assert_eq!(types, ["float", "vec3s"], "{info}");
+    let again = work.json("render shaded.vdb --cameras cap --model pre-shaded -o again");
+    assert_eq!((again["model"].as_str(), number(&again, "density_scale")), (Some("pre-shaded"), 1.0));
+    let compared = work.json("compare again/view_003.exr cap/view_003.exr");
+    assert!(number(&compared, "psnr_db") > 28.0, "{compared}");
+    // What is pre-shaded has no density behind its colours.
+    work.refused("reconstruct density again -o d.vdb", &["pre-shaded", "reconstruct colour"]);
+    work.refused("render @plume.vdb --model pre-shaded --views 1 -o no", &["'emission'", "vec3s"]);
+    work.json("render @plume.vdb --views 2 --size 8x8 -o grey");
+    work.refused("reconstruct colour grey -o no.vdb", &["absorption alone", "reconstruct density"]);
+}
+
+/// The start from the colours finds the branch that descending from a constant does not.
+#[test]
+fn densities_come_back_through_a_function_that_is_not_monotonic() {
+    let work = with_pictures(16, 48);
+    let found = work.json("reconstruct density cap --tf two.tf.json -o found.vdb --iterations 6 --report page");
+    let poor = work.json("reconstruct density cap --solver paper -o poor.vdb --iterations 6");
+    assert_eq!(found["solver"].as_str(), Some("behind"));
+    assert!(number(&found, "held_out_psnr_db") > number(&poor, "held_out_psnr_db") + 3.0, "{found} {poor}");
+    assert!(number(&found, "held_out_psnr_db") > 27.0, "{found}");
+    let (ours, theirs) = (work.volume_psnr("found.vdb"), work.volume_psnr("poor.vdb"));
+    assert!(ours > theirs + 3.0, "{ours} {theirs}");
+    let again = work.json("report page --reference @plume.vdb");
+    let rms = |part: &str| number(&again["volume"], part);
+    assert!(rms("known_rms") < rms("unknown_rms"), "{again}");
+}
+
+fn values(work: &Work, file: &str, grid: &str) -> Vec<([i32; 3], Vec<f32>)> {
+    let grid = File::open(work.path(file), Limits::default()).unwrap().read_grid(grid).unwrap();
+    grid.leaves.iter().map(|l| (l.origin, l.values.to_vec())).collect()
+}
+
+/// Confidence is 0 where no ray meets a density that the function tells from others, and high where rays do.
+#[test]
+fn what_pictures_do_not_say_has_no_confidence() {
+    let work = with_pictures(16, 48);
+    work.json("reconstruct density cap -o found.vdb --iterations 4");
+    let file = File::open(work.path("found.vdb"), Limits::default()).unwrap();
+    let bricks = |name: &str| Bricks::<f32>::from_grid(&file.read_grid(name).unwrap(), 1 << 30).unwrap();
+    let (densities, known) = (bricks("density"), bricks("density_confidence"));
+    let (mut clear, mut steep) = (0, Vec::new());
+    let corner = densities.topology.bounds().min;
+    let count = densities.topology.bounds().size().as_ivec3();
+    for k in 0..count.x * count.y * count.z {
+        let at = corner
+            + DVec3::new(f64::from(k / count.y / count.z), f64::from(k / count.z % count.y), f64::from(k % count.z));
+        let (density, confidence) = (densities.sample(at), known.sample(at));
+        assert!((0.0..=1.0).contains(&confidence));
+        // A voxel takes part in the cells up to its 26 neighbours.
+        let around = (0..27).map(|n| at + DVec3::new(f64::from(n / 9), f64::from(n / 3 % 3), f64::from(n % 3)) - 1.0);
+        if density > 0.0 && around.map(|at| densities.sample(at)).fold(0.0, f32::max) < 0.1 {
+            assert_eq!(confidence, 0.0, "at {at}");
+            clear += 1;
+        }
+        if (0.15..0.2).contains(&density) || (0.3..0.35).contains(&density) || (0.6..0.7).contains(&density) {
+            steep.push(confidence);
+        }
+    }
+    assert!(clear > 50 && steep.len() > 50, "{clear} {}", steep.len());
+    let mean = steep.iter().sum::<f32>() / steep.len() as f32;
+    assert!(mean > 0.6, "{mean}");
+}
+
+#[test]
+fn runs_are_the_same_for_any_number_of_threads() {
+    let work = with_pictures(9, 24);
+    for threads in [1, 3] {
+        work.json(&format!("reconstruct colour cap -o c{threads}.vdb --threads {threads}"));
+        work.json(&format!("reconstruct density cap -o d{threads}.vdb --iterations 2 --threads {threads}"));
+    }
+    assert_eq!(values(&work, "c1.vdb", "density"), values(&work, "c3.vdb", "density"));
+    let vectors = |name: &str| {
+        File::open(work.path(name), Limits::default()).unwrap().read("emission").unwrap().to_raw().unwrap()
+    };
+    assert_eq!(vectors("c1.vdb"), vectors("c3.vdb"));
+    assert_eq!(values(&work, "d1.vdb", "density"), values(&work, "d3.vdb", "density"));
+    assert_eq!(values(&work, "d1.vdb", "density_confidence"), values(&work, "d3.vdb", "density_confidence"));
+}
