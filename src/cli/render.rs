@@ -296,7 +296,7 @@ impl Render {
         let given = given.or(matches!(scene, Scene::PreShaded(_)).then_some(Model::PreShaded));
         let model = given.or(asked.map(|c| c.model)).unwrap_or(Model::Absorption);
         // The other model's background would be a surprise: white light behind a bright source.
-        let same = asked.filter(|c| c.model == model);
+        let same = asked.filter(|c| (c.model == Model::Absorption) == (model == Model::Absorption));
         let behind = if model == Model::Absorption { [1.0; 3] } else { [0.0; 3] };
         let frames = cameras
             .into_iter()
