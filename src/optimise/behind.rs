@@ -152,7 +152,7 @@ fn filled(topology: &Topology, unknown: &[bool]) -> Result<(Topology, Vec<bool>)
 fn thinned(target: &Target, turn: usize) -> Target {
     let width = target.camera.width as usize;
     // Neighbours have different turns.
-    let asked = |i: usize| (i % width + 2 * (i / width) + turn) % TURNS == 0;
+    let asked = |i: usize| (i % width + 2 * (i / width) + turn).is_multiple_of(TURNS);
     let rgba = target.rgba.iter().enumerate().map(|(i, p)| if asked(i) { *p } else { [f32::NAN; 4] }).collect();
     Target { camera: target.camera, rgba, rays_per_edge: target.rays_per_edge }
 }

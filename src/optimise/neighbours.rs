@@ -29,7 +29,7 @@ impl Neighbours {
         std::array::from_fn(|k| {
             let (axis, up) = (k / 2, k % 2 == 1);
             let stride = STRIDES[axis];
-            let at = i / stride & 7;
+            let at = (i / stride) & 7;
             match (at, up) {
                 (0, false) | (7, true) => {
                     let other = self.0[brick][axis][usize::from(up)];
