@@ -1,13 +1,15 @@
 //! Four numbers that are computed together, in one vector register where the machine has them.
 
 use crate::real::{Number, Real};
-use std::ops::AddAssign;
+use std::ops::{AddAssign, Div};
 
 /// How many numbers there are in a [`Lanes`].
 pub const LANES: usize = 4;
 
 /// Four numbers; operators work on each.
-pub trait Lanes<R: Real>: Number + Default + AddAssign {
+pub trait Lanes<R: Real>: Number + Default + AddAssign + Div<Output = Self> {
+    /// Zeros.
+    const ZERO: Self;
     /// The same number four times.
     fn splat(v: R) -> Self;
     /// Four numbers from an array.
@@ -26,16 +28,26 @@ pub trait Lanes<R: Real>: Number + Default + AddAssign {
     fn reach(self, o: Self) -> bool;
     /// Adds `step` to each number that is no greater than `limit`.
     fn advanced(self, limit: Self, step: Self) -> Self;
+    /// `yes` where a number is greater than its limit, else `no`.
+    fn select_above(self, limit: Self, yes: Self, no: Self) -> Self;
+    /// Each in the place of the next, with `first` before them; the last is dropped.
+    fn after(self, first: R) -> Self;
+    /// Each in the place of the one before, with `last` behind them; the first is dropped.
+    fn before(self, last: R) -> Self;
+    /// Each with all before it added.
+    fn running(self) -> Self;
     /// Their magnitudes.
     fn abs(self) -> Self;
     /// `e` to the power of each.
     fn exp(self) -> Self;
+    /// `e` to the power of minus each, none of which is negative; where that is below 1e-37, no less.
+    fn fall(self) -> Self;
     /// Rows for columns.
     fn transpose(columns: [Self; LANES]) -> [Self; LANES];
 }
 
 macro_rules! lanes {
-    ($real:ty, $vector:ty, $matrix:ty, $exp:expr) => {
+    ($real:ty, $vector:ty, $matrix:ty, $exp:expr, $fall:expr) => {
         impl Number for $vector {
             #[inline(always)]
             fn one() -> Self {
@@ -43,6 +55,7 @@ macro_rules! lanes {
             }
         }
         impl Lanes<$real> for $vector {
+            const ZERO: Self = Self::ZERO;
             #[inline(always)]
             fn splat(v: $real) -> Self {
                 Self::splat(v)
@@ -81,12 +94,37 @@ macro_rules! lanes {
                 self + Self::select(self.cmple(limit), step, Self::ZERO)
             }
             #[inline(always)]
+            fn select_above(self, limit: Self, yes: Self, no: Self) -> Self {
+                Self::select(self.cmpgt(limit), yes, no)
+            }
+            #[inline(always)]
+            fn after(self, first: $real) -> Self {
+                let [a, b, c, _] = self.to_array();
+                Self::from_array([first, a, b, c])
+            }
+            #[inline(always)]
+            fn before(self, last: $real) -> Self {
+                let [_, b, c, d] = self.to_array();
+                Self::from_array([b, c, d, last])
+            }
+            #[inline(always)]
+            fn running(self) -> Self {
+                let [a, b, c, _] = self.to_array();
+                let pairs = self + Self::from_array([0.0, a, b, c]);
+                let [a, b, ..] = pairs.to_array();
+                pairs + Self::from_array([0.0, 0.0, a, b])
+            }
+            #[inline(always)]
             fn abs(self) -> Self {
                 Self::abs(self)
             }
             #[inline(always)]
             fn exp(self) -> Self {
                 $exp(self)
+            }
+            #[inline(always)]
+            fn fall(self) -> Self {
+                $fall(self)
             }
             #[inline(always)]
             fn transpose([x, y, z, w]: [Self; LANES]) -> [Self; LANES] {
@@ -96,6 +134,26 @@ macro_rules! lanes {
         }
     };
 }
-lanes!(f32, glam::Vec4, glam::Mat4, |v: glam::Vec4| wide::f32x4::new(v.to_array()).exp().to_array().into());
+lanes!(f32, glam::Vec4, glam::Mat4, |v: glam::Vec4| wide::f32x4::new(v.to_array()).exp().to_array().into(), fall);
 // One by one: the reference's last bit counts for more than its speed.
-lanes!(f64, glam::DVec4, glam::DMat4, glam::DVec4::exp);
+lanes!(f64, glam::DVec4, glam::DMat4, glam::DVec4::exp, |v: glam::DVec4| (-v).exp());
+
+/// `e^-x` for x ≥ 0, to two units of the last place; beyond 87, where it would be denormal, that of 87.
+#[inline(always)]
+fn fall(x: glam::Vec4) -> glam::Vec4 {
+    use glam::Vec4;
+    let all = Vec4::splat;
+    let x = -x.min(all(87.0));
+    // x = n ln 2 + r, ln 2 in two parts: the product with the first is exact.
+    let shifted = x * all(std::f32::consts::LOG2_E) + all(f32::ONES);
+    let n = shifted - all(f32::ONES);
+    let r = (x - n * all(0.693_359_4)) - n * all(-2.121_944_4e-4);
+    // Cephes, expf.
+    let p = all(1.398_199_9e-3) + r * all(1.987_569_1e-4);
+    let p = all(8.333_452e-3) + r * p;
+    let p = all(4.166_579_6e-2) + r * p;
+    let p = all(1.666_666_5e-1) + r * p;
+    let p = all(0.5) + r * p;
+    let power = (r * r) * p + r + all(1.0);
+    power * Vec4::from_array(shifted.to_array().map(|s| f32::from_bits((s.to_bits() << 23).wrapping_add(127 << 23))))
+}

@@ -86,7 +86,9 @@ impl Aabb {
                     return None;
                 }
             } else {
-                let (u, v) = ((self.min[a] - o) / d, (self.max[a] - o) / d);
+                // As where a ray crosses the faces of bricks, to the last bit.
+                let per = 1.0 / d;
+                let (u, v) = ((self.min[a] - o) * per, (self.max[a] - o) * per);
                 t0 = t0.max(u.min(v));
                 t1 = t1.min(u.max(v));
             }

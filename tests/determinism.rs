@@ -18,9 +18,10 @@ use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::Camera;
 use cumulo::scene::medium::{Medium, Source};
 use cumulo::scene::orbit::{self, Layout};
-use fields::{field, lumps, noise, odd};
+use fields::{field, kinds, lumps, noise, odd};
 use std::fmt::Debug;
 use std::ops::ControlFlow;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use work::{Work, density};
 
@@ -109,6 +110,33 @@ fn gradients() {
             assert!(g.iter().any(|v| *v != 0.0));
             (g, sum.to_bits(), shared)
         });
+    }
+}
+
+/// Pre-integration: pictures and gradients for any number of threads, and on the oldest instruction set.
+#[test]
+fn pre_integration() {
+    let (field, cameras) = scene();
+    for transfer in kinds() {
+        let medium = Medium { extinction: 0.8, source: Source::Transfer(Arc::new(transfer.table().unwrap())) };
+        let field = field.clone().filled(1 << 30).unwrap();
+        let dvr = Dvr::new(&field, medium).unwrap().quadrature(Quadrature::Preintegrated);
+        let oldest = dvr.clone().arch(Arch::oldest());
+        alike("picture", || render::picture(&dvr, &cameras[2], 2, &AtomicBool::new(false)));
+        let of = |dvr: &Dvr<'_, f32>| render::picture(dvr, &cameras[3], 1, &AtomicBool::new(false));
+        assert!(of(&dvr) == of(&oldest), "{transfer:?}");
+        let camera = cameras[1];
+        let target = Target { camera, rgba: vec![[0.4, 0.5, 0.6, 0.3]; 48 * 40], rays_per_edge: 1 };
+        let gradient = |dvr: &Dvr<'_, f32>, adjoint: Adjoint| {
+            let mut g = vec![0.0; field.values.len()];
+            let loss = |a: &[f32; 4], b: &[f32; 4]| (0.0, std::array::from_fn(|c| a[c] - b[c]));
+            let mut gradients = Gradients { voxels: Some(&mut g), ..Gradients::default() };
+            let found =
+                pictures::gradient(dvr, &[&target], &loss, adjoint, &mut Accumulators::default(), &mut gradients);
+            (g, found.1)
+        };
+        alike("gradient", || gradient(&dvr, Adjoint::Tape));
+        assert!(gradient(&dvr, Adjoint::Tape) == gradient(&oldest, Adjoint::Replay), "{transfer:?}");
     }
 }
 

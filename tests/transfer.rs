@@ -21,6 +21,8 @@ const BACKGROUND: [f32; 3] = [0.5, 0.25, 0.125];
 const TARGET: [f64; 4] = [0.3, 0.1, 0.5, 0.2];
 const WEIGHT: [f64; 4] = [1.0, 2.0, 0.5, -0.7];
 const RULES: [Quadrature; 3] = [Quadrature::Exact, Quadrature::Midpoint(0.4), Quadrature::Riemann(0.7)];
+/// Those that have derivatives by where rays go, and one that has not.
+const ALL_RULES: [Quadrature; 4] = [RULES[0], RULES[1], RULES[2], Quadrature::Preintegrated];
 
 fn loss<R: Real>(seen: &Radiance<R>) -> f64 {
     let v = seen.rgba().map(Real::f64);
@@ -70,7 +72,7 @@ fn gradient<R: Precision>(f: &Bricks<R>, medium: &Medium, rule: Quadrature, adjo
         let sinks = Sinks {
             voxels: Some(&mut all.voxels),
             table: Some(&mut all.table),
-            ray: Some(&mut moved),
+            ray: (rule != Quadrature::Preintegrated).then_some(&mut moved),
             shared: &mut all.shared,
         };
         dvr.gradient(ray, &mut slope, adjoint, sinks, &mut tape);
@@ -143,14 +145,15 @@ fn exact_values_are_the_integral() {
 fn every_gradient_matches_central_differences() {
     let mut f: Bricks<f64> = cloud(14);
     let rays = rays(f.world_bounds(), 25, 2);
-    for rule in RULES {
+    for rule in ALL_RULES {
         for transfer in kinds() {
             let table = transfer.table().unwrap();
             let medium = medium(&transfer, 0.8);
             let all = gradient(&f, &medium, rule, Adjoint::Tape, &rays);
-            let h = if rule == Quadrature::Exact { 1e-5 } else { 1e-6 };
+            let whole = matches!(rule, Quadrature::Exact | Quadrature::Preintegrated);
+            let h = if whole { 1e-5 } else { 1e-6 };
             // Uniform samples may step across a kink: then the difference is not the derivative.
-            let kinks = if rule == Quadrature::Exact { 0 } else { 6 };
+            let kinks = if whole { 0 } else { 6 };
             let mut missed = 0;
             let mut check = |what: String, got: f64, expected: f64| {
                 let error = (got - expected).abs() / expected.abs().max(got.abs()).max(1e-3);
@@ -188,6 +191,9 @@ fn every_gradient_matches_central_differences() {
                     total(&f, &self::medium(&transfer.with_parameters(&p), 0.8), rule, &rays)
                 });
                 check(format!("{name} of {}", table.knots().len()), by, difference);
+            }
+            if rule == Quadrature::Preintegrated {
+                continue;
             }
             // Where each ray begins and goes, and the step.
             // A ray that touches a knot's isosurface has a derivative that is no Lipschitz function.
@@ -246,7 +252,7 @@ fn adjoints_agree() {
     let wide: Bricks<f64> = cloud(20);
     let rays = rays(wide.world_bounds(), 40, 4);
     for transfer in kinds() {
-        for rule in RULES {
+        for rule in ALL_RULES {
             let medium = medium(&transfer, 0.3);
             let tape = gradient(&single, &medium, rule, Adjoint::Tape, &rays);
             let replay = gradient(&single, &medium, rule, Adjoint::Replay, &rays);
@@ -255,6 +261,13 @@ fn adjoints_agree() {
             let (a, b) = (transfer.chain(&tape.table).unwrap(), transfer.chain(&replay.table).unwrap());
             assert_eq!(a, b);
             let replay = gradient(&wide, &medium, rule, Adjoint::Replay, &rays);
+            if rule == Quadrature::Preintegrated {
+                let worst = replay.voxels.iter().zip(&tape.voxels).map(|(a, b)| (a - f64::from(*b)).abs());
+                let scale = replay.voxels.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+                let worst = worst.fold(0.0, f64::max) / scale;
+                assert!(worst < 1e-3, "{transfer:?} single precision: {worst:.1e}");
+                continue;
+            }
             let inversion = gradient(&wide, &medium, rule, Adjoint::Inversion, &rays);
             let scale = replay.voxels.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
             for (a, b) in replay.voxels.iter().zip(&inversion.voxels) {
@@ -264,14 +277,15 @@ fn adjoints_agree() {
     }
 }
 
-/// Pre-integration misses no knot either; what it takes for mixed is of third order in a cell.
+/// Pre-integration misses no knot either. Between nodes it may be off by 1/500 of the knots' range (here more: the
+/// cloud bends within half a voxel), and it takes the colours of a stretch for mixed.
 #[test]
 fn preintegrated_values_follow_the_exact_ones() {
     let field: Bricks<f64> = cloud(20);
     let narrow: Bricks<f32> = cloud(20);
     let rays = rays(field.world_bounds(), 60, 5);
     for transfer in kinds() {
-        for (extinction, allowed) in [(0.3, 4e-3), (3.0, 5e-3), (60.0, 1e-3)] {
+        for (extinction, allowed) in [(0.3, 4e-3), (3.0, 1e-2), (60.0, 8e-3)] {
             let medium = medium(&transfer, extinction);
             let mut worst = 0.0_f64;
             for ray in &rays {
@@ -286,11 +300,58 @@ fn preintegrated_values_follow_the_exact_ones() {
             assert!(worst < allowed, "{transfer:?} {extinction}: {worst:.1e}");
         }
     }
-    // An extinction that is linear in the density has no error in its depth.
-    let linear = Transfer::Identity { domain: [0.0, 5.0], colour: [0.3, 0.6, 0.9] };
-    for ray in &rays {
-        let depth = |rule| dvr(&field, medium(&linear, 0.7), rule).optical_depth(ray);
-        close("depth", depth(Quadrature::Preintegrated), depth(Quadrature::Exact), 1e-6, 1e-3);
+}
+
+/// Where the density is linear, depths have no error, however far apart the nodes are; voxels are rounded to single
+/// precision.
+#[test]
+fn preintegrated_depths_of_linear_densities_are_exact() {
+    let identity = Transfer::Identity { domain: [0.0, 5.0], colour: [0.3, 0.6, 0.9] };
+    let mut linear: Bricks<f64> = field(16, unit(), |p| 0.2 + 0.1 * p.x + 0.05 * p.y + 0.02 * p.z);
+    linear.domain = cumulo::math::Aabb { min: DVec3::ZERO, max: DVec3::splat(15.0) };
+    let depth = |f: &Bricks<f64>, rule, ray: &Ray| dvr(f, medium(&identity, 0.7), rule).optical_depth(ray);
+    for ray in rays(linear.world_bounds(), 30, 8) {
+        let both = [Quadrature::Preintegrated, Quadrature::Exact].map(|rule| depth(&linear, rule, &ray));
+        close("depth", both[0], both[1], 1e-7, 1e-3);
+    }
+}
+
+/// Constant densities have a closed form: `L = c (1 - e^{-σ l}) + e^{-σ l} · background`, for the faintest and the most
+/// opaque, on knots and between them, in both precisions.
+#[test]
+fn preintegrated_slabs_have_their_closed_form() {
+    fn seen<R: Precision>(density: f64, medium: &Medium) -> [f64; 4] {
+        let mut f: Bricks<R> = field(24, unit(), |_| density);
+        f.domain = cumulo::math::Aabb { min: DVec3::splat(3.0), max: DVec3::splat(19.0) };
+        let ray = Ray { origin: DVec3::new(-3.0, 7.3, 6.8), direction: DVec3::X };
+        dvr(&f, medium.clone(), Quadrature::Preintegrated).radiance(&ray).rgba().map(Real::f64)
+    }
+    let step = Transfer::Piecewise {
+        points: vec![
+            [0.2, 1.0, 0.5, 0.0, 1.0],
+            [0.5, 0.8, 0.4, 0.2, 2.0],
+            [0.5, 0.1, 0.2, 0.3, 3.0],
+            [0.9, 0.0, 0.0, 1.0, 4.0],
+        ],
+    };
+    let one = Transfer::Piecewise { points: vec![[0.4, 0.3, 0.6, 0.9, 1.5]] };
+    for transfer in [step, one] {
+        for density in [0.0625, 0.25, 0.5, 0.75, 2.0, 3e38] {
+            for extinction in [1e-8, 1e-3, 0.1, 1e6] {
+                let medium = medium(&transfer, extinction);
+                let Source::Transfer(table) = &medium.source else { unreachable!() };
+                let value = table.at(density);
+                let open = (-16.0 * extinction * value[3]).exp();
+                for (got, tolerance) in [(seen::<f64>(density, &medium), 1e-12), (seen::<f32>(density, &medium), 1e-6)]
+                {
+                    for c in 0..3 {
+                        let expected = value[c] * (1.0 - open) + open * f64::from(BACKGROUND[c]);
+                        assert!((got[c] - expected).abs() < tolerance, "{density} {extinction}: {got:?} {expected}");
+                    }
+                    assert!((got[3] - (1.0 - open)).abs() < tolerance, "{density} {extinction}: {got:?} {open}");
+                }
+            }
+        }
     }
 }
 
@@ -303,7 +364,7 @@ fn densities_that_overflow_end() {
             // Where one of them absorbs at density 0 the field has to be filled.
             let filled = f.clone().filled(1 << 30).unwrap();
             let dvr = Dvr::new(&filled, medium(&transfer, 0.3)).unwrap().quadrature(rule);
-            rays(f.world_bounds(), 20, 3).iter().for_each(|ray| drop(dvr.radiance(ray)));
+            rays(f.world_bounds(), 20, 3).iter().for_each(|ray| _ = dvr.radiance(ray));
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Extinction and source as kernels need them: piecewise linear in the density, in the kernel's own
 //! precision, with a look-up.
 
+use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
 use crate::scene::table::Table;
 
@@ -53,10 +54,14 @@ pub struct Curve<R, const C: usize> {
     buckets: Vec<u32>,
     first: R,
     buckets_per_density: R,
+    /// True if buckets are pieces.
+    regular: bool,
 }
 
 /// Buckets a knot: most hold no knot, so that the search in one ends at once.
 const BUCKETS: usize = 4;
+/// The most buckets.
+const MOST_BUCKETS: usize = 1 << 18;
 
 impl<R: Real> Curve<R, 1> {
     /// One line through zero for the extinction, another for the one channel of source.
@@ -72,7 +77,7 @@ impl<R: Real> Curve<R, 1> {
             inverse_width: R::ZERO,
             upper: R::ZERO,
         };
-        Self { pieces: vec![piece], buckets: vec![0], first: R::ZERO, buckets_per_density: R::ZERO }
+        Self { pieces: vec![piece], buckets: vec![0], first: R::ZERO, buckets_per_density: R::ZERO, regular: false }
     }
 }
 
@@ -103,16 +108,27 @@ impl<R: Real> Curve<R, 3> {
             pieces[p].low = pieces[p - 1].high;
         }
         let (first, range) = (table.knots()[0], table.knots()[last - 1] - table.knots()[0]);
-        let count = if range > 0.0 { (BUCKETS * last).min(1 << 18) } else { 1 };
+        // Knots at equal distances are buckets themselves.
+        let spacing = range / (last - 1).max(1) as f64;
+        let even = |i: usize| (table.knots()[i] - first - i as f64 * spacing).abs() <= 1e-6 * spacing;
+        let regular = range > 0.0 && last <= MOST_BUCKETS && (0..last).all(even);
+        let count = match range > 0.0 {
+            true if regular => last - 1,
+            true => (BUCKETS * last).min(MOST_BUCKETS),
+            false => 1,
+        };
         let width = range / count as f64;
         let buckets = (0..count).map(|b| {
+            if regular {
+                return b as u32 + 1;
+            }
             // A bucket's end is rounded when densities are looked up: start a little below.
             let density = R::of(first + (b as f64 - 1e-3) * width);
             pieces.partition_point(|p| p.high <= density).min(last) as u32
         });
         let buckets = buckets.collect();
         let buckets_per_density = if range > 0.0 { R::of(count as f64 / range) } else { R::ZERO };
-        Self { pieces, buckets, first: R::of(first), buckets_per_density }
+        Self { pieces, buckets, first: R::of(first), buckets_per_density, regular }
     }
 }
 
@@ -121,8 +137,32 @@ impl<R: Real, const C: usize> Curve<R, C> {
     #[inline(always)]
     pub fn find(&self, density: R) -> u32 {
         let scaled = (density - self.first) * self.buckets_per_density;
-        let bucket = (scaled.f64() as usize).min(self.buckets.len() - 1);
-        let mut piece = self.buckets[bucket];
+        self.search(density, scaled.f64() as usize)
+    }
+
+    /// Numbers of the pieces of four densities; where knots lie at equal distances it may be the next one's for
+    /// densities less than 1e-4 of a piece below it.
+    #[inline(always)]
+    pub fn find_all(&self, density: R::Lanes) -> [u32; LANES] {
+        let all = <R::Lanes as Lanes<R>>::splat;
+        // A little more, so that knots belong to the piece above them.
+        let half = R::of(0.5 + 1.0 / 16384.0);
+        let scaled = (density - all(self.first)) * all(self.buckets_per_density);
+        // Adding rounds to the nearest whole number: up, half a bucket higher.
+        let last = R::int(self.buckets.len() as i32);
+        let above = (scaled.clamped(-half, last + half) + all(half) + all(R::ONES)).store().map(R::low_bits);
+        if self.regular {
+            return above;
+        }
+        let density = density.store();
+        let find = |i: usize| self.search(density[i], above[i].saturating_sub(1) as usize);
+        [find(0), find(1), find(2), find(3)]
+    }
+
+    /// The piece of a density, from a bucket that it lies in or beside.
+    #[inline(always)]
+    fn search(&self, density: R, bucket: usize) -> u32 {
+        let mut piece = self.buckets[bucket.min(self.buckets.len() - 1)];
         while density >= self.pieces[piece as usize].high && (piece as usize) < self.pieces.len() - 1 {
             piece += 1;
         }
@@ -178,6 +218,12 @@ mod tests {
                 prop_assert!((extinction - 2.0 * table.at(d)[3]).abs() < 1e-9 * (1.0 + extinction));
                 let p = narrow.piece(narrow.find(d as f32));
                 prop_assert!(p.low <= d as f32 && (d as f32) < p.high);
+                let all = [d as f32, density as f32, 0.0, 1.0];
+                for (d, found) in all.into_iter().zip(narrow.find_all(all.into())) {
+                    let p = narrow.piece(found);
+                    let slack = 2e-4 * (p.high - p.low).min(1.0) + 1e-6;
+                    prop_assert!(p.low - slack <= d && d <= p.high + 1e-6, "{d} {p:?}");
+                }
             }
         }
     }

@@ -10,9 +10,9 @@ pub enum Quadrature {
     /// Cell by cell between voxel centres, where the trilinear field along a ray is a cubic:
     /// two-point Gauss-Legendre has no error for the optical depth.
     Exact,
-    /// Cell by cell as well, through a transfer function's cumulative tables, however many knots a cell
-    /// crosses: errors are of third order in the cell. Without a transfer function, and for gradients,
-    /// the same as exact.
+    /// Between points as far apart as the density's bends allow, through a transfer function's cumulative
+    /// tables, however many knots lie between: errors are of second order in the distance. The same as exact
+    /// without a transfer function, for derivatives with respect to where rays go, and for tangents.
     Preintegrated,
     /// Samples in the middle of steps of constant length; order 2.
     Midpoint(f64),

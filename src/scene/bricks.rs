@@ -45,6 +45,10 @@ pub struct Topology {
     dim: IVec3,
     /// Brick number or [`NONE`], z fastest.
     table: Vec<u32>,
+    /// By table entry: how many bricks away, along every axis, there is none; empty where nobody looked.
+    clear: Vec<u8>,
+    /// Brick coordinates of the box of all that are found: the lowest, and one past the highest.
+    found: [IVec3; 2],
     /// Brick coordinates (voxel coordinates / 8), ascending.
     bricks: Vec<IVec3>,
 }
@@ -62,7 +66,8 @@ impl Topology {
         let set: BTreeSet<[i32; 3]> = bricks.into_iter().map(|b| b.to_array()).collect();
         let bricks: Vec<IVec3> = set.into_iter().map(IVec3::from_array).collect();
         let Some(&first) = bricks.first() else {
-            return Ok(Self { min: IVec3::ZERO, dim: IVec3::ZERO, table: Vec::new(), bricks });
+            let (min, found) = (IVec3::ZERO, [IVec3::ZERO; 2]);
+            return Ok(Self { min, dim: min, table: Vec::new(), clear: Vec::new(), found, bricks });
         };
         // Kernels hold offsets of values in 32 bits.
         if bricks.len() > u32::MAX as usize / BRICK {
@@ -85,8 +90,9 @@ impl Topology {
             .hint("keep the part that matters with `cumulo convert --crop`"));
         }
         let dim = extent.as_ivec3();
-        let mut topology =
-            Self { min, dim, table: vec![NONE; (extent.x * extent.y * extent.z) as usize], bricks: Vec::new() };
+        let table = vec![NONE; (extent.x * extent.y * extent.z) as usize];
+        let found = [min, min + dim];
+        let mut topology = Self { min, dim, table, clear: Vec::new(), found, bricks: Vec::new() };
         for (i, b) in bricks.iter().enumerate() {
             if let Some(entry) = topology.entry(*b) {
                 topology.table[entry] = i as u32;
@@ -119,6 +125,16 @@ impl Topology {
         self.entry(brick).map_or(NONE, |e| self.table[e])
     }
 
+    /// Number of the brick there; or how many bricks further, along every axis, there is none either.
+    #[inline(always)]
+    pub fn look(&self, brick: IVec3) -> Result<u32, i32> {
+        let Some(entry) = self.entry(brick) else { return Err(0) };
+        match self.table[entry] {
+            NONE => Err(self.clear.get(entry).map_or(0, |c| i32::from(*c))),
+            number => Ok(number),
+        }
+    }
+
     /// Brick coordinates by number, ascending.
     pub fn bricks(&self) -> &[IVec3] {
         &self.bricks
@@ -142,7 +158,8 @@ impl Topology {
         Aabb { min: 8.0 * self.min.as_dvec3(), max: 8.0 * (self.min + self.dim).as_dvec3() }
     }
 
-    /// The same bricks with the same numbers, but found only where `keep` says so.
+    /// The same bricks with the same numbers, but found only where `keep` says so; what is clear around those
+    /// that are not is known.
     #[must_use]
     pub fn masked(&self, keep: impl Fn(usize) -> bool) -> Self {
         let mut masked = self.clone();
@@ -151,7 +168,39 @@ impl Topology {
                 *entry = NONE;
             }
         }
+        masked.clear = masked.clearance();
+        let kept = masked.bricks.iter().filter(|b| masked.find(**b) != NONE);
+        let [low, high] = kept.fold([IVec3::MAX, IVec3::MIN], |[low, high], b| [low.min(*b), high.max(*b + 1)]);
+        masked.found = if low.cmple(high).all() { [low, high] } else { [IVec3::ZERO; 2] };
         masked
+    }
+
+    /// Index-space box of the bricks that are found; of no size if there are none.
+    pub fn reach(&self) -> Aabb {
+        let [low, high] = self.found;
+        Aabb { min: 8.0 * low.as_dvec3(), max: 8.0 * high.as_dvec3() }
+    }
+
+    /// Chebyshev distance to the nearest brick, less one, by table entry (0 where one is); entries beyond the table
+    /// are clear. Axis by axis: a box that grows along x, y and z in turn.
+    fn clearance(&self) -> Vec<u8> {
+        const FAR: u8 = u8::MAX;
+        let mut distance: Vec<u8> = self.table.iter().map(|e| if *e == NONE { FAR } else { 0 }).collect();
+        let dim = self.dim.to_array().map(|d| d as usize);
+        // Two sweeps over all 26 neighbours, those before and those after: exact for this distance.
+        let (rows, row) = (dim[1] as isize * dim[2] as isize, dim[2] as isize);
+        let offset = |d: [i32; 3]| d[0] as isize * rows + d[1] as isize * row + d[2] as isize;
+        let before: Vec<[i32; 3]> = (0..13).map(|i| [i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1]).collect();
+        let inside = |p: [usize; 3], d: [i32; 3]| (0..3).all(|a| p[a].wrapping_add_signed(d[a] as isize) < dim[a]);
+        let mut settle = |entry: usize, sign: i32| {
+            let p = [entry / (dim[1] * dim[2]), entry / dim[2] % dim[1], entry % dim[2]];
+            let near = before.iter().map(|d| d.map(|v| sign * v)).filter(|d| inside(p, *d));
+            let least = near.map(|d| distance[entry.wrapping_add_signed(offset(d))]).min().unwrap_or(FAR);
+            distance[entry] = distance[entry].min(least.saturating_add(1));
+        };
+        (0..self.table.len()).for_each(|entry| settle(entry, 1));
+        (0..self.table.len()).rev().for_each(|entry| settle(entry, -1));
+        distance.into_iter().map(|d| d.saturating_sub(1)).collect()
     }
 
     /// Copies owned voxels (512 a brick, z fastest) into stored ones (729 a brick), aprons included.

@@ -189,12 +189,19 @@ impl GradientCommand {
     /// Refuses what contradicts itself, before anything is read.
     fn fits_together(&self) -> Result<()> {
         let asks = |w: Wrt| self.wrt.contains(&w);
-        if self.quadrature == Quadrature::Preintegrated {
-            return Err(Error::unsupported("pre-integration has no gradient of its own yet")
+        let inverts = self.adjoint == Some(AdjointName::Inversion);
+        if self.quadrature == Quadrature::Preintegrated && (asks(Wrt::Camera) || self.mode == Mode::Tangent || inverts)
+        {
+            let what = match self.mode {
+                Mode::Tangent => "no --mode tangent",
+                _ if inverts => "no --adjoint inversion",
+                _ => "no derivative with respect to the camera",
+            };
+            return Err(Error::unsupported(format!("pre-integration has {what}"))
                 .hint("exact is what it approaches: --quadrature exact"));
         }
-        if asks(Wrt::Step) && self.quadrature == Quadrature::Exact {
-            return Err(Error::invalid("--wrt step: the exact quadrature has no step")
+        if asks(Wrt::Step) && matches!(self.quadrature, Quadrature::Exact | Quadrature::Preintegrated) {
+            return Err(Error::invalid(format!("--wrt step: the {} quadrature has no step", self.quadrature))
                 .hint("choose one that has: --quadrature midpoint:0.5 or riemann:0.5"));
         }
         if self.output.is_some() && !asks(Wrt::Density) {
@@ -262,7 +269,9 @@ impl GradientCommand {
             reach: study.loss.reach(),
             depth_alone: study.setting.transfer.is_none() && matches!(study.setting.source, Source::Grey(_)),
         };
-        let plan = Plan::new(task, self.mode, adjoint);
+        // Pre-integration goes backward only.
+        let mode = if self.quadrature == Quadrature::Preintegrated { Mode::Adjoint } else { self.mode };
+        let plan = Plan::new(task, mode, adjoint);
         let bytes = if density { count * study.field.values.len() * size_of::<R>() } else { 0 };
         if plan.way == Way::Tangent && (count > MOST_DIRECTIONS || bytes as u64 > limits.max_memory) {
             return Err(Error::unsupported(format!(

@@ -10,14 +10,17 @@
 //!                    V ← V + c_i (T_i - T_{i+1}) + s_i T_i q_i
 //! ```
 //! and from there by [`Lit::slopes`] to the densities. No division by `1 - α`: finite for opaque segments,
-//! where inverting the blend (Weiss & Westermann 2021, sect. 4.3; here [`Adjoint::Inversion`]) is 0/0.
+//! where inverting the blend (Weiss & Westermann 2021, sect. 4.3; here [`Adjoint::Inversion`](super::sinks::Adjoint::Inversion)) is 0/0.
 //!
 //! All channels share the transmittance, so the recursion runs once, on the loss-weighted radiance:
 //! with `g` the loss derivative, `V = Σ g_c L_c - g_α T`.
 
-use super::inversion;
+use super::follow::Moved;
 use super::kernel::{self, Blend, arriving, grey, over};
-use super::light::{By, Glow, Light, Lit, Slopes};
+use super::light::{By, Glow, Light};
+use super::sinks::{Adjoint, Loss, Sinks};
+use super::tape::{Entry, Tape};
+use super::traced::Traced;
 use super::{Dvr, Matter, Optics, Precision, Radiance};
 use crate::lanes::Lanes;
 use crate::math::Ray;
@@ -25,115 +28,9 @@ use crate::real::Real;
 use crate::render::cell::{Quartet, scatter};
 use crate::render::curve::{Curve, Piece};
 use crate::render::march::{IndexRay, batches_before};
-use crate::render::rule::{DepthRule, ExactDepth, Rule, Uniform};
-use crate::render::segment::{Chord, Sample};
+use crate::render::rule::{DepthRule, ExactDepth, Rule};
 use crate::scene::bricks::Topology;
 use crate::scene::medium::Source;
-use crate::scene::table::TableGradient;
-use glam::DVec3;
-
-/// How the backward pass gets at the samples of the forward pass again.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Adjoint {
-    /// A tape of one ray: fast, memory of one ray's samples per thread.
-    Tape,
-    /// Walk the ray twice, but for its last bricks: memory of one batch of bricks' samples per thread,
-    /// any loss.
-    Replay,
-    /// The paper's inversion of the blend, for comparison: breaks down where a sample is opaque.
-    Inversion,
-}
-
-/// Derivatives of the loss with respect to the parameters that all rays share, or a step of these.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct ParameterGradient {
-    /// With respect to the medium's extinction.
-    pub extinction: f64,
-    /// With respect to the source's colour; zero with a transfer function, which has its own.
-    pub colour: [f64; 3],
-    /// With respect to the background.
-    pub background: [f64; 3],
-}
-
-impl ParameterGradient {
-    /// Sum of two.
-    #[must_use]
-    pub fn plus(self, o: &Self) -> Self {
-        Self {
-            extinction: self.extinction + o.extinction,
-            colour: std::array::from_fn(|c| self.colour[c] + o.colour[c]),
-            background: std::array::from_fn(|c| self.background[c] + o.background[c]),
-        }
-    }
-}
-
-/// Derivatives of the loss with respect to one ray's origin and direction (of unit length: only changes
-/// across it mean anything), in world space, and to the quadrature's step; or a change of these.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct RayGradient {
-    /// With respect to the origin.
-    pub origin: DVec3,
-    /// With respect to the direction.
-    pub direction: DVec3,
-    /// With respect to the step of a quadrature that has one, in voxels.
-    pub step: f64,
-}
-
-/// Derivative of a loss with respect to R, G, B and alpha at a radiance.
-pub type Loss<'l, R> = &'l mut dyn FnMut(&Radiance<R>) -> [R; 4];
-
-/// Where a gradient is added to; what is `None` is not computed.
-#[derive(Debug)]
-pub struct Sinks<'g, R: Real> {
-    /// By stored value, as in [`Bricks::values`](crate::scene::bricks::Bricks::values).
-    pub voxels: Option<&'g mut [R]>,
-    /// By piece of the transfer function; for media that have one.
-    pub table: Option<&'g mut TableGradient>,
-    /// Of this ray.
-    pub ray: Option<&'g mut RayGradient>,
-    /// Of all that rays share.
-    pub shared: &'g mut ParameterGradient,
-}
-
-/// Scratch memory of one thread, reused from ray to ray.
-#[derive(Debug, Clone, Default)]
-pub struct Tape<R: Real> {
-    /// Cells of rays of which only the depth matters.
-    pub(super) cells: Vec<Quartet<R>>,
-    /// Segments of a batch.
-    pub(super) samples: Vec<Sample<R>>,
-    pub(super) chords: Vec<Chord<R>>,
-    /// Segments of a ray.
-    lit_samples: Vec<Entry<R, Sample<R>>>,
-    lit_chords: Vec<Entry<R, Chord<R>>>,
-}
-
-impl<R: Real> Tape<R> {
-    /// Adds `by_depth · extinction` times the interpolation weights of all traced rays to the stored
-    /// values of `gradient`, and forgets the rays.
-    #[inline(always)]
-    pub fn spread(&mut self, by_depth: f64, dvr: &Dvr<'_, R>, gradient: &mut [R]) {
-        let g = R::of(dvr.medium.extinction * by_depth);
-        if g != R::ZERO {
-            for cells in &self.cells {
-                cells.scatter(gradient, g);
-            }
-        }
-        self.forget();
-    }
-
-    /// Forgets the rays.
-    pub fn forget(&mut self) {
-        self.cells.clear();
-    }
-}
-
-/// A segment with its light.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Entry<R: Real, S> {
-    pub segment: S,
-    pub light: Light<R>,
-}
 
 impl<R: Precision> Dvr<'_, R> {
     #[inline(always)]
@@ -154,6 +51,12 @@ impl<R: Precision> Dvr<'_, R> {
             return seen;
         };
         let mut pass = Pass::new(self, ray, sinks);
+        // Where rays go, and the paper's inversion, are left to the rule that pre-integration approaches.
+        if let (Matter::Table(optics, Some(tables)), None) = (&self.matter, &pass.sinks.ray)
+            && adjoint != Adjoint::Inversion
+        {
+            return tables.gradient(&mut pass, loss, adjoint, optics, &mut tape.preintegrated);
+        }
         // What is not asked for in earnest is compiled once, not for each instruction set.
         if self.uniform(&pass.ray).is_some() || adjoint == Adjoint::Inversion {
             return R::uncommon(&mut pass, loss, adjoint, tape);
@@ -194,26 +97,12 @@ pub(super) struct Weighted<const C: usize> {
 
 /// One ray's forward and backward pass.
 pub struct Pass<'p, 'a, R: Real> {
-    dvr: &'p Dvr<'a, R>,
-    ray: IndexRay,
-    sinks: Sinks<'p, R>,
+    pub(super) dvr: &'p Dvr<'a, R>,
+    pub(super) ray: IndexRay,
+    pub(super) sinks: Sinks<'p, R>,
     /// Derivatives that wait: a cell of many pieces is scattered once.
-    pending: Option<(usize, [R::Lanes; 2])>,
-    moved: Moved,
-}
-
-/// Derivatives with respect to where a ray's points lie, in index space.
-#[derive(Debug, Clone, Copy, Default)]
-struct Moved {
-    /// With respect to a shift of all points.
-    shift: DVec3,
-    /// With respect to a shift that grows with the world length from the origin.
-    turn: DVec3,
-    /// With respect to the world length at which the ray enters the medium's box, and leaves it.
-    enter: f64,
-    leave: f64,
-    /// With respect to the quadrature's step, in world length.
-    step: f64,
+    pub(super) pending: Option<(usize, [R::Lanes; 2])>,
+    pub(super) moved: Moved,
 }
 
 impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
@@ -223,7 +112,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
 
     /// Grey sources: one derivative for the whole ray.
     #[inline(always)]
-    fn depth_only<Q: DepthRule<R>>(
+    pub(super) fn depth_only<Q: DepthRule<R>>(
         &mut self,
         loss: Loss<'_, R>,
         adjoint: Adjoint,
@@ -258,78 +147,15 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         seen
     }
 
-    /// Quadratures with a step, and the paper's inversion.
-    pub(super) fn uncommon(&mut self, loss: Loss<'_, R>, adjoint: Adjoint, tape: &mut Tape<R>) -> Radiance<R> {
-        let dvr = self.dvr;
-        let uniform = dvr.uniform(&self.ray);
-        // Depths are averages over cells: where the ray goes needs their points.
-        if let (Source::Grey(colour), None, Some(rule)) = (&dvr.medium.source, &self.sinks.ray, uniform)
-            && adjoint != Adjoint::Inversion
-        {
-            return self.depth_only(loss, adjoint, rule, *colour, &mut tape.cells);
-        }
-        match &dvr.matter {
-            Matter::Line(optics) => self.uncommon_of(loss, adjoint, uniform, optics, tape),
-            Matter::Table(optics, _) => self.uncommon_of(loss, adjoint, uniform, optics, tape),
-        }
-    }
-
-    fn uncommon_of<const C: usize>(
-        &mut self,
-        loss: Loss<'_, R>,
-        adjoint: Adjoint,
-        uniform: Option<Uniform>,
-        optics: &Optics<R, C>,
-        tape: &mut Tape<R>,
-    ) -> Radiance<R> {
-        let Tape { samples, chords, lit_samples, lit_chords, .. } = tape;
-        match (uniform, adjoint) {
-            (Some(rule), Adjoint::Inversion) => self.inversion(loss, rule, optics, samples, lit_samples),
-            (Some(rule), _) => self.recursion(loss, adjoint, rule, optics, samples, lit_samples),
-            (None, _) => {
-                let rule = self.dvr.exact_source(optics, self.sinks.table.is_some());
-                self.inversion(loss, rule, optics, chords, lit_chords)
-            }
-        }
-    }
-
-    /// The paper's backward pass.
-    fn inversion<S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
-        &mut self,
-        loss: Loss<'_, R>,
-        rule: Q,
-        optics: &Optics<R, C>,
-        segments: &mut Vec<S>,
-        tape: &mut Vec<Entry<R, S>>,
-    ) -> Radiance<R> {
-        tape.clear();
-        let (dvr, curve) = (self.dvr, &optics.curve);
-        let blend = kernel::blend(dvr, self.topology(), &self.ray, rule, curve, segments, |found| {
-            tape.extend(found.map(|(segment, light)| Entry { segment: *segment, light: *light }));
-        });
-        let seen = over(optics.tinted(&blend.emitted), blend.depth, dvr.background);
-        let weighted = self.shared(loss(&seen), &blend.emitted, blend.depth, &optics.tint);
-        if self.sinks.ray.is_some() && Q::BOUNDED {
-            let transmittance = (-blend.depth).exp();
-            let emitted: f64 = weighted.colour.iter().zip(&blend.emitted).map(|(w, e)| w * e).sum();
-            let whole = emitted + transmittance * weighted.background;
-            self.moved.leave = transmittance * self.gain(optics, self.ray.leave, weighted.background, &weighted);
-            self.moved.enter = -self.gain(optics, self.ray.enter, whole, &weighted);
-        }
-        inversion::backward(self, curve, rule, tape, &weighted);
-        self.finish();
-        seen
-    }
-
     /// The bricks that matter: a transfer function's own derivative does not vanish where it is clear.
     #[inline(always)]
-    fn topology(&self) -> &'p Topology {
+    pub(super) fn topology(&self) -> &'p Topology {
         if self.sinks.table.is_some() { &self.dvr.field.topology } else { &self.dvr.visible }
     }
 
     /// Sources that vary: the recursion of this module's head.
     #[inline(always)]
-    fn recursion<S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
+    pub(super) fn recursion<S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
         &mut self,
         loss: Loss<'_, R>,
         adjoint: Adjoint,
@@ -390,17 +216,9 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         seen
     }
 
-    /// Loss-weighted light that a unit of length at world length `t` adds, in front of light `beyond`.
-    #[inline(never)]
-    fn gain<const C: usize>(&self, optics: &Optics<R, C>, t: f64, beyond: f64, weighted: &Weighted<C>) -> f64 {
-        let density = self.dvr.field.sample(self.ray.at(t));
-        let (line, extinction) = optics.at(density);
-        extinction.f64() * (Glow::new(line, density, &weighted.colour).mean - beyond)
-    }
-
     /// Gradient of colour and background; the weights that the rest needs.
     #[inline(always)]
-    fn shared<const C: usize>(
+    pub(super) fn shared<const C: usize>(
         &mut self,
         g: [R; 4],
         emitted: &[f64; C],
@@ -470,24 +288,6 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         }
     }
 
-    /// Notes what a segment's points ask the ray to do.
-    #[inline(never)]
-    fn follow<S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
-        &mut self,
-        rule: Q,
-        segment: &S,
-        slopes: &Slopes<R>,
-    ) {
-        let (shift, turn) = segment.moved(&self.dvr.field.values, slopes.density);
-        self.moved.shift += shift;
-        self.moved.turn += turn;
-        let by_position = shift.dot(self.ray.direction());
-        let [enter, leave, step] = rule.moved(segment, slopes.length.f64(), by_position);
-        self.moved.enter += enter;
-        self.moved.leave += leave;
-        self.moved.step += step;
-    }
-
     /// Scatters what waits.
     #[inline(always)]
     fn flush(&mut self) {
@@ -498,48 +298,12 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
 
     /// Scatters what waits, and brings the ray's derivatives to world space.
     #[inline(always)]
-    fn finish(&mut self) {
+    pub(super) fn finish(&mut self) {
         self.flush();
         if self.sinks.ray.is_some() {
             self.hand_over();
         }
     }
-
-    #[inline(never)]
-    fn hand_over(&mut self) {
-        if let Some(ray) = self.sinks.ray.as_deref_mut() {
-            let Moved { mut shift, mut turn, enter, leave, step } = self.moved;
-            // The box's faces stand still: t = (face - o) / d.
-            for (t, by) in [(self.ray.enter, enter), (self.ray.leave, leave)] {
-                if let Some((axis, along)) = self.ray.face(&self.dvr.field.domain, t) {
-                    shift[axis] -= by / along;
-                    turn[axis] -= by * t / along;
-                }
-            }
-            let to_world = self.dvr.field.transform.inverse_matrix();
-            ray.origin += to_world.transpose().transform_vector3(shift);
-            ray.direction += to_world.transpose().transform_vector3(turn);
-            ray.step += step * self.dvr.voxel;
-        }
-    }
-}
-
-/// A segment that knows where it lies.
-pub(super) trait Traced<R: Real>: Lit<R> {
-    /// Offset of its cell.
-    fn offset(&self) -> usize;
-    /// World length.
-    fn length(&self) -> R;
-    /// Derivatives with respect to the corners of its cell, from those by density.
-    fn spread(&self, by_density: R::Lanes) -> [R::Lanes; 2];
-    /// Derivatives with respect to its points' index coordinates: summed, and times their world length
-    /// from the origin.
-    fn moved(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3);
-    /// Change of the densities with the stored values: the transpose of [`Traced::spread`].
-    fn interpolated(&self, by_value: &[R]) -> R::Lanes;
-    /// Change of the densities with its points' index coordinates, and the points' world lengths from the
-    /// origin: what [`Traced::moved`] is the transpose of.
-    fn slopes_along(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes);
 }
 
 /// State of the division-free recursion.

@@ -3,8 +3,10 @@
 //! published, so that its error can be shown beside the recursion's: it is 0/0 behind an opaque
 //! sample, and drifts with the optical depth.
 
-use super::adjoint::{Entry, Pass, Traced, Weighted};
+use super::adjoint::{Pass, Weighted};
 use super::light::{By, Glow};
+use super::tape::Entry;
+use super::traced::Traced;
 use crate::real::Real;
 use crate::render::curve::Curve;
 use crate::render::rule::Rule;

@@ -47,7 +47,7 @@ pub(super) fn depth<R: Real, Q: DepthRule<R>>(
             rule.cells(spans, tape);
             let mut sum = R::Lanes::splat(R::ZERO);
             for cells in &tape[first..] {
-                sum = sum + cells.gather(values);
+                sum += cells.gather(values);
             }
             total += sum.sum().f64();
             last = spans[0].start;

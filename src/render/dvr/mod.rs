@@ -7,17 +7,22 @@
 //! inside the loops, so what a scene does not call for costs nothing there.
 
 mod adjoint;
+mod follow;
 mod inversion;
 mod kernel;
 mod light;
 mod preintegrated;
+mod sinks;
 mod tangent;
+mod tape;
 mod traced;
+mod uncommon;
 
 #[doc(hidden)]
 pub use adjoint::Pass;
-pub use adjoint::{Adjoint, Loss, ParameterGradient, RayGradient, Sinks, Tape};
+pub use sinks::{Adjoint, Loss, ParameterGradient, RayGradient, Sinks};
 pub use tangent::{Directions, Seeds, TangentRadiance};
+pub use tape::Tape;
 
 use crate::error::{Error, Result};
 use crate::math::Ray;
@@ -30,7 +35,7 @@ use crate::render::rule::{ExactDepth, ExactSource, Uniform};
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::medium::{Medium, Source};
 use kernel::{blend, grey, over};
-use preintegrated::Cumulative;
+use preintegrated::Preintegrated;
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -87,16 +92,9 @@ impl<R, const C: usize> Optics<R, C> {
 
 /// What the medium is, as kernels need it: one channel where all have the same shape, else three.
 #[derive(Debug, Clone)]
-enum Matter<R> {
+enum Matter<R: Real> {
     Line(Arc<Optics<R, 1>>),
-    Table(Arc<Optics<R, 3>>, Arc<Preintegrated>),
-}
-
-/// What pre-integration looks up.
-#[derive(Debug, Clone)]
-struct Preintegrated {
-    curve: Curve<f32, 3>,
-    tables: Cumulative,
+    Table(Arc<Optics<R, 3>>, Option<Arc<Preintegrated<R>>>),
 }
 
 impl<R: Real> Matter<R> {
@@ -117,9 +115,7 @@ impl<R: Real> Matter<R> {
                 let brightest = table.peak()[..3].iter().fold(f64::MIN_POSITIVE, |a, b| a.max(*b));
                 let tint = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
                 let curve = Curve::new(table, medium.extinction);
-                let tables = Cumulative::new(table, medium.extinction);
-                let preintegrated = Preintegrated { curve: Curve::new(table, medium.extinction), tables };
-                Self::Table(Arc::new(Optics { curve, tint, bright: brightest }), Arc::new(preintegrated))
+                Self::Table(Arc::new(Optics { curve, tint, bright: brightest }), None)
             }
         }
     }
@@ -271,7 +267,7 @@ impl<R: Precision> Dvr<'_, R> {
 
 /// Direct volume renderer of a density field in precision `R`.
 #[derive(Debug, Clone)]
-pub struct Dvr<'a, R> {
+pub struct Dvr<'a, R: Real> {
     field: &'a Bricks<R>,
     medium: Medium,
     matter: Matter<R>,
@@ -331,6 +327,12 @@ impl<'a, R: Real> Dvr<'a, R> {
     #[must_use]
     pub fn quadrature(mut self, quadrature: Quadrature) -> Self {
         self.quadrature = quadrature;
+        if let (Source::Transfer(table), Matter::Table(optics, tables)) = (&self.medium.source, &mut self.matter) {
+            *tables = (quadrature == Quadrature::Preintegrated).then(|| {
+                let (scale, values) = (self.medium.extinction, &self.field.values);
+                Arc::new(Preintegrated::new(table, scale, &optics.curve, values, &self.visible))
+            });
+        }
         self
     }
 
@@ -403,11 +405,11 @@ impl<'a, R: Real> Dvr<'a, R> {
         let Some(ray) = self.index_ray(ray) else { return grey(0.0, [0.0; 3], self.background) };
         match &self.matter {
             Matter::Line(optics) => self.blended(&ray, optics, tape),
-            Matter::Table(_, tables) if self.quadrature == Quadrature::Preintegrated => {
-                let seen = preintegrated::blend(self, &tables.tables, &tables.curve, &ray);
+            Matter::Table(optics, Some(tables)) => {
+                let seen = tables.blend(self, &optics.curve, &ray, &mut tape.preintegrated);
                 over(seen.emitted, seen.depth, self.background)
             }
-            Matter::Table(optics, _) => self.blended(&ray, optics, tape),
+            Matter::Table(optics, None) => self.blended(&ray, optics, tape),
         }
     }
 

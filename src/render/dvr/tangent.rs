@@ -10,9 +10,11 @@
 //! as in [`light`](super::light) and [`kernel`](super::kernel), every letter with its derivatives. It is the
 //! transpose of [`adjoint`](super::adjoint), term by term.
 
-use super::adjoint::{ParameterGradient, RayGradient, Tape, Traced};
 use super::kernel::{Blend, blend, over};
 use super::light::{Light, Lit};
+use super::sinks::{ParameterGradient, RayGradient};
+use super::tape::Tape;
+use super::traced::Traced;
 use super::{Dvr, Matter, Optics, Precision, Radiance};
 use crate::dual::Dual;
 use crate::lanes::Lanes;
@@ -283,13 +285,13 @@ impl<const C: usize, const P: usize> Front<C, P> {
                 let shift = shift[p] + further * ray.direction();
                 for a in 0..3 {
                     let moved = all(R::of(shift[a])) + t * all(R::of(turn[p][a]));
-                    density.tangent[p] = density.tangent[p] + slopes[a] * moved;
+                    density.tangent[p] += slopes[a] * moved;
                 }
             }
         }
         for p in 0..P {
             if let Some(by_value) = seeds.voxels[p] {
-                density.tangent[p] = density.tangent[p] + segment.interpolated(by_value);
+                density.tangent[p] += segment.interpolated(by_value);
             }
         }
         let mut extinction = density.linear(|v| all(line.extinction[1]) * v);

@@ -1,12 +1,30 @@
 //! Where segments lie: how derivatives by density become derivatives by voxel, and by the ray's points.
 
-use super::adjoint::Traced;
+use super::light::Lit;
 use crate::lanes::Lanes;
 use crate::real::Real;
 use crate::render::cell::{corners, gather, weights};
 use crate::render::gauss;
 use crate::render::segment::{Chord, Sample, slopes};
 use glam::DVec3;
+
+/// A segment that knows where it lies.
+pub(super) trait Traced<R: Real>: Lit<R> {
+    /// Offset of its cell.
+    fn offset(&self) -> usize;
+    /// World length.
+    fn length(&self) -> R;
+    /// Derivatives with respect to the corners of its cell, from those by density.
+    fn spread(&self, by_density: R::Lanes) -> [R::Lanes; 2];
+    /// Derivatives with respect to its points' index coordinates: summed, and times their world length
+    /// from the origin.
+    fn moved(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3);
+    /// Change of the densities with the stored values: the transpose of [`Traced::spread`].
+    fn interpolated(&self, by_value: &[R]) -> R::Lanes;
+    /// Change of the densities with its points' index coordinates, and the points' world lengths from the
+    /// origin: what [`Traced::moved`] is the transpose of.
+    fn slopes_along(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes);
+}
 
 impl<R: Real> Traced<R> for Sample<R> {
     #[inline(always)]

@@ -1,0 +1,66 @@
+//! The gradient of pre-integration by the transfer function itself.
+
+use super::table::{Cumulative, Stretches};
+use crate::lanes::{LANES, Lanes};
+use crate::real::Real;
+use crate::render::curve::{Curve, Piece};
+use crate::scene::table::TableGradient;
+
+impl<R: Real> Stretches<R> {
+    /// Adds derivatives with respect to the ends of pieces, from those with respect to the means; the curve's
+    /// extinctions are the table's times `scale`.
+    #[inline(never)]
+    pub fn by_table(
+        &self,
+        tables: &Cumulative<R>,
+        curve: &Curve<R, 3>,
+        scale: f64,
+        by_mean: [R::Lanes; LANES],
+        table: &mut TableGradient,
+    ) {
+        let by_mean = R::Lanes::transpose(by_mean).map(|v| v.store().map(Real::f64));
+        let [begin, end] = self.ends.map(Lanes::store);
+        for i in 0..LANES {
+            let (low, high) = (begin[i].lesser(end[i]).f64(), begin[i].greater(end[i]).f64());
+            let mut add = |number: u32, density: f64, share: f64| {
+                let line = curve.piece(number);
+                add(&mut table.pieces[number as usize], line, scale, density, by_mean[i].map(|g| share * g));
+            };
+            let [first, last] = [self.pieces[i].min(self.pieces[i + 1]), self.pieces[i].max(self.pieces[i + 1])];
+            if high - low <= tables.same.f64() {
+                add(self.pieces[i + 1], 0.5 * (low + high), 1.0);
+                continue;
+            }
+            for number in first..=last {
+                let line = curve.piece(number);
+                // The outermost reach beyond the knots, not less far than the densities do.
+                let from = if number == first { low } else { line.low.f64() };
+                let to = if number == last { high } else { line.high.f64() };
+                if to > from {
+                    // The mean is that of a quadratic: Simpson's rule is exact.
+                    let share = (to - from) / (high - low) / 6.0;
+                    add(number, from, share);
+                    add(number, 0.5 * (from + to), 4.0 * share);
+                    add(number, to, share);
+                }
+            }
+        }
+    }
+}
+
+/// Adds derivatives with respect to a piece's ends, from those with respect to `σ r`, `σ g`, `σ b` and `σ` at one
+/// density.
+fn add<R: Real>(ends: &mut [[f64; 4]; 2], line: &Piece<R, 3>, scale: f64, density: f64, by: [f64; 4]) {
+    let offset = density - line.base.f64();
+    let at = |[at_base, slope]: [R; 2]| at_base.f64() + slope.f64() * offset;
+    let upper = line.fraction(R::ZERO).f64() + density * line.fraction_slope().f64();
+    let extinction = at(line.extinction);
+    let mut by_extinction = by[3];
+    for c in 0..3 {
+        by_extinction += by[c] * at(line.source[c]);
+        ends[0][c] += by[c] * extinction * (1.0 - upper);
+        ends[1][c] += by[c] * extinction * upper;
+    }
+    ends[0][3] += scale * by_extinction * (1.0 - upper);
+    ends[1][3] += scale * by_extinction * upper;
+}

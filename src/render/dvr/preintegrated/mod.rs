@@ -1,0 +1,93 @@
+//! Pre-integration (Engel, Kraus & Ertl 2001): what a transfer function adds between two densities is the difference
+//! of cumulative tables, however many knots lie between.
+//!
+//! The density is looked up where a ray crosses the faces of bricks and at points between, and taken for linear
+//! from one to the next. How far apart these are each brick decides: so that the density in between is off by no
+//! more than a small share of the range of the transfer function's knots.
+
+mod adjoint;
+mod by_table;
+mod light;
+mod nodes;
+mod table;
+
+use super::Dvr;
+use super::kernel::Blend;
+use crate::real::Real;
+use crate::render::curve::Curve;
+use crate::render::march::IndexRay;
+use crate::scene::bricks::{BRICK, Topology};
+use crate::scene::table::Table;
+use adjoint::Visit;
+use light::{Front, Row};
+use nodes::{Queue, Sites, nodes, roughness};
+use rayon::prelude::*;
+use table::Cumulative;
+
+/// What pre-integration looks up.
+#[derive(Debug, Clone)]
+pub(super) struct Preintegrated<R: Real> {
+    tables: Cumulative<R>,
+    /// The bricks that are looked at: where there is none the density is zero, or nothing is absorbed.
+    occupied: Topology,
+    /// Reciprocals of the largest distances between nodes, by brick, in voxels.
+    density: Vec<R>,
+    /// True if something is absorbed at density zero.
+    gaps: bool,
+}
+
+/// Error of the density between nodes that is allowed, in units of the range of the knots: what half a step of an
+/// 8-bit look-up comes to.
+const TOLERANCE: f64 = 2e-3;
+/// Least and greatest distance between nodes, in voxels.
+const DISTANCE: [f64; 2] = [0.5, 4.0];
+
+impl<R: Real> Preintegrated<R> {
+    /// Of a table whose extinctions are multiplied by `scale`, for a field of which these bricks are visible.
+    pub fn new(table: &Table, scale: f64, curve: &Curve<R, 3>, values: &[R], visible: &Topology) -> Self {
+        let tables = Cumulative::new(table, scale, curve);
+        let gaps = table.at(0.0)[3] > 0.0;
+        let bricks: Vec<(R, bool)> =
+            values.par_chunks(BRICK).map(|v| (roughness(v), v.iter().any(|v| *v != R::ZERO))).collect();
+        // Of a line between two points at a distance s of a curve whose second derivative is c: s² c / 8.
+        let distance = |rough: f64| {
+            let distance = (8.0 * TOLERANCE * tables.range / rough.max(f64::MIN_POSITIVE)).sqrt();
+            // Few different ones: a change of the density seldom changes the nodes.
+            (2.0 * distance.clamp(DISTANCE[0], DISTANCE[1]).log2()).floor() * 0.5
+        };
+        let density = bricks.iter().map(|(rough, _)| R::of((-distance(rough.f64())).exp2())).collect();
+        let occupied = visible.masked(|brick| !gaps || bricks[brick].1);
+        Self { tables, occupied, density, gaps }
+    }
+
+    /// Light along a ray.
+    #[inline(always)]
+    pub fn blend(&self, dvr: &Dvr<'_, R>, curve: &Curve<R, 3>, ray: &IndexRay, scratch: &mut Scratch<R>) -> Blend<3> {
+        let values = &dvr.field.values;
+        let mut front = Front::new(&self.tables, curve, &mut scratch.row);
+        let sites = Sites { topology: &self.occupied, density: &self.density, gaps: self.gaps };
+        let rest = nodes(
+            sites,
+            ray,
+            &mut scratch.queue,
+            #[inline(always)]
+            |queue, fours| {
+                front.add(values, queue, fours, |_, _, _| ());
+                front.depth < dvr.depth_limit
+            },
+        );
+        if self.gaps && rest > 0.0 {
+            front.add_gap(R::of(rest));
+        }
+        Blend { emitted: front.emitted, depth: front.depth, last: ray.enter }
+    }
+}
+
+/// Scratch memory of one thread.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Scratch<R: Real> {
+    queue: Queue<R>,
+    row: Row<R>,
+    tape: Vec<Visit<R>>,
+    spare: Vec<Visit<R>>,
+}

@@ -1,0 +1,216 @@
+//! Where the density is looked up: at the faces of bricks and at points that divide the way through a brick evenly.
+//! Between two of these nodes it is taken for linear in the length.
+
+use crate::lanes::{LANES, Lanes};
+use crate::real::Real;
+use crate::render::cell::{corners, low, offsets, scatter};
+use crate::render::march::{IndexRay, Span, spans};
+use crate::scene::bricks::{BRICK, CELLS, EDGE, Topology, slot};
+
+/// Four nodes in a row.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Nodes<R: Real> {
+    /// Offsets of the cells that hold them among the field's values.
+    pub offset: [u32; LANES],
+    /// Their coordinates in these cells.
+    pub at: [R::Lanes; 3],
+    /// World lengths of the stretches that end at them.
+    pub length: R::Lanes,
+}
+
+impl<R: Real> Nodes<R> {
+    /// Densities at the nodes.
+    #[inline(always)]
+    pub fn densities(&self, values: &[R]) -> R::Lanes {
+        let [x, y, z] = self.at;
+        let along = x.store();
+        let column = |i: usize| {
+            let [near, far] = corners(values, self.offset[i] as usize);
+            near + R::Lanes::splat(along[i]) * (far - near)
+        };
+        let [a, b, c, d] = R::Lanes::transpose([column(0), column(1), column(2), column(3)]);
+        let (low, high) = (a + z * (b - a), c + z * (d - c));
+        low + y * (high - low)
+    }
+
+    /// Adds derivatives by density to those by value: the transpose of [`Nodes::densities`].
+    #[inline(always)]
+    pub fn scatter(&self, values: &mut [R], by_density: R::Lanes) {
+        let [x, y, z] = self.at;
+        let high = by_density * y;
+        let low = by_density - high;
+        let (b, d) = (low * z, high * z);
+        let columns = R::Lanes::transpose([low - b, b, high - d, d]);
+        let (along, some) = (x.store(), by_density.store());
+        for i in 0..LANES {
+            if some[i] != R::ZERO {
+                let far = columns[i] * R::Lanes::splat(along[i]);
+                scatter(values, self.offset[i] as usize, R::ONE, &[columns[i] - far, far]);
+            }
+        }
+    }
+}
+
+/// The most parts that the way through a brick is divided into.
+const MOST_PARTS: usize = 32;
+/// Nodes that are visited together, if there are as many: those of one four wait for one another, fours do not.
+const ENOUGH: usize = 32;
+/// Nodes that there is room for: all but enough, a gap's, a brick's, and what is written beyond.
+const ROOM: usize = ENOUGH + 1 + MOST_PARTS + LANES;
+/// The most fours that are visited together.
+pub(super) const FOURS: usize = ROOM / LANES;
+
+/// Nodes that wait for their turn.
+#[derive(Debug, Clone)]
+pub(super) struct Queue<R: Real> {
+    offset: [u32; ROOM],
+    at: [[R; ROOM]; 3],
+    length: [R; ROOM],
+    count: usize,
+}
+
+impl<R: Real> Default for Queue<R> {
+    fn default() -> Self {
+        Self { offset: [0; ROOM], at: [[R::ZERO; ROOM]; 3], length: [R::ZERO; ROOM], count: 0 }
+    }
+}
+
+impl<R: Real> Queue<R> {
+    /// Nodes at these lengths from the span's entry; all four are written, the first `count` stay.
+    #[inline(always)]
+    fn push(&mut self, span: &Span<R>, t: R::Lanes, length: R, count: usize) {
+        let all = <R::Lanes as Lanes<R>>::splat;
+        let at = |a: usize| all(span.entry[a]) + t * all(span.direction[a]);
+        let at = [at(0), at(1), at(2)];
+        let lows = at.map(low::<R, R::Lanes>);
+        let n = self.count.min(ROOM - LANES);
+        let offset = offsets::<R, R::Lanes>(lows).map(|o| span.base as u32 + o);
+        self.offset[n..n + LANES].copy_from_slice(&offset);
+        for a in 0..3 {
+            self.at[a][n..n + LANES].copy_from_slice(&(at[a] - lows[a]).store());
+        }
+        self.length[n..n + LANES].copy_from_slice(&[length; LANES]);
+        self.count += count;
+    }
+
+    /// Four of them by number.
+    #[inline(always)]
+    pub fn four(&self, four: usize) -> Nodes<R> {
+        let n = (four * LANES).min(ROOM - LANES);
+        let lanes = |v: &[R; ROOM]| R::Lanes::load([v[n], v[n + 1], v[n + 2], v[n + 3]]);
+        let offset = &self.offset[n..n + LANES];
+        Nodes {
+            offset: [offset[0], offset[1], offset[2], offset[3]],
+            at: [lanes(&self.at[0]), lanes(&self.at[1]), lanes(&self.at[2])],
+            length: lanes(&self.length),
+        }
+    }
+
+    /// Keeps what comes after so many fours.
+    #[inline(always)]
+    fn drop_front(&mut self, fours: usize) {
+        let n = (fours * LANES).min(ROOM - LANES);
+        self.offset.copy_within(n..n + LANES, 0);
+        self.length.copy_within(n..n + LANES, 0);
+        self.at.iter_mut().for_each(|at| at.copy_within(n..n + LANES, 0));
+        self.count -= n;
+    }
+}
+
+/// Where rays are to look.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sites<'a, R> {
+    /// Bricks that are looked at.
+    pub topology: &'a Topology,
+    /// Reciprocals of the largest distances between nodes, by brick, in voxels.
+    pub density: &'a [R],
+    /// True if the way between bricks counts.
+    pub gaps: bool,
+}
+
+/// Visits the nodes along a ray, near to far, so many fours at a time; `visit` returns false to stop. Where bricks
+/// are missing the next node's stretch has no length, unless gaps count. What is left over of four repeats the last
+/// node with no length. Returns the world length from the last brick to the ray's exit.
+#[inline(always)]
+pub(super) fn nodes<R: Real>(
+    sites: Sites<'_, R>,
+    ray: &IndexRay,
+    queue: &mut Queue<R>,
+    mut visit: impl FnMut(&Queue<R>, usize) -> bool,
+) -> f64 {
+    queue.count = 0;
+    let all = <R::Lanes as Lanes<R>>::splat;
+    let voxels = R::of(ray.direction().length());
+    let numbers = R::Lanes::load([R::ONE, R::of(2.0), R::of(3.0), R::of(4.0)]);
+    let (mut reached, mut open) = (f64::NEG_INFINITY, true);
+    spans(
+        sites.topology,
+        ray,
+        false,
+        #[inline(always)]
+        |span| {
+            if span.start != reached {
+                let gap = if sites.gaps { R::of(span.start - reached.max(ray.enter)) } else { R::ZERO };
+                queue.push(&span, R::Lanes::ZERO, gap, 1);
+            }
+            reached = span.end;
+            let parts = (span.length * voxels * sites.density[span.base / BRICK]).f64() as usize + 1;
+            let parts = parts.min(MOST_PARTS);
+            let length = span.length / R::int(parts as i32);
+            let mut number = numbers;
+            let mut left = parts;
+            loop {
+                queue.push(&span, number * all(length), length, left.min(LANES));
+                if left <= LANES {
+                    break;
+                }
+                left -= LANES;
+                number += all(R::of(LANES as f64));
+            }
+            if queue.count >= ENOUGH {
+                let fours = queue.count / LANES;
+                open = visit(queue, fours);
+                queue.drop_front(fours);
+            }
+            open
+        },
+    );
+    if open && queue.count > 0 {
+        for n in queue.count..queue.count.next_multiple_of(LANES) {
+            queue.offset[n] = queue.offset[n - 1];
+            queue.length[n] = R::ZERO;
+            queue.at.iter_mut().for_each(|at| at[n] = at[n - 1]);
+        }
+        open = visit(queue, queue.count.div_ceil(LANES));
+    }
+    if open { ray.leave - reached.max(ray.enter) } else { 0.0 }
+}
+
+/// The largest second difference of a brick's values, along an axis or across two.
+pub(super) fn roughness<R: Real>(values: &[R]) -> R {
+    let steps = [slot(1, 0, 0), slot(0, 1, 0), slot(0, 0, 1)];
+    let mut most = R::ZERO;
+    let mut note = |v: R| most = most.greater(v.greater(-v));
+    for x in 0..EDGE {
+        for y in 0..EDGE {
+            for z in 0..EDGE {
+                let i = slot(x, y, z);
+                let at = [x, y, z];
+                for a in 0..3 {
+                    if at[a] == CELLS {
+                        continue;
+                    }
+                    let (step, next) = (steps[a], values[i + steps[a]] - values[i]);
+                    if at[a] > 0 {
+                        note(next - (values[i] - values[i - step]));
+                    }
+                    let b = (a + 1) % 3;
+                    if at[b] < CELLS {
+                        note(values[i + step + steps[b]] - values[i + steps[b]] - next);
+                    }
+                }
+            }
+        }
+    }
+    most
+}

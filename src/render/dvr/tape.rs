@@ -1,0 +1,49 @@
+//! Scratch memory of rays.
+
+use super::Dvr;
+use super::light::Light;
+use super::preintegrated::Scratch;
+use crate::real::Real;
+use crate::render::cell::Quartet;
+use crate::render::segment::{Chord, Sample};
+
+/// Scratch memory of one thread, reused from ray to ray.
+#[derive(Debug, Clone, Default)]
+pub struct Tape<R: Real> {
+    /// Cells of rays of which only the depth matters.
+    pub(super) cells: Vec<Quartet<R>>,
+    /// Segments of a batch.
+    pub(super) samples: Vec<Sample<R>>,
+    pub(super) chords: Vec<Chord<R>>,
+    /// Segments of a ray.
+    pub(super) lit_samples: Vec<Entry<R, Sample<R>>>,
+    pub(super) lit_chords: Vec<Entry<R, Chord<R>>>,
+    pub(super) preintegrated: Scratch<R>,
+}
+
+impl<R: Real> Tape<R> {
+    /// Adds `by_depth · extinction` times the interpolation weights of all traced rays to the stored
+    /// values of `gradient`, and forgets the rays.
+    #[inline(always)]
+    pub fn spread(&mut self, by_depth: f64, dvr: &Dvr<'_, R>, gradient: &mut [R]) {
+        let g = R::of(dvr.medium.extinction * by_depth);
+        if g != R::ZERO {
+            for cells in &self.cells {
+                cells.scatter(gradient, g);
+            }
+        }
+        self.forget();
+    }
+
+    /// Forgets the rays.
+    pub fn forget(&mut self) {
+        self.cells.clear();
+    }
+}
+
+/// A segment with its light.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Entry<R: Real, S> {
+    pub segment: S,
+    pub light: Light<R>,
+}

@@ -1,0 +1,76 @@
+//! Gradients that few ask for: of quadratures with a step, and by the paper's inversion.
+
+use super::adjoint::Pass;
+use super::kernel::{self, over};
+use super::sinks::{Adjoint, Loss};
+use super::tape::{Entry, Tape};
+use super::traced::Traced;
+use super::{Matter, Optics, Radiance, inversion};
+use crate::real::Real;
+use crate::render::rule::{Rule, Uniform};
+use crate::scene::medium::Source;
+
+impl<R: Real> Pass<'_, '_, R> {
+    /// Quadratures with a step, and the paper's inversion.
+    pub(super) fn uncommon(&mut self, loss: Loss<'_, R>, adjoint: Adjoint, tape: &mut Tape<R>) -> Radiance<R> {
+        let dvr = self.dvr;
+        let uniform = dvr.uniform(&self.ray);
+        // Depths are averages over cells: where the ray goes needs their points.
+        if let (Source::Grey(colour), None, Some(rule)) = (&dvr.medium.source, &self.sinks.ray, uniform)
+            && adjoint != Adjoint::Inversion
+        {
+            return self.depth_only(loss, adjoint, rule, *colour, &mut tape.cells);
+        }
+        match &dvr.matter {
+            Matter::Line(optics) => self.uncommon_of(loss, adjoint, uniform, optics, tape),
+            Matter::Table(optics, _) => self.uncommon_of(loss, adjoint, uniform, optics, tape),
+        }
+    }
+
+    fn uncommon_of<const C: usize>(
+        &mut self,
+        loss: Loss<'_, R>,
+        adjoint: Adjoint,
+        uniform: Option<Uniform>,
+        optics: &Optics<R, C>,
+        tape: &mut Tape<R>,
+    ) -> Radiance<R> {
+        let Tape { samples, chords, lit_samples, lit_chords, .. } = tape;
+        match (uniform, adjoint) {
+            (Some(rule), Adjoint::Inversion) => self.inversion(loss, rule, optics, samples, lit_samples),
+            (Some(rule), _) => self.recursion(loss, adjoint, rule, optics, samples, lit_samples),
+            (None, _) => {
+                let rule = self.dvr.exact_source(optics, self.sinks.table.is_some());
+                self.inversion(loss, rule, optics, chords, lit_chords)
+            }
+        }
+    }
+
+    /// The paper's backward pass.
+    fn inversion<S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
+        &mut self,
+        loss: Loss<'_, R>,
+        rule: Q,
+        optics: &Optics<R, C>,
+        segments: &mut Vec<S>,
+        tape: &mut Vec<Entry<R, S>>,
+    ) -> Radiance<R> {
+        tape.clear();
+        let (dvr, curve) = (self.dvr, &optics.curve);
+        let blend = kernel::blend(dvr, self.topology(), &self.ray, rule, curve, segments, |found| {
+            tape.extend(found.map(|(segment, light)| Entry { segment: *segment, light: *light }));
+        });
+        let seen = over(optics.tinted(&blend.emitted), blend.depth, dvr.background);
+        let weighted = self.shared(loss(&seen), &blend.emitted, blend.depth, &optics.tint);
+        if self.sinks.ray.is_some() && Q::BOUNDED {
+            let transmittance = (-blend.depth).exp();
+            let emitted: f64 = weighted.colour.iter().zip(&blend.emitted).map(|(w, e)| w * e).sum();
+            let whole = emitted + transmittance * weighted.background;
+            self.moved.leave = transmittance * self.gain(optics, self.ray.leave, weighted.background, &weighted);
+            self.moved.enter = -self.gain(optics, self.ray.enter, whole, &weighted);
+        }
+        inversion::backward(self, curve, rule, tape, &weighted);
+        self.finish();
+        seen
+    }
+}
