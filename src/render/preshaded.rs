@@ -24,7 +24,7 @@ const THICK: f64 = 0.5;
 /// The most parts of a cell. Behind the first 25 of them no light arrives.
 const MOST_PARTS: f64 = 64.0;
 /// Points on 0..1.
-const POINTS: [f64; 2] = [0.211_324_865_405_187_12, 0.788_675_134_594_812_9];
+const POINTS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
 /// Row k: weights of the extinctions at the points in the optical depth up to point k.
 const UP_TO: [[f64; 2]; 2] = [[0.25, -0.038_675_134_594_812_88], [0.538_675_134_594_812_9, 0.25]];
 
