@@ -93,21 +93,28 @@ pub fn reconstruct(
             break;
         }
         fit.rate(rate);
-        let mut losses = Vec::new();
-        for (number, batch) in batches(&train, BATCH, epoch).iter().enumerate() {
+        let batches = batches(&train, BATCH, epoch);
+        let mut now = best.0;
+        for (number, batch) in batches.iter().enumerate() {
             let some: Vec<Target> = batch.iter().map(|t| thinned(t, epoch as usize + number)).collect();
-            losses.push(fit.step(&some.iter().collect::<Vec<_>>(), &scene, &squared, PRIOR)?);
+            let loss = fit.step(&some.iter().collect::<Vec<_>>(), &scene, &squared, PRIOR)?;
+            let last = number + 1 == batches.len();
+            if last {
+                now = fit.psnr(&looked_at, &scene)?;
+            }
+            let step = Step {
+                level: 0,
+                iteration: history.len() as u32 + 1,
+                seconds: start.elapsed().as_secs_f64(),
+                loss,
+                held_out_psnr_db: (last && !held_out.is_empty()).then_some(now),
+            };
+            history.push(step);
+            stopped = watch(&step).is_break();
+            if stopped {
+                break;
+            }
         }
-        let now = fit.psnr(&looked_at, &scene)?;
-        let step = Step {
-            level: 0,
-            iteration: history.len() as u32 + 1,
-            seconds: start.elapsed().as_secs_f64(),
-            loss: losses.iter().sum::<f64>() / losses.len().max(1) as f64,
-            held_out_psnr_db: (!held_out.is_empty()).then_some(now),
-        };
-        history.push(step);
-        stopped = watch(&step).is_break();
         if now < best.0 + GAIN {
             rate *= SLOWER;
         }
@@ -131,10 +138,10 @@ pub fn reconstruct(
 /// Iterations of the extinctions on their finest level.
 const EXTINCTION_ITERATIONS: u32 = 24;
 
-/// Steps that a run takes at most.
-pub fn most_iterations(request: &Request) -> u64 {
+/// Steps that a run takes at most, with `views` pictures that are used.
+pub fn most_iterations(request: &Request, views: usize) -> u64 {
     let colours = if request.init.is_some() { 0 } else { colour::most_iterations(request) };
-    colours + u64::from(request.iterations)
+    colours + u64::from(request.iterations) * views.div_ceil(BATCH) as u64
 }
 
 /// With all bricks of the box, for functions that absorb where the density is 0.

@@ -243,11 +243,16 @@ impl Level {
             };
             all.clone().into_par_iter().map(median).collect()
         };
+        // A voxel whose neighbours stay has nothing to reconsider.
+        let mut changed = vec![true; found.len()];
         for round in 0..4 * ROUNDS {
             if round == 2 * ROUNDS {
                 found = medians(&medians(&found));
             }
-            let before = &found;
+            if round <= 1 || (2 * ROUNDS..=2 * ROUNDS + 1).contains(&round) {
+                changed.fill(true);
+            }
+            let (before, stirred) = (&found, &changed);
             let look = |(cost, beside): &mut (Vec<f32>, Vec<Beside>), voxel: usize| {
                 let i = voxel % LEAF_VOXELS;
                 let half = ((i >> 6) + (i >> 3) + i) & 1;
@@ -255,12 +260,17 @@ impl Level {
                     return before[voxel];
                 }
                 let own = targets[voxel];
-                let near = neighbours.of_voxel(voxel).into_iter().flatten();
+                let near = neighbours.of_voxel(voxel);
+                if !near.iter().flatten().any(|there| stirred[*there]) {
+                    return before[voxel];
+                }
                 beside.clear();
-                beside.extend(near.map(|there| (0.5 * (own + targets[there]), before[there])));
+                beside.extend(near.iter().flatten().map(|there| (0.5 * (own + targets[*there]), before[*there])));
                 samples.best(own, beside, cost)
             };
-            found = all.clone().into_par_iter().map_init(Default::default, look).collect();
+            let after: Vec<u16> = all.clone().into_par_iter().map_init(Default::default, look).collect();
+            changed = after.par_iter().zip(&found).map(|(a, b)| a != b).collect();
+            found = after;
         }
         let found: Vec<f32> = found.iter().map(|k| samples.density[*k as usize]).collect();
         let field = &mut self.densities;

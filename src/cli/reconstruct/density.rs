@@ -123,7 +123,7 @@ impl Density {
         let used = photos.len() - request.held_out.len();
         let length = match solver {
             Solver::Paper => paper::most_iterations(&request, used),
-            Solver::Behind => behind::most_iterations(&request),
+            Solver::Behind => behind::most_iterations(&request, used),
             Solver::Cg | Solver::Colour => density::most_iterations(&request),
         };
         let bar = output.progress(length, "density");
