@@ -3,9 +3,9 @@
 use super::light::Light;
 use super::memory::Memory;
 use super::output::Output;
-use super::run::{self, CONFIDENCE, Run, Solver};
+use super::run::{self, Run, Solver};
 use crate::error::{Error, Result};
-use crate::formats::vdb::{File, Limits, shaded};
+use crate::formats::vdb::{CONFIDENCE, File, Limits, shaded};
 use crate::formats::{atomic, exr, transfer, transforms};
 use crate::metrics::{self, volume};
 use crate::render::dvr::Dvr;

@@ -8,9 +8,6 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::PathBuf;
 
-/// Ending of the name of the grid that says how much the pictures constrain each voxel.
-pub const CONFIDENCE: &str = "_confidence";
-
 /// How the densities were found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -194,7 +194,7 @@ impl Density {
             (Choice::Cg, _) => {
                 Err(Error::unsupported("--solver cg needs pictures that depend on the optical depth alone")
                     .at(&self.capture)
-                    .hint("these show emission that follows the density: use --solver auto"))
+                    .hint("these show emission that follows the density: leave it out, or use --solver paper"))
             }
             (Choice::Auto, Source::Transfer(_)) => Ok(Solver::Behind),
             (Choice::Paper, _) | (Choice::Auto, Source::Linear(_)) => Ok(Solver::Paper),

@@ -1,7 +1,7 @@
 //! The grid that says how much the pictures constrain each voxel.
 
-use crate::cli::run::CONFIDENCE;
 use crate::error::Result;
+use crate::formats::vdb::CONFIDENCE;
 use crate::optimise::confidence::confidence;
 use crate::optimise::density::Request;
 use crate::optimise::fit::Scene;

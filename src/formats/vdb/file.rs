@@ -11,6 +11,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::ptr::{NonNull, null_mut};
 
+/// Ending of the name of a grid that says how much is known of each voxel of the grid of that name without it.
+pub const CONFIDENCE: &str = "_confidence";
+
 /// A VDB file open for reading. Grids are loaded one by one, never lazily.
 pub struct File {
     raw: NonNull<ffi::RawFile>,
@@ -151,6 +154,7 @@ impl File {
         let scalar: Vec<_> = entries
             .iter()
             .filter(|e| matches!(e.grid_type.as_str(), "Tree_float_5_4_3" | "Tree_double_5_4_3"))
+            .filter(|e| !e.base_name.ends_with(CONFIDENCE))
             .collect();
         if let [only] = scalar.as_slice() {
             return Ok(only.name.clone());

@@ -23,7 +23,7 @@ pub mod shaded;
 mod topology;
 mod write;
 
-pub use file::File;
+pub use file::{CONFIDENCE, File};
 pub use native::{GridInfo, NativeGrid, RawGrid, RawLeaf, RawTile, Transform};
 pub use preflight::Limits;
 pub use topology::Topology;
