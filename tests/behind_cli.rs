@@ -73,6 +73,17 @@ fn densities_come_back_through_a_function_that_is_not_monotonic() {
     assert!(rms("known_rms") < rms("unknown_rms"), "{again}");
 }
 
+/// A function with nothing above density zero tells no densities apart.
+#[test]
+fn a_function_without_densities_is_refused() {
+    let work = with_pictures(4, 8);
+    let one = json!({"format": "cumulo-transfer-function", "version": 1,
+        "transfer": {"kind": "piecewise", "points": [[0.0, 1.0, 1.0, 1.0, 0.0]]}});
+    std::fs::write(work.path("one.tf.json"), one.to_string()).unwrap();
+    work.refused("reconstruct density cap --tf one.tf.json -o no.vdb", &["ends at density 0", "--tf"]);
+    assert!(!work.path("no.vdb").exists());
+}
+
 fn values(work: &Work, file: &str, grid: &str) -> Vec<([i32; 3], Vec<f32>)> {
     let grid = File::open(work.path(file), Limits::default()).unwrap().read_grid(grid).unwrap();
     grid.leaves.iter().map(|l| (l.origin, l.values.to_vec())).collect()

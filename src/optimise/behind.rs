@@ -56,10 +56,24 @@ pub fn reconstruct(
     let limit = (request.max_memory / (LEAF_VOXELS * 128) as u64) as usize;
     let (mut topology, mut unknown) = Hull::new(observation).unknowns(&lattice, &request.bounds, limit)?;
     if table.at(0.0)[3] > 0.0 {
+        let all = (topology.bounds().size() / 8.0).element_product();
+        if all > limit as f64 {
+            return Err(Error::unsupported(format!(
+                "the transfer function absorbs where the density is 0, and the {all:.0} blocks of 8³ voxels of the whole box do not fit in memory"
+            ))
+            .hint("give a smaller region with --bounds or a larger --voxel-size, or raise --max-memory"));
+        }
         (topology, unknown) = filled(&topology, &unknown)?;
     }
     let topology = Arc::new(topology);
-    let range = (table.knots()[table.knots().len() - 1] - table.knots()[0].min(0.0)).max(f64::MIN_POSITIVE) as f32;
+    // Densities are not negative: what the function does below zero is not looked for.
+    let range = table.knots()[table.knots().len() - 1] as f32;
+    if !(range.is_normal() && range > 0.0) {
+        return Err(Error::invalid(format!(
+            "the transfer function ends at density {range}: all above are the same to it"
+        ))
+        .hint("give one with points at densities above 0, by --tf or in transforms.json"));
+    }
 
     let (densities, mut history, mut stages, mut stopped) = match &request.init {
         Some(init) => (init.resampled(&topology, &lattice), Vec::new(), Vec::new(), false),

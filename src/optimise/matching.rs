@@ -55,10 +55,9 @@ type Beside = (Vec4, u16);
 
 impl Samples {
     fn new(table: &Table, scale: f64) -> Self {
-        let (first, last) = (table.knots()[0].min(0.0), table.knots()[table.knots().len() - 1]);
-        let range = (last - first).max(f64::MIN_POSITIVE);
-        let mut density: Vec<f64> = (0..=POINTS).map(|i| first + range * i as f64 / POINTS as f64).collect();
-        density.extend(table.knots());
+        let range = table.knots()[table.knots().len() - 1].max(f64::MIN_POSITIVE);
+        let mut density: Vec<f64> = (0..=POINTS).map(|i| range * i as f64 / POINTS as f64).collect();
+        density.extend(table.knots().iter().filter(|k| **k > 0.0));
         density.sort_by(f64::total_cmp);
         density.dedup_by(|a, b| (*a - *b).abs() < 1e-4 * range);
         let shaded = |d: &f64| {

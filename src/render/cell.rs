@@ -40,12 +40,12 @@ impl<R: Real> Quartet<R> {
 }
 
 /// Offsets of a cell's corners in the order of their weights, for x = 0 and x = 1.
-const CORNERS: [[usize; LANES]; 2] = [
+pub(super) const CORNERS: [[usize; LANES]; 2] = [
     [slot(0, 0, 0), slot(0, 0, 1), slot(0, 1, 0), slot(0, 1, 1)],
     [slot(1, 0, 0), slot(1, 0, 1), slot(1, 1, 0), slot(1, 1, 1)],
 ];
 /// From a cell's lowest corner to one past its highest.
-const REACH: usize = slot(1, 1, 1) + 1;
+pub(super) const REACH: usize = slot(1, 1, 1) + 1;
 
 /// The values at a cell's corners, in the order of their weights.
 #[inline(always)]

@@ -13,11 +13,11 @@ use crate::lanes::{LANES, Lanes};
 use crate::math::Ray;
 use crate::real::Real;
 use crate::render::arch::Arch;
-use crate::render::cell::weights;
+use crate::render::cell::{CORNERS, REACH, weights};
 use crate::render::dvr::Radiance;
 use crate::render::march::{IndexRay, batches};
 use crate::render::rule::{Cell, cells};
-use crate::scene::bricks::{Bricks, slot};
+use crate::scene::bricks::Bricks;
 
 /// Optical depth above which a cell is cut.
 const THICK: f64 = 0.5;
@@ -71,13 +71,6 @@ impl<R: Real> Tape<R> {
         self.0.clear();
     }
 }
-
-/// Offsets of a cell's corners in the order of their weights.
-const CORNERS: [[usize; LANES]; 2] = [
-    [slot(0, 0, 0), slot(0, 0, 1), slot(0, 1, 0), slot(0, 1, 1)],
-    [slot(1, 0, 0), slot(1, 0, 1), slot(1, 1, 0), slot(1, 1, 1)],
-];
-const REACH: usize = slot(1, 1, 1) + 1;
 
 /// `gradient += weights · by`.
 #[inline(always)]

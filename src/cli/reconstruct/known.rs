@@ -43,7 +43,7 @@ pub fn grid(field: &Bricks<f32>, photos: &[Photo], request: &Request, psnr_db: f
 
 fn range(field: &Bricks<f32>, source: &Source) -> f64 {
     if let Source::Transfer(table) = source {
-        return table.knots()[table.knots().len() - 1] - table.knots()[0].min(0.0);
+        return table.knots()[table.knots().len() - 1].max(0.0);
     }
     let mut positive: Vec<f32> = field.owned().into_iter().filter(|v| *v > 0.0).collect();
     if positive.is_empty() {
