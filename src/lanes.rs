@@ -36,6 +36,8 @@ pub trait Lanes<R: Real>: Number + Default + AddAssign + Div<Output = Self> {
     fn before(self, last: R) -> Self;
     /// Each with all before it added.
     fn running(self) -> Self;
+    /// Each with all before it multiplied.
+    fn running_product(self) -> Self;
     /// Their magnitudes.
     fn abs(self) -> Self;
     /// `e` to the power of each.
@@ -113,6 +115,13 @@ macro_rules! lanes {
                 let pairs = self + Self::from_array([0.0, a, b, c]);
                 let [a, b, ..] = pairs.to_array();
                 pairs + Self::from_array([0.0, 0.0, a, b])
+            }
+            #[inline(always)]
+            fn running_product(self) -> Self {
+                let [a, b, c, _] = self.to_array();
+                let pairs = self * Self::from_array([1.0, a, b, c]);
+                let [a, b, ..] = pairs.to_array();
+                pairs * Self::from_array([1.0, 1.0, a, b])
             }
             #[inline(always)]
             fn abs(self) -> Self {

@@ -120,7 +120,7 @@ fn pre_integration() {
     for transfer in kinds() {
         let medium = Medium { extinction: 0.8, source: Source::Transfer(Arc::new(transfer.table().unwrap())) };
         let field = field.clone().filled(1 << 30).unwrap();
-        let dvr = Dvr::new(&field, medium).unwrap().quadrature(Quadrature::Preintegrated);
+        let dvr = Dvr::new(&field, medium).unwrap().quadrature(Quadrature::PREINTEGRATED);
         let oldest = dvr.clone().arch(Arch::oldest());
         alike("picture", || render::picture(&dvr, &cameras[2], 2, &AtomicBool::new(false)));
         let of = |dvr: &Dvr<'_, f32>| render::picture(dvr, &cameras[3], 1, &AtomicBool::new(false));

@@ -22,7 +22,7 @@ const TARGET: [f64; 4] = [0.3, 0.1, 0.5, 0.2];
 const WEIGHT: [f64; 4] = [1.0, 2.0, 0.5, -0.7];
 const RULES: [Quadrature; 3] = [Quadrature::Exact, Quadrature::Midpoint(0.4), Quadrature::Riemann(0.7)];
 /// Those that have derivatives by where rays go, and one that has not.
-const ALL_RULES: [Quadrature; 4] = [RULES[0], RULES[1], RULES[2], Quadrature::Preintegrated];
+const ALL_RULES: [Quadrature; 4] = [RULES[0], RULES[1], RULES[2], Quadrature::PREINTEGRATED];
 
 fn loss<R: Real>(seen: &Radiance<R>) -> f64 {
     let v = seen.rgba().map(Real::f64);
@@ -72,7 +72,7 @@ fn gradient<R: Precision>(f: &Bricks<R>, medium: &Medium, rule: Quadrature, adjo
         let sinks = Sinks {
             voxels: Some(&mut all.voxels),
             table: Some(&mut all.table),
-            ray: (rule != Quadrature::Preintegrated).then_some(&mut moved),
+            ray: (rule != Quadrature::PREINTEGRATED).then_some(&mut moved),
             shared: &mut all.shared,
         };
         dvr.gradient(ray, &mut slope, adjoint, sinks, &mut tape);
@@ -150,7 +150,7 @@ fn every_gradient_matches_central_differences() {
             let table = transfer.table().unwrap();
             let medium = medium(&transfer, 0.8);
             let all = gradient(&f, &medium, rule, Adjoint::Tape, &rays);
-            let whole = matches!(rule, Quadrature::Exact | Quadrature::Preintegrated);
+            let whole = matches!(rule, Quadrature::Exact | Quadrature::Preintegrated(_));
             let h = if whole { 1e-5 } else { 1e-6 };
             // Uniform samples may step across a kink: then the difference is not the derivative.
             let kinks = if whole { 0 } else { 6 };
@@ -192,7 +192,7 @@ fn every_gradient_matches_central_differences() {
                 });
                 check(format!("{name} of {}", table.knots().len()), by, difference);
             }
-            if rule == Quadrature::Preintegrated {
+            if rule == Quadrature::PREINTEGRATED {
                 continue;
             }
             // Where each ray begins and goes, and the step.
@@ -210,7 +210,7 @@ fn every_gradient_matches_central_differences() {
             }
             let by_step: f64 = all.rays.iter().map(|r| r.step).sum();
             let stepped = |h: f64| match rule {
-                Quadrature::Exact | Quadrature::Preintegrated => rule,
+                Quadrature::Exact | Quadrature::Preintegrated(_) => rule,
                 Quadrature::Midpoint(s) => Quadrature::Midpoint(s + h),
                 Quadrature::Riemann(s) => Quadrature::Riemann(s + h),
             };
@@ -261,7 +261,7 @@ fn adjoints_agree() {
             let (a, b) = (transfer.chain(&tape.table).unwrap(), transfer.chain(&replay.table).unwrap());
             assert_eq!(a, b);
             let replay = gradient(&wide, &medium, rule, Adjoint::Replay, &rays);
-            if rule == Quadrature::Preintegrated {
+            if rule == Quadrature::PREINTEGRATED {
                 let worst = replay.voxels.iter().zip(&tape.voxels).map(|(a, b)| (a - f64::from(*b)).abs());
                 let scale = replay.voxels.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
                 let worst = worst.fold(0.0, f64::max) / scale;
@@ -290,8 +290,8 @@ fn preintegrated_values_follow_the_exact_ones() {
             let mut worst = 0.0_f64;
             for ray in &rays {
                 let exact = dvr(&field, medium.clone(), Quadrature::Exact).radiance(ray).rgba();
-                let seen = dvr(&field, medium.clone(), Quadrature::Preintegrated).radiance(ray).rgba();
-                let single = dvr(&narrow, medium.clone(), Quadrature::Preintegrated).radiance(ray).rgba();
+                let seen = dvr(&field, medium.clone(), Quadrature::PREINTEGRATED).radiance(ray).rgba();
+                let single = dvr(&narrow, medium.clone(), Quadrature::PREINTEGRATED).radiance(ray).rgba();
                 for c in 0..4 {
                     worst = worst.max((exact[c] - seen[c]).abs());
                     assert!((f64::from(single[c]) - seen[c]).abs() < 2e-4, "{transfer:?} {single:?} {seen:?}");
@@ -311,7 +311,7 @@ fn preintegrated_depths_of_linear_densities_are_exact() {
     linear.domain = cumulo::math::Aabb { min: DVec3::ZERO, max: DVec3::splat(15.0) };
     let depth = |f: &Bricks<f64>, rule, ray: &Ray| dvr(f, medium(&identity, 0.7), rule).optical_depth(ray);
     for ray in rays(linear.world_bounds(), 30, 8) {
-        let both = [Quadrature::Preintegrated, Quadrature::Exact].map(|rule| depth(&linear, rule, &ray));
+        let both = [Quadrature::PREINTEGRATED, Quadrature::Exact].map(|rule| depth(&linear, rule, &ray));
         close("depth", both[0], both[1], 1e-7, 1e-3);
     }
 }
@@ -324,7 +324,7 @@ fn preintegrated_slabs_have_their_closed_form() {
         let mut f: Bricks<R> = field(24, unit(), |_| density);
         f.domain = cumulo::math::Aabb { min: DVec3::splat(3.0), max: DVec3::splat(19.0) };
         let ray = Ray { origin: DVec3::new(-3.0, 7.3, 6.8), direction: DVec3::X };
-        dvr(&f, medium.clone(), Quadrature::Preintegrated).radiance(&ray).rgba().map(Real::f64)
+        dvr(&f, medium.clone(), Quadrature::PREINTEGRATED).radiance(&ray).rgba().map(Real::f64)
     }
     let step = Transfer::Piecewise {
         points: vec![
@@ -360,7 +360,7 @@ fn preintegrated_slabs_have_their_closed_form() {
 fn densities_that_overflow_end() {
     let f: Bricks<f32> = field(16, unit(), |p| if (p.x + p.y) as i32 % 3 == 0 { 3e38 } else { 0.4 * p.z / 15.0 });
     for transfer in kinds() {
-        for rule in RULES.into_iter().chain([Quadrature::Preintegrated]) {
+        for rule in RULES.into_iter().chain([Quadrature::PREINTEGRATED]) {
             // Where one of them absorbs at density 0 the field has to be filled.
             let filled = f.clone().filled(1 << 30).unwrap();
             let dvr = Dvr::new(&filled, medium(&transfer, 0.3)).unwrap().quadrature(rule);

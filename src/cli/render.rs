@@ -179,7 +179,7 @@ impl Render {
             .prefix(".cumulo-")
             .tempdir_in(&self.output)
             .map_err(|e| Error::io(&self.output, e))?;
-        let usual = if capture.transfer.is_some() { Quadrature::Preintegrated } else { Quadrature::Exact };
+        let usual = if capture.transfer.is_some() { Quadrature::PREINTEGRATED } else { Quadrature::Exact };
         let quadrature = self.quadrature.unwrap_or(usual);
         let light = scene.light(&capture, quadrature)?;
         let bar = output.progress(capture.frames.len() as u64, "render");

@@ -97,7 +97,7 @@ pub fn reconstruct(
     let held_out: Vec<Target> = (0..photos.len()).filter(held).map(|i| target(&photos[i])).collect();
     let looked_at: Vec<&Target> = if held_out.is_empty() { train.iter().collect() } else { held_out.iter().collect() };
     let scene =
-        Scene { medium: &request.medium, background: request.background, quadrature: Quadrature::Preintegrated };
+        Scene { medium: &request.medium, background: request.background, quadrature: Quadrature::PREINTEGRATED };
 
     let mut rate = RATE;
     let mut fit = Fit::new(topology, lattice, &unknown, &densities, range, rate);

@@ -65,7 +65,7 @@ impl Study<f64> {
         match parameter {
             Parameter::Step => {
                 setting.quadrature = match setting.quadrature {
-                    whole @ (Quadrature::Exact | Quadrature::Preintegrated) => whole,
+                    whole @ (Quadrature::Exact | Quadrature::Preintegrated(_)) => whole,
                     Quadrature::Midpoint(step) => Quadrature::Midpoint(step + by),
                     Quadrature::Riemann(step) => Quadrature::Riemann(step + by),
                 }

@@ -51,7 +51,7 @@ impl Setting {
     /// The quadrature's step in voxels; zero where it has none.
     fn step(&self) -> f64 {
         match self.quadrature {
-            Quadrature::Exact | Quadrature::Preintegrated => 0.0,
+            Quadrature::Exact | Quadrature::Preintegrated(_) => 0.0,
             Quadrature::Midpoint(step) | Quadrature::Riemann(step) => step,
         }
     }

@@ -11,9 +11,10 @@ pub enum Quadrature {
     /// two-point Gauss-Legendre has no error for the optical depth.
     Exact,
     /// Between points as far apart as the density's bends allow, through a transfer function's cumulative
-    /// tables, however many knots lie between: errors are of second order in the distance. The same as exact
+    /// tables, however many knots lie between: errors are of second order in the distance. The number is the error of
+    /// the density between points that is allowed, in units of the range of the function's knots. The same as exact
     /// without a transfer function, for derivatives with respect to where rays go, and for tangents.
-    Preintegrated,
+    Preintegrated(f64),
     /// Samples in the middle of steps of constant length; order 2.
     Midpoint(f64),
     /// Samples at the beginning of steps of constant length, the last step cut at the exit; order 1
@@ -21,21 +22,29 @@ pub enum Quadrature {
     Riemann(f64),
 }
 
+impl Quadrature {
+    /// Pre-integration with the tolerance that pictures have unless they ask for another: what half a step of an
+    /// 8-bit look-up comes to.
+    pub const PREINTEGRATED: Self = Self::Preintegrated(2e-3);
+}
+
 impl FromStr for Quadrature {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self> {
-        let expected =
-            "expected exact, preintegrated, midpoint:STEP or riemann:STEP with STEP in voxels, such as midpoint:0.5";
-        let (name, step) = text.split_once(':').unwrap_or((text, ""));
-        let step = || match step.parse::<f64>() {
-            // Below a thousandth of a voxel nothing is gained but waiting.
-            Ok(s) if (1e-3..=1e3).contains(&s) => Ok(s),
-            _ => Err(Error::invalid(format!("quadrature '{text}': step must lie in 0.001..1000; {expected}"))),
+        let expected = "expected exact, preintegrated, preintegrated:TOLERANCE with TOLERANCE in units of the \
+                        function's range, midpoint:STEP or riemann:STEP with STEP in voxels, such as midpoint:0.5";
+        let (name, number) = text.split_once(':').unwrap_or((text, ""));
+        let number = |what: &str, [least, most]: [f64; 2]| match number.parse::<f64>() {
+            Ok(v) if (least..=most).contains(&v) => Ok(v),
+            _ => Err(Error::invalid(format!("quadrature '{text}': {what} must lie in {least}..{most}; {expected}"))),
         };
+        // Below a thousandth of a voxel nothing is gained but waiting.
+        let step = || number("step", [1e-3, 1e3]);
         match name {
             "exact" if !text.contains(':') => Ok(Self::Exact),
-            "preintegrated" if !text.contains(':') => Ok(Self::Preintegrated),
+            "preintegrated" if !text.contains(':') => Ok(Self::PREINTEGRATED),
+            "preintegrated" => Ok(Self::Preintegrated(number("tolerance", [1e-6, 1.0])?)),
             "midpoint" => Ok(Self::Midpoint(step()?)),
             "riemann" => Ok(Self::Riemann(step()?)),
             _ => Err(Error::invalid(format!("quadrature '{text}' is unknown; {expected}"))),
@@ -47,7 +56,8 @@ impl fmt::Display for Quadrature {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Exact => f.write_str("exact"),
-            Self::Preintegrated => f.write_str("preintegrated"),
+            whole if *whole == Self::PREINTEGRATED => f.write_str("preintegrated"),
+            Self::Preintegrated(tolerance) => write!(f, "preintegrated:{tolerance}"),
             Self::Midpoint(s) => write!(f, "midpoint:{s}"),
             Self::Riemann(s) => write!(f, "riemann:{s}"),
         }
@@ -60,10 +70,10 @@ mod tests {
 
     #[test]
     fn names_round_trip_and_nonsense_is_refused() {
-        for q in ["exact", "preintegrated", "midpoint:0.5", "riemann:0.2"] {
+        for q in ["exact", "preintegrated", "preintegrated:0.01", "midpoint:0.5", "riemann:0.2"] {
             assert_eq!(q.parse::<Quadrature>().unwrap().to_string(), q);
         }
-        for q in ["exact:1", "preintegrated:1", "midpoint", "midpoint:0", "riemann:-1", "riemann:nan", "euler:1", ""] {
+        for q in ["exact:1", "preintegrated:2", "preintegrated:", "midpoint", "midpoint:0", "riemann:-1", "riemann:nan", "euler:1", ""] {
             assert!(q.parse::<Quadrature>().unwrap_err().to_string().contains("midpoint:0.5"), "{q}");
         }
     }

@@ -5,6 +5,7 @@
 
 #[path = "../fields/mod.rs"]
 mod fields;
+mod dvr;
 mod rays;
 mod row;
 mod turns;
@@ -18,6 +19,13 @@ fn main() {
     let after = |name: &str| arguments.iter().position(|a| a == name).map(|i| &arguments[i + 1..]);
     if let Some([input, output, ..]) = after(vdb::OWN_SIDE) {
         return vdb::own_side(Path::new(input), Path::new(output));
+    }
+    let threads = |text: &String| text.parse().unwrap();
+    if let Some([volume, count, folder, ..]) = after(dvr::PICTURES) {
+        return dvr::pictures(Path::new(volume), threads(count), Path::new(folder));
+    }
+    if let Some([volume, count, ..]) = after(dvr::GRADIENT) {
+        return dvr::gradient(Path::new(volume), threads(count));
     }
     let mut rows = rays::rows();
     if let Some([volume, peer, folder, ..]) = after("--vdb") {

@@ -190,7 +190,7 @@ impl GradientCommand {
     fn fits_together(&self) -> Result<()> {
         let asks = |w: Wrt| self.wrt.contains(&w);
         let inverts = self.adjoint == Some(AdjointName::Inversion);
-        if self.quadrature == Quadrature::Preintegrated && (asks(Wrt::Camera) || self.mode == Mode::Tangent || inverts)
+        if matches!(self.quadrature, Quadrature::Preintegrated(_)) && (asks(Wrt::Camera) || self.mode == Mode::Tangent || inverts)
         {
             let what = match self.mode {
                 Mode::Tangent => "no --mode tangent",
@@ -200,7 +200,7 @@ impl GradientCommand {
             return Err(Error::unsupported(format!("pre-integration has {what}"))
                 .hint("exact is what it approaches: --quadrature exact"));
         }
-        if asks(Wrt::Step) && matches!(self.quadrature, Quadrature::Exact | Quadrature::Preintegrated) {
+        if asks(Wrt::Step) && matches!(self.quadrature, Quadrature::Exact | Quadrature::Preintegrated(_)) {
             return Err(Error::invalid(format!("--wrt step: the {} quadrature has no step", self.quadrature))
                 .hint("choose one that has: --quadrature midpoint:0.5 or riemann:0.5"));
         }
@@ -270,7 +270,7 @@ impl GradientCommand {
             depth_alone: study.setting.transfer.is_none() && matches!(study.setting.source, Source::Grey(_)),
         };
         // Pre-integration goes backward only.
-        let mode = if self.quadrature == Quadrature::Preintegrated { Mode::Adjoint } else { self.mode };
+        let mode = if matches!(self.quadrature, Quadrature::Preintegrated(_)) { Mode::Adjoint } else { self.mode };
         let plan = Plan::new(task, mode, adjoint);
         let bytes = if density { count * study.field.values.len() * size_of::<R>() } else { 0 };
         if plan.way == Way::Tangent && (count > MOST_DIRECTIONS || bytes as u64 > limits.max_memory) {

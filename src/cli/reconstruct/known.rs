@@ -29,7 +29,7 @@ pub fn grid(field: &Bricks<f32>, photos: &[Photo], request: &Request, psnr_db: f
         .map(|(_, p)| Target { camera: p.camera, rgba: p.film.rgba.clone(), rays_per_edge: request.rays_per_edge })
         .collect();
     let quadrature = match request.medium.source {
-        Source::Transfer(_) => Quadrature::Preintegrated,
+        Source::Transfer(_) => Quadrature::PREINTEGRATED,
         Source::Grey(_) | Source::Linear(_) => Quadrature::Exact,
     };
     let scene = Scene { medium: &request.medium, background: request.background, quadrature };

@@ -328,10 +328,13 @@ impl<'a, R: Real> Dvr<'a, R> {
     pub fn quadrature(mut self, quadrature: Quadrature) -> Self {
         self.quadrature = quadrature;
         if let (Source::Transfer(table), Matter::Table(optics, tables)) = (&self.medium.source, &mut self.matter) {
-            *tables = (quadrature == Quadrature::Preintegrated).then(|| {
-                let (scale, values) = (self.medium.extinction, &self.field.values);
-                Arc::new(Preintegrated::new(table, scale, &optics.curve, values, &self.visible))
-            });
+            *tables = match quadrature {
+                Quadrature::Preintegrated(tolerance) => {
+                    let (medium, values) = ((table.as_ref(), self.medium.extinction), &self.field.values);
+                    Some(Arc::new(Preintegrated::new(medium, tolerance, &optics.curve, values, &self.visible)))
+                }
+                _ => None,
+            };
         }
         self
     }
@@ -373,7 +376,7 @@ impl<'a, R: Real> Dvr<'a, R> {
     #[inline(always)]
     fn uniform(&self, ray: &IndexRay) -> Option<Uniform> {
         let (step, phase) = match self.quadrature {
-            Quadrature::Exact | Quadrature::Preintegrated => return None,
+            Quadrature::Exact | Quadrature::Preintegrated(_) => return None,
             Quadrature::Midpoint(step) => (step, 0.5),
             Quadrature::Riemann(step) => (step, 0.0),
         };

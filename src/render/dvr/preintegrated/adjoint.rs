@@ -35,12 +35,12 @@ impl<R: Real> Preintegrated<R> {
         optics: &Optics<R, 3>,
         scratch: &mut Scratch<R>,
     ) -> Radiance<R> {
-        let Scratch { queue, row, tape, spare } = scratch;
+        let Scratch { queue, tape, spare } = scratch;
         spare.append(tape);
         let (dvr, ray) = (pass.dvr, pass.ray);
         let values = &dvr.field.values;
         let sites = Sites { topology: pass.topology(), density: &self.density, gaps: false };
-        let mut front = Front::new(&self.tables, &optics.curve, row);
+        let mut front = Front::new(&self.tables, &optics.curve);
         nodes(
             sites,
             &ray,
@@ -64,7 +64,7 @@ impl<R: Real> Preintegrated<R> {
         let mut back = Backward { own: self, optics, emitted, behind, weighted, last: None };
         if adjoint == Adjoint::Replay {
             let mut visit = spare.pop().unwrap_or_default();
-            let mut front = Front::new(&self.tables, &optics.curve, row);
+            let mut front = Front::new(&self.tables, &optics.curve);
             nodes(
                 sites,
                 &ray,
@@ -142,23 +142,29 @@ impl<R: Real> Backward<'_, R> {
     fn slopes(&self, pass: &mut Pass<'_, '_, R>, lit: &Lit<R>, arriving: &mut f64) -> [R::Lanes; 2] {
         let all = |v: f64| R::Lanes::splat(R::of(v));
         let weights = self.weighted.colour.map(all);
-        let mean = &lit.stretches.mean;
-        let emitted = lit.length * (weights[0] * mean[0] + weights[1] * mean[1] + weights[2] * mean[2]);
-        let light = lit.share * emitted;
+        let Lit { stretches, length, depth, before, shares } = lit;
+        let (mean, change) = (&stretches.mean, stretches.drift());
+        let emitted = *length * (weights[0] * mean[0] + weights[1] * mean[1] + weights[2] * mean[2]);
+        let drifted = weights[0] * change[0] + weights[1] * change[1] + weights[2] * change[2];
+        let light = *before * (shares.mixed * emitted + shares.drift * drifted);
         // From beyond each: that of those behind it in the four, and of all behind the four.
         let behind = light.before(R::ZERO);
         let pairs = behind + behind.before(R::ZERO);
         let behind = pairs + pairs.before(R::ZERO).before(R::ZERO);
-        let by_depth = lit.share_slope() * emitted - (all(*arriving) + behind);
+        let [by_mixed, by_drift] = shares.slopes(*depth);
+        let by_depth = *before * (by_mixed * emitted + by_drift * drifted) - (all(*arriving) + behind);
         *arriving += light.sum().f64();
+        let (mixed, drift) = (*before * shares.mixed, *before * shares.drift);
         let extinction = pass.dvr.medium.extinction;
-        pass.sinks.shared.extinction += (light + by_depth * lit.depth).sum().f64() / extinction;
-        let share = lit.share * lit.length;
-        let by_mean = [share * weights[0], share * weights[1], share * weights[2], lit.length * by_depth];
+        // Light that is mixed is proportional to the extinction as well.
+        pass.sinks.shared.extinction += (mixed * emitted + by_depth * *depth).sum().f64() / extinction;
+        let share = mixed * *length;
+        let by_mean = [share * weights[0], share * weights[1], share * weights[2], *length * by_depth];
+        let by_drift = weights.map(|w| w * drift);
         if let Some(table) = pass.sinks.table.as_deref_mut() {
-            lit.stretches.by_table(&self.own.tables, &self.optics.curve, extinction, by_mean, table);
+            stretches.by_table(&self.own.tables, &self.optics.curve, extinction, by_mean, by_drift, table);
         }
-        lit.stretches.slopes(&self.own.tables, by_mean)
+        stretches.slopes(&self.own.tables, by_mean, by_drift)
     }
 
     /// The same for four that were cut.

@@ -7,8 +7,8 @@ use crate::render::curve::{Curve, Piece};
 use crate::scene::table::TableGradient;
 
 impl<R: Real> Stretches<R> {
-    /// Adds derivatives with respect to the ends of pieces, from those with respect to the means; the curve's
-    /// extinctions are the table's times `scale`.
+    /// Adds derivatives with respect to the ends of pieces, from those with respect to the means and to the drift; the
+    /// curve's extinctions are the table's times `scale`.
     #[inline(never)]
     pub fn by_table(
         &self,
@@ -16,11 +16,21 @@ impl<R: Real> Stretches<R> {
         curve: &Curve<R, 3>,
         scale: f64,
         by_mean: [R::Lanes; LANES],
+        by_drift: [R::Lanes; 3],
         table: &mut TableGradient,
     ) {
         let by_mean = R::Lanes::transpose(by_mean).map(|v| v.store().map(Real::f64));
+        let by_drift = by_drift.map(|v| v.store().map(Real::f64));
         let [begin, end] = self.ends.map(Lanes::store);
         for i in 0..LANES {
+            for (number, density, sign) in [(self.pieces[i], begin[i], -1.0), (self.pieces[i + 1], end[i], 1.0)] {
+                let upper = upper(curve.piece(number), density.f64());
+                let ends = &mut table.pieces[number as usize];
+                for c in 0..3 {
+                    ends[0][c] += sign * (1.0 - upper) * by_drift[c][i];
+                    ends[1][c] += sign * upper * by_drift[c][i];
+                }
+            }
             let (low, high) = (begin[i].lesser(end[i]).f64(), begin[i].greater(end[i]).f64());
             let mut add = |number: u32, density: f64, share: f64| {
                 let line = curve.piece(number);
@@ -48,12 +58,17 @@ impl<R: Real> Stretches<R> {
     }
 }
 
+/// Share of the upper end in the value at a density.
+fn upper<R: Real>(line: &Piece<R, 3>, density: f64) -> f64 {
+    line.fraction(R::ZERO).f64() + density * line.fraction_slope().f64()
+}
+
 /// Adds derivatives with respect to a piece's ends, from those with respect to `σ r`, `σ g`, `σ b` and `σ` at one
 /// density.
 fn add<R: Real>(ends: &mut [[f64; 4]; 2], line: &Piece<R, 3>, scale: f64, density: f64, by: [f64; 4]) {
     let offset = density - line.base.f64();
     let at = |[at_base, slope]: [R; 2]| at_base.f64() + slope.f64() * offset;
-    let upper = line.fraction(R::ZERO).f64() + density * line.fraction_slope().f64();
+    let upper = upper(line, density);
     let extinction = at(line.extinction);
     let mut by_extinction = by[3];
     for c in 0..3 {

@@ -1,7 +1,8 @@
 //! Front-to-back blending of four stretches at a time.
 //!
-//! With `x` a stretch's optical depth, `T` the transmittance before it and `e` the mean of `σ c` over its length
-//! h, it adds `T e h (1 - e^{-x}) / x`: colours count as mixed over a stretch.
+//! With `x` a stretch's optical depth, `T` the transmittance before it, `e` the mean of `σ c` over its length h, and `d`
+//! the change of the colour c from its begin to its end, it adds `T (e h A + d B)`, where `A = (1 - e^{-x}) / x` and
+//! `B = A - (1 + e^{-x}) / 2`: this has no error where the colour is linear in the optical depth.
 
 use super::nodes::{FOURS, Queue};
 use super::table::{Cumulative, End, Stretches};
@@ -9,12 +10,24 @@ use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
 use crate::render::curve::Curve;
 
-/// Optical depth above which a stretch is cut, unless there is but one colour.
-const THICK: f64 = 0.5;
 /// The most parts that a stretch is cut into, in fours.
 const MOST_FOURS: usize = 16;
-/// Optical depth below which `(1 - e^{-x}) / x` is a sum of seven terms: what is left out is below 1e-14.
-const THIN: f64 = 0.05;
+/// Optical depth below which B is a sum of powers.
+const THIN: f64 = 0.5;
+/// Factors of the powers, from the second on: `(-1)^k (1/(k+1)! - 1/(2 k!))`; what is left out is below 1e-15.
+const POWERS: [f64; 11] = [
+    -1.0 / 12.0,
+    1.0 / 24.0,
+    -1.0 / 80.0,
+    1.0 / 360.0,
+    -1.0 / 2016.0,
+    1.0 / 13440.0,
+    -1.0 / 103_680.0,
+    1.0 / 907_200.0,
+    -1.0 / 8_870_400.0,
+    1.0 / 95_800_320.0,
+    -1.0 / 1_132_185_600.0,
+];
 
 /// Four stretches in a row with their light.
 #[derive(Debug, Clone, Copy)]
@@ -24,27 +37,54 @@ pub(super) struct Lit<R: Real> {
     pub length: R::Lanes,
     /// Optical depths x.
     pub depth: R::Lanes,
-    /// Transmittance before and after.
+    /// Transmittance before.
     pub before: R::Lanes,
-    pub beyond: R::Lanes,
-    /// `T (1 - e^{-x}) / x`.
-    pub share: R::Lanes,
+    pub shares: Shares<R>,
 }
 
-impl<R: Real> Lit<R> {
-    /// Derivative of [`Lit::share`] with respect to the stretch's own optical depth, at a fixed T.
+/// A and B.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shares<R: Real> {
+    /// `e^{-x}`.
+    pub open: R::Lanes,
+    pub mixed: R::Lanes,
+    pub drift: R::Lanes,
+}
+
+impl<R: Real> Shares<R> {
     #[inline(always)]
-    pub fn share_slope(&self) -> R::Lanes {
-        let x = self.depth;
-        let series = polynomial::<R>(x, [-1.0 / 2.0, 1.0 / 3.0, -1.0 / 8.0, 1.0 / 30.0, -1.0 / 144.0, 1.0 / 840.0]);
-        x.select_above(R::Lanes::splat(R::of(THIN)), (self.beyond - self.share) / x, self.before * series)
+    fn new(depth: R::Lanes, open: R::Lanes) -> Self {
+        let all = |v: f64| R::Lanes::splat(R::of(v));
+        let ends = all(0.5) * (all(1.0) + open);
+        let thin = depth * depth * powers::<R>(depth, |_, factor| factor);
+        // Never zero where it is divided by.
+        let mixed = (all(1.0) - open) / depth.greater(all(THIN));
+        let drift = depth.select_above(all(THIN), mixed - ends, thin);
+        Self { open, mixed: depth.select_above(all(THIN), mixed, thin + ends), drift }
+    }
+
+    /// Derivatives of A and B with respect to x.
+    #[inline(always)]
+    pub fn slopes(&self, depth: R::Lanes) -> [R::Lanes; 2] {
+        let all = |v: f64| R::Lanes::splat(R::of(v));
+        let half = all(0.5) * self.open;
+        let thin = depth * powers::<R>(depth, |power, factor| power * factor);
+        let mixed = (self.open - self.mixed) / depth.greater(all(THIN));
+        [depth.select_above(all(THIN), mixed, thin - half), depth.select_above(all(THIN), mixed + half, thin)]
     }
 }
 
+/// The sum of powers without the first two, each factor as told by its power.
 #[inline(always)]
-fn polynomial<R: Real>(x: R::Lanes, [a, b, c, d, e, f]: [f64; 6]) -> R::Lanes {
-    let all = |v: f64| R::Lanes::splat(R::of(v));
-    all(a) + x * (all(b) + x * (all(c) + x * (all(d) + x * (all(e) + x * all(f)))))
+fn powers<R: Real>(x: R::Lanes, factor: impl Fn(f64, f64) -> f64) -> R::Lanes {
+    // Single precision has enough of seven.
+    let count = if R::EPSILON.f64() > 1e-10 { 7 } else { POWERS.len() };
+    let of = |k: usize| R::Lanes::splat(R::of(factor((k + 2) as f64, POWERS[k])));
+    let mut sum = of(count - 1);
+    for k in (0..count - 1).rev() {
+        sum = of(k) + x * sum;
+    }
+    sum
 }
 
 /// State of the blend.
@@ -55,31 +95,20 @@ pub(super) struct Front<'a, R: Real> {
     last: End<R>,
     /// Optical depth so far.
     pub depth: f64,
-    /// Transmittance so far, in the last lane.
-    open: R::Lanes,
+    /// Transmittance so far.
+    open: R,
     /// Light so far, by channel.
     pub emitted: [f64; 3],
     /// Light of the stretches at hand, a share in each lane.
     adding: [R::Lanes; 3],
-    stretches: &'a mut Row<R>,
-}
-
-/// Stretches that are made together.
-#[derive(Debug, Clone)]
-pub(super) struct Row<R: Real>([Stretches<R>; FOURS]);
-
-impl<R: Real> Default for Row<R> {
-    fn default() -> Self {
-        Self([Stretches::NONE; FOURS])
-    }
 }
 
 impl<'a, R: Real> Front<'a, R> {
     /// Where nothing has been met, at density zero.
     #[inline(always)]
-    pub fn new(tables: &'a Cumulative<R>, curve: &'a Curve<R, 3>, stretches: &'a mut Row<R>) -> Self {
-        let (open, adding) = (R::Lanes::splat(R::ONE), [R::Lanes::ZERO; 3]);
-        Self { tables, curve, last: tables.zero, depth: 0.0, open, emitted: [0.0; 3], adding, stretches }
+    pub fn new(tables: &'a Cumulative<R>, curve: &'a Curve<R, 3>) -> Self {
+        let (open, adding) = (R::ONE, [R::Lanes::ZERO; 3]);
+        Self { tables, curve, last: tables.zero, depth: 0.0, open, emitted: [0.0; 3], adding }
     }
 
     /// Moves what was added to the sums.
@@ -101,19 +130,19 @@ impl<'a, R: Real> Front<'a, R> {
         for (i, density) in density.iter_mut().enumerate().take(fours) {
             *density = self.tables.within(queue.four(i).densities(values));
         }
-        let mut last = self.last;
-        for i in 0..fours {
-            self.stretches.0[i] = Stretches::new(self.tables, self.curve, &mut last, density[i]);
-        }
-        self.last = last;
-        let thick = R::Lanes::splat(R::of(THICK));
-        for i in 0..fours {
-            let (stretches, length) = (self.stretches.0[i], queue.four(i).length);
-            let depth = length * stretches.mean[3];
-            if !self.tables.colourful || thick.reach(depth) {
-                see(i, self.blend(&stretches, length), 0);
+        for (i, density) in density.iter().enumerate().take(fours) {
+            let stretches = Stretches::new(self.tables, self.curve, &mut self.last, *density);
+            let length = queue.four(i).length;
+            let depth = (length * stretches.mean[3]).greater(zero);
+            let shares = Shares::new(depth, depth.fall());
+            let off = Lanes::<R>::abs(shares.drift * length) * stretches.bent();
+            let allowed = R::Lanes::splat(self.tables.limit) * depth;
+            if allowed.reach(off) {
+                see(i, self.blend(&stretches, length, depth, shares), 0);
             } else {
-                self.cut(&stretches, length, depth, |lit, fours| see(i, lit, fours));
+                self.cut(&stretches, length, off / allowed.greater(R::Lanes::splat(R::EPSILON)), |lit, fours| {
+                    see(i, lit, fours);
+                });
             }
         }
         self.settle();
@@ -123,16 +152,19 @@ impl<'a, R: Real> Front<'a, R> {
     pub fn add_gap(&mut self, length: R) {
         let zero = R::Lanes::splat(R::ZERO);
         let stretches = Stretches::new(self.tables, self.curve, &mut self.last, zero);
-        self.blend(&stretches, zero.after(length));
+        let length = zero.after(length);
+        let depth = length * stretches.mean[3];
+        self.blend(&stretches, length, depth, Shares::new(depth, depth.fall()));
         self.settle();
     }
 
-    /// Adds four stretches, each cut into so many times four that none is thick.
-    #[inline(always)]
-    fn cut(&mut self, whole: &Stretches<R>, length: R::Lanes, depth: R::Lanes, mut see: impl FnMut(Lit<R>, usize)) {
+    /// Adds four stretches, each cut into so many times four that none is off by more than is allowed; they are
+    /// `times` that, and that falls with the square of the number of parts.
+    #[inline(never)]
+    fn cut(&mut self, whole: &Stretches<R>, length: R::Lanes, times: R::Lanes, mut see: impl FnMut(Lit<R>, usize)) {
         let all = <R::Lanes as Lanes<R>>::splat;
-        let thickest = depth.store().into_iter().fold(R::ZERO, Real::greater).f64();
-        let fours = ((thickest / (LANES as f64 * THICK)).ceil() as usize).clamp(1, MOST_FOURS);
+        let worst = times.store().into_iter().fold(R::ZERO, Real::greater).f64();
+        let fours = ((worst.sqrt() / LANES as f64).ceil() as usize).clamp(1, MOST_FOURS);
         let part = R::of(1.0 / (LANES * fours) as f64);
         let (begin, end, length) = (whole.ends[0].store(), whole.ends[1].store(), length.store());
         let mut last = whole.begin(self.tables);
@@ -145,27 +177,25 @@ impl<'a, R: Real> Front<'a, R> {
                     at = R::Lanes::load([a, b, c, end[i]]);
                 }
                 let stretches = Stretches::new(self.tables, self.curve, &mut last, at);
-                see(self.blend(&stretches, all(part * length[i])), fours);
+                let length = all(part * length[i]);
+                let depth = (length * stretches.mean[3]).greater(all(R::ZERO));
+                see(self.blend(&stretches, length, depth, Shares::new(depth, depth.fall())), fours);
             }
         }
     }
 
     #[inline(always)]
-    fn blend(&mut self, stretches: &Stretches<R>, length: R::Lanes) -> Lit<R> {
-        let all = <R::Lanes as Lanes<R>>::splat;
-        let depth = (length * stretches.mean[3]).greater(all(R::ZERO));
-        let running = depth.running();
-        let beyond = (all(R::of(self.depth)) + running).fall();
-        let before = beyond.after(self.open.store()[LANES - 1]);
-        let series = polynomial::<R>(depth, [1.0, -1.0 / 2.0, 1.0 / 6.0, -1.0 / 24.0, 1.0 / 120.0, -1.0 / 720.0]);
-        let share = depth.select_above(all(R::of(THIN)), (before - beyond) / depth, before * series);
-        let weight = share * length;
+    fn blend(&mut self, stretches: &Stretches<R>, length: R::Lanes, depth: R::Lanes, shares: Shares<R>) -> Lit<R> {
+        let beyond = shares.open.running_product();
+        let before = R::Lanes::splat(self.open) * beyond.after(R::ONE);
+        let (mixed, drift) = (before * shares.mixed * length, before * shares.drift);
+        let change = stretches.drift();
         for c in 0..3 {
-            self.adding[c] += weight * stretches.mean[c];
+            self.adding[c] += mixed * stretches.mean[c] + drift * change[c];
         }
-        self.depth += running.store()[LANES - 1].f64();
-        self.open = beyond;
-        Lit { stretches: *stretches, length, depth, before, beyond, share }
+        self.depth += depth.sum().f64();
+        self.open = self.open * beyond.store()[LANES - 1];
+        Lit { stretches: *stretches, length, depth, before, shares }
     }
 }
 

@@ -19,7 +19,7 @@ use crate::render::march::IndexRay;
 use crate::scene::bricks::{BRICK, Topology};
 use crate::scene::table::Table;
 use adjoint::Visit;
-use light::{Front, Row};
+use light::Front;
 use nodes::{Queue, Sites, nodes, roughness};
 use rayon::prelude::*;
 use table::Cumulative;
@@ -36,22 +36,26 @@ pub(super) struct Preintegrated<R: Real> {
     gaps: bool,
 }
 
-/// Error of the density between nodes that is allowed, in units of the range of the knots: what half a step of an
-/// 8-bit look-up comes to.
-const TOLERANCE: f64 = 2e-3;
 /// Least and greatest distance between nodes, in voxels.
 const DISTANCE: [f64; 2] = [0.5, 4.0];
 
 impl<R: Real> Preintegrated<R> {
-    /// Of a table whose extinctions are multiplied by `scale`, for a field of which these bricks are visible.
-    pub fn new(table: &Table, scale: f64, curve: &Curve<R, 3>, values: &[R], visible: &Topology) -> Self {
-        let tables = Cumulative::new(table, scale, curve);
+    /// Of a table and what its extinctions are multiplied by, for a field of which these bricks are visible;
+    /// `tolerance` is the error of the density between nodes that is allowed, in units of the range of the knots.
+    pub fn new(
+        (table, scale): (&Table, f64),
+        tolerance: f64,
+        curve: &Curve<R, 3>,
+        values: &[R],
+        visible: &Topology,
+    ) -> Self {
+        let tables = Cumulative::new(table, scale, tolerance, curve);
         let gaps = table.at(0.0)[3] > 0.0;
         let bricks: Vec<(R, bool)> =
             values.par_chunks(BRICK).map(|v| (roughness(v), v.iter().any(|v| *v != R::ZERO))).collect();
         // Of a line between two points at a distance s of a curve whose second derivative is c: s² c / 8.
         let distance = |rough: f64| {
-            let distance = (8.0 * TOLERANCE * tables.range / rough.max(f64::MIN_POSITIVE)).sqrt();
+            let distance = (8.0 * tolerance * tables.range / rough.max(f64::MIN_POSITIVE)).sqrt();
             // Few different ones: a change of the density seldom changes the nodes.
             (2.0 * distance.clamp(DISTANCE[0], DISTANCE[1]).log2()).floor() * 0.5
         };
@@ -64,7 +68,7 @@ impl<R: Real> Preintegrated<R> {
     #[inline(always)]
     pub fn blend(&self, dvr: &Dvr<'_, R>, curve: &Curve<R, 3>, ray: &IndexRay, scratch: &mut Scratch<R>) -> Blend<3> {
         let values = &dvr.field.values;
-        let mut front = Front::new(&self.tables, curve, &mut scratch.row);
+        let mut front = Front::new(&self.tables, curve);
         let sites = Sites { topology: &self.occupied, density: &self.density, gaps: self.gaps };
         let rest = nodes(
             sites,
@@ -87,7 +91,6 @@ impl<R: Real> Preintegrated<R> {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scratch<R: Real> {
     queue: Queue<R>,
-    row: Row<R>,
     tape: Vec<Visit<R>>,
     spare: Vec<Visit<R>>,
 }

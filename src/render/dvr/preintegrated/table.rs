@@ -10,9 +10,13 @@ use crate::render::curve::Curve;
 use crate::scene::table::Table;
 use glam::DVec4;
 
-/// `σ r`, `σ g`, `σ b` and `σ` on one piece, in a lane each: `a + 2 b u + 3 c u²` at a density `base + u`.
+/// One piece of a curve, in lanes for red, green, blue and extinction, at a density `base + u`.
 #[derive(Debug, Clone, Copy)]
-struct Piece<R: Real> {
+pub(super) struct Piece<R: Real> {
+    /// Colours and extinction: `value + slope u`.
+    value: R::Lanes,
+    pub slope: R::Lanes,
+    /// `σ r`, `σ g`, `σ b` and `σ`: `a + 2 b u + 3 c u²`.
     a: R::Lanes,
     b: R::Lanes,
     c: R::Lanes,
@@ -33,16 +37,17 @@ pub(super) struct Cumulative<R: Real> {
     pub zero: End<R>,
     /// Range of the knots, or if they lie in one place the magnitude of their density.
     pub range: f64,
-    /// True if the colour depends on the density.
-    pub colourful: bool,
+    /// Radiance that one stretch may be off by.
+    pub limit: R,
 }
 
 /// How far beyond its knots a table is followed, in units of their range.
 const BEYOND: f64 = 1e6;
 
 impl<R: Real> Cumulative<R> {
-    /// Of a table whose extinctions are multiplied by `scale`.
-    pub fn new(table: &Table, scale: f64, curve: &Curve<R, 3>) -> Self {
+    /// Of a table whose extinctions are multiplied by `scale`; `tolerance` is what a stretch may be off by, in units of
+    /// the brightest colour.
+    pub fn new(table: &Table, scale: f64, tolerance: f64, curve: &Curve<R, 3>) -> Self {
         let knots = table.knots();
         let (first, last) = (knots[0], knots[knots.len() - 1]);
         let rounded = |v: f64| R::of(v).f64();
@@ -59,23 +64,34 @@ impl<R: Real> Cumulative<R> {
             let lit = |c: usize| [s * at(c), 0.5 * (s * slope[c] + t * at(c)), t * slope[c] * (1.0 / 3.0)];
             let lines = [lit(0), lit(1), lit(2), [s, 0.5 * t, 0.0]];
             let lanes = |k: usize| R::Lanes::load(lines.map(|line| R::of(line[k])));
-            let piece = Piece { a: lanes(0), b: lanes(1), c: lanes(2), below, base: R::of(base) };
+            let four = |v: [f64; 4]| R::Lanes::load(v.map(R::of));
+            let piece = Piece {
+                value: four([at(0), at(1), at(2), s]),
+                slope: four([slope[0], slope[1], slope[2], t]),
+                a: lanes(0),
+                b: lanes(1),
+                c: lanes(2),
+                below,
+                base: R::of(base),
+            };
             if p > 0 && high.is_finite() {
                 below = piece.sums(R::of(high));
             }
             piece
         });
+        let brightest = table.peak()[..3].iter().fold(0.0, |m: f64, v| m.max(*v));
+        // Of one colour, all are mixed.
+        let colourful = table.values().iter().any(|v| v[..3] != table.values()[0][..3]);
         let scale = (last - first).max(first.abs()).max(last.abs());
         let range = if last > first { last - first } else { scale };
         let pieces: Vec<Piece<R>> = pieces.collect();
-        let piece = curve.find(R::ZERO);
         Self {
-            zero: End { density: R::Lanes::ZERO, piece, sums: pieces[piece as usize].sums(R::ZERO) },
+            zero: End::new(&pieces, curve.find(R::ZERO), R::ZERO),
             pieces,
             outmost: [R::of(first - BEYOND * scale), R::of(last + BEYOND * scale)],
             same: R::of(1e-6 * scale),
             range,
-            colourful: table.values().iter().any(|v| v[..3] != table.values()[0][..3]),
+            limit: R::of(if colourful { tolerance * brightest.max(f64::from(f32::MIN_POSITIVE)) } else { 1e30 }),
         }
     }
 
@@ -89,31 +105,35 @@ impl<R: Real> Cumulative<R> {
 impl<R: Real> Piece<R> {
     #[inline(always)]
     fn sums(&self, density: R) -> DVec4 {
-        let wide = |v: R::Lanes| DVec4::from_array(v.store().map(Real::f64));
+        let wide = |v: R::Lanes| {
+            let [x, y, z, w] = v.store();
+            DVec4::new(x.f64(), y.f64(), z.f64(), w.f64())
+        };
         let u = density.f64() - self.base.f64();
         self.below + u * (wide(self.a) + u * (wide(self.b) + u * wide(self.c)))
     }
 
-    /// Mean over a stretch: if it lies in `one` piece, from the sum of its ends' distances from the base, and what
-    /// the square of the density adds to that of its middle; else from the sums.
     #[inline(always)]
-    fn mean(&self, one: bool, middle: R, bend: R, before: DVec4, sums: DVec4, inverse: R) -> R::Lanes {
-        let all = <R::Lanes as Lanes<R>>::splat;
-        if one {
-            self.a + all(middle) * self.b + all(bend) * self.c
-        } else {
-            R::Lanes::load((sums - before).to_array().map(R::of)) * all(inverse)
-        }
+    fn values(&self, density: R) -> R::Lanes {
+        self.value + R::Lanes::splat(density - self.base) * self.slope
     }
 }
 
 /// The end of a stretch.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct End<R: Real> {
-    /// Its density in the last lane.
-    density: R::Lanes,
+    density: R,
     piece: u32,
     sums: DVec4,
+    /// Colours and extinction.
+    values: R::Lanes,
+}
+
+impl<R: Real> End<R> {
+    fn new(pieces: &[Piece<R>], piece: u32, density: R) -> Self {
+        let p = &pieces[piece as usize];
+        Self { density, piece, sums: p.sums(density), values: p.values(density) }
+    }
 }
 
 /// Four stretches in a row on each of which the density is linear in the length.
@@ -123,77 +143,118 @@ pub(super) struct Stretches<R: Real> {
     pub ends: [R::Lanes; 2],
     /// Pieces that the ends lie in, each after that in which the one before it lies.
     pub pieces: [u32; LANES + 1],
+    /// Red, green, blue and extinction where they begin and end.
+    pub values: [[R::Lanes; 4]; 2],
     /// Mean of `σ r`, `σ g`, `σ b` and `σ` over each.
-    pub mean: [R::Lanes; LANES],
+    pub mean: [R::Lanes; 4],
+    /// Above zero where a stretch has its mean from the sums, not from its ends.
+    summed: R::Lanes,
 }
 
 impl<R: Real> Stretches<R> {
-    /// Of no density.
-    pub const NONE: Self = Self { ends: [R::Lanes::ZERO; 2], pieces: [0; LANES + 1], mean: [R::Lanes::ZERO; LANES] };
-
     /// From where the last one ended to the densities given, one after the other.
     #[inline(always)]
     pub fn new(tables: &Cumulative<R>, curve: &Curve<R, 3>, last: &mut End<R>, to: R::Lanes) -> Self {
-        let from = to.after(last.density.store()[LANES - 1]);
+        let all = <R::Lanes as Lanes<R>>::splat;
+        let from = to.after(last.density);
         let found = curve.find_all(to);
         let pieces = [last.piece, found[0], found[1], found[2], found[3]];
+        let d = to.store();
+        let [p, q, r, s] = [0, 1, 2, 3].map(|i| &tables.pieces[found[i] as usize]);
+        let [a, b, c, e] = [p.sums(d[0]), q.sums(d[1]), r.sums(d[2]), s.sums(d[3])];
+        let apart = |before: DVec4, after: DVec4| {
+            let [x, y, z, w] = (after - before).to_array();
+            R::Lanes::load([R::of(x), R::of(y), R::of(z), R::of(w)])
+        };
+        let sums = R::Lanes::transpose([apart(last.sums, a), apart(a, b), apart(b, c), apart(c, e)]);
+        let values = s.values(d[3]);
+        let second = R::Lanes::transpose([p.values(d[0]), q.values(d[1]), r.values(d[2]), values]);
+        let before = last.values.store();
+        let first = [
+            second[0].after(before[0]),
+            second[1].after(before[1]),
+            second[2].after(before[2]),
+            second[3].after(before[3]),
+        ];
         let width = to - from;
-        let inverse = (R::Lanes::splat(R::ONE) / width).store();
-        let [p, q, r, s] = found.map(|p| &tables.pieces[p as usize]);
-        let base = R::Lanes::load([p.base, q.base, r.base, s.base]);
-        let middle = (from - base) + (to - base);
-        let bend = R::Lanes::splat(R::of(0.75)) * middle * middle + R::Lanes::splat(R::of(0.25)) * width * width;
-        let (middle, bend) = (middle.store(), bend.store());
-        let (densities, apart) = (to.store(), width.abs().store());
-        let sums = [p.sums(densities[0]), q.sums(densities[1]), r.sums(densities[2]), s.sums(densities[3])];
-        let one = |i: usize| pieces[i] == pieces[i + 1] || apart[i] <= tables.same;
-        let mean = R::Lanes::transpose([
-            p.mean(one(0), middle[0], bend[0], last.sums, sums[0], inverse[0]),
-            q.mean(one(1), middle[1], bend[1], sums[0], sums[1], inverse[1]),
-            r.mean(one(2), middle[2], bend[2], sums[1], sums[2], inverse[2]),
-            s.mean(one(3), middle[3], bend[3], sums[2], sums[3], inverse[3]),
-        ]);
-        *last = End { density: to, piece: found[3], sums: sums[3] };
-        Self { ends: [from, to], pieces, mean }
+        let inverse = all(R::ONE) / width;
+        let other = |i: usize| if pieces[i] == pieces[i + 1] { R::ZERO } else { R::ONE };
+        let other = R::Lanes::load([other(0), other(1), other(2), other(3)]);
+        let summed = width.abs().select_above(all(tables.same), other, all(R::ZERO));
+        // In one piece Simpson's rule has no error: of the product of two linear functions, from their ends.
+        let (begin, end) = (all(R::of(1.0 / 6.0)) * first[3], all(R::of(1.0 / 6.0)) * second[3]);
+        let (at_first, at_second) = (begin + begin + end, begin + end + end);
+        let pick = |c: usize, simpson: R::Lanes| summed.select_above(all(R::ZERO), sums[c] * inverse, simpson);
+        let lit = |c: usize| pick(c, at_first * first[c] + at_second * second[c]);
+        let mean = [lit(0), lit(1), lit(2), pick(3, at_first + at_second)];
+        *last = End { density: d[3], piece: found[3], sums: e, values };
+        Self { ends: [from, to], pieces, values: [first, second], mean, summed }
     }
 
     /// Where the first one begins.
     #[inline(always)]
     pub fn begin(&self, tables: &Cumulative<R>) -> End<R> {
-        let (density, piece) = (self.ends[0].store()[0], self.pieces[0]);
-        End { density: R::Lanes::splat(density), piece, sums: tables.pieces[piece as usize].sums(density) }
+        End::new(&tables.pieces, self.pieces[0], self.ends[0].store()[0])
     }
 
-    /// Derivatives with respect to the densities where they begin and end, from those with respect to the means.
+    /// Change of colours over each.
     #[inline(always)]
-    pub fn slopes(&self, tables: &Cumulative<R>, by_mean: [R::Lanes; LANES]) -> [R::Lanes; 2] {
+    pub fn drift(&self) -> [R::Lanes; 3] {
+        let [first, second] = &self.values;
+        [second[0] - first[0], second[1] - first[1], second[2] - first[2]]
+    }
+
+    /// How far the means are from those of the ends.
+    #[inline(always)]
+    pub fn bent(&self) -> R::Lanes {
+        let [first, second] = &self.values;
+        let half = R::Lanes::splat(R::of(0.5));
+        let off = |c: usize| (self.mean[c] - half * (first[3] * first[c] + second[3] * second[c])).abs();
+        let extinction = (self.mean[3] - half * (first[3] + second[3])).abs();
+        extinction.greater(off(0)).greater(off(1)).greater(off(2))
+    }
+
+    /// Derivatives with respect to the densities where they begin and end, from those with respect to the means and
+    /// to the drift.
+    #[inline(always)]
+    pub fn slopes(
+        &self,
+        tables: &Cumulative<R>,
+        by_mean: [R::Lanes; 4],
+        by_drift: [R::Lanes; 3],
+    ) -> [R::Lanes; 2] {
         let all = <R::Lanes as Lanes<R>>::splat;
-        let [from, to] = self.ends;
-        let width = to - from;
-        let inverse = (all(R::ONE) / width).store();
-        let (begin, end, width) = (from.store(), to.store(), width.store());
-        let (means, by_mean) = (R::Lanes::transpose(self.mean), R::Lanes::transpose(by_mean));
-        let of = |i: usize| {
-            let [first, second] = [self.pieces[i], self.pieces[i + 1]].map(|p| &tables.pieces[p as usize]);
-            let (two, three) = (all(R::of(2.0)), all(R::of(3.0)));
-            if self.pieces[i] == self.pieces[i + 1] || width[i].greater(-width[i]) <= tables.same {
-                let middle = (begin[i] - second.base) + (end[i] - second.base);
-                let rise = second.b + all(R::of(1.5) * middle) * second.c;
-                let bend = all(R::of(0.5) * width[i]) * second.c;
-                return (by_mean[i] * (rise - bend), by_mean[i] * (rise + bend));
+        let [first, second] = &self.values;
+        let slope = |i: usize| tables.pieces[self.pieces[i] as usize].slope;
+        let slopes = [
+            R::Lanes::transpose([slope(0), slope(1), slope(2), slope(3)]),
+            R::Lanes::transpose([slope(1), slope(2), slope(3), slope(4)]),
+        ];
+        let zero = all(R::ZERO);
+        let inverse = all(R::ONE) / (self.ends[1] - self.ends[0]);
+        let (sixth, half) = (all(R::of(1.0 / 6.0)), all(R::of(0.5)));
+        // Of Simpson's rule, at either end.
+        let of_ends = |near: usize, far: usize| {
+            let (here, there) = (&self.values[near], &self.values[far]);
+            let share = sixth * (here[3] + here[3] + there[3]);
+            let (mut by_colours, mut by_extinction) = (zero, half * by_mean[3]);
+            for c in 0..3 {
+                by_colours += by_mean[c] * share * slopes[near][c];
+                by_extinction += by_mean[c] * sixth * (here[c] + here[c] + there[c]);
             }
-            let at = |piece: &Piece<R>, density: R| {
-                let u = all(density - piece.base);
-                piece.a + u * (two * piece.b + u * (three * piece.c))
-            };
-            let by = by_mean[i] * all(inverse[i]);
-            (by * (means[i] - at(first, begin[i])), by * (at(second, end[i]) - means[i]))
+            by_colours + by_extinction * slopes[near][3]
         };
-        let four = [of(0), of(1), of(2), of(3)];
-        let sums = |v: [R::Lanes; LANES]| {
-            let [a, b, c, d] = R::Lanes::transpose(v);
-            (a + b) + (c + d)
+        // Of a difference of sums, divided by that of the densities.
+        let of_sums = |end: &[R::Lanes; 4]| {
+            let off = |c: usize| by_mean[c] * (end[3] * end[c] - self.mean[c]);
+            ((off(0) + off(1)) + (off(2) + by_mean[3] * (end[3] - self.mean[3]))) * inverse
         };
-        [sums(four.map(|s| s.0)), sums(four.map(|s| s.1))]
+        let drift = |at: usize| {
+            by_drift[0] * slopes[at][0] + by_drift[1] * slopes[at][1] + by_drift[2] * slopes[at][2]
+        };
+        [
+            self.summed.select_above(zero, zero - of_sums(first), of_ends(0, 1)) - drift(0),
+            self.summed.select_above(zero, of_sums(second), of_ends(1, 0)) + drift(1),
+        ]
     }
 }

@@ -1,0 +1,185 @@
+//! Our side of B1 and B2: pictures through a transfer function, and gradients of them by voxel, on the volumes and
+//! with the cameras that `python/peers/run_vtk.py` and `run_torch.py` have. One JSON line on stdout.
+
+use super::turns::{in_turn, median};
+use cumulo::formats::vdb::{File, Limits};
+use cumulo::math::Aabb;
+use cumulo::optimise::pictures::{self, Accumulators, Gradients, Target};
+use cumulo::render::dvr::{Adjoint, Dvr, Precision};
+use cumulo::render::picture;
+use cumulo::render::quadrature::Quadrature;
+use cumulo::real::Real;
+use cumulo::scene::bricks::Bricks;
+use cumulo::scene::camera::{Camera, Projection};
+use cumulo::scene::medium::{Medium, Source};
+use cumulo::scene::table::Table;
+use glam::{DVec2, DVec3};
+use rayon::ThreadPoolBuilder;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use std::f64::consts::TAU;
+use std::hint::black_box;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// The arguments by which `python/bench.py` asks for either.
+pub const PICTURES: &str = "--pictures";
+pub const GRADIENT: &str = "--gradient";
+
+/// Camera directions around the volume.
+const FRAMES: usize = 8;
+/// Rules that are tried, from what pictures have unless they ask for another.
+const TOLERANCES: [f64; 4] = [2e-3, 8e-3, 16e-3, 32e-3];
+/// Of so many pixels in a row, and of so many rows, one is compared with the exact integral.
+const STRIDE: u32 = 4;
+
+fn volume(path: &Path) -> Bricks<f32> {
+    let grid = File::open(path, Limits::default()).unwrap().read("density").unwrap().to_grid().unwrap();
+    Bricks::from_grid(&grid, u64::MAX).unwrap()
+}
+
+/// A perspective camera 2.4 times the box's edge away around z, 0.6 above.
+fn camera(edge: f64, centre: DVec3, turn: f64, pixels: u32, field_of_view: f64) -> Camera {
+    let eye = centre + edge * DVec3::new(2.4 * turn.cos(), 2.4 * turn.sin(), 0.6);
+    let size = DVec2::splat(f64::from(pixels));
+    Camera {
+        camera_to_world: Camera::look_at(eye, centre, DVec3::Z),
+        projection: Projection::Perspective,
+        focal: 0.5 * size / (0.5 * field_of_view.to_radians()).tan(),
+        centre: 0.5 * size,
+        width: pixels,
+        height: pixels,
+        near: 0.0,
+    }
+}
+
+/// 256 knots over 0..1 with these extinctions; the colours of all the functions here.
+fn function(extinction: impl Fn(f64) -> f64) -> Arc<Table> {
+    let knots: Vec<f64> = (0..256).map(|i| f64::from(i) / 255.0).collect();
+    let value = |x: &f64| [*x, 0.5 + 0.5 * (6.0 * x).sin(), 1.0 - x, extinction(*x)];
+    let values = knots.iter().map(value).collect();
+    Arc::new(Table::new(knots, values).unwrap())
+}
+
+fn bump(x: f64, low: f64, high: f64) -> f64 {
+    low * (-((x - 0.25) / 0.08).powi(2)).exp() + high * (-((x - 0.7) / 0.1).powi(2)).exp()
+}
+
+/// A function's name with its opacities over one voxel's edge.
+type Opacity = (&'static str, fn(f64) -> f64);
+const OPACITIES: [Opacity; 3] =
+    [("bump", |x| bump(x, 0.25, 0.5)), ("ramp", |x| 0.25 * x), ("thin", |x| 0.0005 + 0.005 * x)];
+
+fn rgb(rgba: [f64; 4]) -> DVec3 {
+    DVec3::new(rgba[0], rgba[1], rgba[2])
+}
+
+/// Light of every pixel that is compared.
+fn compared<R: Precision>(dvr: &Dvr<'_, R>, camera: &Camera) -> Vec<DVec3> {
+    let pixels: Vec<(u32, u32)> = (0..camera.height / STRIDE)
+        .flat_map(|y| (0..camera.width / STRIDE).map(move |x| (STRIDE * x, STRIDE * y)))
+        .collect();
+    let see = |(x, y): &(u32, u32)| {
+        let rgba = dvr.radiance(&camera.ray(f64::from(*x) + 0.5, f64::from(*y) + 0.5)).rgba();
+        rgb(rgba.map(Real::f64))
+    };
+    pixels.par_iter().map(see).collect()
+}
+
+/// A volume whose box ends at its outermost voxels, in the precision asked for.
+fn boxed<R: Real>(field: &Bricks<f32>, voxels: f64) -> Bricks<R> {
+    let boxed = Bricks {
+        topology: field.topology.clone(),
+        values: field.values.iter().map(|v| R::of(f64::from(*v))).collect(),
+        transform: field.transform,
+        domain: Aabb { min: DVec3::ZERO, max: DVec3::splat(voxels - 1.0) },
+    };
+    boxed.filled(u64::MAX).unwrap()
+}
+
+/// Seconds a frame and decibels against the exact integral, by function and rule; `volume` has unit voxels. The
+/// folder gets the exact light of the first frame's compared pixels, `exact_NAME.f64`: `[row, column, rgb]`.
+pub fn pictures(path: &Path, threads: usize, folder: &Path) {
+    const VOXELS: f64 = 256.0;
+    let field = volume(path);
+    let (fast, exact) = (boxed::<f32>(&field, VOXELS), boxed::<f64>(&field, VOXELS));
+    let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let middle = DVec3::splat(0.5 * (VOXELS - 1.0));
+    let turn = |frame: usize| TAU * frame as f64 / FRAMES as f64 + 0.3;
+    let cameras: Vec<Camera> = (0..FRAMES).map(|f| camera(VOXELS, middle, turn(f), 512, 30.0)).collect();
+    let cancel = AtomicBool::new(false);
+    let by_function = OPACITIES.map(|(name, opacity)| {
+        let medium = Medium { extinction: 1.0, source: Source::Transfer(function(|x| -(-opacity(x)).ln_1p())) };
+        let exact = Dvr::new(&exact, medium.clone()).unwrap().background([0.0; 3]).early_stop(0.0);
+        let exact = compared(&exact, &cameras[0]);
+        let bytes: Vec<u8> = exact.iter().flat_map(|v| v.to_array()).flat_map(f64::to_le_bytes).collect();
+        std::fs::write(folder.join(format!("exact_{name}.f64")), bytes).unwrap();
+        let rules = TOLERANCES.map(|tolerance| {
+            let rule = Quadrature::Preintegrated(tolerance);
+            let dvr = Dvr::new(&fast, medium.clone()).unwrap().background([0.0; 3]).quadrature(rule);
+            let [seconds] = in_turn([&mut || {
+                pool.install(|| cameras.iter().for_each(|c| drop(black_box(picture(&dvr, c, 1, &cancel)))));
+            }]);
+            let seen = compared(&dvr, &cameras[0]);
+            let off: f64 = seen.iter().zip(&exact).map(|(a, b)| (*a - *b).length_squared()).sum();
+            let decibels = -10.0 * (off / (3 * exact.len()) as f64).log10();
+            (rule.to_string(), json!({"seconds": median(&seconds) / FRAMES as f64, "psnr_db": decibels}))
+        });
+        (name.to_owned(), Value::Object(rules.into_iter().collect()))
+    });
+    println!("{}", Value::Object(by_function.into_iter().collect()));
+}
+
+/// Kilobytes of this process's memory: now (`VmRSS`) or at most since [`forget_peak`] (`VmHWM`).
+fn memory(what: &str) -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find(|l| l.starts_with(what)).unwrap();
+    line.split_whitespace().nth(1).unwrap().parse().unwrap()
+}
+
+fn forget_peak() {
+    std::fs::write("/proc/self/clear_refs", "5").unwrap();
+}
+
+/// Seconds of a picture and of its loss's gradient by every voxel, and megabytes that the gradient takes beyond
+/// the picture; `volume` fills the unit cube.
+pub fn gradient(path: &Path, threads: usize) {
+    let field = volume(path);
+    let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let medium = Medium { extinction: 1.0, source: Source::Transfer(function(|x| bump(x, 20.0, 60.0))) };
+    let cancel = AtomicBool::new(false);
+    let squares = |seen: &[f32; 4], wanted: &[f32; 4]| {
+        let d: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
+        (d.iter().map(|d| f64::from(d * d)).sum(), d.map(|d| 2.0 * d))
+    };
+    let mut rows = serde_json::Map::new();
+    let rules = [Quadrature::Exact].into_iter().chain(TOLERANCES.map(Quadrature::Preintegrated));
+    for (rule, pixels) in rules.map(|r| (r, 128)).chain([(Quadrature::PREINTEGRATED, 512)]) {
+        let camera = camera(1.0, DVec3::splat(0.5), 0.3, pixels, 40.0);
+        let grey = Target { camera, rgba: vec![[0.3; 4]; (pixels * pixels) as usize], rays_per_edge: 1 };
+        let dvr = Dvr::new(&field, medium.clone()).unwrap().background([0.0; 3]).quadrature(rule);
+        let base = memory("VmRSS:");
+        forget_peak();
+        let mut sums = [(); 2].map(|()| (Accumulators::default(), vec![0.0_f32; field.values.len()]));
+        let [by_tape, by_replay] = &mut sums;
+        let back = |adjoint: Adjoint, (accumulators, sum): &mut (Accumulators, Vec<f32>)| {
+            let mut gradients = Gradients { voxels: Some(sum), ..Gradients::default() };
+            pool.install(|| {
+                black_box(pictures::gradient(&dvr, &[&grey], &squares, adjoint, accumulators, &mut gradients))
+            });
+        };
+        let [value, tape, replay] = in_turn([
+            &mut || pool.install(|| drop(black_box(picture(&dvr, &camera, 1, &cancel)))),
+            &mut || back(Adjoint::Tape, by_tape),
+            &mut || back(Adjoint::Replay, by_replay),
+        ]);
+        let row = json!({
+            "value": median(&value), "tape": median(&tape), "replay": median(&replay),
+            // Two sums and their accumulators are there, one of each is needed.
+            "megabytes": 0.5 * (memory("VmHWM:") - base) / 1024.0,
+        });
+        rows.insert(format!("{rule} {pixels}"), row);
+    }
+    println!("{}", Value::Object(rows));
+}
