@@ -42,14 +42,12 @@ pub trait Lanes<R: Real>: Number + Default + AddAssign + Div<Output = Self> {
     fn abs(self) -> Self;
     /// `e` to the power of each.
     fn exp(self) -> Self;
-    /// `e` to the power of minus each, none of which is negative; where that is below 1e-37, no less.
-    fn fall(self) -> Self;
     /// Rows for columns.
     fn transpose(columns: [Self; LANES]) -> [Self; LANES];
 }
 
 macro_rules! lanes {
-    ($real:ty, $vector:ty, $matrix:ty, $exp:expr, $fall:expr) => {
+    ($real:ty, $vector:ty, $matrix:ty, $exp:expr) => {
         impl Number for $vector {
             #[inline(always)]
             fn one() -> Self {
@@ -132,10 +130,6 @@ macro_rules! lanes {
                 $exp(self)
             }
             #[inline(always)]
-            fn fall(self) -> Self {
-                $fall(self)
-            }
-            #[inline(always)]
             fn transpose([x, y, z, w]: [Self; LANES]) -> [Self; LANES] {
                 let m = <$matrix>::from_cols(x, y, z, w).transpose();
                 [m.x_axis, m.y_axis, m.z_axis, m.w_axis]
@@ -143,26 +137,6 @@ macro_rules! lanes {
         }
     };
 }
-lanes!(f32, glam::Vec4, glam::Mat4, |v: glam::Vec4| wide::f32x4::new(v.to_array()).exp().to_array().into(), fall);
+lanes!(f32, glam::Vec4, glam::Mat4, |v: glam::Vec4| wide::f32x4::new(v.to_array()).exp().to_array().into());
 // One by one: the reference's last bit counts for more than its speed.
-lanes!(f64, glam::DVec4, glam::DMat4, glam::DVec4::exp, |v: glam::DVec4| (-v).exp());
-
-/// `e^-x` for x ≥ 0, to two units of the last place; beyond 87, where it would be denormal, that of 87.
-#[inline(always)]
-fn fall(x: glam::Vec4) -> glam::Vec4 {
-    use glam::Vec4;
-    let all = Vec4::splat;
-    let x = -x.min(all(87.0));
-    // x = n ln 2 + r, ln 2 in two parts: the product with the first is exact.
-    let shifted = x * all(std::f32::consts::LOG2_E) + all(f32::ONES);
-    let n = shifted - all(f32::ONES);
-    let r = (x - n * all(0.693_359_4)) - n * all(-2.121_944_4e-4);
-    // Cephes, expf.
-    let p = all(1.398_199_9e-3) + r * all(1.987_569_1e-4);
-    let p = all(8.333_452e-3) + r * p;
-    let p = all(4.166_579_6e-2) + r * p;
-    let p = all(1.666_666_5e-1) + r * p;
-    let p = all(0.5) + r * p;
-    let power = (r * r) * p + r + all(1.0);
-    power * Vec4::from_array(shifted.to_array().map(|s| f32::from_bits((s.to_bits() << 23).wrapping_add(127 << 23))))
-}
+lanes!(f64, glam::DVec4, glam::DMat4, glam::DVec4::exp);

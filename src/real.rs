@@ -38,6 +38,8 @@ pub trait Real:
     fn exp_m1(self) -> Self;
     /// `e^x`.
     fn exp(self) -> Self;
+    /// `e^{-x}` for x ≥ 0; where that is below 1e-37, no less.
+    fn fall(self) -> Self;
     /// Lesser of two numbers (neither NaN).
     #[inline(always)]
     fn lesser(self, o: Self) -> Self {
@@ -51,7 +53,7 @@ pub trait Real:
 }
 
 macro_rules! real {
-    ($t:ty, $lanes:ty) => {
+    ($t:ty, $lanes:ty, $fall:expr) => {
         impl Number for $t {
             #[inline(always)]
             fn one() -> Self {
@@ -88,8 +90,31 @@ macro_rules! real {
             fn exp(self) -> Self {
                 <$t>::exp(self)
             }
+            #[inline(always)]
+            fn fall(self) -> Self {
+                $fall(self)
+            }
         }
     };
 }
-real!(f32, glam::Vec4);
-real!(f64, glam::DVec4);
+real!(f32, glam::Vec4, fall);
+real!(f64, glam::DVec4, |x: f64| (-x).exp());
+
+/// `e^-x` for x ≥ 0, to two units of the last place; beyond 87, where it would be denormal, that of 87. Without a branch:
+/// loops of it are compiled to vectors.
+#[inline(always)]
+fn fall(x: f32) -> f32 {
+    let x = -x.lesser(87.0);
+    // x = n ln 2 + r, ln 2 in two parts: the product with the first is exact.
+    let shifted = x * std::f32::consts::LOG2_E + f32::ONES;
+    let n = shifted - f32::ONES;
+    let r = (x - n * 0.693_359_4) - n * -2.121_944_4e-4;
+    // Cephes, expf.
+    let p = 1.398_199_9e-3 + r * 1.987_569_1e-4;
+    let p = 8.333_452e-3 + r * p;
+    let p = 4.166_579_6e-2 + r * p;
+    let p = 1.666_666_5e-1 + r * p;
+    let p = 0.5 + r * p;
+    let power = (r * r) * p + r + 1.0;
+    power * f32::from_bits((shifted.to_bits() << 23).wrapping_add(127 << 23))
+}

@@ -8,8 +8,9 @@ use super::super::adjoint::{Pass, Weighted};
 use super::super::kernel::over;
 use super::super::sinks::{Adjoint, Loss};
 use super::super::{Optics, Radiance};
-use super::light::{Front, Lit, shares};
-use super::nodes::{Nodes, Sites, nodes};
+use super::light::Front;
+use super::nodes::{Nodes, Queue, Sites, nodes};
+use super::row::{ROOM, Row, share_slopes};
 use super::{Preintegrated, Scratch};
 use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
@@ -18,8 +19,7 @@ use crate::real::Real;
 #[derive(Debug, Clone, Default)]
 pub(in super::super) struct Visit<R: Real> {
     nodes: Vec<Nodes<R>>,
-    /// With the number of the four that they end at, and the fours that these were cut into, if they were.
-    lit: Vec<(usize, Lit<R>, usize)>,
+    row: Box<Row<R>>,
     /// Light of all visits up to this one.
     emitted: [f64; 3],
 }
@@ -35,7 +35,7 @@ impl<R: Real> Preintegrated<R> {
         optics: &Optics<R, 3>,
         scratch: &mut Scratch<R>,
     ) -> Radiance<R> {
-        let Scratch { queue, tape, spare } = scratch;
+        let Scratch { queue, row, tape, spare } = scratch;
         spare.append(tape);
         let (dvr, ray) = (pass.dvr, pass.ray);
         let values = &dvr.field.values;
@@ -48,7 +48,7 @@ impl<R: Real> Preintegrated<R> {
             #[inline(always)]
             |queue, fours| {
                 if adjoint == Adjoint::Replay {
-                    front.add(values, queue, fours, |_, _, _| ());
+                    front.add(values, queue, fours, row);
                 } else {
                     let mut visit = spare.pop().unwrap_or_default();
                     visit.record(&mut front, values, queue, fours);
@@ -86,12 +86,10 @@ impl<R: Real> Preintegrated<R> {
 
 impl<R: Real> Visit<R> {
     #[inline(always)]
-    fn record(&mut self, front: &mut Front<'_, R>, values: &[R], queue: &super::nodes::Queue<R>, fours: usize) {
+    fn record(&mut self, front: &mut Front<'_, R>, values: &[R], queue: &Queue<R>, fours: usize) {
         self.nodes.clear();
-        self.lit.clear();
         self.nodes.extend((0..fours).map(|i| queue.four(i)));
-        let lit = &mut self.lit;
-        front.add(values, queue, fours, |i, light, parts| lit.push((i, light, parts)));
+        front.add(values, queue, fours, &mut self.row);
         self.emitted = front.emitted;
     }
 }
@@ -109,83 +107,126 @@ struct Backward<'a, R: Real> {
     last: Option<Nodes<R>>,
 }
 
+/// Derivatives with respect to what a row holds, by stretch.
+struct ByStretch<R> {
+    mean: [[R; ROOM]; 4],
+    drift: [[R; ROOM]; 3],
+}
+
 impl<R: Real> Backward<'_, R> {
     #[inline(always)]
     fn visit(&mut self, pass: &mut Pass<'_, '_, R>, visit: &Visit<R>) {
         let beyond = |c: usize| self.weighted.colour[c] * (self.emitted[c] - visit.emitted[c]);
-        let mut arriving = self.behind + (beyond(0) + beyond(1) + beyond(2));
-        // What a stretch asks of the node that it begins at, which is the last one of the four before.
-        let mut carried = R::ZERO;
-        let mut lit = visit.lit.as_slice();
-        while let Some((i, light, fours)) = lit.last() {
-            let [begin, end] = if *fours == 0 {
-                lit = &lit[..lit.len() - 1];
-                self.slopes(pass, light, &mut arriving)
-            } else {
-                let (rest, cut) = lit.split_at(lit.len() - LANES * fours);
-                lit = rest;
-                self.slopes_of_cut(pass, cut, *fours, &mut arriving)
-            };
-            if let Some(voxels) = pass.sinks.voxels.as_deref_mut() {
-                visit.nodes[*i].scatter(voxels, end + begin.before(carried));
+        let arriving = self.behind + (beyond(0) + beyond(1) + beyond(2));
+        let row = &*visit.row;
+        let extinction = pass.dvr.medium.extinction;
+        let (by, by_extinction) = self.by_stretch(row, arriving);
+        pass.sinks.shared.extinction += by_extinction / extinction;
+        if let Some(table) = pass.sinks.table.as_deref_mut() {
+            for i in 0..row.count {
+                let by_mean = [0, 1, 2, 3].map(|c| by.mean[c][i].f64());
+                let by_drift = [0, 1, 2].map(|c| by.drift[c][i].f64());
+                row.by_table(i, &self.own.tables, &self.optics.curve, extinction, by_mean, by_drift, table);
             }
-            carried = begin.store()[0];
         }
-        if let (Some(nodes), Some(voxels)) = (self.last, pass.sinks.voxels.as_deref_mut()) {
-            nodes.scatter(voxels, R::Lanes::ZERO.before(carried));
+        if let Some(voxels) = pass.sinks.voxels.as_deref_mut() {
+            let mut by_density = self.by_density(row, &by);
+            if !row.cut.is_empty() {
+                by_density = row.by_nodes(&by_density);
+            }
+            for (four, nodes) in visit.nodes.iter().enumerate() {
+                let n = (LANES * four).min(ROOM - LANES) + 1;
+                let by = [by_density[n], by_density[n + 1], by_density[n + 2], by_density[n + 3]];
+                nodes.scatter(voxels, R::Lanes::load(by));
+            }
+            if let Some(nodes) = self.last {
+                nodes.scatter(voxels, R::Lanes::ZERO.before(by_density[0]));
+            }
         }
         self.last = visit.nodes.last().copied();
     }
 
-    /// Derivatives with respect to the densities where four stretches begin and end.
+    /// Derivatives by means and drifts, and by the extinction's logarithm.
     #[inline(always)]
-    fn slopes(&self, pass: &mut Pass<'_, '_, R>, lit: &Lit<R>, arriving: &mut f64) -> [R::Lanes; 2] {
-        let all = |v: f64| R::Lanes::splat(R::of(v));
-        let weights = self.weighted.colour.map(all);
-        let Lit { stretches, length, depth, before, shares } = lit;
-        let (mean, change) = (&stretches.mean, stretches.drift());
-        let emitted = *length * (weights[0] * mean[0] + weights[1] * mean[1] + weights[2] * mean[2]);
-        let drifted = weights[0] * change[0] + weights[1] * change[1] + weights[2] * change[2];
-        let light = *before * (shares.mixed * emitted + shares.drift * drifted);
-        // From beyond each: that of those behind it in the four, and of all behind the four.
-        let behind = light.before(R::ZERO);
-        let pairs = behind + behind.before(R::ZERO);
-        let behind = pairs + pairs.before(R::ZERO).before(R::ZERO);
-        let [by_mixed, by_drift] = shares.slopes(*depth);
-        let by_depth = *before * (by_mixed * emitted + by_drift * drifted) - (all(*arriving) + behind);
-        *arriving += light.sum().f64();
-        let (mixed, drift) = (*before * shares.mixed, *before * shares.drift);
-        let extinction = pass.dvr.medium.extinction;
-        // Light that is mixed is proportional to the extinction as well.
-        pass.sinks.shared.extinction += (mixed * emitted + by_depth * *depth).sum().f64() / extinction;
-        let share = mixed * *length;
-        let by_mean = [share * weights[0], share * weights[1], share * weights[2], *length * by_depth];
-        let by_drift = weights.map(|w| w * drift);
-        if let Some(table) = pass.sinks.table.as_deref_mut() {
-            stretches.by_table(&self.own.tables, &self.optics.curve, extinction, by_mean, by_drift, table);
+    fn by_stretch(&self, row: &Row<R>, mut arriving: f64) -> (ByStretch<R>, f64) {
+        let count = row.count.min(ROOM);
+        let weights = self.weighted.colour.map(R::of);
+        let [red, green, blue, _] = &row.values;
+        let mut by = ByStretch { mean: [[R::ZERO; ROOM]; 4], drift: [[R::ZERO; ROOM]; 3] };
+        let (mut light, mut by_depth) = ([R::ZERO; ROOM], [R::ZERO; ROOM]);
+        for i in 0..count {
+            let (mean, length, before) = (&row.mean, row.length[i], row.before[i]);
+            let emitted = length * (weights[0] * mean[0][i] + weights[1] * mean[1][i] + weights[2] * mean[2][i]);
+            let drifted = weights[0] * (red[i + 1] - red[i])
+                + weights[1] * (green[i + 1] - green[i])
+                + weights[2] * (blue[i + 1] - blue[i]);
+            let (mixed, drift) = (before * row.mixed[i], before * row.drift[i]);
+            let [by_mixed, by_drift] = share_slopes(row.depth[i], row.open[i], row.mixed[i]);
+            light[i] = mixed * emitted + drift * drifted;
+            by_depth[i] = before * (by_mixed * emitted + by_drift * drifted);
+            by.mean[0][i] = mixed * length * weights[0];
+            by.mean[1][i] = mixed * length * weights[1];
+            by.mean[2][i] = mixed * length * weights[2];
+            // What is mixed is proportional to the extinction as well; its share is kept here until it is added up.
+            by.mean[3][i] = mixed * emitted;
+            by.drift[0][i] = drift * weights[0];
+            by.drift[1][i] = drift * weights[1];
+            by.drift[2][i] = drift * weights[2];
         }
-        stretches.slopes(&self.own.tables, by_mean, by_drift)
+        let mut by_extinction = 0.0;
+        for i in (0..count).rev() {
+            by_depth[i] -= R::of(arriving);
+            arriving += light[i].f64();
+            by_extinction += (by.mean[3][i] + by_depth[i] * row.depth[i]).f64();
+            by.mean[3][i] = row.length[i] * by_depth[i];
+        }
+        (by, by_extinction)
     }
 
-    /// The same for four that were cut.
-    #[inline(never)]
-    fn slopes_of_cut(
-        &self,
-        pass: &mut Pass<'_, '_, R>,
-        cut: &[(usize, Lit<R>, usize)],
-        fours: usize,
-        arriving: &mut f64,
-    ) -> [R::Lanes; 2] {
-        let part = R::Lanes::splat(R::of(1.0 / (LANES * fours) as f64));
-        let (mut begins, mut ends) = ([R::ZERO; LANES], [R::ZERO; LANES]);
-        for (number, (_, lit, _)) in cut.iter().enumerate().rev() {
-            let [begin, end] = self.slopes(pass, lit, arriving);
-            let share = shares::<R>(number % fours, fours);
-            let by_end = begin * (share - part) + end * share;
-            let i = number / fours;
-            ends[i] += by_end.sum();
-            begins[i] += (begin + end - by_end).sum();
+    /// Derivatives with respect to the densities where stretches begin and end.
+    #[inline(always)]
+    fn by_density(&self, row: &Row<R>, by: &ByStretch<R>) -> [R; ROOM + 1] {
+        let tables = &self.own.tables;
+        let count = row.count.min(ROOM);
+        let (sixth, half) = (R::of(1.0 / 6.0), R::of(0.5));
+        let mut slopes = [[R::ZERO; ROOM + 1]; 4];
+        for i in 0..=count {
+            let slope = tables.piece(row.piece[i]).slope.store();
+            slopes[0][i] = slope[0];
+            slopes[1][i] = slope[1];
+            slopes[2][i] = slope[2];
+            slopes[3][i] = slope[3];
         }
-        [R::Lanes::load(begins), R::Lanes::load(ends)]
+        let extinction = &row.values[3];
+        let (mut first, mut second) = ([R::ZERO; ROOM + 1], [R::ZERO; ROOM + 1]);
+        for i in 0..count {
+            let (begin, end) = (extinction[i], extinction[i + 1]);
+            let (near_begin, near_end) = (sixth * (begin + begin + end), sixth * (begin + end + end));
+            let inverse = R::ONE / (row.density[i + 1] - row.density[i]);
+            let (mut colours, mut extinctions) = ([R::ZERO; 2], [half * by.mean[3][i]; 2]);
+            let mut off = [begin - row.mean[3][i], end - row.mean[3][i]].map(|off| off * by.mean[3][i]);
+            let mut drift = [R::ZERO; 2];
+            for c in 0..3 {
+                let (v, mean, by_mean) = (&row.values[c], row.mean[c][i], by.mean[c][i]);
+                colours[0] += by_mean * near_begin * slopes[c][i];
+                colours[1] += by_mean * near_end * slopes[c][i + 1];
+                extinctions[0] += by_mean * sixth * (v[i] + v[i] + v[i + 1]);
+                extinctions[1] += by_mean * sixth * (v[i] + v[i + 1] + v[i + 1]);
+                off[0] += by_mean * (begin * v[i] - mean);
+                off[1] += by_mean * (end * v[i + 1] - mean);
+                drift[0] += by.drift[c][i] * slopes[c][i];
+                drift[1] += by.drift[c][i] * slopes[c][i + 1];
+            }
+            // Of a difference of sums, divided by that of the densities; or of Simpson's rule.
+            let summed = row.is_summed(tables, i);
+            let at_begin = if summed { -(off[0] * inverse) } else { colours[0] + extinctions[0] * slopes[3][i] };
+            let at_end = if summed { off[1] * inverse } else { colours[1] + extinctions[1] * slopes[3][i + 1] };
+            first[i] = at_begin - drift[0];
+            second[i + 1] = at_end + drift[1];
+        }
+        for i in 0..=count {
+            first[i] += second[i];
+        }
+        first
     }
 }

@@ -1,58 +1,54 @@
 //! The gradient of pre-integration by the transfer function itself.
 
-use super::table::{Cumulative, Stretches};
-use crate::lanes::{LANES, Lanes};
+use super::row::Row;
+use super::table::Cumulative;
 use crate::real::Real;
 use crate::render::curve::{Curve, Piece};
 use crate::scene::table::TableGradient;
 
-impl<R: Real> Stretches<R> {
-    /// Adds derivatives with respect to the ends of pieces, from those with respect to the means and to the drift; the
+impl<R: Real> Row<R> {
+    /// Adds derivatives with respect to the ends of pieces, from those with respect to a stretch's means and drift; the
     /// curve's extinctions are the table's times `scale`.
     #[inline(never)]
     pub fn by_table(
         &self,
+        i: usize,
         tables: &Cumulative<R>,
         curve: &Curve<R, 3>,
         scale: f64,
-        by_mean: [R::Lanes; LANES],
-        by_drift: [R::Lanes; 3],
+        by_mean: [f64; 4],
+        by_drift: [f64; 3],
         table: &mut TableGradient,
     ) {
-        let by_mean = R::Lanes::transpose(by_mean).map(|v| v.store().map(Real::f64));
-        let by_drift = by_drift.map(|v| v.store().map(Real::f64));
-        let [begin, end] = self.ends.map(Lanes::store);
-        for i in 0..LANES {
-            for (number, density, sign) in [(self.pieces[i], begin[i], -1.0), (self.pieces[i + 1], end[i], 1.0)] {
-                let upper = upper(curve.piece(number), density.f64());
-                let ends = &mut table.pieces[number as usize];
-                for c in 0..3 {
-                    ends[0][c] += sign * (1.0 - upper) * by_drift[c][i];
-                    ends[1][c] += sign * upper * by_drift[c][i];
-                }
+        let (begin, end, pieces) = (self.density[i], self.density[i + 1], [self.piece[i], self.piece[i + 1]]);
+        for (number, density, sign) in [(pieces[0], begin, -1.0), (pieces[1], end, 1.0)] {
+            let upper = upper(curve.piece(number), density.f64());
+            let ends = &mut table.pieces[number as usize];
+            for c in 0..3 {
+                ends[0][c] += sign * (1.0 - upper) * by_drift[c];
+                ends[1][c] += sign * upper * by_drift[c];
             }
-            let (low, high) = (begin[i].lesser(end[i]).f64(), begin[i].greater(end[i]).f64());
-            let mut add = |number: u32, density: f64, share: f64| {
-                let line = curve.piece(number);
-                add(&mut table.pieces[number as usize], line, scale, density, by_mean[i].map(|g| share * g));
-            };
-            let [first, last] = [self.pieces[i].min(self.pieces[i + 1]), self.pieces[i].max(self.pieces[i + 1])];
-            if high - low <= tables.same.f64() {
-                add(self.pieces[i + 1], 0.5 * (low + high), 1.0);
-                continue;
-            }
-            for number in first..=last {
-                let line = curve.piece(number);
-                // The outermost reach beyond the knots, not less far than the densities do.
-                let from = if number == first { low } else { line.low.f64() };
-                let to = if number == last { high } else { line.high.f64() };
-                if to > from {
-                    // The mean is that of a quadratic: Simpson's rule is exact.
-                    let share = (to - from) / (high - low) / 6.0;
-                    add(number, from, share);
-                    add(number, 0.5 * (from + to), 4.0 * share);
-                    add(number, to, share);
-                }
+        }
+        let (low, high) = (begin.lesser(end).f64(), begin.greater(end).f64());
+        let mut add = |number: u32, density: f64, share: f64| {
+            let line = curve.piece(number);
+            add(&mut table.pieces[number as usize], line, scale, density, by_mean.map(|g| share * g));
+        };
+        if high - low <= tables.same.f64() {
+            return add(pieces[1], 0.5 * (low + high), 1.0);
+        }
+        let [first, last] = [pieces[0].min(pieces[1]), pieces[0].max(pieces[1])];
+        for number in first..=last {
+            let line = curve.piece(number);
+            // The outermost reach beyond the knots, not less far than the densities do.
+            let from = if number == first { low } else { line.low.f64() };
+            let to = if number == last { high } else { line.high.f64() };
+            if to > from {
+                // The mean is that of a quadratic: Simpson's rule is exact.
+                let share = (to - from) / (high - low) / 6.0;
+                add(number, from, share);
+                add(number, 0.5 * (from + to), 4.0 * share);
+                add(number, to, share);
             }
         }
     }

@@ -9,6 +9,7 @@ mod adjoint;
 mod by_table;
 mod light;
 mod nodes;
+mod row;
 mod table;
 
 use super::Dvr;
@@ -20,6 +21,7 @@ use crate::scene::bricks::{BRICK, Topology};
 use crate::scene::table::Table;
 use adjoint::Visit;
 use light::Front;
+use row::Row;
 use nodes::{Queue, Sites, nodes, roughness};
 use rayon::prelude::*;
 use table::Cumulative;
@@ -68,20 +70,21 @@ impl<R: Real> Preintegrated<R> {
     #[inline(always)]
     pub fn blend(&self, dvr: &Dvr<'_, R>, curve: &Curve<R, 3>, ray: &IndexRay, scratch: &mut Scratch<R>) -> Blend<3> {
         let values = &dvr.field.values;
+        let Scratch { queue, row, .. } = scratch;
         let mut front = Front::new(&self.tables, curve);
         let sites = Sites { topology: &self.occupied, density: &self.density, gaps: self.gaps };
         let rest = nodes(
             sites,
             ray,
-            &mut scratch.queue,
+            queue,
             #[inline(always)]
             |queue, fours| {
-                front.add(values, queue, fours, |_, _, _| ());
+                front.add(values, queue, fours, row);
                 front.depth < dvr.depth_limit
             },
         );
         if self.gaps && rest > 0.0 {
-            front.add_gap(R::of(rest));
+            front.add_gap(R::of(rest), row);
         }
         Blend { emitted: front.emitted, depth: front.depth, last: ray.enter }
     }
@@ -91,6 +94,7 @@ impl<R: Real> Preintegrated<R> {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scratch<R: Real> {
     queue: Queue<R>,
+    row: Box<Row<R>>,
     tape: Vec<Visit<R>>,
     spare: Vec<Visit<R>>,
 }

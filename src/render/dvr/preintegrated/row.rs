@@ -1,0 +1,295 @@
+//! Stretches in a row, on each of which the density is linear in the length: their means, and what light makes of them.
+//!
+//! With `x` a stretch's optical depth, `T` the transmittance before it, `e` the mean of `σ c` over its length h, and `d`
+//! the change of the colour c from its begin to its end, it adds `T (e h A + d B)`, where `A = (1 - e^{-x}) / x` and
+//! `B = A - (1 + e^{-x}) / 2`: this has no error where the colour is linear in the optical depth.
+//!
+//! Loops run over plain arrays without a branch: compilers make of them what the instruction set has.
+
+use super::table::{Cumulative, End};
+use crate::lanes::{LANES, Lanes};
+use crate::real::Real;
+use crate::render::curve::Curve;
+
+/// The most stretches in a row.
+pub(super) const ROOM: usize = 256;
+/// The most parts that one is cut into.
+const MOST_PARTS: f64 = 64.0;
+/// Optical depth below which B is a sum of powers.
+const THIN: f64 = 0.5;
+/// Factors of the powers, from the second on: `(-1)^k (1/(k+1)! - 1/(2 k!))`; what is left out is below 1e-14.
+const POWERS: [f64; 11] = [
+    -1.0 / 12.0,
+    1.0 / 24.0,
+    -1.0 / 80.0,
+    1.0 / 360.0,
+    -1.0 / 2016.0,
+    1.0 / 13440.0,
+    -1.0 / 103_680.0,
+    1.0 / 907_200.0,
+    -1.0 / 8_870_400.0,
+    1.0 / 95_800_320.0,
+    -1.0 / 1_132_185_600.0,
+];
+
+/// Numbers by stretch, or by end of one: the first is where the first stretch begins.
+type Stretch<R> = [R; ROOM];
+type Ends<R> = [R; ROOM + 1];
+
+/// The stretches. They are as many as a multiple of four; what is left over has no length.
+#[derive(Debug, Clone)]
+pub(super) struct Row<R: Real> {
+    /// How many there are.
+    pub count: usize,
+    /// Densities where they begin and end.
+    pub density: Ends<R>,
+    /// Pieces of the curve that these lie in.
+    pub piece: Ends<u32>,
+    /// Red, green, blue and extinction there.
+    pub values: [Ends<R>; 4],
+    /// World lengths.
+    pub length: Stretch<R>,
+    /// Means of `σ r`, `σ g`, `σ b` and `σ`.
+    pub mean: [Stretch<R>; 4],
+    /// Optical depths x.
+    pub depth: Stretch<R>,
+    /// `e^{-x}`.
+    pub open: Stretch<R>,
+    /// A and B.
+    pub mixed: Stretch<R>,
+    pub drift: Stretch<R>,
+    /// Transmittance before.
+    pub before: Stretch<R>,
+    /// If stretches were cut: for each end the node that it comes before, or lies at, and how far it is on the way to
+    /// it.
+    pub cut: Vec<(u32, R)>,
+}
+
+impl<R: Real> Default for Row<R> {
+    fn default() -> Self {
+        let (stretch, ends) = ([R::ZERO; ROOM], [R::ZERO; ROOM + 1]);
+        Self {
+            count: 0,
+            density: ends,
+            piece: [0; ROOM + 1],
+            values: [ends; 4],
+            length: stretch,
+            mean: [stretch; 4],
+            depth: stretch,
+            open: stretch,
+            mixed: stretch,
+            drift: stretch,
+            before: stretch,
+            cut: Vec::new(),
+        }
+    }
+}
+
+impl<R: Real> Row<R> {
+    /// Fills in what follows from densities and lengths; `last` is where the first one begins, and becomes where the
+    /// last one ends.
+    #[inline(always)]
+    pub fn follow(&mut self, tables: &Cumulative<R>, curve: &Curve<R, 3>, last: &mut End<R>) {
+        self.count = self.count.min(ROOM);
+        let from = *last;
+        self.look_up(tables, curve, last);
+        self.settle(tables);
+        if self.bent(tables) {
+            self.refine(tables);
+            *last = from;
+            self.look_up(tables, curve, last);
+            self.settle(tables);
+        }
+    }
+
+    /// Values at the ends, and means as differences of sums times the densities' difference.
+    #[inline(always)]
+    fn look_up(&mut self, tables: &Cumulative<R>, curve: &Curve<R, 3>, last: &mut End<R>) {
+        self.density[0] = last.density;
+        self.piece[0] = last.piece;
+        let first = last.values.store();
+        for c in 0..4 {
+            self.values[c][0] = first[c];
+        }
+        for four in 0..self.count / LANES {
+            let n = (LANES * four).min(ROOM - LANES);
+            let d = [self.density[n + 1], self.density[n + 2], self.density[n + 3], self.density[n + 4]];
+            let found = curve.find_all(R::Lanes::load(d));
+            self.piece[n + 1..n + 1 + LANES].copy_from_slice(&found);
+            let [p, q, r, s] = found.map(|number| tables.piece(number));
+            let [a, b, c, e] = [p.sums(d[0]), q.sums(d[1]), r.sums(d[2]), s.sums(d[3])];
+            let apart = |before: [f64; 4], after: [f64; 4]| {
+                let of = |c: usize| R::of(after[c] - before[c]);
+                R::Lanes::load([of(0), of(1), of(2), of(3)])
+            };
+            let sums = R::Lanes::transpose([apart(last.sums, a), apart(a, b), apart(b, c), apart(c, e)]);
+            let end = s.values(d[3]);
+            let values = R::Lanes::transpose([p.values(d[0]), q.values(d[1]), r.values(d[2]), end]);
+            for c in 0..4 {
+                self.mean[c][n..n + LANES].copy_from_slice(&sums[c].store());
+                self.values[c][n + 1..n + 1 + LANES].copy_from_slice(&values[c].store());
+            }
+            *last = End { density: d[3], piece: found[3], sums: e, values: end };
+        }
+    }
+
+    /// True if a stretch has its mean from the sums, not from its ends.
+    #[inline(always)]
+    pub fn is_summed(&self, tables: &Cumulative<R>, i: usize) -> bool {
+        let width = self.density[i + 1] - self.density[i];
+        (self.piece[i] != self.piece[i + 1]) & (width.greater(-width) > tables.same)
+    }
+
+    /// Means, depths, and what light makes of them.
+    #[inline(always)]
+    fn settle(&mut self, tables: &Cumulative<R>) {
+        let (sixth, half) = (R::of(1.0 / 6.0), R::of(0.5));
+        let [red, green, blue, extinction] = &self.values;
+        for i in 0..self.count.min(ROOM) {
+            let inverse = R::ONE / (self.density[i + 1] - self.density[i]);
+            let summed = self.is_summed(tables, i);
+            // In one piece Simpson's rule has no error: of the product of two linear functions, from their ends.
+            let (begin, end) = (sixth * extinction[i], sixth * extinction[i + 1]);
+            let (at_first, at_second) = (begin + begin + end, begin + end + end);
+            let pick = |sums: R, simpson: R| if summed { sums * inverse } else { simpson };
+            self.mean[0][i] = pick(self.mean[0][i], at_first * red[i] + at_second * red[i + 1]);
+            self.mean[1][i] = pick(self.mean[1][i], at_first * green[i] + at_second * green[i + 1]);
+            self.mean[2][i] = pick(self.mean[2][i], at_first * blue[i] + at_second * blue[i + 1]);
+            let mean = pick(self.mean[3][i], at_first + at_second);
+            self.mean[3][i] = mean;
+            self.depth[i] = (self.length[i] * mean).greater(R::ZERO);
+        }
+        for i in 0..self.count.min(ROOM) {
+            let depth = self.depth[i];
+            let open = depth.fall();
+            let ends = half * (R::ONE + open);
+            let thin = depth * depth * powers::<R>(depth, |_, factor| factor);
+            let thick = depth > R::of(THIN);
+            // Never zero where it is divided by.
+            let mixed = (R::ONE - open) / depth.greater(R::of(THIN));
+            self.open[i] = open;
+            self.drift[i] = if thick { mixed - ends } else { thin };
+            self.mixed[i] = if thick { mixed } else { thin + ends };
+        }
+    }
+
+    /// How much more a stretch may be off than is allowed: of the light that it would add if nothing lay before it.
+    #[inline(always)]
+    fn off(&self, tables: &Cumulative<R>, i: usize) -> [R; 2] {
+        let abs = |v: R| v.greater(-v);
+        let half = R::of(0.5);
+        let [red, green, blue, extinction] = &self.values;
+        let (begin, end) = (extinction[i], extinction[i + 1]);
+        let lit = |c: usize, v: &Ends<R>| abs(self.mean[c][i] - half * (begin * v[i] + end * v[i + 1]));
+        let most = abs(self.mean[3][i] - half * (begin + end));
+        let most = most.greater(lit(0, red)).greater(lit(1, green)).greater(lit(2, blue));
+        [abs(self.drift[i]) * self.length[i] * most, tables.limit * self.depth[i]]
+    }
+
+    /// True if one is off by too much.
+    #[inline(always)]
+    fn bent(&self, tables: &Cumulative<R>) -> bool {
+        let mut bent = false;
+        for i in 0..self.count.min(ROOM) {
+            let [off, allowed] = self.off(tables, i);
+            bent |= off > allowed;
+        }
+        bent
+    }
+
+    /// Cuts those that are off by too much: what is off falls with the square of the number of parts. Those in front
+    /// come first: little is seen of what is behind thick ones.
+    #[inline(never)]
+    fn refine(&mut self, tables: &Cumulative<R>) {
+        let mut spare = ROOM - self.count;
+        self.cut.clear();
+        self.cut.push((0, R::ONE));
+        let mut length = [R::ZERO; ROOM];
+        for i in 0..self.count {
+            let [off, allowed] = self.off(tables, i).map(Real::f64);
+            let parts = (off / allowed.max(f64::MIN_POSITIVE)).sqrt().ceil().clamp(1.0, MOST_PARTS) as usize;
+            let parts = parts.min(1 + spare);
+            spare -= parts - 1;
+            let share = 1.0 / parts as f64;
+            for part in 1..=parts {
+                length[self.cut.len() - 1] = R::of(share) * self.length[i];
+                self.cut.push((i as u32 + 1, if part == parts { R::ONE } else { R::of(part as f64 * share) }));
+            }
+        }
+        while self.cut.len() % LANES != 1 {
+            self.cut.push((self.count as u32, R::ONE));
+        }
+        self.count = self.cut.len() - 1;
+        self.length = length;
+        let density = self.density;
+        for (to, (node, share)) in self.density.iter_mut().zip(&self.cut).skip(1) {
+            let (begin, end) = (density[*node as usize - 1], density[*node as usize]);
+            *to = if *share == R::ONE { end } else { begin + *share * (end - begin) };
+        }
+    }
+
+    /// Derivatives with respect to the densities of the nodes that were there before the cut, from those with respect
+    /// to the parts' ends.
+    pub fn by_nodes(&self, by_ends: &[R; ROOM + 1]) -> [R; ROOM + 1] {
+        let mut by_nodes = [R::ZERO; ROOM + 1];
+        by_nodes[0] = by_ends[0];
+        for ((node, share), by) in self.cut.iter().zip(by_ends).skip(1) {
+            let at = *share * *by;
+            by_nodes[*node as usize] += at;
+            by_nodes[*node as usize - 1] += *by - at;
+        }
+        by_nodes
+    }
+
+    /// Light of the stretches, by channel, with so much transmittance before them, which becomes that behind them;
+    /// and their optical depth.
+    #[inline(always)]
+    pub fn blend(&mut self, open: &mut R) -> ([f64; 3], f64) {
+        let mut light = [R::Lanes::ZERO; 3];
+        let mut depths = R::Lanes::ZERO;
+        for four in 0..self.count / LANES {
+            let n = (LANES * four).min(ROOM - LANES);
+            let at = |v: &Stretch<R>| R::Lanes::load([v[n], v[n + 1], v[n + 2], v[n + 3]]);
+            let beyond = at(&self.open).running_product();
+            let before = R::Lanes::splat(*open) * beyond.after(R::ONE);
+            *open = *open * beyond.store()[LANES - 1];
+            self.before[n..n + LANES].copy_from_slice(&before.store());
+            let (mixed, drift) = (before * at(&self.mixed) * at(&self.length), before * at(&self.drift));
+            for c in 0..3 {
+                let v = &self.values[c];
+                let change = R::Lanes::load([v[n + 1], v[n + 2], v[n + 3], v[n + 4]]) - at_ends(v, n);
+                light[c] += mixed * at(&self.mean[c]) + drift * change;
+            }
+            depths += at(&self.depth);
+        }
+        (light.map(|l| l.sum().f64()), depths.sum().f64())
+    }
+}
+
+#[inline(always)]
+fn at_ends<R: Real>(v: &Ends<R>, n: usize) -> R::Lanes {
+    R::Lanes::load([v[n], v[n + 1], v[n + 2], v[n + 3]])
+}
+
+/// Derivatives of A and B with respect to x, from x, `e^{-x}` and A.
+#[inline(always)]
+pub(super) fn share_slopes<R: Real>(depth: R, open: R, mixed: R) -> [R; 2] {
+    let half = R::of(0.5) * open;
+    let thin = depth * powers::<R>(depth, |power, factor| power * factor);
+    let thick = depth > R::of(THIN);
+    let slope = (open - mixed) / depth.greater(R::of(THIN));
+    if thick { [slope, slope + half] } else { [thin - half, thin] }
+}
+
+/// The sum of powers without the first two, each factor as told by its power.
+#[inline(always)]
+fn powers<R: Real>(x: R, factor: impl Fn(f64, f64) -> f64) -> R {
+    // Single precision has enough of seven.
+    let count = if R::EPSILON.f64() > 1e-10 { 7 } else { POWERS.len() };
+    let of = |k: usize| R::of(factor((k + 2) as f64, POWERS[k]));
+    let mut sum = of(count - 1);
+    for k in (0..count - 1).rev() {
+        sum = of(k) + x * sum;
+    }
+    sum
+}
