@@ -160,3 +160,14 @@ pub(super) fn offsets<R: Real, L: Lanes<R>>(low: [L; 3]) -> [u32; LANES] {
     let [a, b, c, d] = (sum + L::splat(R::ONES)).store();
     [a.low_bits(), b.low_bits(), c.low_bits(), d.low_bits()]
 }
+
+/// Offset in a brick of the cell that holds a point, and the point's coordinates in the cell: [`low`] and [`offsets`]
+/// for loops over plain arrays.
+#[inline(always)]
+pub(super) fn placed<R: Real>(at: [R; 3]) -> (u32, [R; 3]) {
+    let low = |v: R| (v.greater(R::ZERO).lesser(R::of(7.75)) - R::of(0.5) + R::ONES) - R::ONES;
+    let all = |v: usize| R::int(v as i32);
+    let [x, y, z] = [low(at[0]), low(at[1]), low(at[2])];
+    let offset = x * all(slot(1, 0, 0)) + y * all(slot(0, 1, 0)) + z;
+    ((offset + R::ONES).low_bits(), [at[0] - x, at[1] - y, at[2] - z])
+}

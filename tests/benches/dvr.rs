@@ -30,7 +30,7 @@ pub const GRADIENT: &str = "--gradient";
 /// Camera directions around the volume.
 const FRAMES: usize = 8;
 /// Rules that are tried, from what pictures have unless they ask for another.
-const TOLERANCES: [f64; 4] = [2e-3, 8e-3, 16e-3, 32e-3];
+const TOLERANCES: [f64; 5] = [2e-3, 8e-3, 16e-3, 32e-3, 64e-3];
 /// Of so many pixels in a row, and of so many rows, one is compared with the exact integral.
 const STRIDE: u32 = 4;
 
@@ -145,7 +145,7 @@ fn forget_peak() {
 /// Seconds of a picture and of its loss's gradient by every voxel, and megabytes that the gradient takes beyond
 /// the picture; `volume` fills the unit cube.
 pub fn gradient(path: &Path, threads: usize) {
-    let field = volume(path);
+    let field = volume(path).filled(u64::MAX).unwrap();
     let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let medium = Medium { extinction: 1.0, source: Source::Transfer(function(|x| bump(x, 20.0, 60.0))) };
     let cancel = AtomicBool::new(false);

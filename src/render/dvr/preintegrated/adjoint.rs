@@ -35,7 +35,7 @@ impl<R: Real> Preintegrated<R> {
         optics: &Optics<R, 3>,
         scratch: &mut Scratch<R>,
     ) -> Radiance<R> {
-        let Scratch { queue, row, tape, spare } = scratch;
+        let Scratch { queue, row, by_row, tape, spare } = scratch;
         spare.append(tape);
         let (dvr, ray) = (pass.dvr, pass.ray);
         let values = &dvr.field.values;
@@ -72,13 +72,16 @@ impl<R: Real> Preintegrated<R> {
                 #[inline(always)]
                 |queue, fours| {
                     visit.record(&mut front, values, queue, fours);
-                    back.visit(pass, &visit);
+                    back.visit(pass, &visit, by_row);
                     front.depth < dvr.depth_limit
                 },
             );
             spare.push(visit);
         } else {
-            tape.iter().for_each(|visit| back.visit(pass, visit));
+            // Not `for_each`: its closure would be compiled for the oldest instruction set.
+            for visit in tape.iter() {
+                back.visit(pass, visit, by_row);
+            }
         }
         seen
     }
@@ -107,21 +110,44 @@ struct Backward<'a, R: Real> {
     last: Option<Nodes<R>>,
 }
 
-/// Derivatives with respect to what a row holds, by stretch.
-struct ByStretch<R> {
+/// Derivatives with respect to what a row holds, and what goes into them.
+#[derive(Debug, Clone)]
+pub(super) struct ByRow<R> {
+    /// By stretch: with respect to its means, its drift, its optical depth; its light.
     mean: [[R; ROOM]; 4],
     drift: [[R; ROOM]; 3],
+    depth: [R; ROOM],
+    light: [R; ROOM],
+    /// Slopes of colours and extinction at the ends.
+    slopes: [[R; ROOM + 1]; 4],
+    /// With respect to the densities at the ends; in `behind` that of the stretches that end there alone.
+    density: [R; ROOM + 1],
+    behind: [R; ROOM + 1],
+}
+
+impl<R: Real> Default for ByRow<R> {
+    fn default() -> Self {
+        let (stretch, ends) = ([R::ZERO; ROOM], [R::ZERO; ROOM + 1]);
+        Self {
+            mean: [stretch; 4],
+            drift: [stretch; 3],
+            depth: stretch,
+            light: stretch,
+            slopes: [ends; 4],
+            density: ends,
+            behind: ends,
+        }
+    }
 }
 
 impl<R: Real> Backward<'_, R> {
     #[inline(always)]
-    fn visit(&mut self, pass: &mut Pass<'_, '_, R>, visit: &Visit<R>) {
+    fn visit(&mut self, pass: &mut Pass<'_, '_, R>, visit: &Visit<R>, by: &mut ByRow<R>) {
         let beyond = |c: usize| self.weighted.colour[c] * (self.emitted[c] - visit.emitted[c]);
         let arriving = self.behind + (beyond(0) + beyond(1) + beyond(2));
         let row = &*visit.row;
         let extinction = pass.dvr.medium.extinction;
-        let (by, by_extinction) = self.by_stretch(row, arriving);
-        pass.sinks.shared.extinction += by_extinction / extinction;
+        pass.sinks.shared.extinction += self.by_stretch(row, arriving, by) / extinction;
         if let Some(table) = pass.sinks.table.as_deref_mut() {
             for i in 0..row.count {
                 let by_mean = [0, 1, 2, 3].map(|c| by.mean[c][i].f64());
@@ -130,10 +156,11 @@ impl<R: Real> Backward<'_, R> {
             }
         }
         if let Some(voxels) = pass.sinks.voxels.as_deref_mut() {
-            let mut by_density = self.by_density(row, &by);
+            self.by_density(row, by);
             if !row.cut.is_empty() {
-                by_density = row.by_nodes(&by_density);
+                by.density = row.by_nodes(&by.density);
             }
+            let by_density = &by.density;
             for (four, nodes) in visit.nodes.iter().enumerate() {
                 let n = (LANES * four).min(ROOM - LANES) + 1;
                 let by = [by_density[n], by_density[n + 1], by_density[n + 2], by_density[n + 3]];
@@ -146,14 +173,12 @@ impl<R: Real> Backward<'_, R> {
         self.last = visit.nodes.last().copied();
     }
 
-    /// Derivatives by means and drifts, and by the extinction's logarithm.
+    /// Derivatives by means and drifts; returns that by the extinction's logarithm.
     #[inline(always)]
-    fn by_stretch(&self, row: &Row<R>, mut arriving: f64) -> (ByStretch<R>, f64) {
+    fn by_stretch(&self, row: &Row<R>, mut arriving: f64, by: &mut ByRow<R>) -> f64 {
         let count = row.count.min(ROOM);
         let weights = self.weighted.colour.map(R::of);
         let [red, green, blue, _] = &row.values;
-        let mut by = ByStretch { mean: [[R::ZERO; ROOM]; 4], drift: [[R::ZERO; ROOM]; 3] };
-        let (mut light, mut by_depth) = ([R::ZERO; ROOM], [R::ZERO; ROOM]);
         for i in 0..count {
             let (mean, length, before) = (&row.mean, row.length[i], row.before[i]);
             let emitted = length * (weights[0] * mean[0][i] + weights[1] * mean[1][i] + weights[2] * mean[2][i]);
@@ -162,8 +187,8 @@ impl<R: Real> Backward<'_, R> {
                 + weights[2] * (blue[i + 1] - blue[i]);
             let (mixed, drift) = (before * row.mixed[i], before * row.drift[i]);
             let [by_mixed, by_drift] = share_slopes(row.depth[i], row.open[i], row.mixed[i]);
-            light[i] = mixed * emitted + drift * drifted;
-            by_depth[i] = before * (by_mixed * emitted + by_drift * drifted);
+            by.light[i] = mixed * emitted + drift * drifted;
+            by.depth[i] = before * (by_mixed * emitted + by_drift * drifted);
             by.mean[0][i] = mixed * length * weights[0];
             by.mean[1][i] = mixed * length * weights[1];
             by.mean[2][i] = mixed * length * weights[2];
@@ -175,30 +200,31 @@ impl<R: Real> Backward<'_, R> {
         }
         let mut by_extinction = 0.0;
         for i in (0..count).rev() {
-            by_depth[i] -= R::of(arriving);
-            arriving += light[i].f64();
-            by_extinction += (by.mean[3][i] + by_depth[i] * row.depth[i]).f64();
-            by.mean[3][i] = row.length[i] * by_depth[i];
+            by.depth[i] -= R::of(arriving);
+            arriving += by.light[i].f64();
+            by_extinction += (by.mean[3][i] + by.depth[i] * row.depth[i]).f64();
+            by.mean[3][i] = row.length[i] * by.depth[i];
         }
-        (by, by_extinction)
+        by_extinction
     }
 
     /// Derivatives with respect to the densities where stretches begin and end.
     #[inline(always)]
-    fn by_density(&self, row: &Row<R>, by: &ByStretch<R>) -> [R; ROOM + 1] {
+    fn by_density(&self, row: &Row<R>, by: &mut ByRow<R>) {
         let tables = &self.own.tables;
         let count = row.count.min(ROOM);
         let (sixth, half) = (R::of(1.0 / 6.0), R::of(0.5));
-        let mut slopes = [[R::ZERO; ROOM + 1]; 4];
         for i in 0..=count {
             let slope = tables.piece(row.piece[i]).slope.store();
-            slopes[0][i] = slope[0];
-            slopes[1][i] = slope[1];
-            slopes[2][i] = slope[2];
-            slopes[3][i] = slope[3];
+            by.slopes[0][i] = slope[0];
+            by.slopes[1][i] = slope[1];
+            by.slopes[2][i] = slope[2];
+            by.slopes[3][i] = slope[3];
         }
         let extinction = &row.values[3];
-        let (mut first, mut second) = ([R::ZERO; ROOM + 1], [R::ZERO; ROOM + 1]);
+        by.density[count] = R::ZERO;
+        by.behind[0] = R::ZERO;
+        let slopes = &by.slopes;
         for i in 0..count {
             let (begin, end) = (extinction[i], extinction[i + 1]);
             let (near_begin, near_end) = (sixth * (begin + begin + end), sixth * (begin + end + end));
@@ -221,12 +247,11 @@ impl<R: Real> Backward<'_, R> {
             let summed = row.is_summed(tables, i);
             let at_begin = if summed { -(off[0] * inverse) } else { colours[0] + extinctions[0] * slopes[3][i] };
             let at_end = if summed { off[1] * inverse } else { colours[1] + extinctions[1] * slopes[3][i + 1] };
-            first[i] = at_begin - drift[0];
-            second[i + 1] = at_end + drift[1];
+            by.density[i] = at_begin - drift[0];
+            by.behind[i + 1] = at_end + drift[1];
         }
         for i in 0..=count {
-            first[i] += second[i];
+            by.density[i] += by.behind[i];
         }
-        first
     }
 }

@@ -41,12 +41,16 @@ impl<'a, R: Real> Front<'a, R> {
         self.blend(row);
     }
 
-    /// Adds a stretch of density zero.
-    pub fn add_gap(&mut self, length: R, row: &mut Row<R>) {
-        row.count = LANES;
-        row.density[1..=LANES].fill(R::ZERO);
-        row.length[..LANES].copy_from_slice(&[length, R::ZERO, R::ZERO, R::ZERO]);
-        self.blend(row);
+    /// Adds a last stretch, of density zero.
+    #[inline(always)]
+    pub fn add_gap(&mut self, length: f64) {
+        let [red, green, blue, extinction] = self.tables.zero.values.store().map(Real::f64);
+        let depth = length * extinction;
+        let absorbed = -(-depth).exp_m1() * self.open.f64();
+        self.emitted[0] += red * absorbed;
+        self.emitted[1] += green * absorbed;
+        self.emitted[2] += blue * absorbed;
+        self.depth += depth;
     }
 
     #[inline(always)]

@@ -19,7 +19,7 @@ use crate::render::curve::Curve;
 use crate::render::march::IndexRay;
 use crate::scene::bricks::{BRICK, Topology};
 use crate::scene::table::Table;
-use adjoint::Visit;
+use adjoint::{ByRow, Visit};
 use light::Front;
 use row::Row;
 use nodes::{Queue, Sites, nodes, roughness};
@@ -39,7 +39,7 @@ pub(super) struct Preintegrated<R: Real> {
 }
 
 /// Least and greatest distance between nodes, in voxels.
-const DISTANCE: [f64; 2] = [0.5, 4.0];
+const DISTANCE: [f64; 2] = [0.5, 16.0];
 
 impl<R: Real> Preintegrated<R> {
     /// Of a table and what its extinctions are multiplied by, for a field of which these bricks are visible;
@@ -84,7 +84,7 @@ impl<R: Real> Preintegrated<R> {
             },
         );
         if self.gaps && rest > 0.0 {
-            front.add_gap(R::of(rest), row);
+            front.add_gap(rest);
         }
         Blend { emitted: front.emitted, depth: front.depth, last: ray.enter }
     }
@@ -95,6 +95,7 @@ impl<R: Real> Preintegrated<R> {
 pub(super) struct Scratch<R: Real> {
     queue: Queue<R>,
     row: Box<Row<R>>,
+    by_row: Box<ByRow<R>>,
     tape: Vec<Visit<R>>,
     spare: Vec<Visit<R>>,
 }

@@ -3,7 +3,7 @@
 
 use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
-use crate::render::cell::{corners, low, offsets, scatter};
+use crate::render::cell::{corners, placed, scatter};
 use crate::render::march::{IndexRay, Span, spans};
 use crate::scene::bricks::{BRICK, CELLS, EDGE, Topology, slot};
 
@@ -63,7 +63,9 @@ pub(super) const FOURS: usize = ROOM / LANES;
 /// Nodes that wait for their turn.
 #[derive(Debug, Clone)]
 pub(super) struct Queue<R: Real> {
+    /// Offsets of their bricks; once they are placed, of their cells.
     offset: [u32; ROOM],
+    /// Coordinates in their bricks; once they are placed, in their cells.
     at: [[R; ROOM]; 3],
     length: [R; ROOM],
     count: usize,
@@ -80,17 +82,25 @@ impl<R: Real> Queue<R> {
     #[inline(always)]
     fn push(&mut self, span: &Span<R>, t: R::Lanes, length: R, count: usize) {
         let all = <R::Lanes as Lanes<R>>::splat;
-        let at = |a: usize| all(span.entry[a]) + t * all(span.direction[a]);
-        let at = [at(0), at(1), at(2)];
-        let lows = at.map(low::<R, R::Lanes>);
         let n = self.count.min(ROOM - LANES);
-        let offset = offsets::<R, R::Lanes>(lows).map(|o| span.base as u32 + o);
-        self.offset[n..n + LANES].copy_from_slice(&offset);
+        self.offset[n..n + LANES].copy_from_slice(&[span.base as u32; LANES]);
         for a in 0..3 {
-            self.at[a][n..n + LANES].copy_from_slice(&(at[a] - lows[a]).store());
+            let at = all(span.entry[a]) + t * all(span.direction[a]);
+            self.at[a][n..n + LANES].copy_from_slice(&at.store());
         }
         self.length[n..n + LANES].copy_from_slice(&[length; LANES]);
         self.count += count;
+    }
+
+    /// Finds the cells of the first ones, so many fours.
+    #[inline(always)]
+    fn place(&mut self, fours: usize) {
+        let [x, y, z] = &mut self.at;
+        for i in 0..(fours * LANES).min(ROOM) {
+            let (offset, at) = placed([x[i], y[i], z[i]]);
+            self.offset[i] += offset;
+            [x[i], y[i], z[i]] = at;
+        }
     }
 
     /// Four of them by number.
@@ -141,6 +151,7 @@ pub(super) fn nodes<R: Real>(
     queue.count = 0;
     let all = <R::Lanes as Lanes<R>>::splat;
     let voxels = R::of(ray.direction().length());
+    let (most, half) = (R::int(MOST_PARTS as i32 - 1), R::of(0.5));
     let numbers = R::Lanes::load([R::ONE, R::of(2.0), R::of(3.0), R::of(4.0)]);
     let (mut reached, mut open) = (f64::NEG_INFINITY, true);
     spans(
@@ -154,8 +165,9 @@ pub(super) fn nodes<R: Real>(
                 queue.push(&span, R::Lanes::ZERO, gap, 1);
             }
             reached = span.end;
-            let parts = (span.length * voxels * sites.density[span.base / BRICK]).f64() as usize + 1;
-            let parts = parts.min(MOST_PARTS);
+            // Adding rounds to the nearest whole number: up, half of one higher.
+            let parts = (span.length * voxels * sites.density[span.base / BRICK]).lesser(most) + half;
+            let parts = (parts + R::ONES).low_bits().clamp(1, MOST_PARTS as u32) as usize;
             let length = span.length / R::int(parts as i32);
             let mut number = numbers;
             let mut left = parts;
@@ -169,6 +181,7 @@ pub(super) fn nodes<R: Real>(
             }
             if queue.count >= ENOUGH {
                 let fours = queue.count / LANES;
+                queue.place(fours);
                 open = visit(queue, fours);
                 queue.drop_front(fours);
             }
@@ -181,7 +194,9 @@ pub(super) fn nodes<R: Real>(
             queue.length[n] = R::ZERO;
             queue.at.iter_mut().for_each(|at| at[n] = at[n - 1]);
         }
-        open = visit(queue, queue.count.div_ceil(LANES));
+        let fours = queue.count.div_ceil(LANES);
+        queue.place(fours);
+        open = visit(queue, fours);
     }
     if open { ray.leave - reached.max(ray.enter) } else { 0.0 }
 }
