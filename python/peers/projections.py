@@ -2,6 +2,7 @@
 
     projections.py b4 OUT [--views 64]    cone beam from views on a sphere (RTK's geometry)
     projections.py b5 OUT                 64 parallel-beam angles over 180 degrees (ASTRA's geometry)
+    projections.py b7 OUT                 the same of 256 cubed voxels, the size of Weiss & Westermann's volumes
     projections.py b6 OUT                 16 perspective views around the unit cube (Mitsuba's geometry)
 
 OUT gets `transforms.json`, 32-bit float EXR pictures, `truth.vdb`, and in f64 `integrals.npy`, line
@@ -97,7 +98,7 @@ def pixel_means(rig, volume, lattice, scale, nodes=4):
 
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("set", choices=["b4", "b5", "b6"])
+    p.add_argument("set", choices=["b4", "b5", "b6", "b7"])
     p.add_argument("out")
     p.add_argument("--views", type=int, default=64, help="views of b4")
     a = p.parse_args()
@@ -105,9 +106,10 @@ def main():
         volume, lattice, rig, scale = smoke(64), np.diag([1 / 64, 1 / 64, 1 / 64, 1]), ring_rig(16, 128), 10.0
         lattice[:3, 3] = 0.5 / 64
     else:
-        # The thickest line integral is about 55 voxels: optical depths up to about 4.4.
-        volume, lattice, scale = smoke(128), centred(128), 0.08
-        rig = cone_rig(128, a.views) if a.set == "b4" else parallel_rig(128, 64, 192)
+        # The thickest line integral is about 55 voxels of 128: optical depths up to about 4.4.
+        n = 256 if a.set == "b7" else 128
+        volume, lattice, scale = smoke(n), centred(n), 10.24 / n
+        rig = cone_rig(n, a.views) if a.set == "b4" else parallel_rig(n, 64, 3 * n // 2)
     integrals = project(rig, volume, lattice)
     write_capture(a.out, rig, integrals, volume, lattice, scale)
     if a.set == "b6":

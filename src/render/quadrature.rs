@@ -73,7 +73,17 @@ mod tests {
         for q in ["exact", "preintegrated", "preintegrated:0.01", "midpoint:0.5", "riemann:0.2"] {
             assert_eq!(q.parse::<Quadrature>().unwrap().to_string(), q);
         }
-        for q in ["exact:1", "preintegrated:2", "preintegrated:", "midpoint", "midpoint:0", "riemann:-1", "riemann:nan", "euler:1", ""] {
+        for q in [
+            "exact:1",
+            "preintegrated:2",
+            "preintegrated:",
+            "midpoint",
+            "midpoint:0",
+            "riemann:-1",
+            "riemann:nan",
+            "euler:1",
+            "",
+        ] {
             assert!(q.parse::<Quadrature>().unwrap_err().to_string().contains("midpoint:0.5"), "{q}");
         }
     }

@@ -5,10 +5,10 @@ use super::turns::{in_turn, median};
 use cumulo::formats::vdb::{File, Limits};
 use cumulo::math::Aabb;
 use cumulo::optimise::pictures::{self, Accumulators, Gradients, Target};
+use cumulo::real::Real;
 use cumulo::render::dvr::{Adjoint, Dvr, Precision};
 use cumulo::render::picture;
 use cumulo::render::quadrature::Quadrature;
-use cumulo::real::Real;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::medium::{Medium, Source};
@@ -75,13 +75,13 @@ fn rgb(rgba: [f64; 4]) -> DVec3 {
     DVec3::new(rgba[0], rgba[1], rgba[2])
 }
 
-/// Light of every pixel that is compared.
-fn compared<R: Precision>(dvr: &Dvr<'_, R>, camera: &Camera) -> Vec<DVec3> {
+/// Light of every pixel that is compared, so many rows lower.
+fn compared<R: Precision>(dvr: &Dvr<'_, R>, camera: &Camera, lower: f64) -> Vec<DVec3> {
     let pixels: Vec<(u32, u32)> = (0..camera.height / STRIDE)
         .flat_map(|y| (0..camera.width / STRIDE).map(move |x| (STRIDE * x, STRIDE * y)))
         .collect();
     let see = |(x, y): &(u32, u32)| {
-        let rgba = dvr.radiance(&camera.ray(f64::from(*x) + 0.5, f64::from(*y) + 0.5)).rgba();
+        let rgba = dvr.radiance(&camera.ray(f64::from(*x) + 0.5, f64::from(*y) + 0.5 + lower)).rgba();
         rgb(rgba.map(Real::f64))
     };
     pixels.par_iter().map(see).collect()
@@ -99,7 +99,8 @@ fn boxed<R: Real>(field: &Bricks<f32>, voxels: f64) -> Bricks<R> {
 }
 
 /// Seconds a frame and decibels against the exact integral, by function and rule; `volume` has unit voxels. The
-/// folder gets the exact light of the first frame's compared pixels, `exact_NAME.f64`: `[row, column, rgb]`.
+/// folder gets the light of the first frame's compared pixels, `light_NAME.f64`: `[shift, row, column, rgb]`, half a
+/// row higher, there, and half a row lower: the other side's rays may go elsewhere through a pixel.
 pub fn pictures(path: &Path, threads: usize, folder: &Path) {
     const VOXELS: f64 = 256.0;
     let field = volume(path);
@@ -111,17 +112,19 @@ pub fn pictures(path: &Path, threads: usize, folder: &Path) {
     let cancel = AtomicBool::new(false);
     let by_function = OPACITIES.map(|(name, opacity)| {
         let medium = Medium { extinction: 1.0, source: Source::Transfer(function(|x| -(-opacity(x)).ln_1p())) };
-        let exact = Dvr::new(&exact, medium.clone()).unwrap().background([0.0; 3]).early_stop(0.0);
-        let exact = compared(&exact, &cameras[0]);
-        let bytes: Vec<u8> = exact.iter().flat_map(|v| v.to_array()).flat_map(f64::to_le_bytes).collect();
-        std::fs::write(folder.join(format!("exact_{name}.f64")), bytes).unwrap();
+        let whole = Dvr::new(&exact, medium.clone()).unwrap().background([0.0; 3]).early_stop(0.0);
+        let exact = compared(&whole, &cameras[0], 0.0);
+        let fine = whole.quadrature(Quadrature::Preintegrated(1e-4));
+        let light = [-0.5, 0.0, 0.5].into_iter().flat_map(|lower| compared(&fine, &cameras[0], lower));
+        let bytes: Vec<u8> = light.flat_map(|v| v.to_array()).flat_map(f64::to_le_bytes).collect();
+        std::fs::write(folder.join(format!("light_{name}.f64")), bytes).unwrap();
         let rules = TOLERANCES.map(|tolerance| {
             let rule = Quadrature::Preintegrated(tolerance);
             let dvr = Dvr::new(&fast, medium.clone()).unwrap().background([0.0; 3]).quadrature(rule);
             let [seconds] = in_turn([&mut || {
                 pool.install(|| cameras.iter().for_each(|c| drop(black_box(picture(&dvr, c, 1, &cancel)))));
             }]);
-            let seen = compared(&dvr, &cameras[0]);
+            let seen = compared(&dvr, &cameras[0], 0.0);
             let off: f64 = seen.iter().zip(&exact).map(|(a, b)| (*a - *b).length_squared()).sum();
             let decibels = -10.0 * (off / (3 * exact.len()) as f64).log10();
             (rule.to_string(), json!({"seconds": median(&seconds) / FRAMES as f64, "psnr_db": decibels}))
@@ -155,7 +158,7 @@ pub fn gradient(path: &Path, threads: usize) {
     };
     let mut rows = serde_json::Map::new();
     let rules = [Quadrature::Exact].into_iter().chain(TOLERANCES.map(Quadrature::Preintegrated));
-    for (rule, pixels) in rules.map(|r| (r, 128)).chain([(Quadrature::PREINTEGRATED, 512)]) {
+    for (rule, pixels) in rules.map(|r| (r, 128)).chain([512, 1024].map(|pixels| (Quadrature::PREINTEGRATED, pixels))) {
         let camera = camera(1.0, DVec3::splat(0.5), 0.3, pixels, 40.0);
         let grey = Target { camera, rgba: vec![[0.3; 4]; (pixels * pixels) as usize], rays_per_edge: 1 };
         let dvr = Dvr::new(&field, medium.clone()).unwrap().background([0.0; 3]).quadrature(rule);

@@ -3,9 +3,9 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a bench stops at the first fault and prints its figures")]
 
+mod dvr;
 #[path = "../fields/mod.rs"]
 mod fields;
-mod dvr;
 mod rays;
 mod row;
 mod turns;

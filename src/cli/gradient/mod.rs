@@ -190,7 +190,8 @@ impl GradientCommand {
     fn fits_together(&self) -> Result<()> {
         let asks = |w: Wrt| self.wrt.contains(&w);
         let inverts = self.adjoint == Some(AdjointName::Inversion);
-        if matches!(self.quadrature, Quadrature::Preintegrated(_)) && (asks(Wrt::Camera) || self.mode == Mode::Tangent || inverts)
+        if matches!(self.quadrature, Quadrature::Preintegrated(_))
+            && (asks(Wrt::Camera) || self.mode == Mode::Tangent || inverts)
         {
             let what = match self.mode {
                 Mode::Tangent => "no --mode tangent",

@@ -21,9 +21,9 @@ use crate::scene::bricks::{BRICK, Topology};
 use crate::scene::table::Table;
 use adjoint::{ByRow, Visit};
 use light::Front;
-use row::Row;
 use nodes::{Queue, Sites, nodes, roughness};
 use rayon::prelude::*;
+use row::Row;
 use table::Cumulative;
 
 /// What pre-integration looks up.

@@ -1,6 +1,7 @@
 //! Where the density is looked up: at the faces of bricks and at points that divide the way through a brick evenly.
 //! Between two of these nodes it is taken for linear in the length.
 
+use super::row::WIDE;
 use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
 use crate::render::cell::{corners, placed, scatter};
@@ -56,7 +57,7 @@ const MOST_PARTS: usize = 32;
 /// Nodes that are visited together, if there are as many: those of one four wait for one another, fours do not.
 const ENOUGH: usize = 32;
 /// Nodes that there is room for: all but enough, a gap's, a brick's, and what is written beyond.
-const ROOM: usize = ENOUGH + 1 + MOST_PARTS + LANES;
+const ROOM: usize = (ENOUGH + 1 + MOST_PARTS + LANES).next_multiple_of(WIDE);
 /// The most fours that are visited together.
 pub(super) const FOURS: usize = ROOM / LANES;
 
@@ -119,10 +120,10 @@ impl<R: Real> Queue<R> {
     /// Keeps what comes after so many fours.
     #[inline(always)]
     fn drop_front(&mut self, fours: usize) {
-        let n = (fours * LANES).min(ROOM - LANES);
-        self.offset.copy_within(n..n + LANES, 0);
-        self.length.copy_within(n..n + LANES, 0);
-        self.at.iter_mut().for_each(|at| at.copy_within(n..n + LANES, 0));
+        let n = (fours * LANES).min(ROOM - WIDE);
+        self.offset.copy_within(n..n + WIDE, 0);
+        self.length.copy_within(n..n + WIDE, 0);
+        self.at.iter_mut().for_each(|at| at.copy_within(n..n + WIDE, 0));
         self.count -= n;
     }
 }
@@ -139,7 +140,7 @@ pub(super) struct Sites<'a, R> {
 }
 
 /// Visits the nodes along a ray, near to far, so many fours at a time; `visit` returns false to stop. Where bricks
-/// are missing the next node's stretch has no length, unless gaps count. What is left over of four repeats the last
+/// are missing the next node's stretch has no length, unless gaps count. What is left over repeats the last
 /// node with no length. Returns the world length from the last brick to the ray's exit.
 #[inline(always)]
 pub(super) fn nodes<R: Real>(
@@ -180,7 +181,7 @@ pub(super) fn nodes<R: Real>(
                 number += all(R::of(LANES as f64));
             }
             if queue.count >= ENOUGH {
-                let fours = queue.count / LANES;
+                let fours = queue.count / WIDE * (WIDE / LANES);
                 queue.place(fours);
                 open = visit(queue, fours);
                 queue.drop_front(fours);
@@ -189,12 +190,12 @@ pub(super) fn nodes<R: Real>(
         },
     );
     if open && queue.count > 0 {
-        for n in queue.count..queue.count.next_multiple_of(LANES) {
+        for n in queue.count..queue.count.next_multiple_of(WIDE) {
             queue.offset[n] = queue.offset[n - 1];
             queue.length[n] = R::ZERO;
             queue.at.iter_mut().for_each(|at| at[n] = at[n - 1]);
         }
-        let fours = queue.count.div_ceil(LANES);
+        let fours = queue.count.next_multiple_of(WIDE) / LANES;
         queue.place(fours);
         open = visit(queue, fours);
     }

@@ -13,6 +13,8 @@ use crate::render::curve::Curve;
 
 /// The most stretches in a row.
 pub(super) const ROOM: usize = 256;
+/// Rows hold a multiple of so many, as many as the widest vectors: nothing is left over for slower loops.
+pub(super) const WIDE: usize = 8;
 /// The most parts that one is cut into.
 const MOST_PARTS: f64 = 64.0;
 /// Optical depth below which B is a sum of powers.
@@ -36,7 +38,7 @@ const POWERS: [f64; 11] = [
 type Stretch<R> = [R; ROOM];
 type Ends<R> = [R; ROOM + 1];
 
-/// The stretches. They are as many as a multiple of four; what is left over has no length.
+/// The stretches. They are as many as a multiple of [`WIDE`]; what is left over has no length.
 #[derive(Debug, Clone)]
 pub(super) struct Row<R: Real> {
     /// How many there are.
@@ -90,7 +92,7 @@ impl<R: Real> Row<R> {
     /// last one ends.
     #[inline(always)]
     pub fn follow(&mut self, tables: &Cumulative<R>, curve: &Curve<R, 3>, last: &mut End<R>) {
-        self.count = self.count.min(ROOM);
+        debug_assert!(self.count.is_multiple_of(WIDE) && self.count <= ROOM, "{} stretches", self.count);
         let from = *last;
         self.look_up(tables, curve, last);
         self.settle(tables);
@@ -216,7 +218,7 @@ impl<R: Real> Row<R> {
                 self.cut.push((i as u32 + 1, if part == parts { R::ONE } else { R::of(part as f64 * share) }));
             }
         }
-        while self.cut.len() % LANES != 1 {
+        while self.cut.len() % WIDE != 1 {
             self.cut.push((self.count as u32, R::ONE));
         }
         self.count = self.cut.len() - 1;
