@@ -3,7 +3,8 @@
 
     bench.py [--only B4 B6 ...] [--data DIR] [--peers PEERS_ENV RTK_ENV]
 
-Kernels (B3, B10, B11) come from `cargo bench --bench kernels`; B4, B5 and B6 reconstruct exact data sets
+Kernels (B3, B10, B11) come from `cargo bench --bench kernels`, pictures and gradients through a transfer function (B1,
+B2) from the same program; B4 to B7 reconstruct exact data sets
 (`python/peers/`, made where they are missing by the environment `python/setup.sh bench` sets up) with ever
 more iterations until the goal's PSNR is reached. With `--peers` the other programs run too, in turn with
 ours; else their figures are those noted when a quiet machine ran them, marked `noted`.
@@ -27,7 +28,9 @@ import pyopenvdb as vdb
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "python"))
-from cumulo.run import CumuloError, cumulo  # noqa: E402  from this checkout
+sys.path.insert(0, str(ROOT / "python" / "peers"))
+import field  # noqa: E402  from this checkout
+from cumulo.run import CumuloError, cumulo  # noqa: E402
 
 OUT = ROOT / "target" / "bench"
 PEERS = ROOT / "python" / "peers"
@@ -35,6 +38,12 @@ PEERS = ROOT / "python" / "peers"
 LADDER = (5, 10, 20, 24, 30, 50)
 # A run shorter than this is repeated: its median counts.
 SHORT, REPEATS = 10.0, 3
+
+
+# B1 and B2: threads of both sides; seconds a frame and decibels of VTK, seconds of PyTorch, where they were measured.
+THREADS = 2
+VTK = {"bump": (0.12, 43.8), "ramp": (0.12, 45.1), "thin": (0.41, 48.5)}
+PYTORCH = 0.41
 
 
 @dataclass
@@ -68,6 +77,7 @@ SETS = [
     cone(128, (53.17, None)),
     Set("B5", "b5", "128³ from 64 parallel-beam angles", ["b5"], "ASTRA SIRT", (54.4, 97.0), faster=10.0),
     Set("B6", "b6", "64³ from 16 views", ["b6"], "Mitsuba 3", (27.9, 81.0), above=10.0, faster=100.0),
+    Set("B7", "b7", "256³ from 64 parallel-beam angles", ["b7"], "ASTRA SIRT, 50 it", (43.47, None), faster=1.0),
 ]  # fmt: skip
 
 
@@ -122,6 +132,7 @@ def theirs(wanted, data, environments):
         "B4": [rtk, PEERS / "run_rtk.py", data, "--alg", "cg"],
         "B5": [peers, PEERS / "run_astra.py", data, "--alg", "SIRT"],
         "B6": [peers, PEERS / "run_mitsuba.py", data],
+        "B7": [peers, PEERS / "run_astra.py", data, "--alg", "SIRT", "--iters", "50"],
     }[wanted.id]
     line = json.loads(output(command, **({"DRJIT_LIBLLVM_PATH": llvm} if llvm else {})).splitlines()[-1])
     return max(line["psnr_db"], line.get("psnr_clipped_db", 0.0)), line["seconds"]
@@ -167,6 +178,87 @@ def reconstruction(wanted, folder, environments, rounds):
     }
 
 
+def smoke(voxels):
+    """The plume as NPY and VDB, of 256 cubed in steps of an 8-bit number with unit voxels, else in the unit cube."""
+    array, grid = OUT / f"smoke{voxels}.npy", OUT / f"smoke{voxels}.vdb"
+    if not newer(grid, PEERS / "field.py"):
+        values = field.smoke(voxels)
+        lattice = np.diag([1 / voxels] * 3 + [1.0])
+        lattice[:3, 3] = 0.5 / voxels
+        if voxels == 256:
+            values, lattice = np.floor(255 * values).astype(np.float32) / np.float32(255), np.eye(4)
+        np.save(array, values)
+        output([sys.executable, PEERS / "write_vdb.py", array, grid, json.dumps(lattice.tolist())])
+    return array, grid
+
+
+def bench_program(*arguments):
+    """What `cargo bench --bench kernels` prints with these arguments."""
+    target = os.environ.get("CARGO_TARGET_DIR", str(ROOT / "target"))
+    command = ["cargo", "bench", "--quiet", "--locked", "--manifest-path", ROOT / "Cargo.toml", "--bench", "kernels"]
+    return output([*command, "--", *arguments], CARGO_TARGET_DIR=target)
+
+
+def pictures(environments, rounds):
+    """B1: a row for each transfer function and rule; the peer in turn with ours."""
+    array, grid = smoke(256)
+    say("B1: pictures through transfer functions")
+    ours, theirs = [], {name: [] for name in VTK}
+    for _ in range(rounds):
+        ours.append(json.loads(bench_program("--pictures", grid, THREADS, OUT)))
+        for name in theirs if environments else ():
+            run = [environments[0] / "bin" / "python", PEERS / "run_vtk.py", array, "--function", name]
+            light = OUT / f"light_{name}.f64"
+            theirs[name].append(json.loads(output([*run, "--threads", THREADS, "--light", light]).splitlines()[-1]))
+    for name, noted in VTK.items():
+        seen = theirs[name]
+        seconds = statistics.median(line["seconds"] for line in seen) if seen else noted[0]
+        decibels = seen[0]["psnr_db"] if seen else noted[1]
+        for rule in ours[0][name]:
+            own = statistics.median(run[name][rule]["seconds"] for run in ours)
+            quality = ours[0][name][rule]["psnr_db"]
+            yield {
+                "id": "B1",
+                "work": f"256³, 512², {name}, {rule}",
+                "peer": f"VTK: {decibels:.1f} dB, {1e3 * seconds:.0f} ms{'' if seen else ' (noted)'}",
+                "ours": f"{quality:.1f} dB, {1e3 * own:.0f} ms",
+                "ratio": seconds / own,
+                "goal": f">= 3, >= {decibels:.1f} dB",
+                "met": seconds >= 3 * own and quality >= decibels,
+                "detail": {"ours": [run[name][rule]["seconds"] for run in ours], "peer": seen},
+            }
+
+
+def gradients(environments, rounds):
+    """B2: a row for each rule and way; the peer in turn with ours."""
+    array, grid = smoke(128)
+    say("B2: gradients through a transfer function")
+    ours, theirs = [], []
+    for _ in range(rounds):
+        ours.append(json.loads(bench_program("--gradient", grid, THREADS)))
+        if environments:
+            run = [environments[0] / "bin" / "python", PEERS / "run_torch.py", array, "--threads", THREADS]
+            theirs.append(json.loads(output(run).splitlines()[-1]))
+    peer = statistics.median(line["seconds"] for line in theirs) if theirs else PYTORCH
+    for rule, figures in ours[0].items():
+        rule, pixels = rule.rsplit(" ", 1)
+        for way in ("tape", "replay"):
+            own = statistics.median(run[f"{rule} {pixels}"][way] for run in ours)
+            value = statistics.median(run[f"{rule} {pixels}"]["value"] for run in ours)
+            # The peer had one size of picture.
+            ratio = peer / own if pixels == "128" else None
+            yield {
+                "id": "B2",
+                "work": f"128³, {pixels}², {rule}, gradient by {way}",
+                "peer": f"PyTorch: {1e3 * peer:.0f} ms{'' if theirs else ' (noted)'}",
+                "ours": f"{1e3 * own:.1f} ms, {own / value:.2f} of the value, {figures['megabytes']:.0f} MB",
+                "ratio": ratio,
+                "goal": ">= 40" if ratio else None,
+                "met": ratio >= 40 if ratio else None,
+                "detail": {"ours": [run[f"{rule} {pixels}"] for run in ours], "peer": theirs},
+            }
+
+
 def newer(path, source):
     """True if `path` is there and was made from `source` as it is."""
     return path.is_file() and path.stat().st_mtime >= source.stat().st_mtime
@@ -185,9 +277,7 @@ def kernels(volume):
             output(["g++", "-O3", "-DNDEBUG", "-std=c++17", source, "-o", peer, *libraries])
         options = ["--vdb", noise, peer, OUT]
     say("kernels")
-    target = os.environ.get("CARGO_TARGET_DIR", str(ROOT / "target"))
-    command = ["cargo", "bench", "--quiet", "--locked", "--manifest-path", ROOT / "Cargo.toml", "--bench", "kernels"]
-    output([*command, "--", "--json", report, *options], CARGO_TARGET_DIR=target)
+    bench_program("--json", report, *options)
     return json.loads(report.read_text())
 
 
@@ -204,7 +294,7 @@ def table(rows):
 
 def main():
     """Measures, writes the JSON, prints the table."""
-    every = ["B3", "B4", "B5", "B6", "B10", "B11"]
+    every = ["B1", "B2", "B3", "B4", "B5", "B6", "B7", "B10", "B11"]
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="+", choices=every, default=every, metavar="ID", help=f"of {' '.join(every)}")
     parser.add_argument("--data", type=pathlib.Path, help="folder of finished data sets (b4_8, ..., b5, b6)")
@@ -217,6 +307,10 @@ def main():
     if {"B3", "B10", "B11"} & set(a.only):
         shown = {*a.only, "rate"}
         rows += [row for row in kernels("B10" in a.only) if row["id"] in shown]
+    if "B1" in a.only:
+        rows += pictures(a.peers, a.rounds)
+    if "B2" in a.only:
+        rows += gradients(a.peers, a.rounds)
     rows += [reconstruction(s, a.data, a.peers, a.rounds) for s in SETS if s.id in a.only]
     machine = {"cores": os.cpu_count(), "load_before": before, "load_after": os.getloadavg()[0]}
     machine["seconds"] = round(time.monotonic() - start, 1)

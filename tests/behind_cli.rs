@@ -73,6 +73,21 @@ fn densities_come_back_through_a_function_that_is_not_monotonic() {
     assert!(rms("known_rms") < rms("unknown_rms"), "{again}");
 }
 
+/// A function that absorbs everywhere fills the whole box, for every solver.
+#[test]
+fn what_absorbs_at_density_zero_has_all_of_the_box() {
+    let work = with_pictures(4, 16);
+    let fog = json!({"format": "cumulo-transfer-function", "version": 1, "transfer": {"kind": "piecewise",
+        "points": [[0.0, 1.0, 0.9, 0.8, 0.01], [0.5, 0.2, 0.4, 0.8, 0.2], [1.0, 0.9, 0.1, 0.1, 0.6]]}});
+    std::fs::write(work.path("fog.tf.json"), fog.to_string()).unwrap();
+    for solver in ["paper", "auto"] {
+        let out = format!("{solver}.vdb");
+        let found =
+            work.json(&format!("reconstruct density cap --tf fog.tf.json --solver {solver} --iterations 1 -o {out}"));
+        assert!(number(&found, "train_psnr_db").is_finite(), "{found}");
+    }
+}
+
 /// A function with nothing above density zero tells no densities apart.
 #[test]
 fn a_function_without_densities_is_refused() {

@@ -9,13 +9,11 @@
 use crate::error::{Error, Result};
 use crate::optimise::colour::{self, Shaded};
 use crate::optimise::density::{Outcome, Request, Stage, Step};
-use crate::optimise::fit::{Fit, Scene, batches, squared};
-use crate::optimise::hull::Hull;
+use crate::optimise::fit::{Fit, Scene, batches, squared, unknowns};
 use crate::optimise::matching;
 use crate::optimise::observation::{Observation, Photo};
 use crate::optimise::pictures::Target;
 use crate::render::quadrature::Quadrature;
-use crate::scene::bricks::Topology;
 use crate::scene::grid::LEAF_VOXELS;
 use crate::scene::medium::{Medium, Source};
 use std::ops::ControlFlow;
@@ -54,17 +52,7 @@ pub fn reconstruct(
     let start = Instant::now();
     let lattice = request.lattice;
     let limit = (request.max_memory / (LEAF_VOXELS * 128) as u64) as usize;
-    let (mut topology, mut unknown) = Hull::new(observation).unknowns(&lattice, &request.bounds, limit)?;
-    if table.at(0.0)[3] > 0.0 {
-        let all = (topology.bounds().size() / 8.0).element_product();
-        if all > limit as f64 {
-            return Err(Error::unsupported(format!(
-                "the transfer function absorbs where the density is 0, and the {all:.0} blocks of 8³ voxels of the whole box do not fit in memory"
-            ))
-            .hint("give a smaller region with --bounds or a larger --voxel-size, or raise --max-memory"));
-        }
-        (topology, unknown) = filled(&topology, &unknown)?;
-    }
+    let (topology, unknown) = unknowns(observation, request, &lattice, limit)?;
     let topology = Arc::new(topology);
     // Densities are not negative: what the function does below zero is not looked for.
     let range = table.knots()[table.knots().len() - 1] as f32;
@@ -156,17 +144,6 @@ const EXTINCTION_ITERATIONS: u32 = 24;
 pub fn most_iterations(request: &Request, views: usize) -> u64 {
     let colours = if request.init.is_some() { 0 } else { colour::most_iterations(request) };
     colours + u64::from(request.iterations) * views.div_ceil(BATCH) as u64
-}
-
-/// With all bricks of the box, for functions that absorb where the density is 0.
-fn filled(topology: &Topology, unknown: &[bool]) -> Result<(Topology, Vec<bool>)> {
-    let all = topology.filled()?;
-    let mut wider = vec![false; all.len() * LEAF_VOXELS];
-    for (brick, own) in topology.bricks().iter().zip(unknown.chunks(LEAF_VOXELS)) {
-        let at = all.find(*brick) as usize * LEAF_VOXELS;
-        wider[at..at + LEAF_VOXELS].copy_from_slice(own);
-    }
-    Ok((all, wider))
 }
 
 /// A target of which only some pixels ask for something: those whose turn it is.

@@ -1,17 +1,53 @@
 //! Densities that descend towards pictures, whatever the medium: Adam on batches of views, with a prior on the
 //! differences of neighbours.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::Affine;
 use crate::optimise::adam::Adam;
+use crate::optimise::density::Request;
+use crate::optimise::hull::Hull;
 use crate::optimise::neighbours::Neighbours;
+use crate::optimise::observation::Observation;
 use crate::optimise::pictures::{self, Accumulators, Gradients, PixelLoss, Target};
 use crate::render::dvr::{Adjoint, Dvr};
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::{BRICK, Bricks, Topology};
-use crate::scene::medium::Medium;
+use crate::scene::grid::LEAF_VOXELS;
+use crate::scene::medium::{Medium, Source};
 use rayon::prelude::*;
 use std::sync::Arc;
+
+/// The bricks of a lattice that densities are sought in and which of their voxels are, at most so many bricks: what the
+/// pictures leave standing, or the whole box behind a function that absorbs where the density is 0.
+///
+/// # Errors
+/// If there are too many.
+pub fn unknowns(
+    observation: &Observation,
+    request: &Request,
+    lattice: &Affine,
+    limit: usize,
+) -> Result<(Topology, Vec<bool>)> {
+    let (topology, unknown) = Hull::new(observation).unknowns(lattice, &request.bounds, limit)?;
+    let Source::Transfer(table) = &request.medium.source else { return Ok((topology, unknown)) };
+    if table.at(0.0)[3] == 0.0 {
+        return Ok((topology, unknown));
+    }
+    let blocks = (topology.bounds().size() / 8.0).element_product();
+    if blocks > limit as f64 {
+        return Err(Error::unsupported(format!(
+            "the transfer function absorbs where the density is 0, and the {blocks:.0} blocks of 8³ voxels of the whole box do not fit in memory"
+        ))
+        .hint("give a smaller region with --bounds or a larger --voxel-size, or raise --max-memory"));
+    }
+    let all = topology.filled()?;
+    let mut wider = vec![false; all.len() * LEAF_VOXELS];
+    for (brick, own) in topology.bricks().iter().zip(unknown.chunks(LEAF_VOXELS)) {
+        let at = all.find(*brick) as usize * LEAF_VOXELS;
+        wider[at..at + LEAF_VOXELS].copy_from_slice(own);
+    }
+    Ok((all, wider))
+}
 
 /// What the densities are seen in.
 #[derive(Debug)]

@@ -2,19 +2,19 @@
 //! learning rate 0.3 on batches of 8 views, L1 loss on the pictures plus λ = 0.5 times the mean
 //! squared difference of neighbouring voxels, 32³ doubled every 10 epochs, 50 epochs at the end.
 //!
-//! Densities are in the unit in which the paper's volumes lie in 0..1. It is taken from the pictures:
-//! the density that, over a quarter of the box, gives the largest optical depth seen.
+//! Densities are in the unit in which the paper's volumes lie in 0..1: the last point of a transfer function, or else
+//! taken from the pictures, the density that, over a quarter of the box, gives the largest optical depth seen.
 
 use crate::error::Result;
 use crate::optimise::density::{Outcome, Request, Stage, Step};
-use crate::optimise::fit::{Fit, Scene, absolute, batches};
-use crate::optimise::hull::Hull;
+use crate::optimise::fit::{Fit, Scene, absolute, batches, unknowns};
 use crate::optimise::lattice;
 use crate::optimise::observation::{Observation, Photo};
 use crate::optimise::pictures::Target;
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
 use crate::scene::grid::LEAF_VOXELS;
+use crate::scene::medium::Source;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
@@ -47,9 +47,14 @@ pub fn reconstruct(
         photos.iter().enumerate().partition(|(i, _)| request.held_out.contains(i));
     let held_out: Vec<Target> = held_out.into_iter().map(target).collect();
     let train: Vec<Target> = train.into_iter().map(target).collect();
-    let longest = request.bounds.size().max_element();
-    let deepest = observation.maps.iter().flat_map(|m| m.depth.iter()).fold(0.0_f32, |a, b| a.max(*b));
-    let unit = f64::from(deepest) / (0.25 * longest * request.medium.extinction);
+    let (unit, quadrature) = match &request.medium.source {
+        Source::Transfer(table) => (table.knots()[table.knots().len() - 1], Quadrature::PREINTEGRATED),
+        _ => {
+            let longest = request.bounds.size().max_element();
+            let deepest = observation.maps.iter().flat_map(|m| m.depth.iter()).fold(0.0_f32, |a, b| a.max(*b));
+            (f64::from(deepest) / (0.25 * longest * request.medium.extinction), Quadrature::Exact)
+        }
+    };
 
     let mut level = coarsest(request);
     let mut field = request.init.clone();
@@ -57,7 +62,7 @@ pub fn reconstruct(
     loop {
         let begun = Instant::now();
         let mut fit = begin(observation, request, level, field.as_ref(), unit)?;
-        let scene = Scene { medium: &request.medium, background: request.background, quadrature: Quadrature::Exact };
+        let scene = Scene { medium: &request.medium, background: request.background, quadrature };
         let epochs = if level == 0 { request.iterations } else { COARSE_EPOCHS.min(request.iterations) };
         let mut stopped = false;
         'epochs: for epoch in 0..epochs {
@@ -126,7 +131,7 @@ fn begin(
 ) -> Result<Fit> {
     let lattice = lattice::coarser(&request.lattice, level)?;
     let limit = (request.max_memory / (LEAF_VOXELS * 64) as u64) as usize;
-    let (topology, unknown) = Hull::new(observation).unknowns(&lattice, &request.bounds, limit)?;
+    let (topology, unknown) = unknowns(observation, request, &lattice, limit)?;
     let topology = Arc::new(topology);
     let start = match start {
         Some(field) => field.resampled(&topology, &lattice),
