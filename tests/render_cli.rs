@@ -281,7 +281,7 @@ fn wrong_use_ends_with_2() {
         ("--views 2 --size 8 -o x", &["WIDTHxHEIGHT"]),
         ("--views 2 --size 8x70000 -o x", &["65536"]),
         ("--views 2 --fov 180 -o x", &["170"]),
-        ("--views 2 --quadrature euler:1 -o x", &["exact, preintegrated, midpoint:STEP or riemann:STEP"]),
+        ("--views 2 --quadrature euler:1 -o x", &["preintegrated:TOLERANCE", "midpoint:STEP or riemann:STEP"]),
         ("--views 2 --quadrature midpoint:0 -o x", &["0.001..1000"]),
         ("--views 2 --density-scale 0 -o x", &["above zero"]),
         ("--views 2 --density-scale nan -o x", &["finite"]),

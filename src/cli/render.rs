@@ -77,7 +77,8 @@ pub struct Render {
     emission_model: Option<EmissionModel>,
     #[command(flatten)]
     transfer: TransferOption,
-    /// Integration along rays: exact, preintegrated, midpoint:STEP or riemann:STEP, steps in voxels (default:
+    /// Integration along rays: exact, preintegrated, preintegrated:TOLERANCE (of the density, in units of the range of
+    /// the transfer function's points; 0.002 unless given), midpoint:STEP or riemann:STEP, steps in voxels (default:
     /// preintegrated with a transfer function, else exact)
     #[arg(long, value_name = "Q")]
     quadrature: Option<Quadrature>,

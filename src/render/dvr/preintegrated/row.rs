@@ -145,7 +145,7 @@ impl<R: Real> Row<R> {
     /// Means, depths, and what light makes of them.
     #[inline(always)]
     fn settle(&mut self, tables: &Cumulative<R>) {
-        let (sixth, half) = (R::of(1.0 / 6.0), R::of(0.5));
+        let sixth = R::of(1.0 / 6.0);
         let [red, green, blue, extinction] = &self.values;
         for i in 0..self.count.min(ROOM) {
             let inverse = R::ONE / (self.density[i + 1] - self.density[i]);
@@ -162,16 +162,7 @@ impl<R: Real> Row<R> {
             self.depth[i] = (self.length[i] * mean).greater(R::ZERO);
         }
         for i in 0..self.count.min(ROOM) {
-            let depth = self.depth[i];
-            let open = depth.fall();
-            let ends = half * (R::ONE + open);
-            let thin = depth * depth * powers::<R>(depth, |_, factor| factor);
-            let thick = depth > R::of(THIN);
-            // Never zero where it is divided by.
-            let mixed = (R::ONE - open) / depth.greater(R::of(THIN));
-            self.open[i] = open;
-            self.drift[i] = if thick { mixed - ends } else { thin };
-            self.mixed[i] = if thick { mixed } else { thin + ends };
+            [self.open[i], self.mixed[i], self.drift[i]] = shares(self.depth[i]);
         }
     }
 
@@ -273,6 +264,18 @@ fn at_ends<R: Real>(v: &Ends<R>, n: usize) -> R::Lanes {
     R::Lanes::load([v[n], v[n + 1], v[n + 2], v[n + 3]])
 }
 
+/// `e^{-x}`, A and B.
+#[inline(always)]
+fn shares<R: Real>(depth: R) -> [R; 3] {
+    let open = depth.fall();
+    let ends = R::of(0.5) * (R::ONE + open);
+    let thin = depth * depth * powers::<R>(depth, |_, factor| factor);
+    let thick = depth > R::of(THIN);
+    // Never zero where it is divided by.
+    let mixed = (R::ONE - open) / depth.greater(R::of(THIN));
+    if thick { [open, mixed, mixed - ends] } else { [open, thin + ends, thin] }
+}
+
 /// Derivatives of A and B with respect to x, from x, `e^{-x}` and A.
 #[inline(always)]
 pub(super) fn share_slopes<R: Real>(depth: R, open: R, mixed: R) -> [R; 2] {
@@ -294,4 +297,56 @@ fn powers<R: Real>(x: R, factor: impl Fn(f64, f64) -> f64) -> R {
         sum = of(k) + x * sum;
     }
     sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Means over a stretch of `e^{-x u}` and, times x, of `(u - 1/2) e^{-x u}`, and their derivatives; on both sides of
+    /// where powers end.
+    #[test]
+    fn shares_are_integrals() {
+        for x in [1e-9, 1e-3, 0.1, 0.499_999, 0.500_001, 2.0, 30.0, 800.0] {
+            let [open, mixed, drift] = shares::<f64>(x);
+            let n = 200_000;
+            let (mut means, mut slopes) = ([0.0; 2], [0.0; 2]);
+            for k in 0..n {
+                let u = (f64::from(k) + 0.5) / f64::from(n);
+                let light = (-x * u).exp() / f64::from(n);
+                means[0] += light;
+                means[1] += x * (u - 0.5) * light;
+                slopes[0] -= u * light;
+                slopes[1] += (u - 0.5) * (1.0 - x * u) * light;
+            }
+            let [by_mixed, by_drift] = share_slopes(x, open, mixed);
+            let found = [mixed, drift, by_mixed, by_drift];
+            for (found, expected) in found.into_iter().zip(means.into_iter().chain(slopes)) {
+                assert!((found - expected).abs() < 2e-6 * expected.abs() + 1e-9, "{x}: {found} {expected}");
+            }
+            let single = shares(x as f32);
+            for (single, double) in single.into_iter().zip([open, mixed, drift]) {
+                assert!((f64::from(single) - double).abs() < 3e-7, "{x}: {single} {double}");
+            }
+        }
+    }
+
+    /// What parts ask of their ends is asked of the nodes that these lie between.
+    #[test]
+    fn cutting_has_a_transpose() {
+        let mut row = Row::<f64>::default();
+        row.cut = [(0, 1.0), (1, 0.25), (1, 0.5), (1, 1.0), (2, 0.5), (2, 1.0), (3, 1.0), (3, 1.0), (3, 1.0)].to_vec();
+        let nodes = [0.3, -1.2, 0.7, 2.0];
+        let mut by_ends = [0.0; ROOM + 1];
+        let mut asked = 0.0;
+        for (k, (node, share)) in row.cut.iter().enumerate() {
+            by_ends[k] = (k as f64).cos();
+            let node = *node as usize;
+            let before = if node == 0 { 0.0 } else { nodes[node - 1] };
+            asked += by_ends[k] * (before + share * (nodes[node] - before));
+        }
+        let by_nodes = row.by_nodes(&by_ends);
+        let found: f64 = nodes.iter().zip(by_nodes).map(|(v, by)| v * by).sum();
+        assert!((found - asked).abs() < 1e-12, "{found} {asked}");
+    }
 }
