@@ -28,14 +28,10 @@ pub trait Lanes<R: Real>: Number + Default + AddAssign + Div<Output = Self> {
     fn reach(self, o: Self) -> bool;
     /// Adds `step` to each number that is no greater than `limit`.
     fn advanced(self, limit: Self, step: Self) -> Self;
-    /// `yes` where a number is greater than its limit, else `no`.
-    fn select_above(self, limit: Self, yes: Self, no: Self) -> Self;
     /// Each in the place of the next, with `first` before them; the last is dropped.
     fn after(self, first: R) -> Self;
     /// Each in the place of the one before, with `last` behind them; the first is dropped.
     fn before(self, last: R) -> Self;
-    /// Each with all before it added.
-    fn running(self) -> Self;
     /// Each with all before it multiplied.
     fn running_product(self) -> Self;
     /// Their magnitudes.
@@ -94,10 +90,6 @@ macro_rules! lanes {
                 self + Self::select(self.cmple(limit), step, Self::ZERO)
             }
             #[inline(always)]
-            fn select_above(self, limit: Self, yes: Self, no: Self) -> Self {
-                Self::select(self.cmpgt(limit), yes, no)
-            }
-            #[inline(always)]
             fn after(self, first: $real) -> Self {
                 let [a, b, c, _] = self.to_array();
                 Self::from_array([first, a, b, c])
@@ -106,13 +98,6 @@ macro_rules! lanes {
             fn before(self, last: $real) -> Self {
                 let [_, b, c, d] = self.to_array();
                 Self::from_array([b, c, d, last])
-            }
-            #[inline(always)]
-            fn running(self) -> Self {
-                let [a, b, c, _] = self.to_array();
-                let pairs = self + Self::from_array([0.0, a, b, c]);
-                let [a, b, ..] = pairs.to_array();
-                pairs + Self::from_array([0.0, 0.0, a, b])
             }
             #[inline(always)]
             fn running_product(self) -> Self {

@@ -278,7 +278,7 @@ fn adjoints_agree() {
 }
 
 /// Pre-integration misses no knot either. Between nodes it may be off by 1/500 of the knots' range (here more: the
-/// cloud bends within half a voxel), and it takes the colours of a stretch for mixed.
+/// cloud bends within half a voxel), and colours are taken to drift evenly with the optical depth of a stretch.
 #[test]
 fn preintegrated_values_follow_the_exact_ones() {
     let field: Bricks<f64> = cloud(20);

@@ -2,8 +2,8 @@
 //!
 //! Through a function that is not monotonic, descending from anywhere ends in the nearest minimum. So the start
 //! is found without descending (Weiss & Westermann 2021, sect. 5.3): a pre-shaded volume, whose parts are linear
-//! in the pictures ([`colour`](crate::optimise::colour)), then the densities of its colours
-//! ([`matching`](crate::optimise::matching)). What the pictures say beyond the volume's resolution, descent adds
+//! in the pictures ([`colour`]), then the densities of its colours
+//! ([`matching`]). What the pictures say beyond the volume's resolution, descent adds
 //! ([`fit`](crate::optimise::fit)).
 
 use crate::error::{Error, Result};

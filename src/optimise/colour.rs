@@ -2,7 +2,7 @@
 //! colours.
 //!
 //! Alpha tells the optical depth, in which the extinctions are linear
-//! ([`density`](crate::optimise::density)). With these the transmittance is known everywhere, and the
+//! ([`density`]). With these the transmittance is known everywhere, and the
 //! colours are linear in the emissions ([`emission`](crate::optimise::emission)): both are least squares in
 //! the metric of the smoothness prior, without learning rates, and without the noise that descending in both at
 //! once leaves (Weiss & Westermann 2021, sect. 5.3).

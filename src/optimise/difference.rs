@@ -29,11 +29,16 @@ impl Study<f64> {
         if side == Side::Neither {
             return Ok(None);
         }
+        // Quotients are good to this over their step: where they are little more, two agree by chance.
+        let rounding = f64::EPSILON * self.value_at(parameter, 0.0)?.0.abs();
         let mut last = self.quotient(parameter, h, side)?;
         let (mut best, mut least) = (last, f64::INFINITY);
         for _ in 0..3 {
             h *= 0.1;
             let next = self.quotient(parameter, h, side)?;
+            if rounding / h > 1e-4 * next.abs() {
+                break;
+            }
             let off = relative_error(next, last, 0.0);
             if off < least {
                 (best, least) = (next, off);

@@ -7,7 +7,7 @@
 //! Each cell has two Gauss points, which are exact for its optical depth x. At them the transmittance follows
 //! from an extinction that is linear in between (the Gauss collocation of order 4; Hairer, Nørsett & Wanner
 //! 1993, sect. II.7): a constant source errs by x⁴/4320 of itself, one that is as rough as voxels can be by up
-//! to 2e-4, less than half a step of half-precision pictures. Cells with x > [`THICK`] are cut.
+//! to 2e-4, less than half a step of half-precision pictures. Cells that are thicker are cut.
 
 use crate::lanes::{LANES, Lanes};
 use crate::math::Ray;
