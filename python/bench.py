@@ -44,6 +44,8 @@ SHORT, REPEATS = 10.0, 3
 THREADS = 2
 VTK = {"bump": (0.12, 43.8), "ramp": (0.12, 45.1), "thin": (0.41, 48.5)}
 PYTORCH = 0.41
+# B2: rules and sizes of ours.
+GRADIENTS = [("exact", 128), ("preintegrated:0.008", 128), *(("preintegrated", pixels) for pixels in (128, 512, 1024))]
 
 
 @dataclass
@@ -173,7 +175,8 @@ def reconstruction(wanted, folder, environments, rounds):
         "ours": f"{best['psnr_db']:.1f} dB in {seconds:.2f} s ({best['iterations']} iterations)",
         "ratio": ratio,
         "goal": goal,
-        "met": reached and fast,
+        # Without the peer's time nobody knows.
+        "met": reached and fast if ratio or wanted.faster is None else None,
         "detail": {"trail": trail, "seconds": times, "peer": measured},
     }
 
@@ -235,18 +238,17 @@ def gradients(environments, rounds):
     say("B2: gradients through a transfer function")
     ours, theirs = [], []
     for _ in range(rounds):
-        ours.append(json.loads(bench_program("--gradient", grid, THREADS)))
+        ours.append({kind: json.loads(bench_program("--gradient", grid, THREADS, *kind)) for kind in GRADIENTS})
         if environments:
             run = [environments[0] / "bin" / "python", PEERS / "run_torch.py", array, "--threads", THREADS]
             theirs.append(json.loads(output(run).splitlines()[-1]))
     peer = statistics.median(line["seconds"] for line in theirs) if theirs else PYTORCH
-    for rule, figures in ours[0].items():
-        rule, pixels = rule.rsplit(" ", 1)
+    for (rule, pixels), figures in ours[0].items():
         for way in ("tape", "replay"):
-            own = statistics.median(run[f"{rule} {pixels}"][way] for run in ours)
-            value = statistics.median(run[f"{rule} {pixels}"]["value"] for run in ours)
+            own = statistics.median(run[rule, pixels][way] for run in ours)
+            value = statistics.median(run[rule, pixels]["value"] for run in ours)
             # The peer had one size of picture.
-            ratio = peer / own if pixels == "128" else None
+            ratio = peer / own if pixels == 128 else None
             yield {
                 "id": "B2",
                 "work": f"128³, {pixels}², {rule}, gradient by {way}",
@@ -255,7 +257,7 @@ def gradients(environments, rounds):
                 "ratio": ratio,
                 "goal": ">= 40" if ratio else None,
                 "met": ratio >= 40 if ratio else None,
-                "detail": {"ours": [run[f"{rule} {pixels}"] for run in ours], "peer": theirs},
+                "detail": {"ours": [run[rule, pixels] for run in ours], "peer": theirs},
             }
 
 

@@ -145,9 +145,10 @@ fn forget_peak() {
     std::fs::write("/proc/self/clear_refs", "5").unwrap();
 }
 
-/// Seconds of a picture and of its loss's gradient by every voxel, and megabytes that the gradient takes beyond
-/// the picture; `volume` fills the unit cube.
-pub fn gradient(path: &Path, threads: usize) {
+/// Seconds of a picture and of its loss's gradient by every voxel, and megabytes that the gradient by tape takes beyond
+/// the volume and the picture that is aimed at; the volume fills the unit cube. One rule and size a process: what an
+/// earlier one gave back would not be seen.
+pub fn gradient(path: &Path, threads: usize, rule: Quadrature, pixels: u32) {
     let field = volume(path).filled(u64::MAX).unwrap();
     let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let medium = Medium { extinction: 1.0, source: Source::Transfer(function(|x| bump(x, 20.0, 60.0))) };
@@ -156,33 +157,27 @@ pub fn gradient(path: &Path, threads: usize) {
         let d: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
         (d.iter().map(|d| f64::from(d * d)).sum(), d.map(|d| 2.0 * d))
     };
-    let mut rows = serde_json::Map::new();
-    let rules = [Quadrature::Exact].into_iter().chain(TOLERANCES.map(Quadrature::Preintegrated));
-    for (rule, pixels) in rules.map(|r| (r, 128)).chain([512, 1024].map(|pixels| (Quadrature::PREINTEGRATED, pixels))) {
-        let camera = camera(1.0, DVec3::splat(0.5), 0.3, pixels, 40.0);
-        let grey = Target { camera, rgba: vec![[0.3; 4]; (pixels * pixels) as usize], rays_per_edge: 1 };
-        let dvr = Dvr::new(&field, medium.clone()).unwrap().background([0.0; 3]).quadrature(rule);
-        let base = memory("VmRSS:");
-        forget_peak();
-        let mut sums = [(); 2].map(|()| (Accumulators::default(), vec![0.0_f32; field.values.len()]));
-        let [by_tape, by_replay] = &mut sums;
-        let back = |adjoint: Adjoint, (accumulators, sum): &mut (Accumulators, Vec<f32>)| {
-            let mut gradients = Gradients { voxels: Some(sum), ..Gradients::default() };
-            pool.install(|| {
-                black_box(pictures::gradient(&dvr, &[&grey], &squares, adjoint, accumulators, &mut gradients))
-            });
-        };
-        let [value, tape, replay] = in_turn([
-            &mut || pool.install(|| drop(black_box(picture(&dvr, &camera, 1, &cancel)))),
-            &mut || back(Adjoint::Tape, by_tape),
-            &mut || back(Adjoint::Replay, by_replay),
-        ]);
-        let row = json!({
-            "value": median(&value), "tape": median(&tape), "replay": median(&replay),
-            // Two sums and their accumulators are there, one of each is needed.
-            "megabytes": 0.5 * (memory("VmHWM:") - base) / 1024.0,
-        });
-        rows.insert(format!("{rule} {pixels}"), row);
-    }
-    println!("{}", Value::Object(rows));
+    let camera = camera(1.0, DVec3::splat(0.5), 0.3, pixels, 40.0);
+    let grey = Target { camera, rgba: vec![[0.3; 4]; (pixels * pixels) as usize], rays_per_edge: 1 };
+    let dvr = Dvr::new(&field, medium).unwrap().background([0.0; 3]).quadrature(rule);
+    let back = |adjoint: Adjoint, (accumulators, sum): &mut (Accumulators, Vec<f32>)| {
+        let mut gradients = Gradients { voxels: Some(sum), ..Gradients::default() };
+        pool.install(|| black_box(pictures::gradient(&dvr, &[&grey], &squares, adjoint, accumulators, &mut gradients)));
+    };
+    let fresh = || (Accumulators::default(), vec![0.0_f32; field.values.len()]);
+    let base = memory("VmRSS:");
+    forget_peak();
+    let mut by_tape = fresh();
+    back(Adjoint::Tape, &mut by_tape);
+    let megabytes = (memory("VmHWM:") - base) / 1024.0;
+    let mut by_replay = fresh();
+    let [value, tape, replay] = in_turn([
+        &mut || pool.install(|| drop(black_box(picture(&dvr, &camera, 1, &cancel)))),
+        &mut || back(Adjoint::Tape, &mut by_tape),
+        &mut || back(Adjoint::Replay, &mut by_replay),
+    ]);
+    let row = json!({
+        "value": median(&value), "tape": median(&tape), "replay": median(&replay), "megabytes": megabytes,
+    });
+    println!("{row}");
 }

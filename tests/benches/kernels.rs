@@ -24,8 +24,8 @@ fn main() {
     if let Some([volume, count, folder, ..]) = after(dvr::PICTURES) {
         return dvr::pictures(Path::new(volume), threads(count), Path::new(folder));
     }
-    if let Some([volume, count, ..]) = after(dvr::GRADIENT) {
-        return dvr::gradient(Path::new(volume), threads(count));
+    if let Some([volume, count, rule, pixels, ..]) = after(dvr::GRADIENT) {
+        return dvr::gradient(Path::new(volume), threads(count), rule.parse().unwrap(), pixels.parse().unwrap());
     }
     let mut rows = rays::rows();
     if let Some([volume, peer, folder, ..]) = after("--vdb") {

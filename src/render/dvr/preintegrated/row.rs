@@ -16,7 +16,7 @@ pub(super) const ROOM: usize = 256;
 /// Rows hold a multiple of so many, as many as the widest vectors: nothing is left over for slower loops.
 pub(super) const WIDE: usize = 8;
 /// The most parts that one is cut into.
-const MOST_PARTS: f64 = 64.0;
+const MOST_PARTS: usize = 64;
 /// Optical depth below which B is a sum of powers.
 const THIN: f64 = 0.5;
 /// Factors of the powers, from the second on: `(-1)^k (1/(k+1)! - 1/(2 k!))`; what is left out is below 1e-14.
@@ -200,8 +200,9 @@ impl<R: Real> Row<R> {
         let mut length = [R::ZERO; ROOM];
         for i in 0..self.count {
             let [off, allowed] = self.off(tables, i).map(Real::f64);
-            let parts = (off / allowed.max(f64::MIN_POSITIVE)).sqrt().ceil().clamp(1.0, MOST_PARTS) as usize;
-            let parts = parts.min(1 + spare);
+            let parts = (off / allowed.max(f64::MIN_POSITIVE)).sqrt().ceil();
+            // What is not a number, where extinctions overflow, counts as none.
+            let parts = (parts as usize).clamp(1, MOST_PARTS).min(1 + spare);
             spare -= parts - 1;
             let share = 1.0 / parts as f64;
             for part in 1..=parts {
@@ -334,8 +335,8 @@ mod tests {
     /// What parts ask of their ends is asked of the nodes that these lie between.
     #[test]
     fn cutting_has_a_transpose() {
-        let mut row = Row::<f64>::default();
-        row.cut = [(0, 1.0), (1, 0.25), (1, 0.5), (1, 1.0), (2, 0.5), (2, 1.0), (3, 1.0), (3, 1.0), (3, 1.0)].to_vec();
+        let cut = [(0, 1.0), (1, 0.25), (1, 0.5), (1, 1.0), (2, 0.5), (2, 1.0), (3, 1.0), (3, 1.0), (3, 1.0)];
+        let row = Row::<f64> { cut: cut.to_vec(), ..Row::default() };
         let nodes = [0.3, -1.2, 0.7, 2.0];
         let mut by_ends = [0.0; ROOM + 1];
         let mut asked = 0.0;
