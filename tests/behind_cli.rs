@@ -57,6 +57,25 @@ fn colours_come_back_and_are_rendered_again() {
     work.refused("reconstruct colour grey -o no.vdb", &["absorption alone", "reconstruct density"]);
 }
 
+/// A run that goes on begins where the last one ended, and another field is no start for it.
+#[test]
+fn colours_go_on_where_they_were_left() {
+    let work = with_pictures(16, 32);
+    let run = |words: &str| work.json(&format!("reconstruct colour cap -o shaded.vdb --iterations 3 {words}"));
+    let losses = |report: &Value| -> Vec<f64> {
+        report["history"].as_array().unwrap().iter().map(|s| number(s, "loss")).collect()
+    };
+    let whole = run("--smoothing 1 --resume");
+    let fresh = run("--smoothing 1");
+    assert_eq!(losses(&whole), losses(&fresh), "without a file it is a start from nothing");
+    let on = run("--smoothing 1 --resume");
+    assert!(losses(&on)[0] < 0.7 * losses(&whole)[0], "extinctions go on: {on}");
+    assert!(losses(&on)[3] < 0.9 * losses(&whole)[3], "colours go on: {on}");
+    assert!(number(&on, "held_out_psnr_db") > number(&whole, "held_out_psnr_db") - 0.2, "{on}");
+    std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/plume.vdb"), work.path("shaded.vdb")).unwrap();
+    work.refused("reconstruct colour cap -o shaded.vdb --resume", &["shaded.vdb", "emission"]);
+}
+
 /// The start from the colours finds the branch that descending from a constant does not.
 #[test]
 fn densities_come_back_through_a_function_that_is_not_monotonic() {

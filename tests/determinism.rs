@@ -174,6 +174,7 @@ fn a_whole_reconstruction() {
             iterations: 6,
             smoothing: None,
             robust: true,
+            prior: None,
             init: None,
             max_memory: 1 << 30,
         };

@@ -53,6 +53,8 @@ fn every_parameter_and_loss_is_confirmed_by_differences() {
         (format!("{bright} --loss l2"), "tf,camera,extinction,background"),
         (format!("{bright} --loss ssim"), "tf"),
         (format!("{bright} --loss mean --tf lobes.tf.json"), "tf,density"),
+        (format!("{bright} --loss l2 --prior tv=0.1 --prior tf=0.3"), "tf,density"),
+        (format!("{bright} --loss huber --prior smooth=2 --prior tf-rgb=1"), "tf,density"),
         ("--views 3 --size 17x12 --loss opacity-entropy --density-scale 0.5".to_owned(), "camera"),
         ("--views 2 --size 17x12 --loss mean --tf points.tf.json --quadrature midpoint:0.5".to_owned(), "step,tf"),
     ] {
@@ -186,6 +188,9 @@ fn what_cannot_be_is_refused() {
         ("gradient @plume.vdb --views 1 --loss mean --wrt camera --mode tangent --adjoint tape", &["leave one"]),
         ("gradient @plume.vdb --views 1 --loss mean --wrt density --mode tangent", &["512", "--mode adjoint"]),
         ("gradient @plume.vdb --loss mean --wrt camera", &["--target", "--views"]),
+        ("gradient @plume.vdb --views 1 --loss mean --wrt density --prior tf=1", &["no transfer function", "plume"]),
+        ("gradient @plume.vdb --views 1 --loss mean --wrt tf --tf lobes.tf.json --prior tf=1", &["texels or points"]),
+        ("gradient @plume.vdb --views 1 --loss mean --wrt camera --prior rough=1", &["rough=1", "tv=WEIGHT"]),
         ("gradient @plume.vdb --views 1 --loss mean", &["--wrt"]),
         ("gradient @plume.vdb --views 1 --loss mean --wrt colour", &["colour"]),
         ("gradient @plume.vdb --views 1 --loss mean --wrt camera --tolerance 1", &["--check"]),

@@ -127,6 +127,14 @@ fn the_papers_recipe_serves_what_is_not_linear() {
     assert_eq!(report["solver"], "paper");
     assert!(work.volume_psnr("glow.vdb") > 17.0);
     work.refused("reconstruct density glow -o x.vdb --solver cg", &["--solver paper"]);
+    let variation = |weight: &str| {
+        work.json(&format!("reconstruct density cap -o tv.vdb --solver paper --prior tv={weight} {SMALL}"));
+        work.volume_psnr("tv.vdb")
+    };
+    let [little, much] = ["0.01", "30"].map(variation);
+    assert!(little > 18.0 && much < little - 3.0, "{little} {much}");
+    work.refused("reconstruct density cap -o x.vdb --prior tv=1", &["--prior", "--smoothing"]);
+    work.refused("reconstruct density cap -o x.vdb --prior tf=1", &["tf=1", "tv=WEIGHT"]);
 }
 
 #[test]

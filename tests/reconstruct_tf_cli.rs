@@ -54,6 +54,40 @@ fn the_function_comes_back() {
     assert!(page.contains("Extinction") && page.contains("What the pictures say") && page.contains("held out"));
 }
 
+/// The paper's recipe on the same pictures: a function like it, farther off.
+#[test]
+fn the_published_descent_is_there_to_compare_with() {
+    let work = with_pictures(6, 48);
+    let words = "reconstruct tf cap --volume @plume.vdb --texels 32 --rays 4000";
+    let report = work.json(&format!("{words} --solver paper --iterations 60 --smooth 0.01 -o paper.tf.json"));
+    assert_eq!((report["solver"].as_str(), report["iterations"].as_u64()), (Some("paper"), Some(60)));
+    let rms: Vec<f64> = report["history"].as_array().unwrap().iter().map(|s| s["rms"].as_f64().unwrap()).collect();
+    assert!(rms[59] < 0.2 * rms[0], "{} {}", rms[0], rms[59]);
+    let ours = work.json(&format!("{words} -o ours.tf.json"));
+    let [theirs, ours] = [&report, &ours].map(|r| number(r, "held_out_psnr_db"));
+    assert!(theirs > 20.0 && ours > theirs + 6.0, "{theirs} {ours}");
+    let on = work.json(&format!("{words} --solver paper --iterations 5 --smooth 0.01 --resume -o paper.tf.json"));
+    assert!(on["history"][0]["rms"].as_f64().unwrap() < 2.0 * rms[59], "goes on from where it was: {on}");
+    let smooth = work.json(&format!("{words} --solver paper --iterations 60 --smooth 50 -o smooth.tf.json"));
+    assert!(number(&smooth, "held_out_psnr_db") < theirs, "{smooth}");
+}
+
+#[test]
+fn the_page_is_made_again_beside_the_truth() {
+    let work = with_pictures(4, 32);
+    let words = "reconstruct tf cap --volume @plume.vdb -o found.tf.json --texels 32 --quadrature exact --report page";
+    work.json(words);
+    let page = || std::fs::read_to_string(work.path("page/index.html")).unwrap();
+    assert!(!page().contains("reference"));
+    let report = work.json("report page --reference truth.tf.json --beside again=cap");
+    assert!(number(&report["transfer"], "extinction_rms") < 0.05, "{report}");
+    assert!(number(&report["transfer"], "colour_rms") < 0.05, "{report}");
+    assert!(page().contains("extinction, reference") && page().contains("again"));
+    work.refused("report page --reference none.tf.json", &["none.tf.json"]);
+    std::fs::remove_file(work.path("found.tf.json")).unwrap();
+    work.refused("report page", &["found.tf.json"]);
+}
+
 #[test]
 fn noise_calls_for_smoothness() {
     let work = with_pictures(6, 48);

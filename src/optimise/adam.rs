@@ -1,4 +1,4 @@
-//! Adam (Kingma & Ba 2015) on non-negative unknowns: the step is projected onto `x ≥ 0`.
+//! Adam (Kingma & Ba 2015), also on non-negative unknowns, where the step is projected onto `x ≥ 0`.
 
 use rayon::prelude::*;
 
@@ -22,19 +22,28 @@ impl Adam {
         Self { rate, step: 0, mean: vec![0.0; count], square: vec![0.0; count] }
     }
 
-    /// One step against the gradient where `mask` is 1.
+    /// One step against the gradient where `mask` is 1, projected onto `x ≥ 0`.
     pub fn step(&mut self, x: &mut [f32], gradient: &[f32], mask: &[f32]) {
+        self.advance(x, gradient, |i, x| mask[i] * x.max(0.0));
+    }
+
+    /// One step against the gradient, wherever it leads.
+    pub fn step_free(&mut self, x: &mut [f32], gradient: &[f32]) {
+        self.advance(x, gradient, |_, x| x);
+    }
+
+    fn advance(&mut self, x: &mut [f32], gradient: &[f32], project: impl Fn(usize, f32) -> f32 + Sync) {
         self.step += 1;
         let (c1, c2) = (1.0 - BETA1.powi(self.step), 1.0 - BETA2.powi(self.step));
         let rate = self.rate;
         x.par_iter_mut()
             .zip(gradient)
-            .zip(mask)
             .zip(self.mean.par_iter_mut().zip(self.square.par_iter_mut()))
-            .for_each(|(((x, g), mask), (m, s))| {
+            .enumerate()
+            .for_each(|(i, ((x, g), (m, s)))| {
                 *m = BETA1 * *m + (1.0 - BETA1) * g;
                 *s = BETA2 * *s + (1.0 - BETA2) * g * g;
-                *x = mask * (*x - rate * (*m / c1) / ((*s / c2).sqrt() + EPSILON)).max(0.0);
+                *x = project(i, *x - rate * (*m / c1) / ((*s / c2).sqrt() + EPSILON));
             });
     }
 }

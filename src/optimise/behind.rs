@@ -13,6 +13,7 @@ use crate::optimise::fit::{Fit, Scene, batches, squared, unknowns};
 use crate::optimise::matching;
 use crate::optimise::observation::{Observation, Photo};
 use crate::optimise::pictures::Target;
+use crate::optimise::prior::{VolumePrior, Weighted};
 use crate::render::quadrature::Quadrature;
 use crate::scene::grid::LEAF_VOXELS;
 use crate::scene::medium::{Medium, Source};
@@ -31,8 +32,8 @@ const SLOWER: f32 = 0.5;
 const GAIN: f64 = 0.1;
 /// The descent ends at a rate below this.
 const SLOWEST: f32 = 0.001;
-/// Weight of the prior on neighbours' differences.
-const PRIOR: f64 = 1e-3;
+/// The prior that a descent has unless another is asked for.
+const PRIOR: Weighted<VolumePrior> = Weighted { prior: VolumePrior::Smooth, weight: 1e-3 };
 
 /// Reconstructs densities from colours; `request.medium` has the transfer function, and
 /// `request.iterations` bounds the epochs of the descent. `watch` sees every step and may stop the work; what
@@ -69,7 +70,7 @@ pub fn reconstruct(
             let asked =
                 Request { medium: Medium::absorbing(1.0), iterations: EXTINCTION_ITERATIONS, ..request.clone() };
             let Shaded { volume, history, mut stages, stopped, .. } =
-                colour::reconstruct(photos, observation, &asked, &mut watch)?;
+                colour::reconstruct(photos, observation, &asked, None, &mut watch)?;
             let begun = Instant::now();
             let matched = matching::densities(&volume, table, request.medium.extinction, &topology, &unknown)?;
             stages.push(Stage { name: "densities of the colours".into(), seconds: begun.elapsed().as_secs_f64() });
@@ -88,6 +89,7 @@ pub fn reconstruct(
         Scene { medium: &request.medium, background: request.background, quadrature: Quadrature::PREINTEGRATED };
 
     let mut rate = RATE;
+    let prior = request.prior.unwrap_or(PRIOR);
     let mut fit = Fit::new(topology, lattice, &unknown, &densities, range, rate);
     let mut best = (fit.psnr(&looked_at, &scene)?, fit.field.clone());
     for epoch in 0..request.iterations {
@@ -99,7 +101,7 @@ pub fn reconstruct(
         let mut now = best.0;
         for (number, batch) in batches.iter().enumerate() {
             let some: Vec<Target> = batch.iter().map(|t| thinned(t, epoch as usize + number)).collect();
-            let loss = fit.step(&some.iter().collect::<Vec<_>>(), &scene, &squared, PRIOR)?;
+            let loss = fit.step(&some.iter().collect::<Vec<_>>(), &scene, &squared, prior)?;
             let last = number + 1 == batches.len();
             if last {
                 now = fit.psnr(&looked_at, &scene)?;

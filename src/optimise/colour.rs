@@ -53,8 +53,8 @@ const GAIN: f64 = 0.1;
 const CLEAN_PASSES: u32 = 1;
 const NOISY_PASSES: u32 = 3;
 
-/// Reconstructs extinctions and emissions. `request.medium` is what absorbs; `watch` sees every step and may
-/// stop the work; what is there by then is returned.
+/// Reconstructs extinctions and emissions, from `init` on if there is one. `request.medium` is what absorbs; `watch`
+/// sees every step and may stop the work; what is there by then is returned.
 ///
 /// # Errors
 /// If alpha shows nothing, the pictures leave no unknown, or the unknowns do not fit in memory.
@@ -62,11 +62,13 @@ pub fn reconstruct(
     photos: &[Photo],
     observation: &Observation,
     request: &Request,
+    init: Option<Bricks<Vec4>>,
     mut watch: impl FnMut(&Step) -> ControlFlow<()>,
 ) -> Result<Shaded> {
     let start = Instant::now();
+    let asked = Request { init: init.as_ref().map(|volume| volume.channel(3)), ..request.clone() };
     let Outcome { field, mut history, mut stages, mut stopped, .. } =
-        density::reconstruct(observation, request, &mut watch)?;
+        density::reconstruct(observation, &asked, &mut watch)?;
     stages.iter_mut().for_each(|stage| stage.name.insert_str(0, "extinction, "));
     // Bricks of the hull that turned out empty need no colours.
     let extinctions = Bricks::from_grid(&field.to_grid("density"), request.max_memory)?;
@@ -77,8 +79,11 @@ pub fn reconstruct(
     }
     fits(extinctions.topology.len(), request.max_memory)?;
 
-    let mut found: Option<Bricks<Vec4>> = None;
-    let mut level = lattice::coarser_levels(&request.lattice, &request.bounds, COARSEST);
+    let mut level = match &init {
+        Some(_) => 0,
+        None => lattice::coarser_levels(&request.lattice, &request.bounds, COARSEST),
+    };
+    let mut found = init;
     loop {
         let begun = Instant::now();
         let work = Level::new(photos, observation, request, level, &extinctions)?;

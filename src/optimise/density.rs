@@ -6,6 +6,7 @@ use crate::optimise::depths::Depths;
 use crate::optimise::hull::Hull;
 use crate::optimise::lattice;
 use crate::optimise::observation::{DepthMap, Observation};
+use crate::optimise::prior::{VolumePrior, Weighted};
 use crate::optimise::projector::{Projector, Sample, View};
 use crate::optimise::smooth::Smoother;
 use crate::optimise::solver::Solver;
@@ -36,6 +37,8 @@ pub struct Request {
     pub iterations: u32,
     /// Blur passes of the smoothness prior; without, the held-out views decide.
     pub smoothing: Option<u32>,
+    /// What descents ask of neighbouring voxels, if not what is usual; conjugate gradients have their own prior.
+    pub prior: Option<Weighted<VolumePrior>>,
     /// Bound the influence of outliers (Huber's loss).
     pub robust: bool,
     /// A volume to start from.

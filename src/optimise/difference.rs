@@ -17,6 +17,32 @@ enum Side {
     Neither,
 }
 
+/// A difference quotient.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Quotient {
+    /// What it says the derivative is.
+    pub value: f64,
+    /// How far rounding of the loss alone may have moved it.
+    pub rounding: f64,
+}
+
+/// The least share of a quotient that rounding leaves it good to, if it is to be compared by its own size.
+const DIGITS: f64 = 1e-4;
+
+impl Quotient {
+    /// How far a derivative is off, relative to the larger of both, or to a floor: that given, or, where rounding
+    /// leaves the quotient fewer than four digits, what would have them.
+    pub fn error(&self, derivative: f64, floor: f64) -> f64 {
+        let off = (derivative - self.value).abs();
+        let scale = derivative.abs().max(self.value.abs()).max(floor).max(self.rounding / DIGITS);
+        // What is not a number is no agreement.
+        if off == 0.0 { 0.0 } else { off / scale }
+    }
+}
+
+/// Rounding of a loss, relative to it: sums of pixels, each of sums along a ray.
+const ROUNDING: f64 = 8.0 * f64::EPSILON;
+
 impl Study<f64> {
     /// Difference quotient of the loss, of second order: central, or from one side where the other is out of
     /// bounds or beyond a knot of the transfer function. Steps shrink until two quotients agree: some losses
@@ -24,24 +50,25 @@ impl Study<f64> {
     ///
     /// # Errors
     /// As [`Setting::dvr`](super::study::Setting::dvr).
-    pub fn difference(&mut self, parameter: Parameter) -> Result<Option<f64>> {
+    pub fn difference(&mut self, parameter: Parameter) -> Result<Option<Quotient>> {
         let (mut h, side) = self.reach(parameter)?;
         if side == Side::Neither {
             return Ok(None);
         }
         // Quotients are good to this over their step: where they are little more, two agree by chance.
-        let rounding = f64::EPSILON * self.value_at(parameter, 0.0)?.0.abs();
+        let rounding = ROUNDING * self.value_at(parameter, 0.0)?.0.abs();
+        let quotient = |value: f64, h: f64| Quotient { value, rounding: rounding / h };
         let mut last = self.quotient(parameter, h, side)?;
-        let (mut best, mut least) = (last, f64::INFINITY);
+        let (mut best, mut least) = (quotient(last, h), f64::INFINITY);
         for _ in 0..3 {
             h *= 0.1;
             let next = self.quotient(parameter, h, side)?;
-            if rounding / h > 1e-4 * next.abs() {
+            if rounding / h > 1e-3 * next.abs() {
                 break;
             }
-            let off = relative_error(next, last, 0.0);
+            let off = quotient(last, f64::INFINITY).error(next, 0.0);
             if off < least {
-                (best, least) = (next, off);
+                (best, least) = (quotient(next, h), off);
             }
             if off < 1e-6 {
                 break;
@@ -98,7 +125,7 @@ impl Study<f64> {
             }
             Parameter::Extinction => setting.extinction += by,
         }
-        let value = self.setting.dvr(&self.field).map(|dvr| self.objective().value(&dvr));
+        let value = self.value();
         voxels.into_iter().for_each(|(slot, v)| self.field.values[slot] = v);
         self.setting = keep;
         Ok((value?, taken))
@@ -166,8 +193,20 @@ impl Study<f64> {
     }
 }
 
-/// How far apart a derivative and a difference quotient are, relative to the larger, or to a floor.
-pub fn relative_error(derivative: f64, difference: f64, floor: f64) -> f64 {
-    let scale = derivative.abs().max(difference.abs()).max(floor);
-    if scale > 0.0 { (derivative - difference).abs() / scale } else { 0.0 }
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_are_relative_to_what_is_known() {
+        let quotient = Quotient { value: 2.0, rounding: 1e-9 };
+        assert_eq!([2.0, 4.0, 1.5].map(|d| quotient.error(d, 0.0)), [0.0, 0.5, 0.25]);
+        assert_eq!(quotient.error(4.0, 40.0), 0.05);
+        // One digit is known: off by as much as rounding is four digits of nothing.
+        let coarse = Quotient { value: 1e-8, rounding: 1e-9 };
+        assert!((coarse.error(1.1e-8, 0.0) - 1e-4).abs() < 1e-12);
+        let nothing = Quotient { value: 0.0, rounding: 0.0 };
+        assert!(nothing.error(0.0, 0.0) == 0.0 && nothing.error(f64::NAN, 0.0).is_nan());
+        assert!(quotient.error(f64::NAN, 1.0).is_nan());
+    }
 }

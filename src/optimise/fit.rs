@@ -1,5 +1,5 @@
-//! Densities that descend towards pictures, whatever the medium: Adam on batches of views, with a prior on the
-//! differences of neighbours.
+//! Densities that descend towards pictures, whatever the medium: Adam on batches of views, with a prior on
+//! neighbours.
 
 use crate::error::{Error, Result};
 use crate::math::Affine;
@@ -9,12 +9,12 @@ use crate::optimise::hull::Hull;
 use crate::optimise::neighbours::Neighbours;
 use crate::optimise::observation::Observation;
 use crate::optimise::pictures::{self, Accumulators, Gradients, PixelLoss, Target};
+use crate::optimise::prior::{VolumePrior, Weighted};
 use crate::render::dvr::{Adjoint, Dvr};
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::grid::LEAF_VOXELS;
 use crate::scene::medium::{Medium, Source};
-use rayon::prelude::*;
 use std::sync::Arc;
 
 /// The bricks of a lattice that densities are sought in and which of their voxels are, at most so many bricks: what the
@@ -155,12 +155,18 @@ impl Fit {
         self.field.topology.spread(&scaled, &mut self.field.values);
     }
 
-    /// One step of Adam on the mean of `loss` over the batch's pixels and channels, plus `prior` times the mean
-    /// squared difference of neighbours; returns the former before it.
+    /// One step of Adam on the mean of `loss` over the batch's pixels and channels, plus `prior` on the voxels; returns
+    /// the former before it.
     ///
     /// # Errors
     /// If the medium cannot be used.
-    pub fn step(&mut self, batch: &[&Target], scene: &Scene<'_>, loss: PixelLoss<'_>, prior: f64) -> Result<f64> {
+    pub fn step(
+        &mut self,
+        batch: &[&Target],
+        scene: &Scene<'_>,
+        loss: PixelLoss<'_>,
+        prior: Weighted<VolumePrior>,
+    ) -> Result<f64> {
         let asked = |t: &&Target| t.rgba.iter().filter(|p| p.iter().all(|v| v.is_finite())).count();
         let values: usize = batch.iter().map(|t| 4 * asked(t)).sum();
         let share = 1.0 / values.max(1) as f32;
@@ -174,22 +180,11 @@ impl Fit {
         let (sum, _) = pictures::gradient(&dvr, batch, &shared, Adjoint::Tape, &mut self.accumulators, &mut gradients);
         self.field.topology.fold(&self.stored, &mut self.owned);
         self.owned.iter_mut().for_each(|g| *g *= self.unit);
-        self.add_prior(prior);
+        let Weighted { prior, weight } = prior;
+        prior.add(weight, &self.x, &self.neighbours, self.unknowns(), &mut self.owned);
         self.adam.step(&mut self.x, &self.owned, &self.mask);
         self.spread();
         Ok(sum * f64::from(share))
-    }
-
-    /// Adds the gradient of the prior.
-    fn add_prior(&mut self, weight: f64) {
-        let pairs = 3.0 * self.mask.iter().map(|m| f64::from(*m)).sum::<f64>().max(1.0);
-        let factor = (2.0 * weight / pairs) as f32;
-        let (x, neighbours) = (&self.x, &self.neighbours);
-        self.owned.par_iter_mut().enumerate().for_each(|(here, gradient)| {
-            for there in neighbours.of_voxel(here).into_iter().flatten() {
-                *gradient += factor * (x[here] - x[there]);
-            }
-        });
     }
 
     /// PSNR of the colours (peak 1).

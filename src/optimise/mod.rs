@@ -32,6 +32,7 @@ pub mod parameter;
 pub mod pictures;
 pub mod plan;
 pub mod pose;
+pub mod prior;
 pub mod projector;
 pub mod rows;
 pub mod smooth;

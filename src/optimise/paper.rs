@@ -11,6 +11,7 @@ use crate::optimise::fit::{Fit, Scene, absolute, batches, unknowns};
 use crate::optimise::lattice;
 use crate::optimise::observation::{Observation, Photo};
 use crate::optimise::pictures::Target;
+use crate::optimise::prior::{VolumePrior, Weighted};
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
 use crate::scene::grid::LEAF_VOXELS;
@@ -21,7 +22,8 @@ use std::time::Instant;
 
 const RATE: f32 = 0.3;
 const BATCH: usize = 8;
-const PRIOR: f64 = 0.5;
+/// The prior that is published.
+const PRIOR: Weighted<VolumePrior> = Weighted { prior: VolumePrior::Smooth, weight: 0.5 };
 const COARSEST: f64 = 32.0;
 const COARSE_EPOCHS: u32 = 10;
 const START: f32 = 0.1;
@@ -67,7 +69,7 @@ pub fn reconstruct(
         let mut stopped = false;
         'epochs: for epoch in 0..epochs {
             for batch in batches(&train, BATCH, epoch) {
-                let loss = fit.step(&batch, &scene, &absolute, PRIOR)?;
+                let loss = fit.step(&batch, &scene, &absolute, request.prior.unwrap_or(PRIOR))?;
                 let held_out_psnr_db = if held_out.is_empty() {
                     None
                 } else {

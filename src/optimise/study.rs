@@ -1,11 +1,13 @@
 //! A scene and a loss whose gradient is looked at parameter by parameter; [`difference`](super::difference)
 //! checks it.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::optimise::loss::{Loss, Rgba};
+use crate::optimise::neighbours::Neighbours;
 use crate::optimise::objective::{Forward, Objective};
 use crate::optimise::parameter::{self, Parameter};
 use crate::optimise::plan::Way;
+use crate::optimise::prior::{Prior, Weighted};
 use crate::render::dvr::{Dvr, Precision};
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
@@ -57,6 +59,15 @@ impl Setting {
     }
 }
 
+/// What priors count in: these stay when voxels and functions change.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Units {
+    /// The density that stands for 1.
+    pub density: f64,
+    /// The extinction that does.
+    pub extinction: f64,
+}
+
 /// A scene and a loss.
 #[derive(Debug, Clone)]
 pub struct Study<R> {
@@ -64,8 +75,12 @@ pub struct Study<R> {
     pub field: Bricks<R>,
     /// What else there is.
     pub setting: Setting,
-    /// The loss.
+    /// The loss of the pictures.
     pub loss: Loss,
+    /// What is added to it.
+    pub priors: Vec<Weighted<Prior>>,
+    /// What these count in.
+    pub units: Units,
     /// What the pictures should show, one a camera, or none.
     pub wanted: Vec<Vec<Rgba>>,
     /// A pixel is the mean over the square of so many rays.
@@ -81,6 +96,14 @@ pub struct Found {
     pub derivatives: Vec<f64>,
     /// By owned voxel, 512 a brick, where the density was asked for.
     pub by_voxel: Vec<f64>,
+}
+
+/// Priors with their derivatives.
+#[derive(Debug, Default)]
+struct Asked {
+    value: f64,
+    by_transfer: Vec<f64>,
+    by_voxel: Vec<f64>,
 }
 
 impl<R: Forward> Study<R> {
@@ -99,17 +122,67 @@ impl<R: Forward> Study<R> {
         self.field.topology.len() * LEAF_VOXELS
     }
 
+    /// The loss, with its priors.
+    ///
+    /// # Errors
+    /// As [`Setting::dvr`], and if a prior does not suit the transfer function.
+    pub fn value(&self) -> Result<f64> {
+        Ok(self.objective().value(&self.setting.dvr(&self.field)?) + self.asked()?.value)
+    }
+
+    /// The priors, by parameter of the transfer function and by owned voxel; empty where nothing is asked.
+    fn asked(&self) -> Result<Asked> {
+        let mut all = Asked::default();
+        for Weighted { prior, weight } in &self.priors {
+            match (prior, &self.setting.transfer) {
+                (Prior::Volume(prior), _) => {
+                    let scaled: Vec<f64> =
+                        self.field.owned().into_iter().map(|v| v.f64() / self.units.density).collect();
+                    let neighbours = Neighbours::new(&self.field.topology);
+                    let mut by = vec![0.0; scaled.len()];
+                    all.value += prior.add(*weight, &scaled, &neighbours, scaled.len(), &mut by);
+                    all.by_voxel.resize(by.len(), 0.0);
+                    all.by_voxel.iter_mut().zip(by).for_each(|(sum, by)| *sum += by / self.units.density);
+                }
+                (Prior::Transfer(prior), Some(transfer)) => {
+                    let (value, by) = prior.of_transfer(transfer, self.units.extinction)?;
+                    all.value += weight * value;
+                    all.by_transfer.resize(by.len(), 0.0);
+                    all.by_transfer.iter_mut().zip(by).for_each(|(sum, by)| *sum += weight * by);
+                }
+                (Prior::Transfer(_), None) => {
+                    return Err(Error::invalid("there is no transfer function for the prior"));
+                }
+            }
+        }
+        Ok(all)
+    }
+
     /// The loss and its derivatives by the parameters, and by all voxels if `density` is set.
     ///
     /// # Errors
     /// As [`Setting::dvr`].
     pub fn gradient(&self, way: Way, parameters: &[Parameter], density: bool) -> Result<Found> {
+        let (mut found, asked) = (self.of_pictures(way, parameters, density)?, self.asked()?);
+        found.value += asked.value;
+        for (derivative, parameter) in found.derivatives.iter_mut().zip(parameters) {
+            *derivative += match parameter {
+                Parameter::Transfer(i) => asked.by_transfer.get(*i).copied().unwrap_or(0.0),
+                Parameter::Voxel(i) => asked.by_voxel.get(*i).copied().unwrap_or(0.0),
+                _ => 0.0,
+            };
+        }
+        found.by_voxel.iter_mut().zip(asked.by_voxel).for_each(|(sum, by)| *sum += by);
+        Ok(found)
+    }
+
+    fn of_pictures(&self, way: Way, parameters: &[Parameter], density: bool) -> Result<Found> {
         let (dvr, transfer) = (self.setting.dvr(&self.field)?, self.setting.transfer.as_ref());
         let objective = self.objective();
         let topology = &self.field.topology;
         match way {
             Way::Adjoint(adjoint) => {
-                let pieces = transfer.map(|t| Ok::<_, crate::Error>(t.table()?.knots().len() + 1)).transpose()?;
+                let pieces = transfer.map(|t| Ok::<_, Error>(t.table()?.knots().len() + 1)).transpose()?;
                 let found = objective.adjoint(&dvr, adjoint, parameter::by(parameters, density, pieces));
                 let has_table = !found.table.pieces.is_empty();
                 let by_transfer = transfer.filter(|_| has_table).map_or(Ok(Vec::new()), |t| t.chain(&found.table))?;

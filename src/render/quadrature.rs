@@ -1,11 +1,13 @@
 //! How the integrals along a ray are formed from samples.
 
 use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
 /// A quadrature rule; steps are in voxels (of the shortest edge).
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
 pub enum Quadrature {
     /// Cell by cell between voxel centres, where the trilinear field along a ray is a cubic:
     /// two-point Gauss-Legendre has no error for the optical depth.
@@ -26,6 +28,20 @@ impl Quadrature {
     /// Pre-integration with the tolerance that pictures have unless they ask for another: what half a step of an
     /// 8-bit look-up comes to.
     pub const PREINTEGRATED: Self = Self::Preintegrated(2e-3);
+}
+
+impl From<Quadrature> for String {
+    fn from(q: Quadrature) -> Self {
+        q.to_string()
+    }
+}
+
+impl TryFrom<String> for Quadrature {
+    type Error = Error;
+
+    fn try_from(text: String) -> Result<Self> {
+        text.parse()
+    }
 }
 
 impl FromStr for Quadrature {

@@ -12,11 +12,12 @@ use super::transfer::TransferOption;
 use crate::error::{Error, Result};
 use crate::formats::vdb::{Codec, Limits, write_grids};
 use crate::formats::{atomic, transforms};
-use crate::optimise::difference::relative_error;
+use crate::optimise::difference::Quotient;
 use crate::optimise::loss::Loss;
 use crate::optimise::objective::Forward;
 use crate::optimise::parameter::{CAMERA, Parameter};
 use crate::optimise::plan::{Mode, Plan, Task, Way};
+use crate::optimise::prior::{Prior, Weighted};
 use crate::optimise::study::{Found, Study};
 use crate::render::dvr::Adjoint;
 use crate::render::quadrature::Quadrature;
@@ -32,6 +33,7 @@ use std::process::ExitCode;
 ///
 /// Pictures are those of --views cameras on a sphere, or are compared with a --target capture. --check sets a
 /// difference quotient in double precision beside each derivative: exit code 1 if any is off by more than --tolerance.
+/// Where rounding leaves a quotient fewer than four digits, the error is relative to what would have them.
 #[derive(Debug, clap::Args)]
 #[command(group = clap::ArgGroup::new("from").required(true).args(["target", "views"]))]
 pub struct GradientCommand {
@@ -49,6 +51,10 @@ pub struct GradientCommand {
     /// Transmittance below which log-transmittance asks for nothing
     #[arg(long, value_name = "T", default_value_t = 1e-4, value_parser = parse::positive)]
     transmittance_floor: f64,
+    /// Added to the loss: smooth=W and tv=W (total variation) of the volume, tf=W and tf-rgb=W (smoothness) of the
+    /// transfer function; W is the weight, in units of the largest density or extinction
+    #[arg(long, value_name = "NAME=W")]
+    prior: Vec<Weighted<Prior>>,
     /// transforms.json of the pictures to compare with, or its folder; cameras and light model are taken from it
     #[arg(long, value_name = "CAPTURE")]
     target: Option<PathBuf>,
@@ -297,6 +303,7 @@ impl GradientCommand {
             value,
             gradient,
             difference: None,
+            rounding: None,
             relative_error: None,
             parameter,
         };
@@ -331,7 +338,8 @@ impl GradientCommand {
     fn compare(&self, study: &mut Study<f64>, report: &mut Report, output: &Output) -> Result<()> {
         let bar = output.progress(report.rows.len() as u64, "check");
         for row in &mut report.rows {
-            row.difference = study.difference(row.parameter).map_err(|e| e.part(row.name.clone()).at(&self.input))?;
+            let quotient = study.difference(row.parameter).map_err(|e| e.part(row.name.clone()).at(&self.input))?;
+            (row.difference, row.rounding) = (quotient.map(|q| q.value), quotient.map(|q| q.rounding));
             bar.inc(1);
         }
         bar.finish_and_clear();
@@ -342,8 +350,8 @@ impl GradientCommand {
         }
         let mut worst = 0.0_f64;
         for row in &mut report.rows {
-            let Some(difference) = row.difference else { continue };
-            let error = relative_error(row.gradient, difference, 1e-6 * largest[row.group]);
+            let Some((value, rounding)) = row.difference.zip(row.rounding) else { continue };
+            let error = Quotient { value, rounding }.error(row.gradient, 1e-6 * largest[row.group]);
             // A NaN must not look like agreement.
             worst = if error.is_nan() || worst.is_nan() { f64::NAN } else { worst.max(error) };
             row.relative_error = Some(error);

@@ -18,6 +18,9 @@ pub(super) struct Row {
     pub gradient: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub difference: Option<f64>,
+    /// How far rounding may have moved that.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rounding: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relative_error: Option<f64>,
 }

@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::formats::transforms;
 use crate::formats::vdb::Limits;
 use crate::optimise::loss::Rgba;
-use crate::optimise::study::{Setting, Study};
+use crate::optimise::study::{Setting, Study, Units};
 use crate::real::Real;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
@@ -51,7 +51,11 @@ impl GradientCommand {
                 .collect(),
             _ => Vec::new(),
         };
+        let largest = |value: f64| if value > 0.0 { value } else { 1.0 };
+        let extinction = transfer.as_ref().map_or(Ok(0.0), |t| t.table().map(|table| table.peak()[3]))?;
         let study = Study {
+            priors: self.prior.clone(),
+            units: Units { density: largest(field.range().1.into()), extinction: largest(extinction) },
             field,
             setting: self.setting(cameras, transfer, target.as_ref())?,
             loss: self.loss(),
@@ -114,8 +118,9 @@ impl GradientCommand {
 
 /// The same in double precision.
 pub(super) fn in_double(study: Study<f32>) -> Study<f64> {
-    let Study { field, setting, loss, wanted, rays_per_edge } = study;
+    let Study { field, setting, loss, priors, units, wanted, rays_per_edge } = study;
     let Bricks { topology, values, transform, domain } = field;
     let values = values.into_iter().map(Real::f64).collect();
-    Study { field: Bricks { topology, values, transform, domain }, setting, loss, wanted, rays_per_edge }
+    let field = Bricks { topology, values, transform, domain };
+    Study { field, setting, loss, priors, units, wanted, rays_per_edge }
 }

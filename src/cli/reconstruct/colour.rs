@@ -7,7 +7,7 @@ use crate::cli::provenance::Provenance;
 use crate::cli::run::{self, Run, Solver};
 use crate::cli::{cancel, photos, report};
 use crate::error::{Error, Result};
-use crate::formats::vdb::{Limits, shaded};
+use crate::formats::vdb::{File, Limits, shaded};
 use crate::formats::{atomic, transforms};
 use crate::optimise::colour::{self, Shaded};
 use crate::optimise::density::{Request, Stage, Step};
@@ -25,7 +25,7 @@ use std::time::Instant;
 ///
 /// Alpha tells the extinctions (grid 'density', per world length), the colours then tell what is emitted (grid
 /// 'emission', vec3s, radiance per world length). `cumulo render --model pre-shaded` renders the result. Ctrl-C
-/// writes what is there (exit code 1).
+/// writes what is there (exit code 1); --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Colour {
     /// transforms.json of the pictures, or its folder
@@ -50,6 +50,9 @@ pub struct Colour {
     /// Write a page that shows how it went
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
+    /// Start from the output, if it is there
+    #[arg(long)]
+    resume: bool,
     #[command(flatten)]
     memory: Memory,
 }
@@ -83,10 +86,13 @@ impl Colour {
         // With the background's own colour as source, alpha tells the optical depth.
         let observation = Observation::new(&photos, capture.background, capture.background).map_err(|e| e.at(&json))?;
         let request = self.request(&capture, &observation, held_out, limits).map_err(|e| e.at(&json))?;
+        let previous = self.resume && self.output.exists();
+        let init = previous.then(|| shaded::read(&File::open(&self.output, limits)?, None, limits.max_memory));
+        let init = init.transpose()?;
         let mut stages = vec![Stage { name: "read pictures".into(), seconds: begun.elapsed().as_secs_f64() }];
 
         let bar = output.progress(colour::most_iterations(&request), "colour");
-        let outcome = colour::reconstruct(&photos, &observation, &request, |step: &Step| {
+        let outcome = colour::reconstruct(&photos, &observation, &request, init, |step: &Step| {
             run::show(&bar, step);
             if cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
@@ -124,7 +130,7 @@ impl Colour {
             provenance,
         };
         if stopped {
-            output.note("stopped; what was there by then is written");
+            output.note("stopped; what was there by then is written, and --resume goes on from it");
         }
         if let Some(dir) = &self.report {
             run.report = Some(report::write(dir, &run, limits)?);
@@ -148,6 +154,7 @@ impl Colour {
             background: capture.background,
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),
             smoothing: self.smoothing,
+            prior: None,
             robust: true,
             held_out,
             iterations: self.iterations,

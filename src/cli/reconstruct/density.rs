@@ -13,6 +13,7 @@ use crate::formats::vdb::{Codec, File, Limits, write_grids};
 use crate::formats::{atomic, transfer, transforms};
 use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::observation::{Observation, Photo};
+use crate::optimise::prior::{VolumePrior, Weighted};
 use crate::optimise::{behind, density, paper};
 use crate::report::{MOST_VIEWS, choose};
 use crate::scene::bricks::Bricks;
@@ -55,6 +56,10 @@ pub struct Density {
     /// Blur passes of the smoothness prior (default: as many as suit the held-out views; without these 1, or 2 where the pictures are noisy)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     smoothing: Option<u32>,
+    /// What a descent (behind a transfer function, or paper) asks of neighbouring voxels: smooth=W, or tv=W for total
+    /// variation, W the weight in units of the range of densities (default: smooth=0.001, paper smooth=0.5)
+    #[arg(long, value_name = "NAME=W")]
+    prior: Option<Weighted<VolumePrior>>,
     /// What cg makes small: huber bounds the influence of outliers, l2 is plain least squares
     #[arg(long, value_enum, default_value_t = Loss::Huber)]
     loss: Loss,
@@ -109,6 +114,10 @@ impl Density {
             (capture.transfer, capture.model) = (Some(transfer), Model::EmissionAbsorption);
         }
         let solver = self.solver(&capture)?;
+        if solver == Solver::Cg && self.prior.is_some() {
+            return Err(Error::invalid("--prior is for descents, and conjugate gradients have a prior of their own")
+                .hint("use --smoothing, or --solver paper"));
+        }
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 8).map_err(|e| e.at(&self.capture))?;
 
         let begun = Instant::now();
@@ -219,6 +228,7 @@ impl Density {
             background: capture.background,
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),
             smoothing: self.smoothing,
+            prior: self.prior,
             robust: self.loss == Loss::Huber,
             held_out,
             iterations: self.iterations.unwrap_or(if solver == Solver::Cg { 24 } else { 50 }),

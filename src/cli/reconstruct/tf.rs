@@ -3,30 +3,22 @@
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
-use crate::cli::{cancel, parse, photos, run};
+use crate::cli::report::transfer::{self as transfer_page, TransferRun, View};
+use crate::cli::{cancel, parse, photos, report, run};
 use crate::error::{Error, Result};
 use crate::formats::transfer::{self, Options};
-use crate::formats::vdb::{File, Limits};
+use crate::formats::vdb::Limits;
 use crate::formats::{atomic, transforms};
-use crate::metrics;
 use crate::optimise::density::Stage;
-use crate::optimise::observation::Photo;
-use crate::optimise::transfer::{Outcome, Request, Step, reconstruct};
-use crate::render;
-use crate::render::dvr::Dvr;
+use crate::optimise::transfer::{Request, Solver, reconstruct};
 use crate::render::quadrature::Quadrature;
-use crate::report::{MOST_VIEWS, Page, Plot, Series, ViewRow, choose};
+use crate::report::{MOST_VIEWS, choose};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
-use crate::scene::medium::{Medium, Source};
-use crate::scene::transfer::Transfer;
-use serde::Serialize;
-use std::fmt;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 /// Reconstruct the transfer function of a known volume from pictures of it
@@ -49,7 +41,10 @@ pub struct Tf {
     /// Densities that the texels cover (default: those of the volume, from 0)
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse::ascending, allow_hyphen_values = true)]
     domain: Option<[f64; 2]>,
-    /// Weight of the smoothness prior beside the pictures (default: the best for the held-out view)
+    /// How the function is found: auto is Gauss and Newton's least squares
+    #[arg(long, value_enum, default_value_t = Choice::Auto)]
+    solver: Choice,
+    /// Weight of the smoothness prior beside the pictures (default: the best for the held-out view; paper: 0.4)
     #[arg(long, value_name = "W", value_parser = parse::positive)]
     smooth: Option<f64>,
     /// Views that are not used but compared with (default: 1 if there are 3 or more)
@@ -58,9 +53,9 @@ pub struct Tf {
     /// Pixels drawn from the pictures
     #[arg(long, value_name = "N", default_value_t = 32_768, value_parser = clap::value_parser!(u32).range(64..=16_777_216))]
     rays: u32,
-    /// Most refinements
-    #[arg(long, value_name = "N", default_value_t = 14, value_parser = clap::value_parser!(u32).range(1..=1000))]
-    iterations: u32,
+    /// Most refinements (default: 14; paper: 200 epochs)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    iterations: Option<u32>,
     /// Integration along rays: exact, midpoint:STEP or riemann:STEP, steps in voxels
     #[arg(long, value_name = "Q", default_value = "midpoint:0.5")]
     quadrature: Quadrature,
@@ -83,48 +78,12 @@ pub struct Tf {
     memory: Memory,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
-    capture: PathBuf,
-    volume: PathBuf,
-    output: PathBuf,
-    texels: u32,
-    domain: [f64; 2],
-    smooth: f64,
-    iterations: usize,
-    seconds: f64,
-    /// Over the rays that were used.
-    train_rms: Option<f64>,
-    held_out: Vec<usize>,
-    held_out_psnr_db: Option<f64>,
-    held_out_ssim: Option<f64>,
-    quadrature: String,
-    peak_memory_mb: Option<f64>,
-    stopped: bool,
-    report: Option<PathBuf>,
-    confidence: Vec<[f64; 2]>,
-    stages: Vec<Stage>,
-    history: Vec<Step>,
-    provenance: Provenance,
-}
-
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [low, high] = self.domain;
-        writeln!(f, "{}: {} texels over densities {low} to {high}", self.output.display(), self.texels)?;
-        writeln!(f, "  {} refinements in {:.2} s, smoothness {:.0e}", self.iterations, self.seconds, self.smooth)?;
-        if let (Some(psnr), Some(ssim)) = (self.held_out_psnr_db, self.held_out_ssim) {
-            writeln!(f, "  held-out views {psnr:.2} dB, SSIM {ssim:.4} ({})", self.held_out.len())?;
-        }
-        let unseen = self.confidence.iter().filter(|c| c[0] < 0.5).count();
-        if unseen > 0 {
-            writeln!(f, "  {unseen} texels are the prior's more than the pictures'")?;
-        }
-        if let Some(page) = &self.report {
-            writeln!(f, "  report         {}", page.display())?;
-        }
-        Ok(())
-    }
+/// `--solver`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Choice {
+    Auto,
+    /// Adam as in Weiss & Westermann (2021)
+    Paper,
 }
 
 impl Tf {
@@ -138,7 +97,7 @@ impl Tf {
         let limits = self.memory.limits();
         atomic::probe(&self.output)?;
         if let Some(dir) = &self.report {
-            std::fs::create_dir_all(dir).map_err(|e| Error::io(dir, e))?;
+            report::prepare(dir)?;
         }
         let begun = Instant::now();
         let capture = transforms::load(&self.capture)?;
@@ -152,12 +111,12 @@ impl Tf {
         let photos = photos::read(&capture, self.layer.as_deref(), limits)?;
         let pictures = capture.frames.iter().map(|f| f.picture.as_path());
         provenance.input(&json, std::iter::once(json.as_path()).chain(pictures))?;
-        let field = self.field(limits)?;
+        let field = transfer_page::field(&self.volume, self.grid.as_deref(), limits)?;
         provenance.input(&self.volume, [self.volume.as_path()])?;
         let request = self.request(&capture, &field, held_out)?;
         let mut stages = vec![Stage { name: "read".into(), seconds: begun.elapsed().as_secs_f64() }];
 
-        let bar = output.progress(u64::from(self.iterations), "transfer function");
+        let bar = output.progress(u64::from(request.iterations), "transfer function");
         let outcome = reconstruct(&field, &photos, &request, |step| {
             bar.set_position(u64::from(step.iteration));
             let psnr = step.held_out_psnr_db.map(|p| format!(", held-out {p:.2} dB")).unwrap_or_default();
@@ -174,63 +133,68 @@ impl Tf {
             output.note("stopped; what was there by then is written, and --resume goes on from it");
         }
 
-        let begun = Instant::now();
         let shown = choose(&(0..photos.len()).map(|i| request.held_out.contains(&i)).collect::<Vec<_>>(), MOST_VIEWS);
-        let looked_at = if self.report.is_some() { shown } else { request.held_out.clone() };
-        let rows = views(&field, &photos, &request, &outcome.transfer, &looked_at)?;
-        stages.push(Stage { name: "views".into(), seconds: begun.elapsed().as_secs_f64() });
-        let of_held_out = |value: fn(&View) -> f64| {
-            let values: Vec<f64> = rows.iter().filter(|r| r.row.held_out).map(value).collect();
-            (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-        };
-        let mut report = Report {
+        let mut run = TransferRun {
             capture: json,
             volume: self.volume.clone(),
+            grid: self.grid.clone(),
             output: self.output.clone(),
+            solver: request.solver,
+            layer: self.layer.clone(),
             texels: self.texels,
             domain: request.domain,
             smooth: outcome.smooth,
             iterations: outcome.history.len(),
             seconds,
             train_rms: outcome.history.last().map(|s| s.rms),
-            held_out: request.held_out.clone(),
-            held_out_psnr_db: of_held_out(|v| v.square).map(|square| -10.0 * square.max(1e-20).log10()),
-            held_out_ssim: of_held_out(|v| v.ssim),
-            quadrature: request.quadrature.to_string(),
+            views: photos.len(),
+            held_out: request.held_out,
+            shown,
+            held_out_psnr_db: None,
+            held_out_ssim: None,
+            quadrature: request.quadrature,
             peak_memory_mb: run::peak_memory_mb(),
             stopped: outcome.stopped,
             report: None,
-            confidence: outcome.confidence.clone(),
+            confidence: outcome.confidence,
             stages,
-            history: outcome.history.clone(),
+            history: outcome.history,
             provenance,
         };
-        if let Some(dir) = &self.report {
-            report.report = Some(page(&report, &outcome, rows, photos.len())?.write(dir)?);
-        }
-        output.report(&report)?;
-        Ok(if outcome.stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
+        drop((photos, field));
+        self.look(&mut run, limits)?;
+        let stopped = run.stopped;
+        output.report(&run)?;
+        Ok(if stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
     }
 
-    /// The volume, with all of its box: the function may absorb where the density is zero.
-    fn field(&self, limits: Limits) -> Result<Bricks<f32>> {
-        let grid = File::open(&self.volume, limits)?.read_fog(self.grid.as_deref())?;
-        let arrange = || {
-            let mut field = Bricks::from_grid(&grid, limits.max_memory)?;
-            field.domain = grid.active_box();
-            field.filled(limits.max_memory)
+    /// Compares renders with the held-out views, and writes the page if one is asked for.
+    fn look(&self, run: &mut TransferRun, limits: Limits) -> Result<()> {
+        let begun = Instant::now();
+        let which = if self.report.is_some() { &run.shown } else { &run.held_out };
+        let views = transfer_page::views(run, which, limits, None)?;
+        let of_held_out = |value: fn(&View) -> f64| {
+            let values: Vec<f64> = views.iter().filter(|v| v.row.held_out).map(value).collect();
+            (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
         };
-        let field = arrange().map_err(|e| e.at(&self.volume))?;
-        if field.range().1 <= 0.0 {
-            return Err(Error::invalid("the volume has no density above zero").at(&self.volume));
+        run.held_out_psnr_db = of_held_out(|v| v.square).map(|square| -10.0 * square.max(1e-20).log10());
+        run.held_out_ssim = of_held_out(|v| v.ssim);
+        run.stages.push(Stage { name: "views".into(), seconds: begun.elapsed().as_secs_f64() });
+        if let Some(dir) = &self.report {
+            run.report = Some(report::write_transfer(dir, run, views)?);
         }
-        Ok(field)
+        Ok(())
     }
 
     fn request(&self, capture: &Capture, field: &Bricks<f32>, held_out: Vec<usize>) -> Result<Request> {
         let previous = (self.resume && self.output.exists()).then_some(&self.output);
         let load = |path: &PathBuf| transfer::load(path, &Options::default()).map(|loaded| loaded.transfer);
+        let (solver, usual) = match self.solver {
+            Choice::Auto => (Solver::Newton, 14),
+            Choice::Paper => (Solver::Paper, 200),
+        };
         Ok(Request {
+            solver,
             extinction: capture.density_scale,
             background: capture.background,
             quadrature: self.quadrature,
@@ -240,94 +204,8 @@ impl Tf {
             held_out,
             rays: self.rays as usize,
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),
-            iterations: self.iterations,
+            iterations: self.iterations.unwrap_or(usual),
             init: self.init.as_ref().or(previous).map(load).transpose()?,
         })
     }
-}
-
-/// A view beside its render by the function that was found.
-struct View {
-    row: ViewRow,
-    /// Mean squared difference of the colours.
-    square: f64,
-    ssim: f64,
-}
-
-fn views(
-    field: &Bricks<f32>,
-    photos: &[Photo],
-    request: &Request,
-    transfer: &Transfer,
-    shown: &[usize],
-) -> Result<Vec<View>> {
-    let source = Source::Transfer(Arc::new(transfer.table()?));
-    let dvr = Dvr::new(field, Medium { extinction: request.extinction, source })?
-        .background(request.background)
-        .quadrature(request.quadrature);
-    let never = AtomicBool::new(false);
-    let of = |&i: &usize| {
-        let photo = &photos[i];
-        let render =
-            render::picture(&dvr, &photo.camera, request.rays_per_edge, &never).ok_or_else(Error::cancelled)?;
-        let comparison = metrics::compare(&render, &photo.film).map_err(|e| e.at(Path::new(&photo.name)))?;
-        let name = Path::new(&photo.name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let row = ViewRow {
-            name,
-            picture: photo.film.clone(),
-            render,
-            extra: None,
-            held_out: request.held_out.contains(&i),
-            psnr_db: Some(comparison.psnr_db),
-            note: String::new(),
-        };
-        Ok(View { row, square: comparison.rms * comparison.rms, ssim: comparison.ssim })
-    };
-    shown.iter().map(of).collect()
-}
-
-/// The page: figures, the function, views beside re-renders, convergence, times, provenance.
-fn page(report: &Report, outcome: &Outcome, views: Vec<View>, total: usize) -> Result<Page> {
-    let name = report.output.file_name().unwrap_or_default().to_string_lossy();
-    let mut page = Page::new(
-        format!("{name}, from {total} pictures"),
-        format!(
-            "{} texels of colour and extinction that explain {} views of '{}'{}.",
-            report.texels,
-            total - report.held_out.len(),
-            report.volume.file_name().unwrap_or_default().to_string_lossy(),
-            if report.stopped { "; stopped before the end" } else { "" }
-        ),
-    );
-    let mut figures = Vec::new();
-    if let (Some(psnr), Some(ssim)) = (report.held_out_psnr_db, report.held_out_ssim) {
-        figures.push(("Held-out views", format!("{psnr:.2} dB")));
-        figures.push(("SSIM", format!("{ssim:.4}")));
-    }
-    figures.push(("Time", format!("{:.1} s", report.seconds)));
-    figures.push(("Refinements", report.iterations.to_string()));
-    figures.push(("Smoothness", format!("{:.0e}", report.smooth)));
-    page.figures(&figures);
-    let table = outcome.transfer.table()?;
-    let line = |label: &str, value: &dyn Fn(usize) -> f64| Series {
-        label: label.into(),
-        points: table.knots().iter().enumerate().map(|(i, k)| (*k, value(i))).collect(),
-    };
-    let plot = |y: &str, series: Vec<Series>| Plot { x: "density".into(), y: y.into(), series };
-    let values = table.values();
-    page.plot("Extinction", &plot("per world unit", vec![line("extinction", &|i| values[i][3])]))?;
-    // In the order of the plot's colours, which begin with a blue, an orange and a green.
-    let colours = [("blue", 2), ("red", 0), ("green", 1)].map(|(label, c)| line(label, &move |i| values[i][c]));
-    page.plot("Colour", &plot("radiance of the source", colours.into()))?;
-    let known = [("extinction", 0), ("colour", 1)].map(|(label, c)| line(label, &|i| outcome.confidence[i][c]));
-    page.plot("What the pictures say", &plot("share of the pictures, not of the prior", known.into()))?;
-    let rows: Vec<ViewRow> = views.into_iter().map(|v| v.row).collect();
-    page.views("Views", &rows, total)?;
-    if report.held_out_psnr_db.is_some() {
-        let steps = report.history.iter().map(|s| (s.seconds, s.held_out_psnr_db, 0));
-        page.plot("Convergence", &Plot::convergence(steps))?;
-    }
-    page.stages(&report.stages.iter().map(|s| (s.name.as_str(), s.seconds)).collect::<Vec<_>>());
-    page.provenance(&report.provenance.rows());
-    Ok(page)
 }

@@ -5,9 +5,10 @@
 //! logarithm of the transmittance is linear in the extinctions, and with these known the picture is linear in
 //! the colours. So extinctions are taken from alpha first, colours from them, and then both are refined
 //! together on the normal equations of rays drawn from all pictures. How smooth the function is, the
-//! held-out views decide.
+//! held-out views decide. The thousand steps are there to compare with ([`Solver::Paper`]).
 
 mod normal;
+mod paper;
 mod rays;
 mod rows;
 
@@ -27,6 +28,26 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
+/// How texels are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Solver {
+    /// Gauss and Newton.
+    Newton,
+    /// Adam, as published.
+    Paper,
+}
+
+impl Solver {
+    /// What its steps are called.
+    pub fn steps(self) -> &'static str {
+        match self {
+            Self::Newton => "refinements",
+            Self::Paper => "epochs",
+        }
+    }
+}
+
 /// What is known, and how to go about it.
 #[derive(Debug, Clone)]
 pub struct Request {
@@ -40,7 +61,10 @@ pub struct Request {
     pub domain: [f64; 2],
     /// Number of texels.
     pub texels: usize,
-    /// Weight of the smoothness prior relative to the data's; chosen by the held-out views if `None`.
+    /// How it is found.
+    pub solver: Solver,
+    /// Weight of the smoothness prior: relative to the data's, chosen by the held-out views if `None`; the paper's λ,
+    /// 0.4 if `None`.
     pub smooth: Option<f64>,
     /// Views that are not used.
     pub held_out: Vec<usize>,
@@ -48,7 +72,7 @@ pub struct Request {
     pub rays: usize,
     /// Rays along each edge of a pixel.
     pub rays_per_edge: usize,
-    /// Refinements of extinctions and colours together, at most.
+    /// Refinements of extinctions and colours together, or epochs, at most.
     pub iterations: u32,
     /// A function to begin with.
     pub init: Option<Transfer>,
@@ -107,7 +131,16 @@ pub fn reconstruct(
     mut watch: impl FnMut(&Step) -> ControlFlow<()>,
 ) -> Result<Outcome> {
     let start = Instant::now();
-    let mut fit = Fit::new(field, photos, request)?;
+    let fit = Fit::new(field, photos, request)?;
+    match request.solver {
+        Solver::Newton => newton(fit, start, &mut watch),
+        Solver::Paper => descend(fit, start, &mut watch),
+    }
+}
+
+/// Extinctions from alpha, colours, then both; smoothness by the held-out views.
+fn newton(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> ControlFlow<()>) -> Result<Outcome> {
+    let request = fit.request;
     let mut stages = Vec::new();
     let mut stage = |name: &str, since: Instant| {
         stages.push(Stage { name: name.into(), seconds: since.elapsed().as_secs_f64() });
@@ -143,7 +176,7 @@ pub fn reconstruct(
                 seconds: start.elapsed().as_secs_f64(),
                 smooth,
                 rms,
-                held_out_psnr_db: error.map(|e| -10.0 * e.max(1e-20).log10()),
+                held_out_psnr_db: error.map(decibels),
             };
             history.push(step);
             let score = error.unwrap_or(rms * rms);
@@ -166,6 +199,31 @@ pub fn reconstruct(
         (fit.texels, smooth) = (texels, weight);
     }
     Ok(Outcome { confidence: fit.confidence(smooth)?, transfer: fit.transfer(), smooth, history, stages, stopped })
+}
+
+/// The paper's recipe: what is there after the last epoch.
+fn descend(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> ControlFlow<()>) -> Result<Outcome> {
+    let smooth = fit.request.smooth.unwrap_or(paper::SMOOTH);
+    let mut descent = paper::Descent::new(&fit);
+    let (mut history, mut stopped) = (Vec::new(), false);
+    for iteration in 1..=fit.request.iterations {
+        let rms = descent.step(&fit, smooth)?;
+        fit.texels = descent.texels();
+        let held_out_psnr_db = fit.error(&fit.held_out)?.map(decibels);
+        let step = Step { iteration, seconds: start.elapsed().as_secs_f64(), smooth, rms, held_out_psnr_db };
+        history.push(step);
+        stopped = watch(&step).is_break();
+        if stopped {
+            break;
+        }
+    }
+    let stages = vec![Stage { name: "Adam".into(), seconds: start.elapsed().as_secs_f64() }];
+    Ok(Outcome { confidence: fit.confidence(USUAL)?, transfer: fit.transfer(), smooth, history, stages, stopped })
+}
+
+/// PSNR of a mean squared difference, peak 1.
+fn decibels(square: f64) -> f64 {
+    -10.0 * square.max(1e-20).log10()
 }
 
 fn least(tried: &[(f64, Vec<Rgbs>, f64)]) -> f64 {

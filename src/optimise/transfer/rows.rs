@@ -8,24 +8,28 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 /// Parts that sums are split into, whatever the number of threads.
-const LANES: usize = 16;
+pub(super) const LANES: usize = 16;
 
 /// Scratch memory of one lane.
-struct Scratch {
+pub(super) struct Scratch {
     tape: Tape<f32>,
     table: TableGradient,
     shared: ParameterGradient,
 }
 
 impl Scratch {
-    fn new(texels: usize) -> Self {
+    pub fn new(texels: usize) -> Self {
         let table = TableGradient { pieces: vec![[[0.0; 4]; 2]; texels + 1] };
         Self { tape: Tape::default(), table, shared: ParameterGradient::default() }
     }
 
-    /// Adds the derivatives of a loss on one pixel; `seen` gets its value.
-    fn walk(&mut self, dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize, loss: [f32; 4]) -> [f64; 4] {
+    /// Forgets all derivatives.
+    fn forget(&mut self) {
         self.table.pieces.fill([[0.0; 4]; 2]);
+    }
+
+    /// Adds the derivatives of a loss on one pixel, whose own are `loss`; returns the pixel.
+    pub fn walk(&mut self, dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize, loss: [f32; 4]) -> [f64; 4] {
         let share = 1.0 / rays.per_pixel as f32;
         let mut seen = [0.0; 4];
         for ray in rays.of(pixel) {
@@ -39,8 +43,13 @@ impl Scratch {
         seen
     }
 
+    /// A pixel.
+    pub fn see(&mut self, dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize) -> [f64; 4] {
+        see(dvr, rays, pixel, &mut self.tape)
+    }
+
     /// The derivative with respect to a texel's channel.
-    fn by(&self, texel: usize, channel: usize) -> f64 {
+    pub fn by(&self, texel: usize, channel: usize) -> f64 {
         self.table.pieces[texel][1][channel] + self.table.pieces[texel + 1][0][channel]
     }
 }
@@ -56,6 +65,7 @@ pub(super) fn lengths(clear: &Dvr<'_, f32>, rays: &Rays, texels: usize) -> Vec<L
     all.par_chunks_mut(part).enumerate().for_each(|(lane, lines)| {
         let mut scratch = Scratch::new(texels);
         for (i, line) in lines.iter_mut().enumerate() {
+            scratch.forget();
             scratch.walk(clear, rays, lane * part + i, [0.0, 0.0, 0.0, 1.0]);
             let entry = |j: usize| (j as u32, scratch.by(j, 3) as f32);
             *line = (0..texels).map(entry).filter(|(_, v)| *v != 0.0).collect();
@@ -149,6 +159,7 @@ fn derive(dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize, scale: f64, scratch: &m
     for channel in 0..4 {
         let mut loss = [0.0; 4];
         loss[channel] = 1.0;
+        scratch.forget();
         let seen = scratch.walk(dvr, rays, pixel, loss);
         let by = &mut row.by_extinction[channel];
         by.clear();
@@ -164,6 +175,17 @@ fn derive(dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize, scale: f64, scratch: &m
     row.compact();
 }
 
+fn see(dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize, tape: &mut Tape<f32>) -> [f64; 4] {
+    let mut seen = [0.0; 4];
+    for ray in rays.of(pixel) {
+        let found = dvr.radiance_on(ray, tape).rgba();
+        for c in 0..4 {
+            seen[c] += f64::from(found[c]) / rays.per_pixel as f64;
+        }
+    }
+    seen
+}
+
 /// Sum over all pixels of what `square` makes of seen less wanted.
 fn sum(dvr: &Dvr<'_, f32>, rays: &Rays, square: impl Fn([f64; 4]) -> f64 + Sync) -> f64 {
     let part = rays.len().div_ceil(LANES).max(1);
@@ -174,13 +196,7 @@ fn sum(dvr: &Dvr<'_, f32>, rays: &Rays, square: impl Fn([f64; 4]) -> f64 + Sync)
         .map(|(lane, wanted)| {
             let mut tape = Tape::default();
             let of = |(i, wanted): (usize, &[f32; 4])| {
-                let mut seen = [0.0; 4];
-                for ray in rays.of(lane * part + i) {
-                    let found = dvr.radiance_on(ray, &mut tape).rgba();
-                    for c in 0..4 {
-                        seen[c] += f64::from(found[c]) / rays.per_pixel as f64;
-                    }
-                }
+                let seen = see(dvr, rays, lane * part + i, &mut tape);
                 square(std::array::from_fn(|c| seen[c] - f64::from(wanted[c])))
             };
             wanted.iter().enumerate().map(of).sum::<f64>()

@@ -265,6 +265,10 @@ impl<R: Precision> Dvr<'_, R> {
     }
 }
 
+fn largest(colour: [f32; 3]) -> f64 {
+    colour.into_iter().fold(0.0, |m: f64, v| m.max(v.into()))
+}
+
 /// Direct volume renderer of a density field in precision `R`.
 #[derive(Debug, Clone)]
 pub struct Dvr<'a, R: Real> {
@@ -339,12 +343,23 @@ impl<'a, R: Real> Dvr<'a, R> {
         self
     }
 
-    /// Ends a ray once its transmittance is below `transmittance` (0: never). The radiance left out
-    /// is at most `transmittance` times the brightest of background and source.
+    /// Ends a ray once its transmittance is below `transmittance` (0: never); [`Dvr::left_out`] says what that costs.
     #[must_use]
     pub fn early_stop(mut self, transmittance: f64) -> Self {
         self.depth_limit = -transmittance.ln();
         self
+    }
+
+    /// The most that ending rays early changes in any channel of a pixel, alpha included. What lies behind a
+    /// transmittance T, the background too, adds up to a mean of its radiances times T; in its place stands T times
+    /// the background.
+    pub fn left_out(&self) -> f64 {
+        let brightest = match &self.medium.source {
+            Source::Grey(colour) => largest(*colour),
+            Source::Linear(colour) => largest(*colour) * self.field.range().1.f64().max(0.0),
+            Source::Transfer(table) => table.peak()[..3].iter().fold(0.0, |m: f64, v| m.max(*v)),
+        };
+        (-self.depth_limit).exp() * brightest.max(largest(self.background)).max(1.0)
     }
 
     /// Sets the radiance error that exact quadrature may leave in each piece of a ray, relative to the

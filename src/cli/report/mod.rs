@@ -1,0 +1,164 @@
+//! `cumulo report`: the page of a reconstruction, made again with more beside it.
+
+pub mod transfer;
+mod volume;
+
+use super::memory::Memory;
+use super::output::Output;
+use super::run::Run;
+use crate::error::{Error, Result};
+use crate::formats::transfer::Options;
+use crate::formats::vdb::{File, Limits};
+use crate::formats::{self, atomic, exr, transforms};
+use crate::render::film::Film;
+use crate::scene::camera::Camera;
+use crate::scene::capture::Capture;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use transfer::{FunctionError, TransferRun};
+use volume::VolumeError;
+
+/// Name of the run's record in the report's folder.
+const RECORD: &str = "run.json";
+
+/// Make the page of a reconstruction again, with what is true or other renders beside it
+#[derive(Debug, clap::Args)]
+pub struct Report {
+    /// Folder that `reconstruct --report` wrote
+    folder: PathBuf,
+    /// Volume, or transfer function, to compare with
+    #[arg(long, value_name = "IN.vdb|TF")]
+    reference: Option<PathBuf>,
+    /// Renders of the result from the same cameras, shown beside ours: their name and their capture
+    #[arg(long, value_name = "NAME=CAPTURE", value_parser = named)]
+    beside: Option<(String, PathBuf)>,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+fn named(text: &str) -> Result<(String, PathBuf), String> {
+    match text.split_once('=') {
+        Some((name, path)) if !name.is_empty() && !path.is_empty() => Ok((name.into(), path.into())),
+        _ => Err(format!("'{text}' is not NAME=CAPTURE")),
+    }
+}
+
+/// What a reconstruction did, by what it was of.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(tag = "reconstructed", rename_all = "snake_case")]
+pub enum Record {
+    /// Voxels.
+    Volume(Run),
+    /// A transfer function.
+    Transfer(TransferRun),
+}
+
+#[derive(Debug, Serialize)]
+struct Written {
+    report: PathBuf,
+    /// Of the volume against `--reference`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    volume: Option<VolumeError>,
+    /// Of the transfer function.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    transfer: Option<FunctionError>,
+}
+
+impl fmt::Display for Written {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.report.display())
+    }
+}
+
+/// Name and capture of other renders.
+type Beside = (String, Capture);
+
+impl Report {
+    /// Reads the record, renders, writes the page and says where it is.
+    ///
+    /// # Errors
+    /// If the record, the volumes or the pictures cannot be read, or the page cannot be written.
+    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let limits = self.memory.limits();
+        let path = self.folder.join(RECORD);
+        let text = std::fs::read(&path).map_err(|e| {
+            Error::io(&path, e).hint("the folder must be one that cumulo reconstruct --report has written")
+        })?;
+        let record: Record = serde_json::from_slice(&text)
+            .map_err(|e| Error::invalid(format!("this is no record of a run: {e}")).at(&path))?;
+        let beside = match &self.beside {
+            Some((name, path)) => Some((name.clone(), transforms::load(path)?)),
+            None => None,
+        };
+        let written = match &record {
+            Record::Volume(run) => {
+                let reference = self.reference.as_deref().map(|path| File::open(path, limits)?.read_fog(None));
+                let (page, volume) = volume::page(run, limits, reference.transpose()?.as_ref(), beside.as_ref())?;
+                Written { report: page.write(&self.folder)?, volume, transfer: None }
+            }
+            Record::Transfer(run) => {
+                let reference =
+                    self.reference.as_deref().map(|path| formats::transfer::load(path, &Options::default()));
+                let reference = reference.transpose()?.map(|loaded| loaded.transfer);
+                let views = transfer::views(run, &run.shown, limits, beside.as_ref())?;
+                let (page, function) = transfer::page(run, views, reference.as_ref())?;
+                Written { report: page.write(&self.folder)?, volume: None, transfer: function }
+            }
+        };
+        output.report(&written)?;
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// Makes the folder, before the work that it is to show.
+///
+/// # Errors
+/// The operating system's, with the path.
+pub fn prepare(dir: &Path) -> Result<()> {
+    std::fs::create_dir_all(dir)
+        .map_err(|e| Error::io(dir, e).hint("the report needs a folder that can be written to"))?;
+    atomic::probe(&dir.join(RECORD))
+}
+
+/// Writes the page of a volume and its record; the page's path.
+///
+/// # Errors
+/// As [`Report::run`].
+pub fn write(dir: &Path, run: &Run, limits: Limits) -> Result<PathBuf> {
+    keep(dir, &Record::Volume(Run { capture: absolute(&run.capture), output: absolute(&run.output), ..run.clone() }))?;
+    volume::page(run, limits, None, None)?.0.write(dir)
+}
+
+/// Writes the page of a transfer function, with views that were rendered already, and its record; the page's path.
+///
+/// # Errors
+/// As [`Report::run`].
+pub fn write_transfer(dir: &Path, run: &TransferRun, views: Vec<transfer::View>) -> Result<PathBuf> {
+    keep(dir, &Record::Transfer(run.with_paths(absolute)))?;
+    transfer::page(run, views, None)?.0.write(dir)
+}
+
+fn absolute(path: &Path) -> PathBuf {
+    std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
+}
+
+fn keep(dir: &Path, record: &Record) -> Result<()> {
+    let text = serde_json::to_vec_pretty(record).map_err(|e| Error::invalid(e.to_string()))?;
+    let path = dir.join(RECORD);
+    atomic::write(&path, |p| std::fs::write(p, &text).map_err(|e| Error::io(&path, e)))
+}
+
+/// The picture of other renders that was taken from where `camera` stands, with their name.
+fn extra(beside: Option<&Beside>, camera: &Camera) -> Result<Option<(String, Film)>> {
+    let near = 1e-6 * (1.0 + camera.position().length());
+    let same = |c: &Capture| {
+        let frame = c.frames.iter().find(|f| f.camera.camera_to_world.abs_diff_eq(camera.camera_to_world, near))?;
+        Some(frame.picture.clone())
+    };
+    match beside.and_then(|(name, capture)| Some((name.clone(), same(capture)?))) {
+        Some((name, path)) => Ok(Some((name, exr::read_picture(&path, None)?))),
+        None => Ok(None),
+    }
+}

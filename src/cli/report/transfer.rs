@@ -1,0 +1,269 @@
+//! A transfer function that was reconstructed: its record and its page.
+
+use super::{Beside, extra};
+use crate::cli::provenance::Provenance;
+use crate::cli::run;
+use crate::error::{Error, Result};
+use crate::formats::transfer::Options;
+use crate::formats::vdb::{File, Limits};
+use crate::formats::{exr, transfer, transforms};
+use crate::metrics;
+use crate::optimise::density::Stage;
+use crate::optimise::transfer::{Solver, Step};
+use crate::render;
+use crate::render::dvr::Dvr;
+use crate::render::quadrature::Quadrature;
+use crate::report::{Page, Plot, Series, ViewRow};
+use crate::scene::bricks::Bricks;
+use crate::scene::capture::Frame;
+use crate::scene::medium::{Medium, Source};
+use crate::scene::table::Table;
+use crate::scene::transfer::Transfer;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// A reconstruction of a transfer function.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct TransferRun {
+    /// The pictures' transforms.json.
+    pub capture: PathBuf,
+    /// The volume in them.
+    pub volume: PathBuf,
+    /// Its grid, if one was asked for.
+    pub grid: Option<String>,
+    /// The function that was written.
+    pub output: PathBuf,
+    /// How it was found.
+    pub solver: Solver,
+    /// Layer of the pictures that was asked for.
+    pub layer: Option<String>,
+    /// Number of texels.
+    pub texels: u32,
+    /// Densities that they cover.
+    pub domain: [f64; 2],
+    /// Weight of the smoothness prior.
+    pub smooth: f64,
+    /// Refinements, or epochs.
+    pub iterations: usize,
+    /// Wall time up to the writing of the function.
+    pub seconds: f64,
+    /// Root mean square difference over the rays that were used.
+    pub train_rms: Option<f64>,
+    /// Number of views.
+    pub views: usize,
+    /// Numbers of the held-out views.
+    pub held_out: Vec<usize>,
+    /// Numbers of the views that the page shows.
+    pub shown: Vec<usize>,
+    /// PSNR of the held-out views, peak 1.
+    pub held_out_psnr_db: Option<f64>,
+    /// Their structural similarity, mean over views.
+    pub held_out_ssim: Option<f64>,
+    /// Integration along rays.
+    pub quadrature: Quadrature,
+    /// Largest resident memory of the process in MB (2²⁰ bytes); none where the system does not tell.
+    pub peak_memory_mb: Option<f64>,
+    /// True if the user stopped it.
+    pub stopped: bool,
+    /// The page, if one was asked for.
+    pub report: Option<PathBuf>,
+    /// How much the pictures say about each texel's extinction and colour, 0..1.
+    pub confidence: Vec<[f64; 2]>,
+    /// Time by stage.
+    pub stages: Vec<Stage>,
+    /// Every refinement.
+    pub history: Vec<Step>,
+    /// Version, command line and hash of the inputs.
+    pub provenance: Provenance,
+}
+
+impl TransferRun {
+    /// The same with other paths.
+    #[must_use]
+    pub(super) fn with_paths(&self, other: fn(&Path) -> PathBuf) -> Self {
+        Self { capture: other(&self.capture), volume: other(&self.volume), output: other(&self.output), ..self.clone() }
+    }
+}
+
+impl fmt::Display for TransferRun {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [low, high] = self.domain;
+        let steps = self.solver.steps();
+        writeln!(f, "{}: {} texels over densities {low} to {high}", self.output.display(), self.texels)?;
+        writeln!(f, "  {} {steps} in {:.2} s, smoothness {:.0e}", self.iterations, self.seconds, self.smooth)?;
+        if let (Some(psnr), Some(ssim)) = (self.held_out_psnr_db, self.held_out_ssim) {
+            writeln!(f, "  held-out views {psnr:.2} dB, SSIM {ssim:.4} ({})", self.held_out.len())?;
+        }
+        let unseen = self.confidence.iter().filter(|c| c[0] < 0.5).count();
+        if unseen > 0 {
+            writeln!(f, "  {unseen} texels are the prior's more than the pictures'")?;
+        }
+        if let Some(page) = &self.report {
+            writeln!(f, "  report         {}", page.display())?;
+        }
+        Ok(())
+    }
+}
+
+/// The volume, with all of its box: the function may absorb where the density is zero.
+///
+/// # Errors
+/// If it cannot be read or has no density above zero.
+pub fn field(volume: &Path, grid: Option<&str>, limits: Limits) -> Result<Bricks<f32>> {
+    let grid = File::open(volume, limits)?.read_fog(grid)?;
+    let arrange = || {
+        let mut field = Bricks::from_grid(&grid, limits.max_memory)?;
+        field.domain = grid.active_box();
+        field.filled(limits.max_memory)
+    };
+    let field = arrange().map_err(|e| e.at(volume))?;
+    if field.range().1 <= 0.0 {
+        return Err(Error::invalid("the volume has no density above zero").at(volume));
+    }
+    Ok(field)
+}
+
+/// A view beside its render by the function that was found.
+#[derive(Debug)]
+pub struct View {
+    /// Both.
+    pub row: ViewRow,
+    /// Mean squared difference of the colours.
+    pub square: f64,
+    /// Structural similarity.
+    pub ssim: f64,
+}
+
+/// Renders views of a run again.
+///
+/// # Errors
+/// If the pictures, the volume or the function cannot be read.
+pub fn views(run: &TransferRun, which: &[usize], limits: Limits, beside: Option<&Beside>) -> Result<Vec<View>> {
+    let capture = transforms::load(&run.capture)?;
+    let function = transfer::load(&run.output, &Options::default())?.transfer;
+    let field = field(&run.volume, run.grid.as_deref(), limits)?;
+    let source = Source::Transfer(Arc::new(function.table().map_err(|e| e.at(&run.output))?));
+    let dvr = Dvr::new(&field, Medium { extinction: capture.density_scale, source })?
+        .background(capture.background)
+        .quadrature(run.quadrature);
+    let rays = run::rays_per_edge(capture.pixel_filter);
+    let never = AtomicBool::new(false);
+    let frames = which.iter().filter_map(|i| Some((*i, capture.frames.get(*i)?)));
+    let of = |(i, frame): (usize, &Frame)| {
+        let picture = exr::read_picture(&frame.picture, run.layer.as_deref())?;
+        let render = render::picture(&dvr, &frame.camera, rays, &never).ok_or_else(Error::cancelled)?;
+        let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
+        let row = ViewRow {
+            name: frame.picture.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            picture,
+            render,
+            extra: extra(beside, &frame.camera)?,
+            held_out: run.held_out.contains(&i),
+            psnr_db: Some(comparison.psnr_db),
+            note: String::new(),
+        };
+        Ok(View { row, square: comparison.rms * comparison.rms, ssim: comparison.ssim })
+    };
+    frames.map(of).collect()
+}
+
+/// How far the function is from another one.
+#[derive(Debug, Clone, Serialize)]
+pub struct FunctionError {
+    /// Root mean square difference of the extinctions over the texels, relative to the largest of the other function.
+    extinction_rms: f64,
+    /// The same of the colours, each texel by its share of that extinction: nobody sees those that do not absorb.
+    colour_rms: f64,
+}
+
+impl FunctionError {
+    fn new(found: &Table, reference: &Table) -> Self {
+        let peak = reference.peak()[3].max(f64::MIN_POSITIVE);
+        let (mut extinction, mut colour, mut seen) = (0.0, 0.0, 0.0);
+        for (knot, value) in found.knots().iter().zip(found.values()) {
+            let other = reference.at(*knot);
+            let share = other[3] / peak;
+            extinction += ((value[3] - other[3]) / peak).powi(2);
+            colour += share * (0..3).map(|c| (value[c] - other[c]).powi(2) / 3.0).sum::<f64>();
+            seen += share;
+        }
+        Self {
+            extinction_rms: (extinction / found.knots().len() as f64).sqrt(),
+            colour_rms: (colour / f64::max(seen, f64::MIN_POSITIVE)).sqrt(),
+        }
+    }
+}
+
+/// The page: figures, the function, views beside re-renders, convergence, times, provenance.
+///
+/// # Errors
+/// If the function cannot be read, or a plot cannot be drawn.
+pub fn page(
+    run: &TransferRun,
+    views: Vec<View>,
+    reference: Option<&Transfer>,
+) -> Result<(Page, Option<FunctionError>)> {
+    let table = transfer::load(&run.output, &Options::default())?.transfer.table().map_err(|e| e.at(&run.output))?;
+    let reference = reference.map(Transfer::table).transpose()?;
+    let error = reference.as_ref().map(|reference| FunctionError::new(&table, reference));
+    let name = run.output.file_name().unwrap_or_default().to_string_lossy();
+    let mut page = Page::new(
+        format!("{name}, from {} pictures", run.views),
+        format!(
+            "{} texels of colour and extinction that explain {} views of '{}'{}.",
+            run.texels,
+            run.views - run.held_out.len(),
+            run.volume.file_name().unwrap_or_default().to_string_lossy(),
+            if run.stopped { "; stopped before the end" } else { "" }
+        ),
+    );
+    let mut figures = Vec::new();
+    if let Some(error) = &error {
+        figures.push(("Extinction, RMS error", format!("{:.2} %", 100.0 * error.extinction_rms)));
+        figures.push(("Colour, RMS error", format!("{:.4}", error.colour_rms)));
+    }
+    if let (Some(psnr), Some(ssim)) = (run.held_out_psnr_db, run.held_out_ssim) {
+        figures.push(("Held-out views", format!("{psnr:.2} dB")));
+        figures.push(("SSIM", format!("{ssim:.4}")));
+    }
+    figures.push(("Time", format!("{:.1} s", run.seconds)));
+    figures.push(("Steps", format!("{} {}", run.iterations, run.solver.steps())));
+    figures.push(("Smoothness", format!("{:.0e}", run.smooth)));
+    page.figures(&figures);
+
+    let line = |label: &str, value: &dyn Fn(usize) -> f64| Series {
+        label: label.into(),
+        points: table.knots().iter().enumerate().map(|(i, k)| (*k, value(i))).collect(),
+    };
+    let plot = |y: &str, series: Vec<Series>| Plot { x: "density".into(), y: y.into(), series };
+    let values = table.values();
+    let mut extinctions = vec![line("extinction", &|i| values[i][3])];
+    // In the order of the plot's colours, which begin with a blue, an orange and a green.
+    let channels = [("blue", 2), ("red", 0), ("green", 1)];
+    let mut colours: Vec<Series> = channels.map(|(label, c)| line(label, &move |i| values[i][c])).into();
+    if let Some(reference) = &reference {
+        let of = |label: &str, c: usize| Series {
+            label: format!("{label}, reference"),
+            points: table.knots().iter().map(|k| (*k, reference.at(*k)[c])).collect(),
+        };
+        extinctions.push(of("extinction", 3));
+        colours.extend(channels.map(|(label, c)| of(label, c)));
+    }
+    page.plot("Extinction", &plot("per world unit", extinctions))?;
+    page.plot("Colour", &plot("radiance of the source", colours))?;
+    let share = |c: usize| move |i: usize| run.confidence.get(i).map_or(0.0, |of| of[c]);
+    let known = vec![line("extinction", &share(0)), line("colour", &share(1))];
+    page.plot("What the pictures say", &plot("share of the pictures, not of the prior", known))?;
+    let rows: Vec<ViewRow> = views.into_iter().map(|v| v.row).collect();
+    page.views("Views", &rows, run.views)?;
+    if run.held_out_psnr_db.is_some() {
+        let steps = run.history.iter().map(|s| (s.seconds, s.held_out_psnr_db, 0));
+        page.plot("Convergence", &Plot::convergence(steps))?;
+    }
+    page.stages(&run.stages.iter().map(|s| (s.name.as_str(), s.seconds)).collect::<Vec<_>>());
+    page.provenance(&run.provenance.rows());
+    Ok((page, error))
+}
