@@ -33,7 +33,7 @@ use std::time::Instant;
 ///
 /// Cameras of the capture are where the search begins: a few degrees and a few percent of the distance off. Position
 /// and rotation of each are moved until what it sees of the volume is its picture. Where the capture's model is
-/// pre-shaded, the volume has a grid of emissions beside that of extinctions. Ctrl-C writes what is there (exit code 1).
+/// pre-shaded, the volume needs a grid 'emission' beside its extinctions. Ctrl-C writes what is there (exit code 1).
 #[derive(Debug, clap::Args)]
 pub struct Pose {
     /// transforms.json of the pictures, or its folder
