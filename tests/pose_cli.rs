@@ -5,18 +5,19 @@
 mod fields;
 mod work;
 
-use cumulo::formats::vdb::{Codec, write_grids};
+use cumulo::formats::vdb::{Codec, shaded, write_grids};
 use cumulo::formats::{transfer, transforms};
 use cumulo::optimise::normal::Frame;
 use cumulo::optimise::rows::Rows;
 use cumulo::render::dvr::Dvr;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, CameraGradient, Projection};
+use cumulo::scene::capture::Model;
 use cumulo::scene::grid::Grid;
 use cumulo::scene::medium::{Medium, Source};
 use cumulo::scene::sphere::{Sphere, upright};
 use cumulo::scene::transfer::Transfer;
-use fields::{field, grid, lumps, noise, odd, unit};
+use fields::{field, grid, lumps, noise, odd, tinted, unit};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
@@ -87,20 +88,22 @@ fn two_tone(work: &Work) {
 fn disturbed_cameras_come_back() {
     let work = Work::new();
     write(&work, "a.vdb", &lumpy());
+    shaded::write(&work.path("shaded.vdb"), &tinted::<f32>(32, 0.4, unit()), &[], &BTreeMap::new()).unwrap();
     two_tone(&work);
-    let middle = centre(&work, "a.vdb");
-    for (name, options) in [
-        ("absorption", ""),
-        ("linear", "--model emission-absorption --emission-model linear --emission 1,0.5,0.2"),
-        ("transfer", "--tf two.tf.json"),
+    for (name, volume, options) in [
+        ("absorption", "a.vdb", ""),
+        ("linear", "a.vdb", "--model emission-absorption --emission-model linear --emission 1,0.5,0.2"),
+        ("transfer", "a.vdb", "--tf two.tf.json"),
+        ("pre-shaded", "shaded.vdb", "--model pre-shaded --background 0.1,0.2,0.3"),
     ] {
+        let middle = centre(&work, volume);
         work.json(&format!(
-            "render a.vdb --views 6 --size 128x128 --density-scale auto --quadrature exact {options} -o {name}"
+            "render {volume} --views 6 --size 128x128 --density-scale auto --quadrature exact {options} -o {name}"
         ));
         disturb(&work, &format!("{name}/transforms.json"), &format!("{name}/off.json"), middle, 2.0, 2.0, 1.0);
         let (degrees, percent) = apart(&work, &format!("{name}/transforms.json"), &format!("{name}/off.json"), middle);
         assert!((degrees - 2.0).abs() < 1e-6 && (percent - 2.0).abs() < 1e-6, "{degrees} {percent}");
-        let report = work.json(&format!("pose {name}/off.json --volume a.vdb -o {name}/found.json"));
+        let report = work.json(&format!("pose {name}/off.json --volume {volume} -o {name}/found.json"));
         let (degrees, percent) =
             apart(&work, &format!("{name}/transforms.json"), &format!("{name}/found.json"), middle);
         assert!(degrees < 0.05 && percent < 0.05, "{name}: {degrees} degrees, {percent} %\n{report:#}");
@@ -137,13 +140,13 @@ fn rows_are_derivatives() {
     let camera = sphere.camera(&upright(DVec3::new(0.3, -0.5, 0.8).normalize()));
     let frame = Frame::new(&camera, sphere.distance);
     let seen = |camera: &Camera| -> Vec<[f64; 4]> {
-        let rows = Rows { dvr: &dvr, camera, rays_per_edge: 2 };
+        let rows = Rows { renderer: &dvr, camera, rays_per_edge: 2 };
         let all = rows.fold(|_| true, &[], |all: &mut Vec<(usize, [f64; 4])>, i, seen, _| all.push((i, *seen)));
         let mut all: Vec<_> = all.into_iter().flatten().collect();
         all.sort_by_key(|p| p.0);
         all.into_iter().map(|p| p.1).collect()
     };
-    let rows = Rows { dvr: &dvr, camera: &camera, rays_per_edge: 2 };
+    let rows = Rows { renderer: &dvr, camera: &camera, rays_per_edge: 2 };
     let losses: [[f32; 4]; 2] = [[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
     let found = rows.fold(
         |i| i % 3 == 0,
@@ -297,6 +300,10 @@ fn what_cannot_be_used_is_named() {
     work.refused("pose c --volume a.vdb -o none/o.json", &["none/o.json", "folder"]);
     work.refused("pose c --volume a.vdb -o o.json --tf none.json", &["none.json"]);
     work.refused("pose c -o o.json", &["--volume"]);
+    let mut shaded = transforms::load(&work.path("c")).unwrap();
+    shaded.model = Model::PreShaded;
+    transforms::save(&work.path("c/shaded.json"), &shaded, &Map::new()).unwrap();
+    work.refused("pose c/shaded.json --volume a.vdb -o o.json", &["a.vdb", "'emission'", "vec3s"]);
     let mut capture = transforms::load(&work.path("c")).unwrap();
     capture.frames[1].camera.width = 17;
     transforms::save(&work.path("c/wide.json"), &capture, &Map::new()).unwrap();

@@ -3,29 +3,23 @@
 
 mod fields;
 
-use cumulo::lanes::Lanes;
-use cumulo::math::Ray;
+use cumulo::math::{Aabb, Affine, Ray};
 use cumulo::real::Real;
-use cumulo::render::preshaded::{Preshaded, Tape};
+use cumulo::render::dvr::RayGradient;
+use cumulo::render::preshaded::{Preshaded, Sinks, Tape};
 use cumulo::scene::bricks::Bricks;
-use fields::{field, lumps, noise, odd, unit};
-use glam::{DVec3, DVec4};
+use cumulo::scene::camera::{Camera, CameraGradient, Projection};
+use fields::{noise, odd, tinted, unit};
+use glam::{DVec2, DVec3, DVec4};
 
 const N: i32 = 20;
 
 /// Emissions and extinctions of a lumpy field; these `thick` times as large.
-fn volume<R: Real>(thick: f64, transform: cumulo::math::Affine) -> Bricks<R::Lanes> {
-    let density: Bricks<R> = field(N, transform, lumps(N));
-    let mut volume = Bricks::<R::Lanes>::zeros(density.topology.clone(), transform);
-    for (v, d) in volume.values.iter_mut().zip(&density.values) {
-        // Apron copies must agree: the tint follows the density, not the slot.
-        let tint = |k: f64| R::of(d.f64() * (1.0 + 0.5 * (k * 9.0 * d.f64()).sin()));
-        *v = R::Lanes::load([tint(1.0), tint(2.0), tint(3.0), R::of(thick * d.f64())]);
-    }
-    volume
+fn volume<R: Real>(thick: f64, transform: Affine) -> Bricks<R::Lanes> {
+    tinted::<R>(N, thick, transform)
 }
 
-fn rays(transform: &cumulo::math::Affine) -> Vec<Ray> {
+fn rays(transform: &Affine) -> Vec<Ray> {
     let at = |k: u64| DVec3::new(noise(3 * k), noise(3 * k + 1), noise(3 * k + 2));
     (0..12)
         .map(|k| {
@@ -97,7 +91,9 @@ fn gradients_are_those_of_differences() {
                 seen.rgba().iter().zip(weights).map(|(v, w)| v * w).sum::<f64>()
             };
             let mut gradient = vec![DVec4::ZERO; volume.values.len()];
-            Preshaded::<f64>::new(&volume, [0.4, 0.1, 0.8]).gradient(ray, |_| weights, &mut gradient);
+            let sinks = Sinks { values: Some(&mut gradient), ray: None, background: &mut [0.0; 3] };
+            let renderer = Preshaded::<f64>::new(&volume, [0.4, 0.1, 0.8]);
+            renderer.gradient(ray, &mut |_| weights, sinks, &mut Tape::default());
             let scale = gradient.iter().fold(0.0_f64, |a, v| a.max(v.abs().max_element()));
             let touched: Vec<usize> = (0..gradient.len()).filter(|i| gradient[*i] != DVec4::ZERO).collect();
             assert!(touched.len() > 50);
@@ -151,5 +147,194 @@ fn single_precision_is_close() {
         for c in 0..3 {
             assert!((f64::from(a.rgb[c]) - b.rgb[c]).abs() < 1e-5, "{:?} {:?}", a.rgb, b.rgb);
         }
+    }
+}
+
+const WEIGHTS: [f64; 4] = [0.7, -0.3, 0.5, 0.9];
+const BACKGROUND: [f32; 3] = [0.4, 0.1, 0.8];
+
+fn loss(volume: &Bricks<DVec4>, ray: &Ray) -> f64 {
+    let seen = Preshaded::<f64>::new(volume, BACKGROUND).trace(ray, &mut Tape::default());
+    seen.rgba().iter().zip(WEIGHTS).map(|(v, w)| v * w).sum()
+}
+
+/// Derivatives by the ray and by the background.
+fn followed(volume: &Bricks<DVec4>, ray: &Ray) -> (RayGradient, [f64; 3]) {
+    let (mut by, mut background) = (RayGradient::default(), [0.0; 3]);
+    let sinks = Sinks { values: None, ray: Some(&mut by), background: &mut background };
+    Preshaded::<f64>::new(volume, BACKGROUND).gradient(ray, &mut |_| WEIGHTS, sinks, &mut Tape::default());
+    (by, background)
+}
+
+fn close(what: &str, found: f64, difference: f64, scale: f64) {
+    assert!((found - difference).abs() < 1e-6 * scale, "{what}: {found}, by differences {difference}");
+}
+
+/// Origin and direction have the derivatives of what is computed: cut cells and moving faces included.
+fn rays_are_followed(volume: &Bricks<DVec4>, rays: &[Ray]) {
+    let h = 1e-6;
+    let found: Vec<RayGradient> = rays.iter().map(|ray| followed(volume, ray).0).collect();
+    let scale = found.iter().fold([0.0_f64; 2], |[a, b], by| [a.max(by.origin.length()), b.max(by.direction.length())]);
+    assert!(scale[0] > 1e-3);
+    for (ray, by) in rays.iter().zip(&found) {
+        for axis in DVec3::AXES {
+            let shifted = |h: f64| loss(volume, &Ray { origin: ray.origin + h * axis, ..*ray });
+            close("origin", by.origin.dot(axis), (shifted(h) - shifted(-h)) / (2.0 * h), scale[0]);
+            let turned = |h: f64| loss(volume, &Ray { direction: (ray.direction + h * axis).normalize(), ..*ray });
+            let across = axis - ray.direction * ray.direction.dot(axis);
+            close("direction", by.direction.dot(across), (turned(h) - turned(-h)) / (2.0 * h), scale[1]);
+        }
+    }
+}
+
+#[test]
+fn rays_are_followed_as_differences_say() {
+    for thick in [0.3, 3.0, 8.0] {
+        for transform in [odd(), unit()] {
+            rays_are_followed(&volume::<f64>(thick, transform), &rays(&transform));
+        }
+        let along =
+            DVec3::AXES.map(|direction| Ray { origin: DVec3::new(8.3, 9.2, 8.7) - 30.0 * direction, direction });
+        let within = Ray { origin: DVec3::new(8.3, 9.2, 8.7), direction: DVec3::new(0.6, -0.48, 0.64) };
+        rays_are_followed(&volume::<f64>(thick, unit()), &[along[0], along[1], along[2], within]);
+    }
+}
+
+/// A field that is not zero where its box ends, between voxels.
+#[test]
+fn entry_and_exit_move_with_the_ray() {
+    for transform in [odd(), unit()] {
+        let mut volume = volume::<f64>(1.0, transform);
+        volume.domain = Aabb { min: DVec3::new(5.3, 6.4, 4.0), max: DVec3::new(13.7, 14.2, 12.0) };
+        rays_are_followed(&volume, &rays(&transform));
+    }
+}
+
+/// An origin that moves along its ray, outside of the field, changes nothing.
+#[test]
+fn along_itself_a_ray_stays() {
+    for thick in [0.3, 8.0] {
+        let volume = volume::<f64>(thick, odd());
+        for ray in rays(&odd()) {
+            let by = followed(&volume, &ray).0.origin;
+            assert!(by.dot(ray.direction).abs() < 1e-13 * (1.0 + by.length()), "{by} {}", ray.direction);
+        }
+    }
+}
+
+/// A ray in a face of cells that gains no more than rounding across it: no more than what both sides give.
+#[test]
+fn a_grazed_face_does_no_harm() {
+    let (single, double) = (volume::<f32>(0.3, unit()), volume::<f64>(0.3, unit()));
+    let ray = |y: f64, tilt: f64| Ray { origin: DVec3::new(-30.0, y, 8.7), direction: DVec3::new(1.0, tilt, 0.0) };
+    let [low, high] = [-1e-7, 1e-7].map(|d| followed(&double, &ray(9.0 + d, 0.0)).0.origin);
+    for tilt in [0.0, 1e-17, -1e-17, 1e-12, -1e-9] {
+        // Somewhere in the volume it crosses y = 9.
+        let ray = ray(9.0 - 38.0 * tilt, tilt);
+        let mut by = RayGradient::default();
+        let sinks = Sinks { values: None, ray: Some(&mut by), background: &mut [0.0; 3] };
+        let weights = WEIGHTS.map(|w| w as f32);
+        Preshaded::<f32>::new(&single, BACKGROUND).gradient_on(&ray, &mut |_| weights, sinks, &mut Tape::default());
+        for found in [by.origin, followed(&double, &ray).0.origin] {
+            let slack = DVec3::splat(1e-4);
+            let inside = found.cmpge(low.min(high) - slack) & found.cmple(low.max(high) + slack);
+            assert!(inside.all(), "{tilt}: {found}, not between {low} and {high}");
+        }
+    }
+}
+
+#[test]
+fn cameras_and_background_have_the_derivatives_of_differences() {
+    let volume = volume::<f64>(2.0, odd());
+    let lens = (DVec2::new(150.0, 130.0), DVec2::new(16.5, 12.0));
+    let middle = odd().to_world(DVec3::new(8.0, 10.0, 9.0));
+    for projection in [Projection::Perspective, Projection::Orthographic] {
+        let camera = Camera {
+            camera_to_world: Camera::look_at(middle + DVec3::new(30.0, -20.0, 25.0), middle, DVec3::Z),
+            projection,
+            focal: if projection == Projection::Perspective { lens.0 } else { lens.0 / 40.0 },
+            centre: lens.1,
+            width: 32,
+            height: 24,
+            near: 0.25,
+        };
+        let pixels = [(16.2, 12.6), (14.5, 10.5), (19.5, 13.5), (12.5, 14.5)];
+        let seen = |camera: &Camera| pixels.iter().map(|(x, y)| loss(&volume, &camera.ray(*x, *y))).sum::<f64>();
+        let by = pixels.iter().fold(CameraGradient::default(), |sum, (x, y)| {
+            let by = followed(&volume, &camera.ray(*x, *y)).0;
+            sum.plus(&camera.gradient(*x, *y, by.origin, by.direction))
+        });
+        // Steps that move rays about as far.
+        let check = |what: &str, found: f64, size: f64, h: f64, set: &dyn Fn(&mut CameraGradient, f64)| {
+            let at = |h: f64| {
+                let mut step = CameraGradient::default();
+                set(&mut step, h);
+                seen(&camera.moved(&step))
+            };
+            close(what, found, (at(h) - at(-h)) / (2.0 * h), size);
+        };
+        for a in 0..3 {
+            check("position", by.position[a], by.position.length(), 4e-6, &|s, h| s.position[a] = h);
+            check("rotation", by.rotation[a], by.rotation.length(), 1e-7, &|s, h| s.rotation[a] = h);
+        }
+        for a in 0..2 {
+            check("focal", by.focal[a], by.focal.length(), 1e-5 * camera.focal[a], &|s, h| s.focal[a] = h);
+            check("centre", by.centre[a], by.centre.length(), 1e-5, &|s, h| s.centre[a] = h);
+        }
+        assert!(by.position.length() > 1e-3 && by.focal.length() > 1e-5, "{by:?}");
+    }
+    for ray in rays(&odd()) {
+        let found = followed(&volume, &ray).1;
+        let open = Preshaded::<f64>::new(&volume, BACKGROUND).trace(&ray, &mut Tape::default()).transmittance;
+        assert_eq!(found, [0, 1, 2].map(|c| WEIGHTS[c] * open));
+    }
+}
+
+/// A ray beside the field, and one that begins behind it.
+#[test]
+fn a_ray_that_misses_has_no_derivative() {
+    let volume = volume::<f64>(1.0, unit());
+    for origin in [DVec3::new(-50.0, 100.0, 5.0), DVec3::new(50.0, 5.0, 5.0)] {
+        let (by, background) = followed(&volume, &Ray { origin, direction: DVec3::X });
+        assert_eq!((by, background), (RayGradient::default(), [0, 1, 2].map(|c| WEIGHTS[c])));
+    }
+}
+
+/// The gradient by the emissions is the transpose, too; and what is not asked for changes nothing.
+#[test]
+fn what_else_is_asked_for_changes_nothing() {
+    let volume = volume::<f64>(3.0, odd());
+    for ray in rays(&odd()) {
+        let renderer = Preshaded::<f64>::new(&volume, BACKGROUND);
+        let mut tape = Tape::default();
+        let seen = renderer.trace(&ray, &mut tape);
+        let [mut by_tape, mut by_value] = [(); 2].map(|()| vec![DVec4::ZERO; volume.values.len()]);
+        let (mut by_ray, mut background) = (RayGradient::default(), [0.0; 3]);
+        let sinks = Sinks { values: Some(&mut by_value), ray: Some(&mut by_ray), background: &mut background };
+        assert_eq!(renderer.gradient(&ray, &mut |_| WEIGHTS, sinks, &mut tape), seen);
+        assert_eq!((by_ray, background), followed(&volume, &ray));
+        tape.spread([WEIGHTS[0], WEIGHTS[1], WEIGHTS[2]], &mut by_tape);
+        for (a, b) in by_tape.iter().zip(&by_value) {
+            assert!((a.truncate() - b.truncate()).abs().max_element() < 1e-14, "{a} {b}");
+        }
+    }
+}
+
+#[test]
+fn single_precision_follows_as_closely() {
+    let (single, double) = (volume::<f32>(0.8, odd()), volume::<f64>(0.8, odd()));
+    let all = rays(&odd()).into_iter().map(|ray| {
+        let mut by = RayGradient::default();
+        let sinks = Sinks { values: None, ray: Some(&mut by), background: &mut [0.0; 3] };
+        let weights = WEIGHTS.map(|w| w as f32);
+        Preshaded::<f32>::new(&single, BACKGROUND).gradient_on(&ray, &mut |_| weights, sinks, &mut Tape::default());
+        (by, followed(&double, &ray).0)
+    });
+    let all: Vec<_> = all.collect();
+    let scale =
+        all.iter().fold([0.0_f64; 2], |[a, b], (_, by)| [a.max(by.origin.length()), b.max(by.direction.length())]);
+    for (a, b) in all {
+        assert!((a.origin - b.origin).length() < 1e-4 * scale[0], "{a:?} {b:?}");
+        assert!((a.direction - b.direction).length() < 1e-4 * scale[1], "{a:?} {b:?}");
     }
 }

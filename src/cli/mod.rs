@@ -17,6 +17,7 @@ pub mod reconstruct;
 pub mod render;
 pub mod report;
 pub mod run;
+pub mod scene;
 pub mod transfer;
 pub mod validate;
 pub mod viewpoint;

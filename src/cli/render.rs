@@ -1,31 +1,26 @@
 //! `cumulo render`: pictures of a volume from many sides, as a capture.
 
-use super::light::Light;
 use super::memory::Memory;
 use super::output::Output;
 use super::parse::{self, DensityScale};
 use super::provenance::Provenance;
+use super::scene::Scene;
 use super::transfer::TransferOption;
 use super::{cancel, volume};
 use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::formats::transforms::{self, FILE_NAME};
-use crate::formats::vdb::{File, Limits, shaded};
-use crate::render::dvr::Dvr;
-use crate::render::preshaded::Preshaded;
+use crate::formats::vdb::Limits;
 use crate::render::quadrature::Quadrature;
 use crate::render::scale;
-use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
 use crate::scene::medium::Source;
 use crate::scene::orbit::{self, Layout};
 use crate::scene::transfer::Transfer;
-use glam::Vec4;
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
-use std::borrow::Cow;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -90,38 +85,6 @@ pub struct Render {
     grid: Option<String>,
     #[command(flatten)]
     memory: Memory,
-}
-
-/// What is rendered.
-enum Scene {
-    /// Light that follows the density.
-    Density(Bricks<f32>),
-    /// Emissions and extinctions.
-    PreShaded(Bricks<Vec4>),
-}
-
-impl Scene {
-    /// What the optical depth is made of.
-    fn extinctions(&self) -> Cow<'_, Bricks<f32>> {
-        match self {
-            Self::Density(field) => Cow::Borrowed(field),
-            Self::PreShaded(volume) => Cow::Owned(volume.channel(3)),
-        }
-    }
-
-    fn light(&mut self, capture: &Capture, quadrature: Quadrature) -> Result<Light<'_>> {
-        Ok(match self {
-            Self::Density(field) => Light::Density(
-                Dvr::new(field, capture.medium()?)?.background(capture.background).quadrature(quadrature),
-            ),
-            Self::PreShaded(volume) => {
-                // It multiplies emissions too: colours stay.
-                let scale = capture.density_scale as f32;
-                volume.values.par_iter_mut().for_each(|v| *v *= scale);
-                Light::PreShaded(Preshaded::new(volume, capture.background))
-            }
-        })
-    }
 }
 
 #[derive(Debug, Serialize)]
@@ -250,8 +213,7 @@ impl Render {
     /// The volume, with the transfer function that is seen through.
     fn scene(&self, asked: Option<&Capture>, limits: Limits) -> Result<(Scene, Option<Transfer>)> {
         if self.model.or(asked.map(|c| c.model)) == Some(Model::PreShaded) && self.transfer.tf.is_none() {
-            let file = File::open(&self.input, limits)?;
-            return Ok((Scene::PreShaded(shaded::read(&file, self.grid.as_deref(), limits.max_memory)?), None));
+            return Ok((Scene::pre_shaded(&self.input, self.grid.as_deref(), limits)?, None));
         }
         let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
         let transfer = self.transfer(transfer, asked);

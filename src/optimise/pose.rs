@@ -6,7 +6,7 @@
 use crate::optimise::normal::{Frame, Normal, Pose, Spectrum, steps};
 use crate::optimise::pictures::Target;
 use crate::optimise::rows::Rows;
-use crate::render::dvr::Dvr;
+use crate::render::Renderer;
 use crate::scene::camera::Camera;
 use crate::scene::medium::{Medium, Source};
 use glam::DVec3;
@@ -23,13 +23,58 @@ const DAMPING: f64 = 1e-4;
 /// Steps in a row that make it worse, after which a search ends.
 const PATIENCE: u32 = 6;
 
+/// Derivatives that a walk gives, and how the colours' follow from them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Colours {
+    /// One a walk: derivatives with respect to red, green, blue and alpha.
+    losses: Vec<[f32; 4]>,
+    /// By colour, for each loss.
+    mix: [[f64; 3]; 3],
+}
+
+impl Colours {
+    /// Of a medium: those of a source of one shape are the same function of the ray but for factors.
+    pub fn of(medium: &Medium, background: [f32; 3]) -> Self {
+        let behind = background.map(f64::from);
+        match &medium.source {
+            // L = α colour + (1 - α) background.
+            Source::Grey(colour) => Self {
+                losses: vec![unit(3)],
+                mix: std::array::from_fn(|c| [f64::from(colour[c]) - behind[c], 0.0, 0.0]),
+            },
+            // L = e colour + (1 - α) background: e from the brightest.
+            Source::Linear(colour) => {
+                let most = (0..3).fold(0, |most, c| if colour[c] > colour[most] { c } else { most });
+                let share =
+                    |c: usize| if colour[c] > 0.0 { f64::from(colour[c]) / f64::from(colour[most]) } else { 0.0 };
+                Self {
+                    losses: vec![unit(most), unit(3)],
+                    mix: std::array::from_fn(|c| [share(c), share(c) * behind[most] - behind[c], 0.0]),
+                }
+            }
+            Source::Transfer(_) => Self::apart(),
+        }
+    }
+
+    /// Each a function of its own.
+    pub fn apart() -> Self {
+        Self {
+            losses: [0, 1, 2].map(unit).to_vec(),
+            mix: [0, 1, 2].map(|c| std::array::from_fn(|i| if i == c { 1.0 } else { 0.0 })),
+        }
+    }
+}
+
+/// One of red, green, blue and alpha.
+fn unit(c: usize) -> [f32; 4] {
+    std::array::from_fn(|i| if i == c { 1.0 } else { 0.0 })
+}
+
 /// What is looked for.
 #[derive(Debug, Clone, Copy)]
 pub struct Request<'r> {
-    /// What pictures show of the density.
-    pub medium: &'r Medium,
-    /// Radiance behind it.
-    pub background: [f32; 3],
+    /// How colours follow from what the renderer's walks give.
+    pub colours: &'r Colours,
     /// A point that cameras look at: their distance to it is the unit of their position.
     pub centre: DVec3,
     /// Steps on each size of pictures, at most.
@@ -56,13 +101,13 @@ pub struct Found {
 /// Moves cameras to where their pictures agree with what is seen. Those of `targets` are where they begin; `tick` is
 /// told of every camera and size of picture that is done. Once `cancel` is set they stay where they are.
 pub fn solve(
-    dvr: &Dvr<'_, f32>,
+    renderer: &impl Renderer,
     targets: &[Target],
     request: &Request<'_>,
     cancel: &AtomicBool,
     tick: &(dyn Fn() + Sync),
 ) -> Vec<Found> {
-    let search = |group: &[Target]| Search::new(dvr, group, request, cancel).run(tick);
+    let search = |group: &[Target]| Search::new(renderer, group, request, cancel).run(tick);
     if request.solve_focal {
         return search(targets);
     }
@@ -111,48 +156,11 @@ fn shrunk(camera: &Camera, level: usize) -> Camera {
     }
 }
 
-/// Derivatives that a walk gives, and how the colours' follow from them: all colours of a source of one shape are
-/// the same function of the ray but for factors.
-struct Colours {
-    losses: Vec<[f32; 4]>,
-    /// By colour, for each loss.
-    mix: [[f64; 3]; 3],
-}
-
-impl Colours {
-    fn new(medium: &Medium, background: [f32; 3]) -> Self {
-        let unit = |c: usize| std::array::from_fn(|i| if i == c { 1.0 } else { 0.0 });
-        let behind = background.map(f64::from);
-        match &medium.source {
-            // L = α colour + (1 - α) background.
-            Source::Grey(colour) => Self {
-                losses: vec![unit(3)],
-                mix: std::array::from_fn(|c| [f64::from(colour[c]) - behind[c], 0.0, 0.0]),
-            },
-            // L = e colour + (1 - α) background: e from the brightest.
-            Source::Linear(colour) => {
-                let most = (0..3).fold(0, |most, c| if colour[c] > colour[most] { c } else { most });
-                let share =
-                    |c: usize| if colour[c] > 0.0 { f64::from(colour[c]) / f64::from(colour[most]) } else { 0.0 };
-                Self {
-                    losses: vec![unit(most), unit(3)],
-                    mix: std::array::from_fn(|c| [share(c), share(c) * behind[most] - behind[c], 0.0]),
-                }
-            }
-            Source::Transfer(_) => Self {
-                losses: [0, 1, 2].map(unit).to_vec(),
-                mix: [0, 1, 2].map(|c| std::array::from_fn(|i| if i == c { 1.0 } else { 0.0 })),
-            },
-        }
-    }
-}
-
 /// Cameras that are moved together.
-struct Search<'s, 'd> {
-    dvr: &'s Dvr<'d, f32>,
+struct Search<'s, V> {
+    renderer: &'s V,
     request: &'s Request<'s>,
     cancel: &'s AtomicBool,
-    colours: Colours,
     pyramids: Vec<Vec<Target>>,
     /// Cameras of the full pictures, where they stand now.
     cameras: Vec<Camera>,
@@ -164,14 +172,13 @@ struct Search<'s, 'd> {
 /// Normal equations of all cameras.
 type Equations = Vec<(Normal, Spectrum)>;
 
-impl<'s, 'd> Search<'s, 'd> {
-    fn new(dvr: &'s Dvr<'d, f32>, targets: &[Target], request: &'s Request<'s>, cancel: &'s AtomicBool) -> Self {
+impl<'s, V: Renderer> Search<'s, V> {
+    fn new(renderer: &'s V, targets: &[Target], request: &'s Request<'s>, cancel: &'s AtomicBool) -> Self {
         let distance = |t: &Target| t.camera.position().distance(request.centre).max(f64::MIN_POSITIVE);
         Self {
-            dvr,
+            renderer,
             request,
             cancel,
-            colours: Colours::new(request.medium, request.background),
             pyramids: targets.iter().map(pyramid).collect(),
             cameras: targets.iter().map(|t| t.camera).collect(),
             distances: targets.iter().map(distance).collect(),
@@ -247,9 +254,9 @@ impl<'s, 'd> Search<'s, 'd> {
             let Target { rgba, rays_per_edge, .. } = &pyramid[level];
             let camera = shrunk(camera, level);
             let frame = Frame::new(&camera, *distance);
-            let rows = Rows { dvr: self.dvr, camera: &camera, rays_per_edge: *rays_per_edge };
+            let rows = Rows { renderer: self.renderer, camera: &camera, rays_per_edge: *rays_per_edge };
             let asked = |i: usize| rgba[i][..3].iter().all(|v| v.is_finite());
-            let Colours { losses, mix } = &self.colours;
+            let Colours { losses, mix } = self.request.colours;
             let sums = rows.fold(asked, losses, |normal: &mut Normal, i, seen, by| {
                 let by: Vec<(Pose, f64)> = by.iter().map(|by| frame.derivative(by)).collect();
                 for c in 0..3 {

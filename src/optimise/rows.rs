@@ -1,6 +1,7 @@
 //! How a picture changes with its camera, pixel by pixel: rows of the Jacobian.
 
-use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, RayGradient, Sinks, Tape};
+use crate::render::Renderer;
+use crate::render::dvr::RayGradient;
 use crate::render::order::morton;
 use crate::scene::camera::{Camera, CameraGradient};
 use rayon::prelude::*;
@@ -9,10 +10,10 @@ use rayon::prelude::*;
 const RUN: usize = 256;
 
 /// A camera's picture.
-#[derive(Debug, Clone, Copy)]
-pub struct Rows<'r, 'd> {
+#[derive(Debug)]
+pub struct Rows<'r, V> {
     /// What is seen.
-    pub dvr: &'r Dvr<'d, f32>,
+    pub renderer: &'r V,
     /// From where.
     pub camera: &'r Camera,
     /// A pixel is the mean over the square of so many rays.
@@ -22,7 +23,7 @@ pub struct Rows<'r, 'd> {
 /// Receives a pixel: its number, red, green, blue and alpha, and its derivatives.
 type Visit<'v> = &'v mut dyn FnMut(usize, &[f64; 4], &[CameraGradient]);
 
-impl Rows<'_, '_> {
+impl<V: Renderer> Rows<'_, V> {
     /// Number of pixels.
     pub fn pixels(&self) -> usize {
         self.camera.width as usize * self.camera.height as usize
@@ -43,7 +44,7 @@ impl Rows<'_, '_> {
             let mut sum = A::default();
             let wanted: Vec<usize> = pixels.iter().copied().filter(|i| asked(*i)).collect();
             let visit: Visit<'_> = &mut |i, seen, by| visit(&mut sum, i, seen, by);
-            Run { rows: *self, pixels: &wanted, losses, visit }.walk();
+            Run { rows: self, pixels: &wanted, losses, visit }.walk();
             sum
         };
         order.par_chunks(RUN).map(run).collect()
@@ -51,19 +52,19 @@ impl Rows<'_, '_> {
 }
 
 /// Neighbouring pixels.
-struct Run<'a, 'r, 'd> {
-    rows: Rows<'r, 'd>,
+struct Run<'a, V> {
+    rows: &'a Rows<'a, V>,
     pixels: &'a [usize],
     losses: &'a [[f32; 4]],
     visit: Visit<'a>,
 }
 
-impl Run<'_, '_, '_> {
+impl<V: Renderer> Run<'_, V> {
     fn walk(self) {
-        let Rows { dvr, camera, rays_per_edge } = self.rows;
+        let Rows { renderer, camera, rays_per_edge } = *self.rows;
         let (n, width) = (rays_per_edge.max(1), camera.width as usize);
         let share = 1.0 / (n * n) as f64;
-        let (mut tape, mut shared) = (Tape::default(), ParameterGradient::default());
+        let mut tape = V::Tape::default();
         let mut by = vec![CameraGradient::default(); self.losses.len()];
         for &i in self.pixels {
             let mut seen = [0.0; 4];
@@ -75,17 +76,13 @@ impl Run<'_, '_, '_> {
                 let mut radiance = None;
                 for (by, loss) in by.iter_mut().zip(self.losses) {
                     let mut moved = RayGradient::default();
-                    let sinks = Sinks { voxels: None, table: None, ray: Some(&mut moved), shared: &mut shared };
-                    radiance = Some(dvr.gradient(&ray, &mut |_| *loss, Adjoint::Tape, sinks, &mut tape));
+                    radiance = Some(renderer.followed(&ray, *loss, &mut moved, &mut tape));
                     // Many rays meet nothing.
                     if moved != RayGradient::default() {
                         *by = by.plus(&camera.gradient(x, y, share * moved.origin, share * moved.direction));
                     }
                 }
-                let radiance = match radiance {
-                    Some(radiance) => radiance,
-                    None => dvr.radiance_on(&ray, &mut tape),
-                };
+                let radiance = radiance.unwrap_or_else(|| renderer.seen(&ray, &mut tape));
                 for c in 0..3 {
                     seen[c] += share * f64::from(radiance.rgb[c]);
                 }

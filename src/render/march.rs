@@ -10,6 +10,10 @@ use crate::real::Real;
 use crate::scene::bricks::{BRICK, Topology};
 use glam::{DVec3, IVec3};
 
+/// The least that a ray gains across a face that it is said to cross, as a share of what it gains along its fastest
+/// axis. With less it grazes the face: the crossing moves without bound, while next to nothing depends on it.
+const GRAZING: f64 = 1e-3;
+
 /// A ray in index space, clipped to a domain; its parameter is world length.
 #[derive(Debug, Clone, Copy)]
 pub struct IndexRay {
@@ -54,6 +58,20 @@ impl IndexRay {
         };
         let axis = (0..3).filter(|a| self.direction[*a] != 0.0).min_by(|a, b| off(*a).total_cmp(&off(*b)))?;
         Some((axis, self.direction[axis]))
+    }
+
+    /// The same for the face, of a cell or of the domain, that the ray crosses near world length `t`; `None` where it
+    /// begins inside of the cell, or grazes the face.
+    #[inline(always)]
+    pub fn crossed(&self, domain: &Aabb, t: f64) -> Option<(usize, f64)> {
+        if t <= 0.0 {
+            return None;
+        }
+        let (at, d) = (self.at(t), self.direction);
+        let off = (at - at.round()).abs().min((at - domain.min).abs()).min((at - domain.max).abs()) / d.abs();
+        let off = |axis: usize| if d[axis] == 0.0 { f64::INFINITY } else { off[axis] };
+        let axis = (1..3).fold(0, |nearest, axis| if off(axis) < off(nearest) { axis } else { nearest });
+        (d[axis].abs() > GRAZING * d.abs().max_element()).then_some((axis, d[axis]))
     }
 }
 

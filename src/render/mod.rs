@@ -8,6 +8,7 @@ pub mod dvr;
 pub mod film;
 pub mod gauss;
 pub mod march;
+pub mod moved;
 pub mod order;
 pub mod preshaded;
 pub mod quadrature;
@@ -17,7 +18,7 @@ pub mod segment;
 
 use crate::math::Ray;
 use crate::scene::camera::Camera;
-use dvr::Dvr;
+use dvr::{Adjoint, Dvr, ParameterGradient, Radiance, RayGradient};
 use film::Film;
 use preshaded::Preshaded;
 use rayon::prelude::*;
@@ -27,23 +28,37 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub trait Renderer: Sync {
     /// Scratch memory of one thread.
     type Tape: Default;
-    /// Radiance along a world ray of unit direction, and alpha = 1 - transmittance.
-    fn rgba(&self, ray: &Ray, tape: &mut Self::Tape) -> [f32; 4];
+    /// Radiance along a world ray of unit direction.
+    fn seen(&self, ray: &Ray, tape: &mut Self::Tape) -> Radiance<f32>;
+    /// The same; the ray's derivative of a loss is added to `by`. The loss is given by its derivatives with respect to
+    /// red, green, blue and alpha.
+    fn followed(&self, ray: &Ray, loss: [f32; 4], by: &mut RayGradient, tape: &mut Self::Tape) -> Radiance<f32>;
 }
 
 impl Renderer for Dvr<'_, f32> {
     type Tape = dvr::Tape<f32>;
 
-    fn rgba(&self, ray: &Ray, tape: &mut Self::Tape) -> [f32; 4] {
-        self.radiance_on(ray, tape).rgba()
+    fn seen(&self, ray: &Ray, tape: &mut Self::Tape) -> Radiance<f32> {
+        self.radiance_on(ray, tape)
+    }
+
+    fn followed(&self, ray: &Ray, loss: [f32; 4], by: &mut RayGradient, tape: &mut Self::Tape) -> Radiance<f32> {
+        let mut shared = ParameterGradient::default();
+        let sinks = dvr::Sinks { voxels: None, table: None, ray: Some(by), shared: &mut shared };
+        self.gradient(ray, &mut |_| loss, Adjoint::Tape, sinks, tape)
     }
 }
 
 impl Renderer for Preshaded<'_, f32> {
     type Tape = preshaded::Tape<f32>;
 
-    fn rgba(&self, ray: &Ray, tape: &mut Self::Tape) -> [f32; 4] {
-        self.radiance_on(ray, tape).rgba()
+    fn seen(&self, ray: &Ray, tape: &mut Self::Tape) -> Radiance<f32> {
+        self.radiance_on(ray, tape)
+    }
+
+    fn followed(&self, ray: &Ray, loss: [f32; 4], by: &mut RayGradient, tape: &mut Self::Tape) -> Radiance<f32> {
+        let sinks = preshaded::Sinks { values: None, ray: Some(by), background: &mut [0.0; 3] };
+        self.gradient_on(ray, &mut |_| loss, sinks, tape)
     }
 }
 
@@ -69,7 +84,7 @@ pub fn picture(renderer: &impl Renderer, camera: &Camera, rays_per_edge: usize, 
                 for (x, pixel) in pixels.iter_mut().enumerate().skip(left).take(TILE.0) {
                     for i in 0..n * n {
                         let ray = camera.ray(x as f64 + offset(i % n), y + offset(i / n));
-                        let seen = renderer.rgba(&ray, &mut tape);
+                        let seen = renderer.seen(&ray, &mut tape).rgba();
                         for c in 0..4 {
                             pixel[c] += share * seen[c];
                         }

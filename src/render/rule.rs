@@ -138,6 +138,12 @@ pub fn cells<R: Real>(spans: &[Span<R>], mut visit: impl FnMut([Cell<R>; LANES],
 }
 
 impl<R: Real> Cell<R> {
+    /// World length from the ray's origin to a length from the span's entry.
+    #[inline(always)]
+    pub fn reached(&self, from: R) -> f64 {
+        self.begin + from.f64()
+    }
+
     /// Densities at the four points of [`gauss`] on a stretch.
     #[inline(always)]
     pub fn densities(&self, values: &[R], start: R, length: R) -> R::Lanes {
@@ -165,7 +171,7 @@ impl<R: Real> Cell<R> {
     fn chord(&self, values: &[R], start: R, length: R, piece: u32) -> Chord<R> {
         let at = self.at(start, length);
         let density = Chord::<R>::interpolate(&corners(values, self.offset), at);
-        Chord { offset: self.offset, piece, length, start: R::of(self.begin + start.f64()), at, density }
+        Chord { offset: self.offset, piece, length, start: R::of(self.reached(start)), at, density }
     }
 }
 

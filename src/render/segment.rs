@@ -1,7 +1,7 @@
 //! Stretches of a ray within one cell, on which a source that varies is integrated.
 
 use crate::lanes::{LANES, Lanes};
-use crate::real::Real;
+use crate::real::{Number, Real};
 
 /// A stretch with one density for all of it.
 #[derive(Debug, Clone, Copy)]
@@ -72,15 +72,14 @@ impl<R: Real> Chord<R> {
     }
 }
 
-/// Gradient of the interpolated density with respect to the cell-local coordinates, at four points.
+/// Gradient of the interpolated value with respect to the cell-local coordinates, from the values at the corners
+/// (by x, with corner `(x, y, z)` at `2 y + z`).
 #[inline(always)]
-pub fn slopes<R: Real>(corners: &[R::Lanes; 2], [x, y, z]: [R::Lanes; 3]) -> [R::Lanes; 3] {
-    let all = <R::Lanes as Lanes<R>>::splat;
+pub fn slopes<N: Number>(corners: [[N; LANES]; 2], [x, y, z]: [N; 3]) -> [N; 3] {
     // On a face of constant x: value, and its derivatives by y and by z.
-    let face = |corners: R::Lanes| {
-        let [a, b, c, d] = corners.store();
-        let (low, high) = (all(a) + z * all(b - a), all(c) + z * all(d - c));
-        (low + y * (high - low), high - low, all(b - a) + y * all((d - c) - (b - a)))
+    let face = |[a, b, c, d]: [N; LANES]| {
+        let (low, high) = (a + z * (b - a), c + z * (d - c));
+        (low + y * (high - low), high - low, (b - a) + y * ((d - c) - (b - a)))
     };
     let ((low, low_y, low_z), (high, high_y, high_z)) = (face(corners[0]), face(corners[1]));
     [high - low, low_y + x * (high_y - low_y), low_z + x * (high_z - low_z)]

@@ -1,6 +1,7 @@
 //! Fields with known integrals, and rays through them.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
+use cumulo::lanes::Lanes;
 use cumulo::math::{Affine, Ray};
 use cumulo::real::Real;
 use cumulo::scene::bricks::Bricks;
@@ -76,6 +77,18 @@ pub fn lumps(n: i32) -> impl Fn(DVec3) -> f64 {
             * edge(q.y)
             * edge(q.z)
     }
+}
+
+/// A pre-shaded volume of lumps: emissions of three tints, and extinctions `thick` times the density.
+pub fn tinted<R: Real>(n: i32, thick: f64, transform: Affine) -> Bricks<R::Lanes> {
+    let density: Bricks<R> = field(n, transform, lumps(n));
+    let mut volume = Bricks::<R::Lanes>::zeros(density.topology.clone(), transform);
+    for (v, d) in volume.values.iter_mut().zip(&density.values) {
+        // Apron copies must agree: the tint follows the density, not the slot.
+        let tint = |k: f64| R::of(d.f64() * (1.0 + 0.5 * (k * 9.0 * d.f64()).sin()));
+        *v = R::Lanes::load([tint(1.0), tint(2.0), tint(3.0), R::of(thick * d.f64())]);
+    }
+    volume
 }
 
 /// Lumps, and zeros around them: some of the functions absorb there.

@@ -2,17 +2,20 @@
 
 mod page;
 
+use super::light::Light;
 use super::memory::Memory;
 use super::output::Output;
 use super::provenance::Provenance;
+use super::scene::Scene;
 use super::transfer::TransferOption;
 use super::{cancel, photos, report, run, volume};
 use crate::error::{Error, Result};
+use crate::formats::vdb::Limits;
 use crate::formats::{atomic, transforms};
 use crate::math::Aabb;
 use crate::optimise::pictures::Target;
-use crate::optimise::pose::{self, Found, Request, levels};
-use crate::render::dvr::Dvr;
+use crate::optimise::pose::{self, Colours, Found, Request, levels};
+use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Model};
@@ -29,8 +32,8 @@ use std::time::Instant;
 /// Find where cameras stood, from their pictures and the volume in them
 ///
 /// Cameras of the capture are where the search begins: a few degrees and a few percent of the distance off. Position
-/// and rotation of each are moved until what it sees of the volume is its picture. Ctrl-C writes what is there (exit
-/// code 1).
+/// and rotation of each are moved until what it sees of the volume is its picture. Where the capture's model is
+/// pre-shaded, the volume needs a grid 'emission' beside its extinctions. Ctrl-C writes what is there (exit code 1).
 #[derive(Debug, clap::Args)]
 pub struct Pose {
     /// transforms.json of the pictures, or its folder
@@ -129,10 +132,7 @@ impl Pose {
         }
         let json = transforms::json_path(&self.capture);
         let capture = transforms::load(&json)?;
-        let (grid, carried) = volume::read(&self.volume, self.grid.as_deref(), &self.transfer, limits)?;
-        let shown = self.shown(&capture, carried);
-        let field = volume::arrange(&grid, shown.transfer.as_ref(), limits).map_err(|e| e.at(&self.volume))?;
-        drop(grid);
+        let (mut scene, shown) = self.scene(&capture, limits)?;
         let photos = photos::read(&shown, self.layer.as_deref(), limits)?;
         let pictures = shown.frames.iter().map(|f| f.picture.as_path());
         provenance.input(&json, std::iter::once(json.as_path()).chain(pictures))?;
@@ -141,24 +141,25 @@ impl Pose {
             provenance.input(tf, [tf.as_path()])?;
         }
 
-        let centre = self.centre(&field)?;
+        let centre = self.centre(&scene.extinctions())?;
         let rays_per_edge = run::rays_per_edge(shown.pixel_filter);
         let targets: Vec<Target> = photos
             .into_iter()
             .map(|photo| Target { camera: photo.camera, rgba: photo.film.rgba, rays_per_edge })
             .collect();
-        let medium = shown.medium()?;
-        let dvr = Dvr::new(&field, medium.clone())?.background(shown.background);
-        let request = Request {
-            medium: &medium,
-            background: shown.background,
-            centre,
-            iterations: self.iterations,
-            solve_focal: self.solve_focal,
+        let light = scene.light(&shown, Quadrature::Exact)?;
+        let colours = match light {
+            Light::Density(_) => Colours::of(&shown.medium()?, shown.background),
+            Light::PreShaded(_) => Colours::apart(),
         };
+        let request = Request { colours: &colours, centre, iterations: self.iterations, solve_focal: self.solve_focal };
         let bar = output.progress(targets.iter().map(|t| levels(&t.camera) as u64 + 1).sum(), "pose");
         let begun = Instant::now();
-        let found = pose::solve(&dvr, &targets, &request, cancel, &|| bar.inc(1));
+        let tick = || bar.inc(1);
+        let found = match &light {
+            Light::Density(dvr) => pose::solve(dvr, &targets, &request, cancel, &tick),
+            Light::PreShaded(volume) => pose::solve(volume, &targets, &request, cancel, &tick),
+        };
         let seconds = begun.elapsed().as_secs_f64();
         bar.finish_and_clear();
         let stopped = cancel.load(Ordering::Relaxed);
@@ -172,7 +173,7 @@ impl Pose {
         extra.insert("provenance".into(), json!(provenance));
         transforms::save(&self.output, &solved, &extra)?;
         if let Some(dir) = &self.report {
-            let page = page::page(&report, &solved, &targets, &dvr, &provenance)?;
+            let page = page::page(&report, &solved, &targets, &light, &provenance)?;
             report.report = Some(page.write(dir)?);
         }
         for camera in &report.cameras {
@@ -185,6 +186,17 @@ impl Pose {
         }
         output.report(&report)?;
         Ok(if stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
+    }
+
+    /// The volume, and the capture as its pictures are to be understood.
+    fn scene(&self, capture: &Capture, limits: Limits) -> Result<(Scene, Capture)> {
+        if capture.model == Model::PreShaded && self.transfer.tf.is_none() {
+            return Ok((Scene::pre_shaded(&self.volume, self.grid.as_deref(), limits)?, capture.clone()));
+        }
+        let (grid, carried) = volume::read(&self.volume, self.grid.as_deref(), &self.transfer, limits)?;
+        let shown = self.shown(capture, carried);
+        let field = volume::arrange(&grid, shown.transfer.as_ref(), limits).map_err(|e| e.at(&self.volume))?;
+        Ok((Scene::Density(field), shown))
     }
 
     /// The capture as its pictures are to be understood.

@@ -1,12 +1,11 @@
 //! The page of a search for cameras.
 
 use super::Report;
+use crate::cli::light::Light;
 use crate::cli::provenance::Provenance;
 use crate::error::{Error, Result};
 use crate::metrics;
 use crate::optimise::pictures::Target;
-use crate::render;
-use crate::render::dvr::Dvr;
 use crate::render::film::Film;
 use crate::report::{MOST_VIEWS, Page, ViewRow, choose};
 use crate::scene::capture::Capture;
@@ -17,7 +16,7 @@ pub fn page(
     report: &Report,
     solved: &Capture,
     targets: &[Target],
-    dvr: &Dvr<'_, f32>,
+    light: &Light<'_>,
     provenance: &Provenance,
 ) -> Result<Page> {
     let name = report.output.file_name().unwrap_or(report.output.as_os_str()).to_string_lossy();
@@ -59,8 +58,7 @@ pub fn page(
         .into_iter()
         .map(|i| {
             let (frame, target) = (&solved.frames[i], &targets[i]);
-            let render =
-                render::picture(dvr, &frame.camera, target.rays_per_edge, &never).ok_or_else(Error::cancelled)?;
+            let render = light.picture(&frame.camera, target.rays_per_edge, &never).ok_or_else(Error::cancelled)?;
             let picture = Film { width: render.width, height: render.height, rgba: target.rgba.clone() };
             let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
             Ok(ViewRow {

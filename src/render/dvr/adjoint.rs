@@ -15,7 +15,6 @@
 //! All channels share the transmittance, so the recursion runs once, on the loss-weighted radiance:
 //! with `g` the loss derivative, `V = Σ g_c L_c - g_α T`.
 
-use super::follow::Moved;
 use super::kernel::{self, Blend, arriving, grey, over};
 use super::light::{By, Glow, Light};
 use super::sinks::{Adjoint, Loss, Sinks};
@@ -28,6 +27,7 @@ use crate::real::Real;
 use crate::render::cell::{Quartet, scatter};
 use crate::render::curve::{Curve, Piece};
 use crate::render::march::{IndexRay, batches_before};
+use crate::render::moved::Moved;
 use crate::render::rule::{DepthRule, ExactDepth, Rule};
 use crate::scene::bricks::Topology;
 use crate::scene::medium::Source;

@@ -5,22 +5,8 @@ use super::adjoint::{Pass, Weighted};
 use super::light::{Glow, Slopes};
 use super::traced::Traced;
 use crate::real::Real;
+use crate::render::moved::Moved;
 use crate::render::rule::Rule;
-use glam::DVec3;
-
-/// Derivatives with respect to where a ray's points lie, in index space.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Moved {
-    /// With respect to a shift of all points.
-    pub shift: DVec3,
-    /// With respect to a shift that grows with the world length from the origin.
-    pub turn: DVec3,
-    /// With respect to the world length at which the ray enters the medium's box, and leaves it.
-    pub enter: f64,
-    pub leave: f64,
-    /// With respect to the quadrature's step, in world length.
-    pub step: f64,
-}
 
 impl<R: Real> Pass<'_, '_, R> {
     /// Loss-weighted light that a unit of length at world length `t` adds, in front of light `beyond`.
@@ -59,18 +45,12 @@ impl<R: Real> Pass<'_, '_, R> {
     #[inline(never)]
     pub(super) fn hand_over(&mut self) {
         if let Some(ray) = self.sinks.ray.as_deref_mut() {
-            let Moved { mut shift, mut turn, enter, leave, step } = self.moved;
-            // The box's faces stand still: t = (face - o) / d.
+            let Moved { enter, leave, .. } = self.moved;
             for (t, by) in [(self.ray.enter, enter), (self.ray.leave, leave)] {
-                if let Some((axis, along)) = self.ray.face(&self.dvr.field.domain, t) {
-                    shift[axis] -= by / along;
-                    turn[axis] -= by * t / along;
-                }
+                self.moved.stop(self.ray.face(&self.dvr.field.domain, t), t, by);
             }
-            let to_world = self.dvr.field.transform.inverse_matrix();
-            ray.origin += to_world.transpose().transform_vector3(shift);
-            ray.direction += to_world.transpose().transform_vector3(turn);
-            ray.step += step * self.dvr.voxel;
+            self.moved.hand_over(&self.dvr.field.transform, ray);
+            ray.step += self.moved.step * self.dvr.voxel;
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Where segments lie: how derivatives by density become derivatives by voxel, and by the ray's points.
 
 use super::light::Lit;
-use crate::lanes::Lanes;
+use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
 use crate::render::cell::{corners, gather, weights};
 use crate::render::gauss;
@@ -46,7 +46,7 @@ impl<R: Real> Traced<R> for Sample<R> {
     #[inline(always)]
     fn moved(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3) {
         let g = by_density.store()[0].f64();
-        let slopes = slopes::<R>(&corners(values, self.offset), self.at.map(R::Lanes::splat));
+        let slopes = slopes(everywhere::<R>(values, self.offset), self.at.map(R::Lanes::splat));
         let shift = g * DVec3::from_array(slopes.map(|s| s.store()[0].f64()));
         (shift, self.position * shift)
     }
@@ -58,7 +58,7 @@ impl<R: Real> Traced<R> for Sample<R> {
 
     #[inline(always)]
     fn slopes_along(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes) {
-        let slopes = slopes::<R>(&corners(values, self.offset), self.at.map(R::Lanes::splat));
+        let slopes = slopes(everywhere::<R>(values, self.offset), self.at.map(R::Lanes::splat));
         (slopes, R::Lanes::splat(R::of(self.position)))
     }
 }
@@ -83,7 +83,7 @@ impl<R: Real> Traced<R> for Chord<R> {
     fn moved(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3) {
         let all = <R::Lanes as Lanes<R>>::splat;
         let t = all(self.start) + all(self.length) * gauss::lanes::<R>(gauss::NODES);
-        let slopes = slopes::<R>(&corners(values, self.offset), self.at);
+        let slopes = slopes(everywhere::<R>(values, self.offset), self.at);
         let by = |g: R::Lanes| DVec3::from_array(slopes.map(|s| (s * g).sum().f64()));
         (by(by_density), by(by_density * t))
     }
@@ -97,6 +97,12 @@ impl<R: Real> Traced<R> for Chord<R> {
     fn slopes_along(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes) {
         let all = <R::Lanes as Lanes<R>>::splat;
         let t = all(self.start) + all(self.length) * gauss::lanes::<R>(gauss::NODES);
-        (slopes::<R>(&corners(values, self.offset), self.at), t)
+        (slopes(everywhere::<R>(values, self.offset), self.at), t)
     }
+}
+
+/// The values at a cell's corners, each the same for four points.
+#[inline(always)]
+fn everywhere<R: Real>(values: &[R], offset: usize) -> [[R::Lanes; LANES]; 2] {
+    corners(values, offset).map(|four| four.store().map(R::Lanes::splat))
 }

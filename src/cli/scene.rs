@@ -1,0 +1,59 @@
+//! Either kind of volume that a command may be given.
+
+use super::light::Light;
+use crate::error::Result;
+use crate::formats::vdb::{File, Limits, shaded};
+use crate::render::dvr::Dvr;
+use crate::render::preshaded::Preshaded;
+use crate::render::quadrature::Quadrature;
+use crate::scene::bricks::Bricks;
+use crate::scene::capture::Capture;
+use glam::Vec4;
+use rayon::prelude::*;
+use std::borrow::Cow;
+use std::path::Path;
+
+/// What is rendered.
+#[derive(Debug)]
+pub enum Scene {
+    /// Light that follows the density.
+    Density(Bricks<f32>),
+    /// Emissions and extinctions.
+    PreShaded(Bricks<Vec4>),
+}
+
+impl Scene {
+    /// Reads a pre-shaded volume; `name` is that of its extinctions.
+    ///
+    /// # Errors
+    /// If it cannot be read or used.
+    pub fn pre_shaded(path: &Path, name: Option<&str>, limits: Limits) -> Result<Self> {
+        Ok(Self::PreShaded(shaded::read(&File::open(path, limits)?, name, limits.max_memory)?))
+    }
+
+    /// What the optical depth is made of.
+    pub fn extinctions(&self) -> Cow<'_, Bricks<f32>> {
+        match self {
+            Self::Density(field) => Cow::Borrowed(field),
+            Self::PreShaded(volume) => Cow::Owned(volume.channel(3)),
+        }
+    }
+
+    /// Its renderer, as the pictures of a capture show it. (Extinctions and emissions are scaled in place.)
+    ///
+    /// # Errors
+    /// If the capture's medium cannot be used.
+    pub fn light(&mut self, capture: &Capture, quadrature: Quadrature) -> Result<Light<'_>> {
+        Ok(match self {
+            Self::Density(field) => Light::Density(
+                Dvr::new(field, capture.medium()?)?.background(capture.background).quadrature(quadrature),
+            ),
+            Self::PreShaded(volume) => {
+                // It multiplies emissions too: colours stay.
+                let scale = capture.density_scale as f32;
+                volume.values.par_iter_mut().for_each(|v| *v *= scale);
+                Light::PreShaded(Preshaded::new(volume, capture.background))
+            }
+        })
+    }
+}

@@ -1,0 +1,155 @@
+//! Light through a pre-shaded volume: emission and extinction are fields of their own.
+//!
+//! `L = ∫ T e dt + T(end) · background` with e the radiance emitted per world length and `T = exp(-∫ σ)`; both
+//! are trilinear. (Interpolating e, not the colour `e / σ`, is what associated colours are to pictures:
+//! Wittenbrink, Malzbender & Goss 1998.) e is linear in the voxels, and so is the picture, as long as σ stays.
+//!
+//! Each cell has two Gauss points, which are exact for its optical depth x. At them the transmittance follows
+//! from an extinction that is linear in between (the Gauss collocation of order 4; Hairer, Nørsett & Wanner
+//! 1993, sect. II.7): a constant source errs by x⁴/4320 of itself, one that is as rough as voxels can be by up
+//! to 2e-4, less than half a step of half-precision pictures. Cells that are thicker are cut.
+
+mod adjoint;
+mod stretch;
+mod tape;
+
+pub use adjoint::Sinks;
+pub use tape::Tape;
+
+use crate::lanes::{LANES, Lanes};
+use crate::math::Ray;
+use crate::real::Real;
+use crate::render::arch::Arch;
+use crate::render::dvr::Radiance;
+use crate::render::march::{IndexRay, batches};
+use crate::render::rule::{Cell, cells};
+use crate::scene::bricks::Bricks;
+use stretch::Stretch;
+
+/// Optical depth above which a cell is cut.
+const THICK: f64 = 0.5;
+/// The most parts of a cell. Behind the first 25 of them no light arrives.
+const MOST_PARTS: f64 = 64.0;
+
+/// Renderer of a pre-shaded volume in precision `R`.
+#[derive(Debug, Clone)]
+pub struct Preshaded<'a, R: Real> {
+    field: &'a Bricks<R::Lanes>,
+    background: [f32; 3],
+    depth_limit: f64,
+}
+
+/// What is gathered along a ray.
+struct Front<R: Real> {
+    light: R::Lanes,
+    open: R,
+    depth: f64,
+}
+
+impl<'a, R: Real> Preshaded<'a, R> {
+    /// A renderer with rays that end where no more than 1e-6 of the light behind could reach the eye.
+    pub fn new(field: &'a Bricks<R::Lanes>, background: [f32; 3]) -> Self {
+        Self { field, background, depth_limit: 1e6_f64.ln() }
+    }
+
+    /// Radiance along a world ray of unit direction; the ray is added to those on the tape.
+    #[inline(always)]
+    pub fn trace(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance<R> {
+        self.walk(
+            self.index_ray(ray).as_ref(),
+            #[inline(always)]
+            |stretch| tape.footprints.push(stretch.footprint()),
+        )
+    }
+
+    #[inline(always)]
+    fn index_ray(&self, ray: &Ray) -> Option<IndexRay> {
+        IndexRay::new(&self.field.domain, &self.field.transform, ray)
+    }
+
+    /// Visits the stretches of a ray, none if it misses the field.
+    #[inline(always)]
+    fn walk(&self, ray: Option<&IndexRay>, mut visit: impl FnMut(&Stretch<R>)) -> Radiance<R> {
+        let mut emitted = [0.0; 3];
+        let mut front = Front { light: R::Lanes::default(), open: R::ONE, depth: 0.0 };
+        let values = &self.field.values;
+        if let Some(ray) = ray {
+            batches(
+                &self.field.topology,
+                ray,
+                #[inline(always)]
+                |spans| {
+                    front.open = R::of((-front.depth).exp());
+                    front.light = R::Lanes::default();
+                    cells(
+                        spans,
+                        #[inline(always)]
+                        |four: [Cell<R>; LANES], from: R::Lanes, until: R::Lanes| {
+                            let (from, length) = (from.store(), (until - from).store());
+                            for i in (0..LANES).filter(|i| length[*i] > R::ZERO) {
+                                let mut stretch = Stretch::new(values, &four[i], from[i], length[i]);
+                                let depth = stretch.depth();
+                                let parts = if depth > R::of(THICK) {
+                                    (depth.f64() / THICK).ceil().min(MOST_PARTS) as i32
+                                } else {
+                                    1
+                                };
+                                for k in 0..parts {
+                                    if parts > 1 {
+                                        stretch = Stretch::part(values, &four[i], from[i], length[i], k, parts);
+                                    }
+                                    front.pass(&mut stretch);
+                                    visit(&stretch);
+                                }
+                            }
+                        },
+                    );
+                    emitted.iter_mut().zip(front.light.store()).for_each(|(e, l)| *e += l.f64());
+                    front.depth < self.depth_limit
+                },
+            );
+        }
+        let transmittance = (-front.depth).exp();
+        let channel = |c: usize| R::of(emitted[c] + f64::from(self.background[c]) * transmittance);
+        Radiance { rgb: [channel(0), channel(1), channel(2)], transmittance: R::of(transmittance), depth: front.depth }
+    }
+}
+
+impl<R: Real> Front<R> {
+    #[inline(always)]
+    fn pass(&mut self, stretch: &mut Stretch<R>) {
+        let ([first, second], depth) = (stretch.depths(), stretch.depth());
+        let open = R::Lanes::splat(self.open) * R::Lanes::load([-first, -second, -depth, R::ZERO]).exp();
+        let [first, second, beyond, _] = open.store();
+        stretch.open = [first, second];
+        for (share, value) in stretch.shares().into_iter().zip(stretch.values) {
+            self.light += R::Lanes::splat(share) * value;
+        }
+        self.open = beyond;
+        self.depth += depth.f64();
+    }
+}
+
+impl Preshaded<'_, f32> {
+    /// Radiance along a world ray of unit direction.
+    pub fn radiance_on(&self, ray: &Ray, tape: &mut Tape<f32>) -> Radiance<f32> {
+        tape.forget();
+        Arch::default().dispatch(Value { renderer: self, ray, tape })
+    }
+}
+
+/// The unit that is compiled for each instruction set.
+struct Value<'a, 'd> {
+    renderer: &'a Preshaded<'d, f32>,
+    ray: &'a Ray,
+    tape: &'a mut Tape<f32>,
+}
+
+impl pulp::NullaryFnOnce for Value<'_, '_> {
+    type Output = Radiance<f32>;
+
+    #[inline(always)]
+    fn call(self) -> Radiance<f32> {
+        self.renderer.trace(self.ray, self.tape)
+    }
+}

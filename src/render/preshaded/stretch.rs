@@ -1,0 +1,156 @@
+//! Stretches of a ray in one cell each, with two Gauss points.
+
+use crate::lanes::{LANES, Lanes};
+use crate::real::Real;
+use crate::render::cell::{CORNERS, REACH, weights};
+use crate::render::rule::Cell;
+use crate::render::segment::slopes;
+
+/// Points on 0..1.
+const POINTS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
+/// Row k: weights of the extinctions at the points in the optical depth up to point k.
+const UP_TO: [[f64; 2]; 2] = [[0.25, -0.038_675_134_594_812_88], [0.538_675_134_594_812_9, 0.25]];
+
+/// A stretch with its points: a cell, or one of the parts that it is cut into.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Stretch<R: Real> {
+    /// Offset of the cell's lowest corner.
+    pub offset: usize,
+    /// World lengths from the ray's origin to where the cell is entered and left.
+    pub faces: [f64; 2],
+    /// Where it begins and ends between these, from 0 to 1.
+    ends: [f64; 2],
+    /// Cell-local coordinates of the points.
+    at: [[R; 3]; 2],
+    /// Interpolation weights of the corners at the points.
+    pub weights: [[R::Lanes; 2]; 2],
+    /// Emission in R, G and B, and extinction, at the points.
+    pub values: [R::Lanes; 2],
+    /// Half its world length: what the emissions' weights are.
+    pub half: R,
+    /// Transmittance from the eye to the points.
+    pub open: [R; 2],
+}
+
+/// What a linear picture is made of: weights of the emissions at a cell's corners.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Footprint<R: Real> {
+    pub offset: usize,
+    pub weights: [R::Lanes; 2],
+}
+
+/// `gradient += weights · by`.
+#[inline(always)]
+pub(super) fn scatter<R: Real>(gradient: &mut [R::Lanes], offset: usize, weights: &[R::Lanes; 2], by: R::Lanes) {
+    let v = &mut gradient[offset..offset + REACH];
+    for (corners, w) in CORNERS.iter().zip(weights) {
+        for (corner, w) in corners.iter().zip(w.store()) {
+            v[*corner] += R::Lanes::splat(w) * by;
+        }
+    }
+}
+
+impl<R: Real> Stretch<R> {
+    #[inline(always)]
+    pub fn new(values: &[R::Lanes], cell: &Cell<R>, from: R, length: R) -> Self {
+        let (offset, at) = cell.places(POINTS.map(|u| from + R::of(u) * length));
+        let w = at.map(weights);
+        let v = &values[offset..offset + REACH];
+        let mut own = [R::Lanes::default(); 2];
+        for (x, corners) in CORNERS.iter().enumerate() {
+            let (near, far) = (w[0][x].store(), w[1][x].store());
+            for (k, corner) in corners.iter().enumerate() {
+                let value = v[*corner];
+                own = [own[0] + R::Lanes::splat(near[k]) * value, own[1] + R::Lanes::splat(far[k]) * value];
+            }
+        }
+        let faces = [cell.reached(from), cell.reached(from + length)];
+        let half = R::of(0.5) * length;
+        Self { offset, faces, ends: [0.0, 1.0], at, weights: w, values: own, half, open: [R::ZERO; 2] }
+    }
+
+    /// One of `count` parts of a cell.
+    #[inline(always)]
+    pub fn part(values: &[R::Lanes], cell: &Cell<R>, from: R, length: R, number: i32, count: i32) -> Self {
+        let part = length / R::int(count);
+        let faces = [cell.reached(from), cell.reached(from + length)];
+        let ends = [number, number + 1].map(|k| f64::from(k) / f64::from(count));
+        Self { faces, ends, ..Self::new(values, cell, from + R::int(number) * part, part) }
+    }
+
+    #[inline(always)]
+    fn extinctions(&self) -> [R; 2] {
+        self.values.map(|v| v.store()[3])
+    }
+
+    #[inline(always)]
+    pub fn depth(&self) -> R {
+        let [first, second] = self.extinctions();
+        self.half * (first + second)
+    }
+
+    /// Optical depths up to the points.
+    #[inline(always)]
+    pub fn depths(&self) -> [R; 2] {
+        let length = self.half + self.half;
+        let s = self.extinctions();
+        UP_TO.map(|w| length * (R::of(w[0]) * s[0] + R::of(w[1]) * s[1]))
+    }
+
+    /// What the emissions at the points contribute: transmittance from the eye times half the world length.
+    #[inline(always)]
+    pub fn shares(&self) -> [R; 2] {
+        self.open.map(|open| open * self.half)
+    }
+
+    #[inline(always)]
+    pub fn footprint(&self) -> Footprint<R> {
+        let shares = self.shares().map(R::Lanes::splat);
+        let corner = |x: usize| shares[0] * self.weights[0][x] + shares[1] * self.weights[1][x];
+        Footprint { offset: self.offset, weights: [corner(0), corner(1)] }
+    }
+
+    /// Light of a unit of length at the points, as it arrives at the eye, where colours weigh `by`.
+    #[inline(always)]
+    pub fn lit(&self, by: R::Lanes) -> [f64; 2] {
+        [0, 1].map(|k| self.open[k].f64() * (by * self.values[k]).sum().f64())
+    }
+
+    /// Derivative by the extinction at a point, from those by the optical depths up to both and up to the end.
+    #[inline(always)]
+    pub fn by_extinction(&self, point: usize, by_depths: [f64; 2], by_depth: f64) -> f64 {
+        let up_to = UP_TO[0][point] * by_depths[0] + UP_TO[1][point] * by_depths[1];
+        self.half.f64() * (by_depth + 2.0 * up_to)
+    }
+
+    /// World length from the ray's origin to a point.
+    #[inline(always)]
+    pub fn reached(&self, point: usize) -> f64 {
+        let [enter, leave] = self.faces;
+        let [begin, end] = self.ends;
+        enter + (leave - enter) * (begin + (end - begin) * POINTS[point])
+    }
+
+    /// Derivatives of the values at a point with respect to its index coordinates.
+    #[inline(always)]
+    pub fn slopes(&self, values: &[R::Lanes], point: usize) -> [R::Lanes; 3] {
+        let v = &values[self.offset..self.offset + REACH];
+        let corners: [[R::Lanes; LANES]; 2] = CORNERS.map(|corners| corners.map(|corner| v[corner]));
+        slopes(corners, self.at[point].map(R::Lanes::splat))
+    }
+
+    /// Derivatives by where the cell is entered and left, from what is `lit`, the derivatives by the optical depths up
+    /// to the points and up to the end, and those by the points' world lengths from the origin.
+    #[inline(always)]
+    pub fn by_faces(&self, lit: [f64; 2], by_depths: [f64; 2], by_depth: f64, by_reached: [f64; 2]) -> [f64; 2] {
+        let s = self.extinctions().map(R::f64);
+        let mut by_end = 0.5 * (s[0] + s[1]) * by_depth;
+        for k in 0..2 {
+            let depth = UP_TO[k][0] * s[0] + UP_TO[k][1] * s[1];
+            by_end += 0.5 * lit[k] + depth * by_depths[k] + POINTS[k] * by_reached[k];
+        }
+        let by_begin = by_reached[0] + by_reached[1] - by_end;
+        let by_leave = self.ends[0] * by_begin + self.ends[1] * by_end;
+        [by_begin + by_end - by_leave, by_leave]
+    }
+}

@@ -1,0 +1,32 @@
+//! Scratch memory of rays.
+
+use super::stretch::{Footprint, Stretch, scatter};
+use crate::lanes::Lanes;
+use crate::real::Real;
+
+/// Scratch memory of one thread, reused from ray to ray.
+#[derive(Debug, Clone, Default)]
+pub struct Tape<R: Real> {
+    /// What the emissions contributed to the rays traced.
+    pub(super) footprints: Vec<Footprint<R>>,
+    /// Stretches of a ray.
+    pub(super) stretches: Vec<Stretch<R>>,
+}
+
+impl<R: Real> Tape<R> {
+    /// Adds the derivative of `Σ g_c L_c` of the rays traced with respect to the stored emissions to `gradient`, and
+    /// forgets the rays. The last lane, that of extinctions, gets nothing.
+    #[inline(always)]
+    pub fn spread(&mut self, by: [R; 3], gradient: &mut [R::Lanes]) {
+        let by = R::Lanes::load([by[0], by[1], by[2], R::ZERO]);
+        for footprint in &self.footprints {
+            scatter::<R>(gradient, footprint.offset, &footprint.weights, by);
+        }
+        self.forget();
+    }
+
+    /// Forgets the rays.
+    pub fn forget(&mut self) {
+        self.footprints.clear();
+    }
+}
