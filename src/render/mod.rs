@@ -67,14 +67,15 @@ impl Renderer for Preshaded<'_, f32> {
 const TILE: (usize, usize) = (16, 4);
 
 /// Renders a picture, the mean over `rays_per_edge`² rays a pixel. `None` if `cancel` was set.
-pub fn picture(renderer: &impl Renderer, camera: &Camera, rays_per_edge: usize, cancel: &AtomicBool) -> Option<Film> {
+pub fn picture<R: Renderer>(renderer: &R, camera: &Camera, rays_per_edge: usize, cancel: &AtomicBool) -> Option<Film> {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let mut film = Film::new(width, height);
     let n = rays_per_edge.max(1);
     let share = 1.0 / (n * n) as f32;
     let offset = |i: usize| (i as f64 + 0.5) / n as f64;
-    film.rgba.par_chunks_mut(width * TILE.1).enumerate().for_each(|(band, rows)| {
-        let mut tape = Default::default();
+    // A band at a time: the first ones may be empty and the last ones not.
+    let bands = film.rgba.par_chunks_mut(width * TILE.1).enumerate().with_max_len(1);
+    bands.for_each_init(R::Tape::default, |tape, (band, rows)| {
         for left in (0..width).step_by(TILE.0) {
             if cancel.load(Ordering::Relaxed) {
                 return;
@@ -84,7 +85,7 @@ pub fn picture(renderer: &impl Renderer, camera: &Camera, rays_per_edge: usize, 
                 for (x, pixel) in pixels.iter_mut().enumerate().skip(left).take(TILE.0) {
                     for i in 0..n * n {
                         let ray = camera.ray(x as f64 + offset(i % n), y + offset(i / n));
-                        let seen = renderer.seen(&ray, &mut tape).rgba();
+                        let seen = renderer.seen(&ray, tape).rgba();
                         for c in 0..4 {
                             pixel[c] += share * seen[c];
                         }

@@ -30,7 +30,7 @@ pub const GRADIENT: &str = "--gradient";
 /// Camera directions around the volume.
 const FRAMES: usize = 8;
 /// Rules that are tried, from what pictures have unless they ask for another.
-const TOLERANCES: [f64; 5] = [2e-3, 8e-3, 16e-3, 32e-3, 64e-3];
+const TOLERANCES: [f64; 5] = [2e-3, 8e-3, 32e-3, 64e-3, 128e-3];
 /// Of so many pixels in a row, and of so many rows, one is compared with the exact integral.
 const STRIDE: u32 = 4;
 
