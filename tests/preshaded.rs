@@ -48,6 +48,28 @@ fn one_colour_is_seen_by_alpha() {
     }
 }
 
+/// What ending rays early costs stays below what is said: where sources have a brightest colour, and where something is
+/// emitted without extinction.
+#[test]
+fn early_stops_are_off_by_no_more_than_is_said() {
+    for glow in [0.0, 0.02] {
+        // Rays end between batches of bricks: there must be several.
+        let mut volume = tinted::<f64>(100, 0.05, unit());
+        volume.values.iter_mut().for_each(|v| v.x += glow);
+        let whole = Preshaded::<f64>::new(&volume, [0.2, 0.0, 0.9]).early_stop(0.0);
+        let ended = whole.clone().early_stop(0.4);
+        assert!(whole.left_out() == 0.0 && ended.left_out().is_finite());
+        let mut off = 0.0_f64;
+        for k in 0..20 {
+            let direction = DVec3::new(1.0, 0.3 * noise(k), 0.2 * noise(k + 50)).normalize();
+            let ray = Ray { origin: DVec3::new(-5.0, 90.0 * noise(k + 70), 90.0 * noise(k + 90)), direction };
+            let [a, b] = [&whole, &ended].map(|renderer| renderer.trace(&ray, &mut Tape::default()).rgba());
+            off = (0..4).fold(off, |most, c| most.max((a[c] - b[c]).abs()));
+        }
+        assert!(off <= ended.left_out() && off > 1e-3, "{glow}: off by {off}, {} said", ended.left_out());
+    }
+}
+
 /// Against many small steps.
 #[test]
 fn light_is_that_of_small_steps() {

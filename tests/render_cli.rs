@@ -167,6 +167,18 @@ fn constant_steps_converge_to_the_exact_quadrature() {
 }
 
 #[test]
+fn early_stops_say_what_they_may_cost() {
+    let work = Work::new();
+    for (words, bound) in [("--background 2,1,1 --early-stop 0.125", 0.25), ("--early-stop 0", 0.0), ("", 1e-6)] {
+        let report = work.json(&format!("render @plume.vdb --views 1 --size 8x8 {words} -o o"));
+        assert!((report["early_stop"]["error_bound"].as_f64().unwrap() - bound).abs() < 1e-12, "{words}: {report}");
+    }
+    let text = std::fs::read_to_string(work.path("o/transforms.json")).unwrap();
+    assert!(text.contains("\"early_stop\"") && text.contains("\"transmittance\""), "{text}");
+    work.refused("render @plume.vdb --views 1 --early-stop 1 -o o", &["below 1"]);
+}
+
+#[test]
 fn supersampling_is_the_mean_over_the_pixels_square() {
     let work = Work::new();
     work.json("render @plume.vdb --views 2 --size 16x16 --density-scale 3 --supersample 2 -o box");

@@ -10,8 +10,10 @@ use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Precision, Sinks, Tap
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
+use cumulo::scene::transfer::Transfer;
 use fields::{field, lumps, noise, rays, unit};
 use glam::{DMat3, DMat4, DVec3};
+use std::sync::Arc;
 
 /// Gradient of rgb·(1, 2, 3) + alpha along one ray, by the given adjoint.
 fn gradient<R: Precision>(f: &Bricks<R>, medium: &Medium, rule: Quadrature, adjoint: Adjoint, ray: &Ray) -> Vec<f64> {
@@ -221,5 +223,32 @@ fn poisoned_values_are_refused() {
         let g = fields::grid(8, unit(), |p| if p == DVec3::ZERO { bad } else { noise(p.x as u64) });
         let error = Bricks::<f32>::from_grid(&g, 1 << 30).unwrap_err().to_string();
         assert!(error.contains("1 values are NaN") && error.contains("--repair"), "{error}");
+    }
+}
+
+/// What ending rays early costs stays below what is said, whatever shines.
+#[test]
+fn early_stops_are_off_by_no_more_than_is_said() {
+    let f: Bricks<f64> = field(160, unit(), |p| 0.3 + 0.2 * (0.2 * p.x).sin() * (0.15 * p.y + 0.1 * p.z).cos());
+    let points = vec![[0.1, 3.0, 0.5, 0.1, 0.0], [0.3, 0.2, 5.0, 0.1, 0.2], [0.5, 0.1, 0.2, 0.9, 0.4]];
+    let function = Arc::new(Transfer::Piecewise { points }.table().unwrap());
+    let sources = [Source::Grey([4.0, 0.5, 0.0]), Source::Linear([9.0, 1.0, 0.0]), Source::Transfer(function)];
+    for source in sources {
+        let medium = Medium { extinction: 0.1, source: source.clone() };
+        for rule in [Quadrature::Exact, Quadrature::PREINTEGRATED, Quadrature::Midpoint(0.5)] {
+            let whole =
+                Dvr::new(&f, medium.clone()).unwrap().background([0.5, 2.0, 0.1]).quadrature(rule).early_stop(0.0);
+            let ended = whole.clone().early_stop(0.2);
+            let mut off = 0.0_f64;
+            for ray in rays(f.world_bounds(), 60, 5) {
+                let [a, b] = [&whole, &ended].map(|dvr| dvr.radiance(&ray).rgba());
+                off = (0..4).fold(off, |most, c| most.max((a[c] - b[c]).abs()));
+            }
+            let bound = ended.left_out();
+            assert!(
+                whole.left_out() == 0.0 && off <= bound && off > 1e-3 * bound,
+                "{source:?} {rule}: {off}, {bound} said"
+            );
+        }
     }
 }

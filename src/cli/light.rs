@@ -17,6 +17,23 @@ pub enum Light<'a> {
 }
 
 impl Light<'_> {
+    /// Ends rays once their transmittance is below this.
+    #[must_use]
+    pub fn early_stop(self, transmittance: f64) -> Self {
+        match self {
+            Self::Density(dvr) => Self::Density(dvr.early_stop(transmittance)),
+            Self::PreShaded(volume) => Self::PreShaded(volume.early_stop(transmittance)),
+        }
+    }
+
+    /// The most that this changes in any channel of a pixel.
+    pub fn left_out(&self) -> f64 {
+        match self {
+            Self::Density(dvr) => dvr.left_out(),
+            Self::PreShaded(volume) => volume.left_out(),
+        }
+    }
+
     /// As [`render::picture`].
     pub fn picture(&self, camera: &Camera, rays_per_edge: usize, cancel: &AtomicBool) -> Option<Film> {
         match self {

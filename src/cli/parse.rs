@@ -35,6 +35,11 @@ pub fn not_negative(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v >= 0.0 { Ok(v) } else { Err(format!("'{text}' must not be negative")) })
 }
 
+/// A number from zero on, below one.
+pub fn share(text: &str) -> Result<f64, String> {
+    not_negative(text).and_then(|v| if v < 1.0 { Ok(v) } else { Err(format!("'{text}' must be below 1")) })
+}
+
 /// An angle of view in degrees.
 pub fn angle(text: &str) -> Result<f64, String> {
     let degrees = positive(text)?;
@@ -94,5 +99,6 @@ mod tests {
         assert_eq!(ascending("-1, 2.5").unwrap(), [-1.0, 2.5]);
         assert!(ascending("1,1").is_err() && ascending("1").is_err() && ascending("0,inf").is_err());
         assert!(positive("0").is_err() && positive("inf").is_err() && not_negative("0").is_ok());
+        assert!(share("0").is_ok() && share("0.5").is_ok() && share("1").is_err() && share("-0.1").is_err());
     }
 }

@@ -77,6 +77,9 @@ pub struct Render {
     /// preintegrated with a transfer function, else exact)
     #[arg(long, value_name = "Q")]
     quadrature: Option<Quadrature>,
+    /// Transmittance at which rays end (0: never); the report says how far that may be off
+    #[arg(long, value_name = "T", default_value_t = 1e-6, value_parser = parse::share)]
+    early_stop: f64,
     /// Rays along each edge of a pixel; more than one make it the mean over its square
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     supersample: u32,
@@ -94,19 +97,25 @@ struct Report {
     model: Model,
     density_scale: f64,
     quadrature: String,
+    early_stop: EarlyStop,
     seconds: f64,
+}
+
+/// Where rays end, and what that costs.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct EarlyStop {
+    transmittance: f64,
+    /// Bound of the error in any channel of a pixel, in its units.
+    error_bound: f64,
 }
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{}: {} views in {:.2} s, density scale {}",
-            self.output.join(FILE_NAME).display(),
-            self.views,
-            self.seconds,
-            self.density_scale
-        )
+        let json = self.output.join(FILE_NAME);
+        let Self { views, seconds, density_scale, quadrature, early_stop, .. } = self;
+        writeln!(f, "{}: {views} views in {seconds:.2} s, density scale {density_scale}", json.display())?;
+        let EarlyStop { transmittance, error_bound } = early_stop;
+        write!(f, "  {quadrature}; rays end at transmittance {transmittance:e}, off by {error_bound:.1e} at most")
     }
 }
 
@@ -145,7 +154,8 @@ impl Render {
             .map_err(|e| Error::io(&self.output, e))?;
         let usual = if capture.transfer.is_some() { Quadrature::PREINTEGRATED } else { Quadrature::Exact };
         let quadrature = self.quadrature.unwrap_or(usual);
-        let light = scene.light(&capture, quadrature)?;
+        let light = scene.light(&capture, quadrature)?.early_stop(self.early_stop);
+        let early_stop = EarlyStop { transmittance: self.early_stop, error_bound: light.left_out() };
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
         capture.frames.par_iter().try_for_each(|frame| {
@@ -163,6 +173,7 @@ impl Render {
         let mut extra = Map::new();
         extra.insert("provenance".into(), json!(provenance));
         extra.insert("quadrature".into(), Value::String(quadrature.to_string()));
+        extra.insert("early_stop".into(), json!(early_stop));
         transforms::save(&self.output.join(FILE_NAME), &capture, &extra)?;
         output.report(&Report {
             output: self.output.clone(),
@@ -170,6 +181,7 @@ impl Render {
             model: capture.model,
             density_scale: capture.density_scale,
             quadrature: quadrature.to_string(),
+            early_stop,
             seconds,
         })?;
         Ok(ExitCode::SUCCESS)

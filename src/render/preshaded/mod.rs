@@ -24,6 +24,7 @@ use crate::render::dvr::Radiance;
 use crate::render::march::{IndexRay, batches};
 use crate::render::rule::{Cell, cells};
 use crate::scene::bricks::Bricks;
+use rayon::prelude::*;
 use stretch::Stretch;
 
 /// Optical depth above which a cell is cut.
@@ -49,7 +50,33 @@ struct Front<R: Real> {
 impl<'a, R: Real> Preshaded<'a, R> {
     /// A renderer with rays that end where no more than 1e-6 of the light behind could reach the eye.
     pub fn new(field: &'a Bricks<R::Lanes>, background: [f32; 3]) -> Self {
-        Self { field, background, depth_limit: 1e6_f64.ln() }
+        Self { field, background, depth_limit: 0.0 }.early_stop(1e-6)
+    }
+
+    /// Ends a ray once its transmittance is below `transmittance` (0: never); [`Preshaded::left_out`] says what that
+    /// costs.
+    #[must_use]
+    pub fn early_stop(mut self, transmittance: f64) -> Self {
+        self.depth_limit = -transmittance.ln();
+        self
+    }
+
+    /// The most that ending rays early changes in any channel of a pixel, alpha included. Behind a transmittance T there
+    /// is no more than T times the brightest `e / σ` and the background, or, where something is emitted without
+    /// extinction, than T times what the box's diagonal emits and the background; in its place stands T times the
+    /// background.
+    pub fn left_out(&self) -> f64 {
+        let of = |v: &R::Lanes| {
+            let [r, g, b, extinction] = v.store().map(Real::f64);
+            let emitted = r.max(g).max(b).max(0.0);
+            (emitted, if emitted > 0.0 { emitted / extinction.max(0.0) } else { 0.0 })
+        };
+        let larger = |a: (f64, f64), b: (f64, f64)| (a.0.max(b.0), a.1.max(b.1));
+        let (emitted, ratio) = self.field.values.par_iter().map(of).reduce(|| (0.0, 0.0), larger);
+        let background = self.background.into_iter().fold(0.0, |m: f64, v| m.max(v.into()));
+        let diagonal = self.field.transform.box_to_world(self.field.domain).size().length();
+        let brightest = if ratio.is_finite() { ratio.max(background) } else { emitted * diagonal + background };
+        (-self.depth_limit).exp() * brightest.max(1.0)
     }
 
     /// Radiance along a world ray of unit direction; the ray is added to those on the tape.
