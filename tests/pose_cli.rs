@@ -289,6 +289,25 @@ fn an_interrupt_writes_what_is_there() {
 }
 
 #[test]
+fn a_search_goes_on_where_it_was_left() {
+    let work = Work::new();
+    write(&work, "a.vdb", &lumpy());
+    let middle = centre(&work, "a.vdb");
+    work.json("render a.vdb --views 2 --size 32x32 --density-scale auto -o c");
+    disturb(&work, "c/transforms.json", "c/off.json", middle, 2.0, 2.0, 1.0);
+    let run = |words: &str| work.json(&format!("pose c/off.json --volume a.vdb -o c/found.json {words}"));
+    let rms = |report: &Value, key: &str| report[key].as_f64().unwrap();
+    let first = run("--iterations 1 --resume");
+    let on = run("--resume");
+    assert!((rms(&on, "rms_before") / rms(&first, "rms_after") - 1.0).abs() < 1e-3, "{first} {on}");
+    assert!(rms(&on, "rms_after") < 0.01 * rms(&first, "rms_before"), "{first} {on}");
+    // Motion is told from where the capture has its cameras, not from where the search went on.
+    assert!((on["cameras"][0]["rotated_degrees"].as_f64().unwrap() - 2.0).abs() < 0.1, "{on}");
+    work.json("render a.vdb --views 3 --size 32x32 -o other");
+    work.refused("pose other --volume a.vdb -o c/found.json --resume", &["c/found.json", "--resume"]);
+}
+
+#[test]
 fn what_cannot_be_used_is_named() {
     let work = Work::new();
     write(&work, "a.vdb", &lumpy());

@@ -105,6 +105,19 @@ fn the_best_start_reaches_the_best_sample() {
     }
 }
 
+#[test]
+fn a_search_goes_on_where_it_was_left() {
+    let work = Work::new();
+    write(&work, "bars.vdb", &bars());
+    let run = |words: &str| work.json(&format!("viewpoint bars.vdb --size 64x64 -o best.json {words}"));
+    let entropy = |report: &Value| report["entropy"].as_f64().unwrap();
+    let first = run("--starts 8 --resume");
+    let alone = work.json("viewpoint bars.vdb --size 64x64 --starts 1 --iterations 1 -o alone.json --pictures alone");
+    let on = run("--starts 1 --iterations 1 --resume");
+    assert_eq!(on["starts"].as_array().unwrap().len() as u64, 1 + first["views"].as_u64().unwrap());
+    assert!(entropy(&on) > entropy(&first) - 1e-4 && entropy(&on) >= entropy(&alone), "{first} {alone} {on}");
+}
+
 /// Extinction by density, of one colour.
 fn transfer_function(work: &Work, name: &str, points: &[[f64; 2]]) {
     let points = points.iter().map(|[density, extinction]| [*density, 1.0, 0.5, 0.2, *extinction]).collect();

@@ -13,12 +13,13 @@ use crate::error::{Error, Result};
 use crate::formats::vdb::Limits;
 use crate::formats::{atomic, transforms};
 use crate::math::Aabb;
+use crate::optimise::observation::Photo;
 use crate::optimise::pictures::Target;
 use crate::optimise::pose::{self, Colours, Found, Request, levels};
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
-use crate::scene::capture::{Capture, Model};
+use crate::scene::capture::{Capture, Frame, Model};
 use crate::scene::transfer::Transfer;
 use glam::{DMat3, DQuat, DVec3};
 use serde::Serialize;
@@ -33,7 +34,8 @@ use std::time::Instant;
 ///
 /// Cameras of the capture are where the search begins: a few degrees and a few percent of the distance off. Position
 /// and rotation of each are moved until what it sees of the volume is its picture. Where the capture's model is
-/// pre-shaded, the volume needs a grid 'emission' beside its extinctions. Ctrl-C writes what is there (exit code 1).
+/// pre-shaded, the volume needs a grid 'emission' beside its extinctions. Ctrl-C writes what is there (exit
+/// code 1); --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Pose {
     /// transforms.json of the pictures, or its folder
@@ -61,6 +63,9 @@ pub struct Pose {
     /// Write a page that shows how it went
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
+    /// Begin with the cameras of the output, if it is there
+    #[arg(long)]
+    resume: bool,
     #[command(flatten)]
     memory: Memory,
 }
@@ -143,10 +148,9 @@ impl Pose {
 
         let centre = self.centre(&scene.extinctions())?;
         let rays_per_edge = run::rays_per_edge(shown.pixel_filter);
-        let targets: Vec<Target> = photos
-            .into_iter()
-            .map(|photo| Target { camera: photo.camera, rgba: photo.film.rgba, rays_per_edge })
-            .collect();
+        let cameras = self.previous(&shown)?.unwrap_or_else(|| shown.frames.iter().map(|f| f.camera).collect());
+        let target = |(photo, camera): (Photo, Camera)| Target { camera, rgba: photo.film.rgba, rays_per_edge };
+        let targets: Vec<Target> = photos.into_iter().zip(cameras).map(target).collect();
         let light = scene.light(&shown, Quadrature::Exact)?;
         let colours = match light {
             Light::Density(_) => Colours::of(&shown.medium()?, shown.background),
@@ -182,7 +186,7 @@ impl Pose {
             }
         }
         if stopped {
-            output.note("stopped; what was there by then is written");
+            output.note("stopped; what was there by then is written, and --resume goes on from it");
         }
         output.report(&report)?;
         Ok(if stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
@@ -207,6 +211,24 @@ impl Pose {
             None if capture.model == Model::Absorption => Capture { transfer: None, ..capture.clone() },
             None => capture.clone(),
         }
+    }
+
+    /// The cameras that an earlier run has found for the same pictures.
+    fn previous(&self, shown: &Capture) -> Result<Option<Vec<Camera>>> {
+        if !(self.resume && self.output.exists()) {
+            return Ok(None);
+        }
+        let found = transforms::load(&self.output)?.frames;
+        let same = |(a, b): (&Frame, &Frame)| {
+            let size = |f: &Frame| (f.camera.width, f.camera.height, f.camera.projection);
+            a.picture.file_name() == b.picture.file_name() && size(a) == size(b)
+        };
+        if found.len() != shown.frames.len() || !found.iter().zip(&shown.frames).all(same) {
+            return Err(Error::invalid("--resume: these are not the cameras of the capture's pictures")
+                .at(&self.output)
+                .hint("leave --resume out, or give the output of an earlier run with the same capture"));
+        }
+        Ok(Some(found.into_iter().map(|f| f.camera).collect()))
     }
 
     /// The middle of what is in the volume.

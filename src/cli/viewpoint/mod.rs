@@ -34,7 +34,8 @@ use std::time::Instant;
 /// Find the viewpoints from which a volume shows most
 ///
 /// Cameras stand on a sphere around the volume and face its centre. Those from which the opacity entropy of the
-/// picture is largest are written as a capture, the best first. Ctrl-C writes what is there (exit code 1).
+/// picture is largest are written as a capture, the best first. Ctrl-C writes what is there (exit code 1);
+/// --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Viewpoint {
     /// VDB to look at
@@ -71,6 +72,9 @@ pub struct Viewpoint {
     /// Grid to look at (default: density, else the only scalar one)
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
+    /// Start from the viewpoints of the output as well, if it is there
+    #[arg(long)]
+    resume: bool,
     /// Write a page that shows the search
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
@@ -154,14 +158,15 @@ impl Viewpoint {
         }
         let around = Sphere::around(&field.outline(), self.size, self.fov)
             .map_err(|e| e.at(&self.input).hint("choose another grid with --grid"))?;
-        let request =
-            Request { sphere: around, starts: sphere::starts(self.starts as usize), iterations: self.iterations };
+        let mut starts = sphere::starts(self.starts as usize);
+        starts.extend(self.previous(&around)?);
+        let request = Request { sphere: around, starts, iterations: self.iterations };
         let mut capture = self.capture(&field, transfer, &request)?;
         render::fits(&capture, limits.max_memory)?;
 
         let dvr = Dvr::new(&field, opaque(capture.medium()?)?)?;
         let sizes = sizes(&around).len() as u64;
-        let bar = output.progress(u64::from(self.starts) * sizes + u64::from(self.samples), "viewpoint");
+        let bar = output.progress(request.starts.len() as u64 * sizes + u64::from(self.samples), "viewpoint");
         let mut found = viewpoint::search(&dvr, &request, cancel, &|| bar.inc(1));
         let samples = self.sample(&dvr, &around, cancel, &|| bar.inc(1));
         bar.finish_and_clear();
@@ -183,10 +188,19 @@ impl Viewpoint {
             report.report = Some(page.write(dir)?);
         }
         if found.stopped {
-            output.note("stopped; what was there by then is written");
+            output.note("stopped; what was there by then is written, and --resume goes on from it");
         }
         output.report(&report)?;
         Ok(if found.stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
+    }
+
+    /// Unit vectors to the viewpoints of an earlier run.
+    fn previous(&self, around: &Sphere) -> Result<Vec<DVec3>> {
+        if !(self.resume && self.output.exists()) {
+            return Ok(Vec::new());
+        }
+        let capture = transforms::load(&self.output)?;
+        Ok(capture.frames.iter().filter_map(|f| (f.camera.position() - around.centre).try_normalize()).collect())
     }
 
     /// The pictures of another capture must not be replaced by ours.
