@@ -9,4 +9,5 @@ pub mod orbit;
 pub mod sphere;
 pub mod statistics;
 pub mod table;
+pub mod topology;
 pub mod transfer;

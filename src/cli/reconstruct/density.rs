@@ -89,6 +89,24 @@ enum Choice {
     Paper,
 }
 
+/// The solver that suits the pictures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Way {
+    Cg,
+    Paper,
+    Behind,
+}
+
+impl From<Way> for Solver {
+    fn from(way: Way) -> Self {
+        match way {
+            Way::Cg => Self::Cg,
+            Way::Paper => Self::Paper,
+            Way::Behind => Self::Behind,
+        }
+    }
+}
+
 /// `--loss`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Loss {
@@ -113,8 +131,8 @@ impl Density {
         if let Some(transfer) = self.transfer.load(limits)? {
             (capture.transfer, capture.model) = (Some(transfer), Model::EmissionAbsorption);
         }
-        let solver = self.solver(&capture)?;
-        if solver == Solver::Cg && self.prior.is_some() {
+        let way = self.way(&capture)?;
+        if way == Way::Cg && self.prior.is_some() {
             return Err(Error::invalid("--prior is for descents, and conjugate gradients have a prior of their own")
                 .hint("use --smoothing, or --solver paper"));
         }
@@ -126,24 +144,24 @@ impl Density {
         let pictures = capture.frames.iter().map(|f| f.picture.as_path());
         provenance.input(&json, std::iter::once(json.as_path()).chain(pictures))?;
         let observation = observe(&photos, &capture).map_err(|e| e.at(&json))?;
-        let request = self.request(&capture, &observation, solver, held_out, limits).map_err(|e| e.at(&json))?;
+        let request = self.request(&capture, &observation, way, held_out, limits).map_err(|e| e.at(&json))?;
         let mut stages = vec![Stage { name: "read pictures".into(), seconds: begun.elapsed().as_secs_f64() }];
 
         let used = photos.len() - request.held_out.len();
-        let length = match solver {
-            Solver::Paper => paper::most_iterations(&request, used),
-            Solver::Behind => behind::most_iterations(&request, used),
-            Solver::Cg | Solver::Colour => density::most_iterations(&request),
+        let length = match way {
+            Way::Paper => paper::most_iterations(&request, used),
+            Way::Behind => behind::most_iterations(&request, used),
+            Way::Cg => density::most_iterations(&request),
         };
         let bar = output.progress(length, "density");
         let watch = |step: &Step| {
             run::show(&bar, step);
             if cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
-        let outcome = match solver {
-            Solver::Paper => paper::reconstruct(&photos, &observation, &request, watch),
-            Solver::Behind => behind::reconstruct(&photos, &observation, &request, watch),
-            Solver::Cg | Solver::Colour => density::reconstruct(&observation, &request, watch),
+        let outcome = match way {
+            Way::Paper => paper::reconstruct(&photos, &observation, &request, watch),
+            Way::Behind => behind::reconstruct(&photos, &observation, &request, watch),
+            Way::Cg => density::reconstruct(&observation, &request, watch),
         };
         bar.finish_and_clear();
         let Outcome { field, history, stages: solved, train_psnr_db, held_out_psnr_db, unknowns, stopped } =
@@ -168,7 +186,7 @@ impl Density {
             capture: json,
             output: self.output.clone(),
             grid: self.grid.clone(),
-            solver,
+            solver: way.into(),
             layer: self.layer.clone(),
             iterations: history.len() as u32,
             seconds,
@@ -196,17 +214,17 @@ impl Density {
         Ok(if stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
     }
 
-    fn solver(&self, capture: &Capture) -> Result<Solver> {
+    fn way(&self, capture: &Capture) -> Result<Way> {
         let source = capture.medium()?.source;
         match (self.solver, source) {
-            (Choice::Auto | Choice::Cg, Source::Grey(_)) => Ok(Solver::Cg),
+            (Choice::Auto | Choice::Cg, Source::Grey(_)) => Ok(Way::Cg),
             (Choice::Cg, _) => {
                 Err(Error::unsupported("--solver cg needs pictures that depend on the optical depth alone")
                     .at(&self.capture)
                     .hint("these show emission that follows the density: leave it out, or use --solver paper"))
             }
-            (Choice::Auto, Source::Transfer(_)) => Ok(Solver::Behind),
-            (Choice::Paper, _) | (Choice::Auto, Source::Linear(_)) => Ok(Solver::Paper),
+            (Choice::Auto, Source::Transfer(_)) => Ok(Way::Behind),
+            (Choice::Paper, _) | (Choice::Auto, Source::Linear(_)) => Ok(Way::Paper),
         }
     }
 
@@ -214,7 +232,7 @@ impl Density {
         &self,
         capture: &Capture,
         observation: &Observation,
-        solver: Solver,
+        way: Way,
         held_out: Vec<usize>,
         limits: Limits,
     ) -> Result<Request> {
@@ -231,7 +249,7 @@ impl Density {
             prior: self.prior,
             robust: self.loss == Loss::Huber,
             held_out,
-            iterations: self.iterations.unwrap_or(if solver == Solver::Cg { 24 } else { 50 }),
+            iterations: self.iterations.unwrap_or(if way == Way::Cg { 24 } else { 50 }),
             init,
             max_memory: limits.max_memory,
         })

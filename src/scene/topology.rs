@@ -1,0 +1,302 @@
+//! Which bricks of 8³ cells there are, and how their voxels are numbered.
+//!
+//! A brick owns the 8³ *cells* whose lowest corner lies in one leaf of the VDB tree, and stores the
+//! 9³ voxel values at their corners, so that trilinear interpolation never leaves the brick.
+//!
+//! Values of a brick: `values[(x * 9 + y) * 9 + z]`, z fastest as in OpenVDB's leaves.
+
+use crate::error::{Error, Result};
+use crate::math::Aabb;
+use crate::scene::grid::LEAF_VOXELS;
+use glam::IVec3;
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+use std::ops::AddAssign;
+
+/// Cells along the edge of a brick.
+pub const CELLS: usize = 8;
+/// Stored voxels along the edge of a brick: its cells' corners.
+pub const EDGE: usize = CELLS + 1;
+/// Stored voxels of a brick.
+pub const BRICK: usize = EDGE * EDGE * EDGE;
+/// Marks the absence of a brick.
+pub const NONE: u32 = u32::MAX;
+
+/// Offset of a stored voxel in its brick.
+#[inline(always)]
+pub const fn slot(x: usize, y: usize, z: usize) -> usize {
+    (x * EDGE + y) * EDGE + z
+}
+
+/// What a voxel holds: a number, or four of a pre-shaded volume. By default it holds nothing.
+pub trait Voxel: Copy + Default + AddAssign + Send + Sync {}
+impl<V: Copy + Default + AddAssign + Send + Sync> Voxel for V {}
+
+/// Which bricks there are, and who is whose neighbour.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Topology {
+    /// Brick coordinates of the table's first entry.
+    min: IVec3,
+    /// Table entries along x, y, z.
+    dim: IVec3,
+    /// Brick number or [`NONE`], z fastest.
+    table: Vec<u32>,
+    /// By table entry: how many bricks away, along every axis, there is none; empty where nobody looked.
+    clear: Vec<u8>,
+    /// Brick coordinates of the box of all that are found: the lowest, and one past the highest.
+    found: [IVec3; 2],
+    /// Brick coordinates (voxel coordinates / 8), ascending.
+    bricks: Vec<IVec3>,
+}
+
+/// The most entries that a table may have: 1 GiB of them. Volumes that need more are two specks far
+/// apart.
+const TABLE_LIMIT: i64 = 1 << 28;
+
+impl Topology {
+    /// A topology of the given brick coordinates (voxel coordinates divided by 8).
+    ///
+    /// # Errors
+    /// If the bricks are so far apart that the look-up table would not fit.
+    pub fn new(bricks: impl IntoIterator<Item = IVec3>) -> Result<Self> {
+        let set: BTreeSet<[i32; 3]> = bricks.into_iter().map(|b| b.to_array()).collect();
+        let bricks: Vec<IVec3> = set.into_iter().map(IVec3::from_array).collect();
+        let Some(&first) = bricks.first() else {
+            let (min, found) = (IVec3::ZERO, [IVec3::ZERO; 2]);
+            return Ok(Self { min, dim: min, table: Vec::new(), clear: Vec::new(), found, bricks });
+        };
+        // Kernels hold offsets of values in 32 bits.
+        if bricks.len() > u32::MAX as usize / BRICK {
+            return Err(Error::unsupported(format!(
+                "{} blocks of 8³ voxels are more than can be addressed",
+                bricks.len()
+            ))
+            .hint("take a part with `cumulo convert --crop`, or a coarser one with `--resample`"));
+        }
+        let (min, max) = bricks.iter().fold((first, first), |(lo, hi), b| (lo.min(*b), hi.max(*b)));
+        let extent = max.as_i64vec3() - min.as_i64vec3() + 1;
+        let entries = extent.x.checked_mul(extent.y).and_then(|e| e.checked_mul(extent.z));
+        if entries.is_none_or(|e| e > TABLE_LIMIT) {
+            return Err(Error::unsupported(format!(
+                "active voxels are spread over {} x {} x {} voxels, too far apart to index",
+                8 * extent.x,
+                8 * extent.y,
+                8 * extent.z
+            ))
+            .hint("keep the part that matters with `cumulo convert --crop`"));
+        }
+        let dim = extent.as_ivec3();
+        let table = vec![NONE; (extent.x * extent.y * extent.z) as usize];
+        let found = [min, min + dim];
+        let mut topology = Self { min, dim, table, clear: Vec::new(), found, bricks: Vec::new() };
+        for (i, b) in bricks.iter().enumerate() {
+            if let Some(entry) = topology.entry(*b) {
+                topology.table[entry] = i as u32;
+            }
+        }
+        topology.bricks = bricks;
+        Ok(topology)
+    }
+
+    #[inline(always)]
+    fn entry(&self, brick: IVec3) -> Option<usize> {
+        let r = brick - self.min;
+        let inside = r.cmpge(IVec3::ZERO).all() && r.cmplt(self.dim).all();
+        inside.then(|| ((r.x * self.dim.y + r.y) as usize) * self.dim.z as usize + r.z as usize)
+    }
+
+    /// All bricks of the box around these.
+    ///
+    /// # Errors
+    /// If that are more than can be addressed.
+    pub fn filled(&self) -> Result<Self> {
+        let dim = self.dim;
+        let all = (0..dim.x).flat_map(|x| (0..dim.y).map(move |y| (x, y)));
+        Self::new(all.flat_map(|(x, y)| (0..dim.z).map(move |z| self.min + IVec3::new(x, y, z))))
+    }
+
+    /// Number of the brick at these brick coordinates, or [`NONE`].
+    #[inline(always)]
+    pub fn find(&self, brick: IVec3) -> u32 {
+        self.entry(brick).map_or(NONE, |e| self.table[e])
+    }
+
+    /// Number of the brick there; or how many bricks further, along every axis, there is none either.
+    #[inline(always)]
+    pub fn look(&self, brick: IVec3) -> Result<u32, i32> {
+        let Some(entry) = self.entry(brick) else { return Err(0) };
+        match self.table[entry] {
+            NONE => Err(self.clear.get(entry).map_or(0, |c| i32::from(*c))),
+            number => Ok(number),
+        }
+    }
+
+    /// Brick coordinates by number, ascending.
+    pub fn bricks(&self) -> &[IVec3] {
+        &self.bricks
+    }
+
+    /// How many bricks there are.
+    pub fn len(&self) -> usize {
+        self.bricks.len()
+    }
+
+    /// True if there are none.
+    pub fn is_empty(&self) -> bool {
+        self.bricks.is_empty()
+    }
+
+    /// Index-space box of all cells, with the lowest and the highest brick coordinates.
+    pub fn bounds(&self) -> Aabb {
+        if self.is_empty() {
+            return Aabb::EMPTY;
+        }
+        Aabb { min: 8.0 * self.min.as_dvec3(), max: 8.0 * (self.min + self.dim).as_dvec3() }
+    }
+
+    /// The same bricks with the same numbers, but found only where `keep` says so; what is clear around those
+    /// that are not is known.
+    #[must_use]
+    pub fn masked(&self, keep: impl Fn(usize) -> bool) -> Self {
+        let mut masked = self.clone();
+        for entry in masked.table.iter_mut().filter(|e| **e != NONE) {
+            if !keep(*entry as usize) {
+                *entry = NONE;
+            }
+        }
+        masked.clear = masked.clearance();
+        let kept = masked.bricks.iter().filter(|b| masked.find(**b) != NONE);
+        let [low, high] = kept.fold([IVec3::MAX, IVec3::MIN], |[low, high], b| [low.min(*b), high.max(*b + 1)]);
+        masked.found = if low.cmple(high).all() { [low, high] } else { [IVec3::ZERO; 2] };
+        masked
+    }
+
+    /// Index-space box of the bricks that are found; of no size if there are none.
+    pub fn reach(&self) -> Aabb {
+        let [low, high] = self.found;
+        Aabb { min: 8.0 * low.as_dvec3(), max: 8.0 * high.as_dvec3() }
+    }
+
+    /// Chebyshev distance to the nearest brick, less one, by table entry (0 where one is); entries beyond the table
+    /// are clear. Axis by axis: a box that grows along x, y and z in turn.
+    fn clearance(&self) -> Vec<u8> {
+        const FAR: u8 = u8::MAX;
+        let mut distance: Vec<u8> = self.table.iter().map(|e| if *e == NONE { FAR } else { 0 }).collect();
+        let dim = self.dim.to_array().map(|d| d as usize);
+        // Two sweeps over all 26 neighbours, those before and those after: exact for this distance.
+        let (rows, row) = (dim[1] as isize * dim[2] as isize, dim[2] as isize);
+        let offset = |d: [i32; 3]| d[0] as isize * rows + d[1] as isize * row + d[2] as isize;
+        let before: Vec<[i32; 3]> = (0..13).map(|i| [i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1]).collect();
+        let inside = |p: [usize; 3], d: [i32; 3]| (0..3).all(|a| p[a].wrapping_add_signed(d[a] as isize) < dim[a]);
+        let mut settle = |entry: usize, sign: i32| {
+            let p = [entry / (dim[1] * dim[2]), entry / dim[2] % dim[1], entry % dim[2]];
+            let near = before.iter().map(|d| d.map(|v| sign * v)).filter(|d| inside(p, *d));
+            let least = near.map(|d| distance[entry.wrapping_add_signed(offset(d))]).min().unwrap_or(FAR);
+            distance[entry] = distance[entry].min(least.saturating_add(1));
+        };
+        (0..self.table.len()).for_each(|entry| settle(entry, 1));
+        (0..self.table.len()).rev().for_each(|entry| settle(entry, -1));
+        distance.into_iter().map(|d| d.saturating_sub(1)).collect()
+    }
+
+    /// Copies owned voxels (512 a brick, z fastest) into stored ones (729 a brick), aprons included.
+    pub fn spread<V: Voxel>(&self, owned: &[V], stored: &mut [V]) {
+        stored.par_chunks_mut(BRICK).zip(self.bricks.par_iter()).for_each(|(out, brick)| {
+            for corner in 0..8 {
+                let offset = IVec3::new(corner >> 2 & 1, corner >> 1 & 1, corner & 1);
+                let source = self.find(*brick + offset);
+                let part = |a: i32| if a == 0 { 0..CELLS } else { CELLS..EDGE };
+                for x in part(offset.x) {
+                    for y in part(offset.y) {
+                        for z in part(offset.z) {
+                            out[slot(x, y, z)] = if source == NONE {
+                                V::default()
+                            } else {
+                                owned[source as usize * LEAF_VOXELS + ((x & 7) << 6 | (y & 7) << 3 | (z & 7))]
+                            };
+                        }
+                    }
+                }
+            }
+        });
+    }
+
+    /// Where an owned voxel (512 a brick, z fastest) is stored: in its own brick first, then in the aprons of
+    /// those below.
+    pub fn slots(&self, voxel: usize) -> [Option<usize>; 8] {
+        let (brick, i) = (voxel / LEAF_VOXELS, voxel % LEAF_VOXELS);
+        let local = [i >> 6, i >> 3 & 7, i & 7];
+        std::array::from_fn(|corner| {
+            let below = [corner >> 2 & 1, corner >> 1 & 1, corner & 1];
+            if (0..3).any(|a| below[a] == 1 && local[a] != 0) {
+                return None;
+            }
+            let number = self.find(self.bricks[brick] - IVec3::from_array(below.map(|b| b as i32)));
+            let [x, y, z] = std::array::from_fn(|a| local[a] + below[a] * CELLS);
+            (number != NONE).then(|| number as usize * BRICK + slot(x, y, z))
+        })
+    }
+
+    /// Adds stored values onto the voxels that own them: the transpose of [`Topology::spread`].
+    pub fn fold<V: Voxel>(&self, stored: &[V], owned: &mut [V]) {
+        owned.par_chunks_mut(LEAF_VOXELS).zip(self.bricks.par_iter().enumerate()).for_each(|(out, (i, brick))| {
+            let own = &stored[i * BRICK..(i + 1) * BRICK];
+            for x in 0..CELLS {
+                for y in 0..CELLS {
+                    for z in 0..CELLS {
+                        out[x << 6 | y << 3 | z] = own[slot(x, y, z)];
+                    }
+                }
+            }
+            for corner in 1..8 {
+                let offset = IVec3::new(corner >> 2 & 1, corner >> 1 & 1, corner & 1);
+                let source = self.find(*brick - offset);
+                if source == NONE {
+                    continue;
+                }
+                let theirs = &stored[source as usize * BRICK..(source as usize + 1) * BRICK];
+                let part = |a: i32| if a == 0 { 0..CELLS } else { 0..1 };
+                let shift = |a: i32| a as usize * CELLS;
+                for x in part(offset.x) {
+                    for y in part(offset.y) {
+                        for z in part(offset.z) {
+                            out[x << 6 | y << 3 | z] +=
+                                theirs[slot(x + shift(offset.x), y + shift(offset.y), z + shift(offset.z))];
+                        }
+                    }
+                }
+            }
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `⟨spread(u), v⟩ = ⟨u, fold(v)⟩`, exactly in integers.
+    #[test]
+    fn fold_is_the_transpose_of_spread() {
+        let bricks = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1], [0, 0, 1], [-1, 0, 0]];
+        let t = Topology::new(bricks.map(IVec3::from_array)).unwrap();
+        let owned: Vec<f64> = (0..t.len() * LEAF_VOXELS).map(|i| (i * 7 % 23) as f64).collect();
+        let other: Vec<f64> = (0..t.len() * BRICK).map(|i| (i * 5 % 19) as f64).collect();
+        let (mut stored, mut folded) = (vec![0.0; t.len() * BRICK], vec![0.0; t.len() * LEAF_VOXELS]);
+        t.spread(&owned, &mut stored);
+        t.fold(&other, &mut folded);
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        assert_eq!(dot(&stored, &other), dot(&owned, &folded));
+        // Slots are the columns of the spread.
+        for (voxel, sum) in folded.iter().enumerate() {
+            let slots = t.slots(voxel);
+            assert_eq!(slots.into_iter().flatten().map(|s| other[s]).sum::<f64>(), *sum);
+            assert_eq!(slots[0].map(|s| stored[s]), Some(owned[voxel]));
+        }
+    }
+
+    #[test]
+    fn specks_too_far_apart_are_refused() {
+        let far = Topology::new([IVec3::ZERO, IVec3::splat(100_000)]);
+        assert!(far.unwrap_err().to_string().contains("--crop"));
+    }
+}
