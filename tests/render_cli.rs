@@ -5,7 +5,7 @@
 mod fields;
 mod work;
 
-use cumulo::formats::vdb::{Codec, write_grids};
+use cumulo::formats::vdb::{Codec, shaded, write_grids};
 use cumulo::formats::{exr, transforms};
 use cumulo::render;
 use cumulo::render::dvr::Dvr;
@@ -14,7 +14,7 @@ use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::capture::{EmissionModel, Model, PixelFilter};
 use cumulo::scene::grid::Grid;
-use fields::unit;
+use fields::{tinted, unit};
 use glam::DVec3;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -176,6 +176,13 @@ fn early_stops_say_what_they_may_cost() {
     let text = std::fs::read_to_string(work.path("o/transforms.json")).unwrap();
     assert!(text.contains("\"early_stop\"") && text.contains("\"transmittance\""), "{text}");
     work.refused("render @plume.vdb --views 1 --early-stop 1 -o o", &["below 1"]);
+}
+
+#[test]
+fn density_scales_beyond_single_precision_are_refused() {
+    let work = Work::new();
+    shaded::write(&work.path("s.vdb"), &tinted::<f32>(16, 0.5, unit()), &[], &BTreeMap::new()).unwrap();
+    work.refused("render s.vdb --model pre-shaded --views 1 --density-scale 1e39 -o o", &["1e39", "single precision"]);
 }
 
 #[test]

@@ -97,7 +97,12 @@ impl fmt::Display for Run {
         let [x, y, z] = self.voxel_size;
         writeln!(f, "{}: grid '{}', {} voxels of {x} x {y} x {z}", self.output.display(), self.grid, self.unknowns)?;
         writeln!(f, "  {} iterations in {:.2} s", self.iterations, self.seconds)?;
-        writeln!(f, "  used views     {:.2} dB ({})", self.train_psnr_db, self.views - self.held_out.len())?;
+        writeln!(
+            f,
+            "  used views     {:.2} dB ({})",
+            self.train_psnr_db,
+            self.views.saturating_sub(self.held_out.len())
+        )?;
         if let Some(psnr) = self.held_out_psnr_db {
             writeln!(f, "  held-out views {psnr:.2} dB ({})", self.held_out.len())?;
         }

@@ -1,7 +1,7 @@
 //! Either kind of volume that a command may be given.
 
 use super::light::Light;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::formats::vdb::{File, Limits, shaded};
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
@@ -42,7 +42,7 @@ impl Scene {
     /// Its renderer, as the pictures of a capture show it. (Extinctions and emissions are scaled in place.)
     ///
     /// # Errors
-    /// If the capture's medium cannot be used.
+    /// If the capture's medium or density scale cannot be used.
     pub fn light(&mut self, capture: &Capture, quadrature: Quadrature) -> Result<Light<'_>> {
         Ok(match self {
             Self::Density(field) => Light::Density(
@@ -52,6 +52,13 @@ impl Scene {
                 // It multiplies emissions too: colours stay.
                 let scale = capture.density_scale as f32;
                 volume.values.par_iter_mut().for_each(|v| *v *= scale);
+                if !volume.values.par_iter().all(|v| v.is_finite()) {
+                    return Err(Error::invalid(format!(
+                        "density scale {:e} makes emissions or extinctions too large for single precision",
+                        capture.density_scale
+                    ))
+                    .hint("give a smaller --density-scale, or correct the capture's density_scale"));
+                }
                 Light::PreShaded(Preshaded::new(volume, capture.background))
             }
         })

@@ -79,10 +79,9 @@ pub fn reconstruct(
     }
     fits(extinctions.topology.len(), request.max_memory)?;
 
-    let mut level = match &init {
-        Some(_) => 0,
-        None => lattice::coarser_levels(&request.lattice, &request.bounds, COARSEST),
-    };
+    // Of a run that was stopped the extinctions are coarser than what was asked for, and so may the start be.
+    let began = init.as_ref().map(|volume| &volume.transform);
+    let mut level = lattice::levels_from(began, &extinctions.transform, &request.bounds, COARSEST);
     let mut found = init;
     loop {
         let begun = Instant::now();

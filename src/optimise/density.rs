@@ -176,11 +176,7 @@ pub fn most_iterations(request: &Request) -> u64 {
 /// How many levels, each of half the resolution, lead up to the finest. A start is taken up on the
 /// level of its own resolution.
 fn levels(lattice: &Affine, bounds: &Aabb, start: Option<&Bricks<f32>>) -> u32 {
-    if let Some(start) = start {
-        let ratio = (start.transform.voxel_size() / lattice.voxel_size()).max_element();
-        return ratio.log2().round().clamp(0.0, 7.0) as u32 + 1;
-    }
-    lattice::coarser_levels(lattice, bounds, COARSEST) + 1
+    lattice::levels_from(start.map(|s| &s.transform), lattice, bounds, COARSEST) + 1
 }
 
 /// The problem on one level.

@@ -42,6 +42,14 @@ pub fn coarser_levels(lattice: &Affine, bounds: &Aabb, least: f64) -> u32 {
     (1..8).take_while(|l| longest / f64::from(1_u32 << l) >= least).count() as u32
 }
 
+/// How many levels lead up to the finest: those of [`coarser_levels`], or, from a start on, as many as its voxels are
+/// coarser.
+pub fn levels_from(start: Option<&Affine>, lattice: &Affine, bounds: &Aabb, least: f64) -> u32 {
+    let Some(start) = start else { return coarser_levels(lattice, bounds, least) };
+    let ratio = (start.voxel_size() / lattice.voxel_size()).max_element();
+    ratio.log2().round().clamp(0.0, 7.0) as u32
+}
+
 /// World length of a pixel at the centre of the region: the median over all views, by the finer of
 /// the picture's two directions. Voxels much smaller than that cannot be told apart.
 pub fn footprint(maps: &[DepthMap], bounds: &Aabb) -> Option<f64> {

@@ -82,7 +82,7 @@ pub struct Tf {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Choice {
     Auto,
-    /// Adam as in Weiss & Westermann (2021)
+    /// Adam as in Weiss & Westermann (2021); colours lie between 0 and 1
     Paper,
 }
 
@@ -171,8 +171,11 @@ impl Tf {
     /// Compares renders with the held-out views, and writes the page if one is asked for.
     fn look(&self, run: &mut TransferRun, limits: Limits) -> Result<()> {
         let begun = Instant::now();
-        let which = if self.report.is_some() { &run.shown } else { &run.held_out };
-        let views = transfer_page::views(run, which, limits, None)?;
+        let mut which = run.held_out.clone();
+        if self.report.is_some() {
+            which.extend(run.shown.iter().filter(|i| !run.held_out.contains(i)));
+        }
+        let mut views = transfer_page::views(run, &which, limits, None)?;
         let of_held_out = |value: fn(&View) -> f64| {
             let values: Vec<f64> = views.iter().filter(|v| v.row.held_out).map(value).collect();
             (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
@@ -181,6 +184,9 @@ impl Tf {
         run.held_out_ssim = of_held_out(|v| v.ssim);
         run.stages.push(Stage { name: "views".into(), seconds: begun.elapsed().as_secs_f64() });
         if let Some(dir) = &self.report {
+            let place = |view: &View| run.shown.iter().position(|i| *i == view.number);
+            views.retain(|view| place(view).is_some());
+            views.sort_by_key(place);
             run.report = Some(report::write_transfer(dir, run, views)?);
         }
         Ok(())

@@ -70,7 +70,7 @@ pub struct TransferRun {
     pub stopped: bool,
     /// The page, if one was asked for.
     pub report: Option<PathBuf>,
-    /// How much the pictures say about each texel's extinction and colour, 0..1.
+    /// How much the pictures say about each texel's extinction and colour, 0..1; empty after a descent.
     pub confidence: Vec<[f64; 2]>,
     /// Time by stage.
     pub stages: Vec<Stage>,
@@ -129,6 +129,8 @@ pub fn field(volume: &Path, grid: Option<&str>, limits: Limits) -> Result<Bricks
 /// A view beside its render by the function that was found.
 #[derive(Debug)]
 pub struct View {
+    /// Its number.
+    pub number: usize,
     /// Both.
     pub row: ViewRow,
     /// Mean squared difference of the colours.
@@ -165,7 +167,7 @@ pub fn views(run: &TransferRun, which: &[usize], limits: Limits, beside: Option<
             psnr_db: Some(comparison.psnr_db),
             note: String::new(),
         };
-        Ok(View { row, square: comparison.rms * comparison.rms, ssim: comparison.ssim })
+        Ok(View { number: i, row, square: comparison.rms * comparison.rms, ssim: comparison.ssim })
     };
     frames.map(of).collect()
 }
@@ -215,7 +217,7 @@ pub fn page(
         format!(
             "{} texels of colour and extinction that explain {} views of '{}'{}.",
             run.texels,
-            run.views - run.held_out.len(),
+            run.views.saturating_sub(run.held_out.len()),
             run.volume.file_name().unwrap_or_default().to_string_lossy(),
             if run.stopped { "; stopped before the end" } else { "" }
         ),
@@ -254,9 +256,11 @@ pub fn page(
     }
     page.plot("Extinction", &plot("per world unit", extinctions))?;
     page.plot("Colour", &plot("radiance of the source", colours))?;
-    let share = |c: usize| move |i: usize| run.confidence.get(i).map_or(0.0, |of| of[c]);
-    let known = vec![line("extinction", &share(0)), line("colour", &share(1))];
-    page.plot("What the pictures say", &plot("share of the pictures, not of the prior", known))?;
+    if !run.confidence.is_empty() {
+        let share = |c: usize| move |i: usize| run.confidence.get(i).map_or(0.0, |of| of[c]);
+        let known = vec![line("extinction", &share(0)), line("colour", &share(1))];
+        page.plot("What the pictures say", &plot("share of the pictures, not of the prior", known))?;
+    }
     let rows: Vec<ViewRow> = views.into_iter().map(|v| v.row).collect();
     page.views("Views", &rows, run.views)?;
     if run.held_out_psnr_db.is_some() {

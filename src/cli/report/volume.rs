@@ -62,7 +62,7 @@ pub(super) fn page(
             "{} of grid '{}' that explain {} views of '{}'{}.",
             if shaded.is_some() { "Emissions, with the extinctions" } else { "Densities" },
             run.grid,
-            run.views - run.held_out.len(),
+            run.views.saturating_sub(run.held_out.len()),
             run.capture.parent().and_then(Path::file_name).unwrap_or(run.capture.as_os_str()).to_string_lossy(),
             if run.stopped { "; stopped before the end" } else { "" }
         ),

@@ -158,10 +158,11 @@ impl Viewpoint {
         }
         let around = Sphere::around(&field.outline(), self.size, self.fov)
             .map_err(|e| e.at(&self.input).hint("choose another grid with --grid"))?;
-        let mut starts = sphere::starts(self.starts as usize);
-        starts.extend(self.previous(&around)?);
-        let request = Request { sphere: around, starts, iterations: self.iterations };
+        let mut request =
+            Request { sphere: around, starts: sphere::starts(self.starts as usize), iterations: self.iterations };
         let mut capture = self.capture(&field, transfer, &request)?;
+        // They have no say in the density scale: it would be another one in each run.
+        request.starts.extend(self.previous(&around)?);
         render::fits(&capture, limits.max_memory)?;
 
         let dvr = Dvr::new(&field, opaque(capture.medium()?)?)?;

@@ -62,9 +62,8 @@ impl<'a, R: Real> Preshaded<'a, R> {
     }
 
     /// The most that ending rays early changes in any channel of a pixel, alpha included. Behind a transmittance T there
-    /// is no more than T times the brightest `e / σ` and the background, or, where something is emitted without
-    /// extinction, than T times what the box's diagonal emits and the background; in its place stands T times the
-    /// background.
+    /// is no more than T times the brightest of `e / σ` and the background, and no more than T times what the box's
+    /// diagonal emits and the background; in its place stands T times the background.
     pub fn left_out(&self) -> f64 {
         let of = |v: &R::Lanes| {
             let [r, g, b, extinction] = v.store().map(Real::f64);
@@ -75,7 +74,7 @@ impl<'a, R: Real> Preshaded<'a, R> {
         let (emitted, ratio) = self.field.values.par_iter().map(of).reduce(|| (0.0, 0.0), larger);
         let background = self.background.into_iter().fold(0.0, |m: f64, v| m.max(v.into()));
         let diagonal = self.field.transform.box_to_world(self.field.domain).size().length();
-        let brightest = if ratio.is_finite() { ratio.max(background) } else { emitted * diagonal + background };
+        let brightest = ratio.max(background).min(emitted * diagonal + background);
         (-self.depth_limit).exp() * brightest.max(1.0)
     }
 
