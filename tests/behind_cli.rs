@@ -9,6 +9,7 @@ use cumulo::formats::vdb::{File, Limits};
 use cumulo::scene::bricks::Bricks;
 use glam::DVec3;
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use work::Work;
 
 /// Two peaks, clear between and beside: not monotonic. plume.vdb has densities up to 1.
@@ -72,6 +73,15 @@ fn colours_go_on_where_they_were_left() {
     assert!(losses(&on)[0] < 0.7 * losses(&whole)[0], "extinctions go on: {on}");
     assert!(losses(&on)[3] < 0.9 * losses(&whole)[3], "colours go on: {on}");
     assert!(number(&on, "held_out_psnr_db") > number(&whole, "held_out_psnr_db") - 0.2, "{on}");
+    // From voxels twice as large: by way of their level.
+    let edge = 2.0 * whole["voxel_size"][0].as_f64().unwrap();
+    let coarse = run(&format!("--smoothing 1 --voxel-size {edge}"));
+    let finer = run("--smoothing 1 --resume");
+    let levels = |report: &Value| -> BTreeSet<u64> {
+        report["history"].as_array().unwrap().iter().map(|s| s["level"].as_u64().unwrap()).collect()
+    };
+    assert_eq!((levels(&coarse), levels(&finer)), (BTreeSet::from([0]), BTreeSet::from([0, 1])));
+    assert!(number(&finer, "held_out_psnr_db") > number(&coarse, "held_out_psnr_db") + 1.0, "{coarse} {finer}");
     std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/plume.vdb"), work.path("shaded.vdb")).unwrap();
     work.refused("reconstruct colour cap -o shaded.vdb --resume", &["shaded.vdb", "emission"]);
 }

@@ -18,6 +18,7 @@ pub mod render;
 pub mod report;
 pub mod run;
 pub mod scene;
+pub mod task;
 pub mod transfer;
 pub mod validate;
 pub mod viewpoint;

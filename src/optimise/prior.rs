@@ -143,7 +143,8 @@ impl TransferPrior {
                 (value, slopes.into_iter().flat_map(|[r, g, b, s]| [0.0, r, g, b, s]).collect())
             }
             Transfer::Gaussians { .. } | Transfer::Identity { .. } => {
-                return Err(Error::unsupported("a smoothness prior needs a transfer function of texels or points"));
+                return Err(Error::unsupported("a smoothness prior needs a transfer function of texels or points")
+                    .hint("this one is smooth by its kind: leave the prior out"));
             }
         })
     }

@@ -5,13 +5,13 @@ mod page;
 use super::light::Light;
 use super::memory::Memory;
 use super::output::Output;
-use super::provenance::Provenance;
 use super::scene::Scene;
+use super::task::{Task, exit_code};
 use super::transfer::TransferOption;
-use super::{cancel, photos, report, run, volume};
+use super::{run, volume};
 use crate::error::{Error, Result};
+use crate::formats::transforms;
 use crate::formats::vdb::Limits;
-use crate::formats::{atomic, transforms};
 use crate::math::Aabb;
 use crate::optimise::observation::Photo;
 use crate::optimise::pictures::Target;
@@ -27,7 +27,6 @@ use serde_json::{Map, json};
 use std::fmt;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 /// Find where cameras stood, from their pictures and the volume in them
@@ -128,22 +127,15 @@ impl Pose {
     /// # Errors
     /// If capture, pictures or volume cannot be read or used, or the outputs cannot be written.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let cancel = cancel::listen();
-        let mut provenance = Provenance::begin();
-        let limits = self.memory.limits();
-        atomic::probe(&self.output)?;
-        if let Some(dir) = &self.report {
-            report::prepare(dir)?;
-        }
+        let mut task = Task::begin(&self.output, self.report.as_deref(), &self.memory)?;
+        let limits = task.limits;
         let json = transforms::json_path(&self.capture);
         let capture = transforms::load(&json)?;
         let (mut scene, shown) = self.scene(&capture, limits)?;
-        let photos = photos::read(&shown, self.layer.as_deref(), limits)?;
-        let pictures = shown.frames.iter().map(|f| f.picture.as_path());
-        provenance.input(&json, std::iter::once(json.as_path()).chain(pictures))?;
-        provenance.input(&self.volume, [self.volume.as_path()])?;
+        let photos = task.photos(&json, &shown, self.layer.as_deref())?;
+        task.provenance.input(&self.volume, [self.volume.as_path()])?;
         if let Some(tf) = &self.transfer.tf {
-            provenance.input(tf, [tf.as_path()])?;
+            task.provenance.input(tf, [tf.as_path()])?;
         }
 
         let centre = self.centre(&scene.extinctions())?;
@@ -161,23 +153,23 @@ impl Pose {
         let begun = Instant::now();
         let tick = || bar.inc(1);
         let found = match &light {
-            Light::Density(dvr) => pose::solve(dvr, &targets, &request, cancel, &tick),
-            Light::PreShaded(volume) => pose::solve(volume, &targets, &request, cancel, &tick),
+            Light::Density(dvr) => pose::solve(dvr, &targets, &request, task.cancel, &tick),
+            Light::PreShaded(volume) => pose::solve(volume, &targets, &request, task.cancel, &tick),
         };
         let seconds = begun.elapsed().as_secs_f64();
         bar.finish_and_clear();
-        let stopped = cancel.load(Ordering::Relaxed);
-        provenance.lap();
+        let stopped = task.flow().is_break();
+        task.provenance.lap();
 
         let mut report = self.summary(&shown, &found, centre, seconds, stopped);
         // Notes of what was overridden for this run do not belong into the capture: only its cameras change.
         let mut solved = Capture { transfer: shown.transfer.clone(), model: shown.model, ..capture };
         solved.frames.iter_mut().zip(&found).for_each(|(frame, found)| frame.camera = found.camera);
         let mut extra = Map::new();
-        extra.insert("provenance".into(), json!(provenance));
+        extra.insert("provenance".into(), json!(task.provenance));
         transforms::save(&self.output, &solved, &extra)?;
         if let Some(dir) = &self.report {
-            let page = page::page(&report, &solved, &targets, &light, &provenance)?;
+            let page = page::page(&report, &solved, &targets, &light, &task.provenance)?;
             report.report = Some(page.write(dir)?);
         }
         for camera in &report.cameras {
@@ -185,11 +177,8 @@ impl Pose {
                 output.note(format!("{}: {note}", camera.picture));
             }
         }
-        if stopped {
-            output.note("stopped; what was there by then is written, and --resume goes on from it");
-        }
         output.report(&report)?;
-        Ok(if stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
+        Ok(exit_code(stopped, output))
     }
 
     /// The volume, and the capture as its pictures are to be understood.

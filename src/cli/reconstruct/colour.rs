@@ -3,22 +3,20 @@
 use super::region::Region;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
-use crate::cli::provenance::Provenance;
+use crate::cli::photos;
 use crate::cli::run::{self, Run, Solver};
-use crate::cli::{cancel, photos, report};
+use crate::cli::task::Task;
 use crate::error::{Error, Result};
+use crate::formats::transforms;
 use crate::formats::vdb::{File, Limits, shaded};
-use crate::formats::{atomic, transforms};
 use crate::optimise::colour::{self, Shaded};
 use crate::optimise::density::{Request, Stage, Step};
 use crate::optimise::observation::Observation;
 use crate::report::{MOST_VIEWS, choose};
 use crate::scene::capture::{Capture, Model};
 use crate::scene::medium::Medium;
-use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 /// Reconstruct a pre-shaded volume from emission-absorption pictures: extinction and emitted colour by voxel
@@ -63,13 +61,8 @@ impl Colour {
     /// # Errors
     /// If the pictures cannot be read or used, or the outputs cannot be written.
     pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let cancel = cancel::listen();
-        let mut provenance = Provenance::begin();
-        let limits = self.memory.limits();
-        atomic::probe(&self.output)?;
-        if let Some(dir) = &self.report {
-            report::prepare(dir)?;
-        }
+        let mut task = Task::begin(&self.output, self.report.as_deref(), &self.memory)?;
+        let limits = task.limits;
         let capture = transforms::load(&self.capture)?;
         let json = transforms::json_path(&self.capture);
         if capture.model == Model::Absorption {
@@ -80,9 +73,7 @@ impl Colour {
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 8).map_err(|e| e.at(&self.capture))?;
 
         let begun = Instant::now();
-        let photos = photos::read(&capture, self.layer.as_deref(), limits)?;
-        let pictures = capture.frames.iter().map(|f| f.picture.as_path());
-        provenance.input(&json, std::iter::once(json.as_path()).chain(pictures))?;
+        let photos = task.photos(&json, &capture, self.layer.as_deref())?;
         // With the background's own colour as source, alpha tells the optical depth.
         let observation = Observation::new(&photos, capture.background, capture.background).map_err(|e| e.at(&json))?;
         let request = self.request(&capture, &observation, held_out, limits).map_err(|e| e.at(&json))?;
@@ -94,7 +85,7 @@ impl Colour {
         let bar = output.progress(colour::most_iterations(&request), "colour");
         let outcome = colour::reconstruct(&photos, &observation, &request, init, |step: &Step| {
             run::show(&bar, step);
-            if cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            task.flow()
         });
         bar.finish_and_clear();
         let Shaded { volume, history, stages: solved, train_psnr_db, held_out_psnr_db, voxels, stopped } =
@@ -103,11 +94,11 @@ impl Colour {
         drop((photos, observation));
 
         let begun = Instant::now();
-        let seconds = provenance.lap();
-        shaded::write(&self.output, &volume, &[], &provenance.metadata())?;
+        let seconds = task.provenance.lap();
+        shaded::write(&self.output, &volume, &[], &task.provenance.metadata())?;
         stages.push(Stage { name: "write".into(), seconds: begun.elapsed().as_secs_f64() });
         let views = capture.frames.len();
-        let mut run = Run {
+        let run = Run {
             capture: json,
             output: self.output.clone(),
             grid: shaded::EXTINCTION.into(),
@@ -127,16 +118,9 @@ impl Colour {
             report: None,
             stages,
             history,
-            provenance,
+            provenance: task.provenance.clone(),
         };
-        if stopped {
-            output.note("stopped; what was there by then is written, and --resume goes on from it");
-        }
-        if let Some(dir) = &self.report {
-            run.report = Some(report::write(dir, &run, limits)?);
-        }
-        output.report(&run)?;
-        Ok(if stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
+        task.finish(run, output)
     }
 
     fn request(

@@ -4,13 +4,13 @@ use super::known;
 use super::region::Region;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
-use crate::cli::provenance::Provenance;
+use crate::cli::photos;
 use crate::cli::run::{self, Run, Solver};
+use crate::cli::task::Task;
 use crate::cli::transfer::TransferOption;
-use crate::cli::{cancel, photos, report};
 use crate::error::{Error, Result};
 use crate::formats::vdb::{Codec, File, Limits, write_grids};
-use crate::formats::{atomic, transfer, transforms};
+use crate::formats::{transfer, transforms};
 use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::observation::{Observation, Photo};
 use crate::optimise::prior::{VolumePrior, Weighted};
@@ -19,10 +19,8 @@ use crate::report::{MOST_VIEWS, choose};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
 use crate::scene::medium::Source;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 /// Reconstruct the density of a volume from pictures of it
@@ -120,13 +118,8 @@ impl Density {
     /// # Errors
     /// If the pictures cannot be read or used, or the outputs cannot be written.
     pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let cancel = cancel::listen();
-        let mut provenance = Provenance::begin();
-        let limits = self.memory.limits();
-        atomic::probe(&self.output)?;
-        if let Some(dir) = &self.report {
-            report::prepare(dir)?;
-        }
+        let mut task = Task::begin(&self.output, self.report.as_deref(), &self.memory)?;
+        let limits = task.limits;
         let mut capture = transforms::load(&self.capture)?;
         if let Some(transfer) = self.transfer.load(limits)? {
             (capture.transfer, capture.model) = (Some(transfer), Model::EmissionAbsorption);
@@ -139,10 +132,8 @@ impl Density {
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 8).map_err(|e| e.at(&self.capture))?;
 
         let begun = Instant::now();
-        let photos = photos::read(&capture, self.layer.as_deref(), limits)?;
         let json = transforms::json_path(&self.capture);
-        let pictures = capture.frames.iter().map(|f| f.picture.as_path());
-        provenance.input(&json, std::iter::once(json.as_path()).chain(pictures))?;
+        let photos = task.photos(&json, &capture, self.layer.as_deref())?;
         let observation = observe(&photos, &capture).map_err(|e| e.at(&json))?;
         let request = self.request(&capture, &observation, way, held_out, limits).map_err(|e| e.at(&json))?;
         let mut stages = vec![Stage { name: "read pictures".into(), seconds: begun.elapsed().as_secs_f64() }];
@@ -156,7 +147,7 @@ impl Density {
         let bar = output.progress(length, "density");
         let watch = |step: &Step| {
             run::show(&bar, step);
-            if cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            task.flow()
         };
         let outcome = match way {
             Way::Paper => paper::reconstruct(&photos, &observation, &request, watch),
@@ -175,14 +166,14 @@ impl Density {
         drop((photos, field));
 
         let begun = Instant::now();
-        let seconds = provenance.lap();
+        let seconds = task.provenance.lap();
         if let Some(transfer) = capture.transfer.as_ref().filter(|_| capture.model == Model::EmissionAbsorption) {
             grid.metadata.insert(transfer::METADATA_KEY.into(), transfer::to_metadata(transfer));
         }
-        write_grids(&self.output, &[&grid, &known], &provenance.metadata(), Codec::default(), false)?;
+        write_grids(&self.output, &[&grid, &known], &task.provenance.metadata(), Codec::default(), false)?;
         stages.push(Stage { name: "write".into(), seconds: begun.elapsed().as_secs_f64() });
         let views = capture.frames.len();
-        let mut run = Run {
+        let run = Run {
             capture: json,
             output: self.output.clone(),
             grid: self.grid.clone(),
@@ -202,16 +193,9 @@ impl Density {
             report: None,
             stages,
             history,
-            provenance,
+            provenance: task.provenance.clone(),
         };
-        if stopped {
-            output.note("stopped; what was there by then is written, and --resume goes on from it");
-        }
-        if let Some(dir) = &self.report {
-            run.report = Some(report::write(dir, &run, limits)?);
-        }
-        output.report(&run)?;
-        Ok(if stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
+        task.finish(run, output)
     }
 
     fn way(&self, capture: &Capture) -> Result<Way> {

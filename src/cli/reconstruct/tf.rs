@@ -2,23 +2,21 @@
 
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
-use crate::cli::provenance::Provenance;
 use crate::cli::report::transfer::{self as transfer_page, TransferRun, View};
-use crate::cli::{cancel, parse, photos, report, run};
+use crate::cli::task::{Task, exit_code};
+use crate::cli::{parse, photos, report, run};
 use crate::error::{Error, Result};
 use crate::formats::transfer::{self, Options};
+use crate::formats::transforms;
 use crate::formats::vdb::Limits;
-use crate::formats::{atomic, transforms};
 use crate::optimise::density::Stage;
 use crate::optimise::transfer::{Request, Solver, reconstruct};
 use crate::render::quadrature::Quadrature;
 use crate::report::{MOST_VIEWS, choose};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
-use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 /// Reconstruct the transfer function of a known volume from pictures of it
@@ -92,13 +90,8 @@ impl Tf {
     /// # Errors
     /// If the pictures or the volume cannot be read or used, or the outputs cannot be written.
     pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let cancel = cancel::listen();
-        let mut provenance = Provenance::begin();
-        let limits = self.memory.limits();
-        atomic::probe(&self.output)?;
-        if let Some(dir) = &self.report {
-            report::prepare(dir)?;
-        }
+        let mut task = Task::begin(&self.output, self.report.as_deref(), &self.memory)?;
+        let limits = task.limits;
         let begun = Instant::now();
         let capture = transforms::load(&self.capture)?;
         let json = transforms::json_path(&self.capture);
@@ -108,11 +101,9 @@ impl Tf {
             ));
         }
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 3).map_err(|e| e.at(&json))?;
-        let photos = photos::read(&capture, self.layer.as_deref(), limits)?;
-        let pictures = capture.frames.iter().map(|f| f.picture.as_path());
-        provenance.input(&json, std::iter::once(json.as_path()).chain(pictures))?;
+        let photos = task.photos(&json, &capture, self.layer.as_deref())?;
         let field = transfer_page::field(&self.volume, self.grid.as_deref(), limits)?;
-        provenance.input(&self.volume, [self.volume.as_path()])?;
+        task.provenance.input(&self.volume, [self.volume.as_path()])?;
         let request = self.request(&capture, &field, held_out)?;
         let mut stages = vec![Stage { name: "read".into(), seconds: begun.elapsed().as_secs_f64() }];
 
@@ -121,17 +112,14 @@ impl Tf {
             bar.set_position(u64::from(step.iteration));
             let psnr = step.held_out_psnr_db.map(|p| format!(", held-out {p:.2} dB")).unwrap_or_default();
             bar.set_message(format!("smoothness {:.0e}, rms {:.2e}{psnr}", step.smooth, step.rms));
-            if cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            task.flow()
         });
         bar.finish_and_clear();
         let outcome = outcome.map_err(|e| e.at(&json))?;
         stages.extend(outcome.stages.iter().cloned());
-        let seconds = provenance.lap();
-        let origin = serde_json::to_value(&provenance).map_err(|e| Error::invalid(e.to_string()))?;
+        let seconds = task.provenance.lap();
+        let origin = serde_json::to_value(&task.provenance).map_err(|e| Error::invalid(e.to_string()))?;
         transfer::save(&self.output, &outcome.transfer, None, Some(&origin))?;
-        if outcome.stopped {
-            output.note("stopped; what was there by then is written, and --resume goes on from it");
-        }
 
         let shown = choose(&(0..photos.len()).map(|i| request.held_out.contains(&i)).collect::<Vec<_>>(), MOST_VIEWS);
         let mut run = TransferRun {
@@ -159,13 +147,12 @@ impl Tf {
             confidence: outcome.confidence,
             stages,
             history: outcome.history,
-            provenance,
+            provenance: task.provenance,
         };
         drop((photos, field));
         self.look(&mut run, limits)?;
-        let stopped = run.stopped;
         output.report(&run)?;
-        Ok(if stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
+        Ok(exit_code(run.stopped, output))
     }
 
     /// Compares renders with the held-out views, and writes the page if one is asked for.

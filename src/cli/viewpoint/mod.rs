@@ -6,10 +6,11 @@ use super::memory::Memory;
 use super::output::Output;
 use super::parse::{self, DensityScale};
 use super::provenance::Provenance;
+use super::task::{Task, exit_code};
 use super::transfer::TransferOption;
-use super::{cancel, render, report, volume};
+use super::{render, volume};
 use crate::error::{Error, Result};
-use crate::formats::{atomic, exr, transforms};
+use crate::formats::{exr, transforms};
 use crate::optimise::viewpoint::{self, Outcome, Request, sizes};
 use crate::render::dvr::Dvr;
 use crate::render::film::Film;
@@ -28,7 +29,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 /// Find the viewpoints from which a volume shows most
@@ -141,20 +142,15 @@ impl Viewpoint {
     /// # Errors
     /// If the volume cannot be read or has nothing in it, or the outputs cannot be written.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let cancel = cancel::listen();
-        let mut provenance = Provenance::begin();
-        let limits = self.memory.limits();
-        atomic::probe(&self.output)?;
         self.spare_others()?;
-        if let Some(dir) = &self.report {
-            report::prepare(dir)?;
-        }
+        let mut task = Task::begin(&self.output, self.report.as_deref(), &self.memory)?;
+        let (limits, cancel) = (task.limits, task.cancel);
         let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
         let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
         drop(grid);
-        provenance.input(&self.input, [self.input.as_path()])?;
+        task.provenance.input(&self.input, [self.input.as_path()])?;
         if let Some(tf) = &self.transfer.tf {
-            provenance.input(tf, [tf.as_path()])?;
+            task.provenance.input(tf, [tf.as_path()])?;
         }
         let around = Sphere::around(&field.outline(), self.size, self.fov)
             .map_err(|e| e.at(&self.input).hint("choose another grid with --grid"))?;
@@ -171,7 +167,7 @@ impl Viewpoint {
         let mut found = viewpoint::search(&dvr, &request, cancel, &|| bar.inc(1));
         let samples = self.sample(&dvr, &around, cancel, &|| bar.inc(1));
         bar.finish_and_clear();
-        found.stopped = cancel.load(Ordering::Relaxed);
+        found.stopped = task.flow().is_break();
         let blank = found.views.iter().all(|view| view.entropy.blank);
         if blank {
             output.note(format!(
@@ -181,18 +177,15 @@ impl Viewpoint {
             ));
         }
 
-        let best = self.write(&field, &mut capture, &around, &found, &mut provenance)?;
+        let best = self.write(&field, &mut capture, &around, &found, &mut task.provenance)?;
         let mut report = self.summary(&found, samples.as_ref(), blank, capture.density_scale);
         if let Some(dir) = &self.report {
             let samples = samples.as_ref().map(|(all, _)| all.as_slice()).unwrap_or_default();
-            let page = page::page(&self.input, &report, &found, samples, best, &provenance)?;
+            let page = page::page(&self.input, &report, &found, samples, best, &task.provenance)?;
             report.report = Some(page.write(dir)?);
         }
-        if found.stopped {
-            output.note("stopped; what was there by then is written, and --resume goes on from it");
-        }
         output.report(&report)?;
-        Ok(if found.stopped { ExitCode::from(1) } else { ExitCode::SUCCESS })
+        Ok(exit_code(found.stopped, output))
     }
 
     /// Unit vectors to the viewpoints of an earlier run.
