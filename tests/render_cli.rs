@@ -182,7 +182,10 @@ fn early_stops_say_what_they_may_cost() {
 fn density_scales_beyond_single_precision_are_refused() {
     let work = Work::new();
     shaded::write(&work.path("s.vdb"), &tinted::<f32>(16, 0.5, unit()), &[], &BTreeMap::new()).unwrap();
-    work.refused("render s.vdb --model pre-shaded --views 1 --density-scale 1e39 -o o", &["1e39", "single precision"]);
+    work.refused(
+        "render s.vdb --model pre-shaded --views 1 --density-scale 1e39 -o o",
+        &["s.vdb", "1e39", "single precision"],
+    );
 }
 
 #[test]

@@ -154,7 +154,7 @@ impl Render {
             .map_err(|e| Error::io(&self.output, e))?;
         let usual = if capture.transfer.is_some() { Quadrature::PREINTEGRATED } else { Quadrature::Exact };
         let quadrature = self.quadrature.unwrap_or(usual);
-        let light = scene.light(&capture, quadrature)?.early_stop(self.early_stop);
+        let light = scene.light(&capture, quadrature).map_err(|e| e.at(&self.input))?.early_stop(self.early_stop);
         let early_stop = EarlyStop { transmittance: self.early_stop, error_bound: light.left_out() };
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();

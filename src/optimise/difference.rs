@@ -66,7 +66,7 @@ impl Study<f64> {
             if rounding / h > 1e-3 * next.abs() {
                 break;
             }
-            let off = quotient(last, f64::INFINITY).error(next, 0.0);
+            let off = Quotient { value: last, rounding: 0.0 }.error(next, 0.0);
             if off < least {
                 (best, least) = (quotient(next, h), off);
             }

@@ -143,7 +143,7 @@ impl Pose {
         let cameras = self.previous(&shown)?.unwrap_or_else(|| shown.frames.iter().map(|f| f.camera).collect());
         let target = |(photo, camera): (Photo, Camera)| Target { camera, rgba: photo.film.rgba, rays_per_edge };
         let targets: Vec<Target> = photos.into_iter().zip(cameras).map(target).collect();
-        let light = scene.light(&shown, Quadrature::Exact)?;
+        let light = scene.light(&shown, Quadrature::Exact).map_err(|e| e.at(&self.volume))?;
         let colours = match light {
             Light::Density(_) => Colours::of(&shown.medium()?, shown.background),
             Light::PreShaded(_) => Colours::apart(),
