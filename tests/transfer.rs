@@ -7,7 +7,9 @@ mod fields;
 
 use cumulo::math::Ray;
 use cumulo::real::Real;
-use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Precision, Radiance, RayGradient, Sinks, Tape};
+use cumulo::render::dvr::{
+    Adjoint, Dvr, ParameterGradient, Precision, Radiance, RayGradient, Sinks, TableJacobian, Tape,
+};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
@@ -407,5 +409,45 @@ fn nothing_is_missed_between_samples() {
         let seen = dvr(&f, medium(&spike(width), 0.1), Quadrature::Exact).optical_depth(&ray);
         let expected = 0.1 * 2.0 * 15.0 + 0.1 * 2.0;
         close("depth", seen, expected, 1e-6, 1.0);
+    }
+}
+
+/// One walk for all channels gives what the gradient gives in four, each of one channel alone; weights add up.
+#[test]
+fn the_jacobian_by_table_holds_the_gradients_of_all_channels() {
+    let f: Bricks<f64> = cloud(12);
+    let rays = rays(f.world_bounds(), 8, 3);
+    for transfer in kinds() {
+        let medium = medium(&transfer, 3.0);
+        let Source::Transfer(table) = &medium.source else { unreachable!() };
+        for rule in RULES {
+            let dvr = dvr(&f, medium.clone(), rule);
+            let mut tape = Tape::default();
+            let mut jacobian = TableJacobian::zeros(table.knots().len());
+            let mut expected: [TableGradient; 4] = std::array::from_fn(|_| TableGradient::zeros(table));
+            for (weight, ray) in (1..).map(|k| 0.5 * f64::from(k)).zip(&rays) {
+                let seen = dvr.table_jacobian(ray, weight, &mut jacobian, &mut tape);
+                assert_eq!(seen, dvr.radiance(ray), "its value is the value");
+                for (channel, table) in expected.iter_mut().enumerate() {
+                    let mut only = [0.0; 4];
+                    only[channel] = weight;
+                    let shared = &mut ParameterGradient::default();
+                    let sinks = Sinks { voxels: None, table: Some(table), ray: None, shared };
+                    dvr.gradient(ray, &mut |_| only, Adjoint::Tape, sinks, &mut tape);
+                }
+            }
+            let expected = expected.map(|table| table.by_value());
+            for (knot, by) in jacobian.by_knot().iter().enumerate() {
+                for (c, expected) in expected.iter().enumerate() {
+                    let what = format!("{transfer:?} {rule:?} knot {knot}, channel {c}");
+                    close(&what, by.extinction[c], expected[knot][3], 1e-9, 1e-6);
+                    if c < 3 {
+                        close(&what, by.colour, expected[knot][c], 1e-9, 1e-6);
+                    }
+                }
+            }
+            jacobian.forget();
+            assert!(jacobian.by_knot().iter().all(|by| by.is_none()), "nothing is left");
+        }
     }
 }

@@ -21,7 +21,7 @@ use crate::scene::bricks::Bricks;
 use crate::scene::medium::{Medium, Source};
 use crate::scene::table::Rgbs;
 use crate::scene::transfer::Transfer;
-use normal::{Normal, Prior};
+use normal::Prior;
 use rays::{Draw, Rays};
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
@@ -118,7 +118,7 @@ const USUAL: f64 = 1e-4;
 /// Times the least error: as good as the best.
 const GOOD_ENOUGH: f64 = 1.02;
 /// Refinements a weight.
-const REFINEMENTS: u32 = 2;
+const REFINEMENTS: u32 = 1;
 
 /// Finds the texels whose pictures of `field` are most like `photos`.
 ///
@@ -308,8 +308,7 @@ impl<'a> Fit<'a> {
     /// the next one is shorter.
     fn refine(&mut self, smooth: f64, unknowns: Unknowns) -> Result<f64> {
         let scale = self.scale();
-        let mut normal = Normal::zeros(self.texels.len());
-        rows::accumulate(&self.renderer(&self.texels)?, &self.used, scale, &mut normal);
+        let normal = rows::normal(&self.renderer(&self.texels)?, &self.used, scale, self.texels.len());
         let before = normal.cost;
         let rms = (before / (4 * self.used.len()) as f64).sqrt();
         let prior = Prior { weight: smooth * normal.level(), scale };
@@ -348,8 +347,7 @@ impl<'a> Fit<'a> {
 
     fn confidence(&self, smooth: f64) -> Result<Vec<[f64; 2]>> {
         let scale = self.scale();
-        let mut normal = Normal::zeros(self.texels.len());
-        rows::accumulate(&self.renderer(&self.texels)?, &self.used, scale, &mut normal);
+        let normal = rows::normal(&self.renderer(&self.texels)?, &self.used, scale, self.texels.len());
         let prior = Prior { weight: smooth * normal.level(), scale };
         Ok(normal.confidence(&prior))
     }

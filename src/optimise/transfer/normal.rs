@@ -1,6 +1,7 @@
 //! Normal equations of texels, in blocks: all channels share the colours' block.
 
 use crate::scene::table::Rgbs;
+use glam::{DVec4, Vec4};
 use nalgebra::{DMatrix, DVector};
 
 /// `Jᵀ J` and `Jᵀ r` of pixels, by texel.
@@ -11,7 +12,7 @@ pub(super) struct Normal {
     ss: Vec<f64>,
     /// Extinction by colour, for each channel.
     sc: [Vec<f64>; 3],
-    /// Colour by colour, for every channel; upper triangle.
+    /// Colour by colour, for every channel.
     cc: Vec<f64>,
     /// `Jᵀ r` by extinction, red, green, blue.
     slope: [Vec<f64>; 4],
@@ -22,27 +23,60 @@ pub(super) struct Normal {
 /// Derivatives of one pixel with respect to the texels it depends on.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Row {
-    /// Which texels.
-    pub texels: Vec<usize>,
+    /// Which texels, ascending.
+    pub texels: Vec<u32>,
     /// Of red, green, blue and alpha by extinction.
-    pub by_extinction: [Vec<f64>; 4],
+    pub by_extinction: Vec<Vec4>,
     /// Of any channel by its colour.
-    pub by_colour: Vec<f64>,
+    pub by_colour: Vec<f32>,
     /// Seen less wanted.
     pub residual: [f64; 4],
 }
 
-impl Row {
-    /// Leaves out the texels that nothing depends on; before, there is an entry for each.
-    pub fn compact(&mut self) {
-        let depends = |j: usize| self.by_colour[j] != 0.0 || self.by_extinction.iter().any(|by| by[j] != 0.0);
-        self.texels.clear();
-        self.texels.extend((0..self.by_colour.len()).filter(|j| depends(*j)));
-        for values in self.by_extinction.iter_mut().chain([&mut self.by_colour]) {
-            for (k, &j) in self.texels.iter().enumerate() {
-                values[k] = values[j];
+/// Sums over some thousand pixels, as they come. Products are added in single precision: a step that they make wrong by
+/// a millionth leads where the slope says, which is in double precision.
+#[derive(Debug, Clone)]
+pub(super) struct Sums {
+    count: usize,
+    /// Row by row: red, green and blue by extinction i times their colour j; colour by colour.
+    mixed: Vec<Vec4>,
+    /// Extinction by extinction, of each channel; on and above the diagonal.
+    extinctions: Vec<Vec4>,
+    slope: [Vec<f64>; 4],
+    cost: f64,
+}
+
+impl Sums {
+    pub fn zeros(count: usize) -> Self {
+        let (block, line) = (vec![Vec4::ZERO; count * count], || vec![0.0; count]);
+        Self { count, mixed: block.clone(), extinctions: block, slope: [line(), line(), line(), line()], cost: 0.0 }
+    }
+
+    /// Adds pixels, texel by texel: those of one texel stay in the processor's nearest cache.
+    pub fn add(&mut self, rows: &[Row]) {
+        self.cost += rows.iter().flat_map(|row| row.residual).map(|r| r * r).sum::<f64>();
+        let mut next = vec![0; rows.len()];
+        for i in 0..self.count {
+            let line = i * self.count..(i + 1) * self.count;
+            let (mixed, extinctions) = (&mut self.mixed[line.clone()], &mut self.extinctions[line]);
+            for (row, a) in rows.iter().zip(&mut next) {
+                if row.texels.get(*a) != Some(&(i as u32)) {
+                    continue;
+                }
+                let (own, colour) = (row.by_extinction[*a], row.by_colour[*a]);
+                self.slope[0][i] += own.as_dvec4().dot(DVec4::from_array(row.residual));
+                for c in 0..3 {
+                    self.slope[1 + c][i] += f64::from(colour) * row.residual[c];
+                }
+                let with_colour = own.truncate().extend(colour);
+                for (&j, &colour) in row.texels.iter().zip(&row.by_colour) {
+                    mixed[j as usize] += with_colour * colour;
+                }
+                for (&j, &other) in row.texels[*a..].iter().zip(&row.by_extinction[*a..]) {
+                    extinctions[j as usize] += own * other;
+                }
+                *a += 1;
             }
-            values.truncate(self.texels.len());
         }
     }
 }
@@ -79,48 +113,20 @@ impl Normal {
         }
     }
 
-    /// How many texels there are.
-    pub fn texels(&self) -> usize {
-        self.count
-    }
-
-    /// Adds one pixel.
-    pub fn add(&mut self, row: &Row) {
-        self.cost += row.residual.iter().map(|r| r * r).sum::<f64>();
-        let [red, green, blue, alpha] = &row.by_extinction;
-        for (a, &i) in row.texels.iter().enumerate() {
-            let (r, g, b, t, w) = (red[a], green[a], blue[a], alpha[a], row.by_colour[a]);
-            let residual = row.residual;
-            self.slope[0][i] += r * residual[0] + g * residual[1] + b * residual[2] + t * residual[3];
-            for c in 0..3 {
-                self.slope[1 + c][i] += w * residual[c];
+    /// Adds what pixels summed up to.
+    pub fn merge(&mut self, sums: &Sums) {
+        for (k, (mixed, extinctions)) in sums.mixed.iter().zip(&sums.extinctions).enumerate() {
+            let [red, green, blue, colours] = mixed.to_array().map(f64::from);
+            for (sum, part) in self.sc.iter_mut().zip([red, green, blue]) {
+                sum[k] += part;
             }
-            let line = i * self.count;
-            for (k, &j) in row.texels.iter().enumerate() {
-                let by_colour = row.by_colour[k];
-                self.sc[0][line + j] += r * by_colour;
-                self.sc[1][line + j] += g * by_colour;
-                self.sc[2][line + j] += b * by_colour;
-                if j >= i {
-                    self.ss[line + j] += r * red[k] + g * green[k] + b * blue[k] + t * alpha[k];
-                    self.cc[line + j] += w * by_colour;
-                }
-            }
+            self.cc[k] += colours;
+            self.ss[k] += extinctions.as_dvec4().element_sum();
         }
-    }
-
-    /// Adds another's sums.
-    pub fn merge(&mut self, other: &Self) {
-        let add = |a: &mut [f64], b: &[f64]| a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
-        add(&mut self.ss, &other.ss);
-        add(&mut self.cc, &other.cc);
-        for c in 0..3 {
-            add(&mut self.sc[c], &other.sc[c]);
+        for (sum, part) in self.slope.iter_mut().flatten().zip(sums.slope.iter().flatten()) {
+            *sum += part;
         }
-        for c in 0..4 {
-            add(&mut self.slope[c], &other.slope[c]);
-        }
-        self.cost += other.cost;
+        self.cost += sums.cost;
     }
 
     /// Mean of the diagonal: what the prior's weight is measured in.
@@ -205,38 +211,48 @@ impl Normal {
 }
 
 /// `x + argmin ½ dᵀ M d + gᵀ d` with no element below zero: those that would be are held at zero, and the
-/// rest is solved for again.
+/// rest is solved for again, on the same factors: with `Z` the columns of `M⁻¹` of those that are held since, `d + Z λ`
+/// minimises the same where `λ` makes them zero.
 pub(super) fn bounded(matrix: &DMatrix<f64>, slope: &DVector<f64>, x: &DVector<f64>) -> Option<DVector<f64>> {
-    let mut held: Vec<bool> = (0..x.len()).map(|i| x[i] <= 0.0 && slope[i] > 0.0).collect();
+    let at_zero = |i: &usize| x[*i] <= 0.0 && slope[*i] > 0.0;
+    let free: Vec<usize> = (0..x.len()).filter(|i| !at_zero(i)).collect();
+    let mut out = DVector::zeros(x.len());
+    // Those held move to zero, which the rest feels.
+    let moved: Vec<usize> = (0..x.len()).filter(|i| at_zero(i) && x[*i] != 0.0).collect();
+    let right = DVector::from_iterator(
+        free.len(),
+        free.iter().map(|&i| -slope[i] + moved.iter().map(|&j| matrix[(i, j)] * x[j]).sum::<f64>()),
+    );
+    let factors = matrix.select_rows(&free).select_columns(&free).cholesky()?;
+    let alone = factors.solve(&right);
+    let (mut step, mut held, mut columns) = (alone.clone(), Vec::new(), Vec::new());
     loop {
-        let free: Vec<usize> = (0..x.len()).filter(|i| !held[*i]).collect();
-        let mut out = DVector::zeros(x.len());
-        if free.is_empty() {
-            return Some(out);
+        if !step.iter().all(|d| d.is_finite()) {
+            return None;
         }
-        // Those held move to zero, which the rest feels.
-        let moved: Vec<usize> = (0..x.len()).filter(|i| held[*i] && x[*i] != 0.0).collect();
-        let own = matrix.select_rows(&free).select_columns(&free);
-        let right = DVector::from_iterator(
-            free.len(),
-            free.iter().map(|&i| -slope[i] + moved.iter().map(|&j| matrix[(i, j)] * x[j]).sum::<f64>()),
-        );
-        let step = own.cholesky()?.solve(&right);
-        let mut below = false;
-        for (k, &i) in free.iter().enumerate() {
-            out[i] = x[i] + step[k];
-            if !out[i].is_finite() {
-                return None;
-            }
-            if out[i] < 0.0 {
-                held[i] = true;
-                below = true;
-            }
+        let below: Vec<usize> = (0..free.len()).filter(|k| !held.contains(k) && x[free[*k]] + step[*k] < 0.0).collect();
+        if below.is_empty() {
+            break;
         }
-        if !below {
-            return Some(out);
+        for &k in &below {
+            let mut unit = DVector::zeros(free.len());
+            unit[k] = 1.0;
+            columns.push(factors.solve(&unit));
+        }
+        held.extend(below);
+        let n = held.len();
+        let pulls = DMatrix::from_fn(n, n, |i, j| columns[j][held[i]]);
+        let missing = DVector::from_fn(n, |i, _| -x[free[held[i]]] - alone[held[i]]);
+        let lambda = pulls.cholesky()?.solve(&missing);
+        step.copy_from(&alone);
+        for (column, lambda) in columns.iter().zip(&lambda) {
+            step.axpy(*lambda, column, 1.0);
         }
     }
+    for (k, &i) in free.iter().enumerate() {
+        out[i] = if held.contains(&k) { 0.0 } else { x[i] + step[k] };
+    }
+    Some(out)
 }
 
 #[cfg(test)]

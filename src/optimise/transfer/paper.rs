@@ -5,13 +5,13 @@
 //! the one that, over a quarter of the volume, gives the largest optical depth seen. All begin at `u = 0`, where theirs
 //! begin at noise; of the pixels, those are used that were drawn.
 
-use super::rows::{LANES, Scratch};
+use super::rows::{LANES, see};
 use super::{Fit, Rays};
 use crate::error::Result;
 use crate::optimise::adam::Adam;
 use crate::optimise::prior::TransferPrior;
-use crate::render::dvr::Dvr;
-use crate::scene::table::Rgbs;
+use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
+use crate::scene::table::{Rgbs, TableGradient};
 use rayon::prelude::*;
 
 const RATE: f32 = 0.8;
@@ -87,17 +87,22 @@ impl Descent {
 
 /// `Σ (seen - wanted)²`, and the derivative by texel of the mean over pixels of `Σ_c |seen - wanted|`.
 fn absolute(dvr: &Dvr<'_, f32>, rays: &Rays, texels: usize) -> (f64, Vec<Rgbs>) {
-    let share = 1.0 / rays.len() as f32;
+    let share = 1.0 / (rays.len() * rays.per_pixel) as f32;
     let lane = |lane: usize| {
-        let (mut scratch, mut square) = (Scratch::new(texels), 0.0);
+        let (mut tape, mut shared, mut square) = (Tape::default(), ParameterGradient::default(), 0.0);
+        let mut table = TableGradient { pieces: vec![[[0.0; 4]; 2]; texels + 1] };
         for pixel in (lane..rays.len()).step_by(LANES) {
-            let seen = scratch.see(dvr, rays, pixel);
+            let seen = see(dvr, rays, pixel, &mut tape);
             let off: [f64; 4] = std::array::from_fn(|c| seen[c] - f64::from(rays.wanted[pixel][c]));
             square += off.iter().map(|d| d * d).sum::<f64>();
             let slope = |d: f64| if d == 0.0 { 0.0 } else { share * d.signum() as f32 };
-            scratch.walk(dvr, rays, pixel, off.map(slope));
+            let slope = off.map(slope);
+            for ray in rays.of(pixel) {
+                let sinks = Sinks { voxels: None, table: Some(&mut table), ray: None, shared: &mut shared };
+                dvr.gradient(ray, &mut |_| slope, Adjoint::Tape, sinks, &mut tape);
+            }
         }
-        (square, (0..texels).map(|j| std::array::from_fn(|c| scratch.by(j, c))).collect::<Vec<Rgbs>>())
+        (square, table.by_value())
     };
     let parts: Vec<(f64, Vec<Rgbs>)> = (0..LANES).into_par_iter().map(lane).collect();
     // In order, whatever the number of threads.

@@ -1,56 +1,46 @@
 //! What pixels derive from texels, and the sums over all of them.
 
-use super::normal::{Normal, Row, bounded};
+use super::normal::{Normal, Row, Sums, bounded};
 use super::rays::Rays;
-use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
-use crate::scene::table::TableGradient;
+use crate::render::dvr::{ByKnot, Dvr, TableJacobian, Tape};
+use glam::DVec4;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 /// Parts that sums are split into, whatever the number of threads.
 pub(super) const LANES: usize = 16;
 
+/// Pixels that are added to the sums together.
+const BATCH: usize = 16;
+
 /// Scratch memory of one lane.
-pub(super) struct Scratch {
+struct Scratch {
     tape: Tape<f32>,
-    table: TableGradient,
-    shared: ParameterGradient,
+    jacobian: TableJacobian,
 }
 
 impl Scratch {
-    pub fn new(texels: usize) -> Self {
-        let table = TableGradient { pieces: vec![[[0.0; 4]; 2]; texels + 1] };
-        Self { tape: Tape::default(), table, shared: ParameterGradient::default() }
+    fn new(texels: usize) -> Self {
+        Self { tape: Tape::default(), jacobian: TableJacobian::zeros(texels) }
     }
 
-    /// Forgets all derivatives.
-    fn forget(&mut self) {
-        self.table.pieces.fill([[0.0; 4]; 2]);
-    }
-
-    /// Adds the derivatives of a loss on one pixel, whose own are `loss`; returns the pixel.
-    pub fn walk(&mut self, dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize, loss: [f32; 4]) -> [f64; 4] {
-        let share = 1.0 / rays.per_pixel as f32;
+    /// A pixel, and its derivatives by texel.
+    fn derive(&mut self, dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize) -> [f64; 4] {
+        self.jacobian.forget();
+        let share = 1.0 / rays.per_pixel as f64;
         let mut seen = [0.0; 4];
         for ray in rays.of(pixel) {
-            let sinks = Sinks { voxels: None, table: Some(&mut self.table), ray: None, shared: &mut self.shared };
-            let slope = loss.map(|g| g * share);
-            let found = dvr.gradient(ray, &mut |_| slope, Adjoint::Tape, sinks, &mut self.tape).rgba();
+            let found = dvr.table_jacobian(ray, share, &mut self.jacobian, &mut self.tape).rgba();
             for c in 0..4 {
-                seen[c] += f64::from(share * found[c]);
+                seen[c] += share * f64::from(found[c]);
             }
         }
         seen
     }
 
-    /// A pixel.
-    pub fn see(&mut self, dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize) -> [f64; 4] {
-        see(dvr, rays, pixel, &mut self.tape)
-    }
-
-    /// The derivative with respect to a texel's channel.
-    pub fn by(&self, texel: usize, channel: usize) -> f64 {
-        self.table.pieces[texel][1][channel] + self.table.pieces[texel + 1][0][channel]
+    /// The texels that the pixel depends on.
+    fn texels(&self) -> impl Iterator<Item = (u32, &ByKnot)> {
+        (0..).zip(self.jacobian.by_knot()).filter(|(_, by)| !by.is_none())
     }
 }
 
@@ -65,10 +55,8 @@ pub(super) fn lengths(clear: &Dvr<'_, f32>, rays: &Rays, texels: usize) -> Vec<L
     all.par_chunks_mut(part).enumerate().for_each(|(lane, lines)| {
         let mut scratch = Scratch::new(texels);
         for (i, line) in lines.iter_mut().enumerate() {
-            scratch.forget();
-            scratch.walk(clear, rays, lane * part + i, [0.0, 0.0, 0.0, 1.0]);
-            let entry = |j: usize| (j as u32, scratch.by(j, 3) as f32);
-            *line = (0..texels).map(entry).filter(|(_, v)| *v != 0.0).collect();
+            scratch.derive(clear, rays, lane * part + i);
+            *line = scratch.texels().map(|(j, by)| (j, by.extinction[3] as f32)).collect();
         }
     });
     all
@@ -129,53 +117,46 @@ pub(super) fn extinctions(lengths: &[Lengths], rays: &Rays, texels: usize, smoot
         let Some(next) = bounded(&matrix, &slope, &s) else { break };
         let moved = (&next - &s).amax();
         s = next;
-        if moved <= 1e-6 * s.amax() {
+        if moved <= 1e-3 * s.amax() {
             break;
         }
     }
     s.iter().copied().collect()
 }
 
-/// Adds all pixels to the normal equations; derivatives by extinction are taken in units of `scale`.
-pub(super) fn accumulate(dvr: &Dvr<'_, f32>, rays: &Rays, scale: f64, normal: &mut Normal) {
-    let texels = normal.texels();
-    let parts: Vec<Normal> = (0..LANES)
-        .into_par_iter()
-        .map(|lane| {
-            let (mut scratch, mut row, mut own) = (Scratch::new(texels), Row::default(), Normal::zeros(texels));
-            for pixel in (lane..rays.len()).step_by(LANES) {
-                derive(dvr, rays, pixel, scale, &mut scratch, &mut row);
-                own.add(&row);
+/// The normal equations of all pixels; derivatives by extinction are taken in units of `scale`.
+pub(super) fn normal(dvr: &Dvr<'_, f32>, rays: &Rays, scale: f64, texels: usize) -> Normal {
+    let part = rays.len().div_ceil(LANES);
+    let lane = |lane: usize| {
+        let (mut scratch, mut rows, mut sums) =
+            (Scratch::new(texels), vec![Row::default(); BATCH], Sums::zeros(texels));
+        let pixels: Vec<usize> = (lane * part..rays.len().min((lane + 1) * part)).collect();
+        for pixels in pixels.chunks(BATCH) {
+            for (row, &pixel) in rows.iter_mut().zip(pixels) {
+                let seen = scratch.derive(dvr, rays, pixel);
+                row.residual = std::array::from_fn(|c| seen[c] - f64::from(rays.wanted[pixel][c]));
+                row.texels.clear();
+                row.by_extinction.clear();
+                row.by_colour.clear();
+                for (j, by) in scratch.texels() {
+                    row.texels.push(j);
+                    row.by_extinction.push((scale * DVec4::from_array(by.extinction)).as_vec4());
+                    row.by_colour.push(by.colour as f32);
+                }
             }
-            own
-        })
-        .collect();
-    parts.iter().for_each(|part| normal.merge(part));
-}
-
-/// The derivatives of one pixel: of each channel in turn.
-fn derive(dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize, scale: f64, scratch: &mut Scratch, row: &mut Row) {
-    let texels = scratch.table.pieces.len() - 1;
-    for channel in 0..4 {
-        let mut loss = [0.0; 4];
-        loss[channel] = 1.0;
-        scratch.forget();
-        let seen = scratch.walk(dvr, rays, pixel, loss);
-        let by = &mut row.by_extinction[channel];
-        by.clear();
-        by.extend((0..texels).map(|j| scale * scratch.by(j, 3)));
-        if channel == 0 {
-            row.by_colour.clear();
-            row.by_colour.extend((0..texels).map(|j| scratch.by(j, 0)));
-            for c in 0..4 {
-                row.residual[c] = seen[c] - f64::from(rays.wanted[pixel][c]);
-            }
+            sums.add(&rows[..pixels.len()]);
         }
-    }
-    row.compact();
+        sums
+    };
+    let parts: Vec<Sums> = (0..LANES).into_par_iter().map(lane).collect();
+    // In order, whatever the number of threads.
+    let mut normal = Normal::zeros(texels);
+    parts.iter().for_each(|part| normal.merge(part));
+    normal
 }
 
-fn see(dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize, tape: &mut Tape<f32>) -> [f64; 4] {
+/// A pixel.
+pub(super) fn see(dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize, tape: &mut Tape<f32>) -> [f64; 4] {
     let mut seen = [0.0; 4];
     for ray in rays.of(pixel) {
         let found = dvr.radiance_on(ray, tape).rgba();

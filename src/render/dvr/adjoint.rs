@@ -177,7 +177,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
             segments,
             #[inline(always)]
             |found| match found {
-                Some((segment, light)) => tape.push(Entry { segment: *segment, light: *light }),
+                Some(entry) => tape.push(entry),
                 None if !keep => tape.clear(),
                 None => (),
             },
@@ -191,7 +191,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
             self.moved.leave = transmittance * self.gain(optics, ray.leave, weighted.background, &weighted);
         }
         for entry in tape.iter().rev() {
-            back.step(self, curve, rule, &entry.segment, &entry.light);
+            back.step(self, curve, rule, entry);
         }
         if adjoint == Adjoint::Replay {
             batches_before(
@@ -204,7 +204,8 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
                     rule.segments(curve, &dvr.field.values, spans, segments);
                     for segment in segments.iter().rev() {
                         let light = segment.light(curve.piece(segment.piece()));
-                        back.step(self, curve, rule, segment, &light);
+                        let open = (light.depth.f64() - back.depth).exp();
+                        back.step(self, curve, rule, &Entry { segment: *segment, light, open });
                     }
                 },
             );
@@ -323,20 +324,18 @@ impl<const C: usize> Backward<C> {
         pass: &mut Pass<'_, '_, R>,
         curve: &Curve<R, C>,
         rule: Q,
-        segment: &S,
-        light: &Light<R>,
+        Entry { segment, light, open: before }: &Entry<R, S>,
     ) {
         let line = curve.piece(segment.piece());
         let glow = Glow::new(line, light.mean, &self.weighted.colour);
         self.depth -= light.depth.f64();
-        let before = (-self.depth).exp();
         let by = By {
             depth: R::of(glow.mean * self.open - self.beyond),
-            mean: R::of(before - self.open),
-            varied: R::of(before),
+            mean: R::of(*before - self.open),
+            varied: R::of(*before),
         };
         pass.deposit(rule, line, (segment, light), R::of(glow.slope), by, &self.weighted);
-        self.beyond += arriving(glow, light, before, self.open);
-        self.open = before;
+        self.beyond += arriving(glow, light, *before, self.open);
+        self.open = *before;
     }
 }

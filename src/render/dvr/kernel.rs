@@ -2,6 +2,7 @@
 //! blending where the source varies.
 
 use super::light::{Glow, Light, Lit};
+use super::tape::Entry;
 use super::{Dvr, Radiance};
 use crate::lanes::Lanes;
 use crate::real::Real;
@@ -73,8 +74,8 @@ pub(super) fn over<R: Real>(emitted: [f64; 3], depth: f64, background: [f32; 3])
 }
 
 /// Front-to-back blending; the optical depth is carried in `f64`, and so is the transmittance, whose
-/// differences are what a source that does not vary adds. `record` sees every segment with its light, and
-/// `None` before those of a batch.
+/// differences are what a source that does not vary adds. `record` sees every segment with its light and the transmittance
+/// before it, and `None` before those of a batch.
 #[inline(always)]
 pub(super) fn blend<R: Real, S: Lit<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
     dvr: &Dvr<'_, R>,
@@ -83,7 +84,7 @@ pub(super) fn blend<R: Real, S: Lit<R>, Q: Rule<R, C, Segment = S>, const C: usi
     rule: Q,
     curve: &Curve<R, C>,
     segments: &mut Vec<S>,
-    mut record: impl FnMut(Option<(&S, &Light<R>)>),
+    mut record: impl FnMut(Option<Entry<R, S>>),
 ) -> Blend<C> {
     let values = &dvr.field.values;
     let mut state = Blend { emitted: [0.0; C], depth: 0.0, last: ray.enter };
@@ -107,8 +108,8 @@ pub(super) fn blend<R: Real, S: Lit<R>, Q: Rule<R, C, Segment = S>, const C: usi
                     let mean = at_base + slope * (light.mean - line.base);
                     state.emitted[c] += mean.f64() * absorbed + slope.f64() * varied;
                 }
+                record(Some(Entry { segment: *segment, light, open }));
                 open = beyond;
-                record(Some((segment, &light)));
             }
             state.last = spans[0].start;
             state.depth < dvr.depth_limit

@@ -9,6 +9,7 @@
 mod adjoint;
 mod follow;
 mod inversion;
+mod jacobian;
 mod kernel;
 mod light;
 mod preintegrated;
@@ -20,6 +21,7 @@ mod uncommon;
 
 #[doc(hidden)]
 pub use adjoint::Pass;
+pub use jacobian::{ByKnot, TableJacobian};
 pub use sinks::{Adjoint, Loss, ParameterGradient, RayGradient, Sinks};
 pub use tangent::{Directions, Seeds, TangentRadiance};
 pub use tape::Tape;

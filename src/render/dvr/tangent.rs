@@ -199,8 +199,8 @@ fn walk<R: Real, S: Lit<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
     see: &mut dyn FnMut(&S, &Light<R>),
 ) -> Blend<C> {
     blend(dvr, topology, ray, rule, &optics.curve, segments, |found| {
-        if let Some((segment, light)) = found {
-            see(segment, light);
+        if let Some(entry) = found {
+            see(&entry.segment, &entry.light);
         }
     })
 }

@@ -41,9 +41,10 @@ impl<R: Real> Tape<R> {
     }
 }
 
-/// A segment with its light.
+/// A segment with its light, and the transmittance before it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Entry<R: Real, S> {
     pub segment: S,
     pub light: Light<R>,
+    pub open: f64,
 }

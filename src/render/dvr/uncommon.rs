@@ -58,7 +58,7 @@ impl<R: Real> Pass<'_, '_, R> {
         tape.clear();
         let (dvr, curve) = (self.dvr, &optics.curve);
         let blend = kernel::blend(dvr, self.topology(), &self.ray, rule, curve, segments, |found| {
-            tape.extend(found.map(|(segment, light)| Entry { segment: *segment, light: *light }));
+            tape.extend(found);
         });
         let seen = over(optics.tinted(&blend.emitted), blend.depth, dvr.background);
         let weighted = self.shared(loss(&seen), &blend.emitted, blend.depth, &optics.tint);
