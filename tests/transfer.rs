@@ -451,3 +451,16 @@ fn the_jacobian_by_table_holds_the_gradients_of_all_channels() {
         }
     }
 }
+
+/// Rays of more nodes than replay keeps: it walks again, and finds the same.
+#[test]
+fn replay_of_long_rays_is_the_tape() {
+    let f: Bricks<f64> = field(120, unit(), |p| 0.5 + 0.4 * (0.9 * p.x).sin() * (0.7 * p.y).cos() * (0.8 * p.z).sin());
+    let rays = rays(f.world_bounds(), 6, 9);
+    let transfer = kinds().swap_remove(0);
+    let medium = medium(&transfer, 0.01);
+    let by = |adjoint| gradient(&f, &medium, Quadrature::PREINTEGRATED, adjoint, &rays);
+    let (tape, replay) = (by(Adjoint::Tape), by(Adjoint::Replay));
+    assert!(tape.voxels.iter().filter(|v| **v != 0.0).count() > 6 * 200, "rays are long");
+    assert!(tape == replay);
+}

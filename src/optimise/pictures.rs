@@ -52,13 +52,15 @@ struct Lane {
 }
 
 impl Lane {
-    /// Zeros for what is wanted.
-    fn clear(&mut self, dvr: &Dvr<'_, f32>, wanted: &Gradients<'_>) {
-        self.voxels = wanted.voxels.is_some().then(|| {
-            let mut voxels = self.voxels.take().unwrap_or_default();
-            voxels.clear();
-            voxels.resize(dvr.field().values.len(), 0.0);
-            voxels
+    /// Zeros for what is wanted, in the bricks that rays look at: in others nothing is touched.
+    fn clear(&mut self, dvr: &Dvr<'_, f32>, looked_at: &[bool], wanted: &Gradients<'_>) {
+        self.voxels = wanted.voxels.is_some().then(|| match self.voxels.take() {
+            Some(mut voxels) if voxels.len() == dvr.field().values.len() => {
+                let bricks = voxels.chunks_mut(BRICK).zip(looked_at);
+                bricks.filter(|(_, looked_at)| **looked_at).for_each(|(brick, _)| brick.fill(0.0));
+                voxels
+            }
+            _ => vec![0.0; dvr.field().values.len()],
         });
         self.table = wanted.table.as_ref().map(|t| TableGradient { pieces: vec![[[0.0; 4]; 2]; t.pieces.len()] });
         self.cameras = wanted.cameras.as_ref().map(|c| vec![CameraGradient::default(); c.len()]);
@@ -91,13 +93,14 @@ pub fn gradient(
     let lanes = &mut accumulators.0;
     lanes.resize_with(count, Lane::default);
     let wanted = &*gradients;
+    let looked_at = dvr.looked_at(wanted.table.is_some());
     let parts: Vec<(f64, ParameterGradient)> = lanes
         .par_iter_mut()
         .enumerate()
         .map(|(lane, own)| {
             let mut tape = Tape::default();
             let (mut sum, mut shared) = (0.0, ParameterGradient::default());
-            own.clear(dvr, wanted);
+            own.clear(dvr, &looked_at, wanted);
             for &(number, pixels) in runs.iter().skip(lane).step_by(count) {
                 let (shared, tape) = (&mut shared, &mut tape);
                 let run = Run { dvr, target: targets[number], number, pixels, loss, adjoint, own, shared, tape };
@@ -107,7 +110,7 @@ pub fn gradient(
         })
         .collect();
     if let Some(voxels) = gradients.voxels.as_deref_mut() {
-        voxels.par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
+        voxels.par_chunks_mut(BRICK).enumerate().filter(|(i, _)| looked_at[*i]).for_each(|(i, total)| {
             for lane in lanes.iter().filter_map(|lane| lane.voxels.as_ref()) {
                 for (t, v) in total.iter_mut().zip(&lane[i * BRICK..]) {
                     *t += v;

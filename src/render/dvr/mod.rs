@@ -34,7 +34,7 @@ use crate::render::curve::{Curve, Piece};
 use crate::render::march::IndexRay;
 use crate::render::quadrature::Quadrature;
 use crate::render::rule::{ExactDepth, ExactSource, Uniform};
-use crate::scene::bricks::{BRICK, Bricks, Topology};
+use crate::scene::bricks::{BRICK, Bricks, NONE, Topology};
 use crate::scene::medium::{Medium, Source};
 use kernel::{blend, grey, over};
 use preintegrated::Preintegrated;
@@ -377,6 +377,13 @@ impl<'a, R: Real> Dvr<'a, R> {
     pub fn arch(mut self, arch: Arch) -> Self {
         self.arch = arch;
         self
+    }
+
+    /// For each of the field's bricks, whether rays look at it: gradients by voxel are zero elsewhere. Those that look
+    /// for a gradient by the transfer function too (`by_table`) look at all.
+    pub fn looked_at(&self, by_table: bool) -> Vec<bool> {
+        let topology = if by_table { &self.field.topology } else { &self.visible };
+        topology.bricks().iter().map(|brick| topology.find(*brick) != NONE).collect()
     }
 
     /// The field that is rendered.

@@ -10,8 +10,8 @@ use glam::DVec3;
 pub enum Adjoint {
     /// A tape of one ray: fast, memory of one ray's samples per thread.
     Tape,
-    /// Walk the ray twice, but for its last bricks: memory of one batch of bricks' samples per thread,
-    /// any loss.
+    /// Walk the ray twice, but for what is kept of it: its last batch of bricks, or with pre-integration its first few
+    /// hundred nodes. Memory of so many samples per thread, any loss.
     Replay,
     /// The paper's inversion of the blend, for comparison: breaks down where a sample is opaque.
     Inversion,

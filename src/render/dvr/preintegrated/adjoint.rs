@@ -15,6 +15,9 @@ use super::{Preintegrated, Scratch};
 use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
 
+/// Visits that replay keeps, the nearest ones: it walks again, and looks up again, what is behind them.
+const KEPT: usize = 6;
+
 /// Nodes that were visited together, and the stretches that end at them.
 #[derive(Debug, Clone, Default)]
 pub(in super::super) struct Visit<R: Real> {
@@ -40,19 +43,23 @@ impl<R: Real> Preintegrated<R> {
         let (dvr, ray) = (pass.dvr, pass.ray);
         let values = &dvr.field.values;
         let sites = Sites { topology: pass.topology(), density: &self.density, gaps: false };
+        let keep = if adjoint == Adjoint::Replay { KEPT } else { usize::MAX };
         let mut front = Front::new(&self.tables, &optics.curve);
+        // Where visits are no longer kept.
+        let mut rest = None;
         nodes(
             sites,
             &ray,
             queue,
             #[inline(always)]
             |queue, fours| {
-                if adjoint == Adjoint::Replay {
-                    front.add(values, queue, fours, row);
-                } else {
+                if tape.len() < keep {
                     let mut visit = spare.pop().unwrap_or_default();
                     visit.record(&mut front, values, queue, fours);
                     tape.push(visit);
+                } else {
+                    rest.get_or_insert(front);
+                    front.add(values, queue, fours, row);
                 }
                 front.depth < dvr.depth_limit
             },
@@ -62,26 +69,29 @@ impl<R: Real> Preintegrated<R> {
         let weighted = pass.shared(loss(&seen), &emitted, depth, &optics.tint);
         let behind = (-depth).exp() * weighted.background;
         let mut back = Backward { own: self, optics, emitted, behind, weighted, last: None };
-        if adjoint == Adjoint::Replay {
+        // Not `for_each`: its closure would be compiled for the oldest instruction set.
+        for visit in tape.iter() {
+            back.visit(pass, visit, by_row);
+        }
+        if let Some(mut front) = rest {
             let mut visit = spare.pop().unwrap_or_default();
-            let mut front = Front::new(&self.tables, &optics.curve);
+            let mut kept = tape.len();
             nodes(
                 sites,
                 &ray,
                 queue,
                 #[inline(always)]
                 |queue, fours| {
+                    if kept > 0 {
+                        kept -= 1;
+                        return true;
+                    }
                     visit.record(&mut front, values, queue, fours);
                     back.visit(pass, &visit, by_row);
                     front.depth < dvr.depth_limit
                 },
             );
             spare.push(visit);
-        } else {
-            // Not `for_each`: its closure would be compiled for the oldest instruction set.
-            for visit in tape.iter() {
-                back.visit(pass, visit, by_row);
-            }
         }
         seen
     }

@@ -8,7 +8,7 @@ use crate::real::Real;
 use crate::render::curve::Curve;
 
 /// State of the blend.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Front<'a, R: Real> {
     tables: &'a Cumulative<R>,
     curve: &'a Curve<R, 3>,
