@@ -3,7 +3,8 @@
 
     bench.py [--only B4 B6 ...] [--data DIR] [--peers PEERS_ENV RTK_ENV]
 
-Kernels (B3, B10, B11) come from `cargo bench --bench kernels`, pictures and gradients through a transfer function (B1,
+TF finds transfer functions of ever more texels, VIEW the best viewpoints; both look at an MRI of a head
+(`ch2` of Debian's mricron-data) among others. Kernels (B3, B10, B11) come from `cargo bench --bench kernels`, pictures and gradients through a transfer function (B1,
 B2) from the same program; B4 to B7 reconstruct exact data sets
 (`python/peers/`, made where they are missing by the environment `python/setup.sh bench` sets up) with ever
 more iterations until the goal's PSNR is reached. With `--peers` the other programs run too, in turn with
@@ -40,6 +41,10 @@ LADDER = (5, 10, 20, 24, 30, 50)
 SHORT, REPEATS = 10.0, 3
 
 
+# An MRI of Debian's mricron-data.
+HEAD = pathlib.Path("/usr/share/mricron/templates/ch2.nii.gz")
+# TF: numbers of texels.
+TEXELS = (16, 32, 64, 128, 256)
 # B1 and B2: threads of both sides; seconds a frame and decibels of VTK, seconds of PyTorch, where they were measured.
 THREADS = 2
 VTK = {"bump": (0.12, 43.8), "ramp": (0.12, 45.1), "thin": (0.41, 48.5)}
@@ -79,7 +84,7 @@ SETS = [
     cone(128, (53.17, None)),
     Set("B5", "b5", "128³ from 64 parallel-beam angles", ["b5"], "ASTRA SIRT", (54.4, 97.0), faster=10.0),
     Set("B6", "b6", "64³ from 16 views", ["b6"], "Mitsuba 3", (27.9, 81.0), above=10.0, faster=100.0),
-    Set("B7", "b7", "256³ from 64 parallel-beam angles", ["b7"], "ASTRA SIRT, 50 it", (43.47, None), faster=1.0),
+    Set("B7", "b7", "256³ from 64 parallel-beam angles", ["b7"], "ASTRA SIRT, 150 it", (55.69, None), faster=1.0),
 ]  # fmt: skip
 
 
@@ -134,7 +139,7 @@ def theirs(wanted, data, environments):
         "B4": [rtk, PEERS / "run_rtk.py", data, "--alg", "cg"],
         "B5": [peers, PEERS / "run_astra.py", data, "--alg", "SIRT"],
         "B6": [peers, PEERS / "run_mitsuba.py", data],
-        "B7": [peers, PEERS / "run_astra.py", data, "--alg", "SIRT", "--iters", "50"],
+        "B7": [peers, PEERS / "run_astra.py", data, "--alg", "SIRT", "--iters", "150"],
     }[wanted.id]
     line = json.loads(output(command, **({"DRJIT_LIBLLVM_PATH": llvm} if llvm else {})).splitlines()[-1])
     return max(line["psnr_db"], line.get("psnr_clipped_db", 0.0)), line["seconds"]
@@ -261,6 +266,69 @@ def gradients(environments, rounds):
             }
 
 
+def subject(name):
+    """A volume and its transfer function: `head` or `c60`."""
+    volume, function = OUT / f"{name}.vdb", OUT / f"{name}.tf.json"
+    if not newer(function, PEERS / f"{name}.py"):
+        # The function is written last.
+        given = [HEAD] if name == "head" else []
+        if given and not HEAD.is_file():
+            raise FileNotFoundError(f"{HEAD} is missing; run python/setup.sh bench, or install Debian's mricron-data")
+        output([sys.executable, PEERS / f"{name}.py", *given, volume, function])
+    return volume, function
+
+
+def transfers(rounds):
+    """TF: a row for each number of texels, from pictures made with 256."""
+    say("TF: transfer functions of a known volume")
+    volume, function = subject("head")
+    views = ["--views", 9, "--size", "512x512", "--density-scale", "auto"]
+    cumulo("render", volume, "--tf", function, *views, "-o", OUT / "head", "--quiet")
+    runs = {texels: [] for texels in TEXELS}
+    for _ in range(rounds):
+        for texels, of in runs.items():
+            out = OUT / "found.tf.json"
+            given = ["--volume", volume, "-o", out, "--texels", texels, "--quiet"]
+            of.append(cumulo("reconstruct", "tf", OUT / "head", *given))
+    seconds = {texels: statistics.median(run["seconds"] for run in of) for texels, of in runs.items()}
+    for texels, of in runs.items():
+        quality, likeness = of[0]["held_out_psnr_db"], of[0]["held_out_ssim"]
+        goal = {"goal": ">= 42.6 dB, SSIM >= 0.999, <= 300 s"} if texels == 64 else {"goal": None}
+        yield {
+            "id": "TF",
+            "work": f"head, 8 views 512², {texels} texels",
+            "peer": "Weiss & Westermann, 64 texels: 42.6 dB in 5 min on a GPU" if texels == 64 else None,
+            "ours": f"{quality:.1f} dB, SSIM {likeness:.5f}, {seconds[texels]:.1f} s",
+            "ratio": None,
+            **goal,
+            "met": quality >= 42.6 and likeness >= 0.999 and seconds[texels] <= 300 if texels == 64 else None,
+            "detail": {"seconds": [run["seconds"] for run in of]},
+        }
+
+
+def viewpoints():
+    """VIEW: a row for each volume: eight starts against 256 views spread evenly."""
+    say("VIEW: best viewpoints")
+    plume = smoke(128)[1]
+    subjects = {name: subject(name) for name in ("head", "c60")} | {"plume": (plume, None), "plume, peaks": (plume, subject("c60")[1])}
+    for name, (volume, function) in subjects.items():
+        seen = ["--tf", function] if function else []
+        options = [*seen, "--density-scale", "auto", "--size", "128x128", "--samples", 256, "-o", OUT / "best.json", "--quiet"]
+        found = cumulo("viewpoint", volume, *options)
+        best, sampled = found["entropy"], found["sampled_best_entropy"]
+        cost = found["equivalent_renders"] / 256
+        yield {
+            "id": "VIEW",
+            "work": f"{name}, 8 starts, 128²",
+            "peer": f"best of 256 views: {sampled:.5f}",
+            "ours": f"{best:.5f}, {found['seconds']:.1f} s, {100 * cost:.0f} % of 256 renders",
+            "ratio": None,
+            "goal": "no less, <= 25 %",
+            "met": best >= sampled and cost <= 0.25,
+            "detail": {key: value for key, value in found.items() if key != "provenance"},
+        }
+
+
 def newer(path, source):
     """True if `path` is there and was made from `source` as it is."""
     return path.is_file() and path.stat().st_mtime >= source.stat().st_mtime
@@ -296,7 +364,7 @@ def table(rows):
 
 def main():
     """Measures, writes the JSON, prints the table."""
-    every = ["B1", "B2", "B3", "B4", "B5", "B6", "B7", "B10", "B11"]
+    every = ["TF", "VIEW", "B1", "B2", "B3", "B4", "B5", "B6", "B7", "B10", "B11"]
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="+", choices=every, default=every, metavar="ID", help=f"of {' '.join(every)}")
     parser.add_argument("--data", type=pathlib.Path, help="folder of finished data sets (b4_8, ..., b5, b6)")
@@ -309,6 +377,10 @@ def main():
     if {"B3", "B10", "B11"} & set(a.only):
         shown = {*a.only, "rate"}
         rows += [row for row in kernels("B10" in a.only) if row["id"] in shown]
+    if "TF" in a.only:
+        rows += transfers(a.rounds)
+    if "VIEW" in a.only:
+        rows += viewpoints()
     if "B1" in a.only:
         rows += pictures(a.peers, a.rounds)
     if "B2" in a.only:

@@ -1,7 +1,8 @@
 //! Viewpoints from which a volume shows most: maxima of the opacity entropy over a sphere (Weiss & Westermann
 //! 2021, sect. 5.1).
 //!
-//! Climbers leave from several starts, first on small pictures; those that meet go on as one, on pictures twice as
+//! Scouts look about each start, on the smallest pictures and without derivatives; climbers leave from the best places
+//! that they find, first on small pictures; those that meet go on as one, on pictures twice as
 //! large each time, the higher half of them. A picture of full size would move them by less than its
 //! pixels: it is for the last look, with the upright camera that is handed out.
 
@@ -15,6 +16,8 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+/// Viewpoints that scouts look from, for each start: where pictures are halved at least once, and else.
+const SCOUTS: [usize; 2] = [12, 4];
 /// Pixels along the shorter side beyond which a search begins with smaller pictures.
 const COARSE: u32 = 32;
 /// Climbers that go on to larger pictures: half of them, but no fewer than this.
@@ -31,8 +34,10 @@ const FINELY: [f64; 2] = [0.2, 5e-7];
 pub struct Request {
     /// Where cameras stand, and the size of their pictures.
     pub sphere: Sphere,
-    /// Unit vectors from the centre.
+    /// Unit vectors from the centre to viewpoints about which scouts look for better ones to start from.
     pub starts: Vec<DVec3>,
+    /// More, to start from as they are.
+    pub given: Vec<DVec3>,
     /// Evaluations for each start and size of picture, at most.
     pub iterations: u32,
 }
@@ -76,7 +81,8 @@ pub struct Outcome {
 /// `cancel` is set climbers stay where they are.
 pub fn search(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool, tick: &(dyn Fn() + Sync)) -> Outcome {
     let begun = Instant::now();
-    let starts: Vec<DMat3> = request.starts.iter().map(|d| upright(*d)).collect();
+    let scouted = scouted(dvr, request, cancel);
+    let starts: Vec<DMat3> = scouted.iter().chain(&request.given).map(|d| upright(*d)).collect();
     let mut climbers: Vec<Climber> =
         starts.iter().enumerate().map(|(i, axes)| Climber { ascent: Ascent::new(*axes), starts: vec![i] }).collect();
     let mut paths: Vec<Path> =
@@ -102,13 +108,13 @@ pub fn search(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool, tick: 
         }
         climbers = meet(climbers, (MET[0] * radians_per_pixel(&sphere)).min(MET[1]));
     }
-    let look = Instant::now();
+    let last_look = Instant::now();
     let views = climbers.iter().map(|climber| {
         let axes = levelled(&climber.ascent.axes);
         View { axes, entropy: at(dvr, &request.sphere, &axes) }
     });
     let mut views: Vec<(&Climber, View)> = climbers.iter().zip(views).collect();
-    let render_seconds = look.elapsed().as_secs_f64() / views.len().max(1) as f64;
+    let render_seconds = last_look.elapsed().as_secs_f64() / views.len().max(1) as f64;
     // Stable: equal ones as they were.
     views.sort_by(|a, b| b.1.entropy.value.total_cmp(&a.1.entropy.value));
     for (number, (climber, view)) in views.iter().enumerate() {
@@ -122,6 +128,33 @@ pub fn search(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool, tick: 
     Outcome { views, paths, seconds: begun.elapsed().as_secs_f64(), render_seconds, stopped }
 }
 
+/// For each of the starts, the best of it and of those scouts' viewpoints that lie nearest to it.
+fn scouted(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool) -> Vec<DVec3> {
+    let level = sizes(&request.sphere).next().unwrap_or(0);
+    let sphere = request.sphere.scaled(0.5_f64.powi(level));
+    let each = if level > 0 { SCOUTS[0] } else { SCOUTS[1] };
+    let scouts = spread(each * request.starts.len());
+    let (Some(own), Some(seen)) =
+        (look(dvr, &sphere, &request.starts, cancel, &|| ()), look(dvr, &sphere, &scouts, cancel, &|| ()))
+    else {
+        return request.starts.clone();
+    };
+    best_nearby(&own, &seen)
+}
+
+/// For each place the highest of it and of those of `others` that lie nearest to it.
+fn best_nearby(places: &[(DVec3, f64)], others: &[(DVec3, f64)]) -> Vec<DVec3> {
+    let mut best = places.to_vec();
+    for (direction, value) in others {
+        let near = |i: &usize| places[*i].0.dot(*direction);
+        let nearest = (0..places.len()).max_by(|a, b| near(a).total_cmp(&near(b)));
+        if let Some(i) = nearest.filter(|i| *value > best[*i].1) {
+            best[i] = (*direction, *value);
+        }
+    }
+    best.into_iter().map(|(direction, _)| direction).collect()
+}
+
 /// Entropies of upright views spread evenly over the sphere, with their directions. Nothing if it was stopped.
 pub fn sample(
     dvr: &Dvr<'_, f32>,
@@ -130,15 +163,25 @@ pub fn sample(
     cancel: &AtomicBool,
     tick: &(dyn Fn() + Sync),
 ) -> Option<Vec<(DVec3, f64)>> {
-    let directions = spread(count);
-    let look = |direction: &DVec3| {
+    look(dvr, sphere, &spread(count), cancel, tick)
+}
+
+/// Entropies of upright views, with their directions.
+fn look(
+    dvr: &Dvr<'_, f32>,
+    sphere: &Sphere,
+    directions: &[DVec3],
+    cancel: &AtomicBool,
+    tick: &(dyn Fn() + Sync),
+) -> Option<Vec<(DVec3, f64)>> {
+    let of = |direction: &DVec3| {
         if cancel.load(Ordering::Relaxed) {
             return None;
         }
         tick();
         Some((*direction, at(dvr, sphere, &upright(*direction)).value))
     };
-    directions.par_iter().map(look).collect()
+    directions.par_iter().map(of).collect()
 }
 
 /// How often pictures are halved, for each size that the search goes through.
@@ -222,6 +265,16 @@ mod tests {
         let kept = meet(vec![climber(0, 0.0, 0.5), climber(1, 1.0, 0.7), climber(2, 0.01, 0.6)], 0.02);
         let found: Vec<_> = kept.iter().map(|c| (c.starts.clone(), c.ascent.value)).collect();
         assert_eq!(found, [(vec![1], Some(0.7)), (vec![2, 0], Some(0.6))]);
+    }
+
+    #[test]
+    fn starts_move_to_the_highest_place_nearby() {
+        let places = [(DVec3::X, 0.5), (DVec3::Y, 0.5), (DVec3::Z, 0.9)];
+        let toward = |to: DVec3, from: DVec3| (to + 0.3 * from).normalize();
+        let scouts =
+            [(toward(DVec3::X, DVec3::Y), 0.6), (toward(DVec3::X, DVec3::Z), 0.7), (toward(DVec3::Z, DVec3::X), 0.8)];
+        assert_eq!(best_nearby(&places, &scouts), [scouts[1].0, DVec3::Y, DVec3::Z]);
+        assert!(best_nearby(&[], &scouts).is_empty());
     }
 
     #[test]

@@ -154,16 +154,23 @@ impl Viewpoint {
         }
         let around = Sphere::around(&field.outline(), self.size, self.fov)
             .map_err(|e| e.at(&self.input).hint("choose another grid with --grid"))?;
-        let mut request =
-            Request { sphere: around, starts: sphere::starts(self.starts as usize), iterations: self.iterations };
+        let mut request = Request {
+            sphere: around,
+            starts: sphere::starts(self.starts as usize),
+            given: Vec::new(),
+            iterations: self.iterations,
+        };
         let mut capture = self.capture(&field, transfer, &request)?;
         // They have no say in the density scale: it would be another one in each run.
-        request.starts.extend(self.previous(&around)?);
+        request.given = self.previous(&around)?;
         render::fits(&capture, limits.max_memory)?;
 
         let dvr = Dvr::new(&field, opaque(capture.medium()?)?)?;
         let sizes = sizes(&around).len() as u64;
-        let bar = output.progress(request.starts.len() as u64 * sizes + u64::from(self.samples), "viewpoint");
+        let bar = output.progress(
+            (request.starts.len() + request.given.len()) as u64 * sizes + u64::from(self.samples),
+            "viewpoint",
+        );
         let mut found = viewpoint::search(&dvr, &request, cancel, &|| bar.inc(1));
         let samples = self.sample(&dvr, &around, cancel, &|| bar.inc(1));
         bar.finish_and_clear();
