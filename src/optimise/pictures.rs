@@ -23,7 +23,7 @@ pub struct Target {
 pub type PixelLoss<'l> = &'l (dyn Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4]) + Sync);
 
 /// Pixels handled in one go.
-const RUN: usize = 1024;
+const RUN: usize = 512;
 
 /// What gradients are added to; what is `None` is not computed.
 #[derive(Debug, Default)]
@@ -101,7 +101,9 @@ pub fn gradient(
             let mut tape = Tape::default();
             let (mut sum, mut shared) = (0.0, ParameterGradient::default());
             own.clear(dvr, &looked_at, wanted);
-            for &(number, pixels) in runs.iter().skip(lane).step_by(count) {
+            // Another one first in each group: else every lane would have its columns of the picture.
+            let ours = runs.iter().enumerate().filter(|(i, _)| (i + i / count) % count == lane);
+            for (_, &(number, pixels)) in ours {
                 let (shared, tape) = (&mut shared, &mut tape);
                 let run = Run { dvr, target: targets[number], number, pixels, loss, adjoint, own, shared, tape };
                 sum += run.loss();

@@ -191,7 +191,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
             self.moved.leave = transmittance * self.gain(optics, ray.leave, weighted.background, &weighted);
         }
         for entry in tape.iter().rev() {
-            back.step(self, curve, rule, entry);
+            back.step(self, curve, rule, &entry.segment, &entry.light, entry.open);
         }
         if adjoint == Adjoint::Replay {
             batches_before(
@@ -205,7 +205,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
                     for segment in segments.iter().rev() {
                         let light = segment.light(curve.piece(segment.piece()));
                         let open = (light.depth.f64() - back.depth).exp();
-                        back.step(self, curve, rule, &Entry { segment: *segment, light, open });
+                        back.step(self, curve, rule, segment, &light, open);
                     }
                 },
             );
@@ -324,18 +324,20 @@ impl<const C: usize> Backward<C> {
         pass: &mut Pass<'_, '_, R>,
         curve: &Curve<R, C>,
         rule: Q,
-        Entry { segment, light, open: before }: &Entry<R, S>,
+        segment: &S,
+        light: &Light<R>,
+        before: f64,
     ) {
         let line = curve.piece(segment.piece());
         let glow = Glow::new(line, light.mean, &self.weighted.colour);
         self.depth -= light.depth.f64();
         let by = By {
             depth: R::of(glow.mean * self.open - self.beyond),
-            mean: R::of(*before - self.open),
-            varied: R::of(*before),
+            mean: R::of(before - self.open),
+            varied: R::of(before),
         };
         pass.deposit(rule, line, (segment, light), R::of(glow.slope), by, &self.weighted);
-        self.beyond += arriving(glow, light, *before, self.open);
-        self.open = *before;
+        self.beyond += arriving(glow, light, before, self.open);
+        self.open = before;
     }
 }
