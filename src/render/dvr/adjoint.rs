@@ -191,7 +191,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
             self.moved.leave = transmittance * self.gain(optics, ray.leave, weighted.background, &weighted);
         }
         for entry in tape.iter().rev() {
-            back.step(self, curve, rule, &entry.segment, &entry.light, entry.open);
+            back.step(self, curve, rule, &entry.segment, &entry.light);
         }
         if adjoint == Adjoint::Replay {
             batches_before(
@@ -204,8 +204,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
                     rule.segments(curve, &dvr.field.values, spans, segments);
                     for segment in segments.iter().rev() {
                         let light = segment.light(curve.piece(segment.piece()));
-                        let open = (light.depth.f64() - back.depth).exp();
-                        back.step(self, curve, rule, segment, &light, open);
+                        back.step(self, curve, rule, segment, &light);
                     }
                 },
             );
@@ -326,11 +325,12 @@ impl<const C: usize> Backward<C> {
         rule: Q,
         segment: &S,
         light: &Light<R>,
-        before: f64,
     ) {
         let line = curve.piece(segment.piece());
         let glow = Glow::new(line, light.mean, &self.weighted.colour);
+        // Not as the tape has it: replay is to find the same.
         self.depth -= light.depth.f64();
+        let before = (-self.depth).exp();
         let by = By {
             depth: R::of(glow.mean * self.open - self.beyond),
             mean: R::of(before - self.open),
