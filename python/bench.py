@@ -269,11 +269,8 @@ def gradients(environments, rounds):
 def subject(name):
     """A volume and its transfer function: `head` or `c60`."""
     volume, function = OUT / f"{name}.vdb", OUT / f"{name}.tf.json"
-    if not newer(function, PEERS / f"{name}.py"):
-        # The function is written last.
+    if not (volume.is_file() and newer(function, PEERS / f"{name}.py")):
         given = [HEAD] if name == "head" else []
-        if given and not HEAD.is_file():
-            raise FileNotFoundError(f"{HEAD} is missing; run python/setup.sh bench, or install Debian's mricron-data")
         output([sys.executable, PEERS / f"{name}.py", *given, volume, function])
     return volume, function
 
@@ -372,6 +369,8 @@ def main():
     parser.add_argument("--rounds", type=int, default=1, help="runs of a peer, in turn with ours (default: 1)")
     a = parser.parse_args()
     OUT.mkdir(parents=True, exist_ok=True)
+    if {"TF", "VIEW"} & set(a.only) and not HEAD.is_file():
+        parser.error(f"{HEAD} is missing: run python/setup.sh bench, or install Debian's mricron-data (TF and VIEW need it)")
     start, before = time.monotonic(), os.getloadavg()[0]
     rows = []
     if {"B3", "B10", "B11"} & set(a.only):

@@ -456,7 +456,10 @@ fn the_jacobian_by_table_holds_the_gradients_of_all_channels() {
 #[test]
 fn replay_of_long_rays_is_the_tape() {
     let f: Bricks<f64> = field(120, unit(), |p| 0.5 + 0.4 * (0.9 * p.x).sin() * (0.7 * p.y).cos() * (0.8 * p.z).sin());
-    let rays = rays(f.world_bounds(), 6, 9);
+    let mut rays = rays(f.world_bounds(), 5, 9);
+    // From corner to corner: some four hundred nodes.
+    let (corner, along) = (f.world_bounds().min, f.world_bounds().size().normalize());
+    rays.push(Ray { origin: corner - 5.0 * along, direction: along });
     let transfer = kinds().swap_remove(0);
     let medium = medium(&transfer, 0.01);
     let by = |adjoint| gradient(&f, &medium, Quadrature::PREINTEGRATED, adjoint, &rays);

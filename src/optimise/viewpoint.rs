@@ -54,9 +54,9 @@ pub struct View {
 /// What became of a start.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Path {
-    /// Unit vectors from the centre to all viewpoints on the way.
+    /// Unit vectors from the centre to all viewpoints on the way, from the best that scouts saw about the start.
     pub directions: Vec<DVec3>,
-    /// Number of evaluations, those as one with others that it met included.
+    /// Number of evaluations, those as one with others that it met included, scouts' looks not.
     pub iterations: u32,
     /// Number of the view it has reached.
     pub view: usize,

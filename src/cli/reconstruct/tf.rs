@@ -51,7 +51,7 @@ pub struct Tf {
     /// Pixels drawn from the pictures
     #[arg(long, value_name = "N", default_value_t = 32_768, value_parser = clap::value_parser!(u32).range(64..=16_777_216))]
     rays: u32,
-    /// Most refinements (default: 14; paper: 200 epochs)
+    /// Most refinements (default: 14, or one for each of the 7 weights that held-out views choose from; paper: 200 epochs)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: Option<u32>,
     /// Integration along rays: exact, midpoint:STEP or riemann:STEP, steps in voxels
@@ -107,7 +107,7 @@ impl Tf {
         let request = self.request(&capture, &field, held_out)?;
         let mut stages = vec![Stage { name: "read".into(), seconds: begun.elapsed().as_secs_f64() }];
 
-        let bar = output.progress(u64::from(request.iterations), "transfer function");
+        let bar = output.progress(u64::from(request.most_steps()), "transfer function");
         let outcome = reconstruct(&field, &photos, &request, |step| {
             bar.set_position(u64::from(step.iteration));
             let psnr = step.held_out_psnr_db.map(|p| format!(", held-out {p:.2} dB")).unwrap_or_default();

@@ -47,7 +47,7 @@ pub struct Viewpoint {
     /// Folder for the cameras' pictures (default: that of the output)
     #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
-    /// Number of viewpoints to start from
+    /// Number of viewpoints to start from: the best of it and a dozen about it, on small pictures, is where a climb begins
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     starts: u32,
     /// Evaluations from each start, at most, for each size of picture that the search goes through

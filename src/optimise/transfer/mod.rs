@@ -78,6 +78,25 @@ pub struct Request {
     pub init: Option<Transfer>,
 }
 
+impl Request {
+    /// Weights of the prior that are tried, strongest first.
+    fn weights(&self) -> &[f64] {
+        match (&self.smooth, self.held_out.is_empty()) {
+            (Some(weight), _) => std::slice::from_ref(weight),
+            (None, true) => &[USUAL],
+            (None, false) => &LADDER,
+        }
+    }
+
+    /// Refinements or epochs that there will be at most.
+    pub fn most_steps(&self) -> u32 {
+        match (self.solver, self.weights().len()) {
+            (Solver::Paper, _) | (_, 1) => self.iterations,
+            (Solver::Newton, weights) => self.iterations.min(weights as u32 * REFINEMENTS),
+        }
+    }
+}
+
 /// State after a refinement.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct Step {
@@ -117,6 +136,8 @@ const LADDER: [f64; 7] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
 const USUAL: f64 = 1e-4;
 /// Times the least error: as good as the best.
 const GOOD_ENOUGH: f64 = 1.02;
+/// Of the steps' damping: far more than the sums of derivatives are rounded by.
+const LEAST_DAMPING: f64 = 1e-6;
 /// Refinements a weight.
 const REFINEMENTS: u32 = 1;
 
@@ -155,11 +176,8 @@ fn newton(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> Cont
         stage("colours", begun);
     }
     let begun = Instant::now();
-    let weights: &[f64] = match (&request.smooth, fit.held_out.is_empty()) {
-        (Some(weight), _) => std::slice::from_ref(weight),
-        (None, true) => &[USUAL],
-        (None, false) => &LADDER,
-    };
+    // Held-out views without a pixel that is finite choose nothing.
+    let weights = if fit.held_out.is_empty() && request.smooth.is_none() { &[USUAL] } else { request.weights() };
     let refinements = if weights.len() > 1 { REFINEMENTS } else { request.iterations };
     let mut history: Vec<Step> = Vec::new();
     let mut tried: Vec<(f64, Vec<Rgbs>, f64)> = Vec::new();
@@ -289,7 +307,12 @@ impl<'a> Fit<'a> {
         let transfer = Transfer::Texture { domain: self.request.domain, texels: texels.to_vec() };
         let source = Source::Transfer(Arc::new(transfer.table()?));
         let medium = Medium { extinction: self.request.extinction, source };
-        Ok(Dvr::new(self.field, medium)?.background(self.request.background).quadrature(self.request.quadrature))
+        // Least squares ask for all channels' derivatives at once, which pre-integration has not: what it approaches.
+        let quadrature = match (self.request.solver, self.request.quadrature) {
+            (Solver::Newton, Quadrature::Preintegrated(_)) => Quadrature::Exact,
+            (_, quadrature) => quadrature,
+        };
+        Ok(Dvr::new(self.field, medium)?.background(self.request.background).quadrature(quadrature))
     }
 
     /// Extinctions by Gauss and Newton on `T = e^{-H s}`: with nothing that absorbs, the derivative of alpha
@@ -322,7 +345,7 @@ impl<'a> Fit<'a> {
             let cost = rows::cost(&self.renderer(&step)?, &self.used) + penalty(&step);
             if cost <= from {
                 self.texels = step;
-                self.damping = (0.2 * self.damping).max(1e-9);
+                self.damping = (0.2 * self.damping).max(LEAST_DAMPING);
                 break;
             }
             self.damping = (10.0 * self.damping).max(1e-6);

@@ -6,10 +6,13 @@ use crate::render::dvr::{ByKnot, Dvr, TableJacobian, Tape};
 use glam::DVec4;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Parts that sums are split into, whatever the number of threads.
 pub(super) const LANES: usize = 16;
 
+/// The most pixels whose products are summed up in single precision.
+const MOST_PIXELS: usize = 4096;
 /// Pixels that are added to the sums together.
 const BATCH: usize = 16;
 
@@ -126,11 +129,23 @@ pub(super) fn extinctions(lengths: &[Lengths], rays: &Rays, texels: usize, smoot
 
 /// The normal equations of all pixels; derivatives by extinction are taken in units of `scale`.
 pub(super) fn normal(dvr: &Dvr<'_, f32>, rays: &Rays, scale: f64, texels: usize) -> Normal {
-    let part = rays.len().div_ceil(LANES);
+    let mut normal = Normal::zeros(texels);
+    for first in (0..rays.len()).step_by(LANES * MOST_PIXELS) {
+        let pixels = first..rays.len().min(first + LANES * MOST_PIXELS);
+        // In order, whatever the number of threads.
+        sums(dvr, rays, scale, texels, pixels).iter().for_each(|part| normal.merge(part));
+    }
+    normal
+}
+
+/// Sums over the pixels, lane by lane.
+fn sums(dvr: &Dvr<'_, f32>, rays: &Rays, scale: f64, texels: usize, pixels: Range<usize>) -> Vec<Sums> {
+    let part = pixels.len().div_ceil(LANES);
     let lane = |lane: usize| {
         let (mut scratch, mut rows, mut sums) =
             (Scratch::new(texels), vec![Row::default(); BATCH], Sums::zeros(texels));
-        let pixels: Vec<usize> = (lane * part..rays.len().min((lane + 1) * part)).collect();
+        let begin = pixels.start + lane * part;
+        let pixels: Vec<usize> = (begin..pixels.end.min(begin + part)).collect();
         for pixels in pixels.chunks(BATCH) {
             for (row, &pixel) in rows.iter_mut().zip(pixels) {
                 let seen = scratch.derive(dvr, rays, pixel);
@@ -148,11 +163,7 @@ pub(super) fn normal(dvr: &Dvr<'_, f32>, rays: &Rays, scale: f64, texels: usize)
         }
         sums
     };
-    let parts: Vec<Sums> = (0..LANES).into_par_iter().map(lane).collect();
-    // In order, whatever the number of threads.
-    let mut normal = Normal::zeros(texels);
-    parts.iter().for_each(|part| normal.merge(part));
-    normal
+    (0..LANES).into_par_iter().map(lane).collect()
 }
 
 /// A pixel.

@@ -54,8 +54,8 @@ impl TableJacobian {
 
 impl<R: Precision> Dvr<'_, R> {
     /// Radiance along a world ray of unit direction, and `weight` times its derivatives with respect to the values at
-    /// the transfer function's knots, which are added to `jacobian`. Pre-integration's are those of what it
-    /// approaches; media without a transfer function have none.
+    /// the transfer function's knots, which are added to `jacobian`, made for as many. For pre-integration both are
+    /// those of what it approaches; media without a transfer function have no derivatives.
     pub fn table_jacobian(
         &self,
         ray: &Ray,
