@@ -136,6 +136,8 @@ const LADDER: [f64; 7] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
 const USUAL: f64 = 1e-4;
 /// Times the least error: as good as the best.
 const GOOD_ENOUGH: f64 = 1.02;
+/// Texels of the first guess, at most.
+const FIRST_TEXELS: usize = 64;
 /// Of the steps' damping: far more than the sums of derivatives are rounded by.
 const LEAST_DAMPING: f64 = 1e-6;
 /// Refinements a weight.
@@ -169,10 +171,13 @@ fn newton(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> Cont
     let begun = Instant::now();
     let first = request.smooth.unwrap_or(LADDER[0]);
     if request.init.is_none() {
+        // What is refined afterwards need not be fine.
+        fit.resample(request.texels.min(FIRST_TEXELS))?;
         fit.extinctions_from_alpha(first)?;
         stage("extinctions from alpha", begun);
         let begun = Instant::now();
         fit.refine(first, Unknowns::Colours)?;
+        fit.resample(request.texels)?;
         stage("colours", begun);
     }
     let begun = Instant::now();
@@ -258,6 +263,12 @@ fn least(tried: &[(f64, Vec<Rgbs>, f64)]) -> f64 {
     tried.iter().fold(f64::INFINITY, |least, t| least.min(t.0))
 }
 
+/// A function at the centres of so many texels.
+fn sampled(transfer: &Transfer, domain: [f64; 2], texels: usize) -> Result<Vec<Rgbs>> {
+    let table = transfer.table()?;
+    Ok(Transfer::centres(domain, texels).into_iter().map(|d| table.at(d)).collect())
+}
+
 /// What a refinement changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Unknowns {
@@ -288,15 +299,18 @@ impl<'a> Fit<'a> {
                 .hint("check the pictures with `cumulo validate`"));
         }
         let texels = match &request.init {
-            Some(init) => {
-                let table = init.table()?;
-                Transfer::centres(request.domain, request.texels).into_iter().map(|d| table.at(d)).collect()
-            }
+            Some(init) => sampled(init, request.domain, request.texels)?,
             None => vec![[0.5, 0.5, 0.5, 0.0]; request.texels],
         };
         let fit = Self { field, request, texels, used, held_out, damping: 1e-4 };
         fit.transfer().checked()?;
         Ok(fit)
+    }
+
+    /// The same function with so many texels.
+    fn resample(&mut self, texels: usize) -> Result<()> {
+        self.texels = sampled(&self.transfer(), self.request.domain, texels)?;
+        Ok(())
     }
 
     fn transfer(&self) -> Transfer {
