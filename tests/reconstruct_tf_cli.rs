@@ -134,6 +134,8 @@ fn what_cannot_be_done_is_said() {
     work.refused("reconstruct tf cap --volume @plume.vdb -o nowhere/x.tf.json", &["nowhere"]);
     work.refused("reconstruct tf cap --volume @plume.vdb -o x.tf.json --held-out 2", &["leaves none of the 2 views"]);
     work.refused("reconstruct tf cap --volume @plume.vdb -o x.tf.json --texels 1", &["2..=1024"]);
+    let preintegrated = "reconstruct tf cap --volume @plume.vdb -o x.tf.json --quadrature preintegrated";
+    work.refused(preintegrated, &["least squares", "preintegrated", "midpoint", "--solver paper"]);
     work.refused("reconstruct tf cap --volume @plume.vdb -o x.tf.json --domain 1,0", &["1,0"]);
     work.edit("cap", |_, film| film.rgba.fill([f32::NAN; 4]));
     work.refused("reconstruct tf cap --volume @plume.vdb -o x.tf.json", &["no pixel", "finite"]);

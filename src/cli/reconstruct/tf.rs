@@ -54,7 +54,7 @@ pub struct Tf {
     /// Most refinements (default: 14, or one for each of the 7 weights that held-out views choose from; paper: 200 epochs)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: Option<u32>,
-    /// Integration along rays: exact, midpoint:STEP or riemann:STEP, steps in voxels
+    /// Integration along rays: exact, midpoint:STEP or riemann:STEP, steps in voxels; for the paper's solver preintegrated too
     #[arg(long, value_name = "Q", default_value = "midpoint:0.5")]
     quadrature: Quadrature,
     /// Transfer function to begin with
@@ -186,7 +186,7 @@ impl Tf {
             Choice::Auto => (Solver::Newton, 14),
             Choice::Paper => (Solver::Paper, 200),
         };
-        Ok(Request {
+        let request = Request {
             solver,
             extinction: capture.density_scale,
             background: capture.background,
@@ -199,6 +199,8 @@ impl Tf {
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),
             iterations: self.iterations.unwrap_or(usual),
             init: self.init.as_ref().or(previous).map(load).transpose()?,
-        })
+        };
+        request.check()?;
+        Ok(request)
     }
 }

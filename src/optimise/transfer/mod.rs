@@ -88,6 +88,20 @@ impl Request {
         }
     }
 
+    /// Whether its solver can follow its quadrature.
+    ///
+    /// # Errors
+    /// If least squares are to follow pre-integration, which has no derivatives of all channels at once.
+    pub fn check(&self) -> Result<()> {
+        match (self.solver, self.quadrature) {
+            (Solver::Newton, Quadrature::Preintegrated(_)) => {
+                Err(Error::invalid(format!("least squares cannot follow the quadrature {}", self.quadrature))
+                    .hint("give exact, midpoint:STEP or riemann:STEP, or the published descent (--solver paper)"))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Refinements or epochs that there will be at most.
     pub fn most_steps(&self) -> u32 {
         match (self.solver, self.weights().len()) {
@@ -146,7 +160,7 @@ const REFINEMENTS: u32 = 1;
 /// Finds the texels whose pictures of `field` are most like `photos`.
 ///
 /// # Errors
-/// If the request's numbers cannot be used, or no pixel of the used views is finite and meets the volume.
+/// If the request's numbers cannot be used or its solver cannot follow its quadrature, or no pixel of the used views is finite and meets the volume.
 pub fn reconstruct(
     field: &Bricks<f32>,
     photos: &[Photo],
@@ -154,6 +168,7 @@ pub fn reconstruct(
     mut watch: impl FnMut(&Step) -> ControlFlow<()>,
 ) -> Result<Outcome> {
     let start = Instant::now();
+    request.check()?;
     let fit = Fit::new(field, photos, request)?;
     match request.solver {
         Solver::Newton => newton(fit, start, &mut watch),
@@ -321,12 +336,7 @@ impl<'a> Fit<'a> {
         let transfer = Transfer::Texture { domain: self.request.domain, texels: texels.to_vec() };
         let source = Source::Transfer(Arc::new(transfer.table()?));
         let medium = Medium { extinction: self.request.extinction, source };
-        // Least squares ask for all channels' derivatives at once, which pre-integration has not: what it approaches.
-        let quadrature = match (self.request.solver, self.request.quadrature) {
-            (Solver::Newton, Quadrature::Preintegrated(_)) => Quadrature::Exact,
-            (_, quadrature) => quadrature,
-        };
-        Ok(Dvr::new(self.field, medium)?.background(self.request.background).quadrature(quadrature))
+        Ok(Dvr::new(self.field, medium)?.background(self.request.background).quadrature(self.request.quadrature))
     }
 
     /// Extinctions by Gauss and Newton on `T = e^{-H s}`: with nothing that absorbs, the derivative of alpha
