@@ -16,6 +16,11 @@ const LOBES: &str = r#"{"format": "cumulo-transfer-function", "version": 1, "tra
     {"mean": 0.2, "ln_width": -2.3, "rgbs": [1.0, 0.5, 0.1, 0.4]},
     {"mean": 0.6, "ln_width": -1.5, "rgbs": [0.1, 0.3, 1.0, 0.7]}]}}"#;
 
+/// Two steps: up from nothing, and to another colour.
+const STEPS: &str = r#"{"format": "cumulo-transfer-function", "version": 1, "transfer": {"kind": "piecewise", "points": [
+    [0.12, 0.1, 0.2, 0.8, 0.0], [0.12, 0.1, 0.2, 0.8, 3.0], [0.34, 0.3, 0.2, 0.6, 4.0], [0.34, 0.9, 0.5, 0.1, 1.0],
+    [1.2, 0.2, 0.5, 0.9, 2.0]]}}"#;
+
 fn rows(report: &Value) -> Vec<(String, f64)> {
     let row = |r: &Value| (r["name"].as_str().unwrap().to_owned(), r["gradient"].as_f64().unwrap());
     report["rows"].as_array().unwrap().iter().map(row).collect()
@@ -30,6 +35,7 @@ fn work() -> Work {
     let work = Work::new();
     std::fs::write(work.path("points.tf.json"), TF).unwrap();
     std::fs::write(work.path("lobes.tf.json"), LOBES).unwrap();
+    std::fs::write(work.path("steps.tf.json"), STEPS).unwrap();
     work.json("render @plume.vdb --views 2 --size 20x16 --density-scale 0.4 -o grey");
     work.json("render @plume.vdb --views 2 --size 20x16 --density-scale 0.4 --tf points.tf.json -o bright");
     work
@@ -52,6 +58,8 @@ fn every_parameter_and_loss_is_confirmed_by_differences() {
         (format!("{grey} --loss mean --emission 0.2,0.9,0.5 --emission-model linear"), "camera,extinction,density"),
         (format!("{bright} --loss l2"), "tf,camera,extinction,background"),
         (format!("{bright} --loss ssim"), "tf"),
+        (format!("{bright} --loss l2 --tf steps.tf.json"), "tf,camera,extinction,density"),
+        (format!("{bright} --loss l2 --tf steps.tf.json --quadrature preintegrated"), "tf,density"),
         (format!("{bright} --loss mean --tf lobes.tf.json"), "tf,density"),
         (format!("{bright} --loss l2 --prior tv=0.1 --prior tf=0.3"), "tf,density"),
         (format!("{bright} --loss huber --prior smooth=2 --prior tf-rgb=1"), "tf,density"),
@@ -69,10 +77,15 @@ fn every_parameter_and_loss_is_confirmed_by_differences() {
 #[test]
 fn all_ways_lead_to_the_same() {
     let work = work();
-    for (loss, quadrature) in [("l2", "exact"), ("opacity-entropy", "exact"), ("log-transmittance", "midpoint:0.6")] {
+    for (loss, quadrature, tf) in [
+        ("l2", "exact", "points"),
+        ("opacity-entropy", "exact", "points"),
+        ("log-transmittance", "midpoint:0.6", "points"),
+        ("l2", "exact", "steps"),
+    ] {
         let step = if quadrature == "exact" { "" } else { ",step" };
         let words = format!(
-            "gradient @plume.vdb --target bright --density-scale 0.3 --loss {loss} --quadrature {quadrature} \
+            "gradient @plume.vdb --target bright --density-scale 0.3 --loss {loss} --tf {tf}.tf.json --quadrature {quadrature} \
              --wrt tf,camera,extinction,background{step}"
         );
         let ways = ["--mode tangent", "--adjoint tape", "--adjoint replay", "--adjoint inversion --mode adjoint"];

@@ -26,6 +26,13 @@ fn sources() -> Vec<Source> {
     [Source::Grey([0.6, 0.3, 0.8]), Source::Linear([0.5, 1.5, 0.2])].into_iter().chain(tables).collect()
 }
 
+/// Up, down, and up from nothing, in all channels.
+fn steps() -> Transfer {
+    let point = |density: f64, v: f64| [density, v, 1.0 - v, 0.5 * v, 0.4 * v];
+    let points = [(0.1, 0.0), (0.1, 0.5), (0.3, 0.9), (0.3, 0.2), (0.55, 0.4), (0.55, 0.0), (0.7, 0.0), (0.7, 1.0)];
+    Transfer::Piecewise { points: points.map(|(density, v)| point(density, v)).to_vec() }
+}
+
 fn is_double<R: Real>() -> bool {
     R::EPSILON.f64() < 1e-10
 }
@@ -91,6 +98,7 @@ fn step<R: Real>(kind: Kind, f: &Bricks<R>, medium: &Medium, seed: u64) -> Step<
         Source::Transfer(table) => {
             let mut by = TableGradient::zeros(table);
             by.pieces.iter_mut().flatten().flatten().enumerate().for_each(|(i, v)| *v = signed(seed + i as u64));
+            by.steps.iter_mut().enumerate().for_each(|(i, v)| *v = signed(seed + 500 + i as u64));
             Some(by)
         }
         _ => None,
@@ -130,7 +138,7 @@ fn both<R: Directions<2>>(dvr: &Dvr<'_, R>, ray: &Ray, number: u64, steps: &[Ste
     assert_eq!(pushed.radiance(), dvr.radiance(ray), "the tangent's value is the value");
     let first = &steps[0];
     let mut voxels = first.voxels.as_ref().map(|v| vec![R::ZERO; v.len()]);
-    let mut table = first.table.as_ref().map(|t| TableGradient { pieces: vec![[[0.0; 4]; 2]; t.pieces.len()] });
+    let mut table = first.table.as_ref().map(|t| TableGradient::of_knots(t.steps.len()));
     let (mut moved, mut shared) = (RayGradient::default(), ParameterGradient::default());
     let follows = first.ray != RayGradient::default();
     let sinks = Sinks {
@@ -152,6 +160,7 @@ fn both<R: Directions<2>>(dvr: &Dvr<'_, R>, ray: &Ray, number: u64, steps: &[Ste
             terms.extend(
                 g.pieces.iter().flatten().flatten().zip(t.pieces.iter().flatten().flatten()).map(|(g, t)| g * t),
             );
+            terms.extend(g.steps.iter().zip(&t.steps).map(|(g, t)| g * t));
         }
         let left = pushed.rgba().into_iter().zip(w).map(|(c, w)| w * c.tangent[p].f64());
         let left: Vec<f64> = left.collect();
@@ -165,7 +174,8 @@ fn the_identity_holds<R: Directions<2>>(fields: &[Bricks<R>], relative: f64) {
     for f in fields {
         let mut rays = rays(f.world_bounds(), 12, 5);
         rays.push(Ray { origin: f.world_bounds().centre(), direction: DVec3::new(0.3, 0.5, 0.8).normalize() });
-        for source in sources() {
+        let steps = Source::Transfer(Arc::new(steps().table().unwrap()));
+        for source in sources().into_iter().chain([steps]) {
             let medium = Medium { extinction: 0.8, source };
             for rule in RULES {
                 let dvr = dvr(f, medium.clone(), rule);

@@ -467,3 +467,57 @@ fn replay_of_long_rays_is_the_tape() {
     assert!(tape.voxels.iter().filter(|v| **v != 0.0).count() > 6 * 200, "rays are long");
     assert!(tape == replay);
 }
+
+/// A step of the function, met where the density is a ramp: light has a closed form, and so have its derivatives by the
+/// step's density, by all voxels at once, and by where the ray begins.
+#[test]
+fn steps_have_their_closed_form() {
+    const RISE: f64 = 1.0 / 32.0;
+    fn check<R: Precision>(rule: Quadrature, [value, derivative]: [f64; 2]) {
+        let mut f: Bricks<R> = field(24, unit(), |p| RISE * p.x);
+        f.domain = cumulo::math::Aabb { min: DVec3::ZERO, max: DVec3::splat(23.0) };
+        let (below, above) = ([1.0, 0.5, 0.0, 0.05], [0.0, 0.25, 1.0, 0.2]);
+        let point = |[r, g, b, s]: [f64; 4]| [0.4, r, g, b, s];
+        let medium = medium(&Transfer::Piecewise { points: vec![point(below), point(above)] }, 1.0);
+        let Source::Transfer(table) = &medium.source else { unreachable!() };
+        let ray = Ray { origin: DVec3::new(-2.0, 7.3, 6.8), direction: DVec3::X };
+        let (met, length) = (0.4 / RISE, 23.0);
+        let (near, far) = ((-below[3] * met).exp(), (-above[3] * (length - met)).exp());
+        let dvr = dvr(&f, medium.clone(), rule);
+        let with_ray = rule == Quadrature::Exact;
+        for c in 0..3 {
+            let behind = above[c] * (1.0 - far) + far * f64::from(BACKGROUND[c]);
+            let light = below[c] * (1.0 - near) + near * behind;
+            // By the length at which the step is met.
+            let expected =
+                near * below[3] * (below[c] - behind) - near * far * above[3] * (above[c] - f64::from(BACKGROUND[c]));
+            let mut voxels = vec![R::ZERO; f.values.len()];
+            let (mut by, mut moved, mut shared) =
+                (TableGradient::zeros(table), RayGradient::default(), ParameterGradient::default());
+            let sinks = Sinks {
+                voxels: Some(&mut voxels),
+                table: Some(&mut by),
+                ray: with_ray.then_some(&mut moved),
+                shared: &mut shared,
+            };
+            let mut weight = [R::ZERO; 4];
+            weight[c] = R::ONE;
+            let seen = dvr.gradient(&ray, &mut |_| weight, Adjoint::Tape, sinks, &mut Tape::default());
+            let close = |what: &str, got: f64, expected: f64| {
+                let tolerance = if what == "light" { value } else { derivative };
+                assert!((got - expected).abs() < tolerance, "{rule} {c} {what}: {got} {expected}");
+            };
+            close("light", seen.rgb[c].f64(), light);
+            close("by step", by.by_knot(table).iter().sum::<f64>() * RISE, expected);
+            close("by voxel", voxels.iter().map(|v| v.f64()).sum::<f64>() * RISE, -expected);
+            // The box stands still, and so does the density: nothing changes.
+            close("by origin", moved.origin.x, 0.0);
+        }
+    }
+    check::<f64>(Quadrature::Exact, [1e-11; 2]);
+    check::<f32>(Quadrature::Exact, [1e-5; 2]);
+    // A stretch across the step mixes both sides: light is off by the tolerance, and where in the stretch the step is
+    // makes no difference to what is in front of what.
+    check::<f64>(Quadrature::Preintegrated(1e-4), [5e-4, 5e-3]);
+    check::<f32>(Quadrature::Preintegrated(1e-4), [5e-4, 5e-3]);
+}

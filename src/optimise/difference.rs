@@ -13,9 +13,10 @@ enum Side {
     Both,
     Above,
     Below,
-    /// A step of the transfer function, whose jump no derivative knows.
-    Neither,
 }
+
+/// Parameters of a point of a piecewise linear function: its density and its values.
+const POINT: usize = 5;
 
 /// A difference quotient.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,15 +47,12 @@ const ROUNDING: f64 = 8.0 * f64::EPSILON;
 impl Study<f64> {
     /// Difference quotient of the loss, of second order: central, or from one side where the other is out of
     /// bounds or beyond a knot of the transfer function. Steps shrink until two quotients agree: some losses
-    /// bend sharply (the entropy, where a pixel is all but clear). `None` where there is no derivative.
+    /// bend sharply (the entropy, where a pixel is all but clear).
     ///
     /// # Errors
     /// As [`Setting::dvr`](super::study::Setting::dvr).
-    pub fn difference(&mut self, parameter: Parameter) -> Result<Option<Quotient>> {
+    pub fn difference(&mut self, parameter: Parameter) -> Result<Quotient> {
         let (mut h, side) = self.reach(parameter)?;
-        if side == Side::Neither {
-            return Ok(None);
-        }
         // Quotients are good to this over their step: where they are little more, two agree by chance.
         let rounding = ROUNDING * self.value_at(parameter, 0.0)?.0.abs();
         let quotient = |value: f64, h: f64| Quotient { value, rounding: rounding / h };
@@ -75,7 +73,7 @@ impl Study<f64> {
             }
             last = next;
         }
-        Ok(Some(best))
+        Ok(best)
     }
 
     fn quotient(&mut self, parameter: Parameter, h: f64, side: Side) -> Result<f64> {
@@ -151,7 +149,7 @@ impl Study<f64> {
                 };
                 (h, Side::Both)
             }
-            Parameter::Transfer(_) => self.transfer_reach(group, value)?,
+            Parameter::Transfer(i) => self.transfer_reach(i, group, value)?,
             Parameter::Voxel(_) => {
                 let h = 1e-5 * self.field.range().1.max(1e-6);
                 let Some(transfer) = &setting.transfer else { return Ok(bounded(h)) };
@@ -167,18 +165,23 @@ impl Study<f64> {
         })
     }
 
-    fn transfer_reach(&self, group: &str, value: f64) -> Result<(f64, Side)> {
-        let Some(transfer) = &self.setting.transfer else { return Ok((1.0, Side::Neither)) };
+    fn transfer_reach(&self, parameter: usize, group: &str, value: f64) -> Result<(f64, Side)> {
+        let Some(transfer) = &self.setting.transfer else { return Ok((1.0, Side::Both)) };
         let table = transfer.table()?;
         let knots = table.knots();
         let width = (knots[knots.len() - 1] - knots[0]).max(f64::MIN_POSITIVE);
         Ok(match (group, transfer) {
             ("tf.density", Transfer::Piecewise { .. }) => {
                 let gap = knots.iter().map(|k| (k - value).abs()).filter(|g| *g > 0.0).fold(width, f64::min);
-                if knots.iter().filter(|k| **k == value).count() > 1 {
-                    return Ok((1.0, Side::Neither));
-                }
                 let h = (1e-6 * width).min(0.25 * gap);
+                // The two knots of a step can only part.
+                let knot = parameter / POINT;
+                if knots.get(knot + 1) == Some(&value) {
+                    return Ok((h, Side::Below));
+                }
+                if knot > 0 && knots[knot - 1] == value {
+                    return Ok((h, Side::Above));
+                }
                 // Where the field is level at the knot, its densities belong to the piece above it.
                 let level = self.field.values.iter().any(|v| (v - value).abs() < 2.0 * h);
                 (h, if level { Side::Below } else { Side::Both })

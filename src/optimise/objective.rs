@@ -29,8 +29,8 @@ pub struct Objective<'o> {
 pub struct By {
     /// The stored voxels.
     pub voxels: bool,
-    /// The transfer function, of so many pieces.
-    pub pieces: Option<usize>,
+    /// The transfer function, of so many knots.
+    pub knots: Option<usize>,
     /// Cameras and the quadrature's step.
     pub rays: bool,
 }
@@ -95,7 +95,7 @@ impl Objective<'_> {
     pub fn adjoint<R: Precision>(&self, dvr: &Dvr<'_, R>, adjoint: Adjoint, by: By) -> Gradient<R> {
         let zero = || Gradient {
             voxels: if by.voxels { vec![R::ZERO; dvr.field().values.len()] } else { Vec::new() },
-            table: TableGradient { pieces: vec![[[0.0; 4]; 2]; by.pieces.unwrap_or(0)] },
+            table: by.knots.map_or_else(TableGradient::default, TableGradient::of_knots),
             cameras: vec![CameraGradient::default(); self.cameras.len()],
             ..Gradient::default()
         };
@@ -211,7 +211,7 @@ impl Objective<'_> {
             let mut moved = RayGradient::default();
             let sinks = Sinks {
                 voxels: by.voxels.then_some(&mut own.voxels),
-                table: by.pieces.is_some().then_some(&mut own.table),
+                table: by.knots.is_some().then_some(&mut own.table),
                 ray: by.rays.then_some(&mut moved),
                 shared: &mut own.shared,
             };

@@ -79,11 +79,11 @@ pub fn coordinates(topology: &Topology, voxel: usize) -> IVec3 {
 }
 
 /// What a gradient must be asked for so that it holds these.
-pub fn by(parameters: &[Parameter], density: bool, pieces: Option<usize>) -> By {
+pub fn by(parameters: &[Parameter], density: bool, knots: Option<usize>) -> By {
     let any = |f: fn(&Parameter) -> bool| parameters.iter().any(f);
     By {
         voxels: density,
-        pieces: pieces.filter(|_| any(|p| matches!(p, Parameter::Transfer(_)))),
+        knots: knots.filter(|_| any(|p| matches!(p, Parameter::Transfer(_)))),
         rays: any(|p| matches!(p, Parameter::Camera { .. } | Parameter::Step)),
     }
 }

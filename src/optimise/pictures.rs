@@ -62,7 +62,7 @@ impl Lane {
             }
             _ => vec![0.0; dvr.field().values.len()],
         });
-        self.table = wanted.table.as_ref().map(|t| TableGradient { pieces: vec![[[0.0; 4]; 2]; t.pieces.len()] });
+        self.table = wanted.table.as_ref().map(|t| TableGradient::of_knots(t.steps.len()));
         self.cameras = wanted.cameras.as_ref().map(|c| vec![CameraGradient::default(); c.len()]);
         self.step = 0.0;
     }

@@ -182,8 +182,8 @@ impl<R: Forward> Study<R> {
         let topology = &self.field.topology;
         match way {
             Way::Adjoint(adjoint) => {
-                let pieces = transfer.map(|t| Ok::<_, Error>(t.table()?.knots().len() + 1)).transpose()?;
-                let found = objective.adjoint(&dvr, adjoint, parameter::by(parameters, density, pieces));
+                let knots = transfer.map(|t| Ok::<_, Error>(t.table()?.knots().len())).transpose()?;
+                let found = objective.adjoint(&dvr, adjoint, parameter::by(parameters, density, knots));
                 let has_table = !found.table.pieces.is_empty();
                 let by_transfer = transfer.filter(|_| has_table).map_or(Ok(Vec::new()), |t| t.chain(&found.table))?;
                 let by_voxel = if density {

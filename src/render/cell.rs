@@ -65,10 +65,10 @@ pub fn gather<R: Real>(w: &[R::Lanes; 2], v: &[R::Lanes; 2]) -> R {
 #[inline(always)]
 pub fn scatter<R: Real>(values: &mut [R], offset: usize, g: R, w: &[R::Lanes; 2]) {
     let v = &mut values[offset..offset + REACH];
-    for (corners, w) in CORNERS.iter().zip(w) {
-        for (corner, add) in corners.iter().zip((R::Lanes::splat(g) * *w).store()) {
-            v[*corner] += add;
-        }
+    // All are loaded before any is stored: compilers make two loads and two stores of each four.
+    for ([a, b, c, d], w) in CORNERS.into_iter().zip(w) {
+        let sum = R::Lanes::load([v[a], v[b], v[c], v[d]]) + R::Lanes::splat(g) * *w;
+        [v[a], v[b], v[c], v[d]] = sum.store();
     }
 }
 

@@ -24,6 +24,8 @@ pub struct Piece<R, const C: usize> {
     inverse_width: R,
     /// Share of the upper end in the value at `base`.
     upper: R,
+    /// Whether the function jumps at its lower and at its upper end.
+    pub jumps: [bool; 2],
 }
 
 impl<R: Real, const C: usize> Piece<R, C> {
@@ -39,10 +41,46 @@ impl<R: Real, const C: usize> Piece<R, C> {
         self.inverse_width
     }
 
+    /// What it comes to at a density.
+    pub fn side(&self, density: R) -> Side<C> {
+        let at = |[at_base, slope]: [R; 2]| at_base.f64() + slope.f64() * (density - self.base).f64();
+        Side { extinction: at(self.extinction), source: self.source.map(at) }
+    }
+
+    /// True if no density lies in it: it stands between the two knots of a step.
+    pub fn is_step(&self) -> bool {
+        self.low == self.high
+    }
+
     /// True if nothing is absorbed or emitted in it.
     #[inline(always)]
     pub fn is_clear(&self) -> bool {
         self.extinction[0] == R::ZERO && self.extinction[1] == R::ZERO
+    }
+}
+
+/// Extinction and source at one side of a step.
+#[derive(Debug, Clone, Copy)]
+pub struct Side<const C: usize> {
+    /// Extinction.
+    pub extinction: f64,
+    /// Radiance of the source.
+    pub source: [f64; C],
+}
+
+impl<const C: usize> Side<C> {
+    /// Extinction, and extinction times source by channel; and what these are more than their means over a ramp to the
+    /// other side.
+    pub fn beside(&self, other: &Self) -> [(f64, [f64; C]); 2] {
+        let (a, b) = (self, other);
+        let lit = std::array::from_fn(|c| a.extinction * a.source[c]);
+        // The mean of a product of two linear functions.
+        let mean = |c: usize| {
+            let (near, far) = (a.extinction * (2.0 * a.source[c] + b.source[c]), a.source[c] + 2.0 * b.source[c]);
+            (near + b.extinction * far) / 6.0
+        };
+        let more = std::array::from_fn(|c| a.extinction * a.source[c] - mean(c));
+        [(a.extinction, lit), (0.5 * (a.extinction - b.extinction), more)]
     }
 }
 
@@ -76,6 +114,7 @@ impl<R: Real> Curve<R, 1> {
             steepest: R::of(source[1]),
             inverse_width: R::ZERO,
             upper: R::ZERO,
+            jumps: [false; 2],
         };
         Self { pieces: vec![piece], buckets: vec![0], first: R::ZERO, buckets_per_density: R::ZERO, regular: false }
     }
@@ -100,12 +139,18 @@ impl<R: Real> Curve<R, 3> {
                 steepest: slope[..3].iter().fold(R::ZERO, |m, s| m.greater(R::of(s.abs()))),
                 inverse_width: if inner { R::of(1.0 / width) } else { R::ZERO },
                 upper: if p == 0 { R::ONE } else { R::ZERO },
+                jumps: [false; 2],
             }
         };
         let mut pieces: Vec<Piece<R, 3>> = (0..=last).map(piece).collect();
         // Rounded knots may coincide: no density lies between them then.
         for p in 1..pieces.len() {
             pieces[p].low = pieces[p - 1].high;
+        }
+        for p in 1..pieces.len() {
+            let [before, here] = [pieces[p - 1], pieces[p]].map(|piece| piece.is_step());
+            pieces[p].jumps[0] = before;
+            pieces[p - 1].jumps[1] = here;
         }
         let (first, range) = (table.knots()[0], table.knots()[last - 1] - table.knots()[0]);
         // Knots at equal distances are buckets themselves.

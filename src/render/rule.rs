@@ -171,7 +171,7 @@ impl<R: Real> Cell<R> {
     fn chord(&self, values: &[R], start: R, length: R, piece: u32) -> Chord<R> {
         let at = self.at(start, length);
         let density = Chord::<R>::interpolate(&corners(values, self.offset), at);
-        Chord { offset: self.offset, piece, length, start: R::of(self.reached(start)), at, density }
+        Chord { offset: self.offset, piece, length, start: R::of(self.reached(start)), at, density, jumps: [false; 2] }
     }
 }
 
@@ -190,13 +190,16 @@ impl<R: Real, const C: usize> Cutter<'_, R, C> {
     /// `until`.
     #[inline(never)]
     fn split(&mut self, cell: &Cell<R>, from: R, until: R, cubic: [f64; LANES]) {
-        let mut start = from;
-        let mut emit = |cutter: &mut Self, v: f64, piece: u32| {
+        let (mut start, mut jumped) = (from, false);
+        // `knot`: the end of the piece at which the density leaves it.
+        let mut emit = |cutter: &mut Self, v: f64, piece: u32, knot: Option<usize>| {
             let end = if v >= 1.0 { until } else { R::of(from.f64() + 0.5 * (v + 1.0) * (until - from).f64()) };
+            let jumps = knot.is_some_and(|knot| cutter.curve.piece(piece).jumps[knot]);
             if end > start {
-                cutter.cut(cell, start, end, piece);
-                start = end;
+                cutter.cut(cell, start, end, piece, [jumped, jumps]);
+                (start, jumped) = (end, false);
             }
+            jumped |= jumps;
         };
         let turns = cubic::turns(cubic);
         for ends in turns.windows(2) {
@@ -213,19 +216,22 @@ impl<R: Real, const C: usize> Cutter<'_, R, C> {
                 // Not `knot >= end`: densities that overflow are NaN here, and cross nothing.
                 let crossed = if rising { knot < end } else { knot > end };
                 if !crossed {
-                    emit(self, last, piece);
+                    emit(self, last, piece, None);
                     break;
                 }
                 v = cubic::crossing(cubic, knot, v, last);
-                emit(self, v, piece);
+                emit(self, v, piece, Some(rising.into()));
                 piece = if rising { piece + 1 } else { piece - 1 };
+                while self.curve.piece(piece).is_step() {
+                    piece = if rising { piece + 1 } else { piece - 1 };
+                }
             }
         }
     }
 
     /// Cuts a piece until its error is small.
     #[inline(never)]
-    fn cut(&mut self, cell: &Cell<R>, mut start: R, end: R, piece: u32) {
+    fn cut(&mut self, cell: &Cell<R>, mut start: R, end: R, piece: u32, [mut near, far]: [bool; 2]) {
         let all = <R::Lanes as Lanes<R>>::splat;
         let line = self.curve.piece(piece);
         if line.is_clear() && !self.rule.keep_clear {
@@ -234,7 +240,7 @@ impl<R: Real, const C: usize> Cutter<'_, R, C> {
         let mut length = end - start;
         let mut halvings_left = MOST_HALVINGS;
         while length > R::ZERO {
-            let chord = cell.chord(self.values, start, length, piece);
+            let mut chord = cell.chord(self.values, start, length, piece);
             let measure = Measure::new(chord.density.store().map(all), all(length), [line; LANES]);
             let error = measure.error.store()[0];
             if error > R::of(self.rule.tolerance) * self.depth.exp() && halvings_left > 0 {
@@ -242,9 +248,10 @@ impl<R: Real, const C: usize> Cutter<'_, R, C> {
                 length = R::of(0.5) * length;
                 continue;
             }
+            start += length;
+            chord.jumps = [std::mem::take(&mut near), far && start >= end];
             self.segments.push(chord);
             self.depth += measure.depth.store()[0];
-            start += length;
             length = (length + length).lesser(end - start);
         }
     }
@@ -330,7 +337,7 @@ impl<R: Real, const C: usize> Rule<R, C> for ExactSource {
                         }
                         cutter.depth += depths[i];
                     } else {
-                        cutter.cut(&four[i], at[i], end[i], whole[i].piece);
+                        cutter.cut(&four[i], at[i], end[i], whole[i].piece, [false; 2]);
                     }
                 }
             },

@@ -2,6 +2,41 @@
 
 use crate::lanes::{LANES, Lanes};
 use crate::real::{Number, Real};
+use crate::render::cell::{corners, weights};
+use crate::render::gauss;
+use glam::DVec3;
+
+/// An end of a segment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// The one that is nearer to the eye.
+    Near,
+    /// The other one.
+    Far,
+}
+
+/// A point of a ray.
+#[derive(Debug, Clone, Copy)]
+pub struct Place<R> {
+    /// Offset of its cell's lowest corner among the field's values.
+    pub offset: usize,
+    /// Cell-local coordinates.
+    pub at: [R; 3],
+    /// World length from the ray's origin.
+    pub position: f64,
+}
+
+impl<R: Real> Place<R> {
+    /// Weights of the cell's corners, by x.
+    pub fn weights(&self) -> [R::Lanes; 2] {
+        weights(self.at)
+    }
+
+    /// Gradient of the interpolated value, by index coordinate.
+    pub fn slopes(&self, values: &[R]) -> DVec3 {
+        DVec3::from_array(slopes(corners(values, self.offset).map(Lanes::store), self.at).map(Real::f64))
+    }
+}
 
 /// A stretch with one density for all of it.
 #[derive(Debug, Clone, Copy)]
@@ -38,9 +73,23 @@ pub struct Chord<R: Real> {
     pub at: [R::Lanes; 3],
     /// Densities there.
     pub density: R::Lanes,
+    /// Whether the curve jumps at its near and at its far end.
+    pub jumps: [bool; 2],
 }
 
 impl<R: Real> Chord<R> {
+    /// One of its ends.
+    pub fn end(&self, end: End) -> Place<R> {
+        let [first, .., last] = gauss::NODES;
+        let share = if end == End::Far { 1.0 } else { 0.0 };
+        let by = R::of((share - first) / (last - first));
+        let at = self.at.map(|along| {
+            let [from, .., to] = along.store();
+            from + by * (to - from)
+        });
+        Place { offset: self.offset, at, position: self.start.f64() + share * self.length.f64() }
+    }
+
     /// Interpolates a cell's corners (by x, as [`crate::render::cell::corners`] gives them) at four points.
     #[inline(always)]
     pub fn interpolate(corners: &[R::Lanes; 2], [x, y, z]: [R::Lanes; 3]) -> R::Lanes {

@@ -21,6 +21,9 @@ pub struct TableGradient {
     /// With respect to the values at the lower end and at the upper end of each piece. Pieces outside
     /// have one end alone: the first its upper, the last its lower.
     pub pieces: Vec<[Rgbs; 2]>,
+    /// With respect to the densities of the knots at steps: what lies there is on no piece. Of other knots pieces tell
+    /// all.
+    pub steps: Vec<f64>,
 }
 
 impl Table {
@@ -104,7 +107,7 @@ impl Table {
     }
 
     /// Change of the pieces' ends with the knots' densities and values: the transpose of
-    /// [`TableGradient::by_knot`] and [`TableGradient::by_value`]. A step's jump is left out as it is there.
+    /// [`TableGradient::by_knot`] and [`TableGradient::by_value`].
     pub fn tangent(&self, knots: &[f64], values: &[Rgbs]) -> TableGradient {
         let last = self.knots.len() - 1;
         // A knot that moves takes its value along: at the old density it is lower by the slope.
@@ -113,7 +116,7 @@ impl Table {
             std::array::from_fn(|c| values[knot][c] - slope[c] * knots[knot])
         };
         let pieces = (0..=last + 1).map(|p| [end(p, p.saturating_sub(1)), end(p, p.min(last))]);
-        TableGradient { pieces: pieces.collect() }
+        TableGradient { pieces: pieces.collect(), steps: knots.to_vec() }
     }
 
     /// Least and greatest value over a range of densities.
@@ -207,12 +210,20 @@ impl Table {
 impl TableGradient {
     /// Zero for each piece of a table.
     pub fn zeros(table: &Table) -> Self {
-        Self { pieces: vec![[[0.0; 4]; 2]; table.knots.len() + 1] }
+        Self::of_knots(table.knots.len())
+    }
+
+    /// Zero for a table of so many knots.
+    pub fn of_knots(knots: usize) -> Self {
+        Self { pieces: vec![[[0.0; 4]; 2]; knots + 1], steps: vec![0.0; knots] }
     }
 
     /// Adds another of the same table.
     pub fn add(&mut self, other: &Self) {
         for (a, b) in self.pieces.iter_mut().flatten().flatten().zip(other.pieces.iter().flatten().flatten()) {
+            *a += b;
+        }
+        for (a, b) in self.steps.iter_mut().zip(&other.steps) {
             *a += b;
         }
     }
@@ -222,13 +233,13 @@ impl TableGradient {
         self.pieces.windows(2).map(|p| std::array::from_fn(|c| p[0][1][c] + p[1][0][c])).collect()
     }
 
-    /// With respect to the knots' densities. What a step adds by moving is left out: it is the pieces
-    /// beside it that are moved.
+    /// With respect to the knots' densities. The two of a step can only part: of each it is the derivative for moving
+    /// away from the other, and the two together move the step.
     pub fn by_knot(&self, table: &Table) -> Vec<f64> {
         let pull = |piece: usize, end: usize| -> f64 {
             table.slope_of(piece).iter().zip(self.pieces[piece][end]).map(|(s, g)| s * g).sum()
         };
-        (0..table.knots.len()).map(|k| -pull(k, 1) - pull(k + 1, 0)).collect()
+        (0..table.knots.len()).map(|k| self.steps[k] - pull(k, 1) - pull(k + 1, 0)).collect()
     }
 }
 

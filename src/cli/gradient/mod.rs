@@ -339,7 +339,7 @@ impl GradientCommand {
         let bar = output.progress(report.rows.len() as u64, "check");
         for row in &mut report.rows {
             let quotient = study.difference(row.parameter).map_err(|e| e.part(row.name.clone()).at(&self.input))?;
-            (row.difference, row.rounding) = (quotient.map(|q| q.value), quotient.map(|q| q.rounding));
+            (row.difference, row.rounding) = (Some(quotient.value), Some(quotient.rounding));
             bar.inc(1);
         }
         bar.finish_and_clear();

@@ -61,7 +61,6 @@ impl fmt::Display for Report {
             write!(f, "  {:wide$} {:>16.9e} {:>17.9e}", row.name, row.value, row.gradient)?;
             match (row.difference, row.relative_error) {
                 (Some(difference), Some(error)) => writeln!(f, " {difference:>17.9e} {error:>9.1e}")?,
-                _ if self.tolerance.is_some() => writeln!(f, "  a step: its jump has no derivative")?,
                 _ => writeln!(f)?,
             }
         }

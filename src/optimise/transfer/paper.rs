@@ -90,7 +90,7 @@ fn absolute(dvr: &Dvr<'_, f32>, rays: &Rays, texels: usize) -> (f64, Vec<Rgbs>) 
     let share = 1.0 / (rays.len() * rays.per_pixel) as f32;
     let lane = |lane: usize| {
         let (mut tape, mut shared, mut square) = (Tape::default(), ParameterGradient::default(), 0.0);
-        let mut table = TableGradient { pieces: vec![[[0.0; 4]; 2]; texels + 1] };
+        let mut table = TableGradient::of_knots(texels);
         for pixel in (lane..rays.len()).step_by(LANES) {
             let seen = see(dvr, rays, pixel, &mut tape);
             let off: [f64; 4] = std::array::from_fn(|c| seen[c] - f64::from(rays.wanted[pixel][c]));

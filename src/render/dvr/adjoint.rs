@@ -15,6 +15,7 @@
 //! All channels share the transmittance, so the recursion runs once, on the loss-weighted radiance:
 //! with `g` the loss derivative, `V = Σ g_c L_c - g_α T`.
 
+use super::jump::Jump;
 use super::kernel::{self, Blend, arriving, grey, over};
 use super::light::{By, Glow, Light};
 use super::sinks::{Adjoint, Loss, Sinks};
@@ -29,6 +30,7 @@ use crate::render::curve::{Curve, Piece};
 use crate::render::march::{IndexRay, batches_before};
 use crate::render::moved::Moved;
 use crate::render::rule::{DepthRule, ExactDepth, Rule};
+use crate::render::segment::End;
 use crate::scene::bricks::Topology;
 use crate::scene::medium::Source;
 
@@ -288,6 +290,30 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         }
     }
 
+    /// Hands over what moving one end of a segment does where the transfer function jumps, with so much open there and
+    /// so much arriving from beyond.
+    #[inline(always)]
+    pub(super) fn jump<S: Traced<R>, const C: usize>(
+        &mut self,
+        curve: &Curve<R, C>,
+        (segment, end): (&S, End),
+        [open, beyond]: [f64; 2],
+        weighted: &Weighted<C>,
+    ) {
+        let Some(jump) = Jump::find(curve, &self.dvr.field.values, &self.ray, segment, end) else { return };
+        let [own, more] = jump.gains(&weighted.colour, open, beyond);
+        if let Some(voxels) = self.sinks.voxels.as_deref_mut() {
+            scatter(voxels, jump.place.offset, R::of(-own), &jump.place.weights());
+        }
+        if let Some(table) = self.sinks.table.as_deref_mut() {
+            table.steps[jump.knot] += more;
+        }
+        if self.sinks.ray.is_some() {
+            self.moved.shift -= own * jump.slopes;
+            self.moved.turn -= own * jump.place.position * jump.slopes;
+        }
+    }
+
     /// Scatters what waits.
     #[inline(always)]
     fn flush(&mut self) {
@@ -328,6 +354,7 @@ impl<const C: usize> Backward<C> {
     ) {
         let line = curve.piece(segment.piece());
         let glow = Glow::new(line, light.mean, &self.weighted.colour);
+        pass.jump(curve, (segment, End::Far), [self.open, self.beyond], &self.weighted);
         // Not as the tape has it: replay is to find the same.
         self.depth -= light.depth.f64();
         let before = (-self.depth).exp();
@@ -339,5 +366,6 @@ impl<const C: usize> Backward<C> {
         pass.deposit(rule, line, (segment, light), R::of(glow.slope), by, &self.weighted);
         self.beyond += arriving(glow, light, before, self.open);
         self.open = before;
+        pass.jump(curve, (segment, End::Near), [self.open, self.beyond], &self.weighted);
     }
 }

@@ -10,6 +10,7 @@ use super::traced::Traced;
 use crate::real::Real;
 use crate::render::curve::Curve;
 use crate::render::rule::Rule;
+use crate::render::segment::End;
 
 /// Blends the tape forward in `R`, then walks it backward by inversion.
 #[inline(always)]
@@ -31,6 +32,9 @@ pub(super) fn backward<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>, const 
         let line = curve.piece(segment.piece());
         let glow = Glow::new(line, light.mean, &weighted.colour);
         let (mean, slope) = (R::of(glow.mean), R::of(glow.slope));
+        // More opacity takes away what arrives from beyond.
+        let arriving = |open: R, by_opacity: R| [open.f64(), -(open * by_opacity).f64()];
+        pass.jump(curve, (segment, End::Far), arriving(R::ONE - opacity, by_opacity), weighted);
         let alpha = alpha(entry);
         opacity = (opacity - alpha) / (R::ONE - alpha);
         let open = R::ONE - opacity;
@@ -39,5 +43,6 @@ pub(super) fn backward<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>, const 
         by_opacity = by_opacity * (R::ONE - alpha) - (mean * alpha + slope * light.varied);
         let by = By { depth: by_depth, mean: open * alpha, varied: open };
         pass.deposit(rule, line, (segment, light), slope, by, weighted);
+        pass.jump(curve, (segment, End::Near), arriving(open, by_opacity), weighted);
     }
 }

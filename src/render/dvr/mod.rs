@@ -10,6 +10,7 @@ mod adjoint;
 mod follow;
 mod inversion;
 mod jacobian;
+mod jump;
 mod kernel;
 mod light;
 mod preintegrated;

@@ -10,6 +10,7 @@
 //! as in [`light`](super::light) and [`kernel`](super::kernel), every letter with its derivatives. It is the
 //! transpose of [`adjoint`](super::adjoint), term by term.
 
+use super::jump::Jump;
 use super::kernel::{Blend, blend, over};
 use super::light::{Light, Lit};
 use super::sinks::{ParameterGradient, RayGradient};
@@ -20,8 +21,10 @@ use crate::dual::Dual;
 use crate::lanes::Lanes;
 use crate::math::Ray;
 use crate::real::Real;
+use crate::render::cell::{corners, gather};
 use crate::render::march::IndexRay;
 use crate::render::rule::Rule;
+use crate::render::segment::End;
 use crate::scene::bricks::Topology;
 use crate::scene::medium::Source;
 use crate::scene::table::TableGradient;
@@ -178,7 +181,9 @@ fn follow<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize, con
     }
     let topology = if all { &dvr.field.topology } else { &dvr.visible };
     let found = walk(dvr, topology, ray, rule, optics, segments, &mut |segment, light| {
+        front.jump(dvr, ray, optics, seeds, motion.as_ref(), (segment, End::Near));
         front.add(dvr, ray, rule, optics, seeds, motion.as_ref(), segment, light);
+        front.jump(dvr, ray, optics, seeds, motion.as_ref(), (segment, End::Far));
     });
     if let (Some(motion), true) = (&motion, Q::BOUNDED) {
         front.extend(dvr, ray, optics, ray.leave, motion.bounds.map(|[_, leave, _]| leave));
@@ -256,6 +261,37 @@ impl<const C: usize, const P: usize> Front<C, P> {
                 emitted.tangent[p] += self.open.value * extinction * source.f64() * by[p];
             }
             self.depth.tangent[p] += extinction * by[p];
+            self.open.tangent[p] = -self.open.value * self.depth.tangent[p];
+        }
+    }
+
+    /// Adds what one end of a segment does where the transfer function jumps; it is of no length, but grows.
+    #[inline(always)]
+    fn jump<R: Real, S: Traced<R>>(
+        &mut self,
+        dvr: &Dvr<'_, R>,
+        ray: &IndexRay,
+        optics: &Optics<R, C>,
+        seeds: &Seeds<'_, R, P>,
+        motion: Option<&Motion<P>>,
+        (segment, end): (&S, End),
+    ) {
+        let Some(jump) = Jump::find(&optics.curve, &dvr.field.values, ray, segment, end) else { return };
+        let place = &jump.place;
+        for p in 0..P {
+            let mut density = 0.0;
+            if let Some(Motion { shift, turn, .. }) = motion {
+                density += jump.slopes.dot(shift[p] + place.position * turn[p]);
+            }
+            if let Some(by_value) = seeds.voxels[p] {
+                density += gather::<R>(&place.weights(), &corners(by_value, place.offset)).f64();
+            }
+            let step = seeds.table[p].map_or(0.0, |table| table.steps[jump.knot]);
+            let by = [-density * jump.longer, step * jump.longer];
+            for (c, emitted) in self.emitted.iter_mut().enumerate() {
+                emitted.tangent[p] += self.open.value * (jump.lit[0][c] * by[0] + jump.lit[1][c] * by[1]);
+            }
+            self.depth.tangent[p] += jump.extinction[0] * by[0] + jump.extinction[1] * by[1];
             self.open.tangent[p] = -self.open.value * self.depth.tangent[p];
         }
     }

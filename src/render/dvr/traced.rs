@@ -5,7 +5,7 @@ use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
 use crate::render::cell::{corners, gather, weights};
 use crate::render::gauss;
-use crate::render::segment::{Chord, Sample, slopes};
+use crate::render::segment::{Chord, End, Place, Sample, slopes};
 use glam::DVec3;
 
 /// A segment that knows where it lies.
@@ -24,6 +24,8 @@ pub(super) trait Traced<R: Real>: Lit<R> {
     /// Change of the densities with its points' index coordinates, and the points' world lengths from the
     /// origin: what [`Traced::moved`] is the transpose of.
     fn slopes_along(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes);
+    /// One of its ends, if the transfer function jumps there and the segment ends because of it.
+    fn jump(&self, end: End) -> Option<Place<R>>;
 }
 
 impl<R: Real> Traced<R> for Sample<R> {
@@ -60,6 +62,11 @@ impl<R: Real> Traced<R> for Sample<R> {
     fn slopes_along(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes) {
         let slopes = slopes(everywhere::<R>(values, self.offset), self.at.map(R::Lanes::splat));
         (slopes, R::Lanes::splat(R::of(self.position)))
+    }
+
+    #[inline(always)]
+    fn jump(&self, _: End) -> Option<Place<R>> {
+        None
     }
 }
 
@@ -98,6 +105,11 @@ impl<R: Real> Traced<R> for Chord<R> {
         let all = <R::Lanes as Lanes<R>>::splat;
         let t = all(self.start) + all(self.length) * gauss::lanes::<R>(gauss::NODES);
         (slopes(everywhere::<R>(values, self.offset), self.at), t)
+    }
+
+    #[inline(always)]
+    fn jump(&self, end: End) -> Option<Place<R>> {
+        self.jumps[usize::from(end == End::Far)].then(|| self.end(end))
     }
 }
 

@@ -130,7 +130,8 @@ pub(super) struct ByRow<R> {
     light: [R; ROOM],
     /// Slopes of colours and extinction at the ends.
     slopes: [[R; ROOM + 1]; 4],
-    /// With respect to the densities at the ends; in `behind` that of the stretches that end there alone.
+    /// With respect to the densities at the ends; in `behind` that of the stretches that end there alone, and before
+    /// that what arrives from behind each stretch.
     density: [R; ROOM + 1],
     behind: [R; ROOM + 1],
 }
@@ -208,14 +209,20 @@ impl<R: Real> Backward<'_, R> {
             by.drift[1][i] = drift * weights[1];
             by.drift[2][i] = drift * weights[2];
         }
-        let mut by_extinction = 0.0;
-        for i in (0..count).rev() {
-            by.depth[i] -= R::of(arriving);
-            arriving += by.light[i].f64();
-            by_extinction += (by.mean[3][i] + by.depth[i] * row.depth[i]).f64();
-            by.mean[3][i] = row.length[i] * by.depth[i];
+        // What arrives from behind each stretch.
+        for (behind, light) in by.behind[..count].iter_mut().zip(&by.light[..count]).rev() {
+            *behind = R::of(arriving);
+            arriving += light.f64();
         }
-        by_extinction
+        // Light is no longer needed: in its place comes what is asked of the extinction's logarithm.
+        for i in 0..count {
+            let by_depth = by.depth[i] - by.behind[i];
+            by.light[i] = by.mean[3][i] + by_depth * row.depth[i];
+            by.mean[3][i] = row.length[i] * by_depth;
+        }
+        let by_extinction =
+            by.light[..count].chunks_exact(LANES).map(|four| R::Lanes::load([four[0], four[1], four[2], four[3]]));
+        by_extinction.fold(R::Lanes::ZERO, |sum, four| sum + four).sum().f64()
     }
 
     /// Derivatives with respect to the densities where stretches begin and end.
@@ -224,12 +231,17 @@ impl<R: Real> Backward<'_, R> {
         let tables = &self.own.tables;
         let count = row.count.min(ROOM);
         let (sixth, half) = (R::of(1.0 / 6.0), R::of(0.5));
-        for i in 0..=count {
-            let slope = tables.piece(row.piece[i]).slope.store();
-            by.slopes[0][i] = slope[0];
-            by.slopes[1][i] = slope[1];
-            by.slopes[2][i] = slope[2];
-            by.slopes[3][i] = slope[3];
+        let slope = |i: usize| tables.piece(row.piece[i]).slope;
+        let first = slope(0).store();
+        for c in 0..4 {
+            by.slopes[c][0] = first[c];
+        }
+        for four in 0..count / LANES {
+            let n = (LANES * four).min(ROOM - LANES) + 1;
+            let slopes = R::Lanes::transpose([slope(n), slope(n + 1), slope(n + 2), slope(n + 3)]);
+            for c in 0..4 {
+                by.slopes[c][n..n + LANES].copy_from_slice(&slopes[c].store());
+            }
         }
         let extinction = &row.values[3];
         by.density[count] = R::ZERO;
@@ -260,8 +272,9 @@ impl<R: Real> Backward<'_, R> {
             by.density[i] = at_begin - drift[0];
             by.behind[i + 1] = at_end + drift[1];
         }
-        for i in 0..=count {
-            by.density[i] += by.behind[i];
+        // Not to the last but one and one more: that would be a loop without vectors.
+        for (density, behind) in by.density[..count + 1].iter_mut().zip(&by.behind[..count + 1]) {
+            *density += *behind;
         }
     }
 }

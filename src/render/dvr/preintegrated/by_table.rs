@@ -40,6 +40,19 @@ impl<R: Real> Row<R> {
         let [first, last] = [pieces[0].min(pieces[1]), pieces[0].max(pieces[1])];
         for number in first..=last {
             let line = curve.piece(number);
+            if line.is_step() && (first + 1..last).contains(&number) {
+                let side = |number: u32| curve.piece(number).side(line.low);
+                let (below, above) = (side(number - 1), side(number + 1));
+                // What a side has more than the ramp that would lie between the two.
+                let more = |[_, (extinction, lit)]: [(f64, [f64; 3]); 2]| {
+                    let lit: f64 = (0..3).map(|c| by_mean[c] * lit[c]).sum();
+                    (by_mean[3] * extinction + lit) / (high - low)
+                };
+                let (below, above) = (more(below.beside(&above)), more(above.beside(&below)));
+                table.steps[number as usize - 1] += below;
+                table.steps[number as usize] -= above;
+                continue;
+            }
             // The outermost reach beyond the knots, not less far than the densities do.
             let from = if number == first { low } else { line.low.f64() };
             let to = if number == last { high } else { line.high.f64() };
