@@ -2,11 +2,12 @@
 //! of one ray in one go.
 
 use crate::render::dvr::{Adjoint, Dvr, Loss, ParameterGradient, RayGradient, Sinks, Tape};
-use crate::render::order::morton;
+use crate::render::order;
 use crate::scene::bricks::{BRICK, Bricks, Voxel};
 use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// A camera and the colours and alpha it should see.
 #[derive(Debug, Clone)]
@@ -17,6 +18,13 @@ pub struct Target {
     pub rgba: Vec<[f32; 4]>,
     /// A pixel is the mean over the square of so many rays.
     pub rays_per_edge: usize,
+}
+
+impl Target {
+    /// Width and height.
+    fn size(&self) -> [usize; 2] {
+        [self.camera.width, self.camera.height].map(|n| n as usize)
+    }
 }
 
 /// Value and derivative of one pixel's loss: what is seen, what should be.
@@ -49,6 +57,7 @@ struct Lane {
     table: Option<TableGradient>,
     cameras: Option<Vec<CameraGradient>>,
     step: f64,
+    tape: Tape<f32>,
 }
 
 impl Lane {
@@ -79,12 +88,12 @@ pub fn gradient(
     accumulators: &mut Accumulators,
     gradients: &mut Gradients<'_>,
 ) -> (f64, ParameterGradient) {
-    let orders: Vec<Vec<usize>> =
-        targets.iter().map(|t| morton(t.camera.width as usize, t.camera.height as usize).collect()).collect();
-    let runs: Vec<(usize, &[usize])> = orders
-        .iter()
-        .enumerate()
-        .flat_map(|(number, order)| order.chunks(RUN).map(move |pixels| (number, pixels)))
+    let runs: Vec<(usize, Range<usize>)> = (0..targets.len())
+        .flat_map(|number| {
+            let [width, height] = targets[number].size();
+            let length = order::length(width, height);
+            (0..length).step_by(RUN).map(move |from| (number, from..length.min(from + RUN)))
+        })
         .collect();
     let count = match gradients.voxels {
         Some(_) => lanes(dvr.field(), targets.iter().map(|t| t.rgba.len()).sum()),
@@ -98,16 +107,18 @@ pub fn gradient(
         .par_iter_mut()
         .enumerate()
         .map(|(lane, own)| {
-            let mut tape = Tape::default();
+            let mut tape = std::mem::take(&mut own.tape);
             let (mut sum, mut shared) = (0.0, ParameterGradient::default());
             own.clear(dvr, &looked_at, wanted);
             // Another one first in each group: else every lane would have its columns of the picture.
             let ours = runs.iter().enumerate().filter(|(i, _)| (i + i / count) % count == lane);
-            for (_, &(number, pixels)) in ours {
+            for (_, (number, stretch)) in ours {
+                let (number, stretch) = (*number, stretch.clone());
                 let (shared, tape) = (&mut shared, &mut tape);
-                let run = Run { dvr, target: targets[number], number, pixels, loss, adjoint, own, shared, tape };
+                let run = Run { dvr, target: targets[number], number, stretch, loss, adjoint, own, shared, tape };
                 sum += run.loss();
             }
+            own.tape = tape;
             (sum, shared)
         })
         .collect();
@@ -140,7 +151,8 @@ struct Run<'a, 'd> {
     target: &'a Target,
     /// The target's.
     number: usize,
-    pixels: &'a [usize],
+    /// Of its pixels' order.
+    stretch: Range<usize>,
     loss: PixelLoss<'a>,
     adjoint: Adjoint,
     own: &'a mut Lane,
@@ -171,10 +183,10 @@ impl Run<'_, '_> {
     /// Adds all pixels' gradients; returns the sum of their losses.
     fn loss(mut self) -> f64 {
         let Target { camera, rgba, rays_per_edge: n } = self.target;
-        let (width, share) = (camera.width as usize, 1.0 / (n * n) as f32);
+        let ([width, height], share) = (self.target.size(), 1.0 / (n * n) as f32);
         let (mut sum, loss) = (0.0, self.loss);
-        let asked = self.pixels.iter().filter(|i| rgba[**i].iter().all(|v| v.is_finite()));
-        for &i in asked {
+        let pixels = order::stretch(width, height, self.stretch.clone());
+        for i in pixels.filter(|i| rgba[*i].iter().all(|v| v.is_finite())) {
             let position = |k: usize| {
                 let offset = |k: usize| (k as f64 + 0.5) / *n as f64;
                 [(i % width) as f64 + offset(k % n), (i / width) as f64 + offset(k / n)]

@@ -1,17 +1,35 @@
 //! The order in which pixels are handled.
 
+use std::ops::Range;
+
 /// Row-major indices of a picture's pixels along a Morton curve: what follows each other lies close
 /// together at every scale, so that rays find their bricks in every cache.
 pub fn morton(width: usize, height: usize) -> impl Iterator<Item = usize> {
-    // Squares as high as the shorter side: the curve of a strip's longer side would be all gaps.
-    let edge = width.min(height).next_power_of_two();
-    let (across, down) = (width.div_ceil(edge), height.div_ceil(edge));
-    (0..across * down * edge * edge).filter_map(move |i| {
-        let (square, code) = (i / (edge * edge), i % (edge * edge));
-        let x = square % across * edge + even_bits(code);
-        let y = square / across * edge + even_bits(code >> 1);
+    stretch(width, height, 0..length(width, height))
+}
+
+/// Length of the curve, gaps beyond the picture included.
+pub fn length(width: usize, height: usize) -> usize {
+    let edge = edge(width, height);
+    width.div_ceil(edge) * height.div_ceil(edge) * edge * edge
+}
+
+/// The pixels of a stretch of the curve.
+pub fn stretch(width: usize, height: usize, stretch: Range<usize>) -> impl Iterator<Item = usize> {
+    let edge = edge(width, height);
+    let (across, square) = (width.div_ceil(edge), 2 * edge.ilog2());
+    stretch.filter_map(move |i| {
+        let (number, code) = (i >> square, i & ((1 << square) - 1));
+        let x = number % across * edge + even_bits(code);
+        let y = number / across * edge + even_bits(code >> 1);
         (x < width && y < height).then_some(y * width + x)
     })
+}
+
+/// Of the squares that a curve fills: as high as the shorter side, for the curve of a strip's longer side would be all
+/// gaps.
+fn edge(width: usize, height: usize) -> usize {
+    width.min(height).next_power_of_two()
 }
 
 /// The bits at even places, moved together: pairs, then fours, eights and sixteens close ranks.
@@ -26,12 +44,14 @@ fn even_bits(code: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::{even_bits, morton};
+    use super::{even_bits, length, morton, stretch};
 
     #[test]
     fn every_pixel_comes_once_and_neighbours_come_together() {
         let order: Vec<usize> = morton(5, 3).collect();
         assert_eq!(order[..4], [0, 1, 5, 6]);
+        let parts = (0..length(5, 3)).step_by(3).flat_map(|from| stretch(5, 3, from..(from + 3).min(length(5, 3))));
+        assert!(parts.eq(order.iter().copied()), "stretches make up the whole");
         let mut sorted = order;
         sorted.sort_unstable();
         assert_eq!(sorted, (0..15).collect::<Vec<_>>());

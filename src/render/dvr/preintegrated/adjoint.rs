@@ -120,16 +120,21 @@ struct Backward<'a, R: Real> {
     last: Option<Nodes<R>>,
 }
 
-/// Derivatives with respect to what a row holds, and what goes into them.
+/// Derivatives with respect to what a row holds, and what goes into them. Channels share all weights but those of the
+/// loss: sources are loss-weighted sums of them.
 #[derive(Debug, Clone)]
 pub(super) struct ByRow<R> {
-    /// By stretch: with respect to its means, its drift, its optical depth; its light.
-    mean: [[R; ROOM]; 4],
-    drift: [[R; ROOM]; 3],
+    /// By stretch: the mean of extinction times source; the derivatives with respect to that, to the source's drift, to
+    /// the mean extinction and to the optical depth; its light.
+    mean: [R; ROOM],
+    mixed: [R; ROOM],
+    drift: [R; ROOM],
+    extinction: [R; ROOM],
     depth: [R; ROOM],
     light: [R; ROOM],
-    /// Slopes of colours and extinction at the ends.
-    slopes: [[R; ROOM + 1]; 4],
+    /// Source at the ends, and slopes of source and extinction.
+    source: [R; ROOM + 1],
+    slopes: [[R; ROOM + 1]; 2],
     /// With respect to the densities at the ends; in `behind` that of the stretches that end there alone, and before
     /// that what arrives from behind each stretch.
     density: [R; ROOM + 1],
@@ -140,11 +145,14 @@ impl<R: Real> Default for ByRow<R> {
     fn default() -> Self {
         let (stretch, ends) = ([R::ZERO; ROOM], [R::ZERO; ROOM + 1]);
         Self {
-            mean: [stretch; 4],
-            drift: [stretch; 3],
+            mean: stretch,
+            mixed: stretch,
+            drift: stretch,
+            extinction: stretch,
             depth: stretch,
             light: stretch,
-            slopes: [ends; 4],
+            source: ends,
+            slopes: [ends; 2],
             density: ends,
             behind: ends,
         }
@@ -160,9 +168,11 @@ impl<R: Real> Backward<'_, R> {
         let extinction = pass.dvr.medium.extinction;
         pass.sinks.shared.extinction += self.by_stretch(row, arriving, by) / extinction;
         if let Some(table) = pass.sinks.table.as_deref_mut() {
+            let [r, g, b] = self.weighted.colour;
             for i in 0..row.count {
-                let by_mean = [0, 1, 2, 3].map(|c| by.mean[c][i].f64());
-                let by_drift = [0, 1, 2].map(|c| by.drift[c][i].f64());
+                let (mixed, drift) = (by.mixed[i].f64(), by.drift[i].f64());
+                let by_mean = [mixed * r, mixed * g, mixed * b, by.extinction[i].f64()];
+                let by_drift = [drift * r, drift * g, drift * b];
                 row.by_table(i, &self.own.tables, &self.optics.curve, extinction, by_mean, by_drift, table);
             }
         }
@@ -184,30 +194,29 @@ impl<R: Real> Backward<'_, R> {
         self.last = visit.nodes.last().copied();
     }
 
-    /// Derivatives by means and drifts; returns that by the extinction's logarithm.
+    /// Derivatives by means, drift and depth; returns that by the extinction's logarithm.
     #[inline(always)]
     fn by_stretch(&self, row: &Row<R>, mut arriving: f64, by: &mut ByRow<R>) -> f64 {
         let count = row.count.min(ROOM);
-        let weights = self.weighted.colour.map(R::of);
-        let [red, green, blue, _] = &row.values;
+        let [r, g, b] = self.weighted.colour.map(R::of);
+        let source = |i: usize| r * row.values[0][i] + g * row.values[1][i] + b * row.values[2][i];
         for i in 0..count {
-            let (mean, length, before) = (&row.mean, row.length[i], row.before[i]);
-            let emitted = length * (weights[0] * mean[0][i] + weights[1] * mean[1][i] + weights[2] * mean[2][i]);
-            let drifted = weights[0] * (red[i + 1] - red[i])
-                + weights[1] * (green[i + 1] - green[i])
-                + weights[2] * (blue[i + 1] - blue[i]);
+            by.source[i] = source(i);
+        }
+        by.source[count] = source(count);
+        for i in 0..count {
+            let (length, before) = (row.length[i], row.before[i]);
+            let mean = r * row.mean[0][i] + g * row.mean[1][i] + b * row.mean[2][i];
+            let (emitted, drifted) = (length * mean, by.source[i + 1] - by.source[i]);
             let (mixed, drift) = (before * row.mixed[i], before * row.drift[i]);
             let [by_mixed, by_drift] = share_slopes(row.depth[i], row.open[i], row.mixed[i]);
+            by.mean[i] = mean;
+            by.mixed[i] = mixed * length;
+            by.drift[i] = drift;
+            // What is mixed is proportional to the extinction as well; its share is kept here until it is added up.
+            by.extinction[i] = mixed * emitted;
             by.light[i] = mixed * emitted + drift * drifted;
             by.depth[i] = before * (by_mixed * emitted + by_drift * drifted);
-            by.mean[0][i] = mixed * length * weights[0];
-            by.mean[1][i] = mixed * length * weights[1];
-            by.mean[2][i] = mixed * length * weights[2];
-            // What is mixed is proportional to the extinction as well; its share is kept here until it is added up.
-            by.mean[3][i] = mixed * emitted;
-            by.drift[0][i] = drift * weights[0];
-            by.drift[1][i] = drift * weights[1];
-            by.drift[2][i] = drift * weights[2];
         }
         // What arrives from behind each stretch.
         for (behind, light) in by.behind[..count].iter_mut().zip(&by.light[..count]).rev() {
@@ -217,8 +226,8 @@ impl<R: Real> Backward<'_, R> {
         // Light is no longer needed: in its place comes what is asked of the extinction's logarithm.
         for i in 0..count {
             let by_depth = by.depth[i] - by.behind[i];
-            by.light[i] = by.mean[3][i] + by_depth * row.depth[i];
-            by.mean[3][i] = row.length[i] * by_depth;
+            by.light[i] = by.extinction[i] + by_depth * row.depth[i];
+            by.extinction[i] = row.length[i] * by_depth;
         }
         let by_extinction =
             by.light[..count].chunks_exact(LANES).map(|four| R::Lanes::load([four[0], four[1], four[2], four[3]]));
@@ -231,50 +240,46 @@ impl<R: Real> Backward<'_, R> {
         let tables = &self.own.tables;
         let count = row.count.min(ROOM);
         let (sixth, half) = (R::of(1.0 / 6.0), R::of(0.5));
+        let [r, g, b] = self.weighted.colour.map(|w| R::Lanes::splat(R::of(w)));
         let slope = |i: usize| tables.piece(row.piece[i]).slope;
-        let first = slope(0).store();
-        for c in 0..4 {
-            by.slopes[c][0] = first[c];
-        }
+        // The first end, and then by four.
+        let mut note = |n: usize, four: [R::Lanes; LANES], few: usize| {
+            let [red, green, blue, extinction] = R::Lanes::transpose(four);
+            let source = (r * red + g * green + b * blue).store();
+            by.slopes[0][n..n + few].copy_from_slice(&source[..few]);
+            by.slopes[1][n..n + few].copy_from_slice(&extinction.store()[..few]);
+        };
+        note(0, [slope(0); LANES], 1);
         for four in 0..count / LANES {
             let n = (LANES * four).min(ROOM - LANES) + 1;
-            let slopes = R::Lanes::transpose([slope(n), slope(n + 1), slope(n + 2), slope(n + 3)]);
-            for c in 0..4 {
-                by.slopes[c][n..n + LANES].copy_from_slice(&slopes[c].store());
-            }
+            note(n, [slope(n), slope(n + 1), slope(n + 2), slope(n + 3)], LANES);
         }
-        let extinction = &row.values[3];
-        by.density[count] = R::ZERO;
+        let (extinction, [source_slope, extinction_slope]) = (&row.values[3], &by.slopes);
         by.behind[0] = R::ZERO;
-        let slopes = &by.slopes;
         for i in 0..count {
             let (begin, end) = (extinction[i], extinction[i + 1]);
-            let (near_begin, near_end) = (sixth * (begin + begin + end), sixth * (begin + end + end));
-            let inverse = R::ONE / (row.density[i + 1] - row.density[i]);
-            let (mut colours, mut extinctions) = ([R::ZERO; 2], [half * by.mean[3][i]; 2]);
-            let mut off = [begin - row.mean[3][i], end - row.mean[3][i]].map(|off| off * by.mean[3][i]);
-            let mut drift = [R::ZERO; 2];
-            for c in 0..3 {
-                let (v, mean, by_mean) = (&row.values[c], row.mean[c][i], by.mean[c][i]);
-                colours[0] += by_mean * near_begin * slopes[c][i];
-                colours[1] += by_mean * near_end * slopes[c][i + 1];
-                extinctions[0] += by_mean * sixth * (v[i] + v[i] + v[i + 1]);
-                extinctions[1] += by_mean * sixth * (v[i] + v[i + 1] + v[i + 1]);
-                off[0] += by_mean * (begin * v[i] - mean);
-                off[1] += by_mean * (end * v[i + 1] - mean);
-                drift[0] += by.drift[c][i] * slopes[c][i];
-                drift[1] += by.drift[c][i] * slopes[c][i + 1];
-            }
+            let (near, far) = (by.source[i], by.source[i + 1]);
+            let (by_mean, by_drift, by_extinction) = (by.mixed[i], by.drift[i], by.extinction[i]);
             // Of a difference of sums, divided by that of the densities; or of Simpson's rule.
+            let inverse = R::ONE / (row.density[i + 1] - row.density[i]);
+            let (mean, mean_extinction) = (by.mean[i], row.mean[3][i]);
+            let off = |extinction: R, source: R| {
+                by_extinction * (extinction - mean_extinction) + by_mean * (extinction * source - mean)
+            };
+            let share = by_mean * sixth;
+            let (spread, both) = (share * (begin + end), share * (near + far) + half * by_extinction);
+            let simpson = |extinction: R, source: R, i: usize| {
+                (spread + share * extinction) * source_slope[i] + (both + share * source) * extinction_slope[i]
+            };
             let summed = row.is_summed(tables, i);
-            let at_begin = if summed { -(off[0] * inverse) } else { colours[0] + extinctions[0] * slopes[3][i] };
-            let at_end = if summed { off[1] * inverse } else { colours[1] + extinctions[1] * slopes[3][i + 1] };
-            by.density[i] = at_begin - drift[0];
-            by.behind[i + 1] = at_end + drift[1];
+            let at_begin = if summed { -(off(begin, near) * inverse) } else { simpson(begin, near, i) };
+            let at_end = if summed { off(end, far) * inverse } else { simpson(end, far, i + 1) };
+            by.density[i] = at_begin - by_drift * source_slope[i];
+            by.behind[i + 1] = at_end + by_drift * source_slope[i + 1];
         }
-        // Not to the last but one and one more: that would be a loop without vectors.
-        for (density, behind) in by.density[..count + 1].iter_mut().zip(&by.behind[..count + 1]) {
-            *density += *behind;
+        for i in 0..count {
+            by.density[i] += by.behind[i];
         }
+        by.density[count] = by.behind[count];
     }
 }
