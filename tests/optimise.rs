@@ -6,20 +6,23 @@ mod fields;
 
 use cumulo::math::{Aabb, Affine};
 use cumulo::optimise::depths::{Depths, mean};
+use cumulo::optimise::footprint::Footprints;
 use cumulo::optimise::hull::Hull;
 use cumulo::optimise::observation::{DepthMap, Observation, Photo};
+use cumulo::optimise::pictures::{self, Accumulators, Gradients, Target};
 use cumulo::optimise::projector::{Projector, Sample, View};
 use cumulo::optimise::smooth::Smoother;
 use cumulo::optimise::solver::Solver;
-use cumulo::render::dvr::Dvr;
+use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
 use cumulo::render::film::Film;
 use cumulo::render::picture;
-use cumulo::scene::bricks::{Bricks, Topology};
-use cumulo::scene::camera::Camera;
+use cumulo::scene::bricks::{BRICK, Bricks, Topology};
+use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::grid::LEAF_VOXELS;
 use cumulo::scene::medium::Medium;
 use cumulo::scene::orbit::{self, Layout};
-use glam::{DMat4, DVec3, IVec3};
+use fields::{field, lumps, odd};
+use glam::{DMat4, DVec2, DVec3, IVec3};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -316,4 +319,97 @@ fn weights_follow_the_noise() {
     assert!(clean.0 && clean.1 > 0.99, "{clean:?}");
     // 0.08 / 0.05 is below the bound of 3: T = e^-1.1 weighs 1 in 2.
     assert!(!noisy.0 && (0.4..0.65).contains(&noisy.1), "{noisy:?}");
+}
+
+/// What was added up for other views before leaves nothing behind, and parts of pictures add up to the whole.
+#[test]
+fn gradients_of_pictures_are_sums_over_rays() {
+    let field: Bricks<f32> = field(40, odd(), lumps(40));
+    let dvr = Dvr::new(&field, Medium::absorbing(0.3)).unwrap();
+    let bounds = field.world_bounds();
+    let target = |angle: f64| {
+        let eye = bounds.centre() + 1.3 * bounds.size().max_element() * DVec3::new(angle.cos(), angle.sin(), 0.3);
+        let camera = Camera {
+            camera_to_world: Camera::look_at(eye, bounds.centre(), DVec3::Z),
+            projection: Projection::Perspective,
+            focal: DVec2::splat(90.0),
+            centre: DVec2::new(40.0, 37.0),
+            width: 83,
+            height: 77,
+            near: 0.0,
+        };
+        Target { camera, rgba: vec![[0.2; 4]; 83 * 77], rays_per_edge: 1 }
+    };
+    let squares = |seen: &[f32; 4], wanted: &[f32; 4]| {
+        let d: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
+        (d.iter().map(|d| f64::from(d * d)).sum(), d.map(|d| 2.0 * d))
+    };
+    let mut kept = Accumulators::default();
+    let mut of = |target: &Target, accumulators: Option<&mut Accumulators>| {
+        let mut sum = vec![0.0; field.values.len()];
+        let mut gradients = Gradients { voxels: Some(&mut sum), ..Gradients::default() };
+        let accumulators = accumulators.unwrap_or(&mut kept);
+        pictures::gradient(&dvr, &[target], &squares, Adjoint::Tape, accumulators, &mut gradients);
+        sum
+    };
+    for angle in [0.3, 2.0, 4.5] {
+        let target = target(angle);
+        let (again, fresh) = (of(&target, None), of(&target, Some(&mut Accumulators::default())));
+        assert!(again == fresh, "other views left something behind");
+        let (mut rays, mut tape) = (vec![0.0_f32; field.values.len()], Tape::default());
+        for i in 0..83 * 77 {
+            let ray = target.camera.ray(f64::from(i % 83) + 0.5, f64::from(i / 83) + 0.5);
+            let sinks =
+                Sinks { voxels: Some(&mut rays), table: None, ray: None, shared: &mut ParameterGradient::default() };
+            dvr.gradient(&ray, &mut |seen| squares(&seen.rgba(), &[0.2; 4]).1, Adjoint::Tape, sinks, &mut tape);
+        }
+        let most = rays.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+        let off = rays.iter().zip(&fresh).fold(0.0_f32, |m, (a, b)| m.max((a - b).abs()));
+        assert!(most > 0.0 && off < 1e-5 * most, "off by {off}, of {most}");
+    }
+}
+
+/// Rays of a pixel meet no brick but those whose footprints meet the pixel, wherever the camera stands: accumulators
+/// are cleared and added up there alone.
+#[test]
+fn rays_stay_in_footprints() {
+    let field: Bricks<f32> = field(40, odd(), lumps(40));
+    let dvr = Dvr::new(&field, Medium::absorbing(0.3)).unwrap();
+    let centre = field.world_bounds().centre();
+    let size = field.world_bounds().size().max_element();
+    let from = |eye: DVec3, projection: Projection, focal: f64| Camera {
+        camera_to_world: Camera::look_at(eye, centre + DVec3::new(0.3, -0.2, 0.1), DVec3::Z),
+        projection,
+        focal: DVec2::splat(focal),
+        centre: DVec2::new(13.0, 11.0),
+        width: 24,
+        height: 20,
+        near: 0.0,
+    };
+    let away = centre + size * DVec3::new(1.1, -0.7, 0.4);
+    let cameras = [
+        from(away, Projection::Perspective, 18.0),
+        from(away, Projection::Orthographic, 14.0 / size),
+        // Inside: bricks lie beside the eye and behind it.
+        from(centre + 0.2 * size * DVec3::X, Projection::Perspective, 9.0),
+    ];
+    for camera in cameras {
+        let footprints = Footprints::new(&camera, &field.transform, field.topology.bricks());
+        let (mut met, mut all) = (0, 0);
+        for i in (0..24 * 20).step_by(7) {
+            let (x, y) = (i % 24, i / 24);
+            let mut voxels = vec![0.0_f32; field.values.len()];
+            let sinks =
+                Sinks { voxels: Some(&mut voxels), table: None, ray: None, shared: &mut ParameterGradient::default() };
+            let ray = camera.ray(x as f64 + 0.99, y as f64 + 0.01);
+            dvr.gradient(&ray, &mut |_| [1.0; 4], Adjoint::Tape, sinks, &mut Tape::default());
+            for (brick, values) in voxels.chunks(BRICK).enumerate() {
+                let meets = footprints.meets(brick, [[x, y], [x + 1, y + 1]]);
+                assert!(meets || values.iter().all(|v| *v == 0.0), "{camera:?} pixel {x} {y}, brick {brick}");
+                met += usize::from(meets);
+                all += 1;
+            }
+        }
+        assert!(met > 0 && met < all, "{met} of {all}: some are met, not all");
+    }
 }

@@ -19,6 +19,7 @@ pub mod difference;
 pub mod emission;
 pub mod entropy;
 pub mod fit;
+pub mod footprint;
 pub mod hull;
 pub mod lattice;
 pub mod loss;

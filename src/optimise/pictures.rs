@@ -1,6 +1,7 @@
 //! Gradients of losses that are sums over pixels, for any medium: value, loss derivative and adjoint
 //! of one ray in one go.
 
+use crate::optimise::footprint::{Footprints, Rectangle};
 use crate::render::dvr::{Adjoint, Dvr, Loss, ParameterGradient, RayGradient, Sinks, Tape};
 use crate::render::order;
 use crate::scene::bricks::{BRICK, Bricks, Voxel};
@@ -53,6 +54,8 @@ pub struct Accumulators(Vec<Lane>);
 /// Its share of one lane.
 #[derive(Debug, Clone, Default)]
 struct Lane {
+    /// By brick of the field, whether its rays can look at it.
+    looked_at: Vec<bool>,
     voxels: Option<Vec<f32>>,
     table: Option<TableGradient>,
     cameras: Option<Vec<CameraGradient>>,
@@ -61,11 +64,11 @@ struct Lane {
 }
 
 impl Lane {
-    /// Zeros for what is wanted, in the bricks that rays look at: in others nothing is touched.
-    fn clear(&mut self, dvr: &Dvr<'_, f32>, looked_at: &[bool], wanted: &Gradients<'_>) {
+    /// Zeros for what is wanted, in the bricks that its rays can look at: in others nothing is touched.
+    fn clear(&mut self, dvr: &Dvr<'_, f32>, wanted: &Gradients<'_>) {
         self.voxels = wanted.voxels.is_some().then(|| match self.voxels.take() {
             Some(mut voxels) if voxels.len() == dvr.field().values.len() => {
-                let bricks = voxels.chunks_mut(BRICK).zip(looked_at);
+                let bricks = voxels.chunks_mut(BRICK).zip(&self.looked_at);
                 bricks.filter(|(_, looked_at)| **looked_at).for_each(|(brick, _)| brick.fill(0.0));
                 voxels
             }
@@ -96,23 +99,29 @@ pub fn gradient(
         })
         .collect();
     let count = match gradients.voxels {
-        Some(_) => lanes(dvr.field(), targets.iter().map(|t| t.rgba.len()).sum()),
+        Some(_) => {
+            // Parts of one picture look at parts of the field: more of them pay.
+            let parts = (MOST_LANES / 4 / targets.len().max(1)).max(1);
+            lanes(dvr.field(), parts * targets.iter().map(|t| t.rgba.len()).sum::<usize>())
+        }
         None => MOST_LANES,
     };
     let lanes = &mut accumulators.0;
     lanes.resize_with(count, Lane::default);
     let wanted = &*gradients;
-    let looked_at = dvr.looked_at(wanted.table.is_some());
+    let seen = Seen::new(dvr, targets, count, wanted);
     let parts: Vec<(f64, ParameterGradient)> = lanes
         .par_iter_mut()
         .enumerate()
+        // One at a time: the first ones may see nothing and the last ones all.
+        .with_max_len(1)
         .map(|(lane, own)| {
             let mut tape = std::mem::take(&mut own.tape);
             let (mut sum, mut shared) = (0.0, ParameterGradient::default());
-            own.clear(dvr, &looked_at, wanted);
-            // Another one first in each group: else every lane would have its columns of the picture.
-            let ours = runs.iter().enumerate().filter(|(i, _)| (i + i / count) % count == lane);
-            for (_, (number, stretch)) in ours {
+            let ours = &runs[lane * runs.len() / count..(lane + 1) * runs.len() / count];
+            own.looked_at = seen.by(targets, ours);
+            own.clear(dvr, wanted);
+            for (number, stretch) in ours {
                 let (number, stretch) = (*number, stretch.clone());
                 let (shared, tape) = (&mut shared, &mut tape);
                 let run = Run { dvr, target: targets[number], number, stretch, loss, adjoint, own, shared, tape };
@@ -123,9 +132,9 @@ pub fn gradient(
         })
         .collect();
     if let Some(voxels) = gradients.voxels.as_deref_mut() {
-        voxels.par_chunks_mut(BRICK).enumerate().filter(|(i, _)| looked_at[*i]).for_each(|(i, total)| {
-            for lane in lanes.iter().filter_map(|lane| lane.voxels.as_ref()) {
-                for (t, v) in total.iter_mut().zip(&lane[i * BRICK..]) {
+        voxels.par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
+            for own in lanes.iter().filter(|lane| lane.looked_at[i]).filter_map(|lane| lane.voxels.as_ref()) {
+                for (t, v) in total.iter_mut().zip(&own[i * BRICK..]) {
                     *t += v;
                 }
             }
@@ -143,6 +152,40 @@ pub fn gradient(
         }
     }
     parts.iter().fold((0.0, ParameterGradient::default()), |(sum, shared), (s, p)| (sum + s, shared.plus(p)))
+}
+
+/// Which bricks rays look at.
+struct Seen {
+    /// All rays together.
+    looked_at: Vec<bool>,
+    /// By target, if lanes have a part of a picture each; those of whole pictures are not worth the while.
+    footprints: Option<Vec<Footprints>>,
+}
+
+impl Seen {
+    fn new(dvr: &Dvr<'_, f32>, targets: &[&Target], lanes: usize, wanted: &Gradients<'_>) -> Self {
+        let field = dvr.field();
+        let of = |target: &&Target| Footprints::new(&target.camera, &field.transform, field.topology.bricks());
+        let parted = wanted.voxels.is_some() && targets.len() < lanes;
+        Self {
+            looked_at: dvr.looked_at(wanted.table.is_some()),
+            footprints: parted.then(|| targets.iter().map(of).collect()),
+        }
+    }
+
+    /// By brick, whether these runs' rays can look at it.
+    fn by(&self, targets: &[&Target], runs: &[(usize, Range<usize>)]) -> Vec<bool> {
+        let Some(footprints) = &self.footprints else { return self.looked_at.clone() };
+        let rectangles: Vec<(usize, Rectangle)> = runs
+            .chunk_by(|a, b| a.0 == b.0)
+            .map(|part| {
+                let (number, [width, height]) = (part[0].0, targets[part[0].0].size());
+                (number, order::bounds(width, height, part[0].1.start..part[part.len() - 1].1.end))
+            })
+            .collect();
+        let meets = |i: usize| rectangles.iter().any(|(number, part)| footprints[*number].meets(i, *part));
+        self.looked_at.iter().enumerate().map(|(i, looked_at)| *looked_at && meets(i)).collect()
+    }
 }
 
 /// Neighbouring pixels of one view.

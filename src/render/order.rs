@@ -17,13 +17,33 @@ pub fn length(width: usize, height: usize) -> usize {
 /// The pixels of a stretch of the curve.
 pub fn stretch(width: usize, height: usize, stretch: Range<usize>) -> impl Iterator<Item = usize> {
     let edge = edge(width, height);
-    let (across, square) = (width.div_ceil(edge), 2 * edge.ilog2());
+    let across = width.div_ceil(edge);
     stretch.filter_map(move |i| {
-        let (number, code) = (i >> square, i & ((1 << square) - 1));
-        let x = number % across * edge + even_bits(code);
-        let y = number / across * edge + even_bits(code >> 1);
+        let [x, y] = place(i, edge, across);
         (x < width && y < height).then_some(y * width + x)
     })
+}
+
+/// A rectangle that holds all pixels of a stretch: its lowest corner, and one past its highest.
+pub fn bounds(width: usize, height: usize, stretch: Range<usize>) -> [[usize; 2]; 2] {
+    let edge = edge(width, height);
+    let (mut low, mut high, mut at) = ([usize::MAX; 2], [0; 2], stretch.start);
+    while at < stretch.end {
+        // The largest block that begins here: a square, or two of them side by side.
+        let bits = at.trailing_zeros().min((stretch.end - at).ilog2()).min(2 * edge.ilog2());
+        let [x, y] = place(at, edge, width.div_ceil(edge));
+        low = [low[0].min(x), low[1].min(y)];
+        high = [high[0].max(x + (1 << bits.div_ceil(2))), high[1].max(y + (1 << (bits / 2)))];
+        at += 1 << bits;
+    }
+    [low, high]
+}
+
+/// Column and row of a point of the curve, by the edge of its squares and how many of these lie side by side.
+fn place(i: usize, edge: usize, across: usize) -> [usize; 2] {
+    let square = 2 * edge.ilog2();
+    let (number, code) = (i >> square, i & ((1 << square) - 1));
+    [number % across * edge + even_bits(code), number / across * edge + even_bits(code >> 1)]
 }
 
 /// Of the squares that a curve fills: as high as the shorter side, for the curve of a strip's longer side would be all
@@ -44,7 +64,7 @@ fn even_bits(code: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::{even_bits, length, morton, stretch};
+    use super::{bounds, even_bits, length, morton, stretch};
 
     #[test]
     fn every_pixel_comes_once_and_neighbours_come_together() {
@@ -52,6 +72,19 @@ mod tests {
         assert_eq!(order[..4], [0, 1, 5, 6]);
         let parts = (0..length(5, 3)).step_by(3).flat_map(|from| stretch(5, 3, from..(from + 3).min(length(5, 3))));
         assert!(parts.eq(order.iter().copied()), "stretches make up the whole");
+        for (width, height) in [(5, 3), (3, 70), (64, 64), (1, 1)] {
+            for (from, to) in [(0, 1), (3, 9), (5, 60), (17, 4096), (0, 200)] {
+                let part = from..length(width, height).min(to);
+                let [low, high] = bounds(width, height, part.clone());
+                let (mut least, mut most) = ([usize::MAX; 2], [0; 2]);
+                for i in stretch(width, height, part) {
+                    let at = [i % width, i / width];
+                    (least, most) = ([0, 1].map(|a| least[a].min(at[a])), [0, 1].map(|a| most[a].max(at[a] + 1)));
+                }
+                let holds = (0..2).all(|a| low[a] <= least[a] && most[a] <= high[a]);
+                assert!(holds, "{width} x {height}, {from}..{to}: {low:?} {high:?} hold {least:?} {most:?}");
+            }
+        }
         let mut sorted = order;
         sorted.sort_unstable();
         assert_eq!(sorted, (0..15).collect::<Vec<_>>());
