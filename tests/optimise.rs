@@ -167,7 +167,7 @@ fn a_close_up_of_a_part_takes_nothing_away() {
     let mut cameras = orbit::cameras(&field.outline(), 8, Layout::Sphere, 40, 40, 35.0);
     let close = Camera {
         camera_to_world: DMat4::from_translation(DVec3::new(10.0, 8.0, 60.0)),
-        focal: glam::DVec2::splat(80.0),
+        focal: DVec2::splat(80.0),
         ..cameras[0]
     };
     cameras.push(close);
