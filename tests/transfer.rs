@@ -464,7 +464,24 @@ fn replay_of_long_rays_is_the_tape() {
     let medium = medium(&transfer, 0.01);
     let by = |adjoint| gradient(&f, &medium, Quadrature::PREINTEGRATED, adjoint, &rays);
     let (tape, replay) = (by(Adjoint::Tape), by(Adjoint::Replay));
-    assert!(tape.voxels.iter().filter(|v| **v != 0.0).count() > 6 * 200, "rays are long");
+    let touched = |voxels: &[f64]| voxels.iter().filter(|v| **v != 0.0).count();
+    assert!(touched(&tape.voxels) > 6 * 200, "rays are long");
+    assert!(tape == replay);
+    // The longest one again, ending behind what replay keeps.
+    let ray = rays[rays.len() - 1];
+    let depth = dvr(&f, medium.clone(), Quadrature::PREINTEGRATED).optical_depth(&ray);
+    let by = |adjoint, depth: f64| {
+        let dvr = dvr(&f, medium.clone(), Quadrature::PREINTEGRATED).early_stop((-depth).exp());
+        let (mut voxels, mut shared) = (vec![0.0; f.values.len()], ParameterGradient::default());
+        let sinks = Sinks { voxels: Some(&mut voxels), table: None, ray: None, shared: &mut shared };
+        dvr.gradient(&ray, &mut slope, adjoint, sinks, &mut Tape::default());
+        (voxels, shared)
+    };
+    let (tape, replay, whole) =
+        (by(Adjoint::Tape, 0.8 * depth), by(Adjoint::Replay, 0.8 * depth), by(Adjoint::Tape, 2.0 * depth));
+    let (part, whole) = (touched(&tape.0), touched(&whole.0));
+    // Replay keeps half of its nodes.
+    assert!((7 * whole..9 * whole).contains(&(10 * part)), "{part} of {whole}");
     assert!(tape == replay);
 }
 
