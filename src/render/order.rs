@@ -85,6 +85,7 @@ mod tests {
                 assert!(holds, "{width} x {height}, {from}..{to}: {low:?} {high:?} hold {least:?} {most:?}");
             }
         }
+        assert_eq!(bounds(64, 64, 512..1024), [[0, 16], [32, 32]], "and no more");
         let mut sorted = order;
         sorted.sort_unstable();
         assert_eq!(sorted, (0..15).collect::<Vec<_>>());

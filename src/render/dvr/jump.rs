@@ -63,6 +63,10 @@ impl<R: Real, const C: usize> Jump<R, C> {
         let piece = curve.piece(number);
         // A segment that the density rises along ends at the upper end of its piece.
         let upper = (along > 0.0) == (end == End::Far);
+        // What rounding has turned round has no jump there.
+        if !piece.jumps[usize::from(upper)] {
+            return None;
+        }
         let beyond = |number: u32| match upper {
             true => Some(number + 1).filter(|next| (*next as usize) < curve.len()),
             false => number.checked_sub(1),
