@@ -6,15 +6,17 @@ mod fields;
 
 use cumulo::math::{Aabb, Affine};
 use cumulo::optimise::depths::{Depths, mean};
-use cumulo::optimise::footprint::Footprints;
+use cumulo::optimise::footprint::Footprint;
 use cumulo::optimise::hull::Hull;
 use cumulo::optimise::observation::{DepthMap, Observation, Photo};
+use cumulo::optimise::parts::Parts;
 use cumulo::optimise::pictures::{self, Accumulators, Gradients, Target};
 use cumulo::optimise::projector::{Projector, Sample, View};
 use cumulo::optimise::smooth::Smoother;
 use cumulo::optimise::solver::Solver;
 use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
 use cumulo::render::film::Film;
+use cumulo::render::order::Tiles;
 use cumulo::render::picture;
 use cumulo::scene::bricks::{BRICK, Bricks, Topology};
 use cumulo::scene::camera::{Camera, Projection};
@@ -369,6 +371,52 @@ fn gradients_of_pictures_are_sums_over_rays() {
     }
 }
 
+/// Tiles of pictures are handed out once each, and lanes have about as far to go through the volume as one another, where
+/// parts of a picture differ by much.
+#[test]
+fn tiles_are_shared_out() {
+    let field: Bricks<f32> = field(120, odd(), |_| 1.0);
+    // Depth is length.
+    let dvr = Dvr::new(&field, Medium::absorbing(1.0)).unwrap().early_stop(0.0);
+    let centre = field.world_bounds().centre();
+    let size = field.world_bounds().size().max_element();
+    let camera = |angle: f64| Camera {
+        camera_to_world: Camera::look_at(
+            centre + 1.4 * size * DVec3::new(angle.cos(), angle.sin(), 0.4),
+            centre,
+            DVec3::Z,
+        ),
+        projection: Projection::Perspective,
+        focal: DVec2::splat(150.0),
+        // Off the middle: most of the picture is empty.
+        centre: DVec2::new(180.0, 60.0),
+        width: 240,
+        height: 170,
+        near: 0.0,
+    };
+    let cameras: Vec<Camera> = (0..20).map(|i| camera(0.3 + 0.9 * f64::from(i))).collect();
+    // So many that rays that meet nothing are nothing.
+    let lookups = vec![1000.0; field.topology.len()];
+    for (pictures, lanes) in [(1, 4), (3, 16), (20, 8)] {
+        let cameras: Vec<&Camera> = cameras[..pictures].iter().collect();
+        let parts = Parts::new(&field, &lookups, &cameras, lanes, true);
+        let mut handed_out: Vec<(usize, usize)> = parts.tiles.iter().flatten().copied().collect();
+        handed_out.sort_unstable();
+        let tiles = Tiles::new(240, 170);
+        let all = (0..pictures).flat_map(|picture| (0..tiles.count()).map(move |tile| (picture, tile)));
+        assert!(handed_out.into_iter().eq(all), "each once");
+        let way = |picture: usize, tile: usize| -> f64 {
+            let ray = |i: usize| cameras[picture].ray((i % 240) as f64 + 0.5, (i / 240) as f64 + 0.5);
+            tiles.pixels(tile).map(|i| dvr.optical_depth(&ray(i))).sum()
+        };
+        let ways = parts.tiles.iter().map(|tiles| tiles.iter().map(|(picture, tile)| way(*picture, *tile)).sum());
+        let ways: Vec<f64> = ways.collect();
+        let mean = ways.iter().sum::<f64>() / lanes as f64;
+        // Not exactly: a brick is taken for the rectangle around it.
+        assert!(ways.iter().all(|way| (way / mean - 1.0).abs() < 0.5), "{pictures} in {lanes}: {mean}, {ways:?}");
+    }
+}
+
 /// Rays of a pixel meet no brick but those whose footprints meet the pixel, wherever the camera stands: accumulators
 /// are cleared and added up there alone.
 #[test]
@@ -394,7 +442,9 @@ fn rays_stay_in_footprints() {
         from(centre + 0.2 * size * DVec3::X, Projection::Perspective, 9.0),
     ];
     for camera in cameras {
-        let footprints = Footprints::new(&camera, &field.transform, field.topology.bricks());
+        let bricks = field.topology.bricks();
+        let footprints: Vec<Footprint> =
+            bricks.iter().map(|brick| Footprint::new(&camera, &field.transform, *brick)).collect();
         let (mut met, mut all) = (0, 0);
         for i in (0..24 * 20).step_by(7) {
             let (x, y) = (i % 24, i / 24);
@@ -404,7 +454,9 @@ fn rays_stay_in_footprints() {
             let ray = camera.ray(x as f64 + 0.99, y as f64 + 0.01);
             dvr.gradient(&ray, &mut |_| [1.0; 4], Adjoint::Tape, sinks, &mut Tape::default());
             for (brick, values) in voxels.chunks(BRICK).enumerate() {
-                let meets = footprints.meets(brick, [[x, y], [x + 1, y + 1]]);
+                let Footprint { low, high } = footprints[brick];
+                let (left, top) = (x as f64, y as f64);
+                let meets = low.x <= left + 1.0 && left <= high.x && low.y <= top + 1.0 && top <= high.y;
                 assert!(meets || values.iter().all(|v| *v == 0.0), "{camera:?} pixel {x} {y}, brick {brick}");
                 met += usize::from(meets);
                 all += 1;

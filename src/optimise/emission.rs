@@ -86,7 +86,7 @@ impl<'a> Emission<'a> {
     pub fn new(sights: &'a [Sight], extinctions: &Bricks<f32>, background: [f32; 3], rays_per_edge: usize) -> Self {
         let topology = extinctions.topology.clone();
         let field = Bricks::<Vec4>::zeros(topology.clone(), extinctions.transform);
-        let count = lanes(&field, sights.iter().map(|s| s.pixels.len()).sum());
+        let count = lanes(&field, sights.iter().map(|s| s.pixels.len()).sum(), false);
         let n = rays_per_edge.max(1);
         let offset = |i: usize| (i as f64 + 0.5) / n as f64 - 0.5;
         let extinctions = extinctions.owned();

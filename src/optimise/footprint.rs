@@ -4,44 +4,45 @@ use crate::math::{Aabb, Affine};
 use crate::scene::bricks::CELLS;
 use crate::scene::camera::Camera;
 use glam::{DVec2, DVec3, IVec3};
-use rayon::prelude::*;
-
-/// A rectangle of pixels: its lowest corner, and one past its highest.
-pub type Rectangle = [[usize; 2]; 2];
 
 /// Pixels that rounding may put a brick's corners off by.
 const MARGIN: f64 = 1.0;
 
-/// Where bricks lie in a picture.
-#[derive(Debug)]
-pub struct Footprints(Vec<[DVec2; 2]>);
+/// A rectangle of a picture, in pixels: rays through other places do not meet the brick.
+#[derive(Debug, Clone, Copy)]
+pub struct Footprint {
+    /// Left and top.
+    pub low: DVec2,
+    /// Right and bottom; less than left and top if there is nothing.
+    pub high: DVec2,
+}
 
-impl Footprints {
-    /// Of bricks by their coordinates, for a field with this transform.
-    pub fn new(camera: &Camera, transform: &Affine, bricks: &[IVec3]) -> Self {
+impl Footprint {
+    /// Nothing.
+    pub const NOWHERE: Self = Self { low: DVec2::INFINITY, high: DVec2::NEG_INFINITY };
+    /// The whole picture.
+    pub const EVERYWHERE: Self = Self { low: DVec2::NEG_INFINITY, high: DVec2::INFINITY };
+
+    /// Of a brick by its coordinates, in a field with this transform.
+    pub fn new(camera: &Camera, transform: &Affine, brick: IVec3) -> Self {
         let edge = CELLS as f64;
-        let of = |brick: &IVec3| {
-            let low = edge * brick.as_dvec3();
-            let corners = Aabb { min: low, max: low + DVec3::splat(edge) }.corners();
-            let everywhere = [DVec2::NEG_INFINITY, DVec2::INFINITY];
-            let mut bounds = [DVec2::INFINITY, DVec2::NEG_INFINITY];
-            for corner in corners {
-                // Beside the eye or behind it: no corner bounds what is seen.
-                let Some((pixel, _)) = camera.project(transform.to_world(corner)) else { return everywhere };
-                if !pixel.is_finite() {
-                    return everywhere;
+        let low = edge * brick.as_dvec3();
+        let corners = Aabb { min: low, max: low + DVec3::splat(edge) }.corners();
+        let (mut bounds, mut behind) = (Self::NOWHERE, 0);
+        for corner in corners {
+            match camera.project(transform.to_world(corner)) {
+                Some((pixel, _)) if pixel.is_finite() => {
+                    bounds = Self { low: bounds.low.min(pixel), high: bounds.high.max(pixel) };
                 }
-                bounds = [bounds[0].min(pixel), bounds[1].max(pixel)];
+                Some(_) => return Self::EVERYWHERE,
+                None => behind += 1,
             }
-            [bounds[0] - MARGIN, bounds[1] + MARGIN]
-        };
-        Self(bricks.par_iter().map(of).collect())
-    }
-
-    /// True if rays through the rectangle can meet a brick, given by its number.
-    pub fn meets(&self, brick: usize, [low, high]: Rectangle) -> bool {
-        let corner = |[x, y]: [usize; 2]| DVec2::new(x as f64, y as f64);
-        let [from, to] = self.0[brick];
-        from.cmple(corner(high)).all() && corner(low).cmple(to).all()
+        }
+        match behind {
+            0 => Self { low: bounds.low - MARGIN, high: bounds.high + MARGIN },
+            // Beside the eye: no corner bounds what is seen.
+            1..8 => Self::EVERYWHERE,
+            _ => Self::NOWHERE,
+        }
     }
 }

@@ -30,6 +30,7 @@ pub mod objective;
 pub mod observation;
 pub mod paper;
 pub mod parameter;
+pub mod parts;
 pub mod pictures;
 pub mod plan;
 pub mod pose;

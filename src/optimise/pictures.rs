@@ -1,14 +1,13 @@
 //! Gradients of losses that are sums over pixels, for any medium: value, loss derivative and adjoint
 //! of one ray in one go.
 
-use crate::optimise::footprint::{Footprints, Rectangle};
+use crate::optimise::parts::Parts;
 use crate::render::dvr::{Adjoint, Dvr, Loss, ParameterGradient, RayGradient, Sinks, Tape};
-use crate::render::order;
+use crate::render::order::Tiles;
 use crate::scene::bricks::{BRICK, Bricks, Voxel};
 use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// A camera and the colours and alpha it should see.
 #[derive(Debug, Clone)]
@@ -21,18 +20,8 @@ pub struct Target {
     pub rays_per_edge: usize,
 }
 
-impl Target {
-    /// Width and height.
-    fn size(&self) -> [usize; 2] {
-        [self.camera.width, self.camera.height].map(|n| n as usize)
-    }
-}
-
 /// Value and derivative of one pixel's loss: what is seen, what should be.
 pub type PixelLoss<'l> = &'l (dyn Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4]) + Sync);
-
-/// Pixels handled in one go.
-const RUN: usize = 512;
 
 /// What gradients are added to; what is `None` is not computed.
 #[derive(Debug, Default)]
@@ -54,9 +43,7 @@ pub struct Accumulators(Vec<Lane>);
 /// Its share of one lane.
 #[derive(Debug, Clone, Default)]
 struct Lane {
-    /// By brick of the field, whether its rays can look at it.
-    looked_at: Vec<bool>,
-    voxels: Option<Vec<f32>>,
+    voxels: Vec<f32>,
     table: Option<TableGradient>,
     cameras: Option<Vec<CameraGradient>>,
     step: f64,
@@ -65,15 +52,14 @@ struct Lane {
 
 impl Lane {
     /// Zeros for what is wanted, in the bricks that its rays can look at: in others nothing is touched.
-    fn clear(&mut self, dvr: &Dvr<'_, f32>, wanted: &Gradients<'_>) {
-        self.voxels = wanted.voxels.is_some().then(|| match self.voxels.take() {
-            Some(mut voxels) if voxels.len() == dvr.field().values.len() => {
-                let bricks = voxels.chunks_mut(BRICK).zip(&self.looked_at);
-                bricks.filter(|(_, looked_at)| **looked_at).for_each(|(brick, _)| brick.fill(0.0));
-                voxels
-            }
-            _ => vec![0.0; dvr.field().values.len()],
-        });
+    fn clear(&mut self, dvr: &Dvr<'_, f32>, wanted: &Gradients<'_>, own: impl Fn(usize) -> bool) {
+        let voxels = if wanted.voxels.is_some() { dvr.field().values.len() } else { 0 };
+        if self.voxels.len() == voxels {
+            let bricks = self.voxels.chunks_mut(BRICK).enumerate();
+            bricks.filter(|(i, _)| own(*i)).for_each(|(_, brick)| brick.fill(0.0));
+        } else {
+            self.voxels = vec![0.0; voxels];
+        }
         self.table = wanted.table.as_ref().map(|t| TableGradient::of_knots(t.steps.len()));
         self.cameras = wanted.cameras.as_ref().map(|c| vec![CameraGradient::default(); c.len()]);
         self.step = 0.0;
@@ -91,111 +77,64 @@ pub fn gradient(
     accumulators: &mut Accumulators,
     gradients: &mut Gradients<'_>,
 ) -> (f64, ParameterGradient) {
-    let runs: Vec<(usize, Range<usize>)> = (0..targets.len())
-        .flat_map(|number| {
-            let [width, height] = targets[number].size();
-            let length = order::length(width, height);
-            (0..length).step_by(RUN).map(move |from| (number, from..length.min(from + RUN)))
-        })
-        .collect();
     let count = match gradients.voxels {
-        Some(_) => {
-            // Parts of one picture look at parts of the field: more of them pay.
-            let parts = (MOST_LANES / 4 / targets.len().max(1)).max(1);
-            lanes(dvr.field(), parts * targets.iter().map(|t| t.rgba.len()).sum::<usize>())
-        }
+        Some(_) => lanes(dvr.field(), targets.iter().map(|t| t.rgba.len()).sum(), targets.len() < MOST_LANES),
         None => MOST_LANES,
     };
     let lanes = &mut accumulators.0;
     lanes.resize_with(count, Lane::default);
     let wanted = &*gradients;
-    let seen = Seen::new(dvr, targets, count, wanted);
-    let parts: Vec<(f64, ParameterGradient)> = lanes
+    let cameras: Vec<&Camera> = targets.iter().map(|t| &t.camera).collect();
+    let lookups = dvr.lookups(wanted.table.is_some());
+    let parts = Parts::new(dvr.field(), &lookups, &cameras, count, wanted.voxels.is_some());
+    let sums: Vec<(f64, ParameterGradient)> = lanes
         .par_iter_mut()
+        .zip(&parts.tiles)
         .enumerate()
-        // One at a time: the first ones may see nothing and the last ones all.
+        // One at a time: some may be through long before others.
         .with_max_len(1)
-        .map(|(lane, own)| {
+        .map(|(lane, (own, tiles))| {
             let mut tape = std::mem::take(&mut own.tape);
             let (mut sum, mut shared) = (0.0, ParameterGradient::default());
-            let ours = &runs[lane * runs.len() / count..(lane + 1) * runs.len() / count];
-            own.looked_at = seen.by(targets, ours);
-            own.clear(dvr, wanted);
-            for (number, stretch) in ours {
-                let (number, stretch) = (*number, stretch.clone());
+            own.clear(dvr, wanted, |brick| parts.seen_by[brick] & 1 << lane != 0);
+            for (number, tile) in tiles.iter().copied() {
                 let (shared, tape) = (&mut shared, &mut tape);
-                let run = Run { dvr, target: targets[number], number, stretch, loss, adjoint, own, shared, tape };
-                sum += run.loss();
+                let run = Run { dvr, target: targets[number], number, loss, adjoint, own, shared, tape };
+                sum += run.loss(tile);
             }
             own.tape = tape;
             (sum, shared)
         })
         .collect();
     if let Some(voxels) = gradients.voxels.as_deref_mut() {
-        voxels.par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
-            for own in lanes.iter().filter(|lane| lane.looked_at[i]).filter_map(|lane| lane.voxels.as_ref()) {
-                for (t, v) in total.iter_mut().zip(&own[i * BRICK..]) {
+        voxels.par_chunks_mut(BRICK).zip(&parts.seen_by).enumerate().for_each(|(i, (total, seen_by))| {
+            for (_, own) in lanes.iter().enumerate().filter(|(lane, _)| seen_by & 1 << lane != 0) {
+                for (t, v) in total.iter_mut().zip(&own.voxels[i * BRICK..]) {
                     *t += v;
                 }
             }
         });
     }
-    for lane in lanes {
-        if let (Some(total), Some(own)) = (gradients.table.as_deref_mut(), &lane.table) {
+    for own in lanes {
+        if let (Some(total), Some(own)) = (gradients.table.as_deref_mut(), &own.table) {
             total.add(own);
         }
-        if let (Some(total), Some(own)) = (gradients.cameras.as_deref_mut(), &lane.cameras) {
+        if let (Some(total), Some(own)) = (gradients.cameras.as_deref_mut(), &own.cameras) {
             total.iter_mut().zip(own).for_each(|(t, o)| *t = t.plus(o));
         }
         if let Some(total) = gradients.step.as_deref_mut() {
-            *total += lane.step;
+            *total += own.step;
         }
     }
-    parts.iter().fold((0.0, ParameterGradient::default()), |(sum, shared), (s, p)| (sum + s, shared.plus(p)))
+    sums.iter().fold((0.0, ParameterGradient::default()), |(sum, shared), (s, p)| (sum + s, shared.plus(p)))
 }
 
-/// Which bricks rays look at.
-struct Seen {
-    /// All rays together.
-    looked_at: Vec<bool>,
-    /// By target, if lanes have a part of a picture each; those of whole pictures are not worth the while.
-    footprints: Option<Vec<Footprints>>,
-}
-
-impl Seen {
-    fn new(dvr: &Dvr<'_, f32>, targets: &[&Target], lanes: usize, wanted: &Gradients<'_>) -> Self {
-        let field = dvr.field();
-        let of = |target: &&Target| Footprints::new(&target.camera, &field.transform, field.topology.bricks());
-        let parted = wanted.voxels.is_some() && targets.len() < lanes;
-        Self {
-            looked_at: dvr.looked_at(wanted.table.is_some()),
-            footprints: parted.then(|| targets.iter().map(of).collect()),
-        }
-    }
-
-    /// By brick, whether these runs' rays can look at it.
-    fn by(&self, targets: &[&Target], runs: &[(usize, Range<usize>)]) -> Vec<bool> {
-        let Some(footprints) = &self.footprints else { return self.looked_at.clone() };
-        let rectangles: Vec<(usize, Rectangle)> = runs
-            .chunk_by(|a, b| a.0 == b.0)
-            .map(|part| {
-                let (number, [width, height]) = (part[0].0, targets[part[0].0].size());
-                (number, order::bounds(width, height, part[0].1.start..part[part.len() - 1].1.end))
-            })
-            .collect();
-        let meets = |i: usize| rectangles.iter().any(|(number, part)| footprints[*number].meets(i, *part));
-        self.looked_at.iter().enumerate().map(|(i, looked_at)| *looked_at && meets(i)).collect()
-    }
-}
-
-/// Neighbouring pixels of one view.
+/// What goes through the pixels of one view.
 struct Run<'a, 'd> {
     dvr: &'a Dvr<'d, f32>,
     target: &'a Target,
     /// The target's.
     number: usize,
-    /// Of its pixels' order.
-    stretch: Range<usize>,
     loss: PixelLoss<'a>,
     adjoint: Adjoint,
     own: &'a mut Lane,
@@ -210,7 +149,7 @@ impl Run<'_, '_> {
         let own = &mut *self.own;
         let follow = own.cameras.is_some();
         let sinks = Sinks {
-            voxels: own.voxels.as_deref_mut(),
+            voxels: (!own.voxels.is_empty()).then_some(&mut own.voxels),
             table: own.table.as_mut(),
             ray: follow.then_some(&mut moved),
             shared: self.shared,
@@ -223,12 +162,12 @@ impl Run<'_, '_> {
         }
     }
 
-    /// Adds all pixels' gradients; returns the sum of their losses.
-    fn loss(mut self) -> f64 {
+    /// Adds the gradients of a tile's pixels; returns the sum of their losses.
+    fn loss(mut self, tile: usize) -> f64 {
         let Target { camera, rgba, rays_per_edge: n } = self.target;
-        let ([width, height], share) = (self.target.size(), 1.0 / (n * n) as f32);
+        let (width, share) = (camera.width as usize, 1.0 / (n * n) as f32);
         let (mut sum, loss) = (0.0, self.loss);
-        let pixels = order::stretch(width, height, self.stretch.clone());
+        let pixels = Tiles::new(width, camera.height as usize).pixels(tile);
         for i in pixels.filter(|i| rgba[*i].iter().all(|v| v.is_finite())) {
             let position = |k: usize| {
                 let offset = |k: usize| (k as f64 + 0.5) / *n as f64;
@@ -262,15 +201,17 @@ impl Run<'_, '_> {
 const MOST_LANES: usize = 16;
 
 /// Accumulators for so many rays through a field: as many as pay (each is cleared and added up, which
-/// must cost less than the rays do) and as fit in memory, from 2 to 16.
-pub fn lanes<V: Voxel>(field: &Bricks<V>, rays: usize) -> usize {
+/// must cost less than the rays do) and as fit in memory, from 2 to 16. Those `apart` see a part of the field each.
+pub fn lanes<V: Voxel>(field: &Bricks<V>, rays: usize, apart: bool) -> usize {
     let values = field.values.len().max(1);
     // A ray through the whole of a cube of bricks crosses about one and a half cells a voxel.
     let cells = rays as f64 * 12.0 * (field.topology.len() as f64).cbrt();
-    let pays = (cells / values as f64) as usize;
+    let pays = cells / values as f64;
+    // Together they see the field, and what lies between them twice: that grows with their borders.
+    let pays = if apart { pays.max(3.0 * pays.sqrt()) } else { pays };
     let fits = (256 << 20) / (values * size_of::<V>());
     // A power of two: as many for each of two, four or eight threads.
-    1 << pays.min(fits).clamp(2, MOST_LANES).ilog2()
+    1 << (pays as usize).min(fits).clamp(2, MOST_LANES).ilog2()
 }
 
 /// Sum of squared differences of the colours over all pixels that are finite.

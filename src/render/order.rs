@@ -1,55 +1,79 @@
 //! The order in which pixels are handled.
 
-use std::ops::Range;
-
 /// Row-major indices of a picture's pixels along a Morton curve: what follows each other lies close
 /// together at every scale, so that rays find their bricks in every cache.
 pub fn morton(width: usize, height: usize) -> impl Iterator<Item = usize> {
-    stretch(width, height, 0..length(width, height))
-}
-
-/// Length of the curve, gaps beyond the picture included.
-pub fn length(width: usize, height: usize) -> usize {
-    let edge = edge(width, height);
-    width.div_ceil(edge) * height.div_ceil(edge) * edge * edge
-}
-
-/// The pixels of a stretch of the curve.
-pub fn stretch(width: usize, height: usize, stretch: Range<usize>) -> impl Iterator<Item = usize> {
-    let edge = edge(width, height);
+    let edge = square(width, height);
     let across = width.div_ceil(edge);
-    stretch.filter_map(move |i| {
-        let [x, y] = place(i, edge, across);
+    (0..across * height.div_ceil(edge)).flat_map(move |number| {
+        let [left, top] = [number % across * edge, number / across * edge];
+        within([left, top], edge, [width, height])
+    })
+}
+
+/// Edge of the squares that a curve fills one by one: as high as the shorter side, for the curve of a strip's longer side
+/// would be all gaps.
+fn square(width: usize, height: usize) -> usize {
+    width.min(height).next_power_of_two()
+}
+
+/// The pixels of a square with this lowest corner, along a Morton curve.
+fn within([left, top]: [usize; 2], edge: usize, [width, height]: [usize; 2]) -> impl Iterator<Item = usize> {
+    (0..edge * edge).filter_map(move |code| {
+        let [x, y] = [left + even_bits(code), top + even_bits(code >> 1)];
         (x < width && y < height).then_some(y * width + x)
     })
 }
 
-/// A rectangle that holds all pixels of a stretch: its lowest corner, and one past its highest.
-pub fn bounds(width: usize, height: usize, stretch: Range<usize>) -> [[usize; 2]; 2] {
-    let edge = edge(width, height);
-    let (mut low, mut high, mut at) = ([usize::MAX; 2], [0; 2], stretch.start);
-    while at < stretch.end {
-        // The largest block that begins here: a square, or two of them side by side.
-        let bits = at.trailing_zeros().min((stretch.end - at).ilog2()).min(2 * edge.ilog2());
-        let [x, y] = place(at, edge, width.div_ceil(edge));
-        low = [low[0].min(x), low[1].min(y)];
-        high = [high[0].max(x + (1 << bits.div_ceil(2))), high[1].max(y + (1 << (bits / 2)))];
-        at += 1 << bits;
+/// Least edge of a tile, and how many of them the curve's squares have along an edge at most.
+const TILE: usize = 8;
+const MOST_TILES: usize = 64;
+
+/// A picture cut into square tiles, along Hilbert curves: any stretch of one is in one piece, and has a short border.
+#[derive(Debug, Clone, Copy)]
+pub struct Tiles {
+    /// Of the picture, in pixels.
+    pub width: usize,
+    /// Of the picture, in pixels.
+    pub height: usize,
+    /// Of a tile, in pixels.
+    pub edge: usize,
+    /// How many there are from left to right; those outside the picture have no pixels.
+    pub columns: usize,
+    /// How many there are from top to bottom.
+    pub rows: usize,
+    /// Of the squares that the curves fill, in tiles, as a power of two.
+    order: u8,
+}
+
+impl Tiles {
+    /// Of a picture.
+    pub fn new(width: usize, height: usize) -> Self {
+        let square = square(width, height);
+        let edge = (square / MOST_TILES).max(TILE).min(square);
+        let along = |size: usize| size.div_ceil(square) * (square / edge);
+        let order = (square / edge).ilog2() as u8;
+        Self { width, height, edge, columns: along(width), rows: along(height), order }
     }
-    [low, high]
-}
 
-/// Column and row of a point of the curve, by the edge of its squares and how many of these lie side by side.
-fn place(i: usize, edge: usize, across: usize) -> [usize; 2] {
-    let square = 2 * edge.ilog2();
-    let (number, code) = (i >> square, i & ((1 << square) - 1));
-    [number % across * edge + even_bits(code), number / across * edge + even_bits(code >> 1)]
-}
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.columns * self.rows
+    }
 
-/// Of the squares that a curve fills: as high as the shorter side, for the curve of a strip's longer side would be all
-/// gaps.
-fn edge(width: usize, height: usize) -> usize {
-    width.min(height).next_power_of_two()
+    /// Column and row of a tile, by its number along the curves.
+    pub fn place(&self, tile: usize) -> [usize; 2] {
+        let (number, along) = (tile >> (2 * self.order), tile & ((1 << (2 * self.order)) - 1));
+        let across = self.columns >> self.order;
+        let (x, y) = fast_hilbert::h2xy::<u32>(along as u64, self.order);
+        let place = |square: usize, within: u32| (square << self.order) + within as usize;
+        [place(number % across, x), place(number / across, y)]
+    }
+
+    /// Row-major indices of a tile's pixels.
+    pub fn pixels(&self, tile: usize) -> impl Iterator<Item = usize> + use<> {
+        within(self.place(tile).map(|n| n * self.edge), self.edge, [self.width, self.height])
+    }
 }
 
 /// The bits at even places, moved together: pairs, then fours, eights and sixteens close ranks.
@@ -64,28 +88,12 @@ fn even_bits(code: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::{bounds, even_bits, length, morton, stretch};
+    use super::{Tiles, even_bits, morton};
 
     #[test]
     fn every_pixel_comes_once_and_neighbours_come_together() {
         let order: Vec<usize> = morton(5, 3).collect();
         assert_eq!(order[..4], [0, 1, 5, 6]);
-        let parts = (0..length(5, 3)).step_by(3).flat_map(|from| stretch(5, 3, from..(from + 3).min(length(5, 3))));
-        assert!(parts.eq(order.iter().copied()), "stretches make up the whole");
-        for (width, height) in [(5, 3), (3, 70), (64, 64), (1, 1)] {
-            for (from, to) in [(0, 1), (3, 9), (5, 60), (17, 4096), (0, 200)] {
-                let part = from..length(width, height).min(to);
-                let [low, high] = bounds(width, height, part.clone());
-                let (mut least, mut most) = ([usize::MAX; 2], [0; 2]);
-                for i in stretch(width, height, part) {
-                    let at = [i % width, i / width];
-                    (least, most) = ([0, 1].map(|a| least[a].min(at[a])), [0, 1].map(|a| most[a].max(at[a] + 1)));
-                }
-                let holds = (0..2).all(|a| low[a] <= least[a] && most[a] <= high[a]);
-                assert!(holds, "{width} x {height}, {from}..{to}: {low:?} {high:?} hold {least:?} {most:?}");
-            }
-        }
-        assert_eq!(bounds(64, 64, 512..1024), [[0, 16], [32, 32]], "and no more");
         let mut sorted = order;
         sorted.sort_unstable();
         assert_eq!(sorted, (0..15).collect::<Vec<_>>());
@@ -93,5 +101,26 @@ mod tests {
         assert_eq!((x, y), (0xffff_ffff, 0xffff_0001));
         assert_eq!(morton(1 << 20, 1).count() + morton(1, 1 << 20).count(), 2 << 20);
         assert_eq!(morton(0, 3).count() + morton(3, 0).count(), 0);
+    }
+
+    #[test]
+    fn tiles_hold_their_pixels() {
+        for (width, height) in [(5, 3), (3, 70), (64, 64), (1, 1), (1000, 700), (0, 4)] {
+            let tiles = Tiles::new(width, height);
+            let mut seen = vec![false; width * height];
+            for tile in 0..tiles.count() {
+                let [column, row] = tiles.place(tile);
+                assert!(column < tiles.columns && row < tiles.rows);
+                for i in tiles.pixels(tile) {
+                    assert_eq!([i % width / tiles.edge, i / width / tiles.edge], [column, row], "{width} x {height}");
+                    assert!(!std::mem::replace(&mut seen[i], true), "{width} x {height}: {i} again");
+                }
+            }
+            assert!(seen.iter().all(|seen| *seen), "{width} x {height}");
+        }
+        assert_eq!(
+            [Tiles::new(64, 64), Tiles::new(1000, 700)].map(|t| (t.edge, t.columns, t.rows)),
+            [(8, 8, 8), (16, 64, 64)]
+        );
     }
 }

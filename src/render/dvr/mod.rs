@@ -35,7 +35,7 @@ use crate::render::curve::{Curve, Piece};
 use crate::render::march::IndexRay;
 use crate::render::quadrature::Quadrature;
 use crate::render::rule::{ExactDepth, ExactSource, Uniform};
-use crate::scene::bricks::{BRICK, Bricks, NONE, Topology};
+use crate::scene::bricks::{BRICK, Bricks, CELLS, NONE, Topology};
 use crate::scene::medium::{Medium, Source};
 use kernel::{blend, grey, over};
 use preintegrated::Preintegrated;
@@ -380,11 +380,17 @@ impl<'a, R: Real> Dvr<'a, R> {
         self
     }
 
-    /// For each of the field's bricks, whether rays look at it: gradients by voxel are zero elsewhere. Those that look
-    /// for a gradient by the transfer function too (`by_table`) look at all.
-    pub fn looked_at(&self, by_table: bool) -> Vec<bool> {
+    /// For each of the field's bricks how often rays through it look up the density, about; none where they do not look:
+    /// gradients by voxel are zero there. Those that look for a gradient by the transfer function too (`by_table`) look
+    /// everywhere.
+    pub fn lookups(&self, by_table: bool) -> Vec<f32> {
         let topology = if by_table { &self.field.topology } else { &self.visible };
-        topology.bricks().iter().map(|brick| topology.find(*brick) != NONE).collect()
+        let through = |brick: usize| match &self.matter {
+            Matter::Table(_, Some(tables)) => tables.lookups(brick),
+            _ => CELLS as f32,
+        };
+        let bricks = topology.bricks().iter().enumerate();
+        bricks.map(|(i, brick)| if topology.find(*brick) == NONE { 0.0 } else { through(i) }).collect()
     }
 
     /// The field that is rendered.

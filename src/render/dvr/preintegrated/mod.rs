@@ -17,7 +17,7 @@ use super::kernel::Blend;
 use crate::real::Real;
 use crate::render::curve::Curve;
 use crate::render::march::IndexRay;
-use crate::scene::bricks::{BRICK, Topology};
+use crate::scene::bricks::{BRICK, CELLS, Topology};
 use crate::scene::table::Table;
 use adjoint::{ByRow, Visit};
 use light::Front;
@@ -64,6 +64,11 @@ impl<R: Real> Preintegrated<R> {
         let density = bricks.iter().map(|(rough, _)| R::of((-distance(rough.f64())).exp2())).collect();
         let occupied = visible.masked(|brick| !gaps || bricks[brick].1);
         Self { tables, occupied, density, gaps }
+    }
+
+    /// How many nodes a ray has in a brick, about.
+    pub fn lookups(&self, brick: usize) -> f32 {
+        1.0 + (CELLS as f64 * self.density[brick].f64()) as f32
     }
 
     /// Light along a ray.
