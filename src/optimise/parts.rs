@@ -34,7 +34,11 @@ impl Parts {
         let tiles = pictures.iter().enumerate().flat_map(numbered);
         let mut parts = Self { tiles: vec![Vec::new(); lanes], seen_by: vec![0; lookups.len()] };
         if !apart || cameras.len() >= lanes {
-            tiles.enumerate().for_each(|(i, tile)| parts.tiles[i / TOGETHER % lanes].push(tile));
+            for (i, (number, tile)) in tiles.enumerate() {
+                // Not from the same lane on in every round and picture: these may begin alike.
+                let (turn, round) = (i / TOGETHER, i / (TOGETHER * lanes));
+                parts.tiles[(turn + round + number) % lanes].push((number, tile));
+            }
             parts.see(|brick| if lookups[brick] > 0.0 { !0 } else { 0 });
             return parts;
         }
