@@ -400,7 +400,7 @@ fn tiles_are_shared_out() {
     for (pictures, lanes) in [(1, 4), (3, 16), (20, 8)] {
         let cameras: Vec<&Camera> = cameras[..pictures].iter().collect();
         let parts = Parts::new(&field, &lookups, &cameras, lanes, true);
-        let mut handed_out: Vec<(usize, usize)> = parts.tiles.iter().flatten().copied().collect();
+        let mut handed_out: Vec<(usize, usize)> = parts.tiles.iter().flatten().map(|t| (t.picture, t.number)).collect();
         handed_out.sort_unstable();
         let tiles = Tiles::new(240, 170);
         let all = (0..pictures).flat_map(|picture| (0..tiles.count()).map(move |tile| (picture, tile)));
@@ -409,7 +409,7 @@ fn tiles_are_shared_out() {
             let ray = |i: usize| cameras[picture].ray((i % 240) as f64 + 0.5, (i / 240) as f64 + 0.5);
             tiles.pixels(tile).map(|i| dvr.optical_depth(&ray(i))).sum()
         };
-        let ways = parts.tiles.iter().map(|tiles| tiles.iter().map(|(picture, tile)| way(*picture, *tile)).sum());
+        let ways = parts.tiles.iter().map(|tiles| tiles.iter().map(|tile| way(tile.picture, tile.number)).sum());
         let ways: Vec<f64> = ways.collect();
         let mean = ways.iter().sum::<f64>() / lanes as f64;
         // Not exactly: a brick is taken for the rectangle around it.

@@ -11,11 +11,22 @@ use rayon::prelude::*;
 /// A bit for each lane.
 pub type Lanes = u32;
 
+/// A tile of a picture.
+#[derive(Debug, Clone)]
+pub struct Tile {
+    /// The camera's number.
+    pub picture: usize,
+    /// The tile's.
+    pub number: usize,
+    /// Bricks that rays through it may look at, and those through earlier ones of the lane's do not.
+    pub new: Vec<u32>,
+}
+
 /// The parts of all lanes.
 #[derive(Debug)]
 pub struct Parts {
-    /// By lane: the camera's number and the tile's.
-    pub tiles: Vec<Vec<(usize, usize)>>,
+    /// By lane.
+    pub tiles: Vec<Vec<Tile>>,
     /// By brick: the lanes whose rays can look at it.
     pub seen_by: Vec<Lanes>,
 }
@@ -30,16 +41,17 @@ impl Parts {
     /// many pictures or `apart` is false: then tiles are dealt out in turn, and all look at all bricks that any looks at.
     pub fn new(field: &Bricks<f32>, lookups: &[f32], cameras: &[&Camera], lanes: usize, apart: bool) -> Self {
         let pictures: Vec<Tiles> = cameras.iter().map(|c| Tiles::new(c.width as usize, c.height as usize)).collect();
-        let numbered = |(number, tiles): (usize, &Tiles)| (0..tiles.count()).map(move |tile| (number, tile));
-        let tiles = pictures.iter().enumerate().flat_map(numbered);
+        let numbered = |(picture, tiles): (usize, &Tiles)| (0..tiles.count()).map(move |number| (picture, number));
+        let all = pictures.iter().enumerate().flat_map(numbered);
         let mut parts = Self { tiles: vec![Vec::new(); lanes], seen_by: vec![0; lookups.len()] };
         if !apart || cameras.len() >= lanes {
-            for (i, (number, tile)) in tiles.enumerate() {
+            for (i, (picture, number)) in all.enumerate() {
                 // Not from the same lane on in every round and picture: these may begin alike.
                 let (turn, round) = (i / TOGETHER, i / (TOGETHER * lanes));
-                parts.tiles[(turn + round + number) % lanes].push((number, tile));
+                parts.tiles[(turn + round + picture) % lanes].push(Tile { picture, number, new: Vec::new() });
             }
-            parts.see(|brick| if lookups[brick] > 0.0 { !0 } else { 0 });
+            let bricks = (0..lookups.len()).filter(|brick| lookups[*brick] > 0.0);
+            bricks.for_each(|brick| (0..lanes).for_each(|lane| parts.see(brick, lane, 0)));
             return parts;
         }
         let footprints: Vec<Vec<Footprint>> = cameras
@@ -52,29 +64,38 @@ impl Parts {
             .collect();
         let costs: Vec<Vec<f64>> = pictures.par_iter().zip(&footprints).map(|(p, f)| costs(p, f, lookups)).collect();
         let total: f64 = costs.iter().flatten().sum();
-        // By picture, and by row and column of its tiles.
-        let mut owners: Vec<Vec<Lanes>> = costs.iter().map(|costs| vec![0; costs.len()]).collect();
+        // By picture, and by row and column of its tiles: the lane, and what number it has there.
+        let mut places: Vec<Vec<(usize, usize)>> = costs.iter().map(|costs| vec![(0, 0); costs.len()]).collect();
         let mut before = 0.0;
-        for (number, tile) in tiles {
-            let [column, row] = pictures[number].place(tile);
-            let i = row * pictures[number].columns + column;
-            let lane = ((before + 0.5 * costs[number][i]) / total * lanes as f64) as usize;
+        for (picture, number) in all {
+            let [column, row] = pictures[picture].place(number);
+            let i = row * pictures[picture].columns + column;
+            let lane = ((before + 0.5 * costs[picture][i]) / total * lanes as f64) as usize;
             let lane = lane.min(lanes - 1);
-            before += costs[number][i];
-            owners[number][i] = 1 << lane;
-            parts.tiles[lane].push((number, tile));
+            before += costs[picture][i];
+            places[picture][i] = (lane, parts.tiles[lane].len());
+            parts.tiles[lane].push(Tile { picture, number, new: Vec::new() });
         }
-        parts.see(|brick| {
-            let by_picture = pictures.iter().zip(&owners).zip(&footprints);
-            let seen_by =
-                by_picture.map(|((tiles, owners), f)| covered(tiles, &f[brick]).fold(0, |s, (i, _)| s | owners[i]));
-            seen_by.fold(0, |all, some| all | some)
-        });
+        for brick in 0..lookups.len() {
+            let mut first = vec![usize::MAX; lanes];
+            for ((tiles, places), footprints) in pictures.iter().zip(&places).zip(&footprints) {
+                for (i, _) in covered(tiles, &footprints[brick]) {
+                    let (lane, place) = places[i];
+                    first[lane] = first[lane].min(place);
+                }
+            }
+            let seen = first.iter().enumerate().filter(|(_, place)| **place < usize::MAX);
+            seen.for_each(|(lane, place)| parts.see(brick, lane, *place));
+        }
         parts
     }
 
-    fn see(&mut self, by: impl Fn(usize) -> Lanes + Sync) {
-        self.seen_by.par_iter_mut().enumerate().with_min_len(64).for_each(|(brick, seen_by)| *seen_by = by(brick));
+    /// Notes that a lane's tile, if there is one, is the first to look at a brick.
+    fn see(&mut self, brick: usize, lane: usize, tile: usize) {
+        if let Some(tile) = self.tiles[lane].get_mut(tile) {
+            tile.new.push(brick as u32);
+            self.seen_by[brick] |= 1 << lane;
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Gradients of losses that are sums over pixels, for any medium: value, loss derivative and adjoint
 //! of one ray in one go.
 
-use crate::optimise::parts::Parts;
+use crate::optimise::parts::{Parts, Tile};
 use crate::render::dvr::{Adjoint, Dvr, Loss, ParameterGradient, RayGradient, Sinks, Tape};
 use crate::render::order::Tiles;
 use crate::scene::bricks::{BRICK, Bricks, Voxel};
@@ -51,13 +51,10 @@ struct Lane {
 }
 
 impl Lane {
-    /// Zeros for what is wanted, in the bricks that its rays can look at: in others nothing is touched.
-    fn clear(&mut self, dvr: &Dvr<'_, f32>, wanted: &Gradients<'_>, own: impl Fn(usize) -> bool) {
+    /// Makes room for what is wanted: zeros, but for voxels, which have them when a brick is first looked at.
+    fn clear(&mut self, dvr: &Dvr<'_, f32>, wanted: &Gradients<'_>) {
         let voxels = if wanted.voxels.is_some() { dvr.field().values.len() } else { 0 };
-        if self.voxels.len() == voxels {
-            let bricks = self.voxels.chunks_mut(BRICK).enumerate();
-            bricks.filter(|(i, _)| own(*i)).for_each(|(_, brick)| brick.fill(0.0));
-        } else {
+        if self.voxels.len() != voxels {
             self.voxels = vec![0.0; voxels];
         }
         self.table = wanted.table.as_ref().map(|t| TableGradient::of_knots(t.steps.len()));
@@ -90,17 +87,20 @@ pub fn gradient(
     let sums: Vec<(f64, ParameterGradient)> = lanes
         .par_iter_mut()
         .zip(&parts.tiles)
-        .enumerate()
         // One at a time: some may be through long before others.
         .with_max_len(1)
-        .map(|(lane, (own, tiles))| {
+        .map(|(own, tiles)| {
             let mut tape = std::mem::take(&mut own.tape);
             let (mut sum, mut shared) = (0.0, ParameterGradient::default());
-            own.clear(dvr, wanted, |brick| parts.seen_by[brick] & 1 << lane != 0);
-            for (number, tile) in tiles.iter().copied() {
+            own.clear(dvr, wanted);
+            for Tile { picture, number, new } in tiles {
+                if wanted.voxels.is_some() {
+                    // Now, not all at once: they are near when rays come to them.
+                    new.iter().for_each(|brick| own.voxels[*brick as usize * BRICK..][..BRICK].fill(0.0));
+                }
                 let (shared, tape) = (&mut shared, &mut tape);
-                let run = Run { dvr, target: targets[number], number, loss, adjoint, own, shared, tape };
-                sum += run.loss(tile);
+                let run = Run { dvr, target: targets[*picture], number: *picture, loss, adjoint, own, shared, tape };
+                sum += run.loss(*number);
             }
             own.tape = tape;
             (sum, shared)
