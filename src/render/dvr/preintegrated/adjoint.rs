@@ -21,7 +21,8 @@ const KEPT: usize = 6;
 /// Nodes that were visited together, and the stretches that end at them.
 #[derive(Debug, Clone, Default)]
 pub(in super::super) struct Visit<R: Real> {
-    nodes: Vec<Nodes<R>>,
+    nodes: Box<Queue<R>>,
+    fours: usize,
     row: Box<Row<R>>,
     /// Light of all visits up to this one.
     emitted: [f64; 3],
@@ -99,10 +100,11 @@ impl<R: Real> Preintegrated<R> {
 
 impl<R: Real> Visit<R> {
     #[inline(always)]
-    fn record(&mut self, front: &mut Front<'_, R>, values: &[R], queue: &Queue<R>, fours: usize) {
-        self.nodes.clear();
-        self.nodes.extend((0..fours).map(|i| queue.four(i)));
+    fn record(&mut self, front: &mut Front<'_, R>, values: &[R], queue: &mut Box<Queue<R>>, fours: usize) {
         front.add(values, queue, fours, &mut self.row);
+        std::mem::swap(queue, &mut self.nodes);
+        queue.succeed(&self.nodes, fours);
+        self.fours = fours;
         self.emitted = front.emitted;
     }
 }
@@ -182,16 +184,16 @@ impl<R: Real> Backward<'_, R> {
                 by.density = row.by_nodes(&by.density);
             }
             let by_density = &by.density;
-            for (four, nodes) in visit.nodes.iter().enumerate() {
+            for four in 0..visit.fours {
                 let n = (LANES * four).min(ROOM - LANES) + 1;
                 let by = [by_density[n], by_density[n + 1], by_density[n + 2], by_density[n + 3]];
-                nodes.scatter(voxels, R::Lanes::load(by));
+                visit.nodes.four(four).scatter(voxels, R::Lanes::load(by));
             }
             if let Some(nodes) = self.last {
                 nodes.scatter(voxels, R::Lanes::ZERO.before(by_density[0]));
             }
         }
-        self.last = visit.nodes.last().copied();
+        self.last = Some(visit.nodes.four(visit.fours - 1));
     }
 
     /// Derivatives by means, drift and depth; returns that by the extinction's logarithm.
@@ -209,7 +211,7 @@ impl<R: Real> Backward<'_, R> {
             let mean = r * row.mean[0][i] + g * row.mean[1][i] + b * row.mean[2][i];
             let (emitted, drifted) = (length * mean, by.source[i + 1] - by.source[i]);
             let (mixed, drift) = (before * row.mixed[i], before * row.drift[i]);
-            let [by_mixed, by_drift] = share_slopes(row.depth[i], row.open[i], row.mixed[i]);
+            let [by_mixed, by_drift] = share_slopes(row.depth[i], [row.open[i], row.mixed[i], row.drift[i]]);
             by.mean[i] = mean;
             by.mixed[i] = mixed * length;
             by.drift[i] = drift;

@@ -98,7 +98,7 @@ impl<R: Real> Preintegrated<R> {
 /// Scratch memory of one thread.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scratch<R: Real> {
-    queue: Queue<R>,
+    queue: Box<Queue<R>>,
     row: Box<Row<R>>,
     by_row: Box<ByRow<R>>,
     tape: Vec<Visit<R>>,

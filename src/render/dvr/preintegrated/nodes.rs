@@ -117,6 +117,18 @@ impl<R: Real> Queue<R> {
         }
     }
 
+    /// Goes on from another queue whose nodes, so many fours, were visited: it may be kept.
+    #[inline(always)]
+    pub fn succeed(&mut self, other: &Self, fours: usize) {
+        let n = (fours * LANES).min(ROOM - WIDE);
+        self.offset[n..n + WIDE].copy_from_slice(&other.offset[n..n + WIDE]);
+        self.length[n..n + WIDE].copy_from_slice(&other.length[n..n + WIDE]);
+        for (own, at) in self.at.iter_mut().zip(&other.at) {
+            own[n..n + WIDE].copy_from_slice(&at[n..n + WIDE]);
+        }
+        self.count = other.count;
+    }
+
     /// Keeps what comes after so many fours.
     #[inline(always)]
     fn drop_front(&mut self, fours: usize) {
@@ -139,15 +151,16 @@ pub(super) struct Sites<'a, R> {
     pub gaps: bool,
 }
 
-/// Visits the nodes along a ray, near to far, so many fours at a time; `visit` returns false to stop. Where bricks
+/// Visits the nodes along a ray, near to far, so many fours at a time; `visit` returns false to stop, and may put another
+/// queue that [succeeds](Queue::succeed) in the place of this one. Where bricks
 /// are missing the next node's stretch has no length, unless gaps count. What is left over repeats the last
 /// node with no length. Returns the world length from the last brick to the ray's exit.
 #[inline(always)]
 pub(super) fn nodes<R: Real>(
     sites: Sites<'_, R>,
     ray: &IndexRay,
-    queue: &mut Queue<R>,
-    mut visit: impl FnMut(&Queue<R>, usize) -> bool,
+    queue: &mut Box<Queue<R>>,
+    mut visit: impl FnMut(&mut Box<Queue<R>>, usize) -> bool,
 ) -> f64 {
     queue.count = 0;
     let all = <R::Lanes as Lanes<R>>::splat;

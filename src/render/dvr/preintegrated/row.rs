@@ -17,6 +17,8 @@ pub(super) const ROOM: usize = 256;
 pub(super) const WIDE: usize = 8;
 /// The most parts that one is cut into.
 const MOST_PARTS: usize = 64;
+/// Optical depth that is divided by in the place of less.
+const LEAST: f64 = 1e-30;
 /// Optical depth below which B is a sum of powers.
 const THIN: f64 = 0.5;
 /// Factors of the powers, from the second on: `(-1)^k (1/(k+1)! - 1/(2 k!))`; what is left out is below 1e-14.
@@ -270,32 +272,33 @@ fn at_ends<R: Real>(v: &Ends<R>, n: usize) -> R::Lanes {
 fn shares<R: Real>(depth: R) -> [R; 3] {
     let open = depth.fall();
     let ends = R::of(0.5) * (R::ONE + open);
-    let thin = depth * depth * powers::<R>(depth, |_, factor| factor);
+    let thin = depth * depth * powers(depth);
     let thick = depth > R::of(THIN);
     // Never zero where it is divided by.
     let mixed = (R::ONE - open) / depth.greater(R::of(THIN));
     if thick { [open, mixed, mixed - ends] } else { [open, thin + ends, thin] }
 }
 
-/// Derivatives of A and B with respect to x, from x, `e^{-x}` and A.
+/// Derivatives of A and B with respect to x, from x, `e^{-x}`, A and B.
 #[inline(always)]
-pub(super) fn share_slopes<R: Real>(depth: R, open: R, mixed: R) -> [R; 2] {
-    let half = R::of(0.5) * open;
-    let thin = depth * powers::<R>(depth, |power, factor| power * factor);
-    let thick = depth > R::of(THIN);
-    let slope = (open - mixed) / depth.greater(R::of(THIN));
-    if thick { [slope, slope + half] } else { [thin - half, thin] }
+pub(super) fn share_slopes<R: Real>(depth: R, [open, mixed, drift]: [R; 3]) -> [R; 2] {
+    let half = R::of(0.5);
+    let inverse = R::ONE / depth.greater(R::of(LEAST));
+    let thick = (open - mixed) * inverse;
+    // The same by B, from which nothing cancels: `e^{-x} - A = -x A / 2 - B`.
+    let (by_drift, halved) = (drift * inverse, half * mixed);
+    let thin = [-halved - by_drift, -half * (depth * halved + drift) - by_drift];
+    if depth > R::of(THIN) { [thick, thick + half * open] } else { thin }
 }
 
-/// The sum of powers without the first two, each factor as told by its power.
+/// The sum of powers without the first two.
 #[inline(always)]
-fn powers<R: Real>(x: R, factor: impl Fn(f64, f64) -> f64) -> R {
+fn powers<R: Real>(x: R) -> R {
     // Single precision has enough of seven.
     let count = if R::EPSILON.f64() > 1e-10 { 7 } else { POWERS.len() };
-    let of = |k: usize| R::of(factor((k + 2) as f64, POWERS[k]));
-    let mut sum = of(count - 1);
+    let mut sum = R::of(POWERS[count - 1]);
     for k in (0..count - 1).rev() {
-        sum = of(k) + x * sum;
+        sum = R::of(POWERS[k]) + x * sum;
     }
     sum
 }
@@ -320,14 +323,16 @@ mod tests {
                 slopes[0] -= u * light;
                 slopes[1] += (u - 0.5) * (1.0 - x * u) * light;
             }
-            let [by_mixed, by_drift] = share_slopes(x, open, mixed);
+            let [by_mixed, by_drift] = share_slopes(x, [open, mixed, drift]);
             let found = [mixed, drift, by_mixed, by_drift];
             for (found, expected) in found.into_iter().zip(means.into_iter().chain(slopes)) {
                 assert!((found - expected).abs() < 2e-6 * expected.abs() + 1e-9, "{x}: {found} {expected}");
             }
             let single = shares(x as f32);
-            for (single, double) in single.into_iter().zip([open, mixed, drift]) {
-                assert!((f64::from(single) - double).abs() < 3e-7, "{x}: {single} {double}");
+            let slopes = share_slopes(x as f32, single);
+            let double = [open, mixed, drift, by_mixed, by_drift];
+            for (single, double) in single.into_iter().chain(slopes).zip(double) {
+                assert!((f64::from(single) - double).abs() < 5e-7, "{x}: {single} {double}");
             }
         }
     }
