@@ -406,8 +406,8 @@ fn tiles_are_shared_out() {
         let all = (0..pictures).flat_map(|picture| (0..tiles.count()).map(move |tile| (picture, tile)));
         assert!(handed_out.into_iter().eq(all), "each once");
         let way = |picture: usize, tile: usize| -> f64 {
-            let ray = |i: usize| cameras[picture].ray((i % 240) as f64 + 0.5, (i / 240) as f64 + 0.5);
-            tiles.pixels(tile).map(|i| dvr.optical_depth(&ray(i))).sum()
+            let ray = |[x, y]: [usize; 2]| cameras[picture].ray(x as f64 + 0.5, y as f64 + 0.5);
+            tiles.pixels(tile).map(|pixel| dvr.optical_depth(&ray(pixel))).sum()
         };
         let ways = parts.tiles.iter().map(|tiles| tiles.iter().map(|tile| way(tile.picture, tile.number)).sum());
         let ways: Vec<f64> = ways.collect();

@@ -76,8 +76,9 @@ impl Parts {
             places[picture][i] = (lane, parts.tiles[lane].len());
             parts.tiles[lane].push(Tile { picture, number, new: Vec::new() });
         }
+        let mut first = vec![usize::MAX; lanes];
         for brick in 0..lookups.len() {
-            let mut first = vec![usize::MAX; lanes];
+            first.fill(usize::MAX);
             for ((tiles, places), footprints) in pictures.iter().zip(&places).zip(&footprints) {
                 for (i, _) in covered(tiles, &footprints[brick]) {
                     let (lane, place) = places[i];

@@ -43,24 +43,19 @@ pub struct Accumulators(Vec<Lane>);
 /// Its share of one lane.
 #[derive(Debug, Clone, Default)]
 struct Lane {
+    /// None for the first one: it has those of all.
     voxels: Vec<f32>,
-    table: Option<TableGradient>,
-    cameras: Option<Vec<CameraGradient>>,
-    step: f64,
     tape: Tape<f32>,
 }
 
-impl Lane {
-    /// Makes room for what is wanted: zeros, but for voxels, which have them when a brick is first looked at.
-    fn clear(&mut self, dvr: &Dvr<'_, f32>, wanted: &Gradients<'_>) {
-        let voxels = if wanted.voxels.is_some() { dvr.field().values.len() } else { 0 };
-        if self.voxels.len() != voxels {
-            self.voxels = vec![0.0; voxels];
-        }
-        self.table = wanted.table.as_ref().map(|t| TableGradient::of_knots(t.steps.len()));
-        self.cameras = wanted.cameras.as_ref().map(|c| vec![CameraGradient::default(); c.len()]);
-        self.step = 0.0;
-    }
+/// What one lane sums up.
+struct Sums<'v> {
+    voxels: Option<&'v mut [f32]>,
+    table: Option<TableGradient>,
+    cameras: Option<Vec<CameraGradient>>,
+    step: f64,
+    shared: ParameterGradient,
+    loss: f64,
 }
 
 /// Adds the gradient of `Σ loss(seen, target)` over all pixels of the targets to `gradients` and returns
@@ -78,81 +73,111 @@ pub fn gradient(
         Some(_) => lanes(dvr.field(), targets.iter().map(|t| t.rgba.len()).sum(), targets.len() < MOST_LANES),
         None => MOST_LANES,
     };
+    let Gradients { voxels, table, cameras, step } = gradients;
     let lanes = &mut accumulators.0;
     lanes.resize_with(count, Lane::default);
-    let wanted = &*gradients;
-    let cameras: Vec<&Camera> = targets.iter().map(|t| &t.camera).collect();
-    let lookups = dvr.lookups(wanted.table.is_some());
-    let parts = Parts::new(dvr.field(), &lookups, &cameras, count, wanted.voxels.is_some());
-    let sums: Vec<(f64, ParameterGradient)> = lanes
-        .par_iter_mut()
-        .zip(&parts.tiles)
-        // One at a time: some may be through long before others.
-        .with_max_len(1)
-        .map(|(own, tiles)| {
-            let mut tape = std::mem::take(&mut own.tape);
-            let (mut sum, mut shared) = (0.0, ParameterGradient::default());
-            own.clear(dvr, wanted);
-            for Tile { picture, number, new } in tiles {
-                if wanted.voxels.is_some() {
-                    // Now, not all at once: they are near when rays come to them.
-                    new.iter().for_each(|brick| own.voxels[*brick as usize * BRICK..][..BRICK].fill(0.0));
-                }
-                let (shared, tape) = (&mut shared, &mut tape);
-                let run = Run { dvr, target: targets[*picture], number: *picture, loss, adjoint, own, shared, tape };
-                sum += run.loss(*number);
-            }
-            own.tape = tape;
-            (sum, shared)
+    let length = voxels.as_ref().map_or(0, |v| v.len());
+    // Zeros that are not touched take no memory.
+    lanes
+        .iter_mut()
+        .skip(1)
+        .filter(|lane| lane.voxels.len() != length)
+        .for_each(|lane| lane.voxels = vec![0.0; length]);
+    let views: Vec<&Camera> = targets.iter().map(|t| &t.camera).collect();
+    let parts = Parts::new(dvr.field(), &dvr.lookups(table.is_some()), &views, count, voxels.is_some());
+    let mut first = voxels.as_deref_mut();
+    let own: Vec<(Option<&mut [f32]>, &mut Tape<f32>)> = lanes
+        .iter_mut()
+        .map(|lane| {
+            (first.take().or((length > 0 && !lane.voxels.is_empty()).then_some(&mut lane.voxels)), &mut lane.tape)
         })
         .collect();
-    if let Some(voxels) = gradients.voxels.as_deref_mut() {
-        voxels.par_chunks_mut(BRICK).zip(&parts.seen_by).enumerate().for_each(|(i, (total, seen_by))| {
-            for (_, own) in lanes.iter().enumerate().filter(|(lane, _)| seen_by & 1 << lane != 0) {
-                for (t, v) in total.iter_mut().zip(&own.voxels[i * BRICK..]) {
+    let sums: Vec<Sums<'_>> = own
+        .into_par_iter()
+        .zip(&parts.tiles)
+        .enumerate()
+        // One at a time: some may be through long before others.
+        .with_max_len(1)
+        .map(|(lane, ((voxels, tape), tiles))| {
+            let mut sums = Sums {
+                voxels,
+                table: table.as_ref().map(|t| TableGradient::of_knots(t.steps.len())),
+                cameras: cameras.as_ref().map(|c| vec![CameraGradient::default(); c.len()]),
+                step: 0.0,
+                shared: ParameterGradient::default(),
+                loss: 0.0,
+            };
+            for Tile { picture, number, new } in tiles {
+                if let Some(voxels) = &mut sums.voxels {
+                    new.iter().for_each(|brick| approach(&mut voxels[*brick as usize * BRICK..][..BRICK], lane > 0));
+                }
+                Run { dvr, target: targets[*picture], number: *picture, loss, adjoint, sums: &mut sums, tape }
+                    .tile(*number);
+            }
+            sums
+        })
+        .collect();
+    let (mut loss, mut shared) = (0.0, ParameterGradient::default());
+    let mut by_lane = Vec::new();
+    for own in sums {
+        if let (Some(total), Some(own)) = (table.as_deref_mut(), &own.table) {
+            total.add(own);
+        }
+        if let (Some(total), Some(own)) = (cameras.as_deref_mut(), &own.cameras) {
+            total.iter_mut().zip(own).for_each(|(t, o)| *t = t.plus(o));
+        }
+        if let Some(total) = step.as_deref_mut() {
+            *total += own.step;
+        }
+        (loss, shared) = (loss + own.loss, shared.plus(&own.shared));
+        by_lane.extend(own.voxels);
+    }
+    if let Some((total, others)) = by_lane.split_first_mut() {
+        total.par_chunks_mut(BRICK).zip(&parts.seen_by).enumerate().for_each(|(i, (total, seen_by))| {
+            for (_, own) in others.iter().enumerate().filter(|(lane, _)| seen_by & 2 << lane != 0) {
+                for (t, v) in total.iter_mut().zip(&own[i * BRICK..]) {
                     *t += v;
                 }
             }
         });
     }
-    for own in lanes {
-        if let (Some(total), Some(own)) = (gradients.table.as_deref_mut(), &own.table) {
-            total.add(own);
-        }
-        if let (Some(total), Some(own)) = (gradients.cameras.as_deref_mut(), &own.cameras) {
-            total.iter_mut().zip(own).for_each(|(t, o)| *t = t.plus(o));
-        }
-        if let Some(total) = gradients.step.as_deref_mut() {
-            *total += own.step;
-        }
+    (loss, shared)
+}
+
+/// Makes a brick's sums ready for a lane whose rays come to it: zeros, if they are its own. Now, not all bricks at once:
+/// what was written or read a moment ago is near.
+fn approach(brick: &mut [f32], own: bool) {
+    const LINE: usize = 64 / size_of::<f32>();
+    if own {
+        brick.fill(0.0);
+    } else {
+        std::hint::black_box(brick.iter().step_by(LINE).sum::<f32>());
     }
-    sums.iter().fold((0.0, ParameterGradient::default()), |(sum, shared), (s, p)| (sum + s, shared.plus(p)))
 }
 
 /// What goes through the pixels of one view.
-struct Run<'a, 'd> {
+struct Run<'a, 'd, 'v> {
     dvr: &'a Dvr<'d, f32>,
     target: &'a Target,
     /// The target's.
     number: usize,
     loss: PixelLoss<'a>,
     adjoint: Adjoint,
-    own: &'a mut Lane,
-    shared: &'a mut ParameterGradient,
+    sums: &'a mut Sums<'v>,
     tape: &'a mut Tape<f32>,
 }
 
-impl Run<'_, '_> {
+impl Run<'_, '_, '_> {
     /// Radiance and gradient of the ray through an image position.
     fn ray(&mut self, [x, y]: [f64; 2], slope: Loss<'_, f32>) {
         let mut moved = RayGradient::default();
-        let own = &mut *self.own;
+        let own = &mut *self.sums;
         let follow = own.cameras.is_some();
         let sinks = Sinks {
-            voxels: (!own.voxels.is_empty()).then_some(&mut own.voxels),
+            voxels: own.voxels.as_deref_mut(),
             table: own.table.as_mut(),
             ray: follow.then_some(&mut moved),
-            shared: self.shared,
+            shared: &mut own.shared,
         };
         let camera = &self.target.camera;
         self.dvr.gradient(&camera.ray(x, y), slope, self.adjoint, sinks, self.tape);
@@ -162,38 +187,41 @@ impl Run<'_, '_> {
         }
     }
 
-    /// Adds the gradients of a tile's pixels; returns the sum of their losses.
-    fn loss(mut self, tile: usize) -> f64 {
+    /// Adds losses and gradients of a tile's pixels.
+    fn tile(mut self, tile: usize) {
         let Target { camera, rgba, rays_per_edge: n } = self.target;
         let (width, share) = (camera.width as usize, 1.0 / (n * n) as f32);
         let (mut sum, loss) = (0.0, self.loss);
-        let pixels = Tiles::new(width, camera.height as usize).pixels(tile);
-        for i in pixels.filter(|i| rgba[*i].iter().all(|v| v.is_finite())) {
-            let position = |k: usize| {
+        for [x, y] in Tiles::new(width, camera.height as usize).pixels(tile) {
+            let wanted = &rgba[y * width + x];
+            if wanted.iter().any(|v| !v.is_finite()) {
+                continue;
+            }
+            let position = |[right, down]: [usize; 2]| {
                 let offset = |k: usize| (k as f64 + 0.5) / *n as f64;
-                [(i % width) as f64 + offset(k % n), (i / width) as f64 + offset(k / n)]
+                [x as f64 + offset(right), y as f64 + offset(down)]
             };
             let mut loss = |seen: &[f32; 4]| {
-                let (value, slope) = loss(seen, &rgba[i]);
+                let (value, slope) = loss(seen, wanted);
                 sum += value;
                 slope
             };
             if *n == 1 {
-                self.ray(position(0), &mut |seen| loss(&seen.rgba()));
+                self.ray(position([0, 0]), &mut |seen| loss(&seen.rgba()));
                 continue;
             }
             let mut mean = [0.0; 4];
             for k in 0..n * n {
-                let [x, y] = position(k);
+                let [x, y] = position([k % n, k / n]);
                 let seen = self.dvr.radiance_on(&camera.ray(x, y), self.tape).rgba();
                 mean.iter_mut().zip(seen).for_each(|(m, v)| *m += share * v);
             }
             let slope = loss(&mean).map(|g| share * g);
             for k in 0..n * n {
-                self.ray(position(k), &mut |_| slope);
+                self.ray(position([k % n, k / n]), &mut |_| slope);
             }
         }
-        sum
+        self.sums.loss += sum;
     }
 }
 

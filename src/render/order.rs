@@ -7,7 +7,7 @@ pub fn morton(width: usize, height: usize) -> impl Iterator<Item = usize> {
     let across = width.div_ceil(edge);
     (0..across * height.div_ceil(edge)).flat_map(move |number| {
         let [left, top] = [number % across * edge, number / across * edge];
-        within([left, top], edge, [width, height])
+        within([left, top], edge, [width, height]).map(move |[x, y]| y * width + x)
     })
 }
 
@@ -17,11 +17,11 @@ fn square(width: usize, height: usize) -> usize {
     width.min(height).next_power_of_two()
 }
 
-/// The pixels of a square with this lowest corner, along a Morton curve.
-fn within([left, top]: [usize; 2], edge: usize, [width, height]: [usize; 2]) -> impl Iterator<Item = usize> {
+/// Columns and rows of the pixels of a square with this lowest corner, along a Morton curve.
+fn within([left, top]: [usize; 2], edge: usize, [width, height]: [usize; 2]) -> impl Iterator<Item = [usize; 2]> {
     (0..edge * edge).filter_map(move |code| {
         let [x, y] = [left + even_bits(code), top + even_bits(code >> 1)];
-        (x < width && y < height).then_some(y * width + x)
+        (x < width && y < height).then_some([x, y])
     })
 }
 
@@ -70,8 +70,8 @@ impl Tiles {
         [place(number % across, x), place(number / across, y)]
     }
 
-    /// Row-major indices of a tile's pixels.
-    pub fn pixels(&self, tile: usize) -> impl Iterator<Item = usize> + use<> {
+    /// Columns and rows of a tile's pixels.
+    pub fn pixels(&self, tile: usize) -> impl Iterator<Item = [usize; 2]> + use<> {
         within(self.place(tile).map(|n| n * self.edge), self.edge, [self.width, self.height])
     }
 }
@@ -111,9 +111,9 @@ mod tests {
             for tile in 0..tiles.count() {
                 let [column, row] = tiles.place(tile);
                 assert!(column < tiles.columns && row < tiles.rows);
-                for i in tiles.pixels(tile) {
-                    assert_eq!([i % width / tiles.edge, i / width / tiles.edge], [column, row], "{width} x {height}");
-                    assert!(!std::mem::replace(&mut seen[i], true), "{width} x {height}: {i} again");
+                for [x, y] in tiles.pixels(tile) {
+                    assert_eq!([x / tiles.edge, y / tiles.edge], [column, row], "{width} x {height}");
+                    assert!(!std::mem::replace(&mut seen[y * width + x], true), "{width} x {height}: {x} {y} again");
                 }
             }
             assert!(seen.iter().all(|seen| *seen), "{width} x {height}");

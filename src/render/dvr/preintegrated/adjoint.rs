@@ -183,17 +183,15 @@ impl<R: Real> Backward<'_, R> {
             if !row.cut.is_empty() {
                 by.density = row.by_nodes(&by.density);
             }
-            let by_density = &by.density;
-            for four in 0..visit.fours {
-                let n = (LANES * four).min(ROOM - LANES) + 1;
-                let by = [by_density[n], by_density[n + 1], by_density[n + 2], by_density[n + 3]];
-                visit.nodes.four(four).scatter(voxels, R::Lanes::load(by));
+            let by_density = by.density[1..].as_chunks::<LANES>().0;
+            for (nodes, by) in visit.nodes.first(visit.fours).zip(by_density) {
+                nodes.scatter(voxels, R::Lanes::load(*by));
             }
             if let Some(nodes) = self.last {
-                nodes.scatter(voxels, R::Lanes::ZERO.before(by_density[0]));
+                nodes.scatter(voxels, R::Lanes::ZERO.before(by.density[0]));
             }
         }
-        self.last = Some(visit.nodes.four(visit.fours - 1));
+        self.last = visit.nodes.first(visit.fours).next_back();
     }
 
     /// Derivatives by means, drift and depth; returns that by the extinction's logarithm.

@@ -32,11 +32,10 @@ impl<'a, R: Real> Front<'a, R> {
     #[inline(always)]
     pub fn add(&mut self, values: &[R], queue: &Queue<R>, fours: usize, row: &mut Row<R>) {
         row.count = LANES * fours.min(super::nodes::FOURS);
-        for four in 0..row.count / LANES {
-            let n = LANES * four;
-            let nodes = queue.four(four);
-            row.density[n + 1..n + 1 + LANES].copy_from_slice(&self.tables.within(nodes.densities(values)).store());
-            row.length[n..n + LANES].copy_from_slice(&nodes.length.store());
+        let (densities, lengths) = (row.density[1..].as_chunks_mut().0, row.length.as_chunks_mut().0);
+        for ((nodes, density), length) in queue.first(fours).zip(densities).zip(lengths) {
+            *density = self.tables.within(nodes.densities(values)).store();
+            *length = nodes.length.store();
         }
         self.blend(row);
     }

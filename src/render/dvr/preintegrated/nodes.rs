@@ -104,17 +104,23 @@ impl<R: Real> Queue<R> {
         }
     }
 
-    /// Four of them by number.
+    /// The first ones, so many fours.
     #[inline(always)]
-    pub fn four(&self, four: usize) -> Nodes<R> {
-        let n = (four * LANES).min(ROOM - LANES);
-        let lanes = |v: &[R; ROOM]| R::Lanes::load([v[n], v[n + 1], v[n + 2], v[n + 3]]);
-        let offset = &self.offset[n..n + LANES];
-        Nodes {
-            offset: [offset[0], offset[1], offset[2], offset[3]],
-            at: [lanes(&self.at[0]), lanes(&self.at[1]), lanes(&self.at[2])],
-            length: lanes(&self.length),
+    pub fn first(&self, fours: usize) -> impl DoubleEndedIterator<Item = Nodes<R>> {
+        fn some<T>(all: &[T; ROOM], fours: usize) -> &[[T; LANES]] {
+            &all.as_chunks().0[..fours.min(FOURS)]
         }
+        let [x, y, z] = self.at.each_ref().map(|at| some(at, fours));
+        let (offset, length) = (some(&self.offset, fours), some(&self.length, fours));
+        let all = offset.iter().zip(x).zip(y).zip(z).zip(length);
+        all.map(
+            #[inline(always)]
+            |((((offset, x), y), z), length)| Nodes {
+                offset: *offset,
+                at: [x, y, z].map(|at| R::Lanes::load(*at)),
+                length: R::Lanes::load(*length),
+            },
+        )
     }
 
     /// Goes on from another queue whose nodes, so many fours, were visited: it may be kept.
