@@ -5,12 +5,12 @@
 //! to a fixed number of lanes, as those of [`projector`](crate::optimise::projector).
 
 use crate::optimise::observation::Photo;
-use crate::optimise::pictures::lanes;
+use crate::optimise::pictures::{bricks_crossed, lanes};
 use crate::optimise::solver::Equations;
 use crate::render::arch::Arch;
 use crate::render::order::morton;
 use crate::render::preshaded::{Preshaded, Tape};
-use crate::scene::bricks::{BRICK, Bricks};
+use crate::scene::bricks::{BRICK, Bricks, CELLS};
 use crate::scene::camera::Camera;
 use glam::Vec4;
 use rayon::prelude::*;
@@ -86,7 +86,8 @@ impl<'a> Emission<'a> {
     pub fn new(sights: &'a [Sight], extinctions: &Bricks<f32>, background: [f32; 3], rays_per_edge: usize) -> Self {
         let topology = extinctions.topology.clone();
         let field = Bricks::<Vec4>::zeros(topology.clone(), extinctions.transform);
-        let count = lanes(&field, sights.iter().map(|s| s.pixels.len()).sum(), false);
+        let count =
+            lanes(&field, CELLS as f64 * bricks_crossed(&field, sights.iter().map(|s| s.pixels.len()).sum()), false);
         let n = rays_per_edge.max(1);
         let offset = |i: usize| (i as f64 + 0.5) / n as f64 - 0.5;
         let extinctions = extinctions.owned();

@@ -69,8 +69,14 @@ pub fn gradient(
     accumulators: &mut Accumulators,
     gradients: &mut Gradients<'_>,
 ) -> (f64, ParameterGradient) {
+    let lookups = dvr.lookups(gradients.table.is_some());
     let count = match gradients.voxels {
-        Some(_) => lanes(dvr.field(), targets.iter().map(|t| t.rgba.len()).sum(), targets.len() < MOST_LANES),
+        Some(_) => {
+            let rays: usize = targets.iter().map(|t| t.rgba.len() * t.rays_per_edge.pow(2)).sum();
+            let seen = lookups.iter().filter(|l| **l > 0.0);
+            let mean = seen.clone().sum::<f32>() / seen.count().max(1) as f32;
+            lanes(dvr.field(), bricks_crossed(dvr.field(), rays) * f64::from(mean), targets.len() < MOST_LANES)
+        }
         None => MOST_LANES,
     };
     let Gradients { voxels, table, cameras, step } = gradients;
@@ -84,7 +90,7 @@ pub fn gradient(
         .filter(|lane| lane.voxels.len() != length)
         .for_each(|lane| lane.voxels = vec![0.0; length]);
     let views: Vec<&Camera> = targets.iter().map(|t| &t.camera).collect();
-    let parts = Parts::new(dvr.field(), &dvr.lookups(table.is_some()), &views, count, voxels.is_some());
+    let parts = Parts::new(dvr.field(), &lookups, &views, count, voxels.is_some());
     let mut first = voxels.as_deref_mut();
     let own: Vec<(Option<&mut [f32]>, &mut Tape<f32>)> = lanes
         .iter_mut()
@@ -228,13 +234,16 @@ impl Run<'_, '_, '_> {
 /// The most accumulators.
 const MOST_LANES: usize = 16;
 
-/// Accumulators for so many rays through a field: as many as pay (each is cleared and added up, which
-/// must cost less than the rays do) and as fit in memory, from 2 to 16. Those `apart` see a part of the field each.
-pub fn lanes<V: Voxel>(field: &Bricks<V>, rays: usize, apart: bool) -> usize {
+/// Bricks that so many rays cross, those through the whole of a cube of bricks one and a half in a row.
+pub fn bricks_crossed<V: Voxel>(field: &Bricks<V>, rays: usize) -> f64 {
+    1.5 * rays as f64 * (field.topology.len() as f64).cbrt()
+}
+
+/// Accumulators for so many look-ups of densities in a field: as many as pay (each is cleared and added up, which must
+/// cost less than the rays do) and as fit in memory, from 2 to 16. Those `apart` see a part of the field each.
+pub fn lanes<V: Voxel>(field: &Bricks<V>, lookups: f64, apart: bool) -> usize {
     let values = field.values.len().max(1);
-    // A ray through the whole of a cube of bricks crosses about one and a half cells a voxel.
-    let cells = rays as f64 * 12.0 * (field.topology.len() as f64).cbrt();
-    let pays = cells / values as f64;
+    let pays = lookups / values as f64;
     // Together they see the field, and what lies between them twice: that grows with their borders.
     let pays = if apart { pays.max(3.0 * pays.sqrt()) } else { pays };
     let fits = (256 << 20) / (values * size_of::<V>());

@@ -60,7 +60,7 @@ impl Projector {
     /// mean over `rays_per_edge`² rays.
     pub fn new(topology: Arc<Topology>, transform: Affine, extinction: f64, rays_per_edge: usize) -> Self {
         let field = Bricks::zeros(topology.clone(), transform);
-        let lanes = lanes(&field, usize::MAX, false);
+        let lanes = lanes(&field, f64::INFINITY, false);
         let n = rays_per_edge.max(1);
         let offset = |i: usize| (i as f64 + 0.5) / n as f64 - 0.5;
         Self {

@@ -380,14 +380,17 @@ impl<'a, R: Real> Dvr<'a, R> {
         self
     }
 
-    /// For each of the field's bricks how often rays through it look up the density, about; none where they do not look:
-    /// gradients by voxel are zero there. Those that look for a gradient by the transfer function too (`by_table`) look
-    /// everywhere.
+    /// For each of the field's bricks what a ray through it takes, about, in look-ups of the density; nothing where it
+    /// does not look: gradients by voxel are zero there. Rays that look for a gradient by the transfer function too
+    /// (`by_table`) look everywhere.
     pub fn lookups(&self, by_table: bool) -> Vec<f32> {
         let topology = if by_table { &self.field.topology } else { &self.visible };
         let through = |brick: usize| match &self.matter {
             Matter::Table(_, Some(tables)) => tables.lookups(brick),
-            _ => CELLS as f32,
+            // Measured: cells with an exponential, and those of many pieces.
+            Matter::Table(_, None) => 16.0 * CELLS as f32,
+            Matter::Line(_) if matches!(self.medium.source, Source::Linear(_)) => 3.0 * CELLS as f32,
+            Matter::Line(_) => CELLS as f32,
         };
         let bricks = topology.bricks().iter().enumerate();
         bricks.map(|(i, brick)| if topology.find(*brick) == NONE { 0.0 } else { through(i) }).collect()
