@@ -25,6 +25,8 @@ pub struct Tile {
 /// The parts of all lanes.
 #[derive(Debug)]
 pub struct Parts {
+    /// By camera.
+    pub pictures: Vec<Tiles>,
     /// By lane.
     pub tiles: Vec<Vec<Tile>>,
     /// By brick: the lanes whose rays can look at it.
@@ -43,7 +45,8 @@ impl Parts {
         let pictures: Vec<Tiles> = cameras.iter().map(|c| Tiles::new(c.width as usize, c.height as usize)).collect();
         let numbered = |(picture, tiles): (usize, &Tiles)| (0..tiles.count()).map(move |number| (picture, number));
         let all = pictures.iter().enumerate().flat_map(numbered);
-        let mut parts = Self { tiles: vec![Vec::new(); lanes], seen_by: vec![0; lookups.len()] };
+        let mut parts =
+            Self { pictures: pictures.clone(), tiles: vec![Vec::new(); lanes], seen_by: vec![0; lookups.len()] };
         if !apart || cameras.len() >= lanes {
             for (i, (picture, number)) in all.enumerate() {
                 // Not from the same lane on in every round and picture: these may begin alike.
@@ -115,7 +118,7 @@ fn costs(tiles: &Tiles, footprints: &[Footprint], lookups: &[f32]) -> Vec<f64> {
 
 /// Tiles that a footprint covers some of, by row and column, and the area in pixels.
 fn covered(tiles: &Tiles, footprint: &Footprint) -> impl Iterator<Item = (usize, f64)> + use<> {
-    let Tiles { edge, columns, rows, .. } = *tiles;
+    let &Tiles { edge, columns, rows, .. } = tiles;
     let size = edge as f64;
     let low = footprint.low.max(DVec2::ZERO);
     let high = footprint.high.min(DVec2::new(tiles.width as f64, tiles.height as f64));

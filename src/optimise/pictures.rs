@@ -117,8 +117,17 @@ pub fn gradient(
                 if let Some(voxels) = &mut sums.voxels {
                     new.iter().for_each(|brick| approach(&mut voxels[*brick as usize * BRICK..][..BRICK], lane > 0));
                 }
-                Run { dvr, target: targets[*picture], number: *picture, loss, adjoint, sums: &mut sums, tape }
-                    .tile(*number);
+                Run {
+                    dvr,
+                    target: targets[*picture],
+                    number: *picture,
+                    tiles: &parts.pictures[*picture],
+                    loss,
+                    adjoint,
+                    sums: &mut sums,
+                    tape,
+                }
+                .tile(*number);
             }
             sums
         })
@@ -167,6 +176,7 @@ struct Run<'a, 'd, 'v> {
     target: &'a Target,
     /// The target's.
     number: usize,
+    tiles: &'a Tiles,
     loss: PixelLoss<'a>,
     adjoint: Adjoint,
     sums: &'a mut Sums<'v>,
@@ -198,8 +208,15 @@ impl Run<'_, '_, '_> {
         let Target { camera, rgba, rays_per_edge: n } = self.target;
         let (width, share) = (camera.width as usize, 1.0 / (n * n) as f32);
         let (mut sum, loss) = (0.0, self.loss);
-        for [x, y] in Tiles::new(width, camera.height as usize).pixels(tile) {
-            let wanted = &rgba[y * width + x];
+        let ([left, top], edge) = (self.tiles.corner(tile), self.tiles.edge);
+        // All at once: far memory is waited for once, not at every ray.
+        let mut all = vec![[f32::NAN; 4]; edge * edge];
+        let across = edge.min(width.saturating_sub(left));
+        for (row, wanted) in rgba.chunks(width).skip(top).zip(all.chunks_mut(edge)).filter(|_| across > 0) {
+            wanted[..across].copy_from_slice(&row[left..left + across]);
+        }
+        for [x, y] in self.tiles.pixels(tile) {
+            let wanted = &all[(y - top) * edge + x - left];
             if wanted.iter().any(|v| !v.is_finite()) {
                 continue;
             }

@@ -77,11 +77,11 @@ pub struct Outcome {
     pub stopped: bool,
 }
 
-/// Climbs from every start. `tick` is told of every start and every size of picture that it has been through. Once
-/// `cancel` is set climbers stay where they are.
+/// Climbs from every start. `tick` is told of every scout's look, and of every start and every size of picture that it
+/// has been through: as often as [`ticks`] says. Once `cancel` is set climbers stay where they are.
 pub fn search(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool, tick: &(dyn Fn() + Sync)) -> Outcome {
     let begun = Instant::now();
-    let scouted = scouted(dvr, request, cancel);
+    let scouted = scouted(dvr, request, cancel, tick);
     let starts: Vec<DMat3> = scouted.iter().chain(&request.given).map(|d| upright(*d)).collect();
     let mut climbers: Vec<Climber> =
         starts.iter().enumerate().map(|(i, axes)| Climber { ascent: Ascent::new(*axes), starts: vec![i] }).collect();
@@ -128,15 +128,24 @@ pub fn search(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool, tick: 
     Outcome { views, paths, seconds: begun.elapsed().as_secs_f64(), render_seconds, stopped }
 }
 
+/// How often a search that is not stopped tells of what it has done.
+pub fn ticks(request: &Request) -> usize {
+    let (own, sizes) = (request.starts.len(), sizes(&request.sphere).len());
+    own + scouts(request).len() + (own + request.given.len()) * sizes
+}
+
+/// Directions that scouts look from.
+fn scouts(request: &Request) -> Vec<DVec3> {
+    let halved = sizes(&request.sphere).next().is_some_and(|level| level > 0);
+    spread(SCOUTS[usize::from(!halved)] * request.starts.len())
+}
+
 /// For each of the starts, the best of it and of those scouts' viewpoints that lie nearest to it.
-fn scouted(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool) -> Vec<DVec3> {
+fn scouted(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool, tick: &(dyn Fn() + Sync)) -> Vec<DVec3> {
     let level = sizes(&request.sphere).next().unwrap_or(0);
     let sphere = request.sphere.scaled(0.5_f64.powi(level));
-    let each = if level > 0 { SCOUTS[0] } else { SCOUTS[1] };
-    let scouts = spread(each * request.starts.len());
-    let (Some(own), Some(seen)) =
-        (look(dvr, &sphere, &request.starts, cancel, &|| ()), look(dvr, &sphere, &scouts, cancel, &|| ()))
-    else {
+    let look = |directions: &[DVec3]| look(dvr, &sphere, directions, cancel, tick);
+    let (Some(own), Some(seen)) = (look(&request.starts), look(&scouts(request))) else {
         return request.starts.clone();
     };
     best_nearby(&own, &seen)
@@ -185,7 +194,7 @@ fn look(
 }
 
 /// How often pictures are halved, for each size that the search goes through.
-pub fn sizes(sphere: &Sphere) -> impl ExactSizeIterator<Item = i32> {
+fn sizes(sphere: &Sphere) -> impl ExactSizeIterator<Item = i32> {
     let shorter = sphere.size[0].min(sphere.size[1]);
     let most = (1..32).take_while(|level| shorter >> level >= COARSE).count() as i32;
     (most.min(1)..most + 1).rev()
@@ -254,6 +263,12 @@ fn at(dvr: &Dvr<'_, f32>, sphere: &Sphere, axes: &DMat3) -> Entropy {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::Affine;
+    use crate::scene::bricks::{Bricks, Topology};
+    use crate::scene::medium::Medium;
+    use glam::IVec3;
+    use std::sync::Arc;
+    use std::sync::atomic::AtomicUsize;
 
     #[test]
     fn climbers_meet_and_the_higher_one_goes_on() {
@@ -275,6 +290,25 @@ mod tests {
             [(toward(DVec3::X, DVec3::Y), 0.6), (toward(DVec3::X, DVec3::Z), 0.7), (toward(DVec3::Z, DVec3::X), 0.8)];
         assert_eq!(best_nearby(&places, &scouts), [scouts[1].0, DVec3::Y, DVec3::Z]);
         assert!(best_nearby(&[], &scouts).is_empty());
+    }
+
+    #[test]
+    fn all_that_is_done_is_told_of() {
+        let bricks = Arc::new(Topology::new([IVec3::ZERO]).unwrap());
+        let mut field = Bricks::zeros(bricks, Affine::uniform(1.0, DVec3::ZERO).unwrap());
+        field.values.iter_mut().enumerate().for_each(|(i, v)| *v = (i % 7) as f32);
+        let dvr = Dvr::new(&field, Medium::absorbing(0.1)).unwrap();
+        for size in [24, 70] {
+            let sphere = Sphere::around(&field.outline(), [size, size], 40.0).unwrap();
+            let request = Request { sphere, starts: spread(3), given: vec![DVec3::X], iterations: 2 };
+            let told = AtomicUsize::new(0);
+            let tick = || {
+                told.fetch_add(1, Ordering::Relaxed);
+            };
+            let found = search(&dvr, &request, &AtomicBool::new(false), &tick);
+            assert_eq!(found.paths.len(), 4);
+            assert_eq!(told.into_inner(), ticks(&request), "pictures of {size}");
+        }
     }
 
     #[test]

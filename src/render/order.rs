@@ -30,7 +30,7 @@ const TILE: usize = 8;
 const MOST_TILES: usize = 64;
 
 /// A picture cut into square tiles, along Hilbert curves: any stretch of one is in one piece, and has a short border.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Tiles {
     /// Of the picture, in pixels.
     pub width: usize,
@@ -44,6 +44,8 @@ pub struct Tiles {
     pub rows: usize,
     /// Of the squares that the curves fill, in tiles, as a power of two.
     order: u8,
+    /// Columns and rows of a tile's pixels in it.
+    inside: Vec<[usize; 2]>,
 }
 
 impl Tiles {
@@ -53,7 +55,8 @@ impl Tiles {
         let edge = (square / MOST_TILES).max(TILE).min(square);
         let along = |size: usize| size.div_ceil(square) * (square / edge);
         let order = (square / edge).ilog2() as u8;
-        Self { width, height, edge, columns: along(width), rows: along(height), order }
+        let inside = within([0, 0], edge, [edge, edge]).collect();
+        Self { width, height, edge, columns: along(width), rows: along(height), order, inside }
     }
 
     /// How many there are.
@@ -70,9 +73,16 @@ impl Tiles {
         [place(number % across, x), place(number / across, y)]
     }
 
-    /// Columns and rows of a tile's pixels.
-    pub fn pixels(&self, tile: usize) -> impl Iterator<Item = [usize; 2]> + use<> {
-        within(self.place(tile).map(|n| n * self.edge), self.edge, [self.width, self.height])
+    /// Column and row of a tile's first pixel.
+    pub fn corner(&self, tile: usize) -> [usize; 2] {
+        self.place(tile).map(|n| n * self.edge)
+    }
+
+    /// Columns and rows of a tile's pixels, along a Morton curve.
+    pub fn pixels(&self, tile: usize) -> impl Iterator<Item = [usize; 2]> {
+        let [left, top] = self.corner(tile);
+        let all = self.inside.iter().map(move |[right, down]| [left + right, top + down]);
+        all.filter(|[x, y]| *x < self.width && *y < self.height)
     }
 }
 

@@ -11,7 +11,7 @@ use super::transfer::TransferOption;
 use super::{render, volume};
 use crate::error::{Error, Result};
 use crate::formats::{exr, transforms};
-use crate::optimise::viewpoint::{self, Outcome, Request, sizes};
+use crate::optimise::viewpoint::{self, Outcome, Request};
 use crate::render::dvr::Dvr;
 use crate::render::film::Film;
 use crate::render::scale;
@@ -166,11 +166,7 @@ impl Viewpoint {
         render::fits(&capture, limits.max_memory)?;
 
         let dvr = Dvr::new(&field, opaque(capture.medium()?)?)?;
-        let sizes = sizes(&around).len() as u64;
-        let bar = output.progress(
-            (request.starts.len() + request.given.len()) as u64 * sizes + u64::from(self.samples),
-            "viewpoint",
-        );
+        let bar = output.progress(viewpoint::ticks(&request) as u64 + u64::from(self.samples), "viewpoint");
         let mut found = viewpoint::search(&dvr, &request, cancel, &|| bar.inc(1));
         let samples = self.sample(&dvr, &around, cancel, &|| bar.inc(1));
         bar.finish_and_clear();
