@@ -6,6 +6,7 @@
 //! volume ────▶ rows ──▶ entropy ──▶ ascent ──▶ viewpoint
 //!               └─────▶ normal ──────────────▶ pose
 //! ```
+//! Rays of `pictures` are shared out by `parts`, by what they meet (`footprint`).
 //! Gradients of any loss by any parameter, for study: `loss` ──▶ `objective` ──▶ `study` (`parameter`, `plan`, `difference`).
 
 pub mod adam;

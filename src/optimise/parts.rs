@@ -45,8 +45,7 @@ impl Parts {
         let pictures: Vec<Tiles> = cameras.iter().map(|c| Tiles::new(c.width as usize, c.height as usize)).collect();
         let numbered = |(picture, tiles): (usize, &Tiles)| (0..tiles.count()).map(move |number| (picture, number));
         let all = pictures.iter().enumerate().flat_map(numbered);
-        let mut parts =
-            Self { pictures: pictures.clone(), tiles: vec![Vec::new(); lanes], seen_by: vec![0; lookups.len()] };
+        let mut parts = Self { pictures: Vec::new(), tiles: vec![Vec::new(); lanes], seen_by: vec![0; lookups.len()] };
         if !apart || cameras.len() >= lanes {
             for (i, (picture, number)) in all.enumerate() {
                 // Not from the same lane on in every round and picture: these may begin alike.
@@ -55,7 +54,7 @@ impl Parts {
             }
             let bricks = (0..lookups.len()).filter(|brick| lookups[*brick] > 0.0);
             bricks.for_each(|brick| (0..lanes).for_each(|lane| parts.see(brick, lane, 0)));
-            return parts;
+            return Self { pictures, ..parts };
         }
         let footprints: Vec<Vec<Footprint>> = cameras
             .iter()
@@ -91,7 +90,7 @@ impl Parts {
             let seen = first.iter().enumerate().filter(|(_, place)| **place < usize::MAX);
             seen.for_each(|(lane, place)| parts.see(brick, lane, *place));
         }
-        parts
+        Self { pictures, ..parts }
     }
 
     /// Notes that a lane's tile, if there is one, is the first to look at a brick.
