@@ -2,9 +2,13 @@
 
 #![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
+mod fields;
 mod work;
 
+use cumulo::formats::vdb::shaded;
+use fields::{tinted, unit};
 use serde_json::Value;
+use std::collections::BTreeMap;
 use work::{Work, density, errors};
 
 /// Peaks and a clear gap; extinction at density 0, which fills the empty space.
@@ -109,6 +113,88 @@ fn all_ways_lead_to_the_same() {
             assert!((a - b).abs() <= 1e-4 * scale, "{loss} {name}: {a} {b}");
         }
     }
+}
+
+/// A pre-shaded volume, and pictures of it, denser and on another background.
+fn shaded_work() -> Work {
+    let work = Work::new();
+    shaded::write(&work.path("shaded.vdb"), &tinted::<f32>(16, 0.4, unit()), &[], &BTreeMap::new()).unwrap();
+    work.json(
+        "render shaded.vdb --model pre-shaded --views 2 --size 16x12 --density-scale 1.5 --supersample 2 -o shots",
+    );
+    work
+}
+
+#[test]
+fn pre_shaded_volumes_have_all_their_derivatives() {
+    let work = shaded_work();
+    let target = "--target shots --density-scale 0.9 --background 0.1,0.3,0.2";
+    for words in [
+        &format!("{target} --loss l2"),
+        &format!("{target} --loss l2 --adjoint replay"),
+        &format!("{target} --loss huber --prior smooth=0.3 --prior tv=0.1"),
+        &format!("{target} --loss ssim"),
+        // Not a ray through the middle, where edges of cells meet: the quadrature has a kink there.
+        "--views 2 --size 14x12 --model pre-shaded --loss mean",
+        "--views 2 --size 14x12 --model pre-shaded --loss opacity-entropy",
+    ] {
+        let report = work.json(&format!(
+            "gradient shaded.vdb {words} --wrt camera,background,density,emission --check --largest 12"
+        ));
+        assert!(worst(&report) < 1e-4, "{words}: {report:#}");
+        assert_eq!(report["quadrature"], "gauss");
+        assert!(rows(&report).iter().filter(|(_, g)| g.abs() > 1e-7).count() > 20, "{words}: {report:#}");
+    }
+    // The page has the pictures, slices of what voxels do, and every row.
+    let report = work.json(&format!(
+        "gradient shaded.vdb {target} --loss l2 --wrt background,density --largest 3 --check --report page"
+    ));
+    let page = std::fs::read_to_string(work.path(report["report"].as_str().unwrap())).unwrap();
+    for part in ["view 1", "Derivative by density", "background.green", "Relative error", "Provenance"] {
+        assert!(page.contains(part), "{part}");
+    }
+    for (name, _) in rows(&report) {
+        assert!(page.contains(&name), "{name}");
+    }
+    // The capture says that it is pre-shaded; forward and backward are the same, and every voxel's is written.
+    let words = format!("gradient shaded.vdb {target} --loss l2 --wrt camera,background --check");
+    let [back, forward] = ["", "--mode tangent"].map(|way| rows(&work.json(&format!("{words} {way}"))));
+    let scale = back.iter().fold(0.0_f64, |m, r| m.max(r.1.abs()));
+    assert!(back.iter().zip(&forward).all(|(a, b)| (a.1 - b.1).abs() <= 1e-12 * scale), "{back:?} {forward:?}");
+    let report = work.json(&format!("gradient shaded.vdb {target} --loss l2 --wrt emission --largest 1 -o g.vdb"));
+    let (name, most) = rows(&report).swap_remove(0);
+    assert!(name.starts_with("emission."), "{name}");
+    let file = cumulo::formats::vdb::File::open(work.path("g.vdb"), Default::default()).unwrap();
+    let largest = ["red", "green", "blue"].map(|c| {
+        let grid = file.read_fog(Some(&format!("gradient_emission_{c}"))).unwrap();
+        grid.leaves.iter().flat_map(|l| l.values.iter()).fold(0.0_f32, |m, v| m.max(v.abs()))
+    });
+    assert_eq!(largest.into_iter().fold(0.0, f32::max), most.abs() as f32);
+}
+
+#[test]
+fn what_a_pre_shaded_volume_does_not_have_is_refused() {
+    let work = shaded_work();
+    let words = "gradient shaded.vdb --views 1 --loss mean --model pre-shaded --wrt";
+    for (asked, expected) in [
+        ("tf", &["shaded.vdb", "no transfer function", "--wrt density"][..]),
+        ("extinction", &["extinctions of a pre-shaded volume"]),
+        ("step --quadrature midpoint:0.5", &["--quadrature", "of their own"]),
+        ("density --emission 1,1,1", &["--emission", "voxels"]),
+        ("density --tf points.tf.json", &["--tf", "--model"]),
+        ("density --prior tf=1", &["no transfer function"]),
+    ] {
+        work.refused(&format!("{words} {asked}"), expected);
+    }
+    work.refused("gradient shaded.vdb --views 1 --loss mean --wrt emission", &["--model pre-shaded"]);
+    work.refused(
+        "gradient @plume.vdb --views 1 --loss mean --wrt emission --model pre-shaded",
+        &["'emission'", "vec3s"],
+    );
+    work.refused(
+        "gradient @plume.vdb --views 1 --loss mean --wrt density --model absorption --emission 1,0,0",
+        &["nothing is emitted"],
+    );
 }
 
 #[test]

@@ -5,8 +5,9 @@ mod fields;
 
 use cumulo::math::{Aabb, Affine, Ray};
 use cumulo::real::Real;
-use cumulo::render::dvr::RayGradient;
-use cumulo::render::preshaded::{Preshaded, Sinks, Tape};
+use cumulo::render::Renderer;
+use cumulo::render::dvr::{Adjoint, ParameterGradient, RayGradient, Sinks};
+use cumulo::render::preshaded::{Preshaded, Tape};
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, CameraGradient, Projection};
 use fields::{noise, odd, tinted, unit};
@@ -113,9 +114,10 @@ fn gradients_are_those_of_differences() {
                 seen.rgba().iter().zip(weights).map(|(v, w)| v * w).sum::<f64>()
             };
             let mut gradient = vec![DVec4::ZERO; volume.values.len()];
-            let sinks = Sinks { values: Some(&mut gradient), ray: None, background: &mut [0.0; 3] };
+            let mut shared = ParameterGradient::default();
+            let sinks = Sinks { voxels: Some(&mut gradient[..]), table: None, ray: None, shared: &mut shared };
             let renderer = Preshaded::<f64>::new(&volume, [0.4, 0.1, 0.8]);
-            renderer.gradient(ray, &mut |_| weights, sinks, &mut Tape::default());
+            renderer.gradient(ray, &mut |_| weights, Adjoint::Tape, sinks, &mut Tape::default());
             let scale = gradient.iter().fold(0.0_f64, |a, v| a.max(v.abs().max_element()));
             let touched: Vec<usize> = (0..gradient.len()).filter(|i| gradient[*i] != DVec4::ZERO).collect();
             assert!(touched.len() > 50);
@@ -182,10 +184,11 @@ fn loss(volume: &Bricks<DVec4>, ray: &Ray) -> f64 {
 
 /// Derivatives by the ray and by the background.
 fn followed(volume: &Bricks<DVec4>, ray: &Ray) -> (RayGradient, [f64; 3]) {
-    let (mut by, mut background) = (RayGradient::default(), [0.0; 3]);
-    let sinks = Sinks { values: None, ray: Some(&mut by), background: &mut background };
-    Preshaded::<f64>::new(volume, BACKGROUND).gradient(ray, &mut |_| WEIGHTS, sinks, &mut Tape::default());
-    (by, background)
+    let (mut by, mut shared) = (RayGradient::default(), ParameterGradient::default());
+    let sinks = Sinks { voxels: None, table: None, ray: Some(&mut by), shared: &mut shared };
+    let renderer = Preshaded::<f64>::new(volume, BACKGROUND);
+    renderer.gradient(ray, &mut |_| WEIGHTS, Adjoint::Tape, sinks, &mut Tape::default());
+    (by, shared.background)
 }
 
 fn close(what: &str, found: f64, difference: f64, scale: f64) {
@@ -254,9 +257,8 @@ fn a_grazed_face_does_no_harm() {
         // Somewhere in the volume it crosses y = 9.
         let ray = ray(9.0 - 38.0 * tilt, tilt);
         let mut by = RayGradient::default();
-        let sinks = Sinks { values: None, ray: Some(&mut by), background: &mut [0.0; 3] };
         let weights = WEIGHTS.map(|w| w as f32);
-        Preshaded::<f32>::new(&single, BACKGROUND).gradient_on(&ray, &mut |_| weights, sinks, &mut Tape::default());
+        Preshaded::<f32>::new(&single, BACKGROUND).followed(&ray, weights, &mut by, &mut Tape::default());
         for found in [by.origin, followed(&double, &ray).0.origin] {
             let slack = DVec3::splat(1e-4);
             let inside = found.cmpge(low.min(high) - slack) & found.cmple(low.max(high) + slack);
@@ -331,10 +333,10 @@ fn what_else_is_asked_for_changes_nothing() {
         let mut tape = Tape::default();
         let seen = renderer.trace(&ray, &mut tape);
         let [mut by_tape, mut by_value] = [(); 2].map(|()| vec![DVec4::ZERO; volume.values.len()]);
-        let (mut by_ray, mut background) = (RayGradient::default(), [0.0; 3]);
-        let sinks = Sinks { values: Some(&mut by_value), ray: Some(&mut by_ray), background: &mut background };
-        assert_eq!(renderer.gradient(&ray, &mut |_| WEIGHTS, sinks, &mut tape), seen);
-        assert_eq!((by_ray, background), followed(&volume, &ray));
+        let (mut by_ray, mut shared) = (RayGradient::default(), ParameterGradient::default());
+        let sinks = Sinks { voxels: Some(&mut by_value[..]), table: None, ray: Some(&mut by_ray), shared: &mut shared };
+        assert_eq!(renderer.gradient(&ray, &mut |_| WEIGHTS, Adjoint::Tape, sinks, &mut tape), seen);
+        assert_eq!((by_ray, shared.background), followed(&volume, &ray));
         tape.spread([WEIGHTS[0], WEIGHTS[1], WEIGHTS[2]], &mut by_tape);
         for (a, b) in by_tape.iter().zip(&by_value) {
             assert!((a.truncate() - b.truncate()).abs().max_element() < 1e-14, "{a} {b}");
@@ -347,9 +349,8 @@ fn single_precision_follows_as_closely() {
     let (single, double) = (volume::<f32>(0.8, odd()), volume::<f64>(0.8, odd()));
     let all = rays(&odd()).into_iter().map(|ray| {
         let mut by = RayGradient::default();
-        let sinks = Sinks { values: None, ray: Some(&mut by), background: &mut [0.0; 3] };
         let weights = WEIGHTS.map(|w| w as f32);
-        Preshaded::<f32>::new(&single, BACKGROUND).gradient_on(&ray, &mut |_| weights, sinks, &mut Tape::default());
+        Preshaded::<f32>::new(&single, BACKGROUND).followed(&ray, weights, &mut by, &mut Tape::default());
         (by, followed(&double, &ray).0)
     });
     let all: Vec<_> = all.collect();

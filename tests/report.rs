@@ -256,7 +256,7 @@ fn slices_lie_on_voxels_and_the_reference_at_the_same_place() {
     let bare = Bricks::zeros(volume.topology.clone(), lattice);
     let mut page = Page::new("t", "s");
     page.slices("Slices", "density", &bare, None).unwrap();
-    assert!(page.html().contains("zero everywhere"));
+    assert!(page.html().contains("Zero everywhere"));
 }
 
 #[test]

@@ -49,18 +49,22 @@ impl Scene {
                 Dvr::new(field, capture.medium()?)?.background(capture.background).quadrature(quadrature),
             ),
             Self::PreShaded(volume) => {
-                // It multiplies emissions too: colours stay.
-                let scale = capture.density_scale as f32;
-                volume.values.par_iter_mut().for_each(|v| *v *= scale);
-                if !volume.values.par_iter().all(|v| v.is_finite()) {
-                    return Err(Error::invalid(format!(
-                        "density scale {:e} makes emissions or extinctions too large for single precision",
-                        capture.density_scale
-                    ))
-                    .hint("give a smaller --density-scale, or correct the capture's density_scale"));
-                }
+                scale(volume, capture.density_scale)?;
                 Light::PreShaded(Preshaded::new(volume, capture.background))
             }
         })
     }
+}
+
+/// Scales extinctions, and emissions with them: colours stay.
+///
+/// # Errors
+/// If they become too large.
+pub fn scale(volume: &mut Bricks<Vec4>, by: f64) -> Result<()> {
+    volume.values.par_iter_mut().for_each(|v| *v *= by as f32);
+    if volume.values.par_iter().all(|v| v.is_finite()) {
+        return Ok(());
+    }
+    Err(Error::invalid(format!("density scale {by:e} makes emissions or extinctions too large for single precision"))
+        .hint("give a smaller --density-scale, or correct the capture's density_scale"))
 }

@@ -4,6 +4,7 @@
 use crate::error::Result;
 use crate::optimise::parameter::{Parameter, camera_step};
 use crate::optimise::study::Study;
+use crate::optimise::subject::{Subject, depth_channel, largest};
 use crate::render::quadrature::Quadrature;
 use crate::scene::transfer::Transfer;
 
@@ -44,13 +45,13 @@ impl Quotient {
 /// Rounding of a loss, relative to it: sums of pixels, each of sums along a ray.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
-impl Study<f64> {
+impl<V: Subject<Double = V>> Study<V> {
     /// Difference quotient of the loss, of second order: central, or from one side where the other is out of
     /// bounds or beyond a knot of the transfer function. Steps shrink until two quotients agree: some losses
     /// bend sharply (the entropy, where a pixel is all but clear).
     ///
     /// # Errors
-    /// As [`Setting::dvr`](super::study::Setting::dvr).
+    /// As [`Subject::light`].
     pub fn difference(&mut self, parameter: Parameter) -> Result<Quotient> {
         let (mut h, side) = self.reach(parameter)?;
         // Quotients are good to this over their step: where they are little more, two agree by chance.
@@ -110,10 +111,11 @@ impl Study<f64> {
                     *transfer = transfer.with_parameters(&all);
                 }
             }
-            Parameter::Voxel(i) => {
-                for slot in self.field.topology.slots(i).into_iter().flatten() {
-                    voxels.push((slot, self.field.values[slot]));
-                    self.field.values[slot] += by;
+            Parameter::Voxel { voxel, channel } => {
+                for slot in self.field.topology.slots(voxel).into_iter().flatten() {
+                    let value = self.field.values[slot];
+                    voxels.push((slot, value));
+                    self.field.values[slot] = value.with(channel, value.channel(channel) + by);
                 }
             }
             Parameter::Background(c) => {
@@ -150,8 +152,8 @@ impl Study<f64> {
                 (h, Side::Both)
             }
             Parameter::Transfer(i) => self.transfer_reach(i, group, value)?,
-            Parameter::Voxel(_) => {
-                let h = 1e-5 * self.field.range().1.max(1e-6);
+            Parameter::Voxel { channel, .. } => {
+                let h = 1e-5 * largest(&self.field, channel);
                 let Some(transfer) = &setting.transfer else { return Ok(bounded(h)) };
                 match transfer.table()?.knots().iter().find(|k| (value - **k).abs() < 2.0 * h) {
                     Some(knot) if value < *knot && value >= 2.0 * h => (h, Side::Below),
@@ -183,7 +185,8 @@ impl Study<f64> {
                     return Ok((h, Side::Above));
                 }
                 // Where the field is level at the knot, its densities belong to the piece above it.
-                let level = self.field.values.iter().any(|v| (v - value).abs() < 2.0 * h);
+                let density = |v: &V| v.channel(depth_channel::<V>());
+                let level = self.field.values.iter().any(|v| (density(v) - value).abs() < 2.0 * h);
                 (h, if level { Side::Below } else { Side::Both })
             }
             ("tf.density", _) => (1e-6 * width, Side::Both),

@@ -41,5 +41,6 @@ pub mod rows;
 pub mod smooth;
 pub mod solver;
 pub mod study;
+pub mod subject;
 pub mod transfer;
 pub mod viewpoint;

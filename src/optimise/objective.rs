@@ -4,7 +4,9 @@
 
 use crate::dual::Dual;
 use crate::optimise::loss::{Loss, Reach, Rgba};
-use crate::render::dvr::{Adjoint, Directions, Dvr, ParameterGradient, Precision, RayGradient, Seeds, Sinks, Tape};
+use crate::real::Real;
+use crate::render::dvr::{Adjoint, ParameterGradient, Radiance, RayGradient, Seeds, Sinks};
+use crate::render::{Renderer, Tangent};
 use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
 use rayon::prelude::*;
@@ -37,11 +39,11 @@ pub struct By {
 
 /// A gradient.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Gradient<R> {
+pub struct Gradient<V> {
     /// Value of the objective.
     pub value: f64,
     /// By stored voxel, 729 a brick; empty if not asked for.
-    pub voxels: Vec<R>,
+    pub voxels: Vec<V>,
     /// By piece of the transfer function.
     pub table: TableGradient,
     /// By camera.
@@ -54,7 +56,7 @@ pub struct Gradient<R> {
 
 /// A direction in which something changes.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Direction<R> {
+pub enum Direction<V> {
     /// A camera, by its number.
     Camera(usize, CameraGradient),
     /// The quadrature's step, in voxels.
@@ -64,12 +66,12 @@ pub enum Direction<R> {
     /// The transfer function's pieces.
     Table(TableGradient),
     /// Stored voxels, 729 a brick.
-    Voxels(Vec<R>),
+    Voxels(Vec<V>),
 }
 
-/// A precision with all numbers of directions that are compiled.
-pub trait Forward: Directions<1> + Directions<2> + Directions<6> + Directions<7> {}
-impl<R: Directions<1> + Directions<2> + Directions<6> + Directions<7>> Forward for R {}
+/// A renderer with all numbers of directions that are compiled.
+pub trait Forward: Tangent<1> + Tangent<2> + Tangent<6> + Tangent<7> {}
+impl<L: Tangent<1> + Tangent<2> + Tangent<6> + Tangent<7>> Forward for L {}
 
 /// Pixels handled in one go.
 const RUN: usize = 256;
@@ -86,30 +88,30 @@ enum Slopes<'s> {
 
 impl Objective<'_> {
     /// The value.
-    pub fn value<R: Precision>(&self, dvr: &Dvr<'_, R>) -> f64 {
-        let of = |view: usize| self.loss.picture(&self.picture(dvr, view), self.wanted(view), self.width(view)).0;
+    pub fn value<L: Renderer>(&self, light: &L) -> f64 {
+        let of = |view: usize| self.loss.picture(&self.picture(light, view), self.wanted(view), self.width(view)).0;
         (0..self.cameras.len()).map(of).sum::<f64>() / self.cameras.len() as f64
     }
 
     /// Value and gradient, backward.
-    pub fn adjoint<R: Precision>(&self, dvr: &Dvr<'_, R>, adjoint: Adjoint, by: By) -> Gradient<R> {
+    pub fn adjoint<L: Renderer>(&self, light: &L, adjoint: Adjoint, by: By) -> Gradient<L::Voxel> {
         let zero = || Gradient {
-            voxels: if by.voxels { vec![R::ZERO; dvr.field().values.len()] } else { Vec::new() },
+            voxels: if by.voxels { vec![L::Voxel::default(); light.field().values.len()] } else { Vec::new() },
             table: by.knots.map_or_else(TableGradient::default, TableGradient::of_knots),
             cameras: vec![CameraGradient::default(); self.cameras.len()],
             ..Gradient::default()
         };
-        let mut lanes: Vec<Gradient<R>> = (0..LANES).map(|_| zero()).collect();
+        let mut lanes: Vec<Gradient<L::Voxel>> = (0..LANES).map(|_| zero()).collect();
         let mut value = 0.0;
         for view in 0..self.cameras.len() {
-            let (global, known) = self.global(dvr, view);
+            let (global, known) = self.global(light, view);
             value += global;
             let slopes = self.slopes(view, known.as_deref());
             let runs = self.runs(view);
             lanes.par_iter_mut().enumerate().for_each(|(lane, own)| {
-                let mut tape = Tape::default();
+                let mut tape = L::Tape::default();
                 for i in runs.iter().skip(lane).step_by(LANES).flat_map(|run| run.clone()) {
-                    self.pixel_back(dvr, adjoint, by, (view, i), &slopes, own, &mut tape);
+                    self.pixel_back(light, adjoint, by, (view, i), &slopes, own, &mut tape);
                 }
             });
         }
@@ -127,16 +129,16 @@ impl Objective<'_> {
     }
 
     /// Value and derivatives along directions, forward, a few in each walk.
-    pub fn tangent<R: Forward>(&self, dvr: &Dvr<'_, R>, directions: &[Direction<R>]) -> (f64, Vec<f64>) {
+    pub fn tangent<L: Forward>(&self, light: &L, directions: &[Direction<L::Voxel>]) -> (f64, Vec<f64>) {
         let mut all = Vec::with_capacity(directions.len());
         let mut left = directions;
         loop {
             let (now, later) = left.split_at(left.len().min(7));
             let (value, some) = match now.len() {
-                0 | 1 => self.tangent_of::<R, 1>(dvr, now),
-                2 => self.tangent_of::<R, 2>(dvr, now),
-                3..=6 => self.tangent_of::<R, 6>(dvr, now),
-                _ => self.tangent_of::<R, 7>(dvr, now),
+                0 | 1 => self.tangent_of::<L, 1>(light, now),
+                2 => self.tangent_of::<L, 2>(light, now),
+                3..=6 => self.tangent_of::<L, 6>(light, now),
+                _ => self.tangent_of::<L, 7>(light, now),
             };
             all.extend(some);
             left = later;
@@ -146,10 +148,10 @@ impl Objective<'_> {
         }
     }
 
-    fn tangent_of<R: Directions<P>, const P: usize>(
+    fn tangent_of<L: Tangent<P>, const P: usize>(
         &self,
-        dvr: &Dvr<'_, R>,
-        directions: &[Direction<R>],
+        light: &L,
+        directions: &[Direction<L::Voxel>],
     ) -> (f64, Vec<f64>) {
         let mut sum = Dual::<f64, P>::constant(0.0);
         for view in 0..self.cameras.len() {
@@ -157,8 +159,8 @@ impl Objective<'_> {
             if self.loss.reach() == Reach::Global {
                 // Derivatives wait for the loss's: forward, no ray is walked again.
                 let of_run = |run: &Range<usize>| {
-                    let mut tape = Tape::default();
-                    run.clone().map(|i| self.pixel_forward(dvr, directions, (view, i), &mut tape)).collect::<Vec<_>>()
+                    let mut tape = L::Tape::default();
+                    run.clone().map(|i| self.pixel_forward(light, directions, (view, i), &mut tape)).collect::<Vec<_>>()
                 };
                 let pixels: Vec<[Dual<f64, P>; 4]> = runs.par_iter().flat_map_iter(of_run).collect();
                 let seen: Vec<Rgba> = pixels.iter().map(|p| p.map(|c| c.value)).collect();
@@ -169,9 +171,9 @@ impl Objective<'_> {
             }
             let slopes = self.slopes(view, None);
             let of_run = |run: &Range<usize>| {
-                let (mut sum, mut tape) = (Dual::<f64, P>::constant(0.0), Tape::default());
+                let (mut sum, mut tape) = (Dual::<f64, P>::constant(0.0), L::Tape::default());
                 for i in run.clone() {
-                    let pixel = self.pixel_forward(dvr, directions, (view, i), &mut tape);
+                    let pixel = self.pixel_forward(light, directions, (view, i), &mut tape);
                     let (value, slope) = self.pixel(view, i, &pixel.map(|c| c.value), &slopes);
                     sum.value += value;
                     add_along(&mut sum, &pixel, &slope);
@@ -185,15 +187,15 @@ impl Objective<'_> {
     }
 
     /// What one pixel adds to a gradient.
-    fn pixel_back<R: Precision>(
+    fn pixel_back<L: Renderer>(
         &self,
-        dvr: &Dvr<'_, R>,
+        light: &L,
         adjoint: Adjoint,
         by: By,
         (view, i): (usize, usize),
         slopes: &Slopes<'_>,
-        own: &mut Gradient<R>,
-        tape: &mut Tape<R>,
+        own: &mut Gradient<L::Voxel>,
+        tape: &mut L::Tape,
     ) {
         let rays = self.positions(view, i);
         let share = 1.0 / rays.len() as f64;
@@ -201,7 +203,7 @@ impl Objective<'_> {
         let known = match slopes {
             Slopes::Local(_) if rays.len() == 1 => None,
             Slopes::Local(_) => {
-                let (value, slope) = self.pixel(view, i, &self.seen(dvr, view, i), slopes);
+                let (value, slope) = self.pixel(view, i, &self.seen(light, view, i, tape), slopes);
                 own.value += value;
                 Some(slope)
             }
@@ -217,15 +219,15 @@ impl Objective<'_> {
             };
             let camera = &self.cameras[view];
             let value = &mut own.value;
-            let mut slope = |seen: &crate::render::dvr::Radiance<R>| match known {
-                Some(slope) => slope.map(|s| R::of(share * s)),
+            let mut slope = |seen: &Radiance<L::Real>| match known {
+                Some(slope) => slope.map(|s| L::Real::of(share * s)),
                 None => {
-                    let (here, slope) = self.pixel(view, i, &seen.rgba().map(R::f64), slopes);
+                    let (here, slope) = self.pixel(view, i, &seen.rgba().map(Real::f64), slopes);
                     *value += here;
-                    slope.map(R::of)
+                    slope.map(L::Real::of)
                 }
             };
-            dvr.gradient(&camera.ray(x, y), &mut slope, adjoint, sinks, tape);
+            light.gradient(&camera.ray(x, y), &mut slope, adjoint, sinks, tape);
             if by.rays {
                 let by_camera = camera.gradient(x, y, moved.origin, moved.direction);
                 own.cameras[view] = own.cameras[view].plus(&by_camera);
@@ -235,19 +237,19 @@ impl Objective<'_> {
     }
 
     /// One pixel, with its derivatives.
-    fn pixel_forward<R: Directions<P>, const P: usize>(
+    fn pixel_forward<L: Tangent<P>, const P: usize>(
         &self,
-        dvr: &Dvr<'_, R>,
-        directions: &[Direction<R>],
+        light: &L,
+        directions: &[Direction<L::Voxel>],
         (view, i): (usize, usize),
-        tape: &mut Tape<R>,
+        tape: &mut L::Tape,
     ) -> [Dual<f64, P>; 4] {
         let rays = self.positions(view, i);
         let share = 1.0 / rays.len() as f64;
         let camera = &self.cameras[view];
         let mut mean = [Dual::<f64, P>::constant(0.0); 4];
         for (x, y) in rays {
-            let mut seeds: Seeds<'_, R, P> = Seeds::default();
+            let mut seeds: Seeds<'_, L::Voxel, P> = Seeds::default();
             for (p, direction) in directions.iter().enumerate() {
                 match direction {
                     Direction::Camera(number, by) if *number == view => {
@@ -261,7 +263,7 @@ impl Objective<'_> {
                     Direction::Voxels(by) => seeds.voxels[p] = Some(by),
                 }
             }
-            let seen = dvr.tangent(&camera.ray(x, y), &seeds, tape).rgba();
+            let seen = light.tangent(&camera.ray(x, y), &seeds, tape).rgba();
             (0..4).for_each(|c| mean[c] = mean[c] + seen[c].f64().linear(|v| share * v));
         }
         mean
@@ -283,11 +285,11 @@ impl Objective<'_> {
     }
 
     /// Value and derivatives of a picture, where the loss needs all of it; times the view's share.
-    fn global<R: Precision>(&self, dvr: &Dvr<'_, R>, view: usize) -> (f64, Option<Vec<Rgba>>) {
+    fn global<L: Renderer>(&self, light: &L, view: usize) -> (f64, Option<Vec<Rgba>>) {
         if self.loss.reach() == Reach::Local {
             return (0.0, None);
         }
-        let (value, slopes) = self.of_picture(&self.picture(dvr, view), view);
+        let (value, slopes) = self.of_picture(&self.picture(light, view), view);
         (value, Some(slopes))
     }
 
@@ -312,18 +314,19 @@ impl Objective<'_> {
         }
     }
 
-    /// A picture as it is.
-    fn picture<R: Precision>(&self, dvr: &Dvr<'_, R>, view: usize) -> Vec<Rgba> {
-        (0..self.pixels(view)).into_par_iter().map(|i| self.seen(dvr, view, i)).collect()
+    /// What a camera sees.
+    pub fn picture<L: Renderer>(&self, light: &L, view: usize) -> Vec<Rgba> {
+        let pixels = (0..self.pixels(view)).into_par_iter();
+        pixels.map_init(L::Tape::default, |tape, i| self.seen(light, view, i, tape)).collect()
     }
 
     /// Mean over a pixel's rays.
-    fn seen<R: Precision>(&self, dvr: &Dvr<'_, R>, view: usize, i: usize) -> Rgba {
+    fn seen<L: Renderer>(&self, light: &L, view: usize, i: usize, tape: &mut L::Tape) -> Rgba {
         let rays = self.positions(view, i);
         let share = 1.0 / rays.len() as f64;
         let mut mean = [0.0; 4];
         for (x, y) in rays {
-            let seen = dvr.radiance(&self.cameras[view].ray(x, y)).rgba();
+            let seen = light.seen(&self.cameras[view].ray(x, y), tape).rgba();
             (0..4).for_each(|c| mean[c] += share * seen[c].f64());
         }
         mean

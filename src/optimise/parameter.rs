@@ -1,7 +1,7 @@
 //! Parameters by name: what a study of gradients differentiates by, one at a time.
 
 use crate::optimise::objective::{By, Direction, Gradient};
-use crate::real::Real;
+use crate::optimise::subject::Subject;
 use crate::render::dvr::ParameterGradient;
 use crate::scene::bricks::{Bricks, Topology};
 use crate::scene::camera::{Camera, CameraGradient};
@@ -23,8 +23,13 @@ pub enum Parameter {
     },
     /// Number of one of the transfer function's [`parameters`](Transfer::parameters).
     Transfer(usize),
-    /// A voxel by the number among those that bricks own, 512 a brick.
-    Voxel(usize),
+    /// One of the numbers that a voxel is made of.
+    Voxel {
+        /// The voxel's number among those that bricks own, 512 a brick.
+        voxel: usize,
+        /// The number's, among the [`CHANNELS`](Subject::CHANNELS).
+        channel: usize,
+    },
     /// A colour channel of the background.
     Background(usize),
     /// Extinction per unit of density.
@@ -78,24 +83,25 @@ pub fn coordinates(topology: &Topology, voxel: usize) -> IVec3 {
     8 * topology.bricks()[voxel / LEAF_VOXELS] + IVec3::new(i >> 6, i >> 3 & 7, i & 7)
 }
 
-/// What a gradient must be asked for so that it holds these.
-pub fn by(parameters: &[Parameter], density: bool, knots: Option<usize>) -> By {
+/// What a gradient must be asked for so that it holds these, and all voxels if they are asked for.
+pub fn by(parameters: &[Parameter], voxels: bool, knots: Option<usize>) -> By {
     let any = |f: fn(&Parameter) -> bool| parameters.iter().any(f);
     By {
-        voxels: density,
+        voxels: voxels || any(|p| matches!(p, Parameter::Voxel { .. })),
         knots: knots.filter(|_| any(|p| matches!(p, Parameter::Transfer(_)))),
         rays: any(|p| matches!(p, Parameter::Camera { .. } | Parameter::Step)),
     }
 }
 
-/// A parameter's derivative in a gradient; `by_transfer` and `by_voxel` are by the transfer function's
-/// parameters and by owned voxel.
-pub fn derivative<R>(of: &Gradient<R>, by_transfer: &[f64], by_voxel: &[f64], parameter: Parameter) -> f64 {
+/// A parameter's derivative in a gradient; `by_transfer` is by the transfer function's parameters.
+pub fn derivative<V: Subject>(of: &Gradient<V>, topology: &Topology, by_transfer: &[f64], parameter: Parameter) -> f64 {
     match parameter {
         Parameter::Step => of.step,
         Parameter::Camera { view, part } => camera_part(&of.cameras[view], part),
         Parameter::Transfer(i) => by_transfer[i],
-        Parameter::Voxel(i) => by_voxel[i],
+        Parameter::Voxel { voxel, channel } => {
+            topology.slots(voxel).into_iter().flatten().map(|slot| of.voxels[slot].channel(channel)).sum()
+        }
         Parameter::Background(c) => of.shared.background[c],
         Parameter::Extinction => of.shared.extinction,
     }
@@ -105,11 +111,11 @@ pub fn derivative<R>(of: &Gradient<R>, by_transfer: &[f64], by_voxel: &[f64], pa
 ///
 /// # Errors
 /// If the transfer function has no table.
-pub fn direction<R: Real>(
+pub fn direction<V: Subject>(
     parameter: Parameter,
-    field: &Bricks<R>,
+    field: &Bricks<V>,
     transfer: Option<&Transfer>,
-) -> crate::Result<Direction<R>> {
+) -> crate::Result<Direction<V>> {
     let shared = ParameterGradient::default();
     Ok(match parameter {
         Parameter::Step => Direction::Step(1.0),
@@ -122,9 +128,10 @@ pub fn direction<R: Real>(
             }
             None => Direction::Shared(shared),
         },
-        Parameter::Voxel(i) => {
-            let mut stored = vec![R::ZERO; field.values.len()];
-            field.topology.slots(i).into_iter().flatten().for_each(|slot| stored[slot] = R::ONE);
+        Parameter::Voxel { voxel, channel } => {
+            let mut stored = vec![V::default(); field.values.len()];
+            let one = V::default().with(channel, 1.0);
+            field.topology.slots(voxel).into_iter().flatten().for_each(|slot| stored[slot] = one);
             Direction::Voxels(stored)
         }
         Parameter::Background(c) => {

@@ -101,7 +101,7 @@ pub struct Found {
 /// Moves cameras to where their pictures agree with what is seen. Those of `targets` are where they begin; `tick` is
 /// told of every camera and size of picture that is done. Once `cancel` is set they stay where they are.
 pub fn solve(
-    renderer: &impl Renderer,
+    renderer: &impl Renderer<Real = f32>,
     targets: &[Target],
     request: &Request<'_>,
     cancel: &AtomicBool,
@@ -172,7 +172,7 @@ struct Search<'s, V> {
 /// Normal equations of all cameras.
 type Equations = Vec<(Normal, Spectrum)>;
 
-impl<'s, V: Renderer> Search<'s, V> {
+impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
     fn new(renderer: &'s V, targets: &[Target], request: &'s Request<'s>, cancel: &'s AtomicBool) -> Self {
         let distance = |t: &Target| t.camera.position().distance(request.centre).max(f64::MIN_POSITIVE);
         Self {

@@ -23,7 +23,7 @@ pub struct Rows<'r, V> {
 /// Receives a pixel: its number, red, green, blue and alpha, and its derivatives.
 type Visit<'v> = &'v mut dyn FnMut(usize, &[f64; 4], &[CameraGradient]);
 
-impl<V: Renderer> Rows<'_, V> {
+impl<V: Renderer<Real = f32>> Rows<'_, V> {
     /// Number of pixels.
     pub fn pixels(&self) -> usize {
         self.camera.width as usize * self.camera.height as usize
@@ -59,7 +59,7 @@ struct Run<'a, V> {
     visit: Visit<'a>,
 }
 
-impl<V: Renderer> Run<'_, V> {
+impl<V: Renderer<Real = f32>> Run<'_, V> {
     fn walk(self) {
         let Rows { renderer, camera, rays_per_edge } = *self.rows;
         let (n, width) = (rays_per_edge.max(1), camera.width as usize);

@@ -4,11 +4,11 @@
 use crate::error::{Error, Result};
 use crate::optimise::loss::{Loss, Rgba};
 use crate::optimise::neighbours::Neighbours;
-use crate::optimise::objective::{Forward, Objective};
+use crate::optimise::objective::Objective;
 use crate::optimise::parameter::{self, Parameter};
 use crate::optimise::plan::Way;
 use crate::optimise::prior::{Prior, Weighted};
-use crate::render::dvr::{Dvr, Precision};
+use crate::optimise::subject::{Subject, depth_channel};
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
@@ -17,7 +17,7 @@ use crate::scene::medium::{Medium, Source};
 use crate::scene::transfer::Transfer;
 use std::sync::Arc;
 
-/// All that pictures depend on, but the voxels.
+/// All that pictures depend on, but the voxels. Of a pre-shaded volume they depend on cameras and background alone.
 #[derive(Debug, Clone)]
 pub struct Setting {
     /// Where they are taken from.
@@ -35,19 +35,16 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// The renderer. In `f64` nothing is left out, so that differences show derivatives and not where rays end.
+    /// How densities absorb and emit.
     ///
     /// # Errors
-    /// As [`Dvr::new`] and [`Transfer::table`].
-    pub fn dvr<'f, R: Precision>(&self, field: &'f Bricks<R>) -> Result<Dvr<'f, R>> {
+    /// As [`Transfer::table`].
+    pub fn medium(&self) -> Result<Medium> {
         let source = match &self.transfer {
             Some(transfer) => Source::Transfer(Arc::new(transfer.table()?)),
             None => self.source.clone(),
         };
-        let dvr = Dvr::new(field, Medium { extinction: self.extinction, source })?
-            .background(self.background)
-            .quadrature(self.quadrature);
-        Ok(if R::EPSILON.f64() < 1e-10 { dvr.early_stop(0.0).tolerance(1e-11) } else { dvr })
+        Ok(Medium { extinction: self.extinction, source })
     }
 
     /// The quadrature's step in voxels; zero where it has none.
@@ -70,9 +67,9 @@ pub struct Units {
 
 /// A scene and a loss.
 #[derive(Debug, Clone)]
-pub struct Study<R> {
+pub struct Study<V> {
     /// The voxels.
-    pub field: Bricks<R>,
+    pub field: Bricks<V>,
     /// What else there is.
     pub setting: Setting,
     /// The loss of the pictures.
@@ -94,7 +91,7 @@ pub struct Found {
     pub value: f64,
     /// In the order of the parameters.
     pub derivatives: Vec<f64>,
-    /// By owned voxel, 512 a brick, where the density was asked for.
+    /// By owned voxel, 512 a brick, and in each by the channels that were asked for.
     pub by_voxel: Vec<f64>,
 }
 
@@ -103,10 +100,10 @@ pub struct Found {
 struct Asked {
     value: f64,
     by_transfer: Vec<f64>,
-    by_voxel: Vec<f64>,
+    by_density: Vec<f64>,
 }
 
-impl<R: Forward> Study<R> {
+impl<V: Subject> Study<V> {
     /// The loss on its pictures.
     pub fn objective(&self) -> Objective<'_> {
         Objective {
@@ -125,24 +122,25 @@ impl<R: Forward> Study<R> {
     /// The loss, with its priors.
     ///
     /// # Errors
-    /// As [`Setting::dvr`], and if a prior does not suit the transfer function.
+    /// As [`Subject::light`], and if a prior does not suit the transfer function.
     pub fn value(&self) -> Result<f64> {
-        Ok(self.objective().value(&self.setting.dvr(&self.field)?) + self.asked()?.value)
+        Ok(self.objective().value(&V::light(&self.field, &self.setting)?) + self.asked()?.value)
     }
 
-    /// The priors, by parameter of the transfer function and by owned voxel; empty where nothing is asked.
+    /// The priors, by parameter of the transfer function and by owned voxel's density; empty where nothing is asked.
     fn asked(&self) -> Result<Asked> {
         let mut all = Asked::default();
         for Weighted { prior, weight } in &self.priors {
             match (prior, &self.setting.transfer) {
                 (Prior::Volume(prior), _) => {
+                    let density = |v: V| v.channel(depth_channel::<V>());
                     let scaled: Vec<f64> =
-                        self.field.owned().into_iter().map(|v| v.f64() / self.units.density).collect();
+                        self.field.owned().into_iter().map(|v| density(v) / self.units.density).collect();
                     let neighbours = Neighbours::new(&self.field.topology);
                     let mut by = vec![0.0; scaled.len()];
                     all.value += prior.add(*weight, &scaled, &neighbours, scaled.len(), &mut by);
-                    all.by_voxel.resize(by.len(), 0.0);
-                    all.by_voxel.iter_mut().zip(by).for_each(|(sum, by)| *sum += by / self.units.density);
+                    all.by_density.resize(by.len(), 0.0);
+                    all.by_density.iter_mut().zip(by).for_each(|(sum, by)| *sum += by / self.units.density);
                 }
                 (Prior::Transfer(prior), Some(transfer)) => {
                     let (value, by) = prior.of_transfer(transfer, self.units.extinction)?;
@@ -158,51 +156,57 @@ impl<R: Forward> Study<R> {
         Ok(all)
     }
 
-    /// The loss and its derivatives by the parameters, and by all voxels if `density` is set.
+    /// The loss and its derivatives by the parameters, and by these channels of all voxels.
     ///
     /// # Errors
-    /// As [`Setting::dvr`].
-    pub fn gradient(&self, way: Way, parameters: &[Parameter], density: bool) -> Result<Found> {
-        let (mut found, asked) = (self.of_pictures(way, parameters, density)?, self.asked()?);
+    /// As [`Subject::light`].
+    pub fn gradient(&self, way: Way, parameters: &[Parameter], channels: &[usize]) -> Result<Found> {
+        let (mut found, asked) = (self.of_pictures(way, parameters, channels)?, self.asked()?);
         found.value += asked.value;
         for (derivative, parameter) in found.derivatives.iter_mut().zip(parameters) {
             *derivative += match parameter {
                 Parameter::Transfer(i) => asked.by_transfer.get(*i).copied().unwrap_or(0.0),
-                Parameter::Voxel(i) => asked.by_voxel.get(*i).copied().unwrap_or(0.0),
+                Parameter::Voxel { voxel, channel } if *channel == depth_channel::<V>() => {
+                    asked.by_density.get(*voxel).copied().unwrap_or(0.0)
+                }
                 _ => 0.0,
             };
         }
-        found.by_voxel.iter_mut().zip(asked.by_voxel).for_each(|(sum, by)| *sum += by);
+        if let Some(at) = channels.iter().position(|c| *c == depth_channel::<V>()) {
+            let densities = found.by_voxel.iter_mut().skip(at).step_by(channels.len());
+            densities.zip(asked.by_density).for_each(|(sum, by)| *sum += by);
+        }
         Ok(found)
     }
 
-    fn of_pictures(&self, way: Way, parameters: &[Parameter], density: bool) -> Result<Found> {
-        let (dvr, transfer) = (self.setting.dvr(&self.field)?, self.setting.transfer.as_ref());
+    fn of_pictures(&self, way: Way, parameters: &[Parameter], channels: &[usize]) -> Result<Found> {
+        let (light, transfer) = (V::light(&self.field, &self.setting)?, self.setting.transfer.as_ref());
         let objective = self.objective();
         let topology = &self.field.topology;
         match way {
             Way::Adjoint(adjoint) => {
                 let knots = transfer.map(|t| Ok::<_, Error>(t.table()?.knots().len())).transpose()?;
-                let found = objective.adjoint(&dvr, adjoint, parameter::by(parameters, density, knots));
+                let by = parameter::by(parameters, !channels.is_empty(), knots);
+                let found = objective.adjoint(&light, adjoint, by);
                 let has_table = !found.table.pieces.is_empty();
                 let by_transfer = transfer.filter(|_| has_table).map_or(Ok(Vec::new()), |t| t.chain(&found.table))?;
-                let by_voxel = if density {
-                    let stored: Vec<f64> = found.voxels.iter().map(|v| v.f64()).collect();
-                    let mut owned = vec![0.0; self.voxels()];
-                    topology.fold(&stored, &mut owned);
-                    owned
-                } else {
+                let by_voxel = if channels.is_empty() {
                     Vec::new()
+                } else {
+                    let stored: Vec<V::Double> = found.voxels.iter().map(|v| v.double()).collect();
+                    let mut owned = vec![V::Double::default(); self.voxels()];
+                    topology.fold(&stored, &mut owned);
+                    owned.into_iter().flat_map(|v| channels.iter().map(move |c| v.channel(*c))).collect()
                 };
-                let of = |p: &Parameter| parameter::derivative(&found, &by_transfer, &by_voxel, *p);
+                let of = |p: &Parameter| parameter::derivative(&found, topology, &by_transfer, *p);
                 Ok(Found { value: found.value, derivatives: parameters.iter().map(of).collect(), by_voxel })
             }
             Way::Tangent => {
-                let voxels = if density { self.voxels() } else { 0 };
-                let all = parameters.iter().copied().chain((0..voxels).map(Parameter::Voxel));
+                let voxel = |voxel| channels.iter().map(move |channel| Parameter::Voxel { voxel, channel: *channel });
+                let all = parameters.iter().copied().chain((0..self.voxels()).flat_map(voxel));
                 let directions: Vec<_> =
                     all.map(|p| parameter::direction(p, &self.field, transfer)).collect::<Result<_>>()?;
-                let (value, mut derivatives) = objective.tangent(&dvr, &directions);
+                let (value, mut derivatives) = objective.tangent(&light, &directions);
                 let by_voxel = derivatives.split_off(parameters.len());
                 Ok(Found { value, derivatives, by_voxel })
             }
@@ -233,10 +237,13 @@ impl<R: Forward> Study<R> {
                 };
                 (format!("tf.{name}"), group, *value)
             }
-            Parameter::Voxel(i) => {
-                let (at, slots) = (parameter::coordinates(&self.field.topology, i), self.field.topology.slots(i));
-                let value = slots[0].map_or(0.0, |slot| self.field.values[slot].f64());
-                (format!("density[{},{},{}]", at.x, at.y, at.z), "density", value)
+            Parameter::Voxel { voxel, channel } => {
+                let topology = &self.field.topology;
+                let (at, slots) = (parameter::coordinates(topology, voxel), topology.slots(voxel));
+                let value = slots[0].map_or(0.0, |slot| self.field.values[slot].channel(channel));
+                let name = V::CHANNELS[channel];
+                let group = name.split('.').next().unwrap_or(name);
+                (format!("{name}[{},{},{}]", at.x, at.y, at.z), group, value)
             }
             Parameter::Background(c) => {
                 (format!("background.{}", ["red", "green", "blue"][c]), "background", setting.background[c].into())

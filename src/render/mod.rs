@@ -12,62 +12,28 @@ pub mod moved;
 pub mod order;
 pub mod preshaded;
 pub mod quadrature;
+pub mod renderer;
 pub mod rule;
 pub mod scale;
 pub mod segment;
 
-use crate::math::Ray;
 use crate::scene::camera::Camera;
-use dvr::{Adjoint, Dvr, ParameterGradient, Radiance, RayGradient};
 use film::Film;
-use preshaded::Preshaded;
 use rayon::prelude::*;
+pub use renderer::{Renderer, Tangent};
 use std::sync::atomic::{AtomicBool, Ordering};
-
-/// What can be seen along rays.
-pub trait Renderer: Sync {
-    /// Scratch memory of one thread.
-    type Tape: Default;
-    /// Radiance along a world ray of unit direction.
-    fn seen(&self, ray: &Ray, tape: &mut Self::Tape) -> Radiance<f32>;
-    /// The same; the ray's derivative of a loss is added to `by`. The loss is given by its derivatives with respect to
-    /// red, green, blue and alpha.
-    fn followed(&self, ray: &Ray, loss: [f32; 4], by: &mut RayGradient, tape: &mut Self::Tape) -> Radiance<f32>;
-}
-
-impl Renderer for Dvr<'_, f32> {
-    type Tape = dvr::Tape<f32>;
-
-    fn seen(&self, ray: &Ray, tape: &mut Self::Tape) -> Radiance<f32> {
-        self.radiance_on(ray, tape)
-    }
-
-    fn followed(&self, ray: &Ray, loss: [f32; 4], by: &mut RayGradient, tape: &mut Self::Tape) -> Radiance<f32> {
-        let mut shared = ParameterGradient::default();
-        let sinks = dvr::Sinks { voxels: None, table: None, ray: Some(by), shared: &mut shared };
-        self.gradient(ray, &mut |_| loss, Adjoint::Tape, sinks, tape)
-    }
-}
-
-impl Renderer for Preshaded<'_, f32> {
-    type Tape = preshaded::Tape<f32>;
-
-    fn seen(&self, ray: &Ray, tape: &mut Self::Tape) -> Radiance<f32> {
-        self.radiance_on(ray, tape)
-    }
-
-    fn followed(&self, ray: &Ray, loss: [f32; 4], by: &mut RayGradient, tape: &mut Self::Tape) -> Radiance<f32> {
-        let sinks = preshaded::Sinks { values: None, ray: Some(by), background: &mut [0.0; 3] };
-        self.gradient_on(ray, &mut |_| loss, sinks, tape)
-    }
-}
 
 /// Width and height of the tiles that threads work on. Rays of a tile meet the same bricks; a band of
 /// tiles is a task, and small pictures need many.
 const TILE: (usize, usize) = (16, 4);
 
 /// Renders a picture, the mean over `rays_per_edge`² rays a pixel. `None` if `cancel` was set.
-pub fn picture<R: Renderer>(renderer: &R, camera: &Camera, rays_per_edge: usize, cancel: &AtomicBool) -> Option<Film> {
+pub fn picture<R: Renderer<Real = f32>>(
+    renderer: &R,
+    camera: &Camera,
+    rays_per_edge: usize,
+    cancel: &AtomicBool,
+) -> Option<Film> {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let mut film = Film::new(width, height);
     let n = rays_per_edge.max(1);

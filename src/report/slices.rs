@@ -64,7 +64,7 @@ impl Plane {
 /// The table of slices.
 pub fn table(quantity: &str, volume: &Bricks<f32>, reference: Option<&Bricks<f32>>) -> Result<Markup> {
     let Some((voxels, centre)) = support(volume) else {
-        return Ok(html! { p { "The volume is zero everywhere." } });
+        return Ok(html! { p { "Zero everywhere." } });
     };
     let planes = CUTS.map(|(normal, right, up, _)| Plane::new((normal, right, up), voxels, centre));
     let slices = |field: &Bricks<f32>| {

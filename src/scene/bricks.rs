@@ -43,6 +43,11 @@ impl<V: Voxel> Bricks<V> {
         Self { topology, values, transform, domain }
     }
 
+    /// World-space box of all cells.
+    pub fn world_bounds(&self) -> Aabb {
+        self.transform.box_to_world(self.topology.bounds())
+    }
+
     /// The stored values of the brick at these brick coordinates.
     pub fn brick(&self, at: IVec3) -> Option<&[V]> {
         let number = self.topology.find(at);
@@ -184,11 +189,6 @@ impl<R: Real> Bricks<R> {
             .par_iter()
             .fold(|| (R::ZERO, R::ZERO), |(a, b), v| (a.lesser(*v), b.greater(*v)))
             .reduce(|| (R::ZERO, R::ZERO), |a, b| (a.0.lesser(b.0), a.1.greater(b.1)))
-    }
-
-    /// World-space box of all cells.
-    pub fn world_bounds(&self) -> Aabb {
-        self.transform.box_to_world(self.topology.bounds())
     }
 
     /// Values at the voxels of another lattice, 512 a brick of `topology`.

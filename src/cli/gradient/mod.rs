@@ -1,5 +1,6 @@
 //! `cumulo gradient`: derivatives of a loss on pictures, parameter by parameter, for checking and teaching.
 
+mod page;
 mod report;
 mod scene;
 mod voxels;
@@ -8,21 +9,23 @@ use super::memory::Memory;
 use super::output::Output;
 use super::parse;
 use super::provenance::Provenance;
+use super::scene::Scene;
 use super::transfer::TransferOption;
 use crate::error::{Error, Result};
 use crate::formats::vdb::{Codec, Limits, write_grids};
 use crate::formats::{atomic, transforms};
 use crate::optimise::difference::Quotient;
 use crate::optimise::loss::Loss;
-use crate::optimise::objective::Forward;
 use crate::optimise::parameter::{CAMERA, Parameter};
 use crate::optimise::plan::{Mode, Plan, Task, Way};
 use crate::optimise::prior::{Prior, Weighted};
 use crate::optimise::study::{Found, Study};
+use crate::optimise::subject::{Subject, depth_channel};
 use crate::render::dvr::Adjoint;
 use crate::render::quadrature::Quadrature;
-use crate::scene::capture::EmissionModel;
-use crate::scene::medium::Source;
+use crate::report::Page;
+use crate::scene::capture::{EmissionModel, Model};
+use crate::scene::grid::Grid;
 use report::{Report, Row};
 use scene::in_double;
 use std::collections::BTreeMap;
@@ -61,6 +64,10 @@ pub struct GradientCommand {
     /// Place this many cameras around the volume
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     views: Option<u32>,
+    /// What is seen (default: that of --target, emission-absorption with a transfer function or --emission, else
+    /// absorption)
+    #[arg(long, value_enum, conflicts_with = "tf")]
+    model: Option<Model>,
     /// Size of the pictures of --views in pixels
     #[arg(long, value_name = "WxH", default_value = "64x64", value_parser = parse::size, conflicts_with = "target")]
     size: [u32; 2],
@@ -79,7 +86,8 @@ pub struct GradientCommand {
     emission_model: Option<EmissionModel>,
     #[command(flatten)]
     transfer: TransferOption,
-    /// Integration along rays: exact, midpoint:STEP or riemann:STEP, steps in voxels
+    /// Integration along rays: exact, preintegrated, midpoint:STEP or riemann:STEP, steps in voxels; pre-shaded volumes
+    /// have one of their own
     #[arg(long, value_name = "Q", default_value = "exact")]
     quadrature: Quadrature,
     /// Forward or backward; auto goes by the number of parameters and the loss
@@ -97,9 +105,12 @@ pub struct GradientCommand {
     /// How many voxels to list, those of the largest derivatives
     #[arg(long, value_name = "K", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     largest: u32,
-    /// Write the derivative by each voxel as a VDB (with --wrt density)
+    /// Write the derivatives by voxel as a VDB (with --wrt density or emission)
     #[arg(long, short, value_name = "OUT.vdb")]
     output: Option<PathBuf>,
+    /// Make a page of pictures, slices and all that is listed, in this folder
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
     /// Grid to differentiate at (default: density, else the only scalar one)
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
@@ -116,8 +127,10 @@ enum Wrt {
     Camera,
     /// The transfer function's parameters
     Tf,
-    /// Every voxel
+    /// Every voxel's density, or extinction of a pre-shaded volume
     Density,
+    /// Every voxel's emission in red, green and blue, of a pre-shaded volume
+    Emission,
     /// Radiance behind the volume
     Background,
     /// Extinction per unit of density
@@ -154,6 +167,14 @@ enum AdjointName {
     Inversion,
 }
 
+/// All that comes of it.
+struct Examined {
+    report: Report,
+    /// Derivatives by voxel, if they are to be written.
+    grids: Vec<Grid>,
+    page: Option<Page>,
+}
+
 /// The most directions that forward mode is let into: it walks every ray for each few of them.
 const MOST_DIRECTIONS: usize = 512;
 
@@ -169,27 +190,48 @@ impl GradientCommand {
         if let Some(path) = &self.output {
             atomic::probe(path)?;
         }
-        let study = self.study(limits)?;
+        if let Some(dir) = &self.report {
+            super::report::prepare(dir)?;
+        }
+        let (scene, rest) = self.scene(limits)?;
         let target = self.target.as_deref().map(transforms::json_path);
         for path in [Some(&self.input), target.as_ref(), self.transfer.tf.as_ref()].into_iter().flatten() {
             provenance.input(path, [path.as_path()])?;
         }
-        let (report, grid) = if self.check {
-            let mut study = in_double(study);
-            let (found, mut report) = self.differentiate(&study, limits)?;
-            self.compare(&mut study, &mut report, output)?;
-            (report, self.as_grid(&study, &found))
-        } else {
-            let (found, report) = self.differentiate(&study, limits)?;
-            (report, self.as_grid(&study, &found))
+        let Examined { mut report, grids, page } = match scene {
+            Scene::Density(field) => self.examine(self.study(field, rest, limits)?, limits, output)?,
+            Scene::PreShaded(volume) => self.examine(self.study(volume, rest, limits)?, limits, output)?,
         };
-        if let (Some(path), Some(grid)) = (&self.output, grid) {
+        if let Some(path) = &self.output {
             provenance.lap();
-            write_grids(path, &[&grid], &provenance.metadata(), Codec::default(), false)?;
+            let grids: Vec<&Grid> = grids.iter().collect();
+            write_grids(path, &grids, &provenance.metadata(), Codec::default(), false)?;
+        }
+        if let (Some(dir), Some(mut page)) = (&self.report, page) {
+            provenance.lap();
+            page.provenance(&provenance.rows());
+            report.report = Some(page.write(dir)?);
         }
         let wrong = report.worst_relative_error.is_some_and(|worst| worst.is_nan() || worst > self.tolerance);
         output.report(&Report { seconds: provenance.lap(), ..report })?;
         Ok(if wrong { ExitCode::from(1) } else { ExitCode::SUCCESS })
+    }
+
+    /// Differentiates, and checks if that is asked for.
+    fn examine<V: Subject>(&self, study: Study<V>, limits: Limits, output: &Output) -> Result<Examined> {
+        if !self.check {
+            let (found, report) = self.differentiate(&study, limits)?;
+            return self.examined(&study, &found, report);
+        }
+        let mut study = in_double(study);
+        let (found, mut report) = self.differentiate(&study, limits)?;
+        self.compare(&mut study, &mut report, output)?;
+        self.examined(&study, &found, report)
+    }
+
+    fn examined<V: Subject>(&self, study: &Study<V>, found: &Found, report: Report) -> Result<Examined> {
+        let page = self.report.as_ref().map(|_| self.page(study, found, &report)).transpose()?;
+        Ok(Examined { grids: self.as_grids(study, found), page, report })
     }
 
     /// Refuses what contradicts itself, before anything is read.
@@ -211,9 +253,9 @@ impl GradientCommand {
             return Err(Error::invalid(format!("--wrt step: the {} quadrature has no step", self.quadrature))
                 .hint("choose one that has: --quadrature midpoint:0.5 or riemann:0.5"));
         }
-        if self.output.is_some() && !asks(Wrt::Density) {
+        if self.output.is_some() && !asks(Wrt::Density) && !asks(Wrt::Emission) {
             return Err(Error::invalid("--output is for derivatives by voxel, which --wrt does not ask for")
-                .hint("add density to --wrt, or leave --output out"));
+                .hint("add density or emission to --wrt, or leave --output out"));
         }
         if self.mode == Mode::Tangent && self.adjoint.is_some() {
             return Err(Error::invalid("--mode tangent goes forward, --adjoint says how to go backward")
@@ -238,7 +280,8 @@ impl GradientCommand {
         }
     }
 
-    fn parameters<R: Forward>(&self, study: &Study<R>) -> Vec<Parameter> {
+    /// What is asked for, but voxels.
+    fn parameters<V: Subject>(&self, study: &Study<V>) -> Vec<Parameter> {
         let mut all: Vec<Parameter> = Vec::new();
         for (i, wrt) in self.wrt.iter().enumerate() {
             if self.wrt[..i].contains(wrt) {
@@ -254,7 +297,7 @@ impl GradientCommand {
                     let count = study.setting.transfer.as_ref().map_or(0, |t| t.parameters().len());
                     all.extend((0..count).map(Parameter::Transfer));
                 }
-                Wrt::Density => {}
+                Wrt::Density | Wrt::Emission => {}
                 Wrt::Background => all.extend((0..3).map(Parameter::Background)),
                 Wrt::Extinction => all.push(Parameter::Extinction),
             }
@@ -262,39 +305,43 @@ impl GradientCommand {
         all
     }
 
-    fn differentiate<R: Forward>(&self, study: &Study<R>, limits: Limits) -> Result<(Found, Report)> {
-        let mut parameters = self.parameters(study);
-        let density = self.wrt.contains(&Wrt::Density);
-        let count = parameters.len() + if density { study.voxels() } else { 0 };
+    /// Numbers of voxels that are asked for.
+    fn channels<V: Subject>(&self) -> Vec<usize> {
+        let last = depth_channel::<V>();
+        let asks = |channel: &usize| self.wrt.contains(if *channel == last { &Wrt::Density } else { &Wrt::Emission });
+        (0..=last).filter(asks).collect()
+    }
+
+    fn differentiate<V: Subject>(&self, study: &Study<V>, limits: Limits) -> Result<(Found, Report)> {
+        let (mut parameters, channels) = (self.parameters(study), self.channels::<V>());
+        let count = parameters.len() + channels.len() * study.voxels();
         let adjoint = self.adjoint.map(|a| match a {
             AdjointName::Tape => Adjoint::Tape,
             AdjointName::Replay => Adjoint::Replay,
             AdjointName::Inversion => Adjoint::Inversion,
         });
-        let task = Task {
-            parameters: count,
-            reach: study.loss.reach(),
-            depth_alone: study.setting.transfer.is_none() && matches!(study.setting.source, Source::Grey(_)),
-        };
+        let task = Task { parameters: count, reach: study.loss.reach(), depth_alone: V::depth_alone(&study.setting) };
         // Pre-integration goes backward only.
         let mode = if matches!(self.quadrature, Quadrature::Preintegrated(_)) { Mode::Adjoint } else { self.mode };
         let plan = Plan::new(task, mode, adjoint);
-        let bytes = if density { count * study.field.values.len() * size_of::<R>() } else { 0 };
+        let bytes = if channels.is_empty() { 0 } else { count * study.field.values.len() * size_of::<V>() };
         if plan.way == Way::Tangent && (count > MOST_DIRECTIONS || bytes as u64 > limits.max_memory) {
             return Err(Error::unsupported(format!(
                 "--mode tangent walks every ray again for each few of {count} parameters; it takes {MOST_DIRECTIONS} at most"
             ))
             .hint("use --mode adjoint, which finds all at once"));
         }
-        let found = study.gradient(plan.way, &parameters, density).map_err(|e| e.at(&self.input))?;
+        let found = study.gradient(plan.way, &parameters, &channels).map_err(|e| e.at(&self.input))?;
         let mut derivatives = found.derivatives.clone();
-        if density {
+        if !channels.is_empty() {
             let mut order: Vec<usize> = (0..found.by_voxel.len()).collect();
             // The sort is stable: equal ones stay in their order.
             order.sort_by(|a, b| found.by_voxel[*b].abs().total_cmp(&found.by_voxel[*a].abs()));
             order.truncate(self.largest as usize);
             derivatives.extend(order.iter().map(|i| found.by_voxel[*i]));
-            parameters.extend(order.into_iter().map(Parameter::Voxel));
+            let voxel =
+                |i: usize| Parameter::Voxel { voxel: i / channels.len(), channel: channels[i % channels.len()] };
+            parameters.extend(order.into_iter().map(voxel));
         }
         let described = study.described(&parameters).into_iter().zip(parameters).zip(derivatives);
         let row = |(((name, group, value), parameter), gradient)| Row {
@@ -323,19 +370,25 @@ impl GradientCommand {
             adjoint,
             reason: plan.reason,
             precision: if self.check { "f64" } else { "f32" },
-            quadrature: self.quadrature.to_string(),
+            quadrature: V::quadrature(&study.setting),
             views: study.setting.cameras.len(),
             rows,
             worst_relative_error: None,
             tolerance: self.check.then_some(self.tolerance),
             output: self.output.clone(),
+            report: None,
             seconds: 0.0,
         };
         Ok((found, report))
     }
 
     /// Sets difference quotients beside the derivatives.
-    fn compare(&self, study: &mut Study<f64>, report: &mut Report, output: &Output) -> Result<()> {
+    fn compare<V: Subject<Double = V>>(
+        &self,
+        study: &mut Study<V>,
+        report: &mut Report,
+        output: &Output,
+    ) -> Result<()> {
         let bar = output.progress(report.rows.len() as u64, "check");
         for row in &mut report.rows {
             let quotient = study.difference(row.parameter).map_err(|e| e.part(row.name.clone()).at(&self.input))?;

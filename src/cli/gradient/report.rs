@@ -42,15 +42,24 @@ pub(super) struct Report {
     pub worst_relative_error: Option<f64>,
     pub tolerance: Option<f64>,
     pub output: Option<PathBuf>,
+    /// The page.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub report: Option<PathBuf>,
     pub seconds: f64,
+}
+
+impl Report {
+    /// Which way the derivatives were found.
+    pub fn way(&self) -> String {
+        self.adjoint.map_or_else(|| self.mode.to_owned(), |a| format!("{} ({a})", self.mode))
+    }
 }
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { loss, value, views, quadrature, precision, .. } = self;
         writeln!(f, "{}: {loss} {value:.9e}, {views} views, {quadrature}, {precision}", self.input.display())?;
-        let way = self.adjoint.map_or_else(|| self.mode.to_owned(), |a| format!("{} ({a})", self.mode));
-        writeln!(f, "  {way}: {}", self.reason)?;
+        writeln!(f, "  {}: {}", self.way(), self.reason)?;
         let wide = self.rows.iter().map(|r| r.name.len()).max().unwrap_or(0).max(9);
         write!(f, "  {:wide$} {:>16} {:>17}", "parameter", "value", "derivative")?;
         if self.tolerance.is_some() {
@@ -69,6 +78,9 @@ impl fmt::Display for Report {
         }
         if let Some(output) = &self.output {
             writeln!(f, "{}: written", output.display())?;
+        }
+        if let Some(page) = &self.report {
+            writeln!(f, "{}: written", page.display())?;
         }
         if let (Some(worst), Some(tolerance)) = (self.worst_relative_error, self.tolerance) {
             let verdict = if worst <= tolerance { "agree" } else { "do not agree" };

@@ -1,13 +1,15 @@
 //! What `cumulo gradient` differentiates: a scene and a loss, from the options and the target.
 
 use super::{GradientCommand, Wrt};
+use crate::cli::scene::{Scene, scale};
 use crate::cli::{photos, run, volume};
 use crate::error::{Error, Result};
 use crate::formats::transforms;
 use crate::formats::vdb::Limits;
 use crate::optimise::loss::Rgba;
 use crate::optimise::study::{Setting, Study, Units};
-use crate::real::Real;
+use crate::optimise::subject::{Subject, depth_channel, largest};
+use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, EmissionModel, Model, PixelFilter};
@@ -15,23 +17,26 @@ use crate::scene::medium::Source;
 use crate::scene::orbit::{self, Layout};
 use crate::scene::transfer::Transfer;
 
+/// What goes with the voxels.
+#[derive(Debug)]
+pub(super) struct Rest {
+    target: Option<Capture>,
+    model: Option<Model>,
+    transfer: Option<Transfer>,
+    cameras: Vec<Camera>,
+}
+
 impl GradientCommand {
-    /// Scene and loss, from the options and, where they are silent, from the target.
-    pub(super) fn study(&self, limits: Limits) -> Result<Study<f32>> {
+    /// What is seen, from the options and, where they are silent, from the target.
+    pub(super) fn scene(&self, limits: Limits) -> Result<(Scene, Rest)> {
         let target = self.target.as_deref().map(transforms::load).transpose()?;
-        let (grid, carried) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
-        let transfer = self.transfer(carried, target.as_ref());
-        if self.wrt.contains(&Wrt::Tf) && transfer.is_none() {
-            return Err(Error::invalid("--wrt tf: there is no transfer function")
-                .at(&self.input)
-                .hint("give one with --tf, or leave tf out of --wrt"));
-        }
-        let mut field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
-        if self.wrt.contains(&Wrt::Tf) {
-            // A parameter may make empty space absorb: its derivative is there.
-            field = field.filled(limits.max_memory).map_err(|e| e.at(&self.input))?;
-        }
-        let outline = field.outline();
+        let emits = self.transfer.tf.is_some() || self.emission.is_some();
+        let model = self.model.or(emits.then_some(Model::EmissionAbsorption)).or(target.as_ref().map(|c| c.model));
+        let (scene, transfer) = match model {
+            Some(Model::PreShaded) => (self.pre_shaded(target.as_ref(), limits)?, None),
+            model => self.density(model, target.as_ref(), limits)?,
+        };
+        let outline = scene.extinctions().outline();
         if outline.is_empty() && target.is_none() {
             return Err(Error::invalid("the grid is empty: there is nothing to place cameras around")
                 .at(&self.input)
@@ -44,6 +49,67 @@ impl GradientCommand {
                 orbit::cameras(&outline, count.unwrap_or(1) as usize, Layout::Sphere, w, h, 40.0)
             }
         };
+        Ok((scene, Rest { target, model, transfer, cameras }))
+    }
+
+    fn pre_shaded(&self, target: Option<&Capture>, limits: Limits) -> Result<Scene> {
+        let own = [
+            (self.wrt.contains(&Wrt::Tf), "--wrt tf: a pre-shaded volume has no transfer function"),
+            (
+                self.wrt.contains(&Wrt::Extinction),
+                "--wrt extinction: the extinctions of a pre-shaded volume are its voxels",
+            ),
+            (self.emission.is_some(), "--emission: the emissions of a pre-shaded volume are its voxels"),
+            (self.quadrature != Quadrature::Exact, "--quadrature: pre-shaded volumes have one of their own"),
+        ];
+        if let Some((_, what)) = own.into_iter().find(|(asked, _)| *asked) {
+            return Err(Error::invalid(what).at(&self.input).hint(
+                "of a pre-shaded volume there are --wrt density, emission, camera and background; --model says what else \
+                 the volume could be",
+            ));
+        }
+        let mut scene = Scene::pre_shaded(&self.input, self.grid.as_deref(), limits)?;
+        if let Scene::PreShaded(volume) = &mut scene {
+            let shown = target.filter(|c| c.model == Model::PreShaded).map(|c| c.density_scale);
+            scale(volume, self.density_scale.or(shown).unwrap_or(1.0)).map_err(|e| e.at(&self.input))?;
+        }
+        Ok(scene)
+    }
+
+    fn density(
+        &self,
+        model: Option<Model>,
+        target: Option<&Capture>,
+        limits: Limits,
+    ) -> Result<(Scene, Option<Transfer>)> {
+        if self.wrt.contains(&Wrt::Emission) {
+            return Err(Error::invalid("--wrt emission: only pre-shaded volumes have emissions of their own")
+                .at(&self.input)
+                .hint("add --model pre-shaded, or leave emission out of --wrt"));
+        }
+        if self.emission.is_some() && self.model == Some(Model::Absorption) {
+            return Err(
+                Error::invalid("--emission: with --model absorption nothing is emitted").hint("leave one of them out")
+            );
+        }
+        let (grid, carried) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
+        let transfer = self.transfer(carried, model, target);
+        if self.wrt.contains(&Wrt::Tf) && transfer.is_none() {
+            return Err(Error::invalid("--wrt tf: there is no transfer function")
+                .at(&self.input)
+                .hint("give one with --tf, or leave tf out of --wrt"));
+        }
+        let mut field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
+        if self.wrt.contains(&Wrt::Tf) {
+            // A parameter may make empty space absorb: its derivative is there.
+            field = field.filled(limits.max_memory).map_err(|e| e.at(&self.input))?;
+        }
+        Ok((Scene::Density(field), transfer))
+    }
+
+    /// Scene and loss.
+    pub(super) fn study<V: Subject>(&self, field: Bricks<V>, rest: Rest, limits: Limits) -> Result<Study<V>> {
+        let Rest { target, model, transfer, cameras } = rest;
         let wanted = match &target {
             Some(capture) if self.loss().compares() => photos::read(capture, None, limits)?
                 .into_iter()
@@ -51,13 +117,15 @@ impl GradientCommand {
                 .collect(),
             _ => Vec::new(),
         };
-        let largest = |value: f64| if value > 0.0 { value } else { 1.0 };
-        let extinction = transfer.as_ref().map_or(Ok(0.0), |t| t.table().map(|table| table.peak()[3]))?;
+        let peak = transfer.as_ref().map_or(Ok(0.0), |t| t.table().map(|table| table.peak()[3]))?;
         let study = Study {
             priors: self.prior.clone(),
-            units: Units { density: largest(field.range().1.into()), extinction: largest(extinction) },
+            units: Units {
+                density: largest(&field, depth_channel::<V>()),
+                extinction: if peak > 0.0 { peak } else { 1.0 },
+            },
             field,
-            setting: self.setting(cameras, transfer, target.as_ref())?,
+            setting: self.setting(cameras, model, transfer, target.as_ref())?,
             loss: self.loss(),
             wanted,
             rays_per_edge: run::rays_per_edge(target.as_ref().map_or(PixelFilter::Point, |c| c.pixel_filter)),
@@ -68,24 +136,36 @@ impl GradientCommand {
 
     /// The function asked for, else that of the target, else the one that the grid carries; none with a
     /// source of its own.
-    fn transfer(&self, found: Option<Transfer>, target: Option<&Capture>) -> Option<Transfer> {
-        match target {
+    fn transfer(&self, found: Option<Transfer>, model: Option<Model>, target: Option<&Capture>) -> Option<Transfer> {
+        let shown = target.filter(|c| c.model == Model::EmissionAbsorption);
+        match model {
             _ if self.transfer.tf.is_some() => found,
             _ if self.emission.is_some() => None,
-            Some(capture) => capture.transfer.clone().filter(|_| capture.model == Model::EmissionAbsorption),
-            None => found,
+            Some(Model::EmissionAbsorption) if shown.is_some() => shown.and_then(|c| c.transfer.clone()),
+            Some(Model::EmissionAbsorption) | None => found,
+            _ => None,
         }
     }
 
-    fn setting(&self, cameras: Vec<Camera>, transfer: Option<Transfer>, target: Option<&Capture>) -> Result<Setting> {
-        let source = match (self.emission, target) {
-            (Some(colour), _) if self.emission_model == Some(EmissionModel::Linear) => Source::Linear(colour),
-            (Some(colour), _) => Source::Grey(colour),
-            (None, Some(capture)) if transfer.is_none() => capture.medium()?.source,
+    fn setting(
+        &self,
+        cameras: Vec<Camera>,
+        model: Option<Model>,
+        transfer: Option<Transfer>,
+        target: Option<&Capture>,
+    ) -> Result<Setting> {
+        let source = match (self.emission, model, target) {
+            _ if transfer.is_some() => Source::Grey([0.0; 3]),
+            (Some(colour), ..) if self.emission_model == Some(EmissionModel::Linear) => Source::Linear(colour),
+            (Some(colour), ..) => Source::Grey(colour),
+            (None, Some(Model::EmissionAbsorption), Some(capture)) if capture.model == Model::EmissionAbsorption => {
+                capture.medium()?.source
+            }
+            (None, Some(Model::EmissionAbsorption), _) => Source::Grey([1.0; 3]),
             _ => Source::Grey([0.0; 3]),
         };
-        let emits = transfer.is_some() || !matches!(source, Source::Grey([0.0, 0.0, 0.0]));
-        let behind = if emits { [0.0; 3] } else { [1.0; 3] };
+        let absorbs = transfer.is_none() && matches!(source, Source::Grey([0.0, 0.0, 0.0]));
+        let behind = if absorbs && model != Some(Model::PreShaded) { [1.0; 3] } else { [0.0; 3] };
         Ok(Setting {
             cameras,
             extinction: self.density_scale.or(target.map(|c| c.density_scale)).unwrap_or(1.0),
@@ -97,10 +177,10 @@ impl GradientCommand {
     }
 
     /// Refuses what could not be held in memory.
-    fn fits(&self, study: &Study<f32>, limits: Limits) -> Result<()> {
+    fn fits<V: Subject>(&self, study: &Study<V>, limits: Limits) -> Result<()> {
         let largest = study.setting.cameras.iter().map(|c| u64::from(c.width) * u64::from(c.height)).max();
-        let copies = if self.wrt.contains(&Wrt::Density) { 8 } else { 1 };
-        let size = if self.check { size_of::<f64>() } else { size_of::<f32>() };
+        let copies = if self.channels::<V>().is_empty() { 1 } else { 8 };
+        let size = if self.check { size_of::<V::Double>() } else { size_of::<V>() };
         // A picture with seven derivatives and the loss's, the voxels and a gradient for each lane.
         let bytes = largest.unwrap_or(0) * 384 + (study.field.values.len() * copies * size) as u64;
         if bytes > limits.max_memory {
@@ -117,10 +197,10 @@ impl GradientCommand {
 }
 
 /// The same in double precision.
-pub(super) fn in_double(study: Study<f32>) -> Study<f64> {
+pub(super) fn in_double<V: Subject>(study: Study<V>) -> Study<V::Double> {
     let Study { field, setting, loss, priors, units, wanted, rays_per_edge } = study;
     let Bricks { topology, values, transform, domain } = field;
-    let values = values.into_iter().map(Real::f64).collect();
+    let values = values.into_iter().map(Subject::double).collect();
     let field = Bricks { topology, values, transform, domain };
     Study { field, setting, loss, priors, units, wanted, rays_per_edge }
 }

@@ -1,25 +1,32 @@
 //! Derivatives by voxel as a grid.
 
 use super::GradientCommand;
-use crate::optimise::objective::Forward;
 use crate::optimise::study::{Found, Study};
+use crate::optimise::subject::Subject;
 use crate::scene::bricks::Topology;
 use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
 use std::collections::BTreeMap;
 
 impl GradientCommand {
-    /// The derivatives as a grid, if it is asked for.
-    pub(super) fn as_grid<R: Forward>(&self, study: &Study<R>, found: &Found) -> Option<Grid> {
-        self.output.as_ref()?;
-        Some(Grid {
-            name: "gradient".into(),
+    /// The derivatives as grids, one a channel, if they are asked for.
+    pub(super) fn as_grids<V: Subject>(&self, study: &Study<V>, found: &Found) -> Vec<Grid> {
+        let channels = self.channels::<V>();
+        let grid = |(at, channel): (usize, &usize)| Grid {
+            name: match V::CHANNELS[*channel] {
+                "density" => "gradient".into(),
+                other => format!("gradient_{}", other.replace('.', "_")),
+            },
             class: GridClass::Unknown,
             transform: study.field.transform,
             background: 0.0,
-            leaves: leaves(&study.field.topology, &found.by_voxel),
+            leaves: {
+                let own: Vec<f64> = found.by_voxel.iter().skip(at).step_by(channels.len()).copied().collect();
+                leaves(&study.field.topology, &own)
+            },
             tiles: Vec::new(),
             metadata: BTreeMap::new(),
-        })
+        };
+        channels.iter().enumerate().filter(|_| self.output.is_some()).map(grid).collect()
     }
 }
 

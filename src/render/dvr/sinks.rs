@@ -1,7 +1,6 @@
 //! What is asked of a gradient, and where it goes.
 
 use super::Radiance;
-use crate::real::Real;
 use crate::scene::table::TableGradient;
 use glam::DVec3;
 
@@ -57,9 +56,9 @@ pub type Loss<'l, R> = &'l mut dyn FnMut(&Radiance<R>) -> [R; 4];
 
 /// Where a gradient is added to; what is `None` is not computed.
 #[derive(Debug)]
-pub struct Sinks<'g, R: Real> {
+pub struct Sinks<'g, V> {
     /// By stored value, as in [`Bricks::values`](crate::scene::bricks::Bricks::values).
-    pub voxels: Option<&'g mut [R]>,
+    pub voxels: Option<&'g mut [V]>,
     /// By piece of the transfer function; for media that have one.
     pub table: Option<&'g mut TableGradient>,
     /// Of this ray.

@@ -32,19 +32,19 @@ use glam::DVec3;
 
 /// Directions in which parameters change: derivatives of each with respect to `P` numbers.
 #[derive(Debug, Clone, Copy)]
-pub struct Seeds<'s, R, const P: usize> {
+pub struct Seeds<'s, V, const P: usize> {
     /// Of the ray's origin and direction (of unit length: changes across it), in world space, and of the
     /// quadrature's step, in voxels.
     pub ray: [RayGradient; P],
     /// Of the stored values, as in [`Bricks::values`](crate::scene::bricks::Bricks::values), 729 a brick.
-    pub voxels: [Option<&'s [R]>; P],
+    pub voxels: [Option<&'s [V]>; P],
     /// Of the transfer function's pieces ([`Transfer::push`](crate::scene::transfer::Transfer::push)).
     pub table: [Option<&'s TableGradient>; P],
     /// Of extinction, the source's colour (of media without a transfer function) and background.
     pub shared: [ParameterGradient; P],
 }
 
-impl<R, const P: usize> Default for Seeds<'_, R, P> {
+impl<V, const P: usize> Default for Seeds<'_, V, P> {
     /// Directions in which nothing changes.
     fn default() -> Self {
         Self {

@@ -16,114 +16,174 @@
 //! quadrature's error does. Derivatives are those of what is computed, to rounding; where a ray grazes faces these are
 //! left out.
 
-use super::stretch::scatter;
+use super::stretch::{Stretch, scatter};
 use super::tape::Tape;
-use super::{Preshaded, Radiance};
+use super::{Front, Preshaded, Radiance, stretches};
 use crate::lanes::Lanes;
 use crate::math::Ray;
 use crate::real::Real;
 use crate::render::arch::Arch;
-use crate::render::dvr::{Loss, RayGradient};
+use crate::render::dvr::{Adjoint, Loss, Sinks};
+use crate::render::march::{IndexRay, Span, batches_before};
 use crate::render::moved::Moved;
 use glam::DVec3;
 
-/// Where a gradient is added to; what is `None` is not computed.
-#[derive(Debug)]
-pub struct Sinks<'g, R: Real> {
-    /// By stored value, as in [`Bricks::values`](crate::scene::bricks::Bricks::values): emissions in R, G and B,
-    /// and extinction.
-    pub values: Option<&'g mut [R::Lanes]>,
-    /// Of this ray, in world space; it has no step.
-    pub ray: Option<&'g mut RayGradient>,
-    /// By the background's R, G and B.
-    pub background: &'g mut [f64; 3],
-}
-
 impl<R: Real> Preshaded<'_, R> {
     /// Radiance along a world ray of unit direction, and the gradient of a loss on it: `loss` maps the radiance to
-    /// the derivative with respect to R, G, B and alpha. Rays on the tape stay there.
+    /// the derivative with respect to R, G, B and alpha. A ray has no step here, and there is no transfer function. Rays
+    /// on the tape stay there.
     #[inline(always)]
-    pub fn gradient(&self, ray: &Ray, loss: Loss<'_, R>, sinks: Sinks<'_, R>, tape: &mut Tape<R>) -> Radiance<R> {
-        let Sinks { values: mut by_value, ray: by_ray, background } = sinks;
+    pub fn gradient(
+        &self,
+        ray: &Ray,
+        loss: Loss<'_, R>,
+        adjoint: Adjoint,
+        sinks: Sinks<'_, R::Lanes>,
+        tape: &mut Tape<R>,
+    ) -> Radiance<R> {
         let ray = self.index_ray(ray);
-        let stretches = &mut tape.stretches;
-        stretches.clear();
-        let seen = self.walk(
+        let (kept, keep) = (&mut tape.stretches, adjoint != Adjoint::Replay);
+        kept.clear();
+        let (seen, last) = self.walk(
             ray.as_ref(),
             #[inline(always)]
-            |stretch| stretches.push(*stretch),
+            |found| match found {
+                Some(stretch) => kept.push(*stretch),
+                None if !keep => kept.clear(),
+                None => (),
+            },
         );
         let [r, g, b, alpha] = loss(&seen);
-        let weights = R::Lanes::load([r, g, b, R::ZERO]);
         let transmittance = (-seen.depth).exp();
         let mut beyond = transmittance * alpha.f64();
         for (c, weight) in [r, g, b].into_iter().enumerate() {
-            background[c] += weight.f64() * transmittance;
+            sinks.shared.background[c] += weight.f64() * transmittance;
             beyond -= weight.f64() * transmittance * f64::from(self.background[c]);
         }
         let Some(ray) = ray else { return seen };
-        let mut moved = Moved::default();
-        for stretch in stretches.iter().rev() {
-            let lit = stretch.lit(weights);
-            let by_depths = lit.map(|lit| -stretch.half.f64() * lit);
-            let (shares, mut by_reached) = (stretch.shares(), [0.0; 2]);
-            for k in 0..2 {
-                let by_extinction = R::of(stretch.by_extinction(k, by_depths, beyond));
-                let by =
-                    weights * R::Lanes::splat(shares[k]) + R::Lanes::load([R::ZERO, R::ZERO, R::ZERO, by_extinction]);
-                if let Some(by_value) = by_value.as_deref_mut() {
-                    scatter::<R>(by_value, stretch.offset, &stretch.weights[k], by);
-                }
-                if by_ray.is_some() {
-                    let slopes = stretch.slopes(&self.field.values, k);
-                    let shift = DVec3::from_array(slopes.map(|slope| (by * slope).sum().f64()));
-                    by_reached[k] = shift.dot(ray.direction());
-                    moved.shift += shift;
-                    moved.turn += stretch.reached(k) * shift;
-                }
-            }
-            if by_ray.is_some() {
-                let by_faces = stretch.by_faces(lit, by_depths, beyond, by_reached);
-                for (t, by) in stretch.faces.into_iter().zip(by_faces) {
-                    moved.stop(ray.crossed(&self.field.domain, t), t, by);
-                }
-            }
-            beyond += by_depths[0] + by_depths[1];
+        let weights = R::Lanes::load([r, g, b, R::ZERO]);
+        let mut back = Backward { renderer: self, ray, weights, beyond, sinks, moved: Moved::default() };
+        if adjoint == Adjoint::Inversion {
+            let mut open = seen.transmittance;
+            kept.iter_mut().rev().for_each(|stretch| open = stretch.reopen(open));
         }
-        if let Some(by_ray) = by_ray {
-            moved.hand_over(&self.field.transform, by_ray);
+        back.all(kept);
+        if adjoint == Adjoint::Replay {
+            let mut depth = seen.depth - kept.iter().map(|stretch| stretch.depth().f64()).sum::<f64>();
+            batches_before(
+                &self.field.topology,
+                &ray,
+                last,
+                #[inline(always)]
+                |spans: &[Span<R>]| {
+                    kept.clear();
+                    stretches(
+                        &self.field.values,
+                        spans,
+                        #[inline(always)]
+                        |stretch| {
+                            depth -= stretch.depth().f64();
+                            kept.push(*stretch);
+                        },
+                    );
+                    let mut front = Front::at(depth);
+                    kept.iter_mut().for_each(|stretch| front.pass(stretch));
+                    back.all(kept);
+                },
+            );
         }
+        back.finish();
         seen
     }
-}
 
-impl Preshaded<'_, f32> {
     /// [`Preshaded::gradient`] with the machine's instruction set.
     pub fn gradient_on(
         &self,
         ray: &Ray,
-        loss: Loss<'_, f32>,
-        sinks: Sinks<'_, f32>,
-        tape: &mut Tape<f32>,
-    ) -> Radiance<f32> {
-        Arch::default().dispatch(Gradient { renderer: self, ray, loss, sinks, tape })
+        loss: Loss<'_, R>,
+        adjoint: Adjoint,
+        sinks: Sinks<'_, R::Lanes>,
+        tape: &mut Tape<R>,
+    ) -> Radiance<R> {
+        Arch::default().dispatch(Gradient { renderer: self, ray, loss, adjoint, sinks, tape })
+    }
+}
+
+/// State of the walk back.
+struct Backward<'a, 'd, R: Real> {
+    renderer: &'a Preshaded<'d, R>,
+    ray: IndexRay,
+    /// The loss's derivatives by colour, and nothing.
+    weights: R::Lanes,
+    /// The sum of the derivatives by optical depths beyond.
+    beyond: f64,
+    sinks: Sinks<'a, R::Lanes>,
+    moved: Moved,
+}
+
+impl<R: Real> Backward<'_, '_, R> {
+    /// Goes back over stretches that are given near to far.
+    #[inline(always)]
+    fn all(&mut self, stretches: &[Stretch<R>]) {
+        stretches.iter().rev().for_each(
+            #[inline(always)]
+            |stretch| self.step(stretch),
+        );
+    }
+
+    #[inline(always)]
+    fn step(&mut self, stretch: &Stretch<R>) {
+        let (follows, field) = (self.sinks.ray.is_some(), self.renderer.field);
+        let lit = stretch.lit(self.weights);
+        let by_depths = lit.map(|lit| -stretch.half.f64() * lit);
+        let (shares, mut by_reached) = (stretch.shares(), [0.0; 2]);
+        for k in 0..2 {
+            let by_extinction = R::of(stretch.by_extinction(k, by_depths, self.beyond));
+            let by =
+                self.weights * R::Lanes::splat(shares[k]) + R::Lanes::load([R::ZERO, R::ZERO, R::ZERO, by_extinction]);
+            if let Some(by_value) = self.sinks.voxels.as_deref_mut() {
+                scatter::<R>(by_value, stretch.offset, &stretch.weights[k], by);
+            }
+            if follows {
+                let slopes = stretch.slopes(&field.values, k);
+                let shift = DVec3::from_array(slopes.map(|slope| (by * slope).sum().f64()));
+                by_reached[k] = shift.dot(self.ray.direction());
+                self.moved.shift += shift;
+                self.moved.turn += stretch.reached(k) * shift;
+            }
+        }
+        if follows {
+            let by_faces = stretch.by_faces(lit, by_depths, self.beyond, by_reached);
+            for (t, by) in stretch.faces.into_iter().zip(by_faces) {
+                self.moved.stop(self.ray.crossed(&field.domain, t), t, by);
+            }
+        }
+        self.beyond += by_depths[0] + by_depths[1];
+    }
+
+    #[inline(always)]
+    fn finish(self) {
+        if let Some(by_ray) = self.sinks.ray {
+            self.moved.hand_over(&self.renderer.field.transform, by_ray);
+        }
     }
 }
 
 /// The unit that is compiled for each instruction set.
-struct Gradient<'a, 'd> {
-    renderer: &'a Preshaded<'d, f32>,
+struct Gradient<'a, 'd, R: Real> {
+    renderer: &'a Preshaded<'d, R>,
     ray: &'a Ray,
-    loss: Loss<'a, f32>,
-    sinks: Sinks<'a, f32>,
-    tape: &'a mut Tape<f32>,
+    loss: Loss<'a, R>,
+    adjoint: Adjoint,
+    sinks: Sinks<'a, R::Lanes>,
+    tape: &'a mut Tape<R>,
 }
 
-impl pulp::NullaryFnOnce for Gradient<'_, '_> {
-    type Output = Radiance<f32>;
+impl<R: Real> pulp::NullaryFnOnce for Gradient<'_, '_, R> {
+    type Output = Radiance<R>;
 
     #[inline(always)]
-    fn call(self) -> Radiance<f32> {
-        self.renderer.gradient(self.ray, self.loss, self.sinks, self.tape)
+    fn call(self) -> Radiance<R> {
+        self.renderer.gradient(self.ray, self.loss, self.adjoint, self.sinks, self.tape)
     }
 }

@@ -11,9 +11,9 @@
 
 mod adjoint;
 mod stretch;
+mod tangent;
 mod tape;
 
-pub use adjoint::Sinks;
 pub use tape::Tape;
 
 use crate::lanes::{LANES, Lanes};
@@ -21,7 +21,7 @@ use crate::math::Ray;
 use crate::real::Real;
 use crate::render::arch::Arch;
 use crate::render::dvr::Radiance;
-use crate::render::march::{IndexRay, batches};
+use crate::render::march::{IndexRay, Span, batches};
 use crate::render::rule::{Cell, cells};
 use crate::scene::bricks::Bricks;
 use rayon::prelude::*;
@@ -40,7 +40,7 @@ pub struct Preshaded<'a, R: Real> {
     depth_limit: f64,
 }
 
-/// What is gathered along a ray.
+/// What is gathered along a ray: light in a batch of bricks, transmittance and optical depth.
 struct Front<R: Real> {
     light: R::Lanes,
     open: R,
@@ -78,14 +78,24 @@ impl<'a, R: Real> Preshaded<'a, R> {
         (-self.depth_limit).exp() * brightest.max(1.0)
     }
 
+    /// The volume that is rendered.
+    pub fn field(&self) -> &'a Bricks<R::Lanes> {
+        self.field
+    }
+
     /// Radiance along a world ray of unit direction; the ray is added to those on the tape.
     #[inline(always)]
     pub fn trace(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance<R> {
         self.walk(
             self.index_ray(ray).as_ref(),
             #[inline(always)]
-            |stretch| tape.footprints.push(stretch.footprint()),
+            |found| {
+                if let Some(stretch) = found {
+                    tape.footprints.push(stretch.footprint());
+                }
+            },
         )
+        .0
     }
 
     #[inline(always)]
@@ -93,10 +103,11 @@ impl<'a, R: Real> Preshaded<'a, R> {
         IndexRay::new(&self.field.domain, &self.field.transform, ray)
     }
 
-    /// Visits the stretches of a ray, none if it misses the field.
+    /// Visits the stretches of a ray, none if it misses the field; `visit` sees `None` before those of a batch of bricks.
+    /// Gives also the world length at which the last batch begins.
     #[inline(always)]
-    fn walk(&self, ray: Option<&IndexRay>, mut visit: impl FnMut(&Stretch<R>)) -> Radiance<R> {
-        let mut emitted = [0.0; 3];
+    fn walk(&self, ray: Option<&IndexRay>, mut visit: impl FnMut(Option<&Stretch<R>>)) -> (Radiance<R>, f64) {
+        let (mut emitted, mut last) = ([0.0; 3], 0.0);
         let mut front = Front { light: R::Lanes::default(), open: R::ONE, depth: 0.0 };
         let values = &self.field.values;
         if let Some(ray) = ray {
@@ -105,43 +116,60 @@ impl<'a, R: Real> Preshaded<'a, R> {
                 ray,
                 #[inline(always)]
                 |spans| {
-                    front.open = R::of((-front.depth).exp());
-                    front.light = R::Lanes::default();
-                    cells(
+                    visit(None);
+                    front = Front::at(front.depth);
+                    stretches(
+                        values,
                         spans,
                         #[inline(always)]
-                        |four: [Cell<R>; LANES], from: R::Lanes, until: R::Lanes| {
-                            let (from, length) = (from.store(), (until - from).store());
-                            for i in (0..LANES).filter(|i| length[*i] > R::ZERO) {
-                                let mut stretch = Stretch::new(values, &four[i], from[i], length[i]);
-                                let depth = stretch.depth();
-                                let parts = if depth > R::of(THICK) {
-                                    (depth.f64() / THICK).ceil().min(MOST_PARTS) as i32
-                                } else {
-                                    1
-                                };
-                                for k in 0..parts {
-                                    if parts > 1 {
-                                        stretch = Stretch::part(values, &four[i], from[i], length[i], k, parts);
-                                    }
-                                    front.pass(&mut stretch);
-                                    visit(&stretch);
-                                }
-                            }
+                        |stretch| {
+                            front.pass(stretch);
+                            visit(Some(stretch));
                         },
                     );
                     emitted.iter_mut().zip(front.light.store()).for_each(|(e, l)| *e += l.f64());
+                    last = spans[0].start;
                     front.depth < self.depth_limit
                 },
             );
         }
         let transmittance = (-front.depth).exp();
         let channel = |c: usize| R::of(emitted[c] + f64::from(self.background[c]) * transmittance);
-        Radiance { rgb: [channel(0), channel(1), channel(2)], transmittance: R::of(transmittance), depth: front.depth }
+        let rgb = [channel(0), channel(1), channel(2)];
+        (Radiance { rgb, transmittance: R::of(transmittance), depth: front.depth }, last)
     }
 }
 
+/// Visits the stretches in a batch of bricks, near to far.
+#[inline(always)]
+fn stretches<R: Real>(values: &[R::Lanes], spans: &[Span<R>], mut visit: impl FnMut(&mut Stretch<R>)) {
+    cells(
+        spans,
+        #[inline(always)]
+        |four: [Cell<R>; LANES], from: R::Lanes, until: R::Lanes| {
+            let (from, length) = (from.store(), (until - from).store());
+            for i in (0..LANES).filter(|i| length[*i] > R::ZERO) {
+                let mut stretch = Stretch::new(values, &four[i], from[i], length[i]);
+                let depth = stretch.depth();
+                let parts = if depth > R::of(THICK) { (depth.f64() / THICK).ceil().min(MOST_PARTS) as i32 } else { 1 };
+                for k in 0..parts {
+                    if parts > 1 {
+                        stretch = Stretch::part(values, &four[i], from[i], length[i], k, parts);
+                    }
+                    visit(&mut stretch);
+                }
+            }
+        },
+    );
+}
+
 impl<R: Real> Front<R> {
+    /// Where a batch of bricks begins.
+    #[inline(always)]
+    fn at(depth: f64) -> Self {
+        Self { light: R::Lanes::default(), open: R::of((-depth).exp()), depth }
+    }
+
     #[inline(always)]
     fn pass(&mut self, stretch: &mut Stretch<R>) {
         let ([first, second], depth) = (stretch.depths(), stretch.depth());
@@ -156,26 +184,26 @@ impl<R: Real> Front<R> {
     }
 }
 
-impl Preshaded<'_, f32> {
+impl<R: Real> Preshaded<'_, R> {
     /// Radiance along a world ray of unit direction.
-    pub fn radiance_on(&self, ray: &Ray, tape: &mut Tape<f32>) -> Radiance<f32> {
+    pub fn radiance_on(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance<R> {
         tape.forget();
         Arch::default().dispatch(Value { renderer: self, ray, tape })
     }
 }
 
 /// The unit that is compiled for each instruction set.
-struct Value<'a, 'd> {
-    renderer: &'a Preshaded<'d, f32>,
+struct Value<'a, 'd, R: Real> {
+    renderer: &'a Preshaded<'d, R>,
     ray: &'a Ray,
-    tape: &'a mut Tape<f32>,
+    tape: &'a mut Tape<R>,
 }
 
-impl pulp::NullaryFnOnce for Value<'_, '_> {
-    type Output = Radiance<f32>;
+impl<R: Real> pulp::NullaryFnOnce for Value<'_, '_, R> {
+    type Output = Radiance<R>;
 
     #[inline(always)]
-    fn call(self) -> Radiance<f32> {
+    fn call(self) -> Radiance<R> {
         self.renderer.trace(self.ray, self.tape)
     }
 }

@@ -7,9 +7,9 @@ use crate::render::rule::Cell;
 use crate::render::segment::slopes;
 
 /// Points on 0..1.
-const POINTS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
+pub(super) const POINTS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
 /// Row k: weights of the extinctions at the points in the optical depth up to point k.
-const UP_TO: [[f64; 2]; 2] = [[0.25, -0.038_675_134_594_812_88], [0.538_675_134_594_812_9, 0.25]];
+pub(super) const UP_TO: [[f64; 2]; 2] = [[0.25, -0.038_675_134_594_812_88], [0.538_675_134_594_812_9, 0.25]];
 
 /// A stretch with its points: a cell, or one of the parts that it is cut into.
 #[derive(Debug, Clone, Copy)]
@@ -19,7 +19,7 @@ pub(super) struct Stretch<R: Real> {
     /// World lengths from the ray's origin to where the cell is entered and left.
     pub faces: [f64; 2],
     /// Where it begins and ends between these, from 0 to 1.
-    ends: [f64; 2],
+    pub ends: [f64; 2],
     /// Cell-local coordinates of the points.
     at: [[R; 3]; 2],
     /// Interpolation weights of the corners at the points.
@@ -50,20 +50,27 @@ pub(super) fn scatter<R: Real>(gradient: &mut [R::Lanes], offset: usize, weights
     }
 }
 
+/// Values at the points.
+#[inline(always)]
+fn interpolated<R: Real>(values: &[R::Lanes], offset: usize, weights: &[[R::Lanes; 2]; 2]) -> [R::Lanes; 2] {
+    let v = &values[offset..offset + REACH];
+    let mut own = [R::Lanes::default(); 2];
+    for (x, corners) in CORNERS.iter().enumerate() {
+        let (near, far) = (weights[0][x].store(), weights[1][x].store());
+        for (k, corner) in corners.iter().enumerate() {
+            let value = v[*corner];
+            own = [own[0] + R::Lanes::splat(near[k]) * value, own[1] + R::Lanes::splat(far[k]) * value];
+        }
+    }
+    own
+}
+
 impl<R: Real> Stretch<R> {
     #[inline(always)]
     pub fn new(values: &[R::Lanes], cell: &Cell<R>, from: R, length: R) -> Self {
         let (offset, at) = cell.places(POINTS.map(|u| from + R::of(u) * length));
         let w = at.map(weights);
-        let v = &values[offset..offset + REACH];
-        let mut own = [R::Lanes::default(); 2];
-        for (x, corners) in CORNERS.iter().enumerate() {
-            let (near, far) = (w[0][x].store(), w[1][x].store());
-            for (k, corner) in corners.iter().enumerate() {
-                let value = v[*corner];
-                own = [own[0] + R::Lanes::splat(near[k]) * value, own[1] + R::Lanes::splat(far[k]) * value];
-            }
-        }
+        let own = interpolated::<R>(values, offset, &w);
         let faces = [cell.reached(from), cell.reached(from + length)];
         let half = R::of(0.5) * length;
         Self { offset, faces, ends: [0.0, 1.0], at, weights: w, values: own, half, open: [R::ZERO; 2] }
@@ -101,6 +108,21 @@ impl<R: Real> Stretch<R> {
     #[inline(always)]
     pub fn shares(&self) -> [R; 2] {
         self.open.map(|open| open * self.half)
+    }
+
+    /// Another field's values at the points.
+    #[inline(always)]
+    pub fn interpolated(&self, values: &[R::Lanes]) -> [R::Lanes; 2] {
+        interpolated::<R>(values, self.offset, &self.weights)
+    }
+
+    /// Finds the transmittance from the eye to the points and to the near end from that to the far end: the inverse of
+    /// what the walk does (Weiss & Westermann 2021, sect. 4.3). Where all is opaque it is 0/0.
+    #[inline(always)]
+    pub fn reopen(&mut self, beyond: R) -> R {
+        let before = beyond / (-self.depth()).exp();
+        self.open = self.depths().map(|depth| before * (-depth).exp());
+        before
     }
 
     #[inline(always)]

@@ -1,0 +1,148 @@
+//! Forward mode: radiance and its derivatives along `P` directions, the transpose of [`adjoint`](super::adjoint).
+//!
+//! The walk is that of the value, whose bits are handed through. What follows beside it are the stretches' ends, where
+//! their points lie, the values there, and from these light and optical depth, each with its derivatives.
+
+use super::stretch::{POINTS, Stretch, UP_TO};
+use super::tape::Tape;
+use super::{Preshaded, Radiance};
+use crate::dual::Dual;
+use crate::lanes::Lanes;
+use crate::math::Ray;
+use crate::real::Real;
+use crate::render::dvr::{RayGradient, Seeds, TangentRadiance};
+use crate::render::march::IndexRay;
+use glam::DVec3;
+
+impl<R: Real> Preshaded<'_, R> {
+    /// Radiance along a world ray of unit direction, with its derivatives in `P` directions: of the ray, the stored
+    /// values and the background. There is nothing else. Rays on the tape stay there.
+    pub fn tangent<const P: usize>(
+        &self,
+        ray: &Ray,
+        seeds: &Seeds<'_, R::Lanes, P>,
+        tape: &mut Tape<R>,
+    ) -> TangentRadiance<R, P> {
+        let ray = self.index_ray(ray);
+        let seen = self.record(ray.as_ref(), &mut tape.stretches);
+        let mut front = Front { depth: Dual::constant(0.0), emitted: [Dual::constant(0.0); 3] };
+        if let Some(ray) = ray {
+            let motion = Motion::new(self, ray, seeds);
+            tape.stretches.iter().for_each(|stretch| front.pass(self, &motion, seeds, stretch));
+        }
+        front.seen(&seen, self.background, seeds)
+    }
+
+    /// Compiled once for all numbers of directions.
+    #[inline(never)]
+    fn record(&self, ray: Option<&IndexRay>, stretches: &mut Vec<Stretch<R>>) -> Radiance<R> {
+        stretches.clear();
+        self.walk(ray, |found| stretches.extend(found)).0
+    }
+}
+
+/// How a ray's points move along each direction, in index space.
+struct Motion<const P: usize> {
+    ray: IndexRay,
+    moves: bool,
+    /// All points.
+    shift: [DVec3; P],
+    /// By world length from the origin.
+    turn: [DVec3; P],
+}
+
+impl<const P: usize> Motion<P> {
+    fn new<R: Real>(renderer: &Preshaded<'_, R>, ray: IndexRay, seeds: &Seeds<'_, R::Lanes, P>) -> Self {
+        let to_index = |v: DVec3| renderer.field.transform.vector_to_index(v);
+        Self {
+            ray,
+            moves: seeds.ray.iter().any(|by| *by != RayGradient::default()),
+            shift: seeds.ray.map(|by| to_index(by.origin)),
+            turn: seeds.ray.map(|by| to_index(by.direction)),
+        }
+    }
+
+    /// A point that is fixed to the ray, at a world length from its origin.
+    fn point(&self, t: f64, p: usize) -> DVec3 {
+        self.shift[p] + t * self.turn[p]
+    }
+
+    /// World length at which a stretch's cell is entered or left: faces stand still.
+    fn face<R: Real>(&self, renderer: &Preshaded<'_, R>, t: f64) -> Dual<f64, P> {
+        let crossed = self.ray.crossed(&renderer.field.domain, t).filter(|_| self.moves);
+        let by = |p: usize| crossed.map_or(0.0, |(axis, along)| -self.point(t, p)[axis] / along);
+        Dual { value: t, tangent: std::array::from_fn(by) }
+    }
+}
+
+/// Optical depth and light so far.
+struct Front<const P: usize> {
+    depth: Dual<f64, P>,
+    emitted: [Dual<f64, P>; 3],
+}
+
+impl<const P: usize> Front<P> {
+    /// Adds a stretch.
+    fn pass<R: Real>(
+        &mut self,
+        renderer: &Preshaded<'_, R>,
+        motion: &Motion<P>,
+        seeds: &Seeds<'_, R::Lanes, P>,
+        stretch: &Stretch<R>,
+    ) {
+        let [enter, leave] = stretch.faces.map(|t| motion.face(renderer, t));
+        let (cell, [begin, end]) = (leave - enter, stretch.ends);
+        let mut half = cell.linear(|length| 0.5 * (end - begin) * length);
+        half.value = stretch.half.f64();
+        let mut values = stretch.values.map(Dual::<R::Lanes, P>::constant);
+        if motion.moves {
+            for (k, value) in values.iter_mut().enumerate() {
+                let slopes = stretch.slopes(&renderer.field.values, k);
+                let reached = enter + cell.linear(|length| (begin + (end - begin) * POINTS[k]) * length);
+                for p in 0..P {
+                    let by = motion.point(reached.value, p) + reached.tangent[p] * motion.ray.direction();
+                    for (a, slope) in slopes.into_iter().enumerate() {
+                        value.tangent[p] += slope * R::Lanes::splat(R::of(by[a]));
+                    }
+                }
+            }
+        }
+        for (p, by) in seeds.voxels.iter().enumerate().filter_map(|(p, by)| Some((p, (*by)?))) {
+            let added = stretch.interpolated(by);
+            values.iter_mut().zip(added).for_each(|(value, added)| value.tangent[p] += added);
+        }
+        let channel = |k: usize, c: usize| values[k].linear(|v| v.store()[c].f64());
+        let extinctions = [channel(0, 3), channel(1, 3)];
+        for k in 0..2 {
+            let mean = extinctions[0].linear(|s| UP_TO[k][0] * s) + extinctions[1].linear(|s| UP_TO[k][1] * s);
+            let depth = self.depth + (half + half) * mean;
+            let open = stretch.open[k].f64();
+            let share = depth.function(open, -open) * half;
+            for (c, emitted) in self.emitted.iter_mut().enumerate() {
+                *emitted = *emitted + share * channel(k, c);
+            }
+        }
+        self.depth = self.depth + half * (extinctions[0] + extinctions[1]);
+    }
+
+    /// What is seen, background included; values are those of the walk.
+    fn seen<R: Real>(
+        self,
+        seen: &Radiance<R>,
+        background: [f32; 3],
+        seeds: &Seeds<'_, R::Lanes, P>,
+    ) -> TangentRadiance<R, P> {
+        let depth = Dual { value: seen.depth, ..self.depth };
+        let open = (-depth).exp();
+        let rgb = std::array::from_fn(|c| {
+            let behind = Dual {
+                value: f64::from(background[c]),
+                tangent: std::array::from_fn(|p| seeds.shared[p].background[c]),
+            };
+            let light = (self.emitted[c] + behind * open).linear(R::of);
+            Dual { value: seen.rgb[c], ..light }
+        });
+        let transmittance = Dual { value: seen.transmittance, ..open.linear(R::of) };
+        TangentRadiance { rgb, transmittance, depth }
+    }
+}
