@@ -45,7 +45,14 @@ fn colours_come_back_and_are_rendered_again() {
     let info = work.json("info shaded.vdb");
     let types: Vec<&str> =
         info["files"][0]["grids"].as_array().unwrap().iter().map(|g| g["value_type"].as_str().unwrap()).collect();
-    assert_eq!(types, ["float", "vec3s"], "{info}");
+    assert_eq!(types, ["float", "vec3s", "float", "float"], "{info}");
+    for grid in ["density_confidence", "emission_confidence"] {
+        let known: Vec<f32> = values(&work, "shaded.vdb", grid).into_iter().flat_map(|(_, own)| own).collect();
+        assert!(known.iter().all(|v| (0.0..=1.0).contains(v)), "{grid}");
+        assert!(known.iter().filter(|v| **v > 0.5).count() > 500, "{grid}");
+    }
+    let page = std::fs::read_to_string(work.path("page/index.html")).unwrap();
+    assert!(page.contains("What they say of emissions"));
     let again = work.json("render shaded.vdb --cameras cap --model pre-shaded -o again");
     assert_eq!((again["model"].as_str(), number(&again, "density_scale")), (Some("pre-shaded"), 1.0));
     let compared =

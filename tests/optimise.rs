@@ -5,6 +5,7 @@
 mod fields;
 
 use cumulo::math::{Aabb, Affine};
+use cumulo::optimise::confidence::confidence;
 use cumulo::optimise::depths::{Depths, mean};
 use cumulo::optimise::footprint::Footprint;
 use cumulo::optimise::hull::Hull;
@@ -18,13 +19,14 @@ use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
 use cumulo::render::film::Film;
 use cumulo::render::order::Tiles;
 use cumulo::render::picture;
+use cumulo::render::preshaded::Preshaded;
 use cumulo::scene::bricks::{BRICK, Bricks, Topology};
 use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::grid::LEAF_VOXELS;
 use cumulo::scene::medium::Medium;
 use cumulo::scene::orbit::{self, Layout};
-use fields::{field, lumps, odd};
-use glam::{DMat4, DVec2, DVec3, IVec3};
+use fields::{field, lumps, odd, unit};
+use glam::{DMat4, DVec2, DVec3, IVec3, Vec4};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -347,7 +349,7 @@ fn gradients_of_pictures_are_sums_over_rays() {
         (d.iter().map(|d| f64::from(d * d)).sum(), d.map(|d| 2.0 * d))
     };
     let mut kept = Accumulators::default();
-    let mut of = |target: &Target, accumulators: Option<&mut Accumulators>| {
+    let mut of = |target: &Target, accumulators: Option<&mut Accumulators<f32, Tape<f32>>>| {
         let mut sum = vec![0.0; field.values.len()];
         let mut gradients = Gradients { voxels: Some(&mut sum), ..Gradients::default() };
         let accumulators = accumulators.unwrap_or(&mut kept);
@@ -463,5 +465,46 @@ fn rays_stay_in_footprints() {
             }
         }
         assert!(met > 0 && met < all, "{met} of {all}: some are met, not all");
+    }
+}
+
+/// Nothing is known of the colours that a wall hides, and of what may be behind it; in front of it both are.
+#[test]
+fn a_wall_hides_what_is_behind_it() {
+    let bricks = (0..64).map(|i| IVec3::new(i >> 4, i >> 2 & 3, i & 3));
+    let mut field = Bricks::<Vec4>::zeros(Arc::new(Topology::new(bricks).unwrap()), unit());
+    let place = |field: &Bricks<Vec4>, voxel: usize| {
+        let [brick, i] = [voxel / LEAF_VOXELS, voxel % LEAF_VOXELS].map(|n| n as i32);
+        8 * field.topology.bricks()[brick as usize] + IVec3::new(i >> 6, i >> 3 & 7, i & 7)
+    };
+    let light = |at: IVec3| {
+        if (14..17).contains(&at.x) { Vec4::new(20.0, 30.0, 40.0, 50.0) } else { Vec4::new(0.1, 0.2, 0.3, 0.05) }
+    };
+    let count = field.topology.len() * LEAF_VOXELS;
+    let owned: Vec<Vec4> = (0..count).map(|voxel| light(place(&field, voxel))).collect();
+    field.topology.clone().spread(&owned, &mut field.values);
+    let camera = Camera {
+        camera_to_world: Camera::look_at(DVec3::new(-20.0, 15.5, 15.5), DVec3::new(0.0, 15.5, 15.5), DVec3::Z),
+        projection: Projection::Orthographic,
+        focal: DVec2::splat(2.0),
+        centre: DVec2::splat(24.0),
+        width: 48,
+        height: 48,
+        near: 0.0,
+    };
+    let target = Target { camera, rgba: vec![[0.5; 4]; 48 * 48], rays_per_edge: 1 };
+    let renderer = Preshaded::new(&field, [0.9, 0.1, 0.4]);
+    let known = confidence(&renderer, &[&target], 0.01, &[(&[3], 0.1), (&[0, 1, 2], 0.1)]);
+    for (which, known) in ["extinction", "emission"].into_iter().zip(known) {
+        for (voxel, known) in known.into_iter().enumerate() {
+            let at = place(&field, voxel);
+            // Where its neighbours are seen, too.
+            let seen = (6..26).contains(&at.y) && (6..26).contains(&at.z);
+            match at.x {
+                1..12 if seen => assert!(known > 0.5, "{which} at {at}: {known}"),
+                18.. => assert!(known < 1e-6, "{which} at {at}: {known}"),
+                _ => assert!((0.0..=1.0).contains(&known)),
+            }
+        }
     }
 }

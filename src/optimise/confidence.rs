@@ -7,61 +7,65 @@
 //! is left out: it says what is not known, not all that is known only in sums.)
 //!
 //! S is the diagonal of `JᵀJ`, for which random signs r give `E[(Jᵀr)²]` (Hutchinson 1990; Bekas, Kokiopoulou &
-//! Saad 2007): one backward walk a probe, whatever the renderer.
+//! Saad 2007): one backward walk a probe, whatever the renderer. A voxel of several numbers has several sums.
 
-use crate::error::Result;
-use crate::optimise::fit::Scene;
 use crate::optimise::neighbours::Neighbours;
 use crate::optimise::pictures::{self, Accumulators, Gradients, Target};
+use crate::optimise::subject::Subject;
+use crate::render::Renderer;
 use crate::render::dvr::Adjoint;
-use crate::scene::bricks::Bricks;
+use crate::scene::grid::LEAF_VOXELS;
 use rayon::prelude::*;
 
 /// Probes; each takes one pixel of a block of [`BLOCK`]².
 const PROBES: usize = 8;
 const BLOCK: usize = 4;
 
-/// Confidence of each voxel (512 a brick), 0..1. `noise` is the standard deviation of a pixel's error,
-/// `spread` the density p that the prior leaves open.
-///
-/// # Errors
-/// If the medium cannot be used.
-pub fn confidence(
-    field: &Bricks<f32>,
-    scene: &Scene<'_>,
-    views: &[&Target],
-    noise: f64,
-    spread: f64,
-) -> Result<Vec<f32>> {
-    let renderer = scene.renderer(field)?;
-    let mut squares = vec![0.0_f32; field.owned().len()];
-    let mut owned = squares.clone();
-    let mut stored = vec![0.0_f32; field.values.len()];
+/// Numbers of a voxel that are known alike: their channels, and how far the prior leaves them open (p).
+pub type Group<'g> = (&'g [usize], f64);
+
+/// Confidence of each voxel (512 a brick), 0..1, for each group. `noise` is the standard deviation of a pixel's error.
+pub fn confidence<L>(light: &L, views: &[&Target], noise: f64, groups: &[Group<'_>]) -> Vec<Vec<f32>>
+where
+    L: Renderer<Real = f32, Voxel: Subject>,
+{
+    let topology = &light.field().topology;
+    let count = topology.len() * LEAF_VOXELS;
+    let mut squares = vec![vec![0.0_f32; count]; groups.len()];
+    let mut owned = vec![L::Voxel::default(); count];
+    let mut stored = vec![L::Voxel::default(); light.field().values.len()];
     let mut accumulators = Accumulators::default();
     let linear = |_: &[f32; 4], signs: &[f32; 4]| (0.0, *signs);
     for probe in 0..PROBES {
         let signed: Vec<Target> = views.iter().enumerate().map(|(v, t)| signs(t, v, probe)).collect();
-        stored.fill(0.0);
+        stored.fill(L::Voxel::default());
         let mut gradients = Gradients { voxels: Some(&mut stored), ..Gradients::default() };
         let signed: Vec<&Target> = signed.iter().collect();
-        pictures::gradient(&renderer, &signed, &linear, Adjoint::Tape, &mut accumulators, &mut gradients);
-        field.topology.fold(&stored, &mut owned);
-        let share = (BLOCK * BLOCK) as f32 / PROBES as f32;
-        squares.par_iter_mut().zip(&owned).for_each(|(s, g)| *s += share * g * g);
-    }
-    // A few probes are a rough estimate; that of neighbours is nearly the same number.
-    let neighbours = Neighbours::new(&field.topology);
-    let ratio = (spread / noise.max(f64::MIN_POSITIVE)).powi(2);
-    let share = |voxel: usize| {
-        if squares[voxel] == 0.0 {
-            return 0.0;
+        pictures::gradient(light, &signed, &linear, Adjoint::Tape, &mut accumulators, &mut gradients);
+        topology.fold(&stored, &mut owned);
+        for (squares, (channels, _)) in squares.iter_mut().zip(groups) {
+            let share = (BLOCK * BLOCK) as f32 / (PROBES * channels.len()) as f32;
+            let square = |v: &L::Voxel| channels.iter().map(|c| (v.channel(*c) as f32).powi(2)).sum::<f32>();
+            squares.par_iter_mut().zip(&owned).for_each(|(s, v)| *s += share * square(v));
         }
-        let near = neighbours.of_voxel(voxel).into_iter().flatten().map(|v| squares[v]).filter(|s| *s > 0.0);
-        let (sum, count) = near.fold((2.0 * squares[voxel], 2.0_f32), |(sum, count), s| (sum + s, count + 1.0));
-        let known = ratio * f64::from(sum / count);
-        if known.is_finite() { (known / (1.0 + known)) as f32 } else { 1.0 }
+    }
+    let neighbours = Neighbours::new(topology);
+    let share = |(squares, (_, spread)): (&Vec<f32>, &Group<'_>)| {
+        let ratio = (spread / noise.max(f64::MIN_POSITIVE)).powi(2);
+        (0..count).into_par_iter().map(|voxel| known(squares, &neighbours, voxel, ratio)).collect()
     };
-    Ok((0..squares.len()).into_par_iter().map(share).collect())
+    squares.iter().zip(groups).map(share).collect()
+}
+
+/// A voxel's confidence: a few probes are a rough estimate; that of neighbours is nearly the same number.
+fn known(squares: &[f32], neighbours: &Neighbours, voxel: usize, ratio: f64) -> f32 {
+    if squares[voxel] == 0.0 {
+        return 0.0;
+    }
+    let near = neighbours.of_voxel(voxel).into_iter().flatten().map(|v| squares[v]).filter(|s| *s > 0.0);
+    let (sum, count) = near.fold((2.0 * squares[voxel], 2.0_f32), |(sum, count), s| (sum + s, count + 1.0));
+    let known = ratio * f64::from(sum / count);
+    if known.is_finite() { (known / (1.0 + known)) as f32 } else { 1.0 }
 }
 
 /// Random signs in the place of colours, for the pixels whose turn it is.

@@ -10,7 +10,7 @@ use crate::optimise::neighbours::Neighbours;
 use crate::optimise::observation::Observation;
 use crate::optimise::pictures::{self, Accumulators, Gradients, PixelLoss, Target};
 use crate::optimise::prior::{VolumePrior, Weighted};
-use crate::render::dvr::{Adjoint, Dvr};
+use crate::render::dvr::{Adjoint, Dvr, Tape};
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::grid::LEAF_VOXELS;
@@ -110,7 +110,7 @@ pub struct Fit {
     adam: Adam,
     neighbours: Neighbours,
     stored: Vec<f32>,
-    accumulators: Accumulators,
+    accumulators: Accumulators<f32, Tape<f32>>,
     owned: Vec<f32>,
 }
 

@@ -3,7 +3,7 @@
 
 use super::footprint::Footprint;
 use crate::render::order::Tiles;
-use crate::scene::bricks::Bricks;
+use crate::scene::bricks::{Bricks, Voxel};
 use crate::scene::camera::Camera;
 use glam::DVec2;
 use rayon::prelude::*;
@@ -41,7 +41,7 @@ const TOGETHER: usize = 8;
 impl Parts {
     /// Of the cameras' pictures, for so many lanes. Each has a part of a picture of its own, unless there are at least as
     /// many pictures or `apart` is false: then tiles are dealt out in turn, and all look at all bricks that any looks at.
-    pub fn new(field: &Bricks<f32>, lookups: &[f32], cameras: &[&Camera], lanes: usize, apart: bool) -> Self {
+    pub fn new<V: Voxel>(field: &Bricks<V>, lookups: &[f32], cameras: &[&Camera], lanes: usize, apart: bool) -> Self {
         let pictures: Vec<Tiles> = cameras.iter().map(|c| Tiles::new(c.width as usize, c.height as usize)).collect();
         let numbered = |(picture, tiles): (usize, &Tiles)| (0..tiles.count()).map(move |number| (picture, number));
         let all = pictures.iter().enumerate().flat_map(numbered);

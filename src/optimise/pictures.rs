@@ -2,7 +2,8 @@
 //! of one ray in one go.
 
 use crate::optimise::parts::{Parts, Tile};
-use crate::render::dvr::{Adjoint, Dvr, Loss, ParameterGradient, RayGradient, Sinks, Tape};
+use crate::render::Renderer;
+use crate::render::dvr::{Adjoint, Loss, ParameterGradient, RayGradient, Sinks};
 use crate::render::order::Tiles;
 use crate::scene::bricks::{BRICK, Bricks, Voxel};
 use crate::scene::camera::{Camera, CameraGradient};
@@ -24,10 +25,10 @@ pub struct Target {
 pub type PixelLoss<'l> = &'l (dyn Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4]) + Sync);
 
 /// What gradients are added to; what is `None` is not computed.
-#[derive(Debug, Default)]
-pub struct Gradients<'g> {
+#[derive(Debug)]
+pub struct Gradients<'g, V> {
     /// By stored value, 729 a brick.
-    pub voxels: Option<&'g mut [f32]>,
+    pub voxels: Option<&'g mut [V]>,
     /// By piece of the transfer function.
     pub table: Option<&'g mut TableGradient>,
     /// By camera, one a target.
@@ -36,21 +37,27 @@ pub struct Gradients<'g> {
     pub step: Option<&'g mut f64>,
 }
 
-/// Memory that gradients are summed up in, kept from call to call.
+impl<V> Default for Gradients<'_, V> {
+    fn default() -> Self {
+        Self { voxels: None, table: None, cameras: None, step: None }
+    }
+}
+
+/// Memory that gradients are summed up in, kept from call to call: of a renderer's voxels, and its tapes.
 #[derive(Debug, Clone, Default)]
-pub struct Accumulators(Vec<Lane>);
+pub struct Accumulators<V, T>(Vec<Lane<V, T>>);
 
 /// Its share of one lane.
 #[derive(Debug, Clone, Default)]
-struct Lane {
+struct Lane<V, T> {
     /// None for the first one: it has those of all.
-    voxels: Vec<f32>,
-    tape: Tape<f32>,
+    voxels: Vec<V>,
+    tape: T,
 }
 
 /// What one lane sums up.
-struct Sums<'v> {
-    voxels: Option<&'v mut [f32]>,
+struct Sums<'v, V> {
+    voxels: Option<&'v mut [V]>,
     table: Option<TableGradient>,
     cameras: Option<Vec<CameraGradient>>,
     step: f64,
@@ -61,21 +68,21 @@ struct Sums<'v> {
 /// Adds the gradient of `Σ loss(seen, target)` over all pixels of the targets to `gradients` and returns
 /// the sum. `loss` gives value and derivative per pixel. Accumulators are per lane and added in order:
 /// the same bits for any number of threads.
-pub fn gradient(
-    dvr: &Dvr<'_, f32>,
+pub fn gradient<L: Renderer<Real = f32>>(
+    light: &L,
     targets: &[&Target],
     loss: PixelLoss<'_>,
     adjoint: Adjoint,
-    accumulators: &mut Accumulators,
-    gradients: &mut Gradients<'_>,
+    accumulators: &mut Accumulators<L::Voxel, L::Tape>,
+    gradients: &mut Gradients<'_, L::Voxel>,
 ) -> (f64, ParameterGradient) {
-    let lookups = dvr.lookups(gradients.table.is_some());
+    let (field, lookups) = (light.field(), light.lookups(gradients.table.is_some()));
     let count = match gradients.voxels {
         Some(_) => {
             let rays: usize = targets.iter().map(|t| t.rgba.len() * t.rays_per_edge.pow(2)).sum();
             let seen = lookups.iter().filter(|l| **l > 0.0);
             let mean = seen.clone().sum::<f32>() / seen.count().max(1) as f32;
-            lanes(dvr.field(), bricks_crossed(dvr.field(), rays) * f64::from(mean), targets.len() < MOST_LANES)
+            lanes(field, bricks_crossed(field, rays) * f64::from(mean), targets.len() < MOST_LANES)
         }
         None => MOST_LANES,
     };
@@ -88,17 +95,17 @@ pub fn gradient(
         .iter_mut()
         .skip(1)
         .filter(|lane| lane.voxels.len() != length)
-        .for_each(|lane| lane.voxels = vec![0.0; length]);
+        .for_each(|lane| lane.voxels = vec![L::Voxel::default(); length]);
     let views: Vec<&Camera> = targets.iter().map(|t| &t.camera).collect();
-    let parts = Parts::new(dvr.field(), &lookups, &views, count, voxels.is_some());
+    let parts = Parts::new(field, &lookups, &views, count, voxels.is_some());
     let mut first = voxels.as_deref_mut();
-    let own: Vec<(Option<&mut [f32]>, &mut Tape<f32>)> = lanes
+    let own: Vec<(Option<&mut [L::Voxel]>, &mut L::Tape)> = lanes
         .iter_mut()
         .map(|lane| {
             (first.take().or((length > 0 && !lane.voxels.is_empty()).then_some(&mut lane.voxels)), &mut lane.tape)
         })
         .collect();
-    let sums: Vec<Sums<'_>> = own
+    let sums: Vec<Sums<'_, L::Voxel>> = own
         .into_par_iter()
         .zip(&parts.tiles)
         .enumerate()
@@ -118,7 +125,7 @@ pub fn gradient(
                     new.iter().for_each(|brick| approach(&mut voxels[*brick as usize * BRICK..][..BRICK], lane > 0));
                 }
                 Run {
-                    dvr,
+                    light,
                     target: targets[*picture],
                     number: *picture,
                     tiles: &parts.pictures[*picture],
@@ -151,7 +158,7 @@ pub fn gradient(
         total.par_chunks_mut(BRICK).zip(&parts.seen_by).enumerate().for_each(|(i, (total, seen_by))| {
             for (_, own) in others.iter().enumerate().filter(|(lane, _)| seen_by & 2 << lane != 0) {
                 for (t, v) in total.iter_mut().zip(&own[i * BRICK..]) {
-                    *t += v;
+                    *t += *v;
                 }
             }
         });
@@ -161,29 +168,30 @@ pub fn gradient(
 
 /// Makes a brick's sums ready for a lane whose rays come to it: zeros, if they are its own. Now, not all bricks at once:
 /// what was written or read a moment ago is near.
-fn approach(brick: &mut [f32], own: bool) {
-    const LINE: usize = 64 / size_of::<f32>();
+fn approach<V: Voxel>(brick: &mut [V], own: bool) {
     if own {
-        brick.fill(0.0);
-    } else {
-        std::hint::black_box(brick.iter().step_by(LINE).sum::<f32>());
+        brick.fill(V::default());
+        return;
     }
+    let mut sum = V::default();
+    brick.iter().step_by(64 / size_of::<V>()).for_each(|v| sum += *v);
+    std::hint::black_box(sum);
 }
 
 /// What goes through the pixels of one view.
-struct Run<'a, 'd, 'v> {
-    dvr: &'a Dvr<'d, f32>,
+struct Run<'a, 'v, L: Renderer> {
+    light: &'a L,
     target: &'a Target,
     /// The target's.
     number: usize,
     tiles: &'a Tiles,
     loss: PixelLoss<'a>,
     adjoint: Adjoint,
-    sums: &'a mut Sums<'v>,
-    tape: &'a mut Tape<f32>,
+    sums: &'a mut Sums<'v, L::Voxel>,
+    tape: &'a mut L::Tape,
 }
 
-impl Run<'_, '_, '_> {
+impl<L: Renderer<Real = f32>> Run<'_, '_, L> {
     /// Radiance and gradient of the ray through an image position.
     fn ray(&mut self, [x, y]: [f64; 2], slope: Loss<'_, f32>) {
         let mut moved = RayGradient::default();
@@ -196,7 +204,7 @@ impl Run<'_, '_, '_> {
             shared: &mut own.shared,
         };
         let camera = &self.target.camera;
-        self.dvr.gradient(&camera.ray(x, y), slope, self.adjoint, sinks, self.tape);
+        self.light.gradient(&camera.ray(x, y), slope, self.adjoint, sinks, self.tape);
         if let Some(cameras) = &mut own.cameras {
             cameras[self.number] = cameras[self.number].plus(&camera.gradient(x, y, moved.origin, moved.direction));
             own.step += moved.step;
@@ -236,7 +244,7 @@ impl Run<'_, '_, '_> {
             let mut mean = [0.0; 4];
             for k in 0..n * n {
                 let [x, y] = position([k % n, k / n]);
-                let seen = self.dvr.radiance_on(&camera.ray(x, y), self.tape).rgba();
+                let seen = self.light.seen(&camera.ray(x, y), self.tape).rgba();
                 mean.iter_mut().zip(seen).for_each(|(m, v)| *m += share * v);
             }
             let slope = loss(&mean).map(|g| share * g);
@@ -269,10 +277,12 @@ pub fn lanes<V: Voxel>(field: &Bricks<V>, lookups: f64, apart: bool) -> usize {
 }
 
 /// Sum of squared differences of the colours over all pixels that are finite.
-pub fn error(dvr: &Dvr<'_, f32>, targets: &[&Target]) -> f64 {
+pub fn error(light: &impl Renderer<Real = f32>, targets: &[&Target]) -> f64 {
     let cancel = std::sync::atomic::AtomicBool::new(false);
     let of = |t: &&Target| -> f64 {
-        let Some(film) = crate::render::picture(dvr, &t.camera, t.rays_per_edge, &cancel) else { return f64::INFINITY };
+        let Some(film) = crate::render::picture(light, &t.camera, t.rays_per_edge, &cancel) else {
+            return f64::INFINITY;
+        };
         let square = |(a, b): (&[f32; 4], &[f32; 4])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
         let asked = film.rgba.iter().zip(&t.rgba).filter(|(_, wanted)| wanted.iter().all(|v| v.is_finite()));
         asked.map(square).sum()

@@ -5,7 +5,7 @@ use super::dvr::{Seeds, Sinks, TangentRadiance};
 use super::preshaded::{self, Preshaded};
 use crate::math::Ray;
 use crate::real::Real;
-use crate::scene::bricks::{Bricks, Voxel};
+use crate::scene::bricks::{Bricks, CELLS, Voxel};
 
 /// What can be seen along rays, and how that changes.
 pub trait Renderer: Sync {
@@ -14,9 +14,13 @@ pub trait Renderer: Sync {
     /// What its field is made of.
     type Voxel: Voxel;
     /// Scratch memory of one thread.
-    type Tape: Default;
+    type Tape: Default + Send;
     /// What it shows.
     fn field(&self) -> &Bricks<Self::Voxel>;
+    /// For each of the field's bricks what a ray through it takes, about, in look-ups of a voxel; nothing where it does
+    /// not look: gradients by voxel are zero there. Rays that look for a gradient by the transfer function too
+    /// (`by_table`) look everywhere.
+    fn lookups(&self, by_table: bool) -> Vec<f32>;
     /// Radiance along a world ray of unit direction.
     fn seen(&self, ray: &Ray, tape: &mut Self::Tape) -> Radiance<Self::Real>;
     /// The same, and the gradient of a loss on it: `loss` maps the radiance to the derivative with respect to red, green,
@@ -65,6 +69,10 @@ impl<R: Precision> Renderer for Dvr<'_, R> {
         self.field()
     }
 
+    fn lookups(&self, by_table: bool) -> Vec<f32> {
+        self.lookups(by_table)
+    }
+
     fn seen(&self, ray: &Ray, tape: &mut Self::Tape) -> Radiance<R> {
         self.radiance_on(ray, tape)
     }
@@ -94,6 +102,11 @@ impl<R: Real> Renderer for Preshaded<'_, R> {
 
     fn field(&self) -> &Bricks<R::Lanes> {
         self.field()
+    }
+
+    fn lookups(&self, _: bool) -> Vec<f32> {
+        // All are alike: two points a cell, of four numbers.
+        vec![8.0 * CELLS as f32; self.field().topology.len()]
     }
 
     fn seen(&self, ray: &Ray, tape: &mut Self::Tape) -> Radiance<R> {

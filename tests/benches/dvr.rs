@@ -6,7 +6,7 @@ use cumulo::formats::vdb::{File, Limits};
 use cumulo::math::Aabb;
 use cumulo::optimise::pictures::{self, Accumulators, Gradients, Target};
 use cumulo::real::Real;
-use cumulo::render::dvr::{Adjoint, Dvr, Precision};
+use cumulo::render::dvr::{Adjoint, Dvr, Precision, Tape};
 use cumulo::render::picture;
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
@@ -164,7 +164,7 @@ pub fn gradient(path: &Path, threads: usize, rule: Quadrature, pixels: u32) {
     let camera = camera(1.0, DVec3::splat(0.5), 0.3, pixels, 40.0);
     let grey = Target { camera, rgba: vec![[0.3; 4]; (pixels * pixels) as usize], rays_per_edge: 1 };
     let dvr = Dvr::new(&field, medium).unwrap().background([0.0; 3]).quadrature(rule);
-    let back = |adjoint: Adjoint, (accumulators, sum): &mut (Accumulators, Vec<f32>)| {
+    let back = |adjoint: Adjoint, (accumulators, sum): &mut (Accumulators<f32, Tape<f32>>, Vec<f32>)| {
         let mut gradients = Gradients { voxels: Some(sum), ..Gradients::default() };
         pool.install(|| black_box(pictures::gradient(&dvr, &[&grey], &squares, adjoint, accumulators, &mut gradients)));
     };

@@ -7,7 +7,7 @@ use cumulo::math::{Affine, Ray};
 use cumulo::optimise::observation::DepthMap;
 use cumulo::optimise::pictures::{self, Accumulators, Gradients, Target};
 use cumulo::optimise::projector::Projector;
-use cumulo::render::dvr::{Adjoint, Dvr};
+use cumulo::render::dvr::{Adjoint, Dvr, Tape};
 use cumulo::render::picture;
 use cumulo::scene::bricks::{Bricks, NONE};
 use cumulo::scene::camera::Camera;
@@ -100,7 +100,7 @@ fn gradients(name: &str, dvr: &Dvr<'_, f32>, scene: &Scene, pool: &ThreadPool) -
     };
     let mut sums = [(); 2].map(|()| (Accumulators::default(), vec![0.0_f32; scene.field.values.len()]));
     let [by_tape, by_replay] = &mut sums;
-    let back = |adjoint: Adjoint, (accumulators, sum): &mut (Accumulators, Vec<f32>)| {
+    let back = |adjoint: Adjoint, (accumulators, sum): &mut (Accumulators<f32, Tape<f32>>, Vec<f32>)| {
         let mut gradients = Gradients { voxels: Some(sum), ..Gradients::default() };
         pool.install(|| black_box(pictures::gradient(dvr, &targets, &squares, adjoint, accumulators, &mut gradients)));
     };

@@ -1,5 +1,6 @@
 //! `cumulo reconstruct colour`: a pre-shaded volume from emission-absorption pictures.
 
+use super::known;
 use super::region::Region;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
@@ -14,6 +15,7 @@ use crate::optimise::density::{Request, Stage, Step};
 use crate::optimise::observation::Observation;
 use crate::report::{MOST_VIEWS, choose};
 use crate::scene::capture::{Capture, Model};
+use crate::scene::grid::Grid;
 use crate::scene::medium::Medium;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -22,7 +24,8 @@ use std::time::Instant;
 /// Reconstruct a pre-shaded volume from emission-absorption pictures: extinction and emitted colour by voxel
 ///
 /// Alpha tells the extinctions (grid 'density', per world length), the colours then tell what is emitted (grid
-/// 'emission', vec3s, radiance per world length). `cumulo render --model pre-shaded` renders the result. Ctrl-C
+/// 'emission', vec3s, radiance per world length); grids of confidences, 0 to 1, say how much the pictures tell of either
+/// in each voxel. `cumulo render --model pre-shaded` renders the result. Ctrl-C
 /// writes what is there (exit code 1); --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Colour {
@@ -91,11 +94,16 @@ impl Colour {
         let Shaded { volume, history, stages: solved, train_psnr_db, held_out_psnr_db, voxels, stopped } =
             outcome.map_err(|e| e.at(&json))?;
         stages.extend(solved);
-        drop((photos, observation));
+        drop(observation);
+        let begun = Instant::now();
+        let known = known::grids(&volume, &photos, &request, train_psnr_db);
+        stages.push(Stage { name: "confidence".into(), seconds: begun.elapsed().as_secs_f64() });
+        drop(photos);
 
         let begun = Instant::now();
         let seconds = task.provenance.lap();
-        shaded::write(&self.output, &volume, &[], &task.provenance.metadata())?;
+        let known: Vec<&Grid> = known.iter().collect();
+        shaded::write(&self.output, &volume, &known, &task.provenance.metadata())?;
         stages.push(Stage { name: "write".into(), seconds: begun.elapsed().as_secs_f64() });
         let views = capture.frames.len();
         let run = Run {

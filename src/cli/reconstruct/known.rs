@@ -1,51 +1,83 @@
-//! The grid that says how much the pictures constrain each voxel.
+//! The grids that say how much the pictures constrain each voxel.
 
 use crate::error::Result;
-use crate::formats::vdb::CONFIDENCE;
+use crate::formats::vdb::{CONFIDENCE, shaded};
 use crate::optimise::confidence::confidence;
 use crate::optimise::density::Request;
 use crate::optimise::fit::Scene;
 use crate::optimise::observation::Photo;
 use crate::optimise::pictures::Target;
+use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;
-use crate::scene::bricks::Bricks;
+use crate::scene::bricks::{Bricks, Voxel};
 use crate::scene::grid::{Grid, GridClass};
 use crate::scene::medium::Source;
+use glam::Vec4;
 
 /// Least error of a pixel that is reckoned with, relative to the peak of 1: half a step of eight bits.
 const LEAST_NOISE: f64 = 1.0 / 512.0;
-/// What the prior leaves open, relative to the range of densities.
+/// What the prior leaves open, relative to the range of values.
 const OPEN: f64 = 0.1;
-/// Share of the densities that lie below what counts as their range, where no transfer function says it.
+/// Share of the positive values that lie below what counts as their range, where no transfer function says it.
 const TOP: usize = 99;
 
-/// Confidence of the unknowns by all views but the held-out ones, whose pictures are met to within `psnr_db`.
+/// Confidence of the densities by all views but the held-out ones, whose pictures are met to within `psnr_db`.
 ///
 /// # Errors
 /// If the medium cannot be used.
 pub fn grid(field: &Bricks<f32>, photos: &[Photo], request: &Request, psnr_db: f64, name: &str) -> Result<Grid> {
-    let used = photos.iter().enumerate().filter(|(i, _)| !request.held_out.contains(i));
-    let targets: Vec<Target> = used
-        .map(|(_, p)| Target { camera: p.camera, rgba: p.film.rgba.clone(), rays_per_edge: request.rays_per_edge })
-        .collect();
     let quadrature = match request.medium.source {
         Source::Transfer(_) => Quadrature::PREINTEGRATED,
         Source::Grey(_) | Source::Linear(_) => Quadrature::Exact,
     };
     let scene = Scene { medium: &request.medium, background: request.background, quadrature };
-    let noise = LEAST_NOISE.max(10.0_f64.powf(-psnr_db / 20.0));
-    let spread = OPEN * range(field, &request.medium.source);
-    let known = confidence(field, &scene, &targets.iter().collect::<Vec<_>>(), noise, spread)?;
+    let light = scene.renderer(field)?;
+    let targets = targets(photos, request);
+    let open = OPEN * range(field, &request.medium.source);
+    let views: Vec<&Target> = targets.iter().collect();
+    let known = confidence(&light, &views, noise(psnr_db), &[(&[0], open)]);
+    Ok(as_grid(field, known.concat(), name))
+}
+
+/// The same of extinctions and of emissions: of all their colours, which are seen through the same voxels.
+pub fn grids(volume: &Bricks<Vec4>, photos: &[Photo], request: &Request, psnr_db: f64) -> Vec<Grid> {
+    let open = |c: usize| OPEN * top(volume.owned().into_iter().map(|v| v[c]));
+    let emission = (0..3).map(open).fold(0.0, f64::max);
+    let targets = targets(photos, request);
+    let light = Preshaded::new(volume, request.background);
+    let views: Vec<&Target> = targets.iter().collect();
+    let known = confidence(&light, &views, noise(psnr_db), &[(&[3], open(3)), (&[0, 1, 2], emission)]);
+    let names = [shaded::EXTINCTION, shaded::EMISSION];
+    known.into_iter().zip(names).map(|(known, name)| as_grid(volume, known, name)).collect()
+}
+
+/// The views that are used.
+fn targets(photos: &[Photo], request: &Request) -> Vec<Target> {
+    let used = photos.iter().enumerate().filter(|(i, _)| !request.held_out.contains(i));
+    used.map(|(_, p)| Target { camera: p.camera, rgba: p.film.rgba.clone(), rays_per_edge: request.rays_per_edge })
+        .collect()
+}
+
+fn noise(psnr_db: f64) -> f64 {
+    LEAST_NOISE.max(10.0_f64.powf(-psnr_db / 20.0))
+}
+
+fn as_grid<V: Voxel>(field: &Bricks<V>, known: Vec<f32>, name: &str) -> Grid {
     let mut own = Bricks::zeros(field.topology.clone(), field.transform);
     own.topology.spread(&known, &mut own.values);
-    Ok(Grid { class: GridClass::Unknown, ..own.to_grid(&format!("{name}{CONFIDENCE}")) })
+    Grid { class: GridClass::Unknown, ..own.to_grid(&format!("{name}{CONFIDENCE}")) }
 }
 
 fn range(field: &Bricks<f32>, source: &Source) -> f64 {
-    if let Source::Transfer(table) = source {
-        return table.knots()[table.knots().len() - 1].max(0.0);
+    match source {
+        Source::Transfer(table) => table.knots()[table.knots().len() - 1].max(0.0),
+        Source::Grey(_) | Source::Linear(_) => top(field.owned().into_iter()),
     }
-    let mut positive: Vec<f32> = field.owned().into_iter().filter(|v| *v > 0.0).collect();
+}
+
+/// What most of the positive values lie below.
+fn top(values: impl Iterator<Item = f32>) -> f64 {
+    let mut positive: Vec<f32> = values.filter(|v| *v > 0.0).collect();
     if positive.is_empty() {
         return 0.0;
     }

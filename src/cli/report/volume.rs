@@ -67,7 +67,7 @@ pub(super) fn page(
             if run.stopped { "; stopped before the end" } else { "" }
         ),
     );
-    let known = confidence(run, limits)?;
+    let known = confidence(run, &run.grid, limits)?;
     let other = reference.map(|r| bricks(r, Path::new(&r.name), limits)).transpose()?;
     let mut figures = Vec::new();
     let mut error = None;
@@ -95,6 +95,11 @@ pub(super) fn page(
     if let Some(known) = &known {
         page.slices("What the pictures say", "confidence, 0 to 1", known, None)?;
     }
+    if shaded.is_some()
+        && let Some(known) = confidence(run, shaded::EMISSION, limits)?
+    {
+        page.slices("What they say of emissions", "confidence, 0 to 1", &known, None)?;
+    }
     if run.held_out_psnr_db.is_some() {
         let steps = run.history.iter().map(|s| (s.seconds, s.held_out_psnr_db, s.level));
         page.plot("Convergence", &Plot::convergence(steps))?;
@@ -113,10 +118,10 @@ pub(super) fn page(
     Ok((page, error))
 }
 
-/// The grid of confidences beside the run's, if it wrote one.
-fn confidence(run: &Run, limits: Limits) -> Result<Option<Bricks<f32>>> {
+/// The confidences of one of the run's grids, if it wrote them.
+fn confidence(run: &Run, of: &str, limits: Limits) -> Result<Option<Bricks<f32>>> {
     let file = File::open(&run.output, limits)?;
-    let name = format!("{}{}", run.grid, CONFIDENCE);
+    let name = format!("{of}{CONFIDENCE}");
     if !file.entries().iter().any(|e| e.base_name == name) {
         return Ok(None);
     }

@@ -380,9 +380,7 @@ impl<'a, R: Real> Dvr<'a, R> {
         self
     }
 
-    /// For each of the field's bricks what a ray through it takes, about, in look-ups of the density; nothing where it
-    /// does not look: gradients by voxel are zero there. Rays that look for a gradient by the transfer function too
-    /// (`by_table`) look everywhere.
+    /// What rays through each brick take, as [`Renderer::lookups`](crate::render::Renderer::lookups) says.
     pub fn lookups(&self, by_table: bool) -> Vec<f32> {
         let topology = if by_table { &self.field.topology } else { &self.visible };
         let through = |brick: usize| match &self.matter {
