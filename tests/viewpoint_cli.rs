@@ -58,9 +58,12 @@ fn the_derivative_is_that_of_the_entropy() {
             let camera = sphere.camera(&axes);
             let at = |step: DVec2| {
                 let camera = sphere.camera(&stepped(&axes, step));
-                entropy::value(&Rows { renderer: &dvr, camera: &camera, rays_per_edge: 1 }).value
+                entropy::value(&Rows { renderer: &dvr, judge: None, camera: &camera, rays_per_edge: 1 }).value
             };
-            let found = entropy::gradient(&Rows { renderer: &dvr, camera: &camera, rays_per_edge: 1 }, sphere.centre);
+            let found = entropy::gradient(
+                &Rows { renderer: &dvr, judge: None, camera: &camera, rays_per_edge: 1 },
+                sphere.centre,
+            );
             assert!((found.value - at(DVec2::ZERO)).abs() < 1e-6, "{name} {i}: one value from both walks");
             for (axis, unit) in [(axes.x_axis, DVec2::X), (axes.y_axis, DVec2::Y)] {
                 // 32-bit densities leave errors of about 1e-7 in the entropy: 1e-4 in the difference. Its own error is

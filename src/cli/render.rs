@@ -152,8 +152,7 @@ impl Render {
             .prefix(".cumulo-")
             .tempdir_in(&self.output)
             .map_err(|e| Error::io(&self.output, e))?;
-        let usual = if capture.transfer.is_some() { Quadrature::PREINTEGRATED } else { Quadrature::Exact };
-        let quadrature = self.quadrature.unwrap_or(usual);
+        let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
         let light = scene.light(&capture, quadrature).map_err(|e| e.at(&self.input))?.early_stop(self.early_stop);
         let early_stop = EarlyStop { transmittance: self.early_stop, error_bound: light.left_out() };
         let bar = output.progress(capture.frames.len() as u64, "render");

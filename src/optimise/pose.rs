@@ -15,13 +15,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Pixels along the shorter side of the smallest pictures, at least.
 const COARSEST: u32 = 16;
-/// Steps (radians, shares of the distance) below which a search ends, on full pictures and on shrunk ones.
+/// Steps (radians, shares of the distance) below which a search ends, on full pictures, there with a judge, and where
+/// another search follows.
 const FINE: f64 = 1e-7;
+const JUDGED: f64 = 1e-6;
 const COARSE: f64 = 1e-4;
 /// Damping at first, as a share of the largest eigenvalue.
 const DAMPING: f64 = 1e-4;
-/// Steps in a row that make it worse, after which a search ends.
-const PATIENCE: u32 = 6;
+/// Steps in a row that make it worse, after which a search ends: without a judge, and with one.
+const PATIENCE: [u32; 2] = [6, 2];
 
 /// Derivatives that a walk gives, and how the colours' follow from them.
 #[derive(Debug, Clone, PartialEq)]
@@ -100,14 +102,18 @@ pub struct Found {
 
 /// Moves cameras to where their pictures agree with what is seen. Those of `targets` are where they begin; `tick` is
 /// told of every camera and size of picture that is done. Once `cancel` is set they stay where they are.
-pub fn solve(
-    renderer: &impl Renderer<Real = f32>,
+///
+/// With a `judge`, which may be slow, the search ends on what that sees, while the renderer still says how it changes:
+/// the fewer digits of derivatives make steps less sure, not what they lead to.
+pub fn solve<V: Renderer<Real = f32>>(
+    renderer: &V,
+    judge: Option<&V>,
     targets: &[Target],
     request: &Request<'_>,
     cancel: &AtomicBool,
     tick: &(dyn Fn() + Sync),
 ) -> Vec<Found> {
-    let search = |group: &[Target]| Search::new(renderer, group, request, cancel).run(tick);
+    let search = |group: &[Target]| Search::new(renderer, judge, group, request, cancel).run(tick);
     if request.solve_focal {
         return search(targets);
     }
@@ -159,6 +165,7 @@ fn shrunk(camera: &Camera, level: usize) -> Camera {
 /// Cameras that are moved together.
 struct Search<'s, V> {
     renderer: &'s V,
+    judge: Option<&'s V>,
     request: &'s Request<'s>,
     cancel: &'s AtomicBool,
     pyramids: Vec<Vec<Target>>,
@@ -173,10 +180,17 @@ struct Search<'s, V> {
 type Equations = Vec<(Normal, Spectrum)>;
 
 impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
-    fn new(renderer: &'s V, targets: &[Target], request: &'s Request<'s>, cancel: &'s AtomicBool) -> Self {
+    fn new(
+        renderer: &'s V,
+        judge: Option<&'s V>,
+        targets: &[Target],
+        request: &'s Request<'s>,
+        cancel: &'s AtomicBool,
+    ) -> Self {
         let distance = |t: &Target| t.camera.position().distance(request.centre).max(f64::MIN_POSITIVE);
         Self {
             renderer,
+            judge,
             request,
             cancel,
             pyramids: targets.iter().map(pyramid).collect(),
@@ -187,13 +201,17 @@ impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
     }
 
     fn run(mut self, tick: &(dyn Fn() + Sync)) -> Vec<Found> {
-        let before = self.linearised(&self.cameras, 0);
+        let before = self.linearised(&self.cameras, 0, None);
         let deepest = self.pyramids.iter().map(Vec::len).max().unwrap_or(1);
+        let mut after = Equations::new();
         for level in (0..deepest).rev() {
-            self.descend(level);
+            after = self.descend(level, None);
             self.pyramids.iter().filter(|p| level < p.len()).for_each(|_| tick());
         }
-        let after = self.linearised(&self.cameras, 0);
+        if let Some(judge) = self.judge {
+            after = self.descend(0, Some(judge));
+            self.pyramids.iter().for_each(|_| tick());
+        }
         let found = self.cameras.iter().zip(before.iter().zip(&after)).map(|(camera, (before, after))| Found {
             camera: *camera,
             rms: [before.0.rms(), after.0.rms()],
@@ -205,20 +223,25 @@ impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
     }
 
     /// Levenberg and Marquardt's method on pictures of one size, with Nielsen's damping (1999).
-    fn descend(&mut self, level: usize) {
-        let shortest = if level == 0 { FINE } else { COARSE };
+    /// Gives the equations where it ends.
+    fn descend(&mut self, level: usize, judge: Option<&V>) -> Equations {
+        let shortest = match (level, judge, self.judge) {
+            (0, None, None) => FINE,
+            (0, Some(_), _) => JUDGED,
+            _ => COARSE,
+        };
         let error = |equations: &Equations| equations.iter().map(|(normal, _)| normal.error).sum::<f64>();
-        let mut here = self.linearised(&self.cameras, level);
+        let mut here = self.linearised(&self.cameras, level, judge);
         let largest = here.iter().map(|(_, spectrum)| spectrum.largest()).fold(0.0, f64::max);
         let (mut damping, mut growth, mut failed) = (DAMPING * largest, 2.0, 0);
         for _ in 0..self.request.iterations {
             if self.cancel.load(Ordering::Relaxed) {
-                return;
+                break;
             }
             let (poses, focal, promised) = steps(&here, damping, self.request.solve_focal);
             let size = poses.iter().map(Pose::amax).fold(focal.abs(), f64::max);
             if !(size > shortest && size.is_finite() && promised > 0.0) {
-                return;
+                break;
             }
             // Beyond that no derivative holds.
             let share = (0.2 / size).min(1.0);
@@ -229,7 +252,7 @@ impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
                 .zip(&poses)
                 .map(|((c, distance), step)| Frame::new(c, *distance).moved(c, &(share * step), share * focal))
                 .collect();
-            let there = self.linearised(&moved, level);
+            let there = self.linearised(&moved, level, judge);
             self.iterations += 1;
             let gain = (error(&here) - error(&there)) / promised;
             if gain > 0.0 {
@@ -240,21 +263,22 @@ impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
                 damping *= growth;
                 growth *= 2.0;
                 failed += 1;
-                if failed == PATIENCE {
-                    return;
+                if failed == PATIENCE[usize::from(judge.is_some())] {
+                    break;
                 }
             }
         }
+        here
     }
 
     /// Normal equations of cameras of full pictures on pictures of a level, or the smallest there are.
-    fn linearised(&self, cameras: &[Camera], level: usize) -> Equations {
+    fn linearised(&self, cameras: &[Camera], level: usize, judge: Option<&V>) -> Equations {
         let of = |((camera, distance), pyramid): ((&Camera, &f64), &Vec<Target>)| {
             let level = level.min(pyramid.len() - 1);
             let Target { rgba, rays_per_edge, .. } = &pyramid[level];
             let camera = shrunk(camera, level);
             let frame = Frame::new(&camera, *distance);
-            let rows = Rows { renderer: self.renderer, camera: &camera, rays_per_edge: *rays_per_edge };
+            let rows = Rows { renderer: self.renderer, judge, camera: &camera, rays_per_edge: *rays_per_edge };
             let asked = |i: usize| rgba[i][..3].iter().all(|v| v.is_finite());
             let Colours { losses, mix } = self.request.colours;
             let sums = rows.fold(asked, losses, |normal: &mut Normal, i, seen, by| {

@@ -12,8 +12,10 @@ const RUN: usize = 256;
 /// A camera's picture.
 #[derive(Debug)]
 pub struct Rows<'r, V> {
-    /// What is seen.
+    /// What is seen, and how that changes.
     pub renderer: &'r V,
+    /// What is seen, if that is to be known better than how it changes.
+    pub judge: Option<&'r V>,
     /// From where.
     pub camera: &'r Camera,
     /// A pixel is the mean over the square of so many rays.
@@ -61,7 +63,7 @@ struct Run<'a, V> {
 
 impl<V: Renderer<Real = f32>> Run<'_, V> {
     fn walk(self) {
-        let Rows { renderer, camera, rays_per_edge } = *self.rows;
+        let Rows { renderer, judge, camera, rays_per_edge } = *self.rows;
         let (n, width) = (rays_per_edge.max(1), camera.width as usize);
         let share = 1.0 / (n * n) as f64;
         let mut tape = V::Tape::default();
@@ -82,7 +84,10 @@ impl<V: Renderer<Real = f32>> Run<'_, V> {
                         *by = by.plus(&camera.gradient(x, y, share * moved.origin, share * moved.direction));
                     }
                 }
-                let radiance = radiance.unwrap_or_else(|| renderer.seen(&ray, &mut tape));
+                let radiance = match (judge, radiance) {
+                    (None, Some(radiance)) => radiance,
+                    _ => judge.unwrap_or(renderer).seen(&ray, &mut tape),
+                };
                 for c in 0..3 {
                     seen[c] += share * f64::from(radiance.rgb[c]);
                 }

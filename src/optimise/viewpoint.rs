@@ -231,7 +231,7 @@ fn climb(
         }
         let camera = sphere.camera(axes);
         let Entropy { value, by_turn, .. } =
-            entropy::gradient(&Rows { renderer: dvr, camera: &camera, rays_per_edge: 1 }, sphere.centre);
+            entropy::gradient(&Rows { renderer: dvr, judge: None, camera: &camera, rays_per_edge: 1 }, sphere.centre);
         // A turn about the line of sight changes nothing but the pixels' places.
         Some(Slope { value, gradient: DVec2::new(by_turn.dot(axes.x_axis), by_turn.dot(axes.y_axis)) })
     });
@@ -257,7 +257,7 @@ fn meet(mut climbers: Vec<Climber>, near: f64) -> Vec<Climber> {
 }
 
 fn at(dvr: &Dvr<'_, f32>, sphere: &Sphere, axes: &DMat3) -> Entropy {
-    entropy::value(&Rows { renderer: dvr, camera: &sphere.camera(axes), rays_per_edge: 1 })
+    entropy::value(&Rows { renderer: dvr, judge: None, camera: &sphere.camera(axes), rays_per_edge: 1 })
 }
 
 #[cfg(test)]

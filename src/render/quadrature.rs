@@ -15,7 +15,7 @@ pub enum Quadrature {
     /// Between points as far apart as the density's bends allow, through a transfer function's cumulative
     /// tables, however many knots lie between: errors are of second order in the distance. The number is the error of
     /// the density between points that is allowed, in units of the range of the function's knots. The same as exact
-    /// without a transfer function, for derivatives with respect to where rays go, and for tangents.
+    /// without a transfer function, and for tangents.
     Preintegrated(f64),
     /// Samples in the middle of steps of constant length; order 2.
     Midpoint(f64),
@@ -28,6 +28,12 @@ impl Quadrature {
     /// Pre-integration with the tolerance that pictures have unless they ask for another: what half a step of an
     /// 8-bit look-up comes to.
     pub const PREINTEGRATED: Self = Self::Preintegrated(2e-3);
+
+    /// What is used unless something else is asked for: pre-integration through a transfer function, else what has no
+    /// error.
+    pub fn usual(through_function: bool) -> Self {
+        if through_function { Self::PREINTEGRATED } else { Self::Exact }
+    }
 }
 
 impl From<Quadrature> for String {

@@ -238,14 +238,8 @@ impl GradientCommand {
     fn fits_together(&self) -> Result<()> {
         let asks = |w: Wrt| self.wrt.contains(&w);
         let inverts = self.adjoint == Some(AdjointName::Inversion);
-        if matches!(self.quadrature, Quadrature::Preintegrated(_))
-            && (asks(Wrt::Camera) || self.mode == Mode::Tangent || inverts)
-        {
-            let what = match self.mode {
-                Mode::Tangent => "no --mode tangent",
-                _ if inverts => "no --adjoint inversion",
-                _ => "no derivative with respect to the camera",
-            };
+        if matches!(self.quadrature, Quadrature::Preintegrated(_)) && (self.mode == Mode::Tangent || inverts) {
+            let what = if inverts { "no --adjoint inversion" } else { "no --mode tangent" };
             return Err(Error::unsupported(format!("pre-integration has {what}"))
                 .hint("exact is what it approaches: --quadrature exact"));
         }

@@ -53,6 +53,10 @@ pub struct Pose {
     /// Steps on each size of pictures that the search goes through, at most
     #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: u32,
+    /// Integration along rays: exact, preintegrated, preintegrated:TOLERANCE, midpoint:STEP or riemann:STEP (default:
+    /// exact; with a transfer function preintegrated for the search, and at its end exact for what is seen)
+    #[arg(long, value_name = "Q")]
+    quadrature: Option<Quadrature>,
     /// Layer of the pictures (default: the beauty)
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
@@ -143,18 +147,27 @@ impl Pose {
         let cameras = self.previous(&shown)?.unwrap_or_else(|| shown.frames.iter().map(|f| f.camera).collect());
         let target = |(photo, camera): (Photo, Camera)| Target { camera, rgba: photo.film.rgba, rays_per_edge };
         let targets: Vec<Target> = photos.into_iter().zip(cameras).map(target).collect();
-        let light = scene.light(&shown, Quadrature::Exact).map_err(|e| e.at(&self.volume))?;
-        let colours = match light {
-            Light::Density(_) => Colours::of(&shown.medium()?, shown.background),
-            Light::PreShaded(_) => Colours::apart(),
+        let quadrature = self.quadrature.unwrap_or(Quadrature::usual(shown.transfer.is_some()));
+        let light = scene.light(&shown, quadrature).map_err(|e| e.at(&self.volume))?;
+        let (colours, judge) = match &light {
+            // Pictures are what has no error, until somebody says something else.
+            Light::Density(dvr) => {
+                let judged = self.quadrature.is_none() && shown.transfer.is_some();
+                (
+                    Colours::of(&shown.medium()?, shown.background),
+                    judged.then(|| dvr.clone().quadrature(Quadrature::Exact)),
+                )
+            }
+            Light::PreShaded(_) => (Colours::apart(), None),
         };
         let request = Request { colours: &colours, centre, iterations: self.iterations, solve_focal: self.solve_focal };
-        let bar = output.progress(targets.iter().map(|t| levels(&t.camera) as u64 + 1).sum(), "pose");
+        let searches = |t: &Target| (levels(&t.camera) + 1 + usize::from(judge.is_some())) as u64;
+        let bar = output.progress(targets.iter().map(searches).sum(), "pose");
         let begun = Instant::now();
         let tick = || bar.inc(1);
         let found = match &light {
-            Light::Density(dvr) => pose::solve(dvr, &targets, &request, task.cancel, &tick),
-            Light::PreShaded(volume) => pose::solve(volume, &targets, &request, task.cancel, &tick),
+            Light::Density(dvr) => pose::solve(dvr, judge.as_ref(), &targets, &request, task.cancel, &tick),
+            Light::PreShaded(volume) => pose::solve(volume, None, &targets, &request, task.cancel, &tick),
         };
         let seconds = begun.elapsed().as_secs_f64();
         bar.finish_and_clear();

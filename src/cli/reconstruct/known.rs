@@ -26,10 +26,7 @@ const TOP: usize = 99;
 /// # Errors
 /// If the medium cannot be used.
 pub fn grid(field: &Bricks<f32>, photos: &[Photo], request: &Request, psnr_db: f64, name: &str) -> Result<Grid> {
-    let quadrature = match request.medium.source {
-        Source::Transfer(_) => Quadrature::PREINTEGRATED,
-        Source::Grey(_) | Source::Linear(_) => Quadrature::Exact,
-    };
+    let quadrature = Quadrature::usual(matches!(request.medium.source, Source::Transfer(_)));
     let scene = Scene { medium: &request.medium, background: request.background, quadrature };
     let light = scene.renderer(field)?;
     let targets = targets(photos, request);

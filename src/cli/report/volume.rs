@@ -10,6 +10,7 @@ use crate::formats::{exr, transfer, transforms};
 use crate::metrics::{self, volume};
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
+use crate::render::quadrature::Quadrature;
 use crate::report::{Page, Plot, Series, ViewRow};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
@@ -48,7 +49,10 @@ pub(super) fn page(
     };
     let light = match &shaded {
         Some(volume) => Light::PreShaded(Preshaded::new(volume, capture.background)),
-        None => Light::Density(Dvr::new(&field, capture.medium()?)?.background(capture.background)),
+        None => {
+            let quadrature = Quadrature::usual(capture.transfer.is_some());
+            Light::Density(Dvr::new(&field, capture.medium()?)?.background(capture.background).quadrature(quadrature))
+        }
     };
     let rows = rows(run, &capture, &light, beside)?;
     let difference = reference

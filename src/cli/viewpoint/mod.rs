@@ -14,6 +14,7 @@ use crate::formats::{exr, transforms};
 use crate::optimise::viewpoint::{self, Outcome, Request};
 use crate::render::dvr::Dvr;
 use crate::render::film::Film;
+use crate::render::quadrature::Quadrature;
 use crate::render::scale;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
@@ -70,6 +71,10 @@ pub struct Viewpoint {
     background: Option<[f32; 3]>,
     #[command(flatten)]
     transfer: TransferOption,
+    /// Integration along rays: exact, preintegrated, preintegrated:TOLERANCE, midpoint:STEP or riemann:STEP (default:
+    /// preintegrated with a transfer function, else exact)
+    #[arg(long, value_name = "Q")]
+    quadrature: Option<Quadrature>,
     /// Grid to look at (default: density, else the only scalar one)
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
@@ -165,7 +170,8 @@ impl Viewpoint {
         request.given = self.previous(&around)?;
         render::fits(&capture, limits.max_memory)?;
 
-        let dvr = Dvr::new(&field, opaque(capture.medium()?)?)?;
+        let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
+        let dvr = Dvr::new(&field, opaque(capture.medium()?)?)?.quadrature(quadrature);
         let bar = output.progress(viewpoint::ticks(&request) as u64 + u64::from(self.samples), "viewpoint");
         let mut found = viewpoint::search(&dvr, &request, cancel, &|| bar.inc(1));
         let samples = self.sample(&dvr, &around, cancel, &|| bar.inc(1));
@@ -280,7 +286,8 @@ impl Viewpoint {
             std::fs::create_dir_all(&folder)
                 .map_err(|e| Error::io(&folder, e).hint("the pictures need a folder that can be written to"))?;
         }
-        let dvr = Dvr::new(field, capture.medium()?)?.background(capture.background);
+        let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
+        let dvr = Dvr::new(field, capture.medium()?)?.background(capture.background).quadrature(quadrature);
         // What was found is worth its pictures even if the search was stopped.
         let never = AtomicBool::new(false);
         let attributes = provenance.attributes();

@@ -53,8 +53,8 @@ impl<R: Precision> Dvr<'_, R> {
             return seen;
         };
         let mut pass = Pass::new(self, ray, sinks);
-        // Where rays go, and the paper's inversion, are left to the rule that pre-integration approaches.
-        if let (Matter::Table(optics, Some(tables)), None) = (&self.matter, &pass.sinks.ray)
+        // The paper's inversion is left to the rule that pre-integration approaches.
+        if let Matter::Table(optics, Some(tables)) = &self.matter
             && adjoint != Adjoint::Inversion
         {
             return tables.gradient(&mut pass, loss, adjoint, optics, &mut tape.preintegrated);

@@ -8,6 +8,7 @@ use super::super::adjoint::{Pass, Weighted};
 use super::super::kernel::over;
 use super::super::sinks::{Adjoint, Loss};
 use super::super::{Optics, Radiance};
+use super::follow::{Asked, follow, note};
 use super::light::Front;
 use super::nodes::{Nodes, Queue, Sites, nodes};
 use super::row::{ROOM, Row, share_slopes};
@@ -21,9 +22,9 @@ const KEPT: usize = 6;
 /// Nodes that were visited together, and the stretches that end at them.
 #[derive(Debug, Clone, Default)]
 pub(in super::super) struct Visit<R: Real> {
-    nodes: Box<Queue<R>>,
-    fours: usize,
-    row: Box<Row<R>>,
+    pub(super) nodes: Box<Queue<R>>,
+    pub(super) fours: usize,
+    pub(super) row: Box<Row<R>>,
     /// Light of all visits up to this one.
     emitted: [f64; 3],
 }
@@ -39,8 +40,9 @@ impl<R: Real> Preintegrated<R> {
         optics: &Optics<R, 3>,
         scratch: &mut Scratch<R>,
     ) -> Radiance<R> {
-        let Scratch { queue, row, by_row, tape, spare } = scratch;
+        let Scratch { queue, row, by_row, tape, spare, asked } = scratch;
         spare.append(tape);
+        asked.clear();
         let (dvr, ray) = (pass.dvr, pass.ray);
         let values = &dvr.field.values;
         let sites = Sites { topology: pass.topology(), density: &self.density, gaps: false };
@@ -69,7 +71,7 @@ impl<R: Real> Preintegrated<R> {
         let seen = over(emitted, depth, dvr.background);
         let weighted = pass.shared(loss(&seen), &emitted, depth, &optics.tint);
         let behind = (-depth).exp() * weighted.background;
-        let mut back = Backward { own: self, optics, emitted, behind, weighted, last: None };
+        let mut back = Backward { own: self, optics, emitted, behind, weighted, last: None, asked };
         // Not `for_each`: its closure would be compiled for the oldest instruction set.
         for visit in tape.iter() {
             back.visit(pass, visit, by_row);
@@ -93,6 +95,10 @@ impl<R: Real> Preintegrated<R> {
                 },
             );
             spare.push(visit);
+        }
+        if pass.sinks.ray.is_some() {
+            follow(sites, &ray, &dvr.field.domain, asked, &mut pass.moved);
+            pass.hand_over();
         }
         seen
     }
@@ -120,6 +126,8 @@ struct Backward<'a, R: Real> {
     weighted: Weighted<3>,
     /// The last nodes of the visit before.
     last: Option<Nodes<R>>,
+    /// Of nodes so far, if the ray is followed.
+    asked: &'a mut Vec<Asked>,
 }
 
 /// Derivatives with respect to what a row holds, and what goes into them. Channels share all weights but those of the
@@ -139,8 +147,15 @@ pub(super) struct ByRow<R> {
     slopes: [[R; ROOM + 1]; 2],
     /// With respect to the densities at the ends; in `behind` that of the stretches that end there alone, and before
     /// that what arrives from behind each stretch.
-    density: [R; ROOM + 1],
+    pub(super) density: [R; ROOM + 1],
     behind: [R; ROOM + 1],
+}
+
+impl<R> ByRow<R> {
+    /// Derivatives by the logarithms of stretches' lengths: of their extinctions', once these are added up.
+    pub(super) fn by_length(&self, count: usize) -> &[R] {
+        &self.light[..count]
+    }
 }
 
 impl<R: Real> Default for ByRow<R> {
@@ -178,11 +193,17 @@ impl<R: Real> Backward<'_, R> {
                 row.by_table(i, &self.own.tables, &self.optics.curve, extinction, by_mean, by_drift, table);
             }
         }
-        if let Some(voxels) = pass.sinks.voxels.as_deref_mut() {
+        let follows = pass.sinks.ray.is_some();
+        if pass.sinks.voxels.is_some() || follows {
             self.by_density(row, by);
             if !row.cut.is_empty() {
                 by.density = row.by_nodes(&by.density);
             }
+        }
+        if follows {
+            note(self.asked, &pass.dvr.field.values, visit, by);
+        }
+        if let Some(voxels) = pass.sinks.voxels.as_deref_mut() {
             let by_density = by.density[1..].as_chunks::<LANES>().0;
             for (nodes, by) in visit.nodes.first(visit.fours).zip(by_density) {
                 nodes.scatter(voxels, R::Lanes::load(*by));

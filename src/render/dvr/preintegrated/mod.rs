@@ -7,6 +7,7 @@
 
 mod adjoint;
 mod by_table;
+mod follow;
 mod light;
 mod nodes;
 mod row;
@@ -20,6 +21,7 @@ use crate::render::march::IndexRay;
 use crate::scene::bricks::{BRICK, CELLS, Topology};
 use crate::scene::table::Table;
 use adjoint::{ByRow, Visit};
+use follow::Asked;
 use light::Front;
 use nodes::{Queue, Sites, nodes, roughness};
 use rayon::prelude::*;
@@ -103,4 +105,5 @@ pub(super) struct Scratch<R: Real> {
     by_row: Box<ByRow<R>>,
     tape: Vec<Visit<R>>,
     spare: Vec<Visit<R>>,
+    asked: Vec<Asked>,
 }

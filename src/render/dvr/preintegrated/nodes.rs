@@ -6,6 +6,7 @@ use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
 use crate::render::cell::{corners, placed, scatter};
 use crate::render::march::{IndexRay, Span, spans};
+use crate::render::segment::slopes;
 use crate::scene::bricks::{BRICK, CELLS, EDGE, Topology, slot};
 
 /// Four nodes in a row.
@@ -32,6 +33,14 @@ impl<R: Real> Nodes<R> {
         let [a, b, c, d] = R::Lanes::transpose([column(0), column(1), column(2), column(3)]);
         let (low, high) = (a + z * (b - a), c + z * (d - c));
         low + y * (high - low)
+    }
+
+    /// Derivatives of the densities with respect to index coordinates.
+    pub fn slopes(&self, values: &[R]) -> [R::Lanes; 3] {
+        let [x, y, z] = self.at;
+        let faces = self.offset.map(|offset| corners(values, offset as usize));
+        let [near, far] = [0, 1].map(|side| R::Lanes::transpose(faces.map(|face| face[side])));
+        slopes([near, far], [x, y, z])
     }
 
     /// Adds derivatives by density to those by value: the transpose of [`Nodes::densities`].
@@ -157,6 +166,15 @@ pub(super) struct Sites<'a, R> {
     pub gaps: bool,
 }
 
+/// How many parts the way through a brick is divided into, if it is so many voxels a world length.
+#[inline(always)]
+pub(super) fn parts<R: Real>(span: &Span<R>, voxels: R, density: &[R]) -> usize {
+    let (most, half) = (R::int(MOST_PARTS as i32 - 1), R::of(0.5));
+    // Adding rounds to the nearest whole number: up, half of one higher.
+    let parts = (span.length * voxels * density[span.base / BRICK]).lesser(most) + half;
+    (parts + R::ONES).low_bits().clamp(1, MOST_PARTS as u32) as usize
+}
+
 /// Visits the nodes along a ray, near to far, so many fours at a time; `visit` returns false to stop, and may put another
 /// queue that [succeeds](Queue::succeed) in the place of this one. Where bricks
 /// are missing the next node's stretch has no length, unless gaps count. What is left over repeats the last
@@ -171,7 +189,6 @@ pub(super) fn nodes<R: Real>(
     queue.count = 0;
     let all = <R::Lanes as Lanes<R>>::splat;
     let voxels = R::of(ray.direction().length());
-    let (most, half) = (R::int(MOST_PARTS as i32 - 1), R::of(0.5));
     let numbers = R::Lanes::load([R::ONE, R::of(2.0), R::of(3.0), R::of(4.0)]);
     let (mut reached, mut open) = (f64::NEG_INFINITY, true);
     spans(
@@ -185,9 +202,7 @@ pub(super) fn nodes<R: Real>(
                 queue.push(&span, R::Lanes::ZERO, gap, 1);
             }
             reached = span.end;
-            // Adding rounds to the nearest whole number: up, half of one higher.
-            let parts = (span.length * voxels * sites.density[span.base / BRICK]).lesser(most) + half;
-            let parts = (parts + R::ONES).low_bits().clamp(1, MOST_PARTS as u32) as usize;
+            let parts = parts(&span, voxels, sites.density);
             let length = span.length / R::int(parts as i32);
             let mut number = numbers;
             let mut left = parts;

@@ -224,6 +224,11 @@ impl<R: Real> Row<R> {
         }
     }
 
+    /// Number of the node that a stretch ended at before the cut.
+    pub fn node(&self, stretch: usize) -> usize {
+        self.cut.get(stretch + 1).map_or(stretch, |(node, _)| *node as usize - 1)
+    }
+
     /// Derivatives with respect to the densities of the nodes that were there before the cut, from those with respect
     /// to the parts' ends.
     pub fn by_nodes(&self, by_ends: &[R; ROOM + 1]) -> [R; ROOM + 1] {
