@@ -55,6 +55,9 @@ struct Lane<V, T> {
     tape: T,
 }
 
+/// Where a lane adds derivatives by voxel, if they are asked for, and its tape.
+type Own<'l, L> = (Option<&'l mut [<L as Renderer>::Voxel]>, &'l mut <L as Renderer>::Tape);
+
 /// What one lane sums up.
 struct Sums<'v, V> {
     voxels: Option<&'v mut [V]>,
@@ -99,7 +102,7 @@ pub fn gradient<L: Renderer<Real = f32>>(
     let views: Vec<&Camera> = targets.iter().map(|t| &t.camera).collect();
     let parts = Parts::new(field, &lookups, &views, count, voxels.is_some());
     let mut first = voxels.as_deref_mut();
-    let own: Vec<(Option<&mut [L::Voxel]>, &mut L::Tape)> = lanes
+    let own: Vec<Own<'_, L>> = lanes
         .iter_mut()
         .map(|lane| {
             (first.take().or((length > 0 && !lane.voxels.is_empty()).then_some(&mut lane.voxels)), &mut lane.tape)
