@@ -4,13 +4,14 @@
 //! Scouts look about each start, on the smallest pictures and without derivatives; climbers leave from the best places
 //! that they find, first on small pictures; those that meet go on as one, on pictures twice as
 //! large each time, the higher half of them. A picture of full size would move them by less than its
-//! pixels: it is for the last look, with the upright camera that is handed out.
+//! pixels: it is for the last look, with the upright camera that is handed out. At that scale entropies are rough, and
+//! derivatives say little: about the highest it is the best of a few looks.
 
 use crate::optimise::ascent::{Ascent, Slope};
 use crate::optimise::entropy::{self, Entropy};
 use crate::optimise::rows::Rows;
 use crate::render::dvr::Dvr;
-use crate::scene::sphere::{Sphere, levelled, spread, upright};
+use crate::scene::sphere::{Sphere, levelled, spread, stepped, upright};
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -28,6 +29,10 @@ const MET: [f64; 2] = [3.0, 0.2];
 /// way there pictures of few pixels are off by more.
 const COARSELY: [f64; 2] = [0.5, 2e-5];
 const FINELY: [f64; 2] = [0.2, 5e-7];
+
+/// Last looks about each of the [`HIGHEST`], and how far from it, in pixels of the picture as it turns.
+const ABOUT: usize = 10;
+const RING: f64 = 1.5;
 
 /// What is looked for.
 #[derive(Debug, Clone, PartialEq)]
@@ -109,12 +114,18 @@ pub fn search(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool, tick: 
         climbers = meet(climbers, (MET[0] * radians_per_pixel(&sphere)).min(MET[1]));
     }
     let last_look = Instant::now();
-    let views = climbers.iter().map(|climber| {
-        let axes = levelled(&climber.ascent.axes);
-        View { axes, entropy: at(dvr, &request.sphere, &axes) }
-    });
-    let mut views: Vec<(&Climber, View)> = climbers.iter().zip(views).collect();
-    let render_seconds = last_look.elapsed().as_secs_f64() / views.len().max(1) as f64;
+    let mut looks = 0;
+    let mut views: Vec<(&Climber, View)> = Vec::new();
+    for (number, climber) in climbers.iter().enumerate() {
+        let about = if number < HIGHEST && !cancel.load(Ordering::Relaxed) { ABOUT } else { 0 };
+        let places = about_a_place(&climber.ascent.axes, about, RING * radians_per_pixel(&request.sphere));
+        looks += places.len();
+        let seen = places.iter().map(|axes| View { axes: *axes, entropy: at(dvr, &request.sphere, axes) });
+        // The first of equals.
+        let best = seen.reduce(|a, b| if b.entropy.value > a.entropy.value { b } else { a });
+        views.extend(best.map(|view| (climber, view)));
+    }
+    let render_seconds = last_look.elapsed().as_secs_f64() / looks.max(1) as f64;
     // Stable: equal ones as they were.
     views.sort_by(|a, b| b.1.entropy.value.total_cmp(&a.1.entropy.value));
     for (number, (climber, view)) in views.iter().enumerate() {
@@ -126,6 +137,12 @@ pub fn search(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool, tick: 
     let views = views.into_iter().map(|(_, view)| view).collect();
     let stopped = cancel.load(Ordering::Relaxed);
     Outcome { views, paths, seconds: begun.elapsed().as_secs_f64(), render_seconds, stopped }
+}
+
+/// A viewpoint, and so many evenly about it, all upright.
+fn about_a_place(axes: &DMat3, count: usize, distance: f64) -> Vec<DMat3> {
+    let turn = |i: usize| distance * DVec2::from_angle(std::f64::consts::TAU * i as f64 / count as f64);
+    std::iter::once(*axes).chain((0..count).map(|i| stepped(axes, turn(i)))).map(|axes| levelled(&axes)).collect()
 }
 
 /// How often a search that is not stopped tells of what it has done.
