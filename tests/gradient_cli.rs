@@ -63,7 +63,7 @@ fn every_parameter_and_loss_is_confirmed_by_differences() {
         (format!("{bright} --loss l2"), "tf,camera,extinction,background"),
         (format!("{bright} --loss ssim"), "tf"),
         (format!("{bright} --loss l2 --tf steps.tf.json"), "tf,camera,extinction,density"),
-        (format!("{bright} --loss l2 --tf steps.tf.json --quadrature preintegrated"), "tf,density"),
+        (format!("{bright} --loss l2 --tf steps.tf.json --quadrature preintegrated"), "tf,density,camera"),
         (format!("{bright} --loss mean --tf lobes.tf.json"), "tf,density"),
         (format!("{bright} --loss l2 --prior tv=0.1 --prior tf=0.3"), "tf,density"),
         (format!("{bright} --loss huber --prior smooth=2 --prior tf-rgb=1"), "tf,density"),

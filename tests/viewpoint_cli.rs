@@ -161,6 +161,12 @@ fn a_transfer_function_decides_what_shows() {
     let capture = transforms::load(&work.path("b.json")).unwrap();
     assert!(capture.transfer.is_some() && capture.background == [0.0; 3]);
     assert!(work.picture("view_000.exr").rgba.iter().any(|p| p[0] > 0.01));
+    // What is usual, and what has no error, find as much.
+    let fast: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let exact =
+        work.json("viewpoint a.vdb --tf thin.tf.json --size 64x64 --quadrature exact -o exact.json --pictures p");
+    let of = |report: &Value| report["entropy"].as_f64().unwrap();
+    assert!((of(&fast) - of(&exact)).abs() < 2e-3 && of(&exact) > 0.1, "{} {}", of(&fast), of(&exact));
 }
 
 #[test]
