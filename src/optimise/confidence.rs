@@ -17,8 +17,9 @@ use crate::render::dvr::Adjoint;
 use crate::scene::grid::LEAF_VOXELS;
 use rayon::prelude::*;
 
-/// Probes; each takes one pixel of a block of [`BLOCK`]².
-const PROBES: usize = 8;
+/// Probes times views, and the fewest and the most probes; each takes one pixel of a block of [`BLOCK`]².
+const LOOKS: usize = 512;
+const PROBES: [usize; 2] = [8, 64];
 const BLOCK: usize = 4;
 
 /// Numbers of a voxel that are known alike: their channels, and how far the prior leaves them open (p).
@@ -36,7 +37,8 @@ where
     let mut stored = vec![L::Voxel::default(); light.field().values.len()];
     let mut accumulators = Accumulators::default();
     let linear = |_: &[f32; 4], signs: &[f32; 4]| (0.0, *signs);
-    for probe in 0..PROBES {
+    let probes = (LOOKS / views.len().max(1)).clamp(PROBES[0], PROBES[1]);
+    for probe in 0..probes {
         let signed: Vec<Target> = views.iter().enumerate().map(|(v, t)| signs(t, v, probe)).collect();
         stored.fill(L::Voxel::default());
         let mut gradients = Gradients { voxels: Some(&mut stored), ..Gradients::default() };
@@ -44,7 +46,7 @@ where
         pictures::gradient(light, &signed, &linear, Adjoint::Tape, &mut accumulators, &mut gradients);
         topology.fold(&stored, &mut owned);
         for (squares, (channels, _)) in squares.iter_mut().zip(groups) {
-            let share = (BLOCK * BLOCK) as f32 / (PROBES * channels.len()) as f32;
+            let share = (BLOCK * BLOCK) as f32 / (probes * channels.len()) as f32;
             let square = |v: &L::Voxel| channels.iter().map(|c| (v.channel(*c) as f32).powi(2)).sum::<f32>();
             squares.par_iter_mut().zip(&owned).for_each(|(s, v)| *s += share * square(v));
         }
@@ -76,7 +78,7 @@ fn signs(target: &Target, view: usize, probe: usize) -> Target {
         if turn != 0 || !target.rgba[i].iter().all(|v| v.is_finite()) {
             return [f32::NAN; 4];
         }
-        let bits = scrambled(((view * PROBES + probe) as u64) << 40 | i as u64);
+        let bits = scrambled(((view << 8 | probe) as u64) << 40 | i as u64);
         [20, 21, 22, 23].map(|bit| if bits >> bit & 1 == 1 { 1.0 } else { -1.0 })
     };
     Target {
