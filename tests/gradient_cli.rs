@@ -228,6 +228,7 @@ fn densities_are_written_and_the_largest_listed() {
     let rows = rows(&report);
     assert_eq!(rows.len(), 8);
     assert_eq!(rows[0].0, "extinction");
+    assert!(report["provenance"].to_string().contains("plume.vdb"), "{report:#}");
     assert!(rows[1..].windows(2).all(|w| w[0].1.abs() >= w[1].1.abs()));
     let grid = cumulo::formats::vdb::File::open(work.path("g.vdb"), Default::default()).unwrap();
     let grid = grid.read_fog(Some("gradient")).unwrap();

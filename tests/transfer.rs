@@ -269,6 +269,10 @@ fn adjoints_agree() {
                 let scale = replay.voxels.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
                 let worst = worst.fold(0.0, f64::max) / scale;
                 assert!(worst < 1e-3, "{transfer:?} single precision: {worst:.1e}");
+                let apart = |(a, b): (&RayGradient, &RayGradient)| (a.origin - b.origin).length();
+                let worst = replay.rays.iter().zip(&tape.rays).map(apart).fold(0.0, f64::max);
+                let scale = replay.rays.iter().fold(0.0_f64, |m, by| m.max(by.origin.length()));
+                assert!(worst < 1e-3 * scale, "{transfer:?} single precision: rays off by {worst:.1e} of {scale:.1e}");
                 continue;
             }
             let inversion = gradient(&wide, &medium, rule, Adjoint::Inversion, &rays);

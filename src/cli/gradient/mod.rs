@@ -213,7 +213,7 @@ impl GradientCommand {
             report.report = Some(page.write(dir)?);
         }
         let wrong = report.worst_relative_error.is_some_and(|worst| worst.is_nan() || worst > self.tolerance);
-        output.report(&Report { seconds: provenance.lap(), ..report })?;
+        output.report(&Report { seconds: provenance.lap(), provenance: Some(provenance), ..report })?;
         Ok(if wrong { ExitCode::from(1) } else { ExitCode::SUCCESS })
     }
 
@@ -372,6 +372,7 @@ impl GradientCommand {
             output: self.output.clone(),
             report: None,
             seconds: 0.0,
+            provenance: None,
         };
         Ok((found, report))
     }

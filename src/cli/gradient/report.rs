@@ -1,5 +1,6 @@
 //! What `cumulo gradient` says.
 
+use crate::cli::provenance::Provenance;
 use crate::optimise::parameter::Parameter;
 use serde::Serialize;
 use std::fmt;
@@ -46,6 +47,7 @@ pub(super) struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub report: Option<PathBuf>,
     pub seconds: f64,
+    pub provenance: Option<Provenance>,
 }
 
 impl Report {
