@@ -7,7 +7,7 @@ mod fields;
 use cumulo::math::{Aabb, Affine};
 use cumulo::optimise::confidence::confidence;
 use cumulo::optimise::depths::{Depths, mean};
-use cumulo::optimise::footprint::Footprint;
+use cumulo::optimise::footprint::{Footprint, Lens};
 use cumulo::optimise::hull::Hull;
 use cumulo::optimise::observation::{DepthMap, Observation, Photo};
 use cumulo::optimise::parts::Parts;
@@ -446,7 +446,7 @@ fn rays_stay_in_footprints() {
     for camera in cameras {
         let bricks = field.topology.bricks();
         let footprints: Vec<Footprint> =
-            bricks.iter().map(|brick| Footprint::new(&camera, &field.transform, *brick)).collect();
+            bricks.iter().map(|brick| Lens::new(&camera, &field.transform).footprint(*brick)).collect();
         let (mut met, mut all) = (0, 0);
         for i in (0..24 * 20).step_by(7) {
             let (x, y) = (i % 24, i / 24);

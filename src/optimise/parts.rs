@@ -1,12 +1,13 @@
 //! How rays are shared out: to each lane tiles of pictures that take about as long as another's, and the bricks that
 //! the rays through them can meet.
 
-use super::footprint::Footprint;
+use super::footprint::{Footprint, Lens};
 use crate::render::order::Tiles;
 use crate::scene::bricks::{Bricks, Voxel};
 use crate::scene::camera::Camera;
 use glam::DVec2;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// A bit for each lane.
 pub type Lanes = u32;
@@ -57,10 +58,10 @@ impl Parts {
             return Self { pictures, ..parts };
         }
         let footprints: Vec<Vec<Footprint>> = cameras
-            .iter()
+            .par_iter()
             .map(|camera| {
-                let bricks = field.topology.bricks().par_iter().zip(lookups);
-                let of = |brick| Footprint::new(camera, &field.transform, brick);
+                let (bricks, lens) = (field.topology.bricks().iter().zip(lookups), Lens::new(camera, &field.transform));
+                let of = |brick| lens.footprint(brick);
                 bricks.map(|(brick, lookups)| if *lookups > 0.0 { of(*brick) } else { Footprint::NOWHERE }).collect()
             })
             .collect();
@@ -82,10 +83,10 @@ impl Parts {
         for brick in 0..lookups.len() {
             first.fill(usize::MAX);
             for ((tiles, places), footprints) in pictures.iter().zip(&places).zip(&footprints) {
-                for (i, _) in covered(tiles, &footprints[brick]) {
+                Covered::new(tiles, &footprints[brick]).for_each(|i| {
                     let (lane, place) = places[i];
                     first[lane] = first[lane].min(place);
-                }
+                });
             }
             let seen = first.iter().enumerate().filter(|(_, place)| **place < usize::MAX);
             seen.for_each(|(lane, place)| parts.see(brick, lane, *place));
@@ -105,27 +106,58 @@ impl Parts {
 /// What tiles cost, by row and column.
 fn costs(tiles: &Tiles, footprints: &[Footprint], lookups: &[f32]) -> Vec<f64> {
     let mut costs = vec![0.0; tiles.count()];
-    covered(tiles, &Footprint::EVERYWHERE).for_each(|(i, area)| costs[i] = RAY * area);
+    let mut add = |footprint: &Footprint, each: f64| {
+        let covered = Covered::new(tiles, footprint);
+        // Those at its border as much as others: what one brick has too much there its neighbour has not.
+        let share = each * covered.area / covered.count().max(1) as f64;
+        covered.for_each(|i| costs[i] += share);
+    };
+    add(&Footprint::EVERYWHERE, RAY);
     // What may be anywhere says nothing about where it is.
     for (footprint, lookups) in footprints.iter().zip(lookups).filter(|(f, _)| f.low.is_finite()) {
         // Of a cube's surroundings about half is its own, and a way through it is two thirds of an edge long.
-        let each = f64::from(lookups / 3.0);
-        covered(tiles, footprint).for_each(|(i, area)| costs[i] += each * area);
+        add(footprint, f64::from(lookups / 3.0));
     }
     costs
 }
 
-/// Tiles that a footprint covers some of, by row and column, and the area in pixels.
-fn covered(tiles: &Tiles, footprint: &Footprint) -> impl Iterator<Item = (usize, f64)> + use<> {
-    let &Tiles { edge, columns, rows, .. } = tiles;
-    let size = edge as f64;
-    let low = footprint.low.max(DVec2::ZERO);
-    let high = footprint.high.min(DVec2::new(tiles.width as f64, tiles.height as f64));
-    let along = |low: f64, high: f64, count: usize| (low / size) as usize..((high / size).ceil() as usize).min(count);
-    let shared = move |low: f64, high: f64, i: usize| high.min((i + 1) as f64 * size) - low.max(i as f64 * size);
-    let across = along(low.x, high.x, columns);
-    along(low.y, high.y, rows).flat_map(move |row| {
-        let height = shared(low.y, high.y, row);
-        across.clone().map(move |column| (row * columns + column, height * shared(low.x, high.x, column)))
-    })
+/// Tiles that a footprint covers some of.
+struct Covered {
+    columns: Range<usize>,
+    rows: Range<usize>,
+    /// Of the footprint in the picture, in pixels.
+    area: f64,
+    /// Tiles in a row of the picture.
+    across: usize,
+}
+
+impl Covered {
+    #[inline]
+    fn new(tiles: &Tiles, footprint: &Footprint) -> Self {
+        let low = footprint.low.max(DVec2::ZERO);
+        let high = footprint.high.min(DVec2::new(tiles.width as f64, tiles.height as f64));
+        // Edges are powers of two: no rounding.
+        let inverse = 1.0 / tiles.edge as f64;
+        let along =
+            |low: f64, high: f64, count: usize| (low * inverse) as usize..((high * inverse).ceil() as usize).min(count);
+        let size = (high - low).max(DVec2::ZERO);
+        Self {
+            columns: along(low.x, high.x, tiles.columns),
+            rows: along(low.y, high.y, tiles.rows),
+            area: size.x * size.y,
+            across: tiles.columns,
+        }
+    }
+
+    fn count(&self) -> usize {
+        self.columns.len() * self.rows.len()
+    }
+
+    /// By row and column.
+    #[inline]
+    fn for_each(&self, mut visit: impl FnMut(usize)) {
+        for row in self.rows.clone() {
+            self.columns.clone().for_each(|column| visit(row * self.across + column));
+        }
+    }
 }
