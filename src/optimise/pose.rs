@@ -201,7 +201,8 @@ impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
     }
 
     fn run(mut self, tick: &(dyn Fn() + Sync)) -> Vec<Found> {
-        let before = self.linearised(&self.cameras, 0, None);
+        // By whom the end is judged.
+        let before = self.linearised(&self.cameras, 0, self.judge);
         let deepest = self.pyramids.iter().map(Vec::len).max().unwrap_or(1);
         let mut after = Equations::new();
         for level in (0..deepest).rev() {
