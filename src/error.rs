@@ -58,9 +58,19 @@ impl Error {
     }
     /// An operating-system error on `path`.
     pub fn io(path: impl AsRef<Path>, source: std::io::Error) -> Self {
-        let mut e = Self::new(Kind::Io, source.to_string()).at(path);
+        Self::system(source).at(path)
+    }
+    /// An operating-system error on a file that the caller names.
+    pub fn system(source: std::io::Error) -> Self {
+        let mut e = Self::new(Kind::Io, source.to_string());
         e.0.source = Some(source);
         e
+    }
+    /// Says what happened in other words: those of the operating system with more beside them.
+    #[must_use]
+    pub fn saying(mut self, what: impl Into<String>) -> Self {
+        self.0.what = what.into();
+        self
     }
     /// Names the file, unless an inner layer already named one.
     #[must_use]
@@ -87,6 +97,10 @@ impl Error {
     /// The operating-system error beneath, if there is one.
     pub fn io_kind(&self) -> Option<std::io::ErrorKind> {
         self.0.source.as_ref().map(std::io::Error::kind)
+    }
+    /// The operating system's error beneath, as it numbers them.
+    pub fn os_error(&self) -> Option<i32> {
+        self.0.source.as_ref().and_then(std::io::Error::raw_os_error)
     }
     /// What happened, without the place and the hint.
     pub fn what(&self) -> &str {

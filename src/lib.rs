@@ -21,6 +21,7 @@ pub mod lanes;
 pub mod math;
 pub mod metrics;
 pub mod optimise;
+pub mod process;
 pub mod real;
 pub mod render;
 pub mod report;

@@ -5,6 +5,9 @@ use cumulo::cli;
 use std::io::Write;
 use std::process::ExitCode;
 
+#[global_allocator]
+static ALLOCATOR: cumulo::process::Allocator = cumulo::process::Allocator;
+
 fn main() -> ExitCode {
     match cli::run(cli::Arguments::parse()) {
         Ok(code) => code,

@@ -1,6 +1,7 @@
 //! `cumulo compare`: how far apart two pictures are.
 
 use super::output::Output;
+use super::outputs::{self, Content};
 use crate::error::{Error, Result};
 use crate::formats::{exr, png};
 use crate::metrics::{self, Comparison, heatmap};
@@ -74,6 +75,10 @@ impl fmt::Display for Report {
 pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
     if arguments.tolerance.is_nan() || arguments.tolerance < 0.0 {
         return Err(Error::invalid(format!("--tolerance {}: a number from 0 on is expected", arguments.tolerance)));
+    }
+    if let Some(path) = &arguments.heatmap {
+        outputs::file(path, Content::Png)?;
+        outputs::spare([path.as_path()], [arguments.a.as_path(), arguments.b.as_path()])?;
     }
     let layer = arguments.layer.as_deref();
     let a = exr::picture(&arguments.a, layer)?;

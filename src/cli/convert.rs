@@ -3,6 +3,7 @@
 
 use super::memory::{Memory, human};
 use super::output::Output;
+use super::outputs::{self, Content};
 use super::parse::{corners, not_negative, positive};
 use super::transfer::TransferOption;
 use crate::error::{Error, Result};
@@ -52,7 +53,7 @@ pub struct Convert {
     #[command(flatten)]
     transfer: TransferOption,
     #[command(flatten)]
-    memory: Memory,
+    pub(in crate::cli) memory: Memory,
 }
 
 /// What a grid's values are, for what is wrong with them.
@@ -104,6 +105,9 @@ impl Convert {
     /// be written; the output is untouched then.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let limits = self.memory.limits();
+        outputs::file(&self.output, Content::Vdb)?;
+        let inputs = std::iter::once(&self.input).chain(&self.transfer.tf);
+        outputs::spare([self.output.as_path()], inputs.map(PathBuf::as_path))?;
         let transfer = self.transfer.load(limits)?;
         let file = File::open(&self.input, limits)?;
         let names = self.chosen(&file)?;

@@ -28,7 +28,7 @@ pub struct Diff {
     #[arg(long, value_name = "MAX_ABS", default_value_t = 0.0)]
     tolerance: f64,
     #[command(flatten)]
-    memory: Memory,
+    pub(in crate::cli) memory: Memory,
 }
 
 #[derive(Debug, Serialize)]

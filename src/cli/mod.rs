@@ -9,6 +9,7 @@ pub mod info;
 pub mod light;
 pub mod memory;
 pub mod output;
+pub mod outputs;
 pub mod parse;
 pub mod photos;
 pub mod pose;
@@ -20,11 +21,14 @@ pub mod run;
 pub mod scene;
 pub mod task;
 pub mod transfer;
+pub mod try_grid;
 pub mod validate;
 pub mod viewpoint;
 pub mod volume;
 
 use crate::error::{Error, Result};
+use crate::formats::vdb::{self, Limits, helper};
+use crate::process;
 use clap::{Parser, Subcommand};
 use output::Output;
 use std::process::ExitCode;
@@ -67,7 +71,31 @@ enum Command {
     Reconstruct(reconstruct::Reconstruct),
     Report(report::Report),
     Transfer(transfer::TransferCommand),
+    #[command(name = crate::formats::vdb::helper::SUBCOMMAND, hide = true)]
+    TryGrid(try_grid::TryGrid),
     Viewpoint(viewpoint::Viewpoint),
+}
+
+impl Command {
+    /// Bytes of memory that the whole process may take.
+    fn max_memory(&self) -> u64 {
+        let memory = match self {
+            Self::Compare(_) => return Limits::default().max_memory,
+            Self::Info(c) => c.memory,
+            Self::Validate(c) => c.memory,
+            Self::Convert(c) => c.memory,
+            Self::Diff(c) => c.memory,
+            Self::Pose(c) => c.memory,
+            Self::Gradient(c) => c.memory,
+            Self::Render(c) => c.memory,
+            Self::Reconstruct(c) => c.memory(),
+            Self::Report(c) => c.memory,
+            Self::Transfer(c) => c.memory,
+            Self::TryGrid(c) => return c.max_memory,
+            Self::Viewpoint(c) => c.memory,
+        };
+        memory.limits().max_memory
+    }
 }
 
 /// Runs the command line.
@@ -84,6 +112,15 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
             .build_global()
             .map_err(|e| Error::invalid(format!("--threads {n}: {e}")))?;
     }
+    // Threads, libraries and the helper's name come before the limit, which holds for what the command does.
+    cancel::install()?;
+    let threads = rayon::current_num_threads();
+    debug_assert!(threads > 0);
+    if let Ok(program) = std::env::current_exe() {
+        helper::set_program(program);
+    }
+    vdb::on_terminate(process::abandon);
+    process::limit_memory(arguments.command.max_memory());
     let output = Output::new(&arguments.global);
     match arguments.command {
         Command::Compare(a) => compare::run(&a, &output),
@@ -97,6 +134,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Command::Reconstruct(c) => c.run(&output),
         Command::Report(c) => c.run(&output),
         Command::Transfer(c) => c.run(&output),
+        Command::TryGrid(c) => Ok(c.run()),
         Command::Viewpoint(c) => c.run(&output),
     }
 }

@@ -2,12 +2,14 @@
 
 use super::memory::Memory;
 use super::output::Output;
+use super::outputs;
 use super::parse::{self, DensityScale};
 use super::provenance::Provenance;
 use super::scene::Scene;
 use super::transfer::TransferOption;
 use super::{cancel, volume};
 use crate::error::{Error, Result};
+use crate::formats::atomic::Batch;
 use crate::formats::exr;
 use crate::formats::transforms::{self, FILE_NAME};
 use crate::formats::vdb::Limits;
@@ -38,6 +40,9 @@ pub struct Render {
     /// Folder for transforms.json and the pictures
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
+    /// Replace a capture in the folder, whoever made it (one of the very same command is replaced without)
+    #[arg(long)]
+    overwrite: bool,
     /// Place this many cameras around the volume
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     views: Option<u32>,
@@ -87,7 +92,7 @@ pub struct Render {
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
     #[command(flatten)]
-    memory: Memory,
+    pub(in crate::cli) memory: Memory,
 }
 
 #[derive(Debug, Serialize)]
@@ -126,6 +131,7 @@ impl Render {
     /// If the volume or the cameras cannot be used, or the folder cannot be written to; an earlier
     /// capture in the folder is untouched then.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        outputs::folder(&self.output)?;
         let cancel = cancel::listen();
         let mut provenance = Provenance::begin();
         let limits = self.memory.limits();
@@ -140,40 +146,32 @@ impl Render {
         let capture = self.capture(&scene, transfer, asked)?;
         fits(&capture, limits.max_memory)?;
 
-        if let Some(frame) = capture.frames.iter().find(|f| f.picture.is_dir()) {
-            return Err(Error::invalid("a folder stands where a picture is to go").at(&frame.picture));
-        }
-        self.spare_the_given(asked_pictures.as_deref().unwrap_or_default())?;
-        std::fs::create_dir_all(&self.output)
-            .map_err(|e| Error::io(&self.output, e).hint("the pictures need a folder that can be written to"))?;
-        // Pictures wait in a folder of their own until all are there: an interrupted run must not mix
-        // its pictures with those of an earlier one.
-        let waiting = tempfile::Builder::new()
-            .prefix(".cumulo-")
-            .tempdir_in(&self.output)
-            .map_err(|e| Error::io(&self.output, e))?;
+        let json = self.output.join(FILE_NAME);
+        self.spare(&json, &capture, asked_pictures.as_deref().unwrap_or_default(), &provenance)?;
+        // Pictures wait until all are there: an interrupted run must not mix its pictures with those of an earlier one.
+        let mut batch = Batch::new();
+        batch.make_folder(&self.output)?;
+        let waiting = capture.frames.iter().map(|f| batch.add(&f.picture)).collect::<Result<Vec<_>>>()?;
+        let waiting_json = batch.add(&json)?;
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
         let light = scene.light(&capture, quadrature).map_err(|e| e.at(&self.input))?.early_stop(self.early_stop);
         let early_stop = EarlyStop { transmittance: self.early_stop, error_bound: light.left_out() };
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
-        capture.frames.par_iter().try_for_each(|frame| {
+        capture.frames.par_iter().zip(&waiting).try_for_each(|(frame, waiting)| {
             let film = light.picture(&frame.camera, self.supersample as usize, cancel).ok_or_else(Error::cancelled)?;
-            exr::write_picture(&waiting.path().join(file_name(&frame.picture)), &film, &attributes, false)?;
+            exr::write_picture(waiting, &film, &attributes, false)?;
             bar.inc(1);
             Ok::<_, Error>(())
         })?;
         bar.finish_and_clear();
-        for frame in &capture.frames {
-            let from = waiting.path().join(file_name(&frame.picture));
-            std::fs::rename(&from, &frame.picture).map_err(|e| Error::io(&frame.picture, e))?;
-        }
         let seconds = provenance.lap();
         let mut extra = Map::new();
         extra.insert("provenance".into(), json!(provenance));
         extra.insert("quadrature".into(), Value::String(quadrature.to_string()));
         extra.insert("early_stop".into(), json!(early_stop));
-        transforms::save(&self.output.join(FILE_NAME), &capture, &extra)?;
+        transforms::save_for(&json, &waiting_json, &capture, &extra)?;
+        batch.commit()?;
         output.report(&Report {
             output: self.output.clone(),
             views: capture.frames.len(),
@@ -184,6 +182,16 @@ impl Render {
             seconds,
         })?;
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Makes sure that nothing is replaced that is read, or that another command made.
+    fn spare(&self, json: &Path, capture: &Capture, asked: &[PathBuf], provenance: &Provenance) -> Result<()> {
+        self.spare_the_given(asked)?;
+        let pictures: Vec<PathBuf> = capture.frames.iter().map(|f| f.picture.clone()).collect();
+        let inputs = [Some(&self.input), self.transfer.tf.as_ref()].into_iter().flatten().chain(asked);
+        let outputs = pictures.iter().map(PathBuf::as_path).chain([json]);
+        outputs::spare(outputs, inputs.map(PathBuf::as_path))?;
+        if self.overwrite { Ok(()) } else { outputs::spare_captures(json, &pictures, &provenance.command) }
     }
 
     /// The pictures of `--cameras` must not be replaced by ours.
@@ -305,6 +313,3 @@ pub(super) fn fits(capture: &Capture, max_memory: u64) -> Result<()> {
     }
 }
 
-fn file_name(picture: &Path) -> &Path {
-    picture.file_name().map_or(picture, Path::new)
-}

@@ -3,11 +3,11 @@
 use super::cancel;
 use super::memory::Memory;
 use super::output::Output;
+use super::outputs::{self, Content};
 use super::provenance::Provenance;
 use super::run::Run;
 use super::{photos, report};
 use crate::error::Result;
-use crate::formats::atomic;
 use crate::formats::vdb::Limits;
 use crate::optimise::observation::Photo;
 use crate::scene::capture::Capture;
@@ -29,13 +29,14 @@ pub struct Task<'t> {
 }
 
 impl<'t> Task<'t> {
-    /// Begins, if the output and the report's folder can be written to: before the work, not after it.
+    /// Begins, if the output and the report's folder have fitting names and can be written to: before the work, not after
+    /// it.
     ///
     /// # Errors
-    /// The operating system's, with the path.
-    pub fn begin(output: &Path, report: Option<&'t Path>, memory: &Memory) -> Result<Self> {
+    /// As [`outputs::file`] and [`report::prepare`].
+    pub fn begin(output: &Path, content: Content, report: Option<&'t Path>, memory: &Memory) -> Result<Self> {
         let (cancel, provenance) = (cancel::listen(), Provenance::begin());
-        atomic::probe(output)?;
+        outputs::file(output, content)?;
         if let Some(dir) = report {
             report::prepare(dir)?;
         }

@@ -2,10 +2,10 @@
 
 use super::memory::Memory;
 use super::output::Output;
+use super::outputs::{self, Content};
 use super::parse::{ascending, positive};
 use super::provenance::Provenance;
 use crate::error::{Error, Result};
-use crate::formats::atomic;
 use crate::formats::transfer::{self, Options, Source, TransferSummary};
 use crate::formats::vdb::Limits;
 use crate::scene::transfer::Transfer;
@@ -38,7 +38,7 @@ pub struct TransferCommand {
     #[arg(long, value_name = "S", value_parser = positive)]
     extinction: Option<f64>,
     #[command(flatten)]
-    memory: Memory,
+    pub(in crate::cli) memory: Memory,
 }
 
 /// The transfer function that a command uses.
@@ -99,7 +99,8 @@ impl TransferCommand {
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let mut provenance = Provenance::begin();
         if let Some(path) = &self.output {
-            atomic::probe(path)?;
+            outputs::file(path, Content::TransferFunction)?;
+            outputs::spare([path.as_path()], [self.input.as_path()])?;
         }
         let loaded = transfer::load(&self.input, &self.options())?;
         if let Some(path) = &self.output {

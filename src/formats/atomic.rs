@@ -1,88 +1,397 @@
-//! Outputs appear whole or not at all: written beside their place under a temporary name, then
-//! renamed. Whatever stood there stays until the new file is complete.
+//! Outputs appear whole or not at all: written beside their place under a temporary name, synced, then renamed. Whatever
+//! stood there stays until the new file is complete.
+//!
+//! A symbolic link is followed, and stays; the mode of a file that is replaced is kept. Devices, pipes and sockets are
+//! refused: a rename would put a regular file in their place.
 
+use super::temporary::{TemporaryFile, TemporaryFolder};
 use crate::error::{Error, Result};
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::fs::{File, Metadata};
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
 
-/// Calls `write` with a temporary path in the folder of `path` (same extension, so that libraries
-/// which look at it are content), syncs the file and renames it into place.
+/// Links followed on the way to a file, as many as Linux follows.
+const MOST_LINKS: usize = 40;
+
+/// A file in the making.
+#[derive(Debug)]
+pub struct Draft {
+    temporary: TemporaryFile,
+    /// As the user named it: what errors speak of.
+    named: PathBuf,
+    /// Where it goes, links followed.
+    place: PathBuf,
+}
+
+impl Draft {
+    /// Begins a file that is to stand at `path`.
+    ///
+    /// # Errors
+    /// If a folder, a device, a pipe or a socket stands there, or the folder does not exist or cannot be written to.
+    pub fn begin(path: &Path) -> Result<Self> {
+        let place = followed(path)?;
+        let standing = standing(path, &place)?;
+        let extension = place.extension().map(|e| format!(".{}", e.to_string_lossy())).unwrap_or_default();
+        let mut temporary = TemporaryFile::new(folder(&place), &extension).map_err(|e| {
+            Error::io(path, e).hint("the output's folder must exist, be writable, and have room for a file beside it")
+        })?;
+        if let Some(old) = standing {
+            temporary.file().set_permissions(old.permissions()).map_err(|e| Error::io(path, e))?;
+        }
+        Ok(Self { temporary, named: path.to_path_buf(), place })
+    }
+
+    /// The open file, empty at first.
+    pub fn file(&mut self) -> &mut File {
+        self.temporary.file()
+    }
+
+    /// Where the file stands until it is complete.
+    pub fn path(&self) -> &Path {
+        self.temporary.path()
+    }
+
+    /// Appends bytes.
+    ///
+    /// # Errors
+    /// The operating system's; where space is short, with how much is needed.
+    pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        let written = self.temporary.file().write_all(bytes);
+        written.map_err(|e| self.unwritten(e, bytes.len() as u64))
+    }
+
+    /// A write of the file that failed, in words: where space is short, how much of it is `needed` in all and how much
+    /// there is without this file.
+    pub fn unwritten(&mut self, error: std::io::Error, needed: u64) -> Error {
+        let mut what = format!("{error}: {needed} bytes are needed");
+        if let (ErrorKind::StorageFull, Ok(free)) = (error.kind(), rustix::fs::statvfs(folder(&self.place))) {
+            let own = self.temporary.file().metadata().map_or(0, |m| 512 * std::os::unix::fs::MetadataExt::blocks(&m));
+            what += &format!(", {} are free", free.f_bavail.saturating_mul(free.f_frsize).saturating_add(own));
+        }
+        unwritten(&self.named, error).saying(what)
+    }
+
+    /// Syncs the file and renames it into place.
+    ///
+    /// # Errors
+    /// The operating system's; what stood there still stands then.
+    pub fn commit(self) -> Result<()> {
+        let Self { mut temporary, named, place } = self;
+        temporary.file().sync_all().map_err(|e| unwritten(&named, e))?;
+        temporary.rename(&place).map_err(|e| unwritten(&named, e))?;
+        sync_folder(folder(&place)).map_err(|e| Error::io(&named, e))
+    }
+}
+
+/// Writes a file: `write` gets the draft, and nothing appears if it fails.
 ///
 /// # Errors
-/// Whatever `write` returns, or the operating system's error with `path`; the temporary file is gone
-/// in either case.
-pub fn write(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
-    let temporary = temporary(path)?;
-    write(temporary.path()).map_err(|e| e.at(path))?;
-    // Reopen by name: a library may have replaced the file that the handle points to.
-    std::fs::File::open(temporary.path()).and_then(|f| f.sync_all()).map_err(|e| Error::io(path, e))?;
-    set_default_mode(temporary.path()).map_err(|e| Error::io(path, e))?;
-    temporary.persist(path).map_err(|e| Error::io(path, e.error))?;
-    Ok(())
+/// Whatever `write` returns, or the operating system's error, with `path`.
+pub fn write(path: &Path, write: impl FnOnce(&mut Draft) -> Result<()>) -> Result<()> {
+    let mut draft = Draft::begin(path)?;
+    write(&mut draft).map_err(|e| e.at(path))?;
+    draft.commit()
+}
+
+/// Writes a file of these bytes.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+    write(path, |draft| draft.write(bytes))
 }
 
 /// Makes sure that `path` can be written, before the work whose result it is to hold.
 ///
 /// # Errors
-/// If it is a folder, or its own folder does not exist or cannot be written to.
+/// As [`Draft::begin`].
 pub fn probe(path: &Path) -> Result<()> {
-    if path.is_dir() {
-        return Err(Error::invalid("this is a folder; the name of a file is expected").at(path));
-    }
-    temporary(path).map(drop)
+    Draft::begin(path).map(drop)
 }
 
-fn temporary(path: &Path) -> Result<tempfile::NamedTempFile> {
-    let folder = match path.parent() {
+/// Files that belong together: all of them appear, or none.
+///
+/// Each waits in a temporary folder beside its place. Where one cannot be put into place, those before it are taken back,
+/// and what they had replaced returns.
+#[derive(Debug, Default)]
+pub struct Batch {
+    waiting: BTreeMap<PathBuf, TemporaryFolder>,
+    /// Folders that were created for the batch, outermost first; empty ones go with a batch that fails.
+    made: Vec<PathBuf>,
+    files: Vec<Waiting>,
+    committed: bool,
+}
+
+#[derive(Debug)]
+struct Waiting {
+    from: PathBuf,
+    place: PathBuf,
+    named: PathBuf,
+}
+
+impl Batch {
+    /// An empty batch.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Creates a folder for files of the batch, if there is none; it goes again if the batch fails.
+    ///
+    /// # Errors
+    /// The operating system's, with the folder.
+    pub fn make_folder(&mut self, path: &Path) -> Result<()> {
+        let mut missing: Vec<PathBuf> = Vec::new();
+        let mut at = Some(path);
+        while let Some(folder) = at.filter(|f| !f.as_os_str().is_empty() && !f.exists()) {
+            missing.push(folder.to_path_buf());
+            at = folder.parent();
+        }
+        for folder in missing.into_iter().rev() {
+            match std::fs::create_dir(&folder) {
+                Ok(()) => self.made.push(folder),
+                // Another process was quicker.
+                Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
+                Err(e) => {
+                    return Err(Error::io(&folder, e).hint("the output needs a folder that can be created and written to"));
+                }
+            }
+        }
+        if path.as_os_str().is_empty() || path.is_dir() {
+            return Ok(());
+        }
+        Err(Error::invalid("this is no folder, and files are to be written into it")
+            .at(path)
+            .hint("name a folder, or remove the file that bears its name"))
+    }
+
+    /// Adds a file that is to stand at `path`, and returns where it waits until then: whole once it is there.
+    ///
+    /// # Errors
+    /// As [`Draft::begin`].
+    pub fn add(&mut self, path: &Path) -> Result<PathBuf> {
+        let place = followed(path)?;
+        standing(path, &place)?;
+        let folder = folder(&place).to_path_buf();
+        let number = self.files.len();
+        let waiting = match self.waiting.entry(folder.clone()) {
+            std::collections::btree_map::Entry::Occupied(entry) => entry.into_mut(),
+            std::collections::btree_map::Entry::Vacant(entry) => entry.insert(TemporaryFolder::new(&folder)?),
+        };
+        let mut name = std::ffi::OsString::from(format!("{number}-"));
+        name.push(place.file_name().unwrap_or_default());
+        let from = waiting.path().join(name);
+        self.files.push(Waiting { from: from.clone(), place, named: path.to_path_buf() });
+        Ok(from)
+    }
+
+    /// Puts all files into place.
+    ///
+    /// # Errors
+    /// The operating system's, with the file that could not be put there; all others are as they were then.
+    pub fn commit(mut self) -> Result<()> {
+        let mut done = Vec::with_capacity(self.files.len());
+        for (number, file) in self.files.iter().enumerate() {
+            match self.place(number, file) {
+                Ok(old) => done.push((file, old)),
+                Err(error) => {
+                    // One that cannot be taken back stands there whole, and new.
+                    for (file, old) in done.into_iter().rev() {
+                        let _ = match old {
+                            Some(old) => std::fs::rename(old, &file.place),
+                            None => std::fs::remove_file(&file.place),
+                        };
+                    }
+                    return Err(error);
+                }
+            }
+        }
+        self.committed = true;
+        self.waiting.keys().try_for_each(|folder| sync_folder(folder).map_err(|e| Error::io(folder, e)))
+    }
+
+    /// Puts a file into place, and returns where the one that it replaced waits.
+    fn place(&self, number: usize, file: &Waiting) -> Result<Option<PathBuf>> {
+        let failed = |e| unwritten(&file.named, e);
+        let mut old = None;
+        if let Some(standing) = standing(&file.named, &file.place)? {
+            std::fs::set_permissions(&file.from, standing.permissions()).map_err(failed)?;
+            let aside = file.from.with_file_name(format!("{number}.old"));
+            // A second name for the old file, or a copy where the filesystem has no such thing.
+            if std::fs::hard_link(&file.place, &aside).is_err() {
+                std::fs::copy(&file.place, &aside).map_err(failed)?;
+            }
+            old = Some(aside);
+        }
+        // Until this rename the old file stands, and afterwards the new one: at no time none.
+        std::fs::rename(&file.from, &file.place).map_err(failed)?;
+        Ok(old)
+    }
+}
+
+impl Drop for Batch {
+    /// Takes back the folders that were created for nothing.
+    fn drop(&mut self) {
+        self.waiting.clear();
+        if !self.committed {
+            // One that holds something by now is not removed.
+            self.made.iter().rev().for_each(|folder| drop(std::fs::remove_dir(folder)));
+        }
+    }
+}
+
+/// The path that a symbolic link leads to, or `path` itself. The file at its end need not exist.
+fn followed(path: &Path) -> Result<PathBuf> {
+    let mut at = path.to_path_buf();
+    for _ in 0..MOST_LINKS {
+        match std::fs::symlink_metadata(&at) {
+            Ok(m) if m.file_type().is_symlink() => {}
+            Err(e) if e.kind() != ErrorKind::NotFound => return Err(Error::io(path, e)),
+            _ => return Ok(at),
+        }
+        let to = std::fs::read_link(&at).map_err(|e| Error::io(path, e))?;
+        at = at.parent().map_or_else(|| to.clone(), |folder| folder.join(&to));
+    }
+    Err(Error::invalid(format!("more than {MOST_LINKS} symbolic links lead on from here"))
+        .at(path)
+        .hint("the links may form a circle; name the file itself"))
+}
+
+/// The regular file that stands at `place`, if any.
+fn standing(named: &Path, place: &Path) -> Result<Option<Metadata>> {
+    let found = match std::fs::metadata(place) {
+        Ok(m) if m.is_file() => return Ok(Some(m)),
+        Ok(m) if m.is_dir() => "a folder",
+        Ok(_) => "a device, a pipe or a socket",
+        Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(e) => return Err(Error::io(named, e).hint("the output's folder must exist and be writable")),
+    };
+    Err(Error::invalid(format!("this is {found}; the name of a regular file is expected"))
+        .at(named)
+        .hint("outputs are written beside their place and renamed: name a file in a folder that can be written to"))
+}
+
+fn folder(place: &Path) -> &Path {
+    match place.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),
+    }
+}
+
+/// A rename lasts once its folder is on the disk. Some filesystems have no sync for folders.
+fn sync_folder(folder: &Path) -> std::io::Result<()> {
+    match File::open(folder).and_then(|f| f.sync_all()) {
+        Err(e) if matches!(e.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported | ErrorKind::PermissionDenied) => {
+            Ok(())
+        }
+        other => other,
+    }
+}
+
+/// What could not be put into place, with what to do.
+fn unwritten(named: &Path, error: std::io::Error) -> Error {
+    let hint = match error.kind() {
+        ErrorKind::StorageFull => "nothing was changed; make room there, or name a folder on another disk",
+        ErrorKind::QuotaExceeded => "nothing was changed; make room within the quota, or name a folder elsewhere",
+        ErrorKind::FileTooLarge => "nothing was changed; raise the limit for the size of files (ulimit -f)",
+        ErrorKind::ReadOnlyFilesystem => "nothing was changed; mount it writable, or name a folder elsewhere",
+        _ => "nothing was changed; check the disk and the folder's permissions, or name another folder",
     };
-    let extension = path.extension().map(|e| format!(".{}", e.to_string_lossy())).unwrap_or_default();
-    tempfile::Builder::new()
-        .prefix(".cumulo-")
-        .suffix(&extension)
-        .tempfile_in(folder)
-        .map_err(|e| Error::io(path, e).hint("the output's folder must exist and be writable"))
-}
-
-/// Temporary files are private to their owner; outputs follow the user's umask like any other file.
-#[cfg(unix)]
-fn set_default_mode(path: &Path) -> std::io::Result<()> {
-    use std::os::unix::fs::PermissionsExt;
-    use std::sync::OnceLock;
-    static MODE: OnceLock<u32> = OnceLock::new();
-    let mode = *MODE.get_or_init(|| {
-        // The only portable way to learn the umask without changing it is to create a file with it.
-        let probe = std::env::temp_dir().join(format!(".cumulo-umask-{}", std::process::id()));
-        let mode =
-            std::fs::File::create(&probe).and_then(|f| f.metadata()).map_or(0o644, |m| m.permissions().mode() & 0o777);
-        let _ = std::fs::remove_file(&probe);
-        mode
-    });
-    std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode))
-}
-
-#[cfg(not(unix))]
-fn set_default_mode(_: &Path) -> std::io::Result<()> {
-    Ok(())
+    Error::io(named, error).hint(hint)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn text(path: &Path) -> String {
+        std::fs::read_to_string(path).unwrap()
+    }
+
     #[test]
     fn a_failed_write_leaves_the_old_file_and_no_litter() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("out.txt");
         std::fs::write(&path, "old").unwrap();
-        let failed = write(&path, |p| {
-            std::fs::write(p, "half").unwrap();
+        let failed = write(&path, |draft| {
+            draft.write(b"half").unwrap();
             Err(Error::invalid("no"))
         });
         assert!(failed.unwrap_err().to_string().contains("out.txt"));
-        assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");
-        write(&path, |p| std::fs::write(p, "new").map_err(|e| Error::io(p, e))).unwrap();
-        assert_eq!(std::fs::read_to_string(&path).unwrap(), "new");
+        assert_eq!(text(&path), "old");
+        write_bytes(&path, b"new").unwrap();
+        assert_eq!(text(&path), "new");
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn links_are_followed_and_modes_kept() {
+        use std::os::unix::fs::{PermissionsExt, symlink};
+        let dir = tempfile::tempdir().unwrap();
+        let [file, link, far] = ["file", "link", "far"].map(|n| dir.path().join(n));
+        std::fs::write(&file, "old").unwrap();
+        std::fs::set_permissions(&file, PermissionsExt::from_mode(0o640)).unwrap();
+        symlink("file", &link).unwrap();
+        symlink(&link, &far).unwrap();
+        write_bytes(&far, b"new").unwrap();
+        assert_eq!(text(&file), "new");
+        assert!([&link, &far].iter().all(|l| std::fs::symlink_metadata(l).unwrap().is_symlink()));
+        assert_eq!(std::fs::metadata(&file).unwrap().permissions().mode() & 0o777, 0o640);
+        // One that leads nowhere yet.
+        symlink("later", dir.path().join("soon")).unwrap();
+        write_bytes(&dir.path().join("soon"), b"there").unwrap();
+        assert_eq!(text(&dir.path().join("later")), "there");
+        symlink("round", dir.path().join("round")).unwrap();
+        assert!(write_bytes(&dir.path().join("round"), b"").unwrap_err().to_string().contains("links"));
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn what_is_no_regular_file_is_refused() {
+        for path in ["/dev/null", "/dev", "/"] {
+            assert!(probe(Path::new(path)).unwrap_err().to_string().contains("regular file"), "{path}");
+        }
+        let error = probe(Path::new("/dev/null/x")).unwrap_err().to_string();
+        assert!(error.contains("/dev/null/x"), "{error}");
+    }
+
+    #[test]
+    fn a_batch_that_fails_in_the_middle_changes_nothing() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("deep/er");
+        let mut batch = Batch::new();
+        batch.make_folder(&folder).unwrap();
+        let paths = ["a", "b", "c"].map(|n| folder.join(n));
+        std::fs::write(&paths[0], "old").unwrap();
+        for (path, present) in paths.iter().zip([true, true, false]) {
+            let waits = batch.add(path).unwrap();
+            if present {
+                std::fs::write(waits, "new").unwrap();
+            }
+        }
+        assert!(batch.commit().unwrap_err().to_string().contains('c'));
+        assert_eq!(text(&paths[0]), "old");
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
+
+        let mut batch = Batch::new();
+        for path in &paths {
+            std::fs::write(batch.add(path).unwrap(), "new").unwrap();
+        }
+        batch.commit().unwrap();
+        assert!(paths.iter().all(|p| text(p) == "new"));
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 3);
+    }
+
+    #[test]
+    fn folders_made_for_nothing_are_taken_back() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut batch = Batch::new();
+        batch.make_folder(&dir.path().join("x/y")).unwrap();
+        batch.add(&dir.path().join("x/y/file")).unwrap();
+        drop(batch);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+        std::fs::write(dir.path().join("file"), "").unwrap();
+        assert!(Batch::new().make_folder(&dir.path().join("file")).unwrap_err().to_string().contains("no folder"));
     }
 }

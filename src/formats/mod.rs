@@ -4,6 +4,8 @@ pub mod atomic;
 pub mod exr;
 pub mod png;
 pub mod problem;
+pub mod reading;
+pub mod temporary;
 pub mod transfer;
 pub mod transforms;
 pub mod vdb;

@@ -11,7 +11,7 @@ use std::path::Path;
 /// As [`encode_rgb8`], or the operating system's error.
 pub fn write_rgb8(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<()> {
     let bytes = encode_rgb8(width, height, rgb).map_err(|e| e.at(path))?;
-    atomic::write(path, |p| std::fs::write(p, &bytes).map_err(|e| Error::io(path, e)))
+    atomic::write_bytes(path, &bytes)
 }
 
 /// The bytes of an sRGB PNG file with the pixels `rgb[3 * (y * width + x) + channel]`.

@@ -193,7 +193,7 @@ impl Page {
         std::fs::create_dir_all(dir)
             .map_err(|e| Error::io(dir, e).hint("the report needs a folder that can be written to"))?;
         let path = dir.join(FILE_NAME);
-        atomic::write(&path, |p| std::fs::write(p, self.html()).map_err(|e| Error::io(p, e)))?;
+        atomic::write_bytes(&path, self.html().as_bytes())?;
         Ok(path)
     }
 }

@@ -7,13 +7,14 @@ mod voxels;
 
 use super::memory::Memory;
 use super::output::Output;
+use super::outputs::{self, Content};
 use super::parse;
 use super::provenance::Provenance;
 use super::scene::Scene;
 use super::transfer::TransferOption;
 use crate::error::{Error, Result};
 use crate::formats::vdb::{Codec, Limits, write_grids};
-use crate::formats::{atomic, transforms};
+use crate::formats::transforms;
 use crate::optimise::difference::Quotient;
 use crate::optimise::loss::Loss;
 use crate::optimise::parameter::{CAMERA, Parameter};
@@ -115,7 +116,7 @@ pub struct GradientCommand {
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
     #[command(flatten)]
-    memory: Memory,
+    pub(in crate::cli) memory: Memory,
 }
 
 /// `--wrt`.
@@ -188,7 +189,8 @@ impl GradientCommand {
         let limits = self.memory.limits();
         self.fits_together()?;
         if let Some(path) = &self.output {
-            atomic::probe(path)?;
+            outputs::file(path, Content::Vdb)?;
+            outputs::spare([path.as_path()], self.inputs()?.iter().map(PathBuf::as_path))?;
         }
         if let Some(dir) = &self.report {
             super::report::prepare(dir)?;
@@ -215,6 +217,17 @@ impl GradientCommand {
         let wrong = report.worst_relative_error.is_some_and(|worst| worst.is_nan() || worst > self.tolerance);
         output.report(&Report { seconds: provenance.lap(), provenance: Some(provenance), ..report })?;
         Ok(if wrong { ExitCode::from(1) } else { ExitCode::SUCCESS })
+    }
+
+    /// All files that are read.
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        let mut all = vec![self.input.clone()];
+        all.extend(self.transfer.tf.clone());
+        if let Some(target) = &self.target {
+            let json = transforms::json_path(target);
+            all.extend(outputs::of_capture(&json, &transforms::load(&json)?));
+        }
+        Ok(all)
     }
 
     /// Differentiates, and checks if that is asked for.

@@ -24,7 +24,7 @@ pub struct Info {
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     #[command(flatten)]
-    memory: Memory,
+    pub(in crate::cli) memory: Memory,
 }
 
 #[derive(Debug, Serialize)]

@@ -5,6 +5,7 @@ mod page;
 use super::light::Light;
 use super::memory::Memory;
 use super::output::Output;
+use super::outputs::{self, Content};
 use super::scene::Scene;
 use super::task::{Task, exit_code};
 use super::transfer::TransferOption;
@@ -70,7 +71,7 @@ pub struct Pose {
     #[arg(long)]
     resume: bool,
     #[command(flatten)]
-    memory: Memory,
+    pub(in crate::cli) memory: Memory,
 }
 
 #[derive(Debug, Serialize)]
@@ -131,10 +132,13 @@ impl Pose {
     /// # Errors
     /// If capture, pictures or volume cannot be read or used, or the outputs cannot be written.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let mut task = Task::begin(&self.output, self.report.as_deref(), &self.memory)?;
+        let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), &self.memory)?;
         let limits = task.limits;
         let json = transforms::json_path(&self.capture);
         let capture = transforms::load(&json)?;
+        let inputs = outputs::of_capture(&json, &capture);
+        let others = std::iter::once(&self.volume).chain(&self.transfer.tf);
+        outputs::spare([self.output.as_path()], inputs.iter().chain(others).map(PathBuf::as_path))?;
         let (mut scene, shown) = self.scene(&capture, limits)?;
         let photos = task.photos(&json, &shown, self.layer.as_deref())?;
         task.provenance.input(&self.volume, [self.volume.as_path()])?;

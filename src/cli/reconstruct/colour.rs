@@ -4,6 +4,7 @@ use super::known;
 use super::region::Region;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
+use crate::cli::outputs::{self, Content};
 use crate::cli::photos;
 use crate::cli::run::{self, Run, Solver};
 use crate::cli::task::Task;
@@ -55,7 +56,7 @@ pub struct Colour {
     #[arg(long)]
     resume: bool,
     #[command(flatten)]
-    memory: Memory,
+    pub(in crate::cli) memory: Memory,
 }
 
 impl Colour {
@@ -64,10 +65,12 @@ impl Colour {
     /// # Errors
     /// If the pictures cannot be read or used, or the outputs cannot be written.
     pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let mut task = Task::begin(&self.output, self.report.as_deref(), &self.memory)?;
+        let mut task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), &self.memory)?;
         let limits = task.limits;
-        let capture = transforms::load(&self.capture)?;
         let json = transforms::json_path(&self.capture);
+        let capture = transforms::load(&json)?;
+        let inputs = outputs::of_capture(&json, &capture);
+        outputs::spare([self.output.as_path()], inputs.iter().map(PathBuf::as_path))?;
         if capture.model == Model::Absorption {
             return Err(Error::unsupported("the pictures show absorption alone, which has no colours of its own")
                 .at(&json)

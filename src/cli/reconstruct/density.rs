@@ -4,6 +4,7 @@ use super::known;
 use super::region::Region;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
+use crate::cli::outputs::{self, Content};
 use crate::cli::photos;
 use crate::cli::run::{self, Run, Solver};
 use crate::cli::task::Task;
@@ -74,7 +75,7 @@ pub struct Density {
     #[arg(long, conflicts_with = "init")]
     resume: bool,
     #[command(flatten)]
-    memory: Memory,
+    pub(in crate::cli) memory: Memory,
 }
 
 /// `--solver`.
@@ -118,9 +119,13 @@ impl Density {
     /// # Errors
     /// If the pictures cannot be read or used, or the outputs cannot be written.
     pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let mut task = Task::begin(&self.output, self.report.as_deref(), &self.memory)?;
+        let mut task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), &self.memory)?;
         let limits = task.limits;
-        let mut capture = transforms::load(&self.capture)?;
+        let json = transforms::json_path(&self.capture);
+        let mut capture = transforms::load(&json)?;
+        let inputs = outputs::of_capture(&json, &capture);
+        let others = [&self.transfer.tf, &self.init].into_iter().flatten();
+        outputs::spare([self.output.as_path()], inputs.iter().chain(others).map(PathBuf::as_path))?;
         if let Some(transfer) = self.transfer.load(limits)? {
             (capture.transfer, capture.model) = (Some(transfer), Model::EmissionAbsorption);
         }
@@ -132,7 +137,6 @@ impl Density {
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 8).map_err(|e| e.at(&self.capture))?;
 
         let begun = Instant::now();
-        let json = transforms::json_path(&self.capture);
         let photos = task.photos(&json, &capture, self.layer.as_deref())?;
         let observation = observe(&photos, &capture).map_err(|e| e.at(&json))?;
         let request = self.request(&capture, &observation, way, held_out, limits).map_err(|e| e.at(&json))?;

@@ -6,6 +6,7 @@ mod known;
 mod region;
 mod tf;
 
+use super::memory::Memory;
 use super::output::Output;
 use crate::error::Result;
 use std::process::ExitCode;
@@ -25,6 +26,15 @@ pub enum Reconstruct {
 }
 
 impl Reconstruct {
+    /// `--max-memory` of the chosen reconstruction.
+    pub(super) fn memory(&self) -> Memory {
+        match self {
+            Self::Density(c) => c.memory,
+            Self::Colour(c) => c.memory,
+            Self::Tf(c) => c.memory,
+        }
+    }
+
     /// Runs the chosen reconstruction.
     ///
     /// # Errors

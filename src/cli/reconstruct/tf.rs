@@ -2,6 +2,7 @@
 
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
+use crate::cli::outputs::{self, Content};
 use crate::cli::report::transfer::{self as transfer_page, TransferRun, View};
 use crate::cli::task::{Task, exit_code};
 use crate::cli::{parse, photos, report, run};
@@ -73,7 +74,7 @@ pub struct Tf {
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     #[command(flatten)]
-    memory: Memory,
+    pub(in crate::cli) memory: Memory,
 }
 
 /// `--solver`.
@@ -90,11 +91,14 @@ impl Tf {
     /// # Errors
     /// If the pictures or the volume cannot be read or used, or the outputs cannot be written.
     pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let mut task = Task::begin(&self.output, self.report.as_deref(), &self.memory)?;
+        let mut task = Task::begin(&self.output, Content::TransferFunction, self.report.as_deref(), &self.memory)?;
         let limits = task.limits;
         let begun = Instant::now();
-        let capture = transforms::load(&self.capture)?;
         let json = transforms::json_path(&self.capture);
+        let capture = transforms::load(&json)?;
+        let inputs = outputs::of_capture(&json, &capture);
+        let others = std::iter::once(&self.volume).chain(&self.init);
+        outputs::spare([self.output.as_path()], inputs.iter().chain(others).map(PathBuf::as_path))?;
         if capture.model == Model::Absorption {
             return Err(Error::unsupported("the pictures show absorption alone, which has no colours").at(&json).hint(
                 "a transfer function needs pictures of emission and absorption: \"model\": \"emission-absorption\"",

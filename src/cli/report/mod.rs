@@ -5,6 +5,7 @@ mod volume;
 
 use super::memory::Memory;
 use super::output::Output;
+use super::outputs;
 use super::run::Run;
 use crate::error::{Error, Result};
 use crate::formats::transfer::Options;
@@ -35,7 +36,7 @@ pub struct Report {
     #[arg(long, value_name = "NAME=CAPTURE", value_parser = named)]
     beside: Option<(String, PathBuf)>,
     #[command(flatten)]
-    memory: Memory,
+    pub(in crate::cli) memory: Memory,
 }
 
 fn named(text: &str) -> Result<(String, PathBuf), String> {
@@ -115,8 +116,9 @@ impl Report {
 /// Makes the folder, before the work that it is to show.
 ///
 /// # Errors
-/// The operating system's, with the path.
+/// If the name is that of a file, or the operating system's, with the path.
 pub fn prepare(dir: &Path) -> Result<()> {
+    outputs::folder(dir)?;
     std::fs::create_dir_all(dir)
         .map_err(|e| Error::io(dir, e).hint("the report needs a folder that can be written to"))?;
     atomic::probe(&dir.join(RECORD))
@@ -147,7 +149,7 @@ fn absolute(path: &Path) -> PathBuf {
 fn keep(dir: &Path, record: &Record) -> Result<()> {
     let text = serde_json::to_vec_pretty(record).map_err(|e| Error::invalid(e.to_string()))?;
     let path = dir.join(RECORD);
-    atomic::write(&path, |p| std::fs::write(p, &text).map_err(|e| Error::io(&path, e)))
+    atomic::write_bytes(&path, &text)
 }
 
 /// The picture of other renders that was taken from where `camera` stands, with their name.

@@ -4,12 +4,14 @@ mod page;
 
 use super::memory::Memory;
 use super::output::Output;
+use super::outputs::{self, Content};
 use super::parse::{self, DensityScale};
 use super::provenance::Provenance;
 use super::task::{Task, exit_code};
 use super::transfer::TransferOption;
 use super::{render, volume};
 use crate::error::{Error, Result};
+use crate::formats::atomic::Batch;
 use crate::formats::{exr, transforms};
 use crate::optimise::viewpoint::{self, Outcome, Request};
 use crate::render::dvr::Dvr;
@@ -48,6 +50,9 @@ pub struct Viewpoint {
     /// Folder for the cameras' pictures (default: that of the output)
     #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
+    /// Replace pictures in their folder that no earlier run wrote
+    #[arg(long)]
+    overwrite: bool,
     /// Number of viewpoints to start from: the best of it and a dozen about it, on small pictures, is where a climb begins
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     starts: u32,
@@ -85,7 +90,7 @@ pub struct Viewpoint {
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     #[command(flatten)]
-    memory: Memory,
+    pub(in crate::cli) memory: Memory,
 }
 
 #[derive(Debug, Serialize)]
@@ -147,8 +152,9 @@ impl Viewpoint {
     /// # Errors
     /// If the volume cannot be read or has nothing in it, or the outputs cannot be written.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        outputs::folder(&self.folder())?;
         self.spare_others()?;
-        let mut task = Task::begin(&self.output, self.report.as_deref(), &self.memory)?;
+        let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), &self.memory)?;
         let (limits, cancel) = (task.limits, task.cancel);
         let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
         let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
@@ -169,6 +175,7 @@ impl Viewpoint {
         // They have no say in the density scale: it would be another one in each run.
         request.given = self.previous(&around)?;
         render::fits(&capture, limits.max_memory)?;
+        self.spare(&capture)?;
 
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
         let dvr = Dvr::new(&field, opaque(capture.medium()?)?)?.quadrature(quadrature);
@@ -216,6 +223,18 @@ impl Viewpoint {
                 .hint("give a folder for the pictures with --pictures"));
         }
         Ok(())
+    }
+
+    /// Makes sure that nothing is replaced that is read, nor pictures of another origin than the output's.
+    fn spare(&self, capture: &Capture) -> Result<()> {
+        let pictures: Vec<PathBuf> = capture.frames.iter().map(|f| f.picture.clone()).collect();
+        let inputs = std::iter::once(&self.input).chain(&self.transfer.tf);
+        let outputs = pictures.iter().chain([&self.output]).map(PathBuf::as_path);
+        outputs::spare(outputs, inputs.map(PathBuf::as_path))?;
+        if self.overwrite || self.output.exists() {
+            return Ok(());
+        }
+        outputs::spare_captures(&self.output, &pictures, "")
     }
 
     fn folder(&self) -> PathBuf {
@@ -271,7 +290,7 @@ impl Viewpoint {
         Some((all, begun.elapsed().as_secs_f64()))
     }
 
-    /// Writes pictures and capture; the best view's picture.
+    /// Writes pictures and capture, all or none; the best view's picture.
     fn write(
         &self,
         field: &Bricks<f32>,
@@ -281,11 +300,8 @@ impl Viewpoint {
         provenance: &mut Provenance,
     ) -> Result<Film> {
         capture.frames = self.frames(found.views.iter().map(|view| around.camera(&view.axes)).collect());
-        let folder = self.folder();
-        if !folder.as_os_str().is_empty() {
-            std::fs::create_dir_all(&folder)
-                .map_err(|e| Error::io(&folder, e).hint("the pictures need a folder that can be written to"))?;
-        }
+        let mut batch = Batch::new();
+        batch.make_folder(&self.folder())?;
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
         let dvr = Dvr::new(field, capture.medium()?)?.background(capture.background).quadrature(quadrature);
         // What was found is worth its pictures even if the search was stopped.
@@ -294,7 +310,7 @@ impl Viewpoint {
         let mut best = None;
         for frame in &capture.frames {
             let film = crate::render::picture(&dvr, &frame.camera, 1, &never).ok_or_else(Error::cancelled)?;
-            exr::write_picture(&frame.picture, &film, &attributes, false)?;
+            exr::write_picture(&batch.add(&frame.picture)?, &film, &attributes, false)?;
             best.get_or_insert(film);
         }
         provenance.lap();
@@ -302,7 +318,8 @@ impl Viewpoint {
         let entropies: Vec<f64> = found.views.iter().map(|view| view.entropy.value).collect();
         extra.insert("opacity_entropy".into(), json!(entropies));
         extra.insert("provenance".into(), json!(provenance));
-        transforms::save(&self.output, capture, &extra)?;
+        transforms::save_for(&self.output, &batch.add(&self.output)?, capture, &extra)?;
+        batch.commit()?;
         best.ok_or_else(|| Error::invalid("no viewpoint was found"))
     }
 

@@ -3,6 +3,7 @@
 use super::decode::{self, Source};
 use super::header::{self, Header, LayerInfo};
 use crate::error::{Error, Result};
+use crate::formats::reading::Reading;
 use crate::render::film::Film;
 use std::path::Path;
 
@@ -39,6 +40,7 @@ pub fn read_picture(path: &Path, layer: Option<&str>) -> Result<Film> {
 /// As [`header`](super::header()); if there is no such layer (the error lists what there is), it has
 /// no colours, or its chunks are missing, damaged or subsampled.
 pub fn picture(path: &Path, layer: Option<&str>) -> Result<Picture> {
+    let _reading = Reading::begin(path);
     let (reader, header) = header::open(path)?;
     let layers = header.layers();
     let chosen = match layer {

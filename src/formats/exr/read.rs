@@ -4,6 +4,7 @@ use super::decode::{self, Source};
 use super::header::{self, SampleType};
 use super::{Window, fault};
 use crate::error::Result;
+use crate::formats::reading::Reading;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -55,6 +56,7 @@ pub struct Channel {
 /// As [`header`](super::header()), and if chunks are missing or damaged, channels are subsampled, or
 /// all channels together exceed 2³⁰ samples.
 pub fn read(path: &Path) -> Result<Image> {
+    let _reading = Reading::begin(path);
     let (reader, header) = header::open(path)?;
     let layers = header.layers();
     let sources: Vec<Source> =

@@ -28,7 +28,7 @@ pub type Attributes = BTreeMap<String, String>;
 /// operating system reports an error.
 pub fn write_picture(path: &Path, film: &Film, attributes: &Attributes, half: bool) -> Result<()> {
     let bytes = encoded(path, film, attributes, half).map_err(|e| e.at(path))?;
-    atomic::write(path, |p| std::fs::write(p, &bytes).map_err(|e| Error::io(path, e)))
+    atomic::write_bytes(path, &bytes)
 }
 
 fn encoded(path: &Path, film: &Film, attributes: &Attributes, half: bool) -> Result<Vec<u8>> {

@@ -39,7 +39,7 @@ pub fn save(path: &Path, transfer: &Transfer, name: Option<&str>, provenance: Op
     let document = Document { format: FORMAT, version: VERSION, name, transfer, provenance };
     let mut text = serde_json::to_string_pretty(&document).map_err(|e| Error::invalid(e.to_string()).at(path))?;
     text.push('\n');
-    atomic::write(path, |p| std::fs::write(p, text).map_err(|e| Error::io(path, e)))
+    atomic::write_bytes(path, text.as_bytes())
 }
 
 /// The same on one line, without name and provenance.

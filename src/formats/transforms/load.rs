@@ -3,6 +3,7 @@
 use super::{folder, json_path};
 use crate::error::{Error, Result};
 use crate::formats::exr;
+use crate::formats::reading::Reading;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
 use crate::scene::transfer::Transfer;
@@ -20,6 +21,7 @@ const MAX_BYTES: u64 = 1 << 26;
 /// Names the file, the frame and the key that is missing or cannot be used.
 pub fn load(path: &Path) -> Result<Capture> {
     let json = json_path(path);
+    let _reading = Reading::begin(&json);
     parse(&json).map_err(|e| e.at(&json))
 }
 
@@ -58,8 +60,11 @@ fn parse(json: &Path) -> Result<Capture> {
     })
 }
 
-/// The file as a JSON object.
-pub(super) fn read_object(json: &Path) -> Result<Map<String, Value>> {
+/// Reads the file as a JSON object, whatever its keys.
+///
+/// # Errors
+/// If it cannot be read, is too large, or holds something else.
+pub fn read_object(json: &Path) -> Result<Map<String, Value>> {
     let bytes = std::fs::metadata(json).map_err(|e| {
         let missing = e.kind() == std::io::ErrorKind::NotFound;
         let error = Error::io(json, e);

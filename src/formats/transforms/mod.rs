@@ -21,9 +21,9 @@ mod problems;
 mod save;
 mod summary;
 
-pub use load::load;
+pub use load::{load, read_object};
 pub use problems::problems;
-pub use save::save;
+pub use save::{save, save_for};
 pub use summary::{CaptureSummary, summary};
 
 use std::path::{Path, PathBuf};

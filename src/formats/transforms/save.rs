@@ -16,8 +16,16 @@ use std::path::{Component, Path, PathBuf};
 /// # Errors
 /// If a picture's path is not valid Unicode, a key of `extra` is taken, or the file cannot be written.
 pub fn save(path: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<()> {
+    save_for(path, path, capture, extra)
+}
+
+/// [`save`], written to `now`, for a file that will be moved to `path`: what the pictures' names are relative to.
+///
+/// # Errors
+/// As [`save`].
+pub fn save_for(path: &Path, now: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<()> {
     let text = text(path, capture, extra).map_err(|e| e.at(path))?;
-    atomic::write(path, |p| std::fs::write(p, text).map_err(|e| Error::io(path, e)))
+    atomic::write_bytes(now, text.as_bytes())
 }
 
 fn text(path: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<String> {

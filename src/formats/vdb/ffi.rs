@@ -6,7 +6,7 @@ mod generated {
     include!(concat!(env!("OUT_DIR"), "/vdb_ffi.rs"));
 }
 
-use generated::{CUMULO_VDB_OK, CUMULO_VDB_OUT_OF_MEMORY, CUMULO_VDB_UNSUPPORTED, cumulo_vdb_status};
+use generated::{CUMULO_VDB_IO, CUMULO_VDB_OK, CUMULO_VDB_OUT_OF_MEMORY, CUMULO_VDB_UNSUPPORTED, cumulo_vdb_status};
 pub(super) use generated::{
     cumulo_vdb_close as close, cumulo_vdb_file as RawFile, cumulo_vdb_file_meta as file_meta,
     cumulo_vdb_grid as RawGrid, cumulo_vdb_grid_crop as grid_crop, cumulo_vdb_grid_free as grid_free,
@@ -21,8 +21,8 @@ pub(super) use generated::{
     cumulo_vdb_load_leaves as load_leaves, cumulo_vdb_loading as RawLoading, cumulo_vdb_meta as RawMeta,
     cumulo_vdb_meta_count as meta_count, cumulo_vdb_meta_entry as MetaEntry, cumulo_vdb_meta_free as meta_free,
     cumulo_vdb_meta_get as meta_get, cumulo_vdb_meta_new as meta_new, cumulo_vdb_meta_set as meta_set,
-    cumulo_vdb_open as open, cumulo_vdb_read as read, cumulo_vdb_tile as RawTile, cumulo_vdb_tiles as tiles,
-    cumulo_vdb_write as write,
+    cumulo_vdb_on_terminate as on_terminate, cumulo_vdb_open as open, cumulo_vdb_read as read, cumulo_vdb_tile as RawTile, cumulo_vdb_tiles as tiles,
+    cumulo_vdb_touch as touch, cumulo_vdb_write as write,
 };
 
 use crate::error::{Error, Result};
@@ -31,12 +31,15 @@ use std::path::Path;
 
 /// Runs one entry of the shim and turns its status into a result.
 pub(super) fn call(entry: impl FnOnce(*mut cumulo_vdb_status) -> i32) -> Result<()> {
-    let mut status = cumulo_vdb_status { code: 0, message: [0; 508] };
+    let mut status = cumulo_vdb_status { code: 0, os_error: 0, message: [0; 504] };
     let code = entry(&mut status);
     if code == CUMULO_VDB_OK as i32 {
         return Ok(());
     }
     let message = text(&status.message);
+    if code == CUMULO_VDB_IO as i32 {
+        return Err(Error::system(std::io::Error::from_raw_os_error(status.os_error)));
+    }
     Err(if code == CUMULO_VDB_UNSUPPORTED as i32 {
         Error::unsupported(message)
     } else if code == CUMULO_VDB_OUT_OF_MEMORY as i32 {

@@ -1,11 +1,13 @@
 //! An open VDB file: its directory from the preflight, its grids through OpenVDB.
 
 use super::ffi;
+use super::helper;
 use super::load;
 use super::meta::Meta;
 use super::native::NativeGrid;
 use super::preflight::{self, Entry, Limits, Preflight};
 use crate::error::{Error, Result};
+use crate::formats::reading::Reading;
 use crate::scene::grid::{Grid, MetaValue};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -40,6 +42,7 @@ impl File {
     /// What [`preflight::check`] finds, or OpenVDB's own words.
     pub fn open(path: impl AsRef<Path>, limits: Limits) -> Result<Self> {
         let path = path.as_ref();
+        let _reading = Reading::begin(path);
         let (preflight, source) = preflight::open(path, &limits)?;
         let name = ffi::c_path(path)?;
         let mut raw = null_mut();
@@ -106,18 +109,29 @@ impl File {
     /// # Errors
     /// OpenVDB's own words with file and grid, or that the grid exceeds the memory allowed.
     pub fn read(&self, name: &str) -> Result<NativeGrid> {
+        let _reading = Reading::begin(&self.path);
         let entry = self.find(name)?;
         let place = |e: Error| e.at(&self.path).part(format!("grid '{}'", entry.name));
         let damaged = |e| place(e).hint("the file may be damaged; export it again");
         if entry.layout.is_some() {
             return load::grid(&self.source, &self.preflight, entry).map_err(damaged);
         }
+        // What was walked node by node is bounded already; the rest (points) is tried in another process first.
+        if !entry.fully_checked {
+            helper::rehearse(&self.path, &entry.name, self.limits).map_err(place)?;
+        }
+        self.read_unguarded(name)
+    }
+
+    /// Loads a grid by OpenVDB's own reader, whatever is in it.
+    pub(super) fn read_unguarded(&self, name: &str) -> Result<NativeGrid> {
+        let entry = self.find(name)?;
+        let place = |e: Error| e.at(&self.path).part(format!("grid '{}'", entry.name));
         let unique = ffi::c_name(&entry.name).map_err(place)?;
-        // What was walked node by node is bounded already; the rest (points) is tried in a child first.
-        let guard = if entry.fully_checked { 0 } else { self.limits.max_memory };
         let mut raw = null_mut();
         // SAFETY: the file is open, the name NUL-terminated, and `raw` a valid place.
-        ffi::call(|s| unsafe { ffi::read(self.raw.as_ptr(), unique.as_ptr(), guard, &mut raw, s) }).map_err(damaged)?;
+        ffi::call(|s| unsafe { ffi::read(self.raw.as_ptr(), unique.as_ptr(), &mut raw, s) })
+            .map_err(|e| place(e).hint("the file may be damaged; export it again"))?;
         // SAFETY: fresh from the shim.
         unsafe { NativeGrid::own(raw, entry.name.clone()) }.map_err(place)
     }
@@ -127,6 +141,7 @@ impl File {
     /// # Errors
     /// As [`File::read`] and [`NativeGrid::to_grid`].
     pub fn read_grid(&self, name: &str) -> Result<Grid> {
+        let _reading = Reading::begin(&self.path);
         self.read(name)?.to_grid().map_err(|e| e.at(&self.path))
     }
 

@@ -15,6 +15,7 @@
 mod cursor;
 mod ffi;
 mod file;
+pub mod helper;
 mod load;
 mod meta;
 mod native;
@@ -31,6 +32,25 @@ pub use write::{Codec, write_grids, write_native};
 
 use crate::error::{Error, Result};
 use crate::scene::grid::{Grid, GridClass};
+use std::ffi::CStr;
+use std::sync::OnceLock;
+
+static END: OnceLock<fn(&str) -> !> = OnceLock::new();
+
+/// Has `end` called, with what happened, in the place of an abort where OpenVDB throws and nobody can catch it: out of
+/// destructors and of its own threads. Only the first call counts.
+pub fn on_terminate(end: fn(&str) -> !) {
+    extern "C" fn called(what: *const std::ffi::c_char) {
+        // SAFETY: the shim hands over a NUL-terminated text that lives until this returns, which it does not.
+        let what = if what.is_null() { Vec::new() } else { unsafe { CStr::from_ptr(what) }.to_bytes().to_vec() };
+        if let Some(end) = END.get() {
+            end(&ffi::printable(&what));
+        }
+    }
+    let _ = END.set(end);
+    // SAFETY: the handler is there for as long as the program is.
+    unsafe { ffi::on_terminate(Some(called)) }
+}
 
 /// Refuses grids that are no density: level sets hold distances, staggered grids velocities.
 ///

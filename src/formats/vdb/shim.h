@@ -16,12 +16,14 @@ enum {
     CUMULO_VDB_FAILED = 1,       /* OpenVDB or the standard library said no */
     CUMULO_VDB_OUT_OF_MEMORY = 2,
     CUMULO_VDB_UNKNOWN = 3,      /* something that is not a std::exception was thrown */
-    CUMULO_VDB_UNSUPPORTED = 4   /* this grid type or transform cannot do that */
+    CUMULO_VDB_UNSUPPORTED = 4,  /* this grid type or transform cannot do that */
+    CUMULO_VDB_IO = 5            /* the operating system said no: see os_error */
 };
 
 typedef struct cumulo_vdb_status {
     int32_t code;
-    char message[508]; /* NUL-terminated, cut to fit, any bytes */
+    int32_t os_error;  /* errno, with CUMULO_VDB_IO */
+    char message[504]; /* NUL-terminated, cut to fit, any bytes */
 } cumulo_vdb_status;
 
 typedef struct cumulo_vdb_file cumulo_vdb_file;
@@ -78,14 +80,18 @@ typedef struct cumulo_vdb_tile {
     int32_t active;
 } cumulo_vdb_tile;
 
+/* What is called in the place of an abort where the library throws and nobody can catch it: out of destructors and of
+ * its own threads. The handler must not return. */
+void cumulo_vdb_on_terminate(void (*handler)(const char* what));
+
 /* Files. Opening never defers loading. */
 int32_t cumulo_vdb_open(const char* path, cumulo_vdb_file** out, cumulo_vdb_status* status);
 void cumulo_vdb_close(cumulo_vdb_file* file);
 int32_t cumulo_vdb_file_meta(cumulo_vdb_file* file, cumulo_vdb_meta** out, cumulo_vdb_status* status);
-/* `data_limit`: 0 for a grid whose every length was checked. Otherwise the grid is first tried in a
- * child process, then read while the process may grow by that many bytes of private memory. */
-int32_t cumulo_vdb_read(cumulo_vdb_file* file, const char* unique_name, uint64_t data_limit, cumulo_vdb_grid** out,
+int32_t cumulo_vdb_read(cumulo_vdb_file* file, const char* unique_name, cumulo_vdb_grid** out,
                         cumulo_vdb_status* status);
+/* Writes a grid to nowhere, which touches every byte of every attribute: for a process that may die of it. */
+int32_t cumulo_vdb_touch(const cumulo_vdb_grid* grid, cumulo_vdb_status* status);
 /* Where a grid lies in a file: every length in it was checked. */
 typedef struct cumulo_vdb_layout {
     int32_t fd;            /* stays the caller's; read by position */
@@ -104,9 +110,10 @@ int32_t cumulo_vdb_load_begin(const cumulo_vdb_layout* layout, cumulo_vdb_loadin
 int32_t cumulo_vdb_load_leaves(const cumulo_vdb_loading* loading, size_t first, size_t count, uint64_t from,
                                uint64_t until, cumulo_vdb_status* status);
 int32_t cumulo_vdb_load_end(cumulo_vdb_loading* loading, cumulo_vdb_grid** out, cumulo_vdb_status* status);
-/* `meta` may be null. `codec`: 0 none, 1 Blosc. */
-int32_t cumulo_vdb_write(const char* path, const cumulo_vdb_grid* const* grids, size_t count,
-                         const cumulo_vdb_meta* meta, int32_t codec, cumulo_vdb_status* status);
+/* Writes a file from byte 0 of an open descriptor on, which stays the caller's. `meta` may be null. `codec`: 0 none,
+ * 1 Blosc. `length` is the file's length; after CUMULO_VDB_IO too, where it is what would have been needed. */
+int32_t cumulo_vdb_write(int32_t fd, const cumulo_vdb_grid* const* grids, size_t count, const cumulo_vdb_meta* meta,
+                         int32_t codec, uint64_t* length, cumulo_vdb_status* status);
 
 /* Metadata. A handle from a grid is a view of that grid and keeps it alive. */
 int32_t cumulo_vdb_meta_new(cumulo_vdb_meta** out, cumulo_vdb_status* status);

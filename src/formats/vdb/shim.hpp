@@ -12,6 +12,7 @@
 #include <new>
 #include <stdexcept>
 #include <string>
+#include <system_error>
 
 struct cumulo_vdb_grid {
     openvdb::GridBase::Ptr grid;
@@ -46,6 +47,7 @@ template <size_t N> void set_text(char (&out)[N], const char* text) {
 template <typename Body> int32_t guarded(cumulo_vdb_status* status, Body&& body) noexcept {
     int32_t code = CUMULO_VDB_OK;
     const char* fixed = "";
+    status->os_error = 0;
     try {
         body();
         status->code = CUMULO_VDB_OK;
@@ -53,6 +55,11 @@ template <typename Body> int32_t guarded(cumulo_vdb_status* status, Body&& body)
         return CUMULO_VDB_OK;
     } catch (const Unsupported& e) {
         code = CUMULO_VDB_UNSUPPORTED;
+        set_text(status->message, e.what());
+        fixed = nullptr;
+    } catch (const std::system_error& e) {
+        code = CUMULO_VDB_IO;
+        status->os_error = e.code().value();
         set_text(status->message, e.what());
         fixed = nullptr;
     } catch (const std::bad_alloc&) {

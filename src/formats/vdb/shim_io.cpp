@@ -5,12 +5,10 @@
 #include <openvdb/io/Stream.h>
 
 #include <cerrno>
-#include <cstdio>
-#include <fcntl.h>
-#include <mutex>
+#include <cstdlib>
+#include <ostream>
 #include <streambuf>
-#include <sys/resource.h>
-#include <sys/wait.h>
+#include <system_error>
 #include <unistd.h>
 #include <vector>
 
@@ -24,80 +22,91 @@ struct cumulo_vdb_file {
 
 namespace {
 
-// One grid at a time is read under a limit, which is the whole process's.
-std::mutex& limit_mutex() {
-    static std::mutex m;
-    return m;
-}
-
-// Lowers the soft limit on private memory while a grid is read whose contents could not be checked
-// beforehand, so that a hostile length ends in bad_alloc instead of in the kernel's killer. Under
-// `limit_mutex`.
-class DataLimit {
-public:
-    explicit DataLimit(uint64_t growth) {
-        unsigned long long pages[6] = {};
-        std::FILE* f = std::fopen("/proc/self/statm", "r");
-        if (!f) return;
-        const int got = std::fscanf(f, "%llu %llu %llu %llu %llu %llu", &pages[0], &pages[1], &pages[2], &pages[3],
-                                    &pages[4], &pages[5]);
-        std::fclose(f);
-        if (got != 6 || getrlimit(RLIMIT_DATA, &before) != 0) return;
-        const rlim_t now = rlim_t(pages[5]) * rlim_t(sysconf(_SC_PAGESIZE));
-        struct rlimit limit = before;
-        limit.rlim_cur = growth < before.rlim_cur - std::min(now, before.rlim_cur) ? now + rlim_t(growth) : before.rlim_cur;
-        lowered = setrlimit(RLIMIT_DATA, &limit) == 0;
-    }
-    ~DataLimit() {
-        if (lowered) setrlimit(RLIMIT_DATA, &before);
-    }
-    DataLimit(const DataLimit&) = delete;
-    DataLimit& operator=(const DataLimit&) = delete;
-
-private:
-    struct rlimit before {};
-    bool lowered = false;
-};
-
 struct Nowhere : std::streambuf {
     int overflow(int c) override { return c; }
     std::streamsize xsputn(const char*, std::streamsize n) override { return n; }
 };
 
-// Reads a grid, all its attributes included, in a child that may die of it. OpenVDB answers damaged
-// point attributes with assertions and with exceptions in destructors, which nothing can catch.
-void rehearse(const std::string& path, const char* name, uint64_t data_limit) {
-    const pid_t child = fork();
-    if (child < 0) throw std::runtime_error("no child process to try the grid in");
-    if (child == 0) {
-        const struct rlimit none = {0, 0};
-        setrlimit(RLIMIT_CORE, &none);
-        const int null = open("/dev/null", O_WRONLY);
-        if (null >= 0) dup2(null, STDERR_FILENO);
-        alarm(120); // whatever hangs is stopped
-        try {
-            DataLimit limit(data_limit);
-            io::File file(path);
-            file.open(/*delayLoad=*/false);
-            GridPtrVec grids{file.readGrid(name)};
-            // Writing touches every page of every attribute.
-            Nowhere sink;
-            std::ostream out(&sink);
-            io::Stream(out).write(grids);
-            grids.clear();
-        } catch (...) {
-            // The parent meets the same exception where it can be reported.
+// A file written through its descriptor. OpenVDB never looks at the state of the streams that it writes to: this one
+// remembers the first failure, and counts on without writing, so that the caller learns how long the file would have been.
+class Sink : public std::streambuf {
+public:
+    explicit Sink(int fd) : fd(fd), buffer(1 << 20) { setp(buffer.data(), buffer.data() + buffer.size()); }
+
+    uint64_t finish() {
+        drain();
+        if (error) throw std::system_error(error, std::generic_category(), "writing");
+        return length();
+    }
+    uint64_t length() const { return std::max(end, at + uint64_t(pptr() - pbase())); }
+
+protected:
+    int_type overflow(int_type c) override {
+        drain();
+        if (traits_type::eq_int_type(c, traits_type::eof())) return traits_type::not_eof(c);
+        *pptr() = traits_type::to_char_type(c);
+        pbump(1);
+        return c;
+    }
+    std::streamsize xsputn(const char* bytes, std::streamsize count) override {
+        if (count > epptr() - pptr()) drain();
+        if (count > epptr() - pptr()) {
+            put(bytes, size_t(count));
+        } else {
+            std::memcpy(pptr(), bytes, size_t(count));
+            pbump(int(count));
         }
-        _exit(0);
+        return count;
     }
-    int state = 0;
-    while (waitpid(child, &state, 0) < 0 && errno == EINTR) {
+    int sync() override {
+        drain();
+        return 0;
     }
-    if (WIFSIGNALED(state)) {
-        throw std::runtime_error("reading the grid's buffers ends the library with signal " +
-                                 std::to_string(WTERMSIG(state)) + "; they are damaged");
+    pos_type seekoff(off_type offset, std::ios_base::seekdir way, std::ios_base::openmode) override {
+        if (offset == 0 && way == std::ios_base::cur) return pos_type(off_type(at + uint64_t(pptr() - pbase())));
+        drain();
+        const uint64_t base = way == std::ios_base::beg ? 0 : way == std::ios_base::cur ? at : end;
+        const off_type to = off_type(base) + offset;
+        if (to < 0) return pos_type(off_type(-1));
+        at = uint64_t(to);
+        return pos_type(to);
     }
-}
+    pos_type seekpos(pos_type to, std::ios_base::openmode which) override {
+        return seekoff(off_type(to), std::ios_base::beg, which);
+    }
+
+private:
+    void drain() {
+        const size_t count = size_t(pptr() - pbase());
+        setp(buffer.data(), buffer.data() + buffer.size());
+        if (count > 0) put(buffer.data(), count);
+    }
+    void put(const char* bytes, size_t count) {
+        for (size_t done = 0; !error && done < count;) {
+            const ssize_t put = ::pwrite(fd, bytes + done, count - done, off_t(at + done));
+            if (put < 0 && errno == EINTR) continue;
+            if (put < 0) error = errno;
+            if (put == 0) error = ENOSPC;
+            if (put > 0) done += size_t(put);
+        }
+        at += count;
+        end = std::max(end, at);
+    }
+
+    int fd;
+    int error = 0;
+    uint64_t at = 0;
+    uint64_t end = 0;
+    std::vector<char> buffer;
+};
+
+// What `io::File` does around a stream of its own, which cannot be asked how it went.
+struct Archive : io::Archive {
+    Ptr copy() const override { return std::make_shared<Archive>(*this); }
+    void put(std::ostream& out, const GridCPtrVec& grids, const MetaMap& meta) const {
+        io::Archive::write(out, grids, /*seekable=*/true, meta);
+    }
+};
 
 template <typename T> bool put_number(const Metadata& m, cumulo_vdb_meta_entry* out, int32_t kind) {
     const auto* typed = dynamic_cast<const TypedMetadata<T>*>(&m);
@@ -140,6 +149,28 @@ template <typename M> bool put_matrix(const Metadata& m, cumulo_vdb_meta_entry* 
 
 extern "C" {
 
+static void (*end_of_all)(const char*) = nullptr;
+
+void cumulo_vdb_on_terminate(void (*handler)(const char* what)) {
+    end_of_all = handler;
+    std::set_terminate([] {
+        const char* what = "an exception of unknown type";
+        if (const std::exception_ptr thrown = std::current_exception()) {
+            try {
+                std::rethrow_exception(thrown);
+            } catch (const std::bad_alloc&) {
+                what = "out of memory";
+            } catch (const std::exception& e) {
+                what = e.what();
+                end_of_all(what); // the message does not outlive this block
+            } catch (...) {
+            }
+        }
+        end_of_all(what);
+        std::abort();
+    });
+}
+
 int32_t cumulo_vdb_open(const char* path, cumulo_vdb_file** out, cumulo_vdb_status* status) {
     return guarded(status, [&] {
         initialize();
@@ -164,34 +195,40 @@ int32_t cumulo_vdb_file_meta(cumulo_vdb_file* file, cumulo_vdb_meta** out, cumul
     });
 }
 
-int32_t cumulo_vdb_read(cumulo_vdb_file* file, const char* unique_name, uint64_t data_limit, cumulo_vdb_grid** out,
+int32_t cumulo_vdb_read(cumulo_vdb_file* file, const char* unique_name, cumulo_vdb_grid** out,
                         cumulo_vdb_status* status) {
     return guarded(status, [&] {
         auto handle = std::make_unique<cumulo_vdb_grid>();
-        if (data_limit > 0) {
-            // Locked before the fork: the child inherits the lock, and nobody else in it could give it back.
-            const std::lock_guard<std::mutex> lock(limit_mutex());
-            rehearse(file->file.filename(), unique_name, data_limit);
-            DataLimit limit(data_limit);
-            handle->grid = file->file.readGrid(unique_name);
-        } else {
-            handle->grid = file->file.readGrid(unique_name);
-        }
+        handle->grid = file->file.readGrid(unique_name);
         if (!handle->grid) throw std::runtime_error("the library returned no grid");
         *out = handle.release();
     });
 }
 
-int32_t cumulo_vdb_write(const char* path, const cumulo_vdb_grid* const* grids, size_t count,
-                         const cumulo_vdb_meta* meta, int32_t codec, cumulo_vdb_status* status) {
+int32_t cumulo_vdb_touch(const cumulo_vdb_grid* grid, cumulo_vdb_status* status) {
+    return guarded(status, [&] {
+        Nowhere sink;
+        std::ostream out(&sink);
+        io::Stream(out).write(GridCPtrVec{grid->grid});
+    });
+}
+
+int32_t cumulo_vdb_write(int32_t fd, const cumulo_vdb_grid* const* grids, size_t count, const cumulo_vdb_meta* meta,
+                         int32_t codec, uint64_t* length, cumulo_vdb_status* status) {
     return guarded(status, [&] {
         initialize();
+        *length = 0;
         GridCPtrVec all;
         for (size_t i = 0; i < count; ++i) all.push_back(grids[i]->grid);
-        io::File file(path);
-        file.setCompression(codec == 1 ? io::COMPRESS_BLOSC | io::COMPRESS_ACTIVE_MASK : io::COMPRESS_ACTIVE_MASK);
-        file.write(all, meta ? *meta->map : MetaMap());
-        file.close();
+        Archive archive;
+        archive.setCompression(codec == 1 ? io::COMPRESS_BLOSC | io::COMPRESS_ACTIVE_MASK : io::COMPRESS_ACTIVE_MASK);
+        Sink sink(fd);
+        std::ostream out(&sink);
+        out.exceptions(std::ios_base::badbit | std::ios_base::failbit);
+        archive.put(out, all, meta ? *meta->map : MetaMap());
+        out.flush();
+        *length = sink.length();
+        sink.finish();
     });
 }
 

@@ -4,10 +4,12 @@ use super::ffi;
 use super::file::File;
 use super::meta::Meta;
 use super::native::NativeGrid;
-use crate::error::Result;
-use crate::formats::atomic;
+use super::preflight::{self, Limits};
+use crate::error::{Error, Result};
+use crate::formats::atomic::Draft;
 use crate::scene::grid::{Grid, MetaValue};
 use std::collections::BTreeMap;
+use std::os::fd::AsRawFd;
 use std::path::Path;
 
 /// How values are packed. (`ZIP` is left out: OpenVDB drops it silently for the classes we write.)
@@ -21,10 +23,11 @@ pub enum Codec {
 }
 
 /// Writes native grids. Names that repeat get OpenVDB's suffixes. The file metadata is that of
-/// `source`, if given, with `metadata` on top.
+/// `source`, if given, with `metadata` on top. What was written is walked before it takes the place of an older file.
 ///
 /// # Errors
-/// OpenVDB's own words or the operating system's, with the path; nothing is left behind then.
+/// OpenVDB's own words or the operating system's, with the path, and with the length that is needed where space is short;
+/// nothing is left behind then, and an older file stands.
 pub fn write_native(
     path: &Path,
     grids: &[&NativeGrid],
@@ -41,11 +44,28 @@ pub fn write_native(
     }
     let handles: Vec<*const ffi::RawGrid> = grids.iter().map(|g| g.as_ptr().cast_const()).collect();
     let codec = i32::from(codec == Codec::Blosc);
-    atomic::write(path, |temporary| {
-        let name = ffi::c_path(temporary)?;
-        // SAFETY: the path is NUL-terminated, and all handles outlive the call.
-        ffi::call(|s| unsafe { ffi::write(name.as_ptr(), handles.as_ptr(), handles.len(), meta.as_ptr(), codec, s) })
-    })
+    let mut draft = Draft::begin(path)?;
+    let (fd, mut length) = (draft.file().as_raw_fd(), 0);
+    // SAFETY: the descriptor is open, `length` a valid place, and all handles outlive the call.
+    let written = ffi::call(|s| unsafe {
+        ffi::write(fd, handles.as_ptr(), handles.len(), meta.as_ptr(), codec, &mut length, s)
+    });
+    written.map_err(|e| match e.os_error() {
+        Some(number) => draft.unwritten(std::io::Error::from_raw_os_error(number), length),
+        None => e.at(path),
+    })?;
+    verify(&draft, grids.len()).map_err(|e| {
+        Error::native(format!("what was written does not read back: {}", e.what()))
+            .at(path)
+            .hint("nothing was changed; check the disk and its free space, then try again")
+    })?;
+    draft.commit()
+}
+
+/// Walks the file that was written as any file that is read: what stands in its place is replaced by nothing less.
+fn verify(draft: &Draft, grids: usize) -> Result<()> {
+    let found = preflight::check(draft.path(), &Limits { max_memory: u64::MAX })?.entries.len();
+    if found == grids { Ok(()) } else { Err(Error::native(format!("{found} of {grids} grids are there"))) }
 }
 
 /// Writes scalar grids as float, or as half where `half` is set.

@@ -1,0 +1,181 @@
+//! What a command may write, checked before its work: names that fit their content, and nothing that it reads.
+
+use crate::error::{Error, Result};
+use crate::formats::{atomic, transforms};
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+/// What a file will hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Content {
+    /// OpenVDB.
+    Vdb,
+    /// A capture's JSON.
+    Capture,
+    /// A transfer function's JSON.
+    TransferFunction,
+    /// A PNG.
+    Png,
+}
+
+impl Content {
+    /// How names of such files end, and what they hold in words.
+    fn ending(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Vdb => ("vdb", "an OpenVDB file"),
+            Self::Capture => ("json", "a capture's JSON"),
+            Self::TransferFunction => ("json", "a transfer function's JSON"),
+            Self::Png => ("png", "a PNG"),
+        }
+    }
+}
+
+/// Endings of files that nobody means as a folder's name.
+const FILES: [&str; 22] = [
+    "vdb", "nvdb", "exr", "png", "jpg", "jpeg", "tif", "tiff", "hdr", "json", "xml", "usd", "usda", "usdc", "usdz", "npy",
+    "npz", "html", "htm", "mp4", "txt", "csv",
+];
+
+/// Checks a file that is to be written: its name, and that its folder can be written to.
+///
+/// # Errors
+/// If the name ends as that of another kind of file, or as [`atomic::probe`].
+pub fn file(path: &Path, content: Content) -> Result<()> {
+    refuse_dash(path)?;
+    let (ending, what) = content.ending();
+    // "smoke.0001" has no ending: that is the number of a frame.
+    let named = path.extension().and_then(OsStr::to_str).filter(|e| e.chars().any(|c| c.is_ascii_alphabetic()));
+    if let Some(other) = named.filter(|e| !e.eq_ignore_ascii_case(ending)) {
+        return Err(Error::invalid(format!("{what} would be written, which a name that ends in .{other} hides"))
+            .at(path)
+            .hint(format!("let the name end in .{ending}; no other format is written here")));
+    }
+    atomic::probe(path)
+}
+
+/// Checks the name of a folder that files are to be written into. It need not exist.
+///
+/// # Errors
+/// If it is the name of a file, or something that is no folder stands there.
+pub fn folder(path: &Path) -> Result<()> {
+    refuse_dash(path)?;
+    if path.is_dir() {
+        return Ok(());
+    }
+    let hint = "give the name of a folder; it is made if it does not exist";
+    if path.exists() {
+        return Err(Error::invalid("this is no folder, and files are to be written into it").at(path).hint(hint));
+    }
+    let ending = path.extension().and_then(OsStr::to_str);
+    match ending.filter(|e| FILES.iter().any(|f| e.eq_ignore_ascii_case(f))) {
+        Some(ending) => {
+            Err(Error::invalid(format!("a folder would be made, which a name that ends in .{ending} hides"))
+                .at(path)
+                .hint(hint))
+        }
+        None => Ok(()),
+    }
+}
+
+fn refuse_dash(path: &Path) -> Result<()> {
+    if path.as_os_str() != "-" {
+        return Ok(());
+    }
+    Err(Error::unsupported("standard output is no place for files")
+        .at(path)
+        .hint("give the name of a file or folder; --json prints the report on standard output"))
+}
+
+/// Makes sure that no output is one of the command's inputs, whatever names lead to it.
+///
+/// # Errors
+/// Names both.
+pub fn spare<'a>(
+    outputs: impl IntoIterator<Item = &'a Path>,
+    inputs: impl IntoIterator<Item = &'a Path> + Clone,
+) -> Result<()> {
+    for output in outputs.into_iter().filter(|path| path.exists()) {
+        for input in inputs.clone() {
+            if same_file::is_same_file(output, input).unwrap_or(false) {
+                return Err(Error::invalid(format!("the output is an input of this command: {}", input.display()))
+                    .at(output)
+                    .hint("inputs are never replaced: give the output another name"));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Makes sure that a capture and its pictures replace nothing but what the same command wrote before.
+///
+/// # Errors
+/// Names the capture, or the picture, that would be replaced.
+pub fn spare_captures(json: &Path, pictures: &[PathBuf], command: &str) -> Result<()> {
+    let hint = "give another folder, or --overwrite to replace it";
+    if json.exists() {
+        if written_by(json).is_some_and(|earlier| same_command(&earlier, command)) {
+            return Ok(());
+        }
+        return Err(Error::invalid("another capture lies here, and would be replaced with its pictures").at(json).hint(hint));
+    }
+    match pictures.iter().find(|p| p.exists()) {
+        Some(picture) => Err(Error::invalid("a picture lies here that would be replaced").at(picture).hint(hint)),
+        None => Ok(()),
+    }
+}
+
+/// The command that wrote a capture, where it says so.
+fn written_by(json: &Path) -> Option<String> {
+    let root = transforms::read_object(json).ok()?;
+    Some(root.get("provenance")?.get("command")?.as_str()?.to_owned())
+}
+
+/// True if both have the same words after the program's name, which may be written in several ways.
+fn same_command(a: &str, b: &str) -> bool {
+    let words = |text: &str| text.split_once(' ').map(|(_, rest)| rest.to_owned());
+    words(a) == words(b)
+}
+
+/// The JSON file of a capture and its pictures.
+pub fn of_capture(json: &Path, capture: &crate::scene::capture::Capture) -> Vec<PathBuf> {
+    std::iter::once(json.to_path_buf()).chain(capture.frames.iter().map(|f| f.picture.clone())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_say_what_is_in_files() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        for name in ["a.vdb", "a.VDB", "a", "a.0001", "a.b.vdb"] {
+            file(&at(name), Content::Vdb).unwrap();
+        }
+        for name in ["a.exr", "a.nvdb", "a.usd", "a.npy", "a.vdb.tmp"] {
+            assert!(file(&at(name), Content::Vdb).unwrap_err().to_string().contains(".vdb"), "{name}");
+        }
+        file(&at("bone.tf.json"), Content::TransferFunction).unwrap();
+        assert!(file(Path::new("-"), Content::Png).is_err() && folder(Path::new("-")).is_err());
+        for name in ["shots", "shots.v2", "a/b"] {
+            folder(&at(name)).unwrap();
+        }
+        assert!(folder(&at("cloud.png")).is_err() && folder(&at("cloud.EXR")).is_err());
+        std::fs::create_dir(at("old.png")).unwrap();
+        folder(&at("old.png")).unwrap();
+        std::fs::write(at("file"), "").unwrap();
+        assert!(folder(&at("file")).is_err());
+    }
+
+    #[test]
+    fn inputs_are_spared_by_whatever_name() {
+        let dir = tempfile::tempdir().unwrap();
+        let [a, b] = ["a.vdb", "b.vdb"].map(|n| dir.path().join(n));
+        std::fs::write(&a, "a").unwrap();
+        spare([b.as_path()], [a.as_path()]).unwrap();
+        std::fs::hard_link(&a, &b).unwrap();
+        let around = dir.path().join("x/../a.vdb");
+        std::fs::create_dir(dir.path().join("x")).unwrap();
+        assert!(spare([b.as_path()], [a.as_path()]).is_err() && spare([around.as_path()], [a.as_path()]).is_err());
+    }
+}

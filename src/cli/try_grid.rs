@@ -1,0 +1,33 @@
+//! `cumulo try-grid`: reads a grid and drops it, in a process of its own; see [`helper`].
+
+use crate::error::Error;
+use crate::formats::vdb::{Limits, helper};
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Read a grid and drop it
+#[derive(Debug, clap::Args)]
+pub struct TryGrid {
+    file: PathBuf,
+    grid: String,
+    pub(super) max_memory: u64,
+}
+
+impl TryGrid {
+    /// Says what is wrong, without the place: whoever asked knows it.
+    pub(super) fn run(&self) -> ExitCode {
+        let _ = rustix::process::setrlimit(
+            rustix::process::Resource::Core,
+            rustix::process::Rlimit { current: Some(0), maximum: Some(0) },
+        );
+        let what = |error: Error| error.what().to_owned();
+        match helper::try_grid(&self.file, &self.grid, Limits { max_memory: self.max_memory }).map_err(what) {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(what) => {
+                let _ = write!(std::io::stderr(), "{what}");
+                ExitCode::from(2)
+            }
+        }
+    }
+}

@@ -1,0 +1,154 @@
+//! Files and folders that stand beside an output until it is complete.
+//!
+//! All of them are listed in one place: whoever ends the program from outside (a signal, exhausted memory) calls
+//! [`remove_all`] first, so that none is left behind.
+
+use crate::error::{Error, Result};
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
+use std::time::{Duration, Instant};
+
+/// What all names of temporary files and folders begin with.
+pub const PREFIX: &str = ".cumulo-";
+
+static LISTED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+fn listed() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    LISTED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A place in the list, given up when it goes.
+#[derive(Debug)]
+struct Listed(PathBuf);
+
+impl Drop for Listed {
+    /// The file itself has been renamed or removed by then.
+    fn drop(&mut self) {
+        listed().remove(&self.0);
+    }
+}
+
+/// An open file under a temporary name; removed when it goes, unless it was kept.
+#[derive(Debug)]
+pub struct TemporaryFile {
+    /// Fields drop in their order: the file first, then its place in the list.
+    inner: tempfile::NamedTempFile,
+    place: Listed,
+}
+
+impl TemporaryFile {
+    /// Creates a file in a folder, with the mode that the user's umask gives to any new file. `extension` ends its
+    /// name, with its dot.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub fn new(folder: &Path, extension: &str) -> std::io::Result<Self> {
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(PREFIX).suffix(extension);
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        // Whoever removes all holds the list and never gives it back: no file comes after that.
+        let mut list = listed();
+        let inner = builder.tempfile_in(folder)?;
+        list.insert(inner.path().to_path_buf());
+        let place = Listed(inner.path().to_path_buf());
+        Ok(Self { inner, place })
+    }
+
+    /// The open file.
+    pub fn file(&mut self) -> &mut File {
+        self.inner.as_file_mut()
+    }
+
+    /// Its temporary path.
+    pub fn path(&self) -> &Path {
+        &self.place.0
+    }
+
+    /// Renames the file, over whatever bears that name.
+    ///
+    /// # Errors
+    /// The operating system's; the file is removed then.
+    pub fn rename(self, to: &Path) -> std::io::Result<()> {
+        std::fs::rename(&self.place.0, to)?;
+        // Nothing bears the temporary name any more.
+        let (_, path) = self.inner.into_parts();
+        let _ = path.keep();
+        Ok(())
+    }
+}
+
+/// A folder under a temporary name; removed with all in it when it goes.
+#[derive(Debug)]
+pub struct TemporaryFolder {
+    inner: tempfile::TempDir,
+    _place: Listed,
+}
+
+impl TemporaryFolder {
+    /// Creates a folder in a folder.
+    ///
+    /// # Errors
+    /// The operating system's, with the outer folder.
+    pub fn new(folder: &Path) -> Result<Self> {
+        let mut list = listed();
+        let inner = tempfile::Builder::new().prefix(PREFIX).tempdir_in(folder).map_err(|e| {
+            Error::io(folder, e).hint("the output's folder must exist, be writable, and have room for a folder beside it")
+        })?;
+        list.insert(inner.path().to_path_buf());
+        let place = Listed(inner.path().to_path_buf());
+        Ok(Self { inner, _place: place })
+    }
+
+    /// Its path.
+    pub fn path(&self) -> &Path {
+        self.inner.path()
+    }
+}
+
+/// Removes all that is listed, for the end of the program: nothing temporary can be created afterwards, and threads that
+/// try wait for ever.
+pub fn remove_all() {
+    let begun = Instant::now();
+    let list = loop {
+        match LISTED.try_lock() {
+            Ok(list) => break list,
+            Err(TryLockError::Poisoned(poisoned)) => break poisoned.into_inner(),
+            // Held for as long as a file is created: by this very thread, if memory ran out in there.
+            Err(TryLockError::WouldBlock) if begun.elapsed() > Duration::from_millis(500) => return,
+            Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(1)),
+        }
+    };
+    for path in list.iter() {
+        let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
+    }
+    std::mem::forget(list);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_dropped_is_gone_and_unlisted() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = TemporaryFile::new(dir.path(), ".txt").unwrap();
+        let folder = TemporaryFolder::new(dir.path()).unwrap();
+        let paths = [file.path().to_path_buf(), folder.path().to_path_buf()];
+        assert!(paths.iter().all(|p| p.exists() && listed().contains(p)));
+        drop((file, folder));
+        assert!(paths.iter().all(|p| !p.exists() && !listed().contains(p)));
+    }
+
+    #[test]
+    fn what_is_renamed_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = TemporaryFile::new(dir.path(), "").unwrap();
+        let temporary = file.path().to_path_buf();
+        file.rename(&dir.path().join("kept")).unwrap();
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+        assert!(dir.path().join("kept").exists() && !listed().contains(&temporary));
+    }
+}

@@ -1,0 +1,105 @@
+//! Grids that no walk of the file can vouch for (points) are first read in a process that may die of it: OpenVDB answers
+//! damaged attributes with assertions and with exceptions in destructors, which nothing can catch.
+//!
+//! The process is a program that the caller names, started anew: a fork of a process with threads may only call what is
+//! safe in a signal handler, and OpenVDB is not.
+
+use super::ffi;
+use super::file::File;
+use super::preflight::Limits;
+use crate::error::{Error, Result};
+use std::io::Read;
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+
+/// Subcommand that the program understands: `try-grid FILE GRID BYTES`. It calls [`try_grid`], says on standard error
+/// what happened if that fails, and exits with another code than 0.
+pub const SUBCOMMAND: &str = "try-grid";
+
+/// Time that a grid may take in the other process.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// More of what the other process says is not read.
+const MOST_WORDS: u64 = 4096;
+
+static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+
+/// Names the program that reads grids of points on trial: `cumulo` itself, wherever it is installed. Only the first call
+/// counts. Without it such grids are refused.
+pub fn set_program(path: PathBuf) {
+    let _ = PROGRAM.set(path);
+}
+
+/// Reads a grid to its last byte and drops it: what the other process does.
+///
+/// # Errors
+/// OpenVDB's own words, with file and grid; often it is the end of the process instead.
+pub fn try_grid(path: &Path, name: &str, limits: Limits) -> Result<()> {
+    let grid = File::open(path, limits)?.read_unguarded(name)?;
+    // SAFETY: the grid is alive.
+    ffi::call(|s| unsafe { ffi::touch(grid.as_ptr(), s) }).map_err(|e| e.part(format!("grid '{name}'")).at(path))
+}
+
+/// Has the other process try a grid.
+///
+/// # Errors
+/// If it ended in any way but well: what it said, or the signal that ended it.
+pub(super) fn rehearse(path: &Path, name: &str, limits: Limits) -> Result<()> {
+    let Some(program) = PROGRAM.get() else {
+        return Err(Error::unsupported("grids of points are read by a helper process first, and none was named")
+            .hint("call formats::vdb::helper::set_program with the path of the program cumulo"));
+    };
+    let started = Command::new(program)
+        .arg(SUBCOMMAND)
+        .args([path.as_os_str(), name.as_ref(), limits.max_memory.to_string().as_ref()])
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn();
+    let mut child = started.map_err(|e| Error::io(program, e).hint("the helper process could not be started"))?;
+    let words = child.stderr.take();
+    // It says little, and what does not fit in the pipe is not waited for: it would be a damaged file's flood.
+    let words = std::thread::spawn(move || {
+        let mut text = Vec::new();
+        if let Some(pipe) = words {
+            let _ = pipe.take(MOST_WORDS).read_to_end(&mut text);
+        }
+        ffi::printable(&text)
+    });
+    let status = wait(&mut child)?;
+    let damaged = |what: String| Err(Error::invalid(what).hint("the file may be damaged; export it again"));
+    match status {
+        None => damaged(format!("reading the grid's buffers took more than {} s and was stopped", PATIENCE.as_secs())),
+        Some(status) if status.success() => Ok(()),
+        Some(status) => match status.signal() {
+            Some(signal) => {
+                damaged(format!("reading the grid's buffers ends the library with signal {signal}; they are damaged"))
+            }
+            None => match words.join().unwrap_or_default().trim() {
+                "" => damaged("the grid's buffers cannot be read".into()),
+                words => damaged(words.into()),
+            },
+        },
+    }
+}
+
+/// Waits for the end; none if it took too long and was killed.
+fn wait(child: &mut Child) -> Result<Option<ExitStatus>> {
+    let system = |e| Error::system(e).hint("the helper process was lost; try again");
+    let (begun, mut pause) = (Instant::now(), Duration::from_micros(200));
+    loop {
+        if let Some(status) = child.try_wait().map_err(system)? {
+            return Ok(Some(status));
+        }
+        if begun.elapsed() > PATIENCE {
+            child.kill().map_err(system)?;
+            child.wait().map_err(system)?;
+            return Ok(None);
+        }
+        std::thread::sleep(pause);
+        pause = (2 * pause).min(Duration::from_millis(20));
+    }
+}

@@ -1,0 +1,141 @@
+//! What a command may write: regular files with fitting names, never one of its own inputs, nor somebody else's capture.
+
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+
+mod work;
+
+use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
+use std::process::Command;
+use work::{Work, errors, fixture};
+
+fn with_inputs() -> Work {
+    let work = Work::new();
+    for name in ["cube.vdb", "slab.vdb"] {
+        std::fs::copy(fixture(name), work.path(name)).unwrap();
+    }
+    let tf = r#"{"format": "cumulo-transfer-function", "version": 1, "transfer": {"kind": "piecewise",
+                 "points": [[0.0, 1, 1, 1, 0.0], [1.0, 0.2, 0.5, 0.9, 2.0]]}}"#;
+    std::fs::write(work.path("two.tf.json"), tf).unwrap();
+    work.json("render cube.vdb --views 4 --size 12x12 -o cap");
+    work.json("render cube.vdb --views 4 --size 12x12 --tf two.tf.json -o bright");
+    work
+}
+
+#[test]
+fn devices_pipes_and_folders_are_refused() {
+    let work = with_inputs();
+    assert!(Command::new("mkfifo").arg(work.path("pipe.vdb")).status().unwrap().success());
+    symlink("/dev/null", work.path("null.vdb")).unwrap();
+    for (words, expected) in [
+        ("convert cube.vdb /dev/null", "device"),
+        ("convert cube.vdb null.vdb", "device"),
+        ("convert cube.vdb pipe.vdb", "pipe"),
+        ("convert cube.vdb cap", "folder"),
+        ("reconstruct density cap -o /dev/null", "device"),
+        ("gradient cube.vdb --wrt density --loss mean --views 1 -o pipe.vdb", "pipe"),
+        ("transfer two.tf.json -o /dev/stdout", "device"),
+        ("render cube.vdb --views 1 -o /dev/null", "folder"),
+        ("convert cube.vdb -", "standard output"),
+        ("render cube.vdb --views 1 -o -", "standard output"),
+        ("reconstruct density cap -o o.vdb --report -", "standard output"),
+    ] {
+        work.refused(words, &[expected]);
+    }
+    assert!(std::fs::metadata("/dev/null").unwrap().file_type().is_char_device());
+    assert!(std::fs::metadata(work.path("pipe.vdb")).unwrap().file_type().is_fifo());
+    assert!(!work.path("-").exists());
+}
+
+#[test]
+fn links_stay_links_and_modes_stay_modes() {
+    let work = with_inputs();
+    std::fs::create_dir(work.path("store")).unwrap();
+    symlink("store/real.vdb", work.path("link.vdb")).unwrap();
+    work.json("convert cube.vdb link.vdb");
+    let mode = |name: &str| std::fs::metadata(work.path(name)).unwrap().permissions().mode() & 0o777;
+    std::fs::set_permissions(work.path("store/real.vdb"), PermissionsExt::from_mode(0o604)).unwrap();
+    work.json("convert slab.vdb link.vdb");
+    assert!(std::fs::symlink_metadata(work.path("link.vdb")).unwrap().is_symlink());
+    assert_eq!(mode("store/real.vdb"), 0o604);
+    assert_eq!(work.difference("slab.vdb", "store/real.vdb")["max_abs"], 0.0);
+    // A new file has the mode that the umask leaves; nothing outside the output's folder is touched for it.
+    let line = format!("umask 027; exec {} convert cube.vdb new.vdb", env!("CARGO_BIN_EXE_cumulo"));
+    let out = Command::new("sh").args(["-c", &line]).current_dir(work.path("")).env("TMPDIR", "/nowhere").output();
+    assert!(out.as_ref().unwrap().status.success(), "{}", errors(&out.unwrap()));
+    assert_eq!(mode("new.vdb"), 0o640);
+    // Pictures too.
+    std::fs::set_permissions(work.path("cap/view_000.exr"), PermissionsExt::from_mode(0o600)).unwrap();
+    work.json("render cube.vdb --views 2 --size 12x12 -o cap --overwrite");
+    assert_eq!(mode("cap/view_000.exr"), 0o600);
+}
+
+#[test]
+fn inputs_are_never_replaced() {
+    let work = with_inputs();
+    symlink("cube.vdb", work.path("same.vdb")).unwrap();
+    std::fs::hard_link(work.path("cap/view_001.exr"), work.path("hard.vdb")).unwrap();
+    let before = work.files("");
+    for words in [
+        "convert cube.vdb cube.vdb",
+        "convert cube.vdb same.vdb",
+        "convert cube.vdb --tf two.tf.json ./cap/../cube.vdb",
+        "gradient cube.vdb --wrt density --loss mean --views 1 -o cube.vdb",
+        "gradient cube.vdb --wrt density --loss l2 --target cap -o hard.vdb",
+        "reconstruct density cap -o hard.vdb",
+        "reconstruct density cap --init slab.vdb -o slab.vdb",
+        "reconstruct color bright -o hard.vdb --resolution 8",
+        "reconstruct tf bright --volume cube.vdb -o bright/transforms.json",
+        "pose cap --volume cube.vdb -o cap/transforms.json",
+        "transfer two.tf.json -o two.tf.json",
+    ] {
+        work.refused(words, &["is an input of this command", "another name"]);
+    }
+    // Names that end otherwise are refused before.
+    for words in [
+        "viewpoint cube.vdb -o cube.vdb",
+        "pose cap --volume cube.vdb -o cube.vdb",
+        "reconstruct density cap -o cap/view_000.exr",
+        "reconstruct tf bright --volume cube.vdb -o cube.vdb",
+        "compare cap/view_000.exr cap/view_001.exr --heatmap cap/view_000.exr",
+    ] {
+        work.refused(words, &["would be written"]);
+    }
+    assert_eq!(work.files(""), before);
+}
+
+#[test]
+fn names_of_other_formats_are_refused() {
+    let work = with_inputs();
+    let before = work.files("");
+    for ending in ["exr", "nvdb", "usd", "npy"] {
+        work.refused(&format!("convert cube.vdb out.{ending}"), &["OpenVDB", ending, ".vdb"]);
+    }
+    work.refused("reconstruct density cap -o o.npy", &["OpenVDB", ".npy"]);
+    work.refused("render cube.vdb --views 1 -o cloud.png", &["folder", ".png"]);
+    work.refused("reconstruct density cap -o o.vdb --report page.html", &["folder", ".html"]);
+    work.refused("viewpoint cube.vdb -o best.json --pictures shots.exr", &["folder", ".exr"]);
+    assert_eq!(work.files(""), before);
+}
+
+#[test]
+fn a_capture_of_another_command_is_spared() {
+    let work = with_inputs();
+    let before = work.files("cap");
+    work.refused("render slab.vdb --views 2 --size 8x8 -o cap", &["another capture", "--overwrite"]);
+    assert_eq!(work.files("cap"), before);
+    // The very same command again is no surprise.
+    work.json("render cube.vdb --views 4 --size 12x12 -o cap");
+    work.json("render slab.vdb --views 2 --size 8x8 -o cap --overwrite");
+    assert_ne!(work.files("cap"), before);
+    // Pictures without a capture are somebody's too.
+    std::fs::create_dir(work.path("lone")).unwrap();
+    std::fs::copy(work.path("bright/view_000.exr"), work.path("lone/view_001.exr")).unwrap();
+    work.refused("render slab.vdb --views 2 --size 8x8 -o lone", &["view_001.exr", "--overwrite"]);
+    work.refused(
+        "viewpoint cube.vdb --starts 2 --iterations 1 --size 8x8 -o lone/best.json",
+        &["view_001.exr", "--overwrite"],
+    );
+    assert_eq!(work.files("lone").len(), 1);
+    work.json("viewpoint cube.vdb --starts 2 --iterations 1 --size 8x8 -o fresh.json --pictures shots");
+    work.json("viewpoint cube.vdb --starts 2 --iterations 1 --size 8x8 -o fresh.json --pictures shots");
+}
