@@ -21,7 +21,8 @@ fn shim() -> &'static Path {
     BUILT.get_or_init(|| {
         let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/faults/faults.c");
         let built = Path::new(env!("CARGO_TARGET_TMPDIR")).join("faults.so");
-        let done = Command::new("cc").args(["-shared", "-fPIC", "-O1", "-o"]).arg(&built).arg(source).arg("-ldl").status();
+        let done =
+            Command::new("cc").args(["-shared", "-fPIC", "-O1", "-o"]).arg(&built).arg(source).arg("-ldl").status();
         assert!(done.unwrap().success(), "the shim does not compile");
         built
     })

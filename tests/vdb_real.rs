@@ -2,12 +2,13 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a panic is how a test fails")]
 
-use cumulo::formats::vdb::{File, Limits, NativeGrid, write_native};
+use cumulo::formats::vdb::{File, Limits, NativeGrid, helper, write_native};
 use std::collections::BTreeMap;
 
 #[test]
 #[ignore = "needs a folder of VDB files in CUMULO_REAL_DATA"]
 fn every_real_file_opens_and_passes_through_or_is_refused_with_a_hint() {
+    helper::set_program(env!("CARGO_BIN_EXE_cumulo").into());
     let folder = std::env::var("CUMULO_REAL_DATA").expect("CUMULO_REAL_DATA names a folder");
     let mut seen = 0;
     for entry in std::fs::read_dir(folder).unwrap() {

@@ -5,7 +5,7 @@
 mod common;
 
 use common::{fog, python};
-use cumulo::formats::vdb::{Codec, File, Limits, NativeGrid, write_grids, write_native};
+use cumulo::formats::vdb::{Codec, File, Limits, NativeGrid, helper, write_grids, write_native};
 use cumulo::math::Affine;
 use cumulo::scene::grid::{Grid, GridClass, MetaValue};
 use glam::{DMat4, DVec3, DVec4};
@@ -208,6 +208,7 @@ fn vdb_print_lists_our_grids() {
 /// Types that we only pass through keep their type and their values in full.
 #[test]
 fn doubles_and_integers_are_passed_through_in_full() {
+    helper::set_program(env!("CARGO_BIN_EXE_cumulo").into());
     let dir = tempfile::tempdir().unwrap();
     let copy = dir.path().join("copy.vdb");
     let fixture = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/kinds.vdb");

@@ -32,8 +32,8 @@ impl Content {
 
 /// Endings of files that nobody means as a folder's name.
 const FILES: [&str; 22] = [
-    "vdb", "nvdb", "exr", "png", "jpg", "jpeg", "tif", "tiff", "hdr", "json", "xml", "usd", "usda", "usdc", "usdz", "npy",
-    "npz", "html", "htm", "mp4", "txt", "csv",
+    "vdb", "nvdb", "exr", "png", "jpg", "jpeg", "tif", "tiff", "hdr", "json", "xml", "usd", "usda", "usdc", "usdz",
+    "npy", "npz", "html", "htm", "mp4", "txt", "csv",
 ];
 
 /// Checks a file that is to be written: its name, and that its folder can be written to.
@@ -116,7 +116,9 @@ pub fn spare_captures(json: &Path, pictures: &[PathBuf], command: &str) -> Resul
         if written_by(json).is_some_and(|earlier| same_command(&earlier, command)) {
             return Ok(());
         }
-        return Err(Error::invalid("another capture lies here, and would be replaced with its pictures").at(json).hint(hint));
+        return Err(Error::invalid("another capture lies here, and would be replaced with its pictures")
+            .at(json)
+            .hint(hint));
     }
     match pictures.iter().find(|p| p.exists()) {
         Some(picture) => Err(Error::invalid("a picture lies here that would be replaced").at(picture).hint(hint)),

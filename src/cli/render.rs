@@ -312,4 +312,3 @@ pub(super) fn fits(capture: &Capture, max_memory: u64) -> Result<()> {
         _ => Ok(()),
     }
 }
-

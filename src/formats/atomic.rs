@@ -153,7 +153,9 @@ impl Batch {
                 // Another process was quicker.
                 Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
                 Err(e) => {
-                    return Err(Error::io(&folder, e).hint("the output needs a folder that can be created and written to"));
+                    return Err(
+                        Error::io(&folder, e).hint("the output needs a folder that can be created and written to")
+                    );
                 }
             }
         }
@@ -281,7 +283,9 @@ fn folder(place: &Path) -> &Path {
 /// A rename lasts once its folder is on the disk. Some filesystems have no sync for folders.
 fn sync_folder(folder: &Path) -> std::io::Result<()> {
     match File::open(folder).and_then(|f| f.sync_all()) {
-        Err(e) if matches!(e.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported | ErrorKind::PermissionDenied) => {
+        Err(e)
+            if matches!(e.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported | ErrorKind::PermissionDenied) =>
+        {
             Ok(())
         }
         other => other,

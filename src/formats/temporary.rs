@@ -95,7 +95,8 @@ impl TemporaryFolder {
     pub fn new(folder: &Path) -> Result<Self> {
         let mut list = listed();
         let inner = tempfile::Builder::new().prefix(PREFIX).tempdir_in(folder).map_err(|e| {
-            Error::io(folder, e).hint("the output's folder must exist, be writable, and have room for a folder beside it")
+            Error::io(folder, e)
+                .hint("the output's folder must exist, be writable, and have room for a folder beside it")
         })?;
         list.insert(inner.path().to_path_buf());
         let place = Listed(inner.path().to_path_buf());

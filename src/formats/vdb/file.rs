@@ -65,7 +65,7 @@ impl File {
         &self.preflight.entries
     }
 
-    pub(super) fn native_metadata(&self) -> Result<Meta> {
+    pub(super) fn native_metadata(&self) -> Result<Meta<'static>> {
         let mut raw = null_mut();
         // SAFETY: the file is open and `raw` a valid place for the handle.
         ffi::call(|s| unsafe { ffi::file_meta(self.raw.as_ptr(), &mut raw, s) }).map_err(|e| e.at(&self.path))?;

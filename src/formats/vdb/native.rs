@@ -214,7 +214,7 @@ impl NativeGrid {
         })
     }
 
-    fn native_metadata(&self) -> Result<Meta> {
+    fn native_metadata(&self) -> Result<Meta<'_>> {
         let mut raw = null_mut();
         // SAFETY: the grid is alive and `raw` a valid place for the handle.
         ffi::call(|s| unsafe { ffi::grid_meta(self.as_ptr(), &mut raw, s) }).map_err(self.place())?;

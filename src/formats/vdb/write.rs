@@ -47,9 +47,8 @@ pub fn write_native(
     let mut draft = Draft::begin(path)?;
     let (fd, mut length) = (draft.file().as_raw_fd(), 0);
     // SAFETY: the descriptor is open, `length` a valid place, and all handles outlive the call.
-    let written = ffi::call(|s| unsafe {
-        ffi::write(fd, handles.as_ptr(), handles.len(), meta.as_ptr(), codec, &mut length, s)
-    });
+    let written =
+        ffi::call(|s| unsafe { ffi::write(fd, handles.as_ptr(), handles.len(), meta.as_ptr(), codec, &mut length, s) });
     written.map_err(|e| match e.os_error() {
         Some(number) => draft.unwritten(std::io::Error::from_raw_os_error(number), length),
         None => e.at(path),
