@@ -74,6 +74,7 @@ fn inputs_are_never_replaced() {
     let work = with_inputs();
     symlink("cube.vdb", work.path("same.vdb")).unwrap();
     std::fs::hard_link(work.path("cap/view_001.exr"), work.path("hard.vdb")).unwrap();
+    std::fs::hard_link(work.path("bright/view_001.exr"), work.path("bright.vdb")).unwrap();
     let before = work.files("");
     for words in [
         "convert cube.vdb cube.vdb",
@@ -83,7 +84,7 @@ fn inputs_are_never_replaced() {
         "gradient cube.vdb --wrt density --loss l2 --target cap -o hard.vdb",
         "reconstruct density cap -o hard.vdb",
         "reconstruct density cap --init slab.vdb -o slab.vdb",
-        "reconstruct color bright -o hard.vdb --resolution 8",
+        "reconstruct color bright -o bright.vdb --resolution 8",
         "reconstruct tf bright --volume cube.vdb -o bright/transforms.json",
         "pose cap --volume cube.vdb -o cap/transforms.json",
         "transfer two.tf.json -o two.tf.json",

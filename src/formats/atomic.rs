@@ -37,7 +37,7 @@ impl Draft {
             Error::io(path, e).hint("the output's folder must exist, be writable, and have room for a file beside it")
         })?;
         if let Some(old) = standing {
-            temporary.file().set_permissions(old.permissions()).map_err(|e| Error::io(path, e))?;
+            temporary.file().set_permissions(old.permissions()).map_err(|e| unwritten(path, e))?;
         }
         Ok(Self { temporary, named: path.to_path_buf(), place })
     }
@@ -80,7 +80,7 @@ impl Draft {
         let Self { mut temporary, named, place } = self;
         temporary.file().sync_all().map_err(|e| unwritten(&named, e))?;
         temporary.rename(&place).map_err(|e| unwritten(&named, e))?;
-        sync_folder(folder(&place)).map_err(|e| Error::io(&named, e))
+        sync_folder(folder(&place)).map_err(|e| unsynced(&named, e))
     }
 }
 
@@ -173,7 +173,6 @@ impl Batch {
     /// As [`Draft::begin`].
     pub fn add(&mut self, path: &Path) -> Result<PathBuf> {
         let place = followed(path)?;
-        standing(path, &place)?;
         let folder = folder(&place).to_path_buf();
         let number = self.files.len();
         let waiting = match self.waiting.entry(folder.clone()) {
@@ -209,7 +208,7 @@ impl Batch {
             }
         }
         self.committed = true;
-        self.waiting.keys().try_for_each(|folder| sync_folder(folder).map_err(|e| Error::io(folder, e)))
+        self.waiting.keys().try_for_each(|folder| sync_folder(folder).map_err(|e| unsynced(folder, e)))
     }
 
     /// Puts a file into place, and returns where the one that it replaced waits.
@@ -242,8 +241,15 @@ impl Drop for Batch {
     }
 }
 
-/// The path that a symbolic link leads to, or `path` itself. The file at its end need not exist.
+/// The path that a symbolic link leads to, or `path` itself. The file at its end need not exist; what exists is a regular
+/// file.
 fn followed(path: &Path) -> Result<PathBuf> {
+    // What is there is there under its true name; links like those of /proc are no paths.
+    if standing(path, path)?.is_some()
+        && let Ok(place) = std::fs::canonicalize(path)
+    {
+        return Ok(place);
+    }
     let mut at = path.to_path_buf();
     for _ in 0..MOST_LINKS {
         match std::fs::symlink_metadata(&at) {
@@ -266,6 +272,8 @@ fn standing(named: &Path, place: &Path) -> Result<Option<Metadata>> {
         Ok(m) if m.is_dir() => "a folder",
         Ok(_) => "a device, a pipe or a socket",
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
+        // A circle of links is told in words by whoever follows them.
+        Err(e) if e.raw_os_error() == Some(libc::ELOOP) => return Ok(None),
         Err(e) => return Err(Error::io(named, e).hint("the output's folder must exist and be writable")),
     };
     Err(Error::invalid(format!("this is {found}; the name of a regular file is expected"))
@@ -290,6 +298,12 @@ fn sync_folder(folder: &Path) -> std::io::Result<()> {
         }
         other => other,
     }
+}
+
+/// The output is in place, but a crash of the machine might still lose it.
+fn unsynced(named: &Path, error: std::io::Error) -> Error {
+    let what = format!("{error}: the output is there, but its folder could not be synced to the disk");
+    Error::io(named, error).saying(what).hint("check the disk; if it is sound, nothing more needs to be done")
 }
 
 /// What could not be put into place, with what to do.

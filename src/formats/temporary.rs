@@ -19,6 +19,12 @@ fn listed() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     LISTED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// The operating system's error without the temporary name, which tells nobody anything.
+fn bare(error: std::io::Error) -> std::io::Error {
+    let beneath = error.get_ref().and_then(|e| e.source()?.downcast_ref::<std::io::Error>()?.raw_os_error());
+    beneath.map_or(error, std::io::Error::from_raw_os_error)
+}
+
 /// A place in the list, given up when it goes.
 #[derive(Debug)]
 struct Listed(PathBuf);
@@ -51,7 +57,7 @@ impl TemporaryFile {
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         // Whoever removes all holds the list and never gives it back: no file comes after that.
         let mut list = listed();
-        let inner = builder.tempfile_in(folder)?;
+        let inner = builder.tempfile_in(folder).map_err(bare)?;
         list.insert(inner.path().to_path_buf());
         let place = Listed(inner.path().to_path_buf());
         Ok(Self { inner, place })
@@ -95,7 +101,7 @@ impl TemporaryFolder {
     pub fn new(folder: &Path) -> Result<Self> {
         let mut list = listed();
         let inner = tempfile::Builder::new().prefix(PREFIX).tempdir_in(folder).map_err(|e| {
-            Error::io(folder, e)
+            Error::io(folder, bare(e))
                 .hint("the output's folder must exist, be writable, and have room for a folder beside it")
         })?;
         list.insert(inner.path().to_path_buf());
