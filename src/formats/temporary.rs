@@ -19,12 +19,6 @@ fn listed() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     LISTED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The operating system's error without the temporary name, which tells nobody anything.
-fn bare(error: std::io::Error) -> std::io::Error {
-    let beneath = error.get_ref().and_then(|e| e.source()?.downcast_ref::<std::io::Error>()?.raw_os_error());
-    beneath.map_or(error, std::io::Error::from_raw_os_error)
-}
-
 /// A place in the list, given up when it goes.
 #[derive(Debug)]
 struct Listed(PathBuf);
@@ -51,13 +45,15 @@ impl TemporaryFile {
     /// # Errors
     /// The operating system's.
     pub fn new(folder: &Path, extension: &str) -> std::io::Result<Self> {
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(PREFIX).suffix(extension);
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let mut options = std::fs::OpenOptions::new();
+        options.read(true).write(true).create_new(true);
         // Whoever removes all holds the list and never gives it back: no file comes after that.
         let mut list = listed();
-        let inner = builder.tempfile_in(folder).map_err(bare)?;
+        let mut number = None;
+        let create = |path: &Path| options.open(path).inspect_err(|e| number = e.raw_os_error());
+        let made = tempfile::Builder::new().prefix(PREFIX).suffix(extension).make_in(folder, create);
+        // Without the temporary name, which tells nobody anything.
+        let inner = made.map_err(|e| number.map_or(e, std::io::Error::from_raw_os_error))?;
         list.insert(inner.path().to_path_buf());
         let place = Listed(inner.path().to_path_buf());
         Ok(Self { inner, place })
@@ -100,8 +96,12 @@ impl TemporaryFolder {
     /// The operating system's, with the outer folder.
     pub fn new(folder: &Path) -> Result<Self> {
         let mut list = listed();
-        let inner = tempfile::Builder::new().prefix(PREFIX).tempdir_in(folder).map_err(|e| {
-            Error::io(folder, bare(e))
+        let made = tempfile::Builder::new().prefix(PREFIX).tempdir_in(folder);
+        let inner = made.map_err(|e| {
+            let what = e.to_string();
+            let what = what.split(" at path ").next().unwrap_or(&what).to_owned();
+            Error::io(folder, e)
+                .saying(what)
                 .hint("the output's folder must exist, be writable, and have room for a folder beside it")
         })?;
         list.insert(inner.path().to_path_buf());
