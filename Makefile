@@ -1,7 +1,7 @@
 # Every target makes what it needs: Debian packages where they are missing, Python environments, the
 # program. A second run finds it all there.
 .DEFAULT_GOAL := demo
-.PHONY: demo test check bench build setup clean
+.PHONY: demo test fuzz check bench build setup clean
 
 export CUMULO := $(CURDIR)/target/release/cumulo
 export PYTHONDONTWRITEBYTECODE := 1
@@ -35,6 +35,13 @@ test: setup
 	cargo test --release --locked
 	.venvs/bpy/bin/python -m pytest python/tests --ignore python/tests/usd
 	.venvs/usd/bin/python -m pytest python/tests/usd
+
+# `make fuzz FUZZ_INPUTS=500 FUZZ_SEED=7` runs fewer, or others.
+FUZZ_INPUTS ?= 10000
+
+fuzz: ## ten thousand damaged inputs through every command that reads them, on all cores
+	python/setup.sh build
+	FUZZ_INPUTS=$(FUZZ_INPUTS) cargo test --release --locked --test fuzz -- --nocapture
 
 check: ## what is worth seeing before each commit; under three minutes once built
 	python/setup.sh build

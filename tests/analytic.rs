@@ -158,16 +158,32 @@ fn linear_source_is_integrated_with_its_absorption() {
     }
 }
 
-/// A grey source: `c (1 - T) + T b`, and the general blend agrees with the closed form.
+/// A grey source: `c (1 - T) + T b`, with the transmittance of the integral. Where source and background are alike, the
+/// volume is invisible; that holds for any transmittance, so other backgrounds are seen through it as well.
 #[test]
 fn furnace() {
     let f: Bricks<f64> = field(16, odd(), lumps(16));
     let medium = Medium { extinction: 3.0, source: Source::Grey([0.7; 3]) };
-    let dvr = Dvr::new(&f, medium.clone()).unwrap().background([0.7; 3]);
+    let dvr = |background| Dvr::new(&f, medium.clone()).unwrap().early_stop(0.0).background(background);
+    let behind = [0.7_f32, 0.1, 0.95];
+    let (mut least, mut most) = (1.0_f64, 0.0_f64);
     for ray in rays(f.world_bounds(), 50, 3) {
-        // Source and background alike: the volume is invisible.
-        assert!((dvr.radiance(&ray).rgb[2] - f64::from(0.7_f32)).abs() < 1e-12);
+        assert!((dvr([0.7; 3]).radiance(&ray).rgb[2] - f64::from(0.7_f32)).abs() < 1e-12);
+        let transmittance = (-3.0 * simpson(&f, &ray, |d| d)).exp();
+        (least, most) = (least.min(transmittance), most.max(transmittance));
+        let seen = dvr(behind).radiance(&ray);
+        // Depths are off by less than 1e-4, as above, times the extinction; T changes by T times that.
+        let tolerance = 3.0 * 1e-4 * transmittance;
+        assert!((seen.transmittance - transmittance).abs() < tolerance, "{} {transmittance}", seen.transmittance);
+        for c in 0..3 {
+            let (source, background) = (f64::from(0.7_f32), f64::from(behind[c]));
+            let expected = source * (1.0 - transmittance) + transmittance * background;
+            // Where they are alike nothing is left but rounding.
+            let tolerance = tolerance * (source - background).abs() + 1e-12;
+            assert!((seen.rgb[c] - expected).abs() < tolerance, "channel {c}: {} {expected}", seen.rgb[c]);
+        }
     }
+    assert!(least < 0.2 && most > 0.8, "rays through thick and thin: {least} to {most}");
 }
 
 #[test]

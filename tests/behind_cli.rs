@@ -109,7 +109,9 @@ fn densities_come_back_through_a_function_that_is_not_monotonic() {
     assert!(rms("known_rms") < rms("unknown_rms"), "{again}");
 }
 
-/// A function that absorbs everywhere fills the whole box, for every solver.
+/// A function that absorbs everywhere fills the whole box, for every solver: what it says of the used views is what a
+/// render of its result shows. Measured: 21.1 dB for the paper's recipe, 20.3 dB for ours, of pictures that another
+/// function made; all zeros come to 19.5 dB.
 #[test]
 fn what_absorbs_at_density_zero_has_all_of_the_box() {
     let work = with_pictures(4, 16);
@@ -117,10 +119,20 @@ fn what_absorbs_at_density_zero_has_all_of_the_box() {
         "points": [[0.0, 1.0, 0.9, 0.8, 0.01], [0.5, 0.2, 0.4, 0.8, 0.2], [1.0, 0.9, 0.1, 0.1, 0.6]]}});
     std::fs::write(work.path("fog.tf.json"), fog.to_string()).unwrap();
     for solver in ["paper", "auto"] {
-        let out = format!("{solver}.vdb");
-        let found =
-            work.json(&format!("reconstruct density cap --tf fog.tf.json --solver {solver} --iterations 1 -o {out}"));
-        assert!(number(&found, "train_psnr_db").is_finite(), "{found}");
+        let found = work.json(&format!(
+            "reconstruct density cap --tf fog.tf.json --solver {solver} --iterations 1 -o {solver}.vdb"
+        ));
+        let told = number(&found, "train_psnr_db");
+        assert!(told > 20.0, "{found}");
+        work.json(&format!("render {solver}.vdb --tf fog.tf.json --cameras cap --quadrature exact -o again-{solver}"));
+        let square = |i: usize| {
+            let [a, b] = ["cap", &format!("again-{solver}")].map(|f| work.picture(&format!("{f}/view_{i:03}.exr")));
+            let pairs = a.rgba.iter().zip(&b.rgba);
+            pairs.map(|(a, b)| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>()).sum::<f64>()
+        };
+        let seen = -10.0 * ((0..4).map(square).sum::<f64>() / (4.0 * 16.0 * 16.0 * 3.0)).log10();
+        // Colours alone here, alpha beside them there; and the written volume's box is the smaller one.
+        assert!((seen - told).abs() < 1.0, "{solver} tells {told} dB, and {seen} dB are seen");
     }
 }
 

@@ -14,7 +14,7 @@ use cumulo::optimise::parts::Parts;
 use cumulo::optimise::pictures::{self, Accumulators, Gradients, Target};
 use cumulo::optimise::projector::{Projector, Sample, View};
 use cumulo::optimise::smooth::Smoother;
-use cumulo::optimise::solver::Solver;
+use cumulo::optimise::solver::{Equations, Solver};
 use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
 use cumulo::render::film::Film;
 use cumulo::render::order::Tiles;
@@ -104,12 +104,11 @@ fn relative_weights_are_one_at_the_top_and_small_where_there_is_nothing() {
     let mut weights = vec![0.0; n];
     smoother.relative(&vec![0.0; n], &mut weights);
     assert!(weights.iter().all(|w| *w == 1.0));
-    let mut x = vec![0.0; n];
-    field.topology.fold(&field.values, &mut x);
-    smoother.relative(&x, &mut weights);
+    smoother.relative(&field.owned(), &mut weights);
     let (low, high) = weights.iter().fold((f32::MAX, 0.0_f32), |(l, h), w| (l.min(*w), h.max(*w)));
-    // √(0.1 / 1.1) where nothing is; aprons were counted in, so the top may exceed the 99th percentile.
-    assert!((low - 0.3015).abs() < 1e-3 && (0.9..2.9).contains(&high), "{low} {high}");
+    // √(0.1 / 1.1) where nothing is. A blur of one pass leaves more than a hundredth of the ball as it was, so that the
+    // 99th percentile is its density, and no weight is larger than 1; both to the rounding of some operations in f32.
+    assert!((low - (0.1_f32 / 1.1).sqrt()).abs() < 1e-6 && (high - 1.0).abs() < 1e-6, "{low} {high}");
 }
 
 #[test]
@@ -296,6 +295,72 @@ fn the_solver_goes_down_and_stays_above_zero() {
     assert!(solver.loss() < 0.1 * losses[0], "{losses:?}, then {}", solver.loss());
     let found = solver.solution();
     assert!(found.iter().all(|v| *v >= 0.0 && v.is_finite()));
+    // What is returned has its negative values set to zero, which must cost nothing: the solver holds them there itself.
+    // Cycles of 4 and 8 iterations begin with that; after one more iteration few voxels are below zero, and by little.
+    solver.iterate();
+    let (found, told) = (solver.solution(), solver.loss());
+    let [_, square] = solver.equations.pull(&found, f64::INFINITY, &mut vec![0.0; n]);
+    let seen = (square / solver.equations.rows() as f64).sqrt();
+    // Measured: 5e-8.
+    assert!((seen / told - 1.0).abs() < 1e-4, "the loss is {told}, and that of the solution {seen}");
+}
+
+/// Two equations in two unknowns: `a + b = 1`, `a + 2 b = 0`.
+struct Two {
+    unknowns: [usize; 2],
+}
+
+impl Two {
+    const ROWS: [[f64; 2]; 2] = [[1.0, 1.0], [1.0, 2.0]];
+    const RIGHT: [f64; 2] = [1.0, 0.0];
+
+    fn product(&self, x: &[f32]) -> [f64; 2] {
+        Self::ROWS.map(|row| row.iter().zip(self.unknowns).map(|(a, i)| a * f64::from(x[i])).sum())
+    }
+
+    fn transpose(&self, y: [f64; 2], out: &mut [f32]) {
+        out.fill(0.0);
+        for (k, i) in self.unknowns.into_iter().enumerate() {
+            out[i] = (0..2).map(|row| Self::ROWS[row][k] * y[row]).sum::<f64>() as f32;
+        }
+    }
+}
+
+impl Equations for Two {
+    fn rows(&self) -> usize {
+        2
+    }
+    fn normal(&mut self, x: &[f32], out: &mut [f32]) -> f64 {
+        let y = self.product(x);
+        self.transpose(y, out);
+        y.iter().map(|y| y * y).sum()
+    }
+    fn pull(&mut self, x: &[f32], _bound: f64, out: &mut [f32]) -> [f64; 2] {
+        let product = self.product(x);
+        let miss = [0, 1].map(|row| Self::RIGHT[row] - product[row]);
+        self.transpose(miss, out);
+        [miss.iter().map(|m| m.abs()).sum(), miss.iter().map(|m| m * m).sum()]
+    }
+}
+
+/// The solution without a bound is a = 2, b = -1. With b set to zero afterwards a would stay 2; the least squares among
+/// what is not negative have b = 0 and a = 1/2, the mean of 1 and 0.
+#[test]
+fn what_is_held_at_zero_changes_the_rest() {
+    let topology = Topology::new([IVec3::ZERO]).unwrap();
+    let mut smoother = Smoother::new(&topology, 0, 0.2);
+    let unknowns = [100, 300];
+    let hull: Vec<bool> = (0..LEAF_VOXELS).map(|i| unknowns.contains(&i)).collect();
+    let mut solver = Solver::new(Two { unknowns }, &mut smoother, &hull, vec![0.0; LEAF_VOXELS]);
+    // Two unknowns take two iterations of a cycle; holding one takes another cycle.
+    for _ in 0..40 {
+        if !solver.iterate() {
+            break;
+        }
+    }
+    let found = solver.solution();
+    // Rounding of f32 in sums of two, some iterations over.
+    assert!((found[100] - 0.5).abs() < 1e-5 && found[300] == 0.0, "{} and {}", found[100], found[300]);
 }
 
 /// Noise is told from detail: the estimate follows what was added to the pictures and sees none in them.
@@ -320,9 +385,12 @@ fn weights_follow_the_noise() {
         (observation.clean, darkest)
     };
     let (clean, noisy) = (weight(0.0), weight(0.05));
-    assert!(clean.0 && clean.1 > 0.99, "{clean:?}");
-    // 0.08 / 0.05 is below the bound of 3: T = e^-1.1 weighs 1 in 2.
-    assert!(!noisy.0 && (0.4..0.65).contains(&noisy.1), "{noisy:?}");
+    // The weight is r² / (1 + r²) of r = trust · T. Trust is 0.08 of the noise, from 3 to 60; where there is noise of
+    // 0.05 it is 3. The darkest pixel is one of the depths from 0.9 to 1.1; depths and weights are rounded to f32.
+    let weigh = |trust: f32, depth: f32| (trust * (-depth).exp()).powi(2) / (1.0 + (trust * (-depth).exp()).powi(2));
+    let between = |trust| weigh(trust, 1.1) - 1e-5..=weigh(trust, 0.9) + 1e-5;
+    assert!(clean.0 && between(60.0).contains(&clean.1), "{clean:?}");
+    assert!(!noisy.0 && between(3.0).contains(&noisy.1), "{noisy:?}");
 }
 
 /// What was added up for other views before leaves nothing behind, and parts of pictures add up to the whole.

@@ -5,7 +5,6 @@
 mod work;
 
 use serde_json::Value;
-use std::time::Duration;
 use work::{Work, density, errors, fixture, interrupt, until};
 
 /// Small pictures of the plume, and a coarse volume to look for: a few tenths of a second.
@@ -72,21 +71,37 @@ fn the_lattice_follows_the_options() {
     }
 }
 
+/// Runs are of equal length: only where they begin differs. Measured: 20.9 dB from nothing, 22.3 dB resumed.
 #[test]
 fn a_run_goes_on_where_it_was_left() {
     let work = with_pictures(12, 32);
     let run = |words: &str| {
-        work.json(&format!("reconstruct density cap -o found.vdb --resolution 16 {words}"));
+        let report = work.json(&format!("reconstruct density cap -o found.vdb --resolution 16 --iterations 2 {words}"));
+        let losses: Vec<f64> = report["history"].as_array().unwrap().iter().map(|s| number(s, "loss")).collect();
+        assert_eq!(losses.len(), 2, "{report}");
+        (work.volume_psnr("found.vdb"), losses)
+    };
+    let (first, losses) = run("");
+    let (resumed, on) = run("--resume");
+    assert!(on[0] < losses[1], "{losses:?}, then {on:?}");
+    assert!(resumed > first + 0.5, "{first} dB, then {resumed} dB");
+    // Without --resume the output is no start, and without a file --resume is a start from nothing.
+    assert_eq!(run("").1, losses);
+    std::fs::remove_file(work.path("found.vdb")).unwrap();
+    assert_eq!(run("--resume").1, losses);
+}
+
+/// From the truth itself there is nothing left to find but what rounding to 32 bits hides: 140 dB are 1e-7 of the
+/// largest density. From nothing one iteration comes to 18 dB.
+#[test]
+fn a_run_begins_with_the_volume_that_is_given() {
+    let work = with_pictures(12, 32);
+    let run = |words: &str| {
+        work.json(&format!("reconstruct density cap -o found.vdb --iterations 1 {words}"));
         work.volume_psnr("found.vdb")
     };
-    let first = run("--iterations 2");
-    let resumed = run("--iterations 10 --resume");
-    assert!(resumed > first + 0.5, "{first} dB, then {resumed} dB");
-    // From the truth itself, one looks no worse than from nothing.
-    assert!(run("--iterations 4 --init @plume.vdb") > first);
-    // Without a file, --resume is a start from nothing.
-    std::fs::remove_file(work.path("found.vdb")).unwrap();
-    assert!((run("--iterations 2 --resume") - first).abs() < 1e-9);
+    let (nothing, truth) = (run(""), run("--init @plume.vdb"));
+    assert!(nothing < 25.0 && truth > 140.0, "{nothing} dB from nothing, {truth} dB from the truth");
 }
 
 #[test]
@@ -94,22 +109,36 @@ fn ctrl_c_writes_what_is_there() {
     let work = with_pictures(12, 32);
     let child =
         work.start("reconstruct density cap -o found.vdb --iterations 100000 --held-out 0 --smoothing 2 --json");
-    // The page of progress is for terminals; that the work has begun shows in the clock.
-    std::thread::sleep(Duration::from_millis(1500));
+    // Progress is for terminals; that the work has begun shows in the processor time. Reading the pictures takes some
+    // 0.05 s of it.
+    until("half a second of work", || processor_seconds(child.id()) > 0.5);
     let out = interrupt(child);
     assert_eq!(out.status.code(), Some(1), "{}", errors(&out));
     let report: Value = serde_json::from_slice(&out.stdout).unwrap();
     assert_eq!(report["stopped"], true);
+    assert!(number(&report, "iterations") > 0.0, "{report}");
     let stopped = work.volume_psnr("found.vdb");
     assert!(stopped > 15.0, "{stopped}");
+    // What was written is where the next run begins: three iterations from nothing come to less.
     let words = "reconstruct density cap -o found.vdb --iterations 3 --held-out 0 --smoothing 2 --resume";
     work.json(words);
-    assert!(work.volume_psnr("found.vdb") > stopped - 1.0);
+    let resumed = work.volume_psnr("found.vdb");
+    work.json("reconstruct density cap -o fresh.vdb --iterations 3 --held-out 0 --smoothing 2");
+    let fresh = work.volume_psnr("fresh.vdb");
+    assert!(resumed > stopped - 1.0 && resumed > fresh, "{stopped} dB, resumed {resumed} dB, fresh {fresh} dB");
     until("nothing half-written stays", || {
         !std::fs::read_dir(work.path("."))
             .unwrap()
             .any(|e| e.unwrap().file_name().to_string_lossy().starts_with(".cumulo-"))
     });
+}
+
+/// User and system time of a running process.
+fn processor_seconds(pid: u32) -> f64 {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
+    // The name, which may hold blanks, ends at the last bracket; times are in hundredths of a second.
+    let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
+    (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
 }
 
 /// Measured: 21 dB after 6 epochs of the paper's recipe, 20 dB for emission that follows the density.

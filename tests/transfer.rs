@@ -154,18 +154,11 @@ fn every_gradient_matches_central_differences() {
             let all = gradient(&f, &medium, rule, Adjoint::Tape, &rays);
             let whole = matches!(rule, Quadrature::Exact | Quadrature::Preintegrated(_));
             let h = if whole { 1e-5 } else { 1e-6 };
-            // Uniform samples may step across a kink: then the difference is not the derivative.
-            let kinks = if whole { 0 } else { 6 };
-            let mut missed = 0;
-            let mut check = |what: String, got: f64, expected: f64| {
-                let error = (got - expected).abs() / expected.abs().max(got.abs()).max(1e-3);
-                if error > 2e-5 {
-                    missed += 1;
-                    assert!(
-                        missed <= kinks,
-                        "{rule} {transfer:?} {what}: {got} against {expected}, off by {error:.1e}"
-                    );
-                }
+            // Uniform samples that step across a kink would make the difference another than the derivative: with these
+            // rays and steps none does. Of h² times the third derivative and rounding of 1e-16 / h, relative to values
+            // from 1e-3 on, either stays below 1e-6 where h is 1e-6; a factor of 20 is left for what curves more.
+            let check = |what: String, got: f64, expected: f64| {
+                close(&format!("{rule} {transfer:?} {what}"), got, expected, 2e-5, 1e-3);
             };
             let mut order: Vec<usize> = (0..f.values.len()).collect();
             order.sort_by(|a, b| all.voxels[*b].abs().total_cmp(&all.voxels[*a].abs()));
@@ -383,7 +376,8 @@ fn preintegrated_slabs_have_their_closed_form() {
     }
 }
 
-/// Densities near the largest number: their cubics overflow, which must end in a picture, not in a panic.
+/// Densities near the largest number: their cubics overflow, which must end in a picture, not in a panic or in colours
+/// that nothing has.
 #[test]
 fn densities_that_overflow_end() {
     let f: Bricks<f32> = field(16, unit(), |p| if (p.x + p.y) as i32 % 3 == 0 { 3e38 } else { 0.4 * p.z / 15.0 });
@@ -391,8 +385,26 @@ fn densities_that_overflow_end() {
         for rule in RULES.into_iter().chain([Quadrature::PREINTEGRATED]) {
             // Where one of them absorbs at density 0 the field has to be filled.
             let filled = f.clone().filled(1 << 30).unwrap();
-            let dvr = Dvr::new(&filled, medium(&transfer, 0.3)).unwrap().quadrature(rule);
-            rays(f.world_bounds(), 20, 3).iter().for_each(|ray| _ = dvr.radiance(ray));
+            let dvr = Dvr::new(&filled, medium(&transfer, 0.3)).unwrap().quadrature(rule).background(BACKGROUND);
+            let table = transfer.table().unwrap();
+            // A picture is a mean of the function's colours and the background, rounded.
+            let colours = |c: usize| table.values().iter().map(move |v| v[c]).chain([f64::from(BACKGROUND[c])]);
+            for ray in rays(f.world_bounds(), 20, 3) {
+                let seen = dvr.radiance(&ray);
+                assert!((0.0..=1.0).contains(&seen.transmittance), "{rule} {transfer:?} {seen:?}");
+                for c in 0..3 {
+                    let (low, high) = colours(c).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
+                    let value = f64::from(seen.rgb[c]);
+                    // Cubics with coefficients beyond the largest number have no integral: where nothing is let
+                    // through, the exact rule has no colour either.
+                    let overflowed = rule == Quadrature::Exact && seen.transmittance == 0.0 && value.is_nan();
+                    let inside = (low - 1e-5..=high + 1e-5).contains(&value);
+                    assert!(
+                        inside || overflowed,
+                        "{rule} {transfer:?} {ray:?}: {seen:?}, channel {c} of {low}..{high}"
+                    );
+                }
+            }
         }
     }
 }
@@ -485,7 +497,8 @@ fn replay_of_long_rays_is_the_tape() {
     let (tape, replay, whole) =
         (by(Adjoint::Tape, 0.8 * depth), by(Adjoint::Replay, 0.8 * depth), by(Adjoint::Tape, 2.0 * depth));
     let (part, whole) = (touched(&tape.0), touched(&whole.0));
-    // Replay keeps half of its nodes.
+    // The depth grows evenly but for waves of 7 to 9 voxels, a twentieth of the ray's 208: four fifths of the depth are
+    // four fifths of the way to within a tenth. Replay keeps half of its nodes, and ends behind these.
     assert!((7 * whole..9 * whole).contains(&(10 * part)), "{part} of {whole}");
     assert!(tape == replay);
 }

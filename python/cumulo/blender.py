@@ -235,7 +235,7 @@ class Stage:
     def film(self, camera, seed=None):
         """What Cycles puts on film: [height, width, 4] f32, emitted radiance and 1 - T."""
         self.scene.cycles.seed = self.settings.seed if seed is None else seed
-        thing = _place_camera(camera, self.settings.near)
+        thing = _place_camera(camera, self.settings.near if camera.near is None else camera.near)
         with tempfile.TemporaryDirectory() as folder, _quiet():
             self.scene.render.filepath = str(pathlib.Path(folder) / "film.exr")
             bpy.ops.render.render(write_still=True)
@@ -265,7 +265,8 @@ def render_capture(vdb, cameras, settings, folder, grid="density", progress=None
         picture = folder / f"view_{number:03}.exr"
         pixels = stage.picture(camera, settings.seed + number)
         write_exr(picture, pixels, software, dataclasses.asdict(settings) | {"seed": settings.seed + number})
-        frames.append((camera, picture))
+        # Other keys of the frame are about the picture that it had.
+        frames.append((dataclasses.replace(camera, extra={}), picture))
         if progress:
             progress(number + 1, len(cameras))
     capture = Capture(
@@ -325,7 +326,21 @@ def _settings(options, capture):
     if capture:
         for key in ("model", "density_scale", "background", "emission", "near"):
             given.setdefault(key, getattr(capture, key))
+        _check_model(capture, given["model"])
     return Settings(**given)
+
+
+def _check_model(capture, model):
+    """Raises ValueError where Cycles would show something else than the pictures of the capture do."""
+    if model == "pre-shaded":
+        raise ValueError("the capture is of a pre-shaded volume, which is not rendered here; give --model")
+    if model == "emission-absorption" and capture.transfer is not None:
+        raise ValueError("the capture has a transfer function, which is not rendered here; give --model absorption")
+    if model == "emission-absorption" and capture.emission_model != "grey":
+        raise ValueError(
+            f"the capture's emission_model is {capture.emission_model!r}, and only 'grey' is rendered here;"
+            " give --model absorption"
+        )
 
 
 def _size(text):

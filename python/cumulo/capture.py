@@ -2,8 +2,10 @@
 
 A capture is a folder with `transforms.json` in the convention of NeRF tools, one EXR a view beside
 it, and Cumulo's optional keys (`model`, `background`, `pixel_filter`, `near`, `density_scale`,
-`emission`, `lattice`, `camera_model`). Cameras look down their -Z with +Y up; pixel (0, 0) is the
-top left one and its centre lies at (0.5, 0.5). Matrices act on column vectors.
+`emission`, `emission_model`, `transfer`, `lattice`, `camera_model`). Cameras look down their -Z with
++Y up; pixel (0, 0) is the top left one and its centre lies at (0.5, 0.5). Matrices act on column
+vectors. Keys that Cumulo does not use are kept when a capture is read and written again; what would
+change the pictures and is not understood is refused.
 """
 
 import dataclasses
@@ -15,12 +17,22 @@ import tempfile
 
 import numpy as np
 
-MODELS = ("absorption", "emission-absorption")
+MODELS = ("absorption", "emission-absorption", "pre-shaded")
+EMISSION_MODELS = ("grey", "linear")
+PIXEL_FILTERS = ("point", "box")
+PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE")
+DISTORTIONS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+# Keys of a camera, which stand in its frame or at the top for all frames.
+INTRINSICS = ("camera_model", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy", "w", "h")
 
 
 @dataclasses.dataclass(frozen=True)
 class Camera:
-    """A camera and its raster; focal lengths in pixels, or pixels per world unit if orthographic."""
+    """A camera and its raster; focal lengths in pixels, or pixels per world unit if orthographic.
+
+    `near` is the distance along the viewing axis before which nothing is seen, None for that of the
+    capture. `extra` holds the keys of the frame that have no other place.
+    """
 
     camera_to_world: np.ndarray
     fl_x: float
@@ -30,6 +42,8 @@ class Camera:
     width: int
     height: int
     orthographic: bool = False
+    near: float | None = None
+    extra: dict = dataclasses.field(default_factory=dict)
 
     def rays(self, offsets=((0.5, 0.5),)):
         """World origins and unit directions, each [offset, height, width, 3] in f64, through the
@@ -50,7 +64,13 @@ class Camera:
 
 @dataclasses.dataclass
 class Capture:
-    """Views of one volume: `frames` pairs each camera with its picture's path."""
+    """Views of one volume: `frames` pairs each camera with its picture's path.
+
+    `emission` is the radiance of the source per channel, `emission_model` how it follows the density
+    ("grey": not at all, "linear": in proportion). `transfer` is a transfer function as `.tf.json`
+    holds it under that key, which then stands in the place of `emission`. `lattice` takes the volume's
+    voxel indices to the world. `extra` holds the keys at the top that have no other place.
+    """
 
     frames: list
     model: str = "absorption"
@@ -60,6 +80,9 @@ class Capture:
     density_scale: float = 1.0
     emission: tuple = (1.0, 1.0, 1.0)
     lattice: np.ndarray | None = None
+    emission_model: str = "grey"
+    transfer: dict | None = None
+    extra: dict = dataclasses.field(default_factory=dict)
 
     @classmethod
     def read(cls, path):
@@ -67,28 +90,38 @@ class Capture:
         path = pathlib.Path(path)
         if path.is_dir():
             path = path / "transforms.json"
-        data = json.loads(path.read_text())
-        frames = []
-        for index, frame in enumerate(data.get("frames", [])):
-            try:
-                frames.append((_camera({**data, **frame}), path.parent / frame["file_path"]))
-            except (KeyError, ValueError, TypeError) as error:
-                raise ValueError(f"{path}: frame {index} cannot be used: {error!r}") from error
-        if not frames:
+        # Windows editors put a byte order mark before the text.
+        data = json.loads(path.read_text(encoding="utf-8-sig"))
+        if not isinstance(data, dict) or not isinstance(data.get("frames"), list) or not data["frames"]:
             raise ValueError(f"{path}: no frames; a capture needs at least one")
-        known = {field.name for field in dataclasses.fields(cls)} - {"frames"}
-        options = {key: data[key] for key in known if key in data}
+        # Null counts as absent.
+        top = {key: value for key, value in data.items() if value is not None and key != "frames"}
+        shared = {key: top.pop(key) for key in (*INTRINSICS, *DISTORTIONS) if key in top}
+        frames = []
+        for index, frame in enumerate(data["frames"]):
+            try:
+                frames.append(_read_frame(frame, shared, path.parent))
+            except (AttributeError, KeyError, ValueError, TypeError) as error:
+                raise ValueError(f"{path}: frame {index} cannot be used: {error!r}") from error
+        own = {field.name for field in dataclasses.fields(cls)} - {"frames", "extra"}
+        options = {key: top.pop(key) for key in list(top) if key in own}
         for key in ("background", "emission"):
             if key in options:
                 options[key] = tuple(options[key])
         if "lattice" in options:
-            options["lattice"] = np.array(options["lattice"], dtype=np.float64)
-        if options.get("model", "absorption") not in MODELS:
-            raise ValueError(f"{path}: model {options['model']!r} is not one of {', '.join(MODELS)}")
-        return cls(frames, **options)
+            options["lattice"] = _matrix(options["lattice"], "lattice")
+        for key, values in (("model", MODELS), ("emission_model", EMISSION_MODELS), ("pixel_filter", PIXEL_FILTERS)):
+            if key in options and options[key] not in values:
+                raise ValueError(f"{path}: {key} {options[key]!r} is not one of {', '.join(values)}")
+        if "transfer" in options and not isinstance(options["transfer"], dict):
+            raise ValueError(f"{path}: transfer is not a transfer function but {type(options['transfer']).__name__}")
+        return cls(frames, **options, extra=top)
 
     def write(self, path):
-        """Writes `transforms.json`, whole or not at all; pictures are named relative to its folder."""
+        """Writes `transforms.json`, whole or not at all; pictures are named relative to its folder.
+
+        Raises ValueError where a key of `extra` is one of the capture's own, or a number is not finite.
+        """
         path = pathlib.Path(path)
         data = {
             "model": self.model,
@@ -96,46 +129,97 @@ class Capture:
             "pixel_filter": self.pixel_filter,
             "near": self.near,
             "density_scale": self.density_scale,
+            "emission": list(self.emission),
+            "emission_model": self.emission_model,
         }
-        if self.model == "emission-absorption":
-            data["emission"] = list(self.emission)
+        if self.transfer is not None:
+            data["transfer"] = self.transfer
         if self.lattice is not None:
             data["lattice"] = np.asarray(self.lattice).tolist()
-        data["frames"] = [_frame(camera, picture, path.parent) for camera, picture in self.frames]
+        reserved = data.keys() | {"frames", "transfer", "lattice", *INTRINSICS, *DISTORTIONS}
+        data |= _checked_extra(self.extra, reserved, path)
+        data["frames"] = [_frame(camera, picture, path) for camera, picture in self.frames]
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as folder:
             draft = pathlib.Path(folder) / path.name
-            draft.write_text(json.dumps(data, indent=1) + "\n")
+            draft.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
             os.replace(draft, path)
 
 
-def _camera(frame):
-    width, height = int(frame["w"]), int(frame["h"])
-    orthographic = frame.get("camera_model") == "ORTHOGRAPHIC"
-    if "fl_x" in frame:
-        fl_x = float(frame["fl_x"])
-    elif "camera_angle_x" in frame and not orthographic:
-        fl_x = 0.5 * width / math.tan(0.5 * float(frame["camera_angle_x"]))
-    else:
-        raise ValueError("neither fl_x nor camera_angle_x is given")
-    matrix = np.array(frame["transform_matrix"], dtype=np.float64)
+def _checked_extra(extra, reserved, path):
+    taken = sorted(extra.keys() & set(reserved))
+    if taken:
+        raise ValueError(f"{path}: extra key {taken[0]!r} is one of the capture's own; set its field instead")
+    return extra
+
+
+def _read_frame(frame, shared, folder):
+    frame = {key: value for key, value in frame.items() if value is not None}
+    picture = folder / frame.pop("file_path")
+    # "view.0001" has no suffix that is one of a picture.
+    if not any(letter.isalpha() and letter.isascii() for letter in picture.suffix):
+        picture = picture.with_name(picture.name + ".exr")
+    matrix = _matrix(frame.pop("transform_matrix"), "transform_matrix")
+    # A frame's own angle outdoes a length that was given for all.
+    shared = {
+        key: value
+        for key, value in shared.items()
+        if not any(key == f"fl_{axis}" and f"camera_angle_{axis}" in frame for axis in "xy")
+    }
+    keys = {**shared, **{key: frame.pop(key) for key in (*INTRINSICS, *DISTORTIONS) if key in frame}}
+    near = float(frame.pop("near")) if "near" in frame else None
+    return _camera(matrix, keys, near, frame), picture
+
+
+def _matrix(rows, name):
+    matrix = np.array(rows, dtype=np.float64)
+    if matrix.shape == (3, 4):
+        matrix = np.vstack([matrix, (0, 0, 0, 1)])
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise ValueError("transform_matrix is not a finite 4x4 matrix")
-    matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
+        raise ValueError(f"{name} is not a finite 4x4 matrix")
+    return matrix
+
+
+def _camera(matrix, keys, near, extra):
+    width, height = int(keys["w"]), int(keys["h"])
+    model = keys.get("camera_model", "PINHOLE")
+    orthographic = model == "ORTHOGRAPHIC"
+    if not orthographic and model not in PINHOLES:
+        raise ValueError(f"camera_model is {model!r}; undistort the pictures to a pinhole camera first")
+    for key in DISTORTIONS:
+        if keys.get(key):
+            raise ValueError(f"lens distortion ({key} is {keys[key]}); undistort the pictures first")
+
+    def focal(axis, pixels):
+        if f"fl_{axis}" in keys:
+            return float(keys[f"fl_{axis}"])
+        if f"camera_angle_{axis}" in keys and not orthographic:
+            return 0.5 * pixels / math.tan(0.5 * float(keys[f"camera_angle_{axis}"]))
+        return None
+
+    fl_x, fl_y = focal("x", width), focal("y", height)
+    if fl_x is None and fl_y is None:
+        raise ValueError("neither fl_x nor camera_angle_x is given")
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    # Columns of unit length are kept to the last bit, so that what was written is what is read.
+    if (np.abs(lengths * lengths - 1.0) >= 8 * np.finfo(np.float64).eps).any():
+        matrix[:3, :3] /= lengths
     return Camera(
         matrix,
-        fl_x,
-        float(frame.get("fl_y", fl_x)),
-        float(frame.get("cx", width / 2)),
-        float(frame.get("cy", height / 2)),
+        fl_y if fl_x is None else fl_x,
+        fl_x if fl_y is None else fl_y,
+        float(keys.get("cx", width / 2)),
+        float(keys.get("cy", height / 2)),
         width,
         height,
         orthographic,
+        near,
+        extra,
     )
 
 
-def _frame(camera, picture, folder):
+def _frame(camera, picture, path):
     frame = {
-        "file_path": os.path.relpath(picture, folder),
+        "file_path": os.path.relpath(picture, path.parent),
         "transform_matrix": camera.camera_to_world.tolist(),
         "fl_x": camera.fl_x,
         "fl_y": camera.fl_y,
@@ -146,7 +230,9 @@ def _frame(camera, picture, folder):
     }
     if camera.orthographic:
         frame["camera_model"] = "ORTHOGRAPHIC"
-    return frame
+    if camera.near is not None:
+        frame["near"] = camera.near
+    return frame | _checked_extra(camera.extra, frame.keys() | {"near", *INTRINSICS, *DISTORTIONS}, path)
 
 
 def look_at(eye, target, up=(0.0, 0.0, 1.0)):

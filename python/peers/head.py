@@ -23,7 +23,23 @@ def voxels(path):
         sys.exit(f"error: {path} is not a 3D NIfTI-1 volume of 8-bit numbers")
     begin, shape = int(np.frombuffer(data, "<f4", 1, 108)[0]), tuple(int(n) for n in dimensions[1:4])
     values = np.frombuffer(data, np.uint8, int(np.prod(shape)), begin).reshape(shape, order="F")
-    return values.astype(np.float32) / np.float32(values.max())
+    # Files have x fastest; pyopenvdb takes memory for C order whatever the strides.
+    return np.ascontiguousarray(values, dtype=np.float32) / np.float32(values.max())
+
+
+def filled(values):
+    """A fog volume of `[x, y, z]`; exits unless each voxel lies where its indices say."""
+    grid = pyopenvdb.FloatGrid()
+    grid.name, grid.gridClass = "density", pyopenvdb.GridClass.FOG_VOLUME
+    grid.copyFromArray(values)
+    back = np.zeros(values.shape, np.float32)
+    grid.copyToArray(back)
+    read = grid.getConstAccessor()
+    places = np.random.default_rng(1).integers(0, values.shape, (1000, 3))
+    apart = [at for at in places.tolist() if read.getValue(tuple(at)) != values[tuple(at)]]
+    if apart or not np.array_equal(back, values):
+        sys.exit(f"error: pyopenvdb put voxels elsewhere than at their indices, e.g. {apart[:1]}")
+    return grid
 
 
 def function():
@@ -43,9 +59,6 @@ def function():
 
 
 if __name__ == "__main__":
-    grid = pyopenvdb.FloatGrid()
-    grid.name, grid.gridClass = "density", pyopenvdb.GridClass.FOG_VOLUME
-    grid.copyFromArray(voxels(sys.argv[1]))
-    pyopenvdb.write(sys.argv[2], grids=[grid])
+    pyopenvdb.write(sys.argv[2], grids=[filled(voxels(sys.argv[1]))])
     with open(sys.argv[3], "w", encoding="utf-8") as out:
         json.dump(function(), out)
