@@ -25,5 +25,6 @@ pub mod real;
 pub mod render;
 pub mod report;
 pub mod scene;
+pub mod text;
 
 pub use error::{Error, Result};

@@ -73,7 +73,9 @@ fn renaming(text: &str) -> Result<(String, String), String> {
 
 #[derive(Debug, Serialize)]
 struct Report {
+    #[serde(serialize_with = "crate::cli::paths::text")]
     input: PathBuf,
+    #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     bytes: u64,
     grids: Vec<Done>,

@@ -10,6 +10,7 @@ pub mod light;
 pub mod memory;
 pub mod output;
 pub mod parse;
+pub mod paths;
 pub mod photos;
 pub mod pose;
 pub mod provenance;
@@ -27,6 +28,7 @@ pub mod volume;
 use crate::error::{Error, Result};
 use clap::{Parser, Subcommand};
 use output::Output;
+use std::ffi::OsStr;
 use std::process::ExitCode;
 
 /// Volumes between OpenVDB, Blender, USD and EXR: inspect, render, compare and reconstruct.
@@ -45,7 +47,7 @@ pub struct Global {
     /// Print the result as JSON on standard output
     #[arg(long, global = true)]
     pub json: bool,
-    /// Threads to work with (default: RAYON_NUM_THREADS, else all cores); results do not depend on it
+    /// Threads to work with, 1 to 1024 (default: RAYON_NUM_THREADS, else all cores); results do not depend on it
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
     /// No progress on standard error
@@ -70,19 +72,43 @@ enum Command {
     Viewpoint(viewpoint::Viewpoint),
 }
 
+/// Variable that says how many threads to work with where `--threads` does not.
+const THREADS: &str = "RAYON_NUM_THREADS";
+/// More threads than these are taken for a mistake: each has a stack and accumulators of its own.
+const MOST_THREADS: usize = 1024;
+
+/// How many threads to work with: `--threads`, else what the environment says, else none for all cores.
+///
+/// # Errors
+/// If it is no number from 1 to [`MOST_THREADS`].
+fn threads(option: Option<usize>, variable: Option<&OsStr>) -> Result<Option<usize>> {
+    let bounded = |n: &usize| (1..=MOST_THREADS).contains(n);
+    match (option, variable) {
+        (Some(n), _) if bounded(&n) => Ok(Some(n)),
+        (Some(n), _) => Err(Error::invalid(format!("--threads {n}: a number from 1 to {MOST_THREADS} is expected"))
+            .hint("leave it out to work on all cores")),
+        (None, None) => Ok(None),
+        (None, Some(text)) => {
+            let n = text.to_str().and_then(|text| text.parse().ok()).filter(bounded);
+            n.map(Some).ok_or_else(|| {
+                let text = text.to_string_lossy();
+                Error::invalid(format!("{THREADS} is '{text}': a number from 1 to {MOST_THREADS} is expected"))
+                    .hint(format!("correct it, or `unset {THREADS}` to work on all cores; --threads outdoes it"))
+            })
+        }
+    }
+}
+
 /// Runs the command line.
 ///
 /// # Errors
 /// Whatever the subcommand met; the caller prints it and exits with 2.
 pub fn run(arguments: Arguments) -> Result<ExitCode> {
-    if let Some(n) = arguments.global.threads {
-        if n == 0 {
-            return Err(Error::invalid("--threads 0: at least one thread is needed"));
-        }
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(n)
-            .build_global()
-            .map_err(|e| Error::invalid(format!("--threads {n}: {e}")))?;
+    if let Some(n) = threads(arguments.global.threads, std::env::var_os(THREADS).as_deref())? {
+        rayon::ThreadPoolBuilder::new().num_threads(n).build_global().map_err(|e| {
+            Error::invalid(format!("{n} threads cannot be started: {e}"))
+                .hint("give fewer to --threads, or raise the limit on processes (ulimit -u)")
+        })?;
     }
     let output = Output::new(&arguments.global);
     match arguments.command {
@@ -98,5 +124,25 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Command::Report(c) => c.run(&output),
         Command::Transfer(c) => c.run(&output),
         Command::Viewpoint(c) => c.run(&output),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_are_bounded_and_the_variable_is_not_ignored() {
+        let env = |text: &'static str| threads(None, Some(OsStr::new(text)));
+        assert_eq!(threads(Some(3), Some(OsStr::new("nonsense"))).unwrap(), Some(3));
+        assert_eq!((threads(None, None).unwrap(), env("8").unwrap()), (None, Some(8)));
+        for n in [0, 1025, usize::MAX] {
+            let error = threads(Some(n), None).unwrap_err();
+            assert!(error.what().contains("1 to 1024") && error.remedy().is_some(), "{error}");
+        }
+        for text in ["", "0", "-1", "abc", "2000", " 4", "1e2"] {
+            let error = env(text).unwrap_err();
+            assert!(error.what().contains("RAYON_NUM_THREADS") && error.remedy().is_some(), "{error}");
+        }
     }
 }

@@ -34,6 +34,7 @@ struct Report {
 
 #[derive(Debug, Serialize)]
 struct Described {
+    #[serde(serialize_with = "crate::cli::paths::text")]
     path: PathBuf,
     #[serde(flatten)]
     content: Content,
@@ -66,8 +67,8 @@ fn content(path: &Path, limits: Limits) -> Result<Content> {
     match formats::sniff(path)? {
         // NanoVDB too: its refusal says how to convert it.
         Format::Vdb | Format::NanoVdb => volume::summary(path, limits).map(Content::Vdb),
-        Format::Exr => formats::exr::summary(path).map(Content::Exr),
-        Format::Capture => formats::transforms::summary(path).map(Content::Capture),
+        Format::Exr => formats::exr::summary_within(path, limits).map(Content::Exr),
+        Format::Capture => formats::transforms::summary_within(path, limits).map(Content::Capture),
         Format::Unknown => Err(formats::unknown().at(path)),
     }
 }

@@ -91,6 +91,7 @@ struct Moved {
 
 #[derive(Debug, Serialize)]
 struct Report {
+    #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     cameras: Vec<Moved>,
     /// Over all cameras.
@@ -101,6 +102,7 @@ struct Report {
     focal_factor: Option<f64>,
     seconds: f64,
     stopped: bool,
+    #[serde(serialize_with = "crate::cli::paths::text")]
     report: Option<PathBuf>,
 }
 
@@ -134,7 +136,8 @@ impl Pose {
         let mut task = Task::begin(&self.output, self.report.as_deref(), &self.memory)?;
         let limits = task.limits;
         let json = transforms::json_path(&self.capture);
-        let capture = transforms::load(&json)?;
+        let capture = transforms::load_within(&json, limits)?;
+        transforms::check_names(&self.output, &capture)?;
         let (mut scene, shown) = self.scene(&capture, limits)?;
         let photos = task.photos(&json, &shown, self.layer.as_deref())?;
         task.provenance.input(&self.volume, [self.volume.as_path()])?;

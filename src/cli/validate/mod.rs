@@ -31,6 +31,7 @@ struct Report {
 
 #[derive(Debug, Serialize)]
 struct Checked {
+    #[serde(serialize_with = "crate::cli::paths::text")]
     path: PathBuf,
     format: Format,
     valid: bool,
@@ -55,8 +56,8 @@ impl Validate {
         match format {
             // NanoVDB too: its refusal says how to convert it.
             Format::Vdb | Format::NanoVdb => volume::check(path, self.memory.limits(), &mut findings)?,
-            Format::Exr => findings.extend(formats::exr::problems(path)?),
-            Format::Capture => findings.extend(formats::transforms::problems(path)?),
+            Format::Exr => findings.extend(formats::exr::problems_within(path, self.memory.limits())?),
+            Format::Capture => findings.extend(formats::transforms::problems_within(path, self.memory.limits())?),
             Format::Unknown => findings.refusal(formats::unknown())?,
         }
         Ok(Checked { path: path.to_path_buf(), format, valid: findings.valid(), findings })

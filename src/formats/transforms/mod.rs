@@ -21,10 +21,10 @@ mod problems;
 mod save;
 mod summary;
 
-pub use load::load;
-pub use problems::problems;
-pub use save::save;
-pub use summary::{CaptureSummary, summary};
+pub use load::{load, load_within};
+pub use problems::{problems, problems_within};
+pub use save::{check_names, save};
+pub use summary::{CaptureSummary, summary, summary_within};
 
 use std::path::{Path, PathBuf};
 
