@@ -81,7 +81,7 @@ pub fn compare(a: &Film, b: &Film) -> Result<Comparison> {
         .hint("render or crop them to the same size"));
     }
     if a.rgba.is_empty() {
-        return Err(Error::invalid("pictures without pixels cannot be compared"));
+        return Err(Error::invalid("pictures without pixels cannot be compared").hint("render them again"));
     }
     let finite = |p: &[f32; 4]| p.iter().all(|v| v.is_finite());
     let (mut a, mut b) = (Cow::Borrowed(a), Cow::Borrowed(b));
