@@ -14,8 +14,9 @@ use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 use work::{Work, errors, fixture};
 
-/// Memory of the program without work: heap, stacks of its threads, tables of its libraries.
-const BASE_MIB: u64 = 24;
+/// What `info` of a small file takes by this measure, rounded up: heap, a thread's stack, and the writable
+/// tables of OpenVDB and its libraries.
+const BASE_MIB: u64 = 36;
 
 /// Runs the program on one thread with `mib` MiB of data beside what it has without work. What asks for more
 /// ends by a signal, not by an exit code.
@@ -78,10 +79,10 @@ fn windows_are_measured_against_the_limit_first() {
 #[test]
 fn figures_of_a_picture_need_its_chunks_only() {
     let work = Work::new();
-    // 4096² pixels of four channels are 256 MiB as 32-bit floats; 64 chunks at work thrice 2 MiB or 96 MiB.
+    // 4096² pixels of four channels are 256 MiB as 32-bit floats; 8 chunks at work thrice 1/2 MiB are 12 MiB.
     plain(&work.path("p.exr"), 4096);
     for command in ["info p.exr", "validate p.exr"] {
-        assert_eq!(run(&work, command, 160).status.code(), Some(0), "{command}");
+        assert_eq!(run(&work, command, 30).status.code(), Some(0), "{command}");
         assert_eq!(run(&work, &format!("{command} --max-memory 16M"), 20).status.code(), Some(0), "{command}");
     }
     refused(&work, "info p.exr --max-memory 1M", 16, &["p.exr", "4 channel(s)", "1 MiB are allowed"]);
@@ -161,7 +162,7 @@ fn what_has_no_end_is_not_read() {
     let work = Work::new();
     assert!(Command::new("mkfifo").arg(work.path("fifo")).status().unwrap().success());
     for path in ["/dev/zero", "fifo"] {
-        for command in ["transfer", "info", "validate", "compare a.exr", "render @cube.vdb -o out --tf"] {
+        for command in ["transfer", "info", "validate", "compare a.exr", "render @cube.vdb -o out --views 1 --tf"] {
             // Words that begin with @ are fixtures, which the shell knows nothing of.
             let command = command.replace("@cube.vdb", fixture("cube.vdb").to_str().unwrap());
             std::fs::copy(fixture("exr/grey.exr"), work.path("a.exr")).unwrap();

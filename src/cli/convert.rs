@@ -11,6 +11,7 @@ use crate::formats::vdb::{Codec, File, NativeGrid, write_native};
 use crate::math::Aabb;
 use crate::scene::grid::GridClass;
 use crate::scene::transfer::Transfer;
+use crate::text::printable;
 use half::f16;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -199,9 +200,9 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}: {} grid(s), {}", self.output.display(), self.grids.len(), human(self.bytes))?;
         for grid in &self.grids {
-            write!(f, "  '{}': {} active voxels", grid.name, grid.active_voxels)?;
+            write!(f, "  '{}': {} active voxels", printable(&grid.name), grid.active_voxels)?;
             if grid.name != grid.from {
-                write!(f, ", was '{}'", grid.from)?;
+                write!(f, ", was '{}'", printable(&grid.from))?;
             }
             if let Some(n) = grid.repaired {
                 write!(f, ", {n} values set to zero")?;

@@ -143,7 +143,7 @@ impl fmt::Display for Report {
             Source::ParaviewXml => "ParaView preset (XML)",
             Source::Vdb => "transfer function of a VDB's grid",
         };
-        write!(f, "{}: {source}", self.input.display())?;
+        write!(f, "{}: {source}", printable(&self.input.to_string_lossy()))?;
         if let Some(name) = &self.name {
             write!(f, " '{}'", printable(name))?;
         }
@@ -157,7 +157,7 @@ impl fmt::Display for Report {
             writeln!(f, "  the file has: {}", printable(&self.presets.join(", ")))?;
         }
         if let Some(output) = &self.output {
-            writeln!(f, "{}: written", output.display())?;
+            writeln!(f, "{}: written", printable(&output.to_string_lossy()))?;
         }
         Ok(())
     }

@@ -11,6 +11,7 @@ use crate::formats::exr::ExrSummary;
 use crate::formats::transforms::CaptureSummary;
 use crate::formats::vdb::Limits;
 use crate::formats::{self, Format};
+use crate::text::printable;
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -87,6 +88,6 @@ impl fmt::Display for Described {
             Content::Exr(picture) => picture.to_string(),
             Content::Capture(capture) => capture.to_string(),
         };
-        writeln!(f, "{}: {}", self.path.display(), text.trim_end().replace('\n', "\n  "))
+        writeln!(f, "{}: {}", printable(&self.path.to_string_lossy()), text.trim_end().replace('\n', "\n  "))
     }
 }

@@ -7,6 +7,7 @@ use super::memory::Memory;
 use super::output::Output;
 use crate::error::Result;
 use crate::formats::{self, Format};
+use crate::text::printable;
 use findings::Findings;
 use serde::Serialize;
 use std::fmt;
@@ -68,7 +69,7 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for file in &self.files {
             let verdict = if file.valid { "valid" } else { "not valid" };
-            write!(f, "{}: {verdict}\n{}", file.path.display(), file.findings)?;
+            write!(f, "{}: {verdict}\n{}", printable(&file.path.to_string_lossy()), file.findings)?;
         }
         Ok(())
     }

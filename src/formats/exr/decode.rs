@@ -32,8 +32,9 @@ pub(super) struct Row<'a> {
     pub samples: &'a [f32],
 }
 
-/// Chunks decompressed at a time; enough for any number of cores, few enough to need little memory.
-const BATCH: usize = 64;
+/// Chunks decompressed at a time on each thread: enough to keep all busy, few enough that what allocators
+/// retain of them is little.
+const CHUNKS_PER_THREAD: usize = 8;
 /// Bytes of chunks that are decompressed at a time, where more than one is that large.
 const BATCH_BYTES: u64 = 1 << 28;
 /// Memory of a chunk while it is decoded, in units of its pixels' bytes: compressed, unpacked, reordered.
@@ -80,7 +81,8 @@ pub(super) fn rows(
         return Err(error.at(path));
     }
     let spare = (limits.max_memory - held - entries).min(BATCH_BYTES);
-    let batch = usize::try_from(spare / chunk.max(1)).unwrap_or(BATCH).clamp(1, BATCH);
+    let most = CHUNKS_PER_THREAD * rayon::current_num_threads();
+    let batch = usize::try_from(spare / chunk.max(1)).unwrap_or(most).clamp(1, most);
 
     let display = header.display_window;
     let mut chunks = fault::translated(path, || {

@@ -79,10 +79,10 @@ pub fn picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Resul
     let held = display.pixels().saturating_mul(size_of::<[f32; 4]>() as u64);
     let (mut film, mut non_finite) = (None, 0);
     // Components of a pixel that each source is written to.
-    let targets: &[std::ops::Range<usize>] = match sources.len() {
-        1 => &[0..3],
-        2 => &[0..3, 3..4],
-        _ => &[0..1, 1..2, 2..3, 3..4],
+    let targets: &[&[usize]] = match sources.len() {
+        1 => &[&[0, 1, 2]],
+        2 => &[&[0, 1, 2], &[3]],
+        _ => &[&[0], &[1], &[2], &[3]],
     };
     let opaque = matches!(sources.len(), 1 | 3);
     let blank = || blank(&header, chosen.part, opaque);
@@ -90,7 +90,7 @@ pub fn picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Resul
         let film: &mut Film = film.get_or_insert_with(blank);
         let start = y * film.width + x;
         for (pixel, sample) in film.rgba[start..start + samples.len()].iter_mut().zip(samples) {
-            pixel[targets[source].clone()].fill(*sample);
+            targets[source].iter().for_each(|&component| pixel[component] = *sample);
         }
         non_finite += samples.iter().filter(|v| !v.is_finite()).count();
     })?;
