@@ -130,7 +130,9 @@ fn compare_keeps_to_its_limit() {
     let out = run(&work, "compare a.exr b.exr --max-memory 76M --heatmap h.png --json", 95);
     assert_eq!(out.status.code(), Some(1), "{}", errors(&out));
     let report: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
-    assert_eq!((&report["max_abs"], &report["non_finite_pixels"]), (&0.25.into(), &1.into()));
+    // The sums with the offset are rounded to 24 bits.
+    assert!((report["max_abs"].as_f64().unwrap() - 0.25).abs() < 1.5 * f64::from(f32::EPSILON), "{report}");
+    assert_eq!(report["non_finite_pixels"], 1);
     assert!(work.path("h.png").exists());
 }
 

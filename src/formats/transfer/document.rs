@@ -67,7 +67,7 @@ pub(super) fn objects(text: &str, limits: Limits) -> Result<Vec<Object<'_>>> {
         .enumerate()
         .map(|(i, raw)| {
             serde_json::from_str(raw.get()).map_err(|_| {
-                Error::invalid(format!("{} is no JSON object", short(raw.get())))
+                Error::invalid(format!("{} is not a JSON object", short(raw.get())))
                     .part(format!("preset {}", i + 1))
                     .hint("a list of presets holds objects: [{\"Name\": …, \"RGBPoints\": […]}]")
             })

@@ -88,14 +88,14 @@ pub(super) fn read_object(json: &Path, limits: Limits) -> Result<Map<String, Val
     input::check_json_memory(text, limits)?;
     match serde_json::from_slice(text) {
         Ok(Value::Object(root)) => Ok(root),
-        Ok(other) => Err(Error::invalid(format!("{} is no JSON object", short(&other))).hint(FRAMES)),
+        Ok(other) => Err(Error::invalid(format!("{} is not a JSON object", short(&other))).hint(FRAMES)),
         Err(e) => Err(Error::invalid(format!("no valid JSON: {e}")).hint(input::JSON_REMEDY)),
     }
 }
 
 pub(super) fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> Result<Frame> {
     let Value::Object(own) = value else {
-        return Err(Error::invalid(format!("{} is no JSON object", short(value)))
+        return Err(Error::invalid(format!("{} is not a JSON object", short(value)))
             .hint("a view is {\"file_path\": …, \"transform_matrix\": …}"));
     };
     let keys = Keys { own, shared: Some(root) };

@@ -78,8 +78,13 @@ fn picture(frame: &Frame, limits: Limits) -> Vec<Problem> {
         Err(error) => {
             let missing = error.io_kind() == Some(std::io::ErrorKind::NotFound);
             let what = if missing { "there is no such picture" } else { error.what() };
-            let remedy = if missing { "correct 'file_path', or add the picture" } else { "render or copy it again" };
-            return vec![Problem::new(format!("{path}: {what}"), error.remedy().unwrap_or(remedy))];
+            // Who sees the capture's problem mends its 'file_path', not a path of the command line.
+            let remedy = match error.remedy() {
+                _ if missing => "correct 'file_path', or add the picture",
+                Some(remedy) => remedy,
+                None => "render or copy it again",
+            };
+            return vec![Problem::new(format!("{path}: {what}"), remedy)];
         }
     };
     let mut found = Vec::new();
