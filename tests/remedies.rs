@@ -220,7 +220,7 @@ fn damaged_xml(sound: &str, random: &mut Random) -> Vec<u8> {
         0 => drop(words.remove(at)),
         1 => {
             words[at] =
-                words[at].replace(['0', '1'], *random.of::<&str>(&["", "nan", "1e999", "-7", "300", "&#27;", "&no;"]))
+                words[at].replace(['0', '1'], random.of::<&str>(&["", "nan", "1e999", "-7", "300", "&#27;", "&no;"]))
         }
         _ => {}
     }
