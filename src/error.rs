@@ -1,7 +1,9 @@
 //! One error type. It says where the fault lies (file, grid or layer), what was found, what was
 //! expected and what to do about it; the command line turns it into exit code 2.
 
+use crate::text::printable;
 use std::fmt;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Result of everything in this crate that can fail.
@@ -84,10 +86,23 @@ impl Error {
         self.0.part.get_or_insert_with(|| part.into());
         self
     }
+    /// Names what the place lies in, before the place itself: `grid 'density': metadata 'creator'`.
+    #[must_use]
+    pub fn inside(mut self, outer: impl Into<String>) -> Self {
+        let outer = outer.into();
+        self.0.part = Some(self.0.part.map_or_else(|| outer.clone(), |inner| format!("{outer}: {inner}")));
+        self
+    }
     /// Says what to do, unless already said.
     #[must_use]
     pub fn hint(mut self, hint: impl Into<String>) -> Self {
         self.0.hint.get_or_insert_with(|| hint.into());
+        self
+    }
+    /// Says what to do, in the place of what was said: where the context knows better.
+    #[must_use]
+    pub fn instead(mut self, hint: impl Into<String>) -> Self {
+        self.0.hint = Some(hint.into());
         self
     }
     /// Whose fault it is.
@@ -95,7 +110,7 @@ impl Error {
         self.0.kind
     }
     /// The operating-system error beneath, if there is one.
-    pub fn io_kind(&self) -> Option<std::io::ErrorKind> {
+    pub fn io_kind(&self) -> Option<ErrorKind> {
         self.0.source.as_ref().map(std::io::Error::kind)
     }
     /// The operating system's error beneath, as it numbers them.
@@ -110,24 +125,54 @@ impl Error {
     pub fn place(&self) -> Option<&str> {
         self.0.part.as_deref()
     }
-    /// What to do, where it is known.
+    /// What to do. Errors of the operating system and of the native library have a remedy by their
+    /// kind where none was given; a stop that the user asked for has none.
     pub fn remedy(&self) -> Option<&str> {
-        self.0.hint.as_deref()
+        self.0.hint.as_deref().or_else(|| match self.0.kind {
+            Kind::Io => Some(self.0.source.as_ref().map_or(TRY_AGAIN, io_remedy)),
+            Kind::Native => Some("the file may be damaged or of a newer kind: write it again where it was made"),
+            Kind::Unsupported | Kind::Invalid | Kind::Cancelled => None,
+        })
+    }
+}
+
+const TRY_AGAIN: &str = "try again; if it fails again, check the disk and the system's log";
+
+/// What to do about an error of the operating system, by its kind.
+fn io_remedy(error: &std::io::Error) -> &'static str {
+    match error.kind() {
+        ErrorKind::NotFound => "check the spelling of the path, and that the file and its folder exist",
+        ErrorKind::PermissionDenied => "check the permissions of the file and its folder, or choose another one",
+        ErrorKind::IsADirectory => "this is a folder: name a file",
+        ErrorKind::NotADirectory => "a part of this path is a file, not a folder: correct the path",
+        ErrorKind::DirectoryNotEmpty | ErrorKind::AlreadyExists => "choose another name, or remove what is there",
+        ErrorKind::StorageFull => "free space on this disk, or write to another one",
+        ErrorKind::QuotaExceeded => "free space within the quota, or write to another disk",
+        ErrorKind::FileTooLarge => "raise the limit on file sizes (ulimit -f), or write to another file system",
+        ErrorKind::ReadOnlyFilesystem => "the file system is read-only: write to another folder",
+        ErrorKind::InvalidFilename | ErrorKind::InvalidInput => "choose a shorter name without special characters",
+        ErrorKind::UnexpectedEof => "the file is incomplete: copy or write it again",
+        ErrorKind::OutOfMemory => "close other programs, or work on a smaller input",
+        // EMFILE and ENFILE have no kind of their own.
+        _ if matches!(error.raw_os_error(), Some(23 | 24)) => "raise the limit on open files (ulimit -n)",
+        _ => TRY_AGAIN,
     }
 }
 
 impl fmt::Display for Error {
+    /// Path, place and what happened on one line, the remedy on the next. Characters that would act on
+    /// a terminal are escaped.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let e = &*self.0;
         if let Some(path) = &e.path {
-            write!(f, "{}: ", path.display())?;
+            write!(f, "{}: ", printable(&path.to_string_lossy()))?;
         }
         if let Some(part) = &e.part {
-            write!(f, "{part}: ")?;
+            write!(f, "{}: ", printable(part))?;
         }
-        f.write_str(&e.what)?;
-        if let Some(hint) = &e.hint {
-            write!(f, "\n  {hint}")?;
+        f.write_str(&printable(&e.what))?;
+        if let Some(hint) = self.remedy() {
+            write!(f, "\n  {}", printable(hint))?;
         }
         Ok(())
     }
@@ -136,5 +181,45 @@ impl fmt::Display for Error {
 impl std::error::Error for Error {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
         self.0.source.as_ref().map(|s| s as _)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_the_system_have_a_remedy_by_kind() {
+        for (kind, word) in [
+            (ErrorKind::NotFound, "spelling"),
+            (ErrorKind::PermissionDenied, "permissions"),
+            (ErrorKind::IsADirectory, "name a file"),
+            (ErrorKind::StorageFull, "free space"),
+            (ErrorKind::ReadOnlyFilesystem, "another folder"),
+            (ErrorKind::Other, "try again"),
+        ] {
+            let error = Error::io("a.vdb", kind.into());
+            assert!(error.to_string().contains(word), "{error}");
+            assert!(error.hint("own words").to_string().ends_with("\n  own words"));
+        }
+        assert!(Error::io("a", std::io::Error::from_raw_os_error(24)).to_string().contains("ulimit -n"));
+        assert!(Error::native("odd").remedy().is_some());
+        assert_eq!(Error::cancelled().remedy(), None);
+    }
+
+    #[test]
+    fn what_comes_from_files_cannot_act_on_the_terminal_or_forge_lines() {
+        let hostile = "x\u{1b}[2J\u{9b}31m\u{202e}\ncumulo: done";
+        let error = Error::invalid(hostile).at(hostile).part(hostile).hint(hostile).to_string();
+        assert!(!error.contains(|c| crate::text::acts(c) && c != '\n'), "{error}");
+        assert_eq!(error.lines().count(), 2, "{error}");
+        assert!(error.contains(r"\u{1b}[2J"), "{error}");
+    }
+
+    #[test]
+    fn an_outer_place_comes_first() {
+        let error = Error::invalid("no text").part("metadata 'm'").inside("grid 'g'").at("a.vdb");
+        assert_eq!(error.to_string(), "a.vdb: grid 'g': metadata 'm': no text");
+        assert_eq!(Error::invalid("no").inside("grid 'g'").place(), Some("grid 'g'"));
     }
 }

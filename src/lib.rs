@@ -26,5 +26,6 @@ pub mod real;
 pub mod render;
 pub mod report;
 pub mod scene;
+pub mod text;
 
 pub use error::{Error, Result};

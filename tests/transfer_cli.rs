@@ -274,7 +274,7 @@ fn faults_are_named() {
     assert!(refusal(&["transfer", str(&dir.path().join("none"))]).contains("none: No such file"));
     let large = std::fs::File::create(dir.path().join("large")).unwrap();
     large.set_len(1 << 26).unwrap();
-    assert!(refusal(&["transfer", str(&dir.path().join("large"))]).contains("are no transfer function"));
+    assert!(refusal(&["transfer", str(&dir.path().join("large"))]).contains("too many for a transfer function"));
 }
 
 #[test]

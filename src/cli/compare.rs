@@ -1,10 +1,13 @@
 //! `cumulo compare`: how far apart two pictures are.
 
+use super::memory::Memory;
 use super::output::Output;
 use super::outputs::{self, Content};
 use crate::error::{Error, Result};
+use crate::formats::vdb::Limits;
 use crate::formats::{exr, png};
 use crate::metrics::{self, Comparison, heatmap};
+use crate::text::printable;
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
@@ -29,6 +32,8 @@ pub struct Arguments {
     /// Write the absolute difference of each pixel as a PNG in false colours
     #[arg(long, value_name = "OUT.png")]
     heatmap: Option<PathBuf>,
+    #[command(flatten)]
+    pub(in crate::cli) memory: Memory,
 }
 
 #[derive(Debug, Serialize)]
@@ -46,7 +51,7 @@ impl fmt::Display for Report {
         let c = &self.comparison;
         writeln!(f, "size      {} x {}", c.size[0], c.size[1])?;
         if self.layers.iter().any(|l| !l.is_empty()) {
-            writeln!(f, "layers    '{}' and '{}'", self.layers[0], self.layers[1])?;
+            writeln!(f, "layers    '{}' and '{}'", printable(&self.layers[0]), printable(&self.layers[1]))?;
         }
         writeln!(f, "psnr_db   {:.4} (peak {})", c.psnr_db, c.peak)?;
         writeln!(f, "ssim      {:.6}", c.ssim)?;
@@ -68,21 +73,48 @@ impl fmt::Display for Report {
     }
 }
 
+/// Bytes of both films; an error if they, and what their comparison needs, exceed the limits.
+fn check_memory(arguments: &Arguments, limits: Limits) -> Result<[u64; 2]> {
+    let (mut films, mut working) = ([0; 2], 0);
+    for (film, path) in films.iter_mut().zip([&arguments.a, &arguments.b]) {
+        let [width, height] = exr::header(path)?.display_window.size;
+        *film = 16 * (width as u64).saturating_mul(height as u64);
+        working = working.max(metrics::working_memory(width, height));
+    }
+    let needed = films[0].saturating_add(films[1]).saturating_add(working);
+    if needed <= limits.max_memory {
+        return Ok(films);
+    }
+    let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+    Err(Error::unsupported(format!(
+        "comparing them needs {} MiB, {} MiB are allowed",
+        mib(needed),
+        mib(limits.max_memory)
+    ))
+    .part(format!("{} and {}", arguments.a.display(), arguments.b.display()))
+    .hint("raise --max-memory, or compare smaller pictures"))
+}
+
 /// Runs the command.
 ///
 /// # Errors
-/// If a picture cannot be read, the sizes differ, or the heat map cannot be written.
+/// If a picture cannot be read, the sizes differ, more memory is needed than is allowed, or the heat map
+/// cannot be written.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
     if arguments.tolerance.is_nan() || arguments.tolerance < 0.0 {
-        return Err(Error::invalid(format!("--tolerance {}: a number from 0 on is expected", arguments.tolerance)));
+        return Err(Error::invalid(format!("--tolerance {}: a number from 0 on is expected", arguments.tolerance))
+            .hint("give the largest absolute difference of a sample that still counts as agreement"));
     }
     if let Some(path) = &arguments.heatmap {
         outputs::file(path, Content::Png)?;
         outputs::spare([path.as_path()], [arguments.a.as_path(), arguments.b.as_path()])?;
     }
     let layer = arguments.layer.as_deref();
-    let a = exr::picture(&arguments.a, layer)?;
-    let b = exr::picture(&arguments.b, layer)?;
+    let limits = arguments.memory.limits();
+    let films = check_memory(arguments, limits)?;
+    let a = exr::picture_within(&arguments.a, layer, limits)?;
+    let rest = Limits { max_memory: limits.max_memory.saturating_sub(films[0]) };
+    let b = exr::picture_within(&arguments.b, layer, rest)?;
     let comparison = metrics::compare(&a.film, &b.film)
         .map_err(|e| e.part(format!("{} and {}", arguments.a.display(), arguments.b.display())))?;
     let mut heatmap_scale = None;

@@ -12,6 +12,7 @@ use crate::formats::vdb::{Codec, File, NativeGrid, write_native};
 use crate::math::Aabb;
 use crate::scene::grid::GridClass;
 use crate::scene::transfer::Transfer;
+use crate::text::printable;
 use half::f16;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -74,7 +75,9 @@ fn renaming(text: &str) -> Result<(String, String), String> {
 
 #[derive(Debug, Serialize)]
 struct Report {
+    #[serde(serialize_with = "crate::cli::paths::text")]
     input: PathBuf,
+    #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     bytes: u64,
     grids: Vec<Done>,
@@ -201,9 +204,9 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}: {} grid(s), {}", self.output.display(), self.grids.len(), human(self.bytes))?;
         for grid in &self.grids {
-            write!(f, "  '{}': {} active voxels", grid.name, grid.active_voxels)?;
+            write!(f, "  '{}': {} active voxels", printable(&grid.name), grid.active_voxels)?;
             if grid.name != grid.from {
-                write!(f, ", was '{}'", grid.from)?;
+                write!(f, ", was '{}'", printable(&grid.from))?;
             }
             if let Some(n) = grid.repaired {
                 write!(f, ", {n} values set to zero")?;

@@ -11,6 +11,7 @@ pub mod memory;
 pub mod output;
 pub mod outputs;
 pub mod parse;
+pub mod paths;
 pub mod photos;
 pub mod pose;
 pub mod provenance;
@@ -27,10 +28,11 @@ pub mod viewpoint;
 pub mod volume;
 
 use crate::error::{Error, Result};
-use crate::formats::vdb::{self, Limits, helper};
+use crate::formats::vdb::{self, helper};
 use crate::process;
 use clap::{Parser, Subcommand};
 use output::Output;
+use std::ffi::OsStr;
 use std::process::ExitCode;
 
 /// Volumes between OpenVDB, Blender, USD and EXR: inspect, render, compare and reconstruct.
@@ -49,7 +51,7 @@ pub struct Global {
     /// Print the result as JSON on standard output
     #[arg(long, global = true)]
     pub json: bool,
-    /// Threads to work with (default: RAYON_NUM_THREADS, else all cores); results do not depend on it
+    /// Threads to work with, 1 to 1024 (default: RAYON_NUM_THREADS, else all cores); results do not depend on it
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
     /// No progress on standard error
@@ -80,7 +82,7 @@ impl Command {
     /// Bytes of memory that the whole process may take.
     fn max_memory(&self) -> u64 {
         let memory = match self {
-            Self::Compare(_) => return Limits::default().max_memory,
+            Self::Compare(c) => c.memory,
             Self::Info(c) => c.memory,
             Self::Validate(c) => c.memory,
             Self::Convert(c) => c.memory,
@@ -98,24 +100,46 @@ impl Command {
     }
 }
 
+/// Variable that says how many threads to work with where `--threads` does not.
+const THREADS: &str = "RAYON_NUM_THREADS";
+/// More threads than these are taken for a mistake: each has a stack and accumulators of its own.
+const MOST_THREADS: usize = 1024;
+
+/// How many threads to work with: `--threads`, else what the environment says, else none for all cores.
+///
+/// # Errors
+/// If it is no number from 1 to [`MOST_THREADS`].
+fn threads(option: Option<usize>, variable: Option<&OsStr>) -> Result<Option<usize>> {
+    let bounded = |n: &usize| (1..=MOST_THREADS).contains(n);
+    match (option, variable) {
+        (Some(n), _) if bounded(&n) => Ok(Some(n)),
+        (Some(n), _) => Err(Error::invalid(format!("--threads {n}: a number from 1 to {MOST_THREADS} is expected"))
+            .hint("leave it out to work on all cores")),
+        (None, None) => Ok(None),
+        (None, Some(text)) => {
+            let n = text.to_str().and_then(|text| text.parse().ok()).filter(bounded);
+            n.map(Some).ok_or_else(|| {
+                let text = text.to_string_lossy();
+                Error::invalid(format!("{THREADS} is '{text}': a number from 1 to {MOST_THREADS} is expected"))
+                    .hint(format!("correct it, or `unset {THREADS}` to work on all cores; --threads outdoes it"))
+            })
+        }
+    }
+}
+
 /// Runs the command line.
 ///
 /// # Errors
 /// Whatever the subcommand met; the caller prints it and exits with 2.
 pub fn run(arguments: Arguments) -> Result<ExitCode> {
-    if let Some(n) = arguments.global.threads {
-        if n == 0 {
-            return Err(Error::invalid("--threads 0: at least one thread is needed"));
-        }
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(n)
-            .build_global()
-            .map_err(|e| Error::invalid(format!("--threads {n}: {e}")))?;
-    }
-    // Threads, libraries and the helper's name come before the limit, which holds for what the command does.
+    // 0 stands for all cores. Threads, libraries and the helper's name come before the limit of memory, which holds for
+    // what the command does.
+    let count = threads(arguments.global.threads, std::env::var_os(THREADS).as_deref())?.unwrap_or(0);
+    rayon::ThreadPoolBuilder::new().num_threads(count).build_global().map_err(|e| {
+        Error::invalid(format!("the threads cannot be started: {e}"))
+            .hint("give fewer to --threads, or raise the limit on processes (ulimit -u)")
+    })?;
     cancel::install()?;
-    let threads = rayon::current_num_threads();
-    debug_assert!(threads > 0);
     if let Ok(program) = std::env::current_exe() {
         helper::set_program(program);
     }
@@ -136,5 +160,25 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Command::Transfer(c) => c.run(&output),
         Command::TryGrid(c) => Ok(c.run()),
         Command::Viewpoint(c) => c.run(&output),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_are_bounded_and_the_variable_is_not_ignored() {
+        let env = |text: &'static str| threads(None, Some(OsStr::new(text)));
+        assert_eq!(threads(Some(3), Some(OsStr::new("nonsense"))).unwrap(), Some(3));
+        assert_eq!((threads(None, None).unwrap(), env("8").unwrap()), (None, Some(8)));
+        for n in [0, 1025, usize::MAX] {
+            let error = threads(Some(n), None).unwrap_err();
+            assert!(error.what().contains("1 to 1024") && error.remedy().is_some(), "{error}");
+        }
+        for text in ["", "0", "-1", "abc", "2000", " 4", "1e2"] {
+            let error = env(text).unwrap_err();
+            assert!(error.what().contains("RAYON_NUM_THREADS") && error.remedy().is_some(), "{error}");
+        }
     }
 }

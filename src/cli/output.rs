@@ -2,6 +2,7 @@
 
 use super::Global;
 use crate::error::{Error, Result};
+use crate::text::{printable_json, printable_lines};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 use std::fmt::Display;
@@ -26,9 +27,10 @@ impl Output {
     /// If standard output cannot be written. A closed pipe is no error: the reader has seen enough.
     pub fn report<T: Serialize + Display>(&self, report: &T) -> Result<()> {
         let text = if self.json {
-            serde_json::to_string_pretty(report).map_err(|e| Error::invalid(e.to_string()))?
+            let json = serde_json::to_string_pretty(report).map_err(|e| Error::invalid(e.to_string()))?;
+            printable_json(&json).into_owned()
         } else {
-            report.to_string()
+            printable_lines(&report.to_string()).into_owned()
         };
         let mut out = std::io::stdout().lock();
         match writeln!(out, "{}", text.trim_end()).and_then(|()| out.flush()) {
@@ -40,7 +42,7 @@ impl Output {
     /// A remark for people, on standard error.
     pub fn note(&self, text: impl Display) {
         if !self.quiet {
-            let _ = writeln!(std::io::stderr().lock(), "{text}");
+            let _ = writeln!(std::io::stderr().lock(), "{}", printable_lines(&text.to_string()));
         }
     }
 

@@ -1,6 +1,7 @@
 //! What a command may write, checked before its work: names that fit their content, and nothing that it reads.
 
 use crate::error::{Error, Result};
+use crate::formats::vdb::Limits;
 use crate::formats::{atomic, transforms};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -128,7 +129,7 @@ pub fn spare_captures(json: &Path, pictures: &[PathBuf], command: &str) -> Resul
 
 /// The command that wrote a capture, where it says so.
 fn written_by(json: &Path) -> Option<String> {
-    let root = transforms::read_object(json).ok()?;
+    let root = transforms::read_object(json, Limits::default()).ok()?;
     Some(root.get("provenance")?.get("command")?.as_str()?.to_owned())
 }
 

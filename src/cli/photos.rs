@@ -19,7 +19,7 @@ pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits) -> Result<Ve
             .hint("use fewer or smaller pictures, or raise --max-memory"));
     }
     let read = |frame: &Frame| {
-        let film = exr::read_picture(&frame.picture, layer)?;
+        let film = exr::read_picture_within(&frame.picture, layer, limits)?;
         let (w, h) = (frame.camera.width as usize, frame.camera.height as usize);
         if (film.width, film.height) != (w, h) {
             return Err(Error::invalid(format!(

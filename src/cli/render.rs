@@ -97,6 +97,7 @@ pub struct Render {
 
 #[derive(Debug, Serialize)]
 struct Report {
+    #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     views: usize,
     model: Model,

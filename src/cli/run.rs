@@ -26,8 +26,10 @@ pub enum Solver {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Run {
     /// The pictures' transforms.json.
+    #[serde(serialize_with = "crate::cli::paths::text")]
     pub capture: PathBuf,
     /// The VDB that was written.
+    #[serde(serialize_with = "crate::cli::paths::text")]
     pub output: PathBuf,
     /// Name of its grid.
     pub grid: String,
@@ -58,6 +60,7 @@ pub struct Run {
     /// Unknown voxels on the finest level.
     pub unknowns: usize,
     /// The page, if one was asked for.
+    #[serde(serialize_with = "crate::cli::paths::text")]
     pub report: Option<PathBuf>,
     /// Time by stage.
     pub stages: Vec<Stage>,

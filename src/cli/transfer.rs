@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::formats::transfer::{self, Options, Source, TransferSummary};
 use crate::formats::vdb::Limits;
 use crate::scene::transfer::Transfer;
+use crate::text::printable;
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
@@ -81,7 +82,9 @@ impl TransferOption {
 
 #[derive(Debug, Serialize)]
 struct Report {
+    #[serde(serialize_with = "crate::cli::paths::text")]
     input: PathBuf,
+    #[serde(serialize_with = "crate::cli::paths::text")]
     output: Option<PathBuf>,
     source: Source,
     name: Option<String>,
@@ -106,7 +109,8 @@ impl TransferCommand {
         if let Some(path) = &self.output {
             provenance.input(&self.input, [self.input.as_path()])?;
             provenance.lap();
-            let provenance = serde_json::to_value(&provenance).map_err(|e| Error::invalid(e.to_string()).at(path))?;
+            let provenance = serde_json::to_value(&provenance)
+                .map_err(|e| Error::invalid(e.to_string()).at(path).hint("report this as a bug"))?;
             transfer::save(path, &loaded.transfer, loaded.name.as_deref(), Some(&provenance))?;
         }
         output.report(&Report {
@@ -140,21 +144,21 @@ impl fmt::Display for Report {
             Source::ParaviewXml => "ParaView preset (XML)",
             Source::Vdb => "transfer function of a VDB's grid",
         };
-        write!(f, "{}: {source}", self.input.display())?;
+        write!(f, "{}: {source}", printable(&self.input.to_string_lossy()))?;
         if let Some(name) = &self.name {
-            write!(f, " '{name}'")?;
+            write!(f, " '{}'", printable(name))?;
         }
         writeln!(f, "\n  {}", self.summary)?;
         let [r, g, b] = self.summary.peak_colour;
         writeln!(f, "  peak radiance {r} {g} {b}")?;
         for note in &self.notes {
-            writeln!(f, "  {note}")?;
+            writeln!(f, "  {}", printable(note))?;
         }
         if self.presets.len() > 1 {
-            writeln!(f, "  the file has: {}", self.presets.join(", "))?;
+            writeln!(f, "  the file has: {}", printable(&self.presets.join(", ")))?;
         }
         if let Some(output) = &self.output {
-            writeln!(f, "{}: written", output.display())?;
+            writeln!(f, "{}: written", printable(&output.to_string_lossy()))?;
         }
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 pub mod atomic;
 pub mod exr;
+pub mod input;
 pub mod png;
 pub mod problem;
 pub mod reading;
@@ -34,13 +35,13 @@ pub enum Format {
 /// whether it holds one is for its reader to say.
 ///
 /// # Errors
-/// If the file cannot be read.
+/// If it is no regular file (a device, a FIFO, a socket), or cannot be read.
 pub fn sniff(path: &Path) -> Result<Format> {
     if path.is_dir() {
         return Ok(Format::Capture);
     }
     let mut start = Vec::with_capacity(64);
-    let file = std::fs::File::open(path).map_err(|e| Error::io(path, e))?;
+    let file = input::open(path)?;
     file.take(64).read_to_end(&mut start).map_err(|e| Error::io(path, e))?;
     let text = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&start);
     Ok(if start.starts_with(b" BDV") {

@@ -19,7 +19,9 @@ pub fn write_rgb8(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Resul
 /// # Errors
 /// If a side is 0 or `rgb` has not three bytes a pixel.
 pub fn encode_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>> {
-    let fault = |what: String| Error::invalid(format!("PNG of {width}x{height}: {what}"));
+    let fault = |what: String| {
+        Error::invalid(format!("PNG of {width}x{height}: {what}")).hint("write at least one pixel, three bytes each")
+    };
     let (Ok(w), Ok(h)) = (u32::try_from(width), u32::try_from(height)) else {
         return Err(fault("sides must fit 32 bits".into()));
     };

@@ -1,6 +1,7 @@
 //! What is wrong with a file, for `validate`.
 
 use crate::error::{Error, Kind, Result};
+use crate::text::printable;
 use serde::Serialize;
 use std::fmt;
 
@@ -42,10 +43,11 @@ impl Problem {
 }
 
 impl fmt::Display for Problem {
+    /// Place and what was found on one line, what to do on the next; what would act on a terminal is escaped.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(part) = &self.part {
-            write!(f, "{part}: ")?;
+            write!(f, "{}: ", printable(part))?;
         }
-        write!(f, "{}\n  {}", self.what, self.remedy)
+        write!(f, "{}\n  {}", printable(&self.what), printable(&self.remedy))
     }
 }

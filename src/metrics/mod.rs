@@ -11,6 +11,7 @@ pub mod volume;
 use crate::error::{Error, Result};
 use crate::render::film::Film;
 use serde::{Serialize, Serializer};
+use std::borrow::Cow;
 
 /// What two pictures of one size differ by. `b` is the reference.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -58,6 +59,15 @@ pub fn peak(reference: &Film) -> f64 {
     colours.filter(|v| v.is_finite()).fold(1.0, |m, v| f64::from(v.abs()).max(m))
 }
 
+/// Bytes that [`compare`] and a heat map of two films of this size need at most, beside the films.
+pub fn working_memory(width: usize, height: usize) -> u64 {
+    // Copies of both films where pixels are left out, and a plane of either. A heat map, which comes after
+    // these are gone, needs less: differences, colours and the PNG.
+    const PER_PIXEL: u64 = 2 * 16 + 2 * 4;
+    let pixels = (width as u64).saturating_mul(height as u64);
+    pixels.saturating_mul(PER_PIXEL).saturating_add(ssim::working_memory(width))
+}
+
 /// Compares picture `a` with the reference `b`.
 ///
 /// # Errors
@@ -71,18 +81,20 @@ pub fn compare(a: &Film, b: &Film) -> Result<Comparison> {
         .hint("render or crop them to the same size"));
     }
     if a.rgba.is_empty() {
-        return Err(Error::invalid("pictures without pixels cannot be compared"));
+        return Err(Error::invalid("pictures without pixels cannot be compared").hint("render them again"));
     }
     let finite = |p: &[f32; 4]| p.iter().all(|v| v.is_finite());
-    let (mut a, mut b) = (a.clone(), b.clone());
+    let (mut a, mut b) = (Cow::Borrowed(a), Cow::Borrowed(b));
     let (mut left_out, mut unlike) = (0, 0);
-    for (p, q) in a.rgba.iter_mut().zip(&mut b.rgba) {
-        if !finite(p) || !finite(q) {
-            let same = |(x, y): (&f32, &f32)| x == y || (x.is_nan() && y.is_nan());
-            left_out += 1;
-            unlike += usize::from(!p.iter().zip(q.iter()).all(same));
-            // Equal and black, so that they add nothing to any sum; the means are over the others.
-            (*p, *q) = ([0.0; 4], [0.0; 4]);
+    if !a.rgba.iter().chain(&b.rgba).all(finite) {
+        for (p, q) in a.to_mut().rgba.iter_mut().zip(&mut b.to_mut().rgba) {
+            if !finite(p) || !finite(q) {
+                let same = |(x, y): (&f32, &f32)| x == y || (x.is_nan() && y.is_nan());
+                left_out += 1;
+                unlike += usize::from(!p.iter().zip(q.iter()).all(same));
+                // Equal and black, so that they add nothing to any sum; the means are over the others.
+                (*p, *q) = ([0.0; 4], [0.0; 4]);
+            }
         }
     }
     let peak = peak(&b);

@@ -9,6 +9,7 @@
 
 use crate::render::film::Film;
 use rayon::prelude::*;
+use std::ops::Range;
 
 const RADIUS: usize = 5;
 const SIGMA: f64 = 1.5;
@@ -21,31 +22,67 @@ pub fn films(a: &Film, b: &Film, peak: f64) -> f64 {
     (0..3).map(|c| planes(&plane(a, c), &plane(b, c), a.width, peak)).sum::<f64>() / 3.0
 }
 
+/// Rows whose window means are held at a time.
+const BAND: usize = 32;
+
+/// Bytes that [`films`] needs at most beside planes of both, for rows of `width` pixels: five means of the
+/// rows of a band and one row-wise mean of those that its windows reach, on each thread.
+pub fn working_memory(width: usize) -> u64 {
+    let rows = 5 * BAND + BAND + 2 * RADIUS + 2;
+    (rayon::current_num_threads() * rows * size_of::<f64>()) as u64 * width as u64
+}
+
 /// Similarity of two planes of rows of `width` pixels; 1 for identical and for empty ones.
 pub fn planes(a: &[f32], b: &[f32], width: usize, peak: f64) -> f64 {
     let height = a.len().checked_div(width).unwrap_or(0);
     if height == 0 || a == b {
         return 1.0;
     }
-    let moment = |f: &(dyn Fn(f64, f64) -> f64 + Sync)| {
-        let values: Vec<f64> = a.iter().zip(b).map(|(x, y)| f(f64::from(*x), f64::from(*y))).collect();
-        blurred(&values, width)
-    };
-    let (mean_a, mean_b) = (moment(&|x, _| x), moment(&|_, y| y));
-    let (square_a, square_b, product) = (moment(&|x, _| x * x), moment(&|_, y| y * y), moment(&|x, y| x * y));
     let (c1, c2) = ((K1 * peak).powi(2), (K2 * peak).powi(2));
-    let similarity = |i: usize| {
-        let (ma, mb) = (mean_a[i], mean_b[i]);
-        let (va, vb, cov) = (square_a[i] - ma * ma, square_b[i] - mb * mb, product[i] - ma * mb);
-        ((2.0 * ma * mb + c1) * (2.0 * cov + c2)) / ((ma * ma + mb * mb + c1) * (va + vb + c2))
-    };
     let inside = |n: usize| if n > 2 * RADIUS { RADIUS..n - RADIUS } else { 0..n };
     let (rows, columns) = (inside(height), inside(width));
     let count = rows.len() * columns.len();
+    let bands: Vec<Range<usize>> =
+        rows.clone().step_by(BAND).map(|start| start..(start + BAND).min(rows.end)).collect();
+    let row_sums = |band: Range<usize>| {
+        let moment =
+            |f: fn(f64, f64) -> f64| blurred_rows(|i| f(f64::from(a[i]), f64::from(b[i])), width, height, band.clone());
+        let (mean_a, mean_b) = (moment(|x, _| x), moment(|_, y| y));
+        let (square_a, square_b, product) = (moment(|x, _| x * x), moment(|_, y| y * y), moment(|x, y| x * y));
+        let similarity = |i: usize| {
+            let (ma, mb) = (mean_a[i], mean_b[i]);
+            let (va, vb, cov) = (square_a[i] - ma * ma, square_b[i] - mb * mb, product[i] - ma * mb);
+            ((2.0 * ma * mb + c1) * (2.0 * cov + c2)) / ((ma * ma + mb * mb + c1) * (va + vb + c2))
+        };
+        let sum = |y: usize| columns.clone().map(|x| similarity(y * width + x)).sum::<f64>();
+        (0..band.len()).map(sum).collect::<Vec<f64>>()
+    };
     // Row sums are added in order, so that threads do not change the result.
-    let sums: Vec<f64> =
-        rows.into_par_iter().map(|y| columns.clone().map(|x| similarity(y * width + x)).sum()).collect();
-    sums.iter().sum::<f64>() / count as f64
+    let sums: Vec<Vec<f64>> = bands.into_par_iter().map(row_sums).collect();
+    sums.iter().flatten().sum::<f64>() / count as f64
+}
+
+/// The rows `rows` of the convolution of a plane with the window, as [`blurred`] has them.
+fn blurred_rows(value: impl Fn(usize) -> f64, width: usize, height: usize, rows: Range<usize>) -> Vec<f64> {
+    let weights = weights();
+    let mut line = vec![0.0; width];
+    let mut reached = vec![0.0; (rows.len() + 2 * RADIUS) * width];
+    for (k, along) in reached.chunks_mut(width).enumerate() {
+        let from = mirrored(rows.start + k, height) * width;
+        line.iter_mut().enumerate().for_each(|(x, v)| *v = value(from + x));
+        for (x, o) in along.iter_mut().enumerate() {
+            *o = weights.iter().enumerate().map(|(k, w)| w * line[mirrored(x + k, width)]).sum();
+        }
+    }
+    let mut out = vec![0.0; rows.len() * width];
+    for (y, out) in out.chunks_mut(width).enumerate() {
+        for (w, along) in weights.iter().zip(reached[y * width..].chunks(width)) {
+            for (o, v) in out.iter_mut().zip(along) {
+                *o += w * v;
+            }
+        }
+    }
+    out
 }
 
 /// Similarity of two planes, and its derivative with respect to each pixel of the first.
@@ -187,6 +224,22 @@ mod tests {
             let wide = |p: &[f32]| p.iter().map(|v| f64::from(*v)).collect::<Vec<_>>();
             let (value, _) = gradient(&wide(&a), &wide(&b), width, 1.0);
             assert!((value - planes(&a, &b, width, 1.0)).abs() < 1e-12);
+        }
+    }
+
+    /// Bands hold the rows of the whole convolution, to the bit.
+    #[test]
+    fn bands_are_parts_of_the_whole() {
+        for (width, height) in [(9, 100), (40, 33), (3, 4)] {
+            let (a, b) = pair(width, height);
+            let product = |i: usize| f64::from(a[i]) * f64::from(b[i]);
+            let whole = blurred(&(0..a.len()).map(product).collect::<Vec<_>>(), width);
+            for start in (0..height).step_by(BAND) {
+                let rows = start..(start + BAND).min(height);
+                let band = blurred_rows(product, width, height, rows.clone());
+                assert!(band.iter().zip(&whole[rows.start * width..]).all(|(x, y)| x.to_bits() == y.to_bits()));
+                assert_eq!(band.len(), rows.len() * width);
+            }
         }
     }
 

@@ -28,6 +28,7 @@ pub(super) struct Row {
 
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
+    #[serde(serialize_with = "crate::cli::paths::text")]
     pub input: PathBuf,
     pub loss: String,
     pub value: f64,
@@ -42,9 +43,11 @@ pub(super) struct Report {
     pub rows: Vec<Row>,
     pub worst_relative_error: Option<f64>,
     pub tolerance: Option<f64>,
+    #[serde(serialize_with = "crate::cli::paths::text")]
     pub output: Option<PathBuf>,
     /// The page.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(serialize_with = "crate::cli::paths::text")]
     pub report: Option<PathBuf>,
     pub seconds: f64,
     pub provenance: Option<Provenance>,

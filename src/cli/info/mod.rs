@@ -11,6 +11,7 @@ use crate::formats::exr::ExrSummary;
 use crate::formats::transforms::CaptureSummary;
 use crate::formats::vdb::Limits;
 use crate::formats::{self, Format};
+use crate::text::printable;
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -34,6 +35,7 @@ struct Report {
 
 #[derive(Debug, Serialize)]
 struct Described {
+    #[serde(serialize_with = "crate::cli::paths::text")]
     path: PathBuf,
     #[serde(flatten)]
     content: Content,
@@ -66,8 +68,8 @@ fn content(path: &Path, limits: Limits) -> Result<Content> {
     match formats::sniff(path)? {
         // NanoVDB too: its refusal says how to convert it.
         Format::Vdb | Format::NanoVdb => volume::summary(path, limits).map(Content::Vdb),
-        Format::Exr => formats::exr::summary(path).map(Content::Exr),
-        Format::Capture => formats::transforms::summary(path).map(Content::Capture),
+        Format::Exr => formats::exr::summary_within(path, limits).map(Content::Exr),
+        Format::Capture => formats::transforms::summary_within(path, limits).map(Content::Capture),
         Format::Unknown => Err(formats::unknown().at(path)),
     }
 }
@@ -86,6 +88,6 @@ impl fmt::Display for Described {
             Content::Exr(picture) => picture.to_string(),
             Content::Capture(capture) => capture.to_string(),
         };
-        writeln!(f, "{}: {}", self.path.display(), text.trim_end().replace('\n', "\n  "))
+        writeln!(f, "{}: {}", printable(&self.path.to_string_lossy()), text.trim_end().replace('\n', "\n  "))
     }
 }

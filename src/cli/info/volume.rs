@@ -6,6 +6,7 @@ use crate::formats::transfer::{METADATA_KEY, TransferSummary, from_metadata};
 use crate::formats::vdb::{File, GridInfo, Limits, RawGrid, Transform};
 use crate::scene::grid::{GridClass, MetaValue};
 use crate::scene::statistics::{self, Statistics};
+use crate::text::{printable, printable_lines};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -159,7 +160,8 @@ fn show(value: &MetaValue) -> String {
         MetaValue::Bool(v) => v.to_string(),
         MetaValue::Int(v) => v.to_string(),
         MetaValue::Float(v) => v.to_string(),
-        MetaValue::Text(v) => v.clone(),
+        // Lines of a longer text are indented, so that none passes for an entry.
+        MetaValue::Text(v) => printable_lines(v).replace('\n', "\n    "),
         MetaValue::Ints(v) => format!("{v:?}"),
         MetaValue::Floats(v) => format!("{v:?}"),
     }
@@ -175,7 +177,7 @@ impl fmt::Display for Volume {
             self.grids.len()
         )?;
         for (name, value) in &self.metadata {
-            writeln!(f, "{name}: {}", show(value))?;
+            writeln!(f, "{}: {}", printable(name), show(value))?;
         }
         self.grids.iter().try_for_each(|grid| write!(f, "{grid}"))
     }
@@ -184,9 +186,9 @@ impl fmt::Display for Volume {
 impl fmt::Display for Grid {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let half = if self.half { ", stored as half" } else { "" };
-        writeln!(f, "grid '{}': {}, {}{half}", self.name, self.value_type, self.class)?;
+        writeln!(f, "grid '{}': {}, {}{half}", printable(&self.name), self.value_type, self.class)?;
         if let Some(parent) = &self.instance_of {
-            writeln!(f, "  shares the tree of '{parent}'")?;
+            writeln!(f, "  shares the tree of '{}'", printable(parent))?;
         }
         match (&self.transform.voxel_size, &self.transform.matrix) {
             (Some(v), Some(m)) => {
@@ -228,7 +230,7 @@ impl fmt::Display for Grid {
         }
         // The transfer function's text, of any length, is summed up above.
         for (name, value) in self.metadata.iter().filter(|(name, _)| *name != METADATA_KEY) {
-            writeln!(f, "  {name}: {}", show(value))?;
+            writeln!(f, "  {}: {}", printable(name), show(value))?;
         }
         Ok(())
     }

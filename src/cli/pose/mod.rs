@@ -92,6 +92,7 @@ struct Moved {
 
 #[derive(Debug, Serialize)]
 struct Report {
+    #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     cameras: Vec<Moved>,
     /// Over all cameras.
@@ -102,6 +103,7 @@ struct Report {
     focal_factor: Option<f64>,
     seconds: f64,
     stopped: bool,
+    #[serde(serialize_with = "crate::cli::paths::text")]
     report: Option<PathBuf>,
 }
 
@@ -135,7 +137,8 @@ impl Pose {
         let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), &self.memory)?;
         let limits = task.limits;
         let json = transforms::json_path(&self.capture);
-        let capture = transforms::load(&json)?;
+        let capture = transforms::load_within(&json, limits)?;
+        transforms::check_names(&self.output, &capture)?;
         let inputs = outputs::of_capture(&json, &capture);
         let others = std::iter::once(&self.volume).chain(&self.transfer.tf);
         outputs::spare([self.output.as_path()], inputs.iter().chain(others).map(PathBuf::as_path))?;

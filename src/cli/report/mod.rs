@@ -58,6 +58,7 @@ pub enum Record {
 
 #[derive(Debug, Serialize)]
 struct Written {
+    #[serde(serialize_with = "crate::cli::paths::text")]
     report: PathBuf,
     /// Of the volume against `--reference`.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -29,12 +29,15 @@ use std::sync::atomic::AtomicBool;
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct TransferRun {
     /// The pictures' transforms.json.
+    #[serde(serialize_with = "crate::cli::paths::text")]
     pub capture: PathBuf,
     /// The volume in them.
+    #[serde(serialize_with = "crate::cli::paths::text")]
     pub volume: PathBuf,
     /// Its grid, if one was asked for.
     pub grid: Option<String>,
     /// The function that was written.
+    #[serde(serialize_with = "crate::cli::paths::text")]
     pub output: PathBuf,
     /// How it was found.
     pub solver: Solver,
@@ -69,6 +72,7 @@ pub struct TransferRun {
     /// True if the user stopped it.
     pub stopped: bool,
     /// The page, if one was asked for.
+    #[serde(serialize_with = "crate::cli::paths::text")]
     pub report: Option<PathBuf>,
     /// How much the pictures say about each texel's extinction and colour, 0..1; empty after a descent.
     pub confidence: Vec<[f64; 2]>,

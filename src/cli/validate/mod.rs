@@ -7,6 +7,7 @@ use super::memory::Memory;
 use super::output::Output;
 use crate::error::Result;
 use crate::formats::{self, Format};
+use crate::text::printable;
 use findings::Findings;
 use serde::Serialize;
 use std::fmt;
@@ -31,6 +32,7 @@ struct Report {
 
 #[derive(Debug, Serialize)]
 struct Checked {
+    #[serde(serialize_with = "crate::cli::paths::text")]
     path: PathBuf,
     format: Format,
     valid: bool,
@@ -55,8 +57,8 @@ impl Validate {
         match format {
             // NanoVDB too: its refusal says how to convert it.
             Format::Vdb | Format::NanoVdb => volume::check(path, self.memory.limits(), &mut findings)?,
-            Format::Exr => findings.extend(formats::exr::problems(path)?),
-            Format::Capture => findings.extend(formats::transforms::problems(path)?),
+            Format::Exr => findings.extend(formats::exr::problems_within(path, self.memory.limits())?),
+            Format::Capture => findings.extend(formats::transforms::problems_within(path, self.memory.limits())?),
             Format::Unknown => findings.refusal(formats::unknown())?,
         }
         Ok(Checked { path: path.to_path_buf(), format, valid: findings.valid(), findings })
@@ -67,7 +69,7 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for file in &self.files {
             let verdict = if file.valid { "valid" } else { "not valid" };
-            write!(f, "{}: {verdict}\n{}", file.path.display(), file.findings)?;
+            write!(f, "{}: {verdict}\n{}", printable(&file.path.to_string_lossy()), file.findings)?;
         }
         Ok(())
     }

@@ -106,6 +106,7 @@ struct Start {
 
 #[derive(Debug, Serialize)]
 struct Report {
+    #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     views: usize,
     /// Of the best view.
@@ -122,6 +123,7 @@ struct Report {
     render_seconds: f64,
     /// The search's time in such pictures.
     equivalent_renders: f64,
+    #[serde(serialize_with = "crate::cli::paths::text")]
     report: Option<PathBuf>,
 }
 

@@ -1,11 +1,13 @@
-//! From chunks to planes over the display window.
+//! From chunks to rows over the display window.
 
 use super::header::{Header, Reader};
 use super::{SampleType, Window, dwa, fault};
 use crate::error::{Error, Result};
+use crate::formats::vdb::Limits;
 use exr::block::UncompressedBlock;
 use exr::block::reader::ChunksReader;
 use exr::math::Vec2;
+use exr::meta::BlockDescription;
 use rayon::prelude::*;
 use std::collections::HashSet;
 use std::path::Path;
@@ -17,19 +19,41 @@ pub(super) struct Source {
     pub channel: usize,
 }
 
-/// Samples of a channel over the display window, row-major.
+/// Consecutive samples of a row of the display window.
 #[derive(Debug)]
-pub(super) struct Plane {
-    pub samples: Vec<f32>,
-    /// NaN and infinite samples inside the display window.
-    pub non_finite: usize,
+pub(super) struct Row<'a> {
+    /// Number of the source they belong to.
+    pub source: usize,
+    /// Pixel of the first sample, from the display window's top left corner.
+    pub x: usize,
+    /// Row, from the display window's top.
+    pub y: usize,
+    /// Samples as `f32`.
+    pub samples: &'a [f32],
 }
 
-/// Chunks decompressed at a time; enough for any number of cores, few enough to need little memory.
-const BATCH: usize = 64;
+/// Chunks decompressed at a time on each thread: enough to keep all busy, few enough that what allocators
+/// retain of them is little.
+const CHUNKS_PER_THREAD: usize = 8;
+/// Bytes of chunks that are decompressed at a time, where more than one is that large.
+const BATCH_BYTES: u64 = 1 << 28;
+/// Memory of a chunk while it is decoded, in units of its pixels' bytes: compressed, unpacked, reordered.
+const CHUNK_COPIES: u64 = 3;
+/// Bytes that are kept of each chunk of the file: its place in the table, and that it was seen.
+const CHUNK_ENTRY: u64 = 64;
 
-/// Reads the channels named by `sources`, in their order.
-pub(super) fn planes(path: &Path, reader: Reader, header: &Header, sources: &[Source]) -> Result<Vec<Plane>> {
+/// Hands the samples of the channels named by `sources` to `take`, chunk by chunk in file order; samples
+/// outside of the display window are left out. `held` is what the caller has allocated for them, or will,
+/// in bytes; together with the chunks at work it must stay below the limits, which is checked first.
+pub(super) fn rows(
+    path: &Path,
+    reader: Reader,
+    header: &Header,
+    sources: &[Source],
+    held: u64,
+    limits: Limits,
+    mut take: impl FnMut(Row<'_>),
+) -> Result<()> {
     for s in sources {
         let channel = &header.parts[s.part].channels[s.channel];
         if channel.sampling != [1, 1] {
@@ -37,31 +61,39 @@ pub(super) fn planes(path: &Path, reader: Reader, header: &Header, sources: &[So
                 "channel '{}' is subsampled {}x{} (luminance and chroma)",
                 channel.name, channel.sampling[0], channel.sampling[1]
             ))
-            .hint("write it as R, G, B at full resolution")
+            .hint(fault::SUBSAMPLED)
             .at(path));
         }
         // One subsampled channel changes the layout of the whole part's chunks.
         if let Some(other) = header.parts[s.part].channels.iter().find(|c| c.sampling != [1, 1]) {
             return Err(Error::unsupported(format!("channel '{}' of the same part is subsampled", other.name))
-                .hint("write it at full resolution")
+                .hint(fault::SUBSAMPLED)
                 .at(path));
         }
     }
-    let display = header.display_window;
-    let mut planes: Vec<Plane> = sources
-        .iter()
-        .map(|_| Plane { samples: vec![0.0; display.size[0] * display.size[1]], non_finite: 0 })
-        .collect();
-
     let wanted = |part: usize| sources.iter().any(|s| s.part == part);
+    let parts = || reader.headers().iter().enumerate().filter(|(i, _)| wanted(*i)).map(|(_, h)| h);
+    let chunk = CHUNK_COPIES * parts().map(chunk_bytes).max().unwrap_or(0);
+    let entries = CHUNK_ENTRY * reader.headers().iter().map(|h| h.chunk_count as u64).sum::<u64>();
+    let working = chunk.saturating_add(entries);
+    if held.saturating_add(working) > limits.max_memory {
+        let error = fault::too_large(header.display_window, sources.len(), held, working, limits.max_memory);
+        return Err(error.at(path));
+    }
+    let spare = (limits.max_memory - held - entries).min(BATCH_BYTES);
+    let most = CHUNKS_PER_THREAD * rayon::current_num_threads();
+    let batch = usize::try_from(spare / chunk.max(1)).unwrap_or(most).clamp(1, most);
+
+    let display = header.display_window;
     let mut chunks = fault::translated(path, || {
         reader.filter_chunks(false, |_, tile, block| tile.level_index == Vec2(0, 0) && wanted(block.layer))
     })?;
     let expected = chunks.expected_chunk_count();
     let meta = chunks.meta_data().clone();
     let mut seen = HashSet::with_capacity(expected);
+    let mut line = Vec::new();
     loop {
-        let batch = fault::translated(path, || chunks.by_ref().take(BATCH).collect::<exr::error::Result<Vec<_>>>())?;
+        let batch = fault::translated(path, || chunks.by_ref().take(batch).collect::<exr::error::Result<Vec<_>>>())?;
         if batch.is_empty() {
             break;
         }
@@ -81,20 +113,32 @@ pub(super) fn planes(path: &Path, reader: Reader, header: &Header, sources: &[So
             if block.index.level != Vec2(0, 0) || !wanted(block.index.layer) || !seen.insert(at) {
                 return Err(fault::damaged("its table of chunks points to the wrong places").at(path));
             }
-            place(&block, header, sources, &meta, display, &mut planes);
+            cropped(&block, header, sources, &meta, display, &mut line, &mut take);
         }
     }
-    Ok(planes)
+    Ok(())
 }
 
-/// Copies what lies in the display window.
-fn place(
+/// Most bytes of pixels in a chunk of a part.
+fn chunk_bytes(header: &exr::meta::header::Header) -> u64 {
+    let window = header.layer_size;
+    let size = match header.blocks {
+        BlockDescription::ScanLines => Vec2(window.0, header.compression.scan_lines_per_block()),
+        BlockDescription::Tiles(tiles) => tiles.tile_size,
+    };
+    let pixels = size.0.min(window.0) as u64 * size.1.min(window.1) as u64;
+    pixels.saturating_mul(header.channels.bytes_per_pixel as u64)
+}
+
+/// Hands over what lies in the display window.
+fn cropped(
     block: &UncompressedBlock,
     header: &Header,
     sources: &[Source],
     meta: &exr::meta::MetaData,
     display: Window,
-    planes: &mut [Plane],
+    samples: &mut Vec<f32>,
+    take: &mut impl FnMut(Row<'_>),
 ) {
     let part = block.index.layer;
     let data = header.parts[part].data_window;
@@ -105,15 +149,14 @@ fn place(
         if y < 0 || y >= display.size[1] as i64 || from >= to {
             continue;
         }
-        let row = y as usize * display.size[0];
-        for (source, plane) in sources.iter().zip(planes.iter_mut()) {
+        for (number, source) in sources.iter().enumerate() {
             if source.part != part || source.channel != line.location.channel {
                 continue;
             }
-            let target = &mut plane.samples[row + from as usize..row + to as usize];
+            samples.resize((to - from) as usize, 0.0);
             let kind = header.parts[part].channels[source.channel].sample_type;
-            fill(target, kind, line.value, (from - x) as usize);
-            plane.non_finite += target.iter().filter(|v| !v.is_finite()).count();
+            fill(samples, kind, line.value, (from - x) as usize);
+            take(Row { source: number, x: from as usize, y: y as usize, samples });
         }
     }
 }

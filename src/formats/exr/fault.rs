@@ -4,6 +4,7 @@
 //! files of every compression (`tests/exr_damaged.rs` with more rounds). What did end the process, an
 //! allocation of petabytes for DWA, is refused before (see `dwa`).
 
+use super::Window;
 use crate::error::{Error, Result};
 use std::path::Path;
 
@@ -16,9 +17,10 @@ pub(super) fn translated<T>(path: &Path, calls: impl FnOnce() -> exr::error::Res
 fn in_words(path: &Path, error: exr::error::Error) -> Error {
     use exr::error::Error as Exr;
     match error {
-        Exr::NotSupported(what) => Error::unsupported(format!("OpenEXR feature: {what}")).hint(
-            "write it as flat scan lines with ZIP compression, e.g. `oiiotool in.exr --compression zip -o out.exr`",
-        ),
+        Exr::NotSupported(what) => {
+            let remedy = remedy(&what);
+            Error::unsupported(format!("OpenEXR feature: {what}")).hint(remedy)
+        }
         // A chunk's offset beyond what the system can seek to: the file's fault, not the disk's.
         Exr::Io(e) if e.kind() == std::io::ErrorKind::InvalidInput => damaged("offset of a chunk out of range"),
         Exr::Io(e) => Error::io(path, e),
@@ -28,13 +30,38 @@ fn in_words(path: &Path, error: exr::error::Error) -> Error {
     .at(path)
 }
 
+/// What makes a file with this feature one that can be read. Each was tried with OpenImageIO 3.0: a plain
+/// copy keeps deep data deep, and HTJ2K needs OpenEXR 3.4.
+fn remedy(feature: &str) -> &'static str {
+    if feature.contains("deep") {
+        "flatten it first: `oiiotool in.exr --flatten -o out.exr`, or DeepToImage in Nuke"
+    } else if feature.contains("subsampl") {
+        SUBSAMPLED
+    } else if feature.contains("j2k") {
+        "write it with ZIP compression: `oiiotool in.exr --compression zip -o out.exr` (oiiotool with OpenEXR 3.4 or newer)"
+    } else if feature.contains("compression") {
+        "write it with ZIP compression: `oiiotool in.exr --compression zip -o out.exr`"
+    } else {
+        "write it as an OpenEXR 2 file of flat scan lines with ZIP compression, where it was rendered"
+    }
+}
+
+/// What to do about channels with fewer samples than pixels.
+pub(super) const SUBSAMPLED: &str = "write R, G and B at full resolution; luminance and chroma (Y, RY, BY) become \
+                                     that by `oiiotool in.exr -o out.exr` of OpenImageIO 3.0 or newer";
+
 /// The file contradicts its format.
 pub(super) fn damaged(what: &str) -> Error {
     Error::invalid(format!("damaged or incomplete OpenEXR file: {what}")).hint("render or copy the file again")
 }
 
-/// More samples than memory should be asked for.
-pub(super) fn too_large(window: super::Window, channels: usize) -> Error {
-    Error::unsupported(format!("{channels} channels of {window} are too many to hold at once"))
-        .hint("name the layer that is wanted")
+/// More memory than is allowed: `held` bytes of samples and `working` bytes while chunks are decoded.
+pub(super) fn too_large(window: Window, channels: usize, held: u64, working: u64, allowed: u64) -> Error {
+    let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+    let all = mib(held.saturating_add(working));
+    Error::unsupported(format!(
+        "{channels} channel(s) of {window} need {all} MiB to be read, {} MiB are allowed",
+        mib(allowed)
+    ))
+    .hint("raise --max-memory if the file is to be trusted, or scale or crop the picture where it was made")
 }

@@ -2,6 +2,7 @@
 
 use super::{Window, attributes, fault};
 use crate::error::{Error, Result};
+use crate::formats::input;
 use exr::meta::attribute::IntegerBounds;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -119,15 +120,19 @@ pub(super) type Reader = exr::block::reader::Reader<BufReader<File>>;
 
 /// Opens a file, reads its header and checks it.
 pub(super) fn open(path: &Path) -> Result<(Reader, Header)> {
-    let mut file = File::open(path).map_err(|e| Error::io(path, e))?;
+    let mut file = input::open(path)?;
     let bytes = file.metadata().map_err(|e| Error::io(path, e))?.len();
     let mut magic = [0_u8; 4];
     match file.read_exact(&mut magic) {
         Err(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => return Err(Error::io(path, e)),
-        Err(_) => return Err(Error::invalid(format!("only {bytes} bytes, no OpenEXR file")).at(path)),
+        Err(_) => {
+            return Err(Error::invalid(format!("no OpenEXR file: it has only {bytes} bytes"))
+                .hint("render or copy the file again")
+                .at(path));
+        }
         Ok(()) if magic != exr::meta::magic_number::BYTES => {
             return Err(Error::invalid(format!("no OpenEXR file (it begins with the bytes {magic:02x?})"))
-                .hint("OpenEXR files begin with 76 2f 31 01; convert other pictures first, e.g. with oiiotool")
+                .hint("OpenEXR files begin with 76 2f 31 01; convert other pictures first: oiiotool IN -o OUT.exr")
                 .at(path));
         }
         Ok(()) => {}

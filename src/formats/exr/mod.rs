@@ -25,10 +25,10 @@ mod summary;
 mod write;
 
 pub use header::{ChannelInfo, Header, LayerInfo, Part, SampleType, header};
-pub use picture::{Picture, picture, read_picture};
-pub use problems::problems;
-pub use read::{Channel, Image, Layer, read};
-pub use summary::{ChannelSummary, ExrSummary, LayerSummary, PartSummary, summary};
+pub use picture::{Picture, picture, picture_within, read_picture, read_picture_within};
+pub use problems::{problems, problems_within};
+pub use read::{Channel, Image, Layer, read, read_within};
+pub use summary::{ChannelSummary, ExrSummary, LayerSummary, PartSummary, summary, summary_within};
 pub use write::{Attributes, write_picture};
 
 use serde::Serialize;

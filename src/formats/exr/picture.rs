@@ -1,9 +1,10 @@
 //! One layer of a file as an RGBA picture.
 
-use super::decode::{self, Source};
+use super::decode::{self, Row, Source};
 use super::header::{self, Header, LayerInfo};
 use crate::error::{Error, Result};
 use crate::formats::reading::Reading;
+use crate::formats::vdb::Limits;
 use crate::render::film::Film;
 use std::path::Path;
 
@@ -23,7 +24,15 @@ pub struct Picture {
 /// # Errors
 /// As [`picture`].
 pub fn read_picture(path: &Path, layer: Option<&str>) -> Result<Film> {
-    Ok(picture(path, layer)?.film)
+    read_picture_within(path, layer, Limits::default())
+}
+
+/// Reads a picture within the memory that `limits` allow; see [`picture_within`].
+///
+/// # Errors
+/// As [`picture_within`].
+pub fn read_picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
+    Ok(picture_within(path, layer, limits)?.film)
 }
 
 /// Reads one layer as RGBA over the display window (transparent black outside the data window).
@@ -38,8 +47,18 @@ pub fn read_picture(path: &Path, layer: Option<&str>) -> Result<Film> {
 ///
 /// # Errors
 /// As [`header`](super::header()); if there is no such layer (the error lists what there is), it has
-/// no colours, or its chunks are missing, damaged or subsampled.
+/// no colours, its chunks are missing, damaged or subsampled, or it takes more than half of the
+/// machine's memory.
 pub fn picture(path: &Path, layer: Option<&str>) -> Result<Picture> {
+    picture_within(path, layer, Limits::default())
+}
+
+/// Reads one layer as [`picture`] does. The film (16 bytes a pixel of the display window) and the chunks
+/// at work must fit into `limits`; nothing is allocated before that is known.
+///
+/// # Errors
+/// As [`picture`], with these limits.
+pub fn picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Picture> {
     let _reading = Reading::begin(path);
     let (reader, header) = header::open(path)?;
     let layers = header.layers();
@@ -58,9 +77,26 @@ pub fn picture(path: &Path, layer: Option<&str>) -> Result<Picture> {
         .at(path));
     };
     let sources: Vec<Source> = channels.iter().map(|&channel| Source { part: chosen.part, channel }).collect();
-    let planes = decode::planes(path, reader, &header, &sources)?;
-    let non_finite = planes.iter().map(|p| p.non_finite).sum();
-    Ok(Picture { film: film(&header, chosen.part, &planes), layer: chosen.name.clone(), non_finite })
+    let display = header.display_window;
+    let held = display.pixels().saturating_mul(size_of::<[f32; 4]>() as u64);
+    let (mut film, mut non_finite) = (None, 0);
+    // Components of a pixel that each source is written to.
+    let targets: &[&[usize]] = match sources.len() {
+        1 => &[&[0, 1, 2]],
+        2 => &[&[0, 1, 2], &[3]],
+        _ => &[&[0], &[1], &[2], &[3]],
+    };
+    let opaque = matches!(sources.len(), 1 | 3);
+    let blank = || blank(&header, chosen.part, opaque);
+    decode::rows(path, reader, &header, &sources, held, limits, |Row { source, x, y, samples }| {
+        let film: &mut Film = film.get_or_insert_with(blank);
+        let start = y * film.width + x;
+        for (pixel, sample) in film.rgba[start..start + samples.len()].iter_mut().zip(samples) {
+            targets[source].iter().for_each(|&component| pixel[component] = *sample);
+        }
+        non_finite += samples.iter().filter(|v| !v.is_finite()).count();
+    })?;
+    Ok(Picture { film: film.unwrap_or_else(blank), layer: chosen.name.clone(), non_finite })
 }
 
 /// Channel indices in the part: grey, grey and alpha, RGB, or RGBA.
@@ -142,11 +178,14 @@ fn default<'a>(header: &Header, layers: &'a [LayerInfo]) -> Result<&'a LayerInfo
         })
 }
 
-/// Only rows and columns of the data window are touched: a damaged display window costs address space,
-/// not memory.
-fn film(header: &Header, part: usize, planes: &[decode::Plane]) -> Film {
+/// Transparent black; opaque inside the data window if the picture has no alpha. Only rows and columns of
+/// the data window are touched: a damaged display window costs address space, not memory.
+fn blank(header: &Header, part: usize, opaque: bool) -> Film {
     let (display, data) = (header.display_window, header.parts[part].data_window);
     let mut film = Film::new(display.size[0], display.size[1]);
+    if !opaque {
+        return film;
+    }
     let range = |axis: usize| {
         let start = i64::from(data.min[axis]) - i64::from(display.min[axis]);
         let end = (start + data.size[axis] as i64).clamp(0, display.size[axis] as i64);
@@ -154,14 +193,7 @@ fn film(header: &Header, part: usize, planes: &[decode::Plane]) -> Film {
     };
     for y in range(1) {
         for x in range(0) {
-            let i = y * film.width + x;
-            let v = |p: usize| planes[p].samples[i];
-            film.rgba[i] = match planes.len() {
-                1 => [v(0), v(0), v(0), 1.0],
-                2 => [v(0), v(0), v(0), v(1)],
-                3 => [v(0), v(1), v(2), 1.0],
-                _ => [v(0), v(1), v(2), v(3)],
-            };
+            film.rgba[y * film.width + x][3] = 1.0;
         }
     }
     film

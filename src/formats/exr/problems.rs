@@ -1,8 +1,9 @@
 //! What is wrong with an OpenEXR file, for `validate`.
 
-use super::{Window, summary};
+use super::{Window, summary_within};
 use crate::error::Result;
 use crate::formats::problem::Problem;
+use crate::formats::vdb::Limits;
 use std::path::Path;
 
 /// What is wrong with a file; empty if nothing is. A file that cannot be decoded is one problem.
@@ -10,7 +11,15 @@ use std::path::Path;
 /// # Errors
 /// If the operating system does not let it be read.
 pub fn problems(path: &Path) -> Result<Vec<Problem>> {
-    let summary = match summary(path) {
+    problems_within(path, Limits::default())
+}
+
+/// What is wrong with a file, as [`problems`] tells it; the chunks at work must fit into `limits`.
+///
+/// # Errors
+/// As [`problems`].
+pub fn problems_within(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
+    let summary = match summary_within(path, limits) {
         Ok(summary) => summary,
         Err(error) => return Ok(vec![Problem::of(error)?]),
     };

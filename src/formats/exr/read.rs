@@ -1,15 +1,13 @@
 //! A whole file with all its layers.
 
-use super::decode::{self, Source};
+use super::Window;
+use super::decode::{self, Row, Source};
 use super::header::{self, SampleType};
-use super::{Window, fault};
 use crate::error::Result;
 use crate::formats::reading::Reading;
+use crate::formats::vdb::Limits;
 use std::collections::BTreeMap;
 use std::path::Path;
-
-/// Samples in all channels together that `read` will hold (4 GiB); pictures are read by layer instead.
-const MAX_SAMPLES: u64 = 1 << 30;
 
 /// All layers of a file over its display window.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,17 +52,39 @@ pub struct Channel {
 ///
 /// # Errors
 /// As [`header`](super::header()), and if chunks are missing or damaged, channels are subsampled, or
-/// all channels together exceed 2³⁰ samples.
+/// all channels together take more than half of the machine's memory.
 pub fn read(path: &Path) -> Result<Image> {
+    read_within(path, Limits::default())
+}
+
+/// Reads all layers. Their samples (4 bytes each) and the chunks at work must fit into `limits`; nothing
+/// is allocated before that is known.
+///
+/// # Errors
+/// As [`read`], with these limits.
+pub fn read_within(path: &Path, limits: Limits) -> Result<Image> {
     let _reading = Reading::begin(path);
     let (reader, header) = header::open(path)?;
     let layers = header.layers();
     let sources: Vec<Source> =
         layers.iter().flat_map(|l| l.channels.iter().map(|&channel| Source { part: l.part, channel })).collect();
-    if header.display_window.pixels().saturating_mul(sources.len() as u64) > MAX_SAMPLES {
-        return Err(fault::too_large(header.display_window, sources.len()).at(path));
+    let display = header.display_window;
+    let held = display.pixels().saturating_mul(4 * sources.len() as u64);
+    let mut planes: Vec<Plane> = sources.iter().map(|_| Plane::default()).collect();
+    decode::rows(path, reader, &header, &sources, held, limits, |Row { source, x, y, samples }| {
+        let plane = &mut planes[source];
+        if plane.samples.is_empty() {
+            plane.samples = vec![0.0; display.size[0] * display.size[1]];
+        }
+        let start = y * display.size[0] + x;
+        plane.samples[start..start + samples.len()].copy_from_slice(samples);
+        plane.non_finite += samples.iter().filter(|v| !v.is_finite()).count();
+    })?;
+    // Nothing of these lies in the display window.
+    for plane in planes.iter_mut().filter(|p| p.samples.is_empty()) {
+        plane.samples = vec![0.0; display.size[0] * display.size[1]];
     }
-    let mut planes = decode::planes(path, reader, &header, &sources)?.into_iter();
+    let mut planes = planes.into_iter();
     let layers = layers
         .into_iter()
         .map(|layer| Layer {
@@ -93,4 +113,11 @@ pub fn read(path: &Path) -> Result<Image> {
         layers,
         attributes: header.attributes(),
     })
+}
+
+/// Samples of a channel over the display window, row-major; empty until there are any.
+#[derive(Default)]
+struct Plane {
+    samples: Vec<f32>,
+    non_finite: usize,
 }

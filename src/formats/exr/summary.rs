@@ -1,8 +1,11 @@
 //! An OpenEXR file in figures, for `info`.
 
-use super::header::{ChannelInfo, Part};
-use super::{Channel, Window, header, read};
+use super::Window;
+use super::decode::{self, Row, Source};
+use super::header::{self, ChannelInfo, Part};
 use crate::error::Result;
+use crate::formats::vdb::Limits;
+use crate::text::{printable, printable_lines};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -67,19 +70,30 @@ pub struct ChannelSummary {
 /// Reads a whole file and sums it up.
 ///
 /// # Errors
-/// As [`read`](super::read()).
+/// As [`header`](super::header()), and if chunks are missing or damaged or channels are subsampled.
 pub fn summary(path: &Path) -> Result<ExrSummary> {
-    let header = header(path)?;
-    let image = read(path)?;
-    let mut layers = image.layers.into_iter();
-    let infos = header.layers();
+    summary_within(path, Limits::default())
+}
+
+/// Reads a whole file and sums it up, chunk by chunk: samples are not kept, and the chunks at work must
+/// fit into `limits`.
+///
+/// # Errors
+/// As [`summary`], with these limits.
+pub fn summary_within(path: &Path, limits: Limits) -> Result<ExrSummary> {
+    let (reader, header) = header::open(path)?;
+    let layers = header.layers();
+    let sources: Vec<Source> =
+        layers.iter().flat_map(|l| l.channels.iter().map(|&channel| Source { part: l.part, channel })).collect();
+    let mut figures = vec![Figures::default(); sources.len()];
+    decode::rows(path, reader, &header, &sources, 0, limits, |row: Row<'_>| figures[row.source].add(row.samples))?;
+    let pixels = header.display_window.pixels();
+    let mut figures = figures.into_iter();
     let mut parts: Vec<PartSummary> = header.parts.iter().map(part).collect();
-    for (info, layer) in infos.iter().zip(layers.by_ref()) {
-        let channels = info.channels.iter().zip(&layer.channels);
-        parts[info.part].layers.push(LayerSummary {
-            name: layer.name.clone(),
-            channels: channels.map(|(&c, channel)| figures(&header.parts[info.part].channels[c], channel)).collect(),
-        });
+    for layer in layers {
+        let infos = layer.channels.iter().map(|&c| &header.parts[layer.part].channels[c]);
+        let channels = infos.zip(figures.by_ref()).map(|(info, f)| f.summed_up(info, pixels)).collect();
+        parts[layer.part].layers.push(LayerSummary { name: layer.name, channels });
     }
     let mut attributes = header.attributes();
     let mut camera = BTreeMap::new();
@@ -115,15 +129,44 @@ fn part(part: &Part) -> PartSummary {
     }
 }
 
-fn figures(info: &ChannelInfo, channel: &Channel) -> ChannelSummary {
-    let finite = || channel.samples.iter().copied().filter(|v| v.is_finite());
-    let count = channel.samples.len() - channel.non_finite;
-    ChannelSummary {
-        info: info.clone(),
-        min: finite().reduce(f32::min),
-        max: finite().reduce(f32::max),
-        mean: (count > 0).then(|| finite().map(f64::from).sum::<f64>() / count as f64),
-        non_finite: channel.non_finite,
+/// Figures of the samples of a channel that have been seen.
+#[derive(Debug, Clone, Copy, Default)]
+struct Figures {
+    min: Option<f32>,
+    max: Option<f32>,
+    sum: f64,
+    finite: u64,
+    non_finite: usize,
+}
+
+impl Figures {
+    fn add(&mut self, samples: &[f32]) {
+        for &v in samples {
+            if v.is_finite() {
+                self.min = Some(self.min.map_or(v, |m| m.min(v)));
+                self.max = Some(self.max.map_or(v, |m| m.max(v)));
+                self.sum += f64::from(v);
+                self.finite += 1;
+            } else {
+                self.non_finite += 1;
+            }
+        }
+    }
+
+    /// The channel over a display window of so many pixels: those that were not seen are 0.
+    fn summed_up(mut self, info: &ChannelInfo, pixels: u64) -> ChannelSummary {
+        let outside = pixels.saturating_sub(self.finite + self.non_finite as u64);
+        if outside > 0 {
+            self.add(&[0.0]);
+            self.finite += outside - 1;
+        }
+        ChannelSummary {
+            info: info.clone(),
+            min: self.min,
+            max: self.max,
+            mean: (self.finite > 0).then(|| self.sum / self.finite as f64),
+            non_finite: self.non_finite,
+        }
     }
 }
 
@@ -131,17 +174,17 @@ impl fmt::Display for ExrSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "OpenEXR, display window {}, pixel aspect {}", self.display_window, self.pixel_aspect)?;
         for (i, part) in self.parts.iter().enumerate() {
-            let name = part.name.as_deref().map(|n| format!(" '{n}'")).unwrap_or_default();
+            let name = part.name.as_deref().map(|n| format!(" '{}'", printable(n))).unwrap_or_default();
             let storage = if part.tiled { "tiles" } else { "scan lines" };
             writeln!(f, "part {i}{name}: data window {}, {storage}, {}", part.data_window, part.compression)?;
             for layer in &part.layers {
                 match layer.name.as_str() {
                     "" => writeln!(f, "  unnamed layer")?,
-                    name => writeln!(f, "  layer '{name}'")?,
+                    name => writeln!(f, "  layer '{}'", printable(name))?,
                 }
                 for c in &layer.channels {
                     let kind = format!("{:?}", c.info.sample_type).to_lowercase();
-                    write!(f, "    {:<8} {kind:<5}", c.info.component)?;
+                    write!(f, "    {:<8} {kind:<5}", printable(&c.info.component))?;
                     if let (Some(min), Some(max), Some(mean)) = (c.min, c.max, c.mean) {
                         write!(f, "  {min} to {max}, mean {mean:.6}")?;
                     }
@@ -159,7 +202,8 @@ impl fmt::Display for ExrSummary {
             }
         }
         for (name, value) in &self.attributes {
-            writeln!(f, "{name}: {value}")?;
+            // Lines of a longer text are indented, so that none passes for an attribute.
+            writeln!(f, "{}: {}", printable(name), printable_lines(value).replace('\n', "\n  "))?;
         }
         Ok(())
     }

@@ -37,7 +37,8 @@ fn encoded(path: &Path, film: &Film, attributes: &Attributes, half: bool) -> Res
         return Err(Error::invalid(format!(
             "a film of {width}x{height} with {} pixels cannot be written",
             film.rgba.len()
-        )));
+        ))
+        .hint("give the film at least one pixel, and one RGBA value for each"));
     }
     let encoding = Encoding {
         compression: Compression::ZIP16,

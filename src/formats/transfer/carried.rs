@@ -1,8 +1,8 @@
 //! Transfer functions that a VDB's grids carry.
 
-use super::{Loaded, Options, Source, chosen, document, refuse_opacity_options};
+use super::{Loaded, MAX_BYTES, Options, Source, chosen, document, refuse_opacity_options};
 use crate::error::{Error, Result};
-use crate::formats::vdb::File;
+use crate::formats::vdb::{File, Limits};
 use crate::scene::grid::MetaValue;
 use crate::scene::transfer::Transfer;
 use std::collections::BTreeMap;
@@ -10,6 +10,8 @@ use std::path::Path;
 
 /// Name of the metadata entry.
 pub const METADATA_KEY: &str = "cumulo_transfer";
+
+const ATTACH: &str = "cumulo convert IN.vdb OUT.vdb --tf FILE attaches one";
 
 /// The value under [`METADATA_KEY`].
 pub fn to_metadata(transfer: &Transfer) -> MetaValue {
@@ -23,12 +25,21 @@ pub fn to_metadata(transfer: &Transfer) -> MetaValue {
 pub fn from_metadata(metadata: &BTreeMap<String, MetaValue>) -> Result<Option<Transfer>> {
     let parsed = match metadata.get(METADATA_KEY) {
         None => return Ok(None),
-        Some(MetaValue::Text(text)) => document::object(text).and_then(|object| document::transfer(&object)),
+        Some(MetaValue::Text(text)) => checked(text),
         Some(other) => Err(Error::invalid(format!("{other:?} is no text"))),
     };
+    // Not the document's own remedies: nobody edits the metadata of a VDB by hand.
     parsed.map(Some).map_err(|e| {
-        e.part(format!("metadata '{METADATA_KEY}'")).hint("cumulo convert --tf replaces it with another function")
+        e.inside(format!("metadata '{METADATA_KEY}'"))
+            .instead("cumulo convert IN.vdb OUT.vdb --tf FILE replaces it with another function")
     })
+}
+
+fn checked(text: &str) -> Result<Transfer> {
+    if text.len() as u64 > MAX_BYTES {
+        return Err(Error::invalid(format!("a text of {} bytes is no transfer function", text.len())).hint(ATTACH));
+    }
+    document::transfer(&document::object(text, Limits::default())?)
 }
 
 pub(super) fn load(path: &Path, options: &Options) -> Result<Loaded> {
@@ -43,13 +54,12 @@ pub(super) fn load(path: &Path, options: &Options) -> Result<Loaded> {
     }
     let presets: Vec<String> = all.iter().map(|(name, _)| name.clone()).collect();
     if presets.is_empty() {
-        return Err(Error::invalid("none of the grids carries a transfer function")
-            .hint("cumulo convert IN.vdb OUT.vdb --tf FILE attaches one"));
+        return Err(Error::invalid("none of the grids carries a transfer function").hint(ATTACH));
     }
     let (name, metadata) = all.swap_remove(chosen(&presets, options.preset.as_deref())?);
     let transfer = from_metadata(&metadata)
-        .map_err(|e| Error::invalid(e.to_string()).part(format!("grid '{name}'")))?
-        .ok_or_else(|| Error::invalid("no transfer function").part(format!("grid '{name}'")))?;
+        .map_err(|e| e.inside(format!("grid '{name}'")))?
+        .ok_or_else(|| Error::invalid("no transfer function").part(format!("grid '{name}'")).hint(ATTACH))?;
     Ok(Loaded { transfer, source: Source::Vdb, name: Some(name), presets, notes: Vec::new() })
 }
 

@@ -2,7 +2,8 @@
 
 use super::{Loaded, Options, Source, chosen, refuse_opacity_options};
 use crate::error::{Error, Result};
-use crate::formats::atomic;
+use crate::formats::vdb::Limits;
+use crate::formats::{atomic, input};
 use crate::scene::transfer::Transfer;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -15,6 +16,10 @@ use std::path::Path;
 pub const FORMAT: &str = "cumulo-transfer-function";
 /// What `version` says; others are refused.
 pub const VERSION: u32 = 1;
+
+/// What the entries of a function must be.
+pub(super) const ENTRIES: &str =
+    "densities must ascend (two alike make a step), colours and extinctions be finite and not negative";
 
 /// An object whose values are read when they are asked for.
 pub(super) type Object<'a> = BTreeMap<String, &'a RawValue>;
@@ -35,9 +40,10 @@ struct Document<'a> {
 /// # Errors
 /// If the function cannot be used, or the file cannot be written.
 pub fn save(path: &Path, transfer: &Transfer, name: Option<&str>, provenance: Option<&Value>) -> Result<()> {
-    transfer.clone().checked().map_err(|e| e.at(path))?;
+    transfer.clone().checked().map_err(|e| e.at(path).hint(ENTRIES))?;
     let document = Document { format: FORMAT, version: VERSION, name, transfer, provenance };
-    let mut text = serde_json::to_string_pretty(&document).map_err(|e| Error::invalid(e.to_string()).at(path))?;
+    let mut text = serde_json::to_string_pretty(&document)
+        .map_err(|e| Error::invalid(format!("no JSON can be made of it: {e}")).at(path).hint("report this as a bug"))?;
     text.push('\n');
     atomic::write_bytes(path, text.as_bytes())
 }
@@ -49,26 +55,37 @@ pub(super) fn compact(transfer: &Transfer) -> String {
     serde_json::to_string(&document).unwrap_or_default()
 }
 
-pub(super) fn object(text: &str) -> Result<Object<'_>> {
-    serde_json::from_str(text).map_err(|e| Error::invalid(format!("no valid JSON: {e}")))
+pub(super) fn object(text: &str, limits: Limits) -> Result<Object<'_>> {
+    input::check_json_memory(text.as_bytes(), limits)?;
+    serde_json::from_str(text).map_err(|e| no_json(&e))
 }
 
-pub(super) fn objects(text: &str) -> Result<Vec<Object<'_>>> {
-    let raw: Vec<&RawValue> = serde_json::from_str(text).map_err(|e| Error::invalid(format!("no valid JSON: {e}")))?;
+pub(super) fn objects(text: &str, limits: Limits) -> Result<Vec<Object<'_>>> {
+    input::check_json_memory(text.as_bytes(), limits)?;
+    let raw: Vec<&RawValue> = serde_json::from_str(text).map_err(|e| no_json(&e))?;
     raw.into_iter()
         .enumerate()
         .map(|(i, raw)| {
-            serde_json::from_str(raw.get())
-                .map_err(|_| Error::invalid("not a JSON object").part(format!("preset {}", i + 1)))
+            serde_json::from_str(raw.get()).map_err(|_| {
+                Error::invalid(format!("{} is not a JSON object", short(raw.get())))
+                    .part(format!("preset {}", i + 1))
+                    .hint("a list of presets holds objects: [{\"Name\": …, \"RGBPoints\": […]}]")
+            })
         })
         .collect()
+}
+
+fn no_json(error: &serde_json::Error) -> Error {
+    Error::invalid(format!("no valid JSON: {error}")).hint(input::JSON_REMEDY)
 }
 
 /// The value of a key; `null` counts as absent.
 pub(super) fn value<T: DeserializeOwned>(object: &Object, key: &str, expected: &str) -> Result<Option<T>> {
     let Some(raw) = object.get(key) else { return Ok(None) };
-    serde_json::from_str(raw.get())
-        .map_err(|_| Error::invalid(format!("'{key}' is {}; {expected} is expected", short(raw.get()))))
+    serde_json::from_str(raw.get()).map_err(|_| {
+        Error::invalid(format!("'{key}' is {}; {expected} is expected", short(raw.get())))
+            .hint(format!("correct '{key}', or write the file again where it was made"))
+    })
 }
 
 pub(super) fn is_ours(object: &Object) -> bool {
@@ -81,7 +98,8 @@ pub(super) fn load(object: &Object, options: &Options) -> Result<Loaded> {
     let name: Option<String> = value(object, "name", "a text")?;
     let presets: Vec<String> = name.iter().cloned().collect();
     if options.preset.is_some() && presets.is_empty() {
-        return Err(Error::invalid("a name was asked for, but the one transfer function in this file has none"));
+        return Err(Error::invalid("a name was asked for, but the one transfer function in this file has none")
+            .hint("leave the name out"));
     }
     chosen(&presets, options.preset.as_deref())?;
     Ok(Loaded { transfer, source: Source::Cumulo, name, presets, notes: Vec::new() })
@@ -92,20 +110,26 @@ pub(super) fn transfer(object: &Object) -> Result<Transfer> {
     let format: Option<Value> = value(object, "format", "a text")?;
     if format != Some(FORMAT.into()) {
         let found = format.map_or_else(|| "missing".to_owned(), |v| short(&v.to_string()));
-        return Err(Error::unsupported(format!("'format' is {found}; \"{FORMAT}\" is expected")));
+        return Err(Error::unsupported(format!("'format' is {found}; \"{FORMAT}\" is expected")).hint(format!(
+            "write \"format\": \"{FORMAT}\" if the file is a .tf.json; `cumulo transfer` writes such files"
+        )));
     }
     let version: Option<Value> = value(object, "version", "a whole number")?;
     if version != Some(VERSION.into()) {
         let found = version.map_or_else(|| "missing".to_owned(), |v| short(&v.to_string()));
-        return Err(Error::unsupported(format!("'version' is {found}; {VERSION} is expected"))
-            .hint("a newer version of this program may read it"));
+        return Err(Error::unsupported(format!("'version' is {found}; {VERSION} is expected")).hint(format!(
+            "write the file again as version {VERSION}; a newer version of this program may read it as it is"
+        )));
     }
     let raw = object.get("transfer").ok_or_else(|| {
         Error::invalid("no key 'transfer'").hint("it holds the function: {\"kind\": \"piecewise\", \"points\": …}")
     })?;
-    let transfer: Transfer =
-        serde_json::from_str(raw.get()).map_err(|e| Error::invalid(format!("'transfer' cannot be used: {e}")))?;
-    transfer.checked()
+    let transfer: Transfer = serde_json::from_str(raw.get()).map_err(|e| {
+        Error::invalid(format!("'transfer' cannot be used: {e}")).hint(
+            "its 'kind' is texture (domain, texels), piecewise (points), gaussians (domain, lobes) or identity (domain, colour)",
+        )
+    })?;
+    transfer.checked().map_err(|e| e.part("'transfer'").hint(ENTRIES))
 }
 
 /// A text for an error message.

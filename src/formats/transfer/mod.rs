@@ -32,7 +32,7 @@ pub use summary::TransferSummary;
 
 use crate::error::{Error, Result};
 use crate::formats::vdb::Limits;
-use crate::formats::{Format, sniff};
+use crate::formats::{Format, input, sniff};
 use crate::scene::transfer::Transfer;
 use serde::Serialize;
 use std::path::Path;
@@ -51,7 +51,7 @@ pub struct Options {
     pub unit_distance: Option<f64>,
     /// Extinction at the end of a preset without opacities, per world unit; 1 unless given.
     pub extinction: Option<f64>,
-    /// What reading a VDB may cost.
+    /// Memory that the file's content may take.
     pub limits: Limits,
 }
 
@@ -94,20 +94,12 @@ pub fn load(path: &Path, options: &Options) -> Result<Loaded> {
         Format::Vdb | Format::NanoVdb => carried::load(path, options),
         Format::Exr => Err(unknown("an OpenEXR picture")),
         _ if path.is_dir() => Err(unknown("a folder")),
-        _ => parse(&read(path)?, options),
+        _ => input::bytes(path, MAX_BYTES, "a transfer function").and_then(|bytes| parse(&bytes, options)),
     };
     let loaded = loaded.map_err(|e| e.at(path))?;
     let Some(range) = options.range else { return Ok(loaded) };
     let transfer = rescale::to_range(&loaded.transfer, range).map_err(|e| e.at(path))?;
     Ok(Loaded { transfer, ..loaded })
-}
-
-fn read(path: &Path) -> Result<Vec<u8>> {
-    let bytes = std::fs::metadata(path).map_err(|e| Error::io(path, e))?.len();
-    if bytes > MAX_BYTES {
-        return Err(Error::invalid(format!("{bytes} bytes are no transfer function; {MAX_BYTES} can be read")).at(path));
-    }
-    std::fs::read(path).map_err(|e| Error::io(path, e))
 }
 
 fn parse(bytes: &[u8], options: &Options) -> Result<Loaded> {
@@ -116,7 +108,7 @@ fn parse(bytes: &[u8], options: &Options) -> Result<Loaded> {
     let text = std::str::from_utf8(bytes).map_err(|_| unknown("no text in UTF-8"))?;
     match text.trim_start().as_bytes().first() {
         Some(b'{') => {
-            let object = document::object(text)?;
+            let object = document::object(text, options.limits)?;
             if document::is_ours(&object) {
                 document::load(&object, options)
             } else if paraview_json::is_preset(&object) {
@@ -125,7 +117,7 @@ fn parse(bytes: &[u8], options: &Options) -> Result<Loaded> {
                 Err(unknown("a JSON object without 'format' and without 'RGBPoints'"))
             }
         }
-        Some(b'[') => paraview_json::load(document::objects(text)?, options),
+        Some(b'[') => paraview_json::load(document::objects(text, options.limits)?, options),
         Some(b'<') => paraview_xml::load(text, options),
         Some(_) => Err(unknown("neither JSON nor XML nor a VDB")),
         None => Err(unknown("empty")),
@@ -157,5 +149,6 @@ fn chosen(names: &[String], wanted: Option<&str>) -> Result<usize> {
         let listed: Vec<String> = names.iter().take(SHOWN).map(|n| format!("'{n}'")).collect();
         let more = if names.len() > SHOWN { format!(" and {} more", names.len() - SHOWN) } else { String::new() };
         Error::invalid(format!("no '{wanted}'; the file has {}{more}", listed.join(", ")))
+            .hint("give one of these names, or none for the first")
     })
 }

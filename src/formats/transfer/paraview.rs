@@ -19,6 +19,8 @@ const TOLERANCE: f64 = 1.0 / 65_536.0;
 /// The most knots of a preset.
 const MOST_KNOTS: usize = 1 << 16;
 
+const EXPORT: &str = "export the preset again from ParaView's colour map editor";
+
 /// Density, then display-referred red, green and blue.
 pub(super) type ColourKnot = [f64; 4];
 
@@ -49,7 +51,9 @@ impl Preset {
     /// Points of the same colours and opacities, and what was assumed.
     fn transfer(self, options: &Options) -> Result<(Transfer, Vec<String>)> {
         let curves = Curves::new(self, options)?;
-        let transfer = Transfer::Piecewise { points: curves.points()? }.checked()?;
+        let transfer = Transfer::Piecewise { points: curves.points()? }
+            .checked()
+            .map_err(|e| e.hint("simplify the preset in ParaView, and export it again"))?;
         Ok((transfer, curves.notes))
     }
 }
@@ -77,7 +81,7 @@ impl Curves {
         for knot in &mut colours {
             for (value, channel) in knot[1..].iter_mut().zip(["red", "green", "blue"]) {
                 *value = share(*value, channel)
-                    .map_err(|e| e.hint("ParaView's colours go from 0 to 1; divide those that go to 255 by it"))?;
+                    .map_err(|e| e.instead("colours go from 0 to 1: divide those that go to 255 by it"))?;
             }
         }
         let mut notes = Vec::new();
@@ -147,7 +151,8 @@ impl Curves {
         let knots = self.knots();
         let (first, last) = (knots[0], knots[knots.len() - 1]);
         if !(last - first).is_finite() {
-            return Err(Error::invalid(format!("densities from {first} to {last} are too wide a range")));
+            return Err(Error::invalid(format!("densities from {first} to {last} are too wide a range"))
+                .hint("rescale the preset to the range of the data in ParaView, and export it again"));
         }
         let mut points: Vec<[f64; 5]> = Vec::new();
         let mut push = |d: f64, [r, g, b, s]: Rgbs| {
@@ -170,7 +175,7 @@ impl Curves {
             densities.push(high);
             let values = densities.iter().map(|d| self.at(*d, middle)).collect();
             // Knots stay: what is empty up to one stays exactly so.
-            let piece = Table::new(densities, values)?.simplified(TOLERANCE);
+            let piece = Table::new(densities, values).map_err(|e| e.hint(EXPORT))?.simplified(TOLERANCE);
             piece.knots().iter().zip(piece.values()).for_each(|(d, v)| push(*d, *v));
         }
         push(last, self.at(last, f64::INFINITY));
@@ -231,16 +236,18 @@ fn piece(knots: &[[f64; 4]], density: f64) -> Piece<'_> {
 /// Sorts knots by density, as ParaView does; those of one density keep their order.
 fn ascending(knots: &mut [[f64; 4]], what: &str) -> Result<()> {
     if knots.is_empty() {
-        return Err(Error::invalid(format!("no {what} points; at least one is needed")));
+        return Err(Error::invalid(format!("no {what} points; at least one is needed")).hint(EXPORT));
     }
     if knots.len() > MOST_KNOTS {
-        return Err(Error::invalid(format!("{} {what} points; {MOST_KNOTS} can be used", knots.len())));
+        return Err(Error::invalid(format!("{} {what} points; {MOST_KNOTS} can be used", knots.len()))
+            .hint("simplify the preset in ParaView, and export it again"));
     }
     if let Some((i, _)) = knots.iter().enumerate().find(|(_, k)| !k[0].is_finite()) {
         return Err(Error::invalid(format!(
             "{what} point {i} lies at density {}; a finite number is expected",
             knots[i][0]
-        )));
+        ))
+        .hint("correct that point, or rescale the preset in ParaView and export it again"));
     }
     knots.sort_by(|a, b| a[0].total_cmp(&b[0]));
     Ok(())
@@ -251,7 +258,8 @@ fn share(value: f64, what: &str) -> Result<f64> {
     if (-1e-3..=1.0 + 1e-3).contains(&value) {
         Ok(value.clamp(0.0, 1.0))
     } else {
-        Err(Error::invalid(format!("{what} of {value}; a number from 0 to 1 is expected")))
+        Err(Error::invalid(format!("{what} of {value}; a number from 0 to 1 is expected"))
+            .hint("correct that point, or export the preset again from ParaView"))
     }
 }
 
@@ -259,7 +267,8 @@ fn above_zero(value: f64, what: &str) -> Result<f64> {
     if value > 0.0 && value.is_finite() {
         Ok(value)
     } else {
-        Err(Error::invalid(format!("{what} {value}; a finite number above zero is expected")))
+        Err(Error::invalid(format!("{what} {value}; a finite number above zero is expected"))
+            .hint("give a positive number, or leave it out: it is 1 then"))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Presets of ParaView in JSON.
 
 use super::colour::Space;
-use super::document::{Object, value};
+use super::document::{Object, short, value};
 use super::paraview::{self, Preset};
 use super::{Loaded, Options, Source, chosen};
 use crate::error::{Error, Result};
@@ -15,7 +15,8 @@ pub(super) fn is_preset(object: &Object) -> bool {
 
 pub(super) fn load(presets: Vec<Object>, options: &Options) -> Result<Loaded> {
     if presets.is_empty() {
-        return Err(Error::invalid("the list of presets is empty"));
+        return Err(Error::invalid("the list of presets is empty")
+            .hint("select a preset in ParaView's list before it is exported"));
     }
     let name = |(i, preset): (usize, &Object)| {
         let name = value(preset, "Name", "a text").map_err(|e| e.part(format!("preset {}", i + 1)))?;
@@ -51,7 +52,8 @@ fn truth(object: &Object, key: &str) -> Result<bool> {
         None => Ok(false),
         Some(serde_json::Value::Bool(flag)) => Ok(flag),
         Some(serde_json::Value::Number(n)) => Ok(n.as_f64() != Some(0.0)),
-        Some(other) => Err(Error::invalid(format!("'{key}' is {other}; 0 or 1 is expected"))),
+        Some(other) => Err(Error::invalid(format!("'{key}' is {}; 0 or 1 is expected", short(&other.to_string())))
+            .hint(format!("correct '{key}', or leave it out: it is 0 then"))),
     }
 }
 
@@ -63,7 +65,8 @@ fn fours(object: &Object, key: &str, four: &str) -> Result<Option<Vec<[f64; 4]>>
         return Err(Error::invalid(format!(
             "'{key}' has {} numbers; four a point are expected: {four}",
             numbers.len()
-        )));
+        ))
+        .hint("the list is cut off or has numbers too many: export the preset again from ParaView"));
     }
     Ok(Some(fours.to_vec()))
 }

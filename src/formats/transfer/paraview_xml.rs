@@ -9,6 +9,8 @@ use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
 use std::borrow::Cow;
 
+const EXPORT: &str = "correct the XML there, or export the preset again from ParaView";
+
 /// A `ColorMap` while it is read.
 struct Map {
     name: String,
@@ -24,7 +26,7 @@ pub(super) fn load(text: &str, options: &Options) -> Result<Loaded> {
         return Err(unknown("an XML document without a 'ColorMap'"));
     }
     let index = chosen(&names, options.preset.as_deref())?;
-    let map = map.ok_or_else(|| Error::invalid("the preset was not found again"))?;
+    let map = map.ok_or_else(|| Error::invalid("the preset was not found again").hint(EXPORT))?;
     let preset = preset(map).map_err(|e| e.part(format!("preset '{}'", names[index])))?;
     paraview::loaded(preset, names, index, Source::ParaviewXml, options)
 }
@@ -38,7 +40,7 @@ fn read(text: &str, wanted: Option<&str>) -> Result<(Vec<String>, Option<Map>)> 
     let mut depth = 0_usize;
     loop {
         let place = |e: Error, reader: &Reader<&[u8]>| e.part(format!("byte {}", reader.buffer_position()));
-        let event = reader.read_event().map_err(|e| place(Error::invalid(format!("no valid XML: {e}")), &reader))?;
+        let event = reader.read_event().map_err(|e| place(no_xml(e), &reader))?;
         let (element, empty) = match &event {
             Event::Start(element) => (element, false),
             Event::Empty(element) => (element, true),
@@ -100,6 +102,7 @@ fn point(element: &BytesStart, map: &mut Map) -> Result<()> {
         if let Some(i) = KEYS.iter().position(|k| *k == key) {
             let number = value.trim().parse().map_err(|_| {
                 Error::invalid(format!("attribute '{key}' is \"{}\"; a number is expected", short(&value)))
+                    .hint("a point is <Point x= o= r= g= b=/>, each a number")
             })?;
             numbers[i] = Some(number);
         }
@@ -120,13 +123,15 @@ fn point(element: &BytesStart, map: &mut Map) -> Result<()> {
     Ok(())
 }
 
+fn no_xml(error: impl std::fmt::Display) -> Error {
+    Error::invalid(format!("no valid XML: {error}")).hint(EXPORT)
+}
+
 /// Hands over each attribute.
 fn each<'a>(element: &'a BytesStart, mut take: impl FnMut(&str, Cow<'a, str>) -> Result<()>) -> Result<()> {
     for attribute in element.attributes() {
-        let attribute = attribute.map_err(|e| Error::invalid(format!("no valid XML: {e}")))?;
-        let value = attribute
-            .normalized_value(XmlVersion::Implicit1_0)
-            .map_err(|e| Error::invalid(format!("no valid XML: {e}")))?;
+        let attribute = attribute.map_err(no_xml)?;
+        let value = attribute.normalized_value(XmlVersion::Implicit1_0).map_err(no_xml)?;
         take(attribute.key.as_ref(), value)?;
     }
     Ok(())
@@ -135,7 +140,7 @@ fn each<'a>(element: &'a BytesStart, mut take: impl FnMut(&str, Cow<'a, str>) ->
 fn preset(map: Map) -> Result<Preset> {
     if map.categories {
         return Err(Error::unsupported("the preset is for categories ('indexedLookup'), not for a range of densities")
-            .hint("choose another preset"));
+            .hint("choose another preset: its name goes to --preset, or --tf-preset"));
     }
     let space = Space::named(map.space.as_deref().unwrap_or("RGB"), false)?;
     // ParaView writes 1 for each, whatever the opacities are: that states nothing.

@@ -22,13 +22,15 @@ pub(super) fn to_range(transfer: &Transfer, to: [f64; 2]) -> Result<Transfer> {
     let [from, [low, high]] = [range(transfer), to];
     let width = from[1] - from[0];
     if !(low < high && (high - low).is_finite()) {
-        return Err(Error::invalid(format!("range {low}..{high} must ascend")));
+        return Err(Error::invalid(format!("range {low}..{high} must ascend"))
+            .hint("give the smaller of two finite densities first"));
     }
     if !(width > 0.0 && width.is_finite()) {
         return Err(Error::invalid(format!(
             "densities from {} to {} cannot be mapped to {low}..{high}: they are no range",
             from[0], from[1]
-        )));
+        ))
+        .hint("leave the range out, or give the function a second density"));
     }
     // Both ends are met exactly.
     let map = |d: f64| {
@@ -55,7 +57,7 @@ pub(super) fn to_range(transfer: &Transfer, to: [f64; 2]) -> Result<Transfer> {
             Transfer::Piecewise { points: vec![[low, *r, *g, *b, domain[0]], [high, *r, *g, *b, domain[1]]] }
         }
     };
-    scaled.checked()
+    scaled.checked().map_err(|e| e.hint("give a range that can tell the function's densities apart"))
 }
 
 #[cfg(test)]

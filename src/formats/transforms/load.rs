@@ -2,40 +2,58 @@
 
 use super::{folder, json_path};
 use crate::error::{Error, Result};
-use crate::formats::exr;
 use crate::formats::reading::Reading;
+use crate::formats::vdb::Limits;
+use crate::formats::{exr, input};
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
 use crate::scene::transfer::Transfer;
 use glam::{DMat4, DVec2, DVec4};
 use serde_json::{Map, Value};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Larger files are no camera lists; a hundred thousand frames take less.
 const MAX_BYTES: u64 = 1 << 26;
 
+/// Where a transfer function can be taken from.
+const TRANSFER: &str =
+    "copy the value of 'transfer' from a .tf.json that `cumulo transfer` reads, or leave the key out";
+/// How views are listed.
+const FRAMES: &str = "a capture lists its views: {\"frames\": [{\"file_path\": …, \"transform_matrix\": …}]}";
+
 /// Reads a capture from its JSON file or from the folder that holds `transforms.json`. Pictures are
 /// not read; their headers are where the size is not stated.
 ///
 /// # Errors
-/// Names the file, the frame and the key that is missing or cannot be used.
+/// Names the file, the frame and the key that is missing or cannot be used; if the values take more than
+/// half of the machine's memory.
 pub fn load(path: &Path) -> Result<Capture> {
-    let json = json_path(path);
-    let _reading = Reading::begin(&json);
-    parse(&json).map_err(|e| e.at(&json))
+    load_within(path, Limits::default())
 }
 
-fn parse(json: &Path) -> Result<Capture> {
-    let root = read_object(json)?;
+/// Reads a capture as [`load`] does; the values of its JSON must fit into `limits`.
+///
+/// # Errors
+/// As [`load`], with these limits.
+pub fn load_within(path: &Path, limits: Limits) -> Result<Capture> {
+    let json = json_path(path);
+    let _reading = Reading::begin(&json);
+    parse(&json, limits).map_err(|e| e.at(&json))
+}
+
+fn parse(json: &Path, limits: Limits) -> Result<Capture> {
+    let root = read_object(json, limits)?;
     let top = Keys { own: &root, shared: None };
     let frames = match root.get("frames") {
         Some(Value::Array(frames)) if !frames.is_empty() => frames,
-        Some(Value::Array(_)) => return Err(Error::invalid("'frames' is empty; at least one view is needed")),
-        Some(_) => return Err(Error::invalid("'frames' is not a list")),
-        None => {
-            return Err(Error::invalid("no key 'frames'")
-                .hint("a capture lists its views: {\"frames\": [{\"file_path\": …, \"transform_matrix\": …}]}"));
+        Some(Value::Array(_)) => {
+            return Err(Error::invalid("'frames' is empty; at least one view is needed").hint(FRAMES));
         }
+        Some(other) => {
+            return Err(Error::invalid(format!("'frames' is {}; a list is expected", short(other))).hint(FRAMES));
+        }
+        None => return Err(Error::invalid("no key 'frames'").hint(FRAMES)),
     };
     let folder = folder(json);
     let frames = frames
@@ -44,16 +62,17 @@ fn parse(json: &Path) -> Result<Capture> {
         .map(|(i, value)| frame(value, &root, &folder).map_err(|e| e.part(format!("frame {i}"))))
         .collect::<Result<Vec<_>>>()?;
     let positive = |key: &str| match top.number(key)? {
-        Some(v) if v <= 0.0 => Err(Error::invalid(format!("'{key}' is {v}; a positive number is expected"))),
+        Some(v) if v <= 0.0 => Err(Error::invalid(format!("'{key}' is {v}; a positive number is expected"))
+            .hint(format!("correct '{key}', or leave it out: it is 1 then"))),
         v => Ok(v),
     };
     Ok(Capture {
         frames,
         model: top.named("model", &["absorption", "emission-absorption"])?.unwrap_or(Model::Absorption),
-        background: top.colour("background")?.unwrap_or([1.0; 3]),
+        background: top.colour("background", "white")?.unwrap_or([1.0; 3]),
         pixel_filter: top.named("pixel_filter", &["point", "box"])?.unwrap_or(PixelFilter::Point),
         density_scale: positive("density_scale")?.unwrap_or(1.0),
-        emission: top.colour("emission")?.unwrap_or([1.0; 3]),
+        emission: top.colour("emission", "white")?.unwrap_or([1.0; 3]),
         emission_model: top.named("emission_model", &["grey", "linear"])?.unwrap_or(EmissionModel::Grey),
         transfer: top.transfer()?,
         lattice: top.matrix("lattice")?,
@@ -64,26 +83,26 @@ fn parse(json: &Path) -> Result<Capture> {
 ///
 /// # Errors
 /// If it cannot be read, is too large, or holds something else.
-pub fn read_object(json: &Path) -> Result<Map<String, Value>> {
-    let bytes = std::fs::metadata(json).map_err(|e| {
-        let missing = e.kind() == std::io::ErrorKind::NotFound;
-        let error = Error::io(json, e);
-        if missing { error.hint("a capture is a transforms.json or the folder that holds one") } else { error }
+pub fn read_object(json: &Path, limits: Limits) -> Result<Map<String, Value>> {
+    let text = input::bytes(json, MAX_BYTES, "a list of cameras").map_err(|e| match e.io_kind() {
+        Some(ErrorKind::NotFound) => e.hint("a capture is a transforms.json or the folder that holds one"),
+        _ => e,
     })?;
-    if bytes.len() > MAX_BYTES {
-        return Err(Error::invalid(format!("{} bytes are no list of cameras", bytes.len())));
-    }
-    let text = std::fs::read(json).map_err(|e| Error::io(json, e))?;
     // Windows editors put a byte order mark before the text.
-    match serde_json::from_slice(text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text)) {
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
+    input::check_json_memory(text, limits)?;
+    match serde_json::from_slice(text) {
         Ok(Value::Object(root)) => Ok(root),
-        Ok(_) => Err(Error::invalid("not a JSON object")),
-        Err(e) => Err(Error::invalid(format!("no valid JSON: {e}"))),
+        Ok(other) => Err(Error::invalid(format!("{} is not a JSON object", short(&other))).hint(FRAMES)),
+        Err(e) => Err(Error::invalid(format!("no valid JSON: {e}")).hint(input::JSON_REMEDY)),
     }
 }
 
 pub(super) fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> Result<Frame> {
-    let Value::Object(own) = value else { return Err(Error::invalid("not a JSON object")) };
+    let Value::Object(own) = value else {
+        return Err(Error::invalid(format!("{} is not a JSON object", short(value)))
+            .hint("a view is {\"file_path\": …, \"transform_matrix\": …}"));
+    };
     let keys = Keys { own, shared: Some(root) };
     let picture = picture_path(own, folder)?;
     let camera_to_world = (Keys { own, shared: None })
@@ -114,7 +133,10 @@ pub(super) fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> 
         height,
         near: keys.number("near")?.unwrap_or(0.0),
     };
-    Ok(Frame { camera: rigid(camera)?, picture })
+    let camera = rigid(camera).map_err(|e| {
+        e.hint("correct 'transform_matrix' (a rotation and a position), 'fl_x', 'fl_y', 'cx', 'cy' and 'near' of this view")
+    })?;
+    Ok(Frame { camera, picture })
 }
 
 /// A matrix whose columns are of unit length already is kept to the last bit, so that what was
@@ -131,7 +153,10 @@ fn rigid(camera: Camera) -> Result<Camera> {
 pub(super) fn picture_path(own: &Map<String, Value>, folder: &Path) -> Result<PathBuf> {
     let name = match own.get("file_path") {
         Some(Value::String(name)) if !name.is_empty() => name,
-        Some(_) => return Err(Error::invalid("'file_path' is not a text")),
+        Some(other) => {
+            return Err(Error::invalid(format!("'file_path' is {}; a text is expected", short(other)))
+                .hint("'file_path' is the picture's path, relative to this file"));
+        }
         None => return Err(missing("file_path", "the picture's path, relative to this file")),
     };
     let path = folder.join(name);
@@ -181,7 +206,8 @@ fn focal(keys: &Keys, projection: Projection, width: f64, height: f64) -> Result
                     .hint(format!("give '{length}' in pixels per world unit")))
             }
             Some(v) if v > 0.0 && v < std::f64::consts::PI => Ok(Some(0.5 * pixels / (0.5 * v).tan())),
-            Some(v) => Err(Error::invalid(format!("'{angle}' is {v}; an angle between 0 and pi is expected"))),
+            Some(v) => Err(Error::invalid(format!("'{angle}' is {v}; an angle between 0 and pi is expected"))
+                .hint("give the full angle of view in radians, not in degrees")),
         }
     };
     let (x, y) = (axis("fl_x", "camera_angle_x", width)?, axis("fl_y", "camera_angle_y", height)?);
@@ -207,11 +233,10 @@ impl Keys<'_> {
     fn number(&self, key: &str) -> Result<Option<f64>> {
         match self.get(key) {
             None => Ok(None),
-            Some(v) => v
-                .as_f64()
-                .filter(|n| n.is_finite())
-                .map(Some)
-                .ok_or_else(|| Error::invalid(format!("'{key}' is {}; a number is expected", short(v)))),
+            Some(v) => v.as_f64().filter(|n| n.is_finite()).map(Some).ok_or_else(|| {
+                Error::invalid(format!("'{key}' is {}; a number is expected", short(v)))
+                    .hint(format!("write '{key}' as a finite number without quotes, or leave it out"))
+            }),
         }
     }
 
@@ -220,19 +245,20 @@ impl Keys<'_> {
         match self.number(key)? {
             None => Ok(None),
             Some(v) if (1.0..=65_536.0).contains(&v) && v.fract() == 0.0 => Ok(Some(v as u32)),
-            Some(v) => Err(Error::invalid(format!("'{key}' is {v}; a whole number from 1 to 65536 is expected"))),
+            Some(v) => Err(Error::invalid(format!("'{key}' is {v}; a whole number from 1 to 65536 is expected"))
+                .hint("give the picture's size in pixels, or leave it out: the picture's header is asked then")),
         }
     }
 
-    fn colour(&self, key: &str) -> Result<Option<[f32; 3]>> {
+    fn colour(&self, key: &str, unless_given: &str) -> Result<Option<[f32; 3]>> {
         let Some(value) = self.get(key) else { return Ok(None) };
         let numbers: Option<Vec<f32>> = value.as_array().and_then(|list| {
             list.iter().map(|v| v.as_f64().map(|n| n as f32).filter(|n| n.is_finite() && *n >= 0.0)).collect()
         });
-        numbers
-            .and_then(|n| <[f32; 3]>::try_from(n).ok())
-            .map(Some)
-            .ok_or_else(|| Error::invalid(format!("'{key}' is {}; three numbers from 0 on are expected", short(value))))
+        numbers.and_then(|n| <[f32; 3]>::try_from(n).ok()).map(Some).ok_or_else(|| {
+            Error::invalid(format!("'{key}' is {}; three numbers from 0 on are expected", short(value)))
+                .hint(format!("write scene-linear red, green and blue, or leave it out: it is {unless_given} then"))
+        })
     }
 
     fn matrix(&self, key: &str) -> Result<Option<DMat4>> {
@@ -247,7 +273,8 @@ impl Keys<'_> {
         });
         let rows = rows.filter(|r| r.len() == 4 || r.len() == 3);
         let Some(rows) = rows else {
-            return Err(Error::invalid(format!("'{key}' is {}; four rows of four numbers are expected", short(value))));
+            return Err(Error::invalid(format!("'{key}' is {}; four rows of four numbers are expected", short(value)))
+                .hint("write an affine map row by row; its last row is 0, 0, 0, 1"));
         };
         let last = rows.get(3).copied().unwrap_or([0.0, 0.0, 0.0, 1.0]);
         Ok(Some(DMat4::from_cols_array_2d(&[rows[0], rows[1], rows[2], last]).transpose()))
@@ -256,15 +283,16 @@ impl Keys<'_> {
     fn transfer(&self) -> Result<Option<Transfer>> {
         let Some(value) = self.get("transfer") else { return Ok(None) };
         let transfer: Transfer = serde_json::from_value(value.clone())
-            .map_err(|e| Error::invalid(format!("'transfer' is no transfer function: {e}")))?;
-        transfer.checked().map(Some).map_err(|e| e.part("'transfer'"))
+            .map_err(|e| Error::invalid(format!("'transfer' is no transfer function: {e}")).hint(TRANSFER))?;
+        transfer.checked().map(Some).map_err(|e| e.part("'transfer'").hint(TRANSFER))
     }
 
     fn named<T: serde::de::DeserializeOwned>(&self, key: &str, names: &[&str]) -> Result<Option<T>> {
         let Some(value) = self.get(key) else { return Ok(None) };
-        serde_json::from_value(value.clone())
-            .map(Some)
-            .map_err(|_| Error::invalid(format!("'{key}' is {}; {} is expected", short(value), names.join(" or "))))
+        serde_json::from_value(value.clone()).map(Some).map_err(|_| {
+            Error::invalid(format!("'{key}' is {}; {} is expected", short(value), names.join(" or ")))
+                .hint(format!("correct '{key}', or leave it out: it is {} then", names[0]))
+        })
     }
 }
 

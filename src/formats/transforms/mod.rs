@@ -21,10 +21,10 @@ mod problems;
 mod save;
 mod summary;
 
-pub use load::{load, read_object};
-pub use problems::problems;
-pub use save::{save, save_for};
-pub use summary::{CaptureSummary, summary};
+pub use load::{load, load_within, read_object};
+pub use problems::{problems, problems_within};
+pub use save::{check_names, save, save_for};
+pub use summary::{CaptureSummary, summary, summary_within};
 
 use std::path::{Path, PathBuf};
 

@@ -1,10 +1,11 @@
 //! What is wrong with a capture, for `validate`.
 
-use super::load::{self, load};
+use super::load::{self, load_within};
 use super::{folder, json_path};
 use crate::error::Result;
 use crate::formats::exr;
 use crate::formats::problem::Problem;
+use crate::formats::vdb::Limits;
 use crate::scene::capture::{Capture, Frame};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -16,28 +17,45 @@ use std::path::{Path, PathBuf};
 /// If the operating system does not let the JSON file be read. A picture that cannot be read is a
 /// problem of the capture.
 pub fn problems(path: &Path) -> Result<Vec<Problem>> {
+    problems_within(path, Limits::default())
+}
+
+/// What is wrong with a capture, as [`problems`] tells it; the values of its JSON, and each picture, must
+/// fit into `limits`.
+///
+/// # Errors
+/// As [`problems`].
+pub fn problems_within(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
     let json = json_path(path);
-    let mut found = frame_problems(&json)?;
+    let mut found = frame_problems(&json, limits)?;
     // Faults of single frames are listed one by one; what else keeps it from loading is one more.
-    match load(path) {
+    match load_within(path, limits) {
         Err(error) if found.is_empty() => found.push(Problem::of(error)?),
         Err(_) => {}
-        Ok(capture) => found.extend(picture_problems(&capture)),
+        Ok(capture) => found.extend(picture_problems(&capture, limits)),
     }
     Ok(found)
 }
 
-/// Frames that cannot be used, all of them rather than the first.
-fn frame_problems(json: &Path) -> Result<Vec<Problem>> {
-    let Ok(root) = load::read_object(json) else { return Ok(Vec::new()) };
+/// More frames with faults than these are counted, not listed.
+const LISTED: usize = 100;
+
+/// Frames that cannot be used, rather than the first alone.
+fn frame_problems(json: &Path, limits: Limits) -> Result<Vec<Problem>> {
+    let Ok(root) = load::read_object(json, limits) else { return Ok(Vec::new()) };
     let Some(Value::Array(frames)) = root.get("frames") else { return Ok(Vec::new()) };
     let folder = folder(json);
-    let fault =
-        |(i, frame)| load::frame(frame, &root, &folder).err().map(|e| Problem::of(e.part(format!("frame {i}"))));
-    frames.iter().enumerate().filter_map(fault).collect()
+    let fault = |(i, frame)| load::frame(frame, &root, &folder).err().map(|e| e.part(format!("frame {i}")));
+    let mut faults = frames.iter().enumerate().filter_map(fault);
+    let mut found = faults.by_ref().take(LISTED).map(Problem::of).collect::<Result<Vec<_>>>()?;
+    let more = faults.count();
+    if more > 0 {
+        found.push(Problem::new(format!("{more} more frames cannot be used"), "correct those above first"));
+    }
+    Ok(found)
 }
 
-fn picture_problems(capture: &Capture) -> Vec<Problem> {
+fn picture_problems(capture: &Capture, limits: Limits) -> Vec<Problem> {
     let mut found = Vec::new();
     let mut users: BTreeMap<&PathBuf, usize> = BTreeMap::new();
     for (i, frame) in capture.frames.iter().enumerate() {
@@ -48,20 +66,25 @@ fn picture_problems(capture: &Capture) -> Vec<Problem> {
                 "give each view a picture of its own",
             ));
         }
-        picture(frame).into_iter().for_each(add);
+        picture(frame, limits).into_iter().for_each(add);
     }
     found
 }
 
-fn picture(frame: &Frame) -> Vec<Problem> {
+fn picture(frame: &Frame, limits: Limits) -> Vec<Problem> {
     let path = frame.picture.display();
-    let picture = match exr::picture(&frame.picture, None) {
+    let picture = match exr::picture_within(&frame.picture, None, limits) {
         Ok(picture) => picture,
         Err(error) => {
             let missing = error.io_kind() == Some(std::io::ErrorKind::NotFound);
             let what = if missing { "there is no such picture" } else { error.what() };
-            let remedy = if missing { "correct 'file_path', or add the picture" } else { "render or copy it again" };
-            return vec![Problem::new(format!("{path}: {what}"), error.remedy().unwrap_or(remedy))];
+            // Who sees the capture's problem mends its 'file_path', not a path of the command line.
+            let remedy = match error.remedy() {
+                _ if missing => "correct 'file_path', or add the picture",
+                Some(remedy) => remedy,
+                None => "render or copy it again",
+            };
+            return vec![Problem::new(format!("{path}: {what}"), remedy)];
         }
     };
     let mut found = Vec::new();

@@ -28,6 +28,27 @@ pub fn save_for(path: &Path, now: &Path, capture: &Capture, extra: &Map<String, 
     atomic::write_bytes(now, text.as_bytes())
 }
 
+/// Makes sure that a capture's pictures can be named in the JSON file `path`, before the work whose result
+/// it is to hold: JSON is Unicode, and paths need not be.
+///
+/// # Errors
+/// Names the first frame whose picture's path, from the folder of `path`, is not valid Unicode.
+pub fn check_names(path: &Path, capture: &Capture) -> Result<()> {
+    let folder = folder(path);
+    let mut frames = capture.frames.iter().enumerate();
+    frames.try_for_each(|(i, frame)| named(&frame.picture, &folder, i).map(drop)).map_err(|e| e.at(path))
+}
+
+/// The path of the picture of frame `i` from the capture's folder, as text.
+fn named(picture: &Path, folder: &Path, i: usize) -> Result<String> {
+    let relative = relative(picture, folder);
+    relative.to_str().map(str::to_owned).ok_or_else(|| {
+        Error::invalid(format!("picture path {} is not Unicode, which JSON cannot state", relative.display()))
+            .part(format!("frame {i}"))
+            .hint("rename the folders and files on this path, or write the JSON file beside the pictures")
+    })
+}
+
 fn text(path: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<String> {
     let mut root = Map::new();
     let first = capture.frames.first().map(|f| intrinsics(&f.camera)).unwrap_or_default();
@@ -42,10 +63,7 @@ fn text(path: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<St
         .iter()
         .enumerate()
         .map(|(i, frame)| {
-            let relative = relative(&frame.picture, &folder);
-            let name = relative.to_str().ok_or_else(|| {
-                Error::invalid(format!("picture path {} is not Unicode", relative.display())).part(format!("frame {i}"))
-            })?;
+            let name = named(&frame.picture, &folder, i)?;
             let mut own = Map::new();
             own.insert("file_path".into(), json!(name));
             own.insert("transform_matrix".into(), rows(frame.camera.camera_to_world));
@@ -69,10 +87,13 @@ fn text(path: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<St
     root.insert("frames".into(), Value::Array(frames));
     for (key, value) in extra {
         if root.insert(key.clone(), value.clone()).is_some() {
-            return Err(Error::invalid(format!("key '{key}' is one of the capture's own")));
+            return Err(Error::invalid(format!("key '{key}' is one of the capture's own"))
+                .hint("give the extra entry another name"));
         }
     }
-    let mut text = serde_json::to_string_pretty(&Value::Object(root)).map_err(|e| Error::invalid(e.to_string()))?;
+    let mut text = serde_json::to_string_pretty(&Value::Object(root)).map_err(|e| {
+        Error::invalid(format!("the capture cannot be written as JSON: {e}")).hint("report this as a bug")
+    })?;
     text.push('\n');
     Ok(text)
 }

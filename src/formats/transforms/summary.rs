@@ -1,7 +1,8 @@
 //! A capture in figures, for `info`.
 
-use super::load;
+use super::load_within;
 use crate::error::Result;
+use crate::formats::vdb::Limits;
 use crate::math::Aabb;
 use crate::scene::camera::Projection;
 use crate::scene::capture::{EmissionModel, Model, PixelFilter};
@@ -46,7 +47,15 @@ pub struct CaptureSummary {
 /// # Errors
 /// As [`load`](super::load()).
 pub fn summary(path: &Path) -> Result<CaptureSummary> {
-    let capture = load(path)?;
+    summary_within(path, Limits::default())
+}
+
+/// Reads a capture and sums it up as [`summary`] does; the values of its JSON must fit into `limits`.
+///
+/// # Errors
+/// As [`load_within`].
+pub fn summary_within(path: &Path, limits: Limits) -> Result<CaptureSummary> {
+    let capture = load_within(path, limits)?;
     let mut sizes = BTreeMap::new();
     for frame in &capture.frames {
         *sizes.entry(format!("{}x{}", frame.camera.width, frame.camera.height)).or_default() += 1;

@@ -1,0 +1,99 @@
+//! Text on its way to a terminal.
+//!
+//! Names, metadata and paths come from files, and files come from anywhere: an escape sequence in a
+//! grid's name would move the cursor, set the window's title or recolour what follows. Whatever is
+//! printed passes through here; what is stored or computed with stays as it is.
+
+use std::borrow::Cow;
+use std::fmt::Write;
+
+/// True for characters that act on a terminal or reorder the text around them instead of being shown:
+/// control characters (C0, DEL and C1), Unicode's bidirectional marks, embeddings, overrides and
+/// isolates, its line and paragraph separators, and its invisible tags.
+pub fn acts(c: char) -> bool {
+    c.is_control()
+        || matches!(c,
+            '\u{061c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}'
+            | '\u{feff}' | '\u{e0000}'..='\u{e007f}')
+}
+
+/// The text on one line: each character that [`acts`] is written as Rust escapes it, such as `\u{1b}`
+/// or `\n`. A name with a line feed therefore cannot pass for a line of its own.
+pub fn printable(text: &str) -> Cow<'_, str> {
+    escaped(text, acts)
+}
+
+/// The text with its line feeds and tabs, and every other character that [`acts`] escaped.
+pub fn printable_lines(text: &str) -> Cow<'_, str> {
+    escaped(text, |c| acts(c) && c != '\n' && c != '\t')
+}
+
+/// The JSON document with characters that [`acts`] escaped as JSON does (`\u009b`); it says the same.
+/// Line feeds between its values stay.
+pub fn printable_json(json: &str) -> Cow<'_, str> {
+    let escaped = |c: char| acts(c) && c != '\n';
+    if !json.contains(escaped) {
+        return Cow::Borrowed(json);
+    }
+    let mut out = String::with_capacity(json.len() + 16);
+    for c in json.chars() {
+        if escaped(c) {
+            for unit in c.encode_utf16(&mut [0; 2]) {
+                // Writing to a string cannot fail.
+                let _ = write!(out, "\\u{unit:04x}");
+            }
+        } else {
+            out.push(c);
+        }
+    }
+    Cow::Owned(out)
+}
+
+fn escaped(text: &str, bad: impl Fn(char) -> bool) -> Cow<'_, str> {
+    if !text.contains(&bad) {
+        return Cow::Borrowed(text);
+    }
+    let mut out = String::with_capacity(text.len() + 16);
+    for c in text.chars() {
+        if bad(c) { out.extend(c.escape_default()) } else { out.push(c) }
+    }
+    Cow::Owned(out)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    /// A colour, a window title, DEL, a C1 control sequence introducer, a right-to-left override, a tag.
+    const HOSTILE: &str = "a\u{1b}[31mb\u{1b}]0;t\u{7}c\u{7f}\u{9b}2J\u{202e}\u{2066}\u{e0041}\u{2028}\r\nz";
+
+    #[test]
+    fn nothing_that_acts_on_a_terminal_is_left() {
+        let line = printable(HOSTILE);
+        assert!(!line.contains(acts), "{line}");
+        assert!(line.starts_with(r"a\u{1b}[31mb\u{1b}]0;t\u{7}c\u{7f}\u{9b}2J\u{202e}"), "{line}");
+        assert!(line.ends_with(r"\u{2028}\r\nz"), "{line}");
+        assert_eq!(printable(&line), line, "a second time changes nothing");
+        let lines = printable_lines(HOSTILE);
+        assert_eq!(lines.chars().filter(|c| acts(*c)).collect::<String>(), "\n");
+    }
+
+    #[test]
+    fn what_people_write_stays() {
+        for text in ["density", "Dichte für α", "煙", "🌫", "e\u{301}", r"C:\new"] {
+            assert_eq!(printable(text), text);
+        }
+        assert_eq!(printable_lines("a\n\tb"), "a\n\tb");
+    }
+
+    #[test]
+    fn json_says_the_same() {
+        let value = serde_json::json!({ HOSTILE: [HOSTILE, 1.5] });
+        let plain = serde_json::to_string_pretty(&value).unwrap();
+        assert!(plain.contains('\u{9b}'), "serde leaves C1 controls as they are");
+        let safe = printable_json(&plain);
+        assert_eq!(safe.chars().filter(|c| acts(*c) && *c != '\n').count(), 0);
+        assert_eq!(serde_json::from_str::<serde_json::Value>(&safe).unwrap(), value);
+    }
+}
