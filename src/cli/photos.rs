@@ -3,11 +3,11 @@
 use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::formats::vdb::Limits;
-use crate::render::film::Film;
 use crate::optimise::observation::Photo;
-use std::path::Path;
+use crate::render::film::Film;
 use crate::scene::capture::{Capture, Frame};
 use rayon::prelude::*;
+use std::path::Path;
 
 /// Reads all pictures.
 ///

@@ -72,7 +72,8 @@ pub fn reconstruct(
             let Shaded { volume, history, mut stages, stopped, .. } =
                 colour::reconstruct(photos, observation, &asked, None, &mut watch)?;
             let begun = Instant::now();
-            let matched = matching::densities(&volume, table, request.medium.extinction, &topology, &unknown, request.cancel)?;
+            let matched =
+                matching::densities(&volume, table, request.medium.extinction, &topology, &unknown, request.cancel)?;
             stages.push(Stage { name: "densities of the colours".into(), seconds: begun.elapsed().as_secs_f64() });
             (matched.owned(), history, stages, stopped)
         }

@@ -98,7 +98,8 @@ impl Cost {
             unknowns: 4 * texels as u64,
             measurements: pixels as u64,
             memory_mb: (BASE + pixels as f64 * PIXEL + 6.0 * voxels as f64 + sums + walked / 8.0) / MB,
-            seconds: (f64::from(steps) + 8.0) * (12.0 * walked * STEP_SECONDS + 2e-10 * count * count * count) / threads,
+            seconds: (f64::from(steps) + 8.0) * (12.0 * walked * STEP_SECONDS + 2e-10 * count * count * count)
+                / threads,
         }
     }
 
@@ -125,6 +126,10 @@ impl fmt::Display for Cost {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { unknowns, measurements, memory_mb, seconds } = self;
         write!(f, "about {unknowns} unknowns from {measurements} pixels, {memory_mb:.0} MB of memory, ")?;
-        if *seconds < 90.0 { write!(f, "{:.0} s", seconds.ceil()) } else { write!(f, "{:.0} minutes", (seconds / 60.0).ceil()) }
+        if *seconds < 90.0 {
+            write!(f, "{:.0} s", seconds.ceil())
+        } else {
+            write!(f, "{:.0} minutes", (seconds / 60.0).ceil())
+        }
     }
 }

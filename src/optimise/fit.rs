@@ -29,7 +29,8 @@ pub fn unknowns(
     lattice: &Affine,
     limit: usize,
 ) -> Result<(Topology, Vec<bool>)> {
-    let (topology, unknown) = Hull::new(observation).cancel(request.cancel).unknowns(lattice, &request.bounds, limit)?;
+    let (topology, unknown) =
+        Hull::new(observation).cancel(request.cancel).unknowns(lattice, &request.bounds, limit)?;
     let Source::Transfer(table) = &request.medium.source else { return Ok((topology, unknown)) };
     if table.at(0.0)[3] == 0.0 {
         return Ok((topology, unknown));
@@ -180,8 +181,7 @@ impl Fit {
         };
         self.stored.fill(0.0);
         let dvr = scene.renderer(&self.field)?;
-        let mut gradients =
-            Gradients { voxels: Some(&mut self.stored), cancel: self.cancel, ..Gradients::default() };
+        let mut gradients = Gradients { voxels: Some(&mut self.stored), cancel: self.cancel, ..Gradients::default() };
         let (sum, _) = pictures::gradient(&dvr, batch, &shared, Adjoint::Tape, &mut self.accumulators, &mut gradients);
         if self.cancel.requested() {
             return Ok(f64::NAN);

@@ -66,8 +66,9 @@ pub fn reconstruct(
         let begun = Instant::now();
         let mut fit = match begin(observation, request, level, field.as_ref(), unit) {
             // What the coarser levels found stands.
-            Err(e) if e.kind() == Kind::Cancelled
-                && let (Some(found), Some(unknowns)) = (field.take(), unknowns) =>
+            Err(e)
+                if e.kind() == Kind::Cancelled
+                    && let (Some(found), Some(unknowns)) = (field.take(), unknowns) =>
             {
                 return Ok(Outcome {
                     field: found,

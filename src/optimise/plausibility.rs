@@ -8,8 +8,8 @@
 use crate::error::Error;
 use crate::math::Ray;
 use crate::optimise::observation::{DepthMap, Observation, Photo};
-use crate::scene::capture::{Capture, EmissionModel, Model};
 use crate::scene::camera::Projection;
+use crate::scene::capture::{Capture, EmissionModel, Model};
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -234,8 +234,11 @@ fn behind(photos: &[Photo], capture: &Capture) -> Option<Finding> {
     if same(shown, stated) || grey(capture).is_some_and(|source| same(shown, source)) {
         return None;
     }
-    let what =
-        format!("the borders of all pictures have the colour {}, the capture's background is {}", json(shown), json(stated));
+    let what = format!(
+        "the borders of all pictures have the colour {}, the capture's background is {}",
+        json(shown),
+        json(stated)
+    );
     let remedy = format!("state \"background\": {} in transforms.json, or render with alpha", json(shown));
     // Between background and source a medium that fills all pictures evenly could have it.
     let (off, transmittance) = grey(capture).map_or((0.0, 0.5), |source| between(shown, source, stated));
@@ -248,11 +251,8 @@ fn behind(photos: &[Photo], capture: &Capture) -> Option<Finding> {
 fn between(colour: [f64; 3], source: [f64; 3], background: [f64; 3]) -> (f64, f64) {
     let contrast: [f64; 3] = std::array::from_fn(|c| background[c] - source[c]);
     let power: f64 = contrast.iter().map(|c| c * c).sum();
-    let transmittance = if power > 1e-12 {
-        (0..3).map(|c| (colour[c] - source[c]) * contrast[c]).sum::<f64>() / power
-    } else {
-        0.5
-    };
+    let transmittance =
+        if power > 1e-12 { (0..3).map(|c| (colour[c] - source[c]) * contrast[c]).sum::<f64>() / power } else { 0.5 };
     let off = (0..3).map(|c| (colour[c] - source[c] - transmittance * contrast[c]).abs()).fold(0.0, f64::max);
     let scale = (0..3).map(|c| colour[c].abs().max(source[c]).max(background[c])).fold(1e-12, f64::max);
     (off / scale, transmittance)
@@ -490,13 +490,12 @@ fn aims(observation: &Observation) -> Option<Finding> {
 /// World coordinates so large that their roundings are seen.
 fn far(aims: &[Aim<'_>], point: DVec3) -> Option<Finding> {
     let pixel = |aim: &Aim| match aim.map.camera.projection {
-        Projection::Perspective => {
-            aim.map.camera.position().distance(point) / aim.map.camera.focal.max_element()
-        }
+        Projection::Perspective => aim.map.camera.position().distance(point) / aim.map.camera.focal.max_element(),
         Projection::Orthographic => 1.0 / aim.map.camera.focal.max_element(),
     };
     let finest = aims.iter().map(pixel).fold(f64::INFINITY, f64::min);
-    let largest = aims.iter().map(|a| a.map.camera.position().abs().max_element()).fold(point.abs().max_element(), f64::max);
+    let largest =
+        aims.iter().map(|a| a.map.camera.position().abs().max_element()).fold(point.abs().max_element(), f64::max);
     // Single-precision transforms, and voxel numbers of 32 bits.
     (largest > 4e8 * finest).then(|| {
         Finding::certain(

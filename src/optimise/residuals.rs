@@ -147,7 +147,11 @@ impl Residuals {
         let border = self.border / self.border_count.max(1.0) / scale;
         if border.abs() > 0.02 {
             found.push(Warning::new(
-                format!("the borders of the pictures are {:.1} % {} than the reconstruction's", 100.0 * border.abs(), side(border)),
+                format!(
+                    "the borders of the pictures are {:.1} % {} than the reconstruction's",
+                    100.0 * border.abs(),
+                    side(border)
+                ),
                 "check \"background\" in transforms.json, and that --bounds, if given, holds all of the volume",
             ));
         }

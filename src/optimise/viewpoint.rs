@@ -253,8 +253,10 @@ fn climb(
             return None;
         }
         let camera = sphere.camera(axes);
-        let Entropy { value, by_turn, .. } =
-            entropy::gradient(&Rows { renderer: dvr, judge: None, camera: &camera, rays_per_edge: 1, cancel }, sphere.centre);
+        let Entropy { value, by_turn, .. } = entropy::gradient(
+            &Rows { renderer: dvr, judge: None, camera: &camera, rays_per_edge: 1, cancel },
+            sphere.centre,
+        );
         if cancel.load(Ordering::Relaxed) {
             return None;
         }

@@ -97,7 +97,8 @@ impl Report {
         let written = match &record {
             Record::Volume(run) => {
                 let reference = self.reference.as_deref().map(|path| File::open(path, limits)?.read_fog(None));
-                let (page, volume) = volume::page(run, limits, reference.transpose()?.as_ref(), beside.as_ref(), Cancel::NEVER)?;
+                let (page, volume) =
+                    volume::page(run, limits, reference.transpose()?.as_ref(), beside.as_ref(), Cancel::NEVER)?;
                 Written { report: page.write(&self.folder)?, volume, transfer: None }
             }
             Record::Transfer(run) => {
