@@ -224,7 +224,7 @@ fn behind(photos: &[Photo], capture: &Capture) -> Option<Finding> {
     }
     let border = |p: &Photo| -> Vec<[f32; 3]> {
         let (w, h) = (p.film.width, p.film.height);
-        let outer = |i: &usize| i % w == 0 || i % w == w - 1 || i / w == 0 || i / w == h - 1;
+        let outer = |i: &usize| [0, w - 1].contains(&(i % w)) || [0, h - 1].contains(&(i / w));
         let finite = |i: &usize| p.film.rgba[*i].iter().all(|v| v.is_finite());
         let colour = |i: usize| [p.film.rgba[i][0], p.film.rgba[i][1], p.film.rgba[i][2]];
         (0..w * h).filter(outer).filter(finite).map(colour).collect()

@@ -179,8 +179,8 @@ fn side(value: f64) -> &'static str {
 }
 
 /// PSNR that held-out views may lie below the used ones, and beyond which they are good whatever the others are.
-const BELOW: f64 = 8.0;
-const GOOD: f64 = 45.0;
+const BELOW: f64 = 10.0;
+const GOOD: f64 = 36.0;
 
 /// A warning if held-out views are explained far worse than those that were used.
 pub fn held_out(train_psnr_db: f64, held_out_psnr_db: Option<f64>) -> Option<Warning> {
