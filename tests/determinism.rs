@@ -5,6 +5,7 @@
 mod fields;
 mod work;
 
+use cumulo::optimise::cancel::Cancel;
 use cumulo::optimise::density::{self, Request};
 use cumulo::optimise::hull::Hull;
 use cumulo::optimise::observation::{DepthMap, Observation, Photo};
@@ -193,6 +194,8 @@ fn a_whole_reconstruction() {
             prior: None,
             init: None,
             max_memory: 1 << 30,
+            cancel: Cancel::NEVER,
+            closing: Cancel::NEVER,
         };
         let outcome = density::reconstruct(&observation, &request, |_| ControlFlow::Continue(())).unwrap();
         let losses: Vec<u64> = outcome.history.iter().map(|s| s.loss.to_bits()).collect();

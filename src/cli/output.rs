@@ -2,11 +2,14 @@
 
 use super::Global;
 use crate::error::{Error, Result};
+use crate::optimise::plausibility::Warning;
 use crate::text::{printable_json, printable_lines};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 use serde::Serialize;
 use std::fmt::Display;
-use std::io::Write;
+use std::io::{IsTerminal, Write};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 /// Where a subcommand says what it found.
 #[derive(Debug, Clone)]
@@ -18,6 +21,7 @@ pub struct Output {
 impl Output {
     /// Output as the global options ask for it.
     pub fn new(global: &Global) -> Self {
+        last_sign().get_or_insert_with(Instant::now);
         Self { json: global.json, quiet: global.quiet }
     }
 
@@ -43,17 +47,138 @@ impl Output {
     pub fn note(&self, text: impl Display) {
         if !self.quiet {
             let _ = writeln!(std::io::stderr().lock(), "{}", printable_lines(&text.to_string()));
+            *last_sign() = Some(Instant::now());
         }
     }
 
-    /// A bar of `length` steps with time to go. It draws on a terminal only.
+    /// Warnings for people, on standard error. They are part of the report, too.
+    pub fn warn(&self, warnings: &[Warning]) {
+        for Warning { what, remedy } in warnings {
+            self.note(format!("warning: {what}\n  {remedy}"));
+        }
+    }
+
+    /// A bar of `length` steps with time to go. Where standard error is no terminal it is a plain line, at most every
+    /// ten seconds.
     pub fn progress(&self, length: u64, what: &'static str) -> ProgressBar {
-        let target = if self.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-        let bar = ProgressBar::with_draw_target(Some(length), target);
-        if let Ok(style) = ProgressStyle::with_template("{prefix} [{bar:30}] {pos}/{len} {elapsed} (ETA {eta}) {msg}") {
+        let terminal = std::io::stderr().is_terminal();
+        let template = if terminal {
+            "{prefix} [{bar:30}] {pos}/{len} {elapsed} (ETA {eta}) {msg}"
+        } else {
+            "{prefix}: {pos} of {len} after {elapsed}, {eta} to go; {msg}"
+        };
+        self.bar(ProgressBar::with_draw_target(Some(length), self.target(terminal)), template, what)
+    }
+
+    /// A sign of life of a stage whose length is not known, until it is dropped.
+    pub fn stage(&self, what: &'static str) -> Stage {
+        let terminal = std::io::stderr().is_terminal();
+        let template = if terminal { "{prefix} {spinner} {elapsed} {msg}" } else { "{prefix}: {elapsed} so far {msg}" };
+        Stage(self.bar(ProgressBar::with_draw_target(None, self.target(terminal)), template, what))
+    }
+
+    fn target(&self, terminal: bool) -> ProgressDrawTarget {
+        match (self.quiet, terminal) {
+            (true, _) => ProgressDrawTarget::hidden(),
+            (false, true) => ProgressDrawTarget::stderr(),
+            (false, false) => ProgressDrawTarget::term_like(Box::new(Log::default())),
+        }
+    }
+
+    fn bar(&self, bar: ProgressBar, template: &str, what: &'static str) -> ProgressBar {
+        if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style.progress_chars("=> "));
         }
         bar.set_prefix(what);
+        // A long step must not look like a hang.
+        if !self.quiet {
+            bar.enable_steady_tick(Duration::from_millis(500));
+        }
         bar
+    }
+}
+
+/// A stage that shows that it goes on.
+#[derive(Debug)]
+pub struct Stage(ProgressBar);
+
+impl Stage {
+    /// Says how far it is.
+    pub fn at(&self, done: usize, of: usize) {
+        self.0.set_message(format!("({done} of {of})"));
+    }
+}
+
+impl Drop for Stage {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
+}
+
+/// Longest silence of a log; with the steps of the clock it stays below ten seconds.
+const SILENCE: Duration = Duration::from_secs(9);
+
+/// When standard error was last written to: stages follow one another, and a log is silent over all of them.
+static LAST_SIGN: Mutex<Option<Instant>> = Mutex::new(None);
+
+fn last_sign() -> MutexGuard<'static, Option<Instant>> {
+    LAST_SIGN.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A log in the place of a terminal: the line at hand is written every ten seconds, and nothing is drawn over.
+#[derive(Debug, Default)]
+struct Log(Mutex<String>);
+
+impl Log {
+    fn line(&self) -> MutexGuard<'_, String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl TermLike for Log {
+    fn width(&self) -> u16 {
+        // Lines of a log are not cut.
+        1000
+    }
+
+    fn move_cursor_up(&self, _: usize) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn move_cursor_down(&self, _: usize) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn move_cursor_right(&self, _: usize) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn move_cursor_left(&self, _: usize) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn write_line(&self, text: &str) -> std::io::Result<()> {
+        self.write_str(text)
+    }
+
+    fn write_str(&self, text: &str) -> std::io::Result<()> {
+        self.line().push_str(text);
+        Ok(())
+    }
+
+    fn clear_line(&self) -> std::io::Result<()> {
+        self.line().clear();
+        Ok(())
+    }
+
+    fn flush(&self) -> std::io::Result<()> {
+        let (mut line, mut last) = (self.line(), last_sign());
+        let text = line.trim().trim_end_matches(';');
+        if last.get_or_insert_with(Instant::now).elapsed() >= SILENCE && !text.is_empty() {
+            let _ = writeln!(std::io::stderr().lock(), "{text}");
+            *last = Some(Instant::now());
+        }
+        line.clear();
+        Ok(())
     }
 }

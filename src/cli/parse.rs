@@ -40,9 +40,17 @@ pub fn share(text: &str) -> Result<f64, String> {
     not_negative(text).and_then(|v| if v < 1.0 { Ok(v) } else { Err(format!("'{text}' must be below 1")) })
 }
 
+/// The smallest angle of view: a pixel of smaller ones is below what cameras can be placed for.
+const SMALLEST_ANGLE: f64 = 1e-3;
+/// The brightest radiance of a colour option: squares of it are still held in single precision.
+const BRIGHTEST: f64 = 1e15;
+
 /// An angle of view in degrees.
 pub fn angle(text: &str) -> Result<f64, String> {
     let degrees = positive(text)?;
+    if degrees < SMALLEST_ANGLE {
+        return Err(format!("'{text}' is too small an angle; give {SMALLEST_ANGLE} to 170 degrees"));
+    }
     if degrees < 170.0 { Ok(degrees) } else { Err(format!("'{text}' must be below 170 degrees")) }
 }
 
@@ -77,6 +85,9 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
 /// Scene-linear `r,g,b`, or one number for grey; from zero on.
 pub fn colour(text: &str) -> Result<[f32; 3], String> {
     let numbers = text.split(',').map(not_negative).collect::<Result<Vec<_>, _>>()?;
+    if numbers.iter().any(|v| *v > BRIGHTEST) {
+        return Err(format!("'{text}' is brighter than {BRIGHTEST:e}, the most that a radiance may be"));
+    }
     match numbers[..] {
         [grey] => Ok([grey as f32; 3]),
         [r, g, b] => Ok([r as f32, g as f32, b as f32]),
@@ -94,6 +105,9 @@ mod tests {
         assert!(size("640").is_err() && size("0x4").is_err() && size("4x70000").is_err());
         assert_eq!(colour("0.5").unwrap(), [0.5; 3]);
         assert_eq!(colour("1, 0,0.25").unwrap(), [1.0, 0.0, 0.25]);
+        assert!(
+            colour("1e308").is_err() && colour("0,0,1e30").is_err() && angle("1e-300").is_err() && angle("0.5").is_ok()
+        );
         assert!(colour("1,2").is_err() && colour("-1").is_err() && colour("nan").is_err());
         assert!(corners("0,0,0,1,1").is_err() && corners("0,0,0,-1,1,1").is_err() && corners("0,0,0,1,1,1").is_ok());
         assert_eq!(ascending("-1, 2.5").unwrap(), [-1.0, 2.5]);

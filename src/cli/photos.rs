@@ -4,22 +4,26 @@ use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::formats::vdb::Limits;
 use crate::optimise::observation::Photo;
+use crate::render::film::Film;
 use crate::scene::capture::{Capture, Frame};
 use rayon::prelude::*;
+use std::path::Path;
 
 /// Reads all pictures.
 ///
 /// # Errors
-/// If one cannot be read or has another size than its camera, or they do not fit in memory.
-pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits) -> Result<Vec<Photo>> {
+/// If one cannot be read, has another size than its camera or holds no colours, or they do not fit in memory.
+pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits, read: &(dyn Fn() + Sync)) -> Result<Vec<Photo>> {
     let pixels: u64 = capture.frames.iter().map(|f| u64::from(f.camera.width) * u64::from(f.camera.height)).sum();
     // Colours, depths and weights, and the rays that the solver walks.
     if pixels * 48 > limits.max_memory {
         return Err(Error::unsupported(format!("{pixels} pixels do not fit in memory"))
             .hint("use fewer or smaller pictures, or raise --max-memory"));
     }
+    let tick = read;
     let read = |frame: &Frame| {
-        let film = exr::read_picture_within(&frame.picture, layer, limits)?;
+        let film = colours(&frame.picture, layer, limits)?;
+        tick();
         let (w, h) = (frame.camera.width as usize, frame.camera.height as usize);
         if (film.width, film.height) != (w, h) {
             return Err(Error::invalid(format!(
@@ -32,6 +36,46 @@ pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits) -> Result<Ve
         Ok(Photo { camera: frame.camera, film, name: frame.picture.display().to_string() })
     };
     capture.frames.par_iter().map(read).collect()
+}
+
+/// Reads a picture if it holds colours: a depth or an alpha alone would be taken for grey light.
+fn colours(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
+    let header = exr::header(path)?;
+    let chosen = |name: &str| {
+        layer.is_none_or(|wanted| {
+            name.eq_ignore_ascii_case(wanted)
+                || name.rsplit('.').next().is_some_and(|last| last.eq_ignore_ascii_case(wanted))
+        })
+    };
+    let layers: Vec<Vec<String>> = header
+        .layers()
+        .iter()
+        .filter(|l| chosen(&l.name))
+        .map(|l| l.channels.iter().map(|&c| header.parts[l.part].channels[c].component.clone()).collect())
+        .collect();
+    let is = |component: &String, names: &[&str]| names.iter().any(|n| component.eq_ignore_ascii_case(n));
+    let alpha = |c: &String| is(c, &["A", "alpha"]);
+    let depth = |c: &String| is(c, &["Z", "ZBack", "depth"]);
+    let hint = if layer.is_some() {
+        "name another layer with --layer, or render the view with colours (R, G, B)"
+    } else {
+        "render the view with colours (R, G, B), and alpha where it is known"
+    };
+    let odd = |channels: &Vec<String>| match channels.iter().filter(|c| !alpha(c)).collect::<Vec<_>>()[..] {
+        [] => Some("alpha alone"),
+        [one] if depth(one) => Some("a depth alone"),
+        [_, _] => Some("two channels, which are no colours"),
+        _ => None,
+    };
+    // Where there is something else, that is what is read.
+    if !layers.is_empty() && layers.iter().all(|l| odd(l).is_some()) {
+        let what = layers.iter().find_map(odd).unwrap_or_default();
+        let names = layers.concat().join(", ");
+        return Err(Error::invalid(format!("the picture holds {what} (channels {names}); colours are expected"))
+            .at(path)
+            .hint(hint));
+    }
+    exr::read_picture_within(path, layer, limits)
 }
 
 /// Numbers of the held-out views, evenly spaced: `count` of them, or one if there are `enough` views.

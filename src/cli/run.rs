@@ -1,7 +1,9 @@
 //! What a reconstruction did: its report, kept beside the page so that the page can be made again.
 
 use super::provenance::Provenance;
+use crate::optimise::cost::Cost;
 use crate::optimise::density::{Stage, Step};
+use crate::optimise::plausibility::Warning;
 use crate::scene::capture::PixelFilter;
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
@@ -41,8 +43,8 @@ pub struct Run {
     pub iterations: u32,
     /// Wall time up to the writing of the VDB.
     pub seconds: f64,
-    /// PSNR of the views that were used, peak 1.
-    pub train_psnr_db: f64,
+    /// PSNR of the views that were used, peak 1; none if it was not measured any more after a stop.
+    pub train_psnr_db: Option<f64>,
     /// PSNR of those that were not.
     pub held_out_psnr_db: Option<f64>,
     /// Largest resident memory of the process in MB (2²⁰ bytes); none where the system does not tell.
@@ -59,6 +61,12 @@ pub struct Run {
     pub voxel_size: [f64; 3],
     /// Unknown voxels on the finest level.
     pub unknowns: usize,
+    /// What it was expected to cost.
+    #[serde(default)]
+    pub expected: Option<Cost>,
+    /// What contradicts the model, before the work and after it.
+    #[serde(default)]
+    pub warnings: Vec<Warning>,
     /// The page, if one was asked for.
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub report: Option<PathBuf>,
@@ -76,6 +84,11 @@ pub fn rays_per_edge(filter: PixelFilter) -> usize {
         PixelFilter::Point => 1,
         PixelFilter::Box => 2,
     }
+}
+
+/// Warnings as a report's text shows them.
+pub fn write_warnings(f: &mut fmt::Formatter<'_>, warnings: &[Warning]) -> fmt::Result {
+    warnings.iter().try_for_each(|w| writeln!(f, "  warning: {}\n    {}", w.what, w.remedy))
 }
 
 /// Largest resident memory of this process so far, in units of 2²⁰ bytes.
@@ -100,12 +113,9 @@ impl fmt::Display for Run {
         let [x, y, z] = self.voxel_size;
         writeln!(f, "{}: grid '{}', {} voxels of {x} x {y} x {z}", self.output.display(), self.grid, self.unknowns)?;
         writeln!(f, "  {} iterations in {:.2} s", self.iterations, self.seconds)?;
-        writeln!(
-            f,
-            "  used views     {:.2} dB ({})",
-            self.train_psnr_db,
-            self.views.saturating_sub(self.held_out.len())
-        )?;
+        if let Some(psnr) = self.train_psnr_db {
+            writeln!(f, "  used views     {psnr:.2} dB ({})", self.views.saturating_sub(self.held_out.len()))?;
+        }
         if let Some(psnr) = self.held_out_psnr_db {
             writeln!(f, "  held-out views {psnr:.2} dB ({})", self.held_out.len())?;
         }
@@ -115,6 +125,6 @@ impl fmt::Display for Run {
         if let Some(page) = &self.report {
             writeln!(f, "  report         {}", page.display())?;
         }
-        Ok(())
+        write_warnings(f, &self.warnings)
     }
 }

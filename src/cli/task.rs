@@ -7,14 +7,17 @@ use super::outputs::{self, Content};
 use super::provenance::Provenance;
 use super::run::Run;
 use super::{photos, report};
-use crate::error::Result;
+use crate::error::{Kind, Result};
 use crate::formats::vdb::Limits;
+use crate::optimise::cancel::Cancel;
 use crate::optimise::observation::Photo;
+use crate::optimise::plausibility::{self, Warning};
 use crate::scene::capture::Capture;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 /// A task that has begun.
 #[derive(Debug)]
@@ -36,6 +39,7 @@ impl<'t> Task<'t> {
     /// As [`outputs::file`] and [`report::prepare`].
     pub fn begin(output: &Path, content: Content, report: Option<&'t Path>, memory: &Memory) -> Result<Self> {
         let (cancel, provenance) = (cancel::listen(), Provenance::begin());
+        watch(cancel);
         outputs::file(output, content)?;
         if let Some(dir) = report {
             report::prepare(dir)?;
@@ -43,15 +47,41 @@ impl<'t> Task<'t> {
         Ok(Self { provenance, limits: memory.limits(), cancel, report })
     }
 
-    /// The pictures of a capture, which lies at `json`.
+    /// The pictures of a capture, which lies at `json`, and what about them is doubtful.
     ///
     /// # Errors
-    /// As [`photos::read`].
-    pub fn photos(&mut self, json: &Path, capture: &Capture, layer: Option<&str>) -> Result<Vec<Photo>> {
-        let photos = photos::read(capture, layer, self.limits)?;
+    /// As [`photos::read`], and if pictures and capture contradict each other.
+    pub fn photos(
+        &mut self,
+        json: &Path,
+        capture: &Capture,
+        layer: Option<&str>,
+        output: &Output,
+    ) -> Result<(Vec<Photo>, Vec<Warning>)> {
+        let bar = output.progress(capture.frames.len() as u64, "reading pictures");
+        let photos = photos::read(capture, layer, self.limits, &|| bar.inc(1))?;
         let pictures = capture.frames.iter().map(|f| f.picture.as_path());
         self.provenance.input(json, std::iter::once(json).chain(pictures))?;
-        Ok(photos)
+        let findings = plausibility::pictures(&photos, capture);
+        bar.finish_and_clear();
+        let warnings = plausibility::refuse(findings).map_err(|e| e.at(json))?;
+        output.warn(&warnings);
+        Ok((photos, warnings))
+    }
+
+    /// From here on a first Ctrl-C asks the work to stop, and what it has found is written; before, it ends the program.
+    pub fn work_begins(&self) {
+        WORKING.store(true, Ordering::SeqCst);
+    }
+
+    /// Polled by passes that search.
+    pub fn stop(&self) -> Cancel {
+        Cancel::on(self.cancel)
+    }
+
+    /// Polled by passes that only measure or show what was found: these have a second more.
+    pub fn closing(&self) -> Cancel {
+        Cancel::on(&OVERDUE)
     }
 
     /// Whether to go on.
@@ -65,10 +95,49 @@ impl<'t> Task<'t> {
     /// If the page cannot be made or the report not be printed.
     pub fn finish(&self, mut run: Run, output: &Output) -> Result<ExitCode> {
         if let Some(dir) = self.report {
-            run.report = Some(report::write(dir, &run, self.limits)?);
+            let _stage = output.stage("report");
+            run.report = Some(report::write(dir, &run, self.limits, self.closing())?);
         }
         output.report(&run)?;
         Ok(exit_code(run.stopped, output))
+    }
+}
+
+/// True once there is something that a stopped task could write.
+static WORKING: AtomicBool = AtomicBool::new(false);
+/// Set some time after the first Ctrl-C.
+static OVERDUE: AtomicBool = AtomicBool::new(false);
+
+/// Watches for the first Ctrl-C: ends the program where there is no result yet, and else gives the rest a second.
+fn watch(asked: &'static AtomicBool) {
+    std::thread::spawn(move || {
+        while !asked.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        if !WORKING.load(Ordering::SeqCst) {
+            std::process::exit(nothing_found());
+        }
+        std::thread::sleep(Duration::from_secs(1));
+        OVERDUE.store(true, Ordering::Relaxed);
+    });
+}
+
+/// Says that nothing was written; the exit code of a program that Ctrl-C ended.
+fn nothing_found() -> i32 {
+    use std::io::Write;
+    let _ = writeln!(std::io::stderr(), "cumulo: stopped by the user before anything was found; nothing is written");
+    130
+}
+
+/// The exit code of work that was stopped before it had a result; other errors are passed on.
+///
+/// # Errors
+/// Those that are not about being stopped.
+pub fn ended<T>(result: Result<T>) -> Result<std::result::Result<T, ExitCode>> {
+    match result {
+        Ok(value) => Ok(Ok(value)),
+        Err(e) if e.kind() == Kind::Cancelled => Ok(Err(ExitCode::from(nothing_found() as u8))),
+        Err(e) => Err(e),
     }
 }
 

@@ -72,7 +72,8 @@ pub fn reconstruct(
             let Shaded { volume, history, mut stages, stopped, .. } =
                 colour::reconstruct(photos, observation, &asked, None, &mut watch)?;
             let begun = Instant::now();
-            let matched = matching::densities(&volume, table, request.medium.extinction, &topology, &unknown)?;
+            let matched =
+                matching::densities(&volume, table, request.medium.extinction, &topology, &unknown, request.cancel)?;
             stages.push(Stage { name: "densities of the colours".into(), seconds: begun.elapsed().as_secs_f64() });
             (matched.owned(), history, stages, stopped)
         }
@@ -91,7 +92,9 @@ pub fn reconstruct(
     let mut rate = RATE;
     let prior = request.prior.unwrap_or(PRIOR);
     let mut fit = Fit::new(topology, lattice, &unknown, &densities, range, rate);
+    fit.cancel = request.cancel;
     let mut best = (fit.psnr(&looked_at, &scene)?, fit.field.clone());
+    stopped |= request.cancel.requested();
     for epoch in 0..request.iterations {
         if stopped || rate < SLOWEST {
             break;
@@ -105,6 +108,10 @@ pub fn reconstruct(
             let last = number + 1 == batches.len();
             if last {
                 now = fit.psnr(&looked_at, &scene)?;
+            }
+            if request.cancel.requested() {
+                stopped = true;
+                break;
             }
             let step = Step {
                 level: 0,
@@ -127,6 +134,7 @@ pub fn reconstruct(
         }
     }
     fit.field = best.1;
+    fit.cancel = request.closing;
     stages.push(Stage { name: "descent".into(), seconds: begun.elapsed().as_secs_f64() });
     Ok(Outcome {
         train_psnr_db: fit.psnr(&train.iter().collect::<Vec<_>>(), &scene)?,

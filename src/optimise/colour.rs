@@ -13,7 +13,7 @@ use crate::optimise::emission::{Emission, Sight};
 use crate::optimise::lattice;
 use crate::optimise::observation::{Observation, Photo};
 use crate::optimise::smooth::Smoother;
-use crate::optimise::solver::Solver;
+use crate::optimise::solver::{Equations, Solver};
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::grid::LEAF_VOXELS;
 use glam::{IVec3, Vec4};
@@ -31,7 +31,8 @@ pub struct Shaded {
     pub history: Vec<Step>,
     /// Time by stage.
     pub stages: Vec<Stage>,
-    /// PSNR of the colours of the views that were used (peak 1).
+    /// PSNR of the colours of the views that were used (peak 1); not a number if that was not measured any more after
+    /// the work was stopped.
     pub train_psnr_db: f64,
     /// The same for those that were not.
     pub held_out_psnr_db: Option<f64>,
@@ -91,6 +92,7 @@ pub fn reconstruct(
             None => work.tinted(mean_colour(photos, request.background)),
         };
         let mut emission = Emission::new(&work.train, &work.extinctions, request.background, work.rays);
+        emission.cancel = request.cancel;
         let colours = work.solve(&mut emission, colours, |loss, held_out_psnr_db| {
             let iteration = history.len() as u32 + 1;
             let step = Step { level, iteration, seconds: start.elapsed().as_secs_f64(), loss, held_out_psnr_db };
@@ -98,12 +100,17 @@ pub fn reconstruct(
             stopped |= watch(&step).is_break();
             if stopped { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
+        stopped |= request.cancel.requested();
         stages.push(Stage { name: format!("colours, level {level}"), seconds: begun.elapsed().as_secs_f64() });
         if level == 0 || stopped {
+            emission.cancel = request.closing;
+            let mut psnr = |sights: &[Sight]| {
+                let square = emission.error(&colours, sights);
+                if request.closing.requested() { f64::NAN } else { decibels(square) }
+            };
             return Ok(Shaded {
-                train_psnr_db: decibels(emission.error(&colours, &work.train)),
-                held_out_psnr_db: (!work.held_out.is_empty())
-                    .then(|| decibels(emission.error(&colours, &work.held_out))),
+                train_psnr_db: psnr(&work.train),
+                held_out_psnr_db: (!work.held_out.is_empty()).then(|| psnr(&work.held_out)),
                 voxels: work.unknown.iter().filter(|u| **u).count(),
                 volume: emission.volume(&colours),
                 history,
@@ -179,6 +186,7 @@ impl Level {
         mut watch: impl FnMut(f64, Option<f64>) -> ControlFlow<()>,
     ) -> Vec<f32> {
         let mut smoother = Smoother::new(&self.extinctions.topology, self.passes, 0.2);
+        smoother.cancel = emission.cancel;
         let mut solver = Solver::new(emission, &mut smoother, &self.unknown, start).robust(self.robust);
         let mut trail: Vec<f64> = Vec::new();
         let mut best = None;
@@ -188,6 +196,9 @@ impl Level {
             }
             let solution = solver.solution();
             let psnr = (!self.held_out.is_empty()).then(|| decibels(solver.equations.error(&solution, &self.held_out)));
+            if solver.equations.cancelled() {
+                break;
+            }
             let stopped = watch(solver.loss(), psnr).is_break();
             if let Some(now) = psnr {
                 if trail.iter().all(|before| now > *before) {

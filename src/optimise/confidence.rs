@@ -9,6 +9,7 @@
 //! S is the diagonal of `JᵀJ`, for which random signs r give `E[(Jᵀr)²]` (Hutchinson 1990; Bekas, Kokiopoulou &
 //! Saad 2007): one backward walk a probe, whatever the renderer. A voxel of several numbers has several sums.
 
+use crate::optimise::cancel::Cancel;
 use crate::optimise::neighbours::Neighbours;
 use crate::optimise::pictures::{self, Accumulators, Gradients, Target};
 use crate::optimise::subject::Subject;
@@ -25,8 +26,16 @@ const BLOCK: usize = 4;
 /// Numbers of a voxel that are known alike: their channels, and how far the prior leaves them open (p).
 pub type Group<'g> = (&'g [usize], f64);
 
-/// Confidence of each voxel (512 a brick), 0..1, for each group. `noise` is the standard deviation of a pixel's error.
-pub fn confidence<L>(light: &L, views: &[&Target], noise: f64, groups: &[Group<'_>]) -> Vec<Vec<f32>>
+/// Confidence of each voxel (512 a brick), 0..1, for each group; none once the work is to stop. `noise` is the standard
+/// deviation of a pixel's error. `tick` is told of the probes that are done and of how many there are.
+pub fn confidence<L>(
+    light: &L,
+    views: &[&Target],
+    noise: f64,
+    groups: &[Group<'_>],
+    cancel: Cancel,
+    mut tick: impl FnMut(usize, usize),
+) -> Option<Vec<Vec<f32>>>
 where
     L: Renderer<Real = f32, Voxel: Subject>,
 {
@@ -41,22 +50,26 @@ where
     for probe in 0..probes {
         let signed: Vec<Target> = views.iter().enumerate().map(|(v, t)| signs(t, v, probe)).collect();
         stored.fill(L::Voxel::default());
-        let mut gradients = Gradients { voxels: Some(&mut stored), ..Gradients::default() };
+        let mut gradients = Gradients { voxels: Some(&mut stored), cancel, ..Gradients::default() };
         let signed: Vec<&Target> = signed.iter().collect();
         pictures::gradient(light, &signed, &linear, Adjoint::Tape, &mut accumulators, &mut gradients);
+        if cancel.requested() {
+            return None;
+        }
         topology.fold(&stored, &mut owned);
         for (squares, (channels, _)) in squares.iter_mut().zip(groups) {
             let share = (BLOCK * BLOCK) as f32 / (probes * channels.len()) as f32;
             let square = |v: &L::Voxel| channels.iter().map(|c| (v.channel(*c) as f32).powi(2)).sum::<f32>();
             squares.par_iter_mut().zip(&owned).for_each(|(s, v)| *s += share * square(v));
         }
+        tick(probe + 1, probes);
     }
     let neighbours = Neighbours::new(topology);
     let share = |(squares, (_, spread)): (&Vec<f32>, &Group<'_>)| {
         let ratio = (spread / noise.max(f64::MIN_POSITIVE)).powi(2);
         (0..count).into_par_iter().map(|voxel| known(squares, &neighbours, voxel, ratio)).collect()
     };
-    squares.iter().zip(groups).map(share).collect()
+    Some(squares.iter().zip(groups).map(share).collect())
 }
 
 /// A voxel's confidence: a few probes are a rough estimate; that of neighbours is nearly the same number.

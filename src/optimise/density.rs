@@ -1,7 +1,8 @@
 //! Density from absorption pictures: hull, levels from coarse to fine, and when to stop.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 use crate::math::{Aabb, Affine};
+use crate::optimise::cancel::Cancel;
 use crate::optimise::depths::Depths;
 use crate::optimise::hull::Hull;
 use crate::optimise::lattice;
@@ -9,7 +10,7 @@ use crate::optimise::observation::{DepthMap, Observation};
 use crate::optimise::prior::{VolumePrior, Weighted};
 use crate::optimise::projector::{Projector, Sample, View};
 use crate::optimise::smooth::Smoother;
-use crate::optimise::solver::Solver;
+use crate::optimise::solver::{Equations, Solver};
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::grid::LEAF_VOXELS;
 use crate::scene::medium::Medium;
@@ -45,6 +46,10 @@ pub struct Request {
     pub init: Option<Bricks<f32>>,
     /// Bytes that may be used.
     pub max_memory: u64,
+    /// Polled inside every pass: what was found by then is the result.
+    pub cancel: Cancel,
+    /// Polled by the passes that only measure the result; a measure that it stopped is missing.
+    pub closing: Cancel,
 }
 
 /// One iteration, for the progress display and the convergence plot.
@@ -81,7 +86,8 @@ pub struct Outcome {
     pub history: Vec<Step>,
     /// Time by stage.
     pub stages: Vec<Stage>,
-    /// PSNR of the transmittance of the views that were used (peak 1).
+    /// PSNR of the transmittance of the views that were used (peak 1); not a number if that was not measured any more
+    /// after the work was stopped.
     pub train_psnr_db: f64,
     /// The same for those that were not.
     pub held_out_psnr_db: Option<f64>,
@@ -130,7 +136,14 @@ pub fn reconstruct(
     for level in (0..levels).rev() {
         let begun = Instant::now();
         let (result, psnr) = {
-            let mut work = Level::new(observation, request, level, field.as_ref(), passes)?;
+            let mut work = match Level::new(observation, request, level, field.as_ref(), passes) {
+                // What the coarser levels found stands.
+                Err(e) if e.kind() == Kind::Cancelled && last.is_some() => {
+                    stopped = true;
+                    break;
+                }
+                work => work?,
+            };
             stages
                 .push(Stage { name: format!("level {level}: hull and rays"), seconds: begun.elapsed().as_secs_f64() });
             let begun = Instant::now();
@@ -149,10 +162,11 @@ pub fn reconstruct(
             stages.push(Stage { name: format!("level {level}: solve"), seconds: begun.elapsed().as_secs_f64() });
             stopped = done.stopped;
             passes = work.smoother.passes;
-            let psnr = (level == 0 || stopped).then(|| work.psnr(&done.voxels));
+            work.projector.cancel = request.closing;
+            let psnr = work.psnr(&done.voxels);
             (work.field(done.voxels), psnr)
         };
-        last = psnr.map(|p| (p, result.1));
+        last = Some((psnr, result.1));
         field = Some(result.0);
         if stopped {
             break;
@@ -215,7 +229,7 @@ impl Level {
     ) -> Result<Self> {
         let stride = 1_usize << level;
         let lattice = lattice::coarser(&request.lattice, level)?;
-        let hull = Hull::new(observation);
+        let hull = Hull::new(observation).cancel(request.cancel);
         // Solver vectors, the field, its accumulators and the way back.
         let per_brick = (LEAF_VOXELS * 9 + BRICK * 4) * size_of::<f32>();
         let limit = (request.max_memory / per_brick as u64) as usize;
@@ -224,12 +238,16 @@ impl Level {
         // Pixels of coarser levels are means of many already; one ray is as good as their model gets.
         let rays = if level == 0 { request.rays_per_edge } else { 1 };
         let mut projector = Projector::new(topology.clone(), lattice, request.medium.extinction, rays);
+        projector.cancel = request.cancel;
         let (held_out, train): (Vec<_>, Vec<_>) =
             observation.maps.iter().enumerate().partition(|(i, _)| request.held_out.contains(i));
         let mut views = |maps: Vec<(usize, &DepthMap)>| {
             projector.views(&maps.into_iter().map(|(_, m)| m).collect::<Vec<_>>(), stride, &unknown)
         };
         let (held_out, train) = (views(held_out), views(train));
+        if request.cancel.requested() {
+            return Err(Error::cancelled());
+        }
         if train.iter().all(|v| v.samples.is_empty()) {
             return Err(
                 Error::invalid("no ray of the pictures meets the region").hint("check --bounds and the cameras")
@@ -239,9 +257,11 @@ impl Level {
             Some(field) => field.resampled(&topology, &lattice),
             None => vec![0.0; unknown.len()],
         };
+        let mut smoother = Smoother::new(&topology, passes, 0.2);
+        smoother.cancel = request.cancel;
         Ok(Self {
             projector,
-            smoother: Smoother::new(&topology, passes, 0.2),
+            smoother,
             robust: request.robust,
             finest: level == 0,
             explore: request.smoothing.is_none(),
@@ -317,6 +337,9 @@ impl Level {
             let projector = &mut *solver.equations.projector;
             let measure = |v: &[View], f: fn(&Sample, &[f64]) -> f64| projector.measure(&solution, v, f);
             let psnr = (!self.held_out.is_empty()).then(|| picture_psnr(&self.held_out, measure));
+            if solver.equations.cancelled() {
+                break;
+            }
             stopped = watch(solver.loss(), psnr).is_break();
             if let Some(now) = psnr {
                 trail.push(now);
@@ -332,6 +355,7 @@ impl Level {
                 break;
             }
         }
+        let stopped = stopped || solver.equations.cancelled();
         let (psnr, voxels) = match best {
             Some((psnr, voxels)) => (Some(psnr), voxels),
             None => (None, solver.solution()),
@@ -339,10 +363,13 @@ impl Level {
         Solved { voxels, psnr, falling: trail.last().copied() < psnr, stopped }
     }
 
-    /// PSNR of the used and of the held-out pictures.
+    /// PSNR of the used and of the held-out pictures; not a number where that is not measured any more.
     fn psnr(&mut self, voxels: &[f32]) -> (f64, Option<f64>) {
         let projector = &mut self.projector;
-        let mut of = |views: &[View]| picture_psnr(views, |v, f| projector.measure(voxels, v, f));
+        let mut of = |views: &[View]| {
+            let psnr = picture_psnr(views, |v, f| projector.measure(voxels, v, f));
+            if projector.cancel.requested() { f64::NAN } else { psnr }
+        };
         (of(&self.train), (!self.held_out.is_empty()).then(|| of(&self.held_out)))
     }
 

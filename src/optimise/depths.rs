@@ -19,6 +19,10 @@ impl<'a> Depths<'a> {
 }
 
 impl Equations for Depths<'_> {
+    fn cancelled(&self) -> bool {
+        self.projector.cancel.requested()
+    }
+
     fn rows(&self) -> usize {
         self.views.iter().map(|v| v.samples.len()).sum()
     }

@@ -4,7 +4,8 @@
 //! The three channels see the same transmittance, and one walk along a ray serves them all. Rays are dealt
 //! to a fixed number of lanes, as those of [`projector`](crate::optimise::projector).
 
-use crate::optimise::observation::Photo;
+use crate::optimise::cancel::Cancel;
+use crate::optimise::observation::{Photo, stride_within};
 use crate::optimise::pictures::{bricks_crossed, lanes};
 use crate::optimise::solver::Equations;
 use crate::render::arch::Arch;
@@ -42,6 +43,7 @@ impl Sight {
     /// `empty` show nothing.
     pub fn new(photo: &Photo, stride: usize, empty: f32) -> Self {
         let (w, h) = (photo.film.width, photo.film.height);
+        let stride = stride_within(stride, w, h);
         let (width, height) = (w.div_ceil(stride), h.div_ceil(stride));
         let mut camera = photo.camera;
         camera.focal /= stride as f64;
@@ -78,6 +80,8 @@ pub struct Emission<'a> {
     owned: Vec<Vec4>,
     /// One accumulator a lane, 729 values a brick.
     lanes: Vec<Vec<Vec4>>,
+    /// Polled between runs of pixels; the results of a pass that it stopped are incomplete.
+    pub cancel: Cancel,
 }
 
 impl<'a> Emission<'a> {
@@ -99,6 +103,7 @@ impl<'a> Emission<'a> {
             extinctions,
             lanes: vec![vec![Vec4::ZERO; field.values.len()]; count],
             field,
+            cancel: Cancel::NEVER,
         }
     }
 
@@ -142,7 +147,7 @@ impl<'a> Emission<'a> {
         let renderer = Preshaded::new(&self.field, background);
         let runs: Vec<(&Camera, &[Pixel])> =
             sights.iter().flat_map(|s| s.pixels.chunks(RUN).map(|p| (&s.camera, p))).collect();
-        let (count, offsets, arch) = (self.lanes.len(), &self.offsets, Arch::default());
+        let (count, offsets, arch, cancel) = (self.lanes.len(), &self.offsets, Arch::default(), self.cancel);
         let sums: Vec<[f64; 2]> = self
             .lanes
             .par_iter_mut()
@@ -153,6 +158,9 @@ impl<'a> Emission<'a> {
                 }
                 let mut sums = [0.0; 2];
                 for (camera, pixels) in runs.iter().skip(lane).step_by(count) {
+                    if cancel.requested() {
+                        break;
+                    }
                     let (renderer, slope, tape) = (&renderer, &slope, &mut *tape);
                     let gradient = back.then_some(&mut gradient[..]);
                     let add = arch.dispatch(Run { renderer, camera, pixels, offsets, slope, tape, gradient });
@@ -181,6 +189,10 @@ impl<'a> Emission<'a> {
 }
 
 impl Equations for &mut Emission<'_> {
+    fn cancelled(&self) -> bool {
+        self.cancel.requested()
+    }
+
     fn rows(&self) -> usize {
         CHANNELS * self.sights.iter().map(|s| s.pixels.len()).sum::<usize>()
     }

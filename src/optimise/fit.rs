@@ -4,6 +4,7 @@
 use crate::error::{Error, Result};
 use crate::math::Affine;
 use crate::optimise::adam::Adam;
+use crate::optimise::cancel::Cancel;
 use crate::optimise::density::Request;
 use crate::optimise::hull::Hull;
 use crate::optimise::neighbours::Neighbours;
@@ -28,7 +29,8 @@ pub fn unknowns(
     lattice: &Affine,
     limit: usize,
 ) -> Result<(Topology, Vec<bool>)> {
-    let (topology, unknown) = Hull::new(observation).unknowns(lattice, &request.bounds, limit)?;
+    let (topology, unknown) =
+        Hull::new(observation).cancel(request.cancel).unknowns(lattice, &request.bounds, limit)?;
     let Source::Transfer(table) = &request.medium.source else { return Ok((topology, unknown)) };
     if table.at(0.0)[3] == 0.0 {
         return Ok((topology, unknown));
@@ -112,6 +114,8 @@ pub struct Fit {
     stored: Vec<f32>,
     accumulators: Accumulators<f32, Tape<f32>>,
     owned: Vec<f32>,
+    /// Polled inside every step; one that it stopped changes nothing.
+    pub cancel: Cancel,
 }
 
 impl Fit {
@@ -133,6 +137,7 @@ impl Fit {
             stored: vec![0.0; topology.len() * BRICK],
             accumulators: Accumulators::default(),
             owned: vec![0.0; mask.len()],
+            cancel: Cancel::NEVER,
             field: Bricks::zeros(topology, lattice),
             mask,
         };
@@ -156,7 +161,7 @@ impl Fit {
     }
 
     /// One step of Adam on the mean of `loss` over the batch's pixels and channels, plus `prior` on the voxels; returns
-    /// the former before it.
+    /// the former before it, which is not a number once the work is to stop.
     ///
     /// # Errors
     /// If the medium cannot be used.
@@ -176,8 +181,11 @@ impl Fit {
         };
         self.stored.fill(0.0);
         let dvr = scene.renderer(&self.field)?;
-        let mut gradients = Gradients { voxels: Some(&mut self.stored), ..Gradients::default() };
+        let mut gradients = Gradients { voxels: Some(&mut self.stored), cancel: self.cancel, ..Gradients::default() };
         let (sum, _) = pictures::gradient(&dvr, batch, &shared, Adjoint::Tape, &mut self.accumulators, &mut gradients);
+        if self.cancel.requested() {
+            return Ok(f64::NAN);
+        }
         self.field.topology.fold(&self.stored, &mut self.owned);
         self.owned.iter_mut().for_each(|g| *g *= self.unit);
         let Weighted { prior, weight } = prior;
@@ -187,13 +195,16 @@ impl Fit {
         Ok(sum * f64::from(share))
     }
 
-    /// PSNR of the colours (peak 1).
+    /// PSNR of the colours (peak 1); not a number once the work is to stop.
     ///
     /// # Errors
     /// If the medium cannot be used.
     pub fn psnr(&self, targets: &[&Target], scene: &Scene<'_>) -> Result<f64> {
         let values: usize = targets.iter().map(|t| 3 * t.rgba.len()).sum();
-        let square = pictures::error(&scene.renderer(&self.field)?, targets);
+        let square = pictures::error(&scene.renderer(&self.field)?, targets, self.cancel);
+        if !square.is_finite() && self.cancel.requested() {
+            return Ok(f64::NAN);
+        }
         Ok(-10.0 * (square / values.max(1) as f64).max(1e-20).log10())
     }
 }

@@ -7,12 +7,14 @@
 
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine, Ray};
+use crate::optimise::cancel::Cancel;
 use crate::optimise::observation::{DepthMap, Observation};
 use crate::scene::bricks::Topology;
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::grid::LEAF_VOXELS;
 use glam::{DMat3, DVec2, DVec3, IVec3};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// One view's silhouette as a summed-area table, so that any rectangle is judged at once.
 struct Silhouette<'a> {
@@ -99,6 +101,7 @@ impl<'a> Silhouette<'a> {
 /// The silhouettes of all views.
 pub struct Hull<'a> {
     views: Vec<Silhouette<'a>>,
+    cancel: Cancel,
 }
 
 impl<'a> Hull<'a> {
@@ -113,7 +116,13 @@ impl<'a> Hull<'a> {
             let frustum = frustum(v.camera);
             v.whole = seen.iter().all(|ray| crosses(ray, &frustum));
         });
-        Self { views }
+        Self { views, cancel: Cancel::NEVER }
+    }
+
+    /// Stops with an error once that is asked for.
+    #[must_use]
+    pub fn cancel(self, cancel: Cancel) -> Self {
+        Self { cancel, ..self }
     }
 
     /// True if some view shows that there is nothing in the ball.
@@ -140,10 +149,13 @@ impl<'a> Hull<'a> {
                 .filter_map(|i| {
                     let p = IVec3::new(i / (CELLS * CELLS), i / CELLS % CELLS, i % CELLS).as_dvec3();
                     let centre = bounds.min + (p + 0.5) * cell;
-                    (!self.carved(centre, 0.5 * cell.length()))
+                    (!self.cancel.requested() && !self.carved(centre, 0.5 * cell.length()))
                         .then(|| Aabb { min: centre - 0.5 * cell, max: centre + 0.5 * cell })
                 })
                 .reduce(|| Aabb::EMPTY, Aabb::union);
+            if self.cancel.requested() {
+                return Err(Error::cancelled());
+            }
             if kept.is_empty() {
                 return Err(Error::invalid(
                     "the pictures contradict one another: no point is non-empty in all of them",
@@ -209,7 +221,7 @@ impl<'a> Hull<'a> {
     /// unknown (512 a brick): those whose own half of the way to the neighbours is not seen empty.
     ///
     /// # Errors
-    /// If the lattice would have more than `limit` bricks, or no voxel is unknown.
+    /// If the lattice would have more than `limit` bricks, or no voxel is unknown; if the work is to stop.
     pub fn unknowns(&self, lattice: &Affine, bounds: &Aabb, limit: usize) -> Result<(Topology, Vec<bool>)> {
         let inside = Aabb {
             min: bounds.corners().iter().map(|c| lattice.to_index(*c)).fold(DVec3::INFINITY, DVec3::min),
@@ -218,16 +230,28 @@ impl<'a> Hull<'a> {
         let voxel = lattice.voxel_size();
         let (low, high) = ((inside.min / 8.0).floor(), (inside.max / 8.0).floor());
         let extent = high - low + 1.0;
-        if extent.x * extent.y * extent.z > 1e8 || low.abs().max(high.abs()).max_element() > 1e8 {
+        if low.abs().max(high.abs()).max_element() > 1e8 {
+            return Err(Error::unsupported(format!(
+                "the region lies {:.3e} voxels from the lattice's origin; at most 8e8 can be numbered",
+                8.0 * low.abs().max(high.abs()).max_element()
+            ))
+            .hint("move cameras and volume towards the origin, or choose a larger --voxel-size"));
+        }
+        if extent.x * extent.y * extent.z > MOST_BRICKS {
             return Err(too_fine(extent * 8.0));
         }
         let (low, extent) = (low.as_ivec3(), extent.as_ivec3());
         let half_brick = 0.5 * (voxel * 8.0).length();
         let brick_at = |i: i32| low + IVec3::new(i / (extent.y * extent.z), i / extent.z % extent.y, i % extent.z);
         let margin = 0.5 * voxel.max_element();
+        // What is too much is not gathered first.
+        let count = AtomicUsize::new(0);
         let candidates: Vec<(IVec3, Vec<bool>)> = (0..extent.element_product())
             .into_par_iter()
             .filter_map(|i| {
+                if self.cancel.requested() || count.load(Ordering::Relaxed) > limit {
+                    return None;
+                }
                 let brick = brick_at(i);
                 let origin = 8 * brick;
                 if self.carved(lattice.to_world(origin.as_dvec3() + 3.5), half_brick) {
@@ -240,9 +264,15 @@ impl<'a> Hull<'a> {
                         within && !self.carved(lattice.to_world(p), margin)
                     })
                     .collect();
-                unknown.contains(&true).then_some((brick, unknown))
+                unknown.contains(&true).then(|| {
+                    count.fetch_add(1, Ordering::Relaxed);
+                    (brick, unknown)
+                })
             })
             .collect();
+        if self.cancel.requested() {
+            return Err(Error::cancelled());
+        }
         if candidates.len() > limit {
             return Err(too_fine(extent.as_dvec3() * 8.0));
         }
@@ -259,6 +289,76 @@ impl<'a> Hull<'a> {
         Ok((topology, unknown))
     }
 }
+
+/// How many unknowns a lattice has, estimated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Survey {
+    /// Blocks of 8³ voxels, with those that only cells of unknowns reach into.
+    pub bricks: f64,
+    /// Unknown voxels.
+    pub unknowns: f64,
+    /// Voxels along the longest edge of the region.
+    pub longest: f64,
+}
+
+/// Blocks that are looked at for an estimate, and those of them whose voxels are.
+const SURVEYED: f64 = 2e5;
+const SURVEYED_VOXELS: usize = 512;
+
+impl Hull<'_> {
+    /// Estimates what [`Hull::unknowns`] would give, from evenly spaced blocks, without gathering them.
+    ///
+    /// # Errors
+    /// If the work is to stop.
+    pub fn survey(&self, lattice: &Affine, bounds: &Aabb) -> Result<Survey> {
+        let corners = bounds.corners().map(|c| lattice.to_index(c));
+        let min = corners.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+        let max = corners.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+        let voxel = lattice.voxel_size();
+        let (low, high) = ((min / 8.0).floor(), (max / 8.0).floor());
+        let extent = high - low + 1.0;
+        // A stride along each axis: every place of the region has its turn alike.
+        let stride = (extent.element_product() / SURVEYED).cbrt().ceil().max(1.0);
+        let count = (extent / stride).ceil().as_i64vec3();
+        let half_brick = 0.5 * (voxel * 8.0).length();
+        let kept: Vec<DVec3> = (0..count.element_product())
+            .into_par_iter()
+            .filter_map(|i| {
+                let at = [i / (count.y * count.z), i / count.z % count.y, i % count.z].map(|v| v as f64);
+                let brick = low + (stride * (DVec3::from_array(at) + 0.5)).floor().min(extent - 1.0);
+                let origin = 8.0 * brick;
+                (!self.cancel.requested() && !self.carved(lattice.to_world(origin + 3.5), half_brick)).then_some(origin)
+            })
+            .collect();
+        let margin = 0.5 * voxel.max_element();
+        let step = kept.len().div_ceil(SURVEYED_VOXELS).max(1);
+        let of_brick = |origin: &DVec3| {
+            let unknown = |v: i32| {
+                let p = *origin + IVec3::new(v >> 6, v >> 3 & 7, v & 7).as_dvec3();
+                p.cmpge(min - 0.5).all() && p.cmple(max + 0.5).all() && !self.carved(lattice.to_world(p), margin)
+            };
+            (0..LEAF_VOXELS as i32).filter(|v| unknown(*v)).count()
+        };
+        let looked: Vec<usize> = kept.par_iter().step_by(step).map(of_brick).collect();
+        if self.cancel.requested() {
+            return Err(Error::cancelled());
+        }
+        // Blocks that were looked at stand for others.
+        let each = extent.element_product() / count.as_dvec3().element_product();
+        let total = each * kept.len() as f64;
+        let voxels: usize = looked.iter().sum();
+        let some = looked.iter().filter(|n| **n > 0).count() as f64 / looked.len().max(1) as f64;
+        let own = total * some;
+        Ok(Survey {
+            bricks: (own.cbrt() + 1.0).powi(3).min((extent + 1.0).element_product()),
+            unknowns: total * voxels as f64 / looked.len().max(1) as f64,
+            longest: (bounds.size() / voxel).max_element(),
+        })
+    }
+}
+
+/// Blocks of 8³ voxels of a region that are looked at one by one.
+const MOST_BRICKS: f64 = 1e8;
 
 /// Some of the rays of a picture that meet something.
 const SHOWN: usize = 1024;

@@ -10,6 +10,7 @@
 //! clear and open to the outside is empty.
 
 use crate::error::Result;
+use crate::optimise::cancel::Cancel;
 use crate::optimise::lattice;
 use crate::optimise::neighbours::Neighbours;
 use crate::scene::bricks::{Bricks, Topology};
@@ -148,7 +149,8 @@ impl Samples {
 }
 
 /// Densities on the lattice of `volume`. `scale` multiplies the function's extinction; `known` says which voxels
-/// (512 a brick of `topology`) are looked for: the others have the density 0.
+/// (512 a brick of `topology`) are looked for: the others have the density 0. Once the work is to stop, voxels keep what
+/// they have.
 ///
 /// # Errors
 /// If the lattice cannot be made coarser.
@@ -158,6 +160,7 @@ pub fn densities(
     scale: f64,
     topology: &Arc<Topology>,
     unknown: &[bool],
+    cancel: Cancel,
 ) -> Result<Bricks<f32>> {
     let samples = Samples::new(table, scale);
     let extent = volume.topology.bounds().size().max_element();
@@ -174,7 +177,7 @@ pub fn densities(
     let mut found: Option<Bricks<f32>> = None;
     for mut level in levels.into_iter().rev() {
         let start = found.map(|f: Bricks<f32>| f.resampled(&level.densities.topology, &level.densities.transform));
-        found = Some(level.settle(&samples, start));
+        found = Some(level.settle(&samples, start, cancel));
     }
     Ok(found.unwrap_or_else(|| Bricks::zeros(topology.clone(), volume.transform)))
 }
@@ -219,12 +222,13 @@ impl Level {
     }
 
     /// Lets all voxels find their densities in turn.
-    fn settle(&mut self, samples: &Samples, start: Option<Vec<f32>>) -> Bricks<f32> {
+    fn settle(&mut self, samples: &Samples, start: Option<Vec<f32>>, cancel: Cancel) -> Bricks<f32> {
         let neighbours = Neighbours::new(&self.densities.topology);
         let (targets, unknown) = (&self.targets, &self.unknown);
         let begin = |cost: &mut Vec<f32>, voxel: usize| match &start {
             _ if !unknown[voxel] => samples.empty,
             Some(start) => samples.nearest(start[voxel]),
+            None if cancel.requested() => samples.empty,
             None => samples.lowest(targets[voxel], cost),
         };
         let all = 0..targets.len();
@@ -245,6 +249,9 @@ impl Level {
         // A voxel whose neighbours stay has nothing to reconsider.
         let mut changed = vec![true; found.len()];
         for round in 0..4 * ROUNDS {
+            if cancel.requested() {
+                break;
+            }
             if round == 2 * ROUNDS {
                 found = medians(&medians(&found));
             }
@@ -255,7 +262,7 @@ impl Level {
             let look = |(cost, beside): &mut (Vec<f32>, Vec<Beside>), voxel: usize| {
                 let i = voxel % LEAF_VOXELS;
                 let half = ((i >> 6) + (i >> 3) + i) & 1;
-                if !unknown[voxel] || half != (round & 1) as usize {
+                if !unknown[voxel] || half != (round & 1) as usize || cancel.requested() {
                     return before[voxel];
                 }
                 let own = targets[voxel];

@@ -123,7 +123,26 @@ impl Observation {
     }
 }
 
+/// Pixels that the shorter side of a picture keeps, however coarse the volume: with fewer the rays say nothing.
+const FEWEST: usize = 8;
+
+/// The largest of the halvings of `stride` by which a picture of this size keeps at least 8 pixels along its shorter
+/// side; 1 for smaller pictures.
+pub fn stride_within(stride: usize, width: usize, height: usize) -> usize {
+    let shorter = width.min(height);
+    let mut stride = stride.max(1);
+    while stride > 1 && shorter / stride < FEWEST {
+        stride /= 2;
+    }
+    stride
+}
+
 impl DepthMap {
+    /// As [`stride_within`] for this picture.
+    pub fn stride_within(&self, stride: usize) -> usize {
+        stride_within(stride, self.width, self.height)
+    }
+
     /// Means over blocks of `stride`² pixels, weights summed: a view for a coarser volume.
     pub fn reduced(&self, stride: usize) -> Self {
         if stride <= 1 {

@@ -5,7 +5,7 @@
 //! Densities are in the unit in which the paper's volumes lie in 0..1: the last point of a transfer function, or else
 //! taken from the pictures, the density that, over a quarter of the box, gives the largest optical depth seen.
 
-use crate::error::Result;
+use crate::error::{Kind, Result};
 use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::fit::{Fit, Scene, absolute, batches, unknowns};
 use crate::optimise::lattice;
@@ -60,10 +60,30 @@ pub fn reconstruct(
 
     let mut level = coarsest(request);
     let mut field = request.init.clone();
-    let (mut history, mut stages) = (Vec::new(), Vec::new());
+    let (mut history, mut stages): (Vec<Step>, Vec<Stage>) = (Vec::new(), Vec::new());
+    let mut unknowns = None;
     loop {
         let begun = Instant::now();
-        let mut fit = begin(observation, request, level, field.as_ref(), unit)?;
+        let mut fit = match begin(observation, request, level, field.as_ref(), unit) {
+            // What the coarser levels found stands.
+            Err(e)
+                if e.kind() == Kind::Cancelled
+                    && let (Some(found), Some(unknowns)) = (field.take(), unknowns) =>
+            {
+                return Ok(Outcome {
+                    field: found,
+                    train_psnr_db: f64::NAN,
+                    held_out_psnr_db: history.last().and_then(|step| step.held_out_psnr_db),
+                    unknowns,
+                    history,
+                    stages,
+                    stopped: true,
+                });
+            }
+            fit => fit?,
+        };
+        unknowns = Some(fit.unknowns());
+        fit.cancel = request.cancel;
         let scene = Scene { medium: &request.medium, background: request.background, quadrature };
         let epochs = if level == 0 { request.iterations } else { COARSE_EPOCHS.min(request.iterations) };
         let mut stopped = false;
@@ -75,6 +95,10 @@ pub fn reconstruct(
                 } else {
                     Some(fit.psnr(&held_out.iter().collect::<Vec<_>>(), &scene)?)
                 };
+                if request.cancel.requested() {
+                    stopped = true;
+                    break 'epochs;
+                }
                 let step = Step {
                     level,
                     iteration: history.len() as u32 + 1,
@@ -91,6 +115,7 @@ pub fn reconstruct(
         }
         stages.push(Stage { name: format!("level {level}: Adam"), seconds: begun.elapsed().as_secs_f64() });
         if level == 0 || stopped {
+            fit.cancel = request.closing;
             return Ok(Outcome {
                 train_psnr_db: fit.psnr(&train.iter().collect::<Vec<_>>(), &scene)?,
                 held_out_psnr_db: match held_out.is_empty() {

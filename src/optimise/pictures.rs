@@ -1,6 +1,7 @@
 //! Gradients of losses that are sums over pixels, for any medium: value, loss derivative and adjoint
 //! of one ray in one go.
 
+use crate::optimise::cancel::Cancel;
 use crate::optimise::parts::{Parts, Tile};
 use crate::render::Renderer;
 use crate::render::dvr::{Adjoint, Loss, ParameterGradient, RayGradient, Sinks};
@@ -35,11 +36,13 @@ pub struct Gradients<'g, V> {
     pub cameras: Option<&'g mut [CameraGradient]>,
     /// By the quadrature's step, in voxels.
     pub step: Option<&'g mut f64>,
+    /// Polled between tiles of pixels; sums of a walk that it stopped are incomplete.
+    pub cancel: Cancel,
 }
 
 impl<V> Default for Gradients<'_, V> {
     fn default() -> Self {
-        Self { voxels: None, table: None, cameras: None, step: None }
+        Self { voxels: None, table: None, cameras: None, step: None, cancel: Cancel::NEVER }
     }
 }
 
@@ -89,7 +92,8 @@ pub fn gradient<L: Renderer<Real = f32>>(
         }
         None => MOST_LANES,
     };
-    let Gradients { voxels, table, cameras, step } = gradients;
+    let Gradients { voxels, table, cameras, step, cancel } = gradients;
+    let cancel = *cancel;
     let lanes = &mut accumulators.0;
     lanes.resize_with(count, Lane::default);
     let length = voxels.as_ref().map_or(0, |v| v.len());
@@ -124,6 +128,9 @@ pub fn gradient<L: Renderer<Real = f32>>(
                 loss: 0.0,
             };
             for Tile { picture, number, new } in tiles {
+                if cancel.requested() {
+                    break;
+                }
                 if let Some(voxels) = &mut sums.voxels {
                     new.iter().for_each(|brick| approach(&mut voxels[*brick as usize * BRICK..][..BRICK], lane > 0));
                 }
@@ -279,11 +286,12 @@ pub fn lanes<V: Voxel>(field: &Bricks<V>, lookups: f64, apart: bool) -> usize {
     1 << (pays as usize).min(fits).clamp(2, MOST_LANES).ilog2()
 }
 
-/// Sum of squared differences of the colours over all pixels that are finite.
-pub fn error(light: &impl Renderer<Real = f32>, targets: &[&Target]) -> f64 {
-    let cancel = std::sync::atomic::AtomicBool::new(false);
+/// Sum of squared differences of the colours over all pixels that are finite; infinite once the work is to stop.
+pub fn error(light: &impl Renderer<Real = f32>, targets: &[&Target], cancel: Cancel) -> f64 {
+    let never = std::sync::atomic::AtomicBool::new(false);
+    let flag = cancel.flag().unwrap_or(&never);
     let of = |t: &&Target| -> f64 {
-        let Some(film) = crate::render::picture(light, &t.camera, t.rays_per_edge, &cancel) else {
+        let Some(film) = crate::render::picture(light, &t.camera, t.rays_per_edge, flag) else {
             return f64::INFINITY;
         };
         let square = |(a, b): (&[f32; 4], &[f32; 4])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();

@@ -90,7 +90,8 @@ pub struct Request<'r> {
 pub struct Found {
     /// Where it stands now.
     pub camera: Camera,
-    /// Root mean square of the colours' differences before and after.
+    /// Root mean square of the colours' differences before and after; not numbers if they were not measured any more
+    /// after the search was stopped.
     pub rms: [f64; 2],
     /// Number of colours that were compared.
     pub count: u64,
@@ -203,29 +204,36 @@ impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
     fn run(mut self, tick: &(dyn Fn() + Sync)) -> Vec<Found> {
         // By whom the end is judged.
         let before = self.linearised(&self.cameras, 0, self.judge);
+        let measured = !self.cancelled();
         let deepest = self.pyramids.iter().map(Vec::len).max().unwrap_or(1);
-        let mut after = Equations::new();
+        let mut after: Option<Equations> = None;
         for level in (0..deepest).rev() {
-            after = self.descend(level, None);
+            after = self.descend(level, None).or(after);
             self.pyramids.iter().filter(|p| level < p.len()).for_each(|_| tick());
         }
         if let Some(judge) = self.judge {
-            after = self.descend(0, Some(judge));
+            after = self.descend(0, Some(judge)).or(after);
             self.pyramids.iter().for_each(|_| tick());
         }
-        let found = self.cameras.iter().zip(before.iter().zip(&after)).map(|(camera, (before, after))| Found {
-            camera: *camera,
-            rms: [before.0.rms(), after.0.rms()],
-            count: after.0.count,
-            iterations: self.iterations,
-            undetermined: after.1.undetermined(),
+        let found = self.cameras.iter().zip(&before).enumerate().map(|(i, (camera, before))| {
+            let after = after.as_ref().map(|all| &all[i]);
+            Found {
+                camera: *camera,
+                rms: [
+                    if measured { before.0.rms() } else { f64::NAN },
+                    after.map_or(f64::NAN, |(normal, _)| normal.rms()),
+                ],
+                count: after.map_or(0, |(normal, _)| normal.count),
+                iterations: self.iterations,
+                undetermined: after.map_or(0, |(_, spectrum)| spectrum.undetermined()),
+            }
         });
         found.collect()
     }
 
     /// Levenberg and Marquardt's method on pictures of one size, with Nielsen's damping (1999).
-    /// Gives the equations where it ends.
-    fn descend(&mut self, level: usize, judge: Option<&V>) -> Equations {
+    /// Gives the equations where it ends; none if it was stopped before they were complete.
+    fn descend(&mut self, level: usize, judge: Option<&V>) -> Option<Equations> {
         let shortest = match (level, judge, self.judge) {
             (0, None, None) => FINE,
             (0, Some(_), _) => JUDGED,
@@ -233,10 +241,13 @@ impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
         };
         let error = |equations: &Equations| equations.iter().map(|(normal, _)| normal.error).sum::<f64>();
         let mut here = self.linearised(&self.cameras, level, judge);
+        if self.cancelled() {
+            return None;
+        }
         let largest = here.iter().map(|(_, spectrum)| spectrum.largest()).fold(0.0, f64::max);
         let (mut damping, mut growth, mut failed) = (DAMPING * largest, 2.0, 0);
         for _ in 0..self.request.iterations {
-            if self.cancel.load(Ordering::Relaxed) {
+            if self.cancelled() {
                 break;
             }
             let (poses, focal, promised) = steps(&here, damping, self.request.solve_focal);
@@ -254,6 +265,9 @@ impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
                 .map(|((c, distance), step)| Frame::new(c, *distance).moved(c, &(share * step), share * focal))
                 .collect();
             let there = self.linearised(&moved, level, judge);
+            if self.cancelled() {
+                break;
+            }
             self.iterations += 1;
             let gain = (error(&here) - error(&there)) / promised;
             if gain > 0.0 {
@@ -269,7 +283,11 @@ impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
                 }
             }
         }
-        here
+        Some(here)
+    }
+
+    fn cancelled(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed)
     }
 
     /// Normal equations of cameras of full pictures on pictures of a level, or the smallest there are.
@@ -279,7 +297,13 @@ impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
             let Target { rgba, rays_per_edge, .. } = &pyramid[level];
             let camera = shrunk(camera, level);
             let frame = Frame::new(&camera, *distance);
-            let rows = Rows { renderer: self.renderer, judge, camera: &camera, rays_per_edge: *rays_per_edge };
+            let rows = Rows {
+                renderer: self.renderer,
+                judge,
+                camera: &camera,
+                rays_per_edge: *rays_per_edge,
+                cancel: self.cancel,
+            };
             let asked = |i: usize| rgba[i][..3].iter().all(|v| v.is_finite());
             let Colours { losses, mix } = self.request.colours;
             let sums = rows.fold(asked, losses, |normal: &mut Normal, i, seen, by| {

@@ -5,6 +5,7 @@
 //! in order: the result has the same bits for any number of threads.
 
 use crate::math::Affine;
+use crate::optimise::cancel::Cancel;
 use crate::optimise::observation::DepthMap;
 use crate::optimise::pictures::lanes;
 use crate::render::arch::Arch;
@@ -53,6 +54,8 @@ pub struct Projector {
     lanes: Vec<Vec<f32>>,
     /// The field at hand, with its aprons.
     field: Bricks<f32>,
+    /// Polled between pixels; the results of a pass that it stopped are incomplete.
+    pub cancel: Cancel,
 }
 
 impl Projector {
@@ -69,6 +72,7 @@ impl Projector {
             lanes: vec![vec![0.0; field.values.len()]; lanes],
             topology,
             field,
+            cancel: Cancel::NEVER,
         }
     }
 
@@ -84,15 +88,18 @@ impl Projector {
         self.topology.spread(&ones, &mut self.field.values);
         let Ok(dvr) = Dvr::new(&self.field, self.medium.clone()) else { return Vec::new() };
         let dvr = dvr.early_stop(0.0);
-        let arch = Arch::default();
+        let (arch, cancel) = (Arch::default(), self.cancel);
         let view = |map: &&DepthMap| {
-            let map = map.reduced(stride);
+            let map = map.reduced(map.stride_within(stride));
             let (mut tape, mut depths) = (Tape::default(), vec![0.0; self.offsets.len()]);
             let pixels = morton(map.width, map.height).filter(|i| map.weight[*i] > 0.0).map(|i| {
                 let (x, y) = (i % map.width, i / map.width);
                 Sample { position: [x as f32 + 0.5, y as f32 + 0.5], depth: map.depth[i], weight: map.weight[i] }
             });
             let (samples, mut idle): (Vec<_>, Vec<_>) = pixels.partition(|sample| {
+                if cancel.requested() {
+                    return false;
+                }
                 let [depth, _] = arch.dispatch(Run {
                     dvr: &dvr,
                     camera: &map.camera,
@@ -122,6 +129,9 @@ impl Projector {
         slope: impl Fn(&Sample, &[f64]) -> (f64, [f64; 2]) + Sync,
     ) -> [f64; 2] {
         let sums = self.walk(voxels, views, slope, true);
+        if self.cancel.requested() {
+            return sums;
+        }
         let (first, rest) = self.lanes.split_at_mut(1);
         first[0].par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
             for lane in rest.iter() {
@@ -154,7 +164,7 @@ impl Projector {
         let runs: Vec<(&Camera, &[Sample])> =
             views.iter().flat_map(|v| v.samples.chunks(RUN).map(|s| (&v.camera, s))).collect();
         let (count, offsets) = (self.lanes.len(), &self.offsets);
-        let arch = Arch::default();
+        let (arch, cancel) = (Arch::default(), self.cancel);
         let sums: Vec<[f64; 2]> = self
             .lanes
             .par_iter_mut()
@@ -167,6 +177,9 @@ impl Projector {
                     }
                     let mut sums = [0.0; 2];
                     for (camera, samples) in runs.iter().skip(lane).step_by(count) {
+                        if cancel.requested() {
+                            break;
+                        }
                         let (dvr, slope, tape, depths) = (&dvr, &slope, &mut *tape, &mut depths[..]);
                         let gradient = back.then_some(&mut gradient[..]);
                         let add = arch.dispatch(Run { dvr, camera, samples, offsets, slope, tape, depths, gradient });

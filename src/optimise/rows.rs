@@ -5,6 +5,7 @@ use crate::render::dvr::RayGradient;
 use crate::render::order::morton;
 use crate::scene::camera::{Camera, CameraGradient};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Pixels handled in one go. Small pictures need many runs, so that all threads have some.
 const RUN: usize = 256;
@@ -20,6 +21,8 @@ pub struct Rows<'r, V> {
     pub camera: &'r Camera,
     /// A pixel is the mean over the square of so many rays.
     pub rays_per_edge: usize,
+    /// Polled between pixels: once it is set the others are left out, and sums are incomplete.
+    pub cancel: &'r AtomicBool,
 }
 
 /// Receives a pixel: its number, red, green, blue and alpha, and its derivatives.
@@ -63,12 +66,15 @@ struct Run<'a, V> {
 
 impl<V: Renderer<Real = f32>> Run<'_, V> {
     fn walk(self) {
-        let Rows { renderer, judge, camera, rays_per_edge } = *self.rows;
+        let Rows { renderer, judge, camera, rays_per_edge, cancel } = *self.rows;
         let (n, width) = (rays_per_edge.max(1), camera.width as usize);
         let share = 1.0 / (n * n) as f64;
         let mut tape = V::Tape::default();
         let mut by = vec![CameraGradient::default(); self.losses.len()];
         for &i in self.pixels {
+            if cancel.load(Ordering::Relaxed) {
+                return;
+            }
             let mut seen = [0.0; 4];
             by.fill(CameraGradient::default());
             for k in 0..n * n {

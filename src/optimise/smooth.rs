@@ -6,6 +6,7 @@
 //! smoothly instead of with the stripes of single rays. `L + a` lifts the middle frequencies against
 //! the 1/|k| of back-projection, which is what the ramp filter of filtered back-projection does.
 
+use crate::optimise::cancel::Cancel;
 use crate::optimise::neighbours::Neighbours;
 use crate::scene::bricks::{NONE, Topology};
 use crate::scene::grid::LEAF_VOXELS;
@@ -19,12 +20,15 @@ pub struct Smoother {
     pub passes: u32,
     ridge: f32,
     scratch: Vec<f32>,
+    /// Polled between blur passes; what the methods that it stopped wrote is incomplete.
+    pub cancel: Cancel,
 }
 
 impl Smoother {
     /// Blurs `passes` times before and after the Laplacian; `ridge` is `a` above, per voxel².
     pub fn new(topology: &Topology, passes: u32, ridge: f32) -> Self {
-        Self { neighbours: Neighbours::new(topology), passes, ridge, scratch: vec![0.0; topology.len() * LEAF_VOXELS] }
+        let scratch = vec![0.0; topology.len() * LEAF_VOXELS];
+        Self { neighbours: Neighbours::new(topology), passes, ridge, scratch, cancel: Cancel::NEVER }
     }
 
     /// Voxels of a field.
@@ -72,6 +76,9 @@ impl Smoother {
     /// `[1 2 1] / 4` along each axis.
     fn blur(&mut self, values: &mut [f32]) {
         for axis in 0..3 {
+            if self.cancel.requested() {
+                return;
+            }
             self.stencil(values, axis, |centre, sides| 0.5 * centre + 0.25 * sides);
         }
     }

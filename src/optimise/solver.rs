@@ -21,6 +21,10 @@ pub trait Equations {
     /// Writes `AᵀW (y - A x)`, in which a row whose weighted residual `√w |y - A x|` is larger than `bound`
     /// counts as if it were that; returns the sums of `√w |y - A x|`, bounded, and of what it is squared.
     fn pull(&mut self, x: &[f32], bound: f64, out: &mut [f32]) -> [f64; 2];
+    /// True once the work is to stop; what the other methods wrote is incomplete then.
+    fn cancelled(&self) -> bool {
+        false
+    }
 }
 
 /// The state of a solve.
@@ -94,7 +98,8 @@ impl<'a, E: Equations> Solver<'a, E> {
         self.x.par_iter().map(|v| v.max(0.0)).collect()
     }
 
-    /// One iteration; false once nothing is left to improve.
+    /// One iteration; false once nothing is left to improve, or the work is to stop: the unknowns are those of the
+    /// iteration before.
     pub fn iterate(&mut self) -> bool {
         if self.left == 0 {
             if !self.begin_cycle() {
@@ -104,7 +109,7 @@ impl<'a, E: Equations> Solver<'a, E> {
         }
         self.left -= 1;
         let curvature = self.equations.normal(&self.direction, &mut self.image);
-        if !(curvature > 0.0 && curvature.is_finite()) {
+        if self.equations.cancelled() || !(curvature > 0.0 && curvature.is_finite()) {
             return false;
         }
         let length = (self.power / curvature) as f32;
@@ -113,6 +118,9 @@ impl<'a, E: Equations> Solver<'a, E> {
         self.square -= self.power * self.power / curvature;
         let before = self.power;
         self.precondition();
+        if self.equations.cancelled() {
+            return false;
+        }
         if self.power.is_nan() || self.power <= 1e-12 * before {
             self.power = 0.0;
             self.left = 0;
@@ -127,6 +135,9 @@ impl<'a, E: Equations> Solver<'a, E> {
     fn begin_cycle(&mut self) -> bool {
         self.x.par_iter_mut().for_each(|x| *x = x.max(0.0));
         let [spread, square] = self.equations.pull(&self.x, self.huber, &mut self.residual);
+        if self.equations.cancelled() {
+            return false;
+        }
         self.square = square;
         if self.robust {
             // Mean absolute value of a normal distribution: σ √(2/π); three σ is rare.

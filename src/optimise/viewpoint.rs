@@ -120,7 +120,12 @@ pub fn search(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool, tick: 
         let about = if number < HIGHEST && !cancel.load(Ordering::Relaxed) { ABOUT } else { 0 };
         let places = about_a_place(&climber.ascent.axes, about, RING * radians_per_pixel(&request.sphere));
         looks += places.len();
-        let seen = places.iter().map(|axes| View { axes: *axes, entropy: at(dvr, &request.sphere, axes) });
+        let seen = places.iter().map(|axes| {
+            let seen = at(dvr, &request.sphere, axes, cancel);
+            // Of a search that was stopped, what the climb saw last.
+            let known = Entropy { value: climber.ascent.value.unwrap_or(0.0), by_turn: DVec3::ZERO, blank: false };
+            View { axes: *axes, entropy: if cancel.load(Ordering::Relaxed) { known } else { seen } }
+        });
         // The first of equals.
         let best = seen.reduce(|a, b| if b.entropy.value > a.entropy.value { b } else { a });
         views.extend(best.map(|view| (climber, view)));
@@ -205,7 +210,8 @@ fn look(
             return None;
         }
         tick();
-        Some((*direction, at(dvr, sphere, &upright(*direction)).value))
+        let value = at(dvr, sphere, &upright(*direction), cancel).value;
+        (!cancel.load(Ordering::Relaxed)).then_some((*direction, value))
     };
     directions.par_iter().map(of).collect()
 }
@@ -247,8 +253,13 @@ fn climb(
             return None;
         }
         let camera = sphere.camera(axes);
-        let Entropy { value, by_turn, .. } =
-            entropy::gradient(&Rows { renderer: dvr, judge: None, camera: &camera, rays_per_edge: 1 }, sphere.centre);
+        let Entropy { value, by_turn, .. } = entropy::gradient(
+            &Rows { renderer: dvr, judge: None, camera: &camera, rays_per_edge: 1, cancel },
+            sphere.centre,
+        );
+        if cancel.load(Ordering::Relaxed) {
+            return None;
+        }
         // A turn about the line of sight changes nothing but the pixels' places.
         Some(Slope { value, gradient: DVec2::new(by_turn.dot(axes.x_axis), by_turn.dot(axes.y_axis)) })
     });
@@ -273,8 +284,9 @@ fn meet(mut climbers: Vec<Climber>, near: f64) -> Vec<Climber> {
     kept
 }
 
-fn at(dvr: &Dvr<'_, f32>, sphere: &Sphere, axes: &DMat3) -> Entropy {
-    entropy::value(&Rows { renderer: dvr, judge: None, camera: &sphere.camera(axes), rays_per_edge: 1 })
+/// Entropy of a view; that of a part of its pixels once `cancel` is set.
+fn at(dvr: &Dvr<'_, f32>, sphere: &Sphere, axes: &DMat3, cancel: &AtomicBool) -> Entropy {
+    entropy::value(&Rows { renderer: dvr, judge: None, camera: &sphere.camera(axes), rays_per_edge: 1, cancel })
 }
 
 #[cfg(test)]

@@ -57,6 +57,19 @@ impl Page {
         self
     }
 
+    /// What the result contradicts, each with what to do about it; nothing where there is nothing.
+    pub fn warnings(&mut self, warnings: &[(impl AsRef<str>, impl AsRef<str>)]) -> &mut Self {
+        if warnings.is_empty() {
+            return self;
+        }
+        let body = html! {
+            ul {
+                @for (what, remedy) in warnings { li { strong { (what.as_ref()) } " " (remedy.as_ref()) } }
+            }
+        };
+        self.section("Warnings", body)
+    }
+
     /// Views beside their re-renders and the differences, all differences in one scale. At most
     /// [`MOST_VIEWS`] rows are shown, those of [`choose`]; `total` is how many views there are, where
     /// `rows` are a part of them.

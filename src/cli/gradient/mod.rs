@@ -19,6 +19,7 @@ use crate::optimise::difference::Quotient;
 use crate::optimise::loss::Loss;
 use crate::optimise::parameter::{CAMERA, Parameter};
 use crate::optimise::plan::{Mode, Plan, Task, Way};
+use crate::optimise::plausibility::Warning;
 use crate::optimise::prior::{Prior, Weighted};
 use crate::optimise::study::{Found, Study};
 use crate::optimise::subject::{Subject, depth_channel};
@@ -32,6 +33,7 @@ use scene::in_double;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Instant;
 
 /// Differentiate a loss on pictures of a volume, and check the derivatives
 ///
@@ -103,6 +105,9 @@ pub struct GradientCommand {
     /// Largest relative error that --check lets pass
     #[arg(long, value_name = "T", default_value_t = 1e-4, value_parser = parse::not_negative, requires = "check")]
     tolerance: f64,
+    /// Let --check check every parameter that is listed, not only a sample of 24 of each kind
+    #[arg(long, requires = "check")]
+    all: bool,
     /// How many voxels to list, those of the largest derivatives
     #[arg(long, value_name = "K", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     largest: u32,
@@ -179,6 +184,11 @@ struct Examined {
 /// The most directions that forward mode is let into: it walks every ray for each few of them.
 const MOST_DIRECTIONS: usize = 512;
 
+/// Parameters of each group that --check samples.
+const SAMPLE: usize = 24;
+/// Values of the loss that a difference quotient takes, on average.
+const EVALUATIONS: f64 = 6.0;
+
 impl GradientCommand {
     /// Reads, plans, differentiates, checks, writes and reports.
     ///
@@ -195,14 +205,17 @@ impl GradientCommand {
         if let Some(dir) = &self.report {
             super::report::prepare(dir)?;
         }
-        let (scene, rest) = self.scene(limits)?;
+        let (scene, rest) = {
+            let _stage = output.stage("reading the volume");
+            self.scene(limits)?
+        };
         let target = self.target.as_deref().map(transforms::json_path);
         for path in [Some(&self.input), target.as_ref(), self.transfer.tf.as_ref()].into_iter().flatten() {
             provenance.input(path, [path.as_path()])?;
         }
         let Examined { mut report, grids, page } = match scene {
-            Scene::Density(field) => self.examine(self.study(field, rest, limits)?, limits, output)?,
-            Scene::PreShaded(volume) => self.examine(self.study(volume, rest, limits)?, limits, output)?,
+            Scene::Density(field) => self.examine(self.study(field, rest, limits, output)?, limits, output)?,
+            Scene::PreShaded(volume) => self.examine(self.study(volume, rest, limits, output)?, limits, output)?,
         };
         if let Some(path) = &self.output {
             provenance.lap();
@@ -231,13 +244,19 @@ impl GradientCommand {
     }
 
     /// Differentiates, and checks if that is asked for.
-    fn examine<V: Subject>(&self, study: Study<V>, limits: Limits, output: &Output) -> Result<Examined> {
+    fn examine<V: Subject>(
+        &self,
+        (study, warnings): (Study<V>, Vec<Warning>),
+        limits: Limits,
+        output: &Output,
+    ) -> Result<Examined> {
         if !self.check {
-            let (found, report) = self.differentiate(&study, limits)?;
-            return self.examined(&study, &found, report);
+            let (found, report) = self.differentiate(&study, limits, output)?;
+            return self.examined(&study, &found, Report { warnings, ..report });
         }
         let mut study = in_double(study);
-        let (found, mut report) = self.differentiate(&study, limits)?;
+        let (found, report) = self.differentiate(&study, limits, output)?;
+        let mut report = Report { warnings, ..report };
         self.compare(&mut study, &mut report, output)?;
         self.examined(&study, &found, report)
     }
@@ -319,7 +338,8 @@ impl GradientCommand {
         (0..=last).filter(asks).collect()
     }
 
-    fn differentiate<V: Subject>(&self, study: &Study<V>, limits: Limits) -> Result<(Found, Report)> {
+    fn differentiate<V: Subject>(&self, study: &Study<V>, limits: Limits, output: &Output) -> Result<(Found, Report)> {
+        let _stage = output.stage("derivatives");
         let (mut parameters, channels) = (self.parameters(study), self.channels::<V>());
         let count = parameters.len() + channels.len() * study.voxels();
         let adjoint = self.adjoint.map(|a| match a {
@@ -380,7 +400,9 @@ impl GradientCommand {
             quadrature: V::quadrature(&study.setting),
             views: study.setting.cameras.len(),
             rows,
+            checked: None,
             worst_relative_error: None,
+            warnings: Vec::new(),
             tolerance: self.check.then_some(self.tolerance),
             output: self.output.clone(),
             report: None,
@@ -390,6 +412,22 @@ impl GradientCommand {
         Ok((found, report))
     }
 
+    /// Numbers of the rows that are checked: all, or at most so many of each group, evenly spaced.
+    fn sample(&self, rows: &[Row]) -> Vec<usize> {
+        if self.all {
+            return (0..rows.len()).collect();
+        }
+        let mut groups: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+        rows.iter().enumerate().for_each(|(i, row)| groups.entry(row.group).or_default().push(i));
+        let spaced = |all: Vec<usize>| {
+            let count = all.len().min(SAMPLE);
+            (0..count).map(|k| all[k * all.len() / count]).collect::<Vec<_>>()
+        };
+        let mut chosen: Vec<usize> = groups.into_values().flat_map(spaced).collect();
+        chosen.sort_unstable();
+        chosen
+    }
+
     /// Sets difference quotients beside the derivatives.
     fn compare<V: Subject<Double = V>>(
         &self,
@@ -397,8 +435,22 @@ impl GradientCommand {
         report: &mut Report,
         output: &Output,
     ) -> Result<()> {
-        let bar = output.progress(report.rows.len() as u64, "check");
-        for row in &mut report.rows {
+        let chosen = self.sample(&report.rows);
+        let begun = Instant::now();
+        study.value().map_err(|e| e.at(&self.input))?;
+        // Of two to nine values each.
+        let seconds = EVALUATIONS * chosen.len() as f64 * begun.elapsed().as_secs_f64();
+        output.note(format!(
+            "check: {} of {} parameters, about {:.0} s{}",
+            chosen.len(),
+            report.parameters,
+            seconds.ceil(),
+            if chosen.len() < report.rows.len() { "; --all checks all that are listed" } else { "" }
+        ));
+        report.checked = Some(chosen.len());
+        let bar = output.progress(chosen.len() as u64, "check");
+        for number in chosen {
+            let row = &mut report.rows[number];
             let quotient = study.difference(row.parameter).map_err(|e| e.part(row.name.clone()).at(&self.input))?;
             (row.difference, row.rounding) = (Some(quotient.value), Some(quotient.rounding));
             bar.inc(1);

@@ -1,7 +1,9 @@
 //! What `cumulo gradient` says.
 
 use crate::cli::provenance::Provenance;
+use crate::cli::run::write_warnings;
 use crate::optimise::parameter::Parameter;
+use crate::optimise::plausibility::Warning;
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
@@ -41,7 +43,12 @@ pub(super) struct Report {
     pub quadrature: String,
     pub views: usize,
     pub rows: Vec<Row>,
+    /// How many of the listed ones a difference quotient was set beside, with --check.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub checked: Option<usize>,
     pub worst_relative_error: Option<f64>,
+    /// What contradicts the model.
+    pub warnings: Vec<Warning>,
     pub tolerance: Option<f64>,
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub output: Option<PathBuf>,
@@ -87,8 +94,13 @@ impl fmt::Display for Report {
         if let Some(page) = &self.report {
             writeln!(f, "{}: written", page.display())?;
         }
+        write_warnings(f, &self.warnings)?;
         if let (Some(worst), Some(tolerance)) = (self.worst_relative_error, self.tolerance) {
             let verdict = if worst <= tolerance { "agree" } else { "do not agree" };
+            if let Some(checked) = self.checked {
+                let all = if checked < self.rows.len() { "; --all checks all that are listed" } else { "" };
+                writeln!(f, "{checked} of {} parameters checked{all}", self.parameters)?;
+            }
             writeln!(f, "derivatives and differences {verdict}: off by {worst:.1e} at most, {tolerance:e} allowed")?;
         }
         Ok(())

@@ -1,12 +1,14 @@
 //! What `cumulo gradient` differentiates: a scene and a loss, from the options and the target.
 
 use super::{GradientCommand, Wrt};
+use crate::cli::output::Output;
 use crate::cli::scene::{Scene, scale};
 use crate::cli::{photos, run, volume};
 use crate::error::{Error, Result};
 use crate::formats::transforms;
 use crate::formats::vdb::Limits;
 use crate::optimise::loss::Rgba;
+use crate::optimise::plausibility::{self, Warning};
 use crate::optimise::study::{Setting, Study, Units};
 use crate::optimise::subject::{Subject, depth_channel, largest};
 use crate::render::quadrature::Quadrature;
@@ -107,14 +109,32 @@ impl GradientCommand {
         Ok((Scene::Density(field), transfer))
     }
 
-    /// Scene and loss.
-    pub(super) fn study<V: Subject>(&self, field: Bricks<V>, rest: Rest, limits: Limits) -> Result<Study<V>> {
+    /// Scene and loss, and what about the pictures is doubtful.
+    pub(super) fn study<V: Subject>(
+        &self,
+        field: Bricks<V>,
+        rest: Rest,
+        limits: Limits,
+        output: &Output,
+    ) -> Result<(Study<V>, Vec<Warning>)> {
+        let mut warnings = Vec::new();
         let Rest { target, model, transfer, cameras } = rest;
         let wanted = match &target {
-            Some(capture) if self.loss().compares() => photos::read(capture, None, limits)?
-                .into_iter()
-                .map(|photo| photo.film.rgba.iter().map(|p| p.map(f64::from)).collect::<Vec<Rgba>>())
-                .collect(),
+            Some(capture) if self.loss().compares() => {
+                let bar = output.progress(capture.frames.len() as u64, "reading pictures");
+                let photos = photos::read(capture, None, limits, &|| bar.inc(1))?;
+                bar.finish_and_clear();
+                // What the options say otherwise is what is differentiated at.
+                let background = self.background.unwrap_or(capture.background);
+                let shown =
+                    Capture { background, emission: self.emission.unwrap_or(capture.emission), ..capture.clone() };
+                warnings = plausibility::warnings(plausibility::pictures(&photos, &shown));
+                output.warn(&warnings);
+                photos
+                    .into_iter()
+                    .map(|photo| photo.film.rgba.iter().map(|p| p.map(f64::from)).collect::<Vec<Rgba>>())
+                    .collect()
+            }
             _ => Vec::new(),
         };
         let peak = transfer.as_ref().map_or(Ok(0.0), |t| t.table().map(|table| table.peak()[3]))?;
@@ -131,7 +151,7 @@ impl GradientCommand {
             rays_per_edge: run::rays_per_edge(target.as_ref().map_or(PixelFilter::Point, |c| c.pixel_filter)),
         };
         self.fits(&study, limits)?;
-        Ok(study)
+        Ok((study, warnings))
     }
 
     /// The function asked for, else that of the target, else the one that the grid carries; none with a

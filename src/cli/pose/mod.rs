@@ -16,6 +16,7 @@ use crate::formats::vdb::Limits;
 use crate::math::Aabb;
 use crate::optimise::observation::Photo;
 use crate::optimise::pictures::Target;
+use crate::optimise::plausibility::Warning;
 use crate::optimise::pose::{self, Colours, Found, Request, levels};
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
@@ -103,6 +104,8 @@ struct Report {
     focal_factor: Option<f64>,
     seconds: f64,
     stopped: bool,
+    /// What contradicts the model.
+    warnings: Vec<Warning>,
     #[serde(serialize_with = "crate::cli::paths::text")]
     report: Option<PathBuf>,
 }
@@ -124,7 +127,7 @@ impl fmt::Display for Report {
         if let Some(page) = &self.report {
             writeln!(f, "  report {}", page.display())?;
         }
-        Ok(())
+        run::write_warnings(f, &self.warnings)
     }
 }
 
@@ -142,8 +145,11 @@ impl Pose {
         let inputs = outputs::of_capture(&json, &capture);
         let others = std::iter::once(&self.volume).chain(&self.transfer.tf);
         outputs::spare([self.output.as_path()], inputs.iter().chain(others).map(PathBuf::as_path))?;
-        let (mut scene, shown) = self.scene(&capture, limits)?;
-        let photos = task.photos(&json, &shown, self.layer.as_deref())?;
+        let (mut scene, shown) = {
+            let _stage = output.stage("reading the volume");
+            self.scene(&capture, limits)?
+        };
+        let (photos, mut warnings) = task.photos(&json, &shown, self.layer.as_deref(), output)?;
         task.provenance.input(&self.volume, [self.volume.as_path()])?;
         if let Some(tf) = &self.transfer.tf {
             task.provenance.input(tf, [tf.as_path()])?;
@@ -169,6 +175,7 @@ impl Pose {
         };
         let request = Request { colours: &colours, centre, iterations: self.iterations, solve_focal: self.solve_focal };
         let searches = |t: &Target| (levels(&t.camera) + 1 + usize::from(judge.is_some())) as u64;
+        task.work_begins();
         let bar = output.progress(targets.iter().map(searches).sum(), "pose");
         let begun = Instant::now();
         let tick = || bar.inc(1);
@@ -181,7 +188,10 @@ impl Pose {
         let stopped = task.flow().is_break();
         task.provenance.lap();
 
-        let mut report = self.summary(&shown, &found, centre, seconds, stopped);
+        if !stopped {
+            warnings.extend(unexplained(&found));
+        }
+        let mut report = Report { warnings, ..self.summary(&shown, &found, centre, seconds, stopped) };
         // Notes of what was overridden for this run do not belong into the capture: only its cameras change.
         let mut solved = Capture { transfer: shown.transfer.clone(), model: shown.model, ..capture };
         solved.frames.iter_mut().zip(&found).for_each(|(frame, found)| frame.camera = found.camera);
@@ -189,7 +199,8 @@ impl Pose {
         extra.insert("provenance".into(), json!(task.provenance));
         transforms::save(&self.output, &solved, &extra)?;
         if let Some(dir) = &self.report {
-            let page = page::page(&report, &solved, &targets, &light, &task.provenance)?;
+            let _stage = output.stage("report");
+            let page = page::page(&report, &solved, &targets, &light, &task.provenance, task.closing())?;
             report.report = Some(page.write(dir)?);
         }
         for camera in &report.cameras {
@@ -292,9 +303,28 @@ impl Pose {
             focal_factor: factor.filter(|_| self.solve_focal),
             seconds,
             stopped,
+            warnings: Vec::new(),
             report: None,
         }
     }
+}
+
+/// Difference of the colours beyond which a picture is not what its camera sees, relative to the peak of 1.
+const UNLIKE: f64 = 0.1;
+
+/// A warning if pictures are not met wherever their cameras stand.
+fn unexplained(found: &[Found]) -> Option<Warning> {
+    let poor = found.iter().filter(|f| f.rms[1] > UNLIKE).count();
+    (poor > 0).then(|| {
+        Warning::new(
+            format!(
+                "{poor} of {} pictures differ from what their cameras see by more than {UNLIKE} (RMS)",
+                found.len()
+            ),
+            "check that the volume, --tf, density_scale, model and background are those of the pictures, and that the \
+             search began within a few degrees",
+        )
+    })
 }
 
 /// Angle in degrees between two cameras' axes, and the way between them in percent of the first one's distance.

@@ -3,21 +3,24 @@
 use super::Report;
 use crate::cli::light::Light;
 use crate::cli::provenance::Provenance;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::metrics;
+use crate::optimise::cancel::Cancel;
 use crate::optimise::pictures::Target;
 use crate::render::film::Film;
 use crate::report::{MOST_VIEWS, Page, ViewRow, choose};
 use crate::scene::capture::Capture;
 use std::sync::atomic::AtomicBool;
 
-/// How far each camera was moved, and what it sees now.
+/// How far each camera was moved, and what it sees now. Once the work is to stop, views are left out that are not
+/// rendered yet.
 pub fn page(
     report: &Report,
     solved: &Capture,
     targets: &[Target],
     light: &Light<'_>,
     provenance: &Provenance,
+    cancel: Cancel,
 ) -> Result<Page> {
     let name = report.output.file_name().unwrap_or(report.output.as_os_str()).to_string_lossy();
     let mut page = Page::new(
@@ -36,6 +39,7 @@ pub fn page(
         figures.push(("Focal length times", format!("{factor:.6}")));
     }
     page.figures(&figures);
+    page.warnings(&report.warnings.iter().map(|w| (&w.what, &w.remedy)).collect::<Vec<_>>());
     let rows: Vec<Vec<String>> = report
         .cameras
         .iter()
@@ -56,12 +60,14 @@ pub fn page(
     let never = AtomicBool::new(false);
     let views = choose(&vec![false; targets.len()], MOST_VIEWS)
         .into_iter()
+        .take_while(|_| !cancel.requested())
         .map(|i| {
             let (frame, target) = (&solved.frames[i], &targets[i]);
-            let render = light.picture(&frame.camera, target.rays_per_edge, &never).ok_or_else(Error::cancelled)?;
+            let flag = cancel.flag().unwrap_or(&never);
+            let Some(render) = light.picture(&frame.camera, target.rays_per_edge, flag) else { return Ok(None) };
             let picture = Film { width: render.width, height: render.height, rgba: target.rgba.clone() };
             let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
-            Ok(ViewRow {
+            Ok(Some(ViewRow {
                 name: frame.picture.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
                 picture,
                 render,
@@ -69,8 +75,9 @@ pub fn page(
                 held_out: false,
                 psnr_db: Some(comparison.psnr_db),
                 note: report.cameras[i].note.clone().unwrap_or_default(),
-            })
+            }))
         })
+        .filter_map(Result::transpose)
         .collect::<Result<Vec<_>>>()?;
     page.views("Views from the new cameras", &views, targets.len())?;
     page.provenance(&provenance.rows());

@@ -1,19 +1,21 @@
 //! `cumulo reconstruct colour`: a pre-shaded volume from emission-absorption pictures.
 
 use super::known;
-use super::region::Region;
+use super::region::{Chosen, Region};
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
 use crate::cli::photos;
 use crate::cli::run::{self, Run, Solver};
-use crate::cli::task::Task;
+use crate::cli::task::{Task, ended};
 use crate::error::{Error, Result};
 use crate::formats::transforms;
-use crate::formats::vdb::{File, Limits, shaded};
+use crate::formats::vdb::{File, shaded};
 use crate::optimise::colour::{self, Shaded};
+use crate::optimise::cost::{Cost, Method};
 use crate::optimise::density::{Request, Stage, Step};
 use crate::optimise::observation::Observation;
+use crate::optimise::residuals;
 use crate::report::{MOST_VIEWS, choose};
 use crate::scene::capture::{Capture, Model};
 use crate::scene::grid::Grid;
@@ -68,7 +70,7 @@ impl Colour {
         let mut task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), &self.memory)?;
         let limits = task.limits;
         let json = transforms::json_path(&self.capture);
-        let capture = transforms::load(&json)?;
+        let capture = transforms::load_within(&json, limits)?;
         let inputs = outputs::of_capture(&json, &capture);
         outputs::spare([self.output.as_path()], inputs.iter().map(PathBuf::as_path))?;
         if capture.model == Model::Absorption {
@@ -79,27 +81,49 @@ impl Colour {
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 8).map_err(|e| e.at(&self.capture))?;
 
         let begun = Instant::now();
-        let photos = task.photos(&json, &capture, self.layer.as_deref())?;
+        let (photos, mut warnings) = task.photos(&json, &capture, self.layer.as_deref(), output)?;
         // With the background's own colour as source, alpha tells the optical depth.
         let observation = Observation::new(&photos, capture.background, capture.background).map_err(|e| e.at(&json))?;
-        let request = self.request(&capture, &observation, held_out, limits).map_err(|e| e.at(&json))?;
+        let mut chosen = self.region.choose(&capture, &observation, output).map_err(|e| e.at(&json))?;
+        output.warn(&chosen.warnings);
+        chosen.writable(&self.output)?;
+        warnings.append(&mut chosen.warnings);
+        let request = self.request(&capture, &chosen, held_out, &task);
         let previous = self.resume && self.output.exists();
         let init = previous.then(|| shaded::read(&File::open(&self.output, limits)?, None, limits.max_memory));
         let init = init.transpose()?;
         let mut stages = vec![Stage { name: "read pictures".into(), seconds: begun.elapsed().as_secs_f64() }];
 
-        let bar = output.progress(colour::most_iterations(&request), "colour");
+        let pixels = photos.iter().map(|p| p.film.rgba.len() as u64).sum();
+        let steps = colour::most_iterations(&request);
+        let expected = Cost::new(Method::Color, &chosen.survey, &request, pixels, steps);
+        expected.fits(limits.max_memory).map_err(|e| e.at(&json))?;
+        output.note(format!("expected: {expected}"));
+        task.work_begins();
+        let bar = output.progress(steps, "color");
         let outcome = colour::reconstruct(&photos, &observation, &request, init, |step: &Step| {
             run::show(&bar, step);
             task.flow()
         });
         bar.finish_and_clear();
         let Shaded { volume, history, stages: solved, train_psnr_db, held_out_psnr_db, voxels, stopped } =
-            outcome.map_err(|e| e.at(&json))?;
+            match ended(outcome.map_err(|e| e.at(&json)))? {
+                Ok(outcome) => outcome,
+                Err(code) => return Ok(code),
+            };
         stages.extend(solved);
         drop(observation);
         let begun = Instant::now();
-        let known = known::grids(&volume, &photos, &request, train_psnr_db);
+        let (known, mut found) = {
+            let stage = output.stage("confidence");
+            known::grids(&volume, &photos, &request, train_psnr_db, |done, of| stage.at(done, of))
+        };
+        found.extend(residuals::held_out(train_psnr_db, held_out_psnr_db));
+        found.extend(residuals::unexplained(train_psnr_db));
+        if !stopped {
+            warnings.append(&mut found);
+        }
+        let stopped = stopped || known.is_empty();
         stages.push(Stage { name: "confidence".into(), seconds: begun.elapsed().as_secs_f64() });
         drop(photos);
 
@@ -117,8 +141,8 @@ impl Colour {
             layer: self.layer.clone(),
             iterations: history.len() as u32,
             seconds,
-            train_psnr_db,
-            held_out_psnr_db,
+            train_psnr_db: Some(train_psnr_db).filter(|v| v.is_finite()),
+            held_out_psnr_db: held_out_psnr_db.filter(|v| v.is_finite()),
             peak_memory_mb: run::peak_memory_mb(),
             stopped,
             views,
@@ -126,6 +150,8 @@ impl Colour {
             held_out: request.held_out,
             voxel_size: volume.transform.voxel_size().to_array(),
             unknowns: voxels,
+            expected: Some(expected),
+            warnings,
             report: None,
             stages,
             history,
@@ -134,17 +160,10 @@ impl Colour {
         task.finish(run, output)
     }
 
-    fn request(
-        &self,
-        capture: &Capture,
-        observation: &Observation,
-        held_out: Vec<usize>,
-        limits: Limits,
-    ) -> Result<Request> {
-        let (lattice, bounds) = self.region.choose(capture, observation)?;
-        Ok(Request {
-            lattice,
-            bounds,
+    fn request(&self, capture: &Capture, chosen: &Chosen, held_out: Vec<usize>, task: &Task<'_>) -> Request {
+        Request {
+            lattice: chosen.lattice,
+            bounds: chosen.bounds,
             medium: Medium::absorbing(1.0),
             background: capture.background,
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),
@@ -154,7 +173,9 @@ impl Colour {
             held_out,
             iterations: self.iterations,
             init: None,
-            max_memory: limits.max_memory,
-        })
+            max_memory: task.limits.max_memory,
+            cancel: task.stop(),
+            closing: task.closing(),
+        }
     }
 }

@@ -1,24 +1,26 @@
 //! `cumulo reconstruct density`: a VDB from absorption or emission-absorption pictures.
 
 use super::known;
-use super::region::Region;
+use super::region::{Chosen, Region};
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
 use crate::cli::photos;
 use crate::cli::run::{self, Run, Solver};
-use crate::cli::task::Task;
+use crate::cli::task::{Task, ended};
 use crate::cli::transfer::TransferOption;
 use crate::error::{Error, Result};
 use crate::formats::vdb::{Codec, File, Limits, write_grids};
 use crate::formats::{transfer, transforms};
+use crate::optimise::cost::{Cost, Method};
 use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::observation::{Observation, Photo};
 use crate::optimise::prior::{VolumePrior, Weighted};
-use crate::optimise::{behind, density, paper};
+use crate::optimise::{behind, density, paper, residuals};
 use crate::report::{MOST_VIEWS, choose};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
+use crate::scene::grid::Grid;
 use crate::scene::medium::Source;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -122,7 +124,7 @@ impl Density {
         let mut task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), &self.memory)?;
         let limits = task.limits;
         let json = transforms::json_path(&self.capture);
-        let mut capture = transforms::load(&json)?;
+        let mut capture = transforms::load_within(&json, limits)?;
         let inputs = outputs::of_capture(&json, &capture);
         let others = [&self.transfer.tf, &self.init].into_iter().flatten();
         outputs::spare([self.output.as_path()], inputs.iter().chain(others).map(PathBuf::as_path))?;
@@ -137,9 +139,13 @@ impl Density {
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 8).map_err(|e| e.at(&self.capture))?;
 
         let begun = Instant::now();
-        let photos = task.photos(&json, &capture, self.layer.as_deref())?;
+        let (photos, mut warnings) = task.photos(&json, &capture, self.layer.as_deref(), output)?;
         let observation = observe(&photos, &capture).map_err(|e| e.at(&json))?;
-        let request = self.request(&capture, &observation, way, held_out, limits).map_err(|e| e.at(&json))?;
+        let mut chosen = self.region.choose(&capture, &observation, output).map_err(|e| e.at(&json))?;
+        output.warn(&chosen.warnings);
+        chosen.writable(&self.output)?;
+        warnings.append(&mut chosen.warnings);
+        let request = self.request(&capture, &chosen, way, held_out, &task).map_err(|e| e.at(&json))?;
         let mut stages = vec![Stage { name: "read pictures".into(), seconds: begun.elapsed().as_secs_f64() }];
 
         let used = photos.len() - request.held_out.len();
@@ -148,6 +154,16 @@ impl Density {
             Way::Behind => behind::most_iterations(&request, used),
             Way::Cg => density::most_iterations(&request),
         };
+        let method = match way {
+            Way::Cg => Method::Cg,
+            Way::Paper => Method::Descent,
+            Way::Behind => Method::Behind,
+        };
+        let pixels = photos.iter().map(|p| p.film.rgba.len() as u64).sum();
+        let expected = Cost::new(method, &chosen.survey, &request, pixels, length);
+        expected.fits(limits.max_memory).map_err(|e| e.at(&json))?;
+        output.note(format!("expected: {expected}"));
+        task.work_begins();
         let bar = output.progress(length, "density");
         let watch = |step: &Step| {
             run::show(&bar, step);
@@ -160,12 +176,25 @@ impl Density {
         };
         bar.finish_and_clear();
         let Outcome { field, history, stages: solved, train_psnr_db, held_out_psnr_db, unknowns, stopped } =
-            outcome.map_err(|e| e.at(&json))?;
+            match ended(outcome.map_err(|e| e.at(&json)))? {
+                Ok(outcome) => outcome,
+                Err(code) => return Ok(code),
+            };
         stages.extend(solved);
         drop(observation);
         let begun = Instant::now();
         let mut grid = field.to_grid(&self.grid);
-        let known = known::grid(&field, &photos, &request, train_psnr_db, &self.grid)?;
+        let (known, found) = {
+            let stage = output.stage("confidence");
+            known::grid(&field, &photos, &request, train_psnr_db, &self.grid, |done, of| stage.at(done, of))?
+        };
+        let mut found = found;
+        found.extend(residuals::held_out(train_psnr_db, held_out_psnr_db));
+        found.extend(residuals::unexplained(train_psnr_db));
+        if !stopped {
+            warnings.append(&mut found);
+        }
+        let stopped = stopped || known.is_none();
         stages.push(Stage { name: "confidence".into(), seconds: begun.elapsed().as_secs_f64() });
         drop((photos, field));
 
@@ -174,7 +203,8 @@ impl Density {
         if let Some(transfer) = capture.transfer.as_ref().filter(|_| capture.model == Model::EmissionAbsorption) {
             grid.metadata.insert(transfer::METADATA_KEY.into(), transfer::to_metadata(transfer));
         }
-        write_grids(&self.output, &[&grid, &known], &task.provenance.metadata(), Codec::default(), false)?;
+        let grids: Vec<&Grid> = std::iter::once(&grid).chain(&known).collect();
+        write_grids(&self.output, &grids, &task.provenance.metadata(), Codec::default(), false)?;
         stages.push(Stage { name: "write".into(), seconds: begun.elapsed().as_secs_f64() });
         let views = capture.frames.len();
         let run = Run {
@@ -185,8 +215,8 @@ impl Density {
             layer: self.layer.clone(),
             iterations: history.len() as u32,
             seconds,
-            train_psnr_db,
-            held_out_psnr_db,
+            train_psnr_db: Some(train_psnr_db).filter(|v| v.is_finite()),
+            held_out_psnr_db: held_out_psnr_db.filter(|v| v.is_finite()),
             peak_memory_mb: run::peak_memory_mb(),
             stopped,
             views,
@@ -194,6 +224,8 @@ impl Density {
             held_out: request.held_out,
             voxel_size: grid.transform.voxel_size().to_array(),
             unknowns,
+            expected: Some(expected),
+            warnings,
             report: None,
             stages,
             history,
@@ -219,17 +251,17 @@ impl Density {
     fn request(
         &self,
         capture: &Capture,
-        observation: &Observation,
+        chosen: &Chosen,
         way: Way,
         held_out: Vec<usize>,
-        limits: Limits,
+        task: &Task<'_>,
     ) -> Result<Request> {
-        let (lattice, bounds) = self.region.choose(capture, observation)?;
+        let limits = task.limits;
         let previous = (self.resume && self.output.exists()).then_some(&self.output);
         let init = self.init.as_ref().or(previous).map(|path| volume(path, limits)).transpose()?;
         Ok(Request {
-            lattice,
-            bounds,
+            lattice: chosen.lattice,
+            bounds: chosen.bounds,
             medium: capture.medium()?,
             background: capture.background,
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),
@@ -240,6 +272,8 @@ impl Density {
             iterations: self.iterations.unwrap_or(if way == Way::Cg { 24 } else { 50 }),
             init,
             max_memory: limits.max_memory,
+            cancel: task.stop(),
+            closing: task.closing(),
         })
     }
 }

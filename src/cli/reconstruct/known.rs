@@ -7,6 +7,9 @@ use crate::optimise::density::Request;
 use crate::optimise::fit::Scene;
 use crate::optimise::observation::Photo;
 use crate::optimise::pictures::Target;
+use crate::optimise::plausibility::Warning;
+use crate::optimise::residuals::Residuals;
+use crate::render::Renderer;
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::{Bricks, Voxel};
@@ -21,31 +24,53 @@ const OPEN: f64 = 0.1;
 /// Share of the positive values that lie below what counts as their range, where no transfer function says it.
 const TOP: usize = 99;
 
-/// Confidence of the densities by all views but the held-out ones, whose pictures are met to within `psnr_db`.
+/// Confidence of the densities by all views but the held-out ones, whose pictures are met to within `psnr_db`, and what
+/// their residuals say of the model. None once the work is to stop.
 ///
 /// # Errors
 /// If the medium cannot be used.
-pub fn grid(field: &Bricks<f32>, photos: &[Photo], request: &Request, psnr_db: f64, name: &str) -> Result<Grid> {
+pub fn grid(
+    field: &Bricks<f32>,
+    photos: &[Photo],
+    request: &Request,
+    psnr_db: f64,
+    name: &str,
+    tick: impl FnMut(usize, usize),
+) -> Result<(Option<Grid>, Vec<Warning>)> {
     let quadrature = Quadrature::usual(matches!(request.medium.source, Source::Transfer(_)));
     let scene = Scene { medium: &request.medium, background: request.background, quadrature };
     let light = scene.renderer(field)?;
     let targets = targets(photos, request);
     let open = OPEN * range(field, &request.medium.source);
     let views: Vec<&Target> = targets.iter().collect();
-    let known = confidence(&light, &views, noise(psnr_db), &[(&[0], open)]);
-    Ok(as_grid(field, known.concat(), name))
+    let warnings = examined(&light, photos, request);
+    let known = confidence(&light, &views, noise(psnr_db), &[(&[0], open)], request.cancel, tick);
+    Ok((known.map(|known| as_grid(field, known.concat(), name)), warnings))
 }
 
 /// The same of extinctions and of emissions: of all their colours, which are seen through the same voxels.
-pub fn grids(volume: &Bricks<Vec4>, photos: &[Photo], request: &Request, psnr_db: f64) -> Vec<Grid> {
+pub fn grids(
+    volume: &Bricks<Vec4>,
+    photos: &[Photo],
+    request: &Request,
+    psnr_db: f64,
+    tick: impl FnMut(usize, usize),
+) -> (Vec<Grid>, Vec<Warning>) {
     let open = |c: usize| OPEN * top(volume.owned().into_iter().map(|v| v[c]));
     let emission = (0..3).map(open).fold(0.0, f64::max);
     let targets = targets(photos, request);
     let light = Preshaded::new(volume, request.background);
     let views: Vec<&Target> = targets.iter().collect();
-    let known = confidence(&light, &views, noise(psnr_db), &[(&[3], open(3)), (&[0, 1, 2], emission)]);
+    let warnings = examined(&light, photos, request);
+    let groups: [(&[usize], f64); 2] = [(&[3], open(3)), (&[0, 1, 2], emission)];
+    let known = confidence(&light, &views, noise(psnr_db), &groups, request.cancel, tick).unwrap_or_default();
     let names = [shaded::EXTINCTION, shaded::EMISSION];
-    known.into_iter().zip(names).map(|(known, name)| as_grid(volume, known, name)).collect()
+    (known.into_iter().zip(names).map(|(known, name)| as_grid(volume, known, name)).collect(), warnings)
+}
+
+fn examined<L: Renderer<Real = f32>>(light: &L, photos: &[Photo], request: &Request) -> Vec<Warning> {
+    let residuals = Residuals::new(light, photos, &request.held_out, request.rays_per_edge, request.cancel);
+    residuals.map(|r| r.warnings()).unwrap_or_default()
 }
 
 /// The views that are used.
@@ -56,6 +81,7 @@ fn targets(photos: &[Photo], request: &Request) -> Vec<Target> {
 }
 
 fn noise(psnr_db: f64) -> f64 {
+    // What was not measured after a stop counts as the least.
     LEAST_NOISE.max(10.0_f64.powf(-psnr_db / 20.0))
 }
 

@@ -1,12 +1,20 @@
 //! Where the unknown voxels of a reconstruction lie.
 
+use crate::cli::output::Output;
 use crate::cli::parse;
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::formats::vdb::{Codec, write_grids};
 use crate::math::{Aabb, Affine};
-use crate::optimise::hull::Hull;
+use crate::optimise::hull::{Hull, Survey};
 use crate::optimise::lattice;
 use crate::optimise::observation::Observation;
+use crate::optimise::plausibility::{self, Warning};
+use crate::scene::bricks::{Bricks, Topology};
 use crate::scene::capture::Capture;
+use glam::IVec3;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
 
 /// Options for the voxels.
 #[derive(Debug, clap::Args)]
@@ -20,6 +28,49 @@ pub(super) struct Region {
     /// Region in world space, x0,y0,z0,x1,y1,z1; auto: where no picture shows that there is nothing
     #[arg(long, value_name = "auto|BOX", default_value = "auto", allow_hyphen_values = true, value_parser = bounds)]
     bounds: Bounds,
+}
+
+/// Unknowns for each pixel from which on a warning is due, and from which on nothing can be found.
+const DOUBTFUL: f64 = 50.0;
+const HOPELESS: f64 = 400.0;
+
+/// Where the unknowns lie.
+#[derive(Debug)]
+pub(super) struct Chosen {
+    /// Index to world.
+    pub lattice: Affine,
+    /// World box of the unknowns.
+    pub bounds: Aabb,
+    /// How many there are, about.
+    pub survey: Survey,
+    /// What is doubtful about it.
+    pub warnings: Vec<Warning>,
+}
+
+impl Chosen {
+    /// Refuses a lattice that no VDB can hold, before the work: writes an empty grid of it beside the output.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn writable(&self, output: &Path) -> Result<()> {
+        let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let waiting = tempfile::Builder::new()
+            .prefix(".cumulo-")
+            .tempdir_in(folder)
+            .map_err(|e| Error::io(folder, e).hint("the output needs a folder that can be written to"))?;
+        let topology = Arc::new(Topology::new([IVec3::ZERO])?);
+        let grid = Bricks::<f32>::zeros(topology, self.lattice).to_grid("density");
+        let probe = waiting.path().join("probe.vdb");
+        write_grids(&probe, &[&grid], &BTreeMap::new(), Codec::default(), false).map_err(|e| {
+            Error::unsupported(format!(
+                "a VDB cannot hold voxels of {:e}: {}",
+                self.lattice.voxel_size().min_element(),
+                e.what()
+            ))
+            .at(output)
+            .hint("scale the scene up: multiply the positions in each 'transform_matrix', the lattice and --voxel-size by a common factor, and divide density_scale by it")
+        })
+    }
 }
 
 /// `--bounds`.
@@ -37,8 +88,14 @@ impl Region {
     /// The lattice, index to world, and the world box of the unknowns.
     ///
     /// # Errors
-    /// If the pictures leave nothing, or the lattice is not usable.
-    pub fn choose(&self, capture: &Capture, observation: &Observation) -> Result<(Affine, Aabb)> {
+    /// If the cameras contradict one another or the pictures leave nothing, or the lattice is not usable.
+    pub fn choose(&self, capture: &Capture, observation: &Observation, output: &Output) -> Result<Chosen> {
+        let _stage = output.stage("visual hull");
+        let mut warnings = match self.bounds {
+            // Who says where the volume is may know of views that show but parts of it.
+            Bounds::Given(_) => plausibility::warnings(plausibility::cameras(observation)),
+            Bounds::Auto => plausibility::refuse(plausibility::cameras(observation))?,
+        };
         let bounds = match self.bounds {
             Bounds::Given(bounds) => bounds,
             Bounds::Auto => Hull::new(observation).bounds()?,
@@ -49,6 +106,38 @@ impl Region {
             (None, None) if capture.lattice.is_some() => None,
             (None, None) => lattice::footprint(&observation.maps, &bounds),
         };
-        Ok((lattice::choose(capture.lattice, voxel_size)?, bounds))
+        let lattice = lattice::choose(capture.lattice, voxel_size)?;
+        let survey = Hull::new(observation).survey(&lattice, &bounds)?;
+        if voxel_size.is_none() && survey.longest < 2.0 {
+            return Err(Error::invalid(format!(
+                "the capture's lattice has voxels of {}, and the region that the pictures show is only {} across",
+                lattice.voxel_size().max_element(),
+                bounds.size().max_element()
+            ))
+            .hint("correct 'lattice' in transforms.json, or give --voxel-size or --resolution"));
+        }
+        warnings.extend(self.determined(&survey, observation, &bounds)?);
+        Ok(Chosen { lattice, bounds, survey, warnings })
+    }
+
+    /// Many more unknowns than measurements are what a damaged camera or a wrong background leaves.
+    fn determined(&self, survey: &Survey, observation: &Observation, bounds: &Aabb) -> Result<Option<Warning>> {
+        let pixels: usize = observation.maps.iter().map(|m| m.depth.len()).sum();
+        let ratio = survey.unknowns / pixels.max(1) as f64;
+        let what = format!(
+            "{pixels} pixels stand against about {:.0} unknown voxels in a region of {:.4} x {:.4} x {:.4}",
+            survey.unknowns,
+            bounds.size().x,
+            bounds.size().y,
+            bounds.size().z
+        );
+        let remedy = "check cameras and background in transforms.json; if they are right, give --voxel-size, --resolution \
+                      or --bounds";
+        let given = self.voxel_size.is_some() || self.resolution.is_some() || matches!(self.bounds, Bounds::Given(_));
+        match ratio {
+            _ if ratio <= DOUBTFUL => Ok(None),
+            _ if ratio <= HOPELESS || given => Ok(Some(Warning::new(what, remedy))),
+            _ => Err(Error::invalid(what).hint(remedy)),
+        }
     }
 }

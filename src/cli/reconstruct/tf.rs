@@ -4,20 +4,27 @@ use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
 use crate::cli::report::transfer::{self as transfer_page, TransferRun, View};
-use crate::cli::task::{Task, exit_code};
+use crate::cli::task::{Task, ended, exit_code};
 use crate::cli::{parse, photos, report, run};
 use crate::error::{Error, Result};
 use crate::formats::transfer::{self, Options};
 use crate::formats::transforms;
 use crate::formats::vdb::Limits;
+use crate::optimise::cancel::Cancel;
+use crate::optimise::cost::Cost;
 use crate::optimise::density::Stage;
+use crate::optimise::observation::Photo;
+use crate::optimise::residuals::{self, Residuals};
 use crate::optimise::transfer::{Request, Solver, reconstruct};
+use crate::render::dvr::Dvr;
 use crate::render::quadrature::Quadrature;
 use crate::report::{MOST_VIEWS, choose};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
+use crate::scene::medium::{Medium, Source};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Reconstruct the transfer function of a known volume from pictures of it
@@ -95,7 +102,7 @@ impl Tf {
         let limits = task.limits;
         let begun = Instant::now();
         let json = transforms::json_path(&self.capture);
-        let capture = transforms::load(&json)?;
+        let capture = transforms::load_within(&json, limits)?;
         let inputs = outputs::of_capture(&json, &capture);
         let others = std::iter::once(&self.volume).chain(&self.init);
         outputs::spare([self.output.as_path()], inputs.iter().chain(others).map(PathBuf::as_path))?;
@@ -105,10 +112,17 @@ impl Tf {
             ));
         }
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 3).map_err(|e| e.at(&json))?;
-        let photos = task.photos(&json, &capture, self.layer.as_deref())?;
-        let field = transfer_page::field(&self.volume, self.grid.as_deref(), limits)?;
+        let (photos, mut warnings) = task.photos(&json, &capture, self.layer.as_deref(), output)?;
+        let field = {
+            let _stage = output.stage("reading the volume");
+            transfer_page::field(&self.volume, self.grid.as_deref(), limits)?
+        };
         task.provenance.input(&self.volume, [self.volume.as_path()])?;
-        let request = self.request(&capture, &field, held_out)?;
+        let request = self.request(&capture, &field, held_out, &task)?;
+        let expected = cost(&request, &field, &photos);
+        expected.fits(limits.max_memory).map_err(|e| e.at(&json))?;
+        output.note(format!("expected: {expected}"));
+        task.work_begins();
         let mut stages = vec![Stage { name: "read".into(), seconds: begun.elapsed().as_secs_f64() }];
 
         let bar = output.progress(u64::from(request.most_steps()), "transfer function");
@@ -119,7 +133,18 @@ impl Tf {
             task.flow()
         });
         bar.finish_and_clear();
-        let outcome = outcome.map_err(|e| e.at(&json))?;
+        let outcome = match ended(outcome.map_err(|e| e.at(&json)))? {
+            Ok(outcome) => outcome,
+            Err(code) => return Ok(code),
+        };
+        if !outcome.stopped {
+            let source = Source::Transfer(Arc::new(outcome.transfer.table()?));
+            let dvr = Dvr::new(&field, Medium { extinction: request.extinction, source })?
+                .background(request.background)
+                .quadrature(request.quadrature);
+            let residuals = Residuals::new(&dvr, &photos, &request.held_out, request.rays_per_edge, task.stop());
+            warnings.extend(residuals.map(|r| r.warnings()).unwrap_or_default());
+        }
         stages.extend(outcome.stages.iter().cloned());
         let seconds = task.provenance.lap();
         let origin = serde_json::to_value(&task.provenance).map_err(|e| Error::invalid(e.to_string()))?;
@@ -147,32 +172,42 @@ impl Tf {
             quadrature: request.quadrature,
             peak_memory_mb: run::peak_memory_mb(),
             stopped: outcome.stopped,
+            expected: Some(expected),
+            warnings,
             report: None,
             confidence: outcome.confidence,
             stages,
             history: outcome.history,
-            provenance: task.provenance,
+            provenance: task.provenance.clone(),
         };
         drop((photos, field));
-        self.look(&mut run, limits)?;
+        {
+            let _stage = output.stage("views");
+            self.look(&mut run, limits, task.closing())?;
+        }
         output.report(&run)?;
         Ok(exit_code(run.stopped, output))
     }
 
     /// Compares renders with the held-out views, and writes the page if one is asked for.
-    fn look(&self, run: &mut TransferRun, limits: Limits) -> Result<()> {
+    fn look(&self, run: &mut TransferRun, limits: Limits, closing: Cancel) -> Result<()> {
         let begun = Instant::now();
         let mut which = run.held_out.clone();
         if self.report.is_some() {
             which.extend(run.shown.iter().filter(|i| !run.held_out.contains(i)));
         }
-        let mut views = transfer_page::views(run, &which, limits, None)?;
+        let mut views = transfer_page::views(run, &which, limits, None, closing)?;
         let of_held_out = |value: fn(&View) -> f64| {
             let values: Vec<f64> = views.iter().filter(|v| v.row.held_out).map(value).collect();
             (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
         };
         run.held_out_psnr_db = of_held_out(|v| v.square).map(|square| -10.0 * square.max(1e-20).log10());
         run.held_out_ssim = of_held_out(|v| v.ssim);
+        let train_psnr_db = run.train_rms.map_or(f64::NAN, |rms| -20.0 * rms.max(1e-10).log10());
+        if !run.stopped {
+            run.warnings.extend(residuals::held_out(train_psnr_db, run.held_out_psnr_db));
+            run.warnings.extend(residuals::unexplained(train_psnr_db));
+        }
         run.stages.push(Stage { name: "views".into(), seconds: begun.elapsed().as_secs_f64() });
         if let Some(dir) = &self.report {
             let place = |view: &View| run.shown.iter().position(|i| *i == view.number);
@@ -183,7 +218,13 @@ impl Tf {
         Ok(())
     }
 
-    fn request(&self, capture: &Capture, field: &Bricks<f32>, held_out: Vec<usize>) -> Result<Request> {
+    fn request(
+        &self,
+        capture: &Capture,
+        field: &Bricks<f32>,
+        held_out: Vec<usize>,
+        task: &Task<'_>,
+    ) -> Result<Request> {
         let previous = (self.resume && self.output.exists()).then_some(&self.output);
         let load = |path: &PathBuf| transfer::load(path, &Options::default()).map(|loaded| loaded.transfer);
         let (solver, usual) = match self.solver {
@@ -203,8 +244,22 @@ impl Tf {
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),
             iterations: self.iterations.unwrap_or(usual),
             init: self.init.as_ref().or(previous).map(load).transpose()?,
+            cancel: task.stop(),
         };
         request.check()?;
         Ok(request)
     }
+}
+
+/// What the search costs: the volume is there already, and normal equations come on top.
+fn cost(request: &Request, field: &Bricks<f32>, photos: &[Photo]) -> Cost {
+    let pixels: usize = photos.iter().map(|p| p.film.rgba.len()).sum();
+    let edge = (field.values.len() as f64).cbrt();
+    Cost::of_function(
+        request.texels,
+        field.values.len(),
+        pixels,
+        (request.rays * request.rays_per_edge.pow(2)) as f64 * edge,
+        request.most_steps(),
+    )
 }

@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::formats::transfer::Options;
 use crate::formats::vdb::{File, Limits};
 use crate::formats::{self, atomic, exr, transforms};
+use crate::optimise::cancel::Cancel;
 use crate::render::film::Film;
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
@@ -84,6 +85,7 @@ impl Report {
     /// If the record, the volumes or the pictures cannot be read, or the page cannot be written.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let limits = self.memory.limits();
+        let _stage = output.stage("report");
         let path = self.folder.join(RECORD);
         let text = std::fs::read(&path).map_err(|e| {
             Error::io(&path, e).hint("the folder must be one that cumulo reconstruct --report has written")
@@ -97,14 +99,15 @@ impl Report {
         let written = match &record {
             Record::Volume(run) => {
                 let reference = self.reference.as_deref().map(|path| File::open(path, limits)?.read_fog(None));
-                let (page, volume) = volume::page(run, limits, reference.transpose()?.as_ref(), beside.as_ref())?;
+                let (page, volume) =
+                    volume::page(run, limits, reference.transpose()?.as_ref(), beside.as_ref(), Cancel::NEVER)?;
                 Written { report: page.write(&self.folder)?, volume, transfer: None }
             }
             Record::Transfer(run) => {
                 let reference =
                     self.reference.as_deref().map(|path| formats::transfer::load(path, &Options::default()));
                 let reference = reference.transpose()?.map(|loaded| loaded.transfer);
-                let views = transfer::views(run, &run.shown, limits, beside.as_ref())?;
+                let views = transfer::views(run, &run.shown, limits, beside.as_ref(), Cancel::NEVER)?;
                 let (page, function) = transfer::page(run, views, reference.as_ref())?;
                 Written { report: page.write(&self.folder)?, volume: None, transfer: function }
             }
@@ -125,13 +128,14 @@ pub fn prepare(dir: &Path) -> Result<()> {
     atomic::probe(&dir.join(RECORD))
 }
 
-/// Writes the page of a volume and its record; the page's path.
+/// Writes the page of a volume and its record; the page's path. Once the work is to stop, views are left out that are
+/// not rendered yet.
 ///
 /// # Errors
 /// As [`Report::run`].
-pub fn write(dir: &Path, run: &Run, limits: Limits) -> Result<PathBuf> {
+pub fn write(dir: &Path, run: &Run, limits: Limits, cancel: Cancel) -> Result<PathBuf> {
     keep(dir, &Record::Volume(Run { capture: absolute(&run.capture), output: absolute(&run.output), ..run.clone() }))?;
-    volume::page(run, limits, None, None)?.0.write(dir)
+    volume::page(run, limits, None, None, cancel)?.0.write(dir)
 }
 
 /// Writes the page of a transfer function, with views that were rendered already, and its record; the page's path.

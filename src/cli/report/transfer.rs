@@ -8,7 +8,10 @@ use crate::formats::transfer::Options;
 use crate::formats::vdb::{File, Limits};
 use crate::formats::{exr, transfer, transforms};
 use crate::metrics;
+use crate::optimise::cancel::Cancel;
+use crate::optimise::cost::Cost;
 use crate::optimise::density::Stage;
+use crate::optimise::plausibility::Warning;
 use crate::optimise::transfer::{Solver, Step};
 use crate::render;
 use crate::render::dvr::Dvr;
@@ -71,6 +74,12 @@ pub struct TransferRun {
     pub peak_memory_mb: Option<f64>,
     /// True if the user stopped it.
     pub stopped: bool,
+    /// What it was expected to cost.
+    #[serde(default)]
+    pub expected: Option<Cost>,
+    /// What contradicts the model, before the work and after it.
+    #[serde(default)]
+    pub warnings: Vec<Warning>,
     /// The page, if one was asked for.
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub report: Option<PathBuf>,
@@ -108,7 +117,7 @@ impl fmt::Display for TransferRun {
         if let Some(page) = &self.report {
             writeln!(f, "  report         {}", page.display())?;
         }
-        Ok(())
+        run::write_warnings(f, &self.warnings)
     }
 }
 
@@ -143,11 +152,17 @@ pub struct View {
     pub ssim: f64,
 }
 
-/// Renders views of a run again.
+/// Renders views of a run again; once the work is to stop, those are left out that are not rendered yet.
 ///
 /// # Errors
 /// If the pictures, the volume or the function cannot be read.
-pub fn views(run: &TransferRun, which: &[usize], limits: Limits, beside: Option<&Beside>) -> Result<Vec<View>> {
+pub fn views(
+    run: &TransferRun,
+    which: &[usize],
+    limits: Limits,
+    beside: Option<&Beside>,
+    cancel: Cancel,
+) -> Result<Vec<View>> {
     let capture = transforms::load(&run.capture)?;
     let function = transfer::load(&run.output, &Options::default())?.transfer;
     let field = field(&run.volume, run.grid.as_deref(), limits)?;
@@ -160,7 +175,8 @@ pub fn views(run: &TransferRun, which: &[usize], limits: Limits, beside: Option<
     let frames = which.iter().filter_map(|i| Some((*i, capture.frames.get(*i)?)));
     let of = |(i, frame): (usize, &Frame)| {
         let picture = exr::read_picture(&frame.picture, run.layer.as_deref())?;
-        let render = render::picture(&dvr, &frame.camera, rays, &never).ok_or_else(Error::cancelled)?;
+        let flag = cancel.flag().unwrap_or(&never);
+        let Some(render) = render::picture(&dvr, &frame.camera, rays, flag) else { return Ok(None) };
         let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
         let row = ViewRow {
             name: frame.picture.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
@@ -171,9 +187,9 @@ pub fn views(run: &TransferRun, which: &[usize], limits: Limits, beside: Option<
             psnr_db: Some(comparison.psnr_db),
             note: String::new(),
         };
-        Ok(View { number: i, row, square: comparison.rms * comparison.rms, ssim: comparison.ssim })
+        Ok(Some(View { number: i, row, square: comparison.rms * comparison.rms, ssim: comparison.ssim }))
     };
-    frames.map(of).collect()
+    frames.take_while(|_| !cancel.requested()).map(of).filter_map(Result::transpose).collect()
 }
 
 /// How far the function is from another one.
@@ -239,6 +255,7 @@ pub fn page(
     figures.push(("Steps", format!("{} {}", run.iterations, run.solver.steps())));
     figures.push(("Smoothness", format!("{:.0e}", run.smooth)));
     page.figures(&figures);
+    page.warnings(&run.warnings.iter().map(|w| (&w.what, &w.remedy)).collect::<Vec<_>>());
 
     let line = |label: &str, value: &dyn Fn(usize) -> f64| Series {
         label: label.into(),

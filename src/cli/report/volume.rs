@@ -4,10 +4,11 @@ use super::{Beside, extra};
 use crate::cli::light::Light;
 use crate::cli::run::{self, Run, Solver};
 use crate::cli::volume as volumes;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::formats::vdb::{CONFIDENCE, File, Limits, shaded};
 use crate::formats::{exr, transfer, transforms};
 use crate::metrics::{self, volume};
+use crate::optimise::cancel::Cancel;
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;
@@ -35,6 +36,7 @@ pub(super) fn page(
     limits: Limits,
     reference: Option<&Grid>,
     beside: Option<&Beside>,
+    cancel: Cancel,
 ) -> Result<(Page, Option<VolumeError>)> {
     let mut capture = transforms::load(&run.capture)?;
     let grid = File::open(&run.output, limits)?.read_fog(Some(&run.grid))?;
@@ -54,7 +56,7 @@ pub(super) fn page(
             Light::Density(Dvr::new(&field, capture.medium()?)?.background(capture.background).quadrature(quadrature))
         }
     };
-    let rows = rows(run, &capture, &light, beside)?;
+    let rows = rows(run, &capture, &light, beside, cancel)?;
     let difference = reference
         .map(|r| volume::compare(&volume::Field::from_grid(r), &volume::Field::from_grid(&grid)))
         .transpose()?;
@@ -86,7 +88,9 @@ pub(super) fn page(
     if let Some(psnr) = run.held_out_psnr_db {
         figures.push(("Held-out views", format!("{psnr:.2} dB")));
     }
-    figures.push(("Used views", format!("{:.2} dB", run.train_psnr_db)));
+    if let Some(psnr) = run.train_psnr_db {
+        figures.push(("Used views", format!("{psnr:.2} dB")));
+    }
     figures.push(("Time", format!("{:.1} s", run.seconds)));
     figures.push(("Iterations", run.iterations.to_string()));
     figures.push(("Unknown voxels", run.unknowns.to_string()));
@@ -94,6 +98,7 @@ pub(super) fn page(
         figures.push(("Peak memory", format!("{mb:.0} MB")));
     }
     page.figures(&figures);
+    page.warnings(&run.warnings.iter().map(|w| (&w.what, &w.remedy)).collect::<Vec<_>>());
     page.views("Views", &rows, run.views)?;
     page.slices("Slices", "density", &field, other.as_ref())?;
     if let Some(known) = &known {
@@ -137,17 +142,25 @@ fn bricks(grid: &Grid, path: &Path, limits: Limits) -> Result<Bricks<f32>> {
 }
 
 /// The views that are shown, rendered again.
-fn rows(run: &Run, capture: &Capture, light: &Light<'_>, beside: Option<&Beside>) -> Result<Vec<ViewRow>> {
+fn rows(
+    run: &Run,
+    capture: &Capture,
+    light: &Light<'_>,
+    beside: Option<&Beside>,
+    cancel: Cancel,
+) -> Result<Vec<ViewRow>> {
     let rays = run::rays_per_edge(capture.pixel_filter);
     let never = AtomicBool::new(false);
     let shown = run.shown.iter().filter_map(|i| Some((*i, capture.frames.get(*i)?)));
     shown
+        .take_while(|_| !cancel.requested())
         .map(|(i, frame)| {
             let picture = exr::read_picture(&frame.picture, run.layer.as_deref())?;
-            let render = light.picture(&frame.camera, rays, &never).ok_or_else(Error::cancelled)?;
+            let flag = cancel.flag().unwrap_or(&never);
+            let Some(render) = light.picture(&frame.camera, rays, flag) else { return Ok(None) };
             let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
             let extra = extra(beside, &frame.camera)?;
-            Ok(ViewRow {
+            Ok(Some(ViewRow {
                 name: frame.picture.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
                 picture,
                 render,
@@ -155,7 +168,8 @@ fn rows(run: &Run, capture: &Capture, light: &Light<'_>, beside: Option<&Beside>
                 held_out: run.held_out.contains(&i),
                 psnr_db: Some(comparison.psnr_db),
                 note: String::new(),
-            })
+            }))
         })
+        .filter_map(Result::transpose)
         .collect()
 }

@@ -6,7 +6,6 @@ use super::memory::Memory;
 use super::output::Output;
 use super::outputs::{self, Content};
 use super::parse::{self, DensityScale};
-use super::provenance::Provenance;
 use super::task::{Task, exit_code};
 use super::transfer::TransferOption;
 use super::{render, volume};
@@ -158,9 +157,11 @@ impl Viewpoint {
         self.spare_others()?;
         let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), &self.memory)?;
         let (limits, cancel) = (task.limits, task.cancel);
+        let reading = output.stage("reading the volume");
         let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
         let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
         drop(grid);
+        drop(reading);
         task.provenance.input(&self.input, [self.input.as_path()])?;
         if let Some(tf) = &self.transfer.tf {
             task.provenance.input(tf, [tf.as_path()])?;
@@ -181,6 +182,7 @@ impl Viewpoint {
 
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
         let dvr = Dvr::new(&field, opaque(capture.medium()?)?)?.quadrature(quadrature);
+        task.work_begins();
         let bar = output.progress(viewpoint::ticks(&request) as u64 + u64::from(self.samples), "viewpoint");
         let mut found = viewpoint::search(&dvr, &request, cancel, &|| bar.inc(1));
         let samples = self.sample(&dvr, &around, cancel, &|| bar.inc(1));
@@ -195,7 +197,18 @@ impl Viewpoint {
             ));
         }
 
-        let best = self.write(&field, &mut capture, &around, &found, &mut task.provenance)?;
+        let best = {
+            let _stage = output.stage("pictures");
+            self.write(&field, &mut capture, &around, &found, &mut task)?
+        };
+        if best.is_none() {
+            output.note(format!(
+                "{}: not all pictures are there; `cumulo render {} --cameras {}` makes them",
+                self.output.display(),
+                self.input.display(),
+                self.output.display()
+            ));
+        }
         let mut report = self.summary(&found, samples.as_ref(), blank, capture.density_scale);
         if let Some(dir) = &self.report {
             let samples = samples.as_ref().map(|(all, _)| all.as_slice()).unwrap_or_default();
@@ -292,15 +305,16 @@ impl Viewpoint {
         Some((all, begun.elapsed().as_secs_f64()))
     }
 
-    /// Writes pictures and capture, all or none; the best view's picture.
+    /// Writes pictures and capture, all or none; the best view's picture. A search that was stopped has a second for its pictures;
+    /// none is given if they are not all there by then.
     fn write(
         &self,
         field: &Bricks<f32>,
         capture: &mut Capture,
         around: &Sphere,
         found: &Outcome,
-        provenance: &mut Provenance,
-    ) -> Result<Film> {
+        task: &mut Task<'_>,
+    ) -> Result<Option<Film>> {
         capture.frames = self.frames(found.views.iter().map(|view| around.camera(&view.axes)).collect());
         let mut batch = Batch::new();
         batch.make_folder(&self.folder())?;
@@ -308,10 +322,15 @@ impl Viewpoint {
         let dvr = Dvr::new(field, capture.medium()?)?.background(capture.background).quadrature(quadrature);
         // What was found is worth its pictures even if the search was stopped.
         let never = AtomicBool::new(false);
+        let (closing, provenance) = (task.closing(), &mut task.provenance);
         let attributes = provenance.attributes();
-        let mut best = None;
+        let (mut best, mut whole) = (None, true);
         for frame in &capture.frames {
-            let film = crate::render::picture(&dvr, &frame.camera, 1, &never).ok_or_else(Error::cancelled)?;
+            let flag = closing.flag().unwrap_or(&never);
+            let Some(film) = crate::render::picture(&dvr, &frame.camera, 1, flag) else {
+                whole = false;
+                break;
+            };
             exr::write_picture(&batch.add(&frame.picture)?, &film, &attributes, false)?;
             best.get_or_insert(film);
         }
@@ -322,7 +341,7 @@ impl Viewpoint {
         extra.insert("provenance".into(), json!(provenance));
         transforms::save_for(&self.output, &batch.add(&self.output)?, capture, &extra)?;
         batch.commit()?;
-        best.ok_or_else(|| Error::invalid("no viewpoint was found"))
+        Ok(best.filter(|_| whole))
     }
 
     fn summary(&self, found: &Outcome, samples: Option<&Samples>, blank: bool, density_scale: f64) -> Report {

@@ -15,7 +15,7 @@ pub fn page(
     report: &Report,
     found: &Outcome,
     samples: &[(DVec3, f64)],
-    best: Film,
+    best: Option<Film>,
     provenance: &Provenance,
 ) -> Result<Page> {
     let name = input.file_name().unwrap_or(input.as_os_str()).to_string_lossy();
@@ -39,7 +39,9 @@ pub fn page(
         figures.push(("Time of samples", format!("{seconds:.2} s")));
     }
     page.figures(&figures);
-    page.picture("Best view", &best, "The best view as the capture's first picture shows it.")?;
+    if let Some(best) = best {
+        page.picture("Best view", &best, "The best view as the capture's first picture shows it.")?;
+    }
     let walks = found.paths.iter().enumerate().map(|(i, path)| Walk {
         label: format!("start {i}, to {:.5}", found.views[path.view].entropy.value),
         directions: path.directions.clone(),

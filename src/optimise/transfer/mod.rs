@@ -13,6 +13,7 @@ mod rays;
 mod rows;
 
 use crate::error::{Error, Result};
+use crate::optimise::cancel::Cancel;
 use crate::optimise::density::Stage;
 use crate::optimise::observation::Photo;
 use crate::render::dvr::Dvr;
@@ -76,6 +77,8 @@ pub struct Request {
     pub iterations: u32,
     /// A function to begin with.
     pub init: Option<Transfer>,
+    /// Polled inside every pass: what was found by then is the result.
+    pub cancel: Cancel,
 }
 
 impl Request {
@@ -132,7 +135,7 @@ pub struct Outcome {
     /// The function, as a texture.
     pub transfer: Transfer,
     /// How much the pictures say about each texel's extinction and colour, 0..1: the share of the
-    /// curvature that is theirs, not the prior's. Empty after a descent.
+    /// curvature that is theirs, not the prior's. Empty after a descent, and where the work was stopped.
     pub confidence: Vec<[f64; 2]>,
     /// Weight of the prior that was chosen.
     pub smooth: f64,
@@ -160,7 +163,7 @@ const REFINEMENTS: u32 = 1;
 /// Finds the texels whose pictures of `field` are most like `photos`.
 ///
 /// # Errors
-/// If the request's numbers cannot be used or its solver cannot follow its quadrature, or no pixel of the used views is finite and meets the volume.
+/// If the request's numbers cannot be used or its solver cannot follow its quadrature, or no pixel of the used views is finite and meets the volume; if the work was stopped before anything was found.
 pub fn reconstruct(
     field: &Bricks<f32>,
     photos: &[Photo],
@@ -189,6 +192,9 @@ fn newton(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> Cont
         // What is refined afterwards need not be fine.
         fit.resample(request.texels.min(FIRST_TEXELS))?;
         fit.extinctions_from_alpha(first)?;
+        if request.cancel.requested() {
+            return Err(Error::cancelled());
+        }
         stage("extinctions from alpha", begun);
         let begun = Instant::now();
         fit.refine(first, Unknowns::Colours)?;
@@ -209,6 +215,9 @@ fn newton(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> Cont
             }
             let rms = fit.refine(smooth, Unknowns::All)?;
             let error = fit.error(&fit.held_out)?;
+            if request.cancel.requested() {
+                break 'ladder;
+            }
             let step = Step {
                 iteration: history.len() as u32 + 1,
                 seconds: start.elapsed().as_secs_f64(),
@@ -229,6 +238,7 @@ fn newton(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> Cont
             break;
         }
     }
+    stopped |= request.cancel.requested();
     stage("extinctions and colours", begun);
     // The smoothest of those that are as good as the best.
     let enough = GOOD_ENOUGH * least(&tried);
@@ -236,7 +246,17 @@ fn newton(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> Cont
     if let Some((_, texels, weight)) = tried.into_iter().find(|t| t.0 <= enough) {
         (fit.texels, smooth) = (texels, weight);
     }
-    Ok(Outcome { confidence: fit.confidence(smooth)?, transfer: fit.transfer(), smooth, history, stages, stopped })
+    let confidence = if stopped { Vec::new() } else { fit.confidence(smooth)? };
+    // The confidence may have been stopped, too: it is left out then.
+    let late = request.cancel.requested();
+    Ok(Outcome {
+        confidence: if late { Vec::new() } else { confidence },
+        transfer: fit.transfer(),
+        smooth,
+        history,
+        stages,
+        stopped: stopped || late,
+    })
 }
 
 /// The paper's recipe; of all epochs, and of the start if one was given, what suits the held-out views best, or without
@@ -253,6 +273,10 @@ fn descend(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> Con
         let rms = descent.step(&fit, smooth)?;
         fit.texels = descent.texels();
         let error = score(&fit)?.unwrap_or(f64::INFINITY);
+        if request.cancel.requested() {
+            stopped = true;
+            break;
+        }
         if error < best.0 {
             best = (error, fit.texels.clone());
         }
@@ -305,10 +329,11 @@ struct Fit<'a> {
 impl<'a> Fit<'a> {
     fn new(field: &'a Bricks<f32>, photos: &[Photo], request: &'a Request) -> Result<Self> {
         let is_held_out = |i: usize| request.held_out.contains(&i);
-        let used =
+        let mut used =
             Rays::draw(photos, |i| !is_held_out(i), Draw { count: request.rays, per_edge: request.rays_per_edge });
         let some = Draw { count: request.rays / 8, per_edge: request.rays_per_edge };
-        let held_out = Rays::draw(photos, is_held_out, some);
+        let mut held_out = Rays::draw(photos, is_held_out, some);
+        (used.cancel, held_out.cancel) = (request.cancel, request.cancel);
         if used.is_empty() {
             return Err(Error::invalid("no pixel of the used views has finite values")
                 .hint("check the pictures with `cumulo validate`"));
@@ -345,6 +370,9 @@ impl<'a> Fit<'a> {
         let clear: Vec<Rgbs> = self.texels.iter().map(|[r, g, b, _]| [*r, *g, *b, 0.0]).collect();
         let lengths = rows::lengths(&self.renderer(&clear)?, &self.used, self.texels.len());
         let extinctions = rows::extinctions(&lengths, &self.used, self.texels.len(), smooth);
+        if self.request.cancel.requested() {
+            return Ok(());
+        }
         for (texel, extinction) in self.texels.iter_mut().zip(extinctions) {
             texel[3] = extinction;
         }
@@ -356,6 +384,9 @@ impl<'a> Fit<'a> {
     fn refine(&mut self, smooth: f64, unknowns: Unknowns) -> Result<f64> {
         let scale = self.scale();
         let normal = rows::normal(&self.renderer(&self.texels)?, &self.used, scale, self.texels.len());
+        if self.request.cancel.requested() {
+            return Ok(f64::NAN);
+        }
         let before = normal.cost;
         let rms = (before / (4 * self.used.len()) as f64).sqrt();
         let prior = Prior { weight: smooth * normal.level(), scale };
@@ -367,6 +398,9 @@ impl<'a> Fit<'a> {
                 continue;
             };
             let cost = rows::cost(&self.renderer(&step)?, &self.used) + penalty(&step);
+            if self.request.cancel.requested() {
+                break;
+            }
             if cost <= from {
                 self.texels = step;
                 self.damping = (0.2 * self.damping).max(LEAST_DAMPING);

@@ -69,10 +69,13 @@ impl Descent {
         (share, share * (1.0 - share))
     }
 
-    /// One epoch; the root mean square difference before it.
+    /// One epoch; the root mean square difference before it. Changes nothing once the work is to stop.
     pub fn step(&mut self, fit: &Fit<'_>, smooth: f64) -> Result<f64> {
         let texels = self.texels();
         let (square, by_texel) = absolute(&fit.renderer(&texels)?, &fit.used, texels.len());
+        if fit.used.cancel.requested() {
+            return Ok(f64::NAN);
+        }
         let (_, prior) = TransferPrior::Smooth.of(&texels, self.unit);
         let chain = |(i, u): (usize, &f32)| {
             let (texel, c) = (i / 4, i % 4);
@@ -92,6 +95,9 @@ fn absolute(dvr: &Dvr<'_, f32>, rays: &Rays, texels: usize) -> (f64, Vec<Rgbs>) 
         let (mut tape, mut shared, mut square) = (Tape::default(), ParameterGradient::default(), 0.0);
         let mut table = TableGradient::of_knots(texels);
         for pixel in (lane..rays.len()).step_by(LANES) {
+            if rays.cancel.requested() {
+                break;
+            }
             let seen = see(dvr, rays, pixel, &mut tape);
             let off: [f64; 4] = std::array::from_fn(|c| seen[c] - f64::from(rays.wanted[pixel][c]));
             square += off.iter().map(|d| d * d).sum::<f64>();

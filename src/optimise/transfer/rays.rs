@@ -1,6 +1,7 @@
 //! Rays drawn from pictures, with what they should see.
 
 use crate::math::Ray;
+use crate::optimise::cancel::Cancel;
 use crate::optimise::observation::Photo;
 use crate::render::order::morton;
 
@@ -22,6 +23,8 @@ pub(super) struct Rays {
     pub per_pixel: usize,
     /// Red, green, blue and alpha.
     pub wanted: Vec<[f32; 4]>,
+    /// Polled between pixels by what walks the rays; sums of a walk that it stopped are incomplete.
+    pub cancel: Cancel,
 }
 
 /// The golden section: multiples of it spread evenly over 0..1, however many there are.

@@ -58,6 +58,9 @@ pub(super) fn lengths(clear: &Dvr<'_, f32>, rays: &Rays, texels: usize) -> Vec<L
     all.par_chunks_mut(part).enumerate().for_each(|(lane, lines)| {
         let mut scratch = Scratch::new(texels);
         for (i, line) in lines.iter_mut().enumerate() {
+            if rays.cancel.requested() {
+                break;
+            }
             scratch.derive(clear, rays, lane * part + i);
             *line = scratch.texels().map(|(j, by)| (j, by.extinction[3] as f32)).collect();
         }
@@ -72,6 +75,9 @@ pub(super) fn extinctions(lengths: &[Lengths], rays: &Rays, texels: usize, smoot
     // A start at which no ray is opaque.
     let mut s = DVector::from_element(texels, if longest > 0.0 { 0.5 / longest } else { 0.0 });
     for _ in 0..12 {
+        if rays.cancel.requested() {
+            break;
+        }
         let part = lengths.len().div_ceil(LANES).max(1);
         let sums: Vec<(Vec<f64>, DVector<f64>)> = lengths
             .par_chunks(part)
@@ -147,6 +153,9 @@ fn sums(dvr: &Dvr<'_, f32>, rays: &Rays, scale: f64, texels: usize, pixels: Rang
         let begin = pixels.start + lane * part;
         let pixels: Vec<usize> = (begin..pixels.end.min(begin + part)).collect();
         for pixels in pixels.chunks(BATCH) {
+            if rays.cancel.requested() {
+                break;
+            }
             for (row, &pixel) in rows.iter_mut().zip(pixels) {
                 let seen = scratch.derive(dvr, rays, pixel);
                 row.residual = std::array::from_fn(|c| seen[c] - f64::from(rays.wanted[pixel][c]));
@@ -191,7 +200,7 @@ fn sum(dvr: &Dvr<'_, f32>, rays: &Rays, square: impl Fn([f64; 4]) -> f64 + Sync)
                 let seen = see(dvr, rays, lane * part + i, &mut tape);
                 square(std::array::from_fn(|c| seen[c] - f64::from(wanted[c])))
             };
-            wanted.iter().enumerate().map(of).sum::<f64>()
+            wanted.iter().enumerate().take_while(|_| !rays.cancel.requested()).map(of).sum::<f64>()
         })
         .collect();
     sums.iter().sum()

@@ -1,0 +1,73 @@
+//! Ctrl-C is obeyed inside a pass, and long work shows that it goes on.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is how a test fails")]
+
+mod work;
+
+use serde_json::Value;
+use std::io::Read;
+use std::time::{Duration, Instant};
+use work::{Work, errors, interrupt};
+
+/// Two seconds, and as much again for a machine that has other work.
+const OBEYED: Duration = Duration::from_secs(4);
+
+/// A capture whose passes take many seconds: few large voxels, many pixels.
+fn long() -> Work {
+    let work = Work::new();
+    work.json("render @plume.vdb --views 4 --size 64x64 --density-scale auto -o cap");
+    work
+}
+
+/// Starts a command, interrupts it after each of these times, and says how it ended.
+fn stopped(work: &Work, words: &str, after: &[u64]) {
+    for wait in after {
+        let child = work.start(&format!("{words} --json"));
+        std::thread::sleep(Duration::from_millis(*wait));
+        let begun = Instant::now();
+        let out = interrupt(child);
+        assert!(begun.elapsed() < OBEYED, "{words}, after {wait} ms: {:?}", begun.elapsed());
+        match out.status.code() {
+            // Before anything was found nothing is written.
+            Some(130) => assert!(errors(&out).contains("nothing is written"), "{}", errors(&out)),
+            Some(1) => {
+                assert_eq!(serde_json::from_slice::<Value>(&out.stdout).unwrap()["stopped"], true);
+                assert!(work.path("out").exists() || work.path("out.vdb").exists() || work.path("out.json").exists());
+            }
+            code => panic!("{words}, after {wait} ms: {code:?} {}", errors(&out)),
+        }
+    }
+}
+
+/// The finest level has millions of voxels: its hull, a pass and a probe of the confidence take seconds each.
+#[test]
+fn a_reconstruction_stops_inside_its_passes() {
+    let work = long();
+    let words = "reconstruct density cap -o out.vdb --resolution 400 --report page";
+    stopped(&work, words, &[300, 2_500, 9_000]);
+    stopped(&work, "reconstruct density cap -o out.vdb --resolution 300 --solver paper", &[4_000]);
+}
+
+#[test]
+fn searches_stop_inside_their_pictures() {
+    let work = Work::new();
+    work.json("render @plume.vdb --views 2 --size 1500x1500 --density-scale auto -o cap");
+    stopped(&work, "pose cap --volume @plume.vdb --quadrature riemann:0.002 -o out.json", &[4_000]);
+    stopped(&work, "viewpoint @plume.vdb --size 4000x4000 --quadrature riemann:0.002 -o out.json", &[4_000]);
+}
+
+/// Where standard error is no terminal, a plain line at most every ten seconds.
+#[test]
+fn a_log_is_never_silent_for_ten_seconds() {
+    let work = long();
+    let mut child = work.start("reconstruct density cap -o out.vdb --resolution 400");
+    let mut log = child.stderr.take().unwrap();
+    std::thread::sleep(Duration::from_secs(22));
+    let quick = child.try_wait().unwrap().is_some();
+    let _ = interrupt(child);
+    let mut text = String::new();
+    log.read_to_string(&mut text).unwrap();
+    let signs = text.lines().filter(|l| l.contains("so far") || l.contains("to go")).count();
+    assert!(quick || signs >= 2, "{text}");
+    assert!(!text.contains('\u{1b}') && text.lines().count() < 20, "{text}");
+}
