@@ -48,7 +48,8 @@ pub fn reconstruct(
     mut watch: impl FnMut(&Step) -> ControlFlow<()>,
 ) -> Result<Outcome> {
     let Source::Transfer(table) = &request.medium.source else {
-        return Err(Error::invalid("there is no transfer function to look behind"));
+        return Err(Error::invalid("there is no transfer function to look behind")
+            .hint("give one with --tf, or in the capture"));
     };
     let start = Instant::now();
     let lattice = request.lattice;

@@ -173,7 +173,7 @@ pub fn reconstruct(
         }
     }
     let (Some(field), Some(((train, held_out), unknowns))) = (field, last) else {
-        return Err(Error::invalid("no level was solved"));
+        return Err(Error::invalid("no level was solved").hint("give more --iterations, or a finer --resolution"));
     };
     Ok(Outcome { field, history, stages, train_psnr_db: train, held_out_psnr_db: held_out, unknowns, stopped })
 }

@@ -149,7 +149,8 @@ impl<V: Subject> Study<V> {
                     all.by_transfer.iter_mut().zip(by).for_each(|(sum, by)| *sum += weight * by);
                 }
                 (Prior::Transfer(_), None) => {
-                    return Err(Error::invalid("there is no transfer function for the prior"));
+                    return Err(Error::invalid("there is no transfer function for the prior")
+                        .hint("give one with --tf, or leave the prior out"));
                 }
             }
         }

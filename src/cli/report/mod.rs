@@ -10,13 +10,14 @@ use super::run::Run;
 use crate::error::{Error, Result};
 use crate::formats::transfer::Options;
 use crate::formats::vdb::{File, Limits};
-use crate::formats::{self, atomic, exr, transforms};
+use crate::formats::{self, atomic, exr, input, transforms};
 use crate::optimise::cancel::Cancel;
 use crate::render::film::Film;
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use transfer::{FunctionError, TransferRun};
@@ -87,13 +88,9 @@ impl Report {
         let limits = self.memory.limits();
         let _stage = output.stage("report");
         let path = self.folder.join(RECORD);
-        let text = std::fs::read(&path).map_err(|e| {
-            Error::io(&path, e).hint("the folder must be one that cumulo reconstruct --report has written")
-        })?;
-        let record: Record = serde_json::from_slice(&text)
-            .map_err(|e| Error::invalid(format!("this is no record of a run: {e}")).at(&path))?;
+        let record = recorded(&path, limits).map_err(|e| e.at(&path))?;
         let beside = match &self.beside {
-            Some((name, path)) => Some((name.clone(), transforms::load(path)?)),
+            Some((name, path)) => Some((name.clone(), transforms::load_within(path, limits)?)),
             None => None,
         };
         let written = match &record {
@@ -104,8 +101,8 @@ impl Report {
                 Written { report: page.write(&self.folder)?, volume, transfer: None }
             }
             Record::Transfer(run) => {
-                let reference =
-                    self.reference.as_deref().map(|path| formats::transfer::load(path, &Options::default()));
+                let options = Options { limits, ..Options::default() };
+                let reference = self.reference.as_deref().map(|path| formats::transfer::load(path, &options));
                 let reference = reference.transpose()?.map(|loaded| loaded.transfer);
                 let views = transfer::views(run, &run.shown, limits, beside.as_ref(), Cancel::NEVER)?;
                 let (page, function) = transfer::page(run, views, reference.as_ref())?;
@@ -115,6 +112,22 @@ impl Report {
         output.report(&written)?;
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// Larger files are no records: one of a hundred thousand iterations takes less.
+const MAX_BYTES: u64 = 1 << 26;
+
+/// The record of a run.
+fn recorded(path: &Path, limits: Limits) -> Result<Record> {
+    let text = input::bytes(path, MAX_BYTES, "the record of a run").map_err(|e| match e.io_kind() {
+        Some(ErrorKind::NotFound) => e.hint("the folder must be one that cumulo reconstruct --report has written"),
+        _ => e,
+    })?;
+    input::check_json_memory(&text, limits)?;
+    serde_json::from_slice(&text).map_err(|e| {
+        Error::invalid(format!("this is no record of a run: {e}"))
+            .hint("the file is damaged or of another version; make the reconstruction again with --report")
+    })
 }
 
 /// Makes the folder, before the work that it is to show.

@@ -134,7 +134,9 @@ pub fn field(volume: &Path, grid: Option<&str>, limits: Limits) -> Result<Bricks
     };
     let field = arrange().map_err(|e| e.at(volume))?;
     if field.range().1 <= 0.0 {
-        return Err(Error::invalid("the volume has no density above zero").at(volume));
+        return Err(Error::invalid("the volume has no density above zero")
+            .at(volume)
+            .hint("choose another grid with --grid; `cumulo info` shows what is in them"));
     }
     Ok(field)
 }

@@ -26,7 +26,8 @@ pub fn from_metadata(metadata: &BTreeMap<String, MetaValue>) -> Result<Option<Tr
     let parsed = match metadata.get(METADATA_KEY) {
         None => return Ok(None),
         Some(MetaValue::Text(text)) => checked(text),
-        Some(other) => Err(Error::invalid(format!("{other:?} is no text"))),
+        Some(other) => Err(Error::invalid(format!("{other:?} is no text"))
+            .hint("attach the function again with `cumulo convert IN.vdb OUT.vdb --tf FILE`")),
     };
     // Not the document's own remedies: nobody edits the metadata of a VDB by hand.
     parsed.map(Some).map_err(|e| {
