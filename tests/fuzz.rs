@@ -13,7 +13,7 @@ use damage::Dice;
 use damage::corpus::{Corpus, Sample};
 use damage::mutate;
 use damage::trial::{Case, Fault, program};
-use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use rlimit::Resource;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -213,9 +213,8 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 fn damaged_inputs_are_read_or_refused() {
     let number = |key: &str| std::env::var(key).ok().map(|v| v.parse::<u64>().unwrap_or_else(|e| panic!("{key}: {e}")));
     let (inputs, seed) = (number("FUZZ_INPUTS").unwrap_or(INPUTS), number("FUZZ_SEED").unwrap_or(SEED));
-    let limit = getrlimit(Resource::Data);
-    let most = limit.maximum.map_or(DATA, |m| m.min(DATA));
-    setrlimit(Resource::Data, Rlimit { current: Some(most), maximum: limit.maximum }).unwrap();
+    let (_, most) = Resource::DATA.get().unwrap();
+    Resource::DATA.set(DATA.min(most), most).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let sound = folder.path().join("sound");
     std::fs::create_dir(&sound).unwrap();

@@ -1,7 +1,6 @@
 //! One command on one damaged input, and what is expected of it whatever the damage.
 
 use super::corpus::Sample;
-use rustix::process::{Pid, WaitId, WaitIdOptions};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs::OpenOptions;
@@ -147,16 +146,14 @@ impl Case<'_> {
             .env("RUST_BACKTRACE", "0")
             .spawn()
             .unwrap();
-        let pid = Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
         let mut stopped = false;
-        // The process is left to be waited for below, so that its number cannot be another's by then.
-        let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
         let mut pause = Duration::from_micros(500);
-        while rustix::process::waitid(WaitId::Pid(pid), options).unwrap().is_none() {
+        // A process that has ended keeps its number until it is waited for, which is done below.
+        while let Some(seconds) = processor_seconds(child.id()) {
             std::thread::sleep(pause);
             pause = (2 * pause).min(Duration::from_millis(10));
             let flooded = || [&out, &err].iter().any(|p| p.metadata().is_ok_and(|m| m.len() > MOST_OUTPUT));
-            if !stopped && (begun.elapsed() > PATIENCE || processor_seconds(child.id()) > SECONDS || flooded()) {
+            if !stopped && (begun.elapsed() > PATIENCE || seconds > SECONDS || flooded()) {
                 stopped = true;
                 child.kill().unwrap();
             }
@@ -293,13 +290,13 @@ pub fn program() -> PathBuf {
     std::env::var_os("FUZZ_PROGRAM").map_or_else(|| env!("CARGO_BIN_EXE_cumulo").into(), PathBuf::from)
 }
 
-/// User and system time of a running process; 0 if it ended meanwhile.
-fn processor_seconds(pid: u32) -> f64 {
-    let Ok(stat) = std::fs::read_to_string(format!("/proc/{pid}/stat")) else { return 0.0 };
+/// User and system time of a process, none once it has ended.
+fn processor_seconds(pid: u32) -> Option<f64> {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     // The name, which may hold blanks, ends at the last bracket; times are in hundredths of a second.
-    let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
+    let fields: Vec<&str> = stat.rsplit(')').next()?.split_whitespace().collect();
     let ticks = |i: usize| fields.get(i).and_then(|f| f.parse::<f64>().ok()).unwrap_or(0.0);
-    (ticks(11) + ticks(12)) / 100.0
+    (!matches!(fields.first(), None | Some(&"Z" | &"X"))).then(|| (ticks(11) + ticks(12)) / 100.0)
 }
 
 /// The last line that the program signs with its name, and the line after it.
