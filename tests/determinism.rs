@@ -177,6 +177,8 @@ fn a_whole_reconstruction() {
             prior: None,
             init: None,
             max_memory: 1 << 30,
+            cancel: Default::default(),
+            closing: Default::default(),
         };
         let outcome = density::reconstruct(&observation, &request, |_| ControlFlow::Continue(())).unwrap();
         let losses: Vec<u64> = outcome.history.iter().map(|s| s.loss.to_bits()).collect();
