@@ -5,6 +5,7 @@
 mod fields;
 
 use cumulo::math::{Aabb, Affine};
+use cumulo::optimise::cancel::Cancel;
 use cumulo::optimise::confidence::confidence;
 use cumulo::optimise::depths::{Depths, mean};
 use cumulo::optimise::footprint::{Footprint, Lens};
@@ -562,7 +563,8 @@ fn a_wall_hides_what_is_behind_it() {
     };
     let target = Target { camera, rgba: vec![[0.5; 4]; 48 * 48], rays_per_edge: 1 };
     let renderer = Preshaded::new(&field, [0.9, 0.1, 0.4]);
-    let known = confidence(&renderer, &[&target], 0.01, &[(&[3], 0.1), (&[0, 1, 2], 0.1)]);
+    let known = confidence(&renderer, &[&target], 0.01, &[(&[3], 0.1), (&[0, 1, 2], 0.1)], Cancel::NEVER, |_, _| ());
+    let known = known.unwrap();
     for (which, known) in ["extinction", "emission"].into_iter().zip(known) {
         for (voxel, known) in known.into_iter().enumerate() {
             let at = place(&field, voxel);

@@ -20,8 +20,11 @@ use fields::{field, grid, lumps, noise, odd, unit};
 use glam::{DVec2, DVec3};
 use serde_json::Value;
 use std::collections::BTreeMap;
+use std::sync::atomic::AtomicBool;
 use std::sync::Arc;
 use work::{Work, errors, interrupt, until};
+
+static NEVER: AtomicBool = AtomicBool::new(false);
 
 fn write(work: &Work, name: &str, grid: &Grid) {
     write_grids(&work.path(name), &[grid], &BTreeMap::new(), Codec::Blosc, false).unwrap();
@@ -58,10 +61,10 @@ fn the_derivative_is_that_of_the_entropy() {
             let camera = sphere.camera(&axes);
             let at = |step: DVec2| {
                 let camera = sphere.camera(&stepped(&axes, step));
-                entropy::value(&Rows { renderer: &dvr, judge: None, camera: &camera, rays_per_edge: 1 }).value
+                entropy::value(&Rows { renderer: &dvr, judge: None, camera: &camera, rays_per_edge: 1, cancel: &NEVER }).value
             };
             let found = entropy::gradient(
-                &Rows { renderer: &dvr, judge: None, camera: &camera, rays_per_edge: 1 },
+                &Rows { renderer: &dvr, judge: None, camera: &camera, rays_per_edge: 1, cancel: &NEVER },
                 sphere.centre,
             );
             assert!((found.value - at(DVec2::ZERO)).abs() < 1e-6, "{name} {i}: one value from both walks");
