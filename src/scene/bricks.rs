@@ -119,7 +119,10 @@ impl<R: Real> Bricks<R> {
         let corners = sources.tile_boxes().flat_map(|(low, high)| [low, high]);
         let (min, max) = bounds(own.iter().copied().map(IVec3::from_array).chain(corners));
         if !min.cmple(max).all() {
-            return Ok(Self::zeros(Arc::new(Topology::from_table(IVec3::ZERO, IVec3::ZERO, vec![], vec![])), grid.transform));
+            return Ok(Self::zeros(
+                Arc::new(Topology::from_table(IVec3::ZERO, IVec3::ZERO, vec![], vec![])),
+                grid.transform,
+            ));
         }
         let entries = topology::table_entries(min, max).map_err(named)?;
         let needed = grid.memory() + sources.memory() + own.len() as u64 * each + 4 * entries as u64;
@@ -149,10 +152,11 @@ impl<R: Real> Bricks<R> {
                         let run = &mut table[at..=at + (end - z) as usize];
                         if run.contains(&NONE) {
                             let place = IVec3::new(x, y, z);
-                            let number = *alike.entry(sources.constants(place).map(f32::to_bits)).or_insert_with(|| {
-                                places.push(place);
-                                places.len() as u32 - 1
-                            });
+                            let number =
+                                *alike.entry(sources.constants(place).map(f32::to_bits)).or_insert_with(|| {
+                                    places.push(place);
+                                    places.len() as u32 - 1
+                                });
                             run.iter_mut().filter(|n| **n == NONE).for_each(|n| *n = number);
                         }
                         z = end + 1;

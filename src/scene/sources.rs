@@ -46,11 +46,14 @@ impl<'g> Sources<'g> {
     /// VDB tree can hold.
     pub(super) fn new(grid: &'g Grid) -> Result<Self> {
         if grid.background != 0.0 {
-            return Err(Error::unsupported(format!("background is {}, a fog volume has 0 outside", grid.background))
-                .hint(
-                    "set the background to 0 where the grid was made, or convert a level set, which has its narrow band \
-                     as background, to a fog volume",
-                ));
+            let hint = if grid.background.is_finite() {
+                "set the background to 0 where the grid was made; a level set, which has its narrow band as background, is \
+                 converted to a fog volume first"
+            } else {
+                "`cumulo convert --repair` sets the background to 0"
+            };
+            let what = format!("background is {}, a fog volume has 0 outside", grid.background);
+            return Err(Error::unsupported(what).hint(hint));
         }
         let bad = grid
             .leaves

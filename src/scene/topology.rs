@@ -59,7 +59,7 @@ const TABLE_LIMIT: i64 = 1 << 28;
 ///
 /// # Errors
 /// States the extent where it is too large.
-pub(super) fn table_entries(min: IVec3, max: IVec3) -> Result<usize> {
+pub(crate) fn table_entries(min: IVec3, max: IVec3) -> Result<usize> {
     let extent = max.as_i64vec3() - min.as_i64vec3() + 1;
     let entries = extent.x.checked_mul(extent.y).and_then(|e| e.checked_mul(extent.z));
     match entries.filter(|e| *e <= TABLE_LIMIT) {

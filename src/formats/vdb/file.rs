@@ -127,7 +127,7 @@ impl File {
     /// # Errors
     /// As [`File::read`] and [`NativeGrid::to_grid`].
     pub fn read_grid(&self, name: &str) -> Result<Grid> {
-        self.read(name)?.to_grid().map_err(|e| e.at(&self.path))
+        self.read(name)?.to_grid_within(self.limits.max_memory).map_err(|e| e.at(&self.path))
     }
 
     /// The grid a density is wanted from: the named one, else `density`, else the only fog volume,
