@@ -8,7 +8,7 @@ use super::parse::{corners, not_negative, positive};
 use super::transfer::TransferOption;
 use crate::error::{Error, Result};
 use crate::formats::transfer::{METADATA_KEY, TransferSummary, to_metadata};
-use crate::formats::vdb::{Codec, File, NativeGrid, write_native};
+use crate::formats::vdb::{Codec, File, NativeGrid, Transform as Placement, writable, write_native};
 use crate::math::Aabb;
 use crate::scene::grid::GridClass;
 use crate::scene::transfer::Transfer;
@@ -83,6 +83,8 @@ struct Report {
     grids: Vec<Done>,
     /// What `--tf` attached to them.
     transfer: Option<TransferSummary>,
+    /// What was done and may not have been meant.
+    warnings: Vec<String>,
 }
 
 #[derive(Debug, Default, Serialize)]
@@ -117,25 +119,33 @@ impl Convert {
         let renames = self.renames(&file, &names)?;
         let mut natives = Vec::new();
         let mut grids = Vec::new();
-        let mut memory = 0;
+        let mut warnings = Vec::new();
+        let mut budget = Budget { held: 0, limit: limits.max_memory };
+        let one_by_one = "raise --max-memory, or convert the grids one by one with --grid";
+        let in_file = names.iter().map(|name| Ok(file.find(name)?.topology.map_or(0, |t| t.memory)));
+        let in_file = in_file.sum::<Result<u64>>()?;
+        budget.room(in_file, "holding the grids", one_by_one).map_err(|e| e.at(&self.input))?;
         for name in &names {
             let mut native = file.read(name)?;
-            grids.push(self.edit(&mut native, renames.get(name), transfer.as_ref()).map_err(|e| e.at(&self.input))?);
-            memory += native.info().map_or(0, |i| i.memory);
-            if memory > limits.max_memory {
-                return Err(Error::unsupported(format!("the grids take {} together", human(memory)))
-                    .at(&self.input)
-                    .hint("raise --max-memory, or convert them one by one with --grid"));
-            }
+            let done = self.edit(&mut native, renames.get(name), transfer.as_ref(), &mut budget, &mut warnings);
+            grids.push(done.map_err(|e| e.part(format!("grid '{name}'")).at(&self.input))?);
             natives.push(native);
         }
+        warnings.iter().for_each(|warning| output.note(format!("warning: {warning}")));
         if transfer.is_some() && !grids.iter().any(|g| g.transfer) {
             return Err(Error::invalid("no grid holds scalars, which a transfer function needs").at(&self.input));
         }
         write_native(&self.output, &natives.iter().collect::<Vec<_>>(), Some(&file), &BTreeMap::new(), self.codec)?;
         let transfer = transfer.as_ref().map(TransferSummary::of).transpose()?;
         let bytes = std::fs::metadata(&self.output).map_err(|e| Error::io(&self.output, e))?.len();
-        output.report(&Report { input: self.input.clone(), output: self.output.clone(), bytes, grids, transfer })?;
+        output.report(&Report {
+            input: self.input.clone(),
+            output: self.output.clone(),
+            bytes,
+            grids,
+            transfer,
+            warnings,
+        })?;
         Ok(ExitCode::SUCCESS)
     }
 
@@ -158,15 +168,60 @@ impl Convert {
         Ok(all)
     }
 
-    fn edit(&self, native: &mut NativeGrid, rename: Option<&String>, transfer: Option<&Transfer>) -> Result<Done> {
+    fn edit(
+        &self,
+        native: &mut NativeGrid,
+        rename: Option<&String>,
+        transfer: Option<&Transfer>,
+        budget: &mut Budget,
+        warnings: &mut Vec<String>,
+    ) -> Result<Done> {
         let mut done = Done { from: native.name().to_owned(), ..Done::default() };
+        let (dropped, entry) = native.mend_metadata()?;
+        if dropped > 0 {
+            let others = if dropped > 1 { format!(" and {} more", dropped - 1) } else { String::new() };
+            warnings.push(format!(
+                "grid '{}': damaged metadata was left out ('{entry}'{others}); OpenVDB writes it anew",
+                done.from
+            ));
+        }
+        let mut info = native.info()?;
+        if let (Placement::Affine(map), None) = (&info.transform, self.resample) {
+            writable(map)?;
+        }
+        let filled = info.active_voxels > 0;
         if let Some(world) = self.crop {
+            let more = native.cropped_bytes(world)?;
+            budget.room(
+                info.memory.saturating_add(more),
+                "the cropped grid",
+                "raise --max-memory, or choose another --crop",
+            )?;
             native.crop(world)?;
+            info = native.info()?;
+            if filled && info.active_voxels == 0 {
+                warnings.push(format!(
+                    "grid '{}': no active voxel lies in the box of --crop; cumulo info says where they lie",
+                    done.from
+                ));
+            }
         }
         if let Some(voxel_size) = self.resample {
+            let cropped = info.active_voxels > 0;
+            let more = native.resampled_bytes(voxel_size, budget.limit)?;
+            let hint = "choose a larger voxel for --resample, take a part with --crop, or raise --max-memory";
+            budget.room(info.memory.saturating_add(more), "the resampled grid", hint)?;
             native.resample(voxel_size)?;
+            info = native.info()?;
+            if cropped && info.active_voxels == 0 {
+                warnings.push(format!(
+                    "grid '{}': voxels of {voxel_size} are too large for what it holds: none is active",
+                    done.from
+                ));
+            }
         }
-        let info = native.info()?;
+        budget.held += info.memory;
+        budget.room(0, "holding the grids", "raise --max-memory, or convert the grids one by one with --grid")?;
         if let Some(what) = self.repair {
             let densities = what == Repair::Density || info.class == GridClass::FogVolume;
             done.repaired = Some(native.repair(densities)?);
@@ -175,15 +230,19 @@ impl Convert {
             native.prune(tolerance)?;
         }
         if self.half && matches!(info.value_type.as_str(), "float" | "double" | "vec3s" | "vec3d") {
-            let raw = native.to_raw()?;
-            let in_leaves = raw.leaves.iter().flat_map(|l| l.values.iter().copied());
-            let in_tiles = raw.tiles.iter().flat_map(|t| t.value);
             let (mut overflow, mut underflow) = (0, 0);
-            for v in in_leaves.chain(in_tiles).filter(|v| v.is_finite()) {
-                let h = f16::from_f32(v);
-                overflow += u64::from(h.is_infinite());
-                underflow += u64::from(v != 0.0 && h.to_f32() == 0.0);
-            }
+            let mut count = |values: &[f32]| {
+                for v in values.iter().filter(|v| v.is_finite()) {
+                    let h = f16::from_f32(*v);
+                    overflow += u64::from(h.is_infinite());
+                    underflow += u64::from(*v != 0.0 && h.to_f32() == 0.0);
+                }
+            };
+            native.for_each_leaf(|leaf| {
+                count(&leaf.values);
+                true
+            })?;
+            native.tiles()?.iter().for_each(|tile| count(&tile.value));
             (done.half_overflow, done.half_underflow) = (Some(overflow), Some(underflow));
             native.set_half(true)?;
         }
@@ -197,6 +256,24 @@ impl Convert {
         done.name = native.name().to_owned();
         done.active_voxels = native.info()?.active_voxels;
         Ok(done)
+    }
+}
+
+/// Memory that all grids of a conversion take together.
+struct Budget {
+    held: u64,
+    limit: u64,
+}
+
+impl Budget {
+    /// Refuses what would need so many bytes more than the grids that are held already.
+    fn room(&self, bytes: u64, what: &str, hint: &str) -> Result<()> {
+        let needed = self.held.saturating_add(bytes);
+        if needed <= self.limit {
+            return Ok(());
+        }
+        let (needed, allowed) = (human(needed), human(self.limit));
+        Err(Error::unsupported(format!("{what} needs about {needed}, {allowed} are allowed")).hint(hint))
     }
 }
 

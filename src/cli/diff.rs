@@ -1,6 +1,6 @@
 //! `cumulo diff`: how far the grids of two VDB files are apart.
 
-use super::memory::Memory;
+use super::memory::{Memory, human};
 use super::output::Output;
 use crate::error::{Error, Result};
 use crate::formats::vdb::{File, GridInfo, NativeGrid, RawGrid};
@@ -15,7 +15,8 @@ use std::process::ExitCode;
 #[command(after_help = "PSNR is taken over the union of the two boxes of active voxels on A's lattice, with the \
     largest |A| as its peak; it is null in JSON and 'inf' in text for identical grids. Where the transforms differ, B \
     is sampled trilinearly at A's voxel centres. Differences are measured in 32-bit floats; values of wider types that agree \
-    in these alone are told.")]
+    in these alone are told. Grids are paired by name; the only grids of both files are compared whatever their names, \
+    but names that differ are a difference, unless the grid is chosen with --grid.")]
 pub struct Diff {
     /// The reference
     a: PathBuf,
@@ -44,6 +45,9 @@ struct Report {
 #[derive(Debug, Serialize)]
 struct Compared {
     name: String,
+    /// Its name in the second file, where that is another one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    name_in_b: Option<String>,
     #[serde(flatten)]
     difference: Difference,
     /// Equal as 32-bit floats, in which all else is measured, but not in the grids' own wider type.
@@ -73,20 +77,24 @@ impl Diff {
                 not_compared.push(in_a.clone());
                 continue;
             }
-            let (left, right) = (load(&a, in_a)?, load(&b, in_b)?);
+            let mut budget = Budget { held: 0, limit: self.memory.limits().max_memory };
+            let (left, right) = (load(&a, in_a, &mut budget)?, load(&b, in_b, &mut budget)?);
             let difference =
                 compare(&left.field()?, &right.field()?).map_err(|e| e.at(&self.b).part(format!("grid '{in_b}'")))?;
             // `same_values` is stricter than wanted where nodes differ and voxels do not.
-            let wide = ["double", "vec3d", "int32", "int64", "vec3i"].contains(&left.info.value_type.as_str());
-            let differs_beyond_f32 = wide
-                && difference.within(0.0)
-                && difference.topology_iou == 1.0
-                && left.info.value_type == right.info.value_type
-                && !left.native.same_values(&right.native)?;
-            grids.push(Compared { name: in_a.clone(), difference, differs_beyond_f32 });
+            let differs_beyond_f32 = match (&left.wide, &right.wide) {
+                (Some(a), Some(b)) if left.info.value_type == right.info.value_type => {
+                    difference.within(0.0) && difference.topology_iou == 1.0 && !a.same_values(b)?
+                }
+                _ => false,
+            };
+            let name_in_b = (in_a != in_b).then(|| in_b.clone());
+            grids.push(Compared { name: in_a.clone(), name_in_b, difference, differs_beyond_f32 });
         }
-        let alike =
-            |g: &Compared| g.difference.within(self.tolerance) && !(self.tolerance == 0.0 && g.differs_beyond_f32);
+        let alike = |g: &Compared| {
+            let named = g.name_in_b.is_none() || self.grid.is_some();
+            named && g.difference.within(self.tolerance) && !(self.tolerance == 0.0 && g.differs_beyond_f32)
+        };
         let same = only_in_a.is_empty() && only_in_b.is_empty() && grids.iter().all(alike);
         output.report(&Report { same, grids, only_in_a, only_in_b, not_compared })?;
         Ok(if same { ExitCode::SUCCESS } else { ExitCode::from(1) })
@@ -119,18 +127,48 @@ fn is_points(file: &File, name: &str) -> bool {
     file.find(name).is_ok_and(|entry| entry.grid_type.starts_with("Tree_pt"))
 }
 
+/// Memory that the grids of a comparison take together.
+struct Budget {
+    held: u64,
+    limit: u64,
+}
+
+impl Budget {
+    /// Takes so many bytes, or says that they are too many.
+    fn take(&mut self, bytes: u64) -> Result<()> {
+        self.held = self.held.saturating_add(bytes);
+        if self.held <= self.limit {
+            return Ok(());
+        }
+        let (needed, allowed) = (human(self.held), human(self.limit));
+        Err(Error::unsupported(format!("comparing the grids needs {needed}, {allowed} are allowed"))
+            .hint("raise --max-memory, or compare parts of them: cumulo convert --crop"))
+    }
+}
+
 struct Loaded {
-    native: NativeGrid,
+    /// Kept where its values are wider than `f32`.
+    wide: Option<NativeGrid>,
     info: GridInfo,
     raw: RawGrid,
 }
 
-fn load(file: &File, name: &str) -> Result<Loaded> {
+fn load(file: &File, name: &str, budget: &mut Budget) -> Result<Loaded> {
+    let place = |e: Error| e.at(file.path()).part(format!("grid '{name}'"));
+    let in_file = file.find(name)?.topology.map_or(0, |t| t.memory);
+    budget.take(in_file).map_err(place)?;
     let native = file.read(name)?;
-    let info = native.info().map_err(|e| e.at(file.path()))?;
-    let raw = native.to_raw().map_err(|e| e.at(file.path()).hint("compare a grid with values: name it with --grid"))?;
-    info.affine().map_err(|e| e.at(file.path()))?;
-    Ok(Loaded { native, info, raw })
+    let info = native.info().map_err(place)?;
+    info.affine().map_err(place)?;
+    // A leaf's values, its mask, and its places in the lists and tables of the comparison.
+    let leaf = 2048 * info.components as u64 + 256;
+    budget.take(info.memory.saturating_sub(in_file) + info.leaf_count * leaf).map_err(place)?;
+    let raw = native.to_raw().map_err(|e| place(e).hint("compare a grid with values: name it with --grid"))?;
+    let wide = ["double", "vec3d", "int32", "int64", "vec3i"].contains(&info.value_type.as_str());
+    if !wide {
+        budget.held = budget.held.saturating_sub(info.memory.max(in_file));
+    }
+    Ok(Loaded { wide: wide.then_some(native), info, raw })
 }
 
 impl Loaded {
@@ -155,8 +193,14 @@ impl fmt::Display for Report {
             };
             writeln!(
                 f,
-                "'{}': psnr {psnr}, rms {:.4e}, max abs {:.4e}, topology IoU {:.4}, transforms {:.4e} apart, {} voxels",
-                grid.name, d.rms, d.max_abs, d.topology_iou, d.transform_difference, d.voxels
+                "'{}'{}: psnr {psnr}, rms {:.4e}, max abs {:.4e}, topology IoU {:.4}, transforms {:.4e} apart, {} voxels",
+                grid.name,
+                grid.name_in_b.as_ref().map(|name| format!(", in the second file '{name}'")).unwrap_or_default(),
+                d.rms,
+                d.max_abs,
+                d.topology_iou,
+                d.transform_difference,
+                d.voxels
             )?;
             if grid.differs_beyond_f32 {
                 writeln!(f, "  equal as 32-bit floats only")?;

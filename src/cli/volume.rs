@@ -4,7 +4,7 @@ use super::transfer::TransferOption;
 use crate::error::Result;
 use crate::formats::transfer;
 use crate::formats::vdb::{File, Limits};
-use crate::scene::bricks::Bricks;
+use crate::scene::bricks::{Bricks, too_large};
 use crate::scene::grid::Grid;
 use crate::scene::transfer::Transfer;
 use std::path::Path;
@@ -29,14 +29,37 @@ pub fn read(
     Ok((grid, transfer))
 }
 
-/// Arranges a grid for rays. With a transfer function the volume ends at its outermost active voxels, as
-/// there is nothing that the density falls off to; and what absorbs at density zero fills its box.
+/// Arranges a grid for rays that only read it: constant tiles share bricks. With a transfer function the volume ends at
+/// its outermost active voxels, as there is nothing that the density falls off to; and what absorbs at density zero
+/// fills its box.
 ///
 /// # Errors
 /// If it would need more memory than is allowed.
 pub fn arrange(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
-    let mut field = Bricks::from_grid(grid, limits.max_memory)?;
+    let field = Bricks::instanced(grid, limits.max_memory)?;
     let Some(transfer) = transfer else { return Ok(field) };
+    let field = ended(field, grid, transfer, limits)?;
+    // Renderers keep two tables of their own of what is visible, and of the distances to it.
+    let bytes = grid.memory() + size_of_val(field.values.as_slice()) as u64 + 4 * field.topology.table_bytes();
+    if bytes > limits.max_memory {
+        return Err(too_large(bytes, limits.max_memory).part(format!("grid '{}'", grid.name)));
+    }
+    Ok(field)
+}
+
+/// Arranges a grid as [`arrange`] does, with values of its own for every voxel: for gradients by voxel.
+///
+/// # Errors
+/// If it would need more memory than is allowed.
+pub fn arrange_by_voxel(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
+    let field = Bricks::from_grid(grid, limits.max_memory)?;
+    match transfer {
+        Some(transfer) => ended(field, grid, transfer, limits),
+        None => Ok(field),
+    }
+}
+
+fn ended(mut field: Bricks<f32>, grid: &Grid, transfer: &Transfer, limits: Limits) -> Result<Bricks<f32>> {
     field.domain = grid.active_box();
     if transfer.table()?.at(0.0)[3] > 0.0 { field.filled(limits.max_memory) } else { Ok(field) }
 }

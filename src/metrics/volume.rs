@@ -10,10 +10,18 @@ use crate::scene::grid::{Grid, LEAF_VOXELS};
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 use serde::Serialize;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
-/// Blocks of 8³ that one comparison may visit (8.6e9 voxels): beyond, the boxes are too far apart.
-const MAX_BLOCKS: i128 = 1 << 24;
+/// Blocks of 8³ in which voxels are compared one by one (8.6e9 voxels): with more the comparison would take hours.
+const MAX_BLOCKS: usize = 1 << 24;
+/// Blocks whose sums are kept at a time.
+const CHUNK: usize = 1 << 16;
+/// The most voxels of the second volume that are copied to sample one block of the first.
+const WINDOW: usize = 1 << 18;
+/// The most cells of the second volume that are compared together with a constant of the first.
+const CELLS: i128 = 1 << 15;
+/// Cubes have edges of `8 << level` voxels; those of the last level are half of index space.
+const LEVELS: usize = 29;
 
 #[derive(Debug, Clone, Copy)]
 struct Block<'a> {
@@ -27,6 +35,19 @@ struct Constant {
     active: bool,
 }
 
+impl Constant {
+    fn same(&self, other: &Self) -> bool {
+        self.value.map(f32::to_bits) == other.value.map(f32::to_bits) && self.active == other.active
+    }
+}
+
+/// What an aligned block of 8³ voxels holds.
+#[derive(Debug, Clone, Copy)]
+enum Content<'a> {
+    Voxels(Block<'a>),
+    Constant(Constant),
+}
+
 /// A sparse volume to look values up in.
 #[derive(Debug)]
 pub struct Field<'a> {
@@ -36,6 +57,9 @@ pub struct Field<'a> {
     active_box: Option<([i32; 3], [i32; 3])>,
     leaves: HashMap<[i32; 3], Block<'a>>,
     tiles: [HashMap<[i32; 3], Constant>; 3],
+    /// By level, the cubes (coordinates over their edge) that hold a leaf or a tile smaller than themselves. All others
+    /// are constant.
+    mixed: Vec<HashSet<[i32; 3]>>,
 }
 
 const TILE_DIMS: [i32; 3] = [8, 128, 4096];
@@ -48,7 +72,8 @@ impl<'a> Field<'a> {
         transform: Affine,
         active_box: Option<([i32; 3], [i32; 3])>,
     ) -> Self {
-        Self { components, background, transform, active_box, leaves: HashMap::new(), tiles: Default::default() }
+        let mixed = vec![HashSet::new(); LEVELS];
+        Self { components, background, transform, active_box, leaves: HashMap::new(), tiles: Default::default(), mixed }
     }
 
     /// A scalar grid. Its box of active voxels is found by a walk.
@@ -76,12 +101,24 @@ impl<'a> Field<'a> {
     /// Adds 8³ voxels, components interleaved, z fastest.
     pub fn add_leaf(&mut self, origin: [i32; 3], values: &'a [f32], active: &'a [u64; 8]) {
         self.leaves.insert(origin, Block { values, active });
+        self.mark(origin, 0);
     }
 
     /// Adds a constant block of edge 8, 128 or 4096.
     pub fn add_tile(&mut self, origin: [i32; 3], dim: i32, value: [f32; 3], active: bool) {
         if let Some(level) = TILE_DIMS.iter().position(|d| *d == dim) {
             self.tiles[level].insert(origin, Constant { value, active });
+            self.mark(origin, dim.ilog2() as usize - 2);
+        }
+    }
+
+    /// Marks the cubes around a voxel from a level on as mixed.
+    fn mark(&mut self, voxel: [i32; 3], from: usize) {
+        for level in from..LEVELS {
+            // Where one is marked, so are those around it.
+            if !self.mixed[level].insert(voxel.map(|c| c >> (level + 3))) {
+                break;
+            }
         }
     }
 
@@ -97,20 +134,47 @@ impl<'a> Field<'a> {
         Constant { value: self.background, active: false }
     }
 
-    fn voxel(&self, p: [i32; 3]) -> Constant {
+    /// The aligned block of 8³ voxels that a voxel lies in.
+    fn content(&self, p: [i32; 3]) -> Content<'a> {
         match self.leaves.get(&p.map(|c| c & !7)) {
-            Some(block) => {
-                let i = ((p[0] & 7) << 6 | (p[1] & 7) << 3 | (p[2] & 7)) as usize;
-                let mut value = [0.0; 3];
-                value[..self.components].copy_from_slice(&block.values[i * self.components..][..self.components]);
-                Constant { value, active: block.active[i >> 6] >> (i & 63) & 1 == 1 }
-            }
-            None => self.constant(p),
+            Some(block) => Content::Voxels(*block),
+            None => Content::Constant(self.constant(p)),
         }
     }
 
-    /// Trilinear value at index coordinates, and whether the nearest voxel is active.
-    fn sample(&self, p: DVec3) -> Constant {
+    /// The value that all voxels of a box, both corners included, have; `None` where they may differ.
+    fn uniform(&self, low: [i64; 3], high: [i64; 3]) -> Option<Constant> {
+        let outside = Constant { value: self.background, active: false };
+        let (least, most) = (i64::from(i32::MIN), i64::from(i32::MAX));
+        if (0..3).any(|a| high[a] < least || low[a] > most) {
+            return Some(outside);
+        }
+        let beyond = (0..3).any(|a| low[a] < least || high[a] > most);
+        let [low, high] = [low, high].map(|corner| corner.map(|c| c.clamp(least, most) as i32));
+        // Cubes so large that the box meets two along each axis at most.
+        let few = |level: &usize| (0..3).all(|a| (high[a] >> (level + 3)) - (low[a] >> (level + 3)) <= 1);
+        let level = (0..LEVELS).find(few)?;
+        let [first, last] = [low, high].map(|corner| corner.map(|c| c >> (level + 3)));
+        let mut found: Option<Constant> = beyond.then_some(outside);
+        for x in first[0]..=last[0] {
+            for y in first[1]..=last[1] {
+                for z in first[2]..=last[2] {
+                    if self.mixed[level].contains(&[x, y, z]) {
+                        return None;
+                    }
+                    let here = self.constant([x, y, z].map(|c| c << (level + 3)));
+                    if found.is_some_and(|found| !found.same(&here)) {
+                        return None;
+                    }
+                    found = Some(here);
+                }
+            }
+        }
+        found
+    }
+
+    /// Trilinear value at index coordinates, and whether the nearest voxel is active; `voxel` looks voxels up.
+    fn sample(p: DVec3, voxel: impl Fn([i32; 3]) -> Constant) -> Constant {
         let base = p.floor();
         let f = p - base;
         let base = base.as_ivec3();
@@ -119,11 +183,11 @@ impl<'a> Field<'a> {
             let d = IVec3::new(corner >> 2 & 1, corner >> 1 & 1, corner & 1);
             let w: f64 = (0..3).map(|a| if d[a] == 1 { f[a] } else { 1.0 - f[a] }).product();
             if w > 0.0 {
-                let v = self.voxel((base + d).to_array()).value;
+                let v = voxel((base.saturating_add(d)).to_array()).value;
                 (0..3).for_each(|c| value[c] += w * f64::from(v[c]));
             }
         }
-        Constant { value: value.map(|v| v as f32), active: self.voxel(p.round().as_ivec3().to_array()).active }
+        Constant { value: value.map(|v| v as f32), active: voxel(p.round().as_ivec3().to_array()).active }
     }
 
     fn peak(&self) -> f64 {
@@ -134,6 +198,64 @@ impl<'a> Field<'a> {
         });
         let in_tiles = self.tiles.iter().flat_map(HashMap::values).filter(|t| t.active).flat_map(|t| t.value);
         in_leaves.chain(in_tiles).filter(|v| v.is_finite()).fold(0.0, |m, v| m.max(f64::from(v.abs())))
+    }
+}
+
+impl Content<'_> {
+    fn voxel(&self, p: [i32; 3], components: usize) -> Constant {
+        match self {
+            Self::Constant(constant) => *constant,
+            Self::Voxels(block) => {
+                let i = ((p[0] & 7) << 6 | (p[1] & 7) << 3 | (p[2] & 7)) as usize;
+                let mut value = [0.0; 3];
+                value[..components].copy_from_slice(&block.values[i * components..][..components]);
+                Constant { value, active: block.active[i >> 6] >> (i & 63) & 1 == 1 }
+            }
+        }
+    }
+}
+
+/// A dense copy of a box of voxels.
+#[derive(Debug, Default)]
+struct Window {
+    low: [i64; 3],
+    size: [usize; 3],
+    voxels: Vec<Constant>,
+}
+
+impl Window {
+    /// Copies the box with these corners, both included, if it is not too large.
+    fn copy(&mut self, field: &Field<'_>, low: [i64; 3], high: [i64; 3]) -> bool {
+        let size = [0, 1, 2].map(|a| high[a] - low[a] + 1);
+        let inside = (0..3).all(|a| low[a] >= i64::from(i32::MIN) && high[a] <= i64::from(i32::MAX));
+        if !inside || size.iter().try_fold(1_i64, |n, s| n.checked_mul(*s)).is_none_or(|n| n > WINDOW as i64) {
+            return false;
+        }
+        (self.low, self.size) = (low, size.map(|s| s as usize));
+        self.voxels.clear();
+        self.voxels.resize(self.size.iter().product(), Constant { value: [0.0; 3], active: false });
+        let blocks = |a: usize| low[a] >> 3..=high[a] >> 3;
+        let along = |block: i64, a: usize| (block << 3).max(low[a])..=((block << 3) + 7).min(high[a]);
+        for (bx, by) in blocks(0).flat_map(|x| blocks(1).map(move |y| (x, y))) {
+            for bz in blocks(2) {
+                let content = field.content([bx, by, bz].map(|b| (b << 3) as i32));
+                for x in along(bx, 0) {
+                    for y in along(by, 1) {
+                        for z in along(bz, 2) {
+                            let voxel = content.voxel([x as i32, y as i32, z as i32], field.components);
+                            let at = self.offset([x, y, z]);
+                            self.voxels[at] = voxel;
+                        }
+                    }
+                }
+            }
+        }
+        true
+    }
+
+    fn offset(&self, p: [i64; 3]) -> usize {
+        let local: [usize; 3] = std::array::from_fn(|a| (p[a] - self.low[a]) as usize);
+        (local[0] * self.size[1] + local[1]) * self.size[2] + local[2]
     }
 }
 
@@ -177,16 +299,288 @@ struct Partial {
     incomparable: u64,
 }
 
-/// Compares `b` with `a`.
+impl Partial {
+    fn add(&mut self, p: &Self) {
+        self.squares += p.squares;
+        self.max = self.max.max(p.max);
+        self.both += p.both;
+        self.either += p.either;
+        self.incomparable += p.incomparable;
+    }
+
+    /// Counts a voxel of each volume, so many times.
+    fn count(&mut self, a: &Constant, b: &Constant, components: usize, times: u64) {
+        self.both = self.both.saturating_add(if a.active && b.active { times } else { 0 });
+        self.either = self.either.saturating_add(if a.active || b.active { times } else { 0 });
+        for c in 0..components {
+            let (u, v) = (a.value[c], b.value[c]);
+            if u.is_finite() && v.is_finite() {
+                let d = f64::from(u) - f64::from(v);
+                self.squares += d * d * times as f64;
+                self.max = self.max.max(d.abs());
+            } else if !(u == v || u.is_nan() && v.is_nan()) {
+                self.incomparable = self.incomparable.saturating_add(times);
+            }
+        }
+    }
+}
+
+/// The voxels of the first volume, along one axis, that lie in one cell of the second.
+#[derive(Debug)]
+struct Run {
+    /// The cell's lower coordinate.
+    base: f64,
+    /// Where in the cell they lie, the least and the most.
+    ends: [f64; 2],
+    /// Sums of the products of the weights of the cell's two corners.
+    products: [[f64; 2]; 2],
+    /// How many are nearer to each corner.
+    nearer: [u64; 2],
+    /// Coordinates of the first and the last.
+    voxels: [i32; 2],
+}
+
+impl Run {
+    fn new(at: f64, voxel: i32) -> Self {
+        let f = at - at.floor();
+        let mut run =
+            Self { base: at.floor(), ends: [f, f], products: [[0.0; 2]; 2], nearer: [0; 2], voxels: [voxel, voxel] };
+        run.add(at, voxel);
+        run
+    }
+
+    fn add(&mut self, at: f64, voxel: i32) {
+        let f = at - self.base;
+        let weights = [1.0 - f, f];
+        self.ends = [self.ends[0].min(f), self.ends[1].max(f)];
+        (0..2).for_each(|i| (0..2).for_each(|j| self.products[i][j] += weights[i] * weights[j]));
+        self.nearer[usize::from(at.round() > self.base)] += 1;
+        self.voxels[1] = voxel;
+    }
+}
+
+impl Partial {
+    /// Adds the voxels of a constant `a` in one cell of another volume; false, and nothing added, if a value is not
+    /// finite.
+    fn cell(
+        &mut self,
+        runs: [&Run; 3],
+        a: &Constant,
+        components: usize,
+        voxel: &impl Fn([i64; 3]) -> Constant,
+    ) -> bool {
+        let at = |corner: usize| [corner >> 2 & 1, corner >> 1 & 1, corner & 1];
+        // A corner without weight is not looked at, as no voxel of it has a say.
+        let beyond = runs.map(|run| run.ends[1] == 0.0);
+        let used = |corner: usize| !(0..3).any(|i| at(corner)[i] == 1 && beyond[i]);
+        let corners: [Constant; 8] = std::array::from_fn(|corner| {
+            let p = std::array::from_fn(|i| runs[i].base as i64 + if used(corner) { at(corner)[i] as i64 } else { 0 });
+            voxel(p)
+        });
+        let finite = |v: &Constant| v.value[..components].iter().all(|v| v.is_finite());
+        if !finite(a) || !corners.iter().all(finite) {
+            return false;
+        }
+        for (corner, value) in corners.iter().enumerate() {
+            let count: u64 = (0..3).map(|i| runs[i].nearer[at(corner)[i]]).product();
+            self.both += if a.active && value.active { count } else { 0 };
+            self.either += if a.active || value.active { count } else { 0 };
+        }
+        for c in 0..components {
+            let value = |f: [f64; 3]| {
+                let mut sum = 0.0;
+                for (corner, voxel) in corners.iter().enumerate() {
+                    let w: f64 = (0..3).map(|i| if at(corner)[i] == 1 { f[i] } else { 1.0 - f[i] }).product();
+                    sum += if w > 0.0 { w * f64::from(voxel.value[c]) } else { 0.0 };
+                }
+                sum as f32
+            };
+            let apart: [f64; 8] = std::array::from_fn(|k| f64::from(corners[k].value[c]) - f64::from(a.value[c]));
+            for (i, first) in apart.iter().enumerate() {
+                for (j, second) in apart.iter().enumerate() {
+                    let weight: f64 = (0..3).map(|axis| runs[axis].products[at(i)[axis]][at(j)[axis]]).product();
+                    self.squares += weight * first * second;
+                }
+            }
+            for end in 0..8 {
+                let f = std::array::from_fn(|i| runs[i].ends[at(end)[i]]);
+                self.max = self.max.max((f64::from(value(f)) - f64::from(a.value[c])).abs());
+            }
+        }
+        true
+    }
+}
+
+/// Two volumes to compare.
+#[derive(Debug)]
+struct Pair<'f, 'a> {
+    a: &'f Field<'a>,
+    b: &'f Field<'a>,
+    /// True if both lie on one lattice.
+    same: bool,
+    /// The domain: the lowest voxel and the highest.
+    min: [i32; 3],
+    max: [i32; 3],
+    /// True if both lattices, other than the same, have the same axes.
+    along_axes: bool,
+    /// Origins of blocks in which voxels are compared one by one.
+    blocks: Vec<[i32; 3]>,
+    /// Boxes in which the first volume has this value, and the second is interpolated.
+    interpolated: Vec<([i32; 3], [i32; 3], Constant)>,
+    /// Sums over the cubes in which both are constant.
+    constant: Partial,
+}
+
+impl Pair<'_, '_> {
+    /// Parts a cube of edge `1 << shift` into cubes in which both volumes are constant, and blocks.
+    ///
+    /// # Errors
+    /// If there are too many blocks.
+    fn part(&mut self, origin: [i64; 3], shift: u32) -> Result<()> {
+        let low: [i64; 3] = std::array::from_fn(|i| origin[i].max(self.min[i].into()));
+        let high: [i64; 3] = std::array::from_fn(|i| (origin[i] + (1 << shift) - 1).min(self.max[i].into()));
+        if (0..3).any(|i| low[i] > high[i]) {
+            return Ok(());
+        }
+        let (from, until) = if self.same { (low, high) } else { self.in_b(low, high) };
+        let (a, b) = (self.a.uniform(low, high), self.b.uniform(from, until));
+        let voxels: i128 = (0..3).map(|i| i128::from(high[i] - low[i] + 1)).product();
+        if let (Some(a), Some(b)) = (a, b) {
+            self.constant.count(&a, &b, self.a.components, voxels.min(u64::MAX.into()) as u64);
+            return Ok(());
+        }
+        if let (Some(a), true) = (a, self.along_axes) {
+            // Where the second volume is the coarser one, it has far fewer cells than the first has voxels.
+            let cells: i128 = (0..3).map(|i| i128::from(until[i]) - i128::from(from[i]) + 1).product();
+            if cells <= CELLS && voxels >= 2 * cells {
+                self.interpolated.push((low.map(|c| c as i32), high.map(|c| c as i32), a));
+                return Ok(());
+            }
+        }
+        if shift == 3 {
+            self.blocks.push(origin.map(|c| c as i32));
+            if self.blocks.len() > MAX_BLOCKS {
+                return Err(Error::unsupported(format!(
+                    "more than {MAX_BLOCKS} blocks of 8³ voxels would have to be compared voxel by voxel"
+                ))
+                .hint("crop both to the part that matters first: cumulo convert --crop"));
+            }
+            return Ok(());
+        }
+        let half = 1_i64 << (shift - 1);
+        for i in 0..8 {
+            let by = [i >> 2 & 1, i >> 1 & 1, i & 1];
+            self.part(std::array::from_fn(|a| origin[a] + by[a] * half), shift - 1)?;
+        }
+        Ok(())
+    }
+
+    /// The voxels of the second volume that samples at these voxels of the first look at.
+    fn in_b(&self, low: [i64; 3], high: [i64; 3]) -> ([i64; 3], [i64; 3]) {
+        let corner = |c: [i64; 3]| DVec3::from_array(c.map(|c| c as f64));
+        let corners = Aabb { min: corner(low), max: corner(high) }.corners();
+        let index = corners.map(|c| self.b.transform.to_index(self.a.transform.to_world(c)));
+        let found = index.into_iter().fold(Aabb::EMPTY, |b, p| b.including(p));
+        // Rounding takes a sample at a voxel to the voxel beside it.
+        let slack = 1e-6 + 1e-12 * found.min.abs().max(found.max.abs());
+        let (min, max) = ((found.min - slack).floor(), (found.max + slack).floor() + 1.0);
+        (min.to_array().map(|c| c as i64), max.to_array().map(|c| c as i64))
+    }
+
+    /// Compares a constant with the second volume's interpolation, cell by cell of its lattice: over the voxels of the
+    /// first that lie in a cell, the squares of a trilinear function add up to a quadratic form of the cell's corners,
+    /// and its extremes lie at the outermost of these voxels.
+    fn cells(&self, window: &mut Window, low: [i32; 3], high: [i32; 3], a: &Constant) -> Partial {
+        let mut p = Partial::default();
+        let (from, until) = self.in_b(low.map(i64::from), high.map(i64::from));
+        let copied = window.copy(self.b, from, until);
+        let runs: [Vec<Run>; 3] = std::array::from_fn(|axis| {
+            let mut runs: Vec<Run> = Vec::new();
+            for c in low[axis]..=high[axis] {
+                let mut corner = low;
+                corner[axis] = c;
+                let world = self.a.transform.to_world(DVec3::from_array(corner.map(f64::from)));
+                let at = self.b.transform.to_index(world)[axis];
+                match runs.last_mut().filter(|run| run.base == at.floor()) {
+                    Some(run) => run.add(at, c),
+                    None => runs.push(Run::new(at, c)),
+                }
+            }
+            runs
+        });
+        let voxel = |p: [i64; 3]| {
+            if copied {
+                window.voxels[window.offset(p)]
+            } else {
+                let p = p.map(|c| c.clamp(i32::MIN.into(), i32::MAX.into()) as i32);
+                self.b.content(p).voxel(p, self.b.components)
+            }
+        };
+        for x in &runs[0] {
+            for y in &runs[1] {
+                for z in &runs[2] {
+                    if p.cell([x, y, z], a, self.a.components, &voxel) {
+                        continue;
+                    }
+                    let along = |run: &Run| run.voxels[0]..=run.voxels[1];
+                    for (i, j) in along(x).flat_map(|i| along(y).map(move |j| (i, j))) {
+                        for k in along(z) {
+                            let world = self.a.transform.to_world(DVec3::new(i.into(), j.into(), k.into()));
+                            let at = self.b.transform.to_index(world);
+                            let b = Field::sample(at, |p| voxel(p.map(i64::from)));
+                            p.count(a, &b, self.a.components, 1);
+                        }
+                    }
+                }
+            }
+        }
+        p
+    }
+
+    fn block(&self, window: &mut Window, origin: [i32; 3]) -> Partial {
+        let mut p = Partial::default();
+        let range = |i: usize| origin[i].max(self.min[i])..=origin[i].saturating_add(7).min(self.max[i]);
+        let (a, n) = (self.a.content(origin), self.a.components);
+        let b = self.b.content(origin);
+        let copied = !self.same && {
+            let low = std::array::from_fn(|i| (*range(i).start()).into());
+            let high = std::array::from_fn(|i| (*range(i).end()).into());
+            let (from, until) = self.in_b(low, high);
+            window.copy(self.b, from, until)
+        };
+        for x in range(0) {
+            for y in range(1) {
+                for z in range(2) {
+                    let vb = if self.same {
+                        b.voxel([x, y, z], n)
+                    } else {
+                        let world = self.a.transform.to_world(DVec3::new(x.into(), y.into(), z.into()));
+                        let at = self.b.transform.to_index(world);
+                        if copied {
+                            Field::sample(at, |p| window.voxels[window.offset(p.map(i64::from))])
+                        } else {
+                            Field::sample(at, |p| self.b.content(p).voxel(p, n))
+                        }
+                    };
+                    p.count(&a.voxel([x, y, z], n), &vb, n, 1);
+                }
+            }
+        }
+        p
+    }
+}
+
+/// Compares `b` with `a`. Where neither has leaves, constant regions are compared as a whole.
 ///
 /// # Errors
-/// If the components differ, or the domain is too large.
+/// If the components differ, or too many voxels would have to be compared.
 pub fn compare(a: &Field<'_>, b: &Field<'_>) -> Result<Difference> {
     if a.components != b.components {
         return Err(Error::invalid(format!(
             "one grid has {} values a voxel, the other {}",
             a.components, b.components
-        )));
+        ))
+        .hint("compare grids of one kind: name them with --grid"));
     }
     let same = a.transform == b.transform;
     let b_box = b.active_box.map(|(min, max)| if same { (min, max) } else { on_lattice(min, max, b, a) });
@@ -201,33 +595,48 @@ pub fn compare(a: &Field<'_>, b: &Field<'_>) -> Result<Difference> {
             incomparable: 0,
         });
     };
-    let first: [i32; 3] = min.map(|c| c >> 3);
-    let counts: [i128; 3] = std::array::from_fn(|i| i128::from(max[i] >> 3) - i128::from(first[i]) + 1);
-    let blocks: i128 = counts.iter().product();
-    if blocks > MAX_BLOCKS {
-        return Err(Error::unsupported(format!(
-            "the volumes span {blocks} blocks of 8³ together, at most {MAX_BLOCKS}"
-        ))
-        .hint("crop them to the same region first: cumulo convert --crop"));
+    let along_axes = !same && {
+        let turn = b.transform.inverse_matrix() * a.transform.matrix();
+        let columns = [turn.x_axis, turn.y_axis, turn.z_axis].map(|c| c.truncate().to_array());
+        (0..3).all(|i| (0..3).all(|j| i == j || columns[i][j].abs() <= 1e-12 * columns[i][i].abs()))
+    };
+    let mut pair = Pair {
+        a,
+        b,
+        same,
+        min,
+        max,
+        along_axes,
+        blocks: Vec::new(),
+        interpolated: Vec::new(),
+        constant: Partial::default(),
+    };
+    // The cubes that the domain meets, two along each axis at most.
+    let few = |shift: &u32| (0..3).all(|i| (i64::from(max[i]) >> shift) - (i64::from(min[i]) >> shift) <= 1);
+    let shift = (3..=32).find(few).unwrap_or(32);
+    let along = |i: usize| i64::from(min[i]) >> shift..=i64::from(max[i]) >> shift;
+    for x in along(0) {
+        for y in along(1) {
+            for z in along(2) {
+                pair.part([x, y, z].map(|c| c << shift), shift)?;
+            }
+        }
     }
-    let partials: Vec<Partial> = (0..blocks as i64)
-        .into_par_iter()
-        .map(|n| {
-            let (ny, nz) = (counts[1] as i64, counts[2] as i64);
-            let block = [n / (ny * nz), n / nz % ny, n % nz];
-            let origin: [i32; 3] = std::array::from_fn(|i| (first[i] + block[i] as i32) << 3);
-            compare_block(a, b, same, origin, min, max)
-        })
-        .collect();
-    // Added in order, so that the sum does not depend on the threads.
+    // Added in ascending order of origin, so that the sum depends neither on the threads nor on how cubes are parted.
+    pair.blocks.sort_unstable();
     let mut sum = Partial::default();
-    for p in partials {
-        sum.squares += p.squares;
-        sum.max = sum.max.max(p.max);
-        sum.both += p.both;
-        sum.either += p.either;
-        sum.incomparable += p.incomparable;
+    for blocks in pair.blocks.chunks(CHUNK) {
+        let found: Vec<Partial> =
+            blocks.par_iter().map_init(Window::default, |window, origin| pair.block(window, *origin)).collect();
+        found.iter().for_each(|p| sum.add(p));
     }
+    for boxes in pair.interpolated.chunks(CHUNK) {
+        let of =
+            |window: &mut Window, (low, high, a): &([i32; 3], [i32; 3], Constant)| pair.cells(window, *low, *high, a);
+        let found: Vec<Partial> = boxes.par_iter().map_init(Window::default, of).collect();
+        found.iter().for_each(|p| sum.add(p));
+    }
+    sum.add(&pair.constant);
     let voxels: i128 = (0..3).map(|i| i128::from(max[i]) - i128::from(min[i]) + 1).product();
     let rms = (sum.squares / (voxels as f64 * a.components as f64)).sqrt();
     let peak = a.peak();
@@ -237,40 +646,9 @@ pub fn compare(a: &Field<'_>, b: &Field<'_>) -> Result<Difference> {
         max_abs: sum.max,
         topology_iou: if sum.either == 0 { 1.0 } else { sum.both as f64 / sum.either as f64 },
         transform_difference: transform_difference(a, b, min, max),
-        voxels: voxels as u64,
+        voxels: voxels.min(u64::MAX.into()) as u64,
         incomparable: sum.incomparable,
     })
-}
-
-fn compare_block(a: &Field<'_>, b: &Field<'_>, same: bool, origin: [i32; 3], min: [i32; 3], max: [i32; 3]) -> Partial {
-    let mut p = Partial::default();
-    let range = |i: usize| origin[i].max(min[i])..=(origin[i] + 7).min(max[i]);
-    for x in range(0) {
-        for y in range(1) {
-            for z in range(2) {
-                let va = a.voxel([x, y, z]);
-                let vb = if same {
-                    b.voxel([x, y, z])
-                } else {
-                    let world = a.transform.to_world(DVec3::new(x.into(), y.into(), z.into()));
-                    b.sample(b.transform.to_index(world))
-                };
-                p.both += u64::from(va.active && vb.active);
-                p.either += u64::from(va.active || vb.active);
-                for c in 0..a.components {
-                    let (u, v) = (va.value[c], vb.value[c]);
-                    if u.is_finite() && v.is_finite() {
-                        let d = f64::from(u) - f64::from(v);
-                        p.squares += d * d;
-                        p.max = p.max.max(d.abs());
-                    } else if !(u == v || u.is_nan() && v.is_nan()) {
-                        p.incomparable += 1;
-                    }
-                }
-            }
-        }
-    }
-    p
 }
 
 fn corner(c: [i32; 3]) -> DVec3 {

@@ -2,15 +2,20 @@
 //!
 //! A voxel on the low face of a leaf also takes part in cells of the neighbours below; those bricks exist
 //! whenever such a voxel is not zero, even where the file has no leaf.
+//!
+//! [`Bricks::from_grid`] gives every brick values of its own. [`Bricks::instanced`] stores what lies in constant tiles
+//! once: for whatever only reads.
 
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
 use crate::real::Real;
 use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
+use crate::scene::sources::Sources;
+use crate::scene::topology;
 pub use crate::scene::topology::{BRICK, CELLS, EDGE, NONE, Topology, Voxel, slot};
 use glam::{DVec3, IVec3, Vec4};
 use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 /// A field on bricks, trilinear between voxel centres, zero outside: of scalars, or of the four values of a
@@ -28,12 +33,8 @@ pub struct Bricks<V> {
     pub domain: Aabb,
 }
 
-/// Where the voxels of a brick come from.
-#[derive(Clone, Copy)]
-enum Source {
-    Leaf(usize),
-    Constant(f32),
-}
+/// Bytes, beside its values, that a brick takes while bricks are arranged: its entries in ordered sets.
+const OVERHEAD: u64 = 64;
 
 impl<V: Voxel> Bricks<V> {
     /// A field of zeros.
@@ -77,82 +78,145 @@ impl Bricks<Vec4> {
 }
 
 impl<R: Real> Bricks<R> {
-    /// Arranges a fog volume for rays, straight from its leaves and tiles.
+    /// Arranges a fog volume for rays, straight from its leaves and tiles; every brick has values of its own.
     ///
     /// # Errors
-    /// If the grid is no fog volume with background 0, carries NaN, infinite or negative values, or
-    /// would need more than `max_memory` bytes.
+    /// If the grid is no fog volume with background 0, carries NaN, infinite or negative values, or it and its bricks
+    /// would need more than `max_memory` bytes together.
     pub fn from_grid(grid: &Grid, max_memory: u64) -> Result<Self> {
         let named = |e: Error| e.part(format!("grid '{}'", grid.name));
-        if grid.background != 0.0 {
-            return Err(named(
-                Error::unsupported(format!("background is {}, a fog volume has 0 outside", grid.background))
-                    .hint("convert the grid to a fog volume first; a level set has its narrow band as background"),
-            ));
+        let sources = Sources::new(grid).map_err(named)?;
+        let each = (BRICK * size_of::<R>()) as u64 + OVERHEAD;
+        let within = |bytes: u64| if bytes > max_memory { Err(named(too_large(bytes, max_memory))) } else { Ok(()) };
+        let held = grid.memory() + sources.memory();
+        // Tiles alone: of giant ones not even the list of their bricks would fit.
+        within(held.saturating_add(sources.tile_bricks().saturating_mul(each)))?;
+        let mut needed = sources.needed_by_leaves();
+        for (low, high) in sources.tile_boxes() {
+            needed.extend(boxed(low, high).map(|b| b.to_array()));
         }
-        let bad = grid
-            .leaves
-            .par_iter()
-            .map(|l| l.values.iter().filter(|v| !(v.is_finite() && **v >= 0.0)).count())
-            .sum::<usize>()
-            + grid.tiles.iter().filter(|t| !(t.value.is_finite() && t.value >= 0.0)).count();
-        if bad > 0 {
-            return Err(named(
-                Error::invalid(format!(
-                    "{bad} values are NaN, infinite or negative; densities are finite and at least 0"
-                ))
-                .hint("`cumulo convert --repair=density` sets them to 0 and says how many there were"),
-            ));
-        }
-        let sources = sources(grid, max_memory).map_err(named)?;
-        let mut needed: BTreeSet<[i32; 3]> = BTreeSet::new();
-        for (key, source) in &sources {
-            for corner in 0..8 {
-                let offset = [corner >> 2 & 1, corner >> 1 & 1, corner & 1];
-                if touches(grid, source, offset) {
-                    needed.insert(std::array::from_fn(|a| key[a] - offset[a]));
-                }
-            }
-        }
-        let bytes = needed.len() as u64 * (BRICK * size_of::<R>()) as u64;
-        if bytes > max_memory {
-            return Err(named(too_large(bytes, max_memory)));
-        }
+        let (low, high) = bounds(needed.iter().copied().map(IVec3::from_array));
+        let entries = if needed.is_empty() { 0 } else { topology::table_entries(low, high).map_err(named)? };
+        within(held + needed.len() as u64 * each + 4 * entries as u64)?;
         let topology = Arc::new(Topology::new(needed.into_iter().map(IVec3::from_array)).map_err(named)?);
         let mut field = Self::zeros(topology.clone(), grid.transform);
-        field.values.par_chunks_mut(BRICK).zip(topology.bricks().par_iter()).for_each(|(out, brick)| {
-            for corner in 0..8 {
-                let offset = IVec3::new(corner >> 2 & 1, corner >> 1 & 1, corner & 1);
-                let Some(source) = sources.get(&(*brick + offset).to_array()) else { continue };
-                let part = |a: i32| if a == 0 { 0..CELLS } else { CELLS..EDGE };
-                for x in part(offset.x) {
-                    for y in part(offset.y) {
-                        for z in part(offset.z) {
-                            let v = match source {
-                                Source::Leaf(l) => grid.leaves[*l].values[(x & 7) << 6 | (y & 7) << 3 | (z & 7)],
-                                Source::Constant(v) => *v,
-                            };
-                            out[slot(x, y, z)] = R::of(f64::from(v));
-                        }
-                    }
-                }
-            }
-        });
+        let stored = field.values.par_chunks_mut(BRICK).zip(topology.bricks().par_iter());
+        stored.for_each(|(out, brick)| sources.fill(*brick, out));
         Ok(field)
     }
 
-    /// The same field with all bricks of its domain, for media that absorb where the density is zero.
+    /// Arranges a fog volume for rays that only read it: bricks that no leaf reaches into, those of constant tiles, are
+    /// stored once for all places that are alike. Radiance along a ray has the bits that it has with
+    /// [`Bricks::from_grid`].
+    ///
+    /// # Errors
+    /// As [`Bricks::from_grid`].
+    pub fn instanced(grid: &Grid, max_memory: u64) -> Result<Self> {
+        let named = |e: Error| e.part(format!("grid '{}'", grid.name));
+        let sources = Sources::new(grid).map_err(named)?;
+        let each = (BRICK * size_of::<R>()) as u64 + OVERHEAD;
+        let own = sources.needed_by_leaves();
+        let corners = sources.tile_boxes().flat_map(|(low, high)| [low, high]);
+        let (min, max) = bounds(own.iter().copied().map(IVec3::from_array).chain(corners));
+        if !min.cmple(max).all() {
+            return Ok(Self::zeros(
+                Arc::new(Topology::from_table(IVec3::ZERO, IVec3::ZERO, vec![], vec![])),
+                grid.transform,
+            ));
+        }
+        let entries = topology::table_entries(min, max).map_err(named)?;
+        let needed = grid.memory() + sources.memory() + own.len() as u64 * each + 4 * entries as u64;
+        if needed > max_memory {
+            return Err(named(too_large(needed, max_memory)));
+        }
+        let dim = max - min + 1;
+        let row = |x: i32, y: i32| ((x - min.x) as usize * dim.y as usize + (y - min.y) as usize) * dim.z as usize;
+        let mut table = vec![NONE; entries];
+        let mut places: Vec<IVec3> = own.into_iter().map(IVec3::from_array).collect();
+        let leaves = places.len();
+        for (number, b) in places.iter().enumerate() {
+            table[row(b.x, b.y) + (b.z - min.z) as usize] = number as u32;
+        }
+        // Eight constants, one for each brick that a brick reaches into, say all of its values.
+        let mut alike: HashMap<[u32; 8], u32> = HashMap::new();
+        for (low, high) in sources.tile_boxes() {
+            // Away from the tile's faces all eight are the tile itself.
+            let inside = |a: i32, low: i32, high: i32| a > low && a < high;
+            for x in low.x..=high.x {
+                for y in low.y..=high.y {
+                    let whole = inside(x, low.x, high.x) && inside(y, low.y, high.y);
+                    let mut z = low.z;
+                    while z <= high.z {
+                        let end = if whole && inside(z, low.z, high.z) { high.z - 1 } else { z };
+                        let at = row(x, y) + (z - min.z) as usize;
+                        let run = &mut table[at..=at + (end - z) as usize];
+                        if run.contains(&NONE) {
+                            let place = IVec3::new(x, y, z);
+                            let number =
+                                *alike.entry(sources.constants(place).map(f32::to_bits)).or_insert_with(|| {
+                                    places.push(place);
+                                    places.len() as u32 - 1
+                                });
+                            run.iter_mut().filter(|n| **n == NONE).for_each(|n| *n = number);
+                        }
+                        z = end + 1;
+                    }
+                }
+            }
+        }
+        topology::addressable(places.len()).map_err(named)?;
+        let bytes = needed + (places.len() - leaves) as u64 * each;
+        if bytes > max_memory {
+            return Err(named(too_large(bytes, max_memory)));
+        }
+        let topology = Arc::new(Topology::from_table(min, dim, table, places));
+        let mut field = Self::zeros(topology.clone(), grid.transform);
+        let stored = field.values.par_chunks_mut(BRICK).zip(topology.bricks().par_iter());
+        stored.for_each(|(out, brick)| sources.fill(*brick, out));
+        Ok(field)
+    }
+
+    /// The same field with values of its own for every place.
     ///
     /// # Errors
     /// If it would need more than `max_memory` bytes.
+    pub fn expanded(self, max_memory: u64) -> Result<Self> {
+        if !self.topology.is_instanced() {
+            return Ok(self);
+        }
+        let stored = size_of_val(self.values.as_slice()) as u64 + self.topology.table_bytes();
+        let count = self.topology.places().count() as u64;
+        let bytes = stored + self.topology.table_bytes() + count * ((BRICK * size_of::<R>()) as u64 + OVERHEAD);
+        if bytes > max_memory {
+            return Err(too_large(bytes, max_memory));
+        }
+        let topology = Arc::new(Topology::new(self.topology.places().map(|(place, _)| place))?);
+        let mut own = Self { domain: self.domain, ..Self::zeros(topology.clone(), self.transform) };
+        own.values.par_chunks_mut(BRICK).zip(topology.bricks().par_iter()).for_each(|(out, brick)| {
+            if let Some(values) = self.brick(*brick) {
+                out.copy_from_slice(values);
+            }
+        });
+        Ok(own)
+    }
+
+    /// The same field with all bricks of its domain, for media that absorb where the density is zero. An instanced
+    /// field stores the added ones once.
+    ///
+    /// # Errors
+    /// If it would need more than `max_memory` bytes, this one included.
     pub fn filled(self, max_memory: u64) -> Result<Self> {
         if self.is_filled() {
             return Ok(self);
         }
+        if self.topology.is_instanced() {
+            return self.filled_instanced(max_memory);
+        }
         let (min, max) = self.domain_bricks();
-        let count = (max - min).as_u64vec3();
-        let bytes =
-            count.x.saturating_mul(count.y).saturating_mul(count.z).saturating_mul((BRICK * size_of::<R>()) as u64);
+        let count = (max.as_i64vec3() - min.as_i64vec3()).as_u64vec3();
+        let stored = size_of_val(self.values.as_slice()) as u64 + self.topology.table_bytes();
+        let each = (BRICK * size_of::<R>()) as u64 + OVERHEAD;
+        let bytes = count.x.saturating_mul(count.y).saturating_mul(count.z).saturating_mul(each).saturating_add(stored);
         if bytes > max_memory {
             return Err(too_large(bytes, max_memory));
         }
@@ -167,12 +231,60 @@ impl<R: Real> Bricks<R> {
         Ok(filled)
     }
 
+    fn filled_instanced(mut self, max_memory: u64) -> Result<Self> {
+        let (min, max) = self.domain_bricks();
+        let (low, high) = bounds([min, max - 1].into_iter().chain(self.topology.places().map(|(place, _)| place)));
+        let entries = topology::table_entries(low, high)?;
+        // Values grow by a brick, and may move while they do.
+        let values = size_of_val(self.values.as_slice()) as u64 + (BRICK * size_of::<R>()) as u64;
+        let bytes = 2 * values + self.topology.table_bytes() + 4 * entries as u64;
+        if bytes > max_memory {
+            return Err(too_large(bytes, max_memory));
+        }
+        let dim = high - low + 1;
+        let at = |b: IVec3| {
+            let b = b - low;
+            (b.x as usize * dim.y as usize + b.y as usize) * dim.z as usize + b.z as usize
+        };
+        let mut table = vec![NONE; entries];
+        for (start, numbers) in self.topology.rows() {
+            // Rows reach as far as some brick does, and so inside the new box where they are not empty.
+            let there = numbers.iter().enumerate().filter(|(_, number)| **number != NONE);
+            there.for_each(|(z, number)| table[at(start + IVec3::new(0, 0, z as i32))] = *number);
+        }
+        let empty = self.topology.len() as u32;
+        let mut first = None;
+        for x in min.x..max.x {
+            for y in min.y..max.y {
+                let from = at(IVec3::new(x, y, min.z));
+                let row = &mut table[from..from + (max.z - min.z) as usize];
+                for (z, number) in row.iter_mut().enumerate().filter(|(_, number)| **number == NONE) {
+                    first.get_or_insert(IVec3::new(x, y, min.z + z as i32));
+                    *number = empty;
+                }
+            }
+        }
+        let mut bricks = self.topology.bricks().to_vec();
+        if let Some(first) = first {
+            bricks.push(first);
+            topology::addressable(bricks.len())?;
+            self.values.resize(bricks.len() * BRICK, R::ZERO);
+        }
+        self.topology = Arc::new(Topology::from_table(low, dim, table, bricks));
+        Ok(self)
+    }
+
     /// True if no brick of the domain is missing.
     pub fn is_filled(&self) -> bool {
         let (min, max) = self.domain_bricks();
-        let inside = |b: &&IVec3| b.cmpge(min).all() && b.cmplt(max).all();
-        let count = (max - min).as_i64vec3();
-        self.topology.bricks().iter().filter(inside).count() as i64 == count.x * count.y * count.z
+        let inside = |b: &IVec3| b.cmpge(min).all() && b.cmplt(max).all();
+        let count = (max.as_i64vec3() - min.as_i64vec3()).to_array();
+        let there = if self.topology.is_instanced() {
+            self.topology.places().filter(|(place, _)| inside(place)).count()
+        } else {
+            self.topology.bricks().iter().filter(|b| inside(b)).count()
+        };
+        count.into_iter().try_fold(1, |product: i64, n| product.checked_mul(n)) == Some(there as i64)
     }
 
     /// Coordinates of the domain's bricks: the lowest, and one past the highest.
@@ -207,9 +319,10 @@ impl<R: Real> Bricks<R> {
     /// The bricks' own voxels as a fog volume; voxels that are not positive are inactive, leaves
     /// without active voxels left out.
     pub fn to_grid(&self, name: &str) -> Grid {
-        let leaves = self.topology.bricks().iter().zip(self.values.chunks(BRICK)).filter_map(|(brick, stored)| {
+        let leaves = self.topology.places().filter_map(|(brick, number)| {
+            let stored = &self.values[number as usize * BRICK..(number as usize + 1) * BRICK];
             let mut leaf =
-                Leaf { origin: (8 * *brick).to_array(), values: Box::new([0.0; LEAF_VOXELS]), active: [0; 8] };
+                Leaf { origin: (8 * brick).to_array(), values: Box::new([0.0; LEAF_VOXELS]), active: [0; 8] };
             for i in 0..LEAF_VOXELS {
                 let value = stored[slot(i >> 6, i >> 3 & 7, i & 7)].f64() as f32;
                 if value > 0.0 {
@@ -230,20 +343,41 @@ impl<R: Real> Bricks<R> {
         }
     }
 
-    /// World-space corners of boxes, one a brick, around the voxels that are not zero and the cells
-    /// they reach into; none for an empty field.
+    /// World-space corners of boxes, one a brick, around the voxels that are not zero and the cells they reach into; none
+    /// for an empty field. Like bricks that follow one another along z share a box where there are many.
     pub fn outline(&self) -> Vec<DVec3> {
-        let boxes = self.topology.bricks().par_iter().zip(self.values.par_chunks(BRICK)).map(|(brick, stored)| {
+        let local = |stored: &[R]| {
             (0..BRICK).filter(|i| stored[*i] != R::ZERO).fold(Aabb::EMPTY, |b, i| {
-                let local = IVec3::new((i / EDGE / EDGE) as i32, (i / EDGE % EDGE) as i32, (i % EDGE) as i32);
-                b.including((8 * *brick + local).as_dvec3())
+                let at = [i / EDGE / EDGE, i / EDGE % EDGE, i % EDGE].map(|v| v as f64);
+                b.including(DVec3::from_array(at))
             })
-        });
-        boxes
-            .filter(|b| !b.is_empty())
-            .flat_map_iter(|b| Aabb { min: b.min - 1.0, max: b.max + 1.0 }.corners())
-            .map(|corner| self.transform.to_world(corner))
-            .collect()
+        };
+        let boxes: Vec<Aabb> = self.values.par_chunks(BRICK).map(local).collect();
+        let moved = |b: Aabb, brick: IVec3| {
+            let by = 8.0 * brick.as_dvec3();
+            Aabb { min: b.min + by, max: b.max + by }
+        };
+        let mut found: Vec<Aabb> = Vec::new();
+        if !self.topology.is_instanced() {
+            found.extend(self.topology.bricks().iter().zip(&boxes).map(|(brick, b)| moved(*b, *brick)));
+        } else if self.topology.places().nth(MANY).is_none() {
+            found.extend(self.topology.places().map(|(brick, number)| moved(boxes[number as usize], brick)));
+        } else {
+            for (start, numbers) in self.topology.rows() {
+                let mut z = 0;
+                for run in numbers.chunk_by(|a, b| a == b) {
+                    if run[0] != NONE {
+                        let ends = [z, z + run.len() as i32 - 1].map(|z| start + IVec3::new(0, 0, z));
+                        let [first, last] = ends.map(|brick| moved(boxes[run[0] as usize], brick));
+                        found.push(first.union(last));
+                    }
+                    z += run.len() as i32;
+                }
+            }
+        }
+        let corners = |b: &Aabb| Aabb { min: b.min - 1.0, max: b.max + 1.0 }.corners();
+        let filled = found.par_iter().filter(|b| !b.is_empty());
+        filled.flat_map_iter(corners).map(|corner| self.transform.to_world(corner)).collect()
     }
 
     /// Trilinear value at index coordinates.
@@ -266,49 +400,22 @@ impl<R: Real> Bricks<R> {
     }
 }
 
-fn too_large(bytes: u64, limit: u64) -> Error {
-    Error::unsupported(format!("needs {} MiB in memory, {} MiB are allowed", bytes >> 20, limit >> 20))
+/// Places of bricks above which an outline joins those that are alike: eight points each would take gigabytes.
+const MANY: usize = 1 << 17;
+
+/// That so much memory is needed where so much is allowed.
+pub(crate) fn too_large(bytes: u64, limit: u64) -> Error {
+    Error::unsupported(format!("needs {} MiB in memory, {} MiB are allowed", bytes.div_ceil(1 << 20), limit >> 20))
         .hint("raise --max-memory, or reduce the grid with `cumulo convert --crop` or `--resample`")
 }
 
-/// Leaves and expanded tiles by brick coordinates; zero ones are left out.
-fn sources(grid: &Grid, max_memory: u64) -> Result<BTreeMap<[i32; 3], Source>> {
-    let mut sources = BTreeMap::new();
-    for tile in grid.tiles.iter().filter(|t| t.value != 0.0) {
-        let n = i64::from(tile.dim / 8);
-        let bytes = (sources.len() as u64 + (n * n * n) as u64) * (BRICK * size_of::<f32>()) as u64;
-        if bytes > max_memory {
-            return Err(too_large(bytes, max_memory));
-        }
-        let n = n as i32;
-        for x in 0..n {
-            for y in 0..n {
-                for z in 0..n {
-                    let o = tile.origin;
-                    sources.insert(
-                        [o[0].div_euclid(8) + x, o[1].div_euclid(8) + y, o[2].div_euclid(8) + z],
-                        Source::Constant(tile.value),
-                    );
-                }
-            }
-        }
-    }
-    for (i, leaf) in grid.leaves.iter().enumerate() {
-        if leaf.values.iter().any(|v| *v != 0.0) {
-            sources.insert(leaf.origin.map(|c| c.div_euclid(8)), Source::Leaf(i));
-        }
-    }
-    Ok(sources)
+/// All bricks from `low` to `high`, both included.
+fn boxed(low: IVec3, high: IVec3) -> impl Iterator<Item = IVec3> {
+    let columns = (low.x..=high.x).flat_map(move |x| (low.y..=high.y).map(move |y| (x, y)));
+    columns.flat_map(move |(x, y)| (low.z..=high.z).map(move |z| IVec3::new(x, y, z)))
 }
 
-/// True if a voxel that is not zero lies on the low faces named by `offset` (all voxels for none).
-fn touches(grid: &Grid, source: &Source, offset: [i32; 3]) -> bool {
-    match source {
-        Source::Constant(_) => true,
-        Source::Leaf(l) => {
-            let end = |a: usize| if offset[a] == 1 { 1 } else { CELLS };
-            let values = &grid.leaves[*l].values;
-            (0..end(0)).any(|x| (0..end(1)).any(|y| (0..end(2)).any(|z| values[x << 6 | y << 3 | z] != 0.0)))
-        }
-    }
+/// The lowest and the highest coordinates; out of order if there are none.
+fn bounds(bricks: impl Iterator<Item = IVec3>) -> (IVec3, IVec3) {
+    bricks.fold((IVec3::MAX, IVec3::MIN), |(low, high), b| (low.min(b), high.max(b)))
 }

@@ -85,6 +85,13 @@ pub struct Grid {
 }
 
 impl Grid {
+    /// Bytes that leaves and tiles take in memory.
+    pub fn memory(&self) -> u64 {
+        // The values of a leaf are an allocation of their own.
+        let leaf = size_of::<Leaf>() + LEAF_VOXELS * size_of::<f32>() + 16;
+        (self.leaves.len() * leaf + self.tiles.len() * size_of::<Tile>()) as u64
+    }
+
     /// Box of the centres of all active voxels, in index space; empty if there are none.
     pub fn active_box(&self) -> Aabb {
         let of_leaf = |leaf: &Leaf| {

@@ -6,6 +6,7 @@ pub mod capture;
 pub mod grid;
 pub mod medium;
 pub mod orbit;
+mod sources;
 pub mod sphere;
 pub mod statistics;
 pub mod table;

@@ -28,11 +28,14 @@ pub struct Statistics {
     pub histogram: Vec<u64>,
 }
 
-/// Statistics of `(value, how many voxels have it)`, in two passes over `values`.
-pub fn of<I: Iterator<Item = (f32, u64)>>(values: impl Fn() -> I) -> Statistics {
+/// Statistics of values, in two passes: `visit` hands all of them, each with how many voxels have it, to its argument.
+///
+/// # Errors
+/// Those of `visit`.
+pub fn of<E>(mut visit: impl FnMut(&mut dyn FnMut(f32, u64)) -> Result<(), E>) -> Result<Statistics, E> {
     let mut s = Statistics::default();
     let (mut low, mut high, mut sum, mut count) = (f32::INFINITY, f32::NEG_INFINITY, 0.0_f64, 0_u64);
-    for (v, n) in values() {
+    visit(&mut |v, n| {
         if v.is_nan() {
             s.nan += n;
         } else if v.is_infinite() {
@@ -45,17 +48,20 @@ pub fn of<I: Iterator<Item = (f32, u64)>>(values: impl Fn() -> I) -> Statistics 
             s.negative += if v < 0.0 { n } else { 0 };
             s.above_half += if v.abs() > HALF_MAX { n } else { 0 };
         }
-    }
+    })?;
     if count == 0 {
-        return s;
+        return Ok(s);
     }
     (s.min, s.max, s.mean) = (Some(low), Some(high), Some(sum / count as f64));
     s.histogram = vec![0; BINS];
     let scale = BINS as f64 / (f64::from(high) - f64::from(low));
-    for (v, n) in values().filter(|(v, _)| v.is_finite()) {
-        let at = (f64::from(v) - f64::from(low)) * scale;
-        // A single value makes the scale infinite and `at` not a number: the first bin takes it.
-        s.histogram[(at as usize).min(BINS - 1)] += n;
-    }
-    s
+    let histogram = &mut s.histogram;
+    visit(&mut |v, n| {
+        if v.is_finite() {
+            let at = (f64::from(v) - f64::from(low)) * scale;
+            // A single value makes the scale infinite and `at` not a number: the first bin takes it.
+            histogram[(at as usize).min(BINS - 1)] += n;
+        }
+    })?;
+    Ok(s)
 }

@@ -45,13 +45,46 @@ pub struct Topology {
     clear: Vec<u8>,
     /// Brick coordinates of the box of all that are found: the lowest, and one past the highest.
     found: [IVec3; 2],
-    /// Brick coordinates (voxel coordinates / 8), ascending.
+    /// Brick coordinates (voxel coordinates / 8), ascending; of a shared brick those of one of its places.
     bricks: Vec<IVec3>,
+    /// True if one brick may lie in several places.
+    instanced: bool,
 }
 
 /// The most entries that a table may have: 1 GiB of them. Volumes that need more are two specks far
 /// apart.
 const TABLE_LIMIT: i64 = 1 << 28;
+
+/// The number of table entries of a box of bricks, if that many are allowed.
+///
+/// # Errors
+/// States the extent where it is too large.
+pub(crate) fn table_entries(min: IVec3, max: IVec3) -> Result<usize> {
+    let extent = max.as_i64vec3() - min.as_i64vec3() + 1;
+    let entries = extent.x.checked_mul(extent.y).and_then(|e| e.checked_mul(extent.z));
+    match entries.filter(|e| *e <= TABLE_LIMIT) {
+        Some(entries) => Ok(entries as usize),
+        None => Err(Error::unsupported(format!(
+            "active voxels are spread over {} x {} x {} voxels, too far apart to index",
+            8 * extent.x,
+            8 * extent.y,
+            8 * extent.z
+        ))
+        .hint("keep the part that matters with `cumulo convert --crop`")),
+    }
+}
+
+/// Refuses more bricks than kernels can address: they hold offsets of values in 32 bits.
+///
+/// # Errors
+/// States how many there are.
+pub(super) fn addressable(bricks: usize) -> Result<()> {
+    if bricks <= u32::MAX as usize / BRICK {
+        return Ok(());
+    }
+    Err(Error::unsupported(format!("{bricks} blocks of 8³ voxels are more than can be addressed"))
+        .hint("take a part with `cumulo convert --crop`, or a coarser one with `--resample`"))
+}
 
 impl Topology {
     /// A topology of the given brick coordinates (voxel coordinates divided by 8).
@@ -63,32 +96,14 @@ impl Topology {
         let bricks: Vec<IVec3> = set.into_iter().map(IVec3::from_array).collect();
         let Some(&first) = bricks.first() else {
             let (min, found) = (IVec3::ZERO, [IVec3::ZERO; 2]);
-            return Ok(Self { min, dim: min, table: Vec::new(), clear: Vec::new(), found, bricks });
+            return Ok(Self { min, dim: min, table: Vec::new(), clear: Vec::new(), found, bricks, instanced: false });
         };
-        // Kernels hold offsets of values in 32 bits.
-        if bricks.len() > u32::MAX as usize / BRICK {
-            return Err(Error::unsupported(format!(
-                "{} blocks of 8³ voxels are more than can be addressed",
-                bricks.len()
-            ))
-            .hint("take a part with `cumulo convert --crop`, or a coarser one with `--resample`"));
-        }
+        addressable(bricks.len())?;
         let (min, max) = bricks.iter().fold((first, first), |(lo, hi), b| (lo.min(*b), hi.max(*b)));
-        let extent = max.as_i64vec3() - min.as_i64vec3() + 1;
-        let entries = extent.x.checked_mul(extent.y).and_then(|e| e.checked_mul(extent.z));
-        if entries.is_none_or(|e| e > TABLE_LIMIT) {
-            return Err(Error::unsupported(format!(
-                "active voxels are spread over {} x {} x {} voxels, too far apart to index",
-                8 * extent.x,
-                8 * extent.y,
-                8 * extent.z
-            ))
-            .hint("keep the part that matters with `cumulo convert --crop`"));
-        }
-        let dim = extent.as_ivec3();
-        let table = vec![NONE; (extent.x * extent.y * extent.z) as usize];
+        let table = vec![NONE; table_entries(min, max)?];
+        let dim = max - min + 1;
         let found = [min, min + dim];
-        let mut topology = Self { min, dim, table, clear: Vec::new(), found, bricks: Vec::new() };
+        let mut topology = Self { min, dim, table, clear: Vec::new(), found, bricks: Vec::new(), instanced: false };
         for (i, b) in bricks.iter().enumerate() {
             if let Some(entry) = topology.entry(*b) {
                 topology.table[entry] = i as u32;
@@ -96,6 +111,40 @@ impl Topology {
         }
         topology.bricks = bricks;
         Ok(topology)
+    }
+
+    /// A topology whose bricks may lie in several places each: `table` holds brick numbers or [`NONE`] for the box of
+    /// `dim` bricks from `min` on, z fastest; `bricks` one place of each number.
+    pub(super) fn from_table(min: IVec3, dim: IVec3, table: Vec<u32>, bricks: Vec<IVec3>) -> Self {
+        Self { min, dim, table, clear: Vec::new(), found: [min, min + dim], bricks, instanced: true }
+    }
+
+    /// True if one brick may lie in several places, as those of constant tiles do. Renderers need not know. Whatever
+    /// gives each place values of its own does: it works on [`Bricks::expanded`](crate::scene::bricks::Bricks::expanded).
+    pub fn is_instanced(&self) -> bool {
+        self.instanced
+    }
+
+    /// All places with the number of the brick that lies there, in ascending order.
+    pub fn places(&self) -> impl Iterator<Item = (IVec3, u32)> + '_ {
+        self.rows().flat_map(|(start, numbers)| {
+            let there = numbers.iter().enumerate().filter(|(_, number)| **number != NONE);
+            there.map(move |(z, number)| (start + IVec3::new(0, 0, z as i32), *number))
+        })
+    }
+
+    /// Rows of the table along z: brick coordinates of the first entry, and the numbers.
+    pub(super) fn rows(&self) -> impl Iterator<Item = (IVec3, &[u32])> + '_ {
+        let rows = self.table.chunks(self.dim.z.max(1) as usize).enumerate();
+        rows.map(move |(row, numbers)| {
+            let row = row as i32;
+            (self.min + IVec3::new(row / self.dim.y, row % self.dim.y, 0), numbers)
+        })
+    }
+
+    /// Bytes that the look-up table takes.
+    pub fn table_bytes(&self) -> u64 {
+        (self.table.len() * size_of::<u32>()) as u64
     }
 
     #[inline(always)]
@@ -131,12 +180,12 @@ impl Topology {
         }
     }
 
-    /// Brick coordinates by number, ascending.
+    /// Brick coordinates by number, ascending; of a brick that lies in several places those of one of them.
     pub fn bricks(&self) -> &[IVec3] {
         &self.bricks
     }
 
-    /// How many bricks there are.
+    /// How many bricks there are; one that lies in several places counts once.
     pub fn len(&self) -> usize {
         self.bricks.len()
     }
@@ -165,8 +214,14 @@ impl Topology {
             }
         }
         masked.clear = masked.clearance();
-        let kept = masked.bricks.iter().filter(|b| masked.find(**b) != NONE);
-        let [low, high] = kept.fold([IVec3::MAX, IVec3::MIN], |[low, high], b| [low.min(*b), high.max(*b + 1)]);
+        // A brick is kept or not in all of its places.
+        let join = |[low, high]: [IVec3; 2], b: IVec3| [low.min(b), high.max(b + 1)];
+        let [low, high] = if masked.instanced {
+            masked.places().fold([IVec3::MAX, IVec3::MIN], |found, (b, _)| join(found, b))
+        } else {
+            let kept = masked.bricks.iter().filter(|b| masked.find(**b) != NONE);
+            kept.fold([IVec3::MAX, IVec3::MIN], |found, b| join(found, *b))
+        };
         masked.found = if low.cmple(high).all() { [low, high] } else { [IVec3::ZERO; 2] };
         masked
     }
@@ -181,6 +236,9 @@ impl Topology {
     /// are clear. Axis by axis: a box that grows along x, y and z in turn.
     fn clearance(&self) -> Vec<u8> {
         const FAR: u8 = u8::MAX;
+        if !self.table.contains(&NONE) {
+            return Vec::new();
+        }
         let mut distance: Vec<u8> = self.table.iter().map(|e| if *e == NONE { FAR } else { 0 }).collect();
         let dim = self.dim.to_array().map(|d| d as usize);
         // Two sweeps over all 26 neighbours, those before and those after: exact for this distance.

@@ -101,7 +101,7 @@ impl GradientCommand {
                 .at(&self.input)
                 .hint("give one with --tf, or leave tf out of --wrt"));
         }
-        let mut field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
+        let mut field = volume::arrange_by_voxel(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
         if self.wrt.contains(&Wrt::Tf) {
             // A parameter may make empty space absorb: its derivative is there.
             field = field.filled(limits.max_memory).map_err(|e| e.at(&self.input))?;

@@ -6,7 +6,7 @@ pub(super) use volume::statistics_of;
 
 use super::memory::Memory;
 use super::output::Output;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::formats::exr::ExrSummary;
 use crate::formats::transforms::CaptureSummary;
 use crate::formats::vdb::Limits;
@@ -14,6 +14,7 @@ use crate::formats::{self, Format};
 use crate::text::printable;
 use serde::Serialize;
 use std::fmt;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use volume::Volume;
@@ -38,7 +39,38 @@ struct Described {
     #[serde(serialize_with = "crate::cli::paths::text")]
     path: PathBuf,
     #[serde(flatten)]
-    content: Content,
+    content: Option<Content>,
+    /// Why the file could not be read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<Failure>,
+}
+
+/// Why one of several files could not be read.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Failure {
+    /// Grid, layer or frame that it concerns; none if it is the whole file.
+    part: Option<String>,
+    what: String,
+    #[serde(rename = "do")]
+    remedy: Option<String>,
+}
+
+impl Failure {
+    /// That of an error, which is told on standard error too.
+    pub(super) fn new(error: &Error) -> Self {
+        let _ = writeln!(std::io::stderr().lock(), "cumulo: {error}");
+        let (part, remedy) = (error.place().map(str::to_owned), error.remedy().map(str::to_owned));
+        Self { part, what: error.what().to_owned(), remedy }
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("could not be read: ")?;
+        self.part.iter().try_for_each(|part| write!(f, "{part}: "))?;
+        writeln!(f, "{}", self.what)?;
+        self.remedy.iter().try_for_each(|remedy| writeln!(f, "{remedy}"))
+    }
 }
 
 /// The names of the variants are those of [`Format`].
@@ -51,16 +83,23 @@ enum Content {
 }
 
 impl Info {
-    /// Reads and reports.
+    /// Reads and reports. Of several files those that can be read are told of, whatever is wrong with others.
     ///
     /// # Errors
-    /// If a file cannot be read or is of a kind that is not known.
+    /// If the only file cannot be read or is of a kind that is not known.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let described =
-            |path: &PathBuf| Ok(Described { path: path.clone(), content: content(path, self.memory.limits())? });
-        let files = self.files.iter().map(described).collect::<Result<_>>()?;
+        let mut files = Vec::new();
+        for path in &self.files {
+            let (content, error) = match content(path, self.memory.limits()) {
+                Ok(content) => (Some(content), None),
+                Err(error) if self.files.len() == 1 => return Err(error),
+                Err(error) => (None, Some(Failure::new(&error))),
+            };
+            files.push(Described { path: path.clone(), content, error });
+        }
+        let failed = files.iter().any(|file| file.error.is_some());
         output.report(&Report { files })?;
-        Ok(ExitCode::SUCCESS)
+        Ok(if failed { ExitCode::from(2) } else { ExitCode::SUCCESS })
     }
 }
 
@@ -83,10 +122,12 @@ impl fmt::Display for Report {
 impl fmt::Display for Described {
     /// What the file is on the line of its path, all else below and indented.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let text = match &self.content {
-            Content::Vdb(volume) => volume.to_string(),
-            Content::Exr(picture) => picture.to_string(),
-            Content::Capture(capture) => capture.to_string(),
+        let text = match (&self.content, &self.error) {
+            (Some(Content::Vdb(volume)), _) => volume.to_string(),
+            (Some(Content::Exr(picture)), _) => picture.to_string(),
+            (Some(Content::Capture(capture)), _) => capture.to_string(),
+            (None, Some(failure)) => failure.to_string(),
+            (None, None) => String::new(),
         };
         writeln!(f, "{}: {}", printable(&self.path.to_string_lossy()), text.trim_end().replace('\n', "\n  "))
     }

@@ -3,7 +3,7 @@
 use crate::cli::memory::human;
 use crate::error::Result;
 use crate::formats::transfer::{METADATA_KEY, TransferSummary, from_metadata};
-use crate::formats::vdb::{File, GridInfo, Limits, RawGrid, Transform};
+use crate::formats::vdb::{File, GridInfo, Limits, NativeGrid, Transform};
 use crate::scene::grid::{GridClass, MetaValue};
 use crate::scene::statistics::{self, Statistics};
 use crate::text::{printable, printable_lines};
@@ -74,7 +74,7 @@ pub(super) fn summary(path: &Path, limits: Limits) -> Result<Volume> {
     for entry in file.entries() {
         let native = file.read(&entry.name)?;
         let info = native.info().map_err(|e| e.at(path))?;
-        let statistics = if info.components > 0 { Some(statistics_of(&native.to_raw()?)) } else { None };
+        let statistics = if info.components > 0 { Some(statistics_of(&native).map_err(|e| e.at(path))?) } else { None };
         grids.push(grid(info, entry.instance_of.clone(), statistics, native.metadata()?));
     }
     let (major, minor) = file.preflight().library;
@@ -86,19 +86,27 @@ pub(super) fn summary(path: &Path, limits: Limits) -> Result<Volume> {
     })
 }
 
-/// Statistics of active voxels and tiles; vectors by their length.
-pub(in crate::cli) fn statistics_of(raw: &RawGrid) -> Statistics {
+/// Statistics of active voxels and tiles; vectors by their length. Leaves are looked at one by one.
+///
+/// # Errors
+/// For grids without values (points).
+pub(in crate::cli) fn statistics_of(native: &NativeGrid) -> Result<Statistics> {
     let magnitude = |v: &[f32]| match v {
         [one] => *one,
         many => many.iter().map(|c| c * c).sum::<f32>().sqrt(),
     };
-    statistics::of(|| {
-        let voxels = raw.leaves.iter().flat_map(move |leaf| {
-            let on = (0..512).filter(|i| leaf.active[i >> 6] >> (i & 63) & 1 == 1);
-            on.map(move |i| (magnitude(&leaf.values[i * raw.components..][..raw.components]), 1))
-        });
-        let tiles = raw.tiles.iter().filter(|t| t.active);
-        voxels.chain(tiles.map(move |t| (magnitude(&t.value[..raw.components]), (t.dim as u64).pow(3))))
+    let (components, tiles) = (native.info()?.components, native.tiles()?);
+    statistics::of(|count| {
+        native.for_each_leaf(|leaf| {
+            for i in (0..512).filter(|i| leaf.active[i >> 6] >> (i & 63) & 1 == 1) {
+                count(magnitude(&leaf.values[i * components..][..components]), 1);
+            }
+            true
+        })?;
+        for tile in tiles.iter().filter(|t| t.active) {
+            count(magnitude(&tile.value[..components]), (tile.dim as u64).pow(3));
+        }
+        Ok(())
     })
 }
 

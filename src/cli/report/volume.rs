@@ -41,7 +41,7 @@ pub(super) fn page(
     let mut capture = transforms::load(&run.capture)?;
     let grid = File::open(&run.output, limits)?.read_fog(Some(&run.grid))?;
     let transfer = transfer::from_metadata(&grid.metadata).map_err(|e| e.at(&run.output))?;
-    let field = volumes::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&run.output))?;
+    let field = volumes::arrange_by_voxel(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&run.output))?;
     if let Some(transfer) = transfer {
         (capture.transfer, capture.model) = (Some(transfer), Model::EmissionAbsorption);
     }

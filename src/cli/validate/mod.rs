@@ -3,6 +3,7 @@
 mod findings;
 mod volume;
 
+use super::info::Failure;
 use super::memory::Memory;
 use super::output::Output;
 use crate::error::Result;
@@ -34,21 +35,39 @@ struct Report {
 struct Checked {
     #[serde(serialize_with = "crate::cli::paths::text")]
     path: PathBuf,
-    format: Format,
+    /// None where the file could not be read.
+    format: Option<Format>,
     valid: bool,
     findings: Findings,
+    /// Why the file could not be read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<Failure>,
 }
 
 impl Validate {
-    /// Checks and reports.
+    /// Checks and reports. Of several files all that can be read are told of.
     ///
     /// # Errors
-    /// If a file cannot be read at all; what is wrong inside is the report.
+    /// If the only file cannot be read at all; what is wrong inside is the report.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let files = self.files.iter().map(|path| self.check(path)).collect::<Result<Vec<_>>>()?;
+        let mut files = Vec::new();
+        for path in &self.files {
+            files.push(match self.check(path) {
+                Ok(checked) => checked,
+                Err(error) if self.files.len() == 1 => return Err(error),
+                Err(error) => Checked {
+                    path: path.clone(),
+                    format: None,
+                    valid: false,
+                    findings: Findings::default(),
+                    error: Some(Failure::new(&error)),
+                },
+            });
+        }
         let valid = files.iter().all(|f| f.valid);
+        let failed = files.iter().any(|f| f.error.is_some());
         output.report(&Report { valid, files })?;
-        Ok(if valid { ExitCode::SUCCESS } else { ExitCode::from(1) })
+        Ok(ExitCode::from(if failed { 2 } else { u8::from(!valid) }))
     }
 
     fn check(&self, path: &Path) -> Result<Checked> {
@@ -61,13 +80,19 @@ impl Validate {
             Format::Capture => findings.extend(formats::transforms::problems_within(path, self.memory.limits())?),
             Format::Unknown => findings.refusal(formats::unknown())?,
         }
-        Ok(Checked { path: path.to_path_buf(), format, valid: findings.valid(), findings })
+        let valid = findings.valid();
+        Ok(Checked { path: path.to_path_buf(), format: Some(format), valid, findings, error: None })
     }
 }
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for file in &self.files {
+            if let Some(failure) = &file.error {
+                write!(f, "{}: {}", file.path.display(), failure.to_string().trim_end().replace('\n', "\n  "))?;
+                writeln!(f)?;
+                continue;
+            }
             let verdict = if file.valid { "valid" } else { "not valid" };
             write!(f, "{}: {verdict}\n{}", printable(&file.path.to_string_lossy()), file.findings)?;
         }

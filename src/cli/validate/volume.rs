@@ -3,10 +3,16 @@
 use super::findings::Findings;
 use crate::cli::info::statistics_of;
 use crate::error::Result;
-use crate::formats::vdb::{File, GridInfo, Limits, NativeGrid, RawGrid, RawLeaf, Transform};
+use crate::formats::transfer;
+use crate::formats::vdb::{File, GridInfo, Limits, NativeGrid, Transform};
 use crate::scene::grid::GridClass;
 use crate::scene::statistics::Statistics;
+use crate::scene::topology::table_entries;
+use glam::IVec3;
 use std::path::Path;
+
+/// Densities above this leave no room for a density scale in single precision.
+const HUGE: f32 = 1e30;
 
 /// Looks at all grids and their values.
 ///
@@ -63,10 +69,9 @@ fn values(native: &NativeGrid, info: &GridInfo, found: &mut Findings) -> Result<
         );
         return Ok(());
     }
-    let raw = native.to_raw()?;
-    numbers(info, &statistics_of(&raw), found);
+    numbers(info, &statistics_of(native)?, found);
     // Renderers interpolate between all values, active or not.
-    let hidden = if scalar_density(info) { inactive_faults(&raw) } else { 0 };
+    let hidden = if scalar_density(info) { inactive_faults(native)? } else { 0 };
     if hidden > 0 {
         let what = format!("{hidden} inactive values are negative or not finite");
         found.problem(name, what, "cumulo convert --repair sets them to 0");
@@ -77,8 +82,27 @@ fn values(native: &NativeGrid, info: &GridInfo, found: &mut Findings) -> Result<
         found.problem(
             name,
             format!("a fog volume with background {:?} is infinite", info.background),
-            "set the background to 0 where it was made, or --crop it",
+            "set the background to 0 where it was made; cropping keeps it",
         );
+    }
+    if info.components == 1 && info.class != GridClass::LevelSet {
+        usable(native, info, found)?;
+    }
+    Ok(())
+}
+
+/// What keeps a density from being rendered, though its values are fine.
+fn usable(native: &NativeGrid, info: &GridInfo, found: &mut Findings) -> Result<()> {
+    let name = Some(info.name.as_str());
+    if let Err(error) = transfer::from_metadata(&native.metadata()?) {
+        found.refusal(error.part(format!("grid '{}'", info.name)))?;
+    }
+    if let Some((min, max)) = info.index_box {
+        // Bricks reach into those below them.
+        let [low, high] = [IVec3::from_array(min).map(|c| (c >> 3) - 1), IVec3::from_array(max).map(|c| c >> 3)];
+        if let Err(error) = table_entries(low, high) {
+            found.problem(name, error.what(), error.remedy().unwrap_or_default());
+        }
     }
     Ok(())
 }
@@ -98,6 +122,14 @@ fn numbers(info: &GridInfo, s: &Statistics, found: &mut Findings) {
         let what = format!("{} values are above 65504", s.above_half);
         found.note(name, what, "do not store this grid as half: they would become infinite");
     }
+    if scalar_density(info) && s.max.is_some_and(|max| max > HUGE) {
+        let what = format!("densities reach {:e}, above {HUGE:e}", s.max.unwrap_or_default());
+        found.problem(
+            name,
+            what,
+            "scale them down where they were made: a scale that shows them is too small to be computed with",
+        );
+    }
     if scalar_density(info) && s.negative > 0 {
         let what = format!("{} densities are negative (down to {})", s.negative, s.min.unwrap_or_default());
         found.problem(name, what, "cumulo convert --repair sets them to 0");
@@ -112,9 +144,12 @@ fn scalar_density(info: &GridInfo) -> bool {
 }
 
 /// Inactive voxels and tiles that no density may be.
-fn inactive_faults(raw: &RawGrid) -> usize {
+fn inactive_faults(native: &NativeGrid) -> Result<usize> {
     let bad = |v: f32| !(v.is_finite() && v >= 0.0);
-    let off = |l: &RawLeaf| (0..512).filter(|i| l.active[i >> 6] >> (i & 63) & 1 == 0 && bad(l.values[*i])).count();
-    let tiles = raw.tiles.iter().filter(|t| !t.active && bad(t.value[0])).count();
-    raw.leaves.iter().map(off).sum::<usize>() + tiles
+    let mut count = native.tiles()?.iter().filter(|t| !t.active && bad(t.value[0])).count();
+    native.for_each_leaf(|l| {
+        count += (0..512).filter(|i| l.active[i >> 6] >> (i & 63) & 1 == 0 && bad(l.values[*i])).count();
+        true
+    })?;
+    Ok(count)
 }

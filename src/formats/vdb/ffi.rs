@@ -10,8 +10,8 @@ use generated::{CUMULO_VDB_IO, CUMULO_VDB_OK, CUMULO_VDB_OUT_OF_MEMORY, CUMULO_V
 pub(super) use generated::{
     cumulo_vdb_close as close, cumulo_vdb_file as RawFile, cumulo_vdb_file_meta as file_meta,
     cumulo_vdb_grid as RawGrid, cumulo_vdb_grid_crop as grid_crop, cumulo_vdb_grid_free as grid_free,
-    cumulo_vdb_grid_info as grid_info, cumulo_vdb_grid_meta as grid_meta, cumulo_vdb_grid_new as grid_new,
-    cumulo_vdb_grid_prune as grid_prune, cumulo_vdb_grid_repair as grid_repair,
+    cumulo_vdb_grid_info as grid_info, cumulo_vdb_grid_mend_meta as grid_mend_meta, cumulo_vdb_grid_meta as grid_meta,
+    cumulo_vdb_grid_new as grid_new, cumulo_vdb_grid_prune as grid_prune, cumulo_vdb_grid_repair as grid_repair,
     cumulo_vdb_grid_resample as grid_resample, cumulo_vdb_grid_same as grid_same,
     cumulo_vdb_grid_set_class as grid_set_class, cumulo_vdb_grid_set_half as grid_set_half,
     cumulo_vdb_grid_set_matrix as grid_set_matrix, cumulo_vdb_grid_set_name as grid_set_name, cumulo_vdb_info as Info,

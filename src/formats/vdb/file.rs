@@ -65,7 +65,7 @@ impl File {
         &self.preflight.entries
     }
 
-    pub(super) fn native_metadata(&self) -> Result<Meta<'static>> {
+    pub(super) fn native_metadata(&self) -> Result<Meta> {
         let mut raw = null_mut();
         // SAFETY: the file is open and `raw` a valid place for the handle.
         ffi::call(|s| unsafe { ffi::file_meta(self.raw.as_ptr(), &mut raw, s) }).map_err(|e| e.at(&self.path))?;
@@ -142,7 +142,7 @@ impl File {
     /// As [`File::read`] and [`NativeGrid::to_grid`].
     pub fn read_grid(&self, name: &str) -> Result<Grid> {
         let _reading = Reading::begin(&self.path);
-        self.read(name)?.to_grid().map_err(|e| e.at(&self.path))
+        self.read(name)?.to_grid_within(self.limits.max_memory).map_err(|e| e.at(&self.path))
     }
 
     /// The grid a density is wanted from: the named one, else `density`, else the only fog volume,

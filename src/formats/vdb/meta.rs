@@ -5,21 +5,17 @@ use crate::error::Result;
 use crate::scene::grid::MetaValue;
 use std::collections::BTreeMap;
 use std::ffi::c_char;
-use std::marker::PhantomData;
 use std::ptr::{NonNull, null, null_mut};
 
-/// A metadata map on the native side: a copy of its own, or a view of a grid's, which it borrows. It stays on its thread:
-/// values are handed out by way of buffers that belong to the thread.
-pub(super) struct Meta<'grid> {
-    raw: NonNull<ffi::RawMeta>,
-    grid: PhantomData<&'grid ()>,
-}
+/// A metadata map on the native side: a copy of its own, or a view of a grid's. It stays on its thread: values are handed
+/// out by way of buffers that belong to the thread.
+pub(super) struct Meta(NonNull<ffi::RawMeta>);
 
-impl<'grid> Meta<'grid> {
+impl Meta {
     /// # Safety
     /// `raw` comes from the shim and is owned by nobody else; a view does not outlive its grid.
     pub(super) unsafe fn own(raw: *mut ffi::RawMeta) -> Option<Self> {
-        Some(Self { raw: NonNull::new(raw)?, grid: PhantomData })
+        NonNull::new(raw).map(Self)
     }
 
     pub(super) fn new() -> Result<Self> {
@@ -31,7 +27,7 @@ impl<'grid> Meta<'grid> {
     }
 
     pub(super) fn as_ptr(&self) -> *mut ffi::RawMeta {
-        self.raw.as_ptr()
+        self.0.as_ptr()
     }
 
     /// All entries. Values of types without a counterpart appear as their text.
@@ -95,7 +91,7 @@ unsafe fn slice<'a>(start: *const c_char, length: usize) -> &'a [u8] {
     unsafe { std::slice::from_raw_parts(start.cast(), length) }
 }
 
-impl Drop for Meta<'_> {
+impl Drop for Meta {
     /// Gives up the share in the map; a grid behind a view lives on.
     fn drop(&mut self) {
         // SAFETY: owned, and freed once.

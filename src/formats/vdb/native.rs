@@ -4,10 +4,12 @@ use super::ffi;
 use super::meta::Meta;
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
+use crate::scene::bricks::too_large;
 use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf, MetaValue, Tile};
-use glam::{DMat4, DVec3};
+use glam::{DMat3, DMat4, DVec3};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
+use std::marker::PhantomData;
 use std::ptr::{NonNull, null_mut};
 
 /// An owned native grid.
@@ -65,6 +67,18 @@ pub struct GridInfo {
 }
 
 impl GridInfo {
+    /// Bytes that a leaf takes on the native side, the allocator's share included.
+    pub fn leaf_bytes(&self) -> u64 {
+        let value = match self.value_type.as_str() {
+            "bool" | "mask" => return 208,
+            "double" | "int64" => 8,
+            "vec3d" => 24,
+            "vec3s" | "vec3i" => 12,
+            _ => 4,
+        };
+        512 * value + 160
+    }
+
     /// World-space box around the active voxels' cells (half a voxel beyond their centres); `None`
     /// if there are none or the transform is not affine.
     pub fn world_box(&self) -> Option<Aabb> {
@@ -86,6 +100,30 @@ impl GridInfo {
             }
         }
     }
+}
+
+/// Whether OpenVDB can write a grid with this transform: before work whose result would be lost. It takes no
+/// determinants below 3e-15 (voxels of about 1e-5), save those of a uniform scale about the origin.
+///
+/// # Errors
+/// States the determinant, and what to do.
+pub fn writable(transform: &Affine) -> Result<()> {
+    const LEAST: f64 = 3e-15;
+    let matrix = transform.matrix();
+    let determinant = DMat3::from_mat4(matrix).determinant();
+    let uniform = DMat4::from_scale(DVec3::splat(matrix.x_axis.x));
+    if determinant.abs() >= LEAST || matrix == uniform {
+        return Ok(());
+    }
+    let voxel = transform.voxel_size();
+    Err(Error::unsupported(format!(
+        "voxels of {:e} x {:e} x {:e} are too small for OpenVDB to write (determinant {:e}, at least {LEAST:e} is needed)",
+        voxel.x,
+        voxel.y,
+        voxel.z,
+        determinant.abs()
+    ))
+    .hint("scale the scene up; voxels as small as these can only be cubes along the axes, with voxel (0, 0, 0) at the origin"))
 }
 
 /// 8³ voxels with all components: `values[i * components + c]` with `i = (x << 6) | (y << 3) | z`.
@@ -123,33 +161,67 @@ pub struct RawGrid {
     pub tiles: Vec<RawTile>,
 }
 
-/// The list of a grid's leaves, sorted, on the native side.
-struct Leaves {
+/// The list of a grid's leaves, sorted, on the native side. It borrows the grid: an edit would leave it without leaves.
+struct Leaves<'g> {
     raw: NonNull<ffi::RawLeaves>,
     count: usize,
+    components: usize,
+    grid: PhantomData<&'g NativeGrid>,
 }
 
-// SAFETY: copying a leaf only reads, and the handle keeps its grid alive.
-unsafe impl Sync for Leaves {}
+// SAFETY: copying a leaf only reads, and the grid that it borrows is not edited meanwhile.
+unsafe impl Sync for Leaves<'_> {}
 
-impl Leaves {
-    fn copy(&self, index: usize, values: &mut [f32]) -> ([i32; 3], [u64; 8]) {
+impl Leaves<'_> {
+    /// Copies the values of a leaf, components interleaved; gives its origin and mask.
+    ///
+    /// # Errors
+    /// If there is no leaf of that number, or `values` has less room than a leaf needs.
+    fn copy(&self, index: usize, values: &mut [f32]) -> Result<([i32; 3], [u64; 8])> {
         let (mut origin, mut active) = ([0; 3], [0; 8]);
-        debug_assert!(index < self.count && values.len() >= LEAF_VOXELS);
-        // SAFETY: the index is below the count, and the callers size `values` by the components.
-        unsafe {
-            ffi::leaves_copy(self.raw.as_ptr(), index, origin.as_mut_ptr(), values.as_mut_ptr(), active.as_mut_ptr());
+        if index >= self.count || values.len() < LEAF_VOXELS * self.components {
+            return Err(Error::native(format!(
+                "leaf {index} of {} does not fit in {} values, {} a voxel",
+                self.count,
+                values.len(),
+                self.components
+            )));
         }
-        (origin, active)
+        // SAFETY: the leaf is there, `values` has room for all its components, and the origin and the mask are as long
+        // as the shim expects.
+        ffi::call(|s| unsafe {
+            ffi::leaves_copy(
+                self.raw.as_ptr(),
+                index,
+                origin.as_mut_ptr(),
+                values.as_mut_ptr(),
+                values.len(),
+                active.as_mut_ptr(),
+                s,
+            )
+        })?;
+        Ok((origin, active))
     }
 }
 
-impl Drop for Leaves {
+impl Drop for Leaves<'_> {
     /// Gives up the list and its share in the grid.
     fn drop(&mut self) {
         // SAFETY: owned, and freed once.
         unsafe { ffi::leaves_free(self.raw.as_ptr()) }
     }
+}
+
+/// A view of a grid's metadata, which borrows the grid.
+struct MetaView<'g> {
+    meta: Meta,
+    grid: PhantomData<&'g NativeGrid>,
+}
+
+/// A view that changes a grid's metadata: there is no other meanwhile.
+struct MetaViewMut<'g> {
+    meta: Meta,
+    grid: PhantomData<&'g mut NativeGrid>,
 }
 
 impl NativeGrid {
@@ -214,7 +286,15 @@ impl NativeGrid {
         })
     }
 
-    fn native_metadata(&self) -> Result<Meta<'_>> {
+    fn native_metadata(&self) -> Result<MetaView<'_>> {
+        self.view().map(|meta| MetaView { meta, grid: PhantomData })
+    }
+
+    fn native_metadata_mut(&mut self) -> Result<MetaViewMut<'_>> {
+        self.view().map(|meta| MetaViewMut { meta, grid: PhantomData })
+    }
+
+    fn view(&self) -> Result<Meta> {
         let mut raw = null_mut();
         // SAFETY: the grid is alive and `raw` a valid place for the handle.
         ffi::call(|s| unsafe { ffi::grid_meta(self.as_ptr(), &mut raw, s) }).map_err(self.place())?;
@@ -227,7 +307,7 @@ impl NativeGrid {
     /// # Errors
     /// OpenVDB's own words.
     pub fn metadata(&self) -> Result<BTreeMap<String, MetaValue>> {
-        self.native_metadata()?.entries().map_err(self.place())
+        self.native_metadata()?.meta.entries().map_err(self.place())
     }
 
     /// Sets or replaces one metadata entry.
@@ -235,7 +315,20 @@ impl NativeGrid {
     /// # Errors
     /// If the value has a shape OpenVDB has no type for.
     pub fn set_metadata(&mut self, name: &str, value: &MetaValue) -> Result<()> {
-        self.native_metadata()?.set(name, value).map_err(self.place())
+        self.native_metadata_mut()?.meta.set(name, value).map_err(self.place())
+    }
+
+    /// Drops metadata entries that OpenVDB keeps for itself (`class`, `file_compression`, ...) and that have another type
+    /// than it gives them: it cannot write the grid with them. Returns how many there were, and the name of one.
+    ///
+    /// # Errors
+    /// OpenVDB's own words.
+    pub fn mend_metadata(&mut self) -> Result<(u64, String)> {
+        let (mut dropped, mut first) = (0, [0; 64]);
+        // SAFETY: the grid is alive, and both are valid places.
+        ffi::call(|s| unsafe { ffi::grid_mend_meta(self.as_ptr(), &mut dropped, &mut first, s) })
+            .map_err(self.place())?;
+        Ok((dropped, ffi::text(&first)))
     }
 
     /// Renames the grid.
@@ -277,8 +370,9 @@ impl NativeGrid {
     /// Replaces the transform.
     ///
     /// # Errors
-    /// OpenVDB's own words.
+    /// As [`writable`], or OpenVDB's own words.
     pub fn set_transform(&mut self, transform: &Affine) -> Result<()> {
+        writable(transform).map_err(self.place())?;
         let matrix = transform.matrix().to_cols_array();
         // SAFETY: the grid is alive and the matrix has 16 entries.
         ffi::call(|s| unsafe { ffi::grid_set_matrix(self.as_ptr(), matrix.as_ptr(), s) }).map_err(self.place())
@@ -311,13 +405,91 @@ impl NativeGrid {
     /// # Errors
     /// For grids that cannot be interpolated, or whose transform is not affine.
     pub fn resample(&mut self, voxel_size: f64) -> Result<()> {
-        let m = self.info()?.affine()?.matrix();
+        let map = self.info()?.affine()?;
+        let (m, scale) = (map.matrix(), (map.voxel_size() / voxel_size).to_array());
         let axis = |v: glam::DVec4| v * (voxel_size / v.length());
         let target = Affine::new(DMat4::from_cols(axis(m.x_axis), axis(m.y_axis), axis(m.z_axis), m.w_axis))
             .map_err(self.place())?;
+        writable(&target).map_err(self.place())?;
         let matrix = target.matrix().to_cols_array();
-        // SAFETY: the grid is alive and the matrix has 16 entries.
-        ffi::call(|s| unsafe { ffi::grid_resample(self.as_ptr(), matrix.as_ptr(), s) }).map_err(self.place())
+        // SAFETY: the grid is alive, the matrix has 16 entries and the scale 3.
+        ffi::call(|s| unsafe { ffi::grid_resample(self.as_ptr(), matrix.as_ptr(), scale.as_ptr(), s) })
+            .map_err(self.place())
+    }
+
+    /// Bytes, about, that [`NativeGrid::resample`] to this voxel size needs beside the grid itself; at least the bytes
+    /// of all voxels where that alone exceeds `limit`. Active voxels and tiles are resampled densely.
+    ///
+    /// # Errors
+    /// As [`NativeGrid::resample`].
+    pub fn resampled_bytes(&self, voxel_size: f64, limit: u64) -> Result<u64> {
+        let info = self.info()?;
+        let scale = info.affine()?.voxel_size() / voxel_size;
+        // OpenVDB halves until less than a half is left to do, and keeps one result while it makes the next.
+        let halvings = |s: f64| if s < 0.5 { (0.5 / s).log2().ceil() } else { 0.0 };
+        let first = scale.map(|s| s * halvings(s).exp2());
+        let mipmapped = first != scale;
+        let leaf = info.leaf_bytes() as f64;
+        let mut boxes = Vec::new();
+        let leaves = self.leaves()?;
+        let mut values = vec![0.0; LEAF_VOXELS * leaves.components];
+        for index in 0..leaves.count {
+            boxes.push((leaves.copy(index, &mut values).map_err(self.place())?.0, 8));
+        }
+        boxes.extend(self.tiles()?.iter().map(|t| (t.origin, t.dim)));
+        let dense: f64 = boxes.iter().map(|(_, dim)| f64::from(*dim).powi(3)).sum::<f64>() * first.element_product();
+        let bytes = dense / LEAF_VOXELS as f64 * leaf;
+        if bytes.is_nan() || bytes > limit as f64 {
+            return Ok(bytes.min(1e18) as u64);
+        }
+        // Blocks of the new lattice that a block of the old one reaches into, a voxel of interpolation included.
+        let mut reached = HashSet::new();
+        for (origin, dim) in boxes {
+            let block = |voxel: i64, a: usize| (voxel as f64 * first[a] / 8.0).floor() as i32;
+            let low: [i32; 3] = std::array::from_fn(|a| block(i64::from(origin[a]) - 1, a));
+            let high: [i32; 3] = std::array::from_fn(|a| block(i64::from(origin[a]) + i64::from(dim), a));
+            for x in low[0]..=high[0] {
+                for y in low[1]..=high[1] {
+                    reached.extend((low[2]..=high[2]).map(|z| [x, y, z]));
+                }
+            }
+        }
+        // Each thread makes a tree of its own, which are merged: leaves at their borders there are twice for a while.
+        let share = if mipmapped { 2.0 } else { 1.1 };
+        Ok((reached.len() as f64 * leaf * share) as u64 + (1 << 20))
+    }
+
+    /// Bytes, about, that [`NativeGrid::crop`] to this world-space box needs beside the grid itself: of a tile that lies
+    /// across the box's faces, all blocks along them become leaves.
+    ///
+    /// # Errors
+    /// OpenVDB's own words.
+    pub fn cropped_bytes(&self, world: Aabb) -> Result<u64> {
+        let info = self.info()?;
+        let Transform::Affine(map) = info.transform else { return Ok(0) };
+        if info.components == 0 {
+            return Ok(0);
+        }
+        let index = world.corners().into_iter().fold(Aabb::EMPTY, |b, corner| b.including(map.to_index(corner)));
+        // Blocks of an edge that the box cuts, of those in a tile: all that it meets but those that lie wholly inside.
+        let cut = |tile: &RawTile, edge: i32| {
+            let (mut met, mut inside) = (1.0, 1.0);
+            for a in 0..3 {
+                let (low, high) = (f64::from(tile.origin[a]), f64::from(tile.origin[a]) + f64::from(tile.dim));
+                let (low, high) = (low.max(index.min[a].floor()), high.min(index.max[a].floor() + 1.0));
+                let edge = f64::from(edge);
+                met *= ((high / edge).ceil() - (low / edge).floor()).max(0.0);
+                inside *= ((high / edge).floor() - (low / edge).ceil()).max(0.0);
+            }
+            if met > 0.0 { met - inside } else { 0.0 }
+        };
+        let node = 4096.0 * 8.0 * info.components as f64 + 1200.0;
+        let of = |tile: &RawTile| {
+            let nodes = if tile.dim >= 128 { cut(tile, 128) * node } else { 0.0 };
+            let root = if tile.dim >= 4096 { 8.0 * node } else { 0.0 };
+            cut(tile, 8) * info.leaf_bytes() as f64 + nodes + root * cut(tile, 4096).min(1.0)
+        };
+        Ok(self.tiles()?.iter().map(of).sum::<f64>().min(1e18) as u64)
     }
 
     /// Sets values that are not finite to zero, and negative scalars too if asked. Returns how many
@@ -345,17 +517,43 @@ impl NativeGrid {
         Ok(same != 0)
     }
 
-    fn leaves(&self) -> Result<Leaves> {
+    fn leaves(&self) -> Result<Leaves<'_>> {
         let mut raw = null_mut();
         // SAFETY: the grid is alive and `raw` a valid place for the handle.
         ffi::call(|s| unsafe { ffi::leaves_new(self.as_ptr(), &mut raw, s) }).map_err(self.place())?;
         let raw = NonNull::new(raw).ok_or_else(|| Error::native("no leaves handle"))?;
-        // SAFETY: fresh from the shim.
-        let count = unsafe { ffi::leaves_count(raw.as_ptr()) };
-        Ok(Leaves { raw, count })
+        let mut leaves = Leaves { raw, count: 0, components: 0, grid: PhantomData };
+        let mut components = 0;
+        // SAFETY: the handle is fresh from the shim, and both are valid places.
+        ffi::call(|s| unsafe { ffi::leaves_count(leaves.raw.as_ptr(), &mut leaves.count, &mut components, s) })
+            .map_err(self.place())?;
+        leaves.components = components.clamp(0, 3) as usize;
+        Ok(leaves)
     }
 
-    fn tiles(&self) -> Result<Vec<RawTile>> {
+    /// Visits all leaves in ascending order of origin, each copied to `f32` into a buffer that the next one overwrites;
+    /// `visit` returns false to stop.
+    ///
+    /// # Errors
+    /// For grids without values (points).
+    pub fn for_each_leaf(&self, mut visit: impl FnMut(&RawLeaf) -> bool) -> Result<()> {
+        let leaves = self.leaves()?;
+        let values = vec![0.0; LEAF_VOXELS * leaves.components];
+        let mut leaf = RawLeaf { origin: [0; 3], values, active: [0; 8] };
+        for index in 0..leaves.count {
+            (leaf.origin, leaf.active) = leaves.copy(index, &mut leaf.values).map_err(self.place())?;
+            if !visit(&leaf) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Active tiles, and inactive ones whose value is not the background, in ascending order of origin.
+    ///
+    /// # Errors
+    /// For grids without values (points).
+    pub fn tiles(&self) -> Result<Vec<RawTile>> {
         // Walking for the tiles costs more than their room: few have more than these.
         let mut raw = vec![ffi::RawTile::default(); 256];
         let mut count = 0;
@@ -382,14 +580,15 @@ impl NativeGrid {
     /// # Errors
     /// For grids without values (points).
     pub fn to_raw(&self) -> Result<RawGrid> {
-        let components = self.info()?.components;
         let leaves = self.leaves()?;
+        let components = leaves.components;
         let copied = (0..leaves.count).into_par_iter().map(|index| {
             let mut values = vec![0.0; LEAF_VOXELS * components];
-            let (origin, active) = leaves.copy(index, &mut values);
-            RawLeaf { origin, values, active }
+            let (origin, active) = leaves.copy(index, &mut values)?;
+            Ok(RawLeaf { origin, values, active })
         });
-        Ok(RawGrid { components, leaves: copied.collect(), tiles: self.tiles()? })
+        let leaves = copied.collect::<Result<_>>().map_err(self.place())?;
+        Ok(RawGrid { components, leaves, tiles: self.tiles()? })
     }
 
     /// Copies a scalar grid (float, double, integers, bool; stored as half or not) to `f32`, with
@@ -398,7 +597,19 @@ impl NativeGrid {
     /// # Errors
     /// For vector and point grids, and for transforms that are not affine.
     pub fn to_grid(&self) -> Result<Grid> {
+        self.to_grid_within(u64::MAX)
+    }
+
+    /// [`NativeGrid::to_grid`], if this grid and the copy fit in so many bytes together.
+    ///
+    /// # Errors
+    /// As [`NativeGrid::to_grid`], or that they do not fit.
+    pub fn to_grid_within(&self, max_memory: u64) -> Result<Grid> {
         let info = self.info()?;
+        let bytes = info.memory.saturating_add(info.leaf_count * (size_of::<Leaf>() + 4 * LEAF_VOXELS + 16) as u64);
+        if bytes > max_memory {
+            return Err(too_large(bytes, max_memory).part(format!("grid '{}'", self.name)));
+        }
         if info.components != 1 {
             return Err(Error::unsupported(format!("the grid holds {} values, scalars are needed", info.value_type))
                 .part(format!("grid '{}'", self.name))
@@ -407,16 +618,17 @@ impl NativeGrid {
         let leaves = self.leaves()?;
         let copied = (0..leaves.count).into_par_iter().map(|index| {
             let mut values = Box::new([0.0; LEAF_VOXELS]);
-            let (origin, active) = leaves.copy(index, &mut values[..]);
-            Leaf { origin, values, active }
+            let (origin, active) = leaves.copy(index, &mut values[..])?;
+            Ok(Leaf { origin, values, active })
         });
+        let leaves = copied.collect::<Result<_>>().map_err(self.place())?;
         let tile = |t: RawTile| Tile { origin: t.origin, dim: t.dim, value: t.value[0], active: t.active };
         Ok(Grid {
             transform: info.affine()?,
             name: info.name,
             class: info.class,
             background: info.background[0] as f32,
-            leaves: copied.collect(),
+            leaves,
             tiles: self.tiles()?.into_iter().map(tile).collect(),
             metadata: self.metadata()?,
         })
@@ -502,5 +714,36 @@ impl Drop for NativeGrid {
     fn drop(&mut self) {
         // SAFETY: owned, and freed once.
         unsafe { ffi::grid_free(self.as_ptr()) }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    /// In release builds too: what does not fit is an error, not a write past the end.
+    #[test]
+    fn a_leaf_is_copied_only_where_it_is_and_where_it_fits() {
+        let leaf = RawLeaf { origin: [8, 0, -8], values: vec![0.5; 3 * LEAF_VOXELS], active: [1; 8] };
+        let map = Affine::uniform(1.0, DVec3::ZERO).unwrap();
+        let native = NativeGrid::from_vectors("v", GridClass::FogVolume, &map, &[leaf]).unwrap();
+        let leaves = native.leaves().unwrap();
+        let mut values = vec![0.0; 3 * LEAF_VOXELS];
+        assert_eq!((leaves.count, leaves.components), (1, 3));
+        assert_eq!(leaves.copy(0, &mut values).unwrap(), ([8, 0, -8], [1; 8]));
+        assert!(leaves.copy(1, &mut values).is_err());
+        assert!(leaves.copy(0, &mut values[..3 * LEAF_VOXELS - 1]).is_err());
+        // The shim's own wall, for callers that did not look.
+        let (mut origin, mut active) = ([0; 3], [0; 8]);
+        for (index, room) in [(1, values.len()), (0, LEAF_VOXELS)] {
+            let raw = leaves.raw.as_ptr();
+            // SAFETY: all places are valid for what the shim is told of them.
+            let copied = ffi::call(|s| unsafe {
+                let (origin, active) = (origin.as_mut_ptr(), active.as_mut_ptr());
+                ffi::leaves_copy(raw, index, origin, values.as_mut_ptr(), room, active, s)
+            });
+            assert!(copied.is_err(), "{index} {room}");
+        }
     }
 }

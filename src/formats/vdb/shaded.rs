@@ -107,7 +107,9 @@ pub fn read(file: &File, extinction: Option<&str>, max_memory: u64) -> Result<Br
             .collect(),
         metadata: BTreeMap::new(),
     };
-    let each = max_memory / 8;
+    // Four fields of one number a voxel, one of four, and a grid of a channel beside the one that it is arranged as.
+    let held = raw.leaves.len() as u64 * (3 * 2048 + 120) + extinctions.memory();
+    let each = max_memory.saturating_sub(held) / 9;
     let field = |grid: &Grid| Bricks::<f32>::from_grid(grid, each).map_err(|e| e.at(file.path()));
     let lanes = [field(&channel(0))?, field(&channel(1))?, field(&channel(2))?, field(&extinctions)?];
     let bricks = lanes.iter().flat_map(|lane| lane.topology.bricks().iter().copied());

@@ -127,14 +127,21 @@ int32_t cumulo_vdb_meta_set(cumulo_vdb_meta* meta, const cumulo_vdb_meta_entry* 
 void cumulo_vdb_grid_free(cumulo_vdb_grid* grid);
 int32_t cumulo_vdb_grid_info(const cumulo_vdb_grid* grid, cumulo_vdb_info* out, cumulo_vdb_status* status);
 int32_t cumulo_vdb_grid_meta(cumulo_vdb_grid* grid, cumulo_vdb_meta** out, cumulo_vdb_status* status);
+/* Drops the entries that OpenVDB keeps for itself and that have another type than it gives them: it could not write
+ * the grid with them. `dropped` counts them; `first` holds the name of one. */
+int32_t cumulo_vdb_grid_mend_meta(cumulo_vdb_grid* grid, uint64_t* dropped, char (*first)[64],
+                                  cumulo_vdb_status* status);
 
 /* Leaves in ascending order of origin; copying is thread-safe. */
 int32_t cumulo_vdb_leaves_new(const cumulo_vdb_grid* grid, cumulo_vdb_leaves** out, cumulo_vdb_status* status);
 void cumulo_vdb_leaves_free(cumulo_vdb_leaves* leaves);
-size_t cumulo_vdb_leaves_count(const cumulo_vdb_leaves* leaves);
-/* `values` holds 512 times the grid's components, interleaved; `active` 8 words. */
-void cumulo_vdb_leaves_copy(const cumulo_vdb_leaves* leaves, size_t index, int32_t* origin, float* values,
-                            uint64_t* active);
+/* How many there are, and the values that each of their voxels has. */
+int32_t cumulo_vdb_leaves_count(const cumulo_vdb_leaves* leaves, size_t* count, int32_t* components,
+                                cumulo_vdb_status* status);
+/* `values` has room for `capacity` numbers, at least 512 times the grid's components, which come interleaved; `active`
+ * for 8 words. Fails for an index that is not below the count, and where there is less room. */
+int32_t cumulo_vdb_leaves_copy(const cumulo_vdb_leaves* leaves, size_t index, int32_t* origin, float* values,
+                               size_t capacity, uint64_t* active, cumulo_vdb_status* status);
 /* Active tiles and inactive ones whose value is not the background. Writes up to `capacity` tiles
  * and always the true number; ask with capacity 0 first. */
 int32_t cumulo_vdb_tiles(const cumulo_vdb_grid* grid, cumulo_vdb_tile* tiles, size_t capacity, size_t* count,
@@ -158,8 +165,10 @@ int32_t cumulo_vdb_grid_set_matrix(cumulo_vdb_grid* grid, const double* matrix, 
 int32_t cumulo_vdb_grid_crop(cumulo_vdb_grid* grid, const double* world_min, const double* world_max,
                              cumulo_vdb_status* status);
 int32_t cumulo_vdb_grid_prune(cumulo_vdb_grid* grid, double tolerance, cumulo_vdb_status* status);
-/* Trilinear, onto a lattice with the given index-to-world matrix. */
-int32_t cumulo_vdb_grid_resample(cumulo_vdb_grid* grid, const double* matrix, cumulo_vdb_status* status);
+/* Trilinear, onto a lattice with the given index-to-world matrix; `scale` takes the grid's own index coordinates to
+ * those of that lattice, axis by axis. */
+int32_t cumulo_vdb_grid_resample(cumulo_vdb_grid* grid, const double* matrix, const double* scale,
+                                 cumulo_vdb_status* status);
 /* Non-finite values become zero, and negative ones too where `negative` is set; `changed` counts
  * them (voxels and tiles). */
 int32_t cumulo_vdb_grid_repair(cumulo_vdb_grid* grid, int32_t negative, uint64_t* changed, cumulo_vdb_status* status);

@@ -6,10 +6,12 @@
 #include <openvdb/openvdb.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <exception>
 #include <memory>
 #include <new>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <system_error>
@@ -41,6 +43,32 @@ struct Unsupported : std::runtime_error {
 template <size_t N> void set_text(char (&out)[N], const char* text) {
     std::strncpy(out, text ? text : "", N - 1);
     out[N - 1] = 0;
+}
+
+// A linear transform with this row-vector matrix. OpenVDB's constructors refuse determinants below 3e-15, which voxels of
+// 1e-5 have, and so does every copy of a transform, save that of a uniform scale: that one is read as from a file.
+inline openvdb::math::Transform::Ptr linear_transform(const double* rows) {
+    using namespace openvdb;
+    const math::Mat4d matrix(rows);
+    if (std::abs(matrix.getMat3().det()) >= 3.0 * math::Tolerance<double>::value()) {
+        return math::Transform::createLinearTransform(matrix);
+    }
+    const Vec3d scale(rows[0], rows[5], rows[10]);
+    math::Mat4d uniform = math::Mat4d::identity();
+    for (int i = 0; i < 3; ++i) uniform(i, i) = rows[0];
+    if (!(matrix == uniform) || rows[0] == 0.0) {
+        throw Unsupported("voxels as small as these must be cubes along the axes, with voxel (0, 0, 0) at the origin");
+    }
+    const Vec3d inverse = 1.0 / scale;
+    std::stringstream stored(std::ios_base::in | std::ios_base::out | std::ios_base::binary);
+    scale.write(stored);
+    Vec3d(std::abs(scale[0]), std::abs(scale[1]), std::abs(scale[2])).write(stored);
+    inverse.write(stored);
+    Vec3d(inverse * inverse).write(stored);
+    Vec3d(inverse / 2).write(stored);
+    const math::MapBase::Ptr map = math::UniformScaleMap::create();
+    map->read(stored);
+    return std::make_shared<math::Transform>(map);
 }
 
 // The exception wall. Every entry that can fail runs its body in here.

@@ -7,6 +7,7 @@
 
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <type_traits>
 
 using namespace openvdb;
@@ -42,7 +43,21 @@ int32_t cumulo_vdb_grid_crop(cumulo_vdb_grid* handle, const double* world_min, c
         bool readable = false;
         handle->grid->apply<cumulo::ReadableGrids>([&](const auto&) { readable = true; });
         if (!readable) refuse(handle, "cropped");
-        handle->grid->clipGrid(BBoxd(Vec3d(world_min), Vec3d(world_max)));
+        // What `clipGrid` does, save that corners beyond index space do not overflow.
+        const BBoxd box = handle->grid->transform().worldToIndex(BBoxd(Vec3d(world_min), Vec3d(world_max)));
+        const auto within = [](double v) {
+            return int32_t(std::min(std::max(v, double(std::numeric_limits<int32_t>::min())),
+                                    double(std::numeric_limits<int32_t>::max())));
+        };
+        CoordBBox index;
+        for (int c = 0; c < 3; ++c) {
+            if (std::isnan(box.min()[c]) || std::isnan(box.max()[c])) {
+                throw cumulo::Unsupported("the box lies at no place of index space");
+            }
+            index.min()[c] = within(std::floor(box.min()[c]));
+            index.max()[c] = within(std::floor(box.max()[c]));
+        }
+        handle->grid->clip(index);
     });
 }
 
@@ -67,15 +82,18 @@ int32_t cumulo_vdb_grid_prune(cumulo_vdb_grid* handle, double tolerance, cumulo_
     });
 }
 
-int32_t cumulo_vdb_grid_resample(cumulo_vdb_grid* handle, const double* matrix, cumulo_vdb_status* status) {
+int32_t cumulo_vdb_grid_resample(cumulo_vdb_grid* handle, const double* matrix, const double* scale,
+                                 cumulo_vdb_status* status) {
     return guarded(status, [&] {
         const bool known = handle->grid->apply<Interpolated>([&](const auto& in) {
             using GridT = std::decay_t<decltype(in)>;
-            typename GridT::Ptr out = in.copyWithNewTree();
-            out->setTransform(math::Transform::createLinearTransform(math::Mat4d(matrix)));
-            const math::Mat4d from = in.transform().baseMap()->getAffineMap()->getMat4();
-            const math::Mat4d to = out->transform().baseMap()->getAffineMap()->getMat4();
-            tools::GridTransformer transformer(from * to.inverse());
+            // Not by `copyWithNewTree`: that copies the transform by way of its matrix, which may be too small for it.
+            typename GridT::Ptr out = GridT::create(in.background());
+            static_cast<MetaMap&>(*out) = static_cast<const MetaMap&>(in);
+            out->setTransform(cumulo::linear_transform(matrix));
+            math::Mat4d between = math::Mat4d::identity();
+            for (int c = 0; c < 3; ++c) between(c, c) = scale[c];
+            tools::GridTransformer transformer(between);
             transformer.transformGrid<tools::BoxSampler>(in, *out);
             handle->grid = out;
         });

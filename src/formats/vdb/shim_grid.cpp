@@ -4,6 +4,7 @@
 #include <openvdb/tools/Count.h>
 #include <tbb/parallel_for.h>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 using namespace openvdb;
@@ -85,6 +86,7 @@ struct Description {
 struct cumulo_vdb_leaves {
     GridBase::ConstPtr keep;
     std::vector<const void*> leaves;
+    int32_t components = 0;
     void (*copy)(const void*, int32_t*, float*, uint64_t*) = nullptr;
 };
 
@@ -111,8 +113,11 @@ int32_t cumulo_vdb_grid_info(const cumulo_vdb_grid* handle, cumulo_vdb_info* out
         out->saved_as_half = grid.saveFloatAsHalf();
         out->linear = grid.transform().isLinear();
         if (out->linear) {
-            const math::Mat4d m = grid.transform().baseMap()->getAffineMap()->getMat4();
-            for (int i = 0; i < 16; ++i) out->matrix[i] = m.asPointer()[i];
+            // Row by row, and not by `getAffineMap`: that refuses voxels of 1e-5 which other maps hold.
+            const math::MapBase& map = *grid.transform().baseMap();
+            const Vec3d rows[4] = {map.applyJacobian(Vec3d(1, 0, 0)), map.applyJacobian(Vec3d(0, 1, 0)),
+                                   map.applyJacobian(Vec3d(0, 0, 1)), map.applyMap(Vec3d(0, 0, 0))};
+            for (int i = 0; i < 16; ++i) out->matrix[i] = i % 4 < 3 ? rows[i / 4][i % 4] : (i == 15 ? 1.0 : 0.0);
         }
         out->active_voxels = grid.activeVoxelCount();
         const CoordBBox box = grid.evalActiveVoxelBoundingBox();
@@ -134,6 +139,34 @@ int32_t cumulo_vdb_grid_meta(cumulo_vdb_grid* grid, cumulo_vdb_meta** out, cumul
     });
 }
 
+int32_t cumulo_vdb_grid_mend_meta(cumulo_vdb_grid* handle, uint64_t* dropped, char (*first)[64],
+                                  cumulo_vdb_status* status) {
+    return guarded(status, [&] {
+        using Text = StringMetadata;
+        const std::pair<const char*, Name> expected[] = {
+            {GridBase::META_GRID_CLASS, Text::staticTypeName()},
+            {GridBase::META_GRID_CREATOR, Text::staticTypeName()},
+            {GridBase::META_GRID_NAME, Text::staticTypeName()},
+            {GridBase::META_SAVE_HALF_FLOAT, BoolMetadata::staticTypeName()},
+            {GridBase::META_IS_LOCAL_SPACE, BoolMetadata::staticTypeName()},
+            {GridBase::META_VECTOR_TYPE, Text::staticTypeName()},
+            {GridBase::META_FILE_BBOX_MIN, Vec3IMetadata::staticTypeName()},
+            {GridBase::META_FILE_BBOX_MAX, Vec3IMetadata::staticTypeName()},
+            {GridBase::META_FILE_COMPRESSION, Text::staticTypeName()},
+            {GridBase::META_FILE_MEM_BYTES, Int64Metadata::staticTypeName()},
+            {GridBase::META_FILE_VOXEL_COUNT, Int64Metadata::staticTypeName()},
+        };
+        *dropped = 0;
+        cumulo::set_text(*first, "");
+        for (const auto& [name, type] : expected) {
+            const Metadata::ConstPtr found = std::as_const(*handle->grid)[name];
+            if (!found || found->typeName() == type) continue;
+            handle->grid->removeMeta(name);
+            if ((*dropped)++ == 0) cumulo::set_text(*first, name);
+        }
+    });
+}
+
 int32_t cumulo_vdb_leaves_new(const cumulo_vdb_grid* handle, cumulo_vdb_leaves** out, cumulo_vdb_status* status) {
     return guarded(status, [&] {
         auto result = std::make_unique<cumulo_vdb_leaves>();
@@ -145,6 +178,7 @@ int32_t cumulo_vdb_leaves_new(const cumulo_vdb_grid* handle, cumulo_vdb_leaves**
             std::sort(found.begin(), found.end(),
                       [](const LeafT* a, const LeafT* b) { return a->origin() < b->origin(); });
             result->leaves.assign(found.begin(), found.end());
+            result->components = Components<typename LeafT::ValueType>::count;
             result->copy = &copy_leaf<LeafT>;
         });
         if (!known) throw cumulo::Unsupported("grids of type " + handle->grid->type() + " have no values to read");
@@ -157,11 +191,21 @@ void cumulo_vdb_leaves_free(cumulo_vdb_leaves* leaves) {
     guarded(&ignored, [&] { delete leaves; });
 }
 
-size_t cumulo_vdb_leaves_count(const cumulo_vdb_leaves* leaves) { return leaves->leaves.size(); }
+int32_t cumulo_vdb_leaves_count(const cumulo_vdb_leaves* leaves, size_t* count, int32_t* components,
+                                cumulo_vdb_status* status) {
+    return guarded(status, [&] {
+        *count = leaves->leaves.size();
+        *components = leaves->components;
+    });
+}
 
-void cumulo_vdb_leaves_copy(const cumulo_vdb_leaves* leaves, size_t index, int32_t* origin, float* values,
-                            uint64_t* active) {
-    leaves->copy(leaves->leaves[index], origin, values, active);
+int32_t cumulo_vdb_leaves_copy(const cumulo_vdb_leaves* leaves, size_t index, int32_t* origin, float* values,
+                               size_t capacity, uint64_t* active, cumulo_vdb_status* status) {
+    return guarded(status, [&] {
+        if (index >= leaves->leaves.size()) throw std::out_of_range("leaf index");
+        if (capacity < size_t(512) * size_t(leaves->components)) throw std::out_of_range("room for a leaf's values");
+        leaves->copy(leaves->leaves[index], origin, values, active);
+    });
 }
 
 int32_t cumulo_vdb_tiles(const cumulo_vdb_grid* handle, cumulo_vdb_tile* tiles, size_t capacity, size_t* count,
@@ -245,7 +289,7 @@ int32_t cumulo_vdb_grid_set_half(cumulo_vdb_grid* grid, int32_t half, cumulo_vdb
 }
 
 int32_t cumulo_vdb_grid_set_matrix(cumulo_vdb_grid* grid, const double* matrix, cumulo_vdb_status* status) {
-    return guarded(status, [&] { grid->grid->setTransform(math::Transform::createLinearTransform(math::Mat4d(matrix))); });
+    return guarded(status, [&] { grid->grid->setTransform(cumulo::linear_transform(matrix)); });
 }
 
 } // extern "C"

@@ -1,0 +1,161 @@
+//! Where the voxels of bricks come from: the leaves and tiles of a grid, found by brick coordinates.
+
+use crate::error::{Error, Result};
+use crate::real::Real;
+use crate::scene::grid::Grid;
+use crate::scene::topology::{CELLS, EDGE, slot};
+use glam::IVec3;
+use rayon::prelude::*;
+use std::collections::{BTreeSet, HashMap};
+
+/// Edges of tiles, in bricks.
+const TILE_EDGES: [i32; 3] = [1, 16, 512];
+
+/// What lies in the place of one brick.
+#[derive(Debug, Clone, Copy)]
+enum Source {
+    Leaf(usize),
+    Constant(f32),
+}
+
+/// The leaves and tiles of a density that are not zero.
+#[derive(Debug)]
+pub(super) struct Sources<'g> {
+    grid: &'g Grid,
+    /// Numbers of leaves by brick coordinates.
+    leaves: HashMap<IVec3, usize>,
+    /// Values of tiles by the brick coordinates of their first brick, for each of [`TILE_EDGES`].
+    tiles: [HashMap<IVec3, f32>; 3],
+}
+
+fn brick(origin: [i32; 3]) -> IVec3 {
+    IVec3::from_array(origin.map(|c| c.div_euclid(8)))
+}
+
+/// The eight bricks that a brick reaches into, itself first: bit 2 of the number is one along x, bit 1 along y, bit 0
+/// along z.
+fn offset(corner: i32) -> IVec3 {
+    IVec3::new(corner >> 2 & 1, corner >> 1 & 1, corner & 1)
+}
+
+impl<'g> Sources<'g> {
+    /// Those of a grid.
+    ///
+    /// # Errors
+    /// If the grid is no fog volume with background 0, carries NaN, infinite or negative values, or a tile that no
+    /// VDB tree can hold.
+    pub(super) fn new(grid: &'g Grid) -> Result<Self> {
+        if grid.background != 0.0 {
+            let hint = if grid.background.is_finite() {
+                "set the background to 0 where the grid was made; a level set, which has its narrow band as background, is \
+                 converted to a fog volume first"
+            } else {
+                "`cumulo convert --repair` sets the background to 0"
+            };
+            let what = format!("background is {}, a fog volume has 0 outside", grid.background);
+            return Err(Error::unsupported(what).hint(hint));
+        }
+        let bad = grid
+            .leaves
+            .par_iter()
+            .map(|l| l.values.iter().filter(|v| !(v.is_finite() && **v >= 0.0)).count())
+            .sum::<usize>()
+            + grid.tiles.iter().filter(|t| !(t.value.is_finite() && t.value >= 0.0)).count();
+        if bad > 0 {
+            return Err(Error::invalid(format!(
+                "{bad} values are NaN, infinite or negative; densities are finite and at least 0"
+            ))
+            .hint("`cumulo convert --repair=density` sets them to 0 and says how many there were"));
+        }
+        let mut tiles: [HashMap<IVec3, f32>; 3] = Default::default();
+        for tile in grid.tiles.iter().filter(|t| t.value != 0.0) {
+            let level = TILE_EDGES.iter().position(|edge| 8 * edge == tile.dim);
+            let level = level.filter(|_| tile.origin.iter().all(|c| c.rem_euclid(tile.dim) == 0)).ok_or_else(|| {
+                Error::invalid(format!("a tile of {}³ voxels at {:?} fits no VDB tree", tile.dim, tile.origin))
+                    .hint("tiles have edges of 8, 128 or 4096 voxels and begin at multiples of their edge")
+            })?;
+            tiles[level].insert(brick(tile.origin), tile.value);
+        }
+        let filled = grid.leaves.iter().enumerate().filter(|(_, leaf)| leaf.values.iter().any(|v| *v != 0.0));
+        Ok(Self { grid, leaves: filled.map(|(i, leaf)| (brick(leaf.origin), i)).collect(), tiles })
+    }
+
+    /// Bytes that looking them up takes.
+    pub(super) fn memory(&self) -> u64 {
+        let tiles: usize = self.tiles.iter().map(HashMap::capacity).sum();
+        (self.leaves.capacity() * 25 + tiles * 17) as u64
+    }
+
+    /// How many bricks the tiles cover.
+    pub(super) fn tile_bricks(&self) -> u64 {
+        let of = |(tiles, edge): (&HashMap<IVec3, f32>, &i32)| tiles.len() as u64 * (*edge as u64).pow(3);
+        self.tiles.iter().zip(&TILE_EDGES).map(of).sum()
+    }
+
+    /// The boxes of bricks, lowest and highest, that the tiles reach into, in ascending order.
+    pub(super) fn tile_boxes(&self) -> impl Iterator<Item = (IVec3, IVec3)> + '_ {
+        self.tiles.iter().zip(TILE_EDGES).rev().flat_map(|(tiles, edge)| {
+            let mut sorted: Vec<[i32; 3]> = tiles.keys().map(|b| b.to_array()).collect();
+            sorted.sort_unstable();
+            sorted.into_iter().map(IVec3::from_array).map(move |low| (low - 1, low + (edge - 1)))
+        })
+    }
+
+    /// Bricks that a voxel of a leaf that is not zero lies in, as its own or in its apron.
+    pub(super) fn needed_by_leaves(&self) -> BTreeSet<[i32; 3]> {
+        let mut needed = BTreeSet::new();
+        for (at, leaf) in &self.leaves {
+            for corner in 0..8 {
+                if self.touches(*leaf, offset(corner)) {
+                    needed.insert((*at - offset(corner)).to_array());
+                }
+            }
+        }
+        needed
+    }
+
+    /// True if a voxel that is not zero lies on the low faces named by `offset` (all voxels for none).
+    fn touches(&self, leaf: usize, offset: IVec3) -> bool {
+        let end = |a: usize| if offset[a] == 1 { 1 } else { CELLS };
+        let values = &self.grid.leaves[leaf].values;
+        (0..end(0)).any(|x| (0..end(1)).any(|y| (0..end(2)).any(|z| values[x << 6 | y << 3 | z] != 0.0)))
+    }
+
+    fn at(&self, brick: IVec3) -> Option<Source> {
+        if let Some(leaf) = self.leaves.get(&brick) {
+            return Some(Source::Leaf(*leaf));
+        }
+        let of = |(tiles, edge): (&HashMap<IVec3, f32>, &i32)| {
+            if tiles.is_empty() { None } else { tiles.get(&brick.map(|c| c & !(edge - 1))).copied() }
+        };
+        self.tiles.iter().zip(&TILE_EDGES).find_map(of).map(Source::Constant)
+    }
+
+    /// The values of the eight bricks that a brick reaches into, for one that no leaf's voxel other than zero lies in.
+    pub(super) fn constants(&self, brick: IVec3) -> [f32; 8] {
+        std::array::from_fn(|corner| match self.at(brick + offset(corner as i32)) {
+            Some(Source::Constant(value)) => value,
+            _ => 0.0,
+        })
+    }
+
+    /// Writes the stored values of a brick onto zeros.
+    pub(super) fn fill<R: Real>(&self, brick: IVec3, out: &mut [R]) {
+        for corner in 0..8 {
+            let offset = offset(corner);
+            let Some(source) = self.at(brick + offset) else { continue };
+            let part = |a: i32| if a == 0 { 0..CELLS } else { CELLS..EDGE };
+            for x in part(offset.x) {
+                for y in part(offset.y) {
+                    for z in part(offset.z) {
+                        let v = match source {
+                            Source::Leaf(l) => self.grid.leaves[l].values[(x & 7) << 6 | (y & 7) << 3 | (z & 7)],
+                            Source::Constant(v) => v,
+                        };
+                        out[slot(x, y, z)] = R::of(f64::from(v));
+                    }
+                }
+            }
+        }
+    }
+}
