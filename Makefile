@@ -36,12 +36,14 @@ test: setup
 	.venvs/bpy/bin/python -m pytest python/tests --ignore python/tests/usd
 	.venvs/usd/bin/python -m pytest python/tests/usd
 
-# `make fuzz FUZZ_INPUTS=500 FUZZ_SEED=7` runs fewer, or others.
+# `make fuzz FUZZ_INPUTS=500 FUZZ_SEED=7 KILLS=10` runs fewer, or others.
 FUZZ_INPUTS ?= 10000
+KILLS ?= 200
 
-fuzz: ## ten thousand damaged inputs through every command that reads them, on all cores
+fuzz: ## ten thousand damaged inputs through every command that reads them; every command that writes killed two hundred times
 	python/setup.sh build
 	FUZZ_INPUTS=$(FUZZ_INPUTS) cargo test --release --locked --test fuzz -- --nocapture
+	CUMULO_KILLS=$(KILLS) cargo test --release --locked --test killed -- --nocapture
 
 check: ## what is worth seeing before each commit; under three minutes once built
 	python/setup.sh build

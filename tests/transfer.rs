@@ -357,7 +357,7 @@ fn preintegrated_slabs_have_their_closed_form() {
     };
     let one = Transfer::Piecewise { points: vec![[0.4, 0.3, 0.6, 0.9, 1.5]] };
     for transfer in [step, one] {
-        for density in [0.0625, 0.25, 0.5, 0.75, 2.0, 3e38] {
+        for density in [0.0625, 0.25, 0.5, 0.75, 2.0, 1e30] {
             for extinction in [1e-8, 1e-3, 0.1, 1e6] {
                 let medium = medium(&transfer, extinction);
                 let Source::Transfer(table) = &medium.source else { unreachable!() };
@@ -376,11 +376,10 @@ fn preintegrated_slabs_have_their_closed_form() {
     }
 }
 
-/// Densities near the largest number: their cubics overflow, which must end in a picture, not in a panic or in colours
-/// that nothing has.
+/// The largest densities that are taken, beside small ones: a picture has no colours that nothing has.
 #[test]
-fn densities_that_overflow_end() {
-    let f: Bricks<f32> = field(16, unit(), |p| if (p.x + p.y) as i32 % 3 == 0 { 3e38 } else { 0.4 * p.z / 15.0 });
+fn densities_as_large_as_they_may_be() {
+    let f: Bricks<f32> = field(16, unit(), |p| if (p.x + p.y) as i32 % 3 == 0 { 1e30 } else { 0.4 * p.z / 15.0 });
     for transfer in kinds() {
         for rule in RULES.into_iter().chain([Quadrature::PREINTEGRATED]) {
             // Where one of them absorbs at density 0 the field has to be filled.
@@ -395,12 +394,9 @@ fn densities_that_overflow_end() {
                 for c in 0..3 {
                     let (low, high) = colours(c).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
                     let value = f64::from(seen.rgb[c]);
-                    // Cubics with coefficients beyond the largest number have no integral: where nothing is let
-                    // through, the exact rule has no colour either.
-                    let overflowed = rule == Quadrature::Exact && seen.transmittance == 0.0 && value.is_nan();
                     let inside = (low - 1e-5..=high + 1e-5).contains(&value);
                     assert!(
-                        inside || overflowed,
+                        inside,
                         "{rule} {transfer:?} {ray:?}: {seen:?}, channel {c} of {low}..{high}"
                     );
                 }

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::real::Real;
+use crate::scene::bricks::MOST_DENSITY;
 use crate::scene::grid::Grid;
 use crate::scene::topology::{CELLS, EDGE, slot};
 use glam::IVec3;
@@ -42,7 +43,7 @@ impl<'g> Sources<'g> {
     /// Those of a grid.
     ///
     /// # Errors
-    /// If the grid is no fog volume with background 0, carries NaN, infinite or negative values, or a tile that no
+    /// If the grid is no fog volume with background 0, carries NaN, infinite, negative or too large values, or a tile that no
     /// VDB tree can hold.
     pub(super) fn new(grid: &'g Grid) -> Result<Self> {
         if grid.background != 0.0 {
@@ -61,6 +62,13 @@ impl<'g> Sources<'g> {
             .map(|l| l.values.iter().filter(|v| !(v.is_finite() && **v >= 0.0)).count())
             .sum::<usize>()
             + grid.tiles.iter().filter(|t| !(t.value.is_finite() && t.value >= 0.0)).count();
+        let largest = |values: &[f32]| values.iter().fold(0.0, |a: f32, b| a.max(*b));
+        let leaves = grid.leaves.par_iter().map(|l| largest(&l.values[..])).reduce(|| 0.0, f32::max);
+        let most = grid.tiles.iter().fold(leaves, |a, t| a.max(t.value));
+        if bad == 0 && most > MOST_DENSITY {
+            return Err(Error::invalid(format!("densities reach {most:e}, above {MOST_DENSITY:e}"))
+                .hint("scale them down where the grid was made; --density-scale takes the rest"));
+        }
         if bad > 0 {
             return Err(Error::invalid(format!(
                 "{bad} values are NaN, infinite or negative; densities are finite and at least 0"

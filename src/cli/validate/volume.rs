@@ -5,14 +5,12 @@ use crate::cli::info::statistics_of;
 use crate::error::Result;
 use crate::formats::transfer;
 use crate::formats::vdb::{File, GridInfo, Limits, NativeGrid, Transform};
+use crate::scene::bricks::MOST_DENSITY;
 use crate::scene::grid::GridClass;
 use crate::scene::statistics::Statistics;
 use crate::scene::topology::table_entries;
 use glam::IVec3;
 use std::path::Path;
-
-/// Densities above this leave no room for a density scale in single precision.
-const HUGE: f32 = 1e30;
 
 /// Looks at all grids and their values.
 ///
@@ -122,8 +120,8 @@ fn numbers(info: &GridInfo, s: &Statistics, found: &mut Findings) {
         let what = format!("{} values are above 65504", s.above_half);
         found.note(name, what, "do not store this grid as half: they would become infinite");
     }
-    if scalar_density(info) && s.max.is_some_and(|max| max > HUGE) {
-        let what = format!("densities reach {:e}, above {HUGE:e}", s.max.unwrap_or_default());
+    if scalar_density(info) && s.max.is_some_and(|max| max > MOST_DENSITY) {
+        let what = format!("densities reach {:e}, above {MOST_DENSITY:e}", s.max.unwrap_or_default());
         found.problem(
             name,
             what,
