@@ -272,11 +272,10 @@ fn tiny_voxels_work_or_are_refused_before_the_work() {
         assert_eq!(work.json("validate a.vdb")["valid"], true);
         work.json("render a.vdb --views 2 --size 16x16 --density-scale auto -o pictures");
         assert_eq!(work.json("diff a.vdb a.vdb")["same"], true);
-        work.json(&format!("convert a.vdb b.vdb --crop=0,0,0,{:e},{:e},{:e}", 3.0 * voxel, voxel, voxel));
-        assert_eq!(
-            work.json("info b.vdb")["files"][0]["grids"][0]["index_bounds"]["min"],
-            serde_json::json!([0, 0, 0])
-        );
+        let words = format!("convert a.vdb b.vdb --crop=0,0,0,{:e},{:e},{:e}", 3.5 * voxel, 1.5 * voxel, 1.5 * voxel);
+        // Of 16 voxels about half are active.
+        let kept = work.json(&words)["grids"][0]["active_voxels"].as_u64().unwrap();
+        assert!((1..=16).contains(&kept), "{kept}");
         let report = work.json(&format!("convert a.vdb b.vdb --resample {:e}", 0.5 * voxel));
         assert!(report["grids"][0]["active_voxels"].as_u64().unwrap() > 10_000);
         let fine = File::open(work.path("b.vdb"), Limits::default()).unwrap().read_grid("density").unwrap();
