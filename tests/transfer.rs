@@ -395,10 +395,7 @@ fn densities_as_large_as_they_may_be() {
                     let (low, high) = colours(c).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
                     let value = f64::from(seen.rgb[c]);
                     let inside = (low - 1e-5..=high + 1e-5).contains(&value);
-                    assert!(
-                        inside,
-                        "{rule} {transfer:?} {ray:?}: {seen:?}, channel {c} of {low}..{high}"
-                    );
+                    assert!(inside, "{rule} {transfer:?} {ray:?}: {seen:?}, channel {c} of {low}..{high}");
                 }
             }
         }

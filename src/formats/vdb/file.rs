@@ -99,8 +99,12 @@ impl File {
                     .at(&self.path)
                     .hint("name one of them with its number"))
             }
-            _ if entries.is_empty() => Err(Error::invalid("the file has no grids").at(&self.path)),
-            _ => Err(Error::invalid(format!("no grid '{name}'; the file has {}", listed())).at(&self.path)),
+            _ if entries.is_empty() => Err(Error::invalid("the file has no grids")
+                .at(&self.path)
+                .hint("check the export settings of the program that made it")),
+            _ => Err(Error::invalid(format!("no grid '{name}'; the file has {}", listed()))
+                .at(&self.path)
+                .hint("name one of these")),
         }
     }
 
@@ -173,6 +177,11 @@ impl File {
             .collect();
         if let [only] = scalar.as_slice() {
             return Ok(only.name.clone());
+        }
+        if entries.is_empty() {
+            return Err(Error::invalid("the file has no grids")
+                .at(&self.path)
+                .hint("check the export settings of the program that made it"));
         }
         let listed = entries.iter().map(|e| format!("'{}' ({})", e.name, e.grid_type)).collect::<Vec<_>>().join(", ");
         Err(Error::invalid(format!("which grid is the density? The file has {listed}"))

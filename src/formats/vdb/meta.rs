@@ -33,8 +33,10 @@ impl Meta {
     /// All entries. Values of types without a counterpart appear as their text.
     pub(super) fn entries(&self) -> Result<BTreeMap<String, MetaValue>> {
         let mut all = BTreeMap::new();
-        // SAFETY: the handle is alive.
-        for index in 0..unsafe { ffi::meta_count(self.as_ptr()) } {
+        let mut count = 0;
+        // SAFETY: the handle is alive and `count` a valid place.
+        ffi::call(|s| unsafe { ffi::meta_count(self.as_ptr(), &mut count, s) })?;
+        for index in 0..count {
             let mut entry = ffi::MetaEntry::default();
             // SAFETY: the handle is alive and `entry` is a valid place.
             ffi::call(|s| unsafe { ffi::meta_get(self.as_ptr(), index, &mut entry, s) })?;

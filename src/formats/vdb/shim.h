@@ -118,7 +118,7 @@ int32_t cumulo_vdb_write(int32_t fd, const cumulo_vdb_grid* const* grids, size_t
 /* Metadata. A handle from a grid is a view of that grid and keeps it alive. */
 int32_t cumulo_vdb_meta_new(cumulo_vdb_meta** out, cumulo_vdb_status* status);
 void cumulo_vdb_meta_free(cumulo_vdb_meta* meta);
-size_t cumulo_vdb_meta_count(const cumulo_vdb_meta* meta);
+int32_t cumulo_vdb_meta_count(const cumulo_vdb_meta* meta, size_t* out, cumulo_vdb_status* status);
 int32_t cumulo_vdb_meta_get(cumulo_vdb_meta* meta, size_t index, cumulo_vdb_meta_entry* out,
                             cumulo_vdb_status* status);
 int32_t cumulo_vdb_meta_set(cumulo_vdb_meta* meta, const cumulo_vdb_meta_entry* entry, cumulo_vdb_status* status);

@@ -246,7 +246,9 @@ void cumulo_vdb_meta_free(cumulo_vdb_meta* meta) {
     guarded(&ignored, [&] { delete meta; });
 }
 
-size_t cumulo_vdb_meta_count(const cumulo_vdb_meta* meta) { return meta->map->metaCount(); }
+int32_t cumulo_vdb_meta_count(const cumulo_vdb_meta* meta, size_t* out, cumulo_vdb_status* status) {
+    return guarded(status, [&] { *out = meta->map->metaCount(); });
+}
 
 int32_t cumulo_vdb_meta_get(cumulo_vdb_meta* meta, size_t index, cumulo_vdb_meta_entry* out,
                             cumulo_vdb_status* status) {
