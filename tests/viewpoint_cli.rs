@@ -20,8 +20,8 @@ use fields::{field, grid, lumps, noise, odd, unit};
 use glam::{DVec2, DVec3};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::sync::atomic::AtomicBool;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use work::{Work, errors, interrupt, until};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
@@ -61,7 +61,8 @@ fn the_derivative_is_that_of_the_entropy() {
             let camera = sphere.camera(&axes);
             let at = |step: DVec2| {
                 let camera = sphere.camera(&stepped(&axes, step));
-                entropy::value(&Rows { renderer: &dvr, judge: None, camera: &camera, rays_per_edge: 1, cancel: &NEVER }).value
+                entropy::value(&Rows { renderer: &dvr, judge: None, camera: &camera, rays_per_edge: 1, cancel: &NEVER })
+                    .value
             };
             let found = entropy::gradient(
                 &Rows { renderer: &dvr, judge: None, camera: &camera, rays_per_edge: 1, cancel: &NEVER },
