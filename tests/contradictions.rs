@@ -101,7 +101,7 @@ fn what_is_no_light_is_refused() {
     all(|p| *p = [f32::NAN; 4]);
     refused(&work, WORDS, &["view_000.exr", "NaN"]);
     refused(&work, "pose cap --volume @plume.vdb -o x.vdb", &["view_000.exr", "NaN"]);
-    all(|p| (p[3]) = 40.0 + p[3]);
+    all(|p| p[3] += 40.0);
     refused(&work, WORDS, &["view_000.exr", "alpha", "0 to 1"]);
 }
 

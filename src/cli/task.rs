@@ -17,7 +17,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// A task that has begun.
 #[derive(Debug)]
@@ -69,7 +69,8 @@ impl<'t> Task<'t> {
         Ok((photos, warnings))
     }
 
-    /// From here on a first Ctrl-C asks the work to stop, and what it has found is written; before, it ends the program.
+    /// From here on a first Ctrl-C asks the work to stop, and what it has found is written; before, it ends the program
+    /// if reading takes longer than a second.
     pub fn work_begins(&self) {
         WORKING.store(true, Ordering::SeqCst);
     }
@@ -108,14 +109,20 @@ static WORKING: AtomicBool = AtomicBool::new(false);
 /// Set some time after the first Ctrl-C.
 static OVERDUE: AtomicBool = AtomicBool::new(false);
 
-/// Watches for the first Ctrl-C: ends the program where there is no result yet, and else gives the rest a second.
+/// Watches for the first Ctrl-C: ends the program where the inputs are not read soon, and else gives the work a second
+/// for what only measures and shows its result.
 fn watch(asked: &'static AtomicBool) {
     std::thread::spawn(move || {
         while !asked.load(Ordering::Relaxed) {
             std::thread::sleep(Duration::from_millis(50));
         }
-        if !WORKING.load(Ordering::SeqCst) {
-            std::process::exit(nothing_found());
+        // What is nearly read may as well be begun: the work then ends with what it was given.
+        let patience = Instant::now();
+        while !WORKING.load(Ordering::SeqCst) {
+            if patience.elapsed() > Duration::from_millis(1200) {
+                std::process::exit(nothing_found());
+            }
+            std::thread::sleep(Duration::from_millis(50));
         }
         std::thread::sleep(Duration::from_secs(1));
         OVERDUE.store(true, Ordering::Relaxed);

@@ -112,7 +112,7 @@ impl Cost {
             return Ok(());
         }
         Err(Error::unsupported(format!(
-            "{} unknowns from {} pixels need about {:.0} MB of memory, {:.0} MB are allowed",
+            "about {} unknowns from {} pixels do not fit in memory: {:.0} MB are needed, {:.0} MB are allowed",
             self.unknowns,
             self.measurements,
             self.memory_mb,

@@ -85,6 +85,13 @@ const BRIGHTEST: f32 = 1e20;
 
 /// Contradictions of the pictures' pixels with the capture and with each other.
 pub fn pictures(photos: &[Photo], capture: &Capture) -> Vec<Finding> {
+    if let Some(first) = photos.first().filter(|_| photos.iter().all(|p| finite(p).next().is_none())) {
+        return vec![Finding::certain(
+            Some(&first.name),
+            "no pixel of this or any other picture has finite values: all are NaN or infinite",
+            "render the views again; `cumulo validate` says which samples are not finite",
+        )];
+    }
     let mut found: Vec<Finding> = photos.par_iter().filter_map(range).collect();
     found.sort_by_key(|f| !f.certain);
     // One picture speaks for all that are alike.
@@ -104,9 +111,9 @@ fn range(photo: &Photo) -> Option<Finding> {
     let finite: Vec<&[f32; 4]> = photo.film.rgba.iter().filter(|p| p.iter().all(|v| v.is_finite())).collect();
     let all = photo.film.rgba.len();
     if finite.is_empty() {
-        return Some(Finding::certain(
+        return Some(Finding::doubtful(
             name,
-            format!("all of {all} pixels are NaN or infinite"),
+            format!("all of {all} pixels are NaN or infinite: the view says nothing"),
             "render the view again, or take it out of the capture",
         ));
     }

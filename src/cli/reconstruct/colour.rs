@@ -86,7 +86,6 @@ impl Colour {
         let observation = Observation::new(&photos, capture.background, capture.background).map_err(|e| e.at(&json))?;
         let mut chosen = self.region.choose(&capture, &observation, output).map_err(|e| e.at(&json))?;
         output.warn(&chosen.warnings);
-        chosen.writable(&self.output)?;
         warnings.append(&mut chosen.warnings);
         let request = self.request(&capture, &chosen, held_out, &task);
         let previous = self.resume && self.output.exists();
@@ -98,6 +97,7 @@ impl Colour {
         let steps = colour::most_iterations(&request);
         let expected = Cost::new(Method::Color, &chosen.survey, &request, pixels, steps);
         expected.fits(limits.max_memory).map_err(|e| e.at(&json))?;
+        chosen.writable(&self.output)?;
         output.note(format!("expected: {expected}"));
         task.work_begins();
         let bar = output.progress(steps, "color");

@@ -143,7 +143,6 @@ impl Density {
         let observation = observe(&photos, &capture).map_err(|e| e.at(&json))?;
         let mut chosen = self.region.choose(&capture, &observation, output).map_err(|e| e.at(&json))?;
         output.warn(&chosen.warnings);
-        chosen.writable(&self.output)?;
         warnings.append(&mut chosen.warnings);
         let request = self.request(&capture, &chosen, way, held_out, &task).map_err(|e| e.at(&json))?;
         let mut stages = vec![Stage { name: "read pictures".into(), seconds: begun.elapsed().as_secs_f64() }];
@@ -162,6 +161,7 @@ impl Density {
         let pixels = photos.iter().map(|p| p.film.rgba.len() as u64).sum();
         let expected = Cost::new(method, &chosen.survey, &request, pixels, length);
         expected.fits(limits.max_memory).map_err(|e| e.at(&json))?;
+        chosen.writable(&self.output)?;
         output.note(format!("expected: {expected}"));
         task.work_begins();
         let bar = output.progress(length, "density");
