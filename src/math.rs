@@ -117,7 +117,8 @@ impl Affine {
     /// that of an affine map.
     pub fn new(forward: DMat4) -> Result<Self> {
         if !forward.is_finite() {
-            return Err(Error::invalid("transform has entries that are not finite"));
+            return Err(Error::invalid("transform has entries that are not finite")
+                .hint("write the grid, or the matrix, again where it was made"));
         }
         if forward.row(3) != glam::DVec4::W {
             return Err(Error::unsupported("transform has a perspective part; an affine map is needed")

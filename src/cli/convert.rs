@@ -133,7 +133,9 @@ impl Convert {
         }
         warnings.iter().for_each(|warning| output.note(format!("warning: {warning}")));
         if transfer.is_some() && !grids.iter().any(|g| g.transfer) {
-            return Err(Error::invalid("no grid holds scalars, which a transfer function needs").at(&self.input));
+            return Err(Error::invalid("no grid holds scalars, which a transfer function needs")
+                .at(&self.input)
+                .hint("leave --tf out, or choose other grids"));
         }
         write_native(&self.output, &natives.iter().collect::<Vec<_>>(), Some(&file), &BTreeMap::new(), self.codec)?;
         let transfer = transfer.as_ref().map(TransferSummary::of).transpose()?;
@@ -161,7 +163,8 @@ impl Convert {
         for (old, new) in &self.rename {
             let name = &file.find(old)?.name;
             if !chosen.contains(name) {
-                return Err(Error::invalid(format!("--rename {old}={new}: that grid is not among those of --grid")));
+                return Err(Error::invalid(format!("--rename {old}={new}: that grid is not among those of --grid"))
+                    .hint("name it with --grid too, or leave the renaming out"));
             }
             all.insert(name.clone(), new.clone());
         }

@@ -12,6 +12,7 @@ use crate::formats::vdb::Limits;
 use crate::optimise::cancel::Cancel;
 use crate::optimise::observation::Photo;
 use crate::optimise::plausibility::{self, Warning};
+use crate::process;
 use crate::scene::capture::Capture;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -120,7 +121,7 @@ fn watch(asked: &'static AtomicBool) {
         let patience = Instant::now();
         while !WORKING.load(Ordering::SeqCst) {
             if patience.elapsed() > Duration::from_millis(1200) {
-                std::process::exit(nothing_found());
+                process::leave(nothing_found());
             }
             std::thread::sleep(Duration::from_millis(50));
         }
@@ -130,7 +131,7 @@ fn watch(asked: &'static AtomicBool) {
 }
 
 /// Says that nothing was written; the exit code of a program that Ctrl-C ended.
-fn nothing_found() -> i32 {
+fn nothing_found() -> u8 {
     use std::io::Write;
     let _ = writeln!(std::io::stderr(), "cumulo: stopped by the user before anything was found; nothing is written");
     130
@@ -143,7 +144,7 @@ fn nothing_found() -> i32 {
 pub fn ended<T>(result: Result<T>) -> Result<std::result::Result<T, ExitCode>> {
     match result {
         Ok(value) => Ok(Ok(value)),
-        Err(e) if e.kind() == Kind::Cancelled => Ok(Err(ExitCode::from(nothing_found() as u8))),
+        Err(e) if e.kind() == Kind::Cancelled => Ok(Err(ExitCode::from(nothing_found()))),
         Err(e) => Err(e),
     }
 }

@@ -42,12 +42,14 @@ impl Medium {
     /// If the extinction is not positive and finite, or a source radiance is negative or not finite.
     pub fn checked(self) -> Result<Self> {
         if !(self.extinction > 0.0 && self.extinction.is_finite()) {
-            return Err(Error::invalid(format!("extinction {} must be positive and finite", self.extinction)));
+            return Err(Error::invalid(format!("extinction {} must be positive and finite", self.extinction))
+                .hint("correct --density-scale, or the capture's density_scale"));
         }
         if let Source::Grey(c) | Source::Linear(c) = &self.source
             && c.iter().any(|v| !(v.is_finite() && *v >= 0.0))
         {
-            return Err(Error::invalid(format!("source radiance {c:?} must be finite and not negative")));
+            return Err(Error::invalid(format!("source radiance {c:?} must be finite and not negative"))
+                .hint("correct --emission, or the capture's emission"));
         }
         Ok(self)
     }

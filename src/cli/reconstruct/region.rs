@@ -2,19 +2,15 @@
 
 use crate::cli::output::Output;
 use crate::cli::parse;
-use crate::error::{Error, Result};
-use crate::formats::vdb::{Codec, write_grids};
+use crate::error::Result;
+use crate::formats::vdb;
 use crate::math::{Aabb, Affine};
 use crate::optimise::hull::{Hull, Survey};
 use crate::optimise::lattice;
 use crate::optimise::observation::Observation;
 use crate::optimise::plausibility::{self, Warning};
-use crate::scene::bricks::{Bricks, Topology};
 use crate::scene::capture::Capture;
-use glam::IVec3;
-use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Arc;
 
 /// Options for the voxels.
 #[derive(Debug, clap::Args)]
@@ -48,27 +44,16 @@ pub(super) struct Chosen {
 }
 
 impl Chosen {
-    /// Refuses a lattice that no VDB can hold, before the work: writes an empty grid of it beside the output.
+    /// Refuses a lattice that no VDB can hold, before the work.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// As [`vdb::writable`].
     pub fn writable(&self, output: &Path) -> Result<()> {
-        let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let waiting = tempfile::Builder::new()
-            .prefix(".cumulo-")
-            .tempdir_in(folder)
-            .map_err(|e| Error::io(folder, e).hint("the output needs a folder that can be written to"))?;
-        let topology = Arc::new(Topology::new([IVec3::ZERO])?);
-        let grid = Bricks::<f32>::zeros(topology, self.lattice).to_grid("density");
-        let probe = waiting.path().join("probe.vdb");
-        write_grids(&probe, &[&grid], &BTreeMap::new(), Codec::default(), false).map_err(|e| {
-            Error::unsupported(format!(
-                "a VDB cannot hold voxels of {:e}: {}",
-                self.lattice.voxel_size().min_element(),
-                e.what()
-            ))
-            .at(output)
-            .hint("scale the scene up: multiply the positions in each 'transform_matrix', the lattice and --voxel-size by a common factor, and divide density_scale by it")
+        vdb::writable(&self.lattice).map_err(|e| {
+            e.at(output).instead(
+                "scale the scene up: multiply the positions in each 'transform_matrix', the lattice and --voxel-size by a \
+                 common factor, and divide density_scale by it",
+            )
         })
     }
 }

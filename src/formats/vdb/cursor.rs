@@ -19,7 +19,7 @@ impl Cursor {
         let file = File::open(path).map_err(io)?;
         let meta = file.metadata().map_err(io)?;
         if !meta.is_file() {
-            return Err(Error::invalid("not a regular file").at(path));
+            return Err(Error::invalid("not a regular file").at(path).hint("copy it into a file first"));
         }
         let reader = BufReader::with_capacity(1 << 18, file);
         Ok(Self { reader, path: path.to_path_buf(), position: 0, length: meta.len() })

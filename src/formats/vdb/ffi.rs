@@ -41,7 +41,7 @@ pub(super) fn call(entry: impl FnOnce(*mut cumulo_vdb_status) -> i32) -> Result<
         return Err(Error::system(std::io::Error::from_raw_os_error(status.os_error)));
     }
     Err(if code == CUMULO_VDB_UNSUPPORTED as i32 {
-        Error::unsupported(message)
+        Error::unsupported(message).hint("choose other grids with --grid, or leave that edit out")
     } else if code == CUMULO_VDB_OUT_OF_MEMORY as i32 {
         Error::native("OpenVDB ran out of memory")
             .hint("raise --max-memory if the file is to be trusted, or crop or resample it where it was made")
@@ -68,10 +68,12 @@ pub(super) fn printable(bytes: &[u8]) -> String {
 /// A path for C.
 pub(super) fn c_path(path: &Path) -> Result<CString> {
     use std::os::unix::ffi::OsStrExt;
-    CString::new(path.as_os_str().as_bytes()).map_err(|_| Error::invalid("the path contains a NUL byte").at(path))
+    CString::new(path.as_os_str().as_bytes())
+        .map_err(|_| Error::invalid("the path contains a NUL byte").at(path).hint("rename the file"))
 }
 
 /// A name for C.
 pub(super) fn c_name(name: &str) -> Result<CString> {
-    CString::new(name).map_err(|_| Error::invalid(format!("the name {name:?} contains a NUL byte")))
+    CString::new(name)
+        .map_err(|_| Error::invalid(format!("the name {name:?} contains a NUL byte")).hint("give another name"))
 }

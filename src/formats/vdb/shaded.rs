@@ -68,7 +68,10 @@ pub fn read(file: &File, extinction: Option<&str>, max_memory: u64) -> Result<Br
     let native = file.read(EMISSION)?;
     let info = native.info().map_err(place)?;
     if info.components != 3 {
-        return Err(place(Error::unsupported(format!("the grid holds {} values, vec3s are needed", info.value_type))));
+        return Err(place(
+            Error::unsupported(format!("the grid holds {} values, vec3s are needed", info.value_type))
+                .hint("`cumulo reconstruct colour` writes such a grid"),
+        ));
     }
     let transform = info.affine().map_err(place)?;
     if !transform.matrix().abs_diff_eq(
@@ -82,7 +85,8 @@ pub fn read(file: &File, extinction: Option<&str>, max_memory: u64) -> Result<Br
         return Err(place(Error::unsupported(format!(
             "background is {:?}, nothing is emitted outside",
             info.background
-        ))));
+        )))
+        .hint("set the background to 0 where the grid was made"));
     }
     let raw = native.to_raw().map_err(place)?;
     drop(native);
