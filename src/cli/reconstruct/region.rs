@@ -2,7 +2,7 @@
 
 use crate::cli::output::Output;
 use crate::cli::parse;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::formats::vdb;
 use crate::math::{Aabb, Affine};
 use crate::optimise::hull::{Hull, Survey};
