@@ -134,7 +134,10 @@ impl Affine {
         if !(scale > 0.0 && unit.determinant() != 0.0 && condition < 1e12) {
             return Err(Error::invalid(format!(
                 "transform is singular or close to it (condition number {condition:.3e}, at most 1e12 expected)"
-            )));
+            ))
+            .hint(
+                "write the grid, or the matrix, again where it was made, with axes that are not parallel and not 0",
+            ));
         }
         let inverse_linear = unit.inverse() * (1.0 / scale);
         let translation = forward.col(3).truncate();

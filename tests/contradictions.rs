@@ -67,11 +67,11 @@ fn a_wrong_background_is_refused_with_the_right_one() {
     work.edit("cap", |_, film| film.rgba.iter_mut().for_each(|p| (p[0], p[1], p[2]) = (0.0, 0.0, 0.0)));
     edit(&work, |c| drop(c.as_object_mut().unwrap().remove("background")));
     refused(&work, WORDS, &["\"background\": [0, 0, 0]", "transparent film"]);
-    for words in ["reconstruct color cap -o x.vdb", "pose cap --volume @plume.vdb -o x.vdb"] {
+    for words in ["reconstruct color cap -o x.vdb", "pose cap --volume @plume.vdb -o x.json"] {
         edit(&work, |c| c["model"] = json!("emission-absorption"));
         refused(&work, words, &["\"background\": [0, 0, 0]"]);
     }
-    refused(&work, "reconstruct tf cap --volume @plume.vdb -o x.vdb", &["\"background\": [0, 0, 0]"]);
+    refused(&work, "reconstruct tf cap --volume @plume.vdb -o x.tf.json", &["\"background\": [0, 0, 0]"]);
     // With it stated, alpha alone tells the depths.
     edit(&work, |c| (c["background"], c["model"]) = (json!([0, 0, 0]), json!("absorption")));
     work.json(WORDS);
@@ -100,7 +100,7 @@ fn what_is_no_light_is_refused() {
     refused(&work, WORDS, &["view_000.exr", "1e30", "--layer"]);
     all(|p| *p = [f32::NAN; 4]);
     refused(&work, WORDS, &["view_000.exr", "NaN"]);
-    refused(&work, "pose cap --volume @plume.vdb -o x.vdb", &["view_000.exr", "NaN"]);
+    refused(&work, "pose cap --volume @plume.vdb -o x.json", &["view_000.exr", "NaN"]);
     all(|p| p[3] += 40.0);
     refused(&work, WORDS, &["view_000.exr", "alpha", "0 to 1"]);
 }
@@ -138,7 +138,7 @@ fn depths_alphas_and_pairs_are_no_colours() {
         let work = with_pictures("");
         channel(&work, names);
         refused(&work, WORDS, &[expected, "colours are expected", "view_0"]);
-        refused(&work, "pose cap --volume @plume.vdb -o x.vdb", &[expected]);
+        refused(&work, "pose cap --volume @plume.vdb -o x.json", &[expected]);
     }
 }
 

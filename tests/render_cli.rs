@@ -148,8 +148,9 @@ fn sources_are_rendered_and_described() {
 fn constant_steps_converge_to_the_exact_quadrature() {
     let work = Work::new();
     let render = |quadrature: &str| {
-        let words =
-            format!("render @plume.vdb --views 2 --size 32x32 --density-scale 3 --quadrature {quadrature} -o q");
+        let words = format!(
+            "render @plume.vdb --views 2 --size 32x32 --density-scale 3 --quadrature {quadrature} --overwrite -o q"
+        );
         assert_eq!(work.json(&words)["quadrature"], quadrature);
         let text = std::fs::read_to_string(work.path("q/transforms.json")).unwrap();
         assert!(text.contains(&format!("\"quadrature\": \"{quadrature}\"")), "{text}");
@@ -170,7 +171,7 @@ fn constant_steps_converge_to_the_exact_quadrature() {
 fn early_stops_say_what_they_may_cost() {
     let work = Work::new();
     for (words, bound) in [("--background 2,1,1 --early-stop 0.125", 0.25), ("--early-stop 0", 0.0), ("", 1e-6)] {
-        let report = work.json(&format!("render @plume.vdb --views 1 --size 8x8 {words} -o o"));
+        let report = work.json(&format!("render @plume.vdb --views 1 --size 8x8 {words} --overwrite -o o"));
         assert!((report["early_stop"]["error_bound"].as_f64().unwrap() - bound).abs() < 1e-12, "{words}: {report}");
     }
     let text = std::fs::read_to_string(work.path("o/transforms.json")).unwrap();
@@ -279,7 +280,7 @@ fn an_interrupted_run_leaves_the_earlier_capture() {
     let work = Work::new();
     work.json("render @plume.vdb --views 3 --size 16x16 -o cap");
     let before = work.files("cap");
-    let child = work.start("render @plume.vdb --views 400 --size 256x256 --supersample 4 -o cap");
+    let child = work.start("render @plume.vdb --views 400 --size 256x256 --supersample 4 --overwrite -o cap");
     until("the first pictures", || work.files("cap").len() > before.len());
     let out = interrupt(child);
     assert_eq!(out.status.code(), Some(2), "{}", errors(&out));
@@ -311,7 +312,7 @@ fn wrong_use_ends_with_2() {
         ("--views 2 --emission=-1,0,0 -o x", &["must not be negative"]),
         ("--views 2 --model clouds -o x", &["absorption"]),
         ("--views 2 --supersample 0 -o x", &["1..=64"]),
-        ("--views 2 --threads 0 -o x", &["--threads 0", "at least one"]),
+        ("--views 2 --threads 0 -o x", &["--threads 0", "from 1 to 1024"]),
         ("--views 2 --max-memory lots -o x", &["4G"]),
         ("--views 2 -o file", &["file", "folder"]),
         ("--views 2 -o file/x", &["file/x", "folder"]),

@@ -186,12 +186,12 @@ fn blank_and_round_volumes_end_at_once() {
     assert!(report["starts"].as_array().unwrap().iter().all(|s| s["iterations"] == 1));
     // A cube of one density.
     write(&work, "cube.vdb", &grid(16, unit(), |_| 0.1));
-    let report = work.json("viewpoint cube.vdb --size 32x32 --starts 3 -o c.json");
+    let report = work.json("viewpoint cube.vdb --size 32x32 --starts 3 -o c.json --pictures c");
     assert!(report["entropy"].as_f64().unwrap() > 0.5 && report["blank"] == false);
     // A single voxel, a single pixel.
     write(&work, "voxel.vdb", &grid(8, unit(), |p| if p == DVec3::splat(4.0) { 1.0 } else { 0.0 }));
-    work.json("viewpoint voxel.vdb --size 9x5 --starts 1 --density-scale auto -o d.json");
-    assert_eq!(work.json("viewpoint voxel.vdb --size 1x1 --starts 2 -o e.json")["entropy"], 0.0);
+    work.json("viewpoint voxel.vdb --size 9x5 --starts 1 --density-scale auto -o d.json --pictures d");
+    assert_eq!(work.json("viewpoint voxel.vdb --size 1x1 --starts 2 -o e.json --pictures e")["entropy"], 0.0);
 }
 
 #[test]

@@ -21,6 +21,9 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
+/// Where errors say that they happened that are about the function.
+pub const FUNCTION: &str = "transfer function";
+
 /// Views of a step.
 const BATCH: usize = 8;
 /// Every so-manieth pixel of a view is used in a step; the others have their turn in the epochs after.
@@ -62,6 +65,7 @@ pub fn reconstruct(
         return Err(Error::invalid(format!(
             "the transfer function ends at density {range}: all above are the same to it"
         ))
+        .part(FUNCTION)
         .hint("give one with points at densities above 0, by --tf or in transforms.json"));
     }
 

@@ -175,8 +175,14 @@ impl Density {
             Way::Cg => density::reconstruct(&observation, &request, watch),
         };
         bar.finish_and_clear();
+        // What is wrong with the function is wrong with its file.
+        let function = |e: &Error| self.transfer.tf.as_ref().filter(|_| e.place() == Some(behind::FUNCTION));
+        let placed = outcome.map_err(|e| {
+            let file = function(&e).unwrap_or(&json).clone();
+            e.at(file)
+        });
         let Outcome { field, history, stages: solved, train_psnr_db, held_out_psnr_db, unknowns, stopped } =
-            match ended(outcome.map_err(|e| e.at(&json)))? {
+            match ended(placed)? {
                 Ok(outcome) => outcome,
                 Err(code) => return Ok(code),
             };
