@@ -280,7 +280,7 @@ def transfers(rounds):
     say("TF: transfer functions of a known volume")
     volume, function = subject("head")
     views = ["--views", 9, "--size", "512x512", "--density-scale", "auto"]
-    cumulo("render", volume, "--tf", function, *views, "-o", OUT / "head", "--quiet")
+    cumulo("render", volume, "--tf", function, *views, "--overwrite", "-o", OUT / "head", "--quiet")
     runs = {texels: [] for texels in TEXELS}
     for _ in range(rounds):
         for texels, of in runs.items():

@@ -1,7 +1,7 @@
-//! `cumulo try-grid`: reads a grid and drops it, in a process of its own; see [`helper`].
+//! `cumulo try-grid`: reads a grid and drops it, in a process of its own; see [`crate::formats::vdb::helper`].
 
 use crate::error::Error;
-use crate::formats::vdb::{Limits, helper};
+use crate::formats::vdb::{File, Limits};
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -22,7 +22,8 @@ impl TryGrid {
             rustix::process::Rlimit { current: Some(0), maximum: Some(0) },
         );
         let what = |error: Error| error.what().to_owned();
-        match helper::try_grid(&self.file, &self.grid, Limits { max_memory: self.max_memory }).map_err(what) {
+        let limits = Limits { max_memory: self.max_memory };
+        match File::open(&self.file, limits).and_then(|file| file.try_grid(&self.grid)).map_err(what) {
             Ok(()) => ExitCode::SUCCESS,
             Err(what) => {
                 let _ = write!(std::io::stderr(), "{what}");

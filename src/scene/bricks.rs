@@ -18,9 +18,6 @@ use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-/// The largest density that is rendered: above it cubics of the density along a ray leave single precision.
-pub const MOST_DENSITY: f32 = 1e30;
-
 /// A field on bricks, trilinear between voxel centres, zero outside: of scalars, or of the four values of a
 /// pre-shaded volume (emitted radiance per world length in R, G and B, and extinction).
 #[derive(Debug, Clone)]

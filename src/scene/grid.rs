@@ -5,6 +5,9 @@ use glam::IVec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
+/// Largest density that can be rendered: above it, cubics of the density along a ray leave single precision.
+pub const MOST_DENSITY: f32 = 1e30;
+
 /// What the values of a grid mean, as OpenVDB names it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GridClass {

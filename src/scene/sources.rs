@@ -2,8 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::real::Real;
-use crate::scene::bricks::MOST_DENSITY;
-use crate::scene::grid::Grid;
+use crate::scene::grid::{Grid, MOST_DENSITY};
 use crate::scene::topology::{CELLS, EDGE, slot};
 use glam::IVec3;
 use rayon::prelude::*;

@@ -127,8 +127,19 @@ impl File {
         self.read_unguarded(name)
     }
 
+    /// Reads a grid to its last byte and drops it: what the helper process does, see [`helper`].
+    ///
+    /// # Errors
+    /// OpenVDB's own words, with file and grid; often it is the end of the process instead.
+    pub fn try_grid(&self, name: &str) -> Result<()> {
+        let grid = self.read_unguarded(name)?;
+        // SAFETY: the grid is alive.
+        let touched = ffi::call(|s| unsafe { ffi::touch(grid.as_ptr(), s) });
+        touched.map_err(|e| e.part(format!("grid '{name}'")).at(&self.path))
+    }
+
     /// Loads a grid by OpenVDB's own reader, whatever is in it.
-    pub(super) fn read_unguarded(&self, name: &str) -> Result<NativeGrid> {
+    fn read_unguarded(&self, name: &str) -> Result<NativeGrid> {
         let entry = self.find(name)?;
         let place = |e: Error| e.at(&self.path).part(format!("grid '{}'", entry.name));
         let unique = ffi::c_name(&entry.name).map_err(place)?;

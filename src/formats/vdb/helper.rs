@@ -5,7 +5,6 @@
 //! safe in a signal handler, and OpenVDB is not.
 
 use super::ffi;
-use super::file::File;
 use super::preflight::Limits;
 use crate::error::{Error, Result};
 use std::io::Read;
@@ -15,8 +14,9 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
-/// Subcommand that the program understands: `try-grid FILE GRID BYTES`. It calls [`try_grid`], says on standard error
-/// what happened if that fails, and exits with another code than 0.
+/// Subcommand that the program understands: `try-grid FILE GRID BYTES`. It calls
+/// [`File::try_grid`](super::File::try_grid), says on standard error what happened if that fails, and exits with another code
+/// than 0.
 pub const SUBCOMMAND: &str = "try-grid";
 
 /// Time that a grid may take in the other process.
@@ -31,16 +31,6 @@ static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
 /// counts. Without it such grids are refused.
 pub fn set_program(path: PathBuf) {
     let _ = PROGRAM.set(path);
-}
-
-/// Reads a grid to its last byte and drops it: what the other process does.
-///
-/// # Errors
-/// OpenVDB's own words, with file and grid; often it is the end of the process instead.
-pub fn try_grid(path: &Path, name: &str, limits: Limits) -> Result<()> {
-    let grid = File::open(path, limits)?.read_unguarded(name)?;
-    // SAFETY: the grid is alive.
-    ffi::call(|s| unsafe { ffi::touch(grid.as_ptr(), s) }).map_err(|e| e.part(format!("grid '{name}'")).at(path))
 }
 
 /// Has the other process try a grid.
