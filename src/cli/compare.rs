@@ -101,6 +101,7 @@ fn check_memory(arguments: &Arguments, limits: Limits) -> Result<[u64; 2]> {
 /// If a picture cannot be read, the sizes differ, more memory is needed than is allowed, or the heat map
 /// cannot be written.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
+    let stage = output.stage("comparing");
     if arguments.tolerance.is_nan() || arguments.tolerance < 0.0 {
         return Err(Error::invalid(format!("--tolerance {}: a number from 0 on is expected", arguments.tolerance))
             .hint("give the largest absolute difference of a sample that still counts as agreement"));
@@ -124,6 +125,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
         heatmap_scale = Some(scale);
     }
     let differ = !comparison.within(arguments.tolerance);
+    drop(stage);
     output.report(&Report { comparison, layers: [a.layer, b.layer], differ, heatmap_scale })?;
     Ok(if differ { ExitCode::from(1) } else { ExitCode::SUCCESS })
 }

@@ -109,6 +109,7 @@ impl Convert {
     /// If the input cannot be read, a grid is not there or cannot be edited so, or the output cannot
     /// be written; the output is untouched then.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let stage = output.stage("converting");
         let limits = self.memory.limits();
         outputs::file(&self.output, Content::Vdb)?;
         let inputs = std::iter::once(&self.input).chain(&self.transfer.tf);
@@ -140,6 +141,7 @@ impl Convert {
         write_native(&self.output, &natives.iter().collect::<Vec<_>>(), Some(&file), &BTreeMap::new(), self.codec)?;
         let transfer = transfer.as_ref().map(TransferSummary::of).transpose()?;
         let bytes = std::fs::metadata(&self.output).map_err(|e| Error::io(&self.output, e))?.len();
+        drop(stage);
         output.report(&Report {
             input: self.input.clone(),
             output: self.output.clone(),

@@ -60,6 +60,7 @@ impl Diff {
     /// # Errors
     /// If a file cannot be read, a grid is not there, or two grids cannot be compared.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let stage = output.stage("comparing");
         if self.tolerance.is_nan() || self.tolerance < 0.0 {
             return Err(Error::invalid(format!("--tolerance {}: zero or more is needed", self.tolerance)));
         }
@@ -96,6 +97,7 @@ impl Diff {
             named && g.difference.within(self.tolerance) && !(self.tolerance == 0.0 && g.differs_beyond_f32)
         };
         let same = only_in_a.is_empty() && only_in_b.is_empty() && grids.iter().all(alike);
+        drop(stage);
         output.report(&Report { same, grids, only_in_a, only_in_b, not_compared })?;
         Ok(if same { ExitCode::SUCCESS } else { ExitCode::from(1) })
     }

@@ -88,6 +88,7 @@ impl Info {
     /// # Errors
     /// If the only file cannot be read or is of a kind that is not known.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let stage = output.stage("reading");
         let mut files = Vec::new();
         for path in &self.files {
             let (content, error) = match content(path, self.memory.limits()) {
@@ -98,6 +99,7 @@ impl Info {
             files.push(Described { path: path.clone(), content, error });
         }
         let failed = files.iter().any(|file| file.error.is_some());
+        drop(stage);
         output.report(&Report { files })?;
         Ok(if failed { ExitCode::from(2) } else { ExitCode::SUCCESS })
     }

@@ -50,6 +50,7 @@ impl Validate {
     /// # Errors
     /// If the only file cannot be read at all; what is wrong inside is the report.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let stage = output.stage("checking");
         let mut files = Vec::new();
         for path in &self.files {
             files.push(match self.check(path) {
@@ -66,6 +67,7 @@ impl Validate {
         }
         let valid = files.iter().all(|f| f.valid);
         let failed = files.iter().any(|f| f.error.is_some());
+        drop(stage);
         output.report(&Report { valid, files })?;
         Ok(ExitCode::from(if failed { 2 } else { u8::from(!valid) }))
     }
