@@ -7,8 +7,9 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// Bytes that [`limit_memory`] leaves at least: the program and its libraries take some themselves.
-const LEAST: u64 = 64 << 20;
+/// Bytes that [`limit_memory`] leaves at least: the stacks of the libraries' threads and their heaps take some tens of
+/// mebibytes, however small the work is.
+const LEAST: u64 = 112 << 20;
 
 /// What memory was limited to, for the message; 0 before.
 static ALLOWED: AtomicU64 = AtomicU64::new(0);
