@@ -5,7 +5,7 @@ use crate::formats::vdb::Limits;
 /// `--max-memory` of the commands that read volumes.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct Memory {
-    /// Memory that the command may take, in bytes or with K, M, G, T (default: half of the machine's)
+    /// Memory of the whole process, 112M at least, in bytes or with K, M, G, T (default: half of the machine's)
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     max_memory: Option<u64>,
 }
