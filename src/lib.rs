@@ -11,7 +11,7 @@
 //! - World space is right-handed, in the VDB's world units. Extinction is per world unit of length.
 //! - Index coordinates of a voxel are those of its **centre**. Affine maps are `f64`, column vectors.
 //! - A camera looks down -Z, +Y up, +X right. Pixel (0, 0) is top left, its centre at (0.5, 0.5).
-//! - Images are scene-linear and row-major; alpha is 1 - transmittance, colour premultiplied.
+//! - Images are scene-linear and row-major; alpha is 1 - transmittance, color premultiplied.
 
 pub mod cli;
 pub mod dual;

@@ -1,7 +1,7 @@
 //! Text on its way to a terminal.
 //!
 //! Names, metadata and paths come from files, and files come from anywhere: an escape sequence in a
-//! grid's name would move the cursor, set the window's title or recolour what follows. Whatever is
+//! grid's name would move the cursor, set the window's title or recolor what follows. Whatever is
 //! printed passes through here; what is stored or computed with stays as it is.
 
 use std::borrow::Cow;
@@ -65,7 +65,7 @@ fn escaped(text: &str, bad: impl Fn(char) -> bool) -> Cow<'_, str> {
 mod tests {
     use super::*;
 
-    /// A colour, a window title, DEL, a C1 control sequence introducer, a right-to-left override, a tag.
+    /// A color, a window title, DEL, a C1 control sequence introducer, a right-to-left override, a tag.
     const HOSTILE: &str = "a\u{1b}[31mb\u{1b}]0;t\u{7}c\u{7f}\u{9b}2J\u{202e}\u{2066}\u{e0041}\u{2028}\r\nz";
 
     #[test]

@@ -1,4 +1,4 @@
-//! Colours and densities behind a transfer function: `cumulo reconstruct colour`, `reconstruct density --tf`,
+//! Colors and densities behind a transfer function: `cumulo reconstruct color`, `reconstruct density --tf`,
 //! and the confidence grid.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is how a test fails")]
@@ -38,9 +38,9 @@ fn number(report: &Value, key: &str) -> f64 {
 }
 
 #[test]
-fn colours_come_back_and_are_rendered_again() {
+fn colors_come_back_and_are_rendered_again() {
     let work = with_pictures(16, 48);
-    let report = work.json("reconstruct colour cap -o shaded.vdb --report page");
+    let report = work.json("reconstruct color cap -o shaded.vdb --report page");
     assert!(number(&report, "held_out_psnr_db") > 28.0, "{report}");
     let info = work.json("info shaded.vdb");
     let types: Vec<&str> =
@@ -58,18 +58,18 @@ fn colours_come_back_and_are_rendered_again() {
     let compared =
         cumulo::metrics::compare(&work.picture("again/view_003.exr"), &work.picture("cap/view_003.exr")).unwrap();
     assert!(compared.psnr_db > 28.0, "{}", compared.psnr_db);
-    // What is pre-shaded has no density behind its colours.
-    work.refused("reconstruct density again -o d.vdb", &["pre-shaded", "reconstruct colour"]);
+    // What is pre-shaded has no density behind its colors.
+    work.refused("reconstruct density again -o d.vdb", &["pre-shaded", "reconstruct color"]);
     work.refused("render @plume.vdb --model pre-shaded --views 1 -o no", &["'emission'", "vec3s"]);
     work.json("render @plume.vdb --views 2 --size 8x8 -o grey");
-    work.refused("reconstruct colour grey -o no.vdb", &["absorption alone", "reconstruct density"]);
+    work.refused("reconstruct color grey -o no.vdb", &["absorption alone", "reconstruct density"]);
 }
 
 /// A run that goes on begins where the last one ended, and another field is no start for it.
 #[test]
-fn colours_go_on_where_they_were_left() {
+fn colors_go_on_where_they_were_left() {
     let work = with_pictures(16, 32);
-    let run = |words: &str| work.json(&format!("reconstruct colour cap -o shaded.vdb --iterations 3 {words}"));
+    let run = |words: &str| work.json(&format!("reconstruct color cap -o shaded.vdb --iterations 3 {words}"));
     let losses = |report: &Value| -> Vec<f64> {
         report["history"].as_array().unwrap().iter().map(|s| number(s, "loss")).collect()
     };
@@ -78,7 +78,7 @@ fn colours_go_on_where_they_were_left() {
     assert_eq!(losses(&whole), losses(&fresh), "without a file it is a start from nothing");
     let on = run("--smoothing 1 --resume");
     assert!(losses(&on)[0] < 0.7 * losses(&whole)[0], "extinctions go on: {on}");
-    assert!(losses(&on)[3] < 0.9 * losses(&whole)[3], "colours go on: {on}");
+    assert!(losses(&on)[3] < 0.9 * losses(&whole)[3], "colors go on: {on}");
     assert!(number(&on, "held_out_psnr_db") > number(&whole, "held_out_psnr_db") - 0.2, "{on}");
     // From voxels twice as large: by way of their level.
     let edge = 2.0 * whole["voxel_size"][0].as_f64().unwrap();
@@ -90,10 +90,10 @@ fn colours_go_on_where_they_were_left() {
     assert_eq!((levels(&coarse), levels(&finer)), (BTreeSet::from([0]), BTreeSet::from([0, 1])));
     assert!(number(&finer, "held_out_psnr_db") > number(&coarse, "held_out_psnr_db") + 1.0, "{coarse} {finer}");
     std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/plume.vdb"), work.path("shaded.vdb")).unwrap();
-    work.refused("reconstruct colour cap -o shaded.vdb --resume", &["shaded.vdb", "emission"]);
+    work.refused("reconstruct color cap -o shaded.vdb --resume", &["shaded.vdb", "emission"]);
 }
 
-/// The start from the colours finds the branch that descending from a constant does not.
+/// The start from the colors finds the branch that descending from a constant does not.
 #[test]
 fn densities_come_back_through_a_function_that_is_not_monotonic() {
     let work = with_pictures(16, 48);
@@ -131,7 +131,7 @@ fn what_absorbs_at_density_zero_has_all_of_the_box() {
             pairs.map(|(a, b)| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>()).sum::<f64>()
         };
         let seen = -10.0 * ((0..4).map(square).sum::<f64>() / (4.0 * 16.0 * 16.0 * 3.0)).log10();
-        // Colours alone here, alpha beside them there; and the written volume's box is the smaller one.
+        // Colors alone here, alpha beside them there; and the written volume's box is the smaller one.
         assert!((seen - told).abs() < 1.0, "{solver} tells {told} dB, and {seen} dB are seen");
     }
 }
@@ -188,7 +188,7 @@ fn what_pictures_do_not_say_has_no_confidence() {
 fn runs_are_the_same_for_any_number_of_threads() {
     let work = with_pictures(9, 24);
     for threads in [1, 3] {
-        work.json(&format!("reconstruct colour cap -o c{threads}.vdb --threads {threads}"));
+        work.json(&format!("reconstruct color cap -o c{threads}.vdb --threads {threads}"));
         work.json(&format!("reconstruct density cap -o d{threads}.vdb --iterations 2 --threads {threads}"));
     }
     assert_eq!(values(&work, "c1.vdb", "density"), values(&work, "c3.vdb", "density"));

@@ -133,11 +133,11 @@ fn write_channels(path: &std::path::Path, film: &Film, names: &str) {
 }
 
 #[test]
-fn depths_alphas_and_pairs_are_no_colours() {
+fn depths_alphas_and_pairs_are_no_colors() {
     for (names, expected) in [("Z", "depth"), ("A", "alpha alone"), ("R,G", "two channels")] {
         let work = with_pictures("");
         channel(&work, names);
-        refused(&work, WORDS, &[expected, "colours are expected", "view_0"]);
+        refused(&work, WORDS, &[expected, "colors are expected", "view_0"]);
         refused(&work, "pose cap --volume @plume.vdb -o x.json", &[expected]);
     }
 }

@@ -20,7 +20,7 @@ const LOBES: &str = r#"{"format": "cumulo-transfer-function", "version": 1, "tra
     {"mean": 0.2, "ln_width": -2.3, "rgbs": [1.0, 0.5, 0.1, 0.4]},
     {"mean": 0.6, "ln_width": -1.5, "rgbs": [0.1, 0.3, 1.0, 0.7]}]}}"#;
 
-/// Two steps: up from nothing, and to another colour.
+/// Two steps: up from nothing, and to another color.
 const STEPS: &str = r#"{"format": "cumulo-transfer-function", "version": 1, "transfer": {"kind": "piecewise", "points": [
     [0.12, 0.1, 0.2, 0.8, 0.0], [0.12, 0.1, 0.2, 0.8, 3.0], [0.34, 0.3, 0.2, 0.6, 4.0], [0.34, 0.9, 0.5, 0.1, 1.0],
     [1.2, 0.2, 0.5, 0.9, 2.0]]}}"#;
@@ -292,7 +292,7 @@ fn what_cannot_be_is_refused() {
         ("gradient @plume.vdb --views 1 --loss mean --wrt tf --tf lobes.tf.json --prior tf=1", &["texels or points"]),
         ("gradient @plume.vdb --views 1 --loss mean --wrt camera --prior rough=1", &["rough=1", "tv=WEIGHT"]),
         ("gradient @plume.vdb --views 1 --loss mean", &["--wrt"]),
-        ("gradient @plume.vdb --views 1 --loss mean --wrt colour", &["colour"]),
+        ("gradient @plume.vdb --views 1 --loss mean --wrt color", &["color"]),
         ("gradient @plume.vdb --views 1 --loss mean --wrt camera --tolerance 1", &["--check"]),
         ("gradient none.vdb --views 1 --loss mean --wrt camera", &["none.vdb"]),
         ("gradient @plume.vdb --target none --loss l2 --wrt camera", &["none"]),

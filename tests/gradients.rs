@@ -93,15 +93,15 @@ fn every_parameter_matches_central_differences() {
                 (at(h) - at(-h)) / (2.0 * h)
             };
             close("extinction", shared.extinction, difference(|m, _, h| m.extinction += h, 1e-5), 2e-6, 1e-3);
-            // Colours are f32: the step is a power of two so that it is taken exactly up to 2^-24 of
+            // Colors are f32: the step is a power of two so that it is taken exactly up to 2^-24 of
             // the value, and the loss is quadratic in them, which central differences get right.
             let h = 1.0 / 64.0;
-            let colour: [fn(&mut Medium, &mut [f32; 3], f64); 3] =
+            let color: [fn(&mut Medium, &mut [f32; 3], f64); 3] =
                 [|m, _, h| tint(m, 0, h), |m, _, h| tint(m, 1, h), |m, _, h| tint(m, 2, h)];
             let behind: [fn(&mut Medium, &mut [f32; 3], f64); 3] =
                 [|_, b, h| b[0] += h as f32, |_, b, h| b[1] += h as f32, |_, b, h| b[2] += h as f32];
             for c in 0..3 {
-                close("colour", shared.colour[c], difference(colour[c], h), 1e-5, 1e-3);
+                close("color", shared.color[c], difference(color[c], h), 1e-5, 1e-3);
                 close("background", shared.background[c], difference(behind[c], h), 1e-5, 1e-3);
             }
         }

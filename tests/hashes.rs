@@ -52,7 +52,7 @@ const KNOWN: &[(&str, &str)] = &[
     ("density", "1d1b9d6844792186"),
     ("density by a function", "d93c69474f3eda9d"),
     ("density by descent", "fb307b7a9ec44762"),
-    ("colours", "242c48440b2283d3"),
+    ("colors", "242c48440b2283d3"),
     ("function by pictures", "e6f4533d98a7002b"),
     ("pose", "465c77bdaf47a068"),
     ("viewpoint", "c326e872b0df4ef0"),
@@ -169,8 +169,8 @@ fn what_commands_write_has_the_bits_that_it_had() {
     found.push(("density by a function", voxels(&work, "behind.vdb", "density")));
     work.json("reconstruct density bright -o paper.vdb --solver paper --iterations 2 --resolution 16");
     found.push(("density by descent", voxels(&work, "paper.vdb", "density")));
-    work.json("reconstruct colour bright -o colours.vdb --iterations 3 --resolution 16");
-    found.push(("colours", shaded_voxels(&work, "colours.vdb")));
+    work.json("reconstruct color bright -o colors.vdb --iterations 3 --resolution 16");
+    found.push(("colors", shaded_voxels(&work, "colors.vdb")));
     work.json("reconstruct tf bright --volume @plume.vdb -o found.tf.json --texels 16 --rays 2000 --iterations 5");
     let transfer = transfer::load(&work.path("found.tf.json"), &transfer::Options::default()).unwrap().transfer;
     found.push(("function by pictures", hash(transfer.table().unwrap().values().iter().flatten().copied())));

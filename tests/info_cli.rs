@@ -302,7 +302,7 @@ fn wrong_use_and_what_cannot_be_opened_end_with_2() {
     for command in ["info", "validate"] {
         let cases: [(&[&str], &str); 4] = [
             (&[], "FILE"),
-            (&[&sound, "--colour"], "--colour"),
+            (&[&sound, "--color"], "--color"),
             (&["/nowhere.exr"], "/nowhere.exr"),
             (&[folder], "the folder that holds one"),
         ];

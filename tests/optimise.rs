@@ -220,7 +220,7 @@ fn transmittance_is_read_off_any_grey_medium() {
     wide.film = Film { width: 12, height: 1, rgba: [&wide.film.rgba[..], &[[0.0, 0.5, 0.4, 0.0]; 8]].concat() };
     let map = &Observation::new(&[wide], background, source).unwrap().maps[0];
     for (depth, t) in map.depth.iter().zip([1.0_f32, 0.5, 0.01]) {
-        // Colours near 0.5 are rounded at 3e-8; at T = 0.01 that is 6e-6 of the depth.
+        // Colors near 0.5 are rounded at 3e-8; at T = 0.01 that is 6e-6 of the depth.
         assert!((depth + t.ln()).abs() < 2e-5, "{depth} {t}");
     }
     assert_eq!((map.depth[3], map.weight[3]), (0.0, 0.0));
@@ -537,7 +537,7 @@ fn rays_stay_in_footprints() {
     }
 }
 
-/// Nothing is known of the colours that a wall hides, and of what may be behind it; in front of it both are.
+/// Nothing is known of the colors that a wall hides, and of what may be behind it; in front of it both are.
 #[test]
 fn a_wall_hides_what_is_behind_it() {
     let bricks = (0..64).map(|i| IVec3::new(i >> 4, i >> 2 & 3, i & 3));

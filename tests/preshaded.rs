@@ -31,9 +31,9 @@ fn rays(transform: &Affine) -> Vec<Ray> {
         .collect()
 }
 
-/// A source of one colour gives that colour times alpha, however thick.
+/// A source of one color gives that color times alpha, however thick.
 #[test]
-fn one_colour_is_seen_by_alpha() {
+fn one_color_is_seen_by_alpha() {
     for thick in [1e-3, 0.3, 3.0, 40.0] {
         let mut volume = volume::<f64>(thick, odd());
         volume.values.iter_mut().for_each(|v| *v = DVec4::new(0.9, 0.5, 0.1, 1.0) * v.w);
@@ -49,7 +49,7 @@ fn one_colour_is_seen_by_alpha() {
     }
 }
 
-/// What ending rays early costs stays below what is said: where sources have a brightest colour, and where something is
+/// What ending rays early costs stays below what is said: where sources have a brightest color, and where something is
 /// emitted without extinction.
 #[test]
 fn early_stops_are_off_by_no_more_than_is_said() {

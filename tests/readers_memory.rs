@@ -36,7 +36,7 @@ fn refused(work: &Work, command: &str, mib: u64, words: &[&str]) {
     assert!(words.iter().all(|w| said.contains(w)), "{command}: {words:?} are not all in:\n{said}");
 }
 
-/// A picture of one colour with a window that is changed to `side`² pixels; a kilobyte.
+/// A picture of one color with a window that is changed to `side`² pixels; a kilobyte.
 fn with_display_window(path: &Path, side: i32) {
     let mut bytes = std::fs::read(fixture("exr/grey.exr")).unwrap();
     let what = b"displayWindow\0box2i\0\x10\0\0\0";

@@ -9,7 +9,7 @@ use cumulo::scene::table::Table;
 use serde_json::{Value, json};
 use work::Work;
 
-/// Two peaks with a gap between, colours of their own; plume.vdb has densities up to 1.
+/// Two peaks with a gap between, colors of their own; plume.vdb has densities up to 1.
 fn with_pictures(views: u32, size: u32) -> Work {
     let work = Work::new();
     let function = json!({"format": "cumulo-transfer-function", "version": 1, "transfer": {"kind": "gaussians",
@@ -44,9 +44,9 @@ fn the_function_comes_back() {
         let d = f64::from(i) / 100.0;
         let (t, f) = (truth.at(d), found.at(d));
         assert!((t[3] - f[3]).abs() < 0.04 * 12.0, "extinction at {d}: {t:?} {f:?}");
-        // Colours mean something where there is extinction.
+        // Colors mean something where there is extinction.
         let off = (0..3).fold(0.0_f64, |m, c| m.max((t[c] - f[c]).abs()));
-        assert!(t[3] < 1.5 || off < 0.05, "colour at {d}: {t:?} {f:?}");
+        assert!(t[3] < 1.5 || off < 0.05, "color at {d}: {t:?} {f:?}");
     }
     let confidence = report["confidence"].as_array().unwrap();
     assert_eq!(confidence.len(), 48);
@@ -86,7 +86,7 @@ fn the_page_is_made_again_beside_the_truth() {
     assert!(!page().contains("reference"));
     let report = work.json("report page --reference truth.tf.json --beside again=cap");
     assert!(number(&report["transfer"], "extinction_rms") < 0.05, "{report}");
-    assert!(number(&report["transfer"], "colour_rms") < 0.05, "{report}");
+    assert!(number(&report["transfer"], "color_rms") < 0.05, "{report}");
     assert!(page().contains("extinction, reference") && page().contains("again"));
     work.refused("report page --reference none.tf.json", &["none.tf.json"]);
     std::fs::remove_file(work.path("found.tf.json")).unwrap();

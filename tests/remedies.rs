@@ -176,7 +176,7 @@ fn damaged_transfer_functions() {
         ours(json!({"kind": "piecewise", "points": [[0, 1, 1, 1, 0], [1, 0, 0, 0, 2]]})),
         ours(json!({"kind": "gaussians", "domain": [0, 1],
             "lobes": [{"mean": 0.5, "ln_width": -1, "rgbs": [1, 1, 1, 2]}]})),
-        ours(json!({"kind": "identity", "domain": [0, 1], "colour": [1, 0.5, 0]})),
+        ours(json!({"kind": "identity", "domain": [0, 1], "color": [1, 0.5, 0]})),
         json!([{"Name": "a", "ColorSpace": "Lab", "HSVWrap": 0, "UseLogScale": 0,
             "RGBPoints": [0, 1, 0, 0, 1, 0, 0, 1], "Points": [0, 0, 0.5, 0, 1, 0.9, 0.5, 0]},
             {"Name": "b", "RGBPoints": [0, 1, 0, 0, 1, 0, 0, 1]}])

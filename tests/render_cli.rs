@@ -137,7 +137,7 @@ fn sources_are_rendered_and_described() {
         assert_eq!((capture.emission, capture.background), ([2.0, 1.0, 0.5], background));
         assert_as_described(&work, folder, &fixture("plume.vdb"), Quadrature::Exact);
     }
-    // Grey: c (1 - T); the colours are multiples of one another to a rounding of each.
+    // Grey: c (1 - T); the colors are multiples of one another to a rounding of each.
     for [r, g, b, a] in work.picture("grey/view_001.exr").rgba {
         assert!((r - 2.0 * a).abs() < 3e-7 && (g - a).abs() < 3e-7 && (b - 0.5 * a).abs() < 3e-7, "{r} {g} {b} {a}");
     }

@@ -272,9 +272,9 @@ fn the_plot_has_its_series() {
     let html = page.html();
     check(&html);
     let svg = &html[html.find("<svg").unwrap()..html.find("</svg>").unwrap()];
-    for colour in ["#1F5FBF", "#C25500", "#0B7A5E", "#A02B8C"] {
-        let line = format!("stroke=\"{colour}\"");
-        assert!(tags(svg).iter().any(|t| name_of(t) == "polyline" && t.contains(&line)), "{colour}");
+    for color in ["#1F5FBF", "#C25500", "#0B7A5E", "#A02B8C"] {
+        let line = format!("stroke=\"{color}\"");
+        assert!(tags(svg).iter().any(|t| name_of(t) == "polyline" && t.contains(&line)), "{color}");
     }
     assert_eq!(tags(svg).iter().filter(|t| name_of(t) == "circle").count(), 8 + 9 + 9 + 9);
     assert!(svg.contains("PSNR of held-out views (dB)") && svg.contains("seconds"));

@@ -66,7 +66,7 @@ enum Kind {
     Direction,
     Step,
     Extinction,
-    Colour,
+    Color,
     Background,
     All,
 }
@@ -78,7 +78,7 @@ const KINDS: [Kind; 9] = [
     Kind::Direction,
     Kind::Step,
     Kind::Extinction,
-    Kind::Colour,
+    Kind::Color,
     Kind::Background,
     Kind::All,
 ];
@@ -114,7 +114,7 @@ fn step<R: Real>(kind: Kind, f: &Bricks<R>, medium: &Medium, seed: u64) -> Step<
         },
         shared: ParameterGradient {
             extinction: is(Kind::Extinction) * signed(seed + 7),
-            colour: [1.0, -0.5, 2.0].map(|c| c * is(Kind::Colour) * plain),
+            color: [1.0, -0.5, 2.0].map(|c| c * is(Kind::Color) * plain),
             background: [0.3, 0.7, -1.1].map(|c| c * is(Kind::Background)),
         },
     }
@@ -152,7 +152,7 @@ fn both<R: Directions<2>>(dvr: &Dvr<'_, R>, ray: &Ray, number: u64, steps: &[Ste
         let Step { voxels: v, table: t, ray: r, shared: s } = &steps[p];
         let mut terms = vec![moved.step * r.step, shared.extinction * s.extinction];
         terms.extend((0..3).flat_map(|a| [moved.origin[a] * r.origin[a], moved.direction[a] * r.direction[a]]));
-        terms.extend((0..3).flat_map(|c| [shared.colour[c] * s.colour[c], shared.background[c] * s.background[c]]));
+        terms.extend((0..3).flat_map(|c| [shared.color[c] * s.color[c], shared.background[c] * s.background[c]]));
         if let (Some(g), Some(v)) = (&voxels, v) {
             terms.extend(g.iter().zip(v).map(|(g, v)| g.f64() * v.f64()));
         }

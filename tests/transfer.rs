@@ -223,7 +223,7 @@ fn entry_and_exit_move_with_the_ray() {
     let transfer = Transfer::Piecewise { points: vec![[0.0, 1.0, 0.2, 0.1, 0.05], [1.0, 0.2, 0.8, 0.6, 0.4]] };
     let both = [Adjoint::Replay, Adjoint::Inversion];
     let mut ways: Vec<_> = RULES.into_iter().flat_map(|rule| both.map(|adjoint| (rule, adjoint, 0.5))).collect();
-    // Thick stretches are cut where colours drift.
+    // Thick stretches are cut where colors drift.
     let cut = [(0.002, 0.5), (0.1, 0.5), (0.1, 30.0)];
     ways.extend(cut.map(|(tolerance, thick)| (Quadrature::Preintegrated(tolerance), Adjoint::Replay, thick)));
     for (rule, adjoint, thick) in ways {
@@ -278,7 +278,7 @@ fn adjoints_agree() {
 }
 
 /// Pre-integration misses no knot either. Between nodes it may be off by 1/500 of the knots' range (here more: the
-/// cloud bends within half a voxel), and colours are taken to drift evenly with the optical depth of a stretch.
+/// cloud bends within half a voxel), and colors are taken to drift evenly with the optical depth of a stretch.
 #[test]
 fn preintegrated_values_follow_the_exact_ones() {
     let field: Bricks<f64> = cloud(20);
@@ -327,7 +327,7 @@ fn what_is_tolerated_is_what_is_lost() {
 /// precision.
 #[test]
 fn preintegrated_depths_of_linear_densities_are_exact() {
-    let identity = Transfer::Identity { domain: [0.0, 5.0], colour: [0.3, 0.6, 0.9] };
+    let identity = Transfer::Identity { domain: [0.0, 5.0], color: [0.3, 0.6, 0.9] };
     let mut linear: Bricks<f64> = field(16, unit(), |p| 0.2 + 0.1 * p.x + 0.05 * p.y + 0.02 * p.z);
     linear.domain = cumulo::math::Aabb { min: DVec3::ZERO, max: DVec3::splat(15.0) };
     let depth = |f: &Bricks<f64>, rule, ray: &Ray| dvr(f, medium(&identity, 0.7), rule).optical_depth(ray);
@@ -376,7 +376,7 @@ fn preintegrated_slabs_have_their_closed_form() {
     }
 }
 
-/// The largest densities that are taken, beside small ones: a picture has no colours that nothing has.
+/// The largest densities that are taken, beside small ones: a picture has no colors that nothing has.
 #[test]
 fn densities_as_large_as_they_may_be() {
     let f: Bricks<f32> = field(16, unit(), |p| if (p.x + p.y) as i32 % 3 == 0 { 1e30 } else { 0.4 * p.z / 15.0 });
@@ -386,13 +386,13 @@ fn densities_as_large_as_they_may_be() {
             let filled = f.clone().filled(1 << 30).unwrap();
             let dvr = Dvr::new(&filled, medium(&transfer, 0.3)).unwrap().quadrature(rule).background(BACKGROUND);
             let table = transfer.table().unwrap();
-            // A picture is a mean of the function's colours and the background, rounded.
-            let colours = |c: usize| table.values().iter().map(move |v| v[c]).chain([f64::from(BACKGROUND[c])]);
+            // A picture is a mean of the function's colors and the background, rounded.
+            let colors = |c: usize| table.values().iter().map(move |v| v[c]).chain([f64::from(BACKGROUND[c])]);
             for ray in rays(f.world_bounds(), 20, 3) {
                 let seen = dvr.radiance(&ray);
                 assert!((0.0..=1.0).contains(&seen.transmittance), "{rule} {transfer:?} {seen:?}");
                 for c in 0..3 {
-                    let (low, high) = colours(c).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
+                    let (low, high) = colors(c).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
                     let value = f64::from(seen.rgb[c]);
                     let inside = (low - 1e-5..=high + 1e-5).contains(&value);
                     assert!(inside, "{rule} {transfer:?} {ray:?}: {seen:?}, channel {c} of {low}..{high}");
@@ -452,7 +452,7 @@ fn the_jacobian_by_table_holds_the_gradients_of_all_channels() {
                     let what = format!("{transfer:?} {rule:?} knot {knot}, channel {c}");
                     close(&what, by.extinction[c], expected[knot][3], 1e-9, 1e-6);
                     if c < 3 {
-                        close(&what, by.colour, expected[knot][c], 1e-9, 1e-6);
+                        close(&what, by.color, expected[knot][c], 1e-9, 1e-6);
                     }
                 }
             }

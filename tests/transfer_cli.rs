@@ -50,7 +50,7 @@ fn kinds() -> Vec<Transfer> {
         Transfer::Texture { domain: [0.0, 2.0], texels: [0.1, 0.9, 0.4].map(rgbs).to_vec() },
         Transfer::Piecewise { points: vec![[0.1, 0.2, 1.0 / 3.0, 0.0, 0.0], [0.5, 1.0, 0.0, 0.0, 1e-300], [0.5; 5]] },
         Transfer::Gaussians { domain: [-1.0, 1.0], lobes: vec![Lobe { mean: 0.6, ln_width: -2.1, rgbs: rgbs(0.3) }] },
-        Transfer::Identity { domain: [0.0, 0.7], colour: [0.3, 0.6, 12.5] },
+        Transfer::Identity { domain: [0.0, 0.7], color: [0.3, 0.6, 12.5] },
     ]
 }
 
@@ -188,7 +188,7 @@ fn a_vdb_carries_it_along() {
     let info = report(&["info", str(&again)]);
     assert_eq!(info["files"][0]["grids"][0]["transfer"]["kind"], "identity");
     let text = String::from_utf8(cumulo().args(["info", str(&again)]).output().unwrap().stdout).unwrap();
-    assert!(text.contains("transfer function: identity of 1 colour") && !text.contains("\"kind\""), "{text}");
+    assert!(text.contains("transfer function: identity of 1 color") && !text.contains("\"kind\""), "{text}");
     // Each grid its own; a preset of ParaView straight into the file.
     let presets = write(dir.path(), "presets", presets().to_string());
     let words =
@@ -246,11 +246,11 @@ fn faults_are_named() {
         (one(json!({"RGBPoints": [0, 0, 255, 0]})), ["green of 255", "from 0 to 1"]),
         (one(json!({"RGBPoints": [0, 0, 0, 0], "Points": [0, 0, 0]})), ["'Points' has 3 numbers", "midpoint"]),
         (one(json!({"RGBPoints": [0, 0, 0, 0], "Points": [0, 2, 0.5, 0]})), ["an opacity of 2", "from 0 to 1"]),
-        (one(json!({"RGBPoints": [0, 0, 0, 0], "ColorSpace": "Oklab"})), ["colour space 'Oklab'", "Diverging"]),
+        (one(json!({"RGBPoints": [0, 0, 0, 0], "ColorSpace": "Oklab"})), ["color space 'Oklab'", "Diverging"]),
         (one(json!({"RGBPoints": [0, 0, 0, 0], "UseLogScale": 1})), ["logarithmic", "switch"]),
         (one(json!({"RGBPoints": [-1e308, 0, 0, 0, 1e308, 0, 0, 0]})), ["too wide a range", ""]),
         (one(json!({"IndexedColors": [0, 0, 0]})), ["for categories", "RGBPoints"]),
-        (one(json!({"Points": [0, 0, 0.5, 0]})), ["no key 'RGBPoints'", "lists the colours"]),
+        (one(json!({"Points": [0, 0, 0.5, 0]})), ["no key 'RGBPoints'", "lists the colors"]),
         ("<a><b></a>".into(), ["no valid XML", "byte"]),
         ("<a><b>".into(), ["ends within an element", "cut off"]),
         ("<svg/>".into(), ["without a 'ColorMap'", "is expected"]),
@@ -260,7 +260,7 @@ fn faults_are_named() {
         (map(r#"x="0" r="1" g="1" b="1" o="-3""#), ["an opacity of -3", "from 0 to 1"]),
         (map(r#"x="0" x="1""#), ["no valid XML", "duplicate"]),
         (map(r#"x="&lots;""#), ["no valid XML", "lots"]),
-        (r#"<ColorMap name="m"/>"#.into(), ["preset 'm'", "no colour points"]),
+        (r#"<ColorMap name="m"/>"#.into(), ["preset 'm'", "no color points"]),
         (r#"<ColorMap name="m" indexedLookup="1"><Point r="1"/></ColorMap>"#.into(), ["for categories", "another"]),
     ] {
         let path = write(dir.path(), "fault", &text);

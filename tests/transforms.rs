@@ -39,7 +39,7 @@ fn capture(folder: &Path) -> Capture {
         density_scale: 1.0 / 7.0,
         emission: [1.0, 0.2, 1e-3],
         emission_model: EmissionModel::Linear,
-        transfer: Some(Transfer::Identity { domain: [0.0, 1.0 / 3.0], colour: [0.1, 0.2, 0.3] }),
+        transfer: Some(Transfer::Identity { domain: [0.0, 1.0 / 3.0], color: [0.1, 0.2, 0.3] }),
         lattice: Some(
             DMat4::from_translation(DVec3::new(1e6 + 0.1, -2.5, 1.0 / 3.0)) * DMat4::from_scale(DVec3::splat(0.1)),
         ),
@@ -158,7 +158,7 @@ fn faults_are_named_by_frame_and_key() {
         ("emission", json!([1, 1, -1])),
         ("pixel_filter", json!(1)),
         ("emission_model", json!("quadratic")),
-        ("transfer", json!({"kind": "identity", "domain": [1, 0], "colour": [1, 1, 1]})),
+        ("transfer", json!({"kind": "identity", "domain": [1, 0], "color": [1, 1, 1]})),
         ("transfer", json!("ramp")),
         ("lattice", json!(1)),
     ] {

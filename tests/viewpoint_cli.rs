@@ -125,7 +125,7 @@ fn a_search_goes_on_where_it_was_left() {
     assert!(entropy(&on) > entropy(&first) - 1e-4 && entropy(&on) >= entropy(&alone), "{first} {alone} {on}");
 }
 
-/// Extinction by density, of one colour.
+/// Extinction by density, of one color.
 fn transfer_function(work: &Work, name: &str, points: &[[f64; 2]]) {
     let points = points.iter().map(|[density, extinction]| [*density, 1.0, 0.5, 0.2, *extinction]).collect();
     transfer::save(&work.path(name), &Transfer::Piecewise { points }, None, None).unwrap();

@@ -10,7 +10,7 @@ from cumulo import blender
 
 @dataclasses.dataclass(frozen=True)
 class Floor:
-    """Noise of one picture, root mean square over pixels and colours, and its PSNR (peak 1) in dB:
+    """Noise of one picture, root mean square over pixels and colors, and its PSNR (peak 1) in dB:
     `psnr_db` against the truth, `between_seeds_db` of two such pictures against each other."""
 
     rms: float

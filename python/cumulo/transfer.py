@@ -1,4 +1,4 @@
-"""Transfer functions in the form of `.tf.json`, from Blender's colour ramps.
+"""Transfer functions in the form of `.tf.json`, from Blender's color ramps.
 
     from cumulo.transfer import transfer_from_color_ramp, write_transfer
     ramp = material.node_tree.nodes["Color Ramp"].color_ramp
@@ -19,7 +19,7 @@ STEPS = 256
 def transfer_from_color_ramp(ramp, domain=(0.0, 1.0), extinction=1.0, name=None):
     """What a `bpy.types.ColorRamp` says of densities, as the dict that a `.tf.json` holds.
 
-    Positions 0 and 1 stand for the two densities of `domain`. Colours are the ramp's, scene-linear in
+    Positions 0 and 1 stand for the two densities of `domain`. Colors are the ramp's, scene-linear in
     Blender already; extinction is its alpha times `extinction`, per world unit. Raises ValueError where
     those are no ascending densities, or no finite extinction from zero on.
     """
@@ -30,8 +30,8 @@ def transfer_from_color_ramp(ramp, domain=(0.0, 1.0), extinction=1.0, name=None)
         raise ValueError(f"extinction {extinction}: a finite number from zero on is expected")
     points = [
         # Both ends of the domain exactly. Cardinal curves swing below zero.
-        [(1.0 - at) * low + at * high, *(max(c, 0.0) for c in colour[:3]), max(colour[3], 0.0) * extinction]
-        for at, colour in _knots(ramp)
+        [(1.0 - at) * low + at * high, *(max(c, 0.0) for c in color[:3]), max(color[3], 0.0) * extinction]
+        for at, color in _knots(ramp)
     ]
     document = {"format": "cumulo-transfer-function", "version": 1}
     if name is not None:
@@ -49,10 +49,10 @@ def write_transfer(path, document):
 
 
 def _knots(ramp):
-    """(position, colour) between which the ramp is linear; two of one position are a step."""
+    """(position, color) between which the ramp is linear; two of one position are a step."""
     elements = [(element.position, tuple(element.color)) for element in ramp.elements]
     if ramp.interpolation == "CONSTANT":
-        # Each colour holds up to the next element; before the first it is the first's.
+        # Each color holds up to the next element; before the first it is the first's.
         before = [elements[0], *elements[:-1]]
         knots = [pair for (_, old), (at, new) in zip(before, elements) for pair in ((at, old), (at, new))]
     elif ramp.interpolation == "LINEAR" and ramp.color_mode == "RGB":
@@ -72,9 +72,9 @@ def _knots(ramp):
 def _merged(knots):
     """Of the knots of one place the first and the last; once, if they agree."""
     kept = []
-    for at, colour in knots:
+    for at, color in knots:
         if len(kept) > 1 and kept[-2][0] == at:
             kept.pop()
-        if not kept or kept[-1] != (at, colour):
-            kept.append((at, colour))
+        if not kept or kept[-1] != (at, color):
+            kept.append((at, color))
     return kept

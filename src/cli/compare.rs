@@ -15,7 +15,7 @@ use std::process::ExitCode;
 
 /// Compare two EXR pictures
 ///
-/// Exit code 0 if they agree, 1 if they differ, 2 if they cannot be compared. Figures are of the colours in
+/// Exit code 0 if they agree, 1 if they differ, 2 if they cannot be compared. Figures are of the colors in
 /// scene-linear values; psnr_db refers to white, or to the second picture's peak if that is brighter.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
@@ -29,7 +29,7 @@ pub struct Arguments {
     /// Largest absolute difference that still counts as agreement
     #[arg(long, value_name = "T", default_value_t = 0.0)]
     tolerance: f64,
-    /// Write the absolute difference of each pixel as a PNG in false colours
+    /// Write the absolute difference of each pixel as a PNG in false colors
     #[arg(long, value_name = "OUT.png")]
     heatmap: Option<PathBuf>,
     #[command(flatten)]

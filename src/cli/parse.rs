@@ -42,7 +42,7 @@ pub fn share(text: &str) -> Result<f64, String> {
 
 /// The smallest angle of view: a pixel of smaller ones is below what cameras can be placed for.
 const SMALLEST_ANGLE: f64 = 1e-3;
-/// The brightest radiance of a colour option: squares of it are still held in single precision.
+/// The brightest radiance of a color option: squares of it are still held in single precision.
 const BRIGHTEST: f64 = 1e15;
 
 /// An angle of view in degrees.
@@ -83,7 +83,7 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
 }
 
 /// Scene-linear `r,g,b`, or one number for grey; from zero on.
-pub fn colour(text: &str) -> Result<[f32; 3], String> {
+pub fn color(text: &str) -> Result<[f32; 3], String> {
     let numbers = text.split(',').map(not_negative).collect::<Result<Vec<_>, _>>()?;
     if numbers.iter().any(|v| *v > BRIGHTEST) {
         return Err(format!("'{text}' is brighter than {BRIGHTEST:e}, the most that a radiance may be"));
@@ -103,12 +103,12 @@ mod tests {
     fn what_can_be_read_and_what_not() {
         assert_eq!(size("640x480").unwrap(), [640, 480]);
         assert!(size("640").is_err() && size("0x4").is_err() && size("4x70000").is_err());
-        assert_eq!(colour("0.5").unwrap(), [0.5; 3]);
-        assert_eq!(colour("1, 0,0.25").unwrap(), [1.0, 0.0, 0.25]);
+        assert_eq!(color("0.5").unwrap(), [0.5; 3]);
+        assert_eq!(color("1, 0,0.25").unwrap(), [1.0, 0.0, 0.25]);
         assert!(
-            colour("1e308").is_err() && colour("0,0,1e30").is_err() && angle("1e-300").is_err() && angle("0.5").is_ok()
+            color("1e308").is_err() && color("0,0,1e30").is_err() && angle("1e-300").is_err() && angle("0.5").is_ok()
         );
-        assert!(colour("1,2").is_err() && colour("-1").is_err() && colour("nan").is_err());
+        assert!(color("1,2").is_err() && color("-1").is_err() && color("nan").is_err());
         assert!(corners("0,0,0,1,1").is_err() && corners("0,0,0,-1,1,1").is_err() && corners("0,0,0,1,1,1").is_ok());
         assert_eq!(ascending("-1, 2.5").unwrap(), [-1.0, 2.5]);
         assert!(ascending("1,1").is_err() && ascending("1").is_err() && ascending("0,inf").is_err());

@@ -12,17 +12,17 @@ use std::path::Path;
 /// Reads all pictures.
 ///
 /// # Errors
-/// If one cannot be read, has another size than its camera or holds no colours, or they do not fit in memory.
+/// If one cannot be read, has another size than its camera or holds no colors, or they do not fit in memory.
 pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits, read: &(dyn Fn() + Sync)) -> Result<Vec<Photo>> {
     let pixels: u64 = capture.frames.iter().map(|f| u64::from(f.camera.width) * u64::from(f.camera.height)).sum();
-    // Colours, depths and weights, and the rays that the solver walks.
+    // Colors, depths and weights, and the rays that the solver walks.
     if pixels * 48 > limits.max_memory {
         return Err(Error::unsupported(format!("{pixels} pixels do not fit in memory"))
             .hint("use fewer or smaller pictures, or raise --max-memory"));
     }
     let tick = read;
     let read = |frame: &Frame| {
-        let film = colours(&frame.picture, layer, limits)?;
+        let film = colors(&frame.picture, layer, limits)?;
         tick();
         let (w, h) = (frame.camera.width as usize, frame.camera.height as usize);
         if (film.width, film.height) != (w, h) {
@@ -38,8 +38,8 @@ pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits, read: &(dyn 
     capture.frames.par_iter().map(read).collect()
 }
 
-/// Reads a picture if it holds colours: a depth or an alpha alone would be taken for grey light.
-fn colours(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
+/// Reads a picture if it holds colors: a depth or an alpha alone would be taken for grey light.
+fn colors(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
     let header = exr::header(path)?;
     let chosen = |name: &str| {
         layer.is_none_or(|wanted| {
@@ -57,21 +57,21 @@ fn colours(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
     let alpha = |c: &String| is(c, &["A", "alpha"]);
     let depth = |c: &String| is(c, &["Z", "ZBack", "depth"]);
     let hint = if layer.is_some() {
-        "name another layer with --layer, or render the view with colours (R, G, B)"
+        "name another layer with --layer, or render the view with colors (R, G, B)"
     } else {
-        "render the view with colours (R, G, B), and alpha where it is known"
+        "render the view with colors (R, G, B), and alpha where it is known"
     };
     let odd = |channels: &Vec<String>| match channels.iter().filter(|c| !alpha(c)).collect::<Vec<_>>()[..] {
         [] => Some("alpha alone"),
         [one] if depth(one) => Some("a depth alone"),
-        [_, _] => Some("two channels, which are no colours"),
+        [_, _] => Some("two channels, which are no colors"),
         _ => None,
     };
     // Where there is something else, that is what is read.
     if !layers.is_empty() && layers.iter().all(|l| odd(l).is_some()) {
         let what = layers.iter().find_map(odd).unwrap_or_default();
         let names = layers.concat().join(", ");
-        return Err(Error::invalid(format!("the picture holds {what} (channels {names}); colours are expected"))
+        return Err(Error::invalid(format!("the picture holds {what} (channels {names}); colors are expected"))
             .at(path)
             .hint(hint));
     }

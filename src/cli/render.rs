@@ -67,10 +67,10 @@ pub struct Render {
     density_scale: Option<DensityScale>,
     /// Radiance behind the volume, r,g,b (default: that of --cameras, else white for absorption, black for
     /// emission-absorption)
-    #[arg(long, value_name = "R,G,B", value_parser = parse::colour)]
+    #[arg(long, value_name = "R,G,B", value_parser = parse::color)]
     background: Option<[f32; 3]>,
     /// Radiance of the source, r,g,b (default: that of --cameras, else white)
-    #[arg(long, value_name = "R,G,B", value_parser = parse::colour, conflicts_with = "tf")]
+    #[arg(long, value_name = "R,G,B", value_parser = parse::color, conflicts_with = "tf")]
     emission: Option<[f32; 3]>,
     /// How that radiance follows the density (default: that of --cameras, else grey: not at all)
     #[arg(long, value_enum, conflicts_with = "tf")]

@@ -19,8 +19,8 @@ pub enum Solver {
     /// Weiss & Westermann (2021).
     Paper,
     /// Extinctions, then emissions: a pre-shaded volume.
-    Colour,
-    /// A pre-shaded volume, the densities of its colours, and descent: behind a transfer function.
+    Color,
+    /// A pre-shaded volume, the densities of its colors, and descent: behind a transfer function.
     Behind,
 }
 

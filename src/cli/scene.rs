@@ -56,7 +56,7 @@ impl Scene {
     }
 }
 
-/// Scales extinctions, and emissions with them: colours stay.
+/// Scales extinctions, and emissions with them: colors stay.
 ///
 /// # Errors
 /// If they become too large.

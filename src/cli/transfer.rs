@@ -17,8 +17,8 @@ use std::process::ExitCode;
 
 /// Show a transfer function, or convert it to .tf.json
 ///
-/// Read are .tf.json, colour map presets of ParaView (JSON and XML), and VDBs whose grids carry one; content tells
-/// which. ParaView's display-referred colours become scene-linear, its opacities extinctions.
+/// Read are .tf.json, color map presets of ParaView (JSON and XML), and VDBs whose grids carry one; content tells
+/// which. ParaView's display-referred colors become scene-linear, its opacities extinctions.
 #[derive(Debug, clap::Args)]
 pub struct TransferCommand {
     /// Transfer function to read
@@ -45,7 +45,7 @@ pub struct TransferCommand {
 /// The transfer function that a command uses.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct TransferOption {
-    /// Transfer function: a .tf.json, a colour map preset of ParaView (JSON, XML), or a VDB that carries one
+    /// Transfer function: a .tf.json, a color map preset of ParaView (JSON, XML), or a VDB that carries one
     #[arg(long = "tf", value_name = "FILE")]
     pub tf: Option<PathBuf>,
     /// Which of several in --tf: the preset of this name, in a VDB that of this grid (default: the first)
@@ -149,7 +149,7 @@ impl fmt::Display for Report {
             write!(f, " '{}'", printable(name))?;
         }
         writeln!(f, "\n  {}", self.summary)?;
-        let [r, g, b] = self.summary.peak_colour;
+        let [r, g, b] = self.summary.peak_color;
         writeln!(f, "  peak radiance {r} {g} {b}")?;
         for note in &self.notes {
             writeln!(f, "  {}", printable(note))?;

@@ -36,7 +36,7 @@ pub fn encode_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// A film as a display shows it: premultiplied colour over black, clipped to 0..1, sRGB transfer
+/// A film as a display shows it: premultiplied color over black, clipped to 0..1, sRGB transfer
 /// (IEC 61966-2-1). Three bytes a pixel; NaN becomes 0.
 pub fn display_rgb8(film: &Film) -> Vec<u8> {
     film.rgba.iter().flat_map(|p| [p[0], p[1], p[2]].map(srgb8)).collect()

@@ -5,14 +5,14 @@ use crate::render::film::Film;
 /// Floor of the relative error's denominator: keeps black pixels from dominating.
 const RELATIVE_FLOOR: f64 = 0.01;
 
-/// Errors of the colours of two films.
+/// Errors of the colors of two films.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Errors {
-    /// Mean squared difference over pixels and colour channels.
+    /// Mean squared difference over pixels and color channels.
     pub mse: f64,
     /// Mean of (a - b)² / (b² + 0.01).
     pub rel_mse: f64,
-    /// Largest absolute difference of a colour channel.
+    /// Largest absolute difference of a color channel.
     pub max_abs: f64,
     /// Largest absolute difference of alpha.
     pub alpha_max_abs: f64,
@@ -20,7 +20,7 @@ pub struct Errors {
 
 /// Errors of `a` against the reference `b` (of the same size), with means over `pixels` pixels; all 0
 /// if `pixels` is 0.
-pub fn colours(a: &Film, b: &Film, pixels: usize) -> Errors {
+pub fn colors(a: &Film, b: &Film, pixels: usize) -> Errors {
     let (mut square, mut relative, mut max_abs, mut alpha_max_abs) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
     for (p, q) in a.rgba.iter().zip(&b.rgba) {
         for c in 0..3 {
@@ -61,7 +61,7 @@ mod tests {
         // A constant difference d: mse = d², psnr = -20 log10(d); d = 1/16 is exact in f32.
         let b = Film { width: 4, height: 2, rgba: vec![[0.5, 0.5, 0.5, 1.0]; 8] };
         let a = Film { width: 4, height: 2, rgba: vec![[0.5625, 0.5625, 0.5625, 0.75]; 8] };
-        let e = colours(&a, &b, 8);
+        let e = colors(&a, &b, 8);
         assert_eq!((e.mse, e.max_abs, e.alpha_max_abs), (1.0 / 256.0, 0.0625, 0.25));
         // 1/256 / 0.26: two roundings of 2^-53 each.
         assert!((e.rel_mse - 1.0 / 256.0 / 0.26).abs() < 4.0 * f64::EPSILON);

@@ -1,4 +1,4 @@
-//! Where two pictures differ, in colours of rising lightness.
+//! Where two pictures differ, in colors of rising lightness.
 
 use crate::render::film::Film;
 
@@ -16,16 +16,16 @@ const STOPS: [[f64; 3]; 9] = [
     [254.0, 242.0, 175.0],
 ];
 
-/// Largest absolute colour difference of each pixel, three bytes a pixel, and the difference that the
-/// brightest colour stands for (the largest of all; 0 for identical pictures). Pixels that are
-/// not finite are painted with the brightest colour. Both films have the same size.
+/// Largest absolute color difference of each pixel, three bytes a pixel, and the difference that the
+/// brightest color stands for (the largest of all; 0 for identical pictures). Pixels that are
+/// not finite are painted with the brightest color. Both films have the same size.
 pub fn difference_rgb8(a: &Film, b: &Film) -> (Vec<u8>, f64) {
     let differences = differences(a, b);
     let scale = differences.iter().copied().filter(|d| d.is_finite()).fold(0.0, f64::max);
     (shade_rgb8(&differences, scale), scale)
 }
 
-/// Largest absolute colour difference of each pixel; infinite where a sample is NaN. Both films have the
+/// Largest absolute color difference of each pixel; infinite where a sample is NaN. Both films have the
 /// same size.
 pub fn differences(a: &Film, b: &Film) -> Vec<f64> {
     let difference = |(p, q): (&[f32; 4], &[f32; 4])| {
@@ -35,7 +35,7 @@ pub fn differences(a: &Film, b: &Film) -> Vec<f64> {
     a.rgba.iter().zip(&b.rgba).map(difference).collect()
 }
 
-/// Differences in colours, three bytes each; `scale` and all above have the brightest colour. Several
+/// Differences in colors, three bytes each; `scale` and all above have the brightest color. Several
 /// pictures painted with one scale can be compared with each other.
 pub fn shade_rgb8(differences: &[f64], scale: f64) -> Vec<u8> {
     let shade = |d: f64| {
@@ -47,11 +47,11 @@ pub fn shade_rgb8(differences: &[f64], scale: f64) -> Vec<u8> {
             0.0
         }
     };
-    differences.iter().flat_map(|d| colour(shade(*d))).collect()
+    differences.iter().flat_map(|d| color(shade(*d))).collect()
 }
 
-/// Colour of `t` in 0..1.
-fn colour(t: f64) -> [u8; 3] {
+/// Color of `t` in 0..1.
+fn color(t: f64) -> [u8; 3] {
     let last = STOPS.len() - 1;
     let x = t.clamp(0.0, 1.0) * last as f64;
     let i = (x as usize).min(last - 1);
@@ -65,7 +65,7 @@ fn colour(t: f64) -> [u8; 3] {
 mod tests {
     use super::*;
 
-    /// CIE L* of an sRGB colour.
+    /// CIE L* of an sRGB color.
     fn lightness(rgb: [u8; 3]) -> f64 {
         let linear = rgb.map(|v| {
             let v = f64::from(v) / 255.0;
@@ -77,7 +77,7 @@ mod tests {
 
     #[test]
     fn lightness_rises_evenly() {
-        let steps: Vec<f64> = (0..9).map(|i| lightness(colour(f64::from(i) / 8.0))).collect();
+        let steps: Vec<f64> = (0..9).map(|i| lightness(color(f64::from(i) / 8.0))).collect();
         for (i, pair) in steps.windows(2).enumerate() {
             // Even steps are 93/8; each stop is rounded to whole bytes, worth up to 0.5 each.
             assert!((pair[1] - pair[0] - 93.0 / 8.0).abs() < 1.0, "step {i}: {steps:?}");

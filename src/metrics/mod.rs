@@ -1,6 +1,6 @@
 //! How far apart two pictures or two volumes are.
 //!
-//! Pictures are compared by their colour channels in scene-linear values; alpha has a figure of its own.
+//! Pictures are compared by their color channels in scene-linear values; alpha has a figure of its own.
 //! Pixels in which either picture has a NaN or infinite sample are left out and counted.
 
 pub mod error;
@@ -16,14 +16,14 @@ use std::borrow::Cow;
 /// What two pictures of one size differ by. `b` is the reference.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Peak signal-to-noise ratio in dB; infinite for identical colours, which JSON writes as `null`.
+    /// Peak signal-to-noise ratio in dB; infinite for identical colors, which JSON writes as `null`.
     #[serde(serialize_with = "finite_or_null")]
     pub psnr_db: f64,
-    /// Structural similarity, mean over the colour channels; 1 for identical colours.
+    /// Structural similarity, mean over the color channels; 1 for identical colors.
     pub ssim: f64,
     /// Mean of (a - b)² / (b² + 0.01).
     pub rel_mse: f64,
-    /// Largest absolute difference of a colour channel.
+    /// Largest absolute difference of a color channel.
     pub max_abs: f64,
     /// Root of the mean squared difference.
     pub rms: f64,
@@ -45,24 +45,24 @@ fn finite_or_null<S: Serializer>(value: &f64, serializer: S) -> std::result::Res
 }
 
 impl Comparison {
-    /// True if no sample, colour or alpha, differs by more than `tolerance`, and what is not finite is
+    /// True if no sample, color or alpha, differs by more than `tolerance`, and what is not finite is
     /// the same in both.
     pub fn within(&self, tolerance: f64) -> bool {
         self.max_abs <= tolerance && self.alpha_max_abs <= tolerance && self.non_finite_differences == 0
     }
 }
 
-/// Peak of a reference's signal: 1, or its largest absolute finite colour where that is larger. Pictures that
+/// Peak of a reference's signal: 1, or its largest absolute finite color where that is larger. Pictures that
 /// reach from black to white are so measured against white, and brighter ones against their own.
 pub fn peak(reference: &Film) -> f64 {
-    let colours = reference.rgba.iter().flat_map(|p| &p[..3]);
-    colours.filter(|v| v.is_finite()).fold(1.0, |m, v| f64::from(v.abs()).max(m))
+    let colors = reference.rgba.iter().flat_map(|p| &p[..3]);
+    colors.filter(|v| v.is_finite()).fold(1.0, |m, v| f64::from(v.abs()).max(m))
 }
 
 /// Bytes that [`compare`] and a heat map of two films of this size need at most, beside the films.
 pub fn working_memory(width: usize, height: usize) -> u64 {
     // Copies of both films where pixels are left out, and a plane of either. A heat map, which comes after
-    // these are gone, needs less: differences, colours and the PNG.
+    // these are gone, needs less: differences, colors and the PNG.
     const PER_PIXEL: u64 = 2 * 16 + 2 * 4;
     let pixels = (width as u64).saturating_mul(height as u64);
     pixels.saturating_mul(PER_PIXEL).saturating_add(ssim::working_memory(width))
@@ -98,7 +98,7 @@ pub fn compare(a: &Film, b: &Film) -> Result<Comparison> {
         }
     }
     let peak = peak(&b);
-    let errors = error::colours(&a, &b, a.rgba.len() - left_out);
+    let errors = error::colors(&a, &b, a.rgba.len() - left_out);
     Ok(Comparison {
         psnr_db: error::psnr_db(errors.mse, peak),
         ssim: ssim::films(&a, &b, peak),

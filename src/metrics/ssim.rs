@@ -16,7 +16,7 @@ const SIGMA: f64 = 1.5;
 const K1: f64 = 0.01;
 const K2: f64 = 0.03;
 
-/// Mean over the three colour channels; `peak` is the range of the signal.
+/// Mean over the three color channels; `peak` is the range of the signal.
 pub fn films(a: &Film, b: &Film, peak: f64) -> f64 {
     let plane = |f: &Film, c: usize| f.rgba.iter().map(|p| p[c]).collect::<Vec<f32>>();
     (0..3).map(|c| planes(&plane(a, c), &plane(b, c), a.width, peak)).sum::<f64>() / 3.0

@@ -2,12 +2,12 @@
 //!
 //! Through a function that is not monotonic, descending from anywhere ends in the nearest minimum. So the start
 //! is found without descending (Weiss & Westermann 2021, sect. 5.3): a pre-shaded volume, whose parts are linear
-//! in the pictures ([`colour`]), then the densities of its colours
+//! in the pictures ([`color`]), then the densities of its colors
 //! ([`matching`]). What the pictures say beyond the volume's resolution, descent adds
 //! ([`fit`](crate::optimise::fit)).
 
 use crate::error::{Error, Result};
-use crate::optimise::colour::{self, Shaded};
+use crate::optimise::color::{self, Shaded};
 use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::fit::{Fit, Scene, batches, squared, unknowns};
 use crate::optimise::matching;
@@ -38,12 +38,12 @@ const SLOWEST: f32 = 0.001;
 /// The prior that a descent has unless another is asked for.
 const PRIOR: Weighted<VolumePrior> = Weighted { prior: VolumePrior::Smooth, weight: 1e-3 };
 
-/// Reconstructs densities from colours; `request.medium` has the transfer function, and
+/// Reconstructs densities from colors; `request.medium` has the transfer function, and
 /// `request.iterations` bounds the epochs of the descent. `watch` sees every step and may stop the work; what
 /// is there by then is returned.
 ///
 /// # Errors
-/// If the medium has no transfer function, and as [`colour::reconstruct`].
+/// If the medium has no transfer function, and as [`color::reconstruct`].
 pub fn reconstruct(
     photos: &[Photo],
     observation: &Observation,
@@ -75,11 +75,11 @@ pub fn reconstruct(
             let asked =
                 Request { medium: Medium::absorbing(1.0), iterations: EXTINCTION_ITERATIONS, ..request.clone() };
             let Shaded { volume, history, mut stages, stopped, .. } =
-                colour::reconstruct(photos, observation, &asked, None, &mut watch)?;
+                color::reconstruct(photos, observation, &asked, None, &mut watch)?;
             let begun = Instant::now();
             let matched =
                 matching::densities(&volume, table, request.medium.extinction, &topology, &unknown, request.cancel)?;
-            stages.push(Stage { name: "densities of the colours".into(), seconds: begun.elapsed().as_secs_f64() });
+            stages.push(Stage { name: "densities of the colors".into(), seconds: begun.elapsed().as_secs_f64() });
             (matched.owned(), history, stages, stopped)
         }
     };
@@ -157,8 +157,8 @@ const EXTINCTION_ITERATIONS: u32 = 24;
 
 /// Steps that a run takes at most, with `views` pictures that are used.
 pub fn most_iterations(request: &Request, views: usize) -> u64 {
-    let colours = if request.init.is_some() { 0 } else { colour::most_iterations(request) };
-    colours + u64::from(request.iterations) * views.div_ceil(BATCH) as u64
+    let colors = if request.init.is_some() { 0 } else { color::most_iterations(request) };
+    colors + u64::from(request.iterations) * views.div_ceil(BATCH) as u64
 }
 
 /// A target of which only some pixels ask for something: those whose turn it is.

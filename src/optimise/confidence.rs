@@ -83,7 +83,7 @@ fn known(squares: &[f32], neighbours: &Neighbours, voxel: usize, ratio: f64) -> 
     if known.is_finite() { (known / (1.0 + known)) as f32 } else { 1.0 }
 }
 
-/// Random signs in the place of colours, for the pixels whose turn it is.
+/// Random signs in the place of colors, for the pixels whose turn it is.
 fn signs(target: &Target, view: usize, probe: usize) -> Target {
     let width = target.camera.width as usize;
     let pixel = |i: usize| {

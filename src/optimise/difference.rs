@@ -161,7 +161,7 @@ impl<V: Subject<Double = V>> Study<V> {
                     None => bounded(h),
                 }
             }
-            // A power of two: exact up to 2^-24 of the colour, and that much is known.
+            // A power of two: exact up to 2^-24 of the color, and that much is known.
             Parameter::Background(_) => (1.0 / 4096.0, Side::Both),
             Parameter::Extinction => (1e-6 * value, Side::Both),
         })

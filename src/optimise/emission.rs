@@ -1,4 +1,4 @@
-//! Colours as equations of the emissions of a pre-shaded volume whose extinctions are known: one row a
+//! Colors as equations of the emissions of a pre-shaded volume whose extinctions are known: one row a
 //! pixel and channel, `L - T · background = ∫ T e dt`.
 //!
 //! The three channels see the same transmittance, and one walk along a ray serves them all. Rays are dealt
@@ -16,7 +16,7 @@ use crate::scene::camera::Camera;
 use glam::Vec4;
 use rayon::prelude::*;
 
-/// Colour channels.
+/// Color channels.
 const CHANNELS: usize = 3;
 /// Pixels handled in one go.
 const RUN: usize = 1024;
@@ -26,7 +26,7 @@ const RUN: usize = 1024;
 struct Pixel {
     /// Image position of its centre, in pixels.
     position: [f32; 2],
-    colour: [f32; 3],
+    color: [f32; 3],
 }
 
 /// The pixels of a picture that are finite and show something, neighbours together.
@@ -59,7 +59,7 @@ impl Sight {
             }
             let [r, g, b, alpha] = (sum / count).to_array();
             let position = [i % width, i / width].map(|v| v as f32 + 0.5);
-            (alpha > empty).then_some(Pixel { position, colour: [r, g, b] })
+            (alpha > empty).then_some(Pixel { position, color: [r, g, b] })
         };
         let pixels = morton(width, height).filter_map(block).collect();
         Self { camera, pixels, count: width * height }
@@ -107,10 +107,10 @@ impl<'a> Emission<'a> {
         }
     }
 
-    /// Mean squared error of the colours over all pixels of the given views.
+    /// Mean squared error of the colors over all pixels of the given views.
     pub fn error(&mut self, x: &[f32], sights: &[Sight]) -> f64 {
         let square = |p: &Pixel, seen: [f64; 3]| {
-            let square = (0..3).map(|c| (f64::from(p.colour[c]) - seen[c]).powi(2)).sum();
+            let square = (0..3).map(|c| (f64::from(p.color[c]) - seen[c]).powi(2)).sum();
             ([0.0; 3], [square, 0.0])
         };
         let [sum, _] = self.walk(x, sights, self.background, false, square);
@@ -133,7 +133,7 @@ impl<'a> Emission<'a> {
         self.field.topology.spread(&self.owned, &mut self.field.values);
     }
 
-    /// Walks the rays of every pixel of the given views once. `slope(pixel, colour seen)` gives what is sent
+    /// Walks the rays of every pixel of the given views once. `slope(pixel, color seen)` gives what is sent
     /// back, and two things to be summed.
     fn walk(
         &mut self,
@@ -206,7 +206,7 @@ impl Equations for &mut Emission<'_> {
 
     fn pull(&mut self, x: &[f32], bound: f64, out: &mut [f32]) -> [f64; 2] {
         let pull = |p: &Pixel, seen: [f64; 3]| {
-            let miss: [f64; 3] = std::array::from_fn(|c| f64::from(p.colour[c]) - seen[c]);
+            let miss: [f64; 3] = std::array::from_fn(|c| f64::from(p.color[c]) - seen[c]);
             let pull = miss.map(|m| m.clamp(-bound, bound));
             let square = (0..3).map(|c| pull[c] * miss[c]).sum();
             (pull.map(|v| v as f32), [pull.iter().map(|v| v.abs()).sum(), square])
@@ -244,10 +244,10 @@ impl<F: Fn(&Pixel, [f64; 3]) -> ([f32; 3], [f64; 2])> pulp::NullaryFnOnce for Ru
                 let radiance = self.renderer.trace(&self.camera.ray(x + u, y + v), self.tape);
                 seen.iter_mut().zip(radiance.rgb).for_each(|(s, l)| *s += share * f64::from(l));
             }
-            let (by_colour, add) = (self.slope)(pixel, seen);
+            let (by_color, add) = (self.slope)(pixel, seen);
             sums = [sums[0] + add[0], sums[1] + add[1]];
             if let Some(gradient) = &mut self.gradient {
-                self.tape.spread(by_colour.map(|g| share as f32 * g), gradient);
+                self.tape.spread(by_color.map(|g| share as f32 * g), gradient);
             }
         }
         sums

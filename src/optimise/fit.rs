@@ -72,14 +72,14 @@ impl Scene<'_> {
     }
 }
 
-/// `|c - c'|` over colours and alpha.
+/// `|c - c'|` over colors and alpha.
 pub fn absolute(seen: &[f32; 4], wanted: &[f32; 4]) -> (f64, [f32; 4]) {
     let difference: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
     let value = difference.iter().map(|d| f64::from(d.abs())).sum();
     (value, difference.map(|d| if d == 0.0 { 0.0 } else { d.signum() }))
 }
 
-/// `(c - c')² / 2` over colours and alpha.
+/// `(c - c')² / 2` over colors and alpha.
 pub fn squared(seen: &[f32; 4], wanted: &[f32; 4]) -> (f64, [f32; 4]) {
     let difference: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
     (difference.iter().map(|d| 0.5 * f64::from(*d).powi(2)).sum(), difference)
@@ -195,7 +195,7 @@ impl Fit {
         Ok(sum * f64::from(share))
     }
 
-    /// PSNR of the colours (peak 1); not a number once the work is to stop.
+    /// PSNR of the colors (peak 1); not a number once the work is to stop.
     ///
     /// # Errors
     /// If the medium cannot be used.

@@ -137,7 +137,7 @@ impl<'a> Hull<'a> {
     pub fn bounds(&self) -> Result<Aabb> {
         if self.views.iter().all(|v| v.extent.is_none()) {
             return Err(Error::invalid("every picture is empty: there is nothing to reconstruct")
-                .hint("check that `background` in transforms.json is the colour of the empty pixels"));
+                .hint("check that `background` in transforms.json is the color of the empty pixels"));
         }
         let (centre, radius) = self.ball()?;
         let mut bounds = Aabb { min: centre - radius, max: centre + radius };
@@ -160,7 +160,7 @@ impl<'a> Hull<'a> {
                 return Err(Error::invalid(
                     "the pictures contradict one another: no point is non-empty in all of them",
                 )
-                .hint("check the cameras (camera-to-world, looking down -Z, y up) and the background colour"));
+                .hint("check the cameras (camera-to-world, looking down -Z, y up) and the background color"));
             }
             let touches = (kept.min - bounds.min).min_element() <= 0.0 || (bounds.max - kept.max).min_element() <= 0.0;
             if touches && round < 2 && kept.size().max_element() > 0.9 * bounds.size().max_element() {
@@ -278,7 +278,7 @@ impl<'a> Hull<'a> {
         }
         if candidates.is_empty() {
             return Err(Error::invalid("the pictures leave no voxel that could hold anything")
-                .hint("check the cameras and the background colour, or give the region with --bounds"));
+                .hint("check the cameras and the background color, or give the region with --bounds"));
         }
         let topology = Topology::new(candidates.iter().flat_map(|(brick, own)| reached(*brick, own)))?;
         let mut unknown = vec![false; topology.len() * LEAF_VOXELS];

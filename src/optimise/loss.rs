@@ -11,9 +11,9 @@ pub type Rgba = [f64; 4];
 /// A loss on pictures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Loss {
-    /// Mean of `|c - c'|` over pixels and colours.
+    /// Mean of `|c - c'|` over pixels and colors.
     L1,
-    /// Mean of `(c - c')²` over pixels and colours.
+    /// Mean of `(c - c')²` over pixels and colors.
     L2,
     /// Mean of `r² / 2` where `|r| ≤ delta`, `delta (|r| - delta / 2)` beyond, `r = c - c'` (Huber 1964).
     Huber {
@@ -26,13 +26,13 @@ pub enum Loss {
         /// The floor.
         floor: f64,
     },
-    /// Mean over pixels and colours.
+    /// Mean over pixels and colors.
     Mean,
     /// Entropy of the alphas, as a share of what equal ones have: `H = -Σ p log p / log N`, `p = α / Σ α`
     /// (Ji & Shen 2006; Weiss & Westermann 2021, eq. 11, whose sign makes it negative). Blank pictures have
     /// none, and no derivative.
     OpacityEntropy,
-    /// `1 - SSIM`, mean over the colours ([`ssim`]), for signals of this peak.
+    /// `1 - SSIM`, mean over the colors ([`ssim`]), for signals of this peak.
     Dissimilarity {
         /// Range of the signal.
         peak: f64,
@@ -67,7 +67,7 @@ impl Loss {
 
     /// Value and derivative of one pixel, of a picture's mean over pixels; zero for global losses.
     pub fn pixel(&self, seen: &Rgba, wanted: &Rgba) -> (f64, Rgba) {
-        let by_colour = |f: &dyn Fn(f64) -> (f64, f64)| {
+        let by_color = |f: &dyn Fn(f64) -> (f64, f64)| {
             let (mut sum, mut slope) = (0.0, [0.0; 4]);
             for c in 0..3 {
                 let (value, by) = f(seen[c] - wanted[c]);
@@ -78,9 +78,9 @@ impl Loss {
         };
         match *self {
             // At zero any slope from -1 to 1 is one; zero asks for nothing.
-            Self::L1 => by_colour(&|r| (r.abs(), if r == 0.0 { 0.0 } else { r.signum() })),
-            Self::L2 => by_colour(&|r| (r * r, 2.0 * r)),
-            Self::Huber { delta } => by_colour(&|r| {
+            Self::L1 => by_color(&|r| (r.abs(), if r == 0.0 { 0.0 } else { r.signum() })),
+            Self::L2 => by_color(&|r| (r * r, 2.0 * r)),
+            Self::Huber { delta } => by_color(&|r| {
                 if r.abs() <= delta { (0.5 * r * r, r) } else { (delta * (r.abs() - 0.5 * delta), delta * r.signum()) }
             }),
             Self::LogTransmittance { floor } => {

@@ -1,12 +1,12 @@
-//! Densities whose transfer function gives the colours of a pre-shaded volume.
+//! Densities whose transfer function gives the colors of a pre-shaded volume.
 //!
-//! A function that is not monotonic has several densities for a colour, and where it is flat or clear any
+//! A function that is not monotonic has several densities for a color, and where it is flat or clear any
 //! number. Weiss & Westermann (2021, eq. 13) draw 256 random densities a voxel, and add the squared differences
 //! from the six neighbours. A density is one number: here all of the function is searched. And between two
 //! neighbours the density passes through all that lies between theirs: what the function gives there on
 //! average (its pre-integral) has to be what the volume has between them, so that no voxel jumps over a peak
 //! that nobody has seen. The two halves of a chequerboard take turns (a voxel's neighbours are all of the other
-//! half), from coarse voxels to fine ones, each at first at the lowest density that its colour allows: what is
+//! half), from coarse voxels to fine ones, each at first at the lowest density that its color allows: what is
 //! clear and open to the outside is empty.
 
 use crate::error::Result;
@@ -24,10 +24,10 @@ use std::sync::Arc;
 const POINTS: usize = 128;
 /// Error of emissions and extinctions, relative to the largest that the function has: what differences are
 /// measured by.
-const COLOUR_ERROR: f32 = 0.03;
+const COLOR_ERROR: f32 = 0.03;
 /// Difference of neighbours, relative to the range of densities, that costs as much as one such error.
 const ROUGHNESS: f32 = 0.3;
-/// Weight of what lies between two neighbours, beside that of a voxel's own colour.
+/// Weight of what lies between two neighbours, beside that of a voxel's own color.
 const EDGE: f32 = 0.5;
 /// What more than the least a density may cost to be allowed at first.
 const ALLOWED: f32 = 1.0;
@@ -69,7 +69,7 @@ impl Samples {
         let largest = |c: usize| all.iter().fold(f64::MIN_POSITIVE, |a, v| a.max(v[c]));
         // Light is light: one unit for all its channels.
         let light = largest(0).max(largest(1)).max(largest(2));
-        let unit = [light, light, light, largest(3)].map(|v| 1.0 / (f64::from(COLOUR_ERROR) * v));
+        let unit = [light, light, light, largest(3)].map(|v| 1.0 / (f64::from(COLOR_ERROR) * v));
         let integral = |c: usize| {
             let mut sum = 0.0;
             let steps = density.windows(2).zip(all.windows(2));

@@ -13,7 +13,7 @@ pub mod adam;
 pub mod ascent;
 pub mod behind;
 pub mod cancel;
-pub mod colour;
+pub mod color;
 pub mod confidence;
 pub mod cost;
 pub mod density;

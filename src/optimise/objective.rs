@@ -26,7 +26,7 @@ pub struct Objective<'o> {
     pub rays_per_edge: usize,
 }
 
-/// What is differentiated by, besides extinction, colour and background, which cost nothing.
+/// What is differentiated by, besides extinction, color and background, which cost nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct By {
     /// The stored voxels.

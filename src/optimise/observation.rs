@@ -44,7 +44,7 @@ pub struct Observation {
     pub maps: Vec<DepthMap>,
     /// A pixel with less optical depth than this has met nothing.
     pub empty: f32,
-    /// Pictures with hardly any noise: what is empty has the background's very colour, and what is not
+    /// Pictures with hardly any noise: what is empty has the background's very color, and what is not
     /// is about as smooth as volumes are.
     pub clean: bool,
 }
@@ -61,7 +61,7 @@ const TRUST: std::ops::RangeInclusive<f64> = 3.0..=60.0;
 /// Noise in the transmittance from which on pictures count as noisy. Detail of a pixel's size answers to
 /// the estimate too, up to half of this.
 const NOISY: f64 = 8e-3;
-/// Optical depth below which a pixel is empty where some have the background's very colour: a few roundings of `f32` near 1.
+/// Optical depth below which a pixel is empty where some have the background's very color: a few roundings of `f32` near 1.
 const EMPTY: f32 = 2e-6;
 
 impl Observation {
@@ -91,8 +91,8 @@ impl Observation {
             }
         }
         if by_alpha && seen.iter().flatten().all(|t| *t == 0.0) {
-            return Err(Error::invalid("background and source have the same colour and alpha is 1 everywhere: the pictures do not show the medium")
-                .hint("render on a background that differs from the medium's colour, or with alpha, and state it as `background` in transforms.json"));
+            return Err(Error::invalid("background and source have the same color and alpha is 1 everywhere: the pictures do not show the medium")
+                .hint("render on a background that differs from the medium's color, or with alpha, and state it as `background` in transforms.json"));
         }
         let untouched = seen.iter().flatten().filter(|t| (**t - 1.0).abs() < f64::from(EMPTY)).count();
         let exact = untouched * 100 >= seen.iter().map(Vec::len).sum::<usize>();

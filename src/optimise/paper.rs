@@ -28,7 +28,7 @@ const COARSEST: f64 = 32.0;
 const COARSE_EPOCHS: u32 = 10;
 const START: f32 = 0.1;
 
-/// Reconstructs densities from colours: any medium, no assumption of linearity. One step a batch is
+/// Reconstructs densities from colors: any medium, no assumption of linearity. One step a batch is
 /// reported; `request.iterations` bounds the epochs on the finest level.
 ///
 /// # Errors

@@ -30,7 +30,7 @@ pub enum Parameter {
         /// The number's, among the [`CHANNELS`](Subject::CHANNELS).
         channel: usize,
     },
-    /// A colour channel of the background.
+    /// A color channel of the background.
     Background(usize),
     /// Extinction per unit of density.
     Extinction,

@@ -11,7 +11,7 @@ use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
 use rayon::prelude::*;
 
-/// A camera and the colours and alpha it should see.
+/// A camera and the colors and alpha it should see.
 #[derive(Debug, Clone)]
 pub struct Target {
     /// Where it was taken from.
@@ -286,7 +286,7 @@ pub fn lanes<V: Voxel>(field: &Bricks<V>, lookups: f64, apart: bool) -> usize {
     1 << (pays as usize).min(fits).clamp(2, MOST_LANES).ilog2()
 }
 
-/// Sum of squared differences of the colours over all pixels that are finite; infinite once the work is to stop.
+/// Sum of squared differences of the colors over all pixels that are finite; infinite once the work is to stop.
 pub fn error(light: &impl Renderer<Real = f32>, targets: &[&Target], cancel: Cancel) -> f64 {
     let never = std::sync::atomic::AtomicBool::new(false);
     let flag = cancel.flag().unwrap_or(&never);

@@ -3,7 +3,7 @@
 //! A reconstruction explains whatever it is given: with a wrong background, emission or camera it ends in a volume that
 //! nobody rendered, and its residuals may even be small. What pictures must satisfy whatever the volume is can be
 //! checked in one pass over the pixels: radiance is not negative, a pixel without opacity shows the background, alpha
-//! and colour tell the same transmittance, and complete silhouettes surround one common point.
+//! and color tell the same transmittance, and complete silhouettes surround one common point.
 
 use crate::error::Error;
 use crate::math::Ray;
@@ -76,7 +76,7 @@ pub fn warnings(findings: Vec<Finding>) -> Vec<Warning> {
     findings.into_iter().map(named).collect()
 }
 
-/// Difference of two colours that roundings of half-precision files and denoisers leave, absolute and relative.
+/// Difference of two colors that roundings of half-precision files and denoisers leave, absolute and relative.
 const SAME: [f64; 2] = [0.01, 0.02];
 /// Alpha below which a pixel is transparent.
 const CLEAR: f32 = 2e-6;
@@ -121,7 +121,7 @@ fn range(photo: &Photo) -> Option<Finding> {
         return Some(Finding::certain(
             name,
             format!("a pixel has the radiance {:e}; scene-linear radiance is expected", pixel[0]),
-            "check that the layer holds colours, and choose it with --layer",
+            "check that the layer holds colors, and choose it with --layer",
         ));
     }
     let (mut negative, mut sum) = (0.0_f64, 0.0_f64);
@@ -133,7 +133,7 @@ fn range(photo: &Photo) -> Option<Finding> {
         return Some(Finding::certain(
             name,
             format!("the radiance is negative: {:.0} % of all of it", 100.0 * negative / sum),
-            "check that the layer holds colours (no depth, vector or difference), and choose it with --layer",
+            "check that the layer holds colors (no depth, vector or difference), and choose it with --layer",
         ));
     }
     let odd = finite.iter().filter(|p| p[3] < -0.01 || p[3] > 1.01).count();
@@ -170,7 +170,7 @@ fn has_alpha(photos: &[Photo]) -> bool {
     photos.par_iter().any(|p| finite(p).any(|v| v[3] != 1.0))
 }
 
-/// The colour on which nine of ten samples agree, if there is one.
+/// The color on which nine of ten samples agree, if there is one.
 fn common(samples: &mut [[f32; 3]]) -> Option<[f64; 3]> {
     if samples.len() < 16 {
         return None;
@@ -188,10 +188,10 @@ fn same(a: [f64; 3], b: [f64; 3]) -> bool {
     (0..3).all(|c| (a[c] - b[c]).abs() <= SAME[0] + SAME[1] * a[c].abs().max(b[c].abs()))
 }
 
-/// A colour as it is written in transforms.json.
-fn json(colour: [f64; 3]) -> String {
+/// A color as it is written in transforms.json.
+fn json(color: [f64; 3]) -> String {
     let number = |v: f64| (1e4 * v).round() / 1e4 + 0.0;
-    format!("[{}, {}, {}]", number(colour[0]), number(colour[1]), number(colour[2]))
+    format!("[{}, {}, {}]", number(color[0]), number(color[1]), number(color[2]))
 }
 
 /// Radiance of the source, where it is the same everywhere.
@@ -233,8 +233,8 @@ fn behind(photos: &[Photo], capture: &Capture) -> Option<Finding> {
         let (w, h) = (p.film.width, p.film.height);
         let outer = |i: &usize| [0, w - 1].contains(&(i % w)) || [0, h - 1].contains(&(i / w));
         let finite = |i: &usize| p.film.rgba[*i].iter().all(|v| v.is_finite());
-        let colour = |i: usize| [p.film.rgba[i][0], p.film.rgba[i][1], p.film.rgba[i][2]];
-        (0..w * h).filter(outer).filter(finite).map(colour).collect()
+        let color = |i: usize| [p.film.rgba[i][0], p.film.rgba[i][1], p.film.rgba[i][2]];
+        (0..w * h).filter(outer).filter(finite).map(color).collect()
     };
     let mut samples: Vec<[f32; 3]> = photos.par_iter().flat_map_iter(border).collect();
     let shown = common(&mut samples)?;
@@ -242,7 +242,7 @@ fn behind(photos: &[Photo], capture: &Capture) -> Option<Finding> {
         return None;
     }
     let what = format!(
-        "the borders of all pictures have the colour {}, the capture's background is {}",
+        "the borders of all pictures have the color {}, the capture's background is {}",
         json(shown),
         json(stated)
     );
@@ -253,19 +253,19 @@ fn behind(photos: &[Photo], capture: &Capture) -> Option<Finding> {
     Some(if possible { Finding::doubtful(None, what, remedy) } else { Finding::certain(None, what, remedy) })
 }
 
-/// Distance of a colour from the line between source and background, relative to the largest of all three, and the
+/// Distance of a color from the line between source and background, relative to the largest of all three, and the
 /// transmittance of the point next to it.
-fn between(colour: [f64; 3], source: [f64; 3], background: [f64; 3]) -> (f64, f64) {
+fn between(color: [f64; 3], source: [f64; 3], background: [f64; 3]) -> (f64, f64) {
     let contrast: [f64; 3] = std::array::from_fn(|c| background[c] - source[c]);
     let power: f64 = contrast.iter().map(|c| c * c).sum();
     let transmittance =
-        if power > 1e-12 { (0..3).map(|c| (colour[c] - source[c]) * contrast[c]).sum::<f64>() / power } else { 0.5 };
-    let off = (0..3).map(|c| (colour[c] - source[c] - transmittance * contrast[c]).abs()).fold(0.0, f64::max);
-    let scale = (0..3).map(|c| colour[c].abs().max(source[c]).max(background[c])).fold(1e-12, f64::max);
+        if power > 1e-12 { (0..3).map(|c| (color[c] - source[c]) * contrast[c]).sum::<f64>() / power } else { 0.5 };
+    let off = (0..3).map(|c| (color[c] - source[c] - transmittance * contrast[c]).abs()).fold(0.0, f64::max);
+    let scale = (0..3).map(|c| color[c].abs().max(source[c]).max(background[c])).fold(1e-12, f64::max);
     (off / scale, transmittance)
 }
 
-/// Colours of a grey medium are `α c + (1 - α) b`: the emission c that alpha and colours imply against the one stated.
+/// Colors of a grey medium are `α c + (1 - α) b`: the emission c that alpha and colors imply against the one stated.
 fn opacity(photos: &[Photo], capture: &Capture) -> Option<Finding> {
     let stated = grey(capture)?;
     let background = capture.background.map(f64::from);
@@ -299,7 +299,7 @@ fn opacity(photos: &[Photo], capture: &Capture) -> Option<Finding> {
     let left = |c: usize| (total(2, c) - implied[c] * total(1, c)).max(0.0) / total(0, c);
     let explained = (0..3).map(left).fold(0.0, f64::max).sqrt() < 0.1 * scale && implied.iter().all(|v| *v > -0.05);
     let what = format!(
-        "alpha and colours contradict each other: together they imply the emission {}, the capture says {}",
+        "alpha and colors contradict each other: together they imply the emission {}, the capture says {}",
         json(implied),
         if capture.model == Model::Absorption { "absorption alone".to_owned() } else { json(stated) },
     );
@@ -316,7 +316,7 @@ fn opacity(photos: &[Photo], capture: &Capture) -> Option<Finding> {
     Some(Finding::doubtful(None, what, remedy))
 }
 
-/// Colours that a grey medium cannot have.
+/// Colors that a grey medium cannot have.
 fn spread(photos: &[Photo], source: [f64; 3], background: [f64; 3]) -> Option<Finding> {
     let count = |p: &Photo| {
         finite(p).fold([0_usize; 2], |[all, odd], v| {
@@ -330,12 +330,12 @@ fn spread(photos: &[Photo], source: [f64; 3], background: [f64; 3]) -> Option<Fi
         Finding::doubtful(
             None,
             format!(
-                "{} % of the pixels have colours that do not lie between background {} and emission {}",
+                "{} % of the pixels have colors that do not lie between background {} and emission {}",
                 100 * odd / all.max(1),
                 json(background),
                 json(source)
             ),
-            "check model, background and emission in transforms.json; volumes of many colours are found by `cumulo \
+            "check model, background and emission in transforms.json; volumes of many colors are found by `cumulo \
              reconstruct color`",
         )
     })

@@ -1,6 +1,6 @@
 //! Where cameras stood, from their pictures and the volume in them: least squares by Levenberg and Marquardt.
 //!
-//! The derivatives of every pixel's colours by the camera are those of the renderer's adjoint. Pictures are shrunk
+//! The derivatives of every pixel's colors by the camera are those of the renderer's adjoint. Pictures are shrunk
 //! at first, so that cameras find their way from further off.
 
 use crate::optimise::normal::{Frame, Normal, Pose, Spectrum, steps};
@@ -25,30 +25,30 @@ const DAMPING: f64 = 1e-4;
 /// Steps in a row that make it worse, after which a search ends: without a judge, and with one.
 const PATIENCE: [u32; 2] = [6, 2];
 
-/// Derivatives that a walk gives, and how the colours' follow from them.
+/// Derivatives that a walk gives, and how the colors' follow from them.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Colours {
+pub struct Colors {
     /// One a walk: derivatives with respect to red, green, blue and alpha.
     losses: Vec<[f32; 4]>,
-    /// By colour, for each loss.
+    /// By color, for each loss.
     mix: [[f64; 3]; 3],
 }
 
-impl Colours {
+impl Colors {
     /// Of a medium: those of a source of one shape are the same function of the ray but for factors.
     pub fn of(medium: &Medium, background: [f32; 3]) -> Self {
         let behind = background.map(f64::from);
         match &medium.source {
-            // L = α colour + (1 - α) background.
-            Source::Grey(colour) => Self {
+            // L = α color + (1 - α) background.
+            Source::Grey(color) => Self {
                 losses: vec![unit(3)],
-                mix: std::array::from_fn(|c| [f64::from(colour[c]) - behind[c], 0.0, 0.0]),
+                mix: std::array::from_fn(|c| [f64::from(color[c]) - behind[c], 0.0, 0.0]),
             },
-            // L = e colour + (1 - α) background: e from the brightest.
-            Source::Linear(colour) => {
-                let most = (0..3).fold(0, |most, c| if colour[c] > colour[most] { c } else { most });
+            // L = e color + (1 - α) background: e from the brightest.
+            Source::Linear(color) => {
+                let most = (0..3).fold(0, |most, c| if color[c] > color[most] { c } else { most });
                 let share =
-                    |c: usize| if colour[c] > 0.0 { f64::from(colour[c]) / f64::from(colour[most]) } else { 0.0 };
+                    |c: usize| if color[c] > 0.0 { f64::from(color[c]) / f64::from(color[most]) } else { 0.0 };
                 Self {
                     losses: vec![unit(most), unit(3)],
                     mix: std::array::from_fn(|c| [share(c), share(c) * behind[most] - behind[c], 0.0]),
@@ -75,8 +75,8 @@ fn unit(c: usize) -> [f32; 4] {
 /// What is looked for.
 #[derive(Debug, Clone, Copy)]
 pub struct Request<'r> {
-    /// How colours follow from what the renderer's walks give.
-    pub colours: &'r Colours,
+    /// How colors follow from what the renderer's walks give.
+    pub colors: &'r Colors,
     /// A point that cameras look at: their distance to it is the unit of their position.
     pub centre: DVec3,
     /// Steps on each size of pictures, at most.
@@ -90,10 +90,10 @@ pub struct Request<'r> {
 pub struct Found {
     /// Where it stands now.
     pub camera: Camera,
-    /// Root mean square of the colours' differences before and after; not numbers if they were not measured any more
+    /// Root mean square of the colors' differences before and after; not numbers if they were not measured any more
     /// after the search was stopped.
     pub rms: [f64; 2],
-    /// Number of colours that were compared.
+    /// Number of colors that were compared.
     pub count: u64,
     /// Steps tried, on all sizes.
     pub iterations: u32,
@@ -305,7 +305,7 @@ impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
                 cancel: self.cancel,
             };
             let asked = |i: usize| rgba[i][..3].iter().all(|v| v.is_finite());
-            let Colours { losses, mix } = self.request.colours;
+            let Colors { losses, mix } = self.request.colors;
             let sums = rows.fold(asked, losses, |normal: &mut Normal, i, seen, by| {
                 let by: Vec<(Pose, f64)> = by.iter().map(|by| frame.derivative(by)).collect();
                 for c in 0..3 {

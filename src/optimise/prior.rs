@@ -37,7 +37,7 @@ pub enum TransferPrior {
     /// Mean of the squared differences of all four channels (Weiss & Westermann 2021, eq. 12).
     Smooth,
     /// The same of red, green and blue alone: the extinction may be as rough as it is.
-    SmoothColours,
+    SmoothColors,
 }
 
 /// Either.
@@ -110,7 +110,7 @@ impl TransferPrior {
     pub fn of(self, values: &[Rgbs], unit: f64) -> (f64, Vec<Rgbs>) {
         let channels = match self {
             Self::Smooth => 4,
-            Self::SmoothColours => 3,
+            Self::SmoothColors => 3,
         };
         let share = 1.0 / (channels * values.len().saturating_sub(1).max(1)) as f64;
         let (mut value, mut slopes) = (0.0, vec![[0.0; 4]; values.len()]);
@@ -159,7 +159,7 @@ impl Prior {
         ("smooth", Self::Volume(VolumePrior::Smooth)),
         ("tv", Self::Volume(VolumePrior::TotalVariation)),
         ("tf", Self::Transfer(TransferPrior::Smooth)),
-        ("tf-rgb", Self::Transfer(TransferPrior::SmoothColours)),
+        ("tf-rgb", Self::Transfer(TransferPrior::SmoothColors)),
     ];
 }
 
@@ -258,7 +258,7 @@ mod tests {
         let points = (0..4).map(|i| std::array::from_fn(|c| if c == 0 { i as f64 } else { wave(i, c) })).collect();
         for transfer in [Transfer::Texture { domain: [0.0, 1.0], texels }, Transfer::Piecewise { points }] {
             let parameters: Vec<f64> = transfer.parameters().iter().map(|p| p.1).collect();
-            for prior in [TransferPrior::Smooth, TransferPrior::SmoothColours] {
+            for prior in [TransferPrior::Smooth, TransferPrior::SmoothColors] {
                 let (_, slopes) = prior.of_transfer(&transfer, 3.0).unwrap();
                 for i in 0..parameters.len() {
                     let at = |h: f64| {
@@ -282,8 +282,8 @@ mod tests {
         let texels = [[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 4.0], [1.0, 0.5, 0.0, 4.0]];
         let (all, _) = TransferPrior::Smooth.of(&texels, 2.0);
         assert!((all - (1.0 + 4.0 + 0.25) / 8.0).abs() < 1e-15);
-        let (colours, slopes) = TransferPrior::SmoothColours.of(&texels, 2.0);
-        assert!((colours - 1.25 / 6.0).abs() < 1e-15 && slopes.iter().all(|s| s[3] == 0.0));
+        let (colors, slopes) = TransferPrior::SmoothColors.of(&texels, 2.0);
+        assert!((colors - 1.25 / 6.0).abs() < 1e-15 && slopes.iter().all(|s| s[3] == 0.0));
         assert_eq!(TransferPrior::Smooth.of(&texels[..1], 2.0), (0.0, vec![[0.0; 4]]));
     }
 

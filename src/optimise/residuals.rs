@@ -1,7 +1,7 @@
 //! What is left between pictures and a reconstruction, and what that says about the model.
 //!
 //! Noise differs from pixel to pixel and has no mean. Residuals that agree with their neighbours, lie on one side, or
-//! stand in the alpha while the colours fit, come from a model that is wrong: background, emission, cameras, or a region
+//! stand in the alpha while the colors fit, come from a model that is wrong: background, emission, cameras, or a region
 //! that is too small.
 
 use crate::optimise::cancel::Cancel;
@@ -23,7 +23,7 @@ pub struct Residuals {
     square: f64,
     /// Products of neighbours.
     product: f64,
-    /// Largest colour of the pictures.
+    /// Largest color of the pictures.
     peak: f64,
     /// Of alpha, picture less render.
     alpha_square: f64,

@@ -26,7 +26,7 @@ pub struct Setting {
     pub extinction: f64,
     /// Radiance of the source where there is no transfer function.
     pub source: Source,
-    /// Colour and extinction by density.
+    /// Color and extinction by density.
     pub transfer: Option<Transfer>,
     /// Radiance behind the volume.
     pub background: [f32; 3],
@@ -234,7 +234,7 @@ impl<V: Subject> Study<V> {
                     Some("density" | "mean") => "tf.density",
                     Some("ln_width") => "tf.width",
                     Some("extinction") => "tf.extinction",
-                    _ => "tf.colour",
+                    _ => "tf.color",
                 };
                 (format!("tf.{name}"), group, *value)
             }

@@ -39,7 +39,7 @@ pub fn film(film: &Film, alt: &str) -> Result<Markup> {
     rgb8(pool.width, pool.height, &png::display_rgb8(&small), aspect(film.width, film.height), alt)
 }
 
-/// Differences (`values[y * width + x]`) in false colours; a pixel that stands for several shows the
+/// Differences (`values[y * width + x]`) in false colors; a pixel that stands for several shows the
 /// largest of them.
 ///
 /// # Errors
@@ -50,13 +50,13 @@ pub fn differences(width: usize, height: usize, values: &[f64], scale: f64, alt:
     rgb8(pool.width, pool.height, &heatmap::shade_rgb8(&small, scale), aspect(width, height), alt)
 }
 
-/// A bar of all the colours between the words for its two ends; `paint` colours values in 0..1.
+/// A bar of all the colors between the words for its two ends; `paint` colors values in 0..1.
 ///
 /// # Errors
 /// If it cannot be encoded.
 pub fn bar(paint: impl Fn(&[f64]) -> Vec<u8>, low: &str, high: &str) -> Result<Markup> {
     let ramp: Vec<f64> = (0..256).map(|i| f64::from(i) / 255.0).collect();
-    let picture = rgb8(ramp.len(), 1, &paint(&ramp), 16.0, &format!("colour bar from {low} to {high}"))?;
+    let picture = rgb8(ramp.len(), 1, &paint(&ramp), 16.0, &format!("color bar from {low} to {high}"))?;
     Ok(html! { span.bar { span { (low) } (picture) span { (high) } } })
 }
 

@@ -13,7 +13,7 @@ const SIZE: (u32, u32) = (900, 380);
 const INK: (RGBColor, &str) = (RGBColor(0x1B, 0x1E, 0x23), "#e6e8eb");
 const GRID: (RGBColor, &str) = (RGBColor(0xD9, 0xDC, 0xE1), "#3a3f47");
 
-/// Colours of the series: on a light page and on a dark one. Each has at least 3:1 against its page, and
+/// Colors of the series: on a light page and on a dark one. Each has at least 3:1 against its page, and
 /// neighbours differ in lightness too.
 pub const PALETTE: [(RGBColor, &str); 8] = [
     (RGBColor(0x1F, 0x5F, 0xBF), "#7db2ff"),
@@ -135,11 +135,11 @@ impl Plot {
             .light_line_style(TRANSPARENT)
             .draw()?;
         for (i, line) in lines.iter().enumerate() {
-            let colour = PALETTE[i % PALETTE.len()].0;
-            chart.draw_series(LineSeries::new(line.iter().copied(), colour.stroke_width(2)))?;
+            let color = PALETTE[i % PALETTE.len()].0;
+            chart.draw_series(LineSeries::new(line.iter().copied(), color.stroke_width(2)))?;
             // A level of one step has no line, and few points should be seen as what they are.
             if line.len() <= 60 {
-                chart.draw_series(line.iter().map(|p| Circle::new(*p, 3, colour.filled())))?;
+                chart.draw_series(line.iter().map(|p| Circle::new(*p, 3, color.filled())))?;
             }
         }
         area.present()?;
@@ -169,12 +169,12 @@ fn ranges<'a>(points: impl Iterator<Item = &'a (f64, f64)>) -> Option<(Range<f64
     Some((x, widen(y0, y1, 0.06)))
 }
 
-/// A colour as SVG has it, in the one spelling that a dark page knows.
+/// A color as SVG has it, in the one spelling that a dark page knows.
 pub fn hex(c: RGBColor) -> String {
     format!("#{:02X}{:02X}{:02X}", c.0, c.1, c.2)
 }
 
-/// Style sheet of the colours. Plots carry those of a light page; a dark page replaces them.
+/// Style sheet of the colors. Plots carry those of a light page; a dark page replaces them.
 pub fn style() -> String {
     let mut css = String::new();
     let mut dark = String::new();

@@ -58,7 +58,7 @@ impl SphereMap {
         let edge = 2.0 * (RADIUS + MARGIN);
         let middle = |half: usize| DVec2::new((half as f64 + 0.5) * edge, RADIUS + MARGIN);
         let ink = hex(INK_RGB);
-        let colour = |i: usize| hex(PALETTE[i % PALETTE.len()].0);
+        let color = |i: usize| hex(PALETTE[i % PALETTE.len()].0);
         // Dots so large that the samples of a half cover it.
         let dot = (RADIUS * SQRT_2 / (self.samples.len() as f64).sqrt()).clamp(2.0, 24.0);
         let scale = |v: f64| if high > low { (v - low) / (high - low) } else { 0.5 };
@@ -83,11 +83,11 @@ impl SphereMap {
                             circle cx=(m.x) cy=(m.y) r=(RADIUS) fill="none" stroke=(ink) stroke-width="1" {}
                             @for (i, walk) in self.walks.iter().enumerate() {
                                 @for line in lines(&walk.directions, *sign, m) {
-                                    polyline points=(line) fill="none" stroke=(colour(i)) stroke-width="2.5" {}
+                                    polyline points=(line) fill="none" stroke=(color(i)) stroke-width="2.5" {}
                                 }
                                 @if let Some(d) = walk.directions.first().filter(|d| d.z * sign >= 0.0) {
                                     @let p = m + place(*d, *sign);
-                                    circle cx=(coordinate(p.x)) cy=(coordinate(p.y)) r="5" fill=(colour(i))
+                                    circle cx=(coordinate(p.x)) cy=(coordinate(p.y)) r="5" fill=(color(i))
                                         stroke=(ink) stroke-width="1" {}
                                 }
                             }

@@ -72,7 +72,7 @@ pub fn table(rows: &[ViewRow], total: usize) -> Result<Markup> {
             @if shown.len() < total {
                 (shown.len()) " of " (total) " views, those held out first, the others evenly spaced."
             } @else if total == 1 { "The only view." } @else { "All " (total) " views." }
-            " Differences are the largest of the three colours, scene-linear, in one scale for all views; the "
+            " Differences are the largest of the three colors, scene-linear, in one scale for all views; the "
             "largest is " (number::short(largest)) "."
         }
         p { (bar) }
@@ -140,7 +140,7 @@ fn decibels(psnr: f64) -> String {
     if psnr == f64::INFINITY { "identical".into() } else { format!("{psnr:.2} dB") }
 }
 
-/// The difference for the brightest colour, and the largest finite one.
+/// The difference for the brightest color, and the largest finite one.
 fn scale(differences: &[Vec<f64>]) -> (f64, f64) {
     let mut all: Vec<f64> = differences.iter().flatten().copied().filter(|d| d.is_finite()).collect();
     if all.is_empty() {

@@ -67,7 +67,7 @@ pub struct Capture {
     pub emission: [f32; 3],
     /// How that radiance follows the density; constant unless stated.
     pub emission_model: EmissionModel,
-    /// Colour and extinction by density (emission-absorption only), which then stands in the place of the
+    /// Color and extinction by density (emission-absorption only), which then stands in the place of the
     /// source's radiance; `density_scale` multiplies its extinction.
     pub transfer: Option<Transfer>,
     /// Voxel lattice of the volume in the pictures, index to world, where its maker knew it.
@@ -84,9 +84,9 @@ impl Capture {
             (Model::Absorption, ..) => Source::Grey([0.0; 3]),
             (Model::PreShaded, ..) => {
                 return Err(Error::unsupported(
-                    "the pictures show a pre-shaded volume, whose colours no density tells",
+                    "the pictures show a pre-shaded volume, whose colors no density tells",
                 )
-                .hint("`cumulo reconstruct colour` finds such volumes"));
+                .hint("`cumulo reconstruct color` finds such volumes"));
             }
             (_, Some(transfer), _) => Source::Transfer(Arc::new(transfer.table()?)),
             (_, None, EmissionModel::Grey) => Source::Grey(self.emission),

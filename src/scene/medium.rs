@@ -7,15 +7,15 @@ use crate::error::{Error, Result};
 use crate::scene::table::Table;
 use std::sync::Arc;
 
-/// Source radiance `c` as a function of the density `d`, per colour channel.
+/// Source radiance `c` as a function of the density `d`, per color channel.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Source {
     /// `c` is the same everywhere (absorption alone is `c = 0`): the picture depends on the optical
     /// depth alone, `L = c (1 - T) + T · background`.
     Grey([f32; 3]),
-    /// `c = colour · d`: denser is brighter.
+    /// `c = color · d`: denser is brighter.
     Linear([f32; 3]),
-    /// Colour and extinction are a piecewise linear function of the density. Where the field has no
+    /// Color and extinction are a piecewise linear function of the density. Where the field has no
     /// voxels the density is zero; beyond its domain there is nothing.
     Transfer(Arc<Table>),
 }

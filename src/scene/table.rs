@@ -52,7 +52,7 @@ impl Table {
         for (knot, value) in knots.iter().zip(&values) {
             if let Some(bad) = value.iter().find(|v| !(v.is_finite() && **v >= 0.0)) {
                 return Err(Error::invalid(format!(
-                    "at density {knot} a value is {bad}: colours and extinction must be finite and not negative"
+                    "at density {knot} a value is {bad}: colors and extinction must be finite and not negative"
                 )));
             }
         }

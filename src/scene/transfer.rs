@@ -1,4 +1,4 @@
-//! Transfer functions: which colour and extinction a density has.
+//! Transfer functions: which color and extinction a density has.
 //!
 //! Each kind is a [`Table`] in the end, and a derivative with respect to the table becomes one with
 //! respect to the kind's own parameters by [`Transfer::chain`].
@@ -31,12 +31,13 @@ pub enum Transfer {
         /// The lobes.
         lobes: Vec<Lobe>,
     },
-    /// Extinction is the density, up to the end of the domain; one colour.
+    /// Extinction is the density, up to the end of the domain; one color.
     Identity {
         /// Densities `low` and `high`.
         domain: [f64; 2],
         /// Radiance of the source.
-        colour: [f64; 3],
+        #[serde(alias = "colour")]
+        color: [f64; 3],
     },
 }
 
@@ -129,7 +130,7 @@ impl Transfer {
                 let values = knots.iter().map(sum).collect();
                 (knots, values)
             }
-            Self::Identity { domain, colour: [r, g, b] } => (domain.to_vec(), domain.map(|d| [*r, *g, *b, d]).to_vec()),
+            Self::Identity { domain, color: [r, g, b] } => (domain.to_vec(), domain.map(|d| [*r, *g, *b, d]).to_vec()),
         };
         Table::new(knots, values)
     }
@@ -164,7 +165,7 @@ impl Transfer {
                 };
                 lobes.iter().enumerate().flat_map(one).collect()
             }
-            Self::Identity { colour, .. } => four("colour", 0, colour),
+            Self::Identity { color, .. } => four("color", 0, color),
         }
     }
 
@@ -182,7 +183,7 @@ impl Transfer {
                 set(&mut l.ln_width);
                 l.rgbs.iter_mut().for_each(&mut set);
             }),
-            Self::Identity { colour, .. } => colour.iter_mut().for_each(&mut set),
+            Self::Identity { color, .. } => color.iter_mut().for_each(&mut set),
         }
         all
     }
@@ -283,7 +284,7 @@ mod tests {
                     Lobe { mean: 1.4, ln_width: -1.0, rgbs: [0.1, 0.5, 0.9, 1.0] },
                 ],
             },
-            Transfer::Identity { domain: [0.0, 2.0], colour: [0.3, 0.6, 0.9] },
+            Transfer::Identity { domain: [0.0, 2.0], color: [0.3, 0.6, 0.9] },
         ]
     }
 
@@ -371,7 +372,7 @@ mod tests {
             assert_eq!(serde_json::from_str::<Transfer>(&text).unwrap(), t);
         }
         assert!(
-            serde_json::from_str::<Transfer>(r#"{"kind":"identity","domain":[0,1],"colour":[1,1,1],"x":1}"#).is_err()
+            serde_json::from_str::<Transfer>(r#"{"kind":"identity","domain":[0,1],"color":[1,1,1],"x":1}"#).is_err()
         );
     }
 
@@ -380,7 +381,7 @@ mod tests {
         for (t, word) in [
             (Transfer::Texture { domain: [1.0, 1.0], texels: vec![[0.0; 4]] }, "ascend"),
             (Transfer::Texture { domain: [0.0, 1.0], texels: vec![] }, "0 entries"),
-            (Transfer::Identity { domain: [-1.0, 1.0], colour: [1.0; 3] }, "negative"),
+            (Transfer::Identity { domain: [-1.0, 1.0], color: [1.0; 3] }, "negative"),
             (
                 Transfer::Gaussians {
                     domain: [0.0, 1.0],

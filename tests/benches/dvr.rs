@@ -55,7 +55,7 @@ fn camera(edge: f64, centre: DVec3, turn: f64, pixels: u32, field_of_view: f64) 
     }
 }
 
-/// 256 knots over 0..1 with these extinctions; the colours of all the functions here.
+/// 256 knots over 0..1 with these extinctions; the colors of all the functions here.
 fn function(extinction: impl Fn(f64) -> f64) -> Arc<Table> {
     let knots: Vec<f64> = (0..256).map(|i| f64::from(i) / 255.0).collect();
     let value = |x: &f64| [*x, 0.5 + 0.5 * (6.0 * x).sin(), 1.0 - x, extinction(*x)];

@@ -73,8 +73,8 @@ pub fn rows() -> Vec<Row> {
     let scene = Scene::new();
     let pools = [1, 2].map(|n| ThreadPoolBuilder::new().num_threads(n).build().unwrap());
     let mut rows = Vec::new();
-    for (name, colour) in [("absorption", None), ("linear emission", Some([1.0; 3]))] {
-        let source = colour.map_or(Source::Grey([0.0; 3]), Source::Linear);
+    for (name, color) in [("absorption", None), ("linear emission", Some([1.0; 3]))] {
+        let source = color.map_or(Source::Grey([0.0; 3]), Source::Linear);
         let dvr = Dvr::new(&scene.field, Medium { extinction: 0.15, source }).unwrap();
         rows.extend(gradients(name, &dvr, &scene, &pools[0]));
         rows.extend(pictures_per_second(name, &dvr, &scene, &pools));

@@ -82,7 +82,7 @@ const CAPTURE: [&str; 6] = [
 const GLOW: [&str; 6] = [
     "info capture",
     "validate capture",
-    "reconstruct colour capture --resolution 8 --iterations 1 -o >found.vdb",
+    "reconstruct color capture --resolution 8 --iterations 1 -o >found.vdb",
     "reconstruct tf capture --volume @plume.vdb --texels 8 --rays 128 --iterations 1 -o >found.tf.json",
     "reconstruct density capture --resolution 8 --iterations 1 -o >found.vdb",
     "gradient @plume.vdb --target capture --loss l2 --wrt tf",
@@ -177,7 +177,7 @@ impl Corpus {
             resumed(
                 "shaded.vdb",
                 Syntax::Binary,
-                "reconstruct colour @glow --resolution 8 --iterations 1 --resume -o >{}",
+                "reconstruct color @glow --resolution 8 --iterations 1 --resume -o >{}",
             ),
             resumed(
                 "found.tf.json",
@@ -291,7 +291,7 @@ impl Maker {
                 [[0.0, 0.9, 0.4, 0.1, 0.0], [0.3, 0.9, 0.4, 0.1, 3.0], [1.0, 0.1, 0.4, 0.9, 6.0]]}),
             ),
             ("gaussians", json!({"kind": "gaussians", "domain": [0.0, 1.0], "lobes": [lobe(0.3), lobe(0.8)]})),
-            ("identity", json!({"kind": "identity", "domain": [0.0, 1.0], "colour": [0.9, 0.6, 0.3]})),
+            ("identity", json!({"kind": "identity", "domain": [0.0, 1.0], "color": [0.9, 0.6, 0.3]})),
         ] {
             let document = json!({"format": "cumulo-transfer-function", "version": 1, "name": name,
                 "transfer": transfer});
@@ -334,7 +334,7 @@ impl Maker {
         self.cumulo("render cube.vdb --views 3 --layout ring --size 9x7 --density-scale 2 -o flat");
         self.cumulo("render plume.vdb --views 4 --size 12x12 --tf piecewise.tf.json -o glow");
         self.cumulo("reconstruct density capture --resolution 8 --iterations 1 -o density.vdb --report density-page");
-        self.cumulo("reconstruct colour glow --resolution 8 --iterations 1 -o shaded.vdb");
+        self.cumulo("reconstruct color glow --resolution 8 --iterations 1 -o shaded.vdb");
         self.cumulo(
             "reconstruct tf glow --volume plume.vdb --texels 8 --rays 128 --iterations 1 -o found.tf.json --report tf-page",
         );

@@ -120,7 +120,7 @@ pub fn kinds() -> Vec<Transfer> {
                 Lobe { mean: 0.7, ln_width: -2.0, rgbs: [0.1, 0.3, 0.9, 2.0] },
             ],
         },
-        Transfer::Identity { domain: [0.0, 0.9], colour: [0.9, 0.6, 0.3] },
+        Transfer::Identity { domain: [0.0, 0.9], color: [0.9, 0.6, 0.3] },
     ]
 }
 

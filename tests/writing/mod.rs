@@ -39,8 +39,8 @@ pub const ALL: [Writing; 11] = [
         true,
     ),
     writing(
-        "colour",
-        "reconstruct colour in/bright -o out/shaded.vdb --resolution 8 --iterations 2 --report out/page",
+        "color",
+        "reconstruct color in/bright -o out/shaded.vdb --resolution 8 --iterations 2 --report out/page",
         true,
     ),
     writing(

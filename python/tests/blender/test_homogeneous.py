@@ -24,8 +24,8 @@ def closed_form(settings, depth):
     """Radiance and alpha of optical depths [...]: L = (1 - T) c + T b."""
     transmittance = np.exp(-np.asarray(depth, dtype=np.float64))[..., None]
     source = np.array(settings.emission if settings.model == "emission-absorption" else (0, 0, 0))
-    colour = (1 - transmittance) * source + transmittance * np.array(settings.background)
-    return np.concatenate([colour, 1 - transmittance], axis=-1)
+    color = (1 - transmittance) * source + transmittance * np.array(settings.background)
+    return np.concatenate([color, 1 - transmittance], axis=-1)
 
 
 @pytest.mark.parametrize("options", [{}, GLOW], ids=["absorption", "emission-absorption"])
@@ -54,7 +54,7 @@ def test_cycles_box(options, matrix, eye):
     possible = closed_form(settings, 0.8 * chords)
     picture = blender.Stage(settings, box=(LOW, HIGH, matrix)).picture(camera)
     outside = np.maximum(possible.min(0) - picture, picture - possible.max(0))
-    # The depth is 0.8 times a difference of distances up to 5, and colours reach 2.
+    # The depth is 0.8 times a difference of distances up to 5, and colors reach 2.
     assert outside.max() <= 2 * (0.8 * 2 * 5 + 4) * EPS
 
 
@@ -90,7 +90,7 @@ def test_slab_of_voxels(fixtures, expected, options):
     settings = blender.Settings(density_scale=2.0, **options)
     for name, camera, depth in slab_views():
         picture = expected(fixtures / "slab.vdb", camera, settings)
-        # Ten cells to sum, each rounded a few times, and a colour of at most 2.
+        # Ten cells to sum, each rounded a few times, and a color of at most 2.
         assert np.abs(picture - closed_form(settings, 2.0 * depth)).max() <= 64 * EPS, name
 
 

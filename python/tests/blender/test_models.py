@@ -6,7 +6,7 @@ import pytest
 from cumulo import blender
 from cumulo.capture import Capture, sphere_cameras
 
-TRANSFER = {"kind": "identity", "domain": [0.0, 1.0], "colour": [1.0, 0.5, 0.25]}
+TRANSFER = {"kind": "identity", "domain": [0.0, 1.0], "color": [1.0, 0.5, 0.25]}
 
 
 @pytest.mark.parametrize(

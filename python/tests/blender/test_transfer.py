@@ -1,4 +1,4 @@
-"""Colour ramps of Blender as transfer functions: what Blender evaluates is what the file says."""
+"""Color ramps of Blender as transfer functions: what Blender evaluates is what the file says."""
 
 import json
 
@@ -21,8 +21,8 @@ def ramp_of(elements, interpolation="LINEAR", mode="RGB", hue="NEAR"):
         ramp.hue_interpolation = hue
     while len(ramp.elements) < len(elements):
         ramp.elements.new(0.5)
-    for element, (position, colour) in zip(ramp.elements, elements):
-        element.position, element.color = position, colour
+    for element, (position, color) in zip(ramp.elements, elements):
+        element.position, element.color = position, color
     return tree, ramp
 
 

@@ -79,10 +79,10 @@ pub struct GradientCommand {
     density_scale: Option<f64>,
     /// Radiance behind the volume, r,g,b (default: that of --target, else white for absorption, black for
     /// emission-absorption)
-    #[arg(long, value_name = "R,G,B", value_parser = parse::colour)]
+    #[arg(long, value_name = "R,G,B", value_parser = parse::color)]
     background: Option<[f32; 3]>,
     /// Radiance of the source, r,g,b (default: that of --target, else none)
-    #[arg(long, value_name = "R,G,B", value_parser = parse::colour, conflicts_with = "tf")]
+    #[arg(long, value_name = "R,G,B", value_parser = parse::color, conflicts_with = "tf")]
     emission: Option<[f32; 3]>,
     /// How that radiance follows the density (default: that of --target, else grey: not at all)
     #[arg(long, value_enum, conflicts_with = "tf", requires = "emission")]
@@ -154,11 +154,11 @@ enum LossName {
     Huber,
     /// (ln T - ln T')² of the transmittances
     LogTransmittance,
-    /// 1 - SSIM of the colours
+    /// 1 - SSIM of the colors
     Ssim,
     /// Entropy of the alphas, 1 where all are equal
     OpacityEntropy,
-    /// The colours themselves
+    /// The colors themselves
     Mean,
 }
 

@@ -176,8 +176,8 @@ impl GradientCommand {
     ) -> Result<Setting> {
         let source = match (self.emission, model, target) {
             _ if transfer.is_some() => Source::Grey([0.0; 3]),
-            (Some(colour), ..) if self.emission_model == Some(EmissionModel::Linear) => Source::Linear(colour),
-            (Some(colour), ..) => Source::Grey(colour),
+            (Some(color), ..) if self.emission_model == Some(EmissionModel::Linear) => Source::Linear(color),
+            (Some(color), ..) => Source::Grey(color),
             (None, Some(Model::EmissionAbsorption), Some(capture)) if capture.model == Model::EmissionAbsorption => {
                 capture.medium()?.source
             }

@@ -17,7 +17,7 @@ use crate::math::Aabb;
 use crate::optimise::observation::Photo;
 use crate::optimise::pictures::Target;
 use crate::optimise::plausibility::Warning;
-use crate::optimise::pose::{self, Colours, Found, Request, levels};
+use crate::optimise::pose::{self, Colors, Found, Request, levels};
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
@@ -78,7 +78,7 @@ pub struct Pose {
 #[derive(Debug, Serialize)]
 struct Moved {
     picture: String,
-    /// Of the colours' differences.
+    /// Of the colors' differences.
     rms_before: f64,
     rms_after: f64,
     /// Angle between the axes before and after.
@@ -162,18 +162,18 @@ impl Pose {
         let targets: Vec<Target> = photos.into_iter().zip(cameras).map(target).collect();
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(shown.transfer.is_some()));
         let light = scene.light(&shown, quadrature).map_err(|e| e.at(&self.volume))?;
-        let (colours, judge) = match &light {
+        let (colors, judge) = match &light {
             // Pictures are what has no error, until somebody says something else.
             Light::Density(dvr) => {
                 let judged = self.quadrature.is_none() && shown.transfer.is_some();
                 (
-                    Colours::of(&shown.medium()?, shown.background),
+                    Colors::of(&shown.medium()?, shown.background),
                     judged.then(|| dvr.clone().quadrature(Quadrature::Exact)),
                 )
             }
-            Light::PreShaded(_) => (Colours::apart(), None),
+            Light::PreShaded(_) => (Colors::apart(), None),
         };
-        let request = Request { colours: &colours, centre, iterations: self.iterations, solve_focal: self.solve_focal };
+        let request = Request { colors: &colors, centre, iterations: self.iterations, solve_focal: self.solve_focal };
         let searches = |t: &Target| (levels(&t.camera) + 1 + usize::from(judge.is_some())) as u64;
         task.work_begins();
         let bar = output.progress(targets.iter().map(searches).sum(), "pose");
@@ -309,7 +309,7 @@ impl Pose {
     }
 }
 
-/// Difference of the colours beyond which a picture is not what its camera sees, relative to the peak of 1.
+/// Difference of the colors beyond which a picture is not what its camera sees, relative to the peak of 1.
 const UNLIKE: f64 = 0.1;
 
 /// A warning if pictures are not met wherever their cameras stand.

@@ -44,7 +44,7 @@ pub struct Density {
     /// Start from this volume
     #[arg(long, value_name = "IN.vdb")]
     init: Option<PathBuf>,
-    /// How the densities are found: auto is cg where the pictures depend on the optical depth alone, colours first
+    /// How the densities are found: auto is cg where the pictures depend on the optical depth alone, colors first
     /// where there is a transfer function, else paper
     #[arg(long, value_enum, default_value_t = Choice::Auto)]
     solver: Choice,
@@ -291,8 +291,8 @@ fn volume(path: &Path, limits: Limits) -> Result<Bricks<f32>> {
 
 fn observe(photos: &[Photo], capture: &Capture) -> Result<Observation> {
     match capture.medium()?.source {
-        Source::Grey(colour) => Observation::new(photos, capture.background, colour),
-        // Where the source varies, colours do not tell the optical depth: alpha does.
+        Source::Grey(color) => Observation::new(photos, capture.background, color),
+        // Where the source varies, colors do not tell the optical depth: alpha does.
         Source::Linear(_) | Source::Transfer(_) => Observation::new(photos, capture.background, capture.background),
     }
 }

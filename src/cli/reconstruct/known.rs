@@ -48,7 +48,7 @@ pub fn grid(
     Ok((known.map(|known| as_grid(field, known.concat(), name)), warnings))
 }
 
-/// The same of extinctions and of emissions: of all their colours, which are seen through the same voxels.
+/// The same of extinctions and of emissions: of all their colors, which are seen through the same voxels.
 pub fn grids(
     volume: &Bricks<Vec4>,
     photos: &[Photo],

@@ -1,6 +1,6 @@
 //! `cumulo reconstruct`: what pictures say about the volume in them.
 
-mod colour;
+mod color;
 mod density;
 mod known;
 mod region;
@@ -18,8 +18,8 @@ pub enum Reconstruct {
     #[command(name = "density")]
     Density(Box<density::Density>),
     /// Pre-shaded volume: extinctions, and emissions in R, G and B.
-    #[command(name = "colour", visible_alias = "color")]
-    Colour(Box<colour::Colour>),
+    #[command(name = "color", alias = "colour")]
+    Color(Box<color::Color>),
     /// Transfer function of a known volume.
     #[command(name = "tf")]
     Tf(Box<tf::Tf>),
@@ -30,7 +30,7 @@ impl Reconstruct {
     pub(super) fn memory(&self) -> Memory {
         match self {
             Self::Density(c) => c.memory,
-            Self::Colour(c) => c.memory,
+            Self::Color(c) => c.memory,
             Self::Tf(c) => c.memory,
         }
     }
@@ -42,7 +42,7 @@ impl Reconstruct {
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         match self {
             Self::Density(c) => c.run(output),
-            Self::Colour(c) => c.run(output),
+            Self::Color(c) => c.run(output),
             Self::Tf(c) => c.run(output),
         }
     }

@@ -88,7 +88,7 @@ pub struct Tf {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Choice {
     Auto,
-    /// Adam as in Weiss & Westermann (2021); colours lie between 0 and 1
+    /// Adam as in Weiss & Westermann (2021); colors lie between 0 and 1
     Paper,
 }
 
@@ -107,7 +107,7 @@ impl Tf {
         let others = std::iter::once(&self.volume).chain(&self.init);
         outputs::spare([self.output.as_path()], inputs.iter().chain(others).map(PathBuf::as_path))?;
         if capture.model == Model::Absorption {
-            return Err(Error::unsupported("the pictures show absorption alone, which has no colours").at(&json).hint(
+            return Err(Error::unsupported("the pictures show absorption alone, which has no colors").at(&json).hint(
                 "a transfer function needs pictures of emission and absorption: \"model\": \"emission-absorption\"",
             ));
         }

@@ -83,7 +83,7 @@ pub struct TransferRun {
     /// The page, if one was asked for.
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub report: Option<PathBuf>,
-    /// How much the pictures say about each texel's extinction and colour, 0..1; empty after a descent.
+    /// How much the pictures say about each texel's extinction and color, 0..1; empty after a descent.
     pub confidence: Vec<[f64; 2]>,
     /// Time by stage.
     pub stages: Vec<Stage>,
@@ -148,7 +148,7 @@ pub struct View {
     pub number: usize,
     /// Both.
     pub row: ViewRow,
-    /// Mean squared difference of the colours.
+    /// Mean squared difference of the colors.
     pub square: f64,
     /// Structural similarity.
     pub ssim: f64,
@@ -199,24 +199,24 @@ pub fn views(
 pub struct FunctionError {
     /// Root mean square difference of the extinctions over the texels, relative to the largest of the other function.
     extinction_rms: f64,
-    /// The same of the colours, each texel by its share of that extinction: nobody sees those that do not absorb.
-    colour_rms: f64,
+    /// The same of the colors, each texel by its share of that extinction: nobody sees those that do not absorb.
+    color_rms: f64,
 }
 
 impl FunctionError {
     fn new(found: &Table, reference: &Table) -> Self {
         let peak = reference.peak()[3].max(f64::MIN_POSITIVE);
-        let (mut extinction, mut colour, mut seen) = (0.0, 0.0, 0.0);
+        let (mut extinction, mut color, mut seen) = (0.0, 0.0, 0.0);
         for (knot, value) in found.knots().iter().zip(found.values()) {
             let other = reference.at(*knot);
             let share = other[3] / peak;
             extinction += ((value[3] - other[3]) / peak).powi(2);
-            colour += share * (0..3).map(|c| (value[c] - other[c]).powi(2) / 3.0).sum::<f64>();
+            color += share * (0..3).map(|c| (value[c] - other[c]).powi(2) / 3.0).sum::<f64>();
             seen += share;
         }
         Self {
             extinction_rms: (extinction / found.knots().len() as f64).sqrt(),
-            colour_rms: (colour / f64::max(seen, f64::MIN_POSITIVE)).sqrt(),
+            color_rms: (color / f64::max(seen, f64::MIN_POSITIVE)).sqrt(),
         }
     }
 }
@@ -237,7 +237,7 @@ pub fn page(
     let mut page = Page::new(
         format!("{name}, from {} pictures", run.views),
         format!(
-            "{} texels of colour and extinction that explain {} views of '{}'{}.",
+            "{} texels of color and extinction that explain {} views of '{}'{}.",
             run.texels,
             run.views.saturating_sub(run.held_out.len()),
             run.volume.file_name().unwrap_or_default().to_string_lossy(),
@@ -247,7 +247,7 @@ pub fn page(
     let mut figures = Vec::new();
     if let Some(error) = &error {
         figures.push(("Extinction, RMS error", format!("{:.2} %", 100.0 * error.extinction_rms)));
-        figures.push(("Colour, RMS error", format!("{:.4}", error.colour_rms)));
+        figures.push(("Color, RMS error", format!("{:.4}", error.color_rms)));
     }
     if let (Some(psnr), Some(ssim)) = (run.held_out_psnr_db, run.held_out_ssim) {
         figures.push(("Held-out views", format!("{psnr:.2} dB")));
@@ -266,22 +266,22 @@ pub fn page(
     let plot = |y: &str, series: Vec<Series>| Plot { x: "density".into(), y: y.into(), series };
     let values = table.values();
     let mut extinctions = vec![line("extinction", &|i| values[i][3])];
-    // In the order of the plot's colours, which begin with a blue, an orange and a green.
+    // In the order of the plot's colors, which begin with a blue, an orange and a green.
     let channels = [("blue", 2), ("red", 0), ("green", 1)];
-    let mut colours: Vec<Series> = channels.map(|(label, c)| line(label, &move |i| values[i][c])).into();
+    let mut colors: Vec<Series> = channels.map(|(label, c)| line(label, &move |i| values[i][c])).into();
     if let Some(reference) = &reference {
         let of = |label: &str, c: usize| Series {
             label: format!("{label}, reference"),
             points: table.knots().iter().map(|k| (*k, reference.at(*k)[c])).collect(),
         };
         extinctions.push(of("extinction", 3));
-        colours.extend(channels.map(|(label, c)| of(label, c)));
+        colors.extend(channels.map(|(label, c)| of(label, c)));
     }
     page.plot("Extinction", &plot("per world unit", extinctions))?;
-    page.plot("Colour", &plot("radiance of the source", colours))?;
+    page.plot("Color", &plot("radiance of the source", colors))?;
     if !run.confidence.is_empty() {
         let share = |c: usize| move |i: usize| run.confidence.get(i).map_or(0.0, |of| of[c]);
-        let known = vec![line("extinction", &share(0)), line("colour", &share(1))];
+        let known = vec![line("extinction", &share(0)), line("color", &share(1))];
         page.plot("What the pictures say", &plot("share of the pictures, not of the prior", known))?;
     }
     let rows: Vec<ViewRow> = views.into_iter().map(|v| v.row).collect();

@@ -46,7 +46,7 @@ pub(super) fn page(
         (capture.transfer, capture.model) = (Some(transfer), Model::EmissionAbsorption);
     }
     let shaded = match run.solver {
-        Solver::Colour => Some(shaded::read(&File::open(&run.output, limits)?, Some(&run.grid), limits.max_memory)?),
+        Solver::Color => Some(shaded::read(&File::open(&run.output, limits)?, Some(&run.grid), limits.max_memory)?),
         Solver::Cg | Solver::Paper | Solver::Behind => None,
     };
     let light = match &shaded {

@@ -71,7 +71,7 @@ pub struct Viewpoint {
     #[arg(long, value_name = "S|auto", default_value = "1")]
     density_scale: DensityScale,
     /// Radiance behind the volume in the pictures, r,g,b (default: white, black with a transfer function)
-    #[arg(long, value_name = "R,G,B", value_parser = parse::colour)]
+    #[arg(long, value_name = "R,G,B", value_parser = parse::color)]
     background: Option<[f32; 3]>,
     #[command(flatten)]
     transfer: TransferOption,
@@ -369,7 +369,7 @@ impl Viewpoint {
     }
 }
 
-/// A medium of the same opacity with less to compute: of a transfer function's colours none matters, and points
+/// A medium of the same opacity with less to compute: of a transfer function's colors none matters, and points
 /// that only they need are left out.
 fn opaque(medium: Medium) -> Result<Medium> {
     let source = match &medium.source {

@@ -39,15 +39,15 @@ pub fn read_picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> 
 ///
 /// `layer` is a layer's name, exactly, else without regard to case, else the last word of exactly one
 /// (`Combined` for `ViewLayer.Combined`). Without it the first that exists of: the unnamed layer if
-/// it has colours, `rgba`, `rgb`, `Composite.Combined`, `….Combined`, `beauty`, `C`, the only layer with colours,
+/// it has colors, `rgba`, `rgb`, `Composite.Combined`, `….Combined`, `beauty`, `C`, the only layer with colors,
 /// the unnamed layer if it is grey, the only layer that is grey.
 ///
-/// Colours are the channels R, G, B or red, green, blue, or X, Y, Z of a vector, in any case. A layer with one channel beside
+/// Colors are the channels R, G, B or red, green, blue, or X, Y, Z of a vector, in any case. A layer with one channel beside
 /// alpha (Y, Z, anything) is grey: R = G = B. Without A or alpha, alpha is 1 inside the data window.
 ///
 /// # Errors
 /// As [`header`](super::header()); if there is no such layer (the error lists what there is), it has
-/// no colours, its chunks are missing, damaged or subsampled, or it takes more than half of the
+/// no colors, its chunks are missing, damaged or subsampled, or it takes more than half of the
 /// machine's memory.
 pub fn picture(path: &Path, layer: Option<&str>) -> Result<Picture> {
     picture_within(path, layer, Limits::default())
@@ -67,7 +67,7 @@ pub fn picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Resul
         None => default(&header, &layers),
     }
     .map_err(|e| e.at(path))?;
-    let Some(channels) = colours(&header, chosen) else {
+    let Some(channels) = colors(&header, chosen) else {
         return Err(Error::invalid(format!(
             "layer '{}' has the channels {}, which make no picture",
             chosen.name,
@@ -100,7 +100,7 @@ pub fn picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Resul
 }
 
 /// Channel indices in the part: grey, grey and alpha, RGB, or RGBA.
-fn colours(header: &Header, layer: &LayerInfo) -> Option<Vec<usize>> {
+fn colors(header: &Header, layer: &LayerInfo) -> Option<Vec<usize>> {
     let find = |names: [&str; 2]| {
         layer.channels.iter().copied().find(|&c| {
             let component = &header.parts[layer.part].channels[c].component;
@@ -155,10 +155,10 @@ fn named<'a>(layers: &'a [LayerInfo], name: &str) -> Result<&'a LayerInfo> {
 }
 
 fn default<'a>(header: &Header, layers: &'a [LayerInfo]) -> Result<&'a LayerInfo> {
-    let coloured = |l: &&LayerInfo| colours(header, l).is_some_and(|c| c.len() >= 3);
-    let grey = |l: &&LayerInfo| colours(header, l).is_some_and(|c| c.len() < 3);
-    let called = |name: &str| layers.iter().filter(coloured).find(|l| l.name.eq_ignore_ascii_case(name));
-    let ending = |name: &str| layers.iter().filter(coloured).find(|l| last_word(&l.name).eq_ignore_ascii_case(name));
+    let colored = |l: &&LayerInfo| colors(header, l).is_some_and(|c| c.len() >= 3);
+    let grey = |l: &&LayerInfo| colors(header, l).is_some_and(|c| c.len() < 3);
+    let called = |name: &str| layers.iter().filter(colored).find(|l| l.name.eq_ignore_ascii_case(name));
+    let ending = |name: &str| layers.iter().filter(colored).find(|l| last_word(&l.name).eq_ignore_ascii_case(name));
     fn only<'a>(mut found: impl Iterator<Item = &'a LayerInfo>) -> Option<&'a LayerInfo> {
         found.next().filter(|_| found.next().is_none())
     }
@@ -169,7 +169,7 @@ fn default<'a>(header: &Header, layers: &'a [LayerInfo]) -> Result<&'a LayerInfo
         .or_else(|| ending("Combined"))
         .or_else(|| ending("beauty"))
         .or_else(|| ending("C"))
-        .or_else(|| only(layers.iter().filter(coloured)))
+        .or_else(|| only(layers.iter().filter(colored)))
         .or_else(|| layers.iter().filter(grey).find(|l| l.name.is_empty()))
         .or_else(|| only(layers.iter().filter(grey)))
         .ok_or_else(|| {

@@ -19,7 +19,7 @@ pub const VERSION: u32 = 1;
 
 /// What the entries of a function must be.
 pub(super) const ENTRIES: &str =
-    "densities must ascend (two alike make a step), colours and extinctions be finite and not negative";
+    "densities must ascend (two alike make a step), colors and extinctions be finite and not negative";
 
 /// An object whose values are read when they are asked for.
 pub(super) type Object<'a> = BTreeMap<String, &'a RawValue>;
@@ -126,7 +126,7 @@ pub(super) fn transfer(object: &Object) -> Result<Transfer> {
     })?;
     let transfer: Transfer = serde_json::from_str(raw.get()).map_err(|e| {
         Error::invalid(format!("'transfer' cannot be used: {e}")).hint(
-            "its 'kind' is texture (domain, texels), piecewise (points), gaussians (domain, lobes) or identity (domain, colour)",
+            "its 'kind' is texture (domain, texels), piecewise (points), gaussians (domain, lobes) or identity (domain, color)",
         )
     })?;
     transfer.checked().map_err(|e| e.part("'transfer'").hint(ENTRIES))

@@ -6,17 +6,17 @@
 //!
 //! ParaView's presets, in JSON (`RGBPoints`, `Points`, `ColorSpace`, `HSVWrap`, `Name`; one object or a list) and
 //! in XML (`ColorMaps`, `ColorMap`, `Point`), become points:
-//! - Colours there are display-referred sRGB, from 0 to 1, and are interpolated as such or in another space;
-//!   they are sampled densely, and made scene-linear. Between the samples a colour is off by 2e-4 at most (4e-3
+//! - Colors there are display-referred sRGB, from 0 to 1, and are interpolated as such or in another space;
+//!   they are sampled densely, and made scene-linear. Between the samples a color is off by 2e-4 at most (4e-3
 //!   where a mixture in Lab leaves what a display can show).
 //! - Opacity α is that of a layer one unit distance `u` thick: extinction is `-ln(1 - α) / u`. As no extinction is
 //!   infinite, α above [`MOST_OPACITY`] counts as that.
-//! - Without opacities, extinction rises linearly from 0 at the first colour to [`Options::extinction`] at the last.
+//! - Without opacities, extinction rises linearly from 0 at the first color to [`Options::extinction`] at the last.
 //!
 //! A VDB grid carries a transfer function as the text of our JSON under the key [`METADATA_KEY`].
 
 mod carried;
-mod colour;
+mod color;
 mod document;
 mod opacity;
 mod paraview;
@@ -126,7 +126,7 @@ fn parse(bytes: &[u8], options: &Options) -> Result<Loaded> {
 
 fn unknown(what: &str) -> Error {
     Error::unsupported(format!("no transfer function: it is {what}"))
-        .hint("a .tf.json, a colour map preset of ParaView (JSON or XML), or a VDB that carries one is expected")
+        .hint("a .tf.json, a color map preset of ParaView (JSON or XML), or a VDB that carries one is expected")
 }
 
 /// Refuses options that speak of opacities where the file states extinctions.

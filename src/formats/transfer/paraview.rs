@@ -1,6 +1,6 @@
 //! A preset of ParaView as points of a transfer function.
 
-use super::colour::{Space, linear};
+use super::color::{Space, linear};
 use super::opacity::{self, OpacityKnot};
 use super::{Loaded, Options, Source};
 use crate::error::{Error, Result};
@@ -19,16 +19,16 @@ const TOLERANCE: f64 = 1.0 / 65_536.0;
 /// The most knots of a preset.
 const MOST_KNOTS: usize = 1 << 16;
 
-const EXPORT: &str = "export the preset again from ParaView's colour map editor";
+const EXPORT: &str = "export the preset again from ParaView's color map editor";
 
 /// Density, then display-referred red, green and blue.
-pub(super) type ColourKnot = [f64; 4];
+pub(super) type ColorKnot = [f64; 4];
 
 /// A preset as files state it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Preset {
     pub space: Space,
-    pub colours: Vec<ColourKnot>,
+    pub colors: Vec<ColorKnot>,
     /// None if the file states none.
     pub opacities: Option<Vec<OpacityKnot>>,
 }
@@ -48,7 +48,7 @@ pub(super) fn loaded(
 }
 
 impl Preset {
-    /// Points of the same colours and opacities, and what was assumed.
+    /// Points of the same colors and opacities, and what was assumed.
     fn transfer(self, options: &Options) -> Result<(Transfer, Vec<String>)> {
         let curves = Curves::new(self, options)?;
         let transfer = Transfer::Piecewise { points: curves.points()? }
@@ -69,19 +69,19 @@ enum Extinction {
 /// A preset whose numbers are checked, in ascending order.
 struct Curves {
     space: Space,
-    colours: Vec<ColourKnot>,
+    colors: Vec<ColorKnot>,
     extinction: Extinction,
     notes: Vec<String>,
 }
 
 impl Curves {
     fn new(preset: Preset, options: &Options) -> Result<Self> {
-        let Preset { space, mut colours, opacities } = preset;
-        ascending(&mut colours, "colour")?;
-        for knot in &mut colours {
+        let Preset { space, mut colors, opacities } = preset;
+        ascending(&mut colors, "color")?;
+        for knot in &mut colors {
             for (value, channel) in knot[1..].iter_mut().zip(["red", "green", "blue"]) {
                 *value = share(*value, channel)
-                    .map_err(|e| e.instead("colours go from 0 to 1: divide those that go to 255 by it"))?;
+                    .map_err(|e| e.instead("colors go from 0 to 1: divide those that go to 255 by it"))?;
             }
         }
         let mut notes = Vec::new();
@@ -118,20 +118,20 @@ impl Curves {
                     .hint("give the extinction that it ends with instead"));
                 }
                 let most = above_zero(options.extinction.unwrap_or(1.0), "extinction")?;
-                let (low, high) = (colours[0][0], colours[colours.len() - 1][0]);
+                let (low, high) = (colors[0][0], colors[colors.len() - 1][0]);
                 notes.push(format!(
                     "the preset states no opacities: extinction rises from 0 at density {low} to {most} at {high}"
                 ));
                 Extinction::Rise { low, high, most }
             }
         };
-        Ok(Self { space, colours, extinction, notes })
+        Ok(Self { space, colors, extinction, notes })
     }
 
     /// All densities where a curve may have a kink or a step, ascending.
     fn knots(&self) -> Vec<f64> {
-        let mut all: Vec<f64> = self.colours.iter().map(|k| k[0]).collect();
-        for pair in self.colours.windows(2) {
+        let mut all: Vec<f64> = self.colors.iter().map(|k| k[0]).collect();
+        for pair in self.colors.windows(2) {
             let [from, to] = [&pair[0], &pair[1]];
             let kinks = self.space.kinks(rgb(from), rgb(to));
             all.extend(kinks.into_iter().map(|s| (1.0 - s) * from[0] + s * to[0]));
@@ -184,7 +184,7 @@ impl Curves {
 
     /// Values at a density of the piece around `middle`, infinite for those outside.
     fn at(&self, density: f64, middle: f64) -> Rgbs {
-        let [r, g, b] = match piece(&self.colours, middle) {
+        let [r, g, b] = match piece(&self.colors, middle) {
             Piece::Outside(knot) => rgb(knot),
             Piece::Between(from, to) => self.space.between((density - from[0]) / (to[0] - from[0]), rgb(from), rgb(to)),
         }
@@ -209,7 +209,7 @@ impl Curves {
     }
 }
 
-fn rgb([_, r, g, b]: &ColourKnot) -> [f64; 3] {
+fn rgb([_, r, g, b]: &ColorKnot) -> [f64; 3] {
     [*r, *g, *b]
 }
 
@@ -286,11 +286,11 @@ mod tests {
     }
 
     fn grey(space: Space, opacities: Option<Vec<OpacityKnot>>) -> Preset {
-        Preset { space, colours: vec![[0.0, 0.5, 0.5, 0.5], [2.0, 0.5, 0.5, 0.5]], opacities }
+        Preset { space, colors: vec![[0.0, 0.5, 0.5, 0.5], [2.0, 0.5, 0.5, 0.5]], opacities }
     }
 
     #[test]
-    fn one_colour_and_a_rise_are_two_points() {
+    fn one_color_and_a_rise_are_two_points() {
         let got = points(grey(Space::Rgb, None), &Options { extinction: Some(5.0), ..Options::default() });
         // sRGB 0.5 is 0.214041 of the light.
         let c = ((0.5_f64 + 0.055) / 1.055).powf(2.4);
@@ -327,7 +327,7 @@ mod tests {
     fn steps_stay_steps() {
         let step = Preset {
             space: Space::Step,
-            colours: vec![[0.0, 0.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0], [2.0, 0.0, 1.0, 0.0]],
+            colors: vec![[0.0, 0.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0], [2.0, 0.0, 1.0, 0.0]],
             opacities: Some(vec![[0.0, 0.0, 0.25, 1.0], [2.0, 0.5, 0.5, 0.0]]),
         };
         let s = -(0.5_f64.ln());
@@ -373,14 +373,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn sampled_colours_stay_close_to_the_curve(
+        fn sampled_colors_stay_close_to_the_curve(
             from in prop::array::uniform3(0.0..=1.0_f64), to in prop::array::uniform3(0.0..=1.0_f64), space in 0..5_usize,
         ) {
             let space = [
                 Space::Rgb, Space::Hsv { wrap: false }, Space::Hsv { wrap: true }, Space::Lab, Space::Diverging,
             ][space];
             let knot = |d: f64, c: [f64; 3]| [d, c[0], c[1], c[2]];
-            let preset = Preset { space, colours: vec![knot(-1.0, from), knot(3.0, to)], opacities: None };
+            let preset = Preset { space, colors: vec![knot(-1.0, from), knot(3.0, to)], opacities: None };
             let got = preset.transfer(&Options::default()).unwrap().0.table().unwrap();
             for i in 0..=1000 {
                 let s = f64::from(i) / 1000.0;
@@ -396,7 +396,7 @@ mod tests {
 
         #[test]
         fn any_preset_is_read_or_refused(
-            colours in prop::collection::vec(prop::array::uniform4(0.0..1.0_f64), 1..6),
+            colors in prop::collection::vec(prop::array::uniform4(0.0..1.0_f64), 1..6),
             opacities in prop::option::of(prop::collection::vec(prop::array::uniform4(0.0..=1.0_f64), 1..6)),
             space in 0..6_usize, coarse in any::<bool>(),
         ) {
@@ -407,7 +407,7 @@ mod tests {
             let near = |mut k: [f64; 4]| { if coarse { k[0] = (3.0 * k[0]).floor(); } k };
             let preset = Preset {
                 space: spaces[space],
-                colours: colours.into_iter().map(near).collect(),
+                colors: colors.into_iter().map(near).collect(),
                 opacities: opacities.map(|o| o.into_iter().map(near).collect()),
             };
             let (transfer, _) = preset.transfer(&Options::default()).unwrap();

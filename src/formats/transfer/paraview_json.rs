@@ -1,6 +1,6 @@
 //! Presets of ParaView in JSON.
 
-use super::colour::Space;
+use super::color::Space;
 use super::document::{Object, short, value};
 use super::paraview::{self, Preset};
 use super::{Loaded, Options, Source, chosen};
@@ -29,12 +29,12 @@ pub(super) fn load(presets: Vec<Object>, options: &Options) -> Result<Loaded> {
 }
 
 fn preset(object: &Object) -> Result<Preset> {
-    let Some(colours) = fours(object, "RGBPoints", "density, red, green, blue")? else {
+    let Some(colors) = fours(object, "RGBPoints", "density, red, green, blue")? else {
         return Err(if object.contains_key("IndexedColors") {
             Error::unsupported("the preset is for categories ('IndexedColors'), not for a range of densities")
                 .hint("choose a preset with 'RGBPoints'")
         } else {
-            Error::invalid("no key 'RGBPoints'").hint("it lists the colours: [density, red, green, blue, density, …]")
+            Error::invalid("no key 'RGBPoints'").hint("it lists the colors: [density, red, green, blue, density, …]")
         });
     };
     if truth(object, "UseLogScale")? {
@@ -43,7 +43,7 @@ fn preset(object: &Object) -> Result<Preset> {
     }
     let space: Option<String> = value(object, "ColorSpace", "a text")?;
     let space = Space::named(space.as_deref().unwrap_or("RGB"), truth(object, "HSVWrap")?)?;
-    Ok(Preset { space, colours, opacities: fours(object, "Points", "density, opacity, midpoint, sharpness")? })
+    Ok(Preset { space, colors, opacities: fours(object, "Points", "density, opacity, midpoint, sharpness")? })
 }
 
 /// A flag, which ParaView writes as a number.

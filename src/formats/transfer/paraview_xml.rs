@@ -1,6 +1,6 @@
-//! Presets of ParaView in XML, as versions before 5 wrote them and colour map collections still do.
+//! Presets of ParaView in XML, as versions before 5 wrote them and color map collections still do.
 
-use super::colour::Space;
+use super::color::Space;
 use super::document::short;
 use super::paraview::{self, Preset};
 use super::{Loaded, Options, Source, chosen, unknown};
@@ -146,5 +146,5 @@ fn preset(map: Map) -> Result<Preset> {
     // ParaView writes 1 for each, whatever the opacities are: that states nothing.
     let stated = map.points.iter().any(|(_, o)| o.is_some_and(|o| o != 1.0));
     let opacities = stated.then(|| map.points.iter().map(|(p, o)| [p[0], o.unwrap_or(1.0), 0.5, 0.0]).collect());
-    Ok(Preset { space, colours: map.points.iter().map(|(p, _)| *p).collect(), opacities })
+    Ok(Preset { space, colors: map.points.iter().map(|(p, _)| *p).collect(), opacities })
 }

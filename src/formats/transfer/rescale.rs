@@ -53,7 +53,7 @@ pub(super) fn to_range(transfer: &Transfer, to: [f64; 2]) -> Result<Transfer> {
             let moved = |l: &Lobe| Lobe { mean: map(l.mean), ln_width: l.ln_width + wider, rgbs: l.rgbs };
             Transfer::Gaussians { domain: to, lobes: lobes.iter().map(moved).collect() }
         }
-        Transfer::Identity { domain, colour: [r, g, b] } => {
+        Transfer::Identity { domain, color: [r, g, b] } => {
             Transfer::Piecewise { points: vec![[low, *r, *g, *b, domain[0]], [high, *r, *g, *b, domain[1]]] }
         }
     };
@@ -77,7 +77,7 @@ mod tests {
                 domain: [1.0, 3.0],
                 lobes: vec![Lobe { mean: 1.6, ln_width: -1.5, rgbs: rgbs(0.3) }],
             },
-            Transfer::Identity { domain: [1.0, 3.0], colour: [0.3, 0.6, 0.9] },
+            Transfer::Identity { domain: [1.0, 3.0], color: [0.3, 0.6, 0.9] },
         ] {
             let scaled = to_range(&t, [-2.0, 8.0]).unwrap();
             assert_eq!(range(&scaled), [-2.0, 8.0]);
@@ -95,7 +95,7 @@ mod tests {
     fn what_is_no_range_is_refused() {
         let one = Transfer::Piecewise { points: vec![[0.5; 5]] };
         assert!(to_range(&one, [0.0, 1.0]).unwrap_err().to_string().contains("no range"));
-        let t = Transfer::Identity { domain: [0.0, 1.0], colour: [1.0; 3] };
+        let t = Transfer::Identity { domain: [0.0, 1.0], color: [1.0; 3] };
         assert!(to_range(&t, [1.0, 1.0]).unwrap_err().to_string().contains("ascend"));
         assert!(to_range(&t, [f64::NAN, 1.0]).is_err());
     }

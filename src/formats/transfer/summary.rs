@@ -20,7 +20,7 @@ pub struct TransferSummary {
     /// Greatest extinction, per world unit.
     pub peak_extinction: f64,
     /// Greatest radiance of the source, by channel.
-    pub peak_colour: [f64; 3],
+    pub peak_color: [f64; 3],
     /// True if density 0 absorbs nothing: empty space can be skipped.
     pub empty_at_zero: bool,
 }
@@ -45,7 +45,7 @@ impl TransferSummary {
             parameters,
             range: range(transfer),
             peak_extinction,
-            peak_colour: [r, g, b],
+            peak_color: [r, g, b],
             empty_at_zero: table.at(0.0)[3] == 0.0,
         })
     }
@@ -58,7 +58,7 @@ impl fmt::Display for TransferSummary {
             "texture" => ("texel", "texels"),
             "piecewise" => ("point", "points"),
             "gaussians" => ("lobe", "lobes"),
-            _ => ("colour", "colours"),
+            _ => ("color", "colors"),
         };
         let [low, high] = self.range;
         let empty = if self.empty_at_zero { "nothing" } else { "something" };
@@ -86,7 +86,7 @@ mod tests {
             Transfer::Texture { domain: [0.0, 1.0], texels: vec![[0.5; 4]; 3] },
             Transfer::Piecewise { points: vec![[0.0; 5], [1.0; 5]] },
             Transfer::Gaussians { domain: [0.0, 1.0], lobes: vec![Lobe { mean: 0.5, ln_width: -2.0, rgbs: [1.0; 4] }] },
-            Transfer::Identity { domain: [0.0, 1.0], colour: [1.0; 3] },
+            Transfer::Identity { domain: [0.0, 1.0], color: [1.0; 3] },
         ] {
             let s = TransferSummary::of(&t).unwrap();
             assert_eq!(s.parameters, t.parameters().len(), "{s}");

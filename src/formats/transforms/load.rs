@@ -69,10 +69,10 @@ fn parse(json: &Path, limits: Limits) -> Result<Capture> {
     Ok(Capture {
         frames,
         model: top.named("model", &["absorption", "emission-absorption"])?.unwrap_or(Model::Absorption),
-        background: top.colour("background", "white")?.unwrap_or([1.0; 3]),
+        background: top.color("background", "white")?.unwrap_or([1.0; 3]),
         pixel_filter: top.named("pixel_filter", &["point", "box"])?.unwrap_or(PixelFilter::Point),
         density_scale: positive("density_scale")?.unwrap_or(1.0),
-        emission: top.colour("emission", "white")?.unwrap_or([1.0; 3]),
+        emission: top.color("emission", "white")?.unwrap_or([1.0; 3]),
         emission_model: top.named("emission_model", &["grey", "linear"])?.unwrap_or(EmissionModel::Grey),
         transfer: top.transfer()?,
         lattice: top.matrix("lattice")?,
@@ -250,7 +250,7 @@ impl Keys<'_> {
         }
     }
 
-    fn colour(&self, key: &str, unless_given: &str) -> Result<Option<[f32; 3]>> {
+    fn color(&self, key: &str, unless_given: &str) -> Result<Option<[f32; 3]>> {
         let Some(value) = self.get(key) else { return Ok(None) };
         let numbers: Option<Vec<f32>> = value.as_array().and_then(|list| {
             list.iter().map(|v| v.as_f64().map(|n| n as f32).filter(|n| n.is_finite() && *n >= 0.0)).collect()

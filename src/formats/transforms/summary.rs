@@ -32,7 +32,7 @@ pub struct CaptureSummary {
     pub emission: Option<[f32; 3]>,
     /// How that radiance follows the density; none where the model has no source.
     pub emission_model: Option<EmissionModel>,
-    /// Whether colours and extinction follow a transfer function.
+    /// Whether colors and extinction follow a transfer function.
     pub transfer: bool,
     /// What a pixel's value stands for.
     pub pixel_filter: PixelFilter,
@@ -91,11 +91,11 @@ impl fmt::Display for CaptureSummary {
         write!(f, "cameras: {} perspective, {} orthographic, ", self.frames - self.orthographic, self.orthographic)?;
         writeln!(f, "positions from {:?} to {:?}", self.cameras_min, self.cameras_max)?;
         match (self.emission, self.emission_model) {
-            (Some(colour), Some(EmissionModel::Grey)) => {
-                writeln!(f, "model: emission-absorption, emission {colour:?} everywhere")?;
+            (Some(color), Some(EmissionModel::Grey)) => {
+                writeln!(f, "model: emission-absorption, emission {color:?} everywhere")?;
             }
-            (Some(colour), Some(EmissionModel::Linear)) => {
-                writeln!(f, "model: emission-absorption, emission {colour:?} times the density")?;
+            (Some(color), Some(EmissionModel::Linear)) => {
+                writeln!(f, "model: emission-absorption, emission {color:?} times the density")?;
             }
             _ if self.transfer => writeln!(f, "model: emission-absorption, by a transfer function")?,
             _ => writeln!(f, "model: absorption")?,

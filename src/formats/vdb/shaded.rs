@@ -63,14 +63,14 @@ pub fn read(file: &File, extinction: Option<&str>, max_memory: u64) -> Result<Br
     let place = |e: Error| e.part(format!("grid '{EMISSION}'")).at(file.path());
     if !file.entries().iter().any(|e| e.base_name == EMISSION) {
         return Err(place(Error::invalid("a pre-shaded volume needs a vec3s grid of this name"))
-            .hint("`cumulo reconstruct colour` writes one; `cumulo info` lists what the file has"));
+            .hint("`cumulo reconstruct color` writes one; `cumulo info` lists what the file has"));
     }
     let native = file.read(EMISSION)?;
     let info = native.info().map_err(place)?;
     if info.components != 3 {
         return Err(place(
             Error::unsupported(format!("the grid holds {} values, vec3s are needed", info.value_type))
-                .hint("`cumulo reconstruct colour` writes such a grid"),
+                .hint("`cumulo reconstruct color` writes such a grid"),
         ));
     }
     let transform = info.affine().map_err(place)?;

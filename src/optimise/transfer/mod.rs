@@ -3,7 +3,7 @@
 //!
 //! A few hundred unknowns stand against a hundred thousand pixels, and most of the problem is linear: the
 //! logarithm of the transmittance is linear in the extinctions, and with these known the picture is linear in
-//! the colours. So extinctions are taken from alpha first, colours from them, and then both are refined
+//! the colors. So extinctions are taken from alpha first, colors from them, and then both are refined
 //! together on the normal equations of rays drawn from all pictures. How smooth the function is, the
 //! held-out views decide. The thousand steps are there to compare with ([`Solver::Paper`]).
 
@@ -73,7 +73,7 @@ pub struct Request {
     pub rays: usize,
     /// Rays along each edge of a pixel.
     pub rays_per_edge: usize,
-    /// Refinements of extinctions and colours together, or epochs, at most.
+    /// Refinements of extinctions and colors together, or epochs, at most.
     pub iterations: u32,
     /// A function to begin with.
     pub init: Option<Transfer>,
@@ -134,7 +134,7 @@ pub struct Step {
 pub struct Outcome {
     /// The function, as a texture.
     pub transfer: Transfer,
-    /// How much the pictures say about each texel's extinction and colour, 0..1: the share of the
+    /// How much the pictures say about each texel's extinction and color, 0..1: the share of the
     /// curvature that is theirs, not the prior's. Empty after a descent, and where the work was stopped.
     pub confidence: Vec<[f64; 2]>,
     /// Weight of the prior that was chosen.
@@ -179,7 +179,7 @@ pub fn reconstruct(
     }
 }
 
-/// Extinctions from alpha, colours, then both; smoothness by the held-out views.
+/// Extinctions from alpha, colors, then both; smoothness by the held-out views.
 fn newton(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> ControlFlow<()>) -> Result<Outcome> {
     let request = fit.request;
     let mut stages = Vec::new();
@@ -197,9 +197,9 @@ fn newton(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> Cont
         }
         stage("extinctions from alpha", begun);
         let begun = Instant::now();
-        fit.refine(first, Unknowns::Colours)?;
+        fit.refine(first, Unknowns::Colors)?;
         fit.resample(request.texels)?;
-        stage("colours", begun);
+        stage("colors", begun);
     }
     let begun = Instant::now();
     // Held-out views without a pixel that is finite choose nothing.
@@ -239,7 +239,7 @@ fn newton(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> Cont
         }
     }
     stopped |= request.cancel.requested();
-    stage("extinctions and colours", begun);
+    stage("extinctions and colors", begun);
     // The smoothest of those that are as good as the best.
     let enough = GOOD_ENOUGH * least(&tried);
     let mut smooth = first;
@@ -311,7 +311,7 @@ fn sampled(transfer: &Transfer, domain: [f64; 2], texels: usize) -> Result<Vec<R
 /// What a refinement changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Unknowns {
-    Colours,
+    Colors,
     All,
 }
 
@@ -411,18 +411,18 @@ impl<'a> Fit<'a> {
         Ok(rms)
     }
 
-    /// Extinction that counts as much as a colour of one.
+    /// Extinction that counts as much as a color of one.
     fn scale(&self) -> f64 {
         let largest = self.texels.iter().fold(0.0_f64, |m, t| m.max(t[3]));
         if largest > 0.0 { largest } else { 1.0 / self.field.world_bounds().size().max_element() }
     }
 
-    /// Mean squared difference of the colours; `None` without rays.
+    /// Mean squared difference of the colors; `None` without rays.
     fn error(&self, rays: &Rays) -> Result<Option<f64>> {
         if rays.is_empty() {
             return Ok(None);
         }
-        let square = rows::colour_cost(&self.renderer(&self.texels)?, rays);
+        let square = rows::color_cost(&self.renderer(&self.texels)?, rays);
         Ok(Some(square / (3 * rays.len()) as f64))
     }
 

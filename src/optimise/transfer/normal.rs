@@ -1,4 +1,4 @@
-//! Normal equations of texels, in blocks: all channels share the colours' block.
+//! Normal equations of texels, in blocks: all channels share the colors' block.
 
 use crate::scene::table::Rgbs;
 use glam::{DVec4, Vec4};
@@ -10,9 +10,9 @@ pub(super) struct Normal {
     count: usize,
     /// Extinction by extinction; upper triangle.
     ss: Vec<f64>,
-    /// Extinction by colour, for each channel.
+    /// Extinction by color, for each channel.
     sc: [Vec<f64>; 3],
-    /// Colour by colour, for every channel.
+    /// Color by color, for every channel.
     cc: Vec<f64>,
     /// `Jᵀ r` by extinction, red, green, blue.
     slope: [Vec<f64>; 4],
@@ -27,8 +27,8 @@ pub(super) struct Row {
     pub texels: Vec<u32>,
     /// Of red, green, blue and alpha by extinction.
     pub by_extinction: Vec<Vec4>,
-    /// Of any channel by its colour.
-    pub by_colour: Vec<f32>,
+    /// Of any channel by its color.
+    pub by_color: Vec<f32>,
     /// Seen less wanted.
     pub residual: [f64; 4],
 }
@@ -38,7 +38,7 @@ pub(super) struct Row {
 #[derive(Debug, Clone)]
 pub(super) struct Sums {
     count: usize,
-    /// Row by row: red, green and blue by extinction i times their colour j; colour by colour.
+    /// Row by row: red, green and blue by extinction i times their color j; color by color.
     mixed: Vec<Vec4>,
     /// Extinction by extinction, of each channel; on and above the diagonal.
     extinctions: Vec<Vec4>,
@@ -63,14 +63,14 @@ impl Sums {
                 if row.texels.get(*a) != Some(&(i as u32)) {
                     continue;
                 }
-                let (own, colour) = (row.by_extinction[*a], row.by_colour[*a]);
+                let (own, color) = (row.by_extinction[*a], row.by_color[*a]);
                 self.slope[0][i] += own.as_dvec4().dot(DVec4::from_array(row.residual));
                 for c in 0..3 {
-                    self.slope[1 + c][i] += f64::from(colour) * row.residual[c];
+                    self.slope[1 + c][i] += f64::from(color) * row.residual[c];
                 }
-                let with_colour = own.truncate().extend(colour);
-                for (&j, &colour) in row.texels.iter().zip(&row.by_colour) {
-                    mixed[j as usize] += with_colour * colour;
+                let with_color = own.truncate().extend(color);
+                for (&j, &color) in row.texels.iter().zip(&row.by_color) {
+                    mixed[j as usize] += with_color * color;
                 }
                 for (&j, &other) in row.texels[*a..].iter().zip(&row.by_extinction[*a..]) {
                     extinctions[j as usize] += own * other;
@@ -116,11 +116,11 @@ impl Normal {
     /// Adds what pixels summed up to.
     pub fn merge(&mut self, sums: &Sums) {
         for (k, (mixed, extinctions)) in sums.mixed.iter().zip(&sums.extinctions).enumerate() {
-            let [red, green, blue, colours] = mixed.to_array().map(f64::from);
+            let [red, green, blue, colors] = mixed.to_array().map(f64::from);
             for (sum, part) in self.sc.iter_mut().zip([red, green, blue]) {
                 sum[k] += part;
             }
-            self.cc[k] += colours;
+            self.cc[k] += colors;
             self.ss[k] += extinctions.as_dvec4().element_sum();
         }
         for (sum, part) in self.slope.iter_mut().flatten().zip(sums.slope.iter().flatten()) {
@@ -199,7 +199,7 @@ impl Normal {
         Some(out)
     }
 
-    /// Share of the data in the curvature at each texel, of extinction and colour.
+    /// Share of the data in the curvature at each texel, of extinction and color.
     pub fn confidence(&self, prior: &Prior) -> Vec<[f64; 2]> {
         let n = self.count;
         let share = |m: &[f64], i: usize| {

@@ -1,7 +1,7 @@
 //! The recipe of Weiss & Westermann (2021, sect. 5.2), as published: Adam with learning rate 0.8 on the sum of
 //! absolute differences (eq. 12) plus λ times the mean squared difference of neighbouring texels, 200 epochs.
 //!
-//! As in their code colours are `1 / (1 + e^{-u})` of what descends and extinctions `ln(1 + e^u)`, these in units of
+//! As in their code colors are `1 / (1 + e^{-u})` of what descends and extinctions `ln(1 + e^u)`, these in units of
 //! the one that, over a quarter of the volume, gives the largest optical depth seen. All begin at `u = 0`, where theirs
 //! begin at noise; of the pixels, those are used that were drawn.
 
@@ -19,7 +19,7 @@ const RATE: f32 = 0.8;
 pub(super) const SMOOTH: f64 = 0.4;
 /// Alphas above this say that a ray is opaque, not how deep it is.
 const OPAQUE: f32 = 0.999;
-/// How close a colour may come to 0 and 1, an extinction to 0, where a function is given to begin with.
+/// How close a color may come to 0 and 1, an extinction to 0, where a function is given to begin with.
 const CLOSE: f64 = 1e-3;
 
 /// What descends.

@@ -161,11 +161,11 @@ fn sums(dvr: &Dvr<'_, f32>, rays: &Rays, scale: f64, texels: usize, pixels: Rang
                 row.residual = std::array::from_fn(|c| seen[c] - f64::from(rays.wanted[pixel][c]));
                 row.texels.clear();
                 row.by_extinction.clear();
-                row.by_colour.clear();
+                row.by_color.clear();
                 for (j, by) in scratch.texels() {
                     row.texels.push(j);
                     row.by_extinction.push((scale * DVec4::from_array(by.extinction)).as_vec4());
-                    row.by_colour.push(by.colour as f32);
+                    row.by_color.push(by.color as f32);
                 }
             }
             sums.add(&rows[..pixels.len()]);
@@ -211,7 +211,7 @@ pub(super) fn cost(dvr: &Dvr<'_, f32>, rays: &Rays) -> f64 {
     sum(dvr, rays, |d| d.iter().map(|v| v * v).sum())
 }
 
-/// The same of the colours alone.
-pub(super) fn colour_cost(dvr: &Dvr<'_, f32>, rays: &Rays) -> f64 {
+/// The same of the colors alone.
+pub(super) fn color_cost(dvr: &Dvr<'_, f32>, rays: &Rays) -> f64 {
     sum(dvr, rays, |d| d[..3].iter().map(|v| v * v).sum())
 }

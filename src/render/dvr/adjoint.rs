@@ -63,8 +63,8 @@ impl<R: Precision> Dvr<'_, R> {
         if self.uniform(&pass.ray).is_some() || adjoint == Adjoint::Inversion {
             return R::uncommon(&mut pass, loss, adjoint, tape);
         }
-        if let (Source::Grey(colour), None) = (&self.medium.source, &pass.sinks.ray) {
-            return pass.depth_only(loss, adjoint, ExactDepth, *colour, &mut tape.cells);
+        if let (Source::Grey(color), None) = (&self.medium.source, &pass.sinks.ray) {
+            return pass.depth_only(loss, adjoint, ExactDepth, *color, &mut tape.cells);
         }
         let Tape { chords, lit_chords, .. } = tape;
         match &self.matter {
@@ -94,7 +94,7 @@ pub(super) struct Weighted<const C: usize> {
     /// `Σ g_c background_c - g_α`.
     pub background: f64,
     /// For each channel of the curve.
-    pub colour: [f64; C],
+    pub color: [f64; C],
 }
 
 /// One ray's forward and backward pass.
@@ -119,16 +119,16 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         loss: Loss<'_, R>,
         adjoint: Adjoint,
         rule: Q,
-        colour: [f32; 3],
+        color: [f32; 3],
         tape: &mut Vec<Quartet<R>>,
     ) -> Radiance<R> {
         tape.clear();
         let Blend { depth, last, .. } = kernel::depth(self.dvr, &self.ray, rule, tape, adjoint == Adjoint::Tape);
-        let seen = grey(depth, colour, self.dvr.background);
-        let tint = [colour.map(f64::from)];
+        let seen = grey(depth, color, self.dvr.background);
+        let tint = [color.map(f64::from)];
         let weighted = self.shared(loss(&seen), &[-(-depth).exp_m1()], depth, &tint);
         // ∂L/∂depth: more depth replaces background by source.
-        let slope = (-depth).exp() * (weighted.colour[0] - weighted.background);
+        let slope = (-depth).exp() * (weighted.color[0] - weighted.background);
         let g = R::of(slope * self.dvr.medium.extinction);
         self.sinks.shared.extinction += slope * depth / self.dvr.medium.extinction;
         let Some(gradient) = self.sinks.voxels.as_deref_mut() else { return seen };
@@ -218,7 +218,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         seen
     }
 
-    /// Gradient of colour and background; the weights that the rest needs.
+    /// Gradient of color and background; the weights that the rest needs.
     #[inline(always)]
     pub(super) fn shared<const C: usize>(
         &mut self,
@@ -229,16 +229,16 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     ) -> Weighted<C> {
         let loss = g.map(Real::f64);
         let transmittance = (-depth).exp();
-        let mut weighted = Weighted { loss, background: -loss[3], colour: [0.0; C] };
+        let mut weighted = Weighted { loss, background: -loss[3], color: [0.0; C] };
         let shared = &mut *self.sinks.shared;
         for c in 0..3 {
             shared.background[c] += loss[c] * transmittance;
             weighted.background += loss[c] * f64::from(self.dvr.background[c]);
-            for (weight, tint) in weighted.colour.iter_mut().zip(tint) {
+            for (weight, tint) in weighted.color.iter_mut().zip(tint) {
                 *weight += loss[c] * tint[c];
             }
             if C == 1 {
-                shared.colour[c] += loss[c] * emitted[0];
+                shared.color[c] += loss[c] * emitted[0];
             }
         }
         weighted
@@ -301,7 +301,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         weighted: &Weighted<C>,
     ) {
         let Some(jump) = Jump::find(curve, &self.dvr.field.values, &self.ray, segment, end) else { return };
-        let [own, more] = jump.gains(&weighted.colour, open, beyond);
+        let [own, more] = jump.gains(&weighted.color, open, beyond);
         if let Some(voxels) = self.sinks.voxels.as_deref_mut() {
             scatter(voxels, jump.place.offset, R::of(-own), &jump.place.weights());
         }
@@ -353,7 +353,7 @@ impl<const C: usize> Backward<C> {
         light: &Light<R>,
     ) {
         let line = curve.piece(segment.piece());
-        let glow = Glow::new(line, light.mean, &self.weighted.colour);
+        let glow = Glow::new(line, light.mean, &self.weighted.color);
         pass.jump(curve, (segment, End::Far), [self.open, self.beyond], &self.weighted);
         // Not as the tape has it: replay is to find the same.
         self.depth -= light.depth.f64();

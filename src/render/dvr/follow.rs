@@ -20,7 +20,7 @@ impl<R: Real> Pass<'_, '_, R> {
     ) -> f64 {
         let density = self.dvr.field.sample(self.ray.at(t));
         let (line, extinction) = optics.at(density);
-        extinction.f64() * (Glow::new(line, density, &weighted.colour).mean - beyond)
+        extinction.f64() * (Glow::new(line, density, &weighted.color).mean - beyond)
     }
 
     /// Notes what a segment's points ask the ray to do.

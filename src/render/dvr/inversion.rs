@@ -30,7 +30,7 @@ pub(super) fn backward<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>, const 
     for entry in tape.iter().rev() {
         let (segment, light) = (&entry.segment, &entry.light);
         let line = curve.piece(segment.piece());
-        let glow = Glow::new(line, light.mean, &weighted.colour);
+        let glow = Glow::new(line, light.mean, &weighted.color);
         let (mean, slope) = (R::of(glow.mean), R::of(glow.slope));
         // More opacity takes away what arrives from beyond.
         let arriving = |open: R, by_opacity: R| [open.f64(), -(open * by_opacity).f64()];

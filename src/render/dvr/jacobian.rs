@@ -1,6 +1,6 @@
 //! All channels' derivatives with respect to a transfer function's knots in one backward walk: a row of the
 //! normal equations. The recursion of [`adjoint`](super::adjoint), for each channel in turn but with what the channels
-//! share taken once: the derivative by a colour is that channel's alone and the same for all, and that of alpha by an
+//! share taken once: the derivative by a color is that channel's alone and the same for all, and that of alpha by an
 //! optical depth is the ray's transmittance.
 
 use super::kernel::{self, over};
@@ -17,8 +17,8 @@ use crate::render::rule::Rule;
 pub struct ByKnot {
     /// Of red, green, blue and alpha by its extinction.
     pub extinction: [f64; 4],
-    /// Of each channel by its own colour.
-    pub colour: f64,
+    /// Of each channel by its own color.
+    pub color: f64,
 }
 
 impl ByKnot {
@@ -105,8 +105,8 @@ impl<R: Precision> Dvr<'_, R> {
             // Of the light that arrives, the upper knot's share.
             let lit = absorbed * line.fraction(light.mean).f64()
                 + (R::of(*open) * light.varied * line.fraction_slope()).f64();
-            high.colour += weight * lit;
-            low.colour += weight * (absorbed - lit);
+            high.color += weight * lit;
+            low.color += weight * (absorbed - lit);
             let mut add = |channel: usize, slope: R, by: By<R>| {
                 let slopes = segment.slopes(line, light, slope, by).extinction;
                 let (both, upper) = (slopes.sum().f64(), (slopes * fraction).sum().f64());

@@ -60,9 +60,9 @@ pub(super) fn depth<R: Real, Q: DepthRule<R>>(
 
 /// `L = c (1 - T) + T · background`.
 #[inline(always)]
-pub(super) fn grey<R: Real>(depth: f64, colour: [f32; 3], background: [f32; 3]) -> Radiance<R> {
+pub(super) fn grey<R: Real>(depth: f64, color: [f32; 3], background: [f32; 3]) -> Radiance<R> {
     let opacity = -(-depth).exp_m1();
-    over(colour.map(|c| f64::from(c) * opacity), depth, background)
+    over(color.map(|c| f64::from(c) * opacity), depth, background)
 }
 
 /// `L = emitted + T · background`.

@@ -54,7 +54,7 @@ pub struct Radiance<R> {
 }
 
 impl<R: Real> Radiance<R> {
-    /// Colour and alpha = 1 - transmittance.
+    /// Color and alpha = 1 - transmittance.
     pub fn rgba(&self) -> [R; 4] {
         [self.rgb[0], self.rgb[1], self.rgb[2], R::ONE - self.transmittance]
     }
@@ -102,9 +102,9 @@ enum Matter<R: Real> {
 
 impl<R: Real> Matter<R> {
     fn new(medium: &Medium) -> Self {
-        let line = |source: [f64; 2], colour: [f32; 3]| {
-            let brightest = f64::from(colour.into_iter().fold(f32::MIN_POSITIVE, f32::max));
-            let tint = [colour.map(f64::from)];
+        let line = |source: [f64; 2], color: [f32; 3]| {
+            let brightest = f64::from(color.into_iter().fold(f32::MIN_POSITIVE, f32::max));
+            let tint = [color.map(f64::from)];
             Self::Line(Arc::new(Optics {
                 curve: Curve::line(medium.extinction, source),
                 tint,
@@ -112,8 +112,8 @@ impl<R: Real> Matter<R> {
             }))
         };
         match &medium.source {
-            Source::Grey(colour) => line([1.0, 0.0], *colour),
-            Source::Linear(colour) => line([0.0, 1.0], *colour),
+            Source::Grey(color) => line([1.0, 0.0], *color),
+            Source::Linear(color) => line([0.0, 1.0], *color),
             Source::Transfer(table) => {
                 let brightest = table.peak()[..3].iter().fold(f64::MIN_POSITIVE, |a, b| a.max(*b));
                 let tint = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -268,8 +268,8 @@ impl<R: Precision> Dvr<'_, R> {
     }
 }
 
-fn largest(colour: [f32; 3]) -> f64 {
-    colour.into_iter().fold(0.0, |m: f64, v| m.max(v.into()))
+fn largest(color: [f32; 3]) -> f64 {
+    color.into_iter().fold(0.0, |m: f64, v| m.max(v.into()))
 }
 
 /// Direct volume renderer of a density field in precision `R`.
@@ -358,8 +358,8 @@ impl<'a, R: Real> Dvr<'a, R> {
     /// the background.
     pub fn left_out(&self) -> f64 {
         let brightest = match &self.medium.source {
-            Source::Grey(colour) => largest(*colour),
-            Source::Linear(colour) => largest(*colour) * self.field.range().1.f64().max(0.0),
+            Source::Grey(color) => largest(*color),
+            Source::Linear(color) => largest(*color) * self.field.range().1.f64().max(0.0),
             Source::Transfer(table) => table.peak()[..3].iter().fold(0.0, |m: f64, v| m.max(*v)),
         };
         (-self.depth_limit).exp() * brightest.max(largest(self.background)).max(1.0)
@@ -434,8 +434,8 @@ impl<'a, R: Real> Dvr<'a, R> {
 
     #[inline(always)]
     fn radiance_with(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance<R> {
-        if let Source::Grey(colour) = self.medium.source {
-            return grey(self.depth_with(ray, tape), colour, self.background);
+        if let Source::Grey(color) = self.medium.source {
+            return grey(self.depth_with(ray, tape), color, self.background);
         }
         let Some(ray) = self.index_ray(ray) else { return grey(0.0, [0.0; 3], self.background) };
         match &self.matter {

@@ -21,8 +21,8 @@ pub enum Adjoint {
 pub struct ParameterGradient {
     /// With respect to the medium's extinction.
     pub extinction: f64,
-    /// With respect to the source's colour; zero with a transfer function, which has its own.
-    pub colour: [f64; 3],
+    /// With respect to the source's color; zero with a transfer function, which has its own.
+    pub color: [f64; 3],
     /// With respect to the background.
     pub background: [f64; 3],
 }
@@ -33,7 +33,7 @@ impl ParameterGradient {
     pub fn plus(self, o: &Self) -> Self {
         Self {
             extinction: self.extinction + o.extinction,
-            colour: std::array::from_fn(|c| self.colour[c] + o.colour[c]),
+            color: std::array::from_fn(|c| self.color[c] + o.color[c]),
             background: std::array::from_fn(|c| self.background[c] + o.background[c]),
         }
     }

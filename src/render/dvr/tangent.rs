@@ -40,7 +40,7 @@ pub struct Seeds<'s, V, const P: usize> {
     pub voxels: [Option<&'s [V]>; P],
     /// Of the transfer function's pieces ([`Transfer::push`](crate::scene::transfer::Transfer::push)).
     pub table: [Option<&'s TableGradient>; P],
-    /// Of extinction, the source's colour (of media without a transfer function) and background.
+    /// Of extinction, the source's color (of media without a transfer function) and background.
     pub shared: [ParameterGradient; P],
 }
 
@@ -73,7 +73,7 @@ impl<R: Real, const P: usize> TangentRadiance<R, P> {
         Radiance { rgb: self.rgb.map(|c| c.value), transmittance: self.transmittance.value, depth: self.depth.value }
     }
 
-    /// Colour and alpha = 1 - transmittance.
+    /// Color and alpha = 1 - transmittance.
     pub fn rgba(&self) -> [Dual<R, P>; 4] {
         [self.rgb[0], self.rgb[1], self.rgb[2], Dual::constant(R::ONE) - self.transmittance]
     }
@@ -379,7 +379,7 @@ impl<const C: usize, const P: usize> Front<C, P> {
             let by = &seeds.shared[p];
             let mut sum = by.background[c] * open + f64::from(dvr.background[c]) * by_open[p];
             for (emitted, tint) in self.emitted.iter().zip(tint) {
-                sum += emitted.tangent[p] * tint[c] + if C == 1 { emitted.value * by.colour[c] } else { 0.0 };
+                sum += emitted.tangent[p] * tint[c] + if C == 1 { emitted.value * by.color[c] } else { 0.0 };
             }
             R::of(sum)
         };

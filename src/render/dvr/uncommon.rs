@@ -16,10 +16,10 @@ impl<R: Real> Pass<'_, '_, R> {
         let dvr = self.dvr;
         let uniform = dvr.uniform(&self.ray);
         // Depths are averages over cells: where the ray goes needs their points.
-        if let (Source::Grey(colour), None, Some(rule)) = (&dvr.medium.source, &self.sinks.ray, uniform)
+        if let (Source::Grey(color), None, Some(rule)) = (&dvr.medium.source, &self.sinks.ray, uniform)
             && adjoint != Adjoint::Inversion
         {
-            return self.depth_only(loss, adjoint, rule, *colour, &mut tape.cells);
+            return self.depth_only(loss, adjoint, rule, *color, &mut tape.cells);
         }
         match &dvr.matter {
             Matter::Line(optics) => self.uncommon_of(loss, adjoint, uniform, optics, tape),
@@ -64,7 +64,7 @@ impl<R: Real> Pass<'_, '_, R> {
         let weighted = self.shared(loss(&seen), &blend.emitted, blend.depth, &optics.tint);
         if self.sinks.ray.is_some() && Q::BOUNDED {
             let transmittance = (-blend.depth).exp();
-            let emitted: f64 = weighted.colour.iter().zip(&blend.emitted).map(|(w, e)| w * e).sum();
+            let emitted: f64 = weighted.color.iter().zip(&blend.emitted).map(|(w, e)| w * e).sum();
             let whole = emitted + transmittance * weighted.background;
             self.moved.leave = transmittance * self.gain(optics, self.ray.leave, weighted.background, &weighted);
             self.moved.enter = -self.gain(optics, self.ray.enter, whole, &weighted);

@@ -113,7 +113,7 @@ impl<R: Real> Preshaded<'_, R> {
 struct Backward<'a, 'd, R: Real> {
     renderer: &'a Preshaded<'d, R>,
     ray: IndexRay,
-    /// The loss's derivatives by colour, and nothing.
+    /// The loss's derivatives by color, and nothing.
     weights: R::Lanes,
     /// The sum of the derivatives by optical depths beyond.
     beyond: f64,

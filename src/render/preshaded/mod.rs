@@ -1,7 +1,7 @@
 //! Light through a pre-shaded volume: emission and extinction are fields of their own.
 //!
 //! `L = ∫ T e dt + T(end) · background` with e the radiance emitted per world length and `T = exp(-∫ σ)`; both
-//! are trilinear. (Interpolating e, not the colour `e / σ`, is what associated colours are to pictures:
+//! are trilinear. (Interpolating e, not the color `e / σ`, is what associated colors are to pictures:
 //! Wittenbrink, Malzbender & Goss 1998.) e is linear in the voxels, and so is the picture, as long as σ stays.
 //!
 //! Each cell has two Gauss points, which are exact for its optical depth x. At them the transmittance follows

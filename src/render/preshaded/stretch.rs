@@ -132,7 +132,7 @@ impl<R: Real> Stretch<R> {
         Footprint { offset: self.offset, weights: [corner(0), corner(1)] }
     }
 
-    /// Light of a unit of length at the points, as it arrives at the eye, where colours weigh `by`.
+    /// Light of a unit of length at the points, as it arrives at the eye, where colors weigh `by`.
     #[inline(always)]
     pub fn lit(&self, by: R::Lanes) -> [f64; 2] {
         [0, 1].map(|k| self.open[k].f64() * (by * self.values[k]).sum().f64())

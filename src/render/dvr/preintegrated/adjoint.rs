@@ -179,13 +179,13 @@ impl<R: Real> Default for ByRow<R> {
 impl<R: Real> Backward<'_, R> {
     #[inline(always)]
     fn visit(&mut self, pass: &mut Pass<'_, '_, R>, visit: &Visit<R>, by: &mut ByRow<R>) {
-        let beyond = |c: usize| self.weighted.colour[c] * (self.emitted[c] - visit.emitted[c]);
+        let beyond = |c: usize| self.weighted.color[c] * (self.emitted[c] - visit.emitted[c]);
         let arriving = self.behind + (beyond(0) + beyond(1) + beyond(2));
         let row = &*visit.row;
         let extinction = pass.dvr.medium.extinction;
         pass.sinks.shared.extinction += self.by_stretch(row, arriving, by) / extinction;
         if let Some(table) = pass.sinks.table.as_deref_mut() {
-            let [r, g, b] = self.weighted.colour;
+            let [r, g, b] = self.weighted.color;
             for i in 0..row.count {
                 let (mixed, drift) = (by.mixed[i].f64(), by.drift[i].f64());
                 let by_mean = [mixed * r, mixed * g, mixed * b, by.extinction[i].f64()];
@@ -219,7 +219,7 @@ impl<R: Real> Backward<'_, R> {
     #[inline(always)]
     fn by_stretch(&self, row: &Row<R>, mut arriving: f64, by: &mut ByRow<R>) -> f64 {
         let count = row.count.min(ROOM);
-        let [r, g, b] = self.weighted.colour.map(R::of);
+        let [r, g, b] = self.weighted.color.map(R::of);
         let source = |i: usize| r * row.values[0][i] + g * row.values[1][i] + b * row.values[2][i];
         for i in 0..count {
             by.source[i] = source(i);
@@ -261,7 +261,7 @@ impl<R: Real> Backward<'_, R> {
         let tables = &self.own.tables;
         let count = row.count.min(ROOM);
         let (sixth, half) = (R::of(1.0 / 6.0), R::of(0.5));
-        let [r, g, b] = self.weighted.colour.map(|w| R::Lanes::splat(R::of(w)));
+        let [r, g, b] = self.weighted.color.map(|w| R::Lanes::splat(R::of(w)));
         let slope = |i: usize| tables.piece(row.piece[i]).slope;
         // The first end, and then by four.
         let mut note = |n: usize, four: [R::Lanes; LANES], few: usize| {

@@ -1,8 +1,8 @@
 //! Stretches in a row, on each of which the density is linear in the length: their means, and what light makes of them.
 //!
 //! With `x` a stretch's optical depth, `T` the transmittance before it, `e` the mean of `σ c` over its length h, and `d`
-//! the change of the colour c from its begin to its end, it adds `T (e h A + d B)`, where `A = (1 - e^{-x}) / x` and
-//! `B = A - (1 + e^{-x}) / 2`: this has no error where the colour is linear in the optical depth.
+//! the change of the color c from its begin to its end, it adds `T (e h A + d B)`, where `A = (1 - e^{-x}) / x` and
+//! `B = A - (1 + e^{-x}) / 2`: this has no error where the color is linear in the optical depth.
 //!
 //! Loops run over plain arrays without a branch: compilers make of them what the instruction set has.
 

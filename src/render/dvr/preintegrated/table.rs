@@ -1,6 +1,6 @@
 //! Cumulative tables of a transfer function.
 //!
-//! With extinction and colour linear between two knots, what is summed up over the density, `σ r`, `σ g`, `σ b`
+//! With extinction and color linear between two knots, what is summed up over the density, `σ r`, `σ g`, `σ b`
 //! and `σ`, is quadratic there, and its integral F cubic. Sums are `f64`: their differences over a small range
 //! of densities are what is asked for.
 
@@ -12,7 +12,7 @@ use crate::scene::table::Table;
 /// One piece of a curve, in lanes for red, green, blue and extinction, at a density `base + u`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Piece<R: Real> {
-    /// Colours and extinction: `value + slope u`.
+    /// Colors and extinction: `value + slope u`.
     value: R::Lanes,
     pub slope: R::Lanes,
     /// `σ r`, `σ g`, `σ b` and `σ`: `a + 2 b u + 3 c u²`.
@@ -45,7 +45,7 @@ const BEYOND: f64 = 1e6;
 
 impl<R: Real> Cumulative<R> {
     /// Of a table whose extinctions are multiplied by `scale`; `tolerance` is what a stretch may be off by, in units of
-    /// the brightest colour.
+    /// the brightest color.
     pub fn new(table: &Table, scale: f64, tolerance: f64, curve: &Curve<R, 3>) -> Self {
         let knots = table.knots();
         let (first, last) = (knots[0], knots[knots.len() - 1]);
@@ -79,8 +79,8 @@ impl<R: Real> Cumulative<R> {
             piece
         });
         let brightest = table.peak()[..3].iter().fold(0.0, |m: f64, v| m.max(*v));
-        // Of one colour, all are mixed.
-        let colourful = table.values().iter().any(|v| v[..3] != table.values()[0][..3]);
+        // Of one color, all are mixed.
+        let colorful = table.values().iter().any(|v| v[..3] != table.values()[0][..3]);
         let scale = (last - first).max(first.abs()).max(last.abs());
         let range = if last > first { last - first } else { scale };
         let pieces: Vec<Piece<R>> = pieces.collect();
@@ -90,7 +90,7 @@ impl<R: Real> Cumulative<R> {
             outmost: [R::of(first - BEYOND * scale), R::of(last + BEYOND * scale)],
             same: R::of(1e-6 * scale),
             range,
-            limit: R::of(if colourful { tolerance * brightest.max(f64::from(f32::MIN_POSITIVE)) } else { 1e30 }),
+            limit: R::of(if colorful { tolerance * brightest.max(f64::from(f32::MIN_POSITIVE)) } else { 1e30 }),
         }
     }
 
@@ -117,7 +117,7 @@ impl<R: Real> Piece<R> {
         [of(0), of(1), of(2), of(3)]
     }
 
-    /// Colours and extinction.
+    /// Colors and extinction.
     #[inline(always)]
     pub fn values(&self, density: R) -> R::Lanes {
         self.value + R::Lanes::splat(density - self.base) * self.slope
@@ -131,7 +131,7 @@ pub(super) struct End<R: Real> {
     pub piece: u32,
     /// F.
     pub sums: [f64; 4],
-    /// Colours and extinction.
+    /// Colors and extinction.
     pub values: R::Lanes,
 }
 

@@ -1,4 +1,4 @@
-//! `cumulo reconstruct colour`: a pre-shaded volume from emission-absorption pictures.
+//! `cumulo reconstruct color`: a pre-shaded volume from emission-absorption pictures.
 
 use super::known;
 use super::region::{Chosen, Region};
@@ -11,7 +11,7 @@ use crate::cli::task::{Task, ended};
 use crate::error::{Error, Result};
 use crate::formats::transforms;
 use crate::formats::vdb::{File, shaded};
-use crate::optimise::colour::{self, Shaded};
+use crate::optimise::color::{self, Shaded};
 use crate::optimise::cost::{Cost, Method};
 use crate::optimise::density::{Request, Stage, Step};
 use crate::optimise::observation::Observation;
@@ -24,14 +24,14 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Reconstruct a pre-shaded volume from emission-absorption pictures: extinction and emitted colour by voxel
+/// Reconstruct a pre-shaded volume from emission-absorption pictures: extinction and emitted color by voxel
 ///
-/// Alpha tells the extinctions (grid 'density', per world length), the colours then tell what is emitted (grid
+/// Alpha tells the extinctions (grid 'density', per world length), the colors then tell what is emitted (grid
 /// 'emission', vec3s, radiance per world length); grids of confidences, 0 to 1, say how much the pictures tell of either
 /// in each voxel. `cumulo render --model pre-shaded` renders the result. Ctrl-C
 /// writes what is there (exit code 1); --resume goes on from it.
 #[derive(Debug, clap::Args)]
-pub struct Colour {
+pub struct Color {
     /// transforms.json of the pictures, or its folder
     capture: PathBuf,
     /// VDB to write
@@ -61,7 +61,7 @@ pub struct Colour {
     pub(in crate::cli) memory: Memory,
 }
 
-impl Colour {
+impl Color {
     /// Reads, reconstructs, writes and reports.
     ///
     /// # Errors
@@ -74,7 +74,7 @@ impl Colour {
         let inputs = outputs::of_capture(&json, &capture);
         outputs::spare([self.output.as_path()], inputs.iter().map(PathBuf::as_path))?;
         if capture.model == Model::Absorption {
-            return Err(Error::unsupported("the pictures show absorption alone, which has no colours of its own")
+            return Err(Error::unsupported("the pictures show absorption alone, which has no colors of its own")
                 .at(&json)
                 .hint("use `cumulo reconstruct density`, or state \"model\": \"emission-absorption\""));
         }
@@ -82,7 +82,7 @@ impl Colour {
 
         let begun = Instant::now();
         let (photos, mut warnings) = task.photos(&json, &capture, self.layer.as_deref(), output)?;
-        // With the background's own colour as source, alpha tells the optical depth.
+        // With the background's own color as source, alpha tells the optical depth.
         let observation = Observation::new(&photos, capture.background, capture.background).map_err(|e| e.at(&json))?;
         let mut chosen = self.region.choose(&capture, &observation, output).map_err(|e| e.at(&json))?;
         output.warn(&chosen.warnings);
@@ -94,14 +94,14 @@ impl Colour {
         let mut stages = vec![Stage { name: "read pictures".into(), seconds: begun.elapsed().as_secs_f64() }];
 
         let pixels = photos.iter().map(|p| p.film.rgba.len() as u64).sum();
-        let steps = colour::most_iterations(&request);
+        let steps = color::most_iterations(&request);
         let expected = Cost::new(Method::Color, &chosen.survey, &request, pixels, steps);
         expected.fits(limits.max_memory).map_err(|e| e.at(&json))?;
         chosen.writable(&self.output)?;
         output.note(format!("expected: {expected}"));
         task.work_begins();
         let bar = output.progress(steps, "color");
-        let outcome = colour::reconstruct(&photos, &observation, &request, init, |step: &Step| {
+        let outcome = color::reconstruct(&photos, &observation, &request, init, |step: &Step| {
             run::show(&bar, step);
             task.flow()
         });
@@ -137,7 +137,7 @@ impl Colour {
             capture: json,
             output: self.output.clone(),
             grid: shaded::EXTINCTION.into(),
-            solver: Solver::Colour,
+            solver: Solver::Color,
             layer: self.layer.clone(),
             iterations: history.len() as u32,
             seconds,

@@ -1,9 +1,9 @@
 //! A pre-shaded volume from emission-absorption pictures: extinctions from alpha, then emissions from the
-//! colours.
+//! colors.
 //!
 //! Alpha tells the optical depth, in which the extinctions are linear
 //! ([`density`]). With these the transmittance is known everywhere, and the
-//! colours are linear in the emissions ([`emission`](crate::optimise::emission)): both are least squares in
+//! colors are linear in the emissions ([`emission`](crate::optimise::emission)): both are least squares in
 //! the metric of the smoothness prior, without learning rates, and without the noise that descending in both at
 //! once leaves (Weiss & Westermann 2021, sect. 5.3).
 
@@ -31,7 +31,7 @@ pub struct Shaded {
     pub history: Vec<Step>,
     /// Time by stage.
     pub stages: Vec<Stage>,
-    /// PSNR of the colours of the views that were used (peak 1); not a number if that was not measured any more after
+    /// PSNR of the colors of the views that were used (peak 1); not a number if that was not measured any more after
     /// the work was stopped.
     pub train_psnr_db: f64,
     /// The same for those that were not.
@@ -71,11 +71,11 @@ pub fn reconstruct(
     let Outcome { field, mut history, mut stages, mut stopped, .. } =
         density::reconstruct(observation, &asked, &mut watch)?;
     stages.iter_mut().for_each(|stage| stage.name.insert_str(0, "extinction, "));
-    // Bricks of the hull that turned out empty need no colours.
+    // Bricks of the hull that turned out empty need no colors.
     let extinctions = Bricks::from_grid(&field.to_grid("density"), request.max_memory)?;
     drop(field);
     if extinctions.values.iter().all(|s| *s == 0.0) {
-        return Err(Error::invalid("alpha is 0 in all pictures: there is nothing to give a colour to")
+        return Err(Error::invalid("alpha is 0 in all pictures: there is nothing to give a color to")
             .hint("render with alpha = 1 - transmittance, as `cumulo render` does"));
     }
     fits(extinctions.topology.len(), request.max_memory)?;
@@ -87,13 +87,13 @@ pub fn reconstruct(
     loop {
         let begun = Instant::now();
         let work = Level::new(photos, observation, request, level, &extinctions)?;
-        let colours = match &found {
+        let colors = match &found {
             Some(found) => (0..3).flat_map(|c| work.resampled(&found.channel(c))).collect(),
-            None => work.tinted(mean_colour(photos, request.background)),
+            None => work.tinted(mean_color(photos, request.background)),
         };
         let mut emission = Emission::new(&work.train, &work.extinctions, request.background, work.rays);
         emission.cancel = request.cancel;
-        let colours = work.solve(&mut emission, colours, |loss, held_out_psnr_db| {
+        let colors = work.solve(&mut emission, colors, |loss, held_out_psnr_db| {
             let iteration = history.len() as u32 + 1;
             let step = Step { level, iteration, seconds: start.elapsed().as_secs_f64(), loss, held_out_psnr_db };
             history.push(step);
@@ -101,24 +101,24 @@ pub fn reconstruct(
             if stopped { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
         stopped |= request.cancel.requested();
-        stages.push(Stage { name: format!("colours, level {level}"), seconds: begun.elapsed().as_secs_f64() });
+        stages.push(Stage { name: format!("colors, level {level}"), seconds: begun.elapsed().as_secs_f64() });
         if level == 0 || stopped {
             emission.cancel = request.closing;
             let mut psnr = |sights: &[Sight]| {
-                let square = emission.error(&colours, sights);
+                let square = emission.error(&colors, sights);
                 if request.closing.requested() { f64::NAN } else { decibels(square) }
             };
             return Ok(Shaded {
                 train_psnr_db: psnr(&work.train),
                 held_out_psnr_db: (!work.held_out.is_empty()).then(|| psnr(&work.held_out)),
                 voxels: work.unknown.iter().filter(|u| **u).count(),
-                volume: emission.volume(&colours),
+                volume: emission.volume(&colors),
                 history,
                 stages,
                 stopped,
             });
         }
-        found = Some(emission.volume(&colours));
+        found = Some(emission.volume(&colors));
         level -= 1;
     }
 }
@@ -129,7 +129,7 @@ pub fn most_iterations(request: &Request) -> u64 {
     density::most_iterations(request) + u64::from(coarse + ITERATIONS)
 }
 
-/// The problem of the colours on one level.
+/// The problem of the colors on one level.
 struct Level {
     extinctions: Bricks<f32>,
     unknown: Vec<bool>,
@@ -172,10 +172,10 @@ impl Level {
         field.resampled(&self.extinctions.topology, &self.extinctions.transform)
     }
 
-    /// Emissions of one colour.
-    fn tinted(&self, colour: [f32; 3]) -> Vec<f32> {
+    /// Emissions of one color.
+    fn tinted(&self, color: [f32; 3]) -> Vec<f32> {
         let extinctions = self.extinctions.owned();
-        colour.iter().flat_map(|c| extinctions.iter().map(move |s| c * s)).collect()
+        color.iter().flat_map(|c| extinctions.iter().map(move |s| c * s)).collect()
     }
 
     /// The emissions that suit the held-out views best, else the last ones.
@@ -220,14 +220,14 @@ fn fits(bricks: usize, max_memory: u64) -> Result<()> {
     let lanes = rayon::current_num_threads().max(2);
     let each = (1 + lanes) * BRICK * size_of::<Vec4>() + 8 * 3 * LEAF_VOXELS * size_of::<f32>();
     if (bricks * each) as u64 > max_memory {
-        return Err(Error::unsupported(format!("the colours of {bricks} blocks of 8³ voxels do not fit in memory"))
+        return Err(Error::unsupported(format!("the colors of {bricks} blocks of 8³ voxels do not fit in memory"))
             .hint("choose a larger --voxel-size or a smaller --resolution, or raise --max-memory"));
     }
     Ok(())
 }
 
 /// What all light that is not the background's is on average, by opacity.
-fn mean_colour(photos: &[Photo], background: [f32; 3]) -> [f32; 3] {
+fn mean_color(photos: &[Photo], background: [f32; 3]) -> [f32; 3] {
     let sum = |photo: &Photo| {
         photo.film.rgba.iter().filter(|p| p.iter().all(|v| v.is_finite())).fold([0.0_f64; 4], |sum, p| {
             let emitted = |c: usize| f64::from(p[c]) - f64::from(background[c]) * (1.0 - f64::from(p[3]));

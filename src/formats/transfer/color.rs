@@ -1,15 +1,15 @@
-//! Colours between two knots, as VTK's colour functions define them: display-referred sRGB in and out.
+//! Colors between two knots, as VTK's color functions define them: display-referred sRGB in and out.
 //!
 //! Lab is CIE 1976 L*a*b* with VTK's white point (0.9505, 1, 1.089). Diverging is Moreland, "Diverging
 //! Color Maps for Scientific Visualization" (ISVC 2009): its polar form of Lab, with white between two
-//! saturated colours of different hue.
+//! saturated colors of different hue.
 
 use crate::error::{Error, Result};
 use std::f64::consts::{PI, TAU};
 
 type Rgb = [f64; 3];
 
-/// How colours change between two knots.
+/// How colors change between two knots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Space {
     /// Linear in display-referred red, green and blue.
@@ -20,7 +20,7 @@ pub(super) enum Space {
     Lab,
     /// Moreland's polar Lab.
     Diverging,
-    /// The upper knot's colour all the way.
+    /// The upper knot's color all the way.
     Step,
 }
 
@@ -38,14 +38,14 @@ impl Space {
             "Diverging" => Ok(Self::Diverging),
             "Step" => Ok(Self::Step),
             _ => Err(Error::unsupported(format!(
-                "colour space '{name}'; RGB, HSV, Wrapped, Lab, Diverging or Step is expected"
+                "color space '{name}'; RGB, HSV, Wrapped, Lab, Diverging or Step is expected"
             ))
-            .hint("choose one of these in ParaView's colour map editor, and export the preset again")),
+            .hint("choose one of these in ParaView's color map editor, and export the preset again")),
         }
     }
 
-    /// The colour at `s`, from 0 to 1, between two. But for [`Space::Step`] the ends are the two
-    /// colours to the last bit, so that neighbouring pieces meet.
+    /// The color at `s`, from 0 to 1, between two. But for [`Space::Step`] the ends are the two
+    /// colors to the last bit, so that neighbouring pieces meet.
     pub fn between(self, s: f64, from: Rgb, to: Rgb) -> Rgb {
         if self == Self::Step || s >= 1.0 {
             return to;
@@ -66,7 +66,7 @@ impl Space {
 }
 
 impl Space {
-    /// Where between two colours, from 0 to 1, the way has kinks, apart from those at the display's limits.
+    /// Where between two colors, from 0 to 1, the way has kinks, apart from those at the display's limits.
     pub fn kinks(self, from: Rgb, to: Rgb) -> Vec<f64> {
         match self {
             Self::Rgb | Self::Lab | Self::Step => Vec::new(),
@@ -122,7 +122,7 @@ fn rgb_of_hsv([hue, saturation, value]: Rgb) -> Rgb {
     })
 }
 
-/// Both colours, with hues that one may go straight between.
+/// Both colors, with hues that one may go straight between.
 fn hues(from: Rgb, to: Rgb, wrap: bool) -> (Rgb, Rgb) {
     let (mut a, mut b) = (hsv_of_rgb(from), hsv_of_rgb(to));
     if wrap && (a[0] - b[0]).abs() > 0.5 {
@@ -148,7 +148,7 @@ fn lab_of_rgb(rgb: Rgb) -> Rgb {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// Colours beyond the display's range are divided by their largest channel, then cut off at zero.
+/// Colors beyond the display's range are divided by their largest channel, then cut off at zero.
 fn rgb_of_lab([l, a, b]: Rgb) -> Rgb {
     let y = (l + 16.0) / 116.0;
     let roots = [y + a / 500.0, y, y - b / 200.0];
@@ -166,7 +166,7 @@ fn rgb_of_lab([l, a, b]: Rgb) -> Rgb {
     rgb.map(|v| (v / high).max(0.0))
 }
 
-/// Magnitude, saturation angle and hue angle of a colour.
+/// Magnitude, saturation angle and hue angle of a color.
 fn msh_of_rgb(rgb: Rgb) -> Rgb {
     let [l, a, b] = lab_of_rgb(rgb);
     let m = (l * l + a * a + b * b).sqrt();
@@ -175,7 +175,7 @@ fn msh_of_rgb(rgb: Rgb) -> Rgb {
 }
 
 fn between_msh(s: f64, from: Rgb, to: Rgb) -> Rgb {
-    // Below this angle a colour has no hue to speak of.
+    // Below this angle a color has no hue to speak of.
     const GREY: f64 = 0.05;
     let (mut a, mut b, mut s) = (msh_of_rgb(from), msh_of_rgb(to), s);
     let apart = {
@@ -202,7 +202,7 @@ fn between_msh(s: f64, from: Rgb, to: Rgb) -> Rgb {
     rgb_of_lab([m * s.cos(), m * s.sin() * h.cos(), m * s.sin() * h.sin()])
 }
 
-/// The hue that a grey of magnitude `grey` is given next to a colour, so that the perceived change is
+/// The hue that a grey of magnitude `grey` is given next to a color, so that the perceived change is
 /// even (Moreland's `adjustHue`).
 fn spun_hue([m, s, h]: Rgb, grey: f64) -> f64 {
     if m >= grey - 0.1 {
@@ -221,7 +221,7 @@ mod tests {
 
     /// Figures of VTK 9.7.2's `vtkColorTransferFunction::GetColor`, rounded to seven digits.
     #[test]
-    fn colours_are_those_of_vtk() {
+    fn colors_are_those_of_vtk() {
         let hsv = Space::Hsv { wrap: false };
         let dark: [Rgb; 2] = [[0.0, 0.0, 0.02], [0.0, 1.0, 1.0]];
         let (white, green): (Rgb, Rgb) = ([1.0; 3], [0.2, 0.4, 0.1]);
