@@ -13,6 +13,7 @@
 //! - A camera looks down -Z, +Y up, +X right. Pixel (0, 0) is top left, its centre at (0.5, 0.5).
 //! - Images are scene-linear and row-major; alpha is 1 - transmittance, color premultiplied.
 
+pub mod cancel;
 pub mod cli;
 pub mod dual;
 pub mod error;

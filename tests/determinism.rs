@@ -5,12 +5,12 @@
 mod fields;
 mod work;
 
-use cumulo::optimise::cancel::Cancel;
+use cumulo::cancel::Cancel;
 use cumulo::optimise::density::{self, Request};
-use cumulo::optimise::hull::Hull;
-use cumulo::optimise::observation::{DepthMap, Observation, Photo};
-use cumulo::optimise::pictures::{self, Accumulators, Gradients, Target};
-use cumulo::optimise::projector::Projector;
+use cumulo::optimise::region::hull::Hull;
+use cumulo::optimise::projection::observation::{DepthMap, Observation, Photo};
+use cumulo::optimise::gradient::pictures::{self, Accumulators, Gradients, Target};
+use cumulo::optimise::projection::projector::Projector;
 use cumulo::render;
 use cumulo::render::arch::Arch;
 use cumulo::render::dvr::{Adjoint, Dvr};

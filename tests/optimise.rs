@@ -5,17 +5,17 @@
 mod fields;
 
 use cumulo::math::{Aabb, Affine};
-use cumulo::optimise::cancel::Cancel;
-use cumulo::optimise::confidence::confidence;
-use cumulo::optimise::depths::{Depths, mean};
-use cumulo::optimise::footprint::{Footprint, Lens};
-use cumulo::optimise::hull::Hull;
-use cumulo::optimise::observation::{DepthMap, Observation, Photo};
-use cumulo::optimise::parts::Parts;
-use cumulo::optimise::pictures::{self, Accumulators, Gradients, Target};
-use cumulo::optimise::projector::{Projector, Sample, View};
-use cumulo::optimise::smooth::Smoother;
-use cumulo::optimise::solver::{Equations, Solver};
+use cumulo::cancel::Cancel;
+use cumulo::optimise::density::confidence::confidence;
+use cumulo::optimise::projection::depths::{Depths, mean};
+use cumulo::optimise::gradient::footprint::{Footprint, Lens};
+use cumulo::optimise::region::hull::Hull;
+use cumulo::optimise::projection::observation::{DepthMap, Observation, Photo};
+use cumulo::optimise::gradient::partition::Parts;
+use cumulo::optimise::gradient::pictures::{self, Accumulators, Gradients, Target};
+use cumulo::optimise::projection::projector::{Projector, Sample, View};
+use cumulo::optimise::solver::smoother::Smoother;
+use cumulo::optimise::solver::conjugate::{Equations, Solver};
 use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
 use cumulo::render::film::Film;
 use cumulo::render::order::Tiles;

@@ -7,8 +7,8 @@ mod work;
 
 use cumulo::formats::vdb::{Codec, shaded, write_grids};
 use cumulo::formats::{transfer, transforms};
-use cumulo::optimise::normal::Frame;
-use cumulo::optimise::rows::Rows;
+use cumulo::optimise::pose::normal::Frame;
+use cumulo::optimise::gradient::camera_jacobian::Rows;
 use cumulo::render::dvr::Dvr;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, CameraGradient, Projection};
@@ -163,7 +163,7 @@ fn rows_are_derivatives() {
     for k in 0..7 {
         let h = 1e-3;
         let at = |h: f64| {
-            let mut step = cumulo::optimise::normal::Pose::zeros();
+            let mut step = cumulo::optimise::pose::normal::Pose::zeros();
             if k < 6 {
                 step[k] = h;
             }

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::formats::vdb::Limits;
-use crate::optimise::observation::Photo;
+use crate::optimise::projection::observation::Photo;
 use crate::render::film::Film;
 use crate::scene::capture::{Capture, Frame};
 use rayon::prelude::*;

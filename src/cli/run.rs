@@ -1,7 +1,7 @@
 //! What a reconstruction did: its report, kept beside the page so that the page can be made again.
 
 use super::provenance::Provenance;
-use crate::optimise::cost::Cost;
+use crate::optimise::plausibility::cost::Cost;
 use crate::optimise::density::{Stage, Step};
 use crate::optimise::plausibility::Warning;
 use crate::scene::capture::PixelFilter;
@@ -17,11 +17,14 @@ pub enum Solver {
     /// Conjugate gradients in the smoothness prior's metric.
     Cg,
     /// Weiss & Westermann (2021).
-    Paper,
+    #[serde(alias = "paper")]
+    Weiss2021,
     /// Extinctions, then emissions: a pre-shaded volume.
+    #[serde(alias = "colour")]
     Color,
     /// A pre-shaded volume, the densities of its colors, and descent: behind a transfer function.
-    Behind,
+    #[serde(alias = "behind")]
+    ThroughTransfer,
 }
 
 /// A reconstruction of densities.

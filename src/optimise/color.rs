@@ -3,17 +3,17 @@
 //!
 //! Alpha tells the optical depth, in which the extinctions are linear
 //! ([`density`]). With these the transmittance is known everywhere, and the
-//! colors are linear in the emissions ([`emission`](crate::optimise::emission)): both are least squares in
+//! colors are linear in the emissions ([`emission`](crate::optimise::projection::emission)): both are least squares in
 //! the metric of the smoothness prior, without learning rates, and without the noise that descending in both at
 //! once leaves (Weiss & Westermann 2021, sect. 5.3).
 
 use crate::error::{Error, Result};
 use crate::optimise::density::{self, Outcome, Request, Stage, Step};
-use crate::optimise::emission::{Emission, Sight};
-use crate::optimise::lattice;
-use crate::optimise::observation::{Observation, Photo};
-use crate::optimise::smooth::Smoother;
-use crate::optimise::solver::{Equations, Solver};
+use crate::optimise::projection::emission::{Emission, Sight};
+use crate::optimise::region::lattice;
+use crate::optimise::projection::observation::{Observation, Photo};
+use crate::optimise::solver::smoother::Smoother;
+use crate::optimise::solver::conjugate::{Equations, Solver};
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::grid::LEAF_VOXELS;
 use glam::{IVec3, Vec4};

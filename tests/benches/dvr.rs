@@ -4,7 +4,7 @@
 use super::turns::{in_turn, median};
 use cumulo::formats::vdb::{File, Limits};
 use cumulo::math::Aabb;
-use cumulo::optimise::pictures::{self, Accumulators, Gradients, Target};
+use cumulo::optimise::gradient::pictures::{self, Accumulators, Gradients, Target};
 use cumulo::real::Real;
 use cumulo::render::dvr::{Adjoint, Dvr, Precision, Tape};
 use cumulo::render::picture;

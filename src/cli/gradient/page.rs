@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::metrics;
 use crate::optimise::loss::Rgba;
 use crate::optimise::study::{Found, Study};
-use crate::optimise::subject::Subject;
+use crate::optimise::study::subject::Subject;
 use crate::render::film::Film;
 use crate::report::{MOST_VIEWS, Page, ViewRow, choose};
 use crate::scene::bricks::Bricks;

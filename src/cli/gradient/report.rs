@@ -2,7 +2,7 @@
 
 use crate::cli::provenance::Provenance;
 use crate::cli::run::write_warnings;
-use crate::optimise::parameter::Parameter;
+use crate::optimise::study::parameter::Parameter;
 use crate::optimise::plausibility::Warning;
 use serde::Serialize;
 use std::fmt;

@@ -2,7 +2,7 @@
 
 use super::GradientCommand;
 use crate::optimise::study::{Found, Study};
-use crate::optimise::subject::Subject;
+use crate::optimise::study::subject::Subject;
 use crate::scene::bricks::Topology;
 use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
 use std::collections::BTreeMap;

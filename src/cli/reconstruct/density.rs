@@ -12,11 +12,12 @@ use crate::cli::transfer::TransferOption;
 use crate::error::{Error, Result};
 use crate::formats::vdb::{Codec, File, Limits, write_grids};
 use crate::formats::{transfer, transforms};
-use crate::optimise::cost::{Cost, Method};
+use crate::optimise::plausibility::cost::{Cost, Method};
 use crate::optimise::density::{Outcome, Request, Stage, Step};
-use crate::optimise::observation::{Observation, Photo};
-use crate::optimise::prior::{VolumePrior, Weighted};
-use crate::optimise::{behind, density, paper, residuals};
+use crate::optimise::projection::observation::{Observation, Photo};
+use crate::optimise::loss::prior::{VolumePrior, Weighted};
+use crate::optimise::density::{self, through_transfer, weiss2021};
+use crate::optimise::plausibility::residuals;
 use crate::report::{MOST_VIEWS, choose};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
@@ -45,20 +46,20 @@ pub struct Density {
     #[arg(long, value_name = "IN.vdb")]
     init: Option<PathBuf>,
     /// How the densities are found: auto is cg where the pictures depend on the optical depth alone, colors first
-    /// where there is a transfer function, else paper
+    /// where there is a transfer function, else weiss2021
     #[arg(long, value_enum, default_value_t = Choice::Auto)]
     solver: Choice,
     /// Views that are not used, only looked at to know when to stop (default: one of 8 or more)
     #[arg(long, value_name = "K")]
     held_out: Option<usize>,
-    /// Iterations on the finest level, at most (default: 24; with a transfer function, or paper: 50 epochs)
+    /// Iterations on the finest level, at most (default: 24; with a transfer function, or weiss2021: 50 epochs)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: Option<u32>,
     /// Blur passes of the smoothness prior (default: as many as suit the held-out views; without these 1, or 2 where the pictures are noisy)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     smoothing: Option<u32>,
-    /// What a descent (behind a transfer function, or paper) asks of neighbouring voxels: smooth=W, or tv=W for total
-    /// variation, W the weight in units of the range of densities (default: smooth=0.001, paper smooth=0.5)
+    /// What a descent (behind a transfer function, or weiss2021) asks of neighbouring voxels: smooth=W, or tv=W for total
+    /// variation, W the weight in units of the range of densities (default: smooth=0.001, weiss2021 smooth=0.5)
     #[arg(long, value_name = "NAME=W")]
     prior: Option<Weighted<VolumePrior>>,
     /// What cg makes small: huber bounds the influence of outliers, l2 is plain least squares
@@ -87,23 +88,24 @@ enum Choice {
     /// Conjugate gradients in the smoothness prior's metric
     Cg,
     /// Adam as in Weiss & Westermann (2021)
-    Paper,
+    #[value(name = "weiss2021", alias = "paper")]
+    Weiss2021,
 }
 
 /// The solver that suits the pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Way {
     Cg,
-    Paper,
-    Behind,
+    Weiss2021,
+    ThroughTransfer,
 }
 
 impl From<Way> for Solver {
     fn from(way: Way) -> Self {
         match way {
             Way::Cg => Self::Cg,
-            Way::Paper => Self::Paper,
-            Way::Behind => Self::Behind,
+            Way::Weiss2021 => Self::Weiss2021,
+            Way::ThroughTransfer => Self::ThroughTransfer,
         }
     }
 }
@@ -134,7 +136,7 @@ impl Density {
         let way = self.way(&capture)?;
         if way == Way::Cg && self.prior.is_some() {
             return Err(Error::invalid("--prior is for descents, and conjugate gradients have a prior of their own")
-                .hint("use --smoothing, or --solver paper"));
+                .hint("use --smoothing, or --solver weiss2021"));
         }
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 8).map_err(|e| e.at(&self.capture))?;
 
@@ -149,14 +151,14 @@ impl Density {
 
         let used = photos.len() - request.held_out.len();
         let length = match way {
-            Way::Paper => paper::most_iterations(&request, used),
-            Way::Behind => behind::most_iterations(&request, used),
+            Way::Weiss2021 => weiss2021::most_iterations(&request, used),
+            Way::ThroughTransfer => through_transfer::most_iterations(&request, used),
             Way::Cg => density::most_iterations(&request),
         };
         let method = match way {
             Way::Cg => Method::Cg,
-            Way::Paper => Method::Descent,
-            Way::Behind => Method::Behind,
+            Way::Weiss2021 => Method::Descent,
+            Way::ThroughTransfer => Method::ThroughTransfer,
         };
         let pixels = photos.iter().map(|p| p.film.rgba.len() as u64).sum();
         let expected = Cost::new(method, &chosen.survey, &request, pixels, length);
@@ -170,13 +172,13 @@ impl Density {
             task.flow()
         };
         let outcome = match way {
-            Way::Paper => paper::reconstruct(&photos, &observation, &request, watch),
-            Way::Behind => behind::reconstruct(&photos, &observation, &request, watch),
+            Way::Weiss2021 => weiss2021::reconstruct(&photos, &observation, &request, watch),
+            Way::ThroughTransfer => through_transfer::reconstruct(&photos, &observation, &request, watch),
             Way::Cg => density::reconstruct(&observation, &request, watch),
         };
         bar.finish_and_clear();
         // What is wrong with the function is wrong with its file.
-        let function = |e: &Error| self.transfer.tf.as_ref().filter(|_| e.place() == Some(behind::FUNCTION));
+        let function = |e: &Error| self.transfer.tf.as_ref().filter(|_| e.place() == Some(through_transfer::FUNCTION));
         let placed = outcome.map_err(|e| {
             let file = function(&e).unwrap_or(&json).clone();
             e.at(file)
@@ -247,10 +249,10 @@ impl Density {
             (Choice::Cg, _) => {
                 Err(Error::unsupported("--solver cg needs pictures that depend on the optical depth alone")
                     .at(&self.capture)
-                    .hint("these show emission that follows the density: leave it out, or use --solver paper"))
+                    .hint("these show emission that follows the density: leave it out, or use --solver weiss2021"))
             }
-            (Choice::Auto, Source::Transfer(_)) => Ok(Way::Behind),
-            (Choice::Paper, _) | (Choice::Auto, Source::Linear(_)) => Ok(Way::Paper),
+            (Choice::Auto, Source::Transfer(_)) => Ok(Way::ThroughTransfer),
+            (Choice::Weiss2021, _) | (Choice::Auto, Source::Linear(_)) => Ok(Way::Weiss2021),
         }
     }
 

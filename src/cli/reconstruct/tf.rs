@@ -10,11 +10,11 @@ use crate::error::{Error, Result};
 use crate::formats::transfer::{self, Options};
 use crate::formats::transforms;
 use crate::formats::vdb::Limits;
-use crate::optimise::cancel::Cancel;
-use crate::optimise::cost::Cost;
+use crate::cancel::Cancel;
+use crate::optimise::plausibility::cost::Cost;
 use crate::optimise::density::Stage;
-use crate::optimise::observation::Photo;
-use crate::optimise::residuals::{self, Residuals};
+use crate::optimise::projection::observation::Photo;
+use crate::optimise::plausibility::residuals::{self, Residuals};
 use crate::optimise::transfer::{Request, Solver, reconstruct};
 use crate::render::dvr::Dvr;
 use crate::render::quadrature::Quadrature;
@@ -50,7 +50,7 @@ pub struct Tf {
     /// How the function is found: auto is Gauss and Newton's least squares
     #[arg(long, value_enum, default_value_t = Choice::Auto)]
     solver: Choice,
-    /// Weight of the smoothness prior beside the pictures (default: the best for the held-out view; paper: 0.4)
+    /// Weight of the smoothness prior beside the pictures (default: the best for the held-out view; weiss2021: 0.4)
     #[arg(long, value_name = "W", value_parser = parse::positive)]
     smooth: Option<f64>,
     /// Views that are not used but compared with (default: 1 if there are 3 or more)
@@ -59,10 +59,10 @@ pub struct Tf {
     /// Pixels drawn from the pictures
     #[arg(long, value_name = "N", default_value_t = 32_768, value_parser = clap::value_parser!(u32).range(64..=16_777_216))]
     rays: u32,
-    /// Most refinements (default: 14, or one for each of the 7 weights that held-out views choose from; paper: 200 epochs)
+    /// Most refinements (default: 14, or one for each of the 7 weights that held-out views choose from; weiss2021: 200 epochs)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: Option<u32>,
-    /// Integration along rays: exact, midpoint:STEP or riemann:STEP, steps in voxels; for the paper's solver preintegrated too
+    /// Integration along rays: exact, midpoint:STEP or riemann:STEP, steps in voxels; for weiss2021 preintegrated too
     #[arg(long, value_name = "Q", default_value = "midpoint:0.5")]
     quadrature: Quadrature,
     /// Transfer function to begin with
@@ -89,7 +89,8 @@ pub struct Tf {
 enum Choice {
     Auto,
     /// Adam as in Weiss & Westermann (2021); colors lie between 0 and 1
-    Paper,
+    #[value(name = "weiss2021", alias = "paper")]
+    Weiss2021,
 }
 
 impl Tf {
@@ -229,7 +230,7 @@ impl Tf {
         let load = |path: &PathBuf| transfer::load(path, &Options::default()).map(|loaded| loaded.transfer);
         let (solver, usual) = match self.solver {
             Choice::Auto => (Solver::Newton, 14),
-            Choice::Paper => (Solver::Paper, 200),
+            Choice::Weiss2021 => (Solver::Weiss2021, 200),
         };
         let request = Request {
             solver,

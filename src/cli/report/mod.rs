@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::formats::transfer::Options;
 use crate::formats::vdb::{File, Limits};
 use crate::formats::{self, atomic, exr, input, transforms};
-use crate::optimise::cancel::Cancel;
+use crate::cancel::Cancel;
 use crate::render::film::Film;
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;

@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::formats::vdb::{CONFIDENCE, File, Limits, shaded};
 use crate::formats::{exr, transfer, transforms};
 use crate::metrics::{self, volume};
-use crate::optimise::cancel::Cancel;
+use crate::cancel::Cancel;
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;
@@ -47,7 +47,7 @@ pub(super) fn page(
     }
     let shaded = match run.solver {
         Solver::Color => Some(shaded::read(&File::open(&run.output, limits)?, Some(&run.grid), limits.max_memory)?),
-        Solver::Cg | Solver::Paper | Solver::Behind => None,
+        Solver::Cg | Solver::Weiss2021 | Solver::ThroughTransfer => None,
     };
     let light = match &shaded {
         Some(volume) => Light::PreShaded(Preshaded::new(volume, capture.background)),

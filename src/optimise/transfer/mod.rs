@@ -5,17 +5,17 @@
 //! logarithm of the transmittance is linear in the extinctions, and with these known the picture is linear in
 //! the colors. So extinctions are taken from alpha first, colors from them, and then both are refined
 //! together on the normal equations of rays drawn from all pictures. How smooth the function is, the
-//! held-out views decide. The thousand steps are there to compare with ([`Solver::Paper`]).
+//! held-out views decide. The thousand steps are there to compare with ([`Solver::Weiss2021`]).
 
 mod normal;
-mod paper;
+mod weiss2021;
 mod rays;
 mod rows;
 
 use crate::error::{Error, Result};
-use crate::optimise::cancel::Cancel;
+use crate::cancel::Cancel;
 use crate::optimise::density::Stage;
-use crate::optimise::observation::Photo;
+use crate::optimise::projection::observation::Photo;
 use crate::render::dvr::Dvr;
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
@@ -35,8 +35,9 @@ use std::time::Instant;
 pub enum Solver {
     /// Gauss and Newton.
     Newton,
-    /// Adam, as published.
-    Paper,
+    /// Adam, as published (Weiss & Westermann 2021).
+    #[serde(alias = "paper")]
+    Weiss2021,
 }
 
 impl Solver {
@@ -44,7 +45,7 @@ impl Solver {
     pub fn steps(self) -> &'static str {
         match self {
             Self::Newton => "refinements",
-            Self::Paper => "epochs",
+            Self::Weiss2021 => "epochs",
         }
     }
 }
@@ -99,7 +100,7 @@ impl Request {
         match (self.solver, self.quadrature) {
             (Solver::Newton, Quadrature::Preintegrated(_)) => {
                 Err(Error::invalid(format!("least squares cannot follow the quadrature {}", self.quadrature))
-                    .hint("give exact, midpoint:STEP or riemann:STEP, or the published descent (--solver paper)"))
+                    .hint("give exact, midpoint:STEP or riemann:STEP, or the published descent (--solver weiss2021)"))
             }
             _ => Ok(()),
         }
@@ -108,7 +109,7 @@ impl Request {
     /// Refinements or epochs that there will be at most.
     pub fn most_steps(&self) -> u32 {
         match (self.solver, self.weights().len()) {
-            (Solver::Paper, _) | (_, 1) => self.iterations,
+            (Solver::Weiss2021, _) | (_, 1) => self.iterations,
             (Solver::Newton, weights) => self.iterations.min(weights as u32 * REFINEMENTS),
         }
     }
@@ -175,7 +176,7 @@ pub fn reconstruct(
     let fit = Fit::new(field, photos, request)?;
     match request.solver {
         Solver::Newton => newton(fit, start, &mut watch),
-        Solver::Paper => descend(fit, start, &mut watch),
+        Solver::Weiss2021 => descend(fit, start, &mut watch),
     }
 }
 
@@ -263,8 +264,8 @@ fn newton(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> Cont
 /// these the pictures. Nothing is said about confidence: there are no normal equations.
 fn descend(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> ControlFlow<()>) -> Result<Outcome> {
     let request = fit.request;
-    let smooth = request.smooth.unwrap_or(paper::SMOOTH);
-    let mut descent = paper::Descent::new(&fit);
+    let smooth = request.smooth.unwrap_or(weiss2021::SMOOTH);
+    let mut descent = weiss2021::Descent::new(&fit);
     let score = |fit: &Fit<'_>| fit.error(if fit.held_out.is_empty() { &fit.used } else { &fit.held_out });
     let given = if request.init.is_some() { score(&fit)? } else { None };
     let mut best = (given.unwrap_or(f64::INFINITY), fit.texels.clone());

@@ -1,8 +1,8 @@
 //! Rays drawn from pictures, with what they should see.
 
 use crate::math::Ray;
-use crate::optimise::cancel::Cancel;
-use crate::optimise::observation::Photo;
+use crate::cancel::Cancel;
+use crate::optimise::projection::observation::Photo;
 use crate::render::order::morton;
 
 /// How many to draw.

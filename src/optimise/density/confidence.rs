@@ -1,0 +1,110 @@
+//! How much the pictures say about each voxel.
+//!
+//! The sum of squared sensitivities `S = Σ (∂L/∂d)²` over pixels and channels is what one voxel's variance
+//! would be bounded by if all others were known: noise of variance ε² leaves `ε² / S`. Beside a prior that knows
+//! the voxel to a variance p², the pictures' share is `S p² / (S p² + ε²)`: the confidence, 0 where the function
+//! is flat or nothing was seen, near 1 where the pictures decide. (That neighbours are confused with each other
+//! is left out: it says what is not known, not all that is known only in sums.)
+//!
+//! S is the diagonal of `JᵀJ`, for which random signs r give `E[(Jᵀr)²]` (Hutchinson 1990; Bekas, Kokiopoulou &
+//! Saad 2007): one backward walk a probe, whatever the renderer. A voxel of several numbers has several sums.
+
+use crate::cancel::Cancel;
+use crate::optimise::region::neighbours::Neighbours;
+use crate::optimise::gradient::pictures::{self, Accumulators, Gradients, Target};
+use crate::optimise::study::subject::Subject;
+use crate::render::Renderer;
+use crate::render::dvr::Adjoint;
+use crate::scene::grid::LEAF_VOXELS;
+use rayon::prelude::*;
+
+/// Probes times views, and the fewest and the most probes; each takes one pixel of a block of [`BLOCK`]².
+const LOOKS: usize = 512;
+const PROBES: [usize; 2] = [8, 64];
+const BLOCK: usize = 4;
+
+/// Numbers of a voxel that are known alike: their channels, and how far the prior leaves them open (p).
+pub type Group<'g> = (&'g [usize], f64);
+
+/// Confidence of each voxel (512 a brick), 0..1, for each group; none once the work is to stop. `noise` is the standard
+/// deviation of a pixel's error. `tick` is told of the probes that are done and of how many there are.
+pub fn confidence<L>(
+    light: &L,
+    views: &[&Target],
+    noise: f64,
+    groups: &[Group<'_>],
+    cancel: Cancel,
+    mut tick: impl FnMut(usize, usize),
+) -> Option<Vec<Vec<f32>>>
+where
+    L: Renderer<Real = f32, Voxel: Subject>,
+{
+    let topology = &light.field().topology;
+    let count = topology.len() * LEAF_VOXELS;
+    let mut squares = vec![vec![0.0_f32; count]; groups.len()];
+    let mut owned = vec![L::Voxel::default(); count];
+    let mut stored = vec![L::Voxel::default(); light.field().values.len()];
+    let mut accumulators = Accumulators::default();
+    let linear = |_: &[f32; 4], signs: &[f32; 4]| (0.0, *signs);
+    let probes = (LOOKS / views.len().max(1)).clamp(PROBES[0], PROBES[1]);
+    for probe in 0..probes {
+        let signed: Vec<Target> = views.iter().enumerate().map(|(v, t)| signs(t, v, probe)).collect();
+        stored.fill(L::Voxel::default());
+        let mut gradients = Gradients { voxels: Some(&mut stored), cancel, ..Gradients::default() };
+        let signed: Vec<&Target> = signed.iter().collect();
+        pictures::gradient(light, &signed, &linear, Adjoint::Tape, &mut accumulators, &mut gradients);
+        if cancel.requested() {
+            return None;
+        }
+        topology.fold(&stored, &mut owned);
+        for (squares, (channels, _)) in squares.iter_mut().zip(groups) {
+            let share = (BLOCK * BLOCK) as f32 / (probes * channels.len()) as f32;
+            let square = |v: &L::Voxel| channels.iter().map(|c| (v.channel(*c) as f32).powi(2)).sum::<f32>();
+            squares.par_iter_mut().zip(&owned).for_each(|(s, v)| *s += share * square(v));
+        }
+        tick(probe + 1, probes);
+    }
+    let neighbours = Neighbours::new(topology);
+    let share = |(squares, (_, spread)): (&Vec<f32>, &Group<'_>)| {
+        let ratio = (spread / noise.max(f64::MIN_POSITIVE)).powi(2);
+        (0..count).into_par_iter().map(|voxel| known(squares, &neighbours, voxel, ratio)).collect()
+    };
+    Some(squares.iter().zip(groups).map(share).collect())
+}
+
+/// A voxel's confidence: a few probes are a rough estimate; that of neighbours is nearly the same number.
+fn known(squares: &[f32], neighbours: &Neighbours, voxel: usize, ratio: f64) -> f32 {
+    if squares[voxel] == 0.0 {
+        return 0.0;
+    }
+    let near = neighbours.of_voxel(voxel).into_iter().flatten().map(|v| squares[v]).filter(|s| *s > 0.0);
+    let (sum, count) = near.fold((2.0 * squares[voxel], 2.0_f32), |(sum, count), s| (sum + s, count + 1.0));
+    let known = ratio * f64::from(sum / count);
+    if known.is_finite() { (known / (1.0 + known)) as f32 } else { 1.0 }
+}
+
+/// Random signs in the place of colors, for the pixels whose turn it is.
+fn signs(target: &Target, view: usize, probe: usize) -> Target {
+    let width = target.camera.width as usize;
+    let pixel = |i: usize| {
+        let turn = (i / width % BLOCK * BLOCK + i % width % BLOCK + 5 * probe) % (BLOCK * BLOCK);
+        if turn != 0 || !target.rgba[i].iter().all(|v| v.is_finite()) {
+            return [f32::NAN; 4];
+        }
+        let bits = scrambled(((view << 8 | probe) as u64) << 40 | i as u64);
+        [20, 21, 22, 23].map(|bit| if bits >> bit & 1 == 1 { 1.0 } else { -1.0 })
+    };
+    Target {
+        camera: target.camera,
+        rgba: (0..target.rgba.len()).map(pixel).collect(),
+        rays_per_edge: target.rays_per_edge,
+    }
+}
+
+/// A bijection of 64 bits in which each bit of the result hangs on all of the argument's (Stafford's variant 13
+/// of MurmurHash3's finaliser).
+fn scrambled(mut v: u64) -> u64 {
+    v = (v ^ (v >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    v = (v ^ (v >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    v ^ (v >> 31)
+}

@@ -1,0 +1,242 @@
+//! Densities that descend towards pictures, whatever the medium: Adam on batches of views, with a prior on
+//! neighbours.
+
+use crate::error::{Error, Result};
+use crate::math::Affine;
+use crate::optimise::solver::adam::Adam;
+use crate::cancel::Cancel;
+use crate::optimise::density::Request;
+use crate::optimise::region::hull::Hull;
+use crate::optimise::region::neighbours::Neighbours;
+use crate::optimise::projection::observation::Observation;
+use crate::optimise::gradient::pictures::{self, Accumulators, Gradients, PixelLoss, Target};
+use crate::optimise::loss::prior::{VolumePrior, Weighted};
+use crate::render::dvr::{Adjoint, Dvr, Tape};
+use crate::render::quadrature::Quadrature;
+use crate::scene::bricks::{BRICK, Bricks, Topology};
+use crate::scene::grid::LEAF_VOXELS;
+use crate::scene::medium::{Medium, Source};
+use std::sync::Arc;
+
+/// The bricks of a lattice that densities are sought in and which of their voxels are, at most so many bricks: what the
+/// pictures leave standing, or the whole box behind a function that absorbs where the density is 0.
+///
+/// # Errors
+/// If there are too many.
+pub fn unknowns(
+    observation: &Observation,
+    request: &Request,
+    lattice: &Affine,
+    limit: usize,
+) -> Result<(Topology, Vec<bool>)> {
+    let (topology, unknown) =
+        Hull::new(observation).cancel(request.cancel).unknowns(lattice, &request.bounds, limit)?;
+    let Source::Transfer(table) = &request.medium.source else { return Ok((topology, unknown)) };
+    if table.at(0.0)[3] == 0.0 {
+        return Ok((topology, unknown));
+    }
+    let blocks = (topology.bounds().size() / 8.0).element_product();
+    if blocks > limit as f64 {
+        return Err(Error::unsupported(format!(
+            "the transfer function absorbs where the density is 0, and the {blocks:.0} blocks of 8³ voxels of the whole box do not fit in memory"
+        ))
+        .hint("give a smaller region with --bounds or a larger --voxel-size, or raise --max-memory"));
+    }
+    let all = topology.filled()?;
+    let mut wider = vec![false; all.len() * LEAF_VOXELS];
+    for (brick, own) in topology.bricks().iter().zip(unknown.chunks(LEAF_VOXELS)) {
+        let at = all.find(*brick) as usize * LEAF_VOXELS;
+        wider[at..at + LEAF_VOXELS].copy_from_slice(own);
+    }
+    Ok((all, wider))
+}
+
+/// What the densities are seen in.
+#[derive(Debug)]
+pub struct Scene<'a> {
+    /// What they do to light.
+    pub medium: &'a Medium,
+    /// Radiance behind them.
+    pub background: [f32; 3],
+    /// Integration along rays.
+    pub quadrature: Quadrature,
+}
+
+impl Scene<'_> {
+    /// A renderer of densities.
+    ///
+    /// # Errors
+    /// If the medium cannot be used.
+    pub fn renderer<'f>(&self, field: &'f Bricks<f32>) -> Result<Dvr<'f, f32>> {
+        Ok(Dvr::new(field, self.medium.clone())?.background(self.background).quadrature(self.quadrature))
+    }
+}
+
+/// `|c - c'|` over colors and alpha.
+pub fn absolute(seen: &[f32; 4], wanted: &[f32; 4]) -> (f64, [f32; 4]) {
+    let difference: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
+    let value = difference.iter().map(|d| f64::from(d.abs())).sum();
+    (value, difference.map(|d| if d == 0.0 { 0.0 } else { d.signum() }))
+}
+
+/// `(c - c')² / 2` over colors and alpha.
+pub fn squared(seen: &[f32; 4], wanted: &[f32; 4]) -> (f64, [f32; 4]) {
+    let difference: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
+    (difference.iter().map(|d| 0.5 * f64::from(*d).powi(2)).sum(), difference)
+}
+
+/// Views in batches, in an order that changes from epoch to epoch (a stride coprime to their number).
+pub fn batches(train: &[Target], size: usize, epoch: u32) -> Vec<Vec<&Target>> {
+    let n = train.len();
+    let gcd = |mut a: usize, mut b: usize| {
+        while b > 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    let stride = (7 + 4 * epoch as usize..).find(|s| gcd(*s, n) == 1).unwrap_or(1);
+    let order: Vec<&Target> = (0..n).map(|i| &train[(i * stride + epoch as usize) % n]).collect();
+    order.chunks(size).map(<[_]>::to_vec).collect()
+}
+
+/// The unknowns.
+#[derive(Debug)]
+pub struct Fit {
+    /// What they are so far.
+    pub field: Bricks<f32>,
+    /// 1 where a voxel is unknown.
+    mask: Vec<f32>,
+    /// Voxels in the unit of the learning rate, 512 a brick.
+    x: Vec<f32>,
+    unit: f32,
+    adam: Adam,
+    neighbours: Neighbours,
+    stored: Vec<f32>,
+    accumulators: Accumulators<f32, Tape<f32>>,
+    owned: Vec<f32>,
+    /// Polled inside every step; one that it stopped changes nothing.
+    pub cancel: Cancel,
+}
+
+impl Fit {
+    /// Begins with `start` (512 a brick); `unit` is the density that the learning rate and the prior take for 1.
+    pub fn new(
+        topology: Arc<Topology>,
+        lattice: Affine,
+        unknown: &[bool],
+        start: &[f32],
+        unit: f32,
+        rate: f32,
+    ) -> Self {
+        let mask: Vec<f32> = unknown.iter().map(|u| f32::from(u8::from(*u))).collect();
+        let mut fit = Self {
+            x: start.iter().zip(&mask).map(|(v, m)| m * v / unit).collect(),
+            unit,
+            adam: Adam::new(mask.len(), rate),
+            neighbours: Neighbours::new(&topology),
+            stored: vec![0.0; topology.len() * BRICK],
+            accumulators: Accumulators::default(),
+            owned: vec![0.0; mask.len()],
+            cancel: Cancel::NEVER,
+            field: Bricks::zeros(topology, lattice),
+            mask,
+        };
+        fit.spread();
+        fit
+    }
+
+    /// How many unknowns there are.
+    pub fn unknowns(&self) -> usize {
+        self.mask.iter().filter(|m| **m > 0.0).count()
+    }
+
+    /// Sets the learning rate.
+    pub fn rate(&mut self, rate: f32) {
+        self.adam.rate = rate;
+    }
+
+    fn spread(&mut self) {
+        let scaled: Vec<f32> = self.x.iter().map(|v| v * self.unit).collect();
+        self.field.topology.spread(&scaled, &mut self.field.values);
+    }
+
+    /// One step of Adam on the mean of `loss` over the batch's pixels and channels, plus `prior` on the voxels; returns
+    /// the former before it, which is not a number once the work is to stop.
+    ///
+    /// # Errors
+    /// If the medium cannot be used.
+    pub fn step(
+        &mut self,
+        batch: &[&Target],
+        scene: &Scene<'_>,
+        loss: PixelLoss<'_>,
+        prior: Weighted<VolumePrior>,
+    ) -> Result<f64> {
+        let asked = |t: &&Target| t.rgba.iter().filter(|p| p.iter().all(|v| v.is_finite())).count();
+        let values: usize = batch.iter().map(|t| 4 * asked(t)).sum();
+        let share = 1.0 / values.max(1) as f32;
+        let shared = |seen: &[f32; 4], wanted: &[f32; 4]| {
+            let (value, slope) = loss(seen, wanted);
+            (value, slope.map(|s| share * s))
+        };
+        self.stored.fill(0.0);
+        let dvr = scene.renderer(&self.field)?;
+        let mut gradients = Gradients { voxels: Some(&mut self.stored), cancel: self.cancel, ..Gradients::default() };
+        let (sum, _) = pictures::gradient(&dvr, batch, &shared, Adjoint::Tape, &mut self.accumulators, &mut gradients);
+        if self.cancel.requested() {
+            return Ok(f64::NAN);
+        }
+        self.field.topology.fold(&self.stored, &mut self.owned);
+        self.owned.iter_mut().for_each(|g| *g *= self.unit);
+        let Weighted { prior, weight } = prior;
+        prior.add(weight, &self.x, &self.neighbours, self.unknowns(), &mut self.owned);
+        self.adam.step(&mut self.x, &self.owned, &self.mask);
+        self.spread();
+        Ok(sum * f64::from(share))
+    }
+
+    /// PSNR of the colors (peak 1); not a number once the work is to stop.
+    ///
+    /// # Errors
+    /// If the medium cannot be used.
+    pub fn psnr(&self, targets: &[&Target], scene: &Scene<'_>) -> Result<f64> {
+        let values: usize = targets.iter().map(|t| 3 * t.rgba.len()).sum();
+        let square = pictures::error(&scene.renderer(&self.field)?, targets, self.cancel);
+        if !square.is_finite() && self.cancel.requested() {
+            return Ok(f64::NAN);
+        }
+        Ok(-10.0 * (square / values.max(1) as f64).max(1e-20).log10())
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+    use crate::scene::camera::{Camera, Projection};
+    use glam::{DMat4, DVec2};
+    use std::collections::BTreeSet;
+
+    /// Whatever their number has for factors, all views have their turn in each epoch.
+    #[test]
+    fn batches_hold_every_view_once() {
+        let camera = Camera {
+            camera_to_world: DMat4::IDENTITY,
+            focal: DVec2::ONE,
+            centre: DVec2::ZERO,
+            width: 1,
+            height: 1,
+            projection: Projection::Perspective,
+            near: 0.0,
+        };
+        for n in 1..40 {
+            let views: Vec<Target> =
+                (0..n).map(|k| Target { camera, rgba: vec![[k as f32; 4]], rays_per_edge: 1 }).collect();
+            for epoch in 0..12 {
+                let batches = batches(&views, 8, epoch);
+                let seen: BTreeSet<u32> = batches.iter().flatten().map(|t| t.rgba[0][0] as u32).collect();
+                assert_eq!((seen.len(), batches.iter().map(Vec::len).sum::<usize>()), (n, n));
+            }
+        }
+    }
+}

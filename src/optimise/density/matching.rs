@@ -1,0 +1,286 @@
+//! Densities whose transfer function gives the colors of a pre-shaded volume.
+//!
+//! A function that is not monotonic has several densities for a color, and where it is flat or clear any
+//! number. Weiss & Westermann (2021, eq. 13) draw 256 random densities a voxel, and add the squared differences
+//! from the six neighbours. A density is one number: here all of the function is searched. And between two
+//! neighbours the density passes through all that lies between theirs: what the function gives there on
+//! average (its pre-integral) has to be what the volume has between them, so that no voxel jumps over a peak
+//! that nobody has seen. The two halves of a chequerboard take turns (a voxel's neighbours are all of the other
+//! half), from coarse voxels to fine ones, each at first at the lowest density that its color allows: what is
+//! clear and open to the outside is empty.
+
+use crate::error::Result;
+use crate::cancel::Cancel;
+use crate::optimise::region::lattice;
+use crate::optimise::region::neighbours::Neighbours;
+use crate::scene::bricks::{Bricks, Topology};
+use crate::scene::grid::LEAF_VOXELS;
+use crate::scene::table::Table;
+use glam::{IVec3, Vec4};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Points searched beside the function's knots.
+const POINTS: usize = 128;
+/// Error of emissions and extinctions, relative to the largest that the function has: what differences are
+/// measured by.
+const COLOR_ERROR: f32 = 0.03;
+/// Difference of neighbours, relative to the range of densities, that costs as much as one such error.
+const ROUGHNESS: f32 = 0.3;
+/// Weight of what lies between two neighbours, beside that of a voxel's own color.
+const EDGE: f32 = 0.5;
+/// What more than the least a density may cost to be allowed at first.
+const ALLOWED: f32 = 1.0;
+/// Rounds on each level, twice: between them small groups that settled for another branch than all around them
+/// are taken away.
+const ROUNDS: u32 = 8;
+/// Coarsest level: at least this many voxels along the longest edge.
+const COARSEST: f64 = 8.0;
+
+/// What the function gives, in units of the error, at the densities that are searched.
+struct Samples {
+    density: Vec<f32>,
+    /// Emission in R, G and B, and extinction.
+    value: [Vec<f32>; 4],
+    /// Their integrals over the density.
+    integral: [Vec<f32>; 4],
+    unit: Vec4,
+    /// Weight of squared differences from neighbours.
+    tie: f32,
+    /// Number of the density 0, or of the one next to it.
+    empty: u16,
+}
+
+/// A neighbour: what is between it and the voxel, and its density's number.
+type Beside = (Vec4, u16);
+
+impl Samples {
+    fn new(table: &Table, scale: f64) -> Self {
+        let range = table.knots()[table.knots().len() - 1].max(f64::MIN_POSITIVE);
+        let mut density: Vec<f64> = (0..=POINTS).map(|i| range * i as f64 / POINTS as f64).collect();
+        density.extend(table.knots().iter().filter(|k| **k > 0.0));
+        density.sort_by(f64::total_cmp);
+        density.dedup_by(|a, b| (*a - *b).abs() < 1e-4 * range);
+        let shaded = |d: &f64| {
+            let [r, g, b, extinction] = table.at(*d);
+            [r, g, b, 1.0].map(|c| scale * extinction * c)
+        };
+        let all: Vec<[f64; 4]> = density.iter().map(shaded).collect();
+        let largest = |c: usize| all.iter().fold(f64::MIN_POSITIVE, |a, v| a.max(v[c]));
+        // Light is light: one unit for all its channels.
+        let light = largest(0).max(largest(1)).max(largest(2));
+        let unit = [light, light, light, largest(3)].map(|v| 1.0 / (f64::from(COLOR_ERROR) * v));
+        let integral = |c: usize| {
+            let mut sum = 0.0;
+            let steps = density.windows(2).zip(all.windows(2));
+            let steps = steps.map(|(d, v)| {
+                sum += 0.5 * unit[c] * (d[1] - d[0]) * (v[0][c] + v[1][c]);
+                sum as f32
+            });
+            std::iter::once(0.0).chain(steps).collect()
+        };
+        let integral = std::array::from_fn(integral);
+        let empty = density.iter().enumerate().min_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).map_or(0, |(i, _)| i);
+        Self {
+            value: std::array::from_fn(|c| all.iter().map(|v| (unit[c] * v[c]) as f32).collect()),
+            integral,
+            density: density.iter().map(|d| *d as f32).collect(),
+            unit: Vec4::from_array(unit.map(|v| v as f32)),
+            tie: (1.0 / (f64::from(ROUGHNESS) * range).powi(2)) as f32,
+            empty: empty as u16,
+        }
+    }
+
+    /// Writes what each density costs: its difference from `target`, and what its neighbours make of it.
+    fn costs(&self, target: Vec4, beside: &[Beside], cost: &mut Vec<f32>) {
+        let count = self.density.len();
+        cost.clear();
+        cost.resize(count, 0.0);
+        for (c, value) in self.value.iter().enumerate() {
+            for (cost, v) in cost.iter_mut().zip(value) {
+                *cost += (v - target[c]) * (v - target[c]);
+            }
+        }
+        for (between, other) in beside {
+            let other = *other as usize;
+            let (d, own) = (self.density[other], self.value.each_ref().map(|v| v[other]));
+            let from = self.integral.each_ref().map(|v| v[other]);
+            let [r, g, b, s] = &self.integral;
+            let [r, g, b, s] = [&r[..count], &g[..count], &b[..count], &s[..count]];
+            let cost = &mut cost[..count];
+            for k in 0..count {
+                let step = self.density[k] - d;
+                let inverse = 1.0 / step;
+                let mean = |to: f32, c: usize| if k == other { own[c] } else { (to - from[c]) * inverse };
+                let off = [
+                    mean(r[k], 0) - between.x,
+                    mean(g[k], 1) - between.y,
+                    mean(b[k], 2) - between.z,
+                    mean(s[k], 3) - between.w,
+                ];
+                let square = off[0] * off[0] + off[1] * off[1] + off[2] * off[2] + off[3] * off[3];
+                cost[k] += EDGE * square + self.tie * step * step;
+            }
+        }
+    }
+
+    /// The density that costs least; on a draw, the lowest.
+    fn best(&self, target: Vec4, beside: &[Beside], cost: &mut Vec<f32>) -> u16 {
+        self.costs(target, beside, cost);
+        let least = cost.iter().fold(f32::INFINITY, |a, c| a.min(*c));
+        cost.iter().position(|c| *c <= least).unwrap_or(0) as u16
+    }
+
+    /// The lowest density whose difference from `target` is allowed.
+    fn lowest(&self, target: Vec4, cost: &mut Vec<f32>) -> u16 {
+        self.costs(target, &[], cost);
+        let least = cost.iter().fold(f32::INFINITY, |a, c| a.min(*c));
+        let allowed = |k: &usize| cost[*k] <= least + ALLOWED;
+        (self.empty as usize..cost.len()).find(allowed).or_else(|| (0..cost.len()).find(allowed)).unwrap_or(0) as u16
+    }
+
+    /// Number of the density next to `density`.
+    fn nearest(&self, density: f32) -> u16 {
+        let after = self.density.partition_point(|d| *d < density).min(self.density.len() - 1);
+        let before = after.saturating_sub(1);
+        let nearer = density - self.density[before] < self.density[after] - density;
+        (if nearer { before } else { after }) as u16
+    }
+}
+
+/// Densities on the lattice of `volume`. `scale` multiplies the function's extinction; `known` says which voxels
+/// (512 a brick of `topology`) are looked for: the others have the density 0. Once the work is to stop, voxels keep what
+/// they have.
+///
+/// # Errors
+/// If the lattice cannot be made coarser.
+pub fn densities(
+    volume: &Bricks<Vec4>,
+    table: &Table,
+    scale: f64,
+    topology: &Arc<Topology>,
+    unknown: &[bool],
+    cancel: Cancel,
+) -> Result<Bricks<f32>> {
+    let samples = Samples::new(table, scale);
+    let extent = volume.topology.bounds().size().max_element();
+    let coarser = (0..).take_while(|l| extent / f64::from(2_u32 << l) >= COARSEST).count() as u32;
+    let finest = Level {
+        targets: lanes(volume, topology, &volume.transform).into_iter().map(|v| v * samples.unit).collect(),
+        unknown: unknown.to_vec(),
+        densities: Bricks::zeros(topology.clone(), volume.transform),
+    };
+    let mut levels = vec![finest];
+    for level in 1..=coarser {
+        levels.push(levels[level as usize - 1].coarser()?);
+    }
+    let mut found: Option<Bricks<f32>> = None;
+    for mut level in levels.into_iter().rev() {
+        let start = found.map(|f: Bricks<f32>| f.resampled(&level.densities.topology, &level.densities.transform));
+        found = Some(level.settle(&samples, start, cancel));
+    }
+    Ok(found.unwrap_or_else(|| Bricks::zeros(topology.clone(), volume.transform)))
+}
+
+/// The targets at the voxels of bricks.
+fn lanes(volume: &Bricks<Vec4>, topology: &Topology, lattice: &crate::math::Affine) -> Vec<Vec4> {
+    let lanes = [0, 1, 2, 3].map(|c| volume.channel(c).resampled(topology, lattice));
+    (0..lanes[0].len()).map(|i| Vec4::new(lanes[0][i], lanes[1][i], lanes[2][i], lanes[3][i])).collect()
+}
+
+/// The problem on one lattice.
+struct Level {
+    targets: Vec<Vec4>,
+    unknown: Vec<bool>,
+    densities: Bricks<f32>,
+}
+
+impl Level {
+    /// Of voxels twice as large: means of the unknown ones among eight.
+    fn coarser(&self) -> Result<Self> {
+        let topology = &self.densities.topology;
+        let lattice = lattice::coarser(&self.densities.transform, 1)?;
+        let coarse = Arc::new(Topology::new(topology.bricks().iter().map(|b| b.map(|v| v >> 1)))?);
+        let mut targets = vec![Vec4::ZERO; coarse.len() * LEAF_VOXELS];
+        let mut count = vec![0.0_f32; targets.len()];
+        for (voxel, target) in self.targets.iter().enumerate().filter(|(v, _)| self.unknown[*v]) {
+            let local = voxel % LEAF_VOXELS;
+            let local = IVec3::new((local >> 6) as i32, (local >> 3 & 7) as i32, (local & 7) as i32);
+            let at = (8 * topology.bricks()[voxel / LEAF_VOXELS] + local).map(|v| v >> 1);
+            let own = at & IVec3::splat(7);
+            let there =
+                coarse.find(at.map(|v| v >> 3)) as usize * LEAF_VOXELS + (own.x << 6 | own.y << 3 | own.z) as usize;
+            targets[there] += *target;
+            count[there] += 1.0;
+        }
+        targets.iter_mut().zip(&count).for_each(|(t, c)| *t /= c.max(1.0));
+        Ok(Self {
+            targets,
+            unknown: count.iter().map(|c| *c > 0.0).collect(),
+            densities: Bricks::zeros(coarse, lattice),
+        })
+    }
+
+    /// Lets all voxels find their densities in turn.
+    fn settle(&mut self, samples: &Samples, start: Option<Vec<f32>>, cancel: Cancel) -> Bricks<f32> {
+        let neighbours = Neighbours::new(&self.densities.topology);
+        let (targets, unknown) = (&self.targets, &self.unknown);
+        let begin = |cost: &mut Vec<f32>, voxel: usize| match &start {
+            _ if !unknown[voxel] => samples.empty,
+            Some(start) => samples.nearest(start[voxel]),
+            None if cancel.requested() => samples.empty,
+            None => samples.lowest(targets[voxel], cost),
+        };
+        let all = 0..targets.len();
+        let mut found: Vec<u16> = all.clone().into_par_iter().map_init(Vec::new, begin).collect();
+        let medians = |found: &[u16]| -> Vec<u16> {
+            let median = |voxel: usize| {
+                if !unknown[voxel] {
+                    return found[voxel];
+                }
+                let mut all = [found[voxel]; 7];
+                let near = neighbours.of_voxel(voxel);
+                all.iter_mut().zip(near).for_each(|(v, there)| *v = there.map_or(*v, |there| found[there]));
+                all.sort_unstable();
+                all[3]
+            };
+            all.clone().into_par_iter().map(median).collect()
+        };
+        // A voxel whose neighbours stay has nothing to reconsider.
+        let mut changed = vec![true; found.len()];
+        for round in 0..4 * ROUNDS {
+            if cancel.requested() {
+                break;
+            }
+            if round == 2 * ROUNDS {
+                found = medians(&medians(&found));
+            }
+            if round <= 1 || (2 * ROUNDS..=2 * ROUNDS + 1).contains(&round) {
+                changed.fill(true);
+            }
+            let (before, stirred) = (&found, &changed);
+            let look = |(cost, beside): &mut (Vec<f32>, Vec<Beside>), voxel: usize| {
+                let i = voxel % LEAF_VOXELS;
+                let half = ((i >> 6) + (i >> 3) + i) & 1;
+                if !unknown[voxel] || half != (round & 1) as usize || cancel.requested() {
+                    return before[voxel];
+                }
+                let own = targets[voxel];
+                let near = neighbours.of_voxel(voxel);
+                if !near.iter().flatten().any(|there| stirred[*there]) {
+                    return before[voxel];
+                }
+                beside.clear();
+                beside.extend(near.iter().flatten().map(|there| (0.5 * (own + targets[*there]), before[*there])));
+                samples.best(own, beside, cost)
+            };
+            let after: Vec<u16> = all.clone().into_par_iter().map_init(Default::default, look).collect();
+            changed = after.par_iter().zip(&found).map(|(a, b)| a != b).collect();
+            found = after;
+        }
+        let found: Vec<f32> = found.iter().map(|k| samples.density[*k as usize]).collect();
+        let field = &mut self.densities;
+        field.topology.spread(&found, &mut field.values);
+        field.clone()
+    }
+}

@@ -1,0 +1,397 @@
+//! Density from absorption pictures: hull, levels from coarse to fine, and when to stop.
+
+pub mod confidence;
+pub mod descent;
+pub mod matching;
+pub mod through_transfer;
+pub mod weiss2021;
+
+use crate::error::{Error, Kind, Result};
+use crate::math::{Aabb, Affine};
+use crate::cancel::Cancel;
+use crate::optimise::projection::depths::Depths;
+use crate::optimise::region::hull::Hull;
+use crate::optimise::region::lattice;
+use crate::optimise::projection::observation::{DepthMap, Observation};
+use crate::optimise::loss::prior::{VolumePrior, Weighted};
+use crate::optimise::projection::projector::{Projector, Sample, View};
+use crate::optimise::solver::smoother::Smoother;
+use crate::optimise::solver::conjugate::{Equations, Solver};
+use crate::scene::bricks::{BRICK, Bricks, Topology};
+use crate::scene::grid::LEAF_VOXELS;
+use crate::scene::medium::Medium;
+use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What to reconstruct and how far to go.
+#[derive(Debug, Clone)]
+pub struct Request {
+    /// Voxel lattice of the result, index to world.
+    pub lattice: Affine,
+    /// World box of the unknowns.
+    pub bounds: Aabb,
+    /// What density does to light.
+    pub medium: Medium,
+    /// Radiance behind it.
+    pub background: [f32; 3],
+    /// A pixel is the mean over this many rays squared.
+    pub rays_per_edge: usize,
+    /// Views that are not used, only looked at to know when to stop.
+    pub held_out: Vec<usize>,
+    /// Iterations on the finest level, at most.
+    pub iterations: u32,
+    /// Blur passes of the smoothness prior; without, the held-out views decide.
+    pub smoothing: Option<u32>,
+    /// What descents ask of neighbouring voxels, if not what is usual; conjugate gradients have their own prior.
+    pub prior: Option<Weighted<VolumePrior>>,
+    /// Bound the influence of outliers (Huber's loss).
+    pub robust: bool,
+    /// A volume to start from.
+    pub init: Option<Bricks<f32>>,
+    /// Bytes that may be used.
+    pub max_memory: u64,
+    /// Polled inside every pass: what was found by then is the result.
+    pub cancel: Cancel,
+    /// Polled by the passes that only measure the result; a measure that it stopped is missing.
+    pub closing: Cancel,
+}
+
+/// One iteration, for the progress display and the convergence plot.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Step {
+    /// Level, 0 the finest.
+    pub level: u32,
+    /// Iteration, all levels counted.
+    pub iteration: u32,
+    /// Seconds since the start.
+    pub seconds: f64,
+    /// What is made small: the weighted RMS of the optical depths' residuals, or, for the paper's
+    /// recipe, the mean absolute difference of the batch's pictures.
+    pub loss: f64,
+    /// PSNR of the held-out views' transmittance (peak 1), if there are any.
+    pub held_out_psnr_db: Option<f64>,
+}
+
+/// A stage and the seconds it took.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Stage {
+    /// What was done.
+    pub name: String,
+    /// Wall time.
+    pub seconds: f64,
+}
+
+/// What came out.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// The densities.
+    pub field: Bricks<f32>,
+    /// Every iteration.
+    pub history: Vec<Step>,
+    /// Time by stage.
+    pub stages: Vec<Stage>,
+    /// PSNR of the transmittance of the views that were used (peak 1); not a number if that was not measured any more
+    /// after the work was stopped.
+    pub train_psnr_db: f64,
+    /// The same for those that were not.
+    pub held_out_psnr_db: Option<f64>,
+    /// Unknown voxels on the finest level.
+    pub unknowns: usize,
+    /// True if the user stopped it.
+    pub stopped: bool,
+}
+
+/// Coarsest level: at least this many voxels along the longest edge.
+const COARSEST: f64 = 24.0;
+/// Iterations on each level but the finest.
+const COARSE_ITERATIONS: u32 = 8;
+/// A level ends when this many iterations brought less than [`GAIN`] dB on the held-out views; less is
+/// no difference.
+const PATIENCE: usize = 6;
+const GAIN: f64 = 0.3;
+
+/// Blur passes that the coarsest level tries first, those for clean pictures where no held-out view can
+/// tell, and the most that are tried.
+const PASSES: u32 = 2;
+const CLEAN_PASSES: u32 = 1;
+const MOST_PASSES: u32 = 6;
+/// Iterations after which two numbers of passes are compared.
+const TRIAL: u32 = 4;
+
+/// Reconstructs the densities. `watch` sees every step and may stop the work; what is there by then
+/// is returned.
+///
+/// # Errors
+/// If the pictures leave no unknown, or the unknowns do not fit in memory.
+pub fn reconstruct(
+    observation: &Observation,
+    request: &Request,
+    mut watch: impl FnMut(&Step) -> ControlFlow<()>,
+) -> Result<Outcome> {
+    let start = Instant::now();
+    let mut stages = Vec::new();
+    let mut history: Vec<Step> = Vec::new();
+    let mut stopped = false;
+    let mut field = request.init.clone();
+    let levels = levels(&request.lattice, &request.bounds, field.as_ref());
+    let mut last = None;
+    let blind = request.held_out.is_empty() && observation.clean;
+    let mut passes = request.smoothing.unwrap_or(if blind { CLEAN_PASSES } else { PASSES });
+    for level in (0..levels).rev() {
+        let begun = Instant::now();
+        let (result, psnr) = {
+            let mut work = match Level::new(observation, request, level, field.as_ref(), passes) {
+                // What the coarser levels found stands.
+                Err(e) if e.kind() == Kind::Cancelled && last.is_some() => {
+                    stopped = true;
+                    break;
+                }
+                work => work?,
+            };
+            stages
+                .push(Stage { name: format!("level {level}: hull and rays"), seconds: begun.elapsed().as_secs_f64() });
+            let begun = Instant::now();
+            let limit = if level == 0 { request.iterations } else { COARSE_ITERATIONS.min(request.iterations) };
+            let done = work.solve(limit, |loss, held_out_psnr_db| {
+                let step = Step {
+                    level,
+                    iteration: history.len() as u32 + 1,
+                    seconds: start.elapsed().as_secs_f64(),
+                    loss,
+                    held_out_psnr_db,
+                };
+                history.push(step);
+                watch(&step)
+            });
+            stages.push(Stage { name: format!("level {level}: solve"), seconds: begun.elapsed().as_secs_f64() });
+            stopped = done.stopped;
+            passes = work.smoother.passes;
+            work.projector.cancel = request.closing;
+            let psnr = work.psnr(&done.voxels);
+            (work.field(done.voxels), psnr)
+        };
+        last = Some((psnr, result.1));
+        field = Some(result.0);
+        if stopped {
+            break;
+        }
+    }
+    let (Some(field), Some(((train, held_out), unknowns))) = (field, last) else {
+        return Err(Error::invalid("no level was solved").hint("give more --iterations, or a finer --resolution"));
+    };
+    Ok(Outcome { field, history, stages, train_psnr_db: train, held_out_psnr_db: held_out, unknowns, stopped })
+}
+
+/// Iterations that a run from nothing takes at most, all levels counted.
+pub fn most_iterations(request: &Request) -> u64 {
+    let levels = levels(&request.lattice, &request.bounds, request.init.as_ref());
+    let coarse = u64::from(levels - 1) * u64::from(COARSE_ITERATIONS.min(request.iterations));
+    // Each level tries one number of blur passes that it does not keep, or more.
+    let tried = if request.smoothing.is_none() { u64::from(levels * TRIAL) } else { 0 };
+    u64::from(request.iterations) + coarse + tried
+}
+
+/// How many levels, each of half the resolution, lead up to the finest. A start is taken up on the
+/// level of its own resolution.
+fn levels(lattice: &Affine, bounds: &Aabb, start: Option<&Bricks<f32>>) -> u32 {
+    lattice::levels_from(start.map(|s| &s.transform), lattice, bounds, COARSEST) + 1
+}
+
+/// The problem on one level.
+struct Level {
+    topology: Arc<Topology>,
+    lattice: Affine,
+    unknown: Vec<bool>,
+    train: Vec<View>,
+    held_out: Vec<View>,
+    projector: Projector,
+    smoother: Smoother,
+    start: Vec<f32>,
+    robust: bool,
+    finest: bool,
+    /// Whether the number of blur passes is to be found.
+    explore: bool,
+}
+
+/// What a level's solve left.
+struct Solved {
+    voxels: Vec<f32>,
+    /// PSNR of the held-out pictures.
+    psnr: Option<f64>,
+    /// True if later iterations were worse.
+    falling: bool,
+    stopped: bool,
+}
+
+impl Level {
+    fn new(
+        observation: &Observation,
+        request: &Request,
+        level: u32,
+        start: Option<&Bricks<f32>>,
+        passes: u32,
+    ) -> Result<Self> {
+        let stride = 1_usize << level;
+        let lattice = lattice::coarser(&request.lattice, level)?;
+        let hull = Hull::new(observation).cancel(request.cancel);
+        // Solver vectors, the field, its accumulators and the way back.
+        let per_brick = (LEAF_VOXELS * 9 + BRICK * 4) * size_of::<f32>();
+        let limit = (request.max_memory / per_brick as u64) as usize;
+        let (topology, unknown) = hull.unknowns(&lattice, &request.bounds, limit)?;
+        let topology = Arc::new(topology);
+        // Pixels of coarser levels are means of many already; one ray is as good as their model gets.
+        let rays = if level == 0 { request.rays_per_edge } else { 1 };
+        let mut projector = Projector::new(topology.clone(), lattice, request.medium.extinction, rays);
+        projector.cancel = request.cancel;
+        let (held_out, train): (Vec<_>, Vec<_>) =
+            observation.maps.iter().enumerate().partition(|(i, _)| request.held_out.contains(i));
+        let mut views = |maps: Vec<(usize, &DepthMap)>| {
+            projector.views(&maps.into_iter().map(|(_, m)| m).collect::<Vec<_>>(), stride, &unknown)
+        };
+        let (held_out, train) = (views(held_out), views(train));
+        if request.cancel.requested() {
+            return Err(Error::cancelled());
+        }
+        if train.iter().all(|v| v.samples.is_empty()) {
+            return Err(
+                Error::invalid("no ray of the pictures meets the region").hint("check --bounds and the cameras")
+            );
+        }
+        let start = match start {
+            Some(field) => field.resampled(&topology, &lattice),
+            None => vec![0.0; unknown.len()],
+        };
+        let mut smoother = Smoother::new(&topology, passes, 0.2);
+        smoother.cancel = request.cancel;
+        Ok(Self {
+            projector,
+            smoother,
+            robust: request.robust,
+            finest: level == 0,
+            explore: request.smoothing.is_none(),
+            topology,
+            lattice,
+            unknown,
+            train,
+            held_out,
+            start,
+        })
+    }
+
+    fn solve(&mut self, limit: u32, mut watch: impl FnMut(f64, Option<f64>) -> ControlFlow<()>) -> Solved {
+        let start = std::mem::take(&mut self.start);
+        if !self.explore || self.held_out.is_empty() || limit <= TRIAL {
+            return self.descend(start, limit, &mut watch);
+        }
+        let tried = self.compare(&start, &mut watch);
+        if tried.stopped {
+            return tried;
+        }
+        let done = self.descend(tried.voxels.clone(), limit - TRIAL, &mut watch);
+        if done.psnr > tried.psnr { done } else { Solved { stopped: done.stopped, ..tried } }
+    }
+
+    /// How smooth the volume is, how many pictures there are and how noisy they are: all of it decides
+    /// how many blur passes are best, and the held-out views know. More and more passes are tried for a
+    /// few iterations while they help, else, where that is cheap, fewer and fewer.
+    fn compare(&mut self, start: &[f32], watch: &mut impl FnMut(f64, Option<f64>) -> ControlFlow<()>) -> Solved {
+        let first = self.smoother.passes;
+        let mut best = (first, self.descend(start.to_vec(), TRIAL, watch));
+        let fewer = (0..first).rev().take(if self.finest { 0 } else { MOST_PASSES as usize }).collect::<Vec<_>>();
+        for direction in [(first + 1..=MOST_PASSES).collect::<Vec<_>>(), fewer] {
+            for passes in direction {
+                if best.1.stopped {
+                    break;
+                }
+                self.smoother.passes = passes;
+                let next = self.descend(start.to_vec(), TRIAL, watch);
+                // A smoother prior is ahead at first; it has to be clearly so, unless the other one has
+                // begun to fit the noise.
+                let ahead = if passes > best.0 && !best.1.falling { GAIN } else { 0.0 };
+                if next.psnr.unwrap_or(0.0) <= best.1.psnr.unwrap_or(0.0) + ahead {
+                    best.1.stopped = next.stopped;
+                    break;
+                }
+                best = (passes, next);
+            }
+            if best.0 != first {
+                break;
+            }
+        }
+        self.smoother.passes = best.0;
+        best.1
+    }
+
+    fn descend(
+        &mut self,
+        start: Vec<f32>,
+        limit: u32,
+        watch: &mut impl FnMut(f64, Option<f64>) -> ControlFlow<()>,
+    ) -> Solved {
+        let depths = Depths::new(&self.train, &mut self.projector);
+        let mut solver = Solver::new(depths, &mut self.smoother, &self.unknown, start).robust(self.robust);
+        let mut trail: Vec<f64> = Vec::new();
+        let mut best: Option<(f64, Vec<f32>)> = None;
+        let mut stopped = false;
+        for _ in 0..limit {
+            if !solver.iterate() {
+                break;
+            }
+            let solution = solver.solution();
+            let projector = &mut *solver.equations.projector;
+            let measure = |v: &[View], f: fn(&Sample, &[f64]) -> f64| projector.measure(&solution, v, f);
+            let psnr = (!self.held_out.is_empty()).then(|| picture_psnr(&self.held_out, measure));
+            if solver.equations.cancelled() {
+                break;
+            }
+            stopped = watch(solver.loss(), psnr).is_break();
+            if let Some(now) = psnr {
+                trail.push(now);
+                if best.as_ref().is_none_or(|(b, _)| now > *b) {
+                    best = Some((now, solution));
+                }
+                let stalled = trail.len() > PATIENCE && now < trail[trail.len() - 1 - PATIENCE] + GAIN;
+                if stalled {
+                    break;
+                }
+            }
+            if stopped {
+                break;
+            }
+        }
+        let stopped = stopped || solver.equations.cancelled();
+        let (psnr, voxels) = match best {
+            Some((psnr, voxels)) => (Some(psnr), voxels),
+            None => (None, solver.solution()),
+        };
+        Solved { voxels, psnr, falling: trail.last().copied() < psnr, stopped }
+    }
+
+    /// PSNR of the used and of the held-out pictures; not a number where that is not measured any more.
+    fn psnr(&mut self, voxels: &[f32]) -> (f64, Option<f64>) {
+        let projector = &mut self.projector;
+        let mut of = |views: &[View]| {
+            let psnr = picture_psnr(views, |v, f| projector.measure(voxels, v, f));
+            if projector.cancel.requested() { f64::NAN } else { psnr }
+        };
+        (of(&self.train), (!self.held_out.is_empty()).then(|| of(&self.held_out)))
+    }
+
+    fn field(self, voxels: Vec<f32>) -> (Bricks<f32>, usize) {
+        let mut field = Bricks::zeros(self.topology.clone(), self.lattice);
+        self.topology.spread(&voxels, &mut field.values);
+        (field, self.unknown.iter().filter(|u| **u).count())
+    }
+}
+
+/// PSNR of the transmittance over all pixels of the views, peak 1. Pixels without weight count as right.
+fn picture_psnr(views: &[View], mut measure: impl FnMut(&[View], fn(&Sample, &[f64]) -> f64) -> f64) -> f64 {
+    let pixels: f64 = views.iter().map(|v| f64::from(v.camera.width) * f64::from(v.camera.height)).sum();
+    let square = measure(views, |s, z| {
+        let seen = z.iter().map(|z| (-z).exp()).sum::<f64>() / z.len() as f64;
+        ((-f64::from(s.depth)).exp() - seen).powi(2)
+    });
+    -10.0 * (square / pixels).max(1e-20).log10()
+}

@@ -1,0 +1,168 @@
+//! The density reconstruction of Weiss & Westermann (2021, sect. 5.3), as published: Adam with
+//! learning rate 0.3 on batches of 8 views, L1 loss on the pictures plus λ = 0.5 times the mean
+//! squared difference of neighbouring voxels, 32³ doubled every 10 epochs, 50 epochs at the end.
+//!
+//! Densities are in the unit in which the paper's volumes lie in 0..1: the last point of a transfer function, or else
+//! taken from the pictures, the density that, over a quarter of the box, gives the largest optical depth seen.
+
+use crate::error::{Kind, Result};
+use crate::optimise::density::{Outcome, Request, Stage, Step};
+use crate::optimise::density::descent::{Fit, Scene, absolute, batches, unknowns};
+use crate::optimise::region::lattice;
+use crate::optimise::projection::observation::{Observation, Photo};
+use crate::optimise::gradient::pictures::Target;
+use crate::optimise::loss::prior::{VolumePrior, Weighted};
+use crate::render::quadrature::Quadrature;
+use crate::scene::bricks::Bricks;
+use crate::scene::grid::LEAF_VOXELS;
+use crate::scene::medium::Source;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::Instant;
+
+const RATE: f32 = 0.3;
+const BATCH: usize = 8;
+/// The prior that is published.
+const PRIOR: Weighted<VolumePrior> = Weighted { prior: VolumePrior::Smooth, weight: 0.5 };
+const COARSEST: f64 = 32.0;
+const COARSE_EPOCHS: u32 = 10;
+const START: f32 = 0.1;
+
+/// Reconstructs densities from colors: any medium, no assumption of linearity. One step a batch is
+/// reported; `request.iterations` bounds the epochs on the finest level.
+///
+/// # Errors
+/// As [`density::reconstruct`](crate::optimise::density::reconstruct).
+pub fn reconstruct(
+    photos: &[Photo],
+    observation: &Observation,
+    request: &Request,
+    mut watch: impl FnMut(&Step) -> ControlFlow<()>,
+) -> Result<Outcome> {
+    let start = Instant::now();
+    let target = |(_, p): (usize, &Photo)| Target {
+        camera: p.camera,
+        rgba: p.film.rgba.clone(),
+        rays_per_edge: request.rays_per_edge,
+    };
+    let (held_out, train): (Vec<_>, Vec<_>) =
+        photos.iter().enumerate().partition(|(i, _)| request.held_out.contains(i));
+    let held_out: Vec<Target> = held_out.into_iter().map(target).collect();
+    let train: Vec<Target> = train.into_iter().map(target).collect();
+    let (unit, quadrature) = match &request.medium.source {
+        Source::Transfer(table) => (table.knots()[table.knots().len() - 1], Quadrature::PREINTEGRATED),
+        _ => {
+            let longest = request.bounds.size().max_element();
+            let deepest = observation.maps.iter().flat_map(|m| m.depth.iter()).fold(0.0_f32, |a, b| a.max(*b));
+            (f64::from(deepest) / (0.25 * longest * request.medium.extinction), Quadrature::Exact)
+        }
+    };
+
+    let mut level = coarsest(request);
+    let mut field = request.init.clone();
+    let (mut history, mut stages): (Vec<Step>, Vec<Stage>) = (Vec::new(), Vec::new());
+    let mut unknowns = None;
+    loop {
+        let begun = Instant::now();
+        let mut fit = match begin(observation, request, level, field.as_ref(), unit) {
+            // What the coarser levels found stands.
+            Err(e)
+                if e.kind() == Kind::Cancelled
+                    && let (Some(found), Some(unknowns)) = (field.take(), unknowns) =>
+            {
+                return Ok(Outcome {
+                    field: found,
+                    train_psnr_db: f64::NAN,
+                    held_out_psnr_db: history.last().and_then(|step| step.held_out_psnr_db),
+                    unknowns,
+                    history,
+                    stages,
+                    stopped: true,
+                });
+            }
+            fit => fit?,
+        };
+        unknowns = Some(fit.unknowns());
+        fit.cancel = request.cancel;
+        let scene = Scene { medium: &request.medium, background: request.background, quadrature };
+        let epochs = if level == 0 { request.iterations } else { COARSE_EPOCHS.min(request.iterations) };
+        let mut stopped = false;
+        'epochs: for epoch in 0..epochs {
+            for batch in batches(&train, BATCH, epoch) {
+                let loss = fit.step(&batch, &scene, &absolute, request.prior.unwrap_or(PRIOR))?;
+                let held_out_psnr_db = if held_out.is_empty() {
+                    None
+                } else {
+                    Some(fit.psnr(&held_out.iter().collect::<Vec<_>>(), &scene)?)
+                };
+                if request.cancel.requested() {
+                    stopped = true;
+                    break 'epochs;
+                }
+                let step = Step {
+                    level,
+                    iteration: history.len() as u32 + 1,
+                    seconds: start.elapsed().as_secs_f64(),
+                    loss,
+                    held_out_psnr_db,
+                };
+                history.push(step);
+                if watch(&step).is_break() {
+                    stopped = true;
+                    break 'epochs;
+                }
+            }
+        }
+        stages.push(Stage { name: format!("level {level}: Adam"), seconds: begun.elapsed().as_secs_f64() });
+        if level == 0 || stopped {
+            fit.cancel = request.closing;
+            return Ok(Outcome {
+                train_psnr_db: fit.psnr(&train.iter().collect::<Vec<_>>(), &scene)?,
+                held_out_psnr_db: match held_out.is_empty() {
+                    true => None,
+                    false => Some(fit.psnr(&held_out.iter().collect::<Vec<_>>(), &scene)?),
+                },
+                unknowns: fit.unknowns(),
+                field: fit.field,
+                history,
+                stages,
+                stopped,
+            });
+        }
+        field = Some(fit.field);
+        level -= 1;
+    }
+}
+
+/// The level to begin on; a start is taken up on the finest.
+fn coarsest(request: &Request) -> u32 {
+    if request.init.is_some() {
+        return 0;
+    }
+    lattice::coarser_levels(&request.lattice, &request.bounds, COARSEST)
+}
+
+/// Steps that a run takes at most, with `views` pictures that are used.
+pub fn most_iterations(request: &Request, views: usize) -> u64 {
+    let epochs = request.iterations + coarsest(request) * COARSE_EPOCHS.min(request.iterations);
+    u64::from(epochs) * views.div_ceil(BATCH) as u64
+}
+
+/// The unknowns of one level, in the paper's unit.
+fn begin(
+    observation: &Observation,
+    request: &Request,
+    level: u32,
+    start: Option<&Bricks<f32>>,
+    unit: f64,
+) -> Result<Fit> {
+    let lattice = lattice::coarser(&request.lattice, level)?;
+    let limit = (request.max_memory / (LEAF_VOXELS * 64) as u64) as usize;
+    let (topology, unknown) = unknowns(observation, request, &lattice, limit)?;
+    let topology = Arc::new(topology);
+    let start = match start {
+        Some(field) => field.resampled(&topology, &lattice),
+        None => vec![START * unit as f32; unknown.len()],
+    };
+    Ok(Fit::new(topology, lattice, &unknown, &start, unit as f32, RATE))
+}

@@ -1,0 +1,302 @@
+//! Gradients of losses that are sums over pixels, for any medium: value, loss derivative and adjoint
+//! of one ray in one go.
+
+use crate::cancel::Cancel;
+use crate::optimise::gradient::partition::{Parts, Tile};
+use crate::render::Renderer;
+use crate::render::dvr::{Adjoint, Loss, ParameterGradient, RayGradient, Sinks};
+use crate::render::order::Tiles;
+use crate::scene::bricks::{BRICK, Bricks, Voxel};
+use crate::scene::camera::{Camera, CameraGradient};
+use crate::scene::table::TableGradient;
+use rayon::prelude::*;
+
+/// A camera and the colors and alpha it should see.
+#[derive(Debug, Clone)]
+pub struct Target {
+    /// Where it was taken from.
+    pub camera: Camera,
+    /// Row-major. Pixels that are not finite ask for nothing.
+    pub rgba: Vec<[f32; 4]>,
+    /// A pixel is the mean over the square of so many rays.
+    pub rays_per_edge: usize,
+}
+
+/// Value and derivative of one pixel's loss: what is seen, what should be.
+pub type PixelLoss<'l> = &'l (dyn Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4]) + Sync);
+
+/// What gradients are added to; what is `None` is not computed.
+#[derive(Debug)]
+pub struct Gradients<'g, V> {
+    /// By stored value, 729 a brick.
+    pub voxels: Option<&'g mut [V]>,
+    /// By piece of the transfer function.
+    pub table: Option<&'g mut TableGradient>,
+    /// By camera, one a target.
+    pub cameras: Option<&'g mut [CameraGradient]>,
+    /// By the quadrature's step, in voxels.
+    pub step: Option<&'g mut f64>,
+    /// Polled between tiles of pixels; sums of a walk that it stopped are incomplete.
+    pub cancel: Cancel,
+}
+
+impl<V> Default for Gradients<'_, V> {
+    fn default() -> Self {
+        Self { voxels: None, table: None, cameras: None, step: None, cancel: Cancel::NEVER }
+    }
+}
+
+/// Memory that gradients are summed up in, kept from call to call: of a renderer's voxels, and its tapes.
+#[derive(Debug, Clone, Default)]
+pub struct Accumulators<V, T>(Vec<Lane<V, T>>);
+
+/// Its share of one lane.
+#[derive(Debug, Clone, Default)]
+struct Lane<V, T> {
+    /// None for the first one: it has those of all.
+    voxels: Vec<V>,
+    tape: T,
+}
+
+/// Where a lane adds derivatives by voxel, if they are asked for, and its tape.
+type Own<'l, L> = (Option<&'l mut [<L as Renderer>::Voxel]>, &'l mut <L as Renderer>::Tape);
+
+/// What one lane sums up.
+struct Sums<'v, V> {
+    voxels: Option<&'v mut [V]>,
+    table: Option<TableGradient>,
+    cameras: Option<Vec<CameraGradient>>,
+    step: f64,
+    shared: ParameterGradient,
+    loss: f64,
+}
+
+/// Adds the gradient of `Σ loss(seen, target)` over all pixels of the targets to `gradients` and returns
+/// the sum. `loss` gives value and derivative per pixel. Accumulators are per lane and added in order:
+/// the same bits for any number of threads.
+pub fn gradient<L: Renderer<Real = f32>>(
+    light: &L,
+    targets: &[&Target],
+    loss: PixelLoss<'_>,
+    adjoint: Adjoint,
+    accumulators: &mut Accumulators<L::Voxel, L::Tape>,
+    gradients: &mut Gradients<'_, L::Voxel>,
+) -> (f64, ParameterGradient) {
+    let (field, lookups) = (light.field(), light.lookups(gradients.table.is_some()));
+    let count = match gradients.voxels {
+        Some(_) => {
+            let rays: usize = targets.iter().map(|t| t.rgba.len() * t.rays_per_edge.pow(2)).sum();
+            let seen = lookups.iter().filter(|l| **l > 0.0);
+            let mean = seen.clone().sum::<f32>() / seen.count().max(1) as f32;
+            lanes(field, bricks_crossed(field, rays) * f64::from(mean), targets.len() < MOST_LANES)
+        }
+        None => MOST_LANES,
+    };
+    let Gradients { voxels, table, cameras, step, cancel } = gradients;
+    let cancel = *cancel;
+    let lanes = &mut accumulators.0;
+    lanes.resize_with(count, Lane::default);
+    let length = voxels.as_ref().map_or(0, |v| v.len());
+    // Zeros that are not touched take no memory.
+    lanes
+        .iter_mut()
+        .skip(1)
+        .filter(|lane| lane.voxels.len() != length)
+        .for_each(|lane| lane.voxels = vec![L::Voxel::default(); length]);
+    let views: Vec<&Camera> = targets.iter().map(|t| &t.camera).collect();
+    let parts = Parts::new(field, &lookups, &views, count, voxels.is_some());
+    let mut first = voxels.as_deref_mut();
+    let own: Vec<Own<'_, L>> = lanes
+        .iter_mut()
+        .map(|lane| {
+            (first.take().or((length > 0 && !lane.voxels.is_empty()).then_some(&mut lane.voxels)), &mut lane.tape)
+        })
+        .collect();
+    let sums: Vec<Sums<'_, L::Voxel>> = own
+        .into_par_iter()
+        .zip(&parts.tiles)
+        .enumerate()
+        // One at a time: some may be through long before others.
+        .with_max_len(1)
+        .map(|(lane, ((voxels, tape), tiles))| {
+            let mut sums = Sums {
+                voxels,
+                table: table.as_ref().map(|t| TableGradient::of_knots(t.steps.len())),
+                cameras: cameras.as_ref().map(|c| vec![CameraGradient::default(); c.len()]),
+                step: 0.0,
+                shared: ParameterGradient::default(),
+                loss: 0.0,
+            };
+            for Tile { picture, number, new } in tiles {
+                if cancel.requested() {
+                    break;
+                }
+                if let Some(voxels) = &mut sums.voxels {
+                    new.iter().for_each(|brick| approach(&mut voxels[*brick as usize * BRICK..][..BRICK], lane > 0));
+                }
+                Run {
+                    light,
+                    target: targets[*picture],
+                    number: *picture,
+                    tiles: &parts.pictures[*picture],
+                    loss,
+                    adjoint,
+                    sums: &mut sums,
+                    tape,
+                }
+                .tile(*number);
+            }
+            sums
+        })
+        .collect();
+    let (mut loss, mut shared) = (0.0, ParameterGradient::default());
+    let mut by_lane = Vec::new();
+    for own in sums {
+        if let (Some(total), Some(own)) = (table.as_deref_mut(), &own.table) {
+            total.add(own);
+        }
+        if let (Some(total), Some(own)) = (cameras.as_deref_mut(), &own.cameras) {
+            total.iter_mut().zip(own).for_each(|(t, o)| *t = t.plus(o));
+        }
+        if let Some(total) = step.as_deref_mut() {
+            *total += own.step;
+        }
+        (loss, shared) = (loss + own.loss, shared.plus(&own.shared));
+        by_lane.extend(own.voxels);
+    }
+    if let Some((total, others)) = by_lane.split_first_mut() {
+        total.par_chunks_mut(BRICK).zip(&parts.seen_by).enumerate().for_each(|(i, (total, seen_by))| {
+            for (_, own) in others.iter().enumerate().filter(|(lane, _)| seen_by & 2 << lane != 0) {
+                for (t, v) in total.iter_mut().zip(&own[i * BRICK..]) {
+                    *t += *v;
+                }
+            }
+        });
+    }
+    (loss, shared)
+}
+
+/// Makes a brick's sums ready for a lane whose rays come to it: zeros, if they are its own. Now, not all bricks at once:
+/// what was written or read a moment ago is near.
+fn approach<V: Voxel>(brick: &mut [V], own: bool) {
+    if own {
+        brick.fill(V::default());
+        return;
+    }
+    let mut sum = V::default();
+    brick.iter().step_by(64 / size_of::<V>()).for_each(|v| sum += *v);
+    std::hint::black_box(sum);
+}
+
+/// What goes through the pixels of one view.
+struct Run<'a, 'v, L: Renderer> {
+    light: &'a L,
+    target: &'a Target,
+    /// The target's.
+    number: usize,
+    tiles: &'a Tiles,
+    loss: PixelLoss<'a>,
+    adjoint: Adjoint,
+    sums: &'a mut Sums<'v, L::Voxel>,
+    tape: &'a mut L::Tape,
+}
+
+impl<L: Renderer<Real = f32>> Run<'_, '_, L> {
+    /// Radiance and gradient of the ray through an image position.
+    fn ray(&mut self, [x, y]: [f64; 2], slope: Loss<'_, f32>) {
+        let mut moved = RayGradient::default();
+        let own = &mut *self.sums;
+        let follow = own.cameras.is_some();
+        let sinks = Sinks {
+            voxels: own.voxels.as_deref_mut(),
+            table: own.table.as_mut(),
+            ray: follow.then_some(&mut moved),
+            shared: &mut own.shared,
+        };
+        let camera = &self.target.camera;
+        self.light.gradient(&camera.ray(x, y), slope, self.adjoint, sinks, self.tape);
+        if let Some(cameras) = &mut own.cameras {
+            cameras[self.number] = cameras[self.number].plus(&camera.gradient(x, y, moved.origin, moved.direction));
+            own.step += moved.step;
+        }
+    }
+
+    /// Adds losses and gradients of a tile's pixels.
+    fn tile(mut self, tile: usize) {
+        let Target { camera, rgba, rays_per_edge: n } = self.target;
+        let (width, share) = (camera.width as usize, 1.0 / (n * n) as f32);
+        let (mut sum, loss) = (0.0, self.loss);
+        let ([left, top], edge) = (self.tiles.corner(tile), self.tiles.edge);
+        // All at once: far memory is waited for once, not at every ray.
+        let mut all = vec![[f32::NAN; 4]; edge * edge];
+        let across = edge.min(width.saturating_sub(left));
+        for (row, wanted) in rgba.chunks(width).skip(top).zip(all.chunks_mut(edge)).filter(|_| across > 0) {
+            wanted[..across].copy_from_slice(&row[left..left + across]);
+        }
+        for [x, y] in self.tiles.pixels(tile) {
+            let wanted = &all[(y - top) * edge + x - left];
+            if wanted.iter().any(|v| !v.is_finite()) {
+                continue;
+            }
+            let position = |[right, down]: [usize; 2]| {
+                let offset = |k: usize| (k as f64 + 0.5) / *n as f64;
+                [x as f64 + offset(right), y as f64 + offset(down)]
+            };
+            let mut loss = |seen: &[f32; 4]| {
+                let (value, slope) = loss(seen, wanted);
+                sum += value;
+                slope
+            };
+            if *n == 1 {
+                self.ray(position([0, 0]), &mut |seen| loss(&seen.rgba()));
+                continue;
+            }
+            let mut mean = [0.0; 4];
+            for k in 0..n * n {
+                let [x, y] = position([k % n, k / n]);
+                let seen = self.light.seen(&camera.ray(x, y), self.tape).rgba();
+                mean.iter_mut().zip(seen).for_each(|(m, v)| *m += share * v);
+            }
+            let slope = loss(&mean).map(|g| share * g);
+            for k in 0..n * n {
+                self.ray(position([k % n, k / n]), &mut |_| slope);
+            }
+        }
+        self.sums.loss += sum;
+    }
+}
+
+/// The most accumulators.
+const MOST_LANES: usize = 16;
+
+/// Bricks that so many rays cross, those through the whole of a cube of bricks one and a half in a row.
+pub fn bricks_crossed<V: Voxel>(field: &Bricks<V>, rays: usize) -> f64 {
+    1.5 * rays as f64 * (field.topology.len() as f64).cbrt()
+}
+
+/// Accumulators for so many look-ups of densities in a field: as many as pay (each is cleared and added up, which must
+/// cost less than the rays do) and as fit in memory, from 2 to 16. Those `apart` see a part of the field each.
+pub fn lanes<V: Voxel>(field: &Bricks<V>, lookups: f64, apart: bool) -> usize {
+    let values = field.values.len().max(1);
+    let pays = lookups / values as f64;
+    // Together they see the field, and what lies between them twice: that grows with their borders.
+    let pays = if apart { pays.max(3.0 * pays.sqrt()) } else { pays };
+    let fits = (256 << 20) / (values * size_of::<V>());
+    // A power of two: as many for each of two, four or eight threads.
+    1 << (pays as usize).min(fits).clamp(2, MOST_LANES).ilog2()
+}
+
+/// Sum of squared differences of the colors over all pixels that are finite; infinite once the work is to stop.
+pub fn error(light: &impl Renderer<Real = f32>, targets: &[&Target], cancel: Cancel) -> f64 {
+    let never = std::sync::atomic::AtomicBool::new(false);
+    let flag = cancel.flag().unwrap_or(&never);
+    let of = |t: &&Target| -> f64 {
+        let Some(film) = crate::render::picture(light, &t.camera, t.rays_per_edge, flag) else {
+            return f64::INFINITY;
+        };
+        let square = |(a, b): (&[f32; 4], &[f32; 4])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
+        let asked = film.rgba.iter().zip(&t.rgba).filter(|(_, wanted)| wanted.iter().all(|v| v.is_finite()));
+        asked.map(square).sum()
+    };
+    targets.iter().map(of).sum()
+}

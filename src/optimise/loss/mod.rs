@@ -1,0 +1,264 @@
+//! What is asked of pictures: the value of a loss beside its derivative with respect to every pixel.
+//!
+//! A local loss is a mean over pixels: its derivative is known as soon as a pixel is, so that value and
+//! gradient of a ray are one walk. A global loss is a function of a whole picture.
+
+pub mod prior;
+
+use crate::metrics::ssim;
+
+/// Red, green, blue and alpha = 1 - transmittance.
+pub type Rgba = [f64; 4];
+
+/// A loss on pictures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Loss {
+    /// Mean of `|c - c'|` over pixels and colors.
+    L1,
+    /// Mean of `(c - c')²` over pixels and colors.
+    L2,
+    /// Mean of `r² / 2` where `|r| ≤ delta`, `delta (|r| - delta / 2)` beyond, `r = c - c'` (Huber 1964).
+    Huber {
+        /// Difference from which on it grows no faster.
+        delta: f64,
+    },
+    /// Mean over pixels of `(ln T - ln T')²`, both transmittances no less than a floor; below it a pixel
+    /// asks for nothing.
+    LogTransmittance {
+        /// The floor.
+        floor: f64,
+    },
+    /// Mean over pixels and colors.
+    Mean,
+    /// Entropy of the alphas, as a share of what equal ones have: `H = -Σ p log p / log N`, `p = α / Σ α`
+    /// (Ji & Shen 2006; Weiss & Westermann 2021, eq. 11, whose sign makes it negative). Blank pictures have
+    /// none, and no derivative.
+    OpacityEntropy,
+    /// `1 - SSIM`, mean over the colors ([`ssim`]), for signals of this peak.
+    Dissimilarity {
+        /// Range of the signal.
+        peak: f64,
+    },
+}
+
+/// How far a loss must see before it knows a pixel's derivative.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reach {
+    /// The pixel: value and gradient fuse.
+    Local,
+    /// The picture: rays are walked again when all are known.
+    Global,
+}
+
+/// Sum of alphas below which a picture counts as blank.
+const BLANK: f64 = 1e-9;
+
+impl Loss {
+    /// How far it must see.
+    pub fn reach(&self) -> Reach {
+        match self {
+            Self::OpacityEntropy | Self::Dissimilarity { .. } => Reach::Global,
+            _ => Reach::Local,
+        }
+    }
+
+    /// True if it compares with a picture.
+    pub fn compares(&self) -> bool {
+        !matches!(self, Self::Mean | Self::OpacityEntropy)
+    }
+
+    /// Value and derivative of one pixel, of a picture's mean over pixels; zero for global losses.
+    pub fn pixel(&self, seen: &Rgba, wanted: &Rgba) -> (f64, Rgba) {
+        let by_color = |f: &dyn Fn(f64) -> (f64, f64)| {
+            let (mut sum, mut slope) = (0.0, [0.0; 4]);
+            for c in 0..3 {
+                let (value, by) = f(seen[c] - wanted[c]);
+                sum += value / 3.0;
+                slope[c] = by / 3.0;
+            }
+            (sum, slope)
+        };
+        match *self {
+            // At zero any slope from -1 to 1 is one; zero asks for nothing.
+            Self::L1 => by_color(&|r| (r.abs(), if r == 0.0 { 0.0 } else { r.signum() })),
+            Self::L2 => by_color(&|r| (r * r, 2.0 * r)),
+            Self::Huber { delta } => by_color(&|r| {
+                if r.abs() <= delta { (0.5 * r * r, r) } else { (delta * (r.abs() - 0.5 * delta), delta * r.signum()) }
+            }),
+            Self::LogTransmittance { floor } => {
+                let open = 1.0 - seen[3];
+                let off = (open.max(floor) / (1.0 - wanted[3]).max(floor)).ln();
+                let slope = if open > floor { -2.0 * off / open } else { 0.0 };
+                (off * off, [0.0, 0.0, 0.0, slope])
+            }
+            Self::Mean => ((seen[0] + seen[1] + seen[2]) / 3.0, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, 0.0]),
+            Self::OpacityEntropy | Self::Dissimilarity { .. } => (0.0, [0.0; 4]),
+        }
+    }
+
+    /// Value and derivative of a picture with rows of `width` pixels. Pixels that are not finite in either
+    /// picture ask for nothing; they count as equal where windows meet them.
+    pub fn picture(&self, seen: &[Rgba], wanted: Option<&[Rgba]>, width: usize) -> (f64, Vec<Rgba>) {
+        let black = [0.0; 4];
+        let wanted_at = |i: usize| wanted.map_or(&black, |w| &w[i]);
+        let asked = |i: usize| seen[i].iter().chain(wanted_at(i)).all(|v| v.is_finite());
+        match self {
+            Self::OpacityEntropy => {
+                let alpha: Vec<f64> = (0..seen.len()).map(|i| if asked(i) { seen[i][3] } else { 0.0 }).collect();
+                let (value, slope) = entropy(&alpha, (0..seen.len()).filter(|i| asked(*i)).count());
+                (value, slope.into_iter().map(|s| [0.0, 0.0, 0.0, s]).collect())
+            }
+            Self::Dissimilarity { peak } => {
+                let (mut value, mut slopes) = (0.0, vec![[0.0; 4]; seen.len()]);
+                for c in 0..3 {
+                    let plane = |p: &dyn Fn(usize) -> f64| -> Vec<f64> {
+                        (0..seen.len()).map(|i| if asked(i) { p(i) } else { 0.0 }).collect()
+                    };
+                    let (a, b) = (plane(&|i| seen[i][c]), plane(&|i| wanted_at(i)[c]));
+                    let (similarity, slope) = ssim::gradient(&a, &b, width, *peak);
+                    value += (1.0 - similarity) / 3.0;
+                    for i in (0..seen.len()).filter(|i| asked(*i)) {
+                        slopes[i][c] = -slope[i] / 3.0;
+                    }
+                }
+                (value, slopes)
+            }
+            _ => {
+                let share = 1.0 / (0..seen.len()).filter(|i| asked(*i)).count().max(1) as f64;
+                let mut sum = 0.0;
+                let slopes = seen.iter().enumerate().map(|(i, pixel)| {
+                    if !asked(i) {
+                        return [0.0; 4];
+                    }
+                    let (value, slope) = self.pixel(pixel, wanted_at(i));
+                    sum += value;
+                    slope.map(|s| share * s)
+                });
+                let slopes = slopes.collect();
+                (share * sum, slopes)
+            }
+        }
+    }
+}
+
+/// `H = (ln S - A / S) / ln N`, `S = Σ α`, `A = Σ α ln α`: no division by a single α, and `dH/dα = (A / S - ln α) / (S ln N)`.
+/// Where a pixel is clear that is infinite; it counts as zero there, as no light that could change it meets it.
+fn entropy(alpha: &[f64], count: usize) -> (f64, Vec<f64>) {
+    let sum: f64 = alpha.iter().map(|a| a.max(0.0)).sum();
+    if sum < BLANK || count < 2 {
+        return (0.0, vec![0.0; alpha.len()]);
+    }
+    let mean = alpha.iter().filter(|a| **a > 0.0).map(|a| a * a.ln()).sum::<f64>() / sum;
+    let most = (count as f64).ln();
+    let slope = |a: &f64| if *a > 0.0 { (mean - a.ln()) / (sum * most) } else { 0.0 };
+    ((sum.ln() - mean) / most, alpha.iter().map(slope).collect())
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    const LOSSES: [Loss; 7] = [
+        Loss::L1,
+        Loss::L2,
+        Loss::Huber { delta: 0.2 },
+        Loss::LogTransmittance { floor: 1e-4 },
+        Loss::Mean,
+        Loss::OpacityEntropy,
+        Loss::Dissimilarity { peak: 1.0 },
+    ];
+
+    fn pictures(width: usize, height: usize) -> (Vec<Rgba>, Vec<Rgba>) {
+        let wave = |i: usize, c: usize, k: f64| 0.5 + 0.4 * (k * i as f64 + 1.7 * c as f64).sin();
+        let of = |k: f64| (0..width * height).map(|i| std::array::from_fn(|c| wave(i, c, k))).collect();
+        (of(0.37), of(0.41))
+    }
+
+    #[test]
+    fn derivatives_match_central_differences() {
+        for (width, height) in [(5, 4), (16, 13)] {
+            let (seen, wanted) = pictures(width, height);
+            for loss in LOSSES {
+                let (_, slopes) = loss.picture(&seen, Some(&wanted), width);
+                let largest = slopes.iter().flatten().fold(0.0_f64, |m, s| m.max(s.abs()));
+                assert!(largest > 0.0, "{loss:?}");
+                for (i, slope) in slopes.iter().enumerate().step_by(7) {
+                    for c in 0..4 {
+                        let at = |h: f64| {
+                            let mut moved = seen.clone();
+                            moved[i][c] += h;
+                            loss.picture(&moved, Some(&wanted), width).0
+                        };
+                        let expected = (at(1e-5) - at(-1e-5)) / 2e-5;
+                        // h² f''' and 1e-16 / h; slopes are of order 1 / pixels.
+                        assert!((slope[c] - expected).abs() < 1e-6 * largest, "{loss:?} {i} {c} {slope:?} {expected}");
+                    }
+                }
+            }
+        }
+    }
+
+    /// A local loss is the mean of its pixels.
+    #[test]
+    fn local_losses_add_up() {
+        let (seen, wanted) = pictures(6, 5);
+        for loss in LOSSES.into_iter().filter(|l| l.reach() == Reach::Local) {
+            let mean = seen.iter().zip(&wanted).map(|(a, b)| loss.pixel(a, b).0).sum::<f64>() / 30.0;
+            assert!((loss.picture(&seen, Some(&wanted), 6).0 - mean).abs() < 1e-14, "{loss:?}");
+        }
+    }
+
+    #[test]
+    fn equal_pictures_ask_for_nothing() {
+        let (seen, _) = pictures(12, 12);
+        for loss in LOSSES.into_iter().filter(Loss::compares) {
+            let (value, slopes) = loss.picture(&seen, Some(&seen), 12);
+            assert!(value.abs() < 1e-14, "{loss:?} {value}");
+            // A maximum of the similarity: its slope is the rounding of terms of order 1.
+            assert!(slopes.iter().flatten().all(|s| s.abs() < 1e-13), "{loss:?}");
+        }
+    }
+
+    #[test]
+    fn blank_pictures_have_no_entropy() {
+        for alpha in [0.0, 1e-13] {
+            let (value, slopes) = Loss::OpacityEntropy.picture(&[[0.5, 0.5, 0.5, alpha]; 20], None, 5);
+            assert_eq!(value, 0.0);
+            assert!(slopes.iter().flatten().all(|s| *s == 0.0));
+        }
+        assert_eq!(Loss::OpacityEntropy.picture(&[[1.0; 4]], None, 1).0, 0.0, "one pixel");
+        assert_eq!(Loss::OpacityEntropy.picture(&[], None, 1).0, 0.0, "none");
+    }
+
+    #[test]
+    fn equal_alphas_have_all_the_entropy_and_one_pixel_none() {
+        let (value, slopes) = Loss::OpacityEntropy.picture(&[[0.0, 0.0, 0.0, 0.3]; 16], None, 4);
+        assert!((value - 1.0).abs() < 1e-15);
+        assert!(slopes.iter().flatten().all(|s| s.abs() < 1e-15), "it is the maximum");
+        let mut one = vec![[0.0; 4]; 16];
+        one[3][3] = 0.7;
+        let (value, slopes) = Loss::OpacityEntropy.picture(&one, None, 4);
+        assert!(value.abs() < 1e-15 && slopes.iter().flatten().all(|s| s.is_finite()));
+    }
+
+    #[test]
+    fn what_is_not_finite_asks_for_nothing() {
+        let (mut seen, mut wanted) = pictures(12, 12);
+        wanted[5] = [f64::NAN; 4];
+        seen[7][3] = f64::INFINITY;
+        for loss in LOSSES {
+            let (value, slopes) = loss.picture(&seen, Some(&wanted), 12);
+            assert!(value.is_finite() && slopes.iter().flatten().all(|s| s.is_finite()), "{loss:?}");
+            assert_eq!((slopes[5], slopes[7]), ([0.0; 4], [0.0; 4]), "{loss:?}");
+        }
+    }
+
+    #[test]
+    fn beneath_the_floor_nothing_pulls() {
+        let loss = Loss::LogTransmittance { floor: 1e-3 };
+        let (value, slope) = loss.pixel(&[0.0, 0.0, 0.0, 1.0], &[0.0, 0.0, 0.0, 0.5]);
+        assert!((value - 500.0_f64.ln().powi(2)).abs() < 1e-12);
+        assert_eq!(slope, [0.0; 4]);
+    }
+}

@@ -1,0 +1,557 @@
+//! Contradictions between a capture and its pictures, found before any work is done.
+//!
+//! A reconstruction explains whatever it is given: with a wrong background, emission or camera it ends in a volume that
+//! nobody rendered, and its residuals may even be small. What pictures must satisfy whatever the volume is can be
+//! checked in one pass over the pixels: radiance is not negative, a pixel without opacity shows the background, alpha
+//! and color tell the same transmittance, and complete silhouettes surround one common point.
+
+pub mod cost;
+pub mod residuals;
+
+use crate::error::Error;
+use crate::math::Ray;
+use crate::optimise::projection::observation::{DepthMap, Observation, Photo};
+use crate::scene::camera::Projection;
+use crate::scene::capture::{Capture, EmissionModel, Model};
+use glam::{DMat3, DVec2, DVec3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// A remark on a result that the user should know of.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Warning {
+    /// What was found, and what was expected.
+    pub what: String,
+    /// What to do about it: the setting that would fit.
+    #[serde(rename = "do")]
+    pub remedy: String,
+}
+
+impl Warning {
+    /// A warning with its remedy.
+    pub fn new(what: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self { what: what.into(), remedy: remedy.into() }
+    }
+}
+
+/// A contradiction between a capture and its pictures.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Finding {
+    /// True if no volume could have been seen like that.
+    pub certain: bool,
+    /// File of the picture that shows it; none if all do.
+    pub view: Option<String>,
+    /// What was found, and the setting that would fit.
+    pub warning: Warning,
+}
+
+impl Finding {
+    fn certain(view: Option<&str>, what: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self { certain: true, view: view.map(Into::into), warning: Warning::new(what, remedy) }
+    }
+
+    fn doubtful(view: Option<&str>, what: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self { certain: false, ..Self::certain(view, what, remedy) }
+    }
+}
+
+/// The warnings among findings, each with its picture.
+///
+/// # Errors
+/// The first finding that is certain.
+pub fn refuse(findings: Vec<Finding>) -> Result<Vec<Warning>, Error> {
+    if let Some(Finding { view, warning, .. }) = findings.iter().find(|f| f.certain) {
+        let error = Error::invalid(&warning.what).hint(&warning.remedy);
+        return Err(match view {
+            Some(view) => error.at(view),
+            None => error,
+        });
+    }
+    Ok(warnings(findings))
+}
+
+/// All findings as warnings.
+pub fn warnings(findings: Vec<Finding>) -> Vec<Warning> {
+    let named = |f: Finding| match f.view {
+        Some(view) => Warning::new(format!("{view}: {}", f.warning.what), f.warning.remedy),
+        None => f.warning,
+    };
+    findings.into_iter().map(named).collect()
+}
+
+/// Difference of two colors that roundings of half-precision files and denoisers leave, absolute and relative.
+const SAME: [f64; 2] = [0.01, 0.02];
+/// Alpha below which a pixel is transparent.
+const CLEAR: f32 = 2e-6;
+/// Radiance beyond which a sample is no light of a picture.
+const BRIGHTEST: f32 = 1e20;
+
+/// Contradictions of the pictures' pixels with the capture and with each other.
+pub fn pictures(photos: &[Photo], capture: &Capture) -> Vec<Finding> {
+    if let Some(first) = photos.first().filter(|_| photos.iter().all(|p| finite(p).next().is_none())) {
+        return vec![Finding::certain(
+            Some(&first.name),
+            "no pixel of this or any other picture has finite values: all are NaN or infinite",
+            "render the views again; `cumulo validate` says which samples are not finite",
+        )];
+    }
+    let mut found: Vec<Finding> = photos.par_iter().filter_map(range).collect();
+    found.sort_by_key(|f| !f.certain);
+    // One picture speaks for all that are alike.
+    found.truncate(1);
+    if found.iter().any(|f| f.certain) {
+        return found;
+    }
+    found.extend(behind(photos, capture));
+    found.extend(opacity(photos, capture));
+    found.extend(quantised(photos));
+    found
+}
+
+/// Values that no light has.
+fn range(photo: &Photo) -> Option<Finding> {
+    let name = Some(photo.name.as_str());
+    let finite: Vec<&[f32; 4]> = photo.film.rgba.iter().filter(|p| p.iter().all(|v| v.is_finite())).collect();
+    let all = photo.film.rgba.len();
+    if finite.is_empty() {
+        return Some(Finding::doubtful(
+            name,
+            format!("all of {all} pixels are NaN or infinite: the view says nothing"),
+            "render the view again, or take it out of the capture",
+        ));
+    }
+    if let Some(pixel) = finite.iter().find(|p| p[..3].iter().any(|v| v.abs() > BRIGHTEST)) {
+        return Some(Finding::certain(
+            name,
+            format!("a pixel has the radiance {:e}; scene-linear radiance is expected", pixel[0]),
+            "check that the layer holds colors, and choose it with --layer",
+        ));
+    }
+    let (mut negative, mut sum) = (0.0_f64, 0.0_f64);
+    for value in finite.iter().flat_map(|p| &p[..3]) {
+        sum += f64::from(value.abs());
+        negative += f64::from(value.min(0.0).abs());
+    }
+    if negative > 0.5 * sum {
+        return Some(Finding::certain(
+            name,
+            format!("the radiance is negative: {:.0} % of all of it", 100.0 * negative / sum),
+            "check that the layer holds colors (no depth, vector or difference), and choose it with --layer",
+        ));
+    }
+    let odd = finite.iter().filter(|p| p[3] < -0.01 || p[3] > 1.01).count();
+    if 2 * odd > finite.len() {
+        return Some(Finding::certain(
+            name,
+            format!("alpha lies outside of 0 to 1 in {odd} of {all} pixels"),
+            "alpha is 1 - transmittance: check the layer, or leave its alpha out",
+        ));
+    }
+    if negative > 0.05 * sum {
+        return Some(Finding::doubtful(
+            name,
+            format!("{:.0} % of the radiance is negative", 100.0 * negative / sum),
+            "check the layer, and that filters and denoisers do not undershoot",
+        ));
+    }
+    if odd > 0 {
+        return Some(Finding::doubtful(
+            name,
+            format!("alpha lies outside of 0 to 1 in {odd} of {all} pixels"),
+            "alpha is 1 - transmittance: clamp it, or check the layer",
+        ));
+    }
+    None
+}
+
+fn finite(photo: &Photo) -> impl Iterator<Item = &[f32; 4]> {
+    photo.film.rgba.iter().filter(|p| p.iter().all(|v| v.is_finite()))
+}
+
+/// True if the pictures have an alpha that says something.
+fn has_alpha(photos: &[Photo]) -> bool {
+    photos.par_iter().any(|p| finite(p).any(|v| v[3] != 1.0))
+}
+
+/// The color on which nine of ten samples agree, if there is one.
+fn common(samples: &mut [[f32; 3]]) -> Option<[f64; 3]> {
+    if samples.len() < 16 {
+        return None;
+    }
+    let middle = samples.len() / 2;
+    let median: [f64; 3] = std::array::from_fn(|c| {
+        let (_, value, _) = samples.select_nth_unstable_by(middle, |a, b| a[c].total_cmp(&b[c]));
+        f64::from(value[c])
+    });
+    let agreed = samples.iter().filter(|s| same(s.map(f64::from), median)).count();
+    (10 * agreed >= 9 * samples.len()).then_some(median)
+}
+
+fn same(a: [f64; 3], b: [f64; 3]) -> bool {
+    (0..3).all(|c| (a[c] - b[c]).abs() <= SAME[0] + SAME[1] * a[c].abs().max(b[c].abs()))
+}
+
+/// A color as it is written in transforms.json.
+fn json(color: [f64; 3]) -> String {
+    let number = |v: f64| (1e4 * v).round() / 1e4 + 0.0;
+    format!("[{}, {}, {}]", number(color[0]), number(color[1]), number(color[2]))
+}
+
+/// Radiance of the source, where it is the same everywhere.
+fn grey(capture: &Capture) -> Option<[f64; 3]> {
+    match (capture.model, &capture.transfer, capture.emission_model) {
+        (Model::Absorption, ..) => Some([0.0; 3]),
+        (Model::EmissionAbsorption, None, EmissionModel::Grey) => Some(capture.emission.map(f64::from)),
+        _ => None,
+    }
+}
+
+/// What is behind the volume: pixels without opacity, or at the border where there is no alpha, show it.
+fn behind(photos: &[Photo], capture: &Capture) -> Option<Finding> {
+    let stated = capture.background.map(f64::from);
+    let pixels: usize = photos.iter().map(|p| p.film.rgba.len()).sum();
+    if has_alpha(photos) {
+        let clear = |p: &Photo| -> Vec<[f32; 3]> {
+            finite(p).filter(|v| v[3].abs() < CLEAR).map(|v| [v[0], v[1], v[2]]).collect()
+        };
+        let mut samples: Vec<[f32; 3]> = photos.par_iter().flat_map_iter(clear).collect();
+        let shown = (100 * samples.len() >= pixels).then(|| common(&mut samples)).flatten()?;
+        return (!same(shown, stated)).then(|| {
+            Finding::certain(
+                None,
+                format!(
+                    "pixels of alpha 0 show the background: theirs is {}, the capture says {}",
+                    json(shown),
+                    json(stated)
+                ),
+                format!(
+                    "state \"background\": {} in transforms.json{}",
+                    json(shown),
+                    if shown == [0.0; 3] { ": the pictures were rendered with a transparent film" } else { "" }
+                ),
+            )
+        });
+    }
+    let border = |p: &Photo| -> Vec<[f32; 3]> {
+        let (w, h) = (p.film.width, p.film.height);
+        let outer = |i: &usize| [0, w - 1].contains(&(i % w)) || [0, h - 1].contains(&(i / w));
+        let finite = |i: &usize| p.film.rgba[*i].iter().all(|v| v.is_finite());
+        let color = |i: usize| [p.film.rgba[i][0], p.film.rgba[i][1], p.film.rgba[i][2]];
+        (0..w * h).filter(outer).filter(finite).map(color).collect()
+    };
+    let mut samples: Vec<[f32; 3]> = photos.par_iter().flat_map_iter(border).collect();
+    let shown = common(&mut samples)?;
+    if same(shown, stated) || grey(capture).is_some_and(|source| same(shown, source)) {
+        return None;
+    }
+    let what = format!(
+        "the borders of all pictures have the color {}, the capture's background is {}",
+        json(shown),
+        json(stated)
+    );
+    let remedy = format!("state \"background\": {} in transforms.json, or render with alpha", json(shown));
+    // Between background and source a medium that fills all pictures evenly could have it.
+    let (off, transmittance) = grey(capture).map_or((0.0, 0.5), |source| between(shown, source, stated));
+    let possible = off < 0.05 && (-0.05..1.0).contains(&transmittance);
+    Some(if possible { Finding::doubtful(None, what, remedy) } else { Finding::certain(None, what, remedy) })
+}
+
+/// Distance of a color from the line between source and background, relative to the largest of all three, and the
+/// transmittance of the point next to it.
+fn between(color: [f64; 3], source: [f64; 3], background: [f64; 3]) -> (f64, f64) {
+    let contrast: [f64; 3] = std::array::from_fn(|c| background[c] - source[c]);
+    let power: f64 = contrast.iter().map(|c| c * c).sum();
+    let transmittance =
+        if power > 1e-12 { (0..3).map(|c| (color[c] - source[c]) * contrast[c]).sum::<f64>() / power } else { 0.5 };
+    let off = (0..3).map(|c| (color[c] - source[c] - transmittance * contrast[c]).abs()).fold(0.0, f64::max);
+    let scale = (0..3).map(|c| color[c].abs().max(source[c]).max(background[c])).fold(1e-12, f64::max);
+    (off / scale, transmittance)
+}
+
+/// Colors of a grey medium are `α c + (1 - α) b`: the emission c that alpha and colors imply against the one stated.
+fn opacity(photos: &[Photo], capture: &Capture) -> Option<Finding> {
+    let stated = grey(capture)?;
+    let background = capture.background.map(f64::from);
+    if !has_alpha(photos) {
+        return spread(photos, stated, background);
+    }
+    // Σ α², Σ α (L - (1 - α) b), Σ (L - (1 - α) b)², by channel.
+    let sums = |p: &Photo| {
+        finite(p).filter(|v| v[3] > 0.02).fold([[0.0_f64; 3]; 3], |mut sums, v| {
+            let alpha = f64::from(v[3]);
+            for c in 0..3 {
+                let own = f64::from(v[c]) - (1.0 - alpha) * background[c];
+                sums[0][c] += alpha * alpha;
+                sums[1][c] += alpha * own;
+                sums[2][c] += own * own;
+            }
+            sums
+        })
+    };
+    let all: Vec<[[f64; 3]; 3]> = photos.par_iter().map(sums).collect();
+    let total = |k: usize, c: usize| all.iter().map(|s| s[k][c]).sum::<f64>();
+    if total(0, 0) < 1.0 {
+        return None;
+    }
+    let implied: [f64; 3] = std::array::from_fn(|c| total(1, c) / total(0, c));
+    let scale = (0..3).map(|c| stated[c].max(implied[c].abs()).max(background[c])).fold(1e-12, f64::max);
+    let apart = (0..3).map(|c| (implied[c] - stated[c]).abs()).fold(0.0, f64::max);
+    if apart < 0.1 * scale {
+        return None;
+    }
+    let left = |c: usize| (total(2, c) - implied[c] * total(1, c)).max(0.0) / total(0, c);
+    let explained = (0..3).map(left).fold(0.0, f64::max).sqrt() < 0.1 * scale && implied.iter().all(|v| *v > -0.05);
+    let what = format!(
+        "alpha and colors contradict each other: together they imply the emission {}, the capture says {}",
+        json(implied),
+        if capture.model == Model::Absorption { "absorption alone".to_owned() } else { json(stated) },
+    );
+    let remedy = if explained {
+        format!(
+            "state \"model\": \"emission-absorption\" and \"emission\": {} in transforms.json: densities follow from it",
+            json(implied.map(|v| v.max(0.0)))
+        )
+    } else {
+        "check model, emission and background in transforms.json; if alpha is a mask and not 1 - transmittance, leave it \
+         out of the pictures"
+            .into()
+    };
+    Some(Finding::doubtful(None, what, remedy))
+}
+
+/// Colors that a grey medium cannot have.
+fn spread(photos: &[Photo], source: [f64; 3], background: [f64; 3]) -> Option<Finding> {
+    let count = |p: &Photo| {
+        finite(p).fold([0_usize; 2], |[all, odd], v| {
+            let (off, transmittance) = between([0, 1, 2].map(|c| f64::from(v[c])), source, background);
+            [all + 1, odd + usize::from(off > 0.1 || !(-0.1..=1.1).contains(&transmittance))]
+        })
+    };
+    let counts: Vec<[usize; 2]> = photos.par_iter().map(count).collect();
+    let [all, odd] = counts.iter().fold([0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    (4 * odd > all).then(|| {
+        Finding::doubtful(
+            None,
+            format!(
+                "{} % of the pixels have colors that do not lie between background {} and emission {}",
+                100 * odd / all.max(1),
+                json(background),
+                json(source)
+            ),
+            "check model, background and emission in transforms.json; volumes of many colors are found by `cumulo \
+             reconstruct color`",
+        )
+    })
+}
+
+/// Samples that all lie on steps of eight bits.
+fn quantised(photos: &[Photo]) -> Option<Finding> {
+    let count = |p: &Photo| {
+        finite(p).flat_map(|v| &v[..3]).fold([0_usize; 3], |[all, on, shades], value| {
+            let steps = f64::from(*value) * 255.0;
+            // Half-precision files round by 2⁻¹¹.
+            let off = (steps - steps.round()).abs();
+            let on_step = (0.0..=255.2).contains(&steps) && off <= 1e-3 + steps * 4.9e-4;
+            [all + 1, on + usize::from(on_step), shades + usize::from(on_step && steps > 0.5 && steps < 128.5)]
+        })
+    };
+    let counts: Vec<[usize; 3]> = photos.par_iter().map(count).collect();
+    let [all, on, shades] = counts.iter().fold([0; 3], |a, b| std::array::from_fn(|k| a[k] + b[k]));
+    (on == all && shades >= 64).then(|| {
+        Finding::doubtful(
+            None,
+            "all samples lie on steps of 1/255: the pictures seem to be display-referred, and scene-linear radiance is \
+             expected",
+            "write the pictures as scene-linear EXR, without a view transform (in Blender: view transform Raw, or \
+             multilayer EXR)",
+        )
+    })
+}
+
+/// Contradictions of the cameras with the silhouettes.
+pub fn cameras(observation: &Observation) -> Vec<Finding> {
+    let mut found: Vec<Finding> = observation.maps.iter().filter_map(intrinsics).collect();
+    found.sort_by_key(|f| !f.certain);
+    found.truncate(1);
+    if !found.iter().any(|f| f.certain) {
+        found.extend(aims(observation));
+    }
+    found
+}
+
+/// Focal lengths and principal points that no lens has.
+fn intrinsics(map: &DepthMap) -> Option<Finding> {
+    let camera = &map.camera;
+    let name = Some(map.name.as_str());
+    let ratio = (camera.focal.x / camera.focal.y).max(camera.focal.y / camera.focal.x);
+    let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
+    let off = ((camera.centre - 0.5 * size).abs() / size).max_element();
+    if ratio > 4.0 {
+        return Some(Finding::certain(
+            name,
+            format!(
+                "the focal lengths are {} and {} pixels: pixels would be {ratio:.1} times as long as wide",
+                camera.focal.x, camera.focal.y
+            ),
+            "correct 'fl_x' and 'fl_y' in transforms.json; they are equal for square pixels",
+        ));
+    }
+    if off > 1.0 {
+        return Some(Finding::doubtful(
+            name,
+            format!(
+                "the principal point is ({}, {}), far outside of the picture of {} x {} pixels",
+                camera.centre.x, camera.centre.y, camera.width, camera.height
+            ),
+            "correct 'cx' and 'cy' in transforms.json; they are half of 'w' and 'h' for a lens without shift",
+        ));
+    }
+    (ratio > 2.1).then(|| {
+        Finding::doubtful(
+            name,
+            format!("the focal lengths are {} and {} pixels, far apart", camera.focal.x, camera.focal.y),
+            "check 'fl_x' and 'fl_y' in transforms.json; they are equal for square pixels",
+        )
+    })
+}
+
+/// A silhouette, and the ray through its middle.
+struct Aim<'a> {
+    map: &'a DepthMap,
+    low: DVec2,
+    high: DVec2,
+    ray: Ray,
+}
+
+impl<'a> Aim<'a> {
+    fn new(map: &'a DepthMap, empty: f32) -> Option<Self> {
+        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        for i in (0..map.depth.len()).filter(|i| map.weight[*i] > 0.0 && map.depth[*i] > empty) {
+            let pixel = DVec2::new((i % map.width) as f64, (i / map.width) as f64);
+            (low, high) = (low.min(pixel), high.max(pixel + 1.0));
+        }
+        let middle = 0.5 * (low + high);
+        low.cmple(high).all().then(|| Self { map, low, high, ray: map.camera.ray(middle.x, middle.y) })
+    }
+
+    /// How far a point lies from the silhouette's middle, in its half sizes; sides at which the picture cuts the medium
+    /// off say nothing. Infinite behind the camera.
+    fn miss(&self, point: DVec3) -> f64 {
+        let Some((pixel, _)) = self.map.camera.project(point) else { return f64::INFINITY };
+        let size = DVec2::new(self.map.width as f64, self.map.height as f64);
+        let half = 0.5 * (self.high - self.low) + 1.0;
+        let off = pixel - 0.5 * (self.low + self.high);
+        let axis = |k: usize| {
+            let cut = if off[k] < 0.0 { self.low[k] < 1.0 } else { self.high[k] > size[k] - 1.0 };
+            if cut { 0.0 } else { off[k].abs() / half[k] }
+        };
+        axis(0).max(axis(1))
+    }
+}
+
+/// Half sizes of a silhouette within which the medium's middle lies: 1 for cameras that are right.
+const AIMED: f64 = 1.3;
+
+/// Cameras whose silhouettes surround no common point.
+fn aims(observation: &Observation) -> Option<Finding> {
+    let aims: Vec<Aim> = observation.maps.iter().filter_map(|map| Aim::new(map, observation.empty)).collect();
+    if aims.len() < 3 {
+        return None;
+    }
+    let point = meeting(&aims)?;
+    let misses: Vec<f64> = aims.iter().map(|aim| aim.miss(point)).collect();
+    let wrong = misses.iter().filter(|m| **m > AIMED).count();
+    let (worst, _) = misses.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
+    if wrong == 0 {
+        return far(&aims, point);
+    }
+    if 2 * wrong > aims.len() {
+        return Some(Finding::certain(
+            None,
+            format!(
+                "the cameras contradict one another: no point lies within the silhouettes of most of the {} views",
+                aims.len()
+            ),
+            "check the cameras ('transform_matrix' is camera-to-world, looking down -Z, Y up; 'cx', 'cy', 'fl_x' and \
+             'fl_y' in pixels), or give the region with --bounds",
+        ));
+    }
+    let camera = &aims[worst].map.camera;
+    let at = camera.position();
+    Some(Finding::certain(
+        Some(&aims[worst].map.name),
+        format!(
+            "this camera has nothing in common with the others: it stands at ({}, {}, {}), and what the other views show \
+             around ({:.4}, {:.4}, {:.4}) lies {}{}",
+            at.x,
+            at.y,
+            at.z,
+            point.x,
+            point.y,
+            point.z,
+            if misses[worst].is_finite() { "beside its silhouette" } else { "behind it" },
+            if wrong > 1 { format!(" ({wrong} of {} views are like that)", aims.len()) } else { String::new() }
+        ),
+        "correct the frame's 'transform_matrix' (camera-to-world, looking down -Z, Y up), take the view out, or give the \
+         region with --bounds",
+    ))
+}
+
+/// World coordinates so large that their roundings are seen.
+fn far(aims: &[Aim<'_>], point: DVec3) -> Option<Finding> {
+    let pixel = |aim: &Aim| match aim.map.camera.projection {
+        Projection::Perspective => aim.map.camera.position().distance(point) / aim.map.camera.focal.max_element(),
+        Projection::Orthographic => 1.0 / aim.map.camera.focal.max_element(),
+    };
+    let finest = aims.iter().map(pixel).fold(f64::INFINITY, f64::min);
+    let largest =
+        aims.iter().map(|a| a.map.camera.position().abs().max_element()).fold(point.abs().max_element(), f64::max);
+    // Single-precision transforms, and voxel numbers of 32 bits.
+    (largest > 4e8 * finest).then(|| {
+        Finding::certain(
+            None,
+            format!(
+                "cameras and volume lie {largest:.3e} from the origin, and a pixel covers {finest:.3e}: coordinates of \
+                 voxels that far out cannot be held"
+            ),
+            "move cameras and volume to the origin: subtract their common offset from each 'transform_matrix'",
+        )
+    })
+}
+
+/// The point nearest to most of the central rays: the sum of distances is least there (iteratively reweighted least
+/// squares), so that a few wrong cameras do not draw it away.
+fn meeting(aims: &[Aim<'_>]) -> Option<DVec3> {
+    let mut weights = vec![1.0; aims.len()];
+    let mut point = DVec3::ZERO;
+    // Near the rays' origins numbers are small, wherever the scene lies.
+    let origin = aims[0].ray.origin;
+    for _ in 0..50 {
+        let (mut a, mut b, mut sum) = (DMat3::ZERO, DVec3::ZERO, 0.0);
+        for (aim, weight) in aims.iter().zip(&weights) {
+            let d = aim.ray.direction;
+            let across = *weight * (DMat3::IDENTITY - DMat3::from_cols(d * d.x, d * d.y, d * d.z));
+            a += across;
+            b += across * (aim.ray.origin - origin);
+            sum += weight;
+        }
+        if a.determinant().abs() < 1e-6 * f64::powi(sum, 3) {
+            return None;
+        }
+        point = a.inverse() * b;
+        let distance = |aim: &Aim| {
+            let from = point - (aim.ray.origin - origin);
+            (from - aim.ray.direction * from.dot(aim.ray.direction)).length()
+        };
+        let all: Vec<f64> = aims.iter().map(distance).collect();
+        let floor = 1e-2 * all.iter().sum::<f64>() / all.len() as f64;
+        let largest = all.iter().fold(0.0_f64, |m, d| m.max(*d));
+        if largest <= 0.0 {
+            break;
+        }
+        weights = all.iter().map(|d| largest / d.max(floor).max(f64::MIN_POSITIVE)).collect();
+        let top = weights.iter().fold(0.0_f64, |m, w| m.max(*w));
+        weights.iter_mut().for_each(|w| *w /= top);
+    }
+    Some(point + origin).filter(|p| p.is_finite())
+}

@@ -1,0 +1,6 @@
+//! Pictures as linear equations of optical depths and of emissions.
+
+pub mod depths;
+pub mod emission;
+pub mod observation;
+pub mod projector;

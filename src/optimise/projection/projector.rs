@@ -1,0 +1,232 @@
+//! The linear operator of absorption: voxels to optical depths of all measured rays, and its
+//! transpose.
+//!
+//! Rays are dealt to a fixed number of lanes, each with its own accumulator, and the lanes are added
+//! in order: the result has the same bits for any number of threads.
+
+use crate::math::Affine;
+use crate::cancel::Cancel;
+use crate::optimise::projection::observation::DepthMap;
+use crate::optimise::gradient::pictures::lanes;
+use crate::render::arch::Arch;
+use crate::render::dvr::{Dvr, Tape};
+use crate::render::order::morton;
+use crate::scene::bricks::{BRICK, Bricks, Topology};
+use crate::scene::camera::Camera;
+use crate::scene::grid::LEAF_VOXELS;
+use crate::scene::medium::Medium;
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// One measured pixel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Image position of the pixel's centre, in pixels.
+    pub position: [f32; 2],
+    /// Measured optical depth.
+    pub depth: f32,
+    /// Weight of its squared residual.
+    pub weight: f32,
+}
+
+/// The measured pixels of one picture, in an order in which neighbours are close in the image.
+#[derive(Debug, Clone)]
+pub struct View {
+    /// Where it was taken from.
+    pub camera: Camera,
+    /// Pixels whose rays cross unknowns.
+    pub samples: Vec<Sample>,
+    /// Pixels that show nothing whatever the unknowns are, but have measured something.
+    pub idle: Vec<Sample>,
+}
+
+/// Pixels handled in one go.
+const RUN: usize = 1024;
+
+/// The operator on a fixed topology.
+#[derive(Debug)]
+pub struct Projector {
+    topology: Arc<Topology>,
+    medium: Medium,
+    /// Offsets in pixels of the rays whose mean a pixel is.
+    offsets: Vec<[f64; 2]>,
+    /// One accumulator a lane, 729 values a brick.
+    lanes: Vec<Vec<f32>>,
+    /// The field at hand, with its aprons.
+    field: Bricks<f32>,
+    /// Polled between pixels; the results of a pass that it stopped are incomplete.
+    pub cancel: Cancel,
+}
+
+impl Projector {
+    /// Prepares accumulators. `extinction` is per unit of density and world length; a pixel is the
+    /// mean over `rays_per_edge`² rays.
+    pub fn new(topology: Arc<Topology>, transform: Affine, extinction: f64, rays_per_edge: usize) -> Self {
+        let field = Bricks::zeros(topology.clone(), transform);
+        let lanes = lanes(&field, f64::INFINITY, false);
+        let n = rays_per_edge.max(1);
+        let offset = |i: usize| (i as f64 + 0.5) / n as f64 - 0.5;
+        Self {
+            medium: Medium::absorbing(extinction),
+            offsets: (0..n * n).map(|i| [offset(i % n), offset(i / n)]).collect(),
+            lanes: vec![vec![0.0; field.values.len()]; lanes],
+            topology,
+            field,
+            cancel: Cancel::NEVER,
+        }
+    }
+
+    /// Unknowns: 512 a brick.
+    pub fn unknowns(&self) -> usize {
+        self.topology.len() * LEAF_VOXELS
+    }
+
+    /// The pixels that have weight of maps reduced by `stride`, with those put aside whose rays cross no cell of an unknown
+    /// (`true`, 512 a brick): their rows of the operator are zero.
+    pub fn views(&mut self, maps: &[&DepthMap], stride: usize, unknown: &[bool]) -> Vec<View> {
+        let ones: Vec<f32> = unknown.iter().map(|u| f32::from(u8::from(*u))).collect();
+        self.topology.spread(&ones, &mut self.field.values);
+        let Ok(dvr) = Dvr::new(&self.field, self.medium.clone()) else { return Vec::new() };
+        let dvr = dvr.early_stop(0.0);
+        let (arch, cancel) = (Arch::default(), self.cancel);
+        let view = |map: &&DepthMap| {
+            let map = map.reduced(map.stride_within(stride));
+            let (mut tape, mut depths) = (Tape::default(), vec![0.0; self.offsets.len()]);
+            let pixels = morton(map.width, map.height).filter(|i| map.weight[*i] > 0.0).map(|i| {
+                let (x, y) = (i % map.width, i / map.width);
+                Sample { position: [x as f32 + 0.5, y as f32 + 0.5], depth: map.depth[i], weight: map.weight[i] }
+            });
+            let (samples, mut idle): (Vec<_>, Vec<_>) = pixels.partition(|sample| {
+                if cancel.requested() {
+                    return false;
+                }
+                let [depth, _] = arch.dispatch(Run {
+                    dvr: &dvr,
+                    camera: &map.camera,
+                    samples: std::slice::from_ref(sample),
+                    offsets: &self.offsets,
+                    slope: &|_: &Sample, z: &[f64]| (0.0, [z.iter().sum(), 0.0]),
+                    tape: &mut tape,
+                    depths: &mut depths,
+                    gradient: None,
+                });
+                depth > 0.0
+            });
+            idle.retain(|sample| sample.depth != 0.0);
+            View { camera: map.camera, samples, idle }
+        };
+        maps.par_iter().map(view).collect()
+    }
+
+    /// Walks the rays of every pixel of the given views once, but for the idle ones. `slope(sample, depths)` maps the
+    /// optical depths along a pixel's rays to what is sent back per unit of their mean, and to
+    /// two things to be summed; `Aᵀ slope` goes to `out`.
+    pub fn normal(
+        &mut self,
+        voxels: &[f32],
+        views: &[View],
+        out: &mut [f32],
+        slope: impl Fn(&Sample, &[f64]) -> (f64, [f64; 2]) + Sync,
+    ) -> [f64; 2] {
+        let sums = self.walk(voxels, views, slope, true);
+        if self.cancel.requested() {
+            return sums;
+        }
+        let (first, rest) = self.lanes.split_at_mut(1);
+        first[0].par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
+            for lane in rest.iter() {
+                for (t, v) in total.iter_mut().zip(&lane[i * BRICK..]) {
+                    *t += v;
+                }
+            }
+        });
+        self.topology.fold(&self.lanes[0], out);
+        sums
+    }
+
+    /// The sum alone, idle pixels included: no gradient.
+    pub fn measure(&mut self, voxels: &[f32], views: &[View], value: impl Fn(&Sample, &[f64]) -> f64 + Sync) -> f64 {
+        let nothing = vec![0.0; self.offsets.len()];
+        let idle: f64 = views.iter().flat_map(|v| &v.idle).map(|s| value(s, &nothing)).sum();
+        idle + self.walk(voxels, views, |s, z| (0.0, [value(s, z), 0.0]), false)[0]
+    }
+
+    fn walk(
+        &mut self,
+        voxels: &[f32],
+        views: &[View],
+        slope: impl Fn(&Sample, &[f64]) -> (f64, [f64; 2]) + Sync,
+        back: bool,
+    ) -> [f64; 2] {
+        self.topology.spread(voxels, &mut self.field.values);
+        let Ok(dvr) = Dvr::new(&self.field, self.medium.clone()) else { return [0.0; 2] };
+        let dvr = dvr.early_stop(0.0);
+        let runs: Vec<(&Camera, &[Sample])> =
+            views.iter().flat_map(|v| v.samples.chunks(RUN).map(|s| (&v.camera, s))).collect();
+        let (count, offsets) = (self.lanes.len(), &self.offsets);
+        let (arch, cancel) = (Arch::default(), self.cancel);
+        let sums: Vec<[f64; 2]> = self
+            .lanes
+            .par_iter_mut()
+            .enumerate()
+            .map_init(
+                || (Tape::default(), vec![0.0; offsets.len()]),
+                |(tape, depths), (lane, gradient)| {
+                    if back {
+                        gradient.fill(0.0);
+                    }
+                    let mut sums = [0.0; 2];
+                    for (camera, samples) in runs.iter().skip(lane).step_by(count) {
+                        if cancel.requested() {
+                            break;
+                        }
+                        let (dvr, slope, tape, depths) = (&dvr, &slope, &mut *tape, &mut depths[..]);
+                        let gradient = back.then_some(&mut gradient[..]);
+                        let add = arch.dispatch(Run { dvr, camera, samples, offsets, slope, tape, depths, gradient });
+                        sums = [sums[0] + add[0], sums[1] + add[1]];
+                    }
+                    sums
+                },
+            )
+            .collect();
+        sums.into_iter().fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]])
+    }
+}
+
+/// Neighbouring pixels of one view: the unit that is compiled once for each instruction set.
+struct Run<'a, 'd, F> {
+    dvr: &'a Dvr<'d, f32>,
+    camera: &'a Camera,
+    samples: &'a [Sample],
+    offsets: &'a [[f64; 2]],
+    slope: &'a F,
+    tape: &'a mut Tape<f32>,
+    /// One a ray of a pixel.
+    depths: &'a mut [f64],
+    /// Where the derivatives go, if they are wanted.
+    gradient: Option<&'a mut [f32]>,
+}
+
+impl<F: Fn(&Sample, &[f64]) -> (f64, [f64; 2])> pulp::NullaryFnOnce for Run<'_, '_, F> {
+    type Output = [f64; 2];
+
+    #[inline(always)]
+    fn call(mut self) -> [f64; 2] {
+        let share = 1.0 / self.offsets.len() as f64;
+        let mut sums = [0.0; 2];
+        for sample in self.samples {
+            let [x, y] = sample.position.map(f64::from);
+            for (depth, [u, v]) in self.depths.iter_mut().zip(self.offsets) {
+                let ray = self.camera.ray(x + u, y + v);
+                *depth = self.dvr.trace_with(&ray, self.tape);
+            }
+            let (by_depth, add) = (self.slope)(sample, self.depths);
+            sums = [sums[0] + add[0], sums[1] + add[1]];
+            match &mut self.gradient {
+                Some(gradient) => self.tape.spread(share * by_depth, self.dvr, gradient),
+                None => self.tape.forget(),
+            }
+        }
+        sums
+    }
+}

@@ -1,0 +1,6 @@
+//! Solvers: conjugate gradients, Adam, and ascent on a sphere.
+
+pub mod adam;
+pub mod ascent;
+pub mod conjugate;
+pub mod smoother;

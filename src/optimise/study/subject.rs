@@ -1,0 +1,120 @@
+//! What gradients are studied of: the densities of a medium, or the emissions and extinctions of a pre-shaded volume.
+
+use crate::error::Result;
+use crate::optimise::gradient::objective::Forward;
+use crate::optimise::study::setting::Setting;
+use crate::real::Real;
+use crate::render::Renderer;
+use crate::render::dvr::{Directions, Dvr};
+use crate::render::preshaded::Preshaded;
+use crate::scene::bricks::{Bricks, Voxel};
+use crate::scene::medium::Source;
+use glam::{DVec4, Vec4};
+use rayon::prelude::*;
+use std::fmt::Debug;
+
+/// A voxel, single or double, of something whose pictures can be differentiated.
+pub trait Subject: Voxel + Debug + PartialEq + 'static {
+    /// The same in double precision.
+    type Double: Subject<Double = Self::Double>;
+    /// Its renderer.
+    type Light<'f>: Forward + Renderer<Voxel = Self>;
+    /// Names of the numbers it is made of; the last is what the optical depth is made of.
+    const CHANNELS: &'static [&'static str];
+    /// The renderer of a field. In double precision nothing is left out, so that differences show derivatives and not
+    /// where rays end.
+    ///
+    /// # Errors
+    /// As [`Dvr::new`] and [`Transfer::table`](crate::scene::transfer::Transfer::table).
+    fn light<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Self::Light<'f>>;
+    /// True if light depends on the optical depth alone.
+    fn depth_alone(setting: &Setting) -> bool;
+    /// How rays are integrated along, in a word.
+    fn quadrature(setting: &Setting) -> String;
+    /// In double precision, exactly.
+    fn double(self) -> Self::Double;
+    /// One of its numbers.
+    fn channel(self, channel: usize) -> f64;
+    /// The same with one number replaced.
+    #[must_use]
+    fn with(self, channel: usize, value: f64) -> Self;
+}
+
+/// Number of the channel that the optical depth is made of.
+pub const fn depth_channel<V: Subject>() -> usize {
+    V::CHANNELS.len() - 1
+}
+
+/// The largest value that a channel of a field has, or 1 if none is above zero.
+pub fn largest<V: Subject>(field: &Bricks<V>, channel: usize) -> f64 {
+    let largest = field.values.par_iter().map(|v| v.channel(channel)).reduce(|| 0.0, f64::max);
+    if largest > 0.0 { largest } else { 1.0 }
+}
+
+fn is_double<R: Real>() -> bool {
+    R::EPSILON.f64() < 1e-10
+}
+
+fn medium<'f, R: Directions<1>>(field: &'f Bricks<R>, setting: &Setting) -> Result<Dvr<'f, R>> {
+    let dvr = Dvr::new(field, setting.medium()?)?.background(setting.background).quadrature(setting.quadrature);
+    Ok(if is_double::<R>() { dvr.early_stop(0.0).tolerance(1e-11) } else { dvr })
+}
+
+fn shaded<'f, R: Real>(field: &'f Bricks<R::Lanes>, setting: &Setting) -> Preshaded<'f, R> {
+    let light = Preshaded::new(field, setting.background);
+    if is_double::<R>() { light.early_stop(0.0) } else { light }
+}
+
+macro_rules! subjects {
+    ($($real:ty, $four:ty, $widen:expr);*) => {
+        $(impl Subject for $real {
+            type Double = f64;
+            type Light<'f> = Dvr<'f, $real>;
+            const CHANNELS: &'static [&'static str] = &["density"];
+            fn light<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Self::Light<'f>> {
+                medium(field, setting)
+            }
+            fn depth_alone(setting: &Setting) -> bool {
+                setting.transfer.is_none() && matches!(setting.source, Source::Grey(_))
+            }
+            fn quadrature(setting: &Setting) -> String {
+                setting.quadrature.to_string()
+            }
+            fn double(self) -> f64 {
+                self.into()
+            }
+            fn channel(self, _: usize) -> f64 {
+                self.into()
+            }
+            fn with(self, _: usize, value: f64) -> Self {
+                value as $real
+            }
+        }
+
+        impl Subject for $four {
+            type Double = DVec4;
+            type Light<'f> = Preshaded<'f, $real>;
+            const CHANNELS: &'static [&'static str] = &["emission.red", "emission.green", "emission.blue", "density"];
+            fn light<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Self::Light<'f>> {
+                Ok(shaded(field, setting))
+            }
+            fn depth_alone(_: &Setting) -> bool {
+                false
+            }
+            fn quadrature(_: &Setting) -> String {
+                "gauss".into()
+            }
+            fn double(self) -> DVec4 {
+                $widen(self)
+            }
+            fn channel(self, channel: usize) -> f64 {
+                self[channel].into()
+            }
+            fn with(mut self, channel: usize, value: f64) -> Self {
+                self[channel] = value as $real;
+                self
+            }
+        })*
+    };
+}
+subjects!(f32, Vec4, |v: Vec4| v.as_dvec4(); f64, DVec4, std::convert::identity);

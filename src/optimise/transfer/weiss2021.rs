@@ -1,0 +1,121 @@
+//! The recipe of Weiss & Westermann (2021, sect. 5.2), as published: Adam with learning rate 0.8 on the sum of
+//! absolute differences (eq. 12) plus λ times the mean squared difference of neighbouring texels, 200 epochs.
+//!
+//! As in their code colors are `1 / (1 + e^{-u})` of what descends and extinctions `ln(1 + e^u)`, these in units of
+//! the one that, over a quarter of the volume, gives the largest optical depth seen. All begin at `u = 0`, where theirs
+//! begin at noise; of the pixels, those are used that were drawn.
+
+use super::rows::{LANES, see};
+use super::{Fit, Rays};
+use crate::error::Result;
+use crate::optimise::solver::adam::Adam;
+use crate::optimise::loss::prior::TransferPrior;
+use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
+use crate::scene::table::{Rgbs, TableGradient};
+use rayon::prelude::*;
+
+const RATE: f32 = 0.8;
+/// λ as published.
+pub(super) const SMOOTH: f64 = 0.4;
+/// Alphas above this say that a ray is opaque, not how deep it is.
+const OPAQUE: f32 = 0.999;
+/// How close a color may come to 0 and 1, an extinction to 0, where a function is given to begin with.
+const CLOSE: f64 = 1e-3;
+
+/// What descends.
+pub(super) struct Descent {
+    adam: Adam,
+    u: Vec<f32>,
+    unit: f64,
+}
+
+impl Descent {
+    /// Begins with the texels of `fit` if these were given, else in the middle of everything.
+    pub fn new(fit: &Fit<'_>) -> Self {
+        let deepest = fit.used.wanted.iter().fold(0.0_f32, |m, p| m.max(-(1.0 - p[3].clamp(0.0, OPAQUE)).ln()));
+        let quarter = 0.25 * fit.field.world_bounds().size().max_element() * fit.request.extinction;
+        let unit = if deepest > 0.0 { f64::from(deepest) / quarter } else { 1.0 / quarter };
+        let of = |(c, v): (usize, &f64)| match c {
+            3 => {
+                // ln(e^x - 1) without overflow.
+                let x = (v / unit).max(CLOSE);
+                x + (-(-x).exp()).ln_1p()
+            }
+            _ => {
+                let v = v.clamp(CLOSE, 1.0 - CLOSE);
+                (v / (1.0 - v)).ln()
+            }
+        };
+        let u = match fit.request.init {
+            Some(_) => fit.texels.iter().flat_map(|t| t.iter().enumerate().map(of)).map(|u| u as f32).collect(),
+            None => vec![0.0; 4 * fit.texels.len()],
+        };
+        Self { adam: Adam::new(u.len(), RATE), u, unit }
+    }
+
+    /// The texels.
+    pub fn texels(&self) -> Vec<Rgbs> {
+        let of = |u: &[f32]| std::array::from_fn(|c| self.of(c, f64::from(u[c])).0);
+        self.u.chunks(4).map(of).collect()
+    }
+
+    /// Value of a channel, and its derivative.
+    fn of(&self, channel: usize, u: f64) -> (f64, f64) {
+        let share = 1.0 / (1.0 + (-u).exp());
+        if channel == 3 {
+            // ln(1 + e^u) without overflow.
+            return (self.unit * (u.max(0.0) + (-u.abs()).exp().ln_1p()), self.unit * share);
+        }
+        (share, share * (1.0 - share))
+    }
+
+    /// One epoch; the root mean square difference before it. Changes nothing once the work is to stop.
+    pub fn step(&mut self, fit: &Fit<'_>, smooth: f64) -> Result<f64> {
+        let texels = self.texels();
+        let (square, by_texel) = absolute(&fit.renderer(&texels)?, &fit.used, texels.len());
+        if fit.used.cancel.requested() {
+            return Ok(f64::NAN);
+        }
+        let (_, prior) = TransferPrior::Smooth.of(&texels, self.unit);
+        let chain = |(i, u): (usize, &f32)| {
+            let (texel, c) = (i / 4, i % 4);
+            let (_, slope) = self.of(c, f64::from(*u));
+            ((by_texel[texel][c] + smooth * prior[texel][c]) * slope) as f32
+        };
+        let gradient: Vec<f32> = self.u.iter().enumerate().map(chain).collect();
+        self.adam.step_free(&mut self.u, &gradient);
+        Ok((square / (4 * fit.used.len()) as f64).sqrt())
+    }
+}
+
+/// `Σ (seen - wanted)²`, and the derivative by texel of the mean over pixels of `Σ_c |seen - wanted|`.
+fn absolute(dvr: &Dvr<'_, f32>, rays: &Rays, texels: usize) -> (f64, Vec<Rgbs>) {
+    let share = 1.0 / (rays.len() * rays.per_pixel) as f32;
+    let lane = |lane: usize| {
+        let (mut tape, mut shared, mut square) = (Tape::default(), ParameterGradient::default(), 0.0);
+        let mut table = TableGradient::of_knots(texels);
+        for pixel in (lane..rays.len()).step_by(LANES) {
+            if rays.cancel.requested() {
+                break;
+            }
+            let seen = see(dvr, rays, pixel, &mut tape);
+            let off: [f64; 4] = std::array::from_fn(|c| seen[c] - f64::from(rays.wanted[pixel][c]));
+            square += off.iter().map(|d| d * d).sum::<f64>();
+            let slope = |d: f64| if d == 0.0 { 0.0 } else { share * d.signum() as f32 };
+            let slope = off.map(slope);
+            for ray in rays.of(pixel) {
+                let sinks = Sinks { voxels: None, table: Some(&mut table), ray: None, shared: &mut shared };
+                dvr.gradient(ray, &mut |_| slope, Adjoint::Tape, sinks, &mut tape);
+            }
+        }
+        (square, table.by_value())
+    };
+    let parts: Vec<(f64, Vec<Rgbs>)> = (0..LANES).into_par_iter().map(lane).collect();
+    // In order, whatever the number of threads.
+    let mut total = (0.0, vec![[0.0; 4]; texels]);
+    for (square, by_texel) in parts {
+        total.0 += square;
+        total.1.iter_mut().flatten().zip(by_texel.iter().flatten()).for_each(|(sum, by)| *sum += by);
+    }
+    total
+}

@@ -1,0 +1,351 @@
+//! Viewpoints from which a volume shows most: maxima of the opacity entropy over a sphere (Weiss & Westermann
+//! 2021, sect. 5.1).
+//!
+//! Scouts look about each start, on the smallest pictures and without derivatives; climbers leave from the best places
+//! that they find, first on small pictures; those that meet go on as one, on pictures twice as
+//! large each time, the higher half of them. A picture of full size would move them by less than its
+//! pixels: it is for the last look, with the upright camera that is handed out. At that scale entropies are rough, and
+//! derivatives say little: about the highest it is the best of a few looks.
+
+pub mod entropy;
+
+use crate::optimise::solver::ascent::{Ascent, Slope};
+use entropy::Entropy;
+use crate::optimise::gradient::camera_jacobian::Rows;
+use crate::render::dvr::Dvr;
+use crate::scene::sphere::{Sphere, levelled, spread, stepped, upright};
+use glam::{DMat3, DVec2, DVec3};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// Viewpoints that scouts look from, for each start: where pictures are halved at least once, and else.
+const SCOUTS: [usize; 2] = [12, 4];
+/// Pixels along the shorter side beyond which a search begins with smaller pictures.
+const COARSE: u32 = 32;
+/// Climbers that go on to larger pictures: half of them, but no fewer than this.
+const HIGHEST: usize = 2;
+/// Climbers closer than this have met: pixels of the picture as it turns, and radians at most.
+const MET: [f64; 2] = [3.0, 0.2];
+/// Where climbs end: length of a step, in pixels of the picture as it turns, and the rise that it promises. On the
+/// way there pictures of few pixels are off by more.
+const COARSELY: [f64; 2] = [0.5, 2e-5];
+const FINELY: [f64; 2] = [0.2, 5e-7];
+
+/// Last looks about each of the [`HIGHEST`], and how far from it, in pixels of the picture as it turns.
+const ABOUT: usize = 10;
+const RING: f64 = 1.5;
+
+/// What is looked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Request {
+    /// Where cameras stand, and the size of their pictures.
+    pub sphere: Sphere,
+    /// Unit vectors from the centre to viewpoints about which scouts look for better ones to start from.
+    pub starts: Vec<DVec3>,
+    /// More, to start from as they are.
+    pub given: Vec<DVec3>,
+    /// Evaluations for each start and size of picture, at most.
+    pub iterations: u32,
+}
+
+/// A maximum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// Axes of the camera: right, up, back.
+    pub axes: DMat3,
+    /// Of its picture.
+    pub entropy: Entropy,
+}
+
+/// What became of a start.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Path {
+    /// Unit vectors from the centre to all viewpoints on the way, from the best that scouts saw about the start.
+    pub directions: Vec<DVec3>,
+    /// Number of evaluations, those as one with others that it met included, scouts' looks not.
+    pub iterations: u32,
+    /// Number of the view it has reached.
+    pub view: usize,
+}
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// Different maxima, the best first.
+    pub views: Vec<View>,
+    /// One for each start.
+    pub paths: Vec<Path>,
+    /// Wall time of all.
+    pub seconds: f64,
+    /// Wall time of one picture of full size without derivatives: the mean of the last looks.
+    pub render_seconds: f64,
+    /// True if it was stopped.
+    pub stopped: bool,
+}
+
+/// Climbs from every start. `tick` is told of every scout's look, and of every start and every size of picture that it
+/// has been through: as often as [`ticks`] says. Once `cancel` is set climbers stay where they are.
+pub fn search(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool, tick: &(dyn Fn() + Sync)) -> Outcome {
+    let begun = Instant::now();
+    let scouted = scouted(dvr, request, cancel, tick);
+    let starts: Vec<DMat3> = scouted.iter().chain(&request.given).map(|d| upright(*d)).collect();
+    let mut climbers: Vec<Climber> =
+        starts.iter().enumerate().map(|(i, axes)| Climber { ascent: Ascent::new(*axes), starts: vec![i] }).collect();
+    let mut paths: Vec<Path> =
+        starts.iter().map(|axes| Path { directions: vec![axes.z_axis], iterations: 0, view: 0 }).collect();
+    let mut count = climbers.len();
+    for (turn, level) in sizes(&request.sphere).enumerate() {
+        let sphere = request.sphere.scaled(0.5_f64.powi(level));
+        let end = if level > 1 { COARSELY } else { FINELY };
+        if turn > 0 {
+            count = count.min(climbers.len()).div_ceil(2).max(HIGHEST);
+        }
+        climbers.iter().skip(count).flat_map(|climber| &climber.starts).for_each(|_| tick());
+        climbers.par_iter_mut().take(count).for_each(|climber| {
+            climb(dvr, &sphere, &mut climber.ascent, end, request.iterations, cancel);
+            climber.starts.iter().for_each(|_| tick());
+        });
+        for climber in climbers.iter().take(count) {
+            for start in &climber.starts {
+                let path = &mut paths[*start];
+                path.directions.extend(climber.ascent.path.iter().map(|axes| axes.z_axis));
+                path.iterations += climber.ascent.evaluations;
+            }
+        }
+        climbers = meet(climbers, (MET[0] * radians_per_pixel(&sphere)).min(MET[1]));
+    }
+    let last_look = Instant::now();
+    let mut looks = 0;
+    let mut views: Vec<(&Climber, View)> = Vec::new();
+    for (number, climber) in climbers.iter().enumerate() {
+        let about = if number < HIGHEST && !cancel.load(Ordering::Relaxed) { ABOUT } else { 0 };
+        let places = about_a_place(&climber.ascent.axes, about, RING * radians_per_pixel(&request.sphere));
+        looks += places.len();
+        let seen = places.iter().map(|axes| {
+            let seen = at(dvr, &request.sphere, axes, cancel);
+            // Of a search that was stopped, what the climb saw last.
+            let known = Entropy { value: climber.ascent.value.unwrap_or(0.0), by_turn: DVec3::ZERO, blank: false };
+            View { axes: *axes, entropy: if cancel.load(Ordering::Relaxed) { known } else { seen } }
+        });
+        // The first of equals.
+        let best = seen.reduce(|a, b| if b.entropy.value > a.entropy.value { b } else { a });
+        views.extend(best.map(|view| (climber, view)));
+    }
+    let render_seconds = last_look.elapsed().as_secs_f64() / looks.max(1) as f64;
+    // Stable: equal ones as they were.
+    views.sort_by(|a, b| b.1.entropy.value.total_cmp(&a.1.entropy.value));
+    for (number, (climber, view)) in views.iter().enumerate() {
+        for start in &climber.starts {
+            paths[*start].view = number;
+            paths[*start].directions.push(view.axes.z_axis);
+        }
+    }
+    let views = views.into_iter().map(|(_, view)| view).collect();
+    let stopped = cancel.load(Ordering::Relaxed);
+    Outcome { views, paths, seconds: begun.elapsed().as_secs_f64(), render_seconds, stopped }
+}
+
+/// A viewpoint, and so many evenly about it, all upright.
+fn about_a_place(axes: &DMat3, count: usize, distance: f64) -> Vec<DMat3> {
+    let turn = |i: usize| distance * DVec2::from_angle(std::f64::consts::TAU * i as f64 / count as f64);
+    std::iter::once(*axes).chain((0..count).map(|i| stepped(axes, turn(i)))).map(|axes| levelled(&axes)).collect()
+}
+
+/// How often a search that is not stopped tells of what it has done.
+pub fn ticks(request: &Request) -> usize {
+    let (own, sizes) = (request.starts.len(), sizes(&request.sphere).len());
+    own + scouts(request).len() + (own + request.given.len()) * sizes
+}
+
+/// Directions that scouts look from.
+fn scouts(request: &Request) -> Vec<DVec3> {
+    let halved = sizes(&request.sphere).next().is_some_and(|level| level > 0);
+    spread(SCOUTS[usize::from(!halved)] * request.starts.len())
+}
+
+/// For each of the starts, the best of it and of those scouts' viewpoints that lie nearest to it.
+fn scouted(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool, tick: &(dyn Fn() + Sync)) -> Vec<DVec3> {
+    let level = sizes(&request.sphere).next().unwrap_or(0);
+    let sphere = request.sphere.scaled(0.5_f64.powi(level));
+    let look = |directions: &[DVec3]| look(dvr, &sphere, directions, cancel, tick);
+    let (Some(own), Some(seen)) = (look(&request.starts), look(&scouts(request))) else {
+        return request.starts.clone();
+    };
+    best_nearby(&own, &seen)
+}
+
+/// For each place the highest of it and of those of `others` that lie nearest to it.
+fn best_nearby(places: &[(DVec3, f64)], others: &[(DVec3, f64)]) -> Vec<DVec3> {
+    let mut best = places.to_vec();
+    for (direction, value) in others {
+        let near = |i: &usize| places[*i].0.dot(*direction);
+        let nearest = (0..places.len()).max_by(|a, b| near(a).total_cmp(&near(b)));
+        if let Some(i) = nearest.filter(|i| *value > best[*i].1) {
+            best[i] = (*direction, *value);
+        }
+    }
+    best.into_iter().map(|(direction, _)| direction).collect()
+}
+
+/// Entropies of upright views spread evenly over the sphere, with their directions. Nothing if it was stopped.
+pub fn sample(
+    dvr: &Dvr<'_, f32>,
+    sphere: &Sphere,
+    count: usize,
+    cancel: &AtomicBool,
+    tick: &(dyn Fn() + Sync),
+) -> Option<Vec<(DVec3, f64)>> {
+    look(dvr, sphere, &spread(count), cancel, tick)
+}
+
+/// Entropies of upright views, with their directions.
+fn look(
+    dvr: &Dvr<'_, f32>,
+    sphere: &Sphere,
+    directions: &[DVec3],
+    cancel: &AtomicBool,
+    tick: &(dyn Fn() + Sync),
+) -> Option<Vec<(DVec3, f64)>> {
+    let of = |direction: &DVec3| {
+        if cancel.load(Ordering::Relaxed) {
+            return None;
+        }
+        tick();
+        let value = at(dvr, sphere, &upright(*direction), cancel).value;
+        (!cancel.load(Ordering::Relaxed)).then_some((*direction, value))
+    };
+    directions.par_iter().map(of).collect()
+}
+
+/// How often pictures are halved, for each size that the search goes through.
+fn sizes(sphere: &Sphere) -> impl ExactSizeIterator<Item = i32> {
+    let shorter = sphere.size[0].min(sphere.size[1]);
+    let most = (1..32).take_while(|level| shorter >> level >= COARSE).count() as i32;
+    (most.min(1)..most + 1).rev()
+}
+
+/// A climber, and the starts that have become it.
+#[derive(Debug)]
+struct Climber {
+    ascent: Ascent,
+    starts: Vec<usize>,
+}
+
+impl Climber {
+    fn height(&self) -> f64 {
+        self.ascent.value.unwrap_or(f64::NEG_INFINITY)
+    }
+}
+
+/// Climbs on pictures of one size.
+fn climb(
+    dvr: &Dvr<'_, f32>,
+    sphere: &Sphere,
+    ascent: &mut Ascent,
+    [pixels, rise]: [f64; 2],
+    most: u32,
+    cancel: &AtomicBool,
+) {
+    // Upright at first, never on the way: pixels that turn would be a step in the entropy.
+    let axes = levelled(&ascent.axes);
+    ascent.rest(axes);
+    ascent.climb([pixels * radians_per_pixel(sphere), rise], most, |axes| {
+        if cancel.load(Ordering::Relaxed) {
+            return None;
+        }
+        let camera = sphere.camera(axes);
+        let Entropy { value, by_turn, .. } = entropy::gradient(
+            &Rows { renderer: dvr, judge: None, camera: &camera, rays_per_edge: 1, cancel },
+            sphere.centre,
+        );
+        if cancel.load(Ordering::Relaxed) {
+            return None;
+        }
+        // A turn about the line of sight changes nothing but the pixels' places.
+        Some(Slope { value, gradient: DVec2::new(by_turn.dot(axes.x_axis), by_turn.dot(axes.y_axis)) })
+    });
+}
+
+/// Turn by which what is nearest moves on by a pixel.
+fn radians_per_pixel(sphere: &Sphere) -> f64 {
+    2.0 / f64::from(sphere.size[0].min(sphere.size[1]))
+}
+
+/// Climbers that are as near become one, the one that is higher up. The highest come first.
+fn meet(mut climbers: Vec<Climber>, near: f64) -> Vec<Climber> {
+    climbers.sort_by(|a, b| b.height().total_cmp(&a.height()));
+    let mut kept: Vec<Climber> = Vec::new();
+    for climber in climbers {
+        let place = |c: &Climber| c.ascent.axes.z_axis;
+        match kept.iter_mut().find(|other| place(other).angle_between(place(&climber)) < near) {
+            Some(other) => other.starts.extend(climber.starts),
+            None => kept.push(climber),
+        }
+    }
+    kept
+}
+
+/// Entropy of a view; that of a part of its pixels once `cancel` is set.
+fn at(dvr: &Dvr<'_, f32>, sphere: &Sphere, axes: &DMat3, cancel: &AtomicBool) -> Entropy {
+    entropy::value(&Rows { renderer: dvr, judge: None, camera: &sphere.camera(axes), rays_per_edge: 1, cancel })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Affine;
+    use crate::scene::bricks::{Bricks, Topology};
+    use crate::scene::medium::Medium;
+    use glam::IVec3;
+    use std::sync::Arc;
+    use std::sync::atomic::AtomicUsize;
+
+    #[test]
+    fn climbers_meet_and_the_higher_one_goes_on() {
+        let climber = |start: usize, x: f64, value: f64| {
+            let mut ascent = Ascent::new(upright(DVec3::new(x, 0.0, 1.0).normalize()));
+            ascent.value = Some(value);
+            Climber { ascent, starts: vec![start] }
+        };
+        let kept = meet(vec![climber(0, 0.0, 0.5), climber(1, 1.0, 0.7), climber(2, 0.01, 0.6)], 0.02);
+        let found: Vec<_> = kept.iter().map(|c| (c.starts.clone(), c.ascent.value)).collect();
+        assert_eq!(found, [(vec![1], Some(0.7)), (vec![2, 0], Some(0.6))]);
+    }
+
+    #[test]
+    fn starts_move_to_the_highest_place_nearby() {
+        let places = [(DVec3::X, 0.5), (DVec3::Y, 0.5), (DVec3::Z, 0.9)];
+        let toward = |to: DVec3, from: DVec3| (to + 0.3 * from).normalize();
+        let scouts =
+            [(toward(DVec3::X, DVec3::Y), 0.6), (toward(DVec3::X, DVec3::Z), 0.7), (toward(DVec3::Z, DVec3::X), 0.8)];
+        assert_eq!(best_nearby(&places, &scouts), [scouts[1].0, DVec3::Y, DVec3::Z]);
+        assert!(best_nearby(&[], &scouts).is_empty());
+    }
+
+    #[test]
+    fn all_that_is_done_is_told_of() {
+        let bricks = Arc::new(Topology::new([IVec3::ZERO]).unwrap());
+        let mut field = Bricks::zeros(bricks, Affine::uniform(1.0, DVec3::ZERO).unwrap());
+        field.values.iter_mut().enumerate().for_each(|(i, v)| *v = (i % 7) as f32);
+        let dvr = Dvr::new(&field, Medium::absorbing(0.1)).unwrap();
+        for size in [24, 70] {
+            let sphere = Sphere::around(&field.outline(), [size, size], 40.0).unwrap();
+            let request = Request { sphere, starts: spread(3), given: vec![DVec3::X], iterations: 2 };
+            let told = AtomicUsize::new(0);
+            let tick = || {
+                told.fetch_add(1, Ordering::Relaxed);
+            };
+            let found = search(&dvr, &request, &AtomicBool::new(false), &tick);
+            assert_eq!(found.paths.len(), 4);
+            assert_eq!(told.into_inner(), ticks(&request), "pictures of {size}");
+        }
+    }
+
+    #[test]
+    fn large_pictures_are_halved() {
+        let of = |size: [u32; 2]| sizes(&Sphere { centre: DVec3::ZERO, distance: 1.0, focal: 1.0, size }).collect();
+        let all: [Vec<i32>; 5] = [of([256, 256]), of([32, 900]), of([63, 63]), of([64, 400]), of([1, 1])];
+        assert_eq!(all, [vec![3, 2, 1], vec![0], vec![0], vec![1], vec![0]]);
+    }
+}
