@@ -18,7 +18,6 @@ pub mod cli;
 pub mod dual;
 pub mod error;
 pub mod formats;
-pub mod lanes;
 pub mod math;
 pub mod metrics;
 pub mod optimise;

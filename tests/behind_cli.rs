@@ -5,7 +5,8 @@
 
 mod work;
 
-use cumulo::formats::vdb::{File, Limits};
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::File;
 use cumulo::scene::bricks::Bricks;
 use glam::DVec3;
 use serde_json::{Value, json};

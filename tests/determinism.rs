@@ -7,10 +7,10 @@ mod work;
 
 use cumulo::cancel::Cancel;
 use cumulo::optimise::density::{self, Request};
-use cumulo::optimise::region::hull::Hull;
-use cumulo::optimise::projection::observation::{DepthMap, Observation, Photo};
 use cumulo::optimise::gradient::pictures::{self, Accumulators, Gradients, Target};
+use cumulo::optimise::projection::observation::{DepthMap, Observation, Photo};
 use cumulo::optimise::projection::projector::Projector;
+use cumulo::optimise::region::hull::Hull;
 use cumulo::render;
 use cumulo::render::arch::Arch;
 use cumulo::render::dvr::{Adjoint, Dvr};

@@ -9,7 +9,8 @@ mod fields;
 mod work;
 
 use cumulo::formats::exr::read_picture;
-use cumulo::formats::vdb::{File, Limits, shaded};
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::{File, shaded};
 use cumulo::formats::{transfer, transforms};
 use fields::{tinted, unit};
 use serde_json::Value;

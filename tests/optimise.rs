@@ -4,18 +4,18 @@
 
 mod fields;
 
-use cumulo::math::{Aabb, Affine};
 use cumulo::cancel::Cancel;
+use cumulo::math::{Aabb, Affine};
 use cumulo::optimise::density::confidence::confidence;
-use cumulo::optimise::projection::depths::{Depths, mean};
 use cumulo::optimise::gradient::footprint::{Footprint, Lens};
-use cumulo::optimise::region::hull::Hull;
-use cumulo::optimise::projection::observation::{DepthMap, Observation, Photo};
 use cumulo::optimise::gradient::partition::Parts;
 use cumulo::optimise::gradient::pictures::{self, Accumulators, Gradients, Target};
+use cumulo::optimise::projection::depths::{Depths, mean};
+use cumulo::optimise::projection::observation::{DepthMap, Observation, Photo};
 use cumulo::optimise::projection::projector::{Projector, Sample, View};
-use cumulo::optimise::solver::smoother::Smoother;
+use cumulo::optimise::region::hull::Hull;
 use cumulo::optimise::solver::conjugate::{Equations, Solver};
+use cumulo::optimise::solver::smoother::Smoother;
 use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
 use cumulo::render::film::Film;
 use cumulo::render::order::Tiles;

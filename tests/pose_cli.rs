@@ -7,8 +7,8 @@ mod work;
 
 use cumulo::formats::vdb::{Codec, shaded, write_grids};
 use cumulo::formats::{transfer, transforms};
-use cumulo::optimise::pose::normal::Frame;
 use cumulo::optimise::gradient::camera_jacobian::Rows;
+use cumulo::optimise::pose::normal::Frame;
 use cumulo::render::dvr::Dvr;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, CameraGradient, Projection};

@@ -3,8 +3,8 @@
 
 mod fields;
 
-use cumulo::lanes::Lanes;
 use cumulo::math::{Aabb, Ray};
+use cumulo::real::Lanes;
 use cumulo::real::Real;
 use cumulo::render::Renderer;
 use cumulo::render::dvr::{Adjoint, ParameterGradient, RayGradient, Seeds, Sinks};

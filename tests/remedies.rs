@@ -4,8 +4,8 @@
 #![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 use cumulo::error::{Error, Kind};
+use cumulo::formats::limits::Limits;
 use cumulo::formats::transfer::{self, Options};
-use cumulo::formats::vdb::Limits;
 use cumulo::formats::{exr, transforms};
 use cumulo::text::acts;
 use serde_json::{Value, json};

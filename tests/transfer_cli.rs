@@ -7,8 +7,9 @@ mod common;
 
 use assert_cmd::Command;
 use common::fog;
+use cumulo::formats::limits::Limits;
 use cumulo::formats::transfer::{self, Options, Source};
-use cumulo::formats::vdb::{Codec, File, Limits, write_grids};
+use cumulo::formats::vdb::{Codec, File, write_grids};
 use cumulo::scene::transfer::{Lobe, Transfer};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;

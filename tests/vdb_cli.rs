@@ -6,7 +6,8 @@ mod common;
 
 use assert_cmd::Command;
 use common::fog;
-use cumulo::formats::vdb::{Codec, File, Limits, write_grids};
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::{Codec, File, write_grids};
 use cumulo::scene::grid::{Grid, GridClass};
 use predicates::str::contains;
 use serde_json::Value;

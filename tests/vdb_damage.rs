@@ -5,7 +5,8 @@
 mod common;
 
 use common::{fog, python};
-use cumulo::formats::vdb::{Codec, File, Limits, preflight, write_grids};
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::{Codec, File, preflight, write_grids};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -2,7 +2,8 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a panic is how a test fails")]
 
-use cumulo::formats::vdb::{File, Limits, NativeGrid, helper, write_native};
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::{File, NativeGrid, helper, write_native};
 use std::collections::BTreeMap;
 
 #[test]

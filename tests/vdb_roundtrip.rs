@@ -5,7 +5,8 @@
 mod common;
 
 use common::{fog, python};
-use cumulo::formats::vdb::{Codec, File, Limits, NativeGrid, helper, write_grids, write_native};
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::{Codec, File, NativeGrid, helper, write_grids, write_native};
 use cumulo::math::Affine;
 use cumulo::scene::grid::{Grid, GridClass, MetaValue};
 use glam::{DMat4, DVec3, DVec4};

@@ -7,8 +7,8 @@ mod work;
 
 use cumulo::formats::vdb::{Codec, write_grids};
 use cumulo::formats::{transfer, transforms};
-use cumulo::optimise::viewpoint::entropy;
 use cumulo::optimise::gradient::camera_jacobian::Rows;
+use cumulo::optimise::viewpoint::entropy;
 use cumulo::render::dvr::Dvr;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::grid::Grid;

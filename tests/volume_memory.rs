@@ -6,7 +6,8 @@ mod common;
 mod work;
 
 use common::fog;
-use cumulo::formats::vdb::{Codec, File, Limits, NativeGrid, write_grids};
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::{Codec, File, NativeGrid, write_grids};
 use cumulo::math::{Affine, Ray};
 use cumulo::render::dvr::Dvr;
 use cumulo::render::quadrature::Quadrature;

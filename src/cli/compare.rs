@@ -4,7 +4,7 @@ use super::memory::Memory;
 use super::output::Output;
 use super::outputs::{self, Content};
 use crate::error::{Error, Result};
-use crate::formats::vdb::Limits;
+use crate::formats::limits::Limits;
 use crate::formats::{exr, png};
 use crate::metrics::{self, Comparison, heatmap};
 use crate::text::printable;

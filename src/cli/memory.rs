@@ -1,6 +1,6 @@
 //! The memory that reading a file may take.
 
-use crate::formats::vdb::Limits;
+use crate::formats::limits::Limits;
 
 /// `--max-memory` of the commands that read volumes.
 #[derive(Debug, Clone, Copy, clap::Args)]

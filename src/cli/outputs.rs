@@ -1,7 +1,7 @@
 //! What a command may write, checked before its work: names that fit their content, and nothing that it reads.
 
 use crate::error::{Error, Result};
-use crate::formats::vdb::Limits;
+use crate::formats::limits::Limits;
 use crate::formats::{atomic, transforms};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::formats::exr;
-use crate::formats::vdb::Limits;
+use crate::formats::limits::Limits;
 use crate::optimise::projection::observation::Photo;
 use crate::render::film::Film;
 use crate::scene::capture::{Capture, Frame};

@@ -1,9 +1,9 @@
 //! What a reconstruction did: its report, kept beside the page so that the page can be made again.
 
 use super::provenance::Provenance;
-use crate::optimise::plausibility::cost::Cost;
 use crate::optimise::density::{Stage, Step};
 use crate::optimise::plausibility::Warning;
+use crate::optimise::plausibility::cost::Cost;
 use crate::scene::capture::PixelFilter;
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};

@@ -2,7 +2,8 @@
 
 use super::light::Light;
 use crate::error::{Error, Result};
-use crate::formats::vdb::{File, Limits, shaded};
+use crate::formats::limits::Limits;
+use crate::formats::vdb::{File, shaded};
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;

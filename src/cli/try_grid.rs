@@ -1,7 +1,8 @@
 //! `cumulo try-grid`: reads a grid and drops it, in a process of its own; see [`crate::formats::vdb::helper`].
 
 use crate::error::Error;
-use crate::formats::vdb::{File, Limits};
+use crate::formats::limits::Limits;
+use crate::formats::vdb::File;
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -2,8 +2,9 @@
 
 use super::transfer::TransferOption;
 use crate::error::Result;
+use crate::formats::limits::Limits;
 use crate::formats::transfer;
-use crate::formats::vdb::{File, Limits};
+use crate::formats::vdb::File;
 use crate::scene::bricks::{Bricks, too_large};
 use crate::scene::grid::Grid;
 use crate::scene::transfer::Transfer;

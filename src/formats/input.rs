@@ -2,7 +2,7 @@
 //! values would outgrow the memory allowed.
 
 use crate::error::{Error, Result};
-use crate::formats::vdb::Limits;
+use crate::formats::limits::Limits;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;

@@ -10,10 +10,10 @@
 use crate::error::{Error, Result};
 use crate::optimise::density::{self, Outcome, Request, Stage, Step};
 use crate::optimise::projection::emission::{Emission, Sight};
-use crate::optimise::region::lattice;
 use crate::optimise::projection::observation::{Observation, Photo};
-use crate::optimise::solver::smoother::Smoother;
+use crate::optimise::region::lattice;
 use crate::optimise::solver::conjugate::{Equations, Solver};
+use crate::optimise::solver::smoother::Smoother;
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::grid::LEAF_VOXELS;
 use glam::{IVec3, Vec4};

@@ -4,7 +4,7 @@
 //! Corner `(x, y, z)` of a cell is `values[offset + slot(x, y, z)]`; weights and corner values come by x,
 //! with corner `(x, y, z)` in lane `2 y + z`.
 
-use crate::lanes::{LANES, Lanes};
+use crate::real::{LANES, Lanes};
 use crate::real::{Number, Real};
 use crate::render::march::Span;
 use crate::scene::bricks::slot;

@@ -1,8 +1,8 @@
 //! Extinction and source as kernels need them: piecewise linear in the density, in the kernel's own
 //! precision, with a look-up.
 
-use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
+use crate::real::{LANES, Lanes};
 use crate::scene::table::Table;
 
 /// One linear piece. It begins where the last one ends; the outermost reach to infinity.

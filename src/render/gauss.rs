@@ -3,8 +3,8 @@
 //!
 //! Constants as vectors of four, for one of the points in each lane.
 
-use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
+use crate::real::{LANES, Lanes};
 
 /// The points.
 pub const NODES: [f64; LANES] =

@@ -1,7 +1,7 @@
 //! Quadrature rules: what a ray's spans are cut into.
 
-use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
+use crate::real::{LANES, Lanes};
 use crate::render::cell::{Crossings, MOST, Quartet, chord_weights, corners, crossings, gather, low, offsets, weights};
 use crate::render::cubic;
 use crate::render::curve::{Curve, Piece};

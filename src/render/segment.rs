@@ -1,6 +1,6 @@
 //! Stretches of a ray within one cell, on which a source that varies is integrated.
 
-use crate::lanes::{LANES, Lanes};
+use crate::real::{LANES, Lanes};
 use crate::real::{Number, Real};
 use crate::render::cell::{corners, weights};
 use crate::render::gauss;

@@ -83,10 +83,8 @@ impl Capture {
         let source = match (self.model, &self.transfer, self.emission_model) {
             (Model::Absorption, ..) => Source::Grey([0.0; 3]),
             (Model::PreShaded, ..) => {
-                return Err(Error::unsupported(
-                    "the pictures show a pre-shaded volume, whose colors no density tells",
-                )
-                .hint("`cumulo reconstruct color` finds such volumes"));
+                return Err(Error::unsupported("the pictures show a pre-shaded volume, whose colors no density tells")
+                    .hint("`cumulo reconstruct color` finds such volumes"));
             }
             (_, Some(transfer), _) => Source::Transfer(Arc::new(transfer.table()?)),
             (_, None, EmissionModel::Grey) => Source::Grey(self.emission),

@@ -2,7 +2,8 @@
 //! with the cameras that `python/peers/run_vtk.py` and `run_torch.py` have. One JSON line on stdout.
 
 use super::turns::{in_turn, median};
-use cumulo::formats::vdb::{File, Limits};
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::File;
 use cumulo::math::Aabb;
 use cumulo::optimise::gradient::pictures::{self, Accumulators, Gradients, Target};
 use cumulo::real::Real;

@@ -5,7 +5,8 @@
 
 use super::row::Row;
 use super::turns::{ROUNDS, median, ratio};
-use cumulo::formats::vdb::{Codec, File, Limits, NativeGrid, write_native};
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::{Codec, File, NativeGrid, write_native};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;

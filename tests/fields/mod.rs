@@ -1,8 +1,8 @@
 //! Fields with known integrals, and rays through them.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
-use cumulo::lanes::Lanes;
 use cumulo::math::{Affine, Ray};
+use cumulo::real::Lanes;
 use cumulo::real::Real;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};

@@ -1,7 +1,8 @@
 //! A folder of its own for the program to work in.
 #![allow(dead_code, clippy::unwrap_used, missing_docs, reason = "each test file uses its own part")]
 
-use cumulo::formats::vdb::{File, Limits};
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::File;
 use cumulo::render::film::Film;
 use cumulo::scene::grid::Grid;
 use serde_json::Value;

@@ -2,7 +2,8 @@
 #![allow(dead_code, clippy::unwrap_used, clippy::panic, missing_docs, reason = "each test file uses its own part")]
 
 use crate::work::{Work, errors};
-use cumulo::formats::vdb::{Limits, preflight};
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::preflight;
 use cumulo::formats::{exr, transforms};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -2,8 +2,8 @@
 
 use crate::cli::provenance::Provenance;
 use crate::cli::run::write_warnings;
-use crate::optimise::study::parameter::Parameter;
 use crate::optimise::plausibility::Warning;
+use crate::optimise::study::parameter::Parameter;
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;

@@ -1,8 +1,8 @@
 //! Derivatives by voxel as a grid.
 
 use super::GradientCommand;
-use crate::optimise::study::{Found, Study};
 use crate::optimise::study::subject::Subject;
+use crate::optimise::study::{Found, Study};
 use crate::scene::bricks::Topology;
 use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
 use std::collections::BTreeMap;

@@ -2,8 +2,9 @@
 
 use crate::cli::memory::human;
 use crate::error::Result;
+use crate::formats::limits::Limits;
 use crate::formats::transfer::{METADATA_KEY, TransferSummary, from_metadata};
-use crate::formats::vdb::{File, GridInfo, Limits, NativeGrid, Transform};
+use crate::formats::vdb::{File, GridInfo, NativeGrid, Transform};
 use crate::scene::grid::{GridClass, MetaValue};
 use crate::scene::statistics::{self, Statistics};
 use crate::text::{printable, printable_lines};

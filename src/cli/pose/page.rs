@@ -1,11 +1,11 @@
 //! The page of a search for cameras.
 
 use super::Report;
+use crate::cancel::Cancel;
 use crate::cli::light::Light;
 use crate::cli::provenance::Provenance;
 use crate::error::Result;
 use crate::metrics;
-use crate::cancel::Cancel;
 use crate::optimise::gradient::pictures::Target;
 use crate::render::film::Film;
 use crate::report::{MOST_VIEWS, Page, ViewRow, choose};

@@ -2,13 +2,13 @@
 
 use crate::error::Result;
 use crate::formats::vdb::{CONFIDENCE, shaded};
-use crate::optimise::density::confidence::confidence;
 use crate::optimise::density::Request;
+use crate::optimise::density::confidence::confidence;
 use crate::optimise::density::descent::Scene;
-use crate::optimise::projection::observation::Photo;
 use crate::optimise::gradient::pictures::Target;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::plausibility::residuals::Residuals;
+use crate::optimise::projection::observation::Photo;
 use crate::render::Renderer;
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;

@@ -5,10 +5,10 @@ use crate::cli::parse;
 use crate::error::{Error, Result};
 use crate::formats::vdb;
 use crate::math::{Aabb, Affine};
+use crate::optimise::plausibility::{self, Warning};
+use crate::optimise::projection::observation::Observation;
 use crate::optimise::region::hull::{Hull, Survey};
 use crate::optimise::region::lattice;
-use crate::optimise::projection::observation::Observation;
-use crate::optimise::plausibility::{self, Warning};
 use crate::scene::capture::Capture;
 use std::path::Path;
 

@@ -1,5 +1,6 @@
 //! `cumulo reconstruct tf`: the transfer function that a known volume was rendered with.
 
+use crate::cancel::Cancel;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
@@ -7,14 +8,13 @@ use crate::cli::report::transfer::{self as transfer_page, TransferRun, View};
 use crate::cli::task::{Task, ended, exit_code};
 use crate::cli::{parse, photos, report, run};
 use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
 use crate::formats::transfer::{self, Options};
 use crate::formats::transforms;
-use crate::formats::vdb::Limits;
-use crate::cancel::Cancel;
-use crate::optimise::plausibility::cost::Cost;
 use crate::optimise::density::Stage;
-use crate::optimise::projection::observation::Photo;
+use crate::optimise::plausibility::cost::Cost;
 use crate::optimise::plausibility::residuals::{self, Residuals};
+use crate::optimise::projection::observation::Photo;
 use crate::optimise::transfer::{Request, Solver, reconstruct};
 use crate::render::dvr::Dvr;
 use crate::render::quadrature::Quadrature;

@@ -1,17 +1,18 @@
 //! A transfer function that was reconstructed: its record and its page.
 
 use super::{Beside, extra};
+use crate::cancel::Cancel;
 use crate::cli::provenance::Provenance;
 use crate::cli::run;
 use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
 use crate::formats::transfer::Options;
-use crate::formats::vdb::{File, Limits};
+use crate::formats::vdb::File;
 use crate::formats::{exr, transfer, transforms};
 use crate::metrics;
-use crate::cancel::Cancel;
-use crate::optimise::plausibility::cost::Cost;
 use crate::optimise::density::Stage;
 use crate::optimise::plausibility::Warning;
+use crate::optimise::plausibility::cost::Cost;
 use crate::optimise::transfer::{Solver, Step};
 use crate::render;
 use crate::render::dvr::Dvr;

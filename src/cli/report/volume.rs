@@ -1,14 +1,15 @@
 //! The page of a volume that was reconstructed.
 
 use super::{Beside, extra};
+use crate::cancel::Cancel;
 use crate::cli::light::Light;
 use crate::cli::run::{self, Run, Solver};
 use crate::cli::volume as volumes;
 use crate::error::Result;
-use crate::formats::vdb::{CONFIDENCE, File, Limits, shaded};
+use crate::formats::limits::Limits;
+use crate::formats::vdb::{CONFIDENCE, File, shaded};
 use crate::formats::{exr, transfer, transforms};
 use crate::metrics::{self, volume};
-use crate::cancel::Cancel;
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;

@@ -3,8 +3,9 @@
 use super::findings::Findings;
 use crate::cli::info::statistics_of;
 use crate::error::Result;
+use crate::formats::limits::Limits;
 use crate::formats::transfer;
-use crate::formats::vdb::{File, GridInfo, Limits, NativeGrid, Transform};
+use crate::formats::vdb::{File, GridInfo, NativeGrid, Transform};
 use crate::scene::grid::{GridClass, MOST_DENSITY};
 use crate::scene::statistics::Statistics;
 use crate::scene::topology::table_entries;

@@ -3,7 +3,7 @@
 use super::header::{Header, Reader};
 use super::{SampleType, Window, dwa, fault};
 use crate::error::{Error, Result};
-use crate::formats::vdb::Limits;
+use crate::formats::limits::Limits;
 use exr::block::UncompressedBlock;
 use exr::block::reader::ChunksReader;
 use exr::math::Vec2;

@@ -3,8 +3,8 @@
 use super::decode::{self, Row, Source};
 use super::header::{self, Header, LayerInfo};
 use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
-use crate::formats::vdb::Limits;
 use crate::render::film::Film;
 use std::path::Path;
 

@@ -2,8 +2,8 @@
 
 use super::{Window, summary_within};
 use crate::error::Result;
+use crate::formats::limits::Limits;
 use crate::formats::problem::Problem;
-use crate::formats::vdb::Limits;
 use std::path::Path;
 
 /// What is wrong with a file; empty if nothing is. A file that cannot be decoded is one problem.

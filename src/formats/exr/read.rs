@@ -4,8 +4,8 @@ use super::Window;
 use super::decode::{self, Row, Source};
 use super::header::{self, SampleType};
 use crate::error::Result;
+use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
-use crate::formats::vdb::Limits;
 use std::collections::BTreeMap;
 use std::path::Path;
 

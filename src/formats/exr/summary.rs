@@ -4,7 +4,7 @@ use super::Window;
 use super::decode::{self, Row, Source};
 use super::header::{self, ChannelInfo, Part};
 use crate::error::Result;
-use crate::formats::vdb::Limits;
+use crate::formats::limits::Limits;
 use crate::text::{printable, printable_lines};
 use serde::Serialize;
 use std::collections::BTreeMap;

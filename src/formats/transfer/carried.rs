@@ -2,7 +2,8 @@
 
 use super::{Loaded, MAX_BYTES, Options, Source, chosen, document, refuse_opacity_options};
 use crate::error::{Error, Result};
-use crate::formats::vdb::{File, Limits};
+use crate::formats::limits::Limits;
+use crate::formats::vdb::File;
 use crate::scene::grid::MetaValue;
 use crate::scene::transfer::Transfer;
 use std::collections::BTreeMap;

@@ -2,7 +2,7 @@
 
 use super::{Loaded, Options, Source, chosen, refuse_opacity_options};
 use crate::error::{Error, Result};
-use crate::formats::vdb::Limits;
+use crate::formats::limits::Limits;
 use crate::formats::{atomic, input};
 use crate::scene::transfer::Transfer;
 use serde::Serialize;

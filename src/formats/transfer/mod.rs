@@ -31,7 +31,7 @@ pub use paraview::MOST_OPACITY;
 pub use summary::TransferSummary;
 
 use crate::error::{Error, Result};
-use crate::formats::vdb::Limits;
+use crate::formats::limits::Limits;
 use crate::formats::{Format, input, sniff};
 use crate::scene::transfer::Transfer;
 use serde::Serialize;

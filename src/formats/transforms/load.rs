@@ -2,8 +2,8 @@
 
 use super::{folder, json_path};
 use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
-use crate::formats::vdb::Limits;
 use crate::formats::{exr, input};
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};

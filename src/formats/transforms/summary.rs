@@ -2,7 +2,7 @@
 
 use super::load_within;
 use crate::error::Result;
-use crate::formats::vdb::Limits;
+use crate::formats::limits::Limits;
 use crate::math::Aabb;
 use crate::scene::camera::Projection;
 use crate::scene::capture::{EmissionModel, Model, PixelFilter};

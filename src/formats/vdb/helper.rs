@@ -5,8 +5,8 @@
 //! safe in a signal handler, and OpenVDB is not.
 
 use super::ffi;
-use super::preflight::Limits;
 use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
 use std::io::Read;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};

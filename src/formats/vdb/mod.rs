@@ -26,7 +26,6 @@ mod write;
 
 pub use file::{CONFIDENCE, File};
 pub use native::{GridInfo, NativeGrid, RawGrid, RawLeaf, RawTile, Transform, writable};
-pub use preflight::Limits;
 pub use topology::Topology;
 pub use write::{Codec, write_grids, write_native};
 

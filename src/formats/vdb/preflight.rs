@@ -7,6 +7,7 @@
 use super::cursor::Cursor;
 use super::topology::{Topology, ValueType, Walk};
 use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -17,34 +18,6 @@ pub const NEWEST_VERSION: u32 = 224;
 const OLDEST_WALKED: u32 = 222;
 /// Before this, OpenVDB's own reader has special cases nobody can test any more.
 const OLDEST_VERSION: u32 = 219;
-
-/// What reading a file may cost.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Limits {
-    /// Bytes that one grid may take in memory.
-    pub max_memory: u64,
-}
-
-impl Default for Limits {
-    /// Half of the machine's memory, or 4 GiB where that cannot be learnt.
-    fn default() -> Self {
-        let half = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
-            let line = text.lines().find_map(|l| l.strip_prefix("MemTotal:"))?;
-            line.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib * 512)
-        });
-        Self { max_memory: half.unwrap_or(4 << 30) }
-    }
-}
-
-impl Limits {
-    pub(super) fn exceeded(&self, needed: u64, leaves: u64) -> Error {
-        Error::unsupported(format!(
-            "the tree needs more than {needed} bytes ({leaves} leaves so far), {} are allowed",
-            self.max_memory
-        ))
-        .hint("raise --max-memory if the file is to be trusted, or crop or resample it where it was made")
-    }
-}
 
 /// One grid as the file's directory describes it.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,8 +5,8 @@
 //! `LeafNode::readBuffers` and `io::readCompressedValues`, file versions 222 to 224.
 
 use super::cursor::Cursor;
-use super::preflight::Limits;
 use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
 
 /// Flags of `io::COMPRESS_*`.
 const ZIP: u32 = 1;

@@ -10,8 +10,8 @@
 //! Saad 2007): one backward walk a probe, whatever the renderer. A voxel of several numbers has several sums.
 
 use crate::cancel::Cancel;
-use crate::optimise::region::neighbours::Neighbours;
 use crate::optimise::gradient::pictures::{self, Accumulators, Gradients, Target};
+use crate::optimise::region::neighbours::Neighbours;
 use crate::optimise::study::subject::Subject;
 use crate::render::Renderer;
 use crate::render::dvr::Adjoint;

@@ -1,16 +1,16 @@
 //! Densities that descend towards pictures, whatever the medium: Adam on batches of views, with a prior on
 //! neighbours.
 
+use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::math::Affine;
-use crate::optimise::solver::adam::Adam;
-use crate::cancel::Cancel;
 use crate::optimise::density::Request;
-use crate::optimise::region::hull::Hull;
-use crate::optimise::region::neighbours::Neighbours;
-use crate::optimise::projection::observation::Observation;
 use crate::optimise::gradient::pictures::{self, Accumulators, Gradients, PixelLoss, Target};
 use crate::optimise::loss::prior::{VolumePrior, Weighted};
+use crate::optimise::projection::observation::Observation;
+use crate::optimise::region::hull::Hull;
+use crate::optimise::region::neighbours::Neighbours;
+use crate::optimise::solver::adam::Adam;
 use crate::render::dvr::{Adjoint, Dvr, Tape};
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::{BRICK, Bricks, Topology};

@@ -9,8 +9,8 @@
 //! half), from coarse voxels to fine ones, each at first at the lowest density that its color allows: what is
 //! clear and open to the outside is empty.
 
-use crate::error::Result;
 use crate::cancel::Cancel;
+use crate::error::Result;
 use crate::optimise::region::lattice;
 use crate::optimise::region::neighbours::Neighbours;
 use crate::scene::bricks::{Bricks, Topology};

@@ -8,12 +8,12 @@
 
 use crate::error::{Error, Result};
 use crate::optimise::color::{self, Shaded};
-use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::density::descent::{Fit, Scene, batches, squared, unknowns};
 use crate::optimise::density::matching;
-use crate::optimise::projection::observation::{Observation, Photo};
+use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::gradient::pictures::Target;
 use crate::optimise::loss::prior::{VolumePrior, Weighted};
+use crate::optimise::projection::observation::{Observation, Photo};
 use crate::render::quadrature::Quadrature;
 use crate::scene::grid::LEAF_VOXELS;
 use crate::scene::medium::{Medium, Source};

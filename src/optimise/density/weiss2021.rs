@@ -6,12 +6,12 @@
 //! taken from the pictures, the density that, over a quarter of the box, gives the largest optical depth seen.
 
 use crate::error::{Kind, Result};
-use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::density::descent::{Fit, Scene, absolute, batches, unknowns};
-use crate::optimise::region::lattice;
-use crate::optimise::projection::observation::{Observation, Photo};
+use crate::optimise::density::{Outcome, Request, Stage, Step};
 use crate::optimise::gradient::pictures::Target;
 use crate::optimise::loss::prior::{VolumePrior, Weighted};
+use crate::optimise::projection::observation::{Observation, Photo};
+use crate::optimise::region::lattice;
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
 use crate::scene::grid::LEAF_VOXELS;

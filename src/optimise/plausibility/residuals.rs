@@ -5,8 +5,8 @@
 //! that is too small.
 
 use crate::cancel::Cancel;
-use crate::optimise::projection::observation::Photo;
 use crate::optimise::plausibility::Warning;
+use crate::optimise::projection::observation::Photo;
 use crate::render::Renderer;
 use rayon::prelude::*;
 

@@ -5,9 +5,9 @@
 
 pub mod normal;
 
-use crate::optimise::pose::normal::{Frame, Normal, Pose, Spectrum, steps};
-use crate::optimise::gradient::pictures::Target;
 use crate::optimise::gradient::camera_jacobian::Rows;
+use crate::optimise::gradient::pictures::Target;
+use crate::optimise::pose::normal::{Frame, Normal, Pose, Spectrum, steps};
 use crate::render::Renderer;
 use crate::scene::camera::Camera;
 use crate::scene::medium::{Medium, Source};
@@ -49,8 +49,7 @@ impl Colors {
             // L = e color + (1 - α) background: e from the brightest.
             Source::Linear(color) => {
                 let most = (0..3).fold(0, |most, c| if color[c] > color[most] { c } else { most });
-                let share =
-                    |c: usize| if color[c] > 0.0 { f64::from(color[c]) / f64::from(color[most]) } else { 0.0 };
+                let share = |c: usize| if color[c] > 0.0 { f64::from(color[c]) / f64::from(color[most]) } else { 0.0 };
                 Self {
                     losses: vec![unit(most), unit(3)],
                     mix: std::array::from_fn(|c| [share(c), share(c) * behind[most] - behind[c], 0.0]),

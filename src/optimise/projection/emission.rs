@@ -5,8 +5,8 @@
 //! to a fixed number of lanes, as those of [`projector`](crate::optimise::projection::projector).
 
 use crate::cancel::Cancel;
-use crate::optimise::projection::observation::{Photo, stride_within};
 use crate::optimise::gradient::pictures::{bricks_crossed, lanes};
+use crate::optimise::projection::observation::{Photo, stride_within};
 use crate::optimise::solver::conjugate::Equations;
 use crate::render::arch::Arch;
 use crate::render::order::morton;

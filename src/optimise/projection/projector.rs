@@ -4,10 +4,10 @@
 //! Rays are dealt to a fixed number of lanes, each with its own accumulator, and the lanes are added
 //! in order: the result has the same bits for any number of threads.
 
-use crate::math::Affine;
 use crate::cancel::Cancel;
-use crate::optimise::projection::observation::DepthMap;
+use crate::math::Affine;
 use crate::optimise::gradient::pictures::lanes;
+use crate::optimise::projection::observation::DepthMap;
 use crate::render::arch::Arch;
 use crate::render::dvr::{Dvr, Tape};
 use crate::render::order::morton;

@@ -5,9 +5,9 @@
 //! what lies outside of it is empty too, unless another picture shows something there. What lies outside any
 //! other picture is not judged by it.
 
+use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine, Ray};
-use crate::cancel::Cancel;
 use crate::optimise::projection::observation::{DepthMap, Observation};
 use crate::scene::bricks::Topology;
 use crate::scene::camera::{Camera, Projection};

@@ -2,8 +2,8 @@
 //! against.
 
 use crate::error::Result;
-use crate::optimise::study::parameter::{Parameter, camera_step};
 use crate::optimise::study::Study;
+use crate::optimise::study::parameter::{Parameter, camera_step};
 use crate::optimise::study::subject::{Subject, depth_channel, largest};
 use crate::render::quadrature::Quadrature;
 use crate::scene::transfer::Transfer;

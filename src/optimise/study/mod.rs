@@ -8,17 +8,17 @@ pub mod setting;
 pub mod subject;
 
 use crate::error::{Error, Result};
+use crate::optimise::gradient::objective::Objective;
+use crate::optimise::loss::prior::{Prior, Weighted};
 use crate::optimise::loss::{Loss, Rgba};
 use crate::optimise::region::neighbours::Neighbours;
-use crate::optimise::gradient::objective::Objective;
-use parameter::Parameter;
-use setting::{Setting, Units};
 use crate::optimise::study::ad_mode::Way;
-use crate::optimise::loss::prior::{Prior, Weighted};
 use crate::optimise::study::subject::{Subject, depth_channel};
 use crate::scene::bricks::Bricks;
 use crate::scene::grid::LEAF_VOXELS;
 use crate::scene::transfer::Transfer;
+use parameter::Parameter;
+use setting::{Setting, Units};
 
 /// A scene and a loss.
 #[derive(Debug, Clone)]

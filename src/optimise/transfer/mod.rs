@@ -8,12 +8,12 @@
 //! held-out views decide. The thousand steps are there to compare with ([`Solver::Weiss2021`]).
 
 mod normal;
-mod weiss2021;
 mod rays;
 mod rows;
+mod weiss2021;
 
-use crate::error::{Error, Result};
 use crate::cancel::Cancel;
+use crate::error::{Error, Result};
 use crate::optimise::density::Stage;
 use crate::optimise::projection::observation::Photo;
 use crate::render::dvr::Dvr;

@@ -1,7 +1,7 @@
 //! Rays drawn from pictures, with what they should see.
 
-use crate::math::Ray;
 use crate::cancel::Cancel;
+use crate::math::Ray;
 use crate::optimise::projection::observation::Photo;
 use crate::render::order::morton;
 

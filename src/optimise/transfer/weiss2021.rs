@@ -8,8 +8,8 @@
 use super::rows::{LANES, see};
 use super::{Fit, Rays};
 use crate::error::Result;
-use crate::optimise::solver::adam::Adam;
 use crate::optimise::loss::prior::TransferPrior;
+use crate::optimise::solver::adam::Adam;
 use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
 use crate::scene::table::{Rgbs, TableGradient};
 use rayon::prelude::*;

@@ -9,11 +9,11 @@
 
 pub mod entropy;
 
-use crate::optimise::solver::ascent::{Ascent, Slope};
-use entropy::Entropy;
 use crate::optimise::gradient::camera_jacobian::Rows;
+use crate::optimise::solver::ascent::{Ascent, Slope};
 use crate::render::dvr::Dvr;
 use crate::scene::sphere::{Sphere, levelled, spread, stepped, upright};
+use entropy::Entropy;
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};

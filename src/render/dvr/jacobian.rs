@@ -7,8 +7,8 @@ use super::kernel::{self, over};
 use super::light::{By, Glow, Lit};
 use super::tape::{Entry, Tape};
 use super::{Dvr, Matter, Optics, Precision, Radiance};
-use crate::lanes::Lanes;
 use crate::math::Ray;
+use crate::real::Lanes;
 use crate::render::march::IndexRay;
 use crate::render::rule::Rule;
 

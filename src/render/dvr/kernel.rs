@@ -4,7 +4,7 @@
 use super::light::{Glow, Light, Lit};
 use super::tape::Entry;
 use super::{Dvr, Radiance};
-use crate::lanes::Lanes;
+use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::cell::Quartet;
 use crate::render::curve::Curve;

@@ -6,7 +6,7 @@
 //! no quadrature, and all channels share one.
 
 use crate::dual::Dual;
-use crate::lanes::Lanes;
+use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::curve::Piece;
 use crate::render::gauss;

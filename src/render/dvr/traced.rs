@@ -1,8 +1,8 @@
 //! Where segments lie: how derivatives by density become derivatives by voxel, and by the ray's points.
 
 use super::light::Lit;
-use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
+use crate::real::{LANES, Lanes};
 use crate::render::cell::{corners, gather, weights};
 use crate::render::gauss;
 use crate::render::segment::{Chord, End, Place, Sample, slopes};

@@ -19,8 +19,8 @@
 use super::stretch::{Stretch, scatter};
 use super::tape::Tape;
 use super::{Front, Preshaded, Radiance, stretches};
-use crate::lanes::Lanes;
 use crate::math::Ray;
+use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::arch::Arch;
 use crate::render::dvr::{Adjoint, Loss, Sinks};

@@ -16,9 +16,9 @@ mod tape;
 
 pub use tape::Tape;
 
-use crate::lanes::{LANES, Lanes};
 use crate::math::Ray;
 use crate::real::Real;
+use crate::real::{LANES, Lanes};
 use crate::render::arch::Arch;
 use crate::render::dvr::Radiance;
 use crate::render::march::{IndexRay, Span, batches};

@@ -1,7 +1,7 @@
 //! Stretches of a ray in one cell each, with two Gauss points.
 
-use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
+use crate::real::{LANES, Lanes};
 use crate::render::cell::{CORNERS, REACH, weights};
 use crate::render::rule::Cell;
 use crate::render::segment::slopes;

@@ -1,7 +1,7 @@
 //! Scratch memory of rays.
 
 use super::stretch::{Footprint, Stretch, scatter};
-use crate::lanes::Lanes;
+use crate::real::Lanes;
 use crate::real::Real;
 
 /// Scratch memory of one thread, reused from ray to ray.

@@ -13,8 +13,8 @@ use super::light::Front;
 use super::nodes::{Nodes, Queue, Sites, nodes};
 use super::row::{ROOM, Row, share_slopes};
 use super::{Preintegrated, Scratch};
-use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
+use crate::real::{LANES, Lanes};
 
 /// Visits that replay keeps, the nearest ones: it walks again, and looks up again, what is behind them.
 const KEPT: usize = 6;

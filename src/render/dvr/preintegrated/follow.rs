@@ -8,9 +8,9 @@
 
 use super::adjoint::{ByRow, Visit};
 use super::nodes::{Sites, parts};
-use crate::lanes::{LANES, Lanes};
 use crate::math::Aabb;
 use crate::real::Real;
+use crate::real::{LANES, Lanes};
 use crate::render::march::{IndexRay, spans};
 use crate::render::moved::Moved;
 use glam::DVec3;

@@ -3,8 +3,8 @@
 use super::nodes::Queue;
 use super::row::Row;
 use super::table::{Cumulative, End};
-use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
+use crate::real::{LANES, Lanes};
 use crate::render::curve::Curve;
 
 /// State of the blend.

@@ -2,8 +2,8 @@
 //! Between two of these nodes it is taken for linear in the length.
 
 use super::row::WIDE;
-use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
+use crate::real::{LANES, Lanes};
 use crate::render::cell::{corners, placed, scatter};
 use crate::render::march::{IndexRay, Span, spans};
 use crate::render::segment::slopes;

@@ -7,8 +7,8 @@
 //! Loops run over plain arrays without a branch: compilers make of them what the instruction set has.
 
 use super::table::{Cumulative, End};
-use crate::lanes::{LANES, Lanes};
 use crate::real::Real;
+use crate::real::{LANES, Lanes};
 use crate::render::curve::Curve;
 
 /// The most stretches in a row.

@@ -4,7 +4,7 @@
 //! and `σ`, is quadratic there, and its integral F cubic. Sums are `f64`: their differences over a small range
 //! of densities are what is asked for.
 
-use crate::lanes::Lanes;
+use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::curve::Curve;
 use crate::scene::table::Table;
