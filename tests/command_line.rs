@@ -9,7 +9,7 @@ mod work;
 use common::fog;
 use cumulo::formats::exr;
 use cumulo::formats::vdb::{Codec, write_grids};
-use cumulo::render::film::Film;
+use cumulo::scene::film::Film;
 use cumulo::scene::grid::MetaValue;
 use cumulo::text::acts;
 use serde_json::{Value, json};
@@ -87,7 +87,7 @@ fn text_from_files_does_not_act_on_the_terminal() {
     grid.metadata.insert(HOSTILE.into(), MetaValue::Text(HOSTILE.into()));
     grid.metadata.insert("cumulo_transfer".into(), MetaValue::Text(format!("{{\"format\": {}}}", json!(HOSTILE))));
     write_grids(&work.path("v.vdb"), &[&grid], &BTreeMap::new(), Codec::Blosc, false).unwrap();
-    let film = Film { width: 2, height: 2, rgba: vec![[f32::NAN; 4]; 4] };
+    let film = Film::of(2, 2, vec![[f32::NAN; 4]; 4]);
     let attributes = [(HOSTILE.to_owned(), HOSTILE.to_owned())].into();
     exr::write_picture(&work.path("p.exr"), &film, &attributes, false).unwrap();
     let preset = json!([

@@ -4,7 +4,7 @@
 
 use assert_cmd::Command;
 use cumulo::formats::exr;
-use cumulo::render::film::Film;
+use cumulo::scene::film::Film;
 use predicates::prelude::*;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ fn cumulo() -> Command {
 fn write(dir: &TempDir, name: &str, width: usize, height: usize, offset: f32) -> PathBuf {
     let path = dir.path().join(name);
     let rgba = (0..width * height).map(|i| [i as f32 / 512.0 + offset, 0.5, 0.25, 1.0]).collect();
-    exr::write_picture(&path, &Film { width, height, rgba }, &Default::default(), false).unwrap();
+    exr::write_picture(&path, &Film::of(width, height, rgba), &Default::default(), false).unwrap();
     path
 }
 

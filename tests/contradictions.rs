@@ -5,7 +5,7 @@
 mod work;
 
 use cumulo::formats::exr;
-use cumulo::render::film::Film;
+use cumulo::scene::film::Film;
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
 use work::{Work, errors};

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 use cumulo::formats::exr;
-use cumulo::render::film::Film;
+use cumulo::scene::film::{Film, Plane};
 use std::path::{Path, PathBuf};
 
 fn film(width: usize, height: usize) -> Film {
@@ -13,7 +13,7 @@ fn film(width: usize, height: usize) -> Film {
             [v * 0.37, (v * 0.1).sin(), -v / 3.0, 1.0 / (1.0 + v)]
         })
         .collect();
-    Film { width, height, rgba }
+    Film::of(width, height, rgba)
 }
 
 #[test]
@@ -33,6 +33,34 @@ fn a_written_picture_is_read_back_to_the_bit() {
         let names: Vec<&str> = image.layers[0].channels.iter().map(|c| c.name.as_str()).collect();
         assert_eq!((image.layers.len(), names), (1, vec!["A", "B", "G", "R"]));
     }
+}
+
+#[test]
+fn planes_are_written_and_read_by_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("planes.exr");
+    let plane = |name: &str, v: f32| Plane { name: name.into(), samples: (0..35).map(|i| v * i as f32).collect() };
+    let mut picture = film(7, 5);
+    picture.planes = vec![plane("Z", 0.5), plane("variance.B", -2.0), plane("variance.R", 0.1)];
+    exr::write_picture(&path, &picture, &Default::default(), false).unwrap();
+    let mut found = exr::read_film_within(&path, None, Default::default()).unwrap();
+    found.planes.sort_by(|a, b| a.name.cmp(&b.name));
+    assert_eq!(found, picture);
+    assert_eq!(found.plane("variance.R"), Some(&picture.planes[2].samples[..]));
+    assert_eq!(exr::read_picture(&path, None).unwrap().rgba, picture.rgba);
+    // A layer of planes is a picture to whoever names it.
+    assert!(exr::read_picture(&path, Some("variance")).is_err(), "two channels are no picture");
+    for (planes, word) in [
+        (vec![plane("R", 1.0)], "'R' cannot be the name"),
+        (vec![plane("a", 1.0), plane("a", 2.0)], "'a' cannot be the name"),
+        (vec![plane("ä", 1.0)], "cannot be the name"),
+        (vec![Plane { name: "short".into(), samples: vec![0.0; 3] }], "3 samples for 35 pixels"),
+    ] {
+        picture.planes = planes;
+        let error = exr::write_picture(&path, &picture, &Default::default(), false).unwrap_err();
+        assert!(error.to_string().contains(word), "{error}");
+    }
+    assert_eq!(exr::read_film_within(&path, None, Default::default()).unwrap().planes.len(), 3, "the file stands");
 }
 
 #[test]
@@ -62,7 +90,7 @@ fn what_cannot_be_written_is_refused() {
         assert!(!path.exists());
     };
     refused(&Film::new(0, 4), "x", "0x4");
-    refused(&Film { width: 2, height: 2, rgba: vec![] }, "x", "0 pixels");
+    refused(&Film::of(2, 2, vec![]), "x", "0 pixels");
     refused(&film(2, 2), "channels", "'channels'");
     refused(&film(2, 2), "", "attribute");
     refused(&film(2, 2), &"n".repeat(256), "attribute");

@@ -5,7 +5,7 @@
 
 use assert_cmd::Command;
 use cumulo::formats::exr;
-use cumulo::render::film::Film;
+use cumulo::scene::film::Film;
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::{contains, is_empty};
 use serde_json::{Value, json};

@@ -17,12 +17,12 @@ use cumulo::optimise::region::hull::Hull;
 use cumulo::optimise::solver::conjugate::{Equations, Solver};
 use cumulo::optimise::solver::smoother::Smoother;
 use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
-use cumulo::render::film::Film;
 use cumulo::render::order::Tiles;
 use cumulo::render::picture;
 use cumulo::render::preshaded::Preshaded;
 use cumulo::scene::bricks::{BRICK, Bricks, Topology};
 use cumulo::scene::camera::{Camera, Projection};
+use cumulo::scene::film::Film;
 use cumulo::scene::grid::LEAF_VOXELS;
 use cumulo::scene::medium::Medium;
 use cumulo::scene::orbit::{self, Layout};
@@ -217,7 +217,7 @@ fn transmittance_is_read_off_any_grey_medium() {
     // One pixel in four is more than is tolerated in a whole picture; among ten it is not.
     assert!(Observation::new(std::slice::from_ref(&photo), background, source).is_err());
     let mut wide = photo;
-    wide.film = Film { width: 12, height: 1, rgba: [&wide.film.rgba[..], &[[0.0, 0.5, 0.4, 0.0]; 8]].concat() };
+    wide.film = Film::of(12, 1, [&wide.film.rgba[..], &[[0.0, 0.5, 0.4, 0.0]; 8]].concat());
     let map = &Observation::new(&[wide], background, source).unwrap().maps[0];
     for (depth, t) in map.depth.iter().zip([1.0_f32, 0.5, 0.01]) {
         // Colors near 0.5 are rounded at 3e-8; at T = 0.01 that is 6e-6 of the depth.

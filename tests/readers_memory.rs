@@ -8,7 +8,7 @@ mod work;
 
 use ::exr::prelude::{AnyChannel, AnyChannels, FlatSamples, Image, Layer, LayerAttributes, WritableImage, f16};
 use cumulo::formats::exr;
-use cumulo::render::film::Film;
+use cumulo::scene::film::Film;
 use std::path::Path;
 use std::process::{Command, Output};
 use work::{Work, errors, fixture};

@@ -4,9 +4,9 @@
 
 use base64::Engine;
 use cumulo::math::Affine;
-use cumulo::render::film::Film;
 use cumulo::report::{Page, Plot, Series, ViewRow};
 use cumulo::scene::bricks::{BRICK, Bricks, EDGE, Topology};
+use cumulo::scene::film::Film;
 use glam::{DMat4, DVec3, IVec3};
 use std::sync::Arc;
 

@@ -4,9 +4,9 @@
 #![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 use cumulo::formats::{exr, transforms};
-use cumulo::render::film::Film;
 use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
+use cumulo::scene::film::Film;
 use cumulo::scene::transfer::Transfer;
 use glam::{DMat4, DVec2, DVec3};
 use serde_json::{Map, Value, json};

@@ -2,9 +2,9 @@
 
 use crate::render;
 use crate::render::dvr::Dvr;
-use crate::render::film::Film;
 use crate::render::preshaded::Preshaded;
 use crate::scene::camera::Camera;
+use crate::scene::film::Film;
 use std::sync::atomic::AtomicBool;
 
 /// What makes the pictures.

@@ -4,8 +4,8 @@ use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::formats::limits::Limits;
 use crate::optimise::projection::observation::Photo;
-use crate::render::film::Film;
 use crate::scene::capture::{Capture, Frame};
+use crate::scene::film::Film;
 use rayon::prelude::*;
 use std::path::Path;
 

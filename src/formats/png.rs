@@ -2,7 +2,7 @@
 
 use super::atomic;
 use crate::error::{Error, Result};
-use crate::render::film::Film;
+use crate::scene::film::Film;
 use std::path::Path;
 
 /// Writes `rgb[3 * (y * width + x) + channel]` as an sRGB PNG; the file appears whole or not at all.
@@ -54,12 +54,8 @@ mod tests {
 
     #[test]
     fn display_values_follow_srgb() {
-        let film = Film {
-            width: 2,
-            height: 1,
-            // 0.214 041 14 is sRGB 0.5, so 127.5 rounds to 128.
-            rgba: vec![[0.0, 1.0, 0.214_041_14, 1.0], [-3.0, 7.0, f32::NAN, 0.0]],
-        };
+        // 0.214 041 14 is sRGB 0.5, so 127.5 rounds to 128.
+        let film = Film::of(2, 1, vec![[0.0, 1.0, 0.214_041_14, 1.0], [-3.0, 7.0, f32::NAN, 0.0]]);
         assert_eq!(display_rgb8(&film), [0, 255, 128, 0, 255, 0]);
     }
 

@@ -1,6 +1,6 @@
 //! Sums of differences, in `f64`.
 
-use crate::render::film::Film;
+use crate::scene::film::Film;
 
 /// Floor of the relative error's denominator: keeps black pixels from dominating.
 const RELATIVE_FLOOR: f64 = 0.01;
@@ -59,8 +59,8 @@ mod tests {
     #[test]
     fn closed_forms() {
         // A constant difference d: mse = d², psnr = -20 log10(d); d = 1/16 is exact in f32.
-        let b = Film { width: 4, height: 2, rgba: vec![[0.5, 0.5, 0.5, 1.0]; 8] };
-        let a = Film { width: 4, height: 2, rgba: vec![[0.5625, 0.5625, 0.5625, 0.75]; 8] };
+        let b = Film::of(4, 2, vec![[0.5, 0.5, 0.5, 1.0]; 8]);
+        let a = Film::of(4, 2, vec![[0.5625, 0.5625, 0.5625, 0.75]; 8]);
         let e = colors(&a, &b, 8);
         assert_eq!((e.mse, e.max_abs, e.alpha_max_abs), (1.0 / 256.0, 0.0625, 0.25));
         // 1/256 / 0.26: two roundings of 2^-53 each.

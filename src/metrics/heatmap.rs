@@ -1,6 +1,6 @@
 //! Where two pictures differ, in colors of rising lightness.
 
-use crate::render::film::Film;
+use crate::scene::film::Film;
 
 /// Stops of the map, evenly spaced, sRGB: from near black through violet, magenta and orange to pale
 /// yellow. Their CIE lightness rises evenly from 2 to 95, so that equal steps of error look equal.

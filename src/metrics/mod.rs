@@ -9,7 +9,7 @@ pub mod ssim;
 pub mod volume;
 
 use crate::error::{Error, Result};
-use crate::render::film::Film;
+use crate::scene::film::Film;
 use serde::{Serialize, Serializer};
 use std::borrow::Cow;
 
@@ -118,7 +118,7 @@ mod tests {
     use super::*;
 
     fn grey(value: f32) -> Film {
-        Film { width: 16, height: 12, rgba: vec![[value, value, value, 1.0]; 192] }
+        Film::of(16, 12, vec![[value, value, value, 1.0]; 192])
     }
 
     #[test]

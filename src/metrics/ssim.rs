@@ -7,7 +7,7 @@
 //! use_sample_covariance=False)`. Pictures of fewer than 11 pixels in a direction have no such
 //! pixel: there the mean is over all of them in that direction.
 
-use crate::render::film::Film;
+use crate::scene::film::Film;
 use rayon::prelude::*;
 use std::ops::Range;
 

@@ -5,7 +5,6 @@ pub mod cell;
 pub mod cubic;
 pub mod curve;
 pub mod dvr;
-pub mod film;
 pub mod gauss;
 pub mod march;
 pub mod moved;
@@ -18,7 +17,7 @@ pub mod scale;
 pub mod segment;
 
 use crate::scene::camera::Camera;
-use film::Film;
+use crate::scene::film::Film;
 use rayon::prelude::*;
 pub use renderer::{Renderer, Tangent};
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -18,8 +18,8 @@ pub use views::{MOST_VIEWS, ViewRow, choose};
 
 use crate::error::{Error, Result};
 use crate::formats::atomic;
-use crate::render::film::Film;
 use crate::scene::bricks::Bricks;
+use crate::scene::film::Film;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use std::path::{Path, PathBuf};
 

@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::formats::png;
 use crate::metrics::heatmap;
-use crate::render::film::Film;
+use crate::scene::film::Film;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
@@ -35,7 +35,7 @@ pub fn film(film: &Film, alt: &str) -> Result<Markup> {
         let (sum, n) = pixels.fold(([0.0; 4], 0.0), |(s, n), p| (std::array::from_fn(|c| s[c] + p[c]), n + 1.0_f32));
         sum.map(|v: f32| v / n)
     };
-    let small = Film { width: pool.width, height: pool.height, rgba: pool.apply(&film.rgba, mean) };
+    let small = Film::of(pool.width, pool.height, pool.apply(&film.rgba, mean));
     rgb8(pool.width, pool.height, &png::display_rgb8(&small), aspect(film.width, film.height), alt)
 }
 

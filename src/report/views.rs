@@ -3,7 +3,7 @@
 use super::{number, picture};
 use crate::error::{Error, Result};
 use crate::metrics::heatmap;
-use crate::render::film::Film;
+use crate::scene::film::Film;
 use maud::{Markup, html};
 
 /// The most views that a page shows.

@@ -3,6 +3,7 @@
 pub mod bricks;
 pub mod camera;
 pub mod capture;
+pub mod film;
 pub mod grid;
 pub mod medium;
 pub mod orbit;

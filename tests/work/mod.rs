@@ -3,7 +3,7 @@
 
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::File;
-use cumulo::render::film::Film;
+use cumulo::scene::film::Film;
 use cumulo::scene::grid::Grid;
 use serde_json::Value;
 use std::collections::BTreeMap;

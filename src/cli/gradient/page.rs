@@ -7,9 +7,9 @@ use crate::metrics;
 use crate::optimise::loss::Rgba;
 use crate::optimise::study::subject::Subject;
 use crate::optimise::study::{Found, Study};
-use crate::render::film::Film;
 use crate::report::{MOST_VIEWS, Page, ViewRow, choose};
 use crate::scene::bricks::Bricks;
+use crate::scene::film::Film;
 
 impl GradientCommand {
     /// The page, but for where it all comes from.
@@ -61,10 +61,9 @@ impl GradientCommand {
     fn pictures<V: Subject>(&self, study: &Study<V>, page: &mut Page) -> Result<()> {
         let (light, objective) = (V::light(&study.field, &study.setting)?, study.objective());
         let cameras = &study.setting.cameras;
-        let film = |view: usize, rgba: &[Rgba]| Film {
-            width: cameras[view].width as usize,
-            height: cameras[view].height as usize,
-            rgba: rgba.iter().map(|p| p.map(|v| v as f32)).collect(),
+        let film = |view: usize, rgba: &[Rgba]| {
+            let (width, height) = (cameras[view].width as usize, cameras[view].height as usize);
+            Film::of(width, height, rgba.iter().map(|p| p.map(|v| v as f32)).collect())
         };
         if study.wanted.is_empty() {
             let seen = film(0, &objective.picture(&light, 0));

@@ -7,9 +7,9 @@ use crate::cli::provenance::Provenance;
 use crate::error::Result;
 use crate::metrics;
 use crate::optimise::gradient::pictures::Target;
-use crate::render::film::Film;
 use crate::report::{MOST_VIEWS, Page, ViewRow, choose};
 use crate::scene::capture::Capture;
+use crate::scene::film::Film;
 use std::sync::atomic::AtomicBool;
 
 /// How far each camera was moved, and what it sees now. Once the work is to stop, views are left out that are not
@@ -65,7 +65,7 @@ pub fn page(
             let (frame, target) = (&solved.frames[i], &targets[i]);
             let flag = cancel.flag().unwrap_or(&never);
             let Some(render) = light.picture(&frame.camera, target.rays_per_edge, flag) else { return Ok(None) };
-            let picture = Film { width: render.width, height: render.height, rgba: target.rgba.clone() };
+            let picture = Film::of(render.width, render.height, target.rgba.clone());
             let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
             Ok(Some(ViewRow {
                 name: frame.picture.file_stem().unwrap_or_default().to_string_lossy().into_owned(),

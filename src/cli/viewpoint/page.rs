@@ -4,8 +4,8 @@ use super::Report;
 use crate::cli::provenance::Provenance;
 use crate::error::Result;
 use crate::optimise::viewpoint::Outcome;
-use crate::render::film::Film;
 use crate::report::{Page, SphereMap, Walk};
+use crate::scene::film::Film;
 use glam::DVec3;
 use std::path::Path;
 

@@ -25,7 +25,7 @@ mod summary;
 mod write;
 
 pub use header::{ChannelInfo, Header, LayerInfo, Part, SampleType, header};
-pub use picture::{Picture, picture, picture_within, read_picture, read_picture_within};
+pub use picture::{Picture, picture, picture_within, read_film_within, read_picture, read_picture_within};
 pub use problems::{problems, problems_within};
 pub use read::{Channel, Image, Layer, read, read_within};
 pub use summary::{ChannelSummary, ExrSummary, LayerSummary, PartSummary, summary, summary_within};

@@ -2,10 +2,11 @@
 
 use super::decode::{self, Row, Source};
 use super::header::{self, Header, LayerInfo};
+use super::read::read_within;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
-use crate::render::film::Film;
+use crate::scene::film::{Film, Plane};
 use std::path::Path;
 
 /// A picture and where it came from.
@@ -98,6 +99,25 @@ pub fn picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Resul
     })?;
     Ok(Picture { film: film.unwrap_or_else(blank), layer: chosen.name.clone(), non_finite })
 }
+
+/// Reads one layer as RGBA, as [`picture_within`] does, and every other channel of the file as a plane of its own, under
+/// its full name (`variance.R`). The samples of all of them must fit into `limits`.
+///
+/// # Errors
+/// As [`picture_within`] and [`read_within`].
+pub fn read_film_within(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
+    let Picture { mut film, layer: chosen, .. } = picture_within(path, layer, limits)?;
+    let color = |component: &str| COLORS.iter().any(|name| component.eq_ignore_ascii_case(name));
+    for layer in read_within(path, limits)?.layers {
+        let prefix = if layer.name.is_empty() { String::new() } else { format!("{}.", layer.name) };
+        let others = layer.channels.into_iter().filter(|c| layer.name != chosen || !color(&c.name));
+        film.planes.extend(others.map(|c| Plane { name: format!("{prefix}{}", c.name), samples: c.samples }));
+    }
+    Ok(film)
+}
+
+/// Components that a layer's picture is made of.
+const COLORS: [&str; 8] = ["R", "G", "B", "A", "red", "green", "blue", "alpha"];
 
 /// Channel indices in the part: grey, grey and alpha, RGB, or RGBA.
 fn colors(header: &Header, layer: &LayerInfo) -> Option<Vec<usize>> {

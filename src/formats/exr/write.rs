@@ -3,27 +3,27 @@
 use super::fault;
 use crate::error::{Error, Result};
 use crate::formats::atomic;
-use crate::render::film::Film;
+use crate::scene::film::Film;
 use exr::image::write::WritableImage;
-use exr::image::{Encoding, Image, Layer, SpecificChannels};
-use exr::math::Vec2;
+use exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer};
 use exr::meta::attribute::{AttributeValue, Compression, LineOrder, Text};
 use exr::meta::header::{LayerAttributes, standard_names};
+use exr::prelude::SmallVec;
 use half::f16;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Provenance: attribute names and their text.
 pub type Attributes = BTreeMap<String, String>;
 
-/// Writes channels R, G, B, A as scan lines with ZIP compression, 32-bit float or, if `half`, 16-bit
-/// float. The file appears whole or not at all, and the same input gives the same bytes.
+/// Writes channels R, G, B, A and the film's planes under their names, as scan lines with ZIP compression, 32-bit float
+/// or, if `half`, 16-bit float. The file appears whole or not at all, and the same input gives the same bytes.
 ///
 /// `attributes` become text attributes of the header, readable with `exrheader` or `oiiotool --info`;
 /// `software`, `comments` and `owner` are the standard ones.
 ///
 /// # Errors
-/// If the film is empty or its size contradicts its pixels, an attribute's name is empty, longer
+/// If the film is empty or its size contradicts its pixels, a plane's name is not its own, an attribute's name is empty, longer
 /// than 255 bytes or reserved by OpenEXR, a finite value does not fit into half floats, or the
 /// operating system reports an error.
 pub fn write_picture(path: &Path, film: &Film, attributes: &Attributes, half: bool) -> Result<()> {
@@ -45,32 +45,44 @@ fn encoded(path: &Path, film: &Film, attributes: &Attributes, half: bool) -> Res
         blocks: exr::image::Blocks::ScanLines,
         line_order: LineOrder::Increasing,
     };
-    let own = layer_attributes(attributes)?;
-    let at = |p: Vec2<usize>| film.rgba[p.1 * width + p.0];
+    let channels = channels(film, half)?;
+    let image = Image::from_layer(Layer::new((width, height), layer_attributes(attributes)?, encoding, channels));
     let mut bytes = std::io::Cursor::new(Vec::new());
-    if half {
-        let lost = film.rgba.iter().flatten().filter(|v| v.is_finite() && !f16::from_f32(**v).is_finite()).count();
+    fault::translated(path, || image.write().to_buffered(&mut bytes))?;
+    let mut bytes = bytes.into_inner();
+    sort_attributes(&mut bytes);
+    Ok(bytes)
+}
+
+/// The channels R, G, B, A and those of the film's planes, sorted by name as OpenEXR wants them.
+fn channels(film: &Film, half: bool) -> Result<AnyChannels<FlatSamples>> {
+    let pixels = film.width * film.height;
+    let rgba = ["R", "G", "B", "A"].into_iter().enumerate();
+    let rgba = rgba.map(|(c, name)| (name, film.rgba.iter().map(|p| p[c]).collect::<Vec<f32>>()));
+    let planes = film.planes.iter().map(|plane| (plane.name.as_str(), plane.samples.clone()));
+    let mut names = BTreeSet::new();
+    let mut list = SmallVec::new();
+    for (name, samples) in rgba.chain(planes) {
+        if !names.insert(name) || !(1..256).contains(&name.len()) || name.contains('\0') || !name.is_ascii() {
+            return Err(Error::invalid(format!("'{name}' cannot be the name of a plane"))
+                .hint("give each plane an ASCII name of its own of 1 to 255 bytes, other than R, G, B and A"));
+        }
+        if samples.len() != pixels {
+            return Err(Error::invalid(format!("plane '{name}' has {} samples for {pixels} pixels", samples.len()))
+                .hint("give one sample for each pixel"));
+        }
+        let lost = samples.iter().filter(|v| half && v.is_finite() && !f16::from_f32(**v).is_finite()).count();
         if lost > 0 {
             return Err(Error::invalid(format!("{lost} samples are beyond 65504, the largest half float"))
                 .hint("write 32-bit floats"));
         }
-        let channels = SpecificChannels::rgba(|p: Vec2<usize>| {
-            let [r, g, b, a] = at(p).map(f16::from_f32);
-            (r, g, b, a)
-        });
-        let image = Image::from_layer(Layer::new((width, height), own, encoding, channels));
-        fault::translated(path, || image.write().to_buffered(&mut bytes))?;
-    } else {
-        let channels = SpecificChannels::rgba(|p: Vec2<usize>| {
-            let [r, g, b, a] = at(p);
-            (r, g, b, a)
-        });
-        let image = Image::from_layer(Layer::new((width, height), own, encoding, channels));
-        fault::translated(path, || image.write().to_buffered(&mut bytes))?;
+        let samples = match half {
+            true => FlatSamples::F16(samples.into_iter().map(f16::from_f32).collect()),
+            false => FlatSamples::F32(samples),
+        };
+        list.push(AnyChannel::new(name, samples));
     }
-    let mut bytes = bytes.into_inner();
-    sort_attributes(&mut bytes);
-    Ok(bytes)
+    Ok(AnyChannels::sort(list))
 }
 
 fn layer_attributes(attributes: &Attributes) -> Result<LayerAttributes> {
@@ -123,7 +135,7 @@ mod tests {
 
     #[test]
     fn the_same_film_gives_the_same_bytes() {
-        let film = Film { width: 3, height: 2, rgba: vec![[0.25, 1.5, -2.0, 1.0]; 6] };
+        let film = Film::of(3, 2, vec![[0.25, 1.5, -2.0, 1.0]; 6]);
         let attributes: Attributes = (0..9).map(|i| (format!("cumulo:{i}"), format!("väl{i}"))).collect();
         let path = Path::new("memory.exr");
         let first = encoded(path, &film, &attributes, false).unwrap();

@@ -5,8 +5,8 @@
 //! `c = 0`. Reconstruction is then linear in the unknown densities.
 
 use crate::error::{Error, Result};
-use crate::render::film::Film;
 use crate::scene::camera::Camera;
+use crate::scene::film::Film;
 use rayon::prelude::*;
 
 /// A camera and its picture.

@@ -1,0 +1,90 @@
+//! A picture: RGBA, and named planes beside it.
+
+/// Scene-linear premultiplied RGBA and named planes over one raster, row-major from the top left.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Film {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `rgba[y * width + x]`, the mean over the samples of a pixel; alpha is 1 - transmittance.
+    pub rgba: Vec<[f32; 4]>,
+    /// Samples of each pixel; 0 where that is not known, as of pictures from files.
+    pub samples: u32,
+    /// Further planes, in the order in which they were added.
+    pub planes: Vec<Plane>,
+}
+
+/// One number a pixel, under a name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plane {
+    /// Layer and channel as OpenEXR joins them: `variance.R`; without a dot a channel of the unnamed layer.
+    pub name: String,
+    /// `samples[y * width + x]`.
+    pub samples: Vec<f32>,
+}
+
+impl Film {
+    /// A black, clear film without further planes.
+    pub fn new(width: usize, height: usize) -> Self {
+        Self::of(width, height, vec![[0.0; 4]; width * height])
+    }
+
+    /// A film of these pixels without further planes.
+    pub fn of(width: usize, height: usize, rgba: Vec<[f32; 4]>) -> Self {
+        Self { width, height, rgba, samples: 0, planes: Vec::new() }
+    }
+
+    /// The samples of the plane of this name.
+    pub fn plane(&self, name: &str) -> Option<&[f32]> {
+        self.planes.iter().find(|plane| plane.name == name).map(|plane| &plane.samples[..])
+    }
+}
+
+/// Mean and variance of the samples of a pixel, updated sample by sample (Welford 1962): nothing cancels however many
+/// there are.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Moments {
+    count: u32,
+    mean: f64,
+    /// Sum of squared differences from the mean.
+    spread: f64,
+}
+
+impl Moments {
+    /// Adds a sample.
+    pub fn add(&mut self, sample: f64) {
+        self.count += 1;
+        let before = sample - self.mean;
+        self.mean += before / f64::from(self.count);
+        self.spread += before * (sample - self.mean);
+    }
+
+    /// Mean of the samples; 0 of none.
+    pub fn mean(&self) -> f64 {
+        self.mean
+    }
+
+    /// Unbiased estimate of the variance of the mean, `Σ (x - x̄)² / (n (n - 1))`; infinite for fewer than two samples.
+    pub fn variance_of_mean(&self) -> f64 {
+        if self.count < 2 {
+            return f64::INFINITY;
+        }
+        self.spread / (f64::from(self.count) * f64::from(self.count - 1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moments_are_those_of_all_samples() {
+        let samples = [1e9 + 4.0, 1e9 + 7.0, 1e9 + 13.0, 1e9 + 16.0];
+        let mut moments = Moments::default();
+        assert_eq!((moments.mean(), moments.variance_of_mean()), (0.0, f64::INFINITY));
+        samples.iter().for_each(|v| moments.add(*v));
+        // Σ (x - x̄)² = 90; far from zero sums of squares would have lost it.
+        assert_eq!((moments.mean(), moments.variance_of_mean()), (1e9 + 10.0, 90.0 / 12.0));
+    }
+}
