@@ -1,10 +1,10 @@
 //! A density scale at which a volume's pictures neither vanish nor go black.
 
-use crate::render::dvr::Dvr;
+use crate::render::dvr::{Dvr, Tape};
+use crate::render::tiles;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
 use crate::scene::medium::{Medium, Source};
-use rayon::prelude::*;
 
 /// Share of the pixels that meet the medium whose optical depth stays below [`DEPTH`].
 const SHARE: f64 = 0.99;
@@ -18,15 +18,14 @@ const PIXELS: u32 = 64;
 /// `None` if no pixel meets anything.
 pub fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Camera]) -> Option<f64> {
     let dvr = Dvr::new(field, Medium { extinction: 1.0, source: source.clone() }).ok()?.early_stop(0.0);
-    let of_camera = |camera: &Camera| {
+    let of_camera = |tape: &mut Tape<f32>, camera: &Camera| {
         let stride = (camera.width.min(camera.height) / PIXELS).max(1);
-        let of_row = |y: u32| {
-            let pixels = (stride / 2..camera.width).step_by(stride as usize);
-            pixels.map(|x| dvr.optical_depth(&camera.ray(f64::from(x) + 0.5, f64::from(y) + 0.5))).collect::<Vec<_>>()
-        };
-        (stride / 2..camera.height).step_by(stride as usize).flat_map(of_row).filter(|d| *d > 0.0).collect::<Vec<_>>()
+        let rows = (stride / 2..camera.height).step_by(stride as usize);
+        let pixels = rows.flat_map(|y| (stride / 2..camera.width).step_by(stride as usize).map(move |x| (x, y)));
+        let ray = |(x, y)| camera.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        pixels.map(|pixel| dvr.radiance_on(&ray(pixel), tape).depth).filter(|d| *d > 0.0).collect::<Vec<_>>()
     };
-    let mut depths: Vec<f64> = cameras.par_iter().flat_map(of_camera).collect();
+    let mut depths = tiles::map(cameras, None, Tape::default, of_camera)?.concat();
     if depths.is_empty() {
         return None;
     }

@@ -3,8 +3,9 @@
 use crate::render::Renderer;
 use crate::render::dvr::RayGradient;
 use crate::render::order::morton;
+use crate::render::tiles::{self, Subpixels};
 use crate::scene::camera::{Camera, CameraGradient};
-use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Pixels handled in one go. Small pictures need many runs, so that all threads have some.
@@ -45,14 +46,14 @@ impl<V: Renderer<Real = f32>> Rows<'_, V> {
         visit: impl Fn(&mut A, usize, &[f64; 4], &[CameraGradient]) + Sync,
     ) -> Vec<A> {
         let order: Vec<usize> = morton(self.camera.width as usize, self.camera.height as usize).collect();
-        let run = |pixels: &[usize]| {
-            let mut sum = A::default();
+        let run = |tape: &mut V::Tape, pixels: &Range<usize>| {
+            let (mut sum, pixels) = (A::default(), &order[pixels.clone()]);
             let wanted: Vec<usize> = pixels.iter().copied().filter(|i| asked(*i)).collect();
             let visit: Visit<'_> = &mut |i, seen, by| visit(&mut sum, i, seen, by);
-            Run { rows: self, pixels: &wanted, losses, visit }.walk();
+            Run { rows: self, pixels: &wanted, losses, visit }.walk(tape);
             sum
         };
-        order.par_chunks(RUN).map(run).collect()
+        tiles::map(&tiles::runs(order.len(), RUN), None, V::Tape::default, run).unwrap_or_default()
     }
 }
 
@@ -65,11 +66,10 @@ struct Run<'a, V> {
 }
 
 impl<V: Renderer<Real = f32>> Run<'_, V> {
-    fn walk(self) {
+    fn walk(self, tape: &mut V::Tape) {
         let Rows { renderer, judge, camera, rays_per_edge, cancel } = *self.rows;
-        let (n, width) = (rays_per_edge.max(1), camera.width as usize);
-        let share = 1.0 / (n * n) as f64;
-        let mut tape = V::Tape::default();
+        let (rays, width) = (Subpixels::new(rays_per_edge), camera.width as usize);
+        let share = 1.0 / rays.count() as f64;
         let mut by = vec![CameraGradient::default(); self.losses.len()];
         for &i in self.pixels {
             if cancel.load(Ordering::Relaxed) {
@@ -77,14 +77,12 @@ impl<V: Renderer<Real = f32>> Run<'_, V> {
             }
             let mut seen = [0.0; 4];
             by.fill(CameraGradient::default());
-            for k in 0..n * n {
-                let offset = |k: usize| (k as f64 + 0.5) / n as f64;
-                let (x, y) = ((i % width) as f64 + offset(k % n), (i / width) as f64 + offset(k / n));
+            for [x, y] in rays.positions([i % width, i / width]) {
                 let ray = camera.ray(x, y);
                 let mut radiance = None;
                 for (by, loss) in by.iter_mut().zip(self.losses) {
                     let mut moved = RayGradient::default();
-                    radiance = Some(renderer.followed(&ray, *loss, &mut moved, &mut tape));
+                    radiance = Some(renderer.followed(&ray, *loss, &mut moved, tape));
                     // Many rays meet nothing.
                     if moved != RayGradient::default() {
                         *by = by.plus(&camera.gradient(x, y, share * moved.origin, share * moved.direction));
@@ -92,7 +90,7 @@ impl<V: Renderer<Real = f32>> Run<'_, V> {
                 }
                 let radiance = match (judge, radiance) {
                     (None, Some(radiance)) => radiance,
-                    _ => judge.unwrap_or(renderer).seen(&ray, &mut tape),
+                    _ => judge.unwrap_or(renderer).seen(&ray, tape),
                 };
                 for c in 0..3 {
                     seen[c] += share * f64::from(radiance.rgb[c]);

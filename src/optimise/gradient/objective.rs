@@ -6,6 +6,7 @@ use crate::dual::Dual;
 use crate::optimise::loss::{Loss, Reach, Rgba};
 use crate::real::Real;
 use crate::render::dvr::{Adjoint, ParameterGradient, Radiance, RayGradient, Seeds, Sinks};
+use crate::render::tiles::{self, Subpixels};
 use crate::render::{Renderer, Tangent};
 use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
@@ -76,7 +77,7 @@ impl<L: Tangent<1> + Tangent<2> + Tangent<6> + Tangent<7>> Forward for L {}
 /// Pixels handled in one go.
 const RUN: usize = 256;
 /// Accumulators of gradients: as many for any number of threads, added up in order.
-const LANES: usize = 4;
+const PARTS: usize = 4;
 
 /// Derivatives of an objective with respect to one picture's pixels.
 enum Slopes<'s> {
@@ -101,23 +102,26 @@ impl Objective<'_> {
             cameras: vec![CameraGradient::default(); self.cameras.len()],
             ..Gradient::default()
         };
-        let mut lanes: Vec<Gradient<L::Voxel>> = (0..LANES).map(|_| zero()).collect();
+        let mut parts: Vec<Gradient<L::Voxel>> = (0..PARTS).map(|_| zero()).collect();
         let mut value = 0.0;
         for view in 0..self.cameras.len() {
             let (global, known) = self.global(light, view);
             value += global;
             let slopes = self.slopes(view, known.as_deref());
-            let runs = self.runs(view);
-            lanes.par_iter_mut().enumerate().for_each(|(lane, own)| {
-                let mut tape = L::Tape::default();
-                for i in runs.iter().skip(lane).step_by(LANES).flat_map(|run| run.clone()) {
-                    self.pixel_back(light, adjoint, by, (view, i), &slopes, own, &mut tape);
-                }
-            });
+            let runs = tiles::runs(self.pixels(view), RUN);
+            tiles::partitions(
+                &mut parts,
+                None,
+                |part| tiles::dealt(&runs, part, PARTS),
+                |_| L::Tape::default(),
+                |own, tape, run| {
+                    run.clone().for_each(|i| self.pixel_back(light, adjoint, by, (view, i), &slopes, own, tape));
+                },
+            );
         }
         let mut total = zero();
         total.value = value;
-        for lane in lanes {
+        for lane in parts {
             total.value += lane.value;
             total.voxels.par_iter_mut().zip(lane.voxels).for_each(|(t, v)| *t += v);
             total.table.add(&lane.table);
@@ -155,14 +159,10 @@ impl Objective<'_> {
     ) -> (f64, Vec<f64>) {
         let mut sum = Dual::<f64, P>::constant(0.0);
         for view in 0..self.cameras.len() {
-            let runs = self.runs(view);
             if self.loss.reach() == Reach::Global {
                 // Derivatives wait for the loss's: forward, no ray is walked again.
-                let of_run = |run: &Range<usize>| {
-                    let mut tape = L::Tape::default();
-                    run.clone().map(|i| self.pixel_forward(light, directions, (view, i), &mut tape)).collect::<Vec<_>>()
-                };
-                let pixels: Vec<[Dual<f64, P>; 4]> = runs.par_iter().flat_map_iter(of_run).collect();
+                let forward = |tape: &mut L::Tape, i: usize| self.pixel_forward(light, directions, (view, i), tape);
+                let pixels: Vec<[Dual<f64, P>; 4]> = self.each_pixel(view, L::Tape::default, forward);
                 let seen: Vec<Rgba> = pixels.iter().map(|p| p.map(|c| c.value)).collect();
                 let (value, slopes) = self.of_picture(&seen, view);
                 sum.value += value;
@@ -170,18 +170,18 @@ impl Objective<'_> {
                 continue;
             }
             let slopes = self.slopes(view, None);
-            let of_run = |run: &Range<usize>| {
-                let (mut sum, mut tape) = (Dual::<f64, P>::constant(0.0), L::Tape::default());
+            let of_run = |tape: &mut L::Tape, run: &Range<usize>| {
+                let mut sum = Dual::<f64, P>::constant(0.0);
                 for i in run.clone() {
-                    let pixel = self.pixel_forward(light, directions, (view, i), &mut tape);
+                    let pixel = self.pixel_forward(light, directions, (view, i), tape);
                     let (value, slope) = self.pixel(view, i, &pixel.map(|c| c.value), &slopes);
                     sum.value += value;
                     add_along(&mut sum, &pixel, &slope);
                 }
                 sum
             };
-            let parts: Vec<Dual<f64, P>> = runs.par_iter().map(of_run).collect();
-            sum = parts.into_iter().fold(sum, |sum, part| sum + part);
+            let parts = tiles::map(&tiles::runs(self.pixels(view), RUN), None, L::Tape::default, of_run);
+            sum = parts.into_iter().flatten().fold(sum, |sum, part| sum + part);
         }
         (sum.value, sum.tangent[..directions.len()].to_vec())
     }
@@ -197,11 +197,10 @@ impl Objective<'_> {
         own: &mut Gradient<L::Voxel>,
         tape: &mut L::Tape,
     ) {
-        let rays = self.positions(view, i);
-        let share = 1.0 / rays.len() as f64;
+        let (rays, share) = (self.positions(view, i), self.share());
         // Of several rays the mean must be known first.
         let known = match slopes {
-            Slopes::Local(_) if rays.len() == 1 => None,
+            Slopes::Local(_) if self.rays_per_edge <= 1 => None,
             Slopes::Local(_) => {
                 let (value, slope) = self.pixel(view, i, &self.seen(light, view, i, tape), slopes);
                 own.value += value;
@@ -209,7 +208,7 @@ impl Objective<'_> {
             }
             Slopes::Global(known) => Some(known[i]),
         };
-        for (x, y) in rays {
+        for [x, y] in rays {
             let mut moved = RayGradient::default();
             let sinks = Sinks {
                 voxels: by.voxels.then_some(&mut own.voxels),
@@ -244,11 +243,10 @@ impl Objective<'_> {
         (view, i): (usize, usize),
         tape: &mut L::Tape,
     ) -> [Dual<f64, P>; 4] {
-        let rays = self.positions(view, i);
-        let share = 1.0 / rays.len() as f64;
+        let (rays, share) = (self.positions(view, i), self.share());
         let camera = &self.cameras[view];
         let mut mean = [Dual::<f64, P>::constant(0.0); 4];
-        for (x, y) in rays {
+        for [x, y] in rays {
             let mut seeds: Seeds<'_, L::Voxel, P> = Seeds::default();
             for (p, direction) in directions.iter().enumerate() {
                 match direction {
@@ -316,16 +314,26 @@ impl Objective<'_> {
 
     /// What a camera sees.
     pub fn picture<L: Renderer>(&self, light: &L, view: usize) -> Vec<Rgba> {
-        let pixels = (0..self.pixels(view)).into_par_iter();
-        pixels.map_init(L::Tape::default, |tape, i| self.seen(light, view, i, tape)).collect()
+        self.each_pixel(view, L::Tape::default, |tape, i| self.seen(light, view, i, tape))
+    }
+
+    /// A value for each pixel of a view, by its row-major number.
+    fn each_pixel<S, T: Send>(
+        &self,
+        view: usize,
+        scratch: impl Fn() -> S + Sync + Send,
+        pixel: impl Fn(&mut S, usize) -> T + Sync + Send,
+    ) -> Vec<T> {
+        let run = |scratch: &mut S, run: &Range<usize>| run.clone().map(|i| pixel(scratch, i)).collect::<Vec<T>>();
+        let runs = tiles::map(&tiles::runs(self.pixels(view), RUN), None, scratch, run);
+        runs.into_iter().flatten().flatten().collect()
     }
 
     /// Mean over a pixel's rays.
     fn seen<L: Renderer>(&self, light: &L, view: usize, i: usize, tape: &mut L::Tape) -> Rgba {
-        let rays = self.positions(view, i);
-        let share = 1.0 / rays.len() as f64;
+        let (rays, share) = (self.positions(view, i), self.share());
         let mut mean = [0.0; 4];
-        for (x, y) in rays {
+        for [x, y] in rays {
             let seen = light.seen(&self.cameras[view].ray(x, y), tape).rgba();
             (0..4).for_each(|c| mean[c] += share * seen[c].f64());
         }
@@ -333,15 +341,14 @@ impl Objective<'_> {
     }
 
     /// Image positions of a pixel's rays.
-    fn positions(&self, view: usize, i: usize) -> impl ExactSizeIterator<Item = (f64, f64)> {
-        let (n, width) = (self.rays_per_edge.max(1), self.width(view));
-        let offset = move |k: usize| (k as f64 + 0.5) / n as f64;
-        (0..n * n).map(move |k| ((i % width) as f64 + offset(k % n), (i / width) as f64 + offset(k / n)))
+    fn positions(&self, view: usize, i: usize) -> impl Iterator<Item = [f64; 2]> + use<> {
+        let width = self.width(view);
+        Subpixels::new(self.rays_per_edge).positions([i % width, i / width])
     }
 
-    fn runs(&self, view: usize) -> Vec<Range<usize>> {
-        let pixels = self.pixels(view);
-        (0..pixels).step_by(RUN).map(|i| i..pixels.min(i + RUN)).collect()
+    /// Share of one ray in its pixel.
+    fn share(&self) -> f64 {
+        1.0 / Subpixels::new(self.rays_per_edge).count() as f64
     }
 
     fn wanted(&self, view: usize) -> Option<&[Rgba]> {

@@ -3,9 +3,10 @@
 
 use crate::cancel::Cancel;
 use crate::optimise::gradient::partition::{Parts, Tile};
-use crate::render::Renderer;
 use crate::render::dvr::{Adjoint, Loss, ParameterGradient, RayGradient, Sinks};
 use crate::render::order::Tiles;
+use crate::render::tiles::{self, Subpixels};
+use crate::render::{Renderer, pixel};
 use crate::scene::bricks::{BRICK, Bricks, Voxel};
 use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
@@ -58,8 +59,8 @@ struct Lane<V, T> {
     tape: T,
 }
 
-/// Where a lane adds derivatives by voxel, if they are asked for, and its tape.
-type Own<'l, L> = (Option<&'l mut [<L as Renderer>::Voxel]>, &'l mut <L as Renderer>::Tape);
+/// A partition's number, where it adds derivatives by voxel, if they are asked for, and its tape.
+type Partition<'l, L> = (usize, Option<&'l mut [<L as Renderer>::Voxel]>, &'l mut <L as Renderer>::Tape);
 
 /// What one lane sums up.
 struct Sums<'v, V> {
@@ -106,49 +107,43 @@ pub fn gradient<L: Renderer<Real = f32>>(
     let views: Vec<&Camera> = targets.iter().map(|t| &t.camera).collect();
     let parts = Parts::new(field, &lookups, &views, count, voxels.is_some());
     let mut first = voxels.as_deref_mut();
-    let own: Vec<Own<'_, L>> = lanes
+    let mut own: Vec<Partition<'_, L>> = lanes
         .iter_mut()
-        .map(|lane| {
-            (first.take().or((length > 0 && !lane.voxels.is_empty()).then_some(&mut lane.voxels)), &mut lane.tape)
-        })
-        .collect();
-    let sums: Vec<Sums<'_, L::Voxel>> = own
-        .into_par_iter()
-        .zip(&parts.tiles)
         .enumerate()
-        // One at a time: some may be through long before others.
-        .with_max_len(1)
-        .map(|(lane, ((voxels, tape), tiles))| {
-            let mut sums = Sums {
-                voxels,
-                table: table.as_ref().map(|t| TableGradient::of_knots(t.steps.len())),
-                cameras: cameras.as_ref().map(|c| vec![CameraGradient::default(); c.len()]),
-                step: 0.0,
-                shared: ParameterGradient::default(),
-                loss: 0.0,
-            };
-            for Tile { picture, number, new } in tiles {
-                if cancel.requested() {
-                    break;
-                }
-                if let Some(voxels) = &mut sums.voxels {
-                    new.iter().for_each(|brick| approach(&mut voxels[*brick as usize * BRICK..][..BRICK], lane > 0));
-                }
-                Run {
-                    light,
-                    target: targets[*picture],
-                    number: *picture,
-                    tiles: &parts.pictures[*picture],
-                    loss,
-                    adjoint,
-                    sums: &mut sums,
-                    tape,
-                }
-                .tile(*number);
-            }
-            sums
+        .map(|(number, lane)| {
+            let voxels = first.take().or((length > 0 && !lane.voxels.is_empty()).then_some(&mut lane.voxels));
+            (number, voxels, &mut lane.tape)
         })
         .collect();
+    let sums: Vec<Sums<'_, L::Voxel>> = tiles::partitions(
+        &mut own,
+        cancel.flag(),
+        |number| parts.tiles[number].iter(),
+        |(_, voxels, _)| Sums {
+            voxels: voxels.take(),
+            table: table.as_ref().map(|t| TableGradient::of_knots(t.steps.len())),
+            cameras: cameras.as_ref().map(|c| vec![CameraGradient::default(); c.len()]),
+            step: 0.0,
+            shared: ParameterGradient::default(),
+            loss: 0.0,
+        },
+        |(number, _, tape), sums, Tile { picture, number: tile, new }| {
+            if let Some(voxels) = &mut sums.voxels {
+                new.iter().for_each(|brick| approach(&mut voxels[*brick as usize * BRICK..][..BRICK], *number > 0));
+            }
+            Run {
+                light,
+                target: targets[*picture],
+                number: *picture,
+                tiles: &parts.pictures[*picture],
+                loss,
+                adjoint,
+                sums,
+                tape,
+            }
+            .tile(*tile);
+        },
+    );
     let (mut loss, mut shared) = (0.0, ParameterGradient::default());
     let mut by_lane = Vec::new();
     for own in sums {
@@ -224,7 +219,8 @@ impl<L: Renderer<Real = f32>> Run<'_, '_, L> {
     /// Adds losses and gradients of a tile's pixels.
     fn tile(mut self, tile: usize) {
         let Target { camera, rgba, rays_per_edge: n } = self.target;
-        let (width, share) = (camera.width as usize, 1.0 / (n * n) as f32);
+        let (width, rays) = (camera.width as usize, Subpixels::new(*n));
+        let share = 1.0 / rays.count() as f32;
         let (mut sum, loss) = (0.0, self.loss);
         let ([left, top], edge) = (self.tiles.corner(tile), self.tiles.edge);
         // All at once: far memory is waited for once, not at every ray.
@@ -238,29 +234,18 @@ impl<L: Renderer<Real = f32>> Run<'_, '_, L> {
             if wanted.iter().any(|v| !v.is_finite()) {
                 continue;
             }
-            let position = |[right, down]: [usize; 2]| {
-                let offset = |k: usize| (k as f64 + 0.5) / *n as f64;
-                [x as f64 + offset(right), y as f64 + offset(down)]
-            };
             let mut loss = |seen: &[f32; 4]| {
                 let (value, slope) = loss(seen, wanted);
                 sum += value;
                 slope
             };
-            if *n == 1 {
-                self.ray(position([0, 0]), &mut |seen| loss(&seen.rgba()));
+            if rays.count() == 1 {
+                self.ray(rays.position([x, y], 0), &mut |seen| loss(&seen.rgba()));
                 continue;
             }
-            let mut mean = [0.0; 4];
-            for k in 0..n * n {
-                let [x, y] = position([k % n, k / n]);
-                let seen = self.light.seen(&camera.ray(x, y), self.tape).rgba();
-                mean.iter_mut().zip(seen).for_each(|(m, v)| *m += share * v);
-            }
+            let mean = pixel(self.light, camera, rays, [x, y], self.tape);
             let slope = loss(&mean).map(|g| share * g);
-            for k in 0..n * n {
-                self.ray(position([k % n, k / n]), &mut |_| slope);
-            }
+            rays.positions([x, y]).for_each(|position| self.ray(position, &mut |_| slope));
         }
         self.sums.loss += sum;
     }

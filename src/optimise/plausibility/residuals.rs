@@ -7,8 +7,8 @@
 use crate::cancel::Cancel;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::projection::observation::Photo;
-use crate::render::Renderer;
-use rayon::prelude::*;
+use crate::render::tiles::{self, Subpixels};
+use crate::render::{Renderer, pixel};
 
 /// Views that are looked at, and pairs of neighbouring pixels in each.
 const VIEWS: usize = 16;
@@ -54,25 +54,22 @@ impl Residuals {
             photos.iter().enumerate().filter(|(i, _)| !held_out.contains(i)).map(|(_, photo)| photo).collect();
         let step = used.len().div_ceil(VIEWS).max(1);
         let chosen: Vec<&Photo> = used.into_iter().step_by(step).collect();
-        let all: Vec<Self> = chosen.par_iter().map(|p| Self::of_view(light, p, rays_per_edge, cancel)).collect();
+        let rays = Subpixels::new(rays_per_edge);
+        let of_view = |tape: &mut L::Tape, photo: &&Photo| Self::of_view(light, photo, rays, cancel, tape);
+        let all = tiles::map(&chosen, cancel.flag(), L::Tape::default, of_view)?;
         let total = all.into_iter().reduce(Self::plus)?;
         (total.count > 0.0 && !cancel.requested()).then_some(total)
     }
 
-    fn of_view<L: Renderer<Real = f32>>(light: &L, photo: &Photo, rays_per_edge: usize, cancel: Cancel) -> Self {
+    fn of_view<L: Renderer<Real = f32>>(
+        light: &L,
+        photo: &Photo,
+        rays: Subpixels,
+        cancel: Cancel,
+        tape: &mut L::Tape,
+    ) -> Self {
         let (w, h) = (photo.film.width, photo.film.height);
-        let n = rays_per_edge.max(1);
-        let share = 1.0 / (n * n) as f32;
-        let mut tape = L::Tape::default();
-        let mut seen = |x: usize, y: usize| {
-            let mut mean = [0.0_f32; 4];
-            for k in 0..n * n {
-                let at = |p: usize, k: usize| p as f64 + (k as f64 + 0.5) / n as f64;
-                let rgba = light.seen(&photo.camera.ray(at(x, k % n), at(y, k / n)), &mut tape).rgba();
-                mean.iter_mut().zip(rgba).for_each(|(m, v)| *m += share * v);
-            }
-            mean
-        };
+        let mut seen = |x: usize, y: usize| pixel(light, &photo.camera, rays, [x, y], tape);
         let mut own = Self::default();
         if w < 2 {
             return own;

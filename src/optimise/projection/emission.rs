@@ -11,6 +11,7 @@ use crate::optimise::solver::conjugate::Equations;
 use crate::render::arch::Arch;
 use crate::render::order::morton;
 use crate::render::preshaded::{Preshaded, Tape};
+use crate::render::tiles;
 use crate::scene::bricks::{BRICK, Bricks, CELLS};
 use crate::scene::camera::Camera;
 use glam::Vec4;
@@ -148,28 +149,24 @@ impl<'a> Emission<'a> {
         let runs: Vec<(&Camera, &[Pixel])> =
             sights.iter().flat_map(|s| s.pixels.chunks(RUN).map(|p| (&s.camera, p))).collect();
         let (count, offsets, arch, cancel) = (self.lanes.len(), &self.offsets, Arch::default(), self.cancel);
-        let sums: Vec<[f64; 2]> = self
-            .lanes
-            .par_iter_mut()
-            .enumerate()
-            .map_init(Tape::default, |tape, (lane, gradient)| {
+        let sums = tiles::partitions(
+            &mut self.lanes,
+            cancel.flag(),
+            |number| tiles::dealt(&runs, number, count),
+            |gradient| {
                 if back {
                     gradient.fill(Vec4::ZERO);
                 }
-                let mut sums = [0.0; 2];
-                for (camera, pixels) in runs.iter().skip(lane).step_by(count) {
-                    if cancel.requested() {
-                        break;
-                    }
-                    let (renderer, slope, tape) = (&renderer, &slope, &mut *tape);
-                    let gradient = back.then_some(&mut gradient[..]);
-                    let add = arch.dispatch(Run { renderer, camera, pixels, offsets, slope, tape, gradient });
-                    sums = [sums[0] + add[0], sums[1] + add[1]];
-                }
-                sums
-            })
-            .collect();
-        sums.into_iter().fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]])
+                ([0.0; 2], Tape::default())
+            },
+            |gradient, (sums, tape), (camera, pixels)| {
+                let (renderer, slope) = (&renderer, &slope);
+                let gradient = back.then_some(&mut gradient[..]);
+                let add = arch.dispatch(Run { renderer, camera, pixels, offsets, slope, tape, gradient });
+                *sums = [sums[0] + add[0], sums[1] + add[1]];
+            },
+        );
+        sums.into_iter().fold([0.0; 2], |a, (b, _)| [a[0] + b[0], a[1] + b[1]])
     }
 
     /// The sum of all lanes by unknown.

@@ -11,6 +11,7 @@ use crate::optimise::projection::observation::DepthMap;
 use crate::render::arch::Arch;
 use crate::render::dvr::{Dvr, Tape};
 use crate::render::order::morton;
+use crate::render::tiles;
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::camera::Camera;
 use crate::scene::grid::LEAF_VOXELS;
@@ -89,9 +90,8 @@ impl Projector {
         let Ok(dvr) = Dvr::new(&self.field, self.medium.clone()) else { return Vec::new() };
         let dvr = dvr.early_stop(0.0);
         let (arch, cancel) = (Arch::default(), self.cancel);
-        let view = |map: &&DepthMap| {
+        let view = |(tape, depths): &mut (Tape<f32>, Vec<f64>), map: &&DepthMap| {
             let map = map.reduced(map.stride_within(stride));
-            let (mut tape, mut depths) = (Tape::default(), vec![0.0; self.offsets.len()]);
             let pixels = morton(map.width, map.height).filter(|i| map.weight[*i] > 0.0).map(|i| {
                 let (x, y) = (i % map.width, i / map.width);
                 Sample { position: [x as f32 + 0.5, y as f32 + 0.5], depth: map.depth[i], weight: map.weight[i] }
@@ -106,8 +106,8 @@ impl Projector {
                     samples: std::slice::from_ref(sample),
                     offsets: &self.offsets,
                     slope: &|_: &Sample, z: &[f64]| (0.0, [z.iter().sum(), 0.0]),
-                    tape: &mut tape,
-                    depths: &mut depths,
+                    tape,
+                    depths,
                     gradient: None,
                 });
                 depth > 0.0
@@ -115,7 +115,7 @@ impl Projector {
             idle.retain(|sample| sample.depth != 0.0);
             View { camera: map.camera, samples, idle }
         };
-        maps.par_iter().map(view).collect()
+        tiles::map(maps, None, || (Tape::default(), vec![0.0; self.offsets.len()]), view).unwrap_or_default()
     }
 
     /// Walks the rays of every pixel of the given views once, but for the idle ones. `slope(sample, depths)` maps the
@@ -165,31 +165,24 @@ impl Projector {
             views.iter().flat_map(|v| v.samples.chunks(RUN).map(|s| (&v.camera, s))).collect();
         let (count, offsets) = (self.lanes.len(), &self.offsets);
         let (arch, cancel) = (Arch::default(), self.cancel);
-        let sums: Vec<[f64; 2]> = self
-            .lanes
-            .par_iter_mut()
-            .enumerate()
-            .map_init(
-                || (Tape::default(), vec![0.0; offsets.len()]),
-                |(tape, depths), (lane, gradient)| {
-                    if back {
-                        gradient.fill(0.0);
-                    }
-                    let mut sums = [0.0; 2];
-                    for (camera, samples) in runs.iter().skip(lane).step_by(count) {
-                        if cancel.requested() {
-                            break;
-                        }
-                        let (dvr, slope, tape, depths) = (&dvr, &slope, &mut *tape, &mut depths[..]);
-                        let gradient = back.then_some(&mut gradient[..]);
-                        let add = arch.dispatch(Run { dvr, camera, samples, offsets, slope, tape, depths, gradient });
-                        sums = [sums[0] + add[0], sums[1] + add[1]];
-                    }
-                    sums
-                },
-            )
-            .collect();
-        sums.into_iter().fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]])
+        let sums = tiles::partitions(
+            &mut self.lanes,
+            cancel.flag(),
+            |number| tiles::dealt(&runs, number, count),
+            |gradient| {
+                if back {
+                    gradient.fill(0.0);
+                }
+                ([0.0; 2], Tape::default(), vec![0.0; offsets.len()])
+            },
+            |gradient, (sums, tape, depths), (camera, samples)| {
+                let gradient = back.then_some(&mut gradient[..]);
+                let add =
+                    arch.dispatch(Run { dvr: &dvr, camera, samples, offsets, slope: &slope, tape, depths, gradient });
+                *sums = [sums[0] + add[0], sums[1] + add[1]];
+            },
+        );
+        sums.into_iter().fold([0.0; 2], |a, (b, ..)| [a[0] + b[0], a[1] + b[1]])
     }
 }
 

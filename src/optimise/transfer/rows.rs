@@ -3,6 +3,7 @@
 use super::normal::{Normal, Row, Sums, bounded};
 use super::rays::Rays;
 use crate::render::dvr::{ByKnot, Dvr, TableJacobian, Tape};
+use crate::render::tiles;
 use glam::DVec4;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -15,8 +16,11 @@ pub(super) const LANES: usize = 16;
 const MOST_PIXELS: usize = 4096;
 /// Pixels that are added to the sums together.
 const BATCH: usize = 16;
+/// Pixels whose lengths are found in one go.
+const RUN: usize = 64;
 
 /// Scratch memory of one lane.
+#[derive(Clone)]
 struct Scratch {
     tape: Tape<f32>,
     jacobian: TableJacobian,
@@ -53,19 +57,16 @@ pub(super) type Lengths = Vec<(u32, f32)>;
 /// Length of each pixel's rays in each texel (times the factor of the extinctions): derivatives of alpha where
 /// nothing absorbs.
 pub(super) fn lengths(clear: &Dvr<'_, f32>, rays: &Rays, texels: usize) -> Vec<Lengths> {
-    let mut all = vec![Lengths::new(); rays.len()];
-    let part = all.len().div_ceil(LANES).max(1);
-    all.par_chunks_mut(part).enumerate().for_each(|(lane, lines)| {
-        let mut scratch = Scratch::new(texels);
-        for (i, line) in lines.iter_mut().enumerate() {
-            if rays.cancel.requested() {
-                break;
-            }
-            scratch.derive(clear, rays, lane * part + i);
-            *line = scratch.texels().map(|(j, by)| (j, by.extinction[3] as f32)).collect();
-        }
-    });
-    all
+    let of_run = |scratch: &mut Scratch, run: &Range<usize>| {
+        let line = |pixel| {
+            scratch.derive(clear, rays, pixel);
+            scratch.texels().map(|(j, by)| (j, by.extinction[3] as f32)).collect()
+        };
+        run.clone().map(line).collect::<Vec<Lengths>>()
+    };
+    let runs = tiles::map(&tiles::runs(rays.len(), RUN), rays.cancel.flag(), || Scratch::new(texels), of_run);
+    // Nothing is asked of lines once the work is to stop.
+    runs.map_or_else(|| vec![Lengths::new(); rays.len()], |runs| runs.concat())
 }
 
 /// Extinctions whose `1 - e^{-H s}` are the alphas: at most twelve steps of Gauss and Newton with a smoothness prior of
@@ -147,16 +148,18 @@ pub(super) fn normal(dvr: &Dvr<'_, f32>, rays: &Rays, scale: f64, texels: usize)
 /// Sums over the pixels, lane by lane.
 fn sums(dvr: &Dvr<'_, f32>, rays: &Rays, scale: f64, texels: usize, pixels: Range<usize>) -> Vec<Sums> {
     let part = pixels.len().div_ceil(LANES);
-    let lane = |lane: usize| {
-        let (mut scratch, mut rows, mut sums) =
-            (Scratch::new(texels), vec![Row::default(); BATCH], Sums::zeros(texels));
+    let of_lane = |lane: usize| {
         let begin = pixels.start + lane * part;
-        let pixels: Vec<usize> = (begin..pixels.end.min(begin + part)).collect();
-        for pixels in pixels.chunks(BATCH) {
-            if rays.cancel.requested() {
-                break;
-            }
-            for (row, &pixel) in rows.iter_mut().zip(pixels) {
+        let own = begin..pixels.end.min(begin + part);
+        own.clone().step_by(BATCH).map(move |first| first..own.end.min(first + BATCH))
+    };
+    tiles::partitions(
+        &mut vec![(Scratch::new(texels), vec![Row::default(); BATCH]); LANES],
+        rays.cancel.flag(),
+        of_lane,
+        |_| Sums::zeros(texels),
+        |(scratch, rows), sums, pixels| {
+            for (row, pixel) in rows.iter_mut().zip(pixels.clone()) {
                 let seen = scratch.derive(dvr, rays, pixel);
                 row.residual = std::array::from_fn(|c| seen[c] - f64::from(rays.wanted[pixel][c]));
                 row.texels.clear();
@@ -169,10 +172,8 @@ fn sums(dvr: &Dvr<'_, f32>, rays: &Rays, scale: f64, texels: usize, pixels: Rang
                 }
             }
             sums.add(&rows[..pixels.len()]);
-        }
-        sums
-    };
-    (0..LANES).into_par_iter().map(lane).collect()
+        },
+    )
 }
 
 /// A pixel.
@@ -190,20 +191,14 @@ pub(super) fn see(dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize, tape: &mut Tape
 /// Sum over all pixels of what `square` makes of seen less wanted.
 fn sum(dvr: &Dvr<'_, f32>, rays: &Rays, square: impl Fn([f64; 4]) -> f64 + Sync) -> f64 {
     let part = rays.len().div_ceil(LANES).max(1);
-    let sums: Vec<f64> = rays
-        .wanted
-        .par_chunks(part)
-        .enumerate()
-        .map(|(lane, wanted)| {
-            let mut tape = Tape::default();
-            let of = |(i, wanted): (usize, &[f32; 4])| {
-                let seen = see(dvr, rays, lane * part + i, &mut tape);
-                square(std::array::from_fn(|c| seen[c] - f64::from(wanted[c])))
-            };
-            wanted.iter().enumerate().take_while(|_| !rays.cancel.requested()).map(of).sum::<f64>()
-        })
-        .collect();
-    sums.iter().sum()
+    let of_part = |tape: &mut Tape<f32>, part: &Range<usize>| {
+        let of = |pixel: usize| {
+            let seen = see(dvr, rays, pixel, tape);
+            square(std::array::from_fn(|c| seen[c] - f64::from(rays.wanted[pixel][c])))
+        };
+        part.clone().take_while(|_| !rays.cancel.requested()).map(of).sum::<f64>()
+    };
+    tiles::map(&tiles::runs(rays.len(), part), None, Tape::default, of_part).into_iter().flatten().sum()
 }
 
 /// `Σ` of all four channels' squared differences.

@@ -11,8 +11,8 @@ use crate::error::Result;
 use crate::optimise::loss::prior::TransferPrior;
 use crate::optimise::solver::adam::Adam;
 use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
+use crate::render::tiles;
 use crate::scene::table::{Rgbs, TableGradient};
-use rayon::prelude::*;
 
 const RATE: f32 = 0.8;
 /// λ as published.
@@ -91,31 +91,28 @@ impl Descent {
 /// `Σ (seen - wanted)²`, and the derivative by texel of the mean over pixels of `Σ_c |seen - wanted|`.
 fn absolute(dvr: &Dvr<'_, f32>, rays: &Rays, texels: usize) -> (f64, Vec<Rgbs>) {
     let share = 1.0 / (rays.len() * rays.per_pixel) as f32;
-    let lane = |lane: usize| {
-        let (mut tape, mut shared, mut square) = (Tape::default(), ParameterGradient::default(), 0.0);
-        let mut table = TableGradient::of_knots(texels);
-        for pixel in (lane..rays.len()).step_by(LANES) {
-            if rays.cancel.requested() {
-                break;
-            }
-            let seen = see(dvr, rays, pixel, &mut tape);
+    let parts = tiles::partitions(
+        &mut vec![(Tape::default(), ParameterGradient::default()); LANES],
+        rays.cancel.flag(),
+        |lane| (lane..rays.len()).step_by(LANES),
+        |_| (0.0, TableGradient::of_knots(texels)),
+        |(tape, shared), (square, table), pixel| {
+            let seen = see(dvr, rays, pixel, tape);
             let off: [f64; 4] = std::array::from_fn(|c| seen[c] - f64::from(rays.wanted[pixel][c]));
-            square += off.iter().map(|d| d * d).sum::<f64>();
+            *square += off.iter().map(|d| d * d).sum::<f64>();
             let slope = |d: f64| if d == 0.0 { 0.0 } else { share * d.signum() as f32 };
             let slope = off.map(slope);
             for ray in rays.of(pixel) {
-                let sinks = Sinks { voxels: None, table: Some(&mut table), ray: None, shared: &mut shared };
-                dvr.gradient(ray, &mut |_| slope, Adjoint::Tape, sinks, &mut tape);
+                let sinks = Sinks { voxels: None, table: Some(&mut *table), ray: None, shared: &mut *shared };
+                dvr.gradient(ray, &mut |_| slope, Adjoint::Tape, sinks, tape);
             }
-        }
-        (square, table.by_value())
-    };
-    let parts: Vec<(f64, Vec<Rgbs>)> = (0..LANES).into_par_iter().map(lane).collect();
+        },
+    );
     // In order, whatever the number of threads.
     let mut total = (0.0, vec![[0.0; 4]; texels]);
-    for (square, by_texel) in parts {
+    for (square, table) in parts {
         total.0 += square;
-        total.1.iter_mut().flatten().zip(by_texel.iter().flatten()).for_each(|(sum, by)| *sum += by);
+        total.1.iter_mut().flatten().zip(table.by_value().iter().flatten()).for_each(|(sum, by)| *sum += by);
     }
     total
 }

@@ -1,0 +1,160 @@
+//! The tile driver: the one place where rays and pixels are distributed over threads.
+//!
+//! Whoever renders, projects or differentiates cuts its pixels into units (tiles, runs along a curve) that depend on
+//! the pictures alone, and gives what is done with one. Results and sums come back in the order of the units or of the
+//! partitions, so that they have the same bits for any number of threads. A flag that is set stops the work between two
+//! units.
+
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// The rays of a pixel: through the centres of `per_edge`² equal squares of it, row by row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Subpixels {
+    per_edge: usize,
+}
+
+impl Subpixels {
+    /// So many rays along each edge of a pixel; at least one.
+    pub fn new(per_edge: usize) -> Self {
+        Self { per_edge: per_edge.max(1) }
+    }
+
+    /// How many rays a pixel has.
+    #[inline(always)]
+    pub fn count(self) -> usize {
+        self.per_edge * self.per_edge
+    }
+
+    /// Image position of a pixel's ray, in pixels.
+    #[inline(always)]
+    pub fn position(self, [x, y]: [usize; 2], ray: usize) -> [f64; 2] {
+        let n = self.per_edge;
+        let offset = |k: usize| (k as f64 + 0.5) / n as f64;
+        [x as f64 + offset(ray % n), y as f64 + offset(ray / n)]
+    }
+
+    /// Image positions of all rays of a pixel, in pixels.
+    #[inline(always)]
+    pub fn positions(self, pixel: [usize; 2]) -> impl Iterator<Item = [f64; 2]> {
+        (0..self.count()).map(move |ray| self.position(pixel, ray))
+    }
+}
+
+/// True once the flag is set.
+#[inline]
+fn stopped(cancel: Option<&AtomicBool>) -> bool {
+    cancel.is_some_and(|flag| flag.load(Ordering::Relaxed))
+}
+
+/// Does `work` on each unit, with scratch memory of the thread, and gives the results in the units' order; `None` if
+/// `cancel` was set before all were done.
+pub fn map<U: Sync, S, T: Send>(
+    units: &[U],
+    cancel: Option<&AtomicBool>,
+    scratch: impl Fn() -> S + Sync + Send,
+    work: impl Fn(&mut S, &U) -> T + Sync + Send,
+) -> Option<Vec<T>> {
+    // One at a time: some units may take far longer than others.
+    let one = |scratch: &mut S, unit: &U| (!stopped(cancel)).then(|| work(scratch, unit));
+    units.par_iter().with_max_len(1).map_init(scratch, one).collect()
+}
+
+/// The pixels of a picture, band by band of rows: `pixel(scratch, [x, y])` gives the value of one. `None` if `cancel` was
+/// set before all were done.
+pub fn pixels<S, T: Send + Default + Clone>(
+    [width, height]: [usize; 2],
+    cancel: Option<&AtomicBool>,
+    scratch: impl Fn() -> S + Sync + Send,
+    pixel: impl Fn(&mut S, [usize; 2]) -> T + Sync + Send,
+) -> Option<Vec<T>> {
+    let mut values = vec![T::default(); width * height];
+    let bands = values.par_chunks_mut((width * TILE[1]).max(1)).enumerate().with_max_len(1);
+    bands.for_each_init(scratch, |scratch, (band, rows)| {
+        for left in (0..width).step_by(TILE[0]) {
+            if stopped(cancel) {
+                return;
+            }
+            for (row, values) in rows.chunks_mut(width).enumerate() {
+                let across = left..width.min(left + TILE[0]);
+                for x in across {
+                    values[x] = pixel(scratch, [x, band * TILE[1] + row]);
+                }
+            }
+        }
+    });
+    (!stopped(cancel)).then_some(values)
+}
+
+/// Width and height of the tiles of [`pixels`]. Rays of a tile meet the same bricks; a band of tiles is a task, and
+/// small pictures need many.
+const TILE: [usize; 2] = [16, 4];
+
+/// Lets each partition go through its own units, in order: `begin` makes its sum, `work` adds a unit. Gives the sums in
+/// the partitions' order; those of work that `cancel` stopped are incomplete.
+pub fn partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
+    partitions: &mut [P],
+    cancel: Option<&AtomicBool>,
+    units: impl Fn(usize) -> I + Sync,
+    begin: impl Fn(&mut P) -> T + Sync,
+    work: impl Fn(&mut P, &mut T, U) + Sync,
+) -> Vec<T> {
+    // One at a time: some may be through long before others.
+    let all = partitions.par_iter_mut().enumerate().with_max_len(1);
+    all.map(|(number, partition)| {
+        let mut sum = begin(partition);
+        for unit in units(number) {
+            if stopped(cancel) {
+                break;
+            }
+            work(partition, &mut sum, unit);
+        }
+        sum
+    })
+    .collect()
+}
+
+/// Deals units out in turn: those of a partition, by number, among so many partitions.
+pub fn dealt<U>(units: &[U], number: usize, partitions: usize) -> impl Iterator<Item = &U> {
+    units.iter().skip(number).step_by(partitions.max(1))
+}
+
+/// Consecutive runs of `0..count` of at most so many.
+pub fn runs(count: usize, length: usize) -> Vec<Range<usize>> {
+    (0..count).step_by(length.max(1)).map(|begin| begin..count.min(begin + length)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_pixel_has_its_own_value_and_a_flag_stops_all() {
+        for size in [[0, 3], [1, 1], [17, 5], [40, 31]] {
+            let found = pixels(size, None, || (), |(), [x, y]| (x + 1, y + 1));
+            let expected: Vec<_> = (0..size[0] * size[1]).map(|i| (i % size[0] + 1, i / size[0] + 1)).collect();
+            assert_eq!(found, Some(expected), "{size:?}");
+        }
+        let set = AtomicBool::new(true);
+        assert_eq!(pixels([4, 4], Some(&set), || (), |(), _| 1), None);
+        assert_eq!(map(&[1, 2], Some(&set), || (), |(), unit| *unit), None);
+    }
+
+    #[test]
+    fn results_come_in_order() {
+        let units: Vec<u64> = (0..1000).collect();
+        assert_eq!(map(&units, None, || 0, |_, unit| 3 * unit), Some(units.iter().map(|u| 3 * u).collect()));
+        let sums = partitions(&mut [0; 7], None, |k| dealt(&units, k, 7), |_| 0, |_, sum, unit| *sum += unit);
+        let expected: Vec<u64> = (0..7).map(|k| units.iter().filter(|u| *u % 7 == k).sum()).collect();
+        assert_eq!(sums, expected);
+        assert_eq!(runs(10, 4), [0..4, 4..8, 8..10]);
+    }
+
+    #[test]
+    fn rays_of_a_pixel_stand_in_the_middle_of_equal_squares() {
+        let two: Vec<[f64; 2]> = Subpixels::new(2).positions([3, 5]).collect();
+        assert_eq!(two, [[3.25, 5.25], [3.75, 5.25], [3.25, 5.75], [3.75, 5.75]]);
+        assert_eq!(Subpixels::new(0).positions([0, 0]).collect::<Vec<_>>(), [[0.5, 0.5]]);
+    }
+}
