@@ -1,7 +1,7 @@
 # Every target makes what it needs: Debian packages where they are missing, Python environments, the
 # program. A second run finds it all there.
 .DEFAULT_GOAL := demo
-.PHONY: demo test fuzz check bench build setup clean
+.PHONY: demo test fuzz check bench build setup install clean
 
 export CUMULO := $(CURDIR)/target/release/cumulo
 export PYTHONDONTWRITEBYTECODE := 1
@@ -51,9 +51,16 @@ check: ## what is worth seeing before each commit; under three minutes once buil
 	cargo clippy --release --locked --all-targets -- -D warnings
 	cargo test --release --locked --lib --bins
 
-bench: build ## our figures against the goals; PEERS="PEERS_ENV RTK_ENV" runs the peers too
+bench: build ## our figures against the goals, and tests/benches/RESULTS.md; PEERS="PEERS_ENV RTK_ENV" runs the peers too
 	python/setup.sh bench
-	/usr/bin/python3 python/bench.py $(if $(PEERS),--peers $(PEERS))
+	/usr/bin/python3 python/bench.py --write $(if $(PEERS),--peers $(PEERS))
+
+# `make install PREFIX=$HOME/.local` needs no root; DESTDIR serves packagers.
+PREFIX ?= /usr/local
+
+install: ## the program, built before by `make build` or `make demo`
+	@test -x $(CUMULO) || { echo "$(CUMULO) is missing: run 'make build' first" >&2; exit 1; }
+	install -D -m 755 $(CUMULO) $(DESTDIR)$(PREFIX)/bin/cumulo
 
 clean:
 	rm -rf target demo-out .venvs

@@ -1,7 +1,10 @@
 #!/usr/bin/env python3
 """Our figures beside those of other programs, as one Markdown table on stdout and `target/bench/results.json`.
 
-    bench.py [--only B4 B6 ...] [--data DIR] [--peers PEERS_ENV RTK_ENV]
+    bench.py [--only B4 B6 ...] [--data DIR] [--peers PEERS_ENV RTK_ENV] [--write]
+
+`--write` writes `tests/benches/RESULTS.md` and its plot too (`python/results.py`): what was measured, and what was
+noted of the rest.
 
 TF finds transfer functions of ever more texels, VIEW the best viewpoints; both look at an MRI of a head
 (`ch2` of Debian's mricron-data) among others. Kernels (B3, B10, B11) come from `cargo bench --bench kernels`, pictures and gradients through a transfer function (B1,
@@ -14,10 +17,12 @@ Runs under Debian's Python with python3-numpy and python3-openvdb.
 """
 
 import argparse
+import datetime
 import glob
 import json
 import os
 import pathlib
+import platform
 import statistics
 import subprocess
 import sys
@@ -31,6 +36,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "python"))
 sys.path.insert(0, str(ROOT / "python" / "peers"))
 import field  # noqa: E402  from this checkout
+import results as results_page  # noqa: E402
 from cumulo.run import CumuloError, cumulo  # noqa: E402
 
 OUT = ROOT / "target" / "bench"
@@ -86,6 +92,24 @@ SETS = [
     Set("B6", "b6", "64³ from 16 views", ["b6"], "Mitsuba 3", (27.9, 81.0), above=10.0, faster=100.0),
     Set("B7", "b7", "256³ from 64 parallel-beam angles", ["b7"], "ASTRA SIRT, 150 it", (55.69, None), faster=1.0),
 ]  # fmt: skip
+
+
+# The peers' names and settings in RESULTS.md.
+PEER = {
+    "B4": ("ITK-RTK", "30 iterations of conjugate gradients"),
+    "B5": ("ASTRA", "SIRT, 150 iterations"),
+    "B6": ("Mitsuba 3", "100 steps of 4 views"),
+    "B7": ("ASTRA", "SIRT, 150 iterations"),
+    "B1": ("VTK", "fixed-point ray caster, samples half a voxel apart"),
+    "B2": ("PyTorch", "checkpointed"),
+}
+
+
+def record(group, work, program="Cumulo", setting="", **figures):
+    """A measured record for RESULTS.md; figures are those of `results.FIGURES`."""
+    known = {key: value for key, value in figures.items() if value is not None}
+    date = datetime.date.today().isoformat()
+    return {"id": group, "work": work, "program": program, "setting": setting, **known, "date": date, "measured": True}
 
 
 def say(text):
@@ -173,7 +197,11 @@ def reconstruction(wanted, folder, environments, rounds):
     fast = wanted.faster is None or (ratio is not None and ratio >= wanted.faster)
     goal = f">= {target:.1f} dB" + (f", {wanted.faster:g}x faster" if wanted.faster else "")
     duration = f" in {peer_seconds:.1f} s" if peer_seconds else ""
+    figures = [record(wanted.id, wanted.work, volume_db=best["psnr_db"], seconds=seconds, iterations=best["iterations"])]
+    if measured:
+        figures.append(record(wanted.id, wanted.work, *PEER[wanted.id], volume_db=peer_db, seconds=peer_seconds))
     return {
+        "figures": figures,
         "id": wanted.id,
         "work": wanted.work,
         "peer": f"{wanted.peer}: {peer_db:.1f} dB{duration}{'' if measured else ' (noted)'}",
@@ -225,7 +253,12 @@ def pictures(environments, rounds):
         for rule in ours[0][name]:
             own = statistics.median(run[name][rule]["seconds"] for run in ours)
             quality = ours[0][name][rule]["psnr_db"]
+            work = f"256³, 512², {name}"
+            figures = [record("B1", work, setting=rule, picture_db=quality, milliseconds=1e3 * own)]
+            if seen and rule == list(ours[0][name])[-1]:
+                figures.append(record("B1", work, *PEER["B1"], picture_db=decibels, milliseconds=1e3 * seconds))
             yield {
+                "figures": figures,
                 "id": "B1",
                 "work": f"256³, 512², {name}, {rule}",
                 "peer": f"VTK: {decibels:.1f} dB, {1e3 * seconds:.0f} ms{'' if seen else ' (noted)'}",
@@ -254,7 +287,15 @@ def gradients(environments, rounds):
             value = statistics.median(run[rule, pixels]["value"] for run in ours)
             # The peer had one size of picture.
             ratio = peer / own if pixels == 128 else None
+            used = figures["megabytes"] if way == "tape" else None
+            records = [
+                record("B2", f"128³, {pixels}²", setting=f"{rule}, by {way}", milliseconds=1e3 * own, megabytes=used),
+                record("B3", f"transfer function, {rule}, {pixels}²", setting=way, ratio=own / value),
+            ]
+            if theirs and (rule, pixels, way) == ("preintegrated", 128, "tape"):
+                records.append(record("B2", "128³, 128²", *PEER["B2"], milliseconds=1e3 * peer))
             yield {
+                "figures": records,
                 "id": "B2",
                 "work": f"128³, {pixels}², {rule}, gradient by {way}",
                 "peer": f"PyTorch: {1e3 * peer:.0f} ms{'' if theirs else ' (noted)'}",
@@ -291,9 +332,11 @@ def transfers(rounds):
     for texels, of in runs.items():
         quality, likeness = of[0]["held_out_psnr_db"], of[0]["held_out_ssim"]
         goal = {"goal": ">= 42.6 dB, SSIM >= 0.999, <= 300 s"} if texels == 64 else {"goal": None}
+        work = f"head, 8 views 512², {texels} texels"
         yield {
+            "figures": [record("TF", work, held_out_db=quality, ssim=likeness, seconds=seconds[texels])],
             "id": "TF",
-            "work": f"head, 8 views 512², {texels} texels",
+            "work": work,
             "peer": "Weiss & Westermann, 64 texels: 42.6 dB in 5 min on a GPU" if texels == 64 else None,
             "ours": f"{quality:.1f} dB, SSIM {likeness:.5f}, {seconds[texels]:.1f} s",
             "ratio": None,
@@ -314,9 +357,11 @@ def viewpoints():
         found = cumulo("viewpoint", volume, *options)
         best, sampled = found["entropy"], found["sampled_best_entropy"]
         cost = found["equivalent_renders"] / 256
+        work, share = f"{name}, 8 starts, 128²", 100 * cost
         yield {
+            "figures": [record("VIEW", work, entropy=best, sampled=sampled, share=share, seconds=found["seconds"])],
             "id": "VIEW",
-            "work": f"{name}, 8 starts, 128²",
+            "work": work,
             "peer": f"best of 256 views: {sampled:.5f}",
             "ours": f"{best:.5f}, {found['seconds']:.1f} s, {100 * cost:.0f} % of 256 renders",
             "ratio": None,
@@ -345,7 +390,27 @@ def kernels(volume):
         options = ["--vdb", noise, peer, OUT]
     say("kernels")
     bench_program("--json", report, *options)
-    return json.loads(report.read_text())
+    return [row | {"figures": kernel_records(row)} for row in json.loads(report.read_text())]
+
+
+def kernel_records(row):
+    """The records of a row of `cargo bench`; how fast rays are says nothing beside other programs."""
+    if row["id"] == "rate":
+        return []
+    if row["id"] == "B3":
+        light, way = row["work"].removesuffix(" against value").split(", gradient by ")
+        return [record("B3", light, setting=way, ratio=row["ratio"])]
+    return [record(row["id"], row["work"], ratio=row["ratio"])]
+
+
+def processor():
+    """The processor's name."""
+    try:
+        lines = pathlib.Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
 
 
 def table(rows):
@@ -367,6 +432,7 @@ def main():
     parser.add_argument("--data", type=pathlib.Path, help="folder of finished data sets (b4_8, ..., b5, b6)")
     parser.add_argument("--peers", nargs=2, type=pathlib.Path, metavar=("PEERS_ENV", "RTK_ENV"), help="run the peers too")
     parser.add_argument("--rounds", type=int, default=1, help="runs of a peer, in turn with ours (default: 1)")
+    parser.add_argument("--write", action="store_true", help="write tests/benches/RESULTS.md and its plot too")
     a = parser.parse_args()
     OUT.mkdir(parents=True, exist_ok=True)
     if {"TF", "VIEW"} & set(a.only) and not HEAD.is_file():
@@ -391,6 +457,11 @@ def main():
     results.write_text(json.dumps({"machine": machine, "rows": rows}, indent=1, ensure_ascii=False) + "\n")
     print(table(rows))
     print(f"\n{machine['cores']} cores, load {before:.1f} before and {machine['load_after']:.1f} after; {results} has all times.")
+    if a.write:
+        figures = [figure for row in rows for figure in row["figures"]]
+        described = f"{processor()}, {machine['cores']} cores, load {before:.1f} before and {machine['load_after']:.1f} after"
+        for path in results_page.write(figures, described):
+            say(f"{path}: written")
 
 
 if __name__ == "__main__":
