@@ -18,6 +18,7 @@ pub mod cli;
 pub mod dual;
 pub mod error;
 pub mod formats;
+pub mod guide;
 pub mod math;
 pub mod metrics;
 pub mod optimise;

@@ -1,0 +1,43 @@
+//! The user's guide, page by page.
+//!
+//! | page | what it answers |
+//! |---|---|
+//! | [Getting started](getting_started) | How do I install Cumulo, and what does a first reconstruction look like? |
+//! | [Captures](captures) | How do I hand over my own pictures, or pictures from Blender? |
+//! | [Transfer functions](transfer_functions) | How do densities become colors, and which file formats are read? |
+//! | [Reconstruction](reconstruction) | How do I find densities, transfer functions, colors, poses and viewpoints? |
+//! | [Gradients](gradients) | Which derivatives are there, and how are they checked? |
+//! | [Accuracy and cost](accuracy_and_cost) | What does accuracy cost in time and memory? |
+//! | [Library](library) | How do I call all of this from Rust? |
+//!
+//! Every command on these pages runs in the test `tests/guide.rs`.
+
+#[doc = include_str!("guide/accuracy-and-cost.md")]
+pub mod accuracy_and_cost {}
+
+#[doc = include_str!("guide/captures.md")]
+pub mod captures {}
+
+#[doc = include_str!("guide/getting-started.md")]
+pub mod getting_started {}
+
+#[doc = include_str!("guide/gradients.md")]
+pub mod gradients {}
+
+#[doc = include_str!("guide/library.md")]
+///
+/// ## Load a volume and render a view
+#[doc = concat!("```ignore\n", include_str!("../tests/examples/load_and_render.rs"), "```")]
+///
+/// ## Differentiate a loss on a picture
+#[doc = concat!("```ignore\n", include_str!("../tests/examples/gradient_of_a_picture.rs"), "```")]
+///
+/// ## Reconstruct a volume from its pictures
+#[doc = concat!("```ignore\n", include_str!("../tests/examples/reconstruct.rs"), "```")]
+pub mod library {}
+
+#[doc = include_str!("guide/reconstruction.md")]
+pub mod reconstruction {}
+
+#[doc = include_str!("guide/transfer-functions.md")]
+pub mod transfer_functions {}

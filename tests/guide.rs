@@ -1,0 +1,204 @@
+//! Every command of README.md and of the guide runs, and ends with the exit code that the page states.
+//!
+//! The ```` ```sh ```` fences of a page run in one folder, from top to bottom. A fence ```` ```json NAME ```` is the file of
+//! that name. A comment with the words "exit code 1" states that exit code; without it 0 is expected.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is how a test fails")]
+
+mod work;
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use work::{Work, errors, fixture};
+
+/// The pages, relative to the repository. `no_page_is_forgotten` holds this list against the folder.
+const PAGES: [&str; 8] = [
+    "README.md",
+    "src/guide/accuracy-and-cost.md",
+    "src/guide/captures.md",
+    "src/guide/getting-started.md",
+    "src/guide/gradients.md",
+    "src/guide/library.md",
+    "src/guide/reconstruction.md",
+    "src/guide/transfer-functions.md",
+];
+
+/// Volumes that the pages name and the reader brings.
+const VOLUMES: [(&str, &str); 2] = [("smoke.vdb", "plume.vdb"), ("head.vdb", "plume.vdb")];
+
+/// Commands of other programs. They are not run here: `make demo` and `tests/examples.rs` do that.
+const OTHERS: [&str; 9] = [
+    "make demo",
+    "make demo BLENDER=1",
+    "make install",
+    "sudo apt-get install libopenvdb-dev libboost-dev libclang-dev g++",
+    "cargo install --path . --locked",
+    "cargo doc --open",
+    "cargo run --release --example load_and_render -- smoke.vdb view.exr",
+    "cargo run --release --example gradient_of_a_picture -- smoke.vdb",
+    "cargo run --release --example reconstruct -- shots found.vdb",
+];
+
+/// Sizes that keep the commands short: subcommand, option, its value, and an option beside which it is not allowed.
+/// A command that has the option itself keeps its value.
+const SIZES: [(&str, &str, &str, Option<&str>); 11] = [
+    ("render", "--size", "32x32", Some("--cameras")),
+    ("reconstruct density", "--resolution", "12", Some("--voxel-size")),
+    ("reconstruct density", "--iterations", "2", None),
+    ("reconstruct color", "--resolution", "12", Some("--voxel-size")),
+    ("reconstruct color", "--iterations", "2", None),
+    ("reconstruct tf", "--texels", "16", None),
+    ("reconstruct tf", "--rays", "4000", None),
+    ("viewpoint", "--size", "32x32", None),
+    ("viewpoint", "--iterations", "2", None),
+    ("pose", "--iterations", "2", None),
+    ("gradient", "--size", "16x16", Some("--target")),
+];
+
+/// A fenced block: the words behind the backticks, and its lines.
+struct Fence {
+    info: Vec<String>,
+    lines: Vec<String>,
+}
+
+fn fences(text: &str) -> Vec<Fence> {
+    let mut found: Vec<Fence> = Vec::new();
+    let mut open = false;
+    for line in text.lines() {
+        if let Some(info) = line.strip_prefix("```") {
+            open = !open;
+            if open {
+                found.push(Fence { info: info.split_whitespace().map(Into::into).collect(), lines: Vec::new() });
+            }
+        } else if open {
+            found.last_mut().unwrap().lines.push(line.into());
+        }
+    }
+    assert!(!open, "a fence is not closed");
+    found
+}
+
+/// The words of a command line, a name with `*` replaced by the files that it matches.
+fn expanded(work: &Work, line: &str) -> Vec<String> {
+    let matches = |pattern: &str| -> Vec<String> {
+        let (folder, name) = pattern.rsplit_once('/').unwrap();
+        let (start, end) = name.split_once('*').unwrap();
+        let entries = std::fs::read_dir(work.path(folder)).unwrap();
+        let names = entries.map(|e| e.unwrap().file_name().into_string().unwrap());
+        let mut paths: Vec<String> =
+            names.filter(|n| n.starts_with(start) && n.ends_with(end)).map(|n| format!("{folder}/{n}")).collect();
+        paths.sort();
+        assert!(!paths.is_empty(), "{pattern} matches nothing");
+        paths
+    };
+    let words = line.split_whitespace().map(String::from);
+    words.flat_map(|word| if word.contains('*') { matches(&word) } else { vec![word] }).collect()
+}
+
+/// Runs the commands of a page and gives their number.
+fn run(page: &str) -> usize {
+    let work = Work::new();
+    for (name, source) in VOLUMES {
+        std::fs::copy(fixture(source), work.path(name)).unwrap();
+    }
+    let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(page)).unwrap();
+    let mut count = 0;
+    for fence in fences(&text) {
+        match &*fence.info {
+            [kind, name] if kind == "json" => std::fs::write(work.path(name), fence.lines.join("\n")).unwrap(),
+            [kind] if kind == "sh" => {
+                for line in &fence.lines {
+                    count += usize::from(command(&work, page, line));
+                }
+            }
+            [kind] if ["text", "json", "toml"].contains(&kind.as_str()) => {}
+            other => panic!("{page}: a fence is marked {other:?}; sh, json, toml or text is expected"),
+        }
+    }
+    count
+}
+
+/// Runs a line of a page if it is a command of ours; false if it is empty, a comment or another program's.
+fn command(work: &Work, page: &str, line: &str) -> bool {
+    let (line, comment) = line.split_once('#').unwrap_or((line, ""));
+    let line = line.trim();
+    let Some(arguments) = line.strip_prefix("cumulo ") else {
+        assert!(line.is_empty() || OTHERS.contains(&line), "{page}: `{line}` is neither run nor in the list of others");
+        return false;
+    };
+    let mut words = expanded(work, arguments);
+    for (subcommand, option, value, beside) in SIZES {
+        let has = |name: &str| words.iter().any(|word| word == name);
+        if line.starts_with(&format!("cumulo {subcommand} ")) && !has(option) && !beside.is_some_and(has) {
+            words.extend([option.to_owned(), value.to_owned()]);
+        }
+    }
+    let out = work.command(&words.join(" ")).output().unwrap();
+    let expected = if comment.contains("exit code 1") { 1 } else { 0 };
+    assert_eq!(out.status.code(), Some(expected), "{page}: {line}\n{}", errors(&out));
+    true
+}
+
+#[test]
+fn readme() {
+    assert!(run("README.md") >= 5);
+}
+
+#[test]
+fn accuracy_and_cost() {
+    assert!(run("src/guide/accuracy-and-cost.md") >= 5);
+}
+
+#[test]
+fn captures() {
+    assert!(run("src/guide/captures.md") >= 3);
+}
+
+#[test]
+fn getting_started() {
+    assert!(run("src/guide/getting-started.md") >= 8);
+}
+
+#[test]
+fn gradients() {
+    assert!(run("src/guide/gradients.md") >= 5);
+}
+
+/// Its programs run in `tests/examples.rs`.
+#[test]
+fn library() {
+    assert_eq!(run("src/guide/library.md"), 0);
+}
+
+#[test]
+fn reconstruction() {
+    assert!(run("src/guide/reconstruction.md") >= 10);
+}
+
+#[test]
+fn transfer_functions() {
+    assert!(run("src/guide/transfer-functions.md") >= 5);
+}
+
+#[test]
+fn no_page_is_forgotten() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let names =
+        std::fs::read_dir(root.join("src/guide")).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+    let mut pages: BTreeSet<String> = names.map(|name| format!("src/guide/{name}")).collect();
+    pages.insert("README.md".into());
+    assert_eq!(pages, PAGES.map(String::from).into(), "each page needs a test of its own here");
+}
+
+#[test]
+fn links_of_the_pages_lead_somewhere() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    for page in PAGES {
+        let text = std::fs::read_to_string(root.join(page)).unwrap();
+        for target in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            let local = !target.starts_with("http") && !target.starts_with('#');
+            let path = root.join(page).parent().unwrap().join(target.split('#').next().unwrap());
+            assert!(!local || path.exists(), "{page}: {target} is not there");
+        }
+    }
+}
