@@ -2,9 +2,10 @@
 //!
 //! `cargo run --release --example gradient_of_a_picture -- fixtures/plume.vdb`
 
-use cumulo::formats::vdb::{File, Limits};
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::File;
+use cumulo::optimise::gradient::objective::{By, Objective};
 use cumulo::optimise::loss::Loss;
-use cumulo::optimise::objective::{By, Objective};
 use cumulo::render::dvr::{Adjoint, Dvr};
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::grid::LEAF_VOXELS;

@@ -3,11 +3,12 @@
 //! `cargo run --release --example load_and_render -- fixtures/plume.vdb view.exr`
 
 use cumulo::formats::exr;
-use cumulo::formats::vdb::{File, Limits};
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::File;
 use cumulo::render;
 use cumulo::render::dvr::Dvr;
-use cumulo::render::film::Film;
 use cumulo::scene::bricks::Bricks;
+use cumulo::scene::film::Film;
 use cumulo::scene::medium::Medium;
 use cumulo::scene::orbit::{self, Layout};
 use cumulo::{Error, Result};

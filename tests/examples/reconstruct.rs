@@ -2,13 +2,14 @@
 //!
 //! `cargo run --release --example reconstruct -- shots found.vdb`
 
-use cumulo::formats::vdb::{Codec, Limits, write_grids};
+use cumulo::cancel::Cancel;
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::{Codec, write_grids};
 use cumulo::formats::{exr, transforms};
-use cumulo::optimise::cancel::Cancel;
 use cumulo::optimise::density::{self, Outcome, Request};
-use cumulo::optimise::hull::Hull;
-use cumulo::optimise::lattice;
-use cumulo::optimise::observation::{Observation, Photo};
+use cumulo::optimise::projection::observation::{Observation, Photo};
+use cumulo::optimise::region::hull::Hull;
+use cumulo::optimise::region::lattice;
 use cumulo::{Error, Result};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
