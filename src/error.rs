@@ -121,6 +121,10 @@ impl Error {
     pub fn what(&self) -> &str {
         &self.0.what
     }
+    /// The file it happened in, where one was named.
+    pub fn path(&self) -> Option<&Path> {
+        self.0.path.as_deref()
+    }
     /// Grid, layer, frame or argument it happened in, where one was named.
     pub fn place(&self) -> Option<&str> {
         self.0.part.as_deref()

@@ -32,17 +32,17 @@ fn simpson(f: &Bricks<f64>, ray: &Ray, value: impl Fn(f64) -> f64) -> f64 {
 #[test]
 fn slab_along_each_axis() {
     let f: Bricks<f32> = field(16, unit(), |_| 0.25);
-    let dvr = Dvr::new(&f, Medium::absorbing(2.0)).unwrap();
+    let dvr = Dvr::new(&f, Medium::absorbing(2.0)).unwrap().over([1.0; 3]);
     for axis in 0..3 {
         for sign in [-1.0, 1.0] {
             let mut direction = DVec3::ZERO;
             direction[axis] = sign;
             let ray = Ray { origin: DVec3::splat(7.3) - 50.0 * direction, direction };
-            let depth = dvr.optical_depth(&ray);
+            let depth = dvr.integrator.optical_depth(&ray);
             // 15 between the outermost centres, half a voxel of falloff at each end; f32 sums of at
             // most 17 terms within each of 3 bricks.
             assert!((depth - 2.0 * 0.25 * 16.0).abs() < 16.0 * 8.0 * f64::from(f32::EPSILON), "{axis} {sign} {depth}");
-            let seen = dvr.radiance(&ray);
+            let seen = dvr.pixel(&ray);
             assert!((f64::from(seen.transmittance) - (-8.0_f64).exp()).abs() < 1e-8);
             assert!((seen.rgb[1] - seen.transmittance).abs() < 1e-8, "white background through absorption");
         }
@@ -117,11 +117,11 @@ fn quadratures_have_their_order() {
     let f: Bricks<f64> = field(24, odd(), lumps(24));
     let medium = Medium { extinction: 1.5, source: Source::Linear([1.0, 0.5, 0.25]) };
     let rays = rays(f.world_bounds(), 60, 5);
-    let dvr = |q| Dvr::new(&f, medium.clone()).unwrap().quadrature(q).early_stop(0.0).background([0.2; 3]);
-    let exact: Vec<f64> = rays.iter().map(|r| dvr(Quadrature::Exact).radiance(r).rgb[0]).collect();
+    let dvr = |q| Dvr::new(&f, medium.clone()).unwrap().quadrature(q).early_stop(0.0).over([0.2; 3]);
+    let exact: Vec<f64> = rays.iter().map(|r| dvr(Quadrature::Exact).pixel(r).rgb[0]).collect();
     let error = |q| {
         let d = dvr(q);
-        let e2: f64 = rays.iter().zip(&exact).map(|(r, e)| (d.radiance(r).rgb[0] - e).powi(2)).sum();
+        let e2: f64 = rays.iter().zip(&exact).map(|(r, e)| (d.pixel(r).rgb[0] - e).powi(2)).sum();
         (e2 / rays.len() as f64).sqrt()
     };
     let order = |q: fn(f64) -> Quadrature| (error(q(0.2)) / error(q(0.05))).log2() / 2.0;
@@ -139,7 +139,7 @@ fn linear_source_is_integrated_with_its_absorption() {
     let f: Bricks<f64> = field(16, unit(), lumps(16));
     for extinction in [0.01, 1.0, 50.0] {
         let medium = Medium { extinction, source: Source::Linear([1.0, 2.0, 0.0]) };
-        let dvr = Dvr::new(&f, medium.clone()).unwrap().early_stop(0.0).background([0.0; 3]);
+        let dvr = Dvr::new(&f, medium.clone()).unwrap().early_stop(0.0).over([0.0; 3]);
         for ray in rays(f.world_bounds(), 10, 9) {
             let (a, b) = f.world_bounds().clip(&ray).unwrap();
             let n = 200_000;
@@ -150,7 +150,7 @@ fn linear_source_is_integrated_with_its_absorption() {
                 emitted += (-depth).exp() * -(-extinction * d * h).exp_m1() * d;
                 depth += extinction * d * h;
             }
-            let seen = dvr.radiance(&ray);
+            let seen = dvr.pixel(&ray);
             // 1e-7 a piece where it matters, some 30 pieces, and the brute force's own h².
             assert!((seen.rgb[0] - emitted).abs() < 3e-6 * emitted.max(1.0), "{extinction} {} {emitted}", seen.rgb[0]);
             assert!((seen.rgb[1] - 2.0 * seen.rgb[0]).abs() < 1e-12);
@@ -164,14 +164,14 @@ fn linear_source_is_integrated_with_its_absorption() {
 fn furnace() {
     let f: Bricks<f64> = field(16, odd(), lumps(16));
     let medium = Medium { extinction: 3.0, source: Source::Grey([0.7; 3]) };
-    let dvr = |background| Dvr::new(&f, medium.clone()).unwrap().early_stop(0.0).background(background);
+    let dvr = |background| Dvr::new(&f, medium.clone()).unwrap().early_stop(0.0).over(background);
     let behind = [0.7_f32, 0.1, 0.95];
     let (mut least, mut most) = (1.0_f64, 0.0_f64);
     for ray in rays(f.world_bounds(), 50, 3) {
-        assert!((dvr([0.7; 3]).radiance(&ray).rgb[2] - f64::from(0.7_f32)).abs() < 1e-12);
+        assert!((dvr([0.7; 3]).pixel(&ray).rgb[2] - f64::from(0.7_f32)).abs() < 1e-12);
         let transmittance = (-3.0 * simpson(&f, &ray, |d| d)).exp();
         (least, most) = (least.min(transmittance), most.max(transmittance));
-        let seen = dvr(behind).radiance(&ray);
+        let seen = dvr(behind).pixel(&ray);
         // Depths are off by less than 1e-4, as above, times the extinction; T changes by T times that.
         let tolerance = 3.0 * 1e-4 * transmittance;
         assert!((seen.transmittance - transmittance).abs() < tolerance, "{} {transmittance}", seen.transmittance);

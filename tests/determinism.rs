@@ -7,13 +7,15 @@ mod work;
 
 use cumulo::cancel::Cancel;
 use cumulo::optimise::density::{self, Request};
-use cumulo::optimise::gradient::pictures::{self, Accumulators, Gradients, Target};
+use cumulo::optimise::gradient::pictures::{self, Gradients, Target, Workspace};
 use cumulo::optimise::projection::observation::{DepthMap, Observation, Photo};
 use cumulo::optimise::projection::projector::Projector;
 use cumulo::optimise::region::hull::Hull;
 use cumulo::render;
 use cumulo::render::arch::Arch;
-use cumulo::render::dvr::{Adjoint, Dvr};
+use cumulo::render::composited::Composited;
+use cumulo::render::differentiable::Adjoint;
+use cumulo::render::dvr::Dvr;
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::Camera;
@@ -49,7 +51,7 @@ const MEDIA: [Medium; 3] = [
 const RULES: [Quadrature; 3] = [Quadrature::Exact, Quadrature::Midpoint(0.6), Quadrature::Riemann(0.6)];
 
 fn photos(field: &Bricks<f32>, cameras: &[Camera], medium: Medium) -> Vec<Photo> {
-    let dvr = Dvr::new(field, medium).unwrap();
+    let dvr = Dvr::new(field, medium).unwrap().over([1.0; 3]);
     let film = |c: &Camera| render::picture(&dvr, c, 1, &AtomicBool::new(false)).unwrap();
     cameras.iter().map(|c| Photo { camera: *c, film: film(c), name: "photo".into() }).collect()
 }
@@ -59,7 +61,7 @@ fn pictures() {
     let (field, cameras) = scene();
     for medium in MEDIA {
         for rule in RULES {
-            let dvr = Dvr::new(&field, medium.clone()).unwrap().quadrature(rule);
+            let dvr = Dvr::new(&field, medium.clone()).unwrap().quadrature(rule).over([1.0; 3]);
             alike("picture", || render::picture(&dvr, &cameras[2], 2, &AtomicBool::new(false)));
         }
     }
@@ -87,14 +89,14 @@ fn dispatched_kernels_equal_the_scalar_one() {
     let (field, cameras) = scene();
     for medium in MEDIA {
         for rule in RULES {
-            let dvr = Dvr::new(&field, medium.clone()).unwrap().quadrature(rule);
+            let dvr = Dvr::new(&field, medium.clone()).unwrap().quadrature(rule).over([1.0; 3]);
             let film = render::picture(&dvr, &cameras[3], 1, &AtomicBool::new(false)).unwrap();
             for (i, pixel) in film.rgba.iter().enumerate() {
                 let ray = cameras[3].ray((i % film.width) as f64 + 0.5, (i / film.width) as f64 + 0.5);
                 let bits = |p: [f32; 4]| p.map(f32::to_bits);
                 assert_eq!(
                     bits(*pixel),
-                    bits(dvr.clone().arch(Arch::oldest()).radiance(&ray).rgba()),
+                    bits(dvr.clone().with(|dvr| dvr.arch(Arch::oldest())).pixel(&ray).rgba()),
                     "{medium:?} {rule} pixel {i}"
                 );
             }
@@ -106,7 +108,7 @@ fn dispatched_kernels_equal_the_scalar_one() {
 fn gradients() {
     let (field, cameras) = scene();
     for medium in MEDIA {
-        let dvr = Dvr::new(&field, medium.clone()).unwrap();
+        let dvr = Dvr::new(&field, medium.clone()).unwrap().over([1.0; 3]);
         let target = |c: &Camera| Target { camera: *c, rgba: vec![[0.4, 0.5, 0.6, 0.3]; 48 * 40], rays_per_edge: 1 };
         let targets: Vec<Target> = cameras.iter().take(3).map(target).collect();
         let all: Vec<&Target> = targets.iter().collect();
@@ -120,7 +122,7 @@ fn gradients() {
                     (d.iter().map(|d| f64::from(d * d)).sum(), d)
                 },
                 Adjoint::Tape,
-                &mut Accumulators::default(),
+                &mut Workspace::default(),
                 &mut Gradients { voxels: Some(&mut g), ..Gradients::default() },
             );
             assert!(g.iter().any(|v| *v != 0.0));
@@ -137,19 +139,18 @@ fn pre_integration() {
     for transfer in kinds() {
         let medium = Medium { extinction: 0.8, source: Source::Transfer(Arc::new(transfer.table().unwrap())) };
         let field = field.clone().filled(1 << 30).unwrap();
-        let dvr = Dvr::new(&field, medium).unwrap().quadrature(Quadrature::PREINTEGRATED);
-        let oldest = dvr.clone().arch(Arch::oldest());
+        let dvr = Dvr::new(&field, medium).unwrap().quadrature(Quadrature::PREINTEGRATED).over([1.0; 3]);
+        let oldest = dvr.clone().with(|dvr| dvr.arch(Arch::oldest()));
         alike("picture", || render::picture(&dvr, &cameras[2], 2, &AtomicBool::new(false)));
-        let of = |dvr: &Dvr<'_, f32>| render::picture(dvr, &cameras[3], 1, &AtomicBool::new(false));
+        let of = |dvr: &Composited<Dvr<'_, f32>>| render::picture(dvr, &cameras[3], 1, &AtomicBool::new(false));
         assert!(of(&dvr) == of(&oldest), "{transfer:?}");
         let camera = cameras[1];
         let target = Target { camera, rgba: vec![[0.4, 0.5, 0.6, 0.3]; 48 * 40], rays_per_edge: 1 };
-        let gradient = |dvr: &Dvr<'_, f32>, adjoint: Adjoint| {
+        let gradient = |dvr: &Composited<Dvr<'_, f32>>, adjoint: Adjoint| {
             let mut g = vec![0.0; field.values.len()];
             let loss = |a: &[f32; 4], b: &[f32; 4]| (0.0, std::array::from_fn(|c| a[c] - b[c]));
             let mut gradients = Gradients { voxels: Some(&mut g), ..Gradients::default() };
-            let found =
-                pictures::gradient(dvr, &[&target], &loss, adjoint, &mut Accumulators::default(), &mut gradients);
+            let found = pictures::gradient(dvr, &[&target], &loss, adjoint, &mut Workspace::default(), &mut gradients);
             (g, found.1)
         };
         alike("gradient", || gradient(&dvr, Adjoint::Tape));

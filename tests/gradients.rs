@@ -8,7 +8,9 @@ mod fields;
 
 use cumulo::math::Ray;
 use cumulo::real::Real;
-use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Precision, Radiance, Sinks, Tape};
+use cumulo::render::composited::Pixel;
+use cumulo::render::differentiable::{Accumulators, Adjoint, ParameterGradient};
+use cumulo::render::dvr::{Dvr, Precision, Tape};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
@@ -19,12 +21,12 @@ const BACKGROUND: [f32; 3] = [0.9, 0.4, 0.1];
 const TARGET: [f64; 4] = [0.3, 0.1, 0.5, 0.2];
 const WEIGHT: [f64; 4] = [1.0, 2.0, 0.5, -0.7];
 
-fn loss<R: Real>(seen: &Radiance<R>) -> f64 {
+fn loss<R: Real>(seen: &Pixel<R>) -> f64 {
     let v = seen.rgba().map(Real::f64);
     (0..4).map(|c| 0.5 * WEIGHT[c] * (v[c] - TARGET[c]).powi(2)).sum()
 }
 
-fn slope<R: Real>(seen: &Radiance<R>) -> [R; 4] {
+fn slope<R: Real>(seen: &Pixel<R>) -> [R; 4] {
     let v = seen.rgba().map(Real::f64);
     std::array::from_fn(|c| R::of(WEIGHT[c] * (v[c] - TARGET[c])))
 }
@@ -33,8 +35,8 @@ const RULES: [Quadrature; 3] = [Quadrature::Exact, Quadrature::Midpoint(0.4), Qu
 const SOURCES: [Source; 2] = [Source::Grey([0.6, 0.3, 0.8]), Source::Linear([0.5, 1.5, 0.2])];
 
 fn total(f: &Bricks<f64>, medium: &Medium, background: [f32; 3], rule: Quadrature, rays: &[Ray]) -> f64 {
-    let dvr = Dvr::new(f, medium.clone()).unwrap().background(background).quadrature(rule).early_stop(0.0);
-    rays.iter().map(|r| loss(&dvr.radiance(r))).sum()
+    let dvr = Dvr::new(f, medium.clone()).unwrap().quadrature(rule).early_stop(0.0).over(background);
+    rays.iter().map(|r| loss(&dvr.pixel(r))).sum()
 }
 
 fn gradient<R: Precision>(
@@ -44,14 +46,14 @@ fn gradient<R: Precision>(
     adjoint: Adjoint,
     rays: &[Ray],
 ) -> (Vec<R>, ParameterGradient) {
-    let dvr = Dvr::new(f, medium.clone()).unwrap().background(BACKGROUND).quadrature(rule).early_stop(0.0);
+    let dvr = Dvr::new(f, medium.clone()).unwrap().quadrature(rule).early_stop(0.0).over(BACKGROUND);
     let (mut by_voxel, mut shared, mut tape) =
         (vec![R::ZERO; f.values.len()], ParameterGradient::default(), Tape::default());
     for ray in rays {
-        let sinks = Sinks { voxels: Some(&mut by_voxel), table: None, ray: None, shared: &mut shared };
-        let seen = dvr.gradient(ray, &mut slope, adjoint, sinks, &mut tape);
+        let sinks = Accumulators { voxels: Some(&mut by_voxel), table: None, ray: None, shared: &mut shared };
+        let seen = dvr.vjp(ray, &mut slope, adjoint, sinks, &mut tape);
         if adjoint != Adjoint::Inversion {
-            assert_eq!(seen, dvr.radiance(ray), "the gradient's value is the value");
+            assert_eq!(seen, dvr.pixel(ray), "the gradient's value is the value");
         }
     }
     (by_voxel, shared)
@@ -139,13 +141,13 @@ fn tape_and_replay_are_identical() {
 fn tape_and_replay_agree_after_an_early_stop() {
     let f: Bricks<f32> = field(24, unit(), |_| 0.5);
     let medium = Medium { extinction: 4.0, source: Source::Linear([1.0; 3]) };
-    let dvr = Dvr::new(&f, medium).unwrap().early_stop(1e-3);
+    let dvr = Dvr::new(&f, medium).unwrap().early_stop(1e-3).over([1.0; 3]);
     let rays = rays(f.world_bounds(), 50, 8);
     let run = |adjoint| {
         let (mut g, mut p, mut tape) = (vec![0.0; f.values.len()], ParameterGradient::default(), Tape::default());
         for r in &rays {
-            let sinks = Sinks { voxels: Some(&mut g), table: None, ray: None, shared: &mut p };
-            dvr.gradient(r, &mut slope, adjoint, sinks, &mut tape);
+            let sinks = Accumulators { voxels: Some(&mut g), table: None, ray: None, shared: &mut p };
+            dvr.vjp(r, &mut slope, adjoint, sinks, &mut tape);
         }
         (g, p)
     };

@@ -9,14 +9,15 @@ use cumulo::math::{Aabb, Affine};
 use cumulo::optimise::density::confidence::confidence;
 use cumulo::optimise::gradient::footprint::{Footprint, Lens};
 use cumulo::optimise::gradient::partition::Parts;
-use cumulo::optimise::gradient::pictures::{self, Accumulators, Gradients, Target};
+use cumulo::optimise::gradient::pictures::{self, Gradients, Target, Workspace};
 use cumulo::optimise::projection::depths::{Depths, mean};
 use cumulo::optimise::projection::observation::{DepthMap, Observation, Photo};
 use cumulo::optimise::projection::projector::{Projector, Sample, View};
 use cumulo::optimise::region::hull::Hull;
 use cumulo::optimise::solver::conjugate::{Equations, Solver};
 use cumulo::optimise::solver::smoother::Smoother;
-use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
+use cumulo::render::differentiable::{Accumulators, Adjoint, ParameterGradient};
+use cumulo::render::dvr::{Dvr, Tape};
 use cumulo::render::order::Tiles;
 use cumulo::render::picture;
 use cumulo::render::preshaded::Preshaded;
@@ -64,7 +65,7 @@ fn ball() -> Bricks<f32> {
 }
 
 fn photos(field: &Bricks<f32>, cameras: &[Camera], background: [f32; 3]) -> Vec<Photo> {
-    let dvr = Dvr::new(field, Medium::absorbing(1.5)).unwrap().background(background).early_stop(0.0);
+    let dvr = Dvr::new(field, Medium::absorbing(1.5)).unwrap().early_stop(0.0).over(background);
     let shoot = |camera: &Camera| Photo {
         camera: *camera,
         film: picture(&dvr, camera, 1, &AtomicBool::new(false)).unwrap(),
@@ -398,7 +399,7 @@ fn weights_follow_the_noise() {
 #[test]
 fn gradients_of_pictures_are_sums_over_rays() {
     let field: Bricks<f32> = field(40, odd(), lumps(40));
-    let dvr = Dvr::new(&field, Medium::absorbing(0.3)).unwrap();
+    let dvr = Dvr::new(&field, Medium::absorbing(0.3)).unwrap().over([1.0; 3]);
     let bounds = field.world_bounds();
     let target = |angle: f64| {
         let eye = bounds.centre() + 1.3 * bounds.size().max_element() * DVec3::new(angle.cos(), angle.sin(), 0.3);
@@ -417,8 +418,8 @@ fn gradients_of_pictures_are_sums_over_rays() {
         let d: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
         (d.iter().map(|d| f64::from(d * d)).sum(), d.map(|d| 2.0 * d))
     };
-    let mut kept = Accumulators::default();
-    let mut of = |target: &Target, accumulators: Option<&mut Accumulators<f32, Tape<f32>>>| {
+    let mut kept = Workspace::default();
+    let mut of = |target: &Target, accumulators: Option<&mut Workspace<f32, Tape<f32>>>| {
         let mut sum = vec![0.0; field.values.len()];
         let mut gradients = Gradients { voxels: Some(&mut sum), ..Gradients::default() };
         let accumulators = accumulators.unwrap_or(&mut kept);
@@ -427,14 +428,18 @@ fn gradients_of_pictures_are_sums_over_rays() {
     };
     for angle in [0.3, 2.0, 4.5] {
         let target = target(angle);
-        let (again, fresh) = (of(&target, None), of(&target, Some(&mut Accumulators::default())));
+        let (again, fresh) = (of(&target, None), of(&target, Some(&mut Workspace::default())));
         assert!(again == fresh, "other views left something behind");
         let (mut rays, mut tape) = (vec![0.0_f32; field.values.len()], Tape::default());
         for i in 0..83 * 77 {
             let ray = target.camera.ray(f64::from(i % 83) + 0.5, f64::from(i / 83) + 0.5);
-            let sinks =
-                Sinks { voxels: Some(&mut rays), table: None, ray: None, shared: &mut ParameterGradient::default() };
-            dvr.gradient(&ray, &mut |seen| squares(&seen.rgba(), &[0.2; 4]).1, Adjoint::Tape, sinks, &mut tape);
+            let sinks = Accumulators {
+                voxels: Some(&mut rays),
+                table: None,
+                ray: None,
+                shared: &mut ParameterGradient::default(),
+            };
+            dvr.vjp(&ray, &mut |seen| squares(&seen.rgba(), &[0.2; 4]).1, Adjoint::Tape, sinks, &mut tape);
         }
         let most = rays.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
         let off = rays.iter().zip(&fresh).fold(0.0_f32, |m, (a, b)| m.max((a - b).abs()));
@@ -448,7 +453,7 @@ fn gradients_of_pictures_are_sums_over_rays() {
 fn tiles_are_shared_out() {
     let field: Bricks<f32> = field(120, odd(), |_| 1.0);
     // Depth is length.
-    let dvr = Dvr::new(&field, Medium::absorbing(1.0)).unwrap().early_stop(0.0);
+    let dvr = Dvr::new(&field, Medium::absorbing(1.0)).unwrap().early_stop(0.0).over([1.0; 3]);
     let centre = field.world_bounds().centre();
     let size = field.world_bounds().size().max_element();
     let camera = |angle: f64| Camera {
@@ -478,7 +483,7 @@ fn tiles_are_shared_out() {
         assert!(handed_out.into_iter().eq(all), "each once");
         let way = |picture: usize, tile: usize| -> f64 {
             let ray = |[x, y]: [usize; 2]| cameras[picture].ray(x as f64 + 0.5, y as f64 + 0.5);
-            tiles.pixels(tile).map(|pixel| dvr.optical_depth(&ray(pixel))).sum()
+            tiles.pixels(tile).map(|pixel| dvr.integrator.optical_depth(&ray(pixel))).sum()
         };
         let ways = parts.tiles.iter().map(|tiles| tiles.iter().map(|tile| way(tile.picture, tile.number)).sum());
         let ways: Vec<f64> = ways.collect();
@@ -493,7 +498,7 @@ fn tiles_are_shared_out() {
 #[test]
 fn rays_stay_in_footprints() {
     let field: Bricks<f32> = field(40, odd(), lumps(40));
-    let dvr = Dvr::new(&field, Medium::absorbing(0.3)).unwrap();
+    let dvr = Dvr::new(&field, Medium::absorbing(0.3)).unwrap().over([1.0; 3]);
     let centre = field.world_bounds().centre();
     let size = field.world_bounds().size().max_element();
     let from = |eye: DVec3, projection: Projection, focal: f64| Camera {
@@ -520,10 +525,14 @@ fn rays_stay_in_footprints() {
         for i in (0..24 * 20).step_by(7) {
             let (x, y) = (i % 24, i / 24);
             let mut voxels = vec![0.0_f32; field.values.len()];
-            let sinks =
-                Sinks { voxels: Some(&mut voxels), table: None, ray: None, shared: &mut ParameterGradient::default() };
+            let sinks = Accumulators {
+                voxels: Some(&mut voxels),
+                table: None,
+                ray: None,
+                shared: &mut ParameterGradient::default(),
+            };
             let ray = camera.ray(x as f64 + 0.99, y as f64 + 0.01);
-            dvr.gradient(&ray, &mut |_| [1.0; 4], Adjoint::Tape, sinks, &mut Tape::default());
+            dvr.vjp(&ray, &mut |_| [1.0; 4], Adjoint::Tape, sinks, &mut Tape::default());
             for (brick, values) in voxels.chunks(BRICK).enumerate() {
                 let Footprint { low, high } = footprints[brick];
                 let (left, top) = (x as f64, y as f64);
@@ -562,7 +571,7 @@ fn a_wall_hides_what_is_behind_it() {
         near: 0.0,
     };
     let target = Target { camera, rgba: vec![[0.5; 4]; 48 * 48], rays_per_edge: 1 };
-    let renderer = Preshaded::new(&field, [0.9, 0.1, 0.4]);
+    let renderer = Preshaded::new(&field).over([0.9, 0.1, 0.4]);
     let known = confidence(&renderer, &[&target], 0.01, &[(&[3], 0.1), (&[0, 1, 2], 0.1)], Cancel::NEVER, |_, _| ());
     let known = known.unwrap();
     for (which, known) in ["extinction", "emission"].into_iter().zip(known) {

@@ -5,8 +5,7 @@ mod fields;
 
 use cumulo::math::{Aabb, Affine, Ray};
 use cumulo::real::Real;
-use cumulo::render::Renderer;
-use cumulo::render::dvr::{Adjoint, ParameterGradient, RayGradient, Sinks};
+use cumulo::render::differentiable::{Accumulators, Adjoint, ParameterGradient, RayGradient};
 use cumulo::render::preshaded::{Preshaded, Tape};
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, CameraGradient, Projection};
@@ -37,9 +36,9 @@ fn one_color_is_seen_by_alpha() {
     for thick in [1e-3, 0.3, 3.0, 40.0] {
         let mut volume = volume::<f64>(thick, odd());
         volume.values.iter_mut().for_each(|v| *v = DVec4::new(0.9, 0.5, 0.1, 1.0) * v.w);
-        let renderer = Preshaded::<f64>::new(&volume, [0.2, 0.0, 0.0]);
+        let renderer = Preshaded::<f64>::new(&volume).over([0.2, 0.0, 0.0]);
         for ray in rays(&odd()) {
-            let seen = renderer.trace(&ray, &mut Tape::default());
+            let seen = renderer.pixel_on(&ray, &mut Tape::default());
             let (t, alpha) = (seen.transmittance, 1.0 - seen.transmittance);
             let wanted = [0.9 * alpha + 0.2 * t, 0.5 * alpha, 0.1 * alpha];
             for (c, wanted) in wanted.iter().enumerate() {
@@ -57,14 +56,14 @@ fn early_stops_are_off_by_no_more_than_is_said() {
         // Rays end between batches of bricks: there must be several.
         let mut volume = tinted::<f64>(100, 0.05, unit());
         volume.values.iter_mut().for_each(|v| v.x += glow);
-        let whole = Preshaded::<f64>::new(&volume, [0.2, 0.0, 0.9]).early_stop(0.0);
-        let ended = whole.clone().early_stop(0.4);
+        let whole = Preshaded::<f64>::new(&volume).early_stop(0.0).over([0.2, 0.0, 0.9]);
+        let ended = whole.clone().with(|volume| volume.early_stop(0.4));
         assert!(whole.left_out() == 0.0 && ended.left_out().is_finite());
         let mut off = 0.0_f64;
         for k in 0..20 {
             let direction = DVec3::new(1.0, 0.3 * noise(k), 0.2 * noise(k + 50)).normalize();
             let ray = Ray { origin: DVec3::new(-5.0, 90.0 * noise(k + 70), 90.0 * noise(k + 90)), direction };
-            let [a, b] = [&whole, &ended].map(|renderer| renderer.trace(&ray, &mut Tape::default()).rgba());
+            let [a, b] = [&whole, &ended].map(|renderer| renderer.pixel_on(&ray, &mut Tape::default()).rgba());
             off = (0..4).fold(off, |most, c| most.max((a[c] - b[c]).abs()));
         }
         assert!(off <= ended.left_out() && off > 1e-3, "{glow}: off by {off}, {} said", ended.left_out());
@@ -81,7 +80,7 @@ fn light_is_that_of_small_steps() {
         transform: volume.transform,
         domain: volume.domain,
     });
-    let renderer = Preshaded::<f64>::new(&volume, [0.0; 3]);
+    let renderer = Preshaded::<f64>::new(&volume).over([0.0; 3]);
     for ray in rays(&unit()).iter().take(4) {
         let (steps, length) = (200_000, 80.0);
         let step = length / f64::from(steps);
@@ -94,7 +93,7 @@ fn light_is_that_of_small_steps() {
             }
             depth += x;
         }
-        let seen = renderer.trace(ray, &mut Tape::default());
+        let seen = renderer.pixel_on(ray, &mut Tape::default());
         assert!((seen.depth - depth).abs() < 1e-6 * (1.0 + depth), "{} {depth}", seen.depth);
         for c in 0..3 {
             assert!((seen.rgb[c] - light[c]).abs() < 5e-5 * light[c], "{:?} {light:?}", seen.rgb);
@@ -110,14 +109,14 @@ fn gradients_are_those_of_differences() {
         for ray in rays(&odd()).iter().take(3) {
             let weights = [0.7, -0.3, 0.5, 0.9];
             let value = |volume: &Bricks<DVec4>| {
-                let seen = Preshaded::<f64>::new(volume, [0.4, 0.1, 0.8]).trace(ray, &mut Tape::default());
+                let seen = Preshaded::<f64>::new(volume).over([0.4, 0.1, 0.8]).pixel_on(ray, &mut Tape::default());
                 seen.rgba().iter().zip(weights).map(|(v, w)| v * w).sum::<f64>()
             };
             let mut gradient = vec![DVec4::ZERO; volume.values.len()];
             let mut shared = ParameterGradient::default();
-            let sinks = Sinks { voxels: Some(&mut gradient[..]), table: None, ray: None, shared: &mut shared };
-            let renderer = Preshaded::<f64>::new(&volume, [0.4, 0.1, 0.8]);
-            renderer.gradient(ray, &mut |_| weights, Adjoint::Tape, sinks, &mut Tape::default());
+            let sinks = Accumulators { voxels: Some(&mut gradient[..]), table: None, ray: None, shared: &mut shared };
+            let renderer = Preshaded::<f64>::new(&volume).over([0.4, 0.1, 0.8]);
+            renderer.vjp(ray, &mut |_| weights, Adjoint::Tape, sinks, &mut Tape::default());
             let scale = gradient.iter().fold(0.0_f64, |a, v| a.max(v.abs().max_element()));
             let touched: Vec<usize> = (0..gradient.len()).filter(|i| gradient[*i] != DVec4::ZERO).collect();
             assert!(touched.len() > 50);
@@ -153,7 +152,7 @@ fn spread_is_the_transpose() {
     for (k, ray) in rays(&odd()).iter().enumerate() {
         let by = [noise(k as u64), -noise(k as u64 + 9), 0.3];
         let mut tape = Tape::default();
-        let seen = Preshaded::<f64>::new(&other, [0.0; 3]).trace(ray, &mut tape);
+        let seen = Preshaded::<f64>::new(&other).over([0.0; 3]).pixel_on(ray, &mut tape);
         let mut gradient = vec![DVec4::ZERO; base.values.len()];
         tape.spread(by, &mut gradient);
         let forward: f64 = (0..3).map(|c| by[c] * seen.rgb[c]).sum();
@@ -166,8 +165,8 @@ fn spread_is_the_transpose() {
 fn single_precision_is_close() {
     let (single, double) = (volume::<f32>(0.8, odd()), volume::<f64>(0.8, odd()));
     for ray in rays(&odd()) {
-        let a = Preshaded::<f32>::new(&single, [0.5; 3]).radiance_on(&ray, &mut Tape::default());
-        let b = Preshaded::<f64>::new(&double, [0.5; 3]).trace(&ray, &mut Tape::default());
+        let a = Preshaded::<f32>::new(&single).over([0.5; 3]).pixel_on(&ray, &mut Tape::default());
+        let b = Preshaded::<f64>::new(&double).over([0.5; 3]).pixel_on(&ray, &mut Tape::default());
         for c in 0..3 {
             assert!((f64::from(a.rgb[c]) - b.rgb[c]).abs() < 1e-5, "{:?} {:?}", a.rgb, b.rgb);
         }
@@ -178,16 +177,16 @@ const WEIGHTS: [f64; 4] = [0.7, -0.3, 0.5, 0.9];
 const BACKGROUND: [f32; 3] = [0.4, 0.1, 0.8];
 
 fn loss(volume: &Bricks<DVec4>, ray: &Ray) -> f64 {
-    let seen = Preshaded::<f64>::new(volume, BACKGROUND).trace(ray, &mut Tape::default());
+    let seen = Preshaded::<f64>::new(volume).over(BACKGROUND).pixel_on(ray, &mut Tape::default());
     seen.rgba().iter().zip(WEIGHTS).map(|(v, w)| v * w).sum()
 }
 
 /// Derivatives by the ray and by the background.
 fn followed(volume: &Bricks<DVec4>, ray: &Ray) -> (RayGradient, [f64; 3]) {
     let (mut by, mut shared) = (RayGradient::default(), ParameterGradient::default());
-    let sinks = Sinks { voxels: None, table: None, ray: Some(&mut by), shared: &mut shared };
-    let renderer = Preshaded::<f64>::new(volume, BACKGROUND);
-    renderer.gradient(ray, &mut |_| WEIGHTS, Adjoint::Tape, sinks, &mut Tape::default());
+    let sinks = Accumulators { voxels: None, table: None, ray: Some(&mut by), shared: &mut shared };
+    let renderer = Preshaded::<f64>::new(volume).over(BACKGROUND);
+    renderer.vjp(ray, &mut |_| WEIGHTS, Adjoint::Tape, sinks, &mut Tape::default());
     (by, shared.background)
 }
 
@@ -258,7 +257,7 @@ fn a_grazed_face_does_no_harm() {
         let ray = ray(9.0 - 38.0 * tilt, tilt);
         let mut by = RayGradient::default();
         let weights = WEIGHTS.map(|w| w as f32);
-        Preshaded::<f32>::new(&single, BACKGROUND).followed(&ray, weights, &mut by, &mut Tape::default());
+        Preshaded::<f32>::new(&single).over(BACKGROUND).ray_vjp(&ray, weights, &mut by, &mut Tape::default());
         for found in [by.origin, followed(&double, &ray).0.origin] {
             let slack = DVec3::splat(1e-4);
             let inside = found.cmpge(low.min(high) - slack) & found.cmple(low.max(high) + slack);
@@ -309,7 +308,7 @@ fn cameras_and_background_have_the_derivatives_of_differences() {
     }
     for ray in rays(&odd()) {
         let found = followed(&volume, &ray).1;
-        let open = Preshaded::<f64>::new(&volume, BACKGROUND).trace(&ray, &mut Tape::default()).transmittance;
+        let open = Preshaded::<f64>::new(&volume).over(BACKGROUND).pixel_on(&ray, &mut Tape::default()).transmittance;
         assert_eq!(found, [0, 1, 2].map(|c| WEIGHTS[c] * open));
     }
 }
@@ -329,13 +328,14 @@ fn a_ray_that_misses_has_no_derivative() {
 fn what_else_is_asked_for_changes_nothing() {
     let volume = volume::<f64>(3.0, odd());
     for ray in rays(&odd()) {
-        let renderer = Preshaded::<f64>::new(&volume, BACKGROUND);
+        let renderer = Preshaded::<f64>::new(&volume).over(BACKGROUND);
         let mut tape = Tape::default();
-        let seen = renderer.trace(&ray, &mut tape);
+        let seen = renderer.pixel_on(&ray, &mut tape);
         let [mut by_tape, mut by_value] = [(); 2].map(|()| vec![DVec4::ZERO; volume.values.len()]);
         let (mut by_ray, mut shared) = (RayGradient::default(), ParameterGradient::default());
-        let sinks = Sinks { voxels: Some(&mut by_value[..]), table: None, ray: Some(&mut by_ray), shared: &mut shared };
-        assert_eq!(renderer.gradient(&ray, &mut |_| WEIGHTS, Adjoint::Tape, sinks, &mut tape), seen);
+        let sinks =
+            Accumulators { voxels: Some(&mut by_value[..]), table: None, ray: Some(&mut by_ray), shared: &mut shared };
+        assert_eq!(renderer.vjp(&ray, &mut |_| WEIGHTS, Adjoint::Tape, sinks, &mut tape), seen);
         assert_eq!((by_ray, shared.background), followed(&volume, &ray));
         tape.spread([WEIGHTS[0], WEIGHTS[1], WEIGHTS[2]], &mut by_tape);
         for (a, b) in by_tape.iter().zip(&by_value) {
@@ -350,7 +350,7 @@ fn single_precision_follows_as_closely() {
     let all = rays(&odd()).into_iter().map(|ray| {
         let mut by = RayGradient::default();
         let weights = WEIGHTS.map(|w| w as f32);
-        Preshaded::<f32>::new(&single, BACKGROUND).followed(&ray, weights, &mut by, &mut Tape::default());
+        Preshaded::<f32>::new(&single).over(BACKGROUND).ray_vjp(&ray, weights, &mut by, &mut Tape::default());
         (by, followed(&double, &ray).0)
     });
     let all: Vec<_> = all.collect();

@@ -6,8 +6,8 @@ mod fields;
 use cumulo::math::{Aabb, Ray};
 use cumulo::real::Lanes;
 use cumulo::real::Real;
-use cumulo::render::Renderer;
-use cumulo::render::dvr::{Adjoint, ParameterGradient, RayGradient, Seeds, Sinks};
+use cumulo::render::composited::Composited;
+use cumulo::render::differentiable::{Accumulators, Adjoint, ParameterGradient, RayGradient, Seeds};
 use cumulo::render::preshaded::{Preshaded, Tape};
 use cumulo::scene::bricks::Bricks;
 use fields::{noise, odd, rays, tinted, unit};
@@ -75,13 +75,14 @@ struct Found<R: Real> {
     background: [f64; 3],
 }
 
-fn back<R: Real>(renderer: &Preshaded<'_, R>, ray: &Ray, weights: [f64; 4], adjoint: Adjoint) -> Found<R> {
-    let mut values = vec![R::Lanes::default(); renderer.field().values.len()];
+fn back<R: Real>(renderer: &Composited<Preshaded<'_, R>>, ray: &Ray, weights: [f64; 4], adjoint: Adjoint) -> Found<R> {
+    let mut values = vec![R::Lanes::default(); renderer.integrator.field().values.len()];
     let (mut by_ray, mut shared) = (RayGradient::default(), ParameterGradient::default());
-    let sinks = Sinks { voxels: Some(&mut values[..]), table: None, ray: Some(&mut by_ray), shared: &mut shared };
+    let sinks =
+        Accumulators { voxels: Some(&mut values[..]), table: None, ray: Some(&mut by_ray), shared: &mut shared };
     let mut tape = Tape::default();
-    let seen = Renderer::gradient(renderer, ray, &mut |_| weights.map(R::of), adjoint, sinks, &mut tape);
-    assert_eq!(seen, renderer.seen(ray, &mut tape), "a gradient's value is the value");
+    let seen = renderer.vjp(ray, &mut |_| weights.map(R::of), adjoint, sinks, &mut tape);
+    assert_eq!(seen, renderer.pixel_on(ray, &mut tape), "a gradient's value is the value");
     Found { values, ray: by_ray, background: shared.background }
 }
 
@@ -89,13 +90,13 @@ fn back<R: Real>(renderer: &Preshaded<'_, R>, ray: &Ray, weights: [f64; 4], adjo
 /// of the walk without derivatives.
 fn the_identity_holds<R: Real>(relative: f64) {
     for volume in volumes::<R>() {
-        let (renderer, steps) = (Preshaded::<R>::new(&volume, BACKGROUND), steps::<R>(&volume));
+        let (renderer, steps) = (Preshaded::<R>::new(&volume).over(BACKGROUND), steps::<R>(&volume));
         let mut compared = 0;
         for (i, ray) in rays(volume.world_bounds(), 12, 5).iter().enumerate() {
             let weights: [f64; 4] = std::array::from_fn(|c| signed(1000 + 4 * i as u64 + c as u64));
             let mut tape = Tape::default();
-            let pushed = renderer.tangent::<6>(ray, &seeds(&steps), &mut tape);
-            assert_eq!(pushed.radiance(), renderer.seen(ray, &mut tape), "the tangent's value is the value");
+            let pushed = renderer.jvp::<6>(ray, &seeds(&steps), &mut tape);
+            assert_eq!(pushed.pixel(), renderer.pixel_on(ray, &mut tape), "the tangent's value is the value");
             let found = back(&renderer, ray, weights, Adjoint::Tape);
             for (p, Step { values, ray: by, shared }) in steps.iter().enumerate() {
                 let mut terms = Vec::new();
@@ -131,12 +132,12 @@ fn tangents_are_those_of_differences() {
     for volume in volumes::<f64>() {
         let steps = steps::<f64>(&volume);
         for ray in rays(volume.world_bounds(), 8, 2) {
-            let renderer = Preshaded::<f64>::new(&volume, [0.5; 3]);
+            let renderer = Preshaded::<f64>::new(&volume).over([0.5; 3]);
             // Unit length is kept to first order by steps across the direction.
             let across = |by: &RayGradient| by.direction - ray.direction * ray.direction.dot(by.direction);
             let mut seeds = seeds::<f64, 6>(&steps);
             seeds.ray.iter_mut().for_each(|by| by.direction = across(by));
-            let found = renderer.tangent(&ray, &seeds, &mut Tape::default()).rgba();
+            let found = renderer.jvp(&ray, &seeds, &mut Tape::default()).rgba();
             for (p, step) in steps.iter().enumerate().take(4) {
                 let at = |h: f64| {
                     let mut moved = volume.clone();
@@ -144,8 +145,9 @@ fn tangents_are_those_of_differences() {
                     moved.values.iter_mut().zip(by).for_each(|(v, by)| *v += h * *by);
                     let origin = ray.origin + h * step.ray.origin;
                     let direction = (ray.direction + h * across(&step.ray)).normalize();
-                    let seen =
-                        Preshaded::<f64>::new(&moved, [0.5; 3]).seen(&Ray { origin, direction }, &mut Tape::default());
+                    let seen = Preshaded::<f64>::new(&moved)
+                        .over([0.5; 3])
+                        .pixel_on(&Ray { origin, direction }, &mut Tape::default());
                     let behind = seen.transmittance * h;
                     let rgb: [f64; 3] = std::array::from_fn(|c| seen.rgb[c] + behind * step.shared.background[c]);
                     [rgb[0], rgb[1], rgb[2], 1.0 - seen.transmittance]
@@ -163,7 +165,7 @@ fn tangents_are_those_of_differences() {
 
 /// How far another adjoint is from the tape's, relative to the largest derivative.
 fn off<R: Real>(volume: &Bricks<R::Lanes>, early_stop: f64, adjoint: Adjoint) -> f64 {
-    let renderer = Preshaded::<R>::new(volume, BACKGROUND).early_stop(early_stop);
+    let renderer = Preshaded::<R>::new(volume).early_stop(early_stop).over(BACKGROUND);
     let mut worst = 0.0_f64;
     for (i, ray) in rays(volume.world_bounds(), 8, 5).iter().enumerate() {
         let weights: [f64; 4] = std::array::from_fn(|c| signed(4 * i as u64 + c as u64));
@@ -210,11 +212,11 @@ fn only_the_inversion_breaks_where_all_is_opaque() {
 #[test]
 fn what_misses_the_volume_sees_the_background() {
     let volume = tinted::<f64>(20, 1.0, unit());
-    let renderer = Preshaded::<f64>::new(&volume, BACKGROUND);
+    let renderer = Preshaded::<f64>::new(&volume).over(BACKGROUND);
     let ray = Ray { origin: volume.world_bounds().max + 10.0, direction: DVec3::X };
     let steps = steps::<f64>(&volume);
-    let seen = renderer.tangent::<6>(&ray, &seeds(&steps), &mut Tape::default());
-    assert_eq!(seen.radiance(), renderer.seen(&ray, &mut Tape::default()));
+    let seen = renderer.jvp::<6>(&ray, &seeds(&steps), &mut Tape::default());
+    assert_eq!(seen.pixel(), renderer.pixel_on(&ray, &mut Tape::default()));
     let by = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     assert_eq!(seen.rgb.map(|c| c.tangent), [0.3, 0.7, -1.1].map(|b| by.map(|by| by * b)));
     assert_eq!(seen.transmittance.tangent, [0.0; 6]);

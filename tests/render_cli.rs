@@ -29,8 +29,7 @@ fn field(path: &Path) -> Bricks<f32> {
 fn assert_as_described(work: &Work, folder: &str, volume: &Path, quadrature: Quadrature) {
     let capture = transforms::load(&work.path(folder)).unwrap();
     let field = field(volume);
-    let dvr =
-        Dvr::new(&field, capture.medium().unwrap()).unwrap().background(capture.background).quadrature(quadrature);
+    let dvr = Dvr::new(&field, capture.medium().unwrap()).unwrap().quadrature(quadrature).over(capture.background);
     for frame in &capture.frames {
         let expected = render::picture(&dvr, &frame.camera, 1, &AtomicBool::new(false)).unwrap();
         assert!(exr::read_picture(&frame.picture, None).unwrap() == expected, "{}", frame.picture.display());

@@ -6,7 +6,8 @@ mod fields;
 
 use cumulo::math::{Affine, Ray};
 use cumulo::real::Real;
-use cumulo::render::dvr::{Adjoint, Dvr, ParameterGradient, Precision, Sinks, Tape};
+use cumulo::render::differentiable::{Accumulators, Adjoint, ParameterGradient};
+use cumulo::render::dvr::{Dvr, Precision, Tape};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
@@ -17,11 +18,11 @@ use std::sync::Arc;
 
 /// Gradient of rgb·(1, 2, 3) + alpha along one ray, by the given adjoint.
 fn gradient<R: Precision>(f: &Bricks<R>, medium: &Medium, rule: Quadrature, adjoint: Adjoint, ray: &Ray) -> Vec<f64> {
-    let dvr = Dvr::new(f, medium.clone()).unwrap().quadrature(rule).background([0.3, 0.2, 0.1]).early_stop(0.0);
+    let dvr = Dvr::new(f, medium.clone()).unwrap().quadrature(rule).early_stop(0.0).over([0.3, 0.2, 0.1]);
     let (mut g, mut p, mut tape) = (vec![R::ZERO; f.values.len()], ParameterGradient::default(), Tape::default());
     let weights = [R::ONE, R::of(2.0), R::of(3.0), R::ONE];
-    let sinks = Sinks { voxels: Some(&mut g), table: None, ray: None, shared: &mut p };
-    dvr.gradient(ray, &mut |_| weights, adjoint, sinks, &mut tape);
+    let sinks = Accumulators { voxels: Some(&mut g), table: None, ray: None, shared: &mut p };
+    dvr.vjp(ray, &mut |_| weights, adjoint, sinks, &mut tape);
     g.into_iter().map(Real::f64).collect()
 }
 
@@ -201,10 +202,10 @@ fn degenerate_volumes() {
     let empty: Bricks<f32> = field(8, unit(), |_| 0.0);
     assert!(empty.topology.is_empty());
     let ray = Ray { origin: DVec3::new(-5.0, 4.0, 4.0), direction: DVec3::X };
-    let seen = Dvr::new(&empty, Medium::absorbing(1.0)).unwrap().radiance(&ray);
+    let seen = Dvr::new(&empty, Medium::absorbing(1.0)).unwrap().over([1.0; 3]).pixel(&ray);
     assert_eq!((seen.rgb, seen.transmittance), ([1.0; 3], 1.0));
     // Along no axis, where the empty box's slabs are all crossed.
-    let slanted = Dvr::new(&empty, Medium::absorbing(1.0)).unwrap().radiance(&slanted());
+    let slanted = Dvr::new(&empty, Medium::absorbing(1.0)).unwrap().over([1.0; 3]).pixel(&slanted());
     assert_eq!((slanted.rgb, slanted.transmittance), ([1.0; 3], 1.0));
 
     // One voxel at the low corner of a leaf: it reaches into bricks that have no leaf.
@@ -236,12 +237,11 @@ fn early_stops_are_off_by_no_more_than_is_said() {
     for source in sources {
         let medium = Medium { extinction: 0.1, source: source.clone() };
         for rule in [Quadrature::Exact, Quadrature::PREINTEGRATED, Quadrature::Midpoint(0.5)] {
-            let whole =
-                Dvr::new(&f, medium.clone()).unwrap().background([0.5, 2.0, 0.1]).quadrature(rule).early_stop(0.0);
-            let ended = whole.clone().early_stop(0.2);
+            let whole = Dvr::new(&f, medium.clone()).unwrap().quadrature(rule).early_stop(0.0).over([0.5, 2.0, 0.1]);
+            let ended = whole.clone().with(|dvr| dvr.early_stop(0.2));
             let mut off = 0.0_f64;
             for ray in rays(f.world_bounds(), 60, 5) {
-                let [a, b] = [&whole, &ended].map(|dvr| dvr.radiance(&ray).rgba());
+                let [a, b] = [&whole, &ended].map(|dvr| dvr.pixel(&ray).rgba());
                 off = (0..4).fold(off, |most, c| most.max((a[c] - b[c]).abs()));
             }
             let bound = ended.left_out();

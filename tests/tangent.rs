@@ -7,7 +7,9 @@ mod fields;
 
 use cumulo::math::{Aabb, Ray};
 use cumulo::real::Real;
-use cumulo::render::dvr::{Adjoint, Directions, Dvr, ParameterGradient, Radiance, RayGradient, Seeds, Sinks, Tape};
+use cumulo::render::composited::{Composited, Pixel};
+use cumulo::render::differentiable::{Accumulators, Adjoint, ParameterGradient, RayGradient, Seeds};
+use cumulo::render::dvr::{Directions, Dvr, Tape};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, CameraGradient, Projection};
@@ -37,9 +39,9 @@ fn is_double<R: Real>() -> bool {
     R::EPSILON.f64() < 1e-10
 }
 
-fn dvr<R: Real>(f: &Bricks<R>, medium: Medium, rule: Quadrature) -> Dvr<'_, R> {
+fn dvr<R: Real>(f: &Bricks<R>, medium: Medium, rule: Quadrature) -> Composited<Dvr<'_, R>> {
     let tolerance = if is_double::<R>() { 1e-11 } else { 4e-7 };
-    Dvr::new(f, medium).unwrap().background(BACKGROUND).quadrature(rule).tolerance(tolerance).early_stop(0.0)
+    Dvr::new(f, medium).unwrap().quadrature(rule).tolerance(tolerance).early_stop(0.0).over(BACKGROUND)
 }
 
 /// Not zero where its domain ends: entry and exit count. It ends inside of bricks.
@@ -131,23 +133,23 @@ fn seeds<'s, R: Real, const P: usize>(steps: &'s [Step<R>]) -> Seeds<'s, R, P> {
 
 /// `⟨J v, w⟩` and `⟨v, Jᵀ w⟩` of one ray, and what rounding is relative to: the sum of the magnitudes that
 /// either is added up from.
-fn both<R: Directions<2>>(dvr: &Dvr<'_, R>, ray: &Ray, number: u64, steps: &[Step<R>]) -> [[f64; 3]; 2] {
+fn both<R: Directions<2>>(dvr: &Composited<Dvr<'_, R>>, ray: &Ray, number: u64, steps: &[Step<R>]) -> [[f64; 3]; 2] {
     let w: [f64; 4] = std::array::from_fn(|c| signed(1000 + 4 * number + c as u64));
     let mut tape = Tape::default();
-    let pushed = dvr.tangent::<2>(ray, &seeds(steps), &mut tape);
-    assert_eq!(pushed.radiance(), dvr.radiance(ray), "the tangent's value is the value");
+    let pushed = dvr.jvp::<2>(ray, &seeds(steps), &mut tape);
+    assert_eq!(pushed.pixel(), dvr.pixel(ray), "the tangent's value is the value");
     let first = &steps[0];
     let mut voxels = first.voxels.as_ref().map(|v| vec![R::ZERO; v.len()]);
     let mut table = first.table.as_ref().map(|t| TableGradient::of_knots(t.steps.len()));
     let (mut moved, mut shared) = (RayGradient::default(), ParameterGradient::default());
     let follows = first.ray != RayGradient::default();
-    let sinks = Sinks {
+    let sinks = Accumulators {
         voxels: voxels.as_deref_mut(),
         table: table.as_mut(),
         ray: follows.then_some(&mut moved),
         shared: &mut shared,
     };
-    dvr.gradient(ray, &mut |_: &Radiance<R>| w.map(R::of), Adjoint::Tape, sinks, &mut tape);
+    dvr.vjp(ray, &mut |_: &Pixel<R>| w.map(R::of), Adjoint::Tape, sinks, &mut tape);
     std::array::from_fn(|p| {
         let Step { voxels: v, table: t, ray: r, shared: s } = &steps[p];
         let mut terms = vec![moved.step * r.step, shared.extinction * s.extinction];
@@ -219,13 +221,13 @@ fn directions_do_not_see_each_other() {
             let dvr = dvr(&f, medium.clone(), Quadrature::Midpoint(0.4));
             let mut tape = Tape::default();
             for ray in rays(f.world_bounds(), 4, 6) {
-                let seven = dvr.tangent::<7>(&ray, &seeds(&steps), &mut tape).rgba();
-                let six = dvr.tangent::<6>(&ray, &seeds(&steps), &mut tape).rgba();
+                let seven = dvr.jvp::<7>(&ray, &seeds(&steps), &mut tape).rgba();
+                let six = dvr.jvp::<6>(&ray, &seeds(&steps), &mut tape).rgba();
                 for c in 0..4 {
                     assert_eq!(six[c].tangent, seven[c].tangent[..6]);
                 }
                 // Table seeds decide which bricks are walked: the first direction has all, like the seven.
-                let one = dvr.tangent::<1>(&ray, &seeds(&steps), &mut tape).rgba();
+                let one = dvr.jvp::<1>(&ray, &seeds(&steps), &mut tape).rgba();
                 for c in 0..4 {
                     assert_eq!(one[c].tangent[0], seven[c].tangent[0]);
                 }
@@ -244,8 +246,8 @@ fn what_misses_the_volume_sees_the_background() {
     let mut seeds: Seeds<'_, f64, 2> = Seeds::default();
     seeds.shared[1].background = [1.0, 2.0, 3.0];
     seeds.shared[0].extinction = 1.0;
-    let seen = dvr.tangent(&ray, &seeds, &mut Tape::default());
-    assert_eq!(seen.radiance(), dvr.radiance(&ray));
+    let seen = dvr.jvp(&ray, &seeds, &mut Tape::default());
+    assert_eq!(seen.pixel(), dvr.pixel(&ray));
     assert_eq!(seen.rgb.map(|c| c.tangent), [[0.0, 1.0], [0.0, 2.0], [0.0, 3.0]]);
     assert_eq!(seen.transmittance.tangent, [0.0; 2]);
 }
@@ -294,10 +296,10 @@ fn tangents_match_central_differences() {
                         direction: (ray.direction + only(1) * across).normalize(),
                     };
                     let medium = Medium { extinction: 0.8 + only(5), source };
-                    dvr(&moved, medium, stepped(rule, only(2))).radiance(&ray).rgba()
+                    dvr(&moved, medium, stepped(rule, only(2))).pixel(&ray).rgba()
                 };
                 let found = dvr(&f, Medium { extinction: 0.8, source: of(&transfer) }, rule);
-                let found = found.tangent(ray, &seeds, &mut Tape::default()).rgba();
+                let found = found.jvp(ray, &seeds, &mut Tape::default()).rgba();
                 for p in 0..6 {
                     // From above alone, to second order, where less is no density or no function.
                     let one_sided = p == 3 || p == 4;
@@ -353,7 +355,7 @@ fn pixels_follow_their_camera() {
             let Ray { origin, direction } = camera.tangent(x, y, &by(p));
             seeds.ray[p] = RayGradient { origin, direction, step: 0.0 };
         }
-        let found = dvr.tangent(&camera.ray(x, y), &seeds, &mut Tape::default()).rgba();
+        let found = dvr.jvp(&camera.ray(x, y), &seeds, &mut Tape::default()).rgba();
         for p in 0..7 {
             let at = |h: f64| {
                 let step = by(p);
@@ -363,7 +365,7 @@ fn pixels_follow_their_camera() {
                     focal: h * step.focal,
                     centre: h * step.centre,
                 };
-                dvr.radiance(&camera.moved(&step).ray(x, y)).rgba()
+                dvr.pixel(&camera.moved(&step).ray(x, y)).rgba()
             };
             let (up, down) = (at(1e-6), at(-1e-6));
             for c in 0..4 {

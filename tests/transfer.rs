@@ -7,9 +7,9 @@ mod fields;
 
 use cumulo::math::Ray;
 use cumulo::real::Real;
-use cumulo::render::dvr::{
-    Adjoint, Dvr, ParameterGradient, Precision, Radiance, RayGradient, Sinks, TableJacobian, Tape,
-};
+use cumulo::render::composited::{Composited, Pixel};
+use cumulo::render::differentiable::{Accumulators, Adjoint, ParameterGradient, RayGradient};
+use cumulo::render::dvr::{Dvr, Precision, TableJacobian, Tape};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
@@ -26,12 +26,12 @@ const RULES: [Quadrature; 3] = [Quadrature::Exact, Quadrature::Midpoint(0.4), Qu
 /// Those that have derivatives by where rays go, and one that has not.
 const ALL_RULES: [Quadrature; 4] = [RULES[0], RULES[1], RULES[2], Quadrature::PREINTEGRATED];
 
-fn loss<R: Real>(seen: &Radiance<R>) -> f64 {
+fn loss<R: Real>(seen: &Pixel<R>) -> f64 {
     let v = seen.rgba().map(Real::f64);
     (0..4).map(|c| 0.5 * WEIGHT[c] * (v[c] - TARGET[c]).powi(2)).sum()
 }
 
-fn slope<R: Real>(seen: &Radiance<R>) -> [R; 4] {
+fn slope<R: Real>(seen: &Pixel<R>) -> [R; 4] {
     let v = seen.rgba().map(Real::f64);
     std::array::from_fn(|c| R::of(WEIGHT[c] * (v[c] - TARGET[c])))
 }
@@ -40,14 +40,14 @@ fn medium(transfer: &Transfer, extinction: f64) -> Medium {
     Medium { extinction, source: Source::Transfer(Arc::new(transfer.table().unwrap())) }
 }
 
-fn dvr<R: Real>(f: &Bricks<R>, medium: Medium, rule: Quadrature) -> Dvr<'_, R> {
+fn dvr<R: Real>(f: &Bricks<R>, medium: Medium, rule: Quadrature) -> Composited<Dvr<'_, R>> {
     let tolerance = if R::of(1.0 / 3.0).f64() == 1.0 / 3.0 { 1e-11 } else { 4e-7 };
-    Dvr::new(f, medium).unwrap().background(BACKGROUND).quadrature(rule).tolerance(tolerance).early_stop(0.0)
+    Dvr::new(f, medium).unwrap().quadrature(rule).tolerance(tolerance).early_stop(0.0).over(BACKGROUND)
 }
 
 fn total(f: &Bricks<f64>, medium: &Medium, rule: Quadrature, rays: &[Ray]) -> f64 {
     let dvr = dvr(f, medium.clone(), rule);
-    rays.iter().map(|r| loss(&dvr.radiance(r))).sum()
+    rays.iter().map(|r| loss(&dvr.pixel(r))).sum()
 }
 
 /// Everything's gradient.
@@ -71,13 +71,13 @@ fn gradient<R: Precision>(f: &Bricks<R>, medium: &Medium, rule: Quadrature, adjo
     let mut tape = Tape::default();
     for ray in rays {
         let mut moved = RayGradient::default();
-        let sinks = Sinks {
+        let sinks = Accumulators {
             voxels: Some(&mut all.voxels),
             table: Some(&mut all.table),
             ray: Some(&mut moved),
             shared: &mut all.shared,
         };
-        dvr.gradient(ray, &mut slope, adjoint, sinks, &mut tape);
+        dvr.vjp(ray, &mut slope, adjoint, sinks, &mut tape);
         all.rays.push(moved);
     }
     all
@@ -131,8 +131,8 @@ fn exact_values_are_the_integral() {
             let medium = medium(&transfer, extinction);
             for ray in &rays {
                 let reference = fine(&wide, &medium, ray);
-                let exact = dvr(&wide, medium.clone(), Quadrature::Exact).radiance(ray).rgba();
-                let single = dvr(&narrow, medium.clone(), Quadrature::Exact).radiance(ray).rgba();
+                let exact = dvr(&wide, medium.clone(), Quadrature::Exact).pixel(ray).rgba();
+                let single = dvr(&narrow, medium.clone(), Quadrature::Exact).pixel(ray).rgba();
                 for c in 0..4 {
                     // The fine sum's own error is about (h σ)² / 24 of the whole.
                     assert!((exact[c] - reference[c]).abs() < 2e-5, "{transfer:?} {exact:?} {reference:?}");
@@ -289,9 +289,9 @@ fn preintegrated_values_follow_the_exact_ones() {
             let medium = medium(&transfer, extinction);
             let mut worst = 0.0_f64;
             for ray in &rays {
-                let exact = dvr(&field, medium.clone(), Quadrature::Exact).radiance(ray).rgba();
-                let seen = dvr(&field, medium.clone(), Quadrature::PREINTEGRATED).radiance(ray).rgba();
-                let single = dvr(&narrow, medium.clone(), Quadrature::PREINTEGRATED).radiance(ray).rgba();
+                let exact = dvr(&field, medium.clone(), Quadrature::Exact).pixel(ray).rgba();
+                let seen = dvr(&field, medium.clone(), Quadrature::PREINTEGRATED).pixel(ray).rgba();
+                let single = dvr(&narrow, medium.clone(), Quadrature::PREINTEGRATED).pixel(ray).rgba();
                 for c in 0..4 {
                     worst = worst.max((exact[c] - seen[c]).abs());
                     assert!((f64::from(single[c]) - seen[c]).abs() < 2e-4, "{transfer:?} {single:?} {seen:?}");
@@ -312,8 +312,8 @@ fn what_is_tolerated_is_what_is_lost() {
     for transfer in kinds() {
         let worst = |rule| {
             let off = |ray: &Ray| {
-                let [exact, seen] = [Quadrature::Exact, rule]
-                    .map(|rule| dvr(&smooth, medium(&transfer, 0.2), rule).radiance(ray).rgba());
+                let [exact, seen] =
+                    [Quadrature::Exact, rule].map(|rule| dvr(&smooth, medium(&transfer, 0.2), rule).pixel(ray).rgba());
                 (0..4).map(|c| (exact[c] - seen[c]).abs()).fold(0.0, f64::max)
             };
             rays.iter().map(off).fold(0.0, f64::max)
@@ -330,7 +330,7 @@ fn preintegrated_depths_of_linear_densities_are_exact() {
     let identity = Transfer::Identity { domain: [0.0, 5.0], color: [0.3, 0.6, 0.9] };
     let mut linear: Bricks<f64> = field(16, unit(), |p| 0.2 + 0.1 * p.x + 0.05 * p.y + 0.02 * p.z);
     linear.domain = cumulo::math::Aabb { min: DVec3::ZERO, max: DVec3::splat(15.0) };
-    let depth = |f: &Bricks<f64>, rule, ray: &Ray| dvr(f, medium(&identity, 0.7), rule).optical_depth(ray);
+    let depth = |f: &Bricks<f64>, rule, ray: &Ray| dvr(f, medium(&identity, 0.7), rule).integrator.optical_depth(ray);
     for ray in rays(linear.world_bounds(), 30, 8) {
         let both = [Quadrature::PREINTEGRATED, Quadrature::Exact].map(|rule| depth(&linear, rule, &ray));
         close("depth", both[0], both[1], 1e-7, 1e-3);
@@ -345,7 +345,7 @@ fn preintegrated_slabs_have_their_closed_form() {
         let mut f: Bricks<R> = field(24, unit(), |_| density);
         f.domain = cumulo::math::Aabb { min: DVec3::splat(3.0), max: DVec3::splat(19.0) };
         let ray = Ray { origin: DVec3::new(-3.0, 7.3, 6.8), direction: DVec3::X };
-        dvr(&f, medium.clone(), Quadrature::PREINTEGRATED).radiance(&ray).rgba().map(Real::f64)
+        dvr(&f, medium.clone(), Quadrature::PREINTEGRATED).pixel(&ray).rgba().map(Real::f64)
     }
     let step = Transfer::Piecewise {
         points: vec![
@@ -384,12 +384,12 @@ fn densities_as_large_as_they_may_be() {
         for rule in RULES.into_iter().chain([Quadrature::PREINTEGRATED]) {
             // Where one of them absorbs at density 0 the field has to be filled.
             let filled = f.clone().filled(1 << 30).unwrap();
-            let dvr = Dvr::new(&filled, medium(&transfer, 0.3)).unwrap().quadrature(rule).background(BACKGROUND);
+            let dvr = Dvr::new(&filled, medium(&transfer, 0.3)).unwrap().quadrature(rule).over(BACKGROUND);
             let table = transfer.table().unwrap();
             // A picture is a mean of the function's colors and the background, rounded.
             let colors = |c: usize| table.values().iter().map(move |v| v[c]).chain([f64::from(BACKGROUND[c])]);
             for ray in rays(f.world_bounds(), 20, 3) {
-                let seen = dvr.radiance(&ray);
+                let seen = dvr.pixel(&ray);
                 assert!((0.0..=1.0).contains(&seen.transmittance), "{rule} {transfer:?} {seen:?}");
                 for c in 0..3 {
                     let (low, high) = colors(c).fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
@@ -416,7 +416,7 @@ fn nothing_is_missed_between_samples() {
     };
     for width in [1e-1, 1e-3, 1e-6] {
         // Its area in density is 2; a unit of density is 15 units of length; then a lone voxel's fade.
-        let seen = dvr(&f, medium(&spike(width), 0.1), Quadrature::Exact).optical_depth(&ray);
+        let seen = dvr(&f, medium(&spike(width), 0.1), Quadrature::Exact).integrator.optical_depth(&ray);
         let expected = 0.1 * 2.0 * 15.0 + 0.1 * 2.0;
         close("depth", seen, expected, 1e-6, 1.0);
     }
@@ -437,13 +437,13 @@ fn the_jacobian_by_table_holds_the_gradients_of_all_channels() {
             let mut expected: [TableGradient; 4] = std::array::from_fn(|_| TableGradient::zeros(table));
             for (weight, ray) in (1..).map(|k| 0.5 * f64::from(k)).zip(&rays) {
                 let seen = dvr.table_jacobian(ray, weight, &mut jacobian, &mut tape);
-                assert_eq!(seen, dvr.radiance(ray), "its value is the value");
+                assert_eq!(seen, dvr.pixel(ray), "its value is the value");
                 for (channel, table) in expected.iter_mut().enumerate() {
                     let mut only = [0.0; 4];
                     only[channel] = weight;
                     let shared = &mut ParameterGradient::default();
-                    let sinks = Sinks { voxels: None, table: Some(table), ray: None, shared };
-                    dvr.gradient(ray, &mut |_| only, Adjoint::Tape, sinks, &mut tape);
+                    let sinks = Accumulators { voxels: None, table: Some(table), ray: None, shared };
+                    dvr.vjp(ray, &mut |_| only, Adjoint::Tape, sinks, &mut tape);
                 }
             }
             let expected = expected.map(|table| table.by_value());
@@ -479,12 +479,12 @@ fn replay_of_long_rays_is_the_tape() {
     assert!(tape == replay);
     // The longest one again, ending behind what replay keeps.
     let ray = rays[rays.len() - 1];
-    let depth = dvr(&f, medium.clone(), Quadrature::PREINTEGRATED).optical_depth(&ray);
+    let depth = dvr(&f, medium.clone(), Quadrature::PREINTEGRATED).integrator.optical_depth(&ray);
     let by = |adjoint, depth: f64| {
-        let dvr = dvr(&f, medium.clone(), Quadrature::PREINTEGRATED).early_stop((-depth).exp());
+        let dvr = dvr(&f, medium.clone(), Quadrature::PREINTEGRATED).with(|dvr| dvr.early_stop((-depth).exp()));
         let (mut voxels, mut shared) = (vec![0.0; f.values.len()], ParameterGradient::default());
-        let sinks = Sinks { voxels: Some(&mut voxels), table: None, ray: None, shared: &mut shared };
-        dvr.gradient(&ray, &mut slope, adjoint, sinks, &mut Tape::default());
+        let sinks = Accumulators { voxels: Some(&mut voxels), table: None, ray: None, shared: &mut shared };
+        dvr.vjp(&ray, &mut slope, adjoint, sinks, &mut Tape::default());
         (voxels, shared)
     };
     let (tape, replay, whole) =
@@ -521,11 +521,15 @@ fn steps_have_their_closed_form() {
             let mut voxels = vec![R::ZERO; f.values.len()];
             let (mut by, mut moved, mut shared) =
                 (TableGradient::zeros(table), RayGradient::default(), ParameterGradient::default());
-            let sinks =
-                Sinks { voxels: Some(&mut voxels), table: Some(&mut by), ray: Some(&mut moved), shared: &mut shared };
+            let sinks = Accumulators {
+                voxels: Some(&mut voxels),
+                table: Some(&mut by),
+                ray: Some(&mut moved),
+                shared: &mut shared,
+            };
             let mut weight = [R::ZERO; 4];
             weight[c] = R::ONE;
-            let seen = dvr.gradient(&ray, &mut |_| weight, Adjoint::Tape, sinks, &mut Tape::default());
+            let seen = dvr.vjp(&ray, &mut |_| weight, Adjoint::Tape, sinks, &mut Tape::default());
             let close = |what: &str, got: f64, expected: f64| {
                 let tolerance = if what == "light" { value } else { derivative };
                 assert!((got - expected).abs() < tolerance, "{rule} {c} {what}: {got} {expected}");

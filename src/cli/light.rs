@@ -1,6 +1,7 @@
 //! Either kind of renderer that a command may need.
 
 use crate::render;
+use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
 use crate::scene::camera::Camera;
@@ -11,9 +12,9 @@ use std::sync::atomic::AtomicBool;
 #[derive(Debug)]
 pub enum Light<'a> {
     /// Light that follows the density.
-    Density(Dvr<'a, f32>),
+    Density(Composited<Dvr<'a, f32>>),
     /// A pre-shaded volume.
-    PreShaded(Preshaded<'a, f32>),
+    PreShaded(Composited<Preshaded<'a, f32>>),
 }
 
 impl Light<'_> {
@@ -21,8 +22,8 @@ impl Light<'_> {
     #[must_use]
     pub fn early_stop(self, transmittance: f64) -> Self {
         match self {
-            Self::Density(dvr) => Self::Density(dvr.early_stop(transmittance)),
-            Self::PreShaded(volume) => Self::PreShaded(volume.early_stop(transmittance)),
+            Self::Density(light) => Self::Density(light.with(|dvr| dvr.early_stop(transmittance))),
+            Self::PreShaded(light) => Self::PreShaded(light.with(|volume| volume.early_stop(transmittance))),
         }
     }
 

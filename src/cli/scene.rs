@@ -46,12 +46,12 @@ impl Scene {
     /// If the capture's medium or density scale cannot be used.
     pub fn light(&mut self, capture: &Capture, quadrature: Quadrature) -> Result<Light<'_>> {
         Ok(match self {
-            Self::Density(field) => Light::Density(
-                Dvr::new(field, capture.medium()?)?.background(capture.background).quadrature(quadrature),
-            ),
+            Self::Density(field) => {
+                Light::Density(Dvr::new(field, capture.medium()?)?.quadrature(quadrature).over(capture.background))
+            }
             Self::PreShaded(volume) => {
                 scale(volume, capture.density_scale)?;
-                Light::PreShaded(Preshaded::new(volume, capture.background))
+                Light::PreShaded(Preshaded::new(volume).over(capture.background))
             }
         })
     }

@@ -1,7 +1,7 @@
 //! What a ray's points and ends ask the ray to do.
 
 use crate::math::Affine;
-use crate::render::dvr::RayGradient;
+use crate::render::differentiable::RayGradient;
 use glam::DVec3;
 
 /// Derivatives with respect to where a ray's points lie, in index space.

@@ -1,6 +1,7 @@
 //! A density scale at which a volume's pictures neither vanish nor go black.
 
 use crate::render::dvr::{Dvr, Tape};
+use crate::render::integrator::Integrator;
 use crate::render::tiles;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
@@ -23,7 +24,7 @@ pub fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Camera]) -
         let rows = (stride / 2..camera.height).step_by(stride as usize);
         let pixels = rows.flat_map(|y| (stride / 2..camera.width).step_by(stride as usize).map(move |x| (x, y)));
         let ray = |(x, y)| camera.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        pixels.map(|pixel| dvr.radiance_on(&ray(pixel), tape).depth).filter(|d| *d > 0.0).collect::<Vec<_>>()
+        pixels.map(|pixel| dvr.li(&ray(pixel), tape).depth).filter(|d| *d > 0.0).collect::<Vec<_>>()
     };
     let mut depths = tiles::map(cameras, None, Tape::default, of_camera)?.concat();
     if depths.is_empty() {

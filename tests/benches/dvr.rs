@@ -5,9 +5,11 @@ use super::turns::{in_turn, median};
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::File;
 use cumulo::math::Aabb;
-use cumulo::optimise::gradient::pictures::{self, Accumulators, Gradients, Target};
+use cumulo::optimise::gradient::pictures::{self, Gradients, Target, Workspace};
 use cumulo::real::Real;
-use cumulo::render::dvr::{Adjoint, Dvr, Precision, Tape};
+use cumulo::render::composited::Composited;
+use cumulo::render::differentiable::Adjoint;
+use cumulo::render::dvr::{Dvr, Precision, Tape};
 use cumulo::render::picture;
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
@@ -78,12 +80,12 @@ fn rgb(rgba: [f64; 4]) -> DVec3 {
 }
 
 /// Light of every pixel that is compared, so many rows lower.
-fn compared<R: Precision>(dvr: &Dvr<'_, R>, camera: &Camera, lower: f64) -> Vec<DVec3> {
+fn compared<R: Precision>(dvr: &Composited<Dvr<'_, R>>, camera: &Camera, lower: f64) -> Vec<DVec3> {
     let pixels: Vec<(u32, u32)> = (0..camera.height / STRIDE)
         .flat_map(|y| (0..camera.width / STRIDE).map(move |x| (STRIDE * x, STRIDE * y)))
         .collect();
     let see = |(x, y): &(u32, u32)| {
-        let rgba = dvr.radiance(&camera.ray(f64::from(*x) + 0.5, f64::from(*y) + 0.5 + lower)).rgba();
+        let rgba = dvr.pixel(&camera.ray(f64::from(*x) + 0.5, f64::from(*y) + 0.5 + lower)).rgba();
         rgb(rgba.map(Real::f64))
     };
     pixels.par_iter().map(see).collect()
@@ -114,15 +116,15 @@ pub fn pictures(path: &Path, threads: usize, folder: &Path) {
     let cancel = AtomicBool::new(false);
     let by_function = OPACITIES.map(|(name, opacity)| {
         let medium = Medium { extinction: 1.0, source: Source::Transfer(function(|x| -(-opacity(x)).ln_1p())) };
-        let whole = Dvr::new(&exact, medium.clone()).unwrap().background([0.0; 3]).early_stop(0.0);
+        let whole = Dvr::new(&exact, medium.clone()).unwrap().early_stop(0.0).over([0.0; 3]);
         let exact = compared(&whole, &cameras[0], 0.0);
-        let fine = whole.quadrature(Quadrature::Preintegrated(1e-4));
+        let fine = whole.with(|dvr| dvr.quadrature(Quadrature::Preintegrated(1e-4)));
         let light = [-0.5, 0.0, 0.5].into_iter().flat_map(|lower| compared(&fine, &cameras[0], lower));
         let bytes: Vec<u8> = light.flat_map(|v| v.to_array()).flat_map(f64::to_le_bytes).collect();
         std::fs::write(folder.join(format!("light_{name}.f64")), bytes).unwrap();
         let rules = TOLERANCES.map(|(tolerance, stop)| {
             let rule = Quadrature::Preintegrated(tolerance);
-            let dvr = Dvr::new(&fast, medium.clone()).unwrap().background([0.0; 3]).quadrature(rule).early_stop(stop);
+            let dvr = Dvr::new(&fast, medium.clone()).unwrap().quadrature(rule).early_stop(stop).over([0.0; 3]);
             let [seconds] = in_turn([&mut || {
                 pool.install(|| cameras.iter().for_each(|c| drop(black_box(picture(&dvr, c, 1, &cancel)))));
             }]);
@@ -164,12 +166,12 @@ pub fn gradient(path: &Path, threads: usize, rule: Quadrature, pixels: u32) {
     };
     let camera = camera(1.0, DVec3::splat(0.5), 0.3, pixels, 40.0);
     let grey = Target { camera, rgba: vec![[0.3; 4]; (pixels * pixels) as usize], rays_per_edge: 1 };
-    let dvr = Dvr::new(&field, medium).unwrap().background([0.0; 3]).quadrature(rule);
-    let back = |adjoint: Adjoint, (accumulators, sum): &mut (Accumulators<f32, Tape<f32>>, Vec<f32>)| {
+    let dvr = Dvr::new(&field, medium).unwrap().quadrature(rule).over([0.0; 3]);
+    let back = |adjoint: Adjoint, (accumulators, sum): &mut (Workspace<f32, Tape<f32>>, Vec<f32>)| {
         let mut gradients = Gradients { voxels: Some(sum), ..Gradients::default() };
         pool.install(|| black_box(pictures::gradient(&dvr, &[&grey], &squares, adjoint, accumulators, &mut gradients)));
     };
-    let fresh = || (Accumulators::default(), vec![0.0_f32; field.values.len()]);
+    let fresh = || (Workspace::default(), vec![0.0_f32; field.values.len()]);
     let base = memory("VmRSS:");
     forget_peak();
     let mut by_tape = fresh();

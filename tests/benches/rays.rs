@@ -4,10 +4,12 @@ use super::fields;
 use super::row::Row;
 use super::turns::{in_turn, median, ratio};
 use cumulo::math::{Affine, Ray};
-use cumulo::optimise::gradient::pictures::{self, Accumulators, Gradients, Target};
+use cumulo::optimise::gradient::pictures::{self, Gradients, Target, Workspace};
 use cumulo::optimise::projection::observation::DepthMap;
 use cumulo::optimise::projection::projector::Projector;
-use cumulo::render::dvr::{Adjoint, Dvr, Tape};
+use cumulo::render::composited::Composited;
+use cumulo::render::differentiable::Adjoint;
+use cumulo::render::dvr::{Dvr, Tape};
 use cumulo::render::picture;
 use cumulo::scene::bricks::{Bricks, NONE};
 use cumulo::scene::camera::Camera;
@@ -75,7 +77,7 @@ pub fn rows() -> Vec<Row> {
     let mut rows = Vec::new();
     for (name, color) in [("absorption", None), ("linear emission", Some([1.0; 3]))] {
         let source = color.map_or(Source::Grey([0.0; 3]), Source::Linear);
-        let dvr = Dvr::new(&scene.field, Medium { extinction: 0.15, source }).unwrap();
+        let dvr = Dvr::new(&scene.field, Medium { extinction: 0.15, source }).unwrap().over([1.0; 3]);
         rows.extend(gradients(name, &dvr, &scene, &pools[0]));
         rows.extend(pictures_per_second(name, &dvr, &scene, &pools));
     }
@@ -83,13 +85,13 @@ pub fn rows() -> Vec<Row> {
     rows
 }
 
-fn render(dvr: &Dvr<'_, f32>, scene: &Scene, pool: &ThreadPool) {
+fn render(dvr: &Composited<Dvr<'_, f32>>, scene: &Scene, pool: &ThreadPool) {
     let cancel = AtomicBool::new(false);
     pool.install(|| scene.cameras.iter().for_each(|c| drop(black_box(picture(dvr, c, 1, &cancel)))));
 }
 
 /// Value against value and gradient, one thread, each through the driver that the program itself uses.
-fn gradients(name: &str, dvr: &Dvr<'_, f32>, scene: &Scene, pool: &ThreadPool) -> Vec<Row> {
+fn gradients(name: &str, dvr: &Composited<Dvr<'_, f32>>, scene: &Scene, pool: &ThreadPool) -> Vec<Row> {
     let grey = vec![[0.5; 4]; (PIXELS * PIXELS) as usize];
     let targets: Vec<Target> =
         scene.cameras.iter().map(|c| Target { camera: *c, rgba: grey.clone(), rays_per_edge: 1 }).collect();
@@ -98,9 +100,9 @@ fn gradients(name: &str, dvr: &Dvr<'_, f32>, scene: &Scene, pool: &ThreadPool) -
         let d: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
         (d.iter().map(|d| f64::from(0.5 * d * d)).sum(), d)
     };
-    let mut sums = [(); 2].map(|()| (Accumulators::default(), vec![0.0_f32; scene.field.values.len()]));
+    let mut sums = [(); 2].map(|()| (Workspace::default(), vec![0.0_f32; scene.field.values.len()]));
     let [by_tape, by_replay] = &mut sums;
-    let back = |adjoint: Adjoint, (accumulators, sum): &mut (Accumulators<f32, Tape<f32>>, Vec<f32>)| {
+    let back = |adjoint: Adjoint, (accumulators, sum): &mut (Workspace<f32, Tape<f32>>, Vec<f32>)| {
         let mut gradients = Gradients { voxels: Some(sum), ..Gradients::default() };
         pool.install(|| black_box(pictures::gradient(dvr, &targets, &squares, adjoint, accumulators, &mut gradients)));
     };
@@ -131,8 +133,8 @@ fn rates(work: String, rays: f64, cells: f64, one: &[f64], two: &[f64]) -> Vec<R
     ]
 }
 
-fn pictures_per_second(name: &str, dvr: &Dvr<'_, f32>, scene: &Scene, pools: &[ThreadPool; 2]) -> Vec<Row> {
-    let dvr = dvr.clone().early_stop(0.0);
+fn pictures_per_second(name: &str, dvr: &Composited<Dvr<'_, f32>>, scene: &Scene, pools: &[ThreadPool; 2]) -> Vec<Row> {
+    let dvr = dvr.clone().with(|dvr| dvr.early_stop(0.0));
     let [one, two] = in_turn([&mut || render(&dvr, scene, &pools[0]), &mut || render(&dvr, scene, &pools[1])]);
     rates(format!("exact picture, {name}"), scene.rays().count() as f64, scene.cells(), &one, &two)
 }

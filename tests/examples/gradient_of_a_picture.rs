@@ -6,7 +6,8 @@ use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::File;
 use cumulo::optimise::gradient::objective::{By, Objective};
 use cumulo::optimise::loss::Loss;
-use cumulo::render::dvr::{Adjoint, Dvr};
+use cumulo::render::differentiable::Adjoint;
+use cumulo::render::dvr::Dvr;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::grid::LEAF_VOXELS;
 use cumulo::scene::medium::Medium;
@@ -22,7 +23,7 @@ pub fn run(volume: &Path) -> Result<(f64, Vec<f32>)> {
     let limits = Limits::default();
     let grid = File::open(volume, limits)?.read_fog(None)?;
     let field: Bricks<f32> = Bricks::from_grid(&grid, limits.max_memory)?;
-    let renderer = Dvr::new(&field, Medium::absorbing(3.0))?.background([1.0; 3]);
+    let renderer = Dvr::new(&field, Medium::absorbing(3.0))?.over([1.0; 3]);
 
     // The loss is the mean squared difference from a picture that is grey all over.
     let cameras = orbit::cameras(&field.outline(), 1, Layout::Sphere, 64, 64, 40.0);

@@ -27,7 +27,7 @@ pub fn run(volume: &Path, picture: &Path) -> Result<Film> {
 
     // One camera, 128 x 128 pixels, so far away that the volume takes 40 degrees.
     let cameras = orbit::cameras(&field.outline(), 1, Layout::Sphere, 128, 128, 40.0);
-    let renderer = Dvr::new(&field, Medium::absorbing(3.0))?.background([1.0; 3]);
+    let renderer = Dvr::new(&field, Medium::absorbing(3.0))?.over([1.0; 3]);
     let never = AtomicBool::new(false);
     let film = render::picture(&renderer, &cameras[0], 1, &never).ok_or_else(Error::cancelled)?;
     exr::write_picture(picture, &film, &BTreeMap::new(), false)?;

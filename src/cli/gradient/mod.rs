@@ -24,7 +24,7 @@ use crate::optimise::study::difference::Quotient;
 use crate::optimise::study::parameter::{CAMERA, Parameter};
 use crate::optimise::study::subject::{Subject, depth_channel};
 use crate::optimise::study::{Found, Study};
-use crate::render::dvr::Adjoint;
+use crate::render::differentiable::Adjoint;
 use crate::render::quadrature::Quadrature;
 use crate::report::Page;
 use crate::scene::capture::{EmissionModel, Model};

@@ -164,12 +164,10 @@ impl Pose {
         let light = scene.light(&shown, quadrature).map_err(|e| e.at(&self.volume))?;
         let (colors, judge) = match &light {
             // Pictures are what has no error, until somebody says something else.
-            Light::Density(dvr) => {
+            Light::Density(light) => {
                 let judged = self.quadrature.is_none() && shown.transfer.is_some();
-                (
-                    Colors::of(&shown.medium()?, shown.background),
-                    judged.then(|| dvr.clone().quadrature(Quadrature::Exact)),
-                )
+                let exact = || light.clone().with(|dvr| dvr.quadrature(Quadrature::Exact));
+                (Colors::of(&shown.medium()?, shown.background), judged.then(exact))
             }
             Light::PreShaded(_) => (Colors::apart(), None),
         };

@@ -9,7 +9,8 @@ use crate::optimise::gradient::pictures::Target;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::plausibility::residuals::Residuals;
 use crate::optimise::projection::observation::Photo;
-use crate::render::Renderer;
+use crate::render::composited::Composited;
+use crate::render::differentiable::Differentiable;
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::{Bricks, Voxel};
@@ -59,7 +60,7 @@ pub fn grids(
     let open = |c: usize| OPEN * top(volume.owned().into_iter().map(|v| v[c]));
     let emission = (0..3).map(open).fold(0.0, f64::max);
     let targets = targets(photos, request);
-    let light = Preshaded::new(volume, request.background);
+    let light = Preshaded::new(volume).over(request.background);
     let views: Vec<&Target> = targets.iter().collect();
     let warnings = examined(&light, photos, request);
     let groups: [(&[usize], f64); 2] = [(&[3], open(3)), (&[0, 1, 2], emission)];
@@ -68,7 +69,7 @@ pub fn grids(
     (known.into_iter().zip(names).map(|(known, name)| as_grid(volume, known, name)).collect(), warnings)
 }
 
-fn examined<L: Renderer<Real = f32>>(light: &L, photos: &[Photo], request: &Request) -> Vec<Warning> {
+fn examined<I: Differentiable<Real = f32>>(light: &Composited<I>, photos: &[Photo], request: &Request) -> Vec<Warning> {
     let residuals = Residuals::new(light, photos, &request.held_out, request.rays_per_edge, request.cancel);
     residuals.map(|r| r.warnings()).unwrap_or_default()
 }

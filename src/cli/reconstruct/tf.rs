@@ -141,8 +141,8 @@ impl Tf {
         if !outcome.stopped {
             let source = Source::Transfer(Arc::new(outcome.transfer.table()?));
             let dvr = Dvr::new(&field, Medium { extinction: request.extinction, source })?
-                .background(request.background)
-                .quadrature(request.quadrature);
+                .quadrature(request.quadrature)
+                .over(request.background);
             let residuals = Residuals::new(&dvr, &photos, &request.held_out, request.rays_per_edge, task.stop());
             warnings.extend(residuals.map(|r| r.warnings()).unwrap_or_default());
         }

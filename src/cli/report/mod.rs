@@ -94,24 +94,38 @@ impl Report {
             Some((name, path)) => Some((name.clone(), transforms::load_within(path, limits)?)),
             None => None,
         };
+        // What the record names may be elsewhere by now, or never have been there.
+        let named = |e: Error| match self.given().any(|given| e.path().is_some_and(|path| path.starts_with(given))) {
+            true => e,
+            false => e.inside(format!("named in {}", path.display())),
+        };
         let written = match &record {
             Record::Volume(run) => {
                 let reference = self.reference.as_deref().map(|path| File::open(path, limits)?.read_fog(None));
                 let (page, volume) =
-                    volume::page(run, limits, reference.transpose()?.as_ref(), beside.as_ref(), Cancel::NEVER)?;
+                    volume::page(run, limits, reference.transpose()?.as_ref(), beside.as_ref(), Cancel::NEVER)
+                        .map_err(named)?;
                 Written { report: page.write(&self.folder)?, volume, transfer: None }
             }
             Record::Transfer(run) => {
                 let options = Options { limits, ..Options::default() };
                 let reference = self.reference.as_deref().map(|path| formats::transfer::load(path, &options));
                 let reference = reference.transpose()?.map(|loaded| loaded.transfer);
-                let views = transfer::views(run, &run.shown, limits, beside.as_ref(), Cancel::NEVER)?;
+                let views = transfer::views(run, &run.shown, limits, beside.as_ref(), Cancel::NEVER).map_err(named)?;
                 let (page, function) = transfer::page(run, views, reference.as_ref())?;
                 Written { report: page.write(&self.folder)?, volume: None, transfer: function }
             }
         };
         output.report(&written)?;
         Ok(ExitCode::SUCCESS)
+    }
+}
+
+impl Report {
+    /// Files that the command line gave beside the record.
+    fn given(&self) -> impl Iterator<Item = &Path> {
+        let beside = self.beside.as_ref().map(|(_, path)| path.as_path());
+        self.reference.as_deref().into_iter().chain(beside)
     }
 }
 

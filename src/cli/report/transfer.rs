@@ -171,8 +171,8 @@ pub fn views(
     let field = field(&run.volume, run.grid.as_deref(), limits)?;
     let source = Source::Transfer(Arc::new(function.table().map_err(|e| e.at(&run.output))?));
     let dvr = Dvr::new(&field, Medium { extinction: capture.density_scale, source })?
-        .background(capture.background)
-        .quadrature(run.quadrature);
+        .quadrature(run.quadrature)
+        .over(capture.background);
     let rays = run::rays_per_edge(capture.pixel_filter);
     let never = AtomicBool::new(false);
     let frames = which.iter().filter_map(|i| Some((*i, capture.frames.get(*i)?)));

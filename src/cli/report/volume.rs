@@ -51,10 +51,10 @@ pub(super) fn page(
         Solver::Cg | Solver::Weiss2021 | Solver::ThroughTransfer => None,
     };
     let light = match &shaded {
-        Some(volume) => Light::PreShaded(Preshaded::new(volume, capture.background)),
+        Some(volume) => Light::PreShaded(Preshaded::new(volume).over(capture.background)),
         None => {
             let quadrature = Quadrature::usual(capture.transfer.is_some());
-            Light::Density(Dvr::new(&field, capture.medium()?)?.background(capture.background).quadrature(quadrature))
+            Light::Density(Dvr::new(&field, capture.medium()?)?.quadrature(quadrature).over(capture.background))
         }
     };
     let rows = rows(run, &capture, &light, beside, cancel)?;

@@ -13,6 +13,7 @@ use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::{exr, transforms};
 use crate::optimise::viewpoint::{self, Outcome, Request};
+use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
 use crate::render::quadrature::Quadrature;
 use crate::render::scale;
@@ -181,7 +182,7 @@ impl Viewpoint {
         self.spare(&capture)?;
 
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
-        let dvr = Dvr::new(&field, opaque(capture.medium()?)?)?.quadrature(quadrature);
+        let dvr = Dvr::new(&field, opaque(capture.medium()?)?)?.quadrature(quadrature).over([1.0; 3]);
         task.work_begins();
         let bar = output.progress(viewpoint::ticks(&request) as u64 + u64::from(self.samples), "viewpoint");
         let mut found = viewpoint::search(&dvr, &request, cancel, &|| bar.inc(1));
@@ -294,7 +295,7 @@ impl Viewpoint {
 
     fn sample(
         &self,
-        dvr: &Dvr<'_, f32>,
+        dvr: &Composited<Dvr<'_, f32>>,
         around: &Sphere,
         cancel: &AtomicBool,
         tick: &(dyn Fn() + Sync),
@@ -319,7 +320,7 @@ impl Viewpoint {
         let mut batch = Batch::new();
         batch.make_folder(&self.folder())?;
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
-        let dvr = Dvr::new(field, capture.medium()?)?.background(capture.background).quadrature(quadrature);
+        let dvr = Dvr::new(field, capture.medium()?)?.quadrature(quadrature).over(capture.background);
         // What was found is worth its pictures even if the search was stopped.
         let never = AtomicBool::new(false);
         let (closing, provenance) = (task.closing(), &mut task.provenance);

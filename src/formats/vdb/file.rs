@@ -119,7 +119,9 @@ impl File {
         let place = |e: Error| e.at(&self.path).part(format!("grid '{}'", entry.name));
         let damaged = |e| place(e).hint("the file may be damaged; export it again");
         if entry.layout.is_some() {
-            return load::grid(&self.source, &self.preflight, entry).map_err(damaged);
+            return load::grid(&self.source, &self.preflight, entry)
+                .and_then(|grid| named(grid, entry))
+                .map_err(damaged);
         }
         // What was walked node by node is bounded already; the rest (points) is tried in another process first.
         if !entry.fully_checked {
@@ -149,7 +151,7 @@ impl File {
         ffi::call(|s| unsafe { ffi::read(self.raw.as_ptr(), unique.as_ptr(), &mut raw, s) })
             .map_err(|e| place(e).hint("the file may be damaged; export it again"))?;
         // SAFETY: fresh from the shim.
-        unsafe { NativeGrid::own(raw, entry.name.clone()) }.map_err(place)
+        unsafe { NativeGrid::own(raw, entry.name.clone()) }.and_then(|grid| named(grid, entry)).map_err(place)
     }
 
     /// Loads a scalar grid into memory; see [`NativeGrid::to_grid`].
@@ -208,4 +210,14 @@ impl Drop for File {
         // SAFETY: owned, and closed once.
         unsafe { ffi::close(self.raw.as_ptr()) }
     }
+}
+
+/// The grid with the name that the file's directory gives it: a damaged entry `name` of its metadata would become the
+/// name under which it is written.
+fn named(mut grid: NativeGrid, entry: &Entry) -> Result<NativeGrid> {
+    match grid.metadata()?.get("name") {
+        Some(MetaValue::Text(name)) if *name != entry.base_name => grid.set_stored_name(&entry.base_name)?,
+        _ => (),
+    }
+    Ok(grid)
 }

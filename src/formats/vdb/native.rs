@@ -336,11 +336,16 @@ impl NativeGrid {
     /// # Errors
     /// If the name contains a NUL byte.
     pub fn set_name(&mut self, name: &str) -> Result<()> {
-        let c = ffi::c_name(name)?;
-        // SAFETY: the grid is alive and the name NUL-terminated.
-        ffi::call(|s| unsafe { ffi::grid_set_name(self.as_ptr(), c.as_ptr(), s) }).map_err(self.place())?;
+        self.set_stored_name(name)?;
         self.name = name.to_owned();
         Ok(())
+    }
+
+    /// Sets the name under which the grid is written, not the one that errors give it.
+    pub(super) fn set_stored_name(&mut self, name: &str) -> Result<()> {
+        let c = ffi::c_name(name)?;
+        // SAFETY: the grid is alive and the name NUL-terminated.
+        ffi::call(|s| unsafe { ffi::grid_set_name(self.as_ptr(), c.as_ptr(), s) }).map_err(self.place())
     }
 
     /// States what the values mean.

@@ -10,11 +10,12 @@
 //! Saad 2007): one backward walk a probe, whatever the renderer. A voxel of several numbers has several sums.
 
 use crate::cancel::Cancel;
-use crate::optimise::gradient::pictures::{self, Accumulators, Gradients, Target};
+use crate::optimise::gradient::pictures::{self, Gradients, Target, Workspace};
 use crate::optimise::region::neighbours::Neighbours;
 use crate::optimise::study::subject::Subject;
-use crate::render::Renderer;
-use crate::render::dvr::Adjoint;
+use crate::render::composited::Composited;
+use crate::render::differentiable::Adjoint;
+use crate::render::differentiable::Differentiable;
 use crate::scene::grid::LEAF_VOXELS;
 use rayon::prelude::*;
 
@@ -28,8 +29,8 @@ pub type Group<'g> = (&'g [usize], f64);
 
 /// Confidence of each voxel (512 a brick), 0..1, for each group; none once the work is to stop. `noise` is the standard
 /// deviation of a pixel's error. `tick` is told of the probes that are done and of how many there are.
-pub fn confidence<L>(
-    light: &L,
+pub fn confidence<I>(
+    light: &Composited<I>,
     views: &[&Target],
     noise: f64,
     groups: &[Group<'_>],
@@ -37,19 +38,19 @@ pub fn confidence<L>(
     mut tick: impl FnMut(usize, usize),
 ) -> Option<Vec<Vec<f32>>>
 where
-    L: Renderer<Real = f32, Voxel: Subject>,
+    I: Differentiable<Real = f32, Voxel: Subject>,
 {
-    let topology = &light.field().topology;
+    let topology = &light.integrator.field().topology;
     let count = topology.len() * LEAF_VOXELS;
     let mut squares = vec![vec![0.0_f32; count]; groups.len()];
-    let mut owned = vec![L::Voxel::default(); count];
-    let mut stored = vec![L::Voxel::default(); light.field().values.len()];
-    let mut accumulators = Accumulators::default();
+    let mut owned = vec![I::Voxel::default(); count];
+    let mut stored = vec![I::Voxel::default(); light.integrator.field().values.len()];
+    let mut accumulators = Workspace::default();
     let linear = |_: &[f32; 4], signs: &[f32; 4]| (0.0, *signs);
     let probes = (LOOKS / views.len().max(1)).clamp(PROBES[0], PROBES[1]);
     for probe in 0..probes {
         let signed: Vec<Target> = views.iter().enumerate().map(|(v, t)| signs(t, v, probe)).collect();
-        stored.fill(L::Voxel::default());
+        stored.fill(I::Voxel::default());
         let mut gradients = Gradients { voxels: Some(&mut stored), cancel, ..Gradients::default() };
         let signed: Vec<&Target> = signed.iter().collect();
         pictures::gradient(light, &signed, &linear, Adjoint::Tape, &mut accumulators, &mut gradients);
@@ -59,7 +60,7 @@ where
         topology.fold(&stored, &mut owned);
         for (squares, (channels, _)) in squares.iter_mut().zip(groups) {
             let share = (BLOCK * BLOCK) as f32 / (probes * channels.len()) as f32;
-            let square = |v: &L::Voxel| channels.iter().map(|c| (v.channel(*c) as f32).powi(2)).sum::<f32>();
+            let square = |v: &I::Voxel| channels.iter().map(|c| (v.channel(*c) as f32).powi(2)).sum::<f32>();
             squares.par_iter_mut().zip(&owned).for_each(|(s, v)| *s += share * square(v));
         }
         tick(probe + 1, probes);

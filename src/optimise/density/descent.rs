@@ -5,13 +5,15 @@ use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::math::Affine;
 use crate::optimise::density::Request;
-use crate::optimise::gradient::pictures::{self, Accumulators, Gradients, PixelLoss, Target};
+use crate::optimise::gradient::pictures::{self, Gradients, PixelLoss, Target, Workspace};
 use crate::optimise::loss::prior::{VolumePrior, Weighted};
 use crate::optimise::projection::observation::Observation;
 use crate::optimise::region::hull::Hull;
 use crate::optimise::region::neighbours::Neighbours;
 use crate::optimise::solver::adam::Adam;
-use crate::render::dvr::{Adjoint, Dvr, Tape};
+use crate::render::composited::Composited;
+use crate::render::differentiable::Adjoint;
+use crate::render::dvr::{Dvr, Tape};
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::grid::LEAF_VOXELS;
@@ -67,8 +69,8 @@ impl Scene<'_> {
     ///
     /// # Errors
     /// If the medium cannot be used.
-    pub fn renderer<'f>(&self, field: &'f Bricks<f32>) -> Result<Dvr<'f, f32>> {
-        Ok(Dvr::new(field, self.medium.clone())?.background(self.background).quadrature(self.quadrature))
+    pub fn renderer<'f>(&self, field: &'f Bricks<f32>) -> Result<Composited<Dvr<'f, f32>>> {
+        Ok(Dvr::new(field, self.medium.clone())?.quadrature(self.quadrature).over(self.background))
     }
 }
 
@@ -112,7 +114,7 @@ pub struct Fit {
     adam: Adam,
     neighbours: Neighbours,
     stored: Vec<f32>,
-    accumulators: Accumulators<f32, Tape<f32>>,
+    accumulators: Workspace<f32, Tape<f32>>,
     owned: Vec<f32>,
     /// Polled inside every step; one that it stopped changes nothing.
     pub cancel: Cancel,
@@ -135,7 +137,7 @@ impl Fit {
             adam: Adam::new(mask.len(), rate),
             neighbours: Neighbours::new(&topology),
             stored: vec![0.0; topology.len() * BRICK],
-            accumulators: Accumulators::default(),
+            accumulators: Workspace::default(),
             owned: vec![0.0; mask.len()],
             cancel: Cancel::NEVER,
             field: Bricks::zeros(topology, lattice),

@@ -1,7 +1,8 @@
 //! How a picture changes with its camera, pixel by pixel: rows of the Jacobian.
 
-use crate::render::Renderer;
-use crate::render::dvr::RayGradient;
+use crate::render::composited::Composited;
+use crate::render::differentiable::Differentiable;
+use crate::render::differentiable::RayGradient;
 use crate::render::order::morton;
 use crate::render::tiles::{self, Subpixels};
 use crate::scene::camera::{Camera, CameraGradient};
@@ -13,11 +14,11 @@ const RUN: usize = 256;
 
 /// A camera's picture.
 #[derive(Debug)]
-pub struct Rows<'r, V> {
+pub struct Rows<'r, I> {
     /// What is seen, and how that changes.
-    pub renderer: &'r V,
+    pub renderer: &'r Composited<I>,
     /// What is seen, if that is to be known better than how it changes.
-    pub judge: Option<&'r V>,
+    pub judge: Option<&'r Composited<I>>,
     /// From where.
     pub camera: &'r Camera,
     /// A pixel is the mean over the square of so many rays.
@@ -29,7 +30,7 @@ pub struct Rows<'r, V> {
 /// Receives a pixel: its number, red, green, blue and alpha, and its derivatives.
 type Visit<'v> = &'v mut dyn FnMut(usize, &[f64; 4], &[CameraGradient]);
 
-impl<V: Renderer<Real = f32>> Rows<'_, V> {
+impl<I: Differentiable<Real = f32>> Rows<'_, I> {
     /// Number of pixels.
     pub fn pixels(&self) -> usize {
         self.camera.width as usize * self.camera.height as usize
@@ -46,27 +47,27 @@ impl<V: Renderer<Real = f32>> Rows<'_, V> {
         visit: impl Fn(&mut A, usize, &[f64; 4], &[CameraGradient]) + Sync,
     ) -> Vec<A> {
         let order: Vec<usize> = morton(self.camera.width as usize, self.camera.height as usize).collect();
-        let run = |tape: &mut V::Tape, pixels: &Range<usize>| {
+        let run = |tape: &mut I::Scratch, pixels: &Range<usize>| {
             let (mut sum, pixels) = (A::default(), &order[pixels.clone()]);
             let wanted: Vec<usize> = pixels.iter().copied().filter(|i| asked(*i)).collect();
             let visit: Visit<'_> = &mut |i, seen, by| visit(&mut sum, i, seen, by);
             Run { rows: self, pixels: &wanted, losses, visit }.walk(tape);
             sum
         };
-        tiles::map(&tiles::runs(order.len(), RUN), None, V::Tape::default, run).unwrap_or_default()
+        tiles::map(&tiles::runs(order.len(), RUN), None, I::Scratch::default, run).unwrap_or_default()
     }
 }
 
 /// Neighbouring pixels.
-struct Run<'a, V> {
-    rows: &'a Rows<'a, V>,
+struct Run<'a, I> {
+    rows: &'a Rows<'a, I>,
     pixels: &'a [usize],
     losses: &'a [[f32; 4]],
     visit: Visit<'a>,
 }
 
-impl<V: Renderer<Real = f32>> Run<'_, V> {
-    fn walk(self, tape: &mut V::Tape) {
+impl<I: Differentiable<Real = f32>> Run<'_, I> {
+    fn walk(self, tape: &mut I::Scratch) {
         let Rows { renderer, judge, camera, rays_per_edge, cancel } = *self.rows;
         let (rays, width) = (Subpixels::new(rays_per_edge), camera.width as usize);
         let share = 1.0 / rays.count() as f64;
@@ -82,7 +83,7 @@ impl<V: Renderer<Real = f32>> Run<'_, V> {
                 let mut radiance = None;
                 for (by, loss) in by.iter_mut().zip(self.losses) {
                     let mut moved = RayGradient::default();
-                    radiance = Some(renderer.followed(&ray, *loss, &mut moved, tape));
+                    radiance = Some(renderer.ray_vjp(&ray, *loss, &mut moved, tape));
                     // Many rays meet nothing.
                     if moved != RayGradient::default() {
                         *by = by.plus(&camera.gradient(x, y, share * moved.origin, share * moved.direction));
@@ -90,7 +91,7 @@ impl<V: Renderer<Real = f32>> Run<'_, V> {
                 }
                 let radiance = match (judge, radiance) {
                     (None, Some(radiance)) => radiance,
-                    _ => judge.unwrap_or(renderer).seen(&ray, tape),
+                    _ => judge.unwrap_or(renderer).pixel_on(&ray, tape),
                 };
                 for c in 0..3 {
                     seen[c] += share * f64::from(radiance.rgb[c]);

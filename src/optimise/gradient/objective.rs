@@ -5,9 +5,10 @@
 use crate::dual::Dual;
 use crate::optimise::loss::{Loss, Reach, Rgba};
 use crate::real::Real;
-use crate::render::dvr::{Adjoint, ParameterGradient, Radiance, RayGradient, Seeds, Sinks};
+use crate::render::composited::{Composited, Pixel};
+use crate::render::differentiable::{Accumulators, Adjoint, ParameterGradient, RayGradient, Seeds};
+use crate::render::differentiable::{Differentiable, Forward};
 use crate::render::tiles::{self, Subpixels};
-use crate::render::{Renderer, Tangent};
 use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
 use rayon::prelude::*;
@@ -71,8 +72,8 @@ pub enum Direction<V> {
 }
 
 /// A renderer with all numbers of directions that are compiled.
-pub trait Forward: Tangent<1> + Tangent<2> + Tangent<6> + Tangent<7> {}
-impl<L: Tangent<1> + Tangent<2> + Tangent<6> + Tangent<7>> Forward for L {}
+pub trait ForwardInAll: Forward<1> + Forward<2> + Forward<6> + Forward<7> {}
+impl<I: Forward<1> + Forward<2> + Forward<6> + Forward<7>> ForwardInAll for I {}
 
 /// Pixels handled in one go.
 const RUN: usize = 256;
@@ -89,20 +90,24 @@ enum Slopes<'s> {
 
 impl Objective<'_> {
     /// The value.
-    pub fn value<L: Renderer>(&self, light: &L) -> f64 {
+    pub fn value<I: Differentiable>(&self, light: &Composited<I>) -> f64 {
         let of = |view: usize| self.loss.picture(&self.picture(light, view), self.wanted(view), self.width(view)).0;
         (0..self.cameras.len()).map(of).sum::<f64>() / self.cameras.len() as f64
     }
 
     /// Value and gradient, backward.
-    pub fn adjoint<L: Renderer>(&self, light: &L, adjoint: Adjoint, by: By) -> Gradient<L::Voxel> {
+    pub fn adjoint<I: Differentiable>(&self, light: &Composited<I>, adjoint: Adjoint, by: By) -> Gradient<I::Voxel> {
         let zero = || Gradient {
-            voxels: if by.voxels { vec![L::Voxel::default(); light.field().values.len()] } else { Vec::new() },
+            voxels: if by.voxels {
+                vec![I::Voxel::default(); light.integrator.field().values.len()]
+            } else {
+                Vec::new()
+            },
             table: by.knots.map_or_else(TableGradient::default, TableGradient::of_knots),
             cameras: vec![CameraGradient::default(); self.cameras.len()],
             ..Gradient::default()
         };
-        let mut parts: Vec<Gradient<L::Voxel>> = (0..PARTS).map(|_| zero()).collect();
+        let mut parts: Vec<Gradient<I::Voxel>> = (0..PARTS).map(|_| zero()).collect();
         let mut value = 0.0;
         for view in 0..self.cameras.len() {
             let (global, known) = self.global(light, view);
@@ -113,7 +118,7 @@ impl Objective<'_> {
                 &mut parts,
                 None,
                 |part| tiles::dealt(&runs, part, PARTS),
-                |_| L::Tape::default(),
+                |_| I::Scratch::default(),
                 |own, tape, run| {
                     run.clone().for_each(|i| self.pixel_back(light, adjoint, by, (view, i), &slopes, own, tape));
                 },
@@ -133,16 +138,20 @@ impl Objective<'_> {
     }
 
     /// Value and derivatives along directions, forward, a few in each walk.
-    pub fn tangent<L: Forward>(&self, light: &L, directions: &[Direction<L::Voxel>]) -> (f64, Vec<f64>) {
+    pub fn tangent<I: ForwardInAll>(
+        &self,
+        light: &Composited<I>,
+        directions: &[Direction<I::Voxel>],
+    ) -> (f64, Vec<f64>) {
         let mut all = Vec::with_capacity(directions.len());
         let mut left = directions;
         loop {
             let (now, later) = left.split_at(left.len().min(7));
             let (value, some) = match now.len() {
-                0 | 1 => self.tangent_of::<L, 1>(light, now),
-                2 => self.tangent_of::<L, 2>(light, now),
-                3..=6 => self.tangent_of::<L, 6>(light, now),
-                _ => self.tangent_of::<L, 7>(light, now),
+                0 | 1 => self.tangent_of::<I, 1>(light, now),
+                2 => self.tangent_of::<I, 2>(light, now),
+                3..=6 => self.tangent_of::<I, 6>(light, now),
+                _ => self.tangent_of::<I, 7>(light, now),
             };
             all.extend(some);
             left = later;
@@ -152,17 +161,17 @@ impl Objective<'_> {
         }
     }
 
-    fn tangent_of<L: Tangent<P>, const P: usize>(
+    fn tangent_of<I: Forward<P>, const P: usize>(
         &self,
-        light: &L,
-        directions: &[Direction<L::Voxel>],
+        light: &Composited<I>,
+        directions: &[Direction<I::Voxel>],
     ) -> (f64, Vec<f64>) {
         let mut sum = Dual::<f64, P>::constant(0.0);
         for view in 0..self.cameras.len() {
             if self.loss.reach() == Reach::Global {
                 // Derivatives wait for the loss's: forward, no ray is walked again.
-                let forward = |tape: &mut L::Tape, i: usize| self.pixel_forward(light, directions, (view, i), tape);
-                let pixels: Vec<[Dual<f64, P>; 4]> = self.each_pixel(view, L::Tape::default, forward);
+                let forward = |tape: &mut I::Scratch, i: usize| self.pixel_forward(light, directions, (view, i), tape);
+                let pixels: Vec<[Dual<f64, P>; 4]> = self.each_pixel(view, I::Scratch::default, forward);
                 let seen: Vec<Rgba> = pixels.iter().map(|p| p.map(|c| c.value)).collect();
                 let (value, slopes) = self.of_picture(&seen, view);
                 sum.value += value;
@@ -170,7 +179,7 @@ impl Objective<'_> {
                 continue;
             }
             let slopes = self.slopes(view, None);
-            let of_run = |tape: &mut L::Tape, run: &Range<usize>| {
+            let of_run = |tape: &mut I::Scratch, run: &Range<usize>| {
                 let mut sum = Dual::<f64, P>::constant(0.0);
                 for i in run.clone() {
                     let pixel = self.pixel_forward(light, directions, (view, i), tape);
@@ -180,22 +189,22 @@ impl Objective<'_> {
                 }
                 sum
             };
-            let parts = tiles::map(&tiles::runs(self.pixels(view), RUN), None, L::Tape::default, of_run);
+            let parts = tiles::map(&tiles::runs(self.pixels(view), RUN), None, I::Scratch::default, of_run);
             sum = parts.into_iter().flatten().fold(sum, |sum, part| sum + part);
         }
         (sum.value, sum.tangent[..directions.len()].to_vec())
     }
 
     /// What one pixel adds to a gradient.
-    fn pixel_back<L: Renderer>(
+    fn pixel_back<I: Differentiable>(
         &self,
-        light: &L,
+        light: &Composited<I>,
         adjoint: Adjoint,
         by: By,
         (view, i): (usize, usize),
         slopes: &Slopes<'_>,
-        own: &mut Gradient<L::Voxel>,
-        tape: &mut L::Tape,
+        own: &mut Gradient<I::Voxel>,
+        tape: &mut I::Scratch,
     ) {
         let (rays, share) = (self.positions(view, i), self.share());
         // Of several rays the mean must be known first.
@@ -210,7 +219,7 @@ impl Objective<'_> {
         };
         for [x, y] in rays {
             let mut moved = RayGradient::default();
-            let sinks = Sinks {
+            let to = Accumulators {
                 voxels: by.voxels.then_some(&mut own.voxels),
                 table: by.knots.is_some().then_some(&mut own.table),
                 ray: by.rays.then_some(&mut moved),
@@ -218,15 +227,15 @@ impl Objective<'_> {
             };
             let camera = &self.cameras[view];
             let value = &mut own.value;
-            let mut slope = |seen: &Radiance<L::Real>| match known {
-                Some(slope) => slope.map(|s| L::Real::of(share * s)),
+            let mut slope = |seen: &Pixel<I::Real>| match known {
+                Some(slope) => slope.map(|s| I::Real::of(share * s)),
                 None => {
                     let (here, slope) = self.pixel(view, i, &seen.rgba().map(Real::f64), slopes);
                     *value += here;
-                    slope.map(L::Real::of)
+                    slope.map(I::Real::of)
                 }
             };
-            light.gradient(&camera.ray(x, y), &mut slope, adjoint, sinks, tape);
+            light.vjp(&camera.ray(x, y), &mut slope, adjoint, to, tape);
             if by.rays {
                 let by_camera = camera.gradient(x, y, moved.origin, moved.direction);
                 own.cameras[view] = own.cameras[view].plus(&by_camera);
@@ -236,18 +245,18 @@ impl Objective<'_> {
     }
 
     /// One pixel, with its derivatives.
-    fn pixel_forward<L: Tangent<P>, const P: usize>(
+    fn pixel_forward<I: Forward<P>, const P: usize>(
         &self,
-        light: &L,
-        directions: &[Direction<L::Voxel>],
+        light: &Composited<I>,
+        directions: &[Direction<I::Voxel>],
         (view, i): (usize, usize),
-        tape: &mut L::Tape,
+        tape: &mut I::Scratch,
     ) -> [Dual<f64, P>; 4] {
         let (rays, share) = (self.positions(view, i), self.share());
         let camera = &self.cameras[view];
         let mut mean = [Dual::<f64, P>::constant(0.0); 4];
         for [x, y] in rays {
-            let mut seeds: Seeds<'_, L::Voxel, P> = Seeds::default();
+            let mut seeds: Seeds<'_, I::Voxel, P> = Seeds::default();
             for (p, direction) in directions.iter().enumerate() {
                 match direction {
                     Direction::Camera(number, by) if *number == view => {
@@ -261,7 +270,7 @@ impl Objective<'_> {
                     Direction::Voxels(by) => seeds.voxels[p] = Some(by),
                 }
             }
-            let seen = light.tangent(&camera.ray(x, y), &seeds, tape).rgba();
+            let seen = light.jvp(&camera.ray(x, y), &seeds, tape).rgba();
             (0..4).for_each(|c| mean[c] = mean[c] + seen[c].f64().linear(|v| share * v));
         }
         mean
@@ -283,7 +292,7 @@ impl Objective<'_> {
     }
 
     /// Value and derivatives of a picture, where the loss needs all of it; times the view's share.
-    fn global<L: Renderer>(&self, light: &L, view: usize) -> (f64, Option<Vec<Rgba>>) {
+    fn global<I: Differentiable>(&self, light: &Composited<I>, view: usize) -> (f64, Option<Vec<Rgba>>) {
         if self.loss.reach() == Reach::Local {
             return (0.0, None);
         }
@@ -313,8 +322,8 @@ impl Objective<'_> {
     }
 
     /// What a camera sees.
-    pub fn picture<L: Renderer>(&self, light: &L, view: usize) -> Vec<Rgba> {
-        self.each_pixel(view, L::Tape::default, |tape, i| self.seen(light, view, i, tape))
+    pub fn picture<I: Differentiable>(&self, light: &Composited<I>, view: usize) -> Vec<Rgba> {
+        self.each_pixel(view, I::Scratch::default, |tape, i| self.seen(light, view, i, tape))
     }
 
     /// A value for each pixel of a view, by its row-major number.
@@ -330,11 +339,11 @@ impl Objective<'_> {
     }
 
     /// Mean over a pixel's rays.
-    fn seen<L: Renderer>(&self, light: &L, view: usize, i: usize, tape: &mut L::Tape) -> Rgba {
+    fn seen<I: Differentiable>(&self, light: &Composited<I>, view: usize, i: usize, tape: &mut I::Scratch) -> Rgba {
         let (rays, share) = (self.positions(view, i), self.share());
         let mut mean = [0.0; 4];
         for [x, y] in rays {
-            let seen = light.seen(&self.cameras[view].ray(x, y), tape).rgba();
+            let seen = light.pixel_on(&self.cameras[view].ray(x, y), tape).rgba();
             (0..4).for_each(|c| mean[c] += share * seen[c].f64());
         }
         mean

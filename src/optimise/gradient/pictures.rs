@@ -3,10 +3,13 @@
 
 use crate::cancel::Cancel;
 use crate::optimise::gradient::partition::{Parts, Tile};
-use crate::render::dvr::{Adjoint, Loss, ParameterGradient, RayGradient, Sinks};
+use crate::render::composited::{self, Composited};
+use crate::render::differentiable::Differentiable;
+use crate::render::differentiable::{self, Adjoint, ParameterGradient, RayGradient};
+use crate::render::integrator::Integrator;
 use crate::render::order::Tiles;
+use crate::render::pixel;
 use crate::render::tiles::{self, Subpixels};
-use crate::render::{Renderer, pixel};
 use crate::scene::bricks::{BRICK, Bricks, Voxel};
 use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
@@ -49,7 +52,7 @@ impl<V> Default for Gradients<'_, V> {
 
 /// Memory that gradients are summed up in, kept from call to call: of a renderer's voxels, and its tapes.
 #[derive(Debug, Clone, Default)]
-pub struct Accumulators<V, T>(Vec<Lane<V, T>>);
+pub struct Workspace<V, T>(Vec<Lane<V, T>>);
 
 /// Its share of one lane.
 #[derive(Debug, Clone, Default)]
@@ -60,7 +63,7 @@ struct Lane<V, T> {
 }
 
 /// A partition's number, where it adds derivatives by voxel, if they are asked for, and its tape.
-type Partition<'l, L> = (usize, Option<&'l mut [<L as Renderer>::Voxel]>, &'l mut <L as Renderer>::Tape);
+type Partition<'l, I> = (usize, Option<&'l mut [<I as Differentiable>::Voxel]>, &'l mut <I as Integrator>::Scratch);
 
 /// What one lane sums up.
 struct Sums<'v, V> {
@@ -73,17 +76,17 @@ struct Sums<'v, V> {
 }
 
 /// Adds the gradient of `Σ loss(seen, target)` over all pixels of the targets to `gradients` and returns
-/// the sum. `loss` gives value and derivative per pixel. Accumulators are per lane and added in order:
+/// the sum. `loss` gives value and derivative per pixel. Workspace are per lane and added in order:
 /// the same bits for any number of threads.
-pub fn gradient<L: Renderer<Real = f32>>(
-    light: &L,
+pub fn gradient<I: Differentiable<Real = f32>>(
+    light: &Composited<I>,
     targets: &[&Target],
     loss: PixelLoss<'_>,
     adjoint: Adjoint,
-    accumulators: &mut Accumulators<L::Voxel, L::Tape>,
-    gradients: &mut Gradients<'_, L::Voxel>,
+    accumulators: &mut Workspace<I::Voxel, I::Scratch>,
+    gradients: &mut Gradients<'_, I::Voxel>,
 ) -> (f64, ParameterGradient) {
-    let (field, lookups) = (light.field(), light.lookups(gradients.table.is_some()));
+    let (field, lookups) = (light.integrator.field(), light.integrator.lookups(gradients.table.is_some()));
     let count = match gradients.voxels {
         Some(_) => {
             let rays: usize = targets.iter().map(|t| t.rgba.len() * t.rays_per_edge.pow(2)).sum();
@@ -103,11 +106,11 @@ pub fn gradient<L: Renderer<Real = f32>>(
         .iter_mut()
         .skip(1)
         .filter(|lane| lane.voxels.len() != length)
-        .for_each(|lane| lane.voxels = vec![L::Voxel::default(); length]);
+        .for_each(|lane| lane.voxels = vec![I::Voxel::default(); length]);
     let views: Vec<&Camera> = targets.iter().map(|t| &t.camera).collect();
     let parts = Parts::new(field, &lookups, &views, count, voxels.is_some());
     let mut first = voxels.as_deref_mut();
-    let mut own: Vec<Partition<'_, L>> = lanes
+    let mut own: Vec<Partition<'_, I>> = lanes
         .iter_mut()
         .enumerate()
         .map(|(number, lane)| {
@@ -115,7 +118,7 @@ pub fn gradient<L: Renderer<Real = f32>>(
             (number, voxels, &mut lane.tape)
         })
         .collect();
-    let sums: Vec<Sums<'_, L::Voxel>> = tiles::partitions(
+    let sums: Vec<Sums<'_, I::Voxel>> = tiles::partitions(
         &mut own,
         cancel.flag(),
         |number| parts.tiles[number].iter(),
@@ -184,32 +187,32 @@ fn approach<V: Voxel>(brick: &mut [V], own: bool) {
 }
 
 /// What goes through the pixels of one view.
-struct Run<'a, 'v, L: Renderer> {
-    light: &'a L,
+struct Run<'a, 'v, I: Differentiable> {
+    light: &'a Composited<I>,
     target: &'a Target,
     /// The target's.
     number: usize,
     tiles: &'a Tiles,
     loss: PixelLoss<'a>,
     adjoint: Adjoint,
-    sums: &'a mut Sums<'v, L::Voxel>,
-    tape: &'a mut L::Tape,
+    sums: &'a mut Sums<'v, I::Voxel>,
+    tape: &'a mut I::Scratch,
 }
 
-impl<L: Renderer<Real = f32>> Run<'_, '_, L> {
+impl<I: Differentiable<Real = f32>> Run<'_, '_, I> {
     /// Radiance and gradient of the ray through an image position.
-    fn ray(&mut self, [x, y]: [f64; 2], slope: Loss<'_, f32>) {
+    fn ray(&mut self, [x, y]: [f64; 2], slope: composited::PixelLoss<'_, f32>) {
         let mut moved = RayGradient::default();
         let own = &mut *self.sums;
         let follow = own.cameras.is_some();
-        let sinks = Sinks {
+        let to = differentiable::Accumulators {
             voxels: own.voxels.as_deref_mut(),
             table: own.table.as_mut(),
             ray: follow.then_some(&mut moved),
             shared: &mut own.shared,
         };
         let camera = &self.target.camera;
-        self.light.gradient(&camera.ray(x, y), slope, self.adjoint, sinks, self.tape);
+        self.light.vjp(&camera.ray(x, y), slope, self.adjoint, to, self.tape);
         if let Some(cameras) = &mut own.cameras {
             cameras[self.number] = cameras[self.number].plus(&camera.gradient(x, y, moved.origin, moved.direction));
             own.step += moved.step;
@@ -259,7 +262,7 @@ pub fn bricks_crossed<V: Voxel>(field: &Bricks<V>, rays: usize) -> f64 {
     1.5 * rays as f64 * (field.topology.len() as f64).cbrt()
 }
 
-/// Accumulators for so many look-ups of densities in a field: as many as pay (each is cleared and added up, which must
+/// Workspace for so many look-ups of densities in a field: as many as pay (each is cleared and added up, which must
 /// cost less than the rays do) and as fit in memory, from 2 to 16. Those `apart` see a part of the field each.
 pub fn lanes<V: Voxel>(field: &Bricks<V>, lookups: f64, apart: bool) -> usize {
     let values = field.values.len().max(1);
@@ -272,7 +275,7 @@ pub fn lanes<V: Voxel>(field: &Bricks<V>, lookups: f64, apart: bool) -> usize {
 }
 
 /// Sum of squared differences of the colors over all pixels that are finite; infinite once the work is to stop.
-pub fn error(light: &impl Renderer<Real = f32>, targets: &[&Target], cancel: Cancel) -> f64 {
+pub fn error(light: &Composited<impl Differentiable<Real = f32>>, targets: &[&Target], cancel: Cancel) -> f64 {
     let never = std::sync::atomic::AtomicBool::new(false);
     let flag = cancel.flag().unwrap_or(&never);
     let of = |t: &&Target| -> f64 {

@@ -7,8 +7,10 @@
 use crate::cancel::Cancel;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::projection::observation::Photo;
+use crate::render::composited::Composited;
+use crate::render::differentiable::Differentiable;
+use crate::render::pixel;
 use crate::render::tiles::{self, Subpixels};
-use crate::render::{Renderer, pixel};
 
 /// Views that are looked at, and pairs of neighbouring pixels in each.
 const VIEWS: usize = 16;
@@ -43,8 +45,8 @@ const OPAQUE: f32 = 0.98;
 impl Residuals {
     /// Compares pairs of neighbouring pixels of the used views with their renders; none once the work is to stop, or
     /// where there are none.
-    pub fn new<L: Renderer<Real = f32>>(
-        light: &L,
+    pub fn new<I: Differentiable<Real = f32>>(
+        light: &Composited<I>,
         photos: &[Photo],
         held_out: &[usize],
         rays_per_edge: usize,
@@ -55,18 +57,18 @@ impl Residuals {
         let step = used.len().div_ceil(VIEWS).max(1);
         let chosen: Vec<&Photo> = used.into_iter().step_by(step).collect();
         let rays = Subpixels::new(rays_per_edge);
-        let of_view = |tape: &mut L::Tape, photo: &&Photo| Self::of_view(light, photo, rays, cancel, tape);
-        let all = tiles::map(&chosen, cancel.flag(), L::Tape::default, of_view)?;
+        let of_view = |tape: &mut I::Scratch, photo: &&Photo| Self::of_view(light, photo, rays, cancel, tape);
+        let all = tiles::map(&chosen, cancel.flag(), I::Scratch::default, of_view)?;
         let total = all.into_iter().reduce(Self::plus)?;
         (total.count > 0.0 && !cancel.requested()).then_some(total)
     }
 
-    fn of_view<L: Renderer<Real = f32>>(
-        light: &L,
+    fn of_view<I: Differentiable<Real = f32>>(
+        light: &Composited<I>,
         photo: &Photo,
         rays: Subpixels,
         cancel: Cancel,
-        tape: &mut L::Tape,
+        tape: &mut I::Scratch,
     ) -> Self {
         let (w, h) = (photo.film.width, photo.film.height);
         let mut seen = |x: usize, y: usize| pixel(light, &photo.camera, rays, [x, y], tape);

@@ -8,7 +8,8 @@ pub mod normal;
 use crate::optimise::gradient::camera_jacobian::Rows;
 use crate::optimise::gradient::pictures::Target;
 use crate::optimise::pose::normal::{Frame, Normal, Pose, Spectrum, steps};
-use crate::render::Renderer;
+use crate::render::composited::Composited;
+use crate::render::differentiable::Differentiable;
 use crate::scene::camera::Camera;
 use crate::scene::medium::{Medium, Source};
 use glam::DVec3;
@@ -107,9 +108,9 @@ pub struct Found {
 ///
 /// With a `judge`, which may be slow, the search ends on what that sees, while the renderer still says how it changes:
 /// the fewer digits of derivatives make steps less sure, not what they lead to.
-pub fn solve<V: Renderer<Real = f32>>(
-    renderer: &V,
-    judge: Option<&V>,
+pub fn solve<I: Differentiable<Real = f32>>(
+    renderer: &Composited<I>,
+    judge: Option<&Composited<I>>,
     targets: &[Target],
     request: &Request<'_>,
     cancel: &AtomicBool,
@@ -165,9 +166,9 @@ fn shrunk(camera: &Camera, level: usize) -> Camera {
 }
 
 /// Cameras that are moved together.
-struct Search<'s, V> {
-    renderer: &'s V,
-    judge: Option<&'s V>,
+struct Search<'s, I> {
+    renderer: &'s Composited<I>,
+    judge: Option<&'s Composited<I>>,
     request: &'s Request<'s>,
     cancel: &'s AtomicBool,
     pyramids: Vec<Vec<Target>>,
@@ -181,10 +182,10 @@ struct Search<'s, V> {
 /// Normal equations of all cameras.
 type Equations = Vec<(Normal, Spectrum)>;
 
-impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
+impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
     fn new(
-        renderer: &'s V,
-        judge: Option<&'s V>,
+        renderer: &'s Composited<I>,
+        judge: Option<&'s Composited<I>>,
         targets: &[Target],
         request: &'s Request<'s>,
         cancel: &'s AtomicBool,
@@ -234,7 +235,7 @@ impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
 
     /// Levenberg and Marquardt's method on pictures of one size, with Nielsen's damping (1999).
     /// Gives the equations where it ends; none if it was stopped before they were complete.
-    fn descend(&mut self, level: usize, judge: Option<&V>) -> Option<Equations> {
+    fn descend(&mut self, level: usize, judge: Option<&Composited<I>>) -> Option<Equations> {
         let shortest = match (level, judge, self.judge) {
             (0, None, None) => FINE,
             (0, Some(_), _) => JUDGED,
@@ -292,7 +293,7 @@ impl<'s, V: Renderer<Real = f32>> Search<'s, V> {
     }
 
     /// Normal equations of cameras of full pictures on pictures of a level, or the smallest there are.
-    fn linearised(&self, cameras: &[Camera], level: usize, judge: Option<&V>) -> Equations {
+    fn linearised(&self, cameras: &[Camera], level: usize, judge: Option<&Composited<I>>) -> Equations {
         let of = |((camera, distance), pyramid): ((&Camera, &f64), &Vec<Target>)| {
             let level = level.min(pyramid.len() - 1);
             let Target { rgba, rays_per_edge, .. } = &pyramid[level];

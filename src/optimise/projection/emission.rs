@@ -9,6 +9,7 @@ use crate::optimise::gradient::pictures::{bricks_crossed, lanes};
 use crate::optimise::projection::observation::{Photo, stride_within};
 use crate::optimise::solver::conjugate::Equations;
 use crate::render::arch::Arch;
+use crate::render::composited::Composited;
 use crate::render::order::morton;
 use crate::render::preshaded::{Preshaded, Tape};
 use crate::render::tiles;
@@ -145,7 +146,7 @@ impl<'a> Emission<'a> {
         slope: impl Fn(&Pixel, [f64; 3]) -> ([f32; 3], [f64; 2]) + Sync,
     ) -> [f64; 2] {
         self.fill(x);
-        let renderer = Preshaded::new(&self.field, background);
+        let renderer = Preshaded::new(&self.field).over(background);
         let runs: Vec<(&Camera, &[Pixel])> =
             sights.iter().flat_map(|s| s.pixels.chunks(RUN).map(|p| (&s.camera, p))).collect();
         let (count, offsets, arch, cancel) = (self.lanes.len(), &self.offsets, Arch::default(), self.cancel);
@@ -216,7 +217,7 @@ impl Equations for &mut Emission<'_> {
 
 /// Neighbouring pixels of one view: the unit that is compiled once for each instruction set.
 struct Run<'a, 'd, F> {
-    renderer: &'a Preshaded<'d, f32>,
+    renderer: &'a Composited<Preshaded<'d, f32>>,
     camera: &'a Camera,
     pixels: &'a [Pixel],
     offsets: &'a [[f64; 2]],
@@ -238,7 +239,8 @@ impl<F: Fn(&Pixel, [f64; 3]) -> ([f32; 3], [f64; 2])> pulp::NullaryFnOnce for Ru
             let mut seen = [0.0; 3];
             self.tape.forget();
             for [u, v] in self.offsets {
-                let radiance = self.renderer.trace(&self.camera.ray(x + u, y + v), self.tape);
+                let light = self.renderer.integrator.trace(&self.camera.ray(x + u, y + v), self.tape);
+                let radiance = self.renderer.composite(&light);
                 seen.iter_mut().zip(radiance.rgb).for_each(|(s, l)| *s += share * f64::from(l));
             }
             let (by_color, add) = (self.slope)(pixel, seen);

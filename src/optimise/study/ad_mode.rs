@@ -7,7 +7,7 @@
 //! alone, a ray has one derivative for all its voxels, and forward takes 1 (the step) to 4.
 
 use crate::optimise::loss::Reach;
-use crate::render::dvr::Adjoint;
+use crate::render::differentiable::Adjoint;
 
 /// What is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]

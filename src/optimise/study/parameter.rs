@@ -2,7 +2,7 @@
 
 use crate::optimise::gradient::objective::{By, Direction, Gradient};
 use crate::optimise::study::subject::Subject;
-use crate::render::dvr::ParameterGradient;
+use crate::render::differentiable::ParameterGradient;
 use crate::scene::bricks::{Bricks, Topology};
 use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::grid::LEAF_VOXELS;

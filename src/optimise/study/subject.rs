@@ -1,10 +1,11 @@
 //! What gradients are studied of: the densities of a medium, or the emissions and extinctions of a pre-shaded volume.
 
 use crate::error::Result;
-use crate::optimise::gradient::objective::Forward;
+use crate::optimise::gradient::objective::ForwardInAll;
 use crate::optimise::study::setting::Setting;
 use crate::real::Real;
-use crate::render::Renderer;
+use crate::render::composited::Composited;
+use crate::render::differentiable::Differentiable;
 use crate::render::dvr::{Directions, Dvr};
 use crate::render::preshaded::Preshaded;
 use crate::scene::bricks::{Bricks, Voxel};
@@ -18,7 +19,7 @@ pub trait Subject: Voxel + Debug + PartialEq + 'static {
     /// The same in double precision.
     type Double: Subject<Double = Self::Double>;
     /// Its renderer.
-    type Light<'f>: Forward + Renderer<Voxel = Self>;
+    type Light<'f>: ForwardInAll + Differentiable<Voxel = Self>;
     /// Names of the numbers it is made of; the last is what the optical depth is made of.
     const CHANNELS: &'static [&'static str];
     /// The renderer of a field. In double precision nothing is left out, so that differences show derivatives and not
@@ -26,7 +27,7 @@ pub trait Subject: Voxel + Debug + PartialEq + 'static {
     ///
     /// # Errors
     /// As [`Dvr::new`] and [`Transfer::table`](crate::scene::transfer::Transfer::table).
-    fn light<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Self::Light<'f>>;
+    fn light<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Composited<Self::Light<'f>>>;
     /// True if light depends on the optical depth alone.
     fn depth_alone(setting: &Setting) -> bool;
     /// How rays are integrated along, in a word.
@@ -55,14 +56,16 @@ fn is_double<R: Real>() -> bool {
     R::EPSILON.f64() < 1e-10
 }
 
-fn medium<'f, R: Directions<1>>(field: &'f Bricks<R>, setting: &Setting) -> Result<Dvr<'f, R>> {
-    let dvr = Dvr::new(field, setting.medium()?)?.background(setting.background).quadrature(setting.quadrature);
-    Ok(if is_double::<R>() { dvr.early_stop(0.0).tolerance(1e-11) } else { dvr })
+fn medium<'f, R: Directions<1>>(field: &'f Bricks<R>, setting: &Setting) -> Result<Composited<Dvr<'f, R>>> {
+    let dvr = Dvr::new(field, setting.medium()?)?.quadrature(setting.quadrature);
+    let dvr = if is_double::<R>() { dvr.early_stop(0.0).tolerance(1e-11) } else { dvr };
+    Ok(dvr.over(setting.background))
 }
 
-fn shaded<'f, R: Real>(field: &'f Bricks<R::Lanes>, setting: &Setting) -> Preshaded<'f, R> {
-    let light = Preshaded::new(field, setting.background);
-    if is_double::<R>() { light.early_stop(0.0) } else { light }
+fn shaded<'f, R: Real>(field: &'f Bricks<R::Lanes>, setting: &Setting) -> Composited<Preshaded<'f, R>> {
+    let light = Preshaded::new(field);
+    let light = if is_double::<R>() { light.early_stop(0.0) } else { light };
+    light.over(setting.background)
 }
 
 macro_rules! subjects {
@@ -71,7 +74,7 @@ macro_rules! subjects {
             type Double = f64;
             type Light<'f> = Dvr<'f, $real>;
             const CHANNELS: &'static [&'static str] = &["density"];
-            fn light<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Self::Light<'f>> {
+            fn light<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Composited<Self::Light<'f>>> {
                 medium(field, setting)
             }
             fn depth_alone(setting: &Setting) -> bool {
@@ -95,7 +98,7 @@ macro_rules! subjects {
             type Double = DVec4;
             type Light<'f> = Preshaded<'f, $real>;
             const CHANNELS: &'static [&'static str] = &["emission.red", "emission.green", "emission.blue", "density"];
-            fn light<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Self::Light<'f>> {
+            fn light<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Composited<Self::Light<'f>>> {
                 Ok(shaded(field, setting))
             }
             fn depth_alone(_: &Setting) -> bool {

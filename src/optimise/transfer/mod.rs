@@ -16,6 +16,7 @@ use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::optimise::density::Stage;
 use crate::optimise::projection::observation::Photo;
+use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
 use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::Bricks;
@@ -358,11 +359,11 @@ impl<'a> Fit<'a> {
         Transfer::Texture { domain: self.request.domain, texels: self.texels.clone() }
     }
 
-    fn renderer(&self, texels: &[Rgbs]) -> Result<Dvr<'a, f32>> {
+    fn renderer(&self, texels: &[Rgbs]) -> Result<Composited<Dvr<'a, f32>>> {
         let transfer = Transfer::Texture { domain: self.request.domain, texels: texels.to_vec() };
         let source = Source::Transfer(Arc::new(transfer.table()?));
         let medium = Medium { extinction: self.request.extinction, source };
-        Ok(Dvr::new(self.field, medium)?.background(self.request.background).quadrature(self.request.quadrature))
+        Ok(Dvr::new(self.field, medium)?.quadrature(self.request.quadrature).over(self.request.background))
     }
 
     /// Extinctions by Gauss and Newton on `T = e^{-H s}`: with nothing that absorbs, the derivative of alpha

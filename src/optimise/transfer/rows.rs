@@ -2,6 +2,7 @@
 
 use super::normal::{Normal, Row, Sums, bounded};
 use super::rays::Rays;
+use crate::render::composited::Composited;
 use crate::render::dvr::{ByKnot, Dvr, TableJacobian, Tape};
 use crate::render::tiles;
 use glam::DVec4;
@@ -32,7 +33,7 @@ impl Scratch {
     }
 
     /// A pixel, and its derivatives by texel.
-    fn derive(&mut self, dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize) -> [f64; 4] {
+    fn derive(&mut self, dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, pixel: usize) -> [f64; 4] {
         self.jacobian.forget();
         let share = 1.0 / rays.per_pixel as f64;
         let mut seen = [0.0; 4];
@@ -56,7 +57,7 @@ pub(super) type Lengths = Vec<(u32, f32)>;
 
 /// Length of each pixel's rays in each texel (times the factor of the extinctions): derivatives of alpha where
 /// nothing absorbs.
-pub(super) fn lengths(clear: &Dvr<'_, f32>, rays: &Rays, texels: usize) -> Vec<Lengths> {
+pub(super) fn lengths(clear: &Composited<Dvr<'_, f32>>, rays: &Rays, texels: usize) -> Vec<Lengths> {
     let of_run = |scratch: &mut Scratch, run: &Range<usize>| {
         let line = |pixel| {
             scratch.derive(clear, rays, pixel);
@@ -135,7 +136,7 @@ pub(super) fn extinctions(lengths: &[Lengths], rays: &Rays, texels: usize, smoot
 }
 
 /// The normal equations of all pixels; derivatives by extinction are taken in units of `scale`.
-pub(super) fn normal(dvr: &Dvr<'_, f32>, rays: &Rays, scale: f64, texels: usize) -> Normal {
+pub(super) fn normal(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, scale: f64, texels: usize) -> Normal {
     let mut normal = Normal::zeros(texels);
     for first in (0..rays.len()).step_by(LANES * MOST_PIXELS) {
         let pixels = first..rays.len().min(first + LANES * MOST_PIXELS);
@@ -146,7 +147,7 @@ pub(super) fn normal(dvr: &Dvr<'_, f32>, rays: &Rays, scale: f64, texels: usize)
 }
 
 /// Sums over the pixels, lane by lane.
-fn sums(dvr: &Dvr<'_, f32>, rays: &Rays, scale: f64, texels: usize, pixels: Range<usize>) -> Vec<Sums> {
+fn sums(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, scale: f64, texels: usize, pixels: Range<usize>) -> Vec<Sums> {
     let part = pixels.len().div_ceil(LANES);
     let of_lane = |lane: usize| {
         let begin = pixels.start + lane * part;
@@ -177,10 +178,10 @@ fn sums(dvr: &Dvr<'_, f32>, rays: &Rays, scale: f64, texels: usize, pixels: Rang
 }
 
 /// A pixel.
-pub(super) fn see(dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize, tape: &mut Tape<f32>) -> [f64; 4] {
+pub(super) fn see(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, pixel: usize, tape: &mut Tape<f32>) -> [f64; 4] {
     let mut seen = [0.0; 4];
     for ray in rays.of(pixel) {
-        let found = dvr.radiance_on(ray, tape).rgba();
+        let found = dvr.pixel_on(ray, tape).rgba();
         for c in 0..4 {
             seen[c] += f64::from(found[c]) / rays.per_pixel as f64;
         }
@@ -189,7 +190,7 @@ pub(super) fn see(dvr: &Dvr<'_, f32>, rays: &Rays, pixel: usize, tape: &mut Tape
 }
 
 /// Sum over all pixels of what `square` makes of seen less wanted.
-fn sum(dvr: &Dvr<'_, f32>, rays: &Rays, square: impl Fn([f64; 4]) -> f64 + Sync) -> f64 {
+fn sum(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, square: impl Fn([f64; 4]) -> f64 + Sync) -> f64 {
     let part = rays.len().div_ceil(LANES).max(1);
     let of_part = |tape: &mut Tape<f32>, part: &Range<usize>| {
         let of = |pixel: usize| {
@@ -202,11 +203,11 @@ fn sum(dvr: &Dvr<'_, f32>, rays: &Rays, square: impl Fn([f64; 4]) -> f64 + Sync)
 }
 
 /// `Σ` of all four channels' squared differences.
-pub(super) fn cost(dvr: &Dvr<'_, f32>, rays: &Rays) -> f64 {
+pub(super) fn cost(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays) -> f64 {
     sum(dvr, rays, |d| d.iter().map(|v| v * v).sum())
 }
 
 /// The same of the colors alone.
-pub(super) fn color_cost(dvr: &Dvr<'_, f32>, rays: &Rays) -> f64 {
+pub(super) fn color_cost(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays) -> f64 {
     sum(dvr, rays, |d| d[..3].iter().map(|v| v * v).sum())
 }

@@ -10,7 +10,9 @@ use super::{Fit, Rays};
 use crate::error::Result;
 use crate::optimise::loss::prior::TransferPrior;
 use crate::optimise::solver::adam::Adam;
-use crate::render::dvr::{Adjoint, Dvr, ParameterGradient, Sinks, Tape};
+use crate::render::composited::Composited;
+use crate::render::differentiable::{Accumulators, Adjoint, ParameterGradient};
+use crate::render::dvr::{Dvr, Tape};
 use crate::render::tiles;
 use crate::scene::table::{Rgbs, TableGradient};
 
@@ -89,7 +91,7 @@ impl Descent {
 }
 
 /// `Σ (seen - wanted)²`, and the derivative by texel of the mean over pixels of `Σ_c |seen - wanted|`.
-fn absolute(dvr: &Dvr<'_, f32>, rays: &Rays, texels: usize) -> (f64, Vec<Rgbs>) {
+fn absolute(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, texels: usize) -> (f64, Vec<Rgbs>) {
     let share = 1.0 / (rays.len() * rays.per_pixel) as f32;
     let parts = tiles::partitions(
         &mut vec![(Tape::default(), ParameterGradient::default()); LANES],
@@ -103,8 +105,8 @@ fn absolute(dvr: &Dvr<'_, f32>, rays: &Rays, texels: usize) -> (f64, Vec<Rgbs>) 
             let slope = |d: f64| if d == 0.0 { 0.0 } else { share * d.signum() as f32 };
             let slope = off.map(slope);
             for ray in rays.of(pixel) {
-                let sinks = Sinks { voxels: None, table: Some(&mut *table), ray: None, shared: &mut *shared };
-                dvr.gradient(ray, &mut |_| slope, Adjoint::Tape, sinks, tape);
+                let to = Accumulators { voxels: None, table: Some(&mut *table), ray: None, shared: &mut *shared };
+                dvr.vjp(ray, &mut |_| slope, Adjoint::Tape, to, tape);
             }
         },
     );

@@ -11,7 +11,7 @@
 //! gives both, with no slope of each pixel to be known before.
 
 use crate::optimise::gradient::camera_jacobian::Rows;
-use crate::render::Renderer;
+use crate::render::differentiable::Differentiable;
 use glam::DVec3;
 use std::iter::Sum;
 
@@ -83,14 +83,14 @@ pub struct Entropy {
 }
 
 /// Entropy of a picture.
-pub fn value(rows: &Rows<'_, impl Renderer<Real = f32>>) -> Entropy {
+pub fn value(rows: &Rows<'_, impl Differentiable<Real = f32>>) -> Entropy {
     let sums = rows.fold(|_| true, &[], |sums: &mut Sums, _, seen, _| sums.add(seen[3], DVec3::ZERO));
     sums.into_iter().sum::<Sums>().entropy(rows.pixels())
 }
 
 /// Entropy of a picture, and its derivative as the camera moves about `centre` as a rigid body: its position p by
 /// `ω × (p - centre)`, its axes by ω.
-pub fn gradient(rows: &Rows<'_, impl Renderer<Real = f32>>, centre: DVec3) -> Entropy {
+pub fn gradient(rows: &Rows<'_, impl Differentiable<Real = f32>>, centre: DVec3) -> Entropy {
     let arm = rows.camera.position() - centre;
     let sums = rows.fold(
         |_| true,

@@ -11,6 +11,7 @@ pub mod entropy;
 
 use crate::optimise::gradient::camera_jacobian::Rows;
 use crate::optimise::solver::ascent::{Ascent, Slope};
+use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
 use crate::scene::sphere::{Sphere, levelled, spread, stepped, upright};
 use entropy::Entropy;
@@ -86,7 +87,12 @@ pub struct Outcome {
 
 /// Climbs from every start. `tick` is told of every scout's look, and of every start and every size of picture that it
 /// has been through: as often as [`ticks`] says. Once `cancel` is set climbers stay where they are.
-pub fn search(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool, tick: &(dyn Fn() + Sync)) -> Outcome {
+pub fn search(
+    dvr: &Composited<Dvr<'_, f32>>,
+    request: &Request,
+    cancel: &AtomicBool,
+    tick: &(dyn Fn() + Sync),
+) -> Outcome {
     let begun = Instant::now();
     let scouted = scouted(dvr, request, cancel, tick);
     let starts: Vec<DMat3> = scouted.iter().chain(&request.given).map(|d| upright(*d)).collect();
@@ -165,7 +171,12 @@ fn scouts(request: &Request) -> Vec<DVec3> {
 }
 
 /// For each of the starts, the best of it and of those scouts' viewpoints that lie nearest to it.
-fn scouted(dvr: &Dvr<'_, f32>, request: &Request, cancel: &AtomicBool, tick: &(dyn Fn() + Sync)) -> Vec<DVec3> {
+fn scouted(
+    dvr: &Composited<Dvr<'_, f32>>,
+    request: &Request,
+    cancel: &AtomicBool,
+    tick: &(dyn Fn() + Sync),
+) -> Vec<DVec3> {
     let level = sizes(&request.sphere).next().unwrap_or(0);
     let sphere = request.sphere.scaled(0.5_f64.powi(level));
     let look = |directions: &[DVec3]| look(dvr, &sphere, directions, cancel, tick);
@@ -190,7 +201,7 @@ fn best_nearby(places: &[(DVec3, f64)], others: &[(DVec3, f64)]) -> Vec<DVec3> {
 
 /// Entropies of upright views spread evenly over the sphere, with their directions. Nothing if it was stopped.
 pub fn sample(
-    dvr: &Dvr<'_, f32>,
+    dvr: &Composited<Dvr<'_, f32>>,
     sphere: &Sphere,
     count: usize,
     cancel: &AtomicBool,
@@ -201,7 +212,7 @@ pub fn sample(
 
 /// Entropies of upright views, with their directions.
 fn look(
-    dvr: &Dvr<'_, f32>,
+    dvr: &Composited<Dvr<'_, f32>>,
     sphere: &Sphere,
     directions: &[DVec3],
     cancel: &AtomicBool,
@@ -240,7 +251,7 @@ impl Climber {
 
 /// Climbs on pictures of one size.
 fn climb(
-    dvr: &Dvr<'_, f32>,
+    dvr: &Composited<Dvr<'_, f32>>,
     sphere: &Sphere,
     ascent: &mut Ascent,
     [pixels, rise]: [f64; 2],
@@ -287,7 +298,7 @@ fn meet(mut climbers: Vec<Climber>, near: f64) -> Vec<Climber> {
 }
 
 /// Entropy of a view; that of a part of its pixels once `cancel` is set.
-fn at(dvr: &Dvr<'_, f32>, sphere: &Sphere, axes: &DMat3, cancel: &AtomicBool) -> Entropy {
+fn at(dvr: &Composited<Dvr<'_, f32>>, sphere: &Sphere, axes: &DMat3, cancel: &AtomicBool) -> Entropy {
     entropy::value(&Rows { renderer: dvr, judge: None, camera: &sphere.camera(axes), rays_per_edge: 1, cancel })
 }
 
@@ -328,7 +339,7 @@ mod tests {
         let bricks = Arc::new(Topology::new([IVec3::ZERO]).unwrap());
         let mut field = Bricks::zeros(bricks, Affine::uniform(1.0, DVec3::ZERO).unwrap());
         field.values.iter_mut().enumerate().for_each(|(i, v)| *v = (i % 7) as f32);
-        let dvr = Dvr::new(&field, Medium::absorbing(0.1)).unwrap();
+        let dvr = Dvr::new(&field, Medium::absorbing(0.1)).unwrap().over([1.0; 3]);
         for size in [24, 70] {
             let sphere = Sphere::around(&field.outline(), [size, size], 40.0).unwrap();
             let request = Request { sphere, starts: spread(3), given: vec![DVec3::X], iterations: 2 };

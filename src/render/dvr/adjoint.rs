@@ -10,23 +10,26 @@
 //!                    V ← V + c_i (T_i - T_{i+1}) + s_i T_i q_i
 //! ```
 //! and from there by [`Lit::slopes`] to the densities. No division by `1 - α`: finite for opaque segments,
-//! where inverting the blend (Weiss & Westermann 2021, sect. 4.3; here [`Adjoint::Inversion`](super::sinks::Adjoint::Inversion)) is 0/0.
+//! where inverting the blend (Weiss & Westermann 2021, sect. 4.3; here [`Adjoint::Inversion`]) is 0/0.
 //!
 //! All channels share the transmittance, so the recursion runs once, on the loss-weighted radiance:
-//! with `g` the loss derivative, `V = Σ g_c L_c - g_α T`.
+//! with `g` the loss derivative, `V = Σ g_c L_c + g_T T`.
 
+use super::blend::Blend;
+use super::blend::Entry;
 use super::jump::Jump;
-use super::kernel::{self, Blend, arriving, grey, over};
+use super::kernel::{self, arriving, grey};
 use super::light::{By, Glow, Light};
-use super::sinks::{Adjoint, Loss, Sinks};
-use super::tape::{Entry, Tape};
+use super::tape::Tape;
 use super::traced::Traced;
-use super::{Dvr, Matter, Optics, Precision, Radiance};
+use super::{Dvr, Matter, Optics, Precision};
 use crate::math::Ray;
 use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::cell::{Quartet, scatter};
 use crate::render::curve::{Curve, Piece};
+use crate::render::differentiable::{Accumulators, Adjoint, Cotangent, Loss};
+use crate::render::integrator::Radiance;
 use crate::render::march::{IndexRay, batches_before};
 use crate::render::moved::Moved;
 use crate::render::rule::{DepthRule, ExactDepth, Rule};
@@ -41,18 +44,15 @@ impl<R: Precision> Dvr<'_, R> {
         ray: &Ray,
         loss: Loss<'_, R>,
         adjoint: Adjoint,
-        sinks: Sinks<'_, R>,
+        to: Accumulators<'_, R>,
         tape: &mut Tape<R>,
-    ) -> Radiance<R> {
+    ) -> Radiance {
         let Some(ray) = self.index_ray(ray) else {
-            let seen = grey(0.0, [0.0; 3], self.background);
-            let g = loss(&seen);
-            for c in 0..3 {
-                sinks.shared.background[c] += g[c].f64() * seen.transmittance.f64();
-            }
-            return seen;
+            let light = Radiance::default();
+            loss(&light);
+            return light;
         };
-        let mut pass = Pass::new(self, ray, sinks);
+        let mut pass = Pass::new(self, ray, to);
         // The paper's inversion is left to the rule that pre-integration approaches.
         if let Matter::Table(optics, Some(tables)) = &self.matter
             && adjoint != Adjoint::Inversion
@@ -63,7 +63,7 @@ impl<R: Precision> Dvr<'_, R> {
         if self.uniform(&pass.ray).is_some() || adjoint == Adjoint::Inversion {
             return R::uncommon(&mut pass, loss, adjoint, tape);
         }
-        if let (Source::Grey(color), None) = (&self.medium.source, &pass.sinks.ray) {
+        if let (Source::Grey(color), None) = (&self.medium.source, &pass.to.ray) {
             return pass.depth_only(loss, adjoint, ExactDepth, *color, &mut tape.cells);
         }
         let Tape { chords, lit_chords, .. } = tape;
@@ -72,7 +72,7 @@ impl<R: Precision> Dvr<'_, R> {
                 pass.recursion(loss, adjoint, self.exact_source(optics, false), optics, chords, lit_chords)
             }
             Matter::Table(optics, _) => {
-                let rule = self.exact_source(optics, pass.sinks.table.is_some());
+                let rule = self.exact_source(optics, pass.to.table.is_some());
                 pass.recursion(loss, adjoint, rule, optics, chords, lit_chords)
             }
         }
@@ -89,10 +89,10 @@ impl<R: Precision> Dvr<'_, R> {
 /// The loss's derivatives, and what they weigh.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Weighted<const C: usize> {
-    /// By red, green, blue and alpha.
-    pub loss: [f64; 4],
-    /// `Σ g_c background_c - g_α`.
-    pub background: f64,
+    /// By red, green and blue.
+    pub rgb: [f64; 3],
+    /// By the transmittance.
+    pub transmittance: f64,
     /// For each channel of the curve.
     pub color: [f64; C],
 }
@@ -101,15 +101,15 @@ pub(super) struct Weighted<const C: usize> {
 pub struct Pass<'p, 'a, R: Real> {
     pub(super) dvr: &'p Dvr<'a, R>,
     pub(super) ray: IndexRay,
-    pub(super) sinks: Sinks<'p, R>,
+    pub(super) to: Accumulators<'p, R>,
     /// Derivatives that wait: a cell of many pieces is scattered once.
     pub(super) pending: Option<(usize, [R::Lanes; 2])>,
     pub(super) moved: Moved,
 }
 
 impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
-    fn new(dvr: &'p Dvr<'a, R>, ray: IndexRay, sinks: Sinks<'p, R>) -> Self {
-        Self { dvr, ray, sinks, pending: None, moved: Moved::default() }
+    fn new(dvr: &'p Dvr<'a, R>, ray: IndexRay, to: Accumulators<'p, R>) -> Self {
+        Self { dvr, ray, to, pending: None, moved: Moved::default() }
     }
 
     /// Grey sources: one derivative for the whole ray.
@@ -121,17 +121,17 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         rule: Q,
         color: [f32; 3],
         tape: &mut Vec<Quartet<R>>,
-    ) -> Radiance<R> {
+    ) -> Radiance {
         tape.clear();
         let Blend { depth, last, .. } = kernel::depth(self.dvr, &self.ray, rule, tape, adjoint == Adjoint::Tape);
-        let seen = grey(depth, color, self.dvr.background);
+        let seen = grey(depth, color);
         let tint = [color.map(f64::from)];
-        let weighted = self.shared(loss(&seen), &[-(-depth).exp_m1()], depth, &tint);
+        let weighted = self.shared(loss(&seen), &[-(-depth).exp_m1()], &tint);
         // ∂L/∂depth: more depth replaces background by source.
-        let slope = (-depth).exp() * (weighted.color[0] - weighted.background);
+        let slope = (-depth).exp() * (weighted.color[0] - weighted.transmittance);
         let g = R::of(slope * self.dvr.medium.extinction);
-        self.sinks.shared.extinction += slope * depth / self.dvr.medium.extinction;
-        let Some(gradient) = self.sinks.voxels.as_deref_mut() else { return seen };
+        self.to.shared.extinction += slope * depth / self.dvr.medium.extinction;
+        let Some(gradient) = self.to.voxels.as_deref_mut() else { return seen };
         let mut back = |tape: &mut Vec<Quartet<R>>| tape.drain(..).rev().for_each(|cells| cells.scatter(gradient, g));
         back(tape);
         if adjoint == Adjoint::Replay {
@@ -152,7 +152,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     /// The bricks that matter: a transfer function's own derivative does not vanish where it is clear.
     #[inline(always)]
     pub(super) fn topology(&self) -> &'p Topology {
-        if self.sinks.table.is_some() { &self.dvr.field.topology } else { &self.dvr.visible }
+        if self.to.table.is_some() { &self.dvr.field.topology } else { &self.dvr.visible }
     }
 
     /// Sources that vary: the recursion of this module's head.
@@ -165,7 +165,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         optics: &Optics<R, C>,
         segments: &mut Vec<S>,
         tape: &mut Vec<Entry<R, S>>,
-    ) -> Radiance<R> {
+    ) -> Radiance {
         tape.clear();
         let keep = adjoint != Adjoint::Replay;
         let (dvr, ray, curve) = (self.dvr, self.ray, &optics.curve);
@@ -185,12 +185,16 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
             },
         );
         let transmittance = (-blend.depth).exp();
-        let seen = over(optics.tinted(&blend.emitted), blend.depth, dvr.background);
-        let weighted = self.shared(loss(&seen), &blend.emitted, blend.depth, &optics.tint);
-        let mut back =
-            Backward { beyond: transmittance * weighted.background, depth: blend.depth, open: transmittance, weighted };
-        if self.sinks.ray.is_some() && Q::BOUNDED {
-            self.moved.leave = transmittance * self.gain(optics, ray.leave, weighted.background, &weighted);
+        let seen = Radiance { rgb: optics.tinted(&blend.emitted), depth: blend.depth };
+        let weighted = self.shared(loss(&seen), &blend.emitted, &optics.tint);
+        let mut back = Backward {
+            beyond: transmittance * weighted.transmittance,
+            depth: blend.depth,
+            open: transmittance,
+            weighted,
+        };
+        if self.to.ray.is_some() && Q::BOUNDED {
+            self.moved.leave = transmittance * self.gain(optics, ray.leave, weighted.transmittance, &weighted);
         }
         for entry in tape.iter().rev() {
             back.step(self, curve, rule, &entry.segment, &entry.light);
@@ -211,34 +215,30 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
                 },
             );
         }
-        if self.sinks.ray.is_some() && Q::BOUNDED {
+        if self.to.ray.is_some() && Q::BOUNDED {
             self.moved.enter = -self.gain(optics, ray.enter, back.beyond, &weighted);
         }
         self.finish();
         seen
     }
 
-    /// Gradient of color and background; the weights that the rest needs.
+    /// Gradient of the color; the weights that the rest needs.
     #[inline(always)]
     pub(super) fn shared<const C: usize>(
         &mut self,
-        g: [R; 4],
+        by: Cotangent<R>,
         emitted: &[f64; C],
-        depth: f64,
         tint: &[[f64; 3]; C],
     ) -> Weighted<C> {
-        let loss = g.map(Real::f64);
-        let transmittance = (-depth).exp();
-        let mut weighted = Weighted { loss, background: -loss[3], color: [0.0; C] };
-        let shared = &mut *self.sinks.shared;
+        let rgb = by.rgb.map(Real::f64);
+        let mut weighted = Weighted { rgb, transmittance: by.transmittance, color: [0.0; C] };
+        let shared = &mut *self.to.shared;
         for c in 0..3 {
-            shared.background[c] += loss[c] * transmittance;
-            weighted.background += loss[c] * f64::from(self.dvr.background[c]);
             for (weight, tint) in weighted.color.iter_mut().zip(tint) {
-                *weight += loss[c] * tint[c];
+                *weight += rgb[c] * tint[c];
             }
             if C == 1 {
-                shared.color[c] += loss[c] * emitted[0];
+                shared.color[c] += rgb[c] * emitted[0];
             }
         }
         weighted
@@ -257,8 +257,8 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     ) {
         let extinction = self.dvr.medium.extinction;
         let slopes = segment.slopes(line, light, slope, by);
-        self.sinks.shared.extinction += (slopes.length * segment.length()).f64() / extinction;
-        if self.sinks.voxels.is_some() {
+        self.to.shared.extinction += (slopes.length * segment.length()).f64() / extinction;
+        if self.to.voxels.is_some() {
             let [near, far] = segment.spread(slopes.density);
             let offset = segment.offset();
             match &mut self.pending {
@@ -269,7 +269,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
                 }
             }
         }
-        if let Some(table) = self.sinks.table.as_deref_mut() {
+        if let Some(table) = self.to.table.as_deref_mut() {
             let all = <R::Lanes as Lanes<R>>::splat;
             let fraction = all(line.fraction(R::ZERO)) + segment.densities() * all(line.fraction_slope());
             let upper = (slopes.extinction * fraction).sum().f64();
@@ -279,13 +279,13 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
                 by_mean * line.fraction(light.mean).f64() + (by.varied * light.varied * line.fraction_slope()).f64();
             let [low, high] = &mut table.pieces[segment.piece() as usize];
             for c in 0..3 {
-                low[c] += weighted.loss[c] * (by_mean - lit);
-                high[c] += weighted.loss[c] * lit;
+                low[c] += weighted.rgb[c] * (by_mean - lit);
+                high[c] += weighted.rgb[c] * lit;
             }
             low[3] += extinction * (both - upper);
             high[3] += extinction * upper;
         }
-        if self.sinks.ray.is_some() {
+        if self.to.ray.is_some() {
             self.follow(rule, segment, &slopes);
         }
     }
@@ -302,13 +302,13 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     ) {
         let Some(jump) = Jump::find(curve, &self.dvr.field.values, &self.ray, segment, end) else { return };
         let [own, more] = jump.gains(&weighted.color, open, beyond);
-        if let Some(voxels) = self.sinks.voxels.as_deref_mut() {
+        if let Some(voxels) = self.to.voxels.as_deref_mut() {
             scatter(voxels, jump.place.offset, R::of(-own), &jump.place.weights());
         }
-        if let Some(table) = self.sinks.table.as_deref_mut() {
+        if let Some(table) = self.to.table.as_deref_mut() {
             table.steps[jump.knot] += more;
         }
-        if self.sinks.ray.is_some() {
+        if self.to.ray.is_some() {
             self.moved.shift -= own * jump.slopes;
             self.moved.turn -= own * jump.place.position * jump.slopes;
         }
@@ -317,7 +317,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     /// Scatters what waits.
     #[inline(always)]
     fn flush(&mut self) {
-        if let (Some((offset, weights)), Some(voxels)) = (self.pending.take(), self.sinks.voxels.as_deref_mut()) {
+        if let (Some((offset, weights)), Some(voxels)) = (self.pending.take(), self.to.voxels.as_deref_mut()) {
             scatter(voxels, offset, R::ONE, &weights);
         }
     }
@@ -326,7 +326,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     #[inline(always)]
     pub(super) fn finish(&mut self) {
         self.flush();
-        if self.sinks.ray.is_some() {
+        if self.to.ray.is_some() {
             self.hand_over();
         }
     }

@@ -44,7 +44,7 @@ impl<R: Real> Pass<'_, '_, R> {
     /// Brings the ray's derivatives to world space.
     #[inline(never)]
     pub(super) fn hand_over(&mut self) {
-        if let Some(ray) = self.sinks.ray.as_deref_mut() {
+        if let Some(ray) = self.to.ray.as_deref_mut() {
             let Moved { enter, leave, .. } = self.moved;
             for (t, by) in [(self.ray.enter, enter), (self.ray.leave, leave)] {
                 self.moved.stop(self.ray.face(&self.dvr.field.domain, t), t, by);

@@ -4,8 +4,8 @@
 //! sample, and drifts with the optical depth.
 
 use super::adjoint::{Pass, Weighted};
+use super::blend::Entry;
 use super::light::{By, Glow};
-use super::tape::Entry;
 use super::traced::Traced;
 use crate::real::Real;
 use crate::render::curve::Curve;
@@ -26,7 +26,7 @@ pub(super) fn backward<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>, const 
     for entry in tape {
         opacity += (R::ONE - opacity) * alpha(entry);
     }
-    let mut by_opacity = R::of(-weighted.background);
+    let mut by_opacity = R::of(-weighted.transmittance);
     for entry in tape.iter().rev() {
         let (segment, light) = (&entry.segment, &entry.light);
         let line = curve.piece(segment.piece());

@@ -3,12 +3,15 @@
 //! share taken once: the derivative by a color is that channel's alone and the same for all, and that of alpha by an
 //! optical depth is the ray's transmittance.
 
-use super::kernel::{self, over};
+use super::blend::Entry;
+use super::kernel;
 use super::light::{By, Glow, Lit};
-use super::tape::{Entry, Tape};
-use super::{Dvr, Matter, Optics, Precision, Radiance};
+use super::tape::Tape;
+use super::{Dvr, Matter, Optics, Precision};
 use crate::math::Ray;
 use crate::real::Lanes;
+use crate::render::composited::{Composited, Pixel};
+use crate::render::integrator::{Integrator, Radiance};
 use crate::render::march::IndexRay;
 use crate::render::rule::Rule;
 
@@ -53,25 +56,26 @@ impl TableJacobian {
 }
 
 impl<R: Precision> Dvr<'_, R> {
-    /// Radiance along a world ray of unit direction, and `weight` times its derivatives with respect to the values at
-    /// the transfer function's knots, which are added to `jacobian`, made for as many. For pre-integration both are
+    /// Radiance along a world ray of unit direction, and `weight` times the derivatives of the pixel that it makes over the
+    /// background, with respect to the values at the transfer function's knots, which are added to `jacobian`, made for as
+    /// many. For pre-integration both are
     /// those of what it approaches; media without a transfer function have no derivatives.
     pub fn table_jacobian(
         &self,
         ray: &Ray,
-        weight: f64,
-        jacobian: &mut TableJacobian,
+        background: [f32; 3],
+        (weight, jacobian): (f64, &mut TableJacobian),
         tape: &mut Tape<R>,
-    ) -> Radiance<R> {
+    ) -> Radiance {
         let (Matter::Table(optics, _), Some(ray)) = (&self.matter, self.index_ray(ray)) else {
-            return self.radiance_on(ray, tape);
+            return self.li(ray, tape);
         };
         let Tape { samples, chords, lit_samples, lit_chords, .. } = tape;
         match self.uniform(&ray) {
-            Some(rule) => self.rows(&ray, rule, optics, weight, jacobian, (samples, lit_samples)),
+            Some(rule) => self.rows(&ray, rule, optics, background, (weight, jacobian), (samples, lit_samples)),
             None => {
                 let rule = self.exact_source(optics, true);
-                self.rows(&ray, rule, optics, weight, jacobian, (chords, lit_chords))
+                self.rows(&ray, rule, optics, background, (weight, jacobian), (chords, lit_chords))
             }
         }
     }
@@ -81,10 +85,10 @@ impl<R: Precision> Dvr<'_, R> {
         ray: &IndexRay,
         rule: Q,
         optics: &Optics<R, 3>,
-        weight: f64,
-        jacobian: &mut TableJacobian,
+        background: [f32; 3],
+        (weight, jacobian): (f64, &mut TableJacobian),
         (segments, tape): (&mut Vec<S>, &mut Vec<Entry<R, S>>),
-    ) -> Radiance<R> {
+    ) -> Radiance {
         tape.clear();
         let all = <R::Lanes as Lanes<R>>::splat;
         let (curve, topology) = (&optics.curve, &self.field.topology);
@@ -93,7 +97,7 @@ impl<R: Precision> Dvr<'_, R> {
         });
         let extinction = weight * self.medium.extinction;
         let closed = (-blend.depth).exp();
-        let mut beyond = self.background.map(|b| closed * f64::from(b));
+        let mut beyond = background.map(|b| closed * f64::from(b));
         let mut after = closed;
         for Entry { segment, light, open } in tape.iter().rev() {
             let line = curve.piece(segment.piece());
@@ -125,6 +129,15 @@ impl<R: Precision> Dvr<'_, R> {
             add(3, R::ZERO, by);
             after = *open;
         }
-        over(optics.tinted(&blend.emitted), blend.depth, self.background)
+        Radiance { rgb: optics.tinted(&blend.emitted), depth: blend.depth }
+    }
+}
+
+impl<R: Precision> Composited<Dvr<'_, R>> {
+    /// What a world ray of unit direction shows, and `weight` times its derivatives with respect to the values at the
+    /// transfer function's knots, which are added to `jacobian`, made for as many; as
+    /// [`Dvr::table_jacobian`].
+    pub fn table_jacobian(&self, ray: &Ray, weight: f64, jacobian: &mut TableJacobian, tape: &mut Tape<R>) -> Pixel<R> {
+        self.composite(&self.integrator.table_jacobian(ray, self.background, (weight, jacobian), tape))
     }
 }

@@ -1,27 +1,17 @@
 //! The value: optical depth alone where the picture depends on nothing else, and front-to-back
 //! blending where the source varies.
 
+use super::Dvr;
+use super::blend::{Blend, Entry};
 use super::light::{Glow, Light, Lit};
-use super::tape::Entry;
-use super::{Dvr, Radiance};
 use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::cell::Quartet;
 use crate::render::curve::Curve;
+use crate::render::integrator::Radiance;
 use crate::render::march::{IndexRay, batches};
 use crate::render::rule::{DepthRule, Rule};
 use crate::scene::bricks::Topology;
-
-/// What is found along a ray.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Blend<const C: usize> {
-    /// `∫ T σ c dt` of the curve's channels; zero where only the depth is asked for.
-    pub emitted: [f64; C],
-    /// Optical depth.
-    pub depth: f64,
-    /// Where the last batch of bricks begins.
-    pub last: f64,
-}
 
 /// Optical depth along a ray. Inside a batch of bricks the sum runs in `R`, from batch to batch in
 /// `f64`. The cells stay on the tape, all that are appended to it or (`keep` false) the last batch's.
@@ -58,19 +48,11 @@ pub(super) fn depth<R: Real, Q: DepthRule<R>>(
     Blend { emitted: [], depth: dvr.medium.extinction * total, last }
 }
 
-/// `L = c (1 - T) + T · background`.
+/// `L = c (1 - T)`.
 #[inline(always)]
-pub(super) fn grey<R: Real>(depth: f64, color: [f32; 3], background: [f32; 3]) -> Radiance<R> {
+pub(super) fn grey(depth: f64, color: [f32; 3]) -> Radiance {
     let opacity = -(-depth).exp_m1();
-    over(color.map(|c| f64::from(c) * opacity), depth, background)
-}
-
-/// `L = emitted + T · background`.
-#[inline(always)]
-pub(super) fn over<R: Real>(emitted: [f64; 3], depth: f64, background: [f32; 3]) -> Radiance<R> {
-    let transmittance = (-depth).exp();
-    let channel = |c: usize| R::of(emitted[c] + f64::from(background[c]) * transmittance);
-    Radiance { rgb: [channel(0), channel(1), channel(2)], transmittance: R::of(transmittance), depth }
+    Radiance { rgb: color.map(|c| f64::from(c) * opacity), depth }
 }
 
 /// Front-to-back blending; the optical depth is carried in `f64`, and so is the transmittance, whose

@@ -7,6 +7,7 @@
 //! inside the loops, so what a scene does not call for costs nothing there.
 
 mod adjoint;
+mod blend;
 mod follow;
 mod inversion;
 mod jacobian;
@@ -14,7 +15,6 @@ mod jump;
 mod kernel;
 mod light;
 mod preintegrated;
-mod sinks;
 mod tangent;
 mod tape;
 mod traced;
@@ -23,42 +23,26 @@ mod uncommon;
 #[doc(hidden)]
 pub use adjoint::Pass;
 pub use jacobian::{ByKnot, TableJacobian};
-pub use sinks::{Adjoint, Loss, ParameterGradient, RayGradient, Sinks};
-pub use tangent::{Directions, Seeds, TangentRadiance};
+pub use tangent::Directions;
 pub use tape::Tape;
 
 use crate::error::{Error, Result};
 use crate::math::Ray;
 use crate::real::Real;
 use crate::render::arch::{Arch, Plain};
+use crate::render::composited::Composited;
 use crate::render::curve::{Curve, Piece};
+use crate::render::differentiable::{Accumulators, Adjoint, Differentiable, Forward, Loss, Seeds, TangentRadiance};
+use crate::render::integrator::{Integrator, Radiance};
 use crate::render::march::IndexRay;
 use crate::render::quadrature::Quadrature;
 use crate::render::rule::{ExactDepth, ExactSource, Uniform};
 use crate::scene::bricks::{BRICK, Bricks, CELLS, NONE, Topology};
 use crate::scene::medium::{Medium, Source};
-use kernel::{blend, grey, over};
+use kernel::{blend, grey};
 use preintegrated::Preintegrated;
 use rayon::prelude::*;
 use std::sync::Arc;
-
-/// What is seen along one ray.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Radiance<R> {
-    /// Radiance of the three channels, the attenuated background included.
-    pub rgb: [R; 3],
-    /// Transmittance of the whole ray.
-    pub transmittance: R,
-    /// Optical depth of the whole ray.
-    pub depth: f64,
-}
-
-impl<R: Real> Radiance<R> {
-    /// Color and alpha = 1 - transmittance.
-    pub fn rgba(&self) -> [R; 4] {
-        [self.rgb[0], self.rgb[1], self.rgb[2], R::ONE - self.transmittance]
-    }
-}
 
 /// Extinction and source as functions of the density, with `C` channels.
 #[derive(Debug, Clone)]
@@ -139,23 +123,23 @@ fn visible<R: Real>(field: &Bricks<R>, medium: &Medium) -> Arc<Topology> {
 /// compiled again wherever they are used.
 pub trait Precision: Real {
     /// [`Dvr::radiance`] with scratch memory.
-    fn radiance(dvr: &Dvr<'_, Self>, ray: &Ray, tape: &mut Tape<Self>) -> Radiance<Self>;
+    fn radiance(dvr: &Dvr<'_, Self>, ray: &Ray, tape: &mut Tape<Self>) -> Radiance;
     /// [`Dvr::gradient`].
     fn gradient(
         dvr: &Dvr<'_, Self>,
         ray: &Ray,
         loss: Loss<'_, Self>,
         adjoint: Adjoint,
-        sinks: Sinks<'_, Self>,
+        to: Accumulators<'_, Self>,
         tape: &mut Tape<Self>,
-    ) -> Radiance<Self>;
+    ) -> Radiance;
     /// The gradients that few ask for.
     fn uncommon(
         pass: &mut Pass<'_, '_, Self>,
         loss: Loss<'_, Self>,
         adjoint: Adjoint,
         tape: &mut Tape<Self>,
-    ) -> Radiance<Self>;
+    ) -> Radiance;
     /// [`Dvr::trace`].
     fn trace(dvr: &Dvr<'_, Self>, ray: &Ray, tape: &mut Tape<Self>) -> f64;
 }
@@ -163,7 +147,7 @@ pub trait Precision: Real {
 macro_rules! precision {
     ($real:ty, $arch:expr) => {
         impl Precision for $real {
-            fn radiance(dvr: &Dvr<'_, Self>, ray: &Ray, tape: &mut Tape<Self>) -> Radiance<Self> {
+            fn radiance(dvr: &Dvr<'_, Self>, ray: &Ray, tape: &mut Tape<Self>) -> Radiance {
                 $arch(dvr).dispatch(Value { dvr, ray, tape })
             }
             fn gradient(
@@ -171,10 +155,10 @@ macro_rules! precision {
                 ray: &Ray,
                 loss: Loss<'_, Self>,
                 adjoint: Adjoint,
-                sinks: Sinks<'_, Self>,
+                to: Accumulators<'_, Self>,
                 tape: &mut Tape<Self>,
-            ) -> Radiance<Self> {
-                $arch(dvr).dispatch(Gradient { dvr, ray, loss, adjoint, sinks, tape })
+            ) -> Radiance {
+                $arch(dvr).dispatch(Gradient { dvr, ray, loss, adjoint, to, tape })
             }
             #[inline(never)]
             fn uncommon(
@@ -182,7 +166,7 @@ macro_rules! precision {
                 loss: Loss<'_, Self>,
                 adjoint: Adjoint,
                 tape: &mut Tape<Self>,
-            ) -> Radiance<Self> {
+            ) -> Radiance {
                 pass.uncommon(loss, adjoint, tape)
             }
             #[inline(never)]
@@ -205,10 +189,10 @@ struct Value<'k, 'd, R: Real> {
 }
 
 impl<R: Real> pulp::NullaryFnOnce for Value<'_, '_, R> {
-    type Output = Radiance<R>;
+    type Output = Radiance;
 
     #[inline(always)]
-    fn call(self) -> Radiance<R> {
+    fn call(self) -> Radiance {
         self.dvr.radiance_with(self.ray, self.tape)
     }
 }
@@ -219,46 +203,28 @@ struct Gradient<'k, 'd, R: Real> {
     ray: &'k Ray,
     loss: Loss<'k, R>,
     adjoint: Adjoint,
-    sinks: Sinks<'k, R>,
+    to: Accumulators<'k, R>,
     tape: &'k mut Tape<R>,
 }
 
 impl<R: Precision> pulp::NullaryFnOnce for Gradient<'_, '_, R> {
-    type Output = Radiance<R>;
+    type Output = Radiance;
 
     #[inline(always)]
-    fn call(self) -> Radiance<R> {
-        self.dvr.gradient_with(self.ray, self.loss, self.adjoint, self.sinks, self.tape)
+    fn call(self) -> Radiance {
+        self.dvr.gradient_with(self.ray, self.loss, self.adjoint, self.to, self.tape)
     }
 }
 
 impl<R: Precision> Dvr<'_, R> {
     /// Radiance along a world ray of unit direction.
-    pub fn radiance(&self, ray: &Ray) -> Radiance<R> {
+    pub fn radiance(&self, ray: &Ray) -> Radiance {
         R::radiance(self, ray, &mut Tape::default())
-    }
-
-    /// [`Dvr::radiance`] for many rays: the scratch memory is kept.
-    pub fn radiance_on(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance<R> {
-        R::radiance(self, ray, tape)
     }
 
     /// Optical depth `∫σ` along a world ray of unit direction, summed in `f64`.
     pub fn optical_depth(&self, ray: &Ray) -> f64 {
         R::radiance(self, ray, &mut Tape::default()).depth
-    }
-
-    /// Radiance along a world ray, and the gradient of a loss on it: `loss` maps the radiance to the
-    /// derivative with respect to R, G, B and alpha.
-    pub fn gradient(
-        &self,
-        ray: &Ray,
-        loss: Loss<'_, R>,
-        adjoint: Adjoint,
-        sinks: Sinks<'_, R>,
-        tape: &mut Tape<R>,
-    ) -> Radiance<R> {
-        R::gradient(self, ray, loss, adjoint, sinks, tape)
     }
 
     /// Optical depth along a world ray with exact quadrature, its pieces appended to the tape: the
@@ -280,7 +246,6 @@ pub struct Dvr<'a, R: Real> {
     matter: Matter<R>,
     /// The field's bricks without those that have no density at which the medium absorbs.
     visible: Arc<Topology>,
-    background: [f32; 3],
     quadrature: Quadrature,
     /// Optical depth at which a ray ends.
     depth_limit: f64,
@@ -292,7 +257,7 @@ pub struct Dvr<'a, R: Real> {
 }
 
 impl<'a, R: Real> Dvr<'a, R> {
-    /// A renderer with exact quadrature, a white background and rays that end when no more than
+    /// A renderer with exact quadrature and rays that end when no more than
     /// 1e-6 of the light behind could reach the eye.
     ///
     /// # Errors
@@ -313,7 +278,6 @@ impl<'a, R: Real> Dvr<'a, R> {
             matter: Matter::new(&medium),
             visible: visible(field, &medium),
             medium,
-            background: [1.0; 3],
             quadrature: Quadrature::Exact,
             depth_limit: f64::INFINITY,
             voxel: field.transform.voxel_size().min_element(),
@@ -323,11 +287,9 @@ impl<'a, R: Real> Dvr<'a, R> {
         Ok(renderer.early_stop(1e-6))
     }
 
-    /// Sets the radiance behind the volume.
-    #[must_use]
-    pub fn background(mut self, background: [f32; 3]) -> Self {
-        self.background = background;
-        self
+    /// The medium over a constant background.
+    pub fn over(self, background: [f32; 3]) -> Composited<Self> {
+        Composited { integrator: self, background }
     }
 
     /// Sets the quadrature rule.
@@ -346,23 +308,25 @@ impl<'a, R: Real> Dvr<'a, R> {
         self
     }
 
-    /// Ends a ray once its transmittance is below `transmittance` (0: never); [`Dvr::left_out`] says what that costs.
+    /// Ends a ray once its transmittance is below `transmittance` (0: never); [`Composited::left_out`] says what that costs.
     #[must_use]
     pub fn early_stop(mut self, transmittance: f64) -> Self {
         self.depth_limit = -transmittance.ln();
         self
     }
 
-    /// The most that ending rays early changes in any channel of a pixel, alpha included. What lies behind a
-    /// transmittance T, the background too, adds up to a mean of its radiances times T; in its place stands T times
-    /// the background.
-    pub fn left_out(&self) -> f64 {
-        let brightest = match &self.medium.source {
+    /// Transmittance at which a ray ends.
+    pub fn least_transmittance(&self) -> f64 {
+        (-self.depth_limit).exp()
+    }
+
+    /// The largest radiance of the medium's source, in any channel.
+    pub fn brightest(&self) -> f64 {
+        match &self.medium.source {
             Source::Grey(color) => largest(*color),
             Source::Linear(color) => largest(*color) * self.field.range().1.f64().max(0.0),
             Source::Transfer(table) => table.peak()[..3].iter().fold(0.0, |m: f64, v| m.max(*v)),
-        };
-        (-self.depth_limit).exp() * brightest.max(largest(self.background)).max(1.0)
+        }
     }
 
     /// Sets the radiance error that exact quadrature may leave in each piece of a ray, relative to the
@@ -380,7 +344,7 @@ impl<'a, R: Real> Dvr<'a, R> {
         self
     }
 
-    /// What rays through each brick take, as [`Renderer::lookups`](crate::render::Renderer::lookups) says.
+    /// What rays through each brick take, as [`Differentiable::lookups`] says.
     pub fn lookups(&self, by_table: bool) -> Vec<f32> {
         let topology = if by_table { &self.field.topology } else { &self.visible };
         let through = |brick: usize| match &self.matter {
@@ -433,29 +397,76 @@ impl<'a, R: Real> Dvr<'a, R> {
     }
 
     #[inline(always)]
-    fn radiance_with(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance<R> {
+    fn radiance_with(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance {
         if let Source::Grey(color) = self.medium.source {
-            return grey(self.depth_with(ray, tape), color, self.background);
+            return grey(self.depth_with(ray, tape), color);
         }
-        let Some(ray) = self.index_ray(ray) else { return grey(0.0, [0.0; 3], self.background) };
+        let Some(ray) = self.index_ray(ray) else { return Radiance::default() };
         match &self.matter {
             Matter::Line(optics) => self.blended(&ray, optics, tape),
             Matter::Table(optics, Some(tables)) => {
                 let seen = tables.blend(self, &optics.curve, &ray, &mut tape.preintegrated);
-                over(seen.emitted, seen.depth, self.background)
+                Radiance { rgb: seen.emitted, depth: seen.depth }
             }
             Matter::Table(optics, None) => self.blended(&ray, optics, tape),
         }
     }
 
     #[inline(always)]
-    fn blended<const C: usize>(&self, ray: &IndexRay, optics: &Optics<R, C>, tape: &mut Tape<R>) -> Radiance<R> {
+    fn blended<const C: usize>(&self, ray: &IndexRay, optics: &Optics<R, C>, tape: &mut Tape<R>) -> Radiance {
         let Tape { samples, chords, .. } = tape;
         let (curve, topology) = (&optics.curve, &self.visible);
         let seen = match self.uniform(ray) {
             None => blend(self, topology, ray, self.exact_source(optics, false), curve, chords, |_| ()),
             Some(rule) => blend(self, topology, ray, rule, curve, samples, |_| ()),
         };
-        over(optics.tinted(&seen.emitted), seen.depth, self.background)
+        Radiance { rgb: optics.tinted(&seen.emitted), depth: seen.depth }
+    }
+}
+
+impl<R: Precision> Composited<Dvr<'_, R>> {
+    /// The most that ending rays early changes in any channel of a pixel, alpha included. What lies behind a
+    /// transmittance T, the background too, adds up to a mean of its radiances times T; in its place stands T times
+    /// the background.
+    pub fn left_out(&self) -> f64 {
+        self.integrator.least_transmittance() * self.integrator.brightest().max(self.brightest_background()).max(1.0)
+    }
+}
+
+impl<R: Precision> Integrator for Dvr<'_, R> {
+    type Real = R;
+    type Scratch = Tape<R>;
+
+    fn li(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance {
+        R::radiance(self, ray, tape)
+    }
+}
+
+impl<R: Precision> Differentiable for Dvr<'_, R> {
+    type Voxel = R;
+
+    fn field(&self) -> &Bricks<R> {
+        self.field
+    }
+
+    fn lookups(&self, by_table: bool) -> Vec<f32> {
+        self.lookups(by_table)
+    }
+
+    fn vjp(
+        &self,
+        ray: &Ray,
+        loss: Loss<'_, R>,
+        adjoint: Adjoint,
+        to: Accumulators<'_, R>,
+        tape: &mut Tape<R>,
+    ) -> Radiance {
+        R::gradient(self, ray, loss, adjoint, to, tape)
+    }
+}
+
+impl<R: Directions<P>, const P: usize> Forward<P> for Dvr<'_, R> {
+    fn jvp(&self, ray: &Ray, seeds: &Seeds<'_, R, P>, tape: &mut Tape<R>) -> TangentRadiance<P> {
+        R::tangent(self, ray, seeds, tape)
     }
 }

@@ -10,84 +10,32 @@
 //! as in [`light`](super::light) and [`kernel`](super::kernel), every letter with its derivatives. It is the
 //! transpose of [`adjoint`](super::adjoint), term by term.
 
+use super::blend::Blend;
 use super::jump::Jump;
-use super::kernel::{Blend, blend, over};
+use super::kernel::blend;
 use super::light::{Light, Lit};
-use super::sinks::{ParameterGradient, RayGradient};
 use super::tape::Tape;
 use super::traced::Traced;
-use super::{Dvr, Matter, Optics, Precision, Radiance};
+use super::{Dvr, Matter, Optics, Precision};
 use crate::dual::Dual;
 use crate::math::Ray;
 use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::cell::{corners, gather};
+use crate::render::differentiable::{RayGradient, Seeds, TangentRadiance};
+use crate::render::integrator::Radiance;
 use crate::render::march::IndexRay;
 use crate::render::rule::Rule;
 use crate::render::segment::End;
 use crate::scene::bricks::Topology;
 use crate::scene::medium::Source;
-use crate::scene::table::TableGradient;
 use glam::DVec3;
-
-/// Directions in which parameters change: derivatives of each with respect to `P` numbers.
-#[derive(Debug, Clone, Copy)]
-pub struct Seeds<'s, V, const P: usize> {
-    /// Of the ray's origin and direction (of unit length: changes across it), in world space, and of the
-    /// quadrature's step, in voxels.
-    pub ray: [RayGradient; P],
-    /// Of the stored values, as in [`Bricks::values`](crate::scene::bricks::Bricks::values), 729 a brick.
-    pub voxels: [Option<&'s [V]>; P],
-    /// Of the transfer function's pieces ([`Transfer::push`](crate::scene::transfer::Transfer::push)).
-    pub table: [Option<&'s TableGradient>; P],
-    /// Of extinction, the source's color (of media without a transfer function) and background.
-    pub shared: [ParameterGradient; P],
-}
-
-impl<V, const P: usize> Default for Seeds<'_, V, P> {
-    /// Directions in which nothing changes.
-    fn default() -> Self {
-        Self {
-            ray: [RayGradient::default(); P],
-            voxels: [None; P],
-            table: [None; P],
-            shared: [ParameterGradient::default(); P],
-        }
-    }
-}
-
-/// A [`Radiance`] with its derivatives along `P` directions.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TangentRadiance<R, const P: usize> {
-    /// Radiance of the three channels, the attenuated background included.
-    pub rgb: [Dual<R, P>; 3],
-    /// Transmittance of the whole ray.
-    pub transmittance: Dual<R, P>,
-    /// Optical depth of the whole ray.
-    pub depth: Dual<f64, P>,
-}
-
-impl<R: Real, const P: usize> TangentRadiance<R, P> {
-    /// The radiance alone.
-    pub fn radiance(&self) -> Radiance<R> {
-        Radiance { rgb: self.rgb.map(|c| c.value), transmittance: self.transmittance.value, depth: self.depth.value }
-    }
-
-    /// Color and alpha = 1 - transmittance.
-    pub fn rgba(&self) -> [Dual<R, P>; 4] {
-        [self.rgb[0], self.rgb[1], self.rgb[2], Dual::constant(R::ONE) - self.transmittance]
-    }
-}
 
 /// A precision that `P` directions at once are compiled for.
 pub trait Directions<const P: usize>: Precision {
-    /// [`Dvr::tangent`].
-    fn tangent(
-        dvr: &Dvr<'_, Self>,
-        ray: &Ray,
-        seeds: &Seeds<'_, Self, P>,
-        tape: &mut Tape<Self>,
-    ) -> TangentRadiance<Self, P>;
+    /// [`Forward::jvp`](crate::render::differentiable::Forward::jvp).
+    fn tangent(dvr: &Dvr<'_, Self>, ray: &Ray, seeds: &Seeds<'_, Self, P>, tape: &mut Tape<Self>)
+    -> TangentRadiance<P>;
 }
 
 macro_rules! directions {
@@ -99,7 +47,7 @@ macro_rules! directions {
                 ray: &Ray,
                 seeds: &Seeds<'_, Self, $count>,
                 tape: &mut Tape<Self>,
-            ) -> TangentRadiance<Self, $count> {
+            ) -> TangentRadiance<$count> {
                 dvr.tangent_with(ray, seeds, tape)
             }
         })*)*
@@ -109,29 +57,14 @@ macro_rules! directions {
 directions!(f32: 1 2 6 7, f64: 1 2 6 7);
 
 impl<R: Precision> Dvr<'_, R> {
-    /// Radiance along a world ray of unit direction, with its derivatives in `P` directions: the value has the
-    /// bits of [`Dvr::radiance`], the derivatives are those that [`Dvr::gradient`] is the transpose of.
-    pub fn tangent<const P: usize>(
-        &self,
-        ray: &Ray,
-        seeds: &Seeds<'_, R, P>,
-        tape: &mut Tape<R>,
-    ) -> TangentRadiance<R, P>
-    where
-        R: Directions<P>,
-    {
-        R::tangent(self, ray, seeds, tape)
-    }
-
     fn tangent_with<const P: usize>(
         &self,
         ray: &Ray,
         seeds: &Seeds<'_, R, P>,
         tape: &mut Tape<R>,
-    ) -> TangentRadiance<R, P> {
+    ) -> TangentRadiance<P> {
         let Some(found) = self.index_ray(ray) else {
-            let behind = Front { depth: Dual::constant(0.0), open: Dual::constant(1.0), emitted: [] };
-            return behind.seen(over([0.0; 3], 0.0, self.background), self, &[], seeds);
+            return TangentRadiance { rgb: [Dual::constant(0.0); 3], depth: Dual::constant(0.0) };
         };
         let mut seen = match &self.matter {
             Matter::Line(optics) => self.tangent_of(&found, optics, seeds, tape),
@@ -141,7 +74,7 @@ impl<R: Precision> Dvr<'_, R> {
         if matches!(self.medium.source, Source::Grey(_)) || seeds.table.iter().any(Option::is_some) {
             let value = R::radiance(self, ray, tape);
             (0..3).for_each(|c| seen.rgb[c].value = value.rgb[c]);
-            (seen.transmittance.value, seen.depth.value) = (value.transmittance, value.depth);
+            seen.depth.value = value.depth;
         }
         seen
     }
@@ -152,7 +85,7 @@ impl<R: Precision> Dvr<'_, R> {
         optics: &Optics<R, C>,
         seeds: &Seeds<'_, R, P>,
         tape: &mut Tape<R>,
-    ) -> TangentRadiance<R, P> {
+    ) -> TangentRadiance<P> {
         let Tape { samples, chords, .. } = tape;
         // A transfer function's own derivative does not vanish where it is clear.
         let all = seeds.table.iter().any(Option::is_some);
@@ -172,7 +105,7 @@ fn follow<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize, con
     seeds: &Seeds<'_, R, P>,
     all: bool,
     segments: &mut Vec<S>,
-) -> TangentRadiance<R, P> {
+) -> TangentRadiance<P> {
     let motion = Motion::new(dvr, ray, seeds);
     let mut front = Front { depth: Dual::constant(0.0), open: Dual::constant(1.0), emitted: [Dual::constant(0.0); C] };
     if let (Some(motion), true) = (&motion, Q::BOUNDED) {
@@ -188,8 +121,7 @@ fn follow<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize, con
     if let (Some(motion), true) = (&motion, Q::BOUNDED) {
         front.extend(dvr, ray, optics, ray.leave, motion.bounds.map(|[_, leave, _]| leave));
     }
-    let value = over(optics.tinted(&found.emitted), found.depth, dvr.background);
-    front.seen(value, dvr, &optics.tint, seeds)
+    front.seen(Radiance { rgb: optics.tinted(&found.emitted), depth: found.depth }, &optics.tint, seeds)
 }
 
 /// [`blend`], compiled once for all numbers of directions.
@@ -365,27 +297,14 @@ impl<const C: usize, const P: usize> Front<C, P> {
         self.open = beyond;
     }
 
-    /// What is seen, with the derivatives of the value found: `L = emitted + T · background`.
-    fn seen<R: Real>(
-        &self,
-        value: Radiance<R>,
-        dvr: &Dvr<'_, R>,
-        tint: &[[f64; 3]; C],
-        seeds: &Seeds<'_, R, P>,
-    ) -> TangentRadiance<R, P> {
-        let open = (-self.depth.value).exp();
-        let by_open = self.depth.tangent.map(|d| -open * d);
+    /// The radiance found, with its derivatives.
+    fn seen<V>(&self, value: Radiance, tint: &[[f64; 3]; C], seeds: &Seeds<'_, V, P>) -> TangentRadiance<P> {
         let channel = |c: usize, p: usize| {
-            let by = &seeds.shared[p];
-            let mut sum = by.background[c] * open + f64::from(dvr.background[c]) * by_open[p];
-            for (emitted, tint) in self.emitted.iter().zip(tint) {
-                sum += emitted.tangent[p] * tint[c] + if C == 1 { emitted.value * by.color[c] } else { 0.0 };
-            }
-            R::of(sum)
+            let own = |emitted: &Dual<f64, P>| if C == 1 { emitted.value * seeds.shared[p].color[c] } else { 0.0 };
+            self.emitted.iter().zip(tint).map(|(emitted, tint)| emitted.tangent[p] * tint[c] + own(emitted)).sum()
         };
         TangentRadiance {
             rgb: std::array::from_fn(|c| Dual { value: value.rgb[c], tangent: std::array::from_fn(|p| channel(c, p)) }),
-            transmittance: Dual { value: value.transmittance, tangent: by_open.map(R::of) },
             depth: Dual { value: value.depth, tangent: self.depth.tangent },
         }
     }

@@ -1,7 +1,7 @@
 //! Scratch memory of rays.
 
 use super::Dvr;
-use super::light::Light;
+use super::blend::Entry;
 use super::preintegrated::Scratch;
 use crate::real::Real;
 use crate::render::cell::Quartet;
@@ -39,12 +39,4 @@ impl<R: Real> Tape<R> {
     pub fn forget(&mut self) {
         self.cells.clear();
     }
-}
-
-/// A segment with its light, and the transmittance before it.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Entry<R: Real, S> {
-    pub segment: S,
-    pub light: Light<R>,
-    pub open: f64,
 }

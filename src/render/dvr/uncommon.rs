@@ -1,22 +1,24 @@
 //! Gradients that few ask for: of quadratures with a step, and by the paper's inversion.
 
 use super::adjoint::Pass;
-use super::kernel::{self, over};
-use super::sinks::{Adjoint, Loss};
-use super::tape::{Entry, Tape};
+use super::blend::Entry;
+use super::kernel;
+use super::tape::Tape;
 use super::traced::Traced;
-use super::{Matter, Optics, Radiance, inversion};
+use super::{Matter, Optics, inversion};
 use crate::real::Real;
+use crate::render::differentiable::{Adjoint, Loss};
+use crate::render::integrator::Radiance;
 use crate::render::rule::{Rule, Uniform};
 use crate::scene::medium::Source;
 
 impl<R: Real> Pass<'_, '_, R> {
     /// Quadratures with a step, and the paper's inversion.
-    pub(super) fn uncommon(&mut self, loss: Loss<'_, R>, adjoint: Adjoint, tape: &mut Tape<R>) -> Radiance<R> {
+    pub(super) fn uncommon(&mut self, loss: Loss<'_, R>, adjoint: Adjoint, tape: &mut Tape<R>) -> Radiance {
         let dvr = self.dvr;
         let uniform = dvr.uniform(&self.ray);
         // Depths are averages over cells: where the ray goes needs their points.
-        if let (Source::Grey(color), None, Some(rule)) = (&dvr.medium.source, &self.sinks.ray, uniform)
+        if let (Source::Grey(color), None, Some(rule)) = (&dvr.medium.source, &self.to.ray, uniform)
             && adjoint != Adjoint::Inversion
         {
             return self.depth_only(loss, adjoint, rule, *color, &mut tape.cells);
@@ -34,13 +36,13 @@ impl<R: Real> Pass<'_, '_, R> {
         uniform: Option<Uniform>,
         optics: &Optics<R, C>,
         tape: &mut Tape<R>,
-    ) -> Radiance<R> {
+    ) -> Radiance {
         let Tape { samples, chords, lit_samples, lit_chords, .. } = tape;
         match (uniform, adjoint) {
             (Some(rule), Adjoint::Inversion) => self.inversion(loss, rule, optics, samples, lit_samples),
             (Some(rule), _) => self.recursion(loss, adjoint, rule, optics, samples, lit_samples),
             (None, _) => {
-                let rule = self.dvr.exact_source(optics, self.sinks.table.is_some());
+                let rule = self.dvr.exact_source(optics, self.to.table.is_some());
                 self.inversion(loss, rule, optics, chords, lit_chords)
             }
         }
@@ -54,19 +56,19 @@ impl<R: Real> Pass<'_, '_, R> {
         optics: &Optics<R, C>,
         segments: &mut Vec<S>,
         tape: &mut Vec<Entry<R, S>>,
-    ) -> Radiance<R> {
+    ) -> Radiance {
         tape.clear();
         let (dvr, curve) = (self.dvr, &optics.curve);
         let blend = kernel::blend(dvr, self.topology(), &self.ray, rule, curve, segments, |found| {
             tape.extend(found);
         });
-        let seen = over(optics.tinted(&blend.emitted), blend.depth, dvr.background);
-        let weighted = self.shared(loss(&seen), &blend.emitted, blend.depth, &optics.tint);
-        if self.sinks.ray.is_some() && Q::BOUNDED {
+        let seen = Radiance { rgb: optics.tinted(&blend.emitted), depth: blend.depth };
+        let weighted = self.shared(loss(&seen), &blend.emitted, &optics.tint);
+        if self.to.ray.is_some() && Q::BOUNDED {
             let transmittance = (-blend.depth).exp();
             let emitted: f64 = weighted.color.iter().zip(&blend.emitted).map(|(w, e)| w * e).sum();
-            let whole = emitted + transmittance * weighted.background;
-            self.moved.leave = transmittance * self.gain(optics, self.ray.leave, weighted.background, &weighted);
+            let whole = emitted + transmittance * weighted.transmittance;
+            self.moved.leave = transmittance * self.gain(optics, self.ray.leave, weighted.transmittance, &weighted);
             self.moved.enter = -self.gain(optics, self.ray.enter, whole, &weighted);
         }
         inversion::backward(self, curve, rule, tape, &weighted);

@@ -18,19 +18,19 @@
 
 use super::stretch::{Stretch, scatter};
 use super::tape::Tape;
-use super::{Front, Preshaded, Radiance, stretches};
+use super::{Front, Preshaded, stretches};
 use crate::math::Ray;
 use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::arch::Arch;
-use crate::render::dvr::{Adjoint, Loss, Sinks};
+use crate::render::differentiable::{Accumulators, Adjoint, Cotangent, Loss};
+use crate::render::integrator::Radiance;
 use crate::render::march::{IndexRay, Span, batches_before};
 use crate::render::moved::Moved;
 use glam::DVec3;
 
 impl<R: Real> Preshaded<'_, R> {
-    /// Radiance along a world ray of unit direction, and the gradient of a loss on it: `loss` maps the radiance to
-    /// the derivative with respect to R, G, B and alpha. A ray has no step here, and there is no transfer function. Rays
+    /// Radiance along a world ray of unit direction, and the gradient of a loss on it. A ray has no step here, and there is no transfer function. Rays
     /// on the tape stay there.
     #[inline(always)]
     pub fn gradient(
@@ -38,9 +38,9 @@ impl<R: Real> Preshaded<'_, R> {
         ray: &Ray,
         loss: Loss<'_, R>,
         adjoint: Adjoint,
-        sinks: Sinks<'_, R::Lanes>,
+        to: Accumulators<'_, R::Lanes>,
         tape: &mut Tape<R>,
-    ) -> Radiance<R> {
+    ) -> Radiance {
         let ray = self.index_ray(ray);
         let (kept, keep) = (&mut tape.stretches, adjoint != Adjoint::Replay);
         kept.clear();
@@ -53,18 +53,13 @@ impl<R: Real> Preshaded<'_, R> {
                 None => (),
             },
         );
-        let [r, g, b, alpha] = loss(&seen);
-        let transmittance = (-seen.depth).exp();
-        let mut beyond = transmittance * alpha.f64();
-        for (c, weight) in [r, g, b].into_iter().enumerate() {
-            sinks.shared.background[c] += weight.f64() * transmittance;
-            beyond -= weight.f64() * transmittance * f64::from(self.background[c]);
-        }
+        let Cotangent { rgb: [r, g, b], transmittance } = loss(&seen);
+        let beyond = -seen.transmittance() * transmittance;
         let Some(ray) = ray else { return seen };
         let weights = R::Lanes::load([r, g, b, R::ZERO]);
-        let mut back = Backward { renderer: self, ray, weights, beyond, sinks, moved: Moved::default() };
+        let mut back = Backward { renderer: self, ray, weights, beyond, to, moved: Moved::default() };
         if adjoint == Adjoint::Inversion {
-            let mut open = seen.transmittance;
+            let mut open = R::of(seen.transmittance());
             kept.iter_mut().rev().for_each(|stretch| open = stretch.reopen(open));
         }
         back.all(kept);
@@ -102,10 +97,10 @@ impl<R: Real> Preshaded<'_, R> {
         ray: &Ray,
         loss: Loss<'_, R>,
         adjoint: Adjoint,
-        sinks: Sinks<'_, R::Lanes>,
+        to: Accumulators<'_, R::Lanes>,
         tape: &mut Tape<R>,
-    ) -> Radiance<R> {
-        Arch::default().dispatch(Gradient { renderer: self, ray, loss, adjoint, sinks, tape })
+    ) -> Radiance {
+        Arch::default().dispatch(Gradient { renderer: self, ray, loss, adjoint, to, tape })
     }
 }
 
@@ -117,7 +112,7 @@ struct Backward<'a, 'd, R: Real> {
     weights: R::Lanes,
     /// The sum of the derivatives by optical depths beyond.
     beyond: f64,
-    sinks: Sinks<'a, R::Lanes>,
+    to: Accumulators<'a, R::Lanes>,
     moved: Moved,
 }
 
@@ -133,7 +128,7 @@ impl<R: Real> Backward<'_, '_, R> {
 
     #[inline(always)]
     fn step(&mut self, stretch: &Stretch<R>) {
-        let (follows, field) = (self.sinks.ray.is_some(), self.renderer.field);
+        let (follows, field) = (self.to.ray.is_some(), self.renderer.field);
         let lit = stretch.lit(self.weights);
         let by_depths = lit.map(|lit| -stretch.half.f64() * lit);
         let (shares, mut by_reached) = (stretch.shares(), [0.0; 2]);
@@ -141,7 +136,7 @@ impl<R: Real> Backward<'_, '_, R> {
             let by_extinction = R::of(stretch.by_extinction(k, by_depths, self.beyond));
             let by =
                 self.weights * R::Lanes::splat(shares[k]) + R::Lanes::load([R::ZERO, R::ZERO, R::ZERO, by_extinction]);
-            if let Some(by_value) = self.sinks.voxels.as_deref_mut() {
+            if let Some(by_value) = self.to.voxels.as_deref_mut() {
                 scatter::<R>(by_value, stretch.offset, &stretch.weights[k], by);
             }
             if follows {
@@ -163,7 +158,7 @@ impl<R: Real> Backward<'_, '_, R> {
 
     #[inline(always)]
     fn finish(self) {
-        if let Some(by_ray) = self.sinks.ray {
+        if let Some(by_ray) = self.to.ray {
             self.moved.hand_over(&self.renderer.field.transform, by_ray);
         }
     }
@@ -175,15 +170,15 @@ struct Gradient<'a, 'd, R: Real> {
     ray: &'a Ray,
     loss: Loss<'a, R>,
     adjoint: Adjoint,
-    sinks: Sinks<'a, R::Lanes>,
+    to: Accumulators<'a, R::Lanes>,
     tape: &'a mut Tape<R>,
 }
 
 impl<R: Real> pulp::NullaryFnOnce for Gradient<'_, '_, R> {
-    type Output = Radiance<R>;
+    type Output = Radiance;
 
     #[inline(always)]
-    fn call(self) -> Radiance<R> {
-        self.renderer.gradient(self.ray, self.loss, self.adjoint, self.sinks, self.tape)
+    fn call(self) -> Radiance {
+        self.renderer.gradient(self.ray, self.loss, self.adjoint, self.to, self.tape)
     }
 }

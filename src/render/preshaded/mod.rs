@@ -20,10 +20,12 @@ use crate::math::Ray;
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
 use crate::render::arch::Arch;
-use crate::render::dvr::Radiance;
+use crate::render::composited::Composited;
+use crate::render::differentiable::{Accumulators, Adjoint, Differentiable, Forward, Loss, Seeds, TangentRadiance};
+use crate::render::integrator::{Integrator, Radiance};
 use crate::render::march::{IndexRay, Span, batches};
 use crate::render::rule::{Cell, cells};
-use crate::scene::bricks::Bricks;
+use crate::scene::bricks::{Bricks, CELLS};
 use rayon::prelude::*;
 use stretch::Stretch;
 
@@ -36,7 +38,6 @@ const MOST_PARTS: f64 = 64.0;
 #[derive(Debug, Clone)]
 pub struct Preshaded<'a, R: Real> {
     field: &'a Bricks<R::Lanes>,
-    background: [f32; 3],
     depth_limit: f64,
 }
 
@@ -49,11 +50,16 @@ struct Front<R: Real> {
 
 impl<'a, R: Real> Preshaded<'a, R> {
     /// A renderer with rays that end where no more than 1e-6 of the light behind could reach the eye.
-    pub fn new(field: &'a Bricks<R::Lanes>, background: [f32; 3]) -> Self {
-        Self { field, background, depth_limit: 0.0 }.early_stop(1e-6)
+    pub fn new(field: &'a Bricks<R::Lanes>) -> Self {
+        Self { field, depth_limit: 0.0 }.early_stop(1e-6)
     }
 
-    /// Ends a ray once its transmittance is below `transmittance` (0: never); [`Preshaded::left_out`] says what that
+    /// The volume over a constant background.
+    pub fn over(self, background: [f32; 3]) -> Composited<Self> {
+        Composited { integrator: self, background }
+    }
+
+    /// Ends a ray once its transmittance is below `transmittance` (0: never); [`Composited::left_out`] says what that
     /// costs.
     #[must_use]
     pub fn early_stop(mut self, transmittance: f64) -> Self {
@@ -61,10 +67,13 @@ impl<'a, R: Real> Preshaded<'a, R> {
         self
     }
 
-    /// The most that ending rays early changes in any channel of a pixel, alpha included. Behind a transmittance T there
-    /// is no more than T times the brightest of `e / σ` and the background, and no more than T times what the box's
-    /// diagonal emits and the background; in its place stands T times the background.
-    pub fn left_out(&self) -> f64 {
+    /// Transmittance at which a ray ends.
+    pub fn least_transmittance(&self) -> f64 {
+        (-self.depth_limit).exp()
+    }
+
+    /// The largest ratio of emission and extinction, and the most that the box's diagonal emits, in any channel.
+    pub fn brightest(&self) -> [f64; 2] {
         let of = |v: &R::Lanes| {
             let [r, g, b, extinction] = v.store().map(Real::f64);
             let emitted = r.max(g).max(b).max(0.0);
@@ -72,10 +81,7 @@ impl<'a, R: Real> Preshaded<'a, R> {
         };
         let larger = |a: (f64, f64), b: (f64, f64)| (a.0.max(b.0), a.1.max(b.1));
         let (emitted, ratio) = self.field.values.par_iter().map(of).reduce(|| (0.0, 0.0), larger);
-        let background = self.background.into_iter().fold(0.0, |m: f64, v| m.max(v.into()));
-        let diagonal = self.field.transform.box_to_world(self.field.domain).size().length();
-        let brightest = ratio.max(background).min(emitted * diagonal + background);
-        (-self.depth_limit).exp() * brightest.max(1.0)
+        [ratio, emitted * self.field.transform.box_to_world(self.field.domain).size().length()]
     }
 
     /// The volume that is rendered.
@@ -85,7 +91,7 @@ impl<'a, R: Real> Preshaded<'a, R> {
 
     /// Radiance along a world ray of unit direction; the ray is added to those on the tape.
     #[inline(always)]
-    pub fn trace(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance<R> {
+    pub fn trace(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance {
         self.walk(
             self.index_ray(ray).as_ref(),
             #[inline(always)]
@@ -106,7 +112,7 @@ impl<'a, R: Real> Preshaded<'a, R> {
     /// Visits the stretches of a ray, none if it misses the field; `visit` sees `None` before those of a batch of bricks.
     /// Gives also the world length at which the last batch begins.
     #[inline(always)]
-    fn walk(&self, ray: Option<&IndexRay>, mut visit: impl FnMut(Option<&Stretch<R>>)) -> (Radiance<R>, f64) {
+    fn walk(&self, ray: Option<&IndexRay>, mut visit: impl FnMut(Option<&Stretch<R>>)) -> (Radiance, f64) {
         let (mut emitted, mut last) = ([0.0; 3], 0.0);
         let mut front = Front { light: R::Lanes::default(), open: R::ONE, depth: 0.0 };
         let values = &self.field.values;
@@ -133,10 +139,7 @@ impl<'a, R: Real> Preshaded<'a, R> {
                 },
             );
         }
-        let transmittance = (-front.depth).exp();
-        let channel = |c: usize| R::of(emitted[c] + f64::from(self.background[c]) * transmittance);
-        let rgb = [channel(0), channel(1), channel(2)];
-        (Radiance { rgb, transmittance: R::of(transmittance), depth: front.depth }, last)
+        (Radiance { rgb: emitted, depth: front.depth }, last)
     }
 }
 
@@ -184,14 +187,6 @@ impl<R: Real> Front<R> {
     }
 }
 
-impl<R: Real> Preshaded<'_, R> {
-    /// Radiance along a world ray of unit direction.
-    pub fn radiance_on(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance<R> {
-        tape.forget();
-        Arch::default().dispatch(Value { renderer: self, ray, tape })
-    }
-}
-
 /// The unit that is compiled for each instruction set.
 struct Value<'a, 'd, R: Real> {
     renderer: &'a Preshaded<'d, R>,
@@ -200,10 +195,60 @@ struct Value<'a, 'd, R: Real> {
 }
 
 impl<R: Real> pulp::NullaryFnOnce for Value<'_, '_, R> {
-    type Output = Radiance<R>;
+    type Output = Radiance;
 
     #[inline(always)]
-    fn call(self) -> Radiance<R> {
+    fn call(self) -> Radiance {
         self.renderer.trace(self.ray, self.tape)
+    }
+}
+
+impl<R: Real> Composited<Preshaded<'_, R>> {
+    /// The most that ending rays early changes in any channel of a pixel, alpha included. Behind a transmittance T there
+    /// is no more than T times the brightest of emission over extinction and the background, and no more than T times
+    /// what the box's diagonal emits and the background; in its place stands T times the background.
+    pub fn left_out(&self) -> f64 {
+        let ([ratio, emitted], background) = (self.integrator.brightest(), self.brightest_background());
+        self.integrator.least_transmittance() * ratio.max(background).min(emitted + background).max(1.0)
+    }
+}
+
+impl<R: Real> Integrator for Preshaded<'_, R> {
+    type Real = R;
+    type Scratch = Tape<R>;
+
+    fn li(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance {
+        tape.forget();
+        Arch::default().dispatch(Value { renderer: self, ray, tape })
+    }
+}
+
+impl<R: Real> Differentiable for Preshaded<'_, R> {
+    type Voxel = R::Lanes;
+
+    fn field(&self) -> &Bricks<R::Lanes> {
+        self.field
+    }
+
+    fn lookups(&self, _: bool) -> Vec<f32> {
+        // All are alike: two points a cell, of four numbers.
+        vec![8.0 * CELLS as f32; self.field.topology.len()]
+    }
+
+    fn vjp(
+        &self,
+        ray: &Ray,
+        loss: Loss<'_, R>,
+        adjoint: Adjoint,
+        to: Accumulators<'_, R::Lanes>,
+        tape: &mut Tape<R>,
+    ) -> Radiance {
+        self.gradient_on(ray, loss, adjoint, to, tape)
+    }
+}
+
+impl<R: Real, const P: usize> Forward<P> for Preshaded<'_, R> {
+    fn jvp(&self, ray: &Ray, seeds: &Seeds<'_, R::Lanes, P>, tape: &mut Tape<R>) -> TangentRadiance<P> {
+        self.tangent(ray, seeds, tape)
     }
 }

@@ -3,26 +3,27 @@
 //! The walk is that of the value, whose bits are handed through. What follows beside it are the stretches' ends, where
 //! their points lie, the values there, and from these light and optical depth, each with its derivatives.
 
+use super::Preshaded;
 use super::stretch::{POINTS, Stretch, UP_TO};
 use super::tape::Tape;
-use super::{Preshaded, Radiance};
 use crate::dual::Dual;
 use crate::math::Ray;
 use crate::real::Lanes;
 use crate::real::Real;
-use crate::render::dvr::{RayGradient, Seeds, TangentRadiance};
+use crate::render::differentiable::{RayGradient, Seeds, TangentRadiance};
+use crate::render::integrator::Radiance;
 use crate::render::march::IndexRay;
 use glam::DVec3;
 
 impl<R: Real> Preshaded<'_, R> {
-    /// Radiance along a world ray of unit direction, with its derivatives in `P` directions: of the ray, the stored
-    /// values and the background. There is nothing else. Rays on the tape stay there.
+    /// Radiance along a world ray of unit direction, with its derivatives in `P` directions: of the ray and the stored
+    /// values. There is nothing else. Rays on the tape stay there.
     pub fn tangent<const P: usize>(
         &self,
         ray: &Ray,
         seeds: &Seeds<'_, R::Lanes, P>,
         tape: &mut Tape<R>,
-    ) -> TangentRadiance<R, P> {
+    ) -> TangentRadiance<P> {
         let ray = self.index_ray(ray);
         let seen = self.record(ray.as_ref(), &mut tape.stretches);
         let mut front = Front { depth: Dual::constant(0.0), emitted: [Dual::constant(0.0); 3] };
@@ -30,12 +31,16 @@ impl<R: Real> Preshaded<'_, R> {
             let motion = Motion::new(self, ray, seeds);
             tape.stretches.iter().for_each(|stretch| front.pass(self, &motion, seeds, stretch));
         }
-        front.seen(&seen, self.background, seeds)
+        let with = |value, dual: Dual<f64, P>| Dual { value, ..dual };
+        TangentRadiance {
+            rgb: std::array::from_fn(|c| with(seen.rgb[c], front.emitted[c])),
+            depth: with(seen.depth, front.depth),
+        }
     }
 
     /// Compiled once for all numbers of directions.
     #[inline(never)]
-    fn record(&self, ray: Option<&IndexRay>, stretches: &mut Vec<Stretch<R>>) -> Radiance<R> {
+    fn record(&self, ray: Option<&IndexRay>, stretches: &mut Vec<Stretch<R>>) -> Radiance {
         stretches.clear();
         self.walk(ray, |found| stretches.extend(found)).0
     }
@@ -123,26 +128,5 @@ impl<const P: usize> Front<P> {
             }
         }
         self.depth = self.depth + half * (extinctions[0] + extinctions[1]);
-    }
-
-    /// What is seen, background included; values are those of the walk.
-    fn seen<R: Real>(
-        self,
-        seen: &Radiance<R>,
-        background: [f32; 3],
-        seeds: &Seeds<'_, R::Lanes, P>,
-    ) -> TangentRadiance<R, P> {
-        let depth = Dual { value: seen.depth, ..self.depth };
-        let open = (-depth).exp();
-        let rgb = std::array::from_fn(|c| {
-            let behind = Dual {
-                value: f64::from(background[c]),
-                tangent: std::array::from_fn(|p| seeds.shared[p].background[c]),
-            };
-            let light = (self.emitted[c] + behind * open).linear(R::of);
-            Dual { value: seen.rgb[c], ..light }
-        });
-        let transmittance = Dual { value: seen.transmittance, ..open.linear(R::of) };
-        TangentRadiance { rgb, transmittance, depth }
     }
 }

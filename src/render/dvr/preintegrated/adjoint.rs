@@ -4,30 +4,21 @@
 //! what the visits so far have added, in `f64` and from the very numbers that were summed up. Within a visit the
 //! recursion runs from its far end, so that nothing cancels.
 
+use super::super::Optics;
 use super::super::adjoint::{Pass, Weighted};
-use super::super::kernel::over;
-use super::super::sinks::{Adjoint, Loss};
-use super::super::{Optics, Radiance};
 use super::follow::{Asked, follow, note};
 use super::light::Front;
-use super::nodes::{Nodes, Queue, Sites, nodes};
+use super::nodes::{Nodes, Sites, nodes};
 use super::row::{ROOM, Row, share_slopes};
+use super::visit::{ByRow, Visit};
 use super::{Preintegrated, Scratch};
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
+use crate::render::differentiable::{Adjoint, Loss};
+use crate::render::integrator::Radiance;
 
 /// Visits that replay keeps, the nearest ones: it walks again, and looks up again, what is behind them.
 const KEPT: usize = 6;
-
-/// Nodes that were visited together, and the stretches that end at them.
-#[derive(Debug, Clone, Default)]
-pub(in super::super) struct Visit<R: Real> {
-    pub(super) nodes: Box<Queue<R>>,
-    pub(super) fours: usize,
-    pub(super) row: Box<Row<R>>,
-    /// Light of all visits up to this one.
-    emitted: [f64; 3],
-}
 
 impl<R: Real> Preintegrated<R> {
     /// One ray's forward and backward pass.
@@ -39,7 +30,7 @@ impl<R: Real> Preintegrated<R> {
         adjoint: Adjoint,
         optics: &Optics<R, 3>,
         scratch: &mut Scratch<R>,
-    ) -> Radiance<R> {
+    ) -> Radiance {
         let Scratch { queue, row, by_row, tape, spare, asked } = scratch;
         spare.append(tape);
         asked.clear();
@@ -68,9 +59,9 @@ impl<R: Real> Preintegrated<R> {
             },
         );
         let (emitted, depth) = (front.emitted, front.depth);
-        let seen = over(emitted, depth, dvr.background);
-        let weighted = pass.shared(loss(&seen), &emitted, depth, &optics.tint);
-        let behind = (-depth).exp() * weighted.background;
+        let seen = Radiance { rgb: emitted, depth };
+        let weighted = pass.shared(loss(&seen), &emitted, &optics.tint);
+        let behind = (-depth).exp() * weighted.transmittance;
         let mut back = Backward { own: self, optics, emitted, behind, weighted, last: None, asked };
         // Not `for_each`: its closure would be compiled for the oldest instruction set.
         for visit in tape.iter() {
@@ -96,22 +87,11 @@ impl<R: Real> Preintegrated<R> {
             );
             spare.push(visit);
         }
-        if pass.sinks.ray.is_some() {
+        if pass.to.ray.is_some() {
             follow(sites, &ray, &dvr.field.domain, asked, &mut pass.moved);
             pass.hand_over();
         }
         seen
-    }
-}
-
-impl<R: Real> Visit<R> {
-    #[inline(always)]
-    fn record(&mut self, front: &mut Front<'_, R>, values: &[R], queue: &mut Box<Queue<R>>, fours: usize) {
-        front.add(values, queue, fours, &mut self.row);
-        std::mem::swap(queue, &mut self.nodes);
-        queue.succeed(&self.nodes, fours);
-        self.fours = fours;
-        self.emitted = front.emitted;
     }
 }
 
@@ -130,52 +110,6 @@ struct Backward<'a, R: Real> {
     asked: &'a mut Vec<Asked>,
 }
 
-/// Derivatives with respect to what a row holds, and what goes into them. Channels share all weights but those of the
-/// loss: sources are loss-weighted sums of them.
-#[derive(Debug, Clone)]
-pub(super) struct ByRow<R> {
-    /// By stretch: the mean of extinction times source; the derivatives with respect to that, to the source's drift, to
-    /// the mean extinction and to the optical depth; its light.
-    mean: [R; ROOM],
-    mixed: [R; ROOM],
-    drift: [R; ROOM],
-    extinction: [R; ROOM],
-    depth: [R; ROOM],
-    light: [R; ROOM],
-    /// Source at the ends, and slopes of source and extinction.
-    source: [R; ROOM + 1],
-    slopes: [[R; ROOM + 1]; 2],
-    /// With respect to the densities at the ends; in `behind` that of the stretches that end there alone, and before
-    /// that what arrives from behind each stretch.
-    pub(super) density: [R; ROOM + 1],
-    behind: [R; ROOM + 1],
-}
-
-impl<R> ByRow<R> {
-    /// Derivatives by the logarithms of stretches' lengths: of their extinctions', once these are added up.
-    pub(super) fn by_length(&self, count: usize) -> &[R] {
-        &self.light[..count]
-    }
-}
-
-impl<R: Real> Default for ByRow<R> {
-    fn default() -> Self {
-        let (stretch, ends) = ([R::ZERO; ROOM], [R::ZERO; ROOM + 1]);
-        Self {
-            mean: stretch,
-            mixed: stretch,
-            drift: stretch,
-            extinction: stretch,
-            depth: stretch,
-            light: stretch,
-            source: ends,
-            slopes: [ends; 2],
-            density: ends,
-            behind: ends,
-        }
-    }
-}
-
 impl<R: Real> Backward<'_, R> {
     #[inline(always)]
     fn visit(&mut self, pass: &mut Pass<'_, '_, R>, visit: &Visit<R>, by: &mut ByRow<R>) {
@@ -183,8 +117,8 @@ impl<R: Real> Backward<'_, R> {
         let arriving = self.behind + (beyond(0) + beyond(1) + beyond(2));
         let row = &*visit.row;
         let extinction = pass.dvr.medium.extinction;
-        pass.sinks.shared.extinction += self.by_stretch(row, arriving, by) / extinction;
-        if let Some(table) = pass.sinks.table.as_deref_mut() {
+        pass.to.shared.extinction += self.by_stretch(row, arriving, by) / extinction;
+        if let Some(table) = pass.to.table.as_deref_mut() {
             let [r, g, b] = self.weighted.color;
             for i in 0..row.count {
                 let (mixed, drift) = (by.mixed[i].f64(), by.drift[i].f64());
@@ -193,8 +127,8 @@ impl<R: Real> Backward<'_, R> {
                 row.by_table(i, &self.own.tables, &self.optics.curve, extinction, by_mean, by_drift, table);
             }
         }
-        let follows = pass.sinks.ray.is_some();
-        if pass.sinks.voxels.is_some() || follows {
+        let follows = pass.to.ray.is_some();
+        if pass.to.voxels.is_some() || follows {
             self.by_density(row, by);
             if !row.cut.is_empty() {
                 by.density = row.by_nodes(&by.density);
@@ -203,7 +137,7 @@ impl<R: Real> Backward<'_, R> {
         if follows {
             note(self.asked, &pass.dvr.field.values, visit, by);
         }
-        if let Some(voxels) = pass.sinks.voxels.as_deref_mut() {
+        if let Some(voxels) = pass.to.voxels.as_deref_mut() {
             let by_density = by.density[1..].as_chunks::<LANES>().0;
             for (nodes, by) in visit.nodes.first(visit.fours).zip(by_density) {
                 nodes.scatter(voxels, R::Lanes::load(*by));

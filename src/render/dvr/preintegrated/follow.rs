@@ -6,8 +6,8 @@
 //! that is what is asked of its faces, which stand still. Derivatives are those of what is computed, as long as no ray has
 //! more or fewer nodes; where it grazes faces these are left out.
 
-use super::adjoint::{ByRow, Visit};
 use super::nodes::{Sites, parts};
+use super::visit::{ByRow, Visit};
 use crate::math::Aabb;
 use crate::real::Real;
 use crate::real::{LANES, Lanes};

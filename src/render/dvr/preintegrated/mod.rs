@@ -12,21 +12,22 @@ mod light;
 mod nodes;
 mod row;
 mod table;
+mod visit;
 
 use super::Dvr;
-use super::kernel::Blend;
+use super::blend::Blend;
 use crate::real::Real;
 use crate::render::curve::Curve;
 use crate::render::march::IndexRay;
 use crate::scene::bricks::{BRICK, CELLS, Topology};
 use crate::scene::table::Table;
-use adjoint::{ByRow, Visit};
 use follow::Asked;
 use light::Front;
 use nodes::{Queue, Sites, nodes, roughness};
 use rayon::prelude::*;
 use row::Row;
 use table::Cumulative;
+use visit::{ByRow, Visit};
 
 /// What pre-integration looks up.
 #[derive(Debug, Clone)]

@@ -1,0 +1,169 @@
+//! The medium over its background: the one place where both are put together.
+//!
+//! `L = emitted + T · background`, `alpha = 1 - T`: value, derivatives in reverse and in forward mode.
+
+use super::differentiable::{Accumulators, Adjoint, Cotangent, Differentiable, Forward, ParameterGradient};
+use super::differentiable::{RayGradient, Seeds, TangentRadiance};
+use super::integrator::{Integrator, Radiance};
+use crate::dual::Dual;
+use crate::math::Ray;
+use crate::real::Real;
+
+/// Radiance of a medium over its background, as a pixel has it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pixel<R> {
+    /// Radiance in red, green and blue, the attenuated background included.
+    pub rgb: [R; 3],
+    /// Transmittance of the whole ray.
+    pub transmittance: R,
+    /// Optical depth of the whole ray.
+    pub depth: f64,
+}
+
+impl<R: Real> Pixel<R> {
+    /// Color and alpha = 1 - transmittance.
+    pub fn rgba(&self) -> [R; 4] {
+        [self.rgb[0], self.rgb[1], self.rgb[2], R::ONE - self.transmittance]
+    }
+}
+
+/// A [`Pixel`] with its derivatives along `P` directions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TangentPixel<R, const P: usize> {
+    /// Radiance in red, green and blue, the attenuated background included.
+    pub rgb: [Dual<R, P>; 3],
+    /// Transmittance of the whole ray.
+    pub transmittance: Dual<R, P>,
+    /// Optical depth of the whole ray.
+    pub depth: Dual<f64, P>,
+}
+
+impl<R: Real, const P: usize> TangentPixel<R, P> {
+    /// The pixel without its derivatives.
+    pub fn pixel(&self) -> Pixel<R> {
+        Pixel { rgb: self.rgb.map(|c| c.value), transmittance: self.transmittance.value, depth: self.depth.value }
+    }
+
+    /// Color and alpha = 1 - transmittance.
+    pub fn rgba(&self) -> [Dual<R, P>; 4] {
+        [self.rgb[0], self.rgb[1], self.rgb[2], Dual::constant(R::ONE) - self.transmittance]
+    }
+}
+
+/// Maps a pixel to the derivatives of a loss with respect to red, green, blue and alpha.
+pub type PixelLoss<'l, R> = &'l mut dyn FnMut(&Pixel<R>) -> [R; 4];
+
+/// An integrator and the constant radiance behind its medium.
+#[derive(Debug, Clone)]
+pub struct Composited<I> {
+    /// Light of the medium.
+    pub integrator: I,
+    /// Radiance behind the medium, in red, green and blue.
+    pub background: [f32; 3],
+}
+
+impl<I: Integrator> Composited<I> {
+    /// The medium over the background.
+    #[inline(always)]
+    pub fn composite(&self, light: &Radiance) -> Pixel<I::Real> {
+        let transmittance = light.transmittance();
+        let channel = |c: usize| I::Real::of(light.rgb[c] + f64::from(self.background[c]) * transmittance);
+        Pixel {
+            rgb: [channel(0), channel(1), channel(2)],
+            transmittance: I::Real::of(transmittance),
+            depth: light.depth,
+        }
+    }
+
+    /// The same with another integrator, made of this one.
+    #[must_use]
+    pub fn with(self, change: impl FnOnce(I) -> I) -> Self {
+        Self { integrator: change(self.integrator), ..self }
+    }
+
+    /// The largest channel of the background.
+    pub fn brightest_background(&self) -> f64 {
+        self.background.into_iter().fold(0.0, |m: f64, v| m.max(v.into()))
+    }
+
+    /// What a world ray of unit direction shows.
+    pub fn pixel(&self, ray: &Ray) -> Pixel<I::Real> {
+        self.pixel_on(ray, &mut I::Scratch::default())
+    }
+
+    /// What a world ray of unit direction shows, with scratch memory that is kept from ray to ray.
+    #[inline(always)]
+    pub fn pixel_on(&self, ray: &Ray, scratch: &mut I::Scratch) -> Pixel<I::Real> {
+        self.composite(&self.integrator.li(ray, scratch))
+    }
+}
+
+impl<I: Differentiable> Composited<I> {
+    /// What a world ray of unit direction shows; the gradient of a loss on it is added to the accumulators.
+    pub fn vjp(
+        &self,
+        ray: &Ray,
+        loss: PixelLoss<'_, I::Real>,
+        adjoint: Adjoint,
+        to: Accumulators<'_, I::Voxel>,
+        scratch: &mut I::Scratch,
+    ) -> Pixel<I::Real> {
+        let mut by_background = [0.0; 3];
+        let Accumulators { voxels, table, ray: by_ray, shared } = to;
+        let mut composited = |light: &Radiance| {
+            let [r, g, b, alpha] = loss(&self.composite(light));
+            let (transmittance, rgb) = (light.transmittance(), [r, g, b]);
+            let mut by_transmittance = -alpha.f64();
+            for (c, by) in rgb.into_iter().enumerate() {
+                by_background[c] = by.f64() * transmittance;
+                by_transmittance += by.f64() * f64::from(self.background[c]);
+            }
+            Cotangent { rgb, transmittance: by_transmittance }
+        };
+        let inner = Accumulators { voxels, table, ray: by_ray, shared: &mut *shared };
+        let light = self.integrator.vjp(ray, &mut composited, adjoint, inner, scratch);
+        shared.background.iter_mut().zip(by_background).for_each(|(sum, by)| *sum += by);
+        self.composite(&light)
+    }
+
+    /// What a world ray of unit direction shows; the gradient with respect to the ray of a loss that is given by its
+    /// derivatives with respect to red, green, blue and alpha is added to `to`.
+    pub fn ray_vjp(
+        &self,
+        ray: &Ray,
+        loss: [I::Real; 4],
+        to: &mut RayGradient,
+        scratch: &mut I::Scratch,
+    ) -> Pixel<I::Real> {
+        let mut shared = ParameterGradient::default();
+        let to = Accumulators { voxels: None, table: None, ray: Some(to), shared: &mut shared };
+        self.vjp(ray, &mut |_| loss, Adjoint::Tape, to, scratch)
+    }
+
+    /// What a world ray of unit direction shows, with its derivatives along `P` directions.
+    pub fn jvp<const P: usize>(
+        &self,
+        ray: &Ray,
+        seeds: &Seeds<'_, I::Voxel, P>,
+        scratch: &mut I::Scratch,
+    ) -> TangentPixel<I::Real, P>
+    where
+        I: Forward<P>,
+    {
+        let TangentRadiance { rgb, depth } = self.integrator.jvp(ray, seeds, scratch);
+        let light = Radiance { rgb: rgb.map(|c| c.value), depth: depth.value };
+        let pixel = self.composite(&light);
+        let open = light.transmittance();
+        let by_open = depth.tangent.map(|d| -open * d);
+        let channel = |c: usize, p: usize| {
+            let background = seeds.shared[p].background[c] * open + f64::from(self.background[c]) * by_open[p];
+            I::Real::of(background + rgb[c].tangent[p])
+        };
+        let with = |value, tangent| Dual { value, tangent };
+        TangentPixel {
+            rgb: std::array::from_fn(|c| with(pixel.rgb[c], std::array::from_fn(|p| channel(c, p)))),
+            transmittance: with(pixel.transmittance, by_open.map(I::Real::of)),
+            depth,
+        }
+    }
+}
