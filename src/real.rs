@@ -38,7 +38,7 @@ pub trait Real:
     /// `e^x`.
     fn exp(self) -> Self;
     /// `e^{-x}` for x ≥ 0; where that is below 1e-37, no less.
-    fn fall(self) -> Self;
+    fn exp_neg(self) -> Self;
     /// Lesser of two numbers (neither NaN).
     #[inline(always)]
     fn lesser(self, o: Self) -> Self {
@@ -52,7 +52,7 @@ pub trait Real:
 }
 
 macro_rules! real {
-    ($t:ty, $lanes:ty, $fall:expr) => {
+    ($t:ty, $lanes:ty, $exp_neg:expr) => {
         impl Number for $t {
             #[inline(always)]
             fn one() -> Self {
@@ -90,19 +90,19 @@ macro_rules! real {
                 <$t>::exp(self)
             }
             #[inline(always)]
-            fn fall(self) -> Self {
-                $fall(self)
+            fn exp_neg(self) -> Self {
+                $exp_neg(self)
             }
         }
     };
 }
-real!(f32, glam::Vec4, fall);
+real!(f32, glam::Vec4, exp_neg);
 real!(f64, glam::DVec4, |x: f64| (-x).exp());
 
 /// `e^-x` for x ≥ 0, to two units of the last place; beyond 87, where it would be denormal, that of 87. Without a branch:
 /// loops of it are compiled to vectors.
 #[inline(always)]
-fn fall(x: f32) -> f32 {
+fn exp_neg(x: f32) -> f32 {
     let x = -x.lesser(87.0);
     // x = n ln 2 + r, ln 2 in two parts: the product with the first is exact.
     let shifted = x * std::f32::consts::LOG2_E + f32::ONES;

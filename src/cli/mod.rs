@@ -1,12 +1,12 @@
 //! The command line: each subcommand loads, works, writes and reports.
 
+pub mod any_renderer;
 pub mod cancel;
 pub mod compare;
 pub mod convert;
 pub mod diff;
 pub mod gradient;
 pub mod info;
-pub mod light;
 pub mod memory;
 pub mod output;
 pub mod outputs;

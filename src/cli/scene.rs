@@ -1,6 +1,6 @@
 //! Either kind of volume that a command may be given.
 
-use super::light::Light;
+use super::any_renderer::AnyRenderer;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::vdb::{File, shaded};
@@ -44,14 +44,14 @@ impl Scene {
     ///
     /// # Errors
     /// If the capture's medium or density scale cannot be used.
-    pub fn light(&mut self, capture: &Capture, quadrature: Quadrature) -> Result<Light<'_>> {
+    pub fn light(&mut self, capture: &Capture, quadrature: Quadrature) -> Result<AnyRenderer<'_>> {
         Ok(match self {
-            Self::Density(field) => {
-                Light::Density(Dvr::new(field, capture.medium()?)?.quadrature(quadrature).over(capture.background))
-            }
+            Self::Density(field) => AnyRenderer::Density(
+                Dvr::new(field, capture.medium()?)?.quadrature(quadrature).over(capture.background),
+            ),
             Self::PreShaded(volume) => {
                 scale(volume, capture.density_scale)?;
-                Light::PreShaded(Preshaded::new(volume).over(capture.background))
+                AnyRenderer::PreShaded(Preshaded::new(volume).over(capture.background))
             }
         })
     }

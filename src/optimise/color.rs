@@ -248,7 +248,7 @@ fn coarser(extinctions: &Bricks<f32>, level: u32) -> Result<Bricks<f32>> {
     let topology = Arc::new(Topology::new(bricks)?);
     let owned = extinctions.resampled(&topology, &lattice);
     let mut field = Bricks::zeros(topology, lattice);
-    field.topology.spread(&owned, &mut field.values);
+    field.topology.fill_apron(&owned, &mut field.values);
     Ok(field)
 }
 

@@ -55,7 +55,7 @@ impl<V: Voxel> Bricks<V> {
         (number != NONE).then(|| &self.values[number as usize * BRICK..(number as usize + 1) * BRICK])
     }
 
-    /// The bricks' own voxels, 512 a brick, z fastest: the inverse of [`Topology::spread`].
+    /// The bricks' own voxels, 512 a brick, z fastest: the inverse of [`Topology::fill_apron`].
     pub fn owned(&self) -> Vec<V> {
         let mut owned = vec![V::default(); self.topology.len() * LEAF_VOXELS];
         owned.par_chunks_mut(LEAF_VOXELS).zip(self.values.par_chunks(BRICK)).for_each(|(own, stored)| {

@@ -258,7 +258,7 @@ impl Topology {
     }
 
     /// Copies owned voxels (512 a brick, z fastest) into stored ones (729 a brick), aprons included.
-    pub fn spread<V: Voxel>(&self, owned: &[V], stored: &mut [V]) {
+    pub fn fill_apron<V: Voxel>(&self, owned: &[V], stored: &mut [V]) {
         stored.par_chunks_mut(BRICK).zip(self.bricks.par_iter()).for_each(|(out, brick)| {
             for corner in 0..8 {
                 let offset = IVec3::new(corner >> 2 & 1, corner >> 1 & 1, corner & 1);
@@ -295,8 +295,8 @@ impl Topology {
         })
     }
 
-    /// Adds stored values onto the voxels that own them: the transpose of [`Topology::spread`].
-    pub fn fold<V: Voxel>(&self, stored: &[V], owned: &mut [V]) {
+    /// Adds stored values onto the voxels that own them: the transpose of [`Topology::fill_apron`].
+    pub fn gather_apron<V: Voxel>(&self, stored: &[V], owned: &mut [V]) {
         owned.par_chunks_mut(LEAF_VOXELS).zip(self.bricks.par_iter().enumerate()).for_each(|(out, (i, brick))| {
             let own = &stored[i * BRICK..(i + 1) * BRICK];
             for x in 0..CELLS {
@@ -340,8 +340,8 @@ mod tests {
         let owned: Vec<f64> = (0..t.len() * LEAF_VOXELS).map(|i| (i * 7 % 23) as f64).collect();
         let other: Vec<f64> = (0..t.len() * BRICK).map(|i| (i * 5 % 19) as f64).collect();
         let (mut stored, mut folded) = (vec![0.0; t.len() * BRICK], vec![0.0; t.len() * LEAF_VOXELS]);
-        t.spread(&owned, &mut stored);
-        t.fold(&other, &mut folded);
+        t.fill_apron(&owned, &mut stored);
+        t.gather_apron(&other, &mut folded);
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         assert_eq!(dot(&stored, &other), dot(&owned, &folded));
         // Slots are the columns of the spread.

@@ -155,7 +155,7 @@ fn projections_per_second(scene: &Scene, pools: &[ThreadPool; 2]) -> Vec<Row> {
     let maps: Vec<DepthMap> = scene.cameras.iter().map(map).collect();
     let views = projector.views(&maps.iter().collect::<Vec<_>>(), 1, &vec![true; projector.unknowns()]);
     let mut voxels = vec![0.0; projector.unknowns()];
-    topology.fold(&scene.field.values, &mut voxels);
+    topology.gather_apron(&scene.field.values, &mut voxels);
     let mut out = voxels.clone();
     let mut pass = |pool: &ThreadPool| {
         pool.install(|| {

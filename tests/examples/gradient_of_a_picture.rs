@@ -33,7 +33,7 @@ pub fn run(volume: &Path) -> Result<(f64, Vec<f32>)> {
 
     // Bricks store the first voxels of their neighbours too; the derivatives of both copies are added.
     let mut by_voxel = vec![0.0; field.topology.len() * LEAF_VOXELS];
-    field.topology.fold(&gradient.voxels, &mut by_voxel);
+    field.topology.gather_apron(&gradient.voxels, &mut by_voxel);
     Ok((gradient.value, by_voxel))
 }
 

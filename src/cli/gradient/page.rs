@@ -36,7 +36,7 @@ impl GradientCommand {
             let owned: Vec<f32> =
                 found.by_voxel.iter().skip(at).step_by(channels.len()).map(|v| v.abs() as f32).collect();
             let mut field = Bricks::<f32>::zeros(study.field.topology.clone(), study.field.transform);
-            field.topology.spread(&owned, &mut field.values);
+            field.topology.fill_apron(&owned, &mut field.values);
             page.slices(&format!("Derivative by {name}"), "magnitude", &field, None)?;
         }
         let mut columns = vec!["Parameter", "Value", "Derivative"];

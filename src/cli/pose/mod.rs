@@ -2,7 +2,7 @@
 
 mod page;
 
-use super::light::Light;
+use super::any_renderer::AnyRenderer;
 use super::memory::Memory;
 use super::output::Output;
 use super::outputs::{self, Content};
@@ -164,12 +164,12 @@ impl Pose {
         let light = scene.light(&shown, quadrature).map_err(|e| e.at(&self.volume))?;
         let (colors, judge) = match &light {
             // Pictures are what has no error, until somebody says something else.
-            Light::Density(light) => {
+            AnyRenderer::Density(light) => {
                 let judged = self.quadrature.is_none() && shown.transfer.is_some();
                 let exact = || light.clone().with(|dvr| dvr.quadrature(Quadrature::Exact));
                 (Colors::of(&shown.medium()?, shown.background), judged.then(exact))
             }
-            Light::PreShaded(_) => (Colors::apart(), None),
+            AnyRenderer::PreShaded(_) => (Colors::apart(), None),
         };
         let request = Request { colors: &colors, centre, iterations: self.iterations, solve_focal: self.solve_focal };
         let searches = |t: &Target| (levels(&t.camera) + 1 + usize::from(judge.is_some())) as u64;
@@ -178,8 +178,8 @@ impl Pose {
         let begun = Instant::now();
         let tick = || bar.inc(1);
         let found = match &light {
-            Light::Density(dvr) => pose::solve(dvr, judge.as_ref(), &targets, &request, task.cancel, &tick),
-            Light::PreShaded(volume) => pose::solve(volume, None, &targets, &request, task.cancel, &tick),
+            AnyRenderer::Density(dvr) => pose::solve(dvr, judge.as_ref(), &targets, &request, task.cancel, &tick),
+            AnyRenderer::PreShaded(volume) => pose::solve(volume, None, &targets, &request, task.cancel, &tick),
         };
         let seconds = begun.elapsed().as_secs_f64();
         bar.finish_and_clear();

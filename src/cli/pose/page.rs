@@ -2,7 +2,7 @@
 
 use super::Report;
 use crate::cancel::Cancel;
-use crate::cli::light::Light;
+use crate::cli::any_renderer::AnyRenderer;
 use crate::cli::provenance::Provenance;
 use crate::error::Result;
 use crate::metrics;
@@ -18,7 +18,7 @@ pub fn page(
     report: &Report,
     solved: &Capture,
     targets: &[Target],
-    light: &Light<'_>,
+    light: &AnyRenderer<'_>,
     provenance: &Provenance,
     cancel: Cancel,
 ) -> Result<Page> {

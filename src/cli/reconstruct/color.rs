@@ -1,6 +1,6 @@
 //! `cumulo reconstruct color`: a pre-shaded volume from emission-absorption pictures.
 
-use super::known;
+use super::confidence;
 use super::region::{Chosen, Region};
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
@@ -116,7 +116,7 @@ impl Color {
         let begun = Instant::now();
         let (known, mut found) = {
             let stage = output.stage("confidence");
-            known::grids(&volume, &photos, &request, train_psnr_db, |done, of| stage.at(done, of))
+            confidence::grids(&volume, &photos, &request, train_psnr_db, |done, of| stage.at(done, of))
         };
         found.extend(residuals::held_out(train_psnr_db, held_out_psnr_db));
         found.extend(residuals::unexplained(train_psnr_db));

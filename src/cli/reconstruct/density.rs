@@ -1,6 +1,6 @@
 //! `cumulo reconstruct density`: a VDB from absorption or emission-absorption pictures.
 
-use super::known;
+use super::confidence;
 use super::region::{Chosen, Region};
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
@@ -195,7 +195,7 @@ impl Density {
         let mut grid = field.to_grid(&self.grid);
         let (known, found) = {
             let stage = output.stage("confidence");
-            known::grid(&field, &photos, &request, train_psnr_db, &self.grid, |done, of| stage.at(done, of))?
+            confidence::grid(&field, &photos, &request, train_psnr_db, &self.grid, |done, of| stage.at(done, of))?
         };
         let mut found = found;
         found.extend(residuals::held_out(train_psnr_db, held_out_psnr_db));

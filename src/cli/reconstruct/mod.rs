@@ -1,8 +1,8 @@
 //! `cumulo reconstruct`: what pictures say about the volume in them.
 
 mod color;
+mod confidence;
 mod density;
-mod known;
 mod region;
 mod tf;
 

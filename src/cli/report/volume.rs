@@ -2,7 +2,7 @@
 
 use super::{Beside, extra};
 use crate::cancel::Cancel;
-use crate::cli::light::Light;
+use crate::cli::any_renderer::AnyRenderer;
 use crate::cli::run::{self, Run, Solver};
 use crate::cli::volume as volumes;
 use crate::error::Result;
@@ -51,10 +51,10 @@ pub(super) fn page(
         Solver::Cg | Solver::Weiss2021 | Solver::ThroughTransfer => None,
     };
     let light = match &shaded {
-        Some(volume) => Light::PreShaded(Preshaded::new(volume).over(capture.background)),
+        Some(volume) => AnyRenderer::PreShaded(Preshaded::new(volume).over(capture.background)),
         None => {
             let quadrature = Quadrature::usual(capture.transfer.is_some());
-            Light::Density(Dvr::new(&field, capture.medium()?)?.quadrature(quadrature).over(capture.background))
+            AnyRenderer::Density(Dvr::new(&field, capture.medium()?)?.quadrature(quadrature).over(capture.background))
         }
     };
     let rows = rows(run, &capture, &light, beside, cancel)?;
@@ -146,7 +146,7 @@ fn bricks(grid: &Grid, path: &Path, limits: Limits) -> Result<Bricks<f32>> {
 fn rows(
     run: &Run,
     capture: &Capture,
-    light: &Light<'_>,
+    light: &AnyRenderer<'_>,
     beside: Option<&Beside>,
     cancel: Cancel,
 ) -> Result<Vec<ViewRow>> {

@@ -57,7 +57,7 @@ where
         if cancel.requested() {
             return None;
         }
-        topology.fold(&stored, &mut owned);
+        topology.gather_apron(&stored, &mut owned);
         for (squares, (channels, _)) in squares.iter_mut().zip(groups) {
             let share = (BLOCK * BLOCK) as f32 / (probes * channels.len()) as f32;
             let square = |v: &I::Voxel| channels.iter().map(|c| (v.channel(*c) as f32).powi(2)).sum::<f32>();

@@ -159,7 +159,7 @@ impl Fit {
 
     fn spread(&mut self) {
         let scaled: Vec<f32> = self.x.iter().map(|v| v * self.unit).collect();
-        self.field.topology.spread(&scaled, &mut self.field.values);
+        self.field.topology.fill_apron(&scaled, &mut self.field.values);
     }
 
     /// One step of Adam on the mean of `loss` over the batch's pixels and channels, plus `prior` on the voxels; returns
@@ -188,7 +188,7 @@ impl Fit {
         if self.cancel.requested() {
             return Ok(f64::NAN);
         }
-        self.field.topology.fold(&self.stored, &mut self.owned);
+        self.field.topology.gather_apron(&self.stored, &mut self.owned);
         self.owned.iter_mut().for_each(|g| *g *= self.unit);
         let Weighted { prior, weight } = prior;
         prior.add(weight, &self.x, &self.neighbours, self.unknowns(), &mut self.owned);

@@ -280,7 +280,7 @@ impl Level {
         }
         let found: Vec<f32> = found.iter().map(|k| samples.density[*k as usize]).collect();
         let field = &mut self.densities;
-        field.topology.spread(&found, &mut field.values);
+        field.topology.fill_apron(&found, &mut field.values);
         field.clone()
     }
 }

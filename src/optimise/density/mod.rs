@@ -381,7 +381,7 @@ impl Level {
 
     fn field(self, voxels: Vec<f32>) -> (Bricks<f32>, usize) {
         let mut field = Bricks::zeros(self.topology.clone(), self.lattice);
-        self.topology.spread(&voxels, &mut field.values);
+        self.topology.fill_apron(&voxels, &mut field.values);
         (field, self.unknown.iter().filter(|u| **u).count())
     }
 }

@@ -132,7 +132,7 @@ impl<'a> Emission<'a> {
             .par_iter_mut()
             .enumerate()
             .for_each(|(i, v)| *v = Vec4::new(x[i], x[n + i], x[2 * n + i], extinctions[i]));
-        self.field.topology.spread(&self.owned, &mut self.field.values);
+        self.field.topology.fill_apron(&self.owned, &mut self.field.values);
     }
 
     /// Walks the rays of every pixel of the given views once. `slope(pixel, color seen)` gives what is sent
@@ -178,7 +178,7 @@ impl<'a> Emission<'a> {
                 total.iter_mut().zip(&lane[i * BRICK..]).for_each(|(t, v)| *t += *v);
             }
         });
-        self.field.topology.fold(&self.lanes[0], &mut self.owned);
+        self.field.topology.gather_apron(&self.lanes[0], &mut self.owned);
         let n = self.owned.len();
         for (c, out) in out.chunks_mut(n).enumerate() {
             out.par_iter_mut().zip(&self.owned).for_each(|(o, v)| *o = v[c]);

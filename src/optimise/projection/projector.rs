@@ -86,7 +86,7 @@ impl Projector {
     /// (`true`, 512 a brick): their rows of the operator are zero.
     pub fn views(&mut self, maps: &[&DepthMap], stride: usize, unknown: &[bool]) -> Vec<View> {
         let ones: Vec<f32> = unknown.iter().map(|u| f32::from(u8::from(*u))).collect();
-        self.topology.spread(&ones, &mut self.field.values);
+        self.topology.fill_apron(&ones, &mut self.field.values);
         let Ok(dvr) = Dvr::new(&self.field, self.medium.clone()) else { return Vec::new() };
         let dvr = dvr.early_stop(0.0);
         let (arch, cancel) = (Arch::default(), self.cancel);
@@ -140,7 +140,7 @@ impl Projector {
                 }
             }
         });
-        self.topology.fold(&self.lanes[0], out);
+        self.topology.gather_apron(&self.lanes[0], out);
         sums
     }
 
@@ -158,7 +158,7 @@ impl Projector {
         slope: impl Fn(&Sample, &[f64]) -> (f64, [f64; 2]) + Sync,
         back: bool,
     ) -> [f64; 2] {
-        self.topology.spread(voxels, &mut self.field.values);
+        self.topology.fill_apron(voxels, &mut self.field.values);
         let Ok(dvr) = Dvr::new(&self.field, self.medium.clone()) else { return [0.0; 2] };
         let dvr = dvr.early_stop(0.0);
         let runs: Vec<(&Camera, &[Sample])> =

@@ -151,7 +151,7 @@ impl<V: Subject> Study<V> {
                 } else {
                     let stored: Vec<V::Double> = found.voxels.iter().map(|v| v.double()).collect();
                     let mut owned = vec![V::Double::default(); self.voxels()];
-                    topology.fold(&stored, &mut owned);
+                    topology.gather_apron(&stored, &mut owned);
                     owned.into_iter().flat_map(|v| channels.iter().map(move |c| v.channel(*c))).collect()
                 };
                 let of = |p: &Parameter| parameter::derivative(&found, topology, &by_transfer, *p);

@@ -1,7 +1,7 @@
 //! The gradient of a loss on one pixel with respect to everything along its ray.
 //!
 //! Let `x_i` be the optical depth of segment i, `c_i` its source at the mean density and `s_i q_i` what
-//! varies of its light ([`light`](super::light)), `T_i` the transmittance before it and `V_i` the radiance
+//! varies of its light ([`shade`](super::shade)), `T_i` the transmittance before it and `V_i` the radiance
 //! from beyond it, background included, as it arrives at the eye. From the far end:
 //!
 //! ```text
@@ -9,7 +9,7 @@
 //! for i = N-1 … 0:   ∂L/∂x_i = c_i T_{i+1} - V    ∂L/∂c_i = T_i - T_{i+1}    ∂L/∂q_i = s_i T_i
 //!                    V ← V + c_i (T_i - T_{i+1}) + s_i T_i q_i
 //! ```
-//! and from there by [`Lit::slopes`] to the densities. No division by `1 - α`: finite for opaque segments,
+//! and from there by [`Shade::slopes`] to the densities. No division by `1 - α`: finite for opaque segments,
 //! where inverting the blend (Weiss & Westermann 2021, sect. 4.3; here [`Adjoint::Inversion`]) is 0/0.
 //!
 //! All channels share the transmittance, so the recursion runs once, on the loss-weighted radiance:
@@ -19,19 +19,19 @@ use super::blend::Blend;
 use super::blend::Entry;
 use super::jump::Jump;
 use super::kernel::{self, arriving, grey};
-use super::light::{By, Glow, Light};
+use super::segment_derivatives::SegmentDerivatives;
+use super::shade::{SegmentCotangent, SegmentOptics, SegmentSource};
 use super::tape::Tape;
-use super::traced::Traced;
-use super::{Dvr, Matter, Optics, Precision};
+use super::{CompiledCurve, CompiledMedium, Dvr, Precision};
 use crate::math::Ray;
 use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::cell::{Quartet, scatter};
 use crate::render::curve::{Curve, Piece};
 use crate::render::differentiable::{Accumulators, Adjoint, Cotangent, Loss};
+use crate::render::index_ray_gradient::IndexRayGradient;
 use crate::render::integrator::Radiance;
 use crate::render::march::{IndexRay, batches_before};
-use crate::render::moved::Moved;
 use crate::render::rule::{DepthRule, ExactDepth, Rule};
 use crate::render::segment::End;
 use crate::scene::bricks::Topology;
@@ -54,24 +54,24 @@ impl<R: Precision> Dvr<'_, R> {
         };
         let mut pass = Pass::new(self, ray, to);
         // The paper's inversion is left to the rule that pre-integration approaches.
-        if let Matter::Table(optics, Some(tables)) = &self.matter
+        if let CompiledMedium::Table(optics, Some(tables)) = &self.compiled
             && adjoint != Adjoint::Inversion
         {
             return tables.gradient(&mut pass, loss, adjoint, optics, &mut tape.preintegrated);
         }
         // What is not asked for in earnest is compiled once, not for each instruction set.
         if self.uniform(&pass.ray).is_some() || adjoint == Adjoint::Inversion {
-            return R::uncommon(&mut pass, loss, adjoint, tape);
+            return R::stepped(&mut pass, loss, adjoint, tape);
         }
         if let (Source::Grey(color), None) = (&self.medium.source, &pass.to.ray) {
             return pass.depth_only(loss, adjoint, ExactDepth, *color, &mut tape.cells);
         }
         let Tape { chords, lit_chords, .. } = tape;
-        match &self.matter {
-            Matter::Line(optics) => {
+        match &self.compiled {
+            CompiledMedium::Line(optics) => {
                 pass.recursion(loss, adjoint, self.exact_source(optics, false), optics, chords, lit_chords)
             }
-            Matter::Table(optics, _) => {
+            CompiledMedium::Table(optics, _) => {
                 let rule = self.exact_source(optics, pass.to.table.is_some());
                 pass.recursion(loss, adjoint, rule, optics, chords, lit_chords)
             }
@@ -89,9 +89,9 @@ impl<R: Precision> Dvr<'_, R> {
 /// The loss's derivatives, and what they weigh.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Weighted<const C: usize> {
-    /// By red, green and blue.
+    /// SegmentCotangent red, green and blue.
     pub rgb: [f64; 3],
-    /// By the transmittance.
+    /// SegmentCotangent the transmittance.
     pub transmittance: f64,
     /// For each channel of the curve.
     pub color: [f64; C],
@@ -104,12 +104,12 @@ pub struct Pass<'p, 'a, R: Real> {
     pub(super) to: Accumulators<'p, R>,
     /// Derivatives that wait: a cell of many pieces is scattered once.
     pub(super) pending: Option<(usize, [R::Lanes; 2])>,
-    pub(super) moved: Moved,
+    pub(super) moved: IndexRayGradient,
 }
 
 impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     fn new(dvr: &'p Dvr<'a, R>, ray: IndexRay, to: Accumulators<'p, R>) -> Self {
-        Self { dvr, ray, to, pending: None, moved: Moved::default() }
+        Self { dvr, ray, to, pending: None, moved: IndexRayGradient::default() }
     }
 
     /// Grey sources: one derivative for the whole ray.
@@ -149,7 +149,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         seen
     }
 
-    /// The bricks that matter: a transfer function's own derivative does not vanish where it is clear.
+    /// The bricks that compiled: a transfer function's own derivative does not vanish where it is clear.
     #[inline(always)]
     pub(super) fn topology(&self) -> &'p Topology {
         if self.to.table.is_some() { &self.dvr.field.topology } else { &self.dvr.visible }
@@ -157,12 +157,12 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
 
     /// Sources that vary: the recursion of this module's head.
     #[inline(always)]
-    pub(super) fn recursion<S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
+    pub(super) fn recursion<S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
         &mut self,
         loss: Loss<'_, R>,
         adjoint: Adjoint,
         rule: Q,
-        optics: &Optics<R, C>,
+        optics: &CompiledCurve<R, C>,
         segments: &mut Vec<S>,
         tape: &mut Vec<Entry<R, S>>,
     ) -> Radiance {
@@ -246,13 +246,13 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
 
     /// Hands the derivatives of one segment to the sinks.
     #[inline(always)]
-    pub(super) fn deposit<S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
+    pub(super) fn deposit<S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
         &mut self,
         rule: Q,
         line: &Piece<R, C>,
-        (segment, light): (&S, &Light<R>),
+        (segment, light): (&S, &SegmentOptics<R>),
         slope: R,
-        by: By<R>,
+        by: SegmentCotangent<R>,
         weighted: &Weighted<C>,
     ) {
         let extinction = self.dvr.medium.extinction;
@@ -293,7 +293,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     /// Hands over what moving one end of a segment does where the transfer function jumps, with so much open there and
     /// so much arriving from beyond.
     #[inline(always)]
-    pub(super) fn jump<S: Traced<R>, const C: usize>(
+    pub(super) fn jump<S: SegmentDerivatives<R>, const C: usize>(
         &mut self,
         curve: &Curve<R, C>,
         (segment, end): (&S, End),
@@ -344,21 +344,21 @@ struct Backward<const C: usize> {
 
 impl<const C: usize> Backward<C> {
     #[inline(always)]
-    fn step<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>>(
+    fn step<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>>(
         &mut self,
         pass: &mut Pass<'_, '_, R>,
         curve: &Curve<R, C>,
         rule: Q,
         segment: &S,
-        light: &Light<R>,
+        light: &SegmentOptics<R>,
     ) {
         let line = curve.piece(segment.piece());
-        let glow = Glow::new(line, light.mean, &self.weighted.color);
+        let glow = SegmentSource::new(line, light.mean, &self.weighted.color);
         pass.jump(curve, (segment, End::Far), [self.open, self.beyond], &self.weighted);
         // Not as the tape has it: replay is to find the same.
         self.depth -= light.depth.f64();
         let before = (-self.depth).exp();
-        let by = By {
+        let by = SegmentCotangent {
             depth: R::of(glow.mean * self.open - self.beyond),
             mean: R::of(before - self.open),
             varied: R::of(before),

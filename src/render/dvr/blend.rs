@@ -1,6 +1,6 @@
 //! Results of front-to-back blending.
 
-use super::light::Light;
+use super::shade::SegmentOptics;
 use crate::real::Real;
 
 /// What is found along a ray.
@@ -18,6 +18,6 @@ pub(super) struct Blend<const C: usize> {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Entry<R: Real, S> {
     pub segment: S,
-    pub light: Light<R>,
+    pub light: SegmentOptics<R>,
     pub open: f64,
 }

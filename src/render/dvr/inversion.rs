@@ -5,8 +5,8 @@
 
 use super::adjoint::{Pass, Weighted};
 use super::blend::Entry;
-use super::light::{By, Glow};
-use super::traced::Traced;
+use super::segment_derivatives::SegmentDerivatives;
+use super::shade::{SegmentCotangent, SegmentSource};
 use crate::real::Real;
 use crate::render::curve::Curve;
 use crate::render::rule::Rule;
@@ -14,7 +14,7 @@ use crate::render::segment::End;
 
 /// Blends the tape forward in `R`, then walks it backward by inversion.
 #[inline(always)]
-pub(super) fn backward<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
+pub(super) fn backward<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
     pass: &mut Pass<'_, '_, R>,
     curve: &Curve<R, C>,
     rule: Q,
@@ -30,7 +30,7 @@ pub(super) fn backward<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>, const 
     for entry in tape.iter().rev() {
         let (segment, light) = (&entry.segment, &entry.light);
         let line = curve.piece(segment.piece());
-        let glow = Glow::new(line, light.mean, &weighted.color);
+        let glow = SegmentSource::new(line, light.mean, &weighted.color);
         let (mean, slope) = (R::of(glow.mean), R::of(glow.slope));
         // More opacity takes away what arrives from beyond.
         let arriving = |open: R, by_opacity: R| [open.f64(), -(open * by_opacity).f64()];
@@ -41,7 +41,7 @@ pub(super) fn backward<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>, const 
         // emitted' = emitted + open · e,  opacity' = opacity + open · α,  e = c̄ α + s q
         let by_depth = open * (by_opacity + mean) * (R::ONE - alpha);
         by_opacity = by_opacity * (R::ONE - alpha) - (mean * alpha + slope * light.varied);
-        let by = By { depth: by_depth, mean: open * alpha, varied: open };
+        let by = SegmentCotangent { depth: by_depth, mean: open * alpha, varied: open };
         pass.deposit(rule, line, (segment, light), slope, by, weighted);
         pass.jump(curve, (segment, End::Near), arriving(open, by_opacity), weighted);
     }

@@ -5,9 +5,9 @@
 
 use super::blend::Entry;
 use super::kernel;
-use super::light::{By, Glow, Lit};
+use super::shade::{SegmentCotangent, SegmentSource, Shade};
 use super::tape::Tape;
-use super::{Dvr, Matter, Optics, Precision};
+use super::{CompiledCurve, CompiledMedium, Dvr, Precision};
 use crate::math::Ray;
 use crate::real::Lanes;
 use crate::render::composited::{Composited, Pixel};
@@ -49,7 +49,7 @@ impl TableJacobian {
         self.knots.fill(ByKnot::default());
     }
 
-    /// By knot.
+    /// SegmentCotangent knot.
     pub fn by_knot(&self) -> &[ByKnot] {
         &self.knots[1..self.knots.len() - 1]
     }
@@ -67,7 +67,7 @@ impl<R: Precision> Dvr<'_, R> {
         (weight, jacobian): (f64, &mut TableJacobian),
         tape: &mut Tape<R>,
     ) -> Radiance {
-        let (Matter::Table(optics, _), Some(ray)) = (&self.matter, self.index_ray(ray)) else {
+        let (CompiledMedium::Table(optics, _), Some(ray)) = (&self.compiled, self.index_ray(ray)) else {
             return self.li(ray, tape);
         };
         let Tape { samples, chords, lit_samples, lit_chords, .. } = tape;
@@ -80,11 +80,11 @@ impl<R: Precision> Dvr<'_, R> {
         }
     }
 
-    fn rows<S: Lit<R>, Q: Rule<R, 3, Segment = S>>(
+    fn rows<S: Shade<R>, Q: Rule<R, 3, Segment = S>>(
         &self,
         ray: &IndexRay,
         rule: Q,
-        optics: &Optics<R, 3>,
+        optics: &CompiledCurve<R, 3>,
         background: [f32; 3],
         (weight, jacobian): (f64, &mut TableJacobian),
         (segments, tape): (&mut Vec<S>, &mut Vec<Entry<R, S>>),
@@ -111,7 +111,7 @@ impl<R: Precision> Dvr<'_, R> {
                 + (R::of(*open) * light.varied * line.fraction_slope()).f64();
             high.color += weight * lit;
             low.color += weight * (absorbed - lit);
-            let mut add = |channel: usize, slope: R, by: By<R>| {
+            let mut add = |channel: usize, slope: R, by: SegmentCotangent<R>| {
                 let slopes = segment.slopes(line, light, slope, by).extinction;
                 let (both, upper) = (slopes.sum().f64(), (slopes * fraction).sum().f64());
                 low.extinction[channel] += extinction * (both - upper);
@@ -120,12 +120,16 @@ impl<R: Precision> Dvr<'_, R> {
             for (c, beyond) in beyond.iter_mut().enumerate() {
                 let mut only = [0.0; 3];
                 only[c] = 1.0;
-                let glow = Glow::new(line, light.mean, &only);
-                let by = By { depth: R::of(glow.mean * after - *beyond), mean: R::of(absorbed), varied: R::of(*open) };
+                let glow = SegmentSource::new(line, light.mean, &only);
+                let by = SegmentCotangent {
+                    depth: R::of(glow.mean * after - *beyond),
+                    mean: R::of(absorbed),
+                    varied: R::of(*open),
+                };
                 add(c, R::of(glow.slope), by);
                 *beyond += kernel::arriving(glow, light, *open, after);
             }
-            let by = By { depth: R::of(closed), mean: R::ZERO, varied: R::ZERO };
+            let by = SegmentCotangent { depth: R::of(closed), mean: R::ZERO, varied: R::ZERO };
             add(3, R::ZERO, by);
             after = *open;
         }

@@ -11,7 +11,7 @@
 //! The two knots of a step can part, and then a ramp lies between them: what a knot does by moving away from the other
 //! is what its side has more than the mean of the ramp.
 
-use super::traced::Traced;
+use super::segment_derivatives::SegmentDerivatives;
 use crate::real::Real;
 use crate::render::curve::Curve;
 use crate::render::march::IndexRay;
@@ -42,7 +42,7 @@ pub(super) struct Jump<R, const C: usize> {
 impl<R: Real, const C: usize> Jump<R, C> {
     /// At one end of a segment; `None` where there is no jump.
     #[inline(always)]
-    pub fn find<S: Traced<R>>(
+    pub fn find<S: SegmentDerivatives<R>>(
         curve: &Curve<R, C>,
         values: &[R],
         ray: &IndexRay,

@@ -3,7 +3,7 @@
 
 use super::Dvr;
 use super::blend::{Blend, Entry};
-use super::light::{Glow, Light, Lit};
+use super::shade::{SegmentOptics, SegmentSource, Shade};
 use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::cell::Quartet;
@@ -59,7 +59,7 @@ pub(super) fn grey(depth: f64, color: [f32; 3]) -> Radiance {
 /// differences are what a source that does not vary adds. `record` sees every segment with its light and the transmittance
 /// before it, and `None` before those of a batch.
 #[inline(always)]
-pub(super) fn blend<R: Real, S: Lit<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
+pub(super) fn blend<R: Real, S: Shade<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
     dvr: &Dvr<'_, R>,
     topology: &Topology,
     ray: &IndexRay,
@@ -100,8 +100,8 @@ pub(super) fn blend<R: Real, S: Lit<R>, Q: Rule<R, C, Segment = S>, const C: usi
     state
 }
 
-/// Light of one segment, loss-weighted, as it arrives at the eye.
+/// SegmentOptics of one segment, loss-weighted, as it arrives at the eye.
 #[inline(always)]
-pub(super) fn arriving<R: Real>(glow: Glow, light: &Light<R>, before: f64, beyond: f64) -> f64 {
+pub(super) fn arriving<R: Real>(glow: SegmentSource, light: &SegmentOptics<R>, before: f64, beyond: f64) -> f64 {
     glow.mean * (before - beyond) + glow.slope * before * light.varied.f64()
 }

@@ -8,17 +8,17 @@
 
 mod adjoint;
 mod blend;
-mod follow;
 mod inversion;
 mod jacobian;
 mod jump;
 mod kernel;
-mod light;
 mod preintegrated;
+mod ray;
+mod segment_derivatives;
+mod shade;
+mod stepped;
 mod tangent;
 mod tape;
-mod traced;
-mod uncommon;
 
 #[doc(hidden)]
 pub use adjoint::Pass;
@@ -46,7 +46,7 @@ use std::sync::Arc;
 
 /// Extinction and source as functions of the density, with `C` channels.
 #[derive(Debug, Clone)]
-struct Optics<R, const C: usize> {
+struct CompiledCurve<R, const C: usize> {
     curve: Curve<R, C>,
     /// Red, green and blue of each channel.
     tint: [[f64; 3]; C],
@@ -54,7 +54,7 @@ struct Optics<R, const C: usize> {
     bright: f64,
 }
 
-impl<R, const C: usize> Optics<R, C> {
+impl<R, const C: usize> CompiledCurve<R, C> {
     /// The piece of the curve at a density, and the extinction there.
     #[inline(always)]
     fn at(&self, density: R) -> (&Piece<R, C>, R)
@@ -79,17 +79,17 @@ impl<R, const C: usize> Optics<R, C> {
 
 /// What the medium is, as kernels need it: one channel where all have the same shape, else three.
 #[derive(Debug, Clone)]
-enum Matter<R: Real> {
-    Line(Arc<Optics<R, 1>>),
-    Table(Arc<Optics<R, 3>>, Option<Arc<Preintegrated<R>>>),
+enum CompiledMedium<R: Real> {
+    Line(Arc<CompiledCurve<R, 1>>),
+    Table(Arc<CompiledCurve<R, 3>>, Option<Arc<Preintegrated<R>>>),
 }
 
-impl<R: Real> Matter<R> {
+impl<R: Real> CompiledMedium<R> {
     fn new(medium: &Medium) -> Self {
         let line = |source: [f64; 2], color: [f32; 3]| {
             let brightest = f64::from(color.into_iter().fold(f32::MIN_POSITIVE, f32::max));
             let tint = [color.map(f64::from)];
-            Self::Line(Arc::new(Optics {
+            Self::Line(Arc::new(CompiledCurve {
                 curve: Curve::line(medium.extinction, source),
                 tint,
                 bright: 1.0 / brightest,
@@ -102,7 +102,7 @@ impl<R: Real> Matter<R> {
                 let brightest = table.peak()[..3].iter().fold(f64::MIN_POSITIVE, |a, b| a.max(*b));
                 let tint = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
                 let curve = Curve::new(table, medium.extinction);
-                Self::Table(Arc::new(Optics { curve, tint, bright: brightest }), None)
+                Self::Table(Arc::new(CompiledCurve { curve, tint, bright: brightest }), None)
             }
         }
     }
@@ -134,7 +134,7 @@ pub trait Precision: Real {
         tape: &mut Tape<Self>,
     ) -> Radiance;
     /// The gradients that few ask for.
-    fn uncommon(
+    fn stepped(
         pass: &mut Pass<'_, '_, Self>,
         loss: Loss<'_, Self>,
         adjoint: Adjoint,
@@ -161,13 +161,13 @@ macro_rules! precision {
                 $arch(dvr).dispatch(Gradient { dvr, ray, loss, adjoint, to, tape })
             }
             #[inline(never)]
-            fn uncommon(
+            fn stepped(
                 pass: &mut Pass<'_, '_, Self>,
                 loss: Loss<'_, Self>,
                 adjoint: Adjoint,
                 tape: &mut Tape<Self>,
             ) -> Radiance {
-                pass.uncommon(loss, adjoint, tape)
+                pass.stepped(loss, adjoint, tape)
             }
             #[inline(never)]
             fn trace(dvr: &Dvr<'_, Self>, ray: &Ray, tape: &mut Tape<Self>) -> f64 {
@@ -243,7 +243,7 @@ fn largest(color: [f32; 3]) -> f64 {
 pub struct Dvr<'a, R: Real> {
     field: &'a Bricks<R>,
     medium: Medium,
-    matter: Matter<R>,
+    compiled: CompiledMedium<R>,
     /// The field's bricks without those that have no density at which the medium absorbs.
     visible: Arc<Topology>,
     quadrature: Quadrature,
@@ -275,7 +275,7 @@ impl<'a, R: Real> Dvr<'a, R> {
         }
         let renderer = Self {
             field,
-            matter: Matter::new(&medium),
+            compiled: CompiledMedium::new(&medium),
             visible: visible(field, &medium),
             medium,
             quadrature: Quadrature::Exact,
@@ -296,7 +296,9 @@ impl<'a, R: Real> Dvr<'a, R> {
     #[must_use]
     pub fn quadrature(mut self, quadrature: Quadrature) -> Self {
         self.quadrature = quadrature;
-        if let (Source::Transfer(table), Matter::Table(optics, tables)) = (&self.medium.source, &mut self.matter) {
+        if let (Source::Transfer(table), CompiledMedium::Table(optics, tables)) =
+            (&self.medium.source, &mut self.compiled)
+        {
             *tables = match quadrature {
                 Quadrature::Preintegrated(tolerance) => {
                     let (medium, values) = ((table.as_ref(), self.medium.extinction), &self.field.values);
@@ -347,12 +349,12 @@ impl<'a, R: Real> Dvr<'a, R> {
     /// What rays through each brick take, as [`Differentiable::lookups`] says.
     pub fn lookups(&self, by_table: bool) -> Vec<f32> {
         let topology = if by_table { &self.field.topology } else { &self.visible };
-        let through = |brick: usize| match &self.matter {
-            Matter::Table(_, Some(tables)) => tables.lookups(brick),
+        let through = |brick: usize| match &self.compiled {
+            CompiledMedium::Table(_, Some(tables)) => tables.lookups(brick),
             // Measured: cells with an exponential, and those of many pieces.
-            Matter::Table(_, None) => 16.0 * CELLS as f32,
-            Matter::Line(_) if matches!(self.medium.source, Source::Linear(_)) => 3.0 * CELLS as f32,
-            Matter::Line(_) => CELLS as f32,
+            CompiledMedium::Table(_, None) => 16.0 * CELLS as f32,
+            CompiledMedium::Line(_) if matches!(self.medium.source, Source::Linear(_)) => 3.0 * CELLS as f32,
+            CompiledMedium::Line(_) => CELLS as f32,
         };
         let bricks = topology.bricks().iter().enumerate();
         bricks.map(|(i, brick)| if topology.find(*brick) == NONE { 0.0 } else { through(i) }).collect()
@@ -380,7 +382,7 @@ impl<'a, R: Real> Dvr<'a, R> {
     }
 
     #[inline(always)]
-    fn exact_source<const C: usize>(&self, optics: &Optics<R, C>, keep_clear: bool) -> ExactSource {
+    fn exact_source<const C: usize>(&self, optics: &CompiledCurve<R, C>, keep_clear: bool) -> ExactSource {
         ExactSource { tolerance: self.tolerance * optics.bright, keep_clear }
     }
 
@@ -402,18 +404,18 @@ impl<'a, R: Real> Dvr<'a, R> {
             return grey(self.depth_with(ray, tape), color);
         }
         let Some(ray) = self.index_ray(ray) else { return Radiance::default() };
-        match &self.matter {
-            Matter::Line(optics) => self.blended(&ray, optics, tape),
-            Matter::Table(optics, Some(tables)) => {
+        match &self.compiled {
+            CompiledMedium::Line(optics) => self.blended(&ray, optics, tape),
+            CompiledMedium::Table(optics, Some(tables)) => {
                 let seen = tables.blend(self, &optics.curve, &ray, &mut tape.preintegrated);
                 Radiance { rgb: seen.emitted, depth: seen.depth }
             }
-            Matter::Table(optics, None) => self.blended(&ray, optics, tape),
+            CompiledMedium::Table(optics, None) => self.blended(&ray, optics, tape),
         }
     }
 
     #[inline(always)]
-    fn blended<const C: usize>(&self, ray: &IndexRay, optics: &Optics<R, C>, tape: &mut Tape<R>) -> Radiance {
+    fn blended<const C: usize>(&self, ray: &IndexRay, optics: &CompiledCurve<R, C>, tape: &mut Tape<R>) -> Radiance {
         let Tape { samples, chords, .. } = tape;
         let (curve, topology) = (&optics.curve, &self.visible);
         let seen = match self.uniform(ray) {

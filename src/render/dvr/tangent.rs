@@ -7,16 +7,16 @@
 //! ```text
 //! x' = x + Δx    T' = e^{-x'}    E ← E + c (T - T') + s T q
 //! ```
-//! as in [`light`](super::light) and [`kernel`](super::kernel), every letter with its derivatives. It is the
+//! as in [`shade`](super::shade) and [`kernel`](super::kernel), every letter with its derivatives. It is the
 //! transpose of [`adjoint`](super::adjoint), term by term.
 
 use super::blend::Blend;
 use super::jump::Jump;
 use super::kernel::blend;
-use super::light::{Light, Lit};
+use super::segment_derivatives::SegmentDerivatives;
+use super::shade::{SegmentOptics, Shade};
 use super::tape::Tape;
-use super::traced::Traced;
-use super::{Dvr, Matter, Optics, Precision};
+use super::{CompiledCurve, CompiledMedium, Dvr, Precision};
 use crate::dual::Dual;
 use crate::math::Ray;
 use crate::real::Lanes;
@@ -66,9 +66,9 @@ impl<R: Precision> Dvr<'_, R> {
         let Some(found) = self.index_ray(ray) else {
             return TangentRadiance { rgb: [Dual::constant(0.0); 3], depth: Dual::constant(0.0) };
         };
-        let mut seen = match &self.matter {
-            Matter::Line(optics) => self.tangent_of(&found, optics, seeds, tape),
-            Matter::Table(optics, _) => self.tangent_of(&found, optics, seeds, tape),
+        let mut seen = match &self.compiled {
+            CompiledMedium::Line(optics) => self.tangent_of(&found, optics, seeds, tape),
+            CompiledMedium::Table(optics, _) => self.tangent_of(&found, optics, seeds, tape),
         };
         // Where these walks differ from the value's, they do so by rounding: it sees depths alone, or fewer bricks.
         if matches!(self.medium.source, Source::Grey(_)) || seeds.table.iter().any(Option::is_some) {
@@ -82,7 +82,7 @@ impl<R: Precision> Dvr<'_, R> {
     fn tangent_of<const C: usize, const P: usize>(
         &self,
         ray: &IndexRay,
-        optics: &Optics<R, C>,
+        optics: &CompiledCurve<R, C>,
         seeds: &Seeds<'_, R, P>,
         tape: &mut Tape<R>,
     ) -> TangentRadiance<P> {
@@ -97,11 +97,11 @@ impl<R: Precision> Dvr<'_, R> {
 }
 
 /// One ray's walk with its derivatives.
-fn follow<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize, const P: usize>(
+fn follow<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize, const P: usize>(
     dvr: &Dvr<'_, R>,
     ray: &IndexRay,
     rule: Q,
-    optics: &Optics<R, C>,
+    optics: &CompiledCurve<R, C>,
     seeds: &Seeds<'_, R, P>,
     all: bool,
     segments: &mut Vec<S>,
@@ -126,14 +126,14 @@ fn follow<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize, con
 
 /// [`blend`], compiled once for all numbers of directions.
 #[inline(never)]
-fn walk<R: Real, S: Lit<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
+fn walk<R: Real, S: Shade<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
     dvr: &Dvr<'_, R>,
     topology: &Topology,
     ray: &IndexRay,
     rule: Q,
-    optics: &Optics<R, C>,
+    optics: &CompiledCurve<R, C>,
     segments: &mut Vec<S>,
-    see: &mut dyn FnMut(&S, &Light<R>),
+    see: &mut dyn FnMut(&S, &SegmentOptics<R>),
 ) -> Blend<C> {
     blend(dvr, topology, ray, rule, &optics.curve, segments, |found| {
         if let Some(entry) = found {
@@ -176,14 +176,21 @@ struct Front<const C: usize, const P: usize> {
     /// Optical depth so far, and the transmittance.
     depth: Dual<f64, P>,
     open: Dual<f64, P>,
-    /// Light so far, by the curve's channels.
+    /// SegmentOptics so far, by the curve's channels.
     emitted: [Dual<f64, P>; C],
 }
 
 impl<const C: usize, const P: usize> Front<C, P> {
     /// Adds what a stretch of the ray at world length `t` does; it is of no length, but grows.
     #[inline(never)]
-    fn extend<R: Real>(&mut self, dvr: &Dvr<'_, R>, ray: &IndexRay, optics: &Optics<R, C>, t: f64, by: [f64; P]) {
+    fn extend<R: Real>(
+        &mut self,
+        dvr: &Dvr<'_, R>,
+        ray: &IndexRay,
+        optics: &CompiledCurve<R, C>,
+        t: f64,
+        by: [f64; P],
+    ) {
         let density = dvr.field.sample(ray.at(t));
         let (line, extinction) = optics.at(density);
         let extinction = extinction.f64();
@@ -199,11 +206,11 @@ impl<const C: usize, const P: usize> Front<C, P> {
 
     /// Adds what one end of a segment does where the transfer function jumps; it is of no length, but grows.
     #[inline(always)]
-    fn jump<R: Real, S: Traced<R>>(
+    fn jump<R: Real, S: SegmentDerivatives<R>>(
         &mut self,
         dvr: &Dvr<'_, R>,
         ray: &IndexRay,
-        optics: &Optics<R, C>,
+        optics: &CompiledCurve<R, C>,
         seeds: &Seeds<'_, R, P>,
         motion: Option<&Motion<P>>,
         (segment, end): (&S, End),
@@ -230,23 +237,23 @@ impl<const C: usize, const P: usize> Front<C, P> {
 
     /// Adds a segment.
     #[inline(never)]
-    fn add<R: Real, S: Traced<R>, Q: Rule<R, C, Segment = S>>(
+    fn add<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>>(
         &mut self,
         dvr: &Dvr<'_, R>,
         ray: &IndexRay,
         rule: Q,
-        optics: &Optics<R, C>,
+        optics: &CompiledCurve<R, C>,
         seeds: &Seeds<'_, R, P>,
         motion: Option<&Motion<P>>,
         segment: &S,
-        light: &Light<R>,
+        light: &SegmentOptics<R>,
     ) {
         let all = <R::Lanes as Lanes<R>>::splat;
         let line = optics.curve.piece(segment.piece());
         let mut density = Dual::constant(segment.densities());
         let mut length = Dual::constant(segment.length());
         if let Some(Motion { shift, turn, bounds }) = motion {
-            let (slopes, t) = segment.slopes_along(&dvr.field.values);
+            let (slopes, t) = segment.ray_jvp(&dvr.field.values);
             for p in 0..P {
                 let [longer, further] = rule.carried(segment, bounds[p]);
                 length.tangent[p] = R::of(longer);
@@ -259,7 +266,7 @@ impl<const C: usize, const P: usize> Front<C, P> {
         }
         for p in 0..P {
             if let Some(by_value) = seeds.voxels[p] {
-                density.tangent[p] += segment.interpolated(by_value);
+                density.tangent[p] += segment.voxel_jvp(by_value);
             }
         }
         let mut extinction = density.linear(|v| all(line.extinction[1]) * v);

@@ -1,7 +1,7 @@
 //! The gradient of a loss on one pixel with respect to everything along its ray.
 //!
 //! Let `G_k = -share_k g·e_k` be the derivative by the optical depth up to point k, and B the sum of those beyond
-//! a stretch, `-T (g·background - g_α)` of its end included: an extinction in the stretch has B by the stretch's
+//! a segment, `-T (g·background - g_α)` of its end included: an extinction in the segment has B by the segment's
 //! whole depth, and both G_k by the depths up to its points.
 //!
 //! With `∂L/∂v` the derivative by the four values at a point at world length t from the origin, `∂v/∂p` their slopes
@@ -16,17 +16,17 @@
 //! quadrature's error does. Derivatives are those of what is computed, to rounding; where a ray grazes faces these are
 //! left out.
 
-use super::stretch::{Stretch, scatter};
+use super::segment::{Segment, scatter};
 use super::tape::Tape;
-use super::{Front, Preshaded, stretches};
+use super::{Front, Preshaded, segments};
 use crate::math::Ray;
 use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::arch::Arch;
 use crate::render::differentiable::{Accumulators, Adjoint, Cotangent, Loss};
+use crate::render::index_ray_gradient::IndexRayGradient;
 use crate::render::integrator::Radiance;
 use crate::render::march::{IndexRay, Span, batches_before};
-use crate::render::moved::Moved;
 use glam::DVec3;
 
 impl<R: Real> Preshaded<'_, R> {
@@ -42,13 +42,13 @@ impl<R: Real> Preshaded<'_, R> {
         tape: &mut Tape<R>,
     ) -> Radiance {
         let ray = self.index_ray(ray);
-        let (kept, keep) = (&mut tape.stretches, adjoint != Adjoint::Replay);
+        let (kept, keep) = (&mut tape.segments, adjoint != Adjoint::Replay);
         kept.clear();
         let (seen, last) = self.walk(
             ray.as_ref(),
             #[inline(always)]
             |found| match found {
-                Some(stretch) => kept.push(*stretch),
+                Some(segment) => kept.push(*segment),
                 None if !keep => kept.clear(),
                 None => (),
             },
@@ -57,14 +57,14 @@ impl<R: Real> Preshaded<'_, R> {
         let beyond = -seen.transmittance() * transmittance;
         let Some(ray) = ray else { return seen };
         let weights = R::Lanes::load([r, g, b, R::ZERO]);
-        let mut back = Backward { renderer: self, ray, weights, beyond, to, moved: Moved::default() };
+        let mut back = Backward { renderer: self, ray, weights, beyond, to, moved: IndexRayGradient::default() };
         if adjoint == Adjoint::Inversion {
             let mut open = R::of(seen.transmittance());
-            kept.iter_mut().rev().for_each(|stretch| open = stretch.reopen(open));
+            kept.iter_mut().rev().for_each(|segment| open = segment.reopen(open));
         }
         back.all(kept);
         if adjoint == Adjoint::Replay {
-            let mut depth = seen.depth - kept.iter().map(|stretch| stretch.depth().f64()).sum::<f64>();
+            let mut depth = seen.depth - kept.iter().map(|segment| segment.depth().f64()).sum::<f64>();
             batches_before(
                 &self.field.topology,
                 &ray,
@@ -72,17 +72,17 @@ impl<R: Real> Preshaded<'_, R> {
                 #[inline(always)]
                 |spans: &[Span<R>]| {
                     kept.clear();
-                    stretches(
+                    segments(
                         &self.field.values,
                         spans,
                         #[inline(always)]
-                        |stretch| {
-                            depth -= stretch.depth().f64();
-                            kept.push(*stretch);
+                        |segment| {
+                            depth -= segment.depth().f64();
+                            kept.push(*segment);
                         },
                     );
                     let mut front = Front::at(depth);
-                    kept.iter_mut().for_each(|stretch| front.pass(stretch));
+                    kept.iter_mut().for_each(|segment| front.pass(segment));
                     back.all(kept);
                 },
             );
@@ -113,44 +113,44 @@ struct Backward<'a, 'd, R: Real> {
     /// The sum of the derivatives by optical depths beyond.
     beyond: f64,
     to: Accumulators<'a, R::Lanes>,
-    moved: Moved,
+    moved: IndexRayGradient,
 }
 
 impl<R: Real> Backward<'_, '_, R> {
-    /// Goes back over stretches that are given near to far.
+    /// Goes back over segments that are given near to far.
     #[inline(always)]
-    fn all(&mut self, stretches: &[Stretch<R>]) {
-        stretches.iter().rev().for_each(
+    fn all(&mut self, segments: &[Segment<R>]) {
+        segments.iter().rev().for_each(
             #[inline(always)]
-            |stretch| self.step(stretch),
+            |segment| self.step(segment),
         );
     }
 
     #[inline(always)]
-    fn step(&mut self, stretch: &Stretch<R>) {
+    fn step(&mut self, segment: &Segment<R>) {
         let (follows, field) = (self.to.ray.is_some(), self.renderer.field);
-        let lit = stretch.lit(self.weights);
-        let by_depths = lit.map(|lit| -stretch.half.f64() * lit);
-        let (shares, mut by_reached) = (stretch.shares(), [0.0; 2]);
+        let lit = segment.lit(self.weights);
+        let by_depths = lit.map(|lit| -segment.half.f64() * lit);
+        let (shares, mut by_reached) = (segment.shares(), [0.0; 2]);
         for k in 0..2 {
-            let by_extinction = R::of(stretch.by_extinction(k, by_depths, self.beyond));
+            let by_extinction = R::of(segment.by_extinction(k, by_depths, self.beyond));
             let by =
                 self.weights * R::Lanes::splat(shares[k]) + R::Lanes::load([R::ZERO, R::ZERO, R::ZERO, by_extinction]);
             if let Some(by_value) = self.to.voxels.as_deref_mut() {
-                scatter::<R>(by_value, stretch.offset, &stretch.weights[k], by);
+                scatter::<R>(by_value, segment.offset, &segment.weights[k], by);
             }
             if follows {
-                let slopes = stretch.slopes(&field.values, k);
+                let slopes = segment.slopes(&field.values, k);
                 let shift = DVec3::from_array(slopes.map(|slope| (by * slope).sum().f64()));
                 by_reached[k] = shift.dot(self.ray.direction());
                 self.moved.shift += shift;
-                self.moved.turn += stretch.reached(k) * shift;
+                self.moved.turn += segment.reached(k) * shift;
             }
         }
         if follows {
-            let by_faces = stretch.by_faces(lit, by_depths, self.beyond, by_reached);
-            for (t, by) in stretch.faces.into_iter().zip(by_faces) {
-                self.moved.stop(self.ray.crossed(&field.domain, t), t, by);
+            let by_faces = segment.by_faces(lit, by_depths, self.beyond, by_reached);
+            for (t, by) in segment.faces.into_iter().zip(by_faces) {
+                self.moved.add_face(self.ray.crossed(&field.domain, t), t, by);
             }
         }
         self.beyond += by_depths[0] + by_depths[1];
@@ -159,7 +159,7 @@ impl<R: Real> Backward<'_, '_, R> {
     #[inline(always)]
     fn finish(self) {
         if let Some(by_ray) = self.to.ray {
-            self.moved.hand_over(&self.renderer.field.transform, by_ray);
+            self.moved.add_to(&self.renderer.field.transform, by_ray);
         }
     }
 }

@@ -10,7 +10,7 @@
 //! to 2e-4, less than half a step of half-precision pictures. Cells that are thicker are cut.
 
 mod adjoint;
-mod stretch;
+mod segment;
 mod tangent;
 mod tape;
 
@@ -27,7 +27,7 @@ use crate::render::march::{IndexRay, Span, batches};
 use crate::render::rule::{Cell, cells};
 use crate::scene::bricks::{Bricks, CELLS};
 use rayon::prelude::*;
-use stretch::Stretch;
+use segment::Segment;
 
 /// Optical depth above which a cell is cut.
 const THICK: f64 = 0.5;
@@ -96,8 +96,8 @@ impl<'a, R: Real> Preshaded<'a, R> {
             self.index_ray(ray).as_ref(),
             #[inline(always)]
             |found| {
-                if let Some(stretch) = found {
-                    tape.footprints.push(stretch.footprint());
+                if let Some(segment) = found {
+                    tape.footprints.push(segment.footprint());
                 }
             },
         )
@@ -109,10 +109,10 @@ impl<'a, R: Real> Preshaded<'a, R> {
         IndexRay::new(&self.field.domain, &self.field.transform, ray)
     }
 
-    /// Visits the stretches of a ray, none if it misses the field; `visit` sees `None` before those of a batch of bricks.
+    /// Visits the segments of a ray, none if it misses the field; `visit` sees `None` before those of a batch of bricks.
     /// Gives also the world length at which the last batch begins.
     #[inline(always)]
-    fn walk(&self, ray: Option<&IndexRay>, mut visit: impl FnMut(Option<&Stretch<R>>)) -> (Radiance, f64) {
+    fn walk(&self, ray: Option<&IndexRay>, mut visit: impl FnMut(Option<&Segment<R>>)) -> (Radiance, f64) {
         let (mut emitted, mut last) = ([0.0; 3], 0.0);
         let mut front = Front { light: R::Lanes::default(), open: R::ONE, depth: 0.0 };
         let values = &self.field.values;
@@ -124,13 +124,13 @@ impl<'a, R: Real> Preshaded<'a, R> {
                 |spans| {
                     visit(None);
                     front = Front::at(front.depth);
-                    stretches(
+                    segments(
                         values,
                         spans,
                         #[inline(always)]
-                        |stretch| {
-                            front.pass(stretch);
-                            visit(Some(stretch));
+                        |segment| {
+                            front.pass(segment);
+                            visit(Some(segment));
                         },
                     );
                     emitted.iter_mut().zip(front.light.store()).for_each(|(e, l)| *e += l.f64());
@@ -143,23 +143,23 @@ impl<'a, R: Real> Preshaded<'a, R> {
     }
 }
 
-/// Visits the stretches in a batch of bricks, near to far.
+/// Visits the segments in a batch of bricks, near to far.
 #[inline(always)]
-fn stretches<R: Real>(values: &[R::Lanes], spans: &[Span<R>], mut visit: impl FnMut(&mut Stretch<R>)) {
+fn segments<R: Real>(values: &[R::Lanes], spans: &[Span<R>], mut visit: impl FnMut(&mut Segment<R>)) {
     cells(
         spans,
         #[inline(always)]
         |four: [Cell<R>; LANES], from: R::Lanes, until: R::Lanes| {
             let (from, length) = (from.store(), (until - from).store());
             for i in (0..LANES).filter(|i| length[*i] > R::ZERO) {
-                let mut stretch = Stretch::new(values, &four[i], from[i], length[i]);
-                let depth = stretch.depth();
+                let mut segment = Segment::new(values, &four[i], from[i], length[i]);
+                let depth = segment.depth();
                 let parts = if depth > R::of(THICK) { (depth.f64() / THICK).ceil().min(MOST_PARTS) as i32 } else { 1 };
                 for k in 0..parts {
                     if parts > 1 {
-                        stretch = Stretch::part(values, &four[i], from[i], length[i], k, parts);
+                        segment = Segment::part(values, &four[i], from[i], length[i], k, parts);
                     }
-                    visit(&mut stretch);
+                    visit(&mut segment);
                 }
             }
         },
@@ -174,12 +174,12 @@ impl<R: Real> Front<R> {
     }
 
     #[inline(always)]
-    fn pass(&mut self, stretch: &mut Stretch<R>) {
-        let ([first, second], depth) = (stretch.depths(), stretch.depth());
+    fn pass(&mut self, segment: &mut Segment<R>) {
+        let ([first, second], depth) = (segment.depths(), segment.depth());
         let open = R::Lanes::splat(self.open) * R::Lanes::load([-first, -second, -depth, R::ZERO]).exp();
         let [first, second, beyond, _] = open.store();
-        stretch.open = [first, second];
-        for (share, value) in stretch.shares().into_iter().zip(stretch.values) {
+        segment.open = [first, second];
+        for (share, value) in segment.shares().into_iter().zip(segment.values) {
             self.light += R::Lanes::splat(share) * value;
         }
         self.open = beyond;

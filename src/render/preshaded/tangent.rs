@@ -1,10 +1,10 @@
 //! Forward mode: radiance and its derivatives along `P` directions, the transpose of [`adjoint`](super::adjoint).
 //!
-//! The walk is that of the value, whose bits are handed through. What follows beside it are the stretches' ends, where
+//! The walk is that of the value, whose bits are handed through. What follows beside it are the segments' ends, where
 //! their points lie, the values there, and from these light and optical depth, each with its derivatives.
 
 use super::Preshaded;
-use super::stretch::{POINTS, Stretch, UP_TO};
+use super::segment::{POINTS, Segment, UP_TO};
 use super::tape::Tape;
 use crate::dual::Dual;
 use crate::math::Ray;
@@ -25,11 +25,11 @@ impl<R: Real> Preshaded<'_, R> {
         tape: &mut Tape<R>,
     ) -> TangentRadiance<P> {
         let ray = self.index_ray(ray);
-        let seen = self.record(ray.as_ref(), &mut tape.stretches);
+        let seen = self.record(ray.as_ref(), &mut tape.segments);
         let mut front = Front { depth: Dual::constant(0.0), emitted: [Dual::constant(0.0); 3] };
         if let Some(ray) = ray {
             let motion = Motion::new(self, ray, seeds);
-            tape.stretches.iter().for_each(|stretch| front.pass(self, &motion, seeds, stretch));
+            tape.segments.iter().for_each(|segment| front.pass(self, &motion, seeds, segment));
         }
         let with = |value, dual: Dual<f64, P>| Dual { value, ..dual };
         TangentRadiance {
@@ -40,9 +40,9 @@ impl<R: Real> Preshaded<'_, R> {
 
     /// Compiled once for all numbers of directions.
     #[inline(never)]
-    fn record(&self, ray: Option<&IndexRay>, stretches: &mut Vec<Stretch<R>>) -> Radiance {
-        stretches.clear();
-        self.walk(ray, |found| stretches.extend(found)).0
+    fn record(&self, ray: Option<&IndexRay>, segments: &mut Vec<Segment<R>>) -> Radiance {
+        segments.clear();
+        self.walk(ray, |found| segments.extend(found)).0
     }
 }
 
@@ -72,7 +72,7 @@ impl<const P: usize> Motion<P> {
         self.shift[p] + t * self.turn[p]
     }
 
-    /// World length at which a stretch's cell is entered or left: faces stand still.
+    /// World length at which a segment's cell is entered or left: faces stand still.
     fn face<R: Real>(&self, renderer: &Preshaded<'_, R>, t: f64) -> Dual<f64, P> {
         let crossed = self.ray.crossed(&renderer.field.domain, t).filter(|_| self.moves);
         let by = |p: usize| crossed.map_or(0.0, |(axis, along)| -self.point(t, p)[axis] / along);
@@ -87,22 +87,22 @@ struct Front<const P: usize> {
 }
 
 impl<const P: usize> Front<P> {
-    /// Adds a stretch.
+    /// Adds a segment.
     fn pass<R: Real>(
         &mut self,
         renderer: &Preshaded<'_, R>,
         motion: &Motion<P>,
         seeds: &Seeds<'_, R::Lanes, P>,
-        stretch: &Stretch<R>,
+        segment: &Segment<R>,
     ) {
-        let [enter, leave] = stretch.faces.map(|t| motion.face(renderer, t));
-        let (cell, [begin, end]) = (leave - enter, stretch.ends);
+        let [enter, leave] = segment.faces.map(|t| motion.face(renderer, t));
+        let (cell, [begin, end]) = (leave - enter, segment.ends);
         let mut half = cell.linear(|length| 0.5 * (end - begin) * length);
-        half.value = stretch.half.f64();
-        let mut values = stretch.values.map(Dual::<R::Lanes, P>::constant);
+        half.value = segment.half.f64();
+        let mut values = segment.values.map(Dual::<R::Lanes, P>::constant);
         if motion.moves {
             for (k, value) in values.iter_mut().enumerate() {
-                let slopes = stretch.slopes(&renderer.field.values, k);
+                let slopes = segment.slopes(&renderer.field.values, k);
                 let reached = enter + cell.linear(|length| (begin + (end - begin) * POINTS[k]) * length);
                 for p in 0..P {
                     let by = motion.point(reached.value, p) + reached.tangent[p] * motion.ray.direction();
@@ -113,7 +113,7 @@ impl<const P: usize> Front<P> {
             }
         }
         for (p, by) in seeds.voxels.iter().enumerate().filter_map(|(p, by)| Some((p, (*by)?))) {
-            let added = stretch.interpolated(by);
+            let added = segment.interpolated(by);
             values.iter_mut().zip(added).for_each(|(value, added)| value.tangent[p] += added);
         }
         let channel = |k: usize, c: usize| values[k].linear(|v| v.store()[c].f64());
@@ -121,7 +121,7 @@ impl<const P: usize> Front<P> {
         for k in 0..2 {
             let mean = extinctions[0].linear(|s| UP_TO[k][0] * s) + extinctions[1].linear(|s| UP_TO[k][1] * s);
             let depth = self.depth + (half + half) * mean;
-            let open = stretch.open[k].f64();
+            let open = segment.open[k].f64();
             let share = depth.function(open, -open) * half;
             for (c, emitted) in self.emitted.iter_mut().enumerate() {
                 *emitted = *emitted + share * channel(k, c);

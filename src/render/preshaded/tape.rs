@@ -1,6 +1,6 @@
 //! Scratch memory of rays.
 
-use super::stretch::{Footprint, Stretch, scatter};
+use super::segment::{Footprint, Segment, scatter};
 use crate::real::Lanes;
 use crate::real::Real;
 
@@ -9,8 +9,8 @@ use crate::real::Real;
 pub struct Tape<R: Real> {
     /// What the emissions contributed to the rays traced.
     pub(super) footprints: Vec<Footprint<R>>,
-    /// Stretches of a ray.
-    pub(super) stretches: Vec<Stretch<R>>,
+    /// Segments of a ray.
+    pub(super) segments: Vec<Segment<R>>,
 }
 
 impl<R: Real> Tape<R> {

@@ -1,16 +1,16 @@
-//! The gradient of pre-integration: the recursion of [`super::super::adjoint`] for stretches that share their ends.
+//! The gradient of pre-integration: the recursion of [`super::super::adjoint`] for segments that share their ends.
 //!
 //! Nodes are visited near to far, also the second time: what arrives from beyond a visit is what arrives in all less
 //! what the visits so far have added, in `f64` and from the very numbers that were summed up. Within a visit the
 //! recursion runs from its far end, so that nothing cancels.
 
-use super::super::Optics;
+use super::super::CompiledCurve;
 use super::super::adjoint::{Pass, Weighted};
-use super::follow::{Asked, follow, note};
+use super::batch::{ROOM, SegmentBatch, share_slopes};
 use super::light::Front;
 use super::nodes::{Nodes, Sites, nodes};
-use super::row::{ROOM, Row, share_slopes};
-use super::visit::{ByRow, Visit};
+use super::ray::{NodeCotangent, follow, note};
+use super::visit::{BatchGradient, Visit};
 use super::{Preintegrated, Scratch};
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
@@ -28,12 +28,12 @@ impl<R: Real> Preintegrated<R> {
         pass: &mut Pass<'_, '_, R>,
         loss: Loss<'_, R>,
         adjoint: Adjoint,
-        optics: &Optics<R, 3>,
+        optics: &CompiledCurve<R, 3>,
         scratch: &mut Scratch<R>,
     ) -> Radiance {
-        let Scratch { queue, row, by_row, tape, spare, asked } = scratch;
+        let Scratch { queue, batch, gradient, tape, spare, cotangents } = scratch;
         spare.append(tape);
-        asked.clear();
+        cotangents.clear();
         let (dvr, ray) = (pass.dvr, pass.ray);
         let values = &dvr.field.values;
         let sites = Sites { topology: pass.topology(), density: &self.density, gaps: false };
@@ -53,7 +53,7 @@ impl<R: Real> Preintegrated<R> {
                     tape.push(visit);
                 } else {
                     rest.get_or_insert(front);
-                    front.add(values, queue, fours, row);
+                    front.add(values, queue, fours, batch);
                 }
                 front.depth < dvr.depth_limit
             },
@@ -62,10 +62,10 @@ impl<R: Real> Preintegrated<R> {
         let seen = Radiance { rgb: emitted, depth };
         let weighted = pass.shared(loss(&seen), &emitted, &optics.tint);
         let behind = (-depth).exp() * weighted.transmittance;
-        let mut back = Backward { own: self, optics, emitted, behind, weighted, last: None, asked };
+        let mut back = Backward { own: self, optics, emitted, behind, weighted, last: None, cotangents };
         // Not `for_each`: its closure would be compiled for the oldest instruction set.
         for visit in tape.iter() {
-            back.visit(pass, visit, by_row);
+            back.visit(pass, visit, gradient);
         }
         if let Some(mut front) = rest {
             let mut visit = spare.pop().unwrap_or_default();
@@ -81,14 +81,14 @@ impl<R: Real> Preintegrated<R> {
                         return true;
                     }
                     visit.record(&mut front, values, queue, fours);
-                    back.visit(pass, &visit, by_row);
+                    back.visit(pass, &visit, gradient);
                     front.depth < dvr.depth_limit
                 },
             );
             spare.push(visit);
         }
         if pass.to.ray.is_some() {
-            follow(sites, &ray, &dvr.field.domain, asked, &mut pass.moved);
+            follow(sites, &ray, &dvr.field.domain, cotangents, &mut pass.moved);
             pass.hand_over();
         }
         seen
@@ -98,7 +98,7 @@ impl<R: Real> Preintegrated<R> {
 /// State of the second pass.
 struct Backward<'a, R: Real> {
     own: &'a Preintegrated<R>,
-    optics: &'a Optics<R, 3>,
+    optics: &'a CompiledCurve<R, 3>,
     /// Light of the whole ray.
     emitted: [f64; 3],
     /// What arrives from the background, loss-weighted.
@@ -107,35 +107,35 @@ struct Backward<'a, R: Real> {
     /// The last nodes of the visit before.
     last: Option<Nodes<R>>,
     /// Of nodes so far, if the ray is followed.
-    asked: &'a mut Vec<Asked>,
+    cotangents: &'a mut Vec<NodeCotangent>,
 }
 
 impl<R: Real> Backward<'_, R> {
     #[inline(always)]
-    fn visit(&mut self, pass: &mut Pass<'_, '_, R>, visit: &Visit<R>, by: &mut ByRow<R>) {
+    fn visit(&mut self, pass: &mut Pass<'_, '_, R>, visit: &Visit<R>, by: &mut BatchGradient<R>) {
         let beyond = |c: usize| self.weighted.color[c] * (self.emitted[c] - visit.emitted[c]);
         let arriving = self.behind + (beyond(0) + beyond(1) + beyond(2));
-        let row = &*visit.row;
+        let batch = &*visit.batch;
         let extinction = pass.dvr.medium.extinction;
-        pass.to.shared.extinction += self.by_stretch(row, arriving, by) / extinction;
+        pass.to.shared.extinction += self.by_segment(batch, arriving, by) / extinction;
         if let Some(table) = pass.to.table.as_deref_mut() {
             let [r, g, b] = self.weighted.color;
-            for i in 0..row.count {
+            for i in 0..batch.count {
                 let (mixed, drift) = (by.mixed[i].f64(), by.drift[i].f64());
                 let by_mean = [mixed * r, mixed * g, mixed * b, by.extinction[i].f64()];
                 let by_drift = [drift * r, drift * g, drift * b];
-                row.by_table(i, &self.own.tables, &self.optics.curve, extinction, by_mean, by_drift, table);
+                batch.by_table(i, &self.own.tables, &self.optics.curve, extinction, by_mean, by_drift, table);
             }
         }
         let follows = pass.to.ray.is_some();
         if pass.to.voxels.is_some() || follows {
-            self.by_density(row, by);
-            if !row.cut.is_empty() {
-                by.density = row.by_nodes(&by.density);
+            self.by_density(batch, by);
+            if !batch.cut.is_empty() {
+                by.density = batch.by_nodes(&by.density);
             }
         }
         if follows {
-            note(self.asked, &pass.dvr.field.values, visit, by);
+            note(self.cotangents, &pass.dvr.field.values, visit, by);
         }
         if let Some(voxels) = pass.to.voxels.as_deref_mut() {
             let by_density = by.density[1..].as_chunks::<LANES>().0;
@@ -151,20 +151,20 @@ impl<R: Real> Backward<'_, R> {
 
     /// Derivatives by means, drift and depth; returns that by the extinction's logarithm.
     #[inline(always)]
-    fn by_stretch(&self, row: &Row<R>, mut arriving: f64, by: &mut ByRow<R>) -> f64 {
-        let count = row.count.min(ROOM);
+    fn by_segment(&self, batch: &SegmentBatch<R>, mut arriving: f64, by: &mut BatchGradient<R>) -> f64 {
+        let count = batch.count.min(ROOM);
         let [r, g, b] = self.weighted.color.map(R::of);
-        let source = |i: usize| r * row.values[0][i] + g * row.values[1][i] + b * row.values[2][i];
+        let source = |i: usize| r * batch.values[0][i] + g * batch.values[1][i] + b * batch.values[2][i];
         for i in 0..count {
             by.source[i] = source(i);
         }
         by.source[count] = source(count);
         for i in 0..count {
-            let (length, before) = (row.length[i], row.before[i]);
-            let mean = r * row.mean[0][i] + g * row.mean[1][i] + b * row.mean[2][i];
+            let (length, before) = (batch.length[i], batch.before[i]);
+            let mean = r * batch.mean[0][i] + g * batch.mean[1][i] + b * batch.mean[2][i];
             let (emitted, drifted) = (length * mean, by.source[i + 1] - by.source[i]);
-            let (mixed, drift) = (before * row.mixed[i], before * row.drift[i]);
-            let [by_mixed, by_drift] = share_slopes(row.depth[i], [row.open[i], row.mixed[i], row.drift[i]]);
+            let (mixed, drift) = (before * batch.mixed[i], before * batch.drift[i]);
+            let [by_mixed, by_drift] = share_slopes(batch.depth[i], [batch.open[i], batch.mixed[i], batch.drift[i]]);
             by.mean[i] = mean;
             by.mixed[i] = mixed * length;
             by.drift[i] = drift;
@@ -173,30 +173,30 @@ impl<R: Real> Backward<'_, R> {
             by.light[i] = mixed * emitted + drift * drifted;
             by.depth[i] = before * (by_mixed * emitted + by_drift * drifted);
         }
-        // What arrives from behind each stretch.
+        // What arrives from behind each segment.
         for (behind, light) in by.behind[..count].iter_mut().zip(&by.light[..count]).rev() {
             *behind = R::of(arriving);
             arriving += light.f64();
         }
-        // Light is no longer needed: in its place comes what is asked of the extinction's logarithm.
+        // Light is no longer needed: in its place comes what is cotangents of the extinction's logarithm.
         for i in 0..count {
             let by_depth = by.depth[i] - by.behind[i];
-            by.light[i] = by.extinction[i] + by_depth * row.depth[i];
-            by.extinction[i] = row.length[i] * by_depth;
+            by.light[i] = by.extinction[i] + by_depth * batch.depth[i];
+            by.extinction[i] = batch.length[i] * by_depth;
         }
         let by_extinction =
             by.light[..count].chunks_exact(LANES).map(|four| R::Lanes::load([four[0], four[1], four[2], four[3]]));
         by_extinction.fold(R::Lanes::ZERO, |sum, four| sum + four).sum().f64()
     }
 
-    /// Derivatives with respect to the densities where stretches begin and end.
+    /// Derivatives with respect to the densities where segments begin and end.
     #[inline(always)]
-    fn by_density(&self, row: &Row<R>, by: &mut ByRow<R>) {
+    fn by_density(&self, batch: &SegmentBatch<R>, by: &mut BatchGradient<R>) {
         let tables = &self.own.tables;
-        let count = row.count.min(ROOM);
+        let count = batch.count.min(ROOM);
         let (sixth, half) = (R::of(1.0 / 6.0), R::of(0.5));
         let [r, g, b] = self.weighted.color.map(|w| R::Lanes::splat(R::of(w)));
-        let slope = |i: usize| tables.piece(row.piece[i]).slope;
+        let slope = |i: usize| tables.piece(batch.piece[i]).slope;
         // The first end, and then by four.
         let mut note = |n: usize, four: [R::Lanes; LANES], few: usize| {
             let [red, green, blue, extinction] = R::Lanes::transpose(four);
@@ -209,15 +209,15 @@ impl<R: Real> Backward<'_, R> {
             let n = (LANES * four).min(ROOM - LANES) + 1;
             note(n, [slope(n), slope(n + 1), slope(n + 2), slope(n + 3)], LANES);
         }
-        let (extinction, [source_slope, extinction_slope]) = (&row.values[3], &by.slopes);
+        let (extinction, [source_slope, extinction_slope]) = (&batch.values[3], &by.slopes);
         by.behind[0] = R::ZERO;
         for i in 0..count {
             let (begin, end) = (extinction[i], extinction[i + 1]);
             let (near, far) = (by.source[i], by.source[i + 1]);
             let (by_mean, by_drift, by_extinction) = (by.mixed[i], by.drift[i], by.extinction[i]);
             // Of a difference of sums, divided by that of the densities; or of Simpson's rule.
-            let inverse = R::ONE / (row.density[i + 1] - row.density[i]);
-            let (mean, mean_extinction) = (by.mean[i], row.mean[3][i]);
+            let inverse = R::ONE / (batch.density[i + 1] - batch.density[i]);
+            let (mean, mean_extinction) = (by.mean[i], batch.mean[3][i]);
             let off = |extinction: R, source: R| {
                 by_extinction * (extinction - mean_extinction) + by_mean * (extinction * source - mean)
             };
@@ -226,7 +226,7 @@ impl<R: Real> Backward<'_, R> {
             let simpson = |extinction: R, source: R, i: usize| {
                 (spread + share * extinction) * source_slope[i] + (both + share * source) * extinction_slope[i]
             };
-            let summed = row.is_summed(tables, i);
+            let summed = batch.is_summed(tables, i);
             let at_begin = if summed { -(off(begin, near) * inverse) } else { simpson(begin, near, i) };
             let at_end = if summed { off(end, far) * inverse } else { simpson(end, far, i + 1) };
             by.density[i] = at_begin - by_drift * source_slope[i];

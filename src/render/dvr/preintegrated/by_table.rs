@@ -1,13 +1,13 @@
 //! The gradient of pre-integration by the transfer function itself.
 
-use super::row::Row;
+use super::batch::SegmentBatch;
 use super::table::Cumulative;
 use crate::real::Real;
 use crate::render::curve::{Curve, Piece};
 use crate::scene::table::TableGradient;
 
-impl<R: Real> Row<R> {
-    /// Adds derivatives with respect to the ends of pieces, from those with respect to a stretch's means and drift; the
+impl<R: Real> SegmentBatch<R> {
+    /// Adds derivatives with respect to the ends of pieces, from those with respect to a segment's means and drift; the
     /// curve's extinctions are the table's times `scale`.
     #[inline(never)]
     pub fn by_table(

@@ -1,7 +1,7 @@
-//! Front-to-back blending of the stretches between nodes, row by row.
+//! Front-to-back blending of the segments between nodes, batch by batch.
 
+use super::batch::SegmentBatch;
 use super::nodes::Queue;
-use super::row::Row;
 use super::table::{Cumulative, End};
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
@@ -28,19 +28,19 @@ impl<'a, R: Real> Front<'a, R> {
         Self { tables, curve, last: tables.zero, depth: 0.0, open: R::ONE, emitted: [0.0; 3] }
     }
 
-    /// Adds stretches that end at so many fours of nodes, and leaves them in the row.
+    /// Adds segments that end at so many fours of nodes, and leaves them in the batch.
     #[inline(always)]
-    pub fn add(&mut self, values: &[R], queue: &Queue<R>, fours: usize, row: &mut Row<R>) {
-        row.count = LANES * fours.min(super::nodes::FOURS);
-        let (densities, lengths) = (row.density[1..].as_chunks_mut().0, row.length.as_chunks_mut().0);
+    pub fn add(&mut self, values: &[R], queue: &Queue<R>, fours: usize, batch: &mut SegmentBatch<R>) {
+        batch.count = LANES * fours.min(super::nodes::FOURS);
+        let (densities, lengths) = (batch.density[1..].as_chunks_mut().0, batch.length.as_chunks_mut().0);
         for ((nodes, density), length) in queue.first(fours).zip(densities).zip(lengths) {
             *density = self.tables.within(nodes.densities(values)).store();
             *length = nodes.length.store();
         }
-        self.blend(row);
+        self.blend(batch);
     }
 
-    /// Adds a last stretch, of density zero.
+    /// Adds a last segment, of density zero.
     #[inline(always)]
     pub fn add_gap(&mut self, length: f64) {
         let [red, green, blue, extinction] = self.tables.zero.values.store().map(Real::f64);
@@ -53,10 +53,10 @@ impl<'a, R: Real> Front<'a, R> {
     }
 
     #[inline(always)]
-    fn blend(&mut self, row: &mut Row<R>) {
-        row.cut.clear();
-        row.follow(self.tables, self.curve, &mut self.last);
-        let (light, depth) = row.blend(&mut self.open);
+    fn blend(&mut self, batch: &mut SegmentBatch<R>) {
+        batch.cut.clear();
+        batch.follow(self.tables, self.curve, &mut self.last);
+        let (light, depth) = batch.blend(&mut self.open);
         for c in 0..3 {
             self.emitted[c] += light[c];
         }

@@ -6,11 +6,11 @@
 //! more than a small share of the range of the transfer function's knots.
 
 mod adjoint;
+mod batch;
 mod by_table;
-mod follow;
 mod light;
 mod nodes;
-mod row;
+mod ray;
 mod table;
 mod visit;
 
@@ -21,13 +21,13 @@ use crate::render::curve::Curve;
 use crate::render::march::IndexRay;
 use crate::scene::bricks::{BRICK, CELLS, Topology};
 use crate::scene::table::Table;
-use follow::Asked;
+use batch::SegmentBatch;
 use light::Front;
 use nodes::{Queue, Sites, nodes, roughness};
+use ray::NodeCotangent;
 use rayon::prelude::*;
-use row::Row;
 use table::Cumulative;
-use visit::{ByRow, Visit};
+use visit::{BatchGradient, Visit};
 
 /// What pre-integration looks up.
 #[derive(Debug, Clone)]
@@ -78,7 +78,7 @@ impl<R: Real> Preintegrated<R> {
     #[inline(always)]
     pub fn blend(&self, dvr: &Dvr<'_, R>, curve: &Curve<R, 3>, ray: &IndexRay, scratch: &mut Scratch<R>) -> Blend<3> {
         let values = &dvr.field.values;
-        let Scratch { queue, row, .. } = scratch;
+        let Scratch { queue, batch, .. } = scratch;
         let mut front = Front::new(&self.tables, curve);
         let sites = Sites { topology: &self.occupied, density: &self.density, gaps: self.gaps };
         let rest = nodes(
@@ -87,7 +87,7 @@ impl<R: Real> Preintegrated<R> {
             queue,
             #[inline(always)]
             |queue, fours| {
-                front.add(values, queue, fours, row);
+                front.add(values, queue, fours, batch);
                 front.depth < dvr.depth_limit
             },
         );
@@ -102,9 +102,9 @@ impl<R: Real> Preintegrated<R> {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scratch<R: Real> {
     queue: Box<Queue<R>>,
-    row: Box<Row<R>>,
-    by_row: Box<ByRow<R>>,
+    batch: Box<SegmentBatch<R>>,
+    gradient: Box<BatchGradient<R>>,
     tape: Vec<Visit<R>>,
     spare: Vec<Visit<R>>,
-    asked: Vec<Asked>,
+    cotangents: Vec<NodeCotangent>,
 }

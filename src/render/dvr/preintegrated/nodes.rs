@@ -1,7 +1,7 @@
 //! Where the density is looked up: at the faces of bricks and at points that divide the way through a brick evenly.
 //! Between two of these nodes it is taken for linear in the length.
 
-use super::row::WIDE;
+use super::batch::WIDE;
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
 use crate::render::cell::{corners, placed, scatter};
@@ -9,14 +9,14 @@ use crate::render::march::{IndexRay, Span, spans};
 use crate::render::segment::slopes;
 use crate::scene::bricks::{BRICK, CELLS, EDGE, Topology, slot};
 
-/// Four nodes in a row.
+/// Four nodes in a batch.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Nodes<R: Real> {
     /// Offsets of the cells that hold them among the field's values.
     pub offset: [u32; LANES],
     /// Their coordinates in these cells.
     pub at: [R::Lanes; 3],
-    /// World lengths of the stretches that end at them.
+    /// World lengths of the segments that end at them.
     pub length: R::Lanes,
 }
 
@@ -177,7 +177,7 @@ pub(super) fn parts<R: Real>(span: &Span<R>, voxels: R, density: &[R]) -> usize 
 
 /// Visits the nodes along a ray, near to far, so many fours at a time; `visit` returns false to stop, and may put another
 /// queue that [succeeds](Queue::succeed) in the place of this one. Where bricks
-/// are missing the next node's stretch has no length, unless gaps count. What is left over repeats the last
+/// are missing the next node's segment has no length, unless gaps count. What is left over repeats the last
 /// node with no length. Returns the world length from the last brick to the ray's exit.
 #[inline(always)]
 pub(super) fn nodes<R: Real>(

@@ -2,7 +2,7 @@
 //!
 //! With extinction and color linear between two knots, what is summed up over the density, `σ r`, `σ g`, `σ b`
 //! and `σ`, is quadratic there, and its integral F cubic. Sums are `f64`: their differences over a small range
-//! of densities are what is asked for.
+//! of densities are what is cotangents for.
 
 use crate::real::Lanes;
 use crate::real::Real;
@@ -36,7 +36,7 @@ pub(super) struct Cumulative<R: Real> {
     pub zero: End<R>,
     /// Range of the knots, or if they lie in one place the magnitude of their density.
     pub range: f64,
-    /// Radiance that one stretch may be off by.
+    /// Radiance that one segment may be off by.
     pub limit: R,
 }
 
@@ -44,7 +44,7 @@ pub(super) struct Cumulative<R: Real> {
 const BEYOND: f64 = 1e6;
 
 impl<R: Real> Cumulative<R> {
-    /// Of a table whose extinctions are multiplied by `scale`; `tolerance` is what a stretch may be off by, in units of
+    /// Of a table whose extinctions are multiplied by `scale`; `tolerance` is what a segment may be off by, in units of
     /// the brightest color.
     pub fn new(table: &Table, scale: f64, tolerance: f64, curve: &Curve<R, 3>) -> Self {
         let knots = table.knots();
@@ -124,7 +124,7 @@ impl<R: Real> Piece<R> {
     }
 }
 
-/// The end of a stretch.
+/// The end of a segment.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct End<R: Real> {
     pub density: R,

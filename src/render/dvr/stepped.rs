@@ -3,9 +3,9 @@
 use super::adjoint::Pass;
 use super::blend::Entry;
 use super::kernel;
+use super::segment_derivatives::SegmentDerivatives;
 use super::tape::Tape;
-use super::traced::Traced;
-use super::{Matter, Optics, inversion};
+use super::{CompiledCurve, CompiledMedium, inversion};
 use crate::real::Real;
 use crate::render::differentiable::{Adjoint, Loss};
 use crate::render::integrator::Radiance;
@@ -14,7 +14,7 @@ use crate::scene::medium::Source;
 
 impl<R: Real> Pass<'_, '_, R> {
     /// Quadratures with a step, and the paper's inversion.
-    pub(super) fn uncommon(&mut self, loss: Loss<'_, R>, adjoint: Adjoint, tape: &mut Tape<R>) -> Radiance {
+    pub(super) fn stepped(&mut self, loss: Loss<'_, R>, adjoint: Adjoint, tape: &mut Tape<R>) -> Radiance {
         let dvr = self.dvr;
         let uniform = dvr.uniform(&self.ray);
         // Depths are averages over cells: where the ray goes needs their points.
@@ -23,18 +23,18 @@ impl<R: Real> Pass<'_, '_, R> {
         {
             return self.depth_only(loss, adjoint, rule, *color, &mut tape.cells);
         }
-        match &dvr.matter {
-            Matter::Line(optics) => self.uncommon_of(loss, adjoint, uniform, optics, tape),
-            Matter::Table(optics, _) => self.uncommon_of(loss, adjoint, uniform, optics, tape),
+        match &dvr.compiled {
+            CompiledMedium::Line(optics) => self.stepped_of(loss, adjoint, uniform, optics, tape),
+            CompiledMedium::Table(optics, _) => self.stepped_of(loss, adjoint, uniform, optics, tape),
         }
     }
 
-    fn uncommon_of<const C: usize>(
+    fn stepped_of<const C: usize>(
         &mut self,
         loss: Loss<'_, R>,
         adjoint: Adjoint,
         uniform: Option<Uniform>,
-        optics: &Optics<R, C>,
+        optics: &CompiledCurve<R, C>,
         tape: &mut Tape<R>,
     ) -> Radiance {
         let Tape { samples, chords, lit_samples, lit_chords, .. } = tape;
@@ -49,11 +49,11 @@ impl<R: Real> Pass<'_, '_, R> {
     }
 
     /// The paper's backward pass.
-    fn inversion<S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
+    fn inversion<S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
         &mut self,
         loss: Loss<'_, R>,
         rule: Q,
-        optics: &Optics<R, C>,
+        optics: &CompiledCurve<R, C>,
         segments: &mut Vec<S>,
         tape: &mut Vec<Entry<R, S>>,
     ) -> Radiance {

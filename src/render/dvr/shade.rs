@@ -12,9 +12,9 @@ use crate::render::curve::Piece;
 use crate::render::gauss;
 use crate::render::segment::{Chord, Sample};
 
-/// Light of a segment.
+/// SegmentOptics of a segment.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Light<R: Real> {
+pub(super) struct SegmentOptics<R: Real> {
     /// Optical depth x.
     pub depth: R,
     /// Mean density d̄.
@@ -27,12 +27,12 @@ pub(super) struct Light<R: Real> {
 
 /// Source of one channel, or loss-weighted of all, along a segment: at the mean density, and its slope.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Glow {
+pub(super) struct SegmentSource {
     pub mean: f64,
     pub slope: f64,
 }
 
-impl Glow {
+impl SegmentSource {
     /// Of the channels' lines with a weight each.
     #[inline(always)]
     pub fn new<R: Real, const C: usize>(line: &Piece<R, C>, mean: R, weights: &[f64; C]) -> Self {
@@ -49,7 +49,7 @@ impl Glow {
 /// Derivatives of a loss with respect to what a segment gives: its optical depth (the light that it
 /// lets through and emits itself included), its source at the mean density, and `q` of a unit slope.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct By<R> {
+pub(super) struct SegmentCotangent<R> {
     pub depth: R,
     pub mean: R,
     pub varied: R,
@@ -57,7 +57,7 @@ pub(super) struct By<R> {
 
 /// The same with respect to what it is made of, at each of its points; a sample has one, in the first
 /// lane.
-pub(super) struct Slopes<R: Real> {
+pub(super) struct SegmentGradient<R: Real> {
     /// With respect to the densities.
     pub density: R::Lanes,
     /// With respect to the extinctions.
@@ -67,13 +67,19 @@ pub(super) struct Slopes<R: Real> {
 }
 
 /// A segment that light goes through.
-pub(super) trait Lit<R: Real>: Copy {
+pub(super) trait Shade<R: Real>: Copy {
     /// Number of the curve's piece that it lies in.
     fn piece(&self) -> u32;
     /// Its light.
-    fn light<const C: usize>(&self, line: &Piece<R, C>) -> Light<R>;
+    fn light<const C: usize>(&self, line: &Piece<R, C>) -> SegmentOptics<R>;
     /// The derivatives of a loss; `slope` is that of the loss-weighted source.
-    fn slopes<const C: usize>(&self, line: &Piece<R, C>, light: &Light<R>, slope: R, by: By<R>) -> Slopes<R>;
+    fn slopes<const C: usize>(
+        &self,
+        line: &Piece<R, C>,
+        light: &SegmentOptics<R>,
+        slope: R,
+        by: SegmentCotangent<R>,
+    ) -> SegmentGradient<R>;
     /// Densities at its points.
     fn densities(&self) -> R::Lanes;
     /// Its light again, with derivatives: optical depth, mean density and `q`, from the densities at its
@@ -82,26 +88,32 @@ pub(super) trait Lit<R: Real>: Copy {
 }
 
 /// `x = σ l`, `q = 0`.
-impl<R: Real> Lit<R> for Sample<R> {
+impl<R: Real> Shade<R> for Sample<R> {
     #[inline(always)]
     fn piece(&self) -> u32 {
         self.piece
     }
 
     #[inline(always)]
-    fn light<const C: usize>(&self, line: &Piece<R, C>) -> Light<R> {
+    fn light<const C: usize>(&self, line: &Piece<R, C>) -> SegmentOptics<R> {
         let extinction = line.extinction[0] + line.extinction[1] * (self.density - line.base);
         let zero = R::Lanes::splat(R::ZERO);
-        Light { depth: extinction * self.length, mean: self.density, varied: R::ZERO, open: zero }
+        SegmentOptics { depth: extinction * self.length, mean: self.density, varied: R::ZERO, open: zero }
     }
 
     #[inline(always)]
-    fn slopes<const C: usize>(&self, line: &Piece<R, C>, _: &Light<R>, slope: R, by: By<R>) -> Slopes<R> {
+    fn slopes<const C: usize>(
+        &self,
+        line: &Piece<R, C>,
+        _: &SegmentOptics<R>,
+        slope: R,
+        by: SegmentCotangent<R>,
+    ) -> SegmentGradient<R> {
         let extinction = line.extinction[0] + line.extinction[1] * (self.density - line.base);
         let by_extinction = by.depth * self.length;
         let by_density = by_extinction * line.extinction[1] + by.mean * slope;
         let first = |v: R| R::Lanes::load([v, R::ZERO, R::ZERO, R::ZERO]);
-        Slopes { density: first(by_density), extinction: first(by_extinction), length: by.depth * extinction }
+        SegmentGradient { density: first(by_density), extinction: first(by_extinction), length: by.depth * extinction }
     }
 
     #[inline(always)]
@@ -118,25 +130,31 @@ impl<R: Real> Lit<R> for Sample<R> {
 
 /// `x = Σ w_k x_k`, `q = Σ w_k x_k (d_k - d̄) e^{-τ_k}` with `x_k = σ_k l`, `τ_k = Σ_j a_kj x_j` and
 /// `d̄ = Σ w_k d_k`: depths are exact, and the error of `q` is bounded by [`gauss::error`].
-impl<R: Real> Lit<R> for Chord<R> {
+impl<R: Real> Shade<R> for Chord<R> {
     #[inline(always)]
     fn piece(&self) -> u32 {
         self.piece
     }
 
     #[inline(always)]
-    fn light<const C: usize>(&self, line: &Piece<R, C>) -> Light<R> {
+    fn light<const C: usize>(&self, line: &Piece<R, C>) -> SegmentOptics<R> {
         let all = <R::Lanes as Lanes<R>>::splat;
         let weights = gauss::lanes::<R>(gauss::WEIGHTS);
         let x = self.depths(line);
         let open = (-gauss::integrals_up_to::<R>(x)).exp();
         let shares = weights * x;
         let mean = (weights * self.density).sum();
-        Light { depth: shares.sum(), mean, varied: (shares * (self.density - all(mean)) * open).sum(), open }
+        SegmentOptics { depth: shares.sum(), mean, varied: (shares * (self.density - all(mean)) * open).sum(), open }
     }
 
     #[inline(always)]
-    fn slopes<const C: usize>(&self, line: &Piece<R, C>, light: &Light<R>, slope: R, by: By<R>) -> Slopes<R> {
+    fn slopes<const C: usize>(
+        &self,
+        line: &Piece<R, C>,
+        light: &SegmentOptics<R>,
+        slope: R,
+        by: SegmentCotangent<R>,
+    ) -> SegmentGradient<R> {
         let all = <R::Lanes as Lanes<R>>::splat;
         let weights = gauss::lanes::<R>(gauss::WEIGHTS);
         let x = self.depths(line);
@@ -150,7 +168,7 @@ impl<R: Real> Lit<R> for Chord<R> {
         let length = all(self.length);
         let density = by_x * (length * all(line.extinction[1])) + shares + by_mean;
         let inverse = R::ONE / self.length;
-        Slopes { density, extinction: by_x * length, length: (by_x * x).sum() * inverse }
+        SegmentGradient { density, extinction: by_x * length, length: (by_x * x).sum() * inverse }
     }
 
     #[inline(always)]

@@ -88,7 +88,7 @@ fn noise(psnr_db: f64) -> f64 {
 
 fn as_grid<V: Voxel>(field: &Bricks<V>, known: Vec<f32>, name: &str) -> Grid {
     let mut own = Bricks::zeros(field.topology.clone(), field.transform);
-    own.topology.spread(&known, &mut own.values);
+    own.topology.fill_apron(&known, &mut own.values);
     Grid { class: GridClass::Unknown, ..own.to_grid(&format!("{name}{CONFIDENCE}")) }
 }
 

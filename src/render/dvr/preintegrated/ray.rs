@@ -2,78 +2,89 @@
 //!
 //! A node at world length t from the origin `o` of a ray of direction `d` lies at `o + t d`. With `∂L/∂p` the derivative by
 //! its index coordinates, the ray has `∂L/∂p` by its own shift and `t ∂L/∂p` by its turn, and t has `d · ∂L/∂p`. Of a brick
-//! that is entered at `t₀` and left at `t₁`, node j of n lies at `t₀ + (t₁ - t₀) j / n`, and all n stretches are as long:
-//! that is what is asked of its faces, which stand still. Derivatives are those of what is computed, as long as no ray has
+//! that is entered at `t₀` and left at `t₁`, node j of n lies at `t₀ + (t₁ - t₀) j / n`, and all n segments are as long:
+//! that is what is cotangents of its faces, which stand still. Derivatives are those of what is computed, as long as no ray has
 //! more or fewer nodes; where it grazes faces these are left out.
 
 use super::nodes::{Sites, parts};
-use super::visit::{ByRow, Visit};
+use super::visit::{BatchGradient, Visit};
 use crate::math::Aabb;
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
+use crate::render::index_ray_gradient::IndexRayGradient;
 use crate::render::march::{IndexRay, spans};
-use crate::render::moved::Moved;
 use glam::DVec3;
 
 /// What the loss asks of a node.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Asked {
+pub(super) struct NodeCotangent {
     /// Derivatives of the density with respect to index coordinates.
     slopes: DVec3,
     /// Derivative of the loss by the density.
     by_density: f64,
-    /// The same by the logarithm of the length of the stretch that ends here.
+    /// The same by the logarithm of the length of the segment that ends here.
     by_length: f64,
 }
 
-/// Notes what is asked of a visit's nodes, and of the last one before them.
+/// Notes what is cotangents of a visit's nodes, and of the last one before them.
 #[inline(never)]
-pub(super) fn note<R: Real>(asked: &mut Vec<Asked>, values: &[R], visit: &Visit<R>, by: &ByRow<R>) {
-    if let Some(last) = asked.last_mut() {
+pub(super) fn note<R: Real>(
+    cotangents: &mut Vec<NodeCotangent>,
+    values: &[R],
+    visit: &Visit<R>,
+    by: &BatchGradient<R>,
+) {
+    if let Some(last) = cotangents.last_mut() {
         last.by_density += by.density[0].f64();
     }
-    let first = asked.len();
+    let first = cotangents.len();
     for (nodes, by_density) in visit.nodes.first(visit.fours).zip(by.density[1..].as_chunks::<LANES>().0) {
         let slopes = nodes.slopes(values).map(Lanes::store);
-        asked.extend((0..LANES).map(|i| Asked {
+        cotangents.extend((0..LANES).map(|i| NodeCotangent {
             slopes: DVec3::from_array(slopes.map(|s| s[i].f64())),
             by_density: by_density[i].f64(),
             by_length: 0.0,
         }));
     }
-    for (stretch, by) in by.by_length(visit.row.count).iter().enumerate() {
-        asked[first + visit.row.node(stretch)].by_length += by.f64();
+    for (segment, by) in by.by_length(visit.batch.count).iter().enumerate() {
+        cotangents[first + visit.batch.node(segment)].by_length += by.f64();
     }
 }
 
 /// Adds what nodes ask of the ray, near to far.
 #[inline(never)]
-pub(super) fn follow<R: Real>(sites: Sites<'_, R>, ray: &IndexRay, domain: &Aabb, asked: &[Asked], moved: &mut Moved) {
+pub(super) fn follow<R: Real>(
+    sites: Sites<'_, R>,
+    ray: &IndexRay,
+    domain: &Aabb,
+    cotangents: &[NodeCotangent],
+    moved: &mut IndexRayGradient,
+) {
     let voxels = R::of(ray.direction().length());
-    let (mut left, mut reached) = (asked.iter(), f64::NEG_INFINITY);
+    let (mut left, mut reached) = (cotangents.iter(), f64::NEG_INFINITY);
     spans(sites.topology, ray, false, |span| {
         let ends = [span.start, span.end];
         let (mut by_ends, length) = ([0.0; 2], span.end - span.start);
-        let mut add = |asked: &Asked, share: f64| {
-            let (t, by) = (span.start + share * length, asked.by_density * asked.slopes);
+        let mut add = |cotangents: &NodeCotangent, share: f64| {
+            let (t, by) = (span.start + share * length, cotangents.by_density * cotangents.slopes);
             moved.shift += by;
             moved.turn += t * by;
             let along = by.dot(ray.direction());
-            by_ends[0] += (1.0 - share) * along - asked.by_length / length;
-            by_ends[1] += share * along + asked.by_length / length;
+            by_ends[0] += (1.0 - share) * along - cotangents.by_length / length;
+            by_ends[1] += share * along + cotangents.by_length / length;
         };
-        // Nothing lies before the first node of a brick that follows on none: its stretch has no length.
+        // Nothing lies before the first node of a brick that follows on none: its segment has no length.
         if span.start != reached
             && let Some(first) = left.next()
         {
-            add(&Asked { by_length: 0.0, ..*first }, 0.0);
+            add(&NodeCotangent { by_length: 0.0, ..*first }, 0.0);
         }
         let parts = parts(&span, voxels, sites.density);
-        for (number, asked) in (1..=parts).zip(left.by_ref()) {
-            add(asked, number as f64 / parts as f64);
+        for (number, cotangents) in (1..=parts).zip(left.by_ref()) {
+            add(cotangents, number as f64 / parts as f64);
         }
         for (t, by) in ends.into_iter().zip(by_ends) {
-            moved.stop(ray.crossed(domain, t), t, by);
+            moved.add_face(ray.crossed(domain, t), t, by);
         }
         reached = span.end;
         !left.as_slice().is_empty()

@@ -1,11 +1,11 @@
 //! Derivatives with respect to where a ray begins and goes.
 
-use super::Optics;
+use super::CompiledCurve;
 use super::adjoint::{Pass, Weighted};
-use super::light::{Glow, Slopes};
-use super::traced::Traced;
+use super::segment_derivatives::SegmentDerivatives;
+use super::shade::{SegmentGradient, SegmentSource};
 use crate::real::Real;
-use crate::render::moved::Moved;
+use crate::render::index_ray_gradient::IndexRayGradient;
 use crate::render::rule::Rule;
 
 impl<R: Real> Pass<'_, '_, R> {
@@ -13,23 +13,23 @@ impl<R: Real> Pass<'_, '_, R> {
     #[inline(never)]
     pub(super) fn gain<const C: usize>(
         &self,
-        optics: &Optics<R, C>,
+        optics: &CompiledCurve<R, C>,
         t: f64,
         beyond: f64,
         weighted: &Weighted<C>,
     ) -> f64 {
         let density = self.dvr.field.sample(self.ray.at(t));
         let (line, extinction) = optics.at(density);
-        extinction.f64() * (Glow::new(line, density, &weighted.color).mean - beyond)
+        extinction.f64() * (SegmentSource::new(line, density, &weighted.color).mean - beyond)
     }
 
     /// Notes what a segment's points ask the ray to do.
     #[inline(never)]
-    pub(super) fn follow<S: Traced<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
+    pub(super) fn follow<S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
         &mut self,
         rule: Q,
         segment: &S,
-        slopes: &Slopes<R>,
+        slopes: &SegmentGradient<R>,
     ) {
         let (shift, turn) = segment.moved(&self.dvr.field.values, slopes.density);
         self.moved.shift += shift;
@@ -45,11 +45,11 @@ impl<R: Real> Pass<'_, '_, R> {
     #[inline(never)]
     pub(super) fn hand_over(&mut self) {
         if let Some(ray) = self.to.ray.as_deref_mut() {
-            let Moved { enter, leave, .. } = self.moved;
+            let IndexRayGradient { enter, leave, .. } = self.moved;
             for (t, by) in [(self.ray.enter, enter), (self.ray.leave, leave)] {
-                self.moved.stop(self.ray.face(&self.dvr.field.domain, t), t, by);
+                self.moved.add_face(self.ray.face(&self.dvr.field.domain, t), t, by);
             }
-            self.moved.hand_over(&self.dvr.field.transform, ray);
+            self.moved.add_to(&self.dvr.field.transform, ray);
             ray.step += self.moved.step * self.dvr.voxel;
         }
     }

@@ -10,14 +10,14 @@ use std::sync::atomic::AtomicBool;
 
 /// What makes the pictures.
 #[derive(Debug)]
-pub enum Light<'a> {
+pub enum AnyRenderer<'a> {
     /// Light that follows the density.
     Density(Composited<Dvr<'a, f32>>),
     /// A pre-shaded volume.
     PreShaded(Composited<Preshaded<'a, f32>>),
 }
 
-impl Light<'_> {
+impl AnyRenderer<'_> {
     /// Ends rays once their transmittance is below this.
     #[must_use]
     pub fn early_stop(self, transmittance: f64) -> Self {

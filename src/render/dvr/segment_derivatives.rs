@@ -1,6 +1,6 @@
 //! Where segments lie: how derivatives by density become derivatives by voxel, and by the ray's points.
 
-use super::light::Lit;
+use super::shade::Shade;
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
 use crate::render::cell::{corners, gather, weights};
@@ -9,7 +9,7 @@ use crate::render::segment::{Chord, End, Place, Sample, slopes};
 use glam::DVec3;
 
 /// A segment that knows where it lies.
-pub(super) trait Traced<R: Real>: Lit<R> {
+pub(super) trait SegmentDerivatives<R: Real>: Shade<R> {
     /// Offset of its cell.
     fn offset(&self) -> usize;
     /// World length.
@@ -19,16 +19,16 @@ pub(super) trait Traced<R: Real>: Lit<R> {
     /// Derivatives with respect to its points' index coordinates: summed, and times their world length
     /// from the origin.
     fn moved(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3);
-    /// Change of the densities with the stored values: the transpose of [`Traced::spread`].
-    fn interpolated(&self, by_value: &[R]) -> R::Lanes;
+    /// Change of the densities with the stored values: the transpose of [`SegmentDerivatives::spread`].
+    fn voxel_jvp(&self, by_value: &[R]) -> R::Lanes;
     /// Change of the densities with its points' index coordinates, and the points' world lengths from the
-    /// origin: what [`Traced::moved`] is the transpose of.
-    fn slopes_along(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes);
+    /// origin: what [`SegmentDerivatives::moved`] is the transpose of.
+    fn ray_jvp(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes);
     /// One of its ends, if the transfer function jumps there and the segment ends because of it.
     fn jump(&self, end: End) -> Option<Place<R>>;
 }
 
-impl<R: Real> Traced<R> for Sample<R> {
+impl<R: Real> SegmentDerivatives<R> for Sample<R> {
     #[inline(always)]
     fn offset(&self) -> usize {
         self.offset
@@ -54,12 +54,12 @@ impl<R: Real> Traced<R> for Sample<R> {
     }
 
     #[inline(always)]
-    fn interpolated(&self, by_value: &[R]) -> R::Lanes {
+    fn voxel_jvp(&self, by_value: &[R]) -> R::Lanes {
         R::Lanes::splat(gather(&weights(self.at), &corners(by_value, self.offset)))
     }
 
     #[inline(always)]
-    fn slopes_along(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes) {
+    fn ray_jvp(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes) {
         let slopes = slopes(everywhere::<R>(values, self.offset), self.at.map(R::Lanes::splat));
         (slopes, R::Lanes::splat(R::of(self.position)))
     }
@@ -70,7 +70,7 @@ impl<R: Real> Traced<R> for Sample<R> {
     }
 }
 
-impl<R: Real> Traced<R> for Chord<R> {
+impl<R: Real> SegmentDerivatives<R> for Chord<R> {
     #[inline(always)]
     fn offset(&self) -> usize {
         self.offset
@@ -96,12 +96,12 @@ impl<R: Real> Traced<R> for Chord<R> {
     }
 
     #[inline(always)]
-    fn interpolated(&self, by_value: &[R]) -> R::Lanes {
+    fn voxel_jvp(&self, by_value: &[R]) -> R::Lanes {
         Self::interpolate(&corners(by_value, self.offset), self.at)
     }
 
     #[inline(always)]
-    fn slopes_along(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes) {
+    fn ray_jvp(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes) {
         let all = <R::Lanes as Lanes<R>>::splat;
         let t = all(self.start) + all(self.length) * gauss::lanes::<R>(gauss::NODES);
         (slopes(everywhere::<R>(values, self.offset), self.at), t)

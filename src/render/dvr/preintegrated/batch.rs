@@ -1,6 +1,6 @@
-//! Stretches in a row, on each of which the density is linear in the length: their means, and what light makes of them.
+//! Segments in a batch, on each of which the density is linear in the length: their means, and what light makes of them.
 //!
-//! With `x` a stretch's optical depth, `T` the transmittance before it, `e` the mean of `σ c` over its length h, and `d`
+//! With `x` a segment's optical depth, `T` the transmittance before it, `e` the mean of `σ c` over its length h, and `d`
 //! the change of the color c from its begin to its end, it adds `T (e h A + d B)`, where `A = (1 - e^{-x}) / x` and
 //! `B = A - (1 + e^{-x}) / 2`: this has no error where the color is linear in the optical depth.
 //!
@@ -11,7 +11,7 @@ use crate::real::Real;
 use crate::real::{LANES, Lanes};
 use crate::render::curve::Curve;
 
-/// The most stretches in a row.
+/// The most segments in a batch.
 pub(super) const ROOM: usize = 256;
 /// Rows hold a multiple of so many, as many as the widest vectors: nothing is left over for slower loops.
 pub(super) const WIDE: usize = 8;
@@ -36,13 +36,13 @@ const POWERS: [f64; 11] = [
     -1.0 / 1_132_185_600.0,
 ];
 
-/// Numbers by stretch, or by end of one: the first is where the first stretch begins.
-type Stretch<R> = [R; ROOM];
+/// Numbers by segment, or by end of one: the first is where the first segment begins.
+type Segment<R> = [R; ROOM];
 type Ends<R> = [R; ROOM + 1];
 
-/// The stretches. They are as many as a multiple of [`WIDE`]; what is left over has no length.
+/// The segments. They are as many as a multiple of [`WIDE`]; what is left over has no length.
 #[derive(Debug, Clone)]
-pub(super) struct Row<R: Real> {
+pub(super) struct SegmentBatch<R: Real> {
     /// How many there are.
     pub count: usize,
     /// Densities where they begin and end.
@@ -52,49 +52,49 @@ pub(super) struct Row<R: Real> {
     /// Red, green, blue and extinction there.
     pub values: [Ends<R>; 4],
     /// World lengths.
-    pub length: Stretch<R>,
+    pub length: Segment<R>,
     /// Means of `σ r`, `σ g`, `σ b` and `σ`.
-    pub mean: [Stretch<R>; 4],
+    pub mean: [Segment<R>; 4],
     /// Optical depths x.
-    pub depth: Stretch<R>,
+    pub depth: Segment<R>,
     /// `e^{-x}`.
-    pub open: Stretch<R>,
+    pub open: Segment<R>,
     /// A and B.
-    pub mixed: Stretch<R>,
-    pub drift: Stretch<R>,
+    pub mixed: Segment<R>,
+    pub drift: Segment<R>,
     /// Transmittance before.
-    pub before: Stretch<R>,
-    /// If stretches were cut: for each end the node that it comes before, or lies at, and how far it is on the way to
+    pub before: Segment<R>,
+    /// If segments were cut: for each end the node that it comes before, or lies at, and how far it is on the way to
     /// it.
     pub cut: Vec<(u32, R)>,
 }
 
-impl<R: Real> Default for Row<R> {
+impl<R: Real> Default for SegmentBatch<R> {
     fn default() -> Self {
-        let (stretch, ends) = ([R::ZERO; ROOM], [R::ZERO; ROOM + 1]);
+        let (segment, ends) = ([R::ZERO; ROOM], [R::ZERO; ROOM + 1]);
         Self {
             count: 0,
             density: ends,
             piece: [0; ROOM + 1],
             values: [ends; 4],
-            length: stretch,
-            mean: [stretch; 4],
-            depth: stretch,
-            open: stretch,
-            mixed: stretch,
-            drift: stretch,
-            before: stretch,
+            length: segment,
+            mean: [segment; 4],
+            depth: segment,
+            open: segment,
+            mixed: segment,
+            drift: segment,
+            before: segment,
             cut: Vec::new(),
         }
     }
 }
 
-impl<R: Real> Row<R> {
+impl<R: Real> SegmentBatch<R> {
     /// Fills in what follows from densities and lengths; `last` is where the first one begins, and becomes where the
     /// last one ends.
     #[inline(always)]
     pub fn follow(&mut self, tables: &Cumulative<R>, curve: &Curve<R, 3>, last: &mut End<R>) {
-        debug_assert!(self.count.is_multiple_of(WIDE) && self.count <= ROOM, "{} stretches", self.count);
+        debug_assert!(self.count.is_multiple_of(WIDE) && self.count <= ROOM, "{} segments", self.count);
         let from = *last;
         self.look_up(tables, curve, last);
         self.settle(tables);
@@ -137,7 +137,7 @@ impl<R: Real> Row<R> {
         }
     }
 
-    /// True if a stretch has its mean from the sums, not from its ends.
+    /// True if a segment has its mean from the sums, not from its ends.
     #[inline(always)]
     pub fn is_summed(&self, tables: &Cumulative<R>, i: usize) -> bool {
         let width = self.density[i + 1] - self.density[i];
@@ -168,7 +168,7 @@ impl<R: Real> Row<R> {
         }
     }
 
-    /// How much more a stretch may be off than is allowed: of the light that it would add if nothing lay before it.
+    /// How much more a segment may be off than is allowed: of the light that it would add if nothing lay before it.
     #[inline(always)]
     fn off(&self, tables: &Cumulative<R>, i: usize) -> [R; 2] {
         let abs = |v: R| v.greater(-v);
@@ -224,9 +224,9 @@ impl<R: Real> Row<R> {
         }
     }
 
-    /// Number of the node that a stretch ended at before the cut.
-    pub fn node(&self, stretch: usize) -> usize {
-        self.cut.get(stretch + 1).map_or(stretch, |(node, _)| *node as usize - 1)
+    /// Number of the node that a segment ended at before the cut.
+    pub fn node(&self, segment: usize) -> usize {
+        self.cut.get(segment + 1).map_or(segment, |(node, _)| *node as usize - 1)
     }
 
     /// Derivatives with respect to the densities of the nodes that were there before the cut, from those with respect
@@ -242,7 +242,7 @@ impl<R: Real> Row<R> {
         by_nodes
     }
 
-    /// Light of the stretches, by channel, with so much transmittance before them, which becomes that behind them;
+    /// Light of the segments, by channel, with so much transmittance before them, which becomes that behind them;
     /// and their optical depth.
     #[inline(always)]
     pub fn blend(&mut self, open: &mut R) -> ([f64; 3], f64) {
@@ -250,7 +250,7 @@ impl<R: Real> Row<R> {
         let mut depths = R::Lanes::ZERO;
         for four in 0..self.count / LANES {
             let n = (LANES * four).min(ROOM - LANES);
-            let at = |v: &Stretch<R>| R::Lanes::load([v[n], v[n + 1], v[n + 2], v[n + 3]]);
+            let at = |v: &Segment<R>| R::Lanes::load([v[n], v[n + 1], v[n + 2], v[n + 3]]);
             let beyond = at(&self.open).running_product();
             let before = R::Lanes::splat(*open) * beyond.after(R::ONE);
             *open = *open * beyond.store()[LANES - 1];
@@ -275,7 +275,7 @@ fn at_ends<R: Real>(v: &Ends<R>, n: usize) -> R::Lanes {
 /// `e^{-x}`, A and B.
 #[inline(always)]
 fn shares<R: Real>(depth: R) -> [R; 3] {
-    let open = depth.fall();
+    let open = depth.exp_neg();
     let ends = R::of(0.5) * (R::ONE + open);
     let thin = depth * depth * powers(depth);
     let thick = depth > R::of(THIN);
@@ -312,7 +312,7 @@ fn powers<R: Real>(x: R) -> R {
 mod tests {
     use super::*;
 
-    /// Means over a stretch of `e^{-x u}` and, times x, of `(u - 1/2) e^{-x u}`, and their derivatives; on both sides of
+    /// Means over a segment of `e^{-x u}` and, times x, of `(u - 1/2) e^{-x u}`, and their derivatives; on both sides of
     /// where powers end.
     #[test]
     fn shares_are_integrals() {
@@ -342,22 +342,22 @@ mod tests {
         }
     }
 
-    /// What parts ask of their ends is asked of the nodes that these lie between.
+    /// What parts ask of their ends is cotangents of the nodes that these lie between.
     #[test]
     fn cutting_has_a_transpose() {
         let cut = [(0, 1.0), (1, 0.25), (1, 0.5), (1, 1.0), (2, 0.5), (2, 1.0), (3, 1.0), (3, 1.0), (3, 1.0)];
-        let row = Row::<f64> { cut: cut.to_vec(), ..Row::default() };
+        let batch = SegmentBatch::<f64> { cut: cut.to_vec(), ..SegmentBatch::default() };
         let nodes = [0.3, -1.2, 0.7, 2.0];
         let mut by_ends = [0.0; ROOM + 1];
-        let mut asked = 0.0;
-        for (k, (node, share)) in row.cut.iter().enumerate() {
+        let mut cotangents = 0.0;
+        for (k, (node, share)) in batch.cut.iter().enumerate() {
             by_ends[k] = (k as f64).cos();
             let node = *node as usize;
             let before = if node == 0 { 0.0 } else { nodes[node - 1] };
-            asked += by_ends[k] * (before + share * (nodes[node] - before));
+            cotangents += by_ends[k] * (before + share * (nodes[node] - before));
         }
-        let by_nodes = row.by_nodes(&by_ends);
+        let by_nodes = batch.by_nodes(&by_ends);
         let found: f64 = nodes.iter().zip(by_nodes).map(|(v, by)| v * by).sum();
-        assert!((found - asked).abs() < 1e-12, "{found} {asked}");
+        assert!((found - cotangents).abs() < 1e-12, "{found} {cotangents}");
     }
 }

@@ -1,4 +1,4 @@
-//! Stretches of a ray in one cell each, with two Gauss points.
+//! Segments of a ray in one cell each, with two Gauss points.
 
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
@@ -11,9 +11,9 @@ pub(super) const POINTS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_
 /// Row k: weights of the extinctions at the points in the optical depth up to point k.
 pub(super) const UP_TO: [[f64; 2]; 2] = [[0.25, -0.038_675_134_594_812_88], [0.538_675_134_594_812_9, 0.25]];
 
-/// A stretch with its points: a cell, or one of the parts that it is cut into.
+/// A segment with its points: a cell, or one of the parts that it is cut into.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Stretch<R: Real> {
+pub(super) struct Segment<R: Real> {
     /// Offset of the cell's lowest corner.
     pub offset: usize,
     /// World lengths from the ray's origin to where the cell is entered and left.
@@ -65,7 +65,7 @@ fn interpolated<R: Real>(values: &[R::Lanes], offset: usize, weights: &[[R::Lane
     own
 }
 
-impl<R: Real> Stretch<R> {
+impl<R: Real> Segment<R> {
     #[inline(always)]
     pub fn new(values: &[R::Lanes], cell: &Cell<R>, from: R, length: R) -> Self {
         let (offset, at) = cell.places(POINTS.map(|u| from + R::of(u) * length));

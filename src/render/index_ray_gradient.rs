@@ -6,7 +6,7 @@ use glam::DVec3;
 
 /// Derivatives with respect to where a ray's points lie, in index space.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Moved {
+pub struct IndexRayGradient {
     /// With respect to a shift of all points.
     pub shift: DVec3,
     /// With respect to a shift that grows with the world length from the origin.
@@ -19,11 +19,11 @@ pub struct Moved {
     pub step: f64,
 }
 
-impl Moved {
+impl IndexRayGradient {
     /// Notes a derivative with respect to the world length at which the ray meets a face, given by its axis and the
     /// coordinate gained along it. The face stands still: t = (face - o) / d. Without one nothing moves.
     #[inline(always)]
-    pub fn stop(&mut self, face: Option<(usize, f64)>, t: f64, by: f64) {
+    pub fn add_face(&mut self, face: Option<(usize, f64)>, t: f64, by: f64) {
         if let Some((axis, along)) = face {
             self.shift[axis] -= by / along;
             self.turn[axis] -= by * t / along;
@@ -32,7 +32,7 @@ impl Moved {
 
     /// Adds the derivatives with respect to the ray's origin and direction, in world space.
     #[inline(never)]
-    pub fn hand_over(&self, transform: &Affine, to: &mut RayGradient) {
+    pub fn add_to(&self, transform: &Affine, to: &mut RayGradient) {
         let to_world = transform.inverse_matrix().transpose();
         to.origin += to_world.transform_vector3(self.shift);
         to.direction += to_world.transform_vector3(self.turn);
