@@ -94,7 +94,7 @@ fn all_ways_lead_to_the_same() {
         );
         let ways = ["--mode tangent", "--adjoint tape", "--adjoint replay", "--adjoint inversion --mode adjoint"];
         let reports: Vec<Value> = ways.iter().map(|way| work.json(&format!("{words} {way} --check"))).collect();
-        assert_eq!(reports[0]["mode"], "tangent");
+        assert_eq!(reports[0]["mode"], "forward");
         assert_eq!(reports[2]["adjoint"], "replay");
         let first = rows(&reports[0]);
         let scale = first.iter().fold(0.0_f64, |m, r| m.max(r.1.abs()));
@@ -207,16 +207,16 @@ fn the_plan_says_which_way_and_why() {
     };
     let (mode, adjoint, reason, count) =
         plan("--views 1 --size 8x8 --loss opacity-entropy --tf points.tf.json --wrt extinction,background");
-    assert_eq!((mode.as_str(), adjoint.as_str(), count), ("tangent", "none", 4));
+    assert_eq!((mode.as_str(), adjoint.as_str(), count), ("forward", "none", 4));
     assert!(reason.contains("one walk"), "{reason}");
     let (mode, adjoint, reason, _) = plan("--target grey --loss l2 --wrt extinction");
-    assert_eq!((mode.as_str(), adjoint.as_str()), ("adjoint", "tape"));
+    assert_eq!((mode.as_str(), adjoint.as_str()), ("reverse", "tape"));
     assert!(reason.contains("optical depth alone"), "{reason}");
     let (mode, adjoint, reason, count) = plan("--target bright --loss l2 --wrt camera");
-    assert_eq!((mode.as_str(), adjoint.as_str(), count), ("adjoint", "tape", 20));
+    assert_eq!((mode.as_str(), adjoint.as_str(), count), ("reverse", "tape", 20));
     assert!(reason.contains("20 parameters") && reason.contains("mean over pixels"), "{reason}");
     let (mode, adjoint, reason, count) = plan("--views 1 --size 8x8 --loss opacity-entropy --wrt density");
-    assert_eq!((mode.as_str(), adjoint.as_str()), ("adjoint", "replay"));
+    assert_eq!((mode.as_str(), adjoint.as_str()), ("reverse", "replay"));
     assert!(count > 1000 && reason.contains("whole pictures"), "{count} {reason}");
 }
 
@@ -250,8 +250,8 @@ fn densities_are_written_and_the_largest_listed() {
 fn the_number_of_threads_changes_nothing() {
     let work = work();
     for (words, name) in [
-        ("--target bright --density-scale 0.3 --loss l2 --wrt tf,camera,density", "adjoint"),
-        ("--views 2 --loss opacity-entropy --density-scale 0.3 --wrt camera --mode tangent", "tangent"),
+        ("--target bright --density-scale 0.3 --loss l2 --wrt tf,camera,density", "reverse"),
+        ("--views 2 --loss opacity-entropy --density-scale 0.3 --wrt camera --mode forward", "forward"),
     ] {
         let of = |threads: usize| {
             let report = work.json(&format!("gradient @plume.vdb {words} --threads {threads}"));
@@ -286,7 +286,7 @@ fn what_cannot_be_is_refused() {
         ("gradient @plume.vdb --views 1 --loss l2 --wrt extinction", &["compares with pictures", "--target"]),
         ("gradient @plume.vdb --views 1 --loss mean --wrt camera -o x.vdb", &["--output", "density"]),
         ("gradient @plume.vdb --views 1 --loss mean --wrt camera --mode tangent --adjoint tape", &["leave one"]),
-        ("gradient @plume.vdb --views 1 --loss mean --wrt density --mode tangent", &["512", "--mode adjoint"]),
+        ("gradient @plume.vdb --views 1 --loss mean --wrt density --mode forward", &["512", "--mode reverse"]),
         ("gradient @plume.vdb --loss mean --wrt camera", &["--target", "--views"]),
         ("gradient @plume.vdb --views 1 --loss mean --wrt density --prior tf=1", &["no transfer function", "plume"]),
         ("gradient @plume.vdb --views 1 --loss mean --wrt tf --tf lobes.tf.json --prior tf=1", &["texels or points"]),

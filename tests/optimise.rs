@@ -60,7 +60,7 @@ fn ball() -> Bricks<f32> {
         .iter()
         .flat_map(|b| (0..512).map(move |i| inside((8 * *b + IVec3::new(i >> 6, i >> 3 & 7, i & 7)).as_dvec3())))
         .collect();
-    field.topology.clone().spread(&owned, &mut field.values);
+    field.topology.clone().fill_apron(&owned, &mut field.values);
     field
 }
 
@@ -168,7 +168,7 @@ fn a_close_up_of_a_part_takes_nothing_away() {
         .flat_map(|b| (0..512).map(move |i| (8 * *b + IVec3::new(i >> 6, i >> 3 & 7, i & 7)).as_dvec3()))
         .map(|p| if balls.iter().any(|c| (p - *c).length() < 5.0) { 0.2 } else { 0.0 })
         .collect();
-    field.topology.clone().spread(&owned, &mut field.values);
+    field.topology.clone().fill_apron(&owned, &mut field.values);
     let mut cameras = orbit::cameras(&field.outline(), 8, Layout::Sphere, 40, 40, 35.0);
     let close = Camera {
         camera_to_world: DMat4::from_translation(DVec3::new(10.0, 8.0, 60.0)),
@@ -560,7 +560,7 @@ fn a_wall_hides_what_is_behind_it() {
     };
     let count = field.topology.len() * LEAF_VOXELS;
     let owned: Vec<Vec4> = (0..count).map(|voxel| light(place(&field, voxel))).collect();
-    field.topology.clone().spread(&owned, &mut field.values);
+    field.topology.clone().fill_apron(&owned, &mut field.values);
     let camera = Camera {
         camera_to_world: Camera::look_at(DVec3::new(-20.0, 15.5, 15.5), DVec3::new(0.0, 15.5, 15.5), DVec3::Z),
         projection: Projection::Orthographic,

@@ -144,13 +144,13 @@ fn rows_are_derivatives() {
     let camera = sphere.camera(&upright(DVec3::new(0.3, -0.5, 0.8).normalize()));
     let frame = Frame::new(&camera, sphere.distance);
     let seen = |camera: &Camera| -> Vec<[f64; 4]> {
-        let rows = Rows { renderer: &dvr, judge: None, camera, rays_per_edge: 2, cancel: &NEVER };
+        let rows = Rows { renderer: &dvr, reference: None, camera, rays_per_edge: 2, cancel: &NEVER };
         let all = rows.fold(|_| true, &[], |all: &mut Vec<(usize, [f64; 4])>, i, seen, _| all.push((i, *seen)));
         let mut all: Vec<_> = all.into_iter().flatten().collect();
         all.sort_by_key(|p| p.0);
         all.into_iter().map(|p| p.1).collect()
     };
-    let rows = Rows { renderer: &dvr, judge: None, camera: &camera, rays_per_edge: 2, cancel: &NEVER };
+    let rows = Rows { renderer: &dvr, reference: None, camera: &camera, rays_per_edge: 2, cancel: &NEVER };
     let losses: [[f32; 4]; 2] = [[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
     let found = rows.fold(
         |i| i % 3 == 0,

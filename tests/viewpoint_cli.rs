@@ -61,11 +61,17 @@ fn the_derivative_is_that_of_the_entropy() {
             let camera = sphere.camera(&axes);
             let at = |step: DVec2| {
                 let camera = sphere.camera(&stepped(&axes, step));
-                entropy::value(&Rows { renderer: &dvr, judge: None, camera: &camera, rays_per_edge: 1, cancel: &NEVER })
-                    .value
+                entropy::value(&Rows {
+                    renderer: &dvr,
+                    reference: None,
+                    camera: &camera,
+                    rays_per_edge: 1,
+                    cancel: &NEVER,
+                })
+                .value
             };
             let found = entropy::gradient(
-                &Rows { renderer: &dvr, judge: None, camera: &camera, rays_per_edge: 1, cancel: &NEVER },
+                &Rows { renderer: &dvr, reference: None, camera: &camera, rays_per_edge: 1, cancel: &NEVER },
                 sphere.centre,
             );
             assert!((found.value - at(DVec2::ZERO)).abs() < 1e-6, "{name} {i}: one value from both walks");

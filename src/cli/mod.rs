@@ -24,6 +24,7 @@ pub mod task;
 pub mod transfer;
 pub mod try_grid;
 pub mod validate;
+mod values;
 pub mod viewpoint;
 pub mod volume;
 

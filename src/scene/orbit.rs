@@ -4,7 +4,7 @@ use crate::scene::camera::{Camera, Projection};
 use glam::{DVec2, DVec3};
 
 /// How views are spread.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
     /// Over the whole sphere, by the golden angle: evenly, and no two along one line.
     Sphere,

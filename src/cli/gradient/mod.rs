@@ -19,7 +19,7 @@ use crate::formats::vdb::{Codec, write_grids};
 use crate::optimise::loss::Loss;
 use crate::optimise::loss::prior::{Prior, Weighted};
 use crate::optimise::plausibility::Warning;
-use crate::optimise::study::ad_mode::{Mode, Plan, Task, Way};
+use crate::optimise::study::ad_mode::{AdMode, Choice, Mode, Task};
 use crate::optimise::study::difference::Quotient;
 use crate::optimise::study::parameter::{CAMERA, Parameter};
 use crate::optimise::study::subject::{Subject, depth_channel};
@@ -271,8 +271,8 @@ impl GradientCommand {
     fn fits_together(&self) -> Result<()> {
         let asks = |w: Wrt| self.wrt.contains(&w);
         let inverts = self.adjoint == Some(AdjointName::Inversion);
-        if matches!(self.quadrature, Quadrature::Preintegrated(_)) && (self.mode == Mode::Tangent || inverts) {
-            let what = if inverts { "no --adjoint inversion" } else { "no --mode tangent" };
+        if matches!(self.quadrature, Quadrature::Preintegrated(_)) && (self.mode == Mode::Forward || inverts) {
+            let what = if inverts { "no --adjoint inversion" } else { "no --mode forward" };
             return Err(Error::unsupported(format!("pre-integration has {what}"))
                 .hint("exact is what it approaches: --quadrature exact"));
         }
@@ -284,8 +284,8 @@ impl GradientCommand {
             return Err(Error::invalid("--output is for derivatives by voxel, which --wrt does not ask for")
                 .hint("add density or emission to --wrt, or leave --output out"));
         }
-        if self.mode == Mode::Tangent && self.adjoint.is_some() {
-            return Err(Error::invalid("--mode tangent goes forward, --adjoint says how to go backward")
+        if self.mode == Mode::Forward && self.adjoint.is_some() {
+            return Err(Error::invalid("--mode forward has no backward pass, --adjoint says how to go backward")
                 .hint("leave one of them out"));
         }
         if self.loss().compares() && self.target.is_none() {
@@ -350,16 +350,16 @@ impl GradientCommand {
         });
         let task = Task { parameters: count, reach: study.loss.reach(), depth_alone: V::depth_alone(&study.setting) };
         // Pre-integration goes backward only.
-        let mode = if matches!(self.quadrature, Quadrature::Preintegrated(_)) { Mode::Adjoint } else { self.mode };
-        let plan = Plan::new(task, mode, adjoint);
+        let mode = if matches!(self.quadrature, Quadrature::Preintegrated(_)) { Mode::Reverse } else { self.mode };
+        let plan = Choice::new(task, mode, adjoint);
         let bytes = if channels.is_empty() { 0 } else { count * study.field.values.len() * size_of::<V>() };
-        if plan.way == Way::Tangent && (count > MOST_DIRECTIONS || bytes as u64 > limits.max_memory) {
+        if plan.mode == AdMode::Forward && (count > MOST_DIRECTIONS || bytes as u64 > limits.max_memory) {
             return Err(Error::unsupported(format!(
-                "--mode tangent walks every ray again for each few of {count} parameters; it takes {MOST_DIRECTIONS} at most"
+                "--mode forward walks every ray again for each few of {count} parameters; it takes {MOST_DIRECTIONS} at most"
             ))
-            .hint("use --mode adjoint, which finds all at once"));
+            .hint("use --mode reverse, which finds all at once"));
         }
-        let found = study.gradient(plan.way, &parameters, &channels).map_err(|e| e.at(&self.input))?;
+        let found = study.gradient(plan.mode, &parameters, &channels).map_err(|e| e.at(&self.input))?;
         let mut derivatives = found.derivatives.clone();
         if !channels.is_empty() {
             let mut order: Vec<usize> = (0..found.by_voxel.len()).collect();
@@ -383,11 +383,11 @@ impl GradientCommand {
             parameter,
         };
         let rows = described.map(row).collect();
-        let (mode, adjoint) = match plan.way {
-            Way::Tangent => ("tangent", None),
-            Way::Adjoint(Adjoint::Tape) => ("adjoint", Some("tape")),
-            Way::Adjoint(Adjoint::Replay) => ("adjoint", Some("replay")),
-            Way::Adjoint(Adjoint::Inversion) => ("adjoint", Some("inversion")),
+        let (mode, adjoint) = match plan.mode {
+            AdMode::Forward => ("forward", None),
+            AdMode::Reverse(Adjoint::Tape) => ("reverse", Some("tape")),
+            AdMode::Reverse(Adjoint::Replay) => ("reverse", Some("replay")),
+            AdMode::Reverse(Adjoint::Inversion) => ("reverse", Some("inversion")),
         };
         let report = Report {
             input: self.input.clone(),

@@ -162,23 +162,23 @@ impl Pose {
         let targets: Vec<Target> = photos.into_iter().zip(cameras).map(target).collect();
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(shown.transfer.is_some()));
         let light = scene.light(&shown, quadrature).map_err(|e| e.at(&self.volume))?;
-        let (colors, judge) = match &light {
+        let (colors, reference) = match &light {
             // Pictures are what has no error, until somebody says something else.
             AnyRenderer::Density(light) => {
-                let judged = self.quadrature.is_none() && shown.transfer.is_some();
+                let has_reference = self.quadrature.is_none() && shown.transfer.is_some();
                 let exact = || light.clone().with(|dvr| dvr.quadrature(Quadrature::Exact));
-                (Colors::of(&shown.medium()?, shown.background), judged.then(exact))
+                (Colors::of(&shown.medium()?, shown.background), has_reference.then(exact))
             }
             AnyRenderer::PreShaded(_) => (Colors::apart(), None),
         };
         let request = Request { colors: &colors, centre, iterations: self.iterations, solve_focal: self.solve_focal };
-        let searches = |t: &Target| (levels(&t.camera) + 1 + usize::from(judge.is_some())) as u64;
+        let searches = |t: &Target| (levels(&t.camera) + 1 + usize::from(reference.is_some())) as u64;
         task.work_begins();
         let bar = output.progress(targets.iter().map(searches).sum(), "pose");
         let begun = Instant::now();
         let tick = || bar.inc(1);
         let found = match &light {
-            AnyRenderer::Density(dvr) => pose::solve(dvr, judge.as_ref(), &targets, &request, task.cancel, &tick),
+            AnyRenderer::Density(dvr) => pose::solve(dvr, reference.as_ref(), &targets, &request, task.cancel, &tick),
             AnyRenderer::PreShaded(volume) => pose::solve(volume, None, &targets, &request, task.cancel, &tick),
         };
         let seconds = begun.elapsed().as_secs_f64();

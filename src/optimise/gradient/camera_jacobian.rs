@@ -18,7 +18,7 @@ pub struct Rows<'r, I> {
     /// What is seen, and how that changes.
     pub renderer: &'r Composited<I>,
     /// What is seen, if that is to be known better than how it changes.
-    pub judge: Option<&'r Composited<I>>,
+    pub reference: Option<&'r Composited<I>>,
     /// From where.
     pub camera: &'r Camera,
     /// A pixel is the mean over the square of so many rays.
@@ -68,7 +68,7 @@ struct Run<'a, I> {
 
 impl<I: Differentiable<Real = f32>> Run<'_, I> {
     fn walk(self, tape: &mut I::Scratch) {
-        let Rows { renderer, judge, camera, rays_per_edge, cancel } = *self.rows;
+        let Rows { renderer, reference, camera, rays_per_edge, cancel } = *self.rows;
         let (rays, width) = (Subpixels::new(rays_per_edge), camera.width as usize);
         let share = 1.0 / rays.count() as f64;
         let mut by = vec![CameraGradient::default(); self.losses.len()];
@@ -89,9 +89,9 @@ impl<I: Differentiable<Real = f32>> Run<'_, I> {
                         *by = by.plus(&camera.gradient(x, y, share * moved.origin, share * moved.direction));
                     }
                 }
-                let radiance = match (judge, radiance) {
+                let radiance = match (reference, radiance) {
                     (None, Some(radiance)) => radiance,
-                    _ => judge.unwrap_or(renderer).pixel_on(&ray, tape),
+                    _ => reference.unwrap_or(renderer).pixel_on(&ray, tape),
                 };
                 for c in 0..3 {
                     seen[c] += share * f64::from(radiance.rgb[c]);

@@ -1,4 +1,4 @@
-//! How rays are shared out: to each lane tiles of pictures that take about as long as another's, and the bricks that
+//! How rays are shared out: to each partition tiles of pictures that take about as long as another's, and the bricks that
 //! the rays through them can meet.
 
 use super::footprint::{Footprint, Lens};
@@ -9,8 +9,8 @@ use glam::DVec2;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// A bit for each lane.
-pub type Lanes = u32;
+/// A bit for each partition.
+pub type Partitions = u32;
 
 /// A tile of a picture.
 #[derive(Debug, Clone)]
@@ -19,42 +19,49 @@ pub struct Tile {
     pub picture: usize,
     /// The tile's.
     pub number: usize,
-    /// Bricks that rays through it may look at, and those through earlier ones of the lane's do not.
+    /// Bricks that rays through it may look at, and those through earlier ones of the partition's do not.
     pub new: Vec<u32>,
 }
 
-/// The parts of all lanes.
+/// The parts of all partitions.
 #[derive(Debug)]
 pub struct Parts {
     /// By camera.
     pub pictures: Vec<Tiles>,
-    /// By lane.
+    /// By partition.
     pub tiles: Vec<Vec<Tile>>,
-    /// By brick: the lanes whose rays can look at it.
-    pub seen_by: Vec<Lanes>,
+    /// By brick: the partitions whose rays can look at it.
+    pub seen_by: Vec<Partitions>,
 }
 
 /// What a ray costs beyond looking up densities, each of which costs 1.
 const RAY: f64 = 3.0;
-/// Tiles that follow one another where no lane has a part of a picture of its own.
+/// Tiles that follow one another where no partition has a part of a picture of its own.
 const TOGETHER: usize = 8;
 
 impl Parts {
-    /// Of the cameras' pictures, for so many lanes. Each has a part of a picture of its own, unless there are at least as
+    /// Of the cameras' pictures, for so many partitions. Each has a part of a picture of its own, unless there are at least as
     /// many pictures or `apart` is false: then tiles are dealt out in turn, and all look at all bricks that any looks at.
-    pub fn new<V: Voxel>(field: &Bricks<V>, lookups: &[f32], cameras: &[&Camera], lanes: usize, apart: bool) -> Self {
+    pub fn new<V: Voxel>(
+        field: &Bricks<V>,
+        lookups: &[f32],
+        cameras: &[&Camera],
+        partitions: usize,
+        apart: bool,
+    ) -> Self {
         let pictures: Vec<Tiles> = cameras.iter().map(|c| Tiles::new(c.width as usize, c.height as usize)).collect();
         let numbered = |(picture, tiles): (usize, &Tiles)| (0..tiles.count()).map(move |number| (picture, number));
         let all = pictures.iter().enumerate().flat_map(numbered);
-        let mut parts = Self { pictures: Vec::new(), tiles: vec![Vec::new(); lanes], seen_by: vec![0; lookups.len()] };
-        if !apart || cameras.len() >= lanes {
+        let mut parts =
+            Self { pictures: Vec::new(), tiles: vec![Vec::new(); partitions], seen_by: vec![0; lookups.len()] };
+        if !apart || cameras.len() >= partitions {
             for (i, (picture, number)) in all.enumerate() {
-                // Not from the same lane on in every round and picture: these may begin alike.
-                let (turn, round) = (i / TOGETHER, i / (TOGETHER * lanes));
-                parts.tiles[(turn + round + picture) % lanes].push(Tile { picture, number, new: Vec::new() });
+                // Not from the same partition on in every round and picture: these may begin alike.
+                let (turn, round) = (i / TOGETHER, i / (TOGETHER * partitions));
+                parts.tiles[(turn + round + picture) % partitions].push(Tile { picture, number, new: Vec::new() });
             }
             let bricks = (0..lookups.len()).filter(|brick| lookups[*brick] > 0.0);
-            bricks.for_each(|brick| (0..lanes).for_each(|lane| parts.see(brick, lane, 0)));
+            bricks.for_each(|brick| (0..partitions).for_each(|partition| parts.see(brick, partition, 0)));
             return Self { pictures, ..parts };
         }
         let footprints: Vec<Vec<Footprint>> = cameras
@@ -67,38 +74,38 @@ impl Parts {
             .collect();
         let costs: Vec<Vec<f64>> = pictures.par_iter().zip(&footprints).map(|(p, f)| costs(p, f, lookups)).collect();
         let total: f64 = costs.iter().flatten().sum();
-        // By picture, and by row and column of its tiles: the lane, and what number it has there.
+        // By picture, and by row and column of its tiles: the partition, and what number it has there.
         let mut places: Vec<Vec<(usize, usize)>> = costs.iter().map(|costs| vec![(0, 0); costs.len()]).collect();
         let mut before = 0.0;
         for (picture, number) in all {
             let [column, row] = pictures[picture].place(number);
             let i = row * pictures[picture].columns + column;
-            let lane = ((before + 0.5 * costs[picture][i]) / total * lanes as f64) as usize;
-            let lane = lane.min(lanes - 1);
+            let partition = ((before + 0.5 * costs[picture][i]) / total * partitions as f64) as usize;
+            let partition = partition.min(partitions - 1);
             before += costs[picture][i];
-            places[picture][i] = (lane, parts.tiles[lane].len());
-            parts.tiles[lane].push(Tile { picture, number, new: Vec::new() });
+            places[picture][i] = (partition, parts.tiles[partition].len());
+            parts.tiles[partition].push(Tile { picture, number, new: Vec::new() });
         }
-        let mut first = vec![usize::MAX; lanes];
+        let mut first = vec![usize::MAX; partitions];
         for brick in 0..lookups.len() {
             first.fill(usize::MAX);
             for ((tiles, places), footprints) in pictures.iter().zip(&places).zip(&footprints) {
                 Covered::new(tiles, &footprints[brick]).for_each(|i| {
-                    let (lane, place) = places[i];
-                    first[lane] = first[lane].min(place);
+                    let (partition, place) = places[i];
+                    first[partition] = first[partition].min(place);
                 });
             }
             let seen = first.iter().enumerate().filter(|(_, place)| **place < usize::MAX);
-            seen.for_each(|(lane, place)| parts.see(brick, lane, *place));
+            seen.for_each(|(partition, place)| parts.see(brick, partition, *place));
         }
         Self { pictures, ..parts }
     }
 
-    /// Notes that a lane's tile, if there is one, is the first to look at a brick.
-    fn see(&mut self, brick: usize, lane: usize, tile: usize) {
-        if let Some(tile) = self.tiles[lane].get_mut(tile) {
+    /// Notes that a partition's tile, if there is one, is the first to look at a brick.
+    fn see(&mut self, brick: usize, partition: usize, tile: usize) {
+        if let Some(tile) = self.tiles[partition].get_mut(tile) {
             tile.new.push(brick as u32);
-            self.seen_by[brick] |= 1 << lane;
+            self.seen_by[brick] |= 1 << partition;
         }
     }
 }

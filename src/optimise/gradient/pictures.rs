@@ -52,20 +52,20 @@ impl<V> Default for Gradients<'_, V> {
 
 /// Memory that gradients are summed up in, kept from call to call: of a renderer's voxels, and its tapes.
 #[derive(Debug, Clone, Default)]
-pub struct Workspace<V, T>(Vec<Lane<V, T>>);
+pub struct Workspace<V, T>(Vec<Partition<V, T>>);
 
-/// Its share of one lane.
+/// Its share of one partition.
 #[derive(Debug, Clone, Default)]
-struct Lane<V, T> {
+struct Partition<V, T> {
     /// None for the first one: it has those of all.
     voxels: Vec<V>,
     tape: T,
 }
 
 /// A partition's number, where it adds derivatives by voxel, if they are asked for, and its tape.
-type Partition<'l, I> = (usize, Option<&'l mut [<I as Differentiable>::Voxel]>, &'l mut <I as Integrator>::Scratch);
+type Work<'l, I> = (usize, Option<&'l mut [<I as Differentiable>::Voxel]>, &'l mut <I as Integrator>::Scratch);
 
-/// What one lane sums up.
+/// What one partition sums up.
 struct Sums<'v, V> {
     voxels: Option<&'v mut [V]>,
     table: Option<TableGradient>,
@@ -76,7 +76,7 @@ struct Sums<'v, V> {
 }
 
 /// Adds the gradient of `Σ loss(seen, target)` over all pixels of the targets to `gradients` and returns
-/// the sum. `loss` gives value and derivative per pixel. Workspace are per lane and added in order:
+/// the sum. `loss` gives value and derivative per pixel. Workspace are per partition and added in order:
 /// the same bits for any number of threads.
 pub fn gradient<I: Differentiable<Real = f32>>(
     light: &Composited<I>,
@@ -92,30 +92,30 @@ pub fn gradient<I: Differentiable<Real = f32>>(
             let rays: usize = targets.iter().map(|t| t.rgba.len() * t.rays_per_edge.pow(2)).sum();
             let seen = lookups.iter().filter(|l| **l > 0.0);
             let mean = seen.clone().sum::<f32>() / seen.count().max(1) as f32;
-            lanes(field, bricks_crossed(field, rays) * f64::from(mean), targets.len() < MOST_LANES)
+            partitions(field, bricks_crossed(field, rays) * f64::from(mean), targets.len() < MOST_PARTITIONS)
         }
-        None => MOST_LANES,
+        None => MOST_PARTITIONS,
     };
     let Gradients { voxels, table, cameras, step, cancel } = gradients;
     let cancel = *cancel;
-    let lanes = &mut accumulators.0;
-    lanes.resize_with(count, Lane::default);
+    let partitions = &mut accumulators.0;
+    partitions.resize_with(count, Partition::default);
     let length = voxels.as_ref().map_or(0, |v| v.len());
     // Zeros that are not touched take no memory.
-    lanes
+    partitions
         .iter_mut()
         .skip(1)
-        .filter(|lane| lane.voxels.len() != length)
-        .for_each(|lane| lane.voxels = vec![I::Voxel::default(); length]);
+        .filter(|partition| partition.voxels.len() != length)
+        .for_each(|partition| partition.voxels = vec![I::Voxel::default(); length]);
     let views: Vec<&Camera> = targets.iter().map(|t| &t.camera).collect();
     let parts = Parts::new(field, &lookups, &views, count, voxels.is_some());
     let mut first = voxels.as_deref_mut();
-    let mut own: Vec<Partition<'_, I>> = lanes
+    let mut own: Vec<Work<'_, I>> = partitions
         .iter_mut()
         .enumerate()
-        .map(|(number, lane)| {
-            let voxels = first.take().or((length > 0 && !lane.voxels.is_empty()).then_some(&mut lane.voxels));
-            (number, voxels, &mut lane.tape)
+        .map(|(number, partition)| {
+            let voxels = first.take().or((length > 0 && !partition.voxels.is_empty()).then_some(&mut partition.voxels));
+            (number, voxels, &mut partition.tape)
         })
         .collect();
     let sums: Vec<Sums<'_, I::Voxel>> = tiles::partitions(
@@ -164,7 +164,7 @@ pub fn gradient<I: Differentiable<Real = f32>>(
     }
     if let Some((total, others)) = by_lane.split_first_mut() {
         total.par_chunks_mut(BRICK).zip(&parts.seen_by).enumerate().for_each(|(i, (total, seen_by))| {
-            for (_, own) in others.iter().enumerate().filter(|(lane, _)| seen_by & 2 << lane != 0) {
+            for (_, own) in others.iter().enumerate().filter(|(partition, _)| seen_by & 2 << partition != 0) {
                 for (t, v) in total.iter_mut().zip(&own[i * BRICK..]) {
                     *t += *v;
                 }
@@ -174,7 +174,7 @@ pub fn gradient<I: Differentiable<Real = f32>>(
     (loss, shared)
 }
 
-/// Makes a brick's sums ready for a lane whose rays come to it: zeros, if they are its own. Now, not all bricks at once:
+/// Makes a brick's sums ready for a partition whose rays come to it: zeros, if they are its own. Now, not all bricks at once:
 /// what was written or read a moment ago is near.
 fn approach<V: Voxel>(brick: &mut [V], own: bool) {
     if own {
@@ -255,7 +255,7 @@ impl<I: Differentiable<Real = f32>> Run<'_, '_, I> {
 }
 
 /// The most accumulators.
-const MOST_LANES: usize = 16;
+const MOST_PARTITIONS: usize = 16;
 
 /// Bricks that so many rays cross, those through the whole of a cube of bricks one and a half in a row.
 pub fn bricks_crossed<V: Voxel>(field: &Bricks<V>, rays: usize) -> f64 {
@@ -264,14 +264,14 @@ pub fn bricks_crossed<V: Voxel>(field: &Bricks<V>, rays: usize) -> f64 {
 
 /// Workspace for so many look-ups of densities in a field: as many as pay (each is cleared and added up, which must
 /// cost less than the rays do) and as fit in memory, from 2 to 16. Those `apart` see a part of the field each.
-pub fn lanes<V: Voxel>(field: &Bricks<V>, lookups: f64, apart: bool) -> usize {
+pub fn partitions<V: Voxel>(field: &Bricks<V>, lookups: f64, apart: bool) -> usize {
     let values = field.values.len().max(1);
     let pays = lookups / values as f64;
     // Together they see the field, and what lies between them twice: that grows with their borders.
     let pays = if apart { pays.max(3.0 * pays.sqrt()) } else { pays };
     let fits = (256 << 20) / (values * size_of::<V>());
     // A power of two: as many for each of two, four or eight threads.
-    1 << (pays as usize).min(fits).clamp(2, MOST_LANES).ilog2()
+    1 << (pays as usize).min(fits).clamp(2, MOST_PARTITIONS).ilog2()
 }
 
 /// Sum of squared differences of the colors over all pixels that are finite; infinite once the work is to stop.

@@ -18,14 +18,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Pixels along the shorter side of the smallest pictures, at least.
 const COARSEST: u32 = 16;
-/// Steps (radians, shares of the distance) below which a search ends, on full pictures, there with a judge, and where
+/// Steps (radians, shares of the distance) below which a search ends, on full pictures, there with a reference, and where
 /// another search follows.
 const FINE: f64 = 1e-7;
-const JUDGED: f64 = 1e-6;
+const REFERENCE: f64 = 1e-6;
 const COARSE: f64 = 1e-4;
 /// Damping at first, as a share of the largest eigenvalue.
 const DAMPING: f64 = 1e-4;
-/// Steps in a row that make it worse, after which a search ends: without a judge, and with one.
+/// Steps in a row that make it worse, after which a search ends: without a reference, and with one.
 const PATIENCE: [u32; 2] = [6, 2];
 
 /// Derivatives that a walk gives, and how the colors' follow from them.
@@ -106,17 +106,17 @@ pub struct Found {
 /// Moves cameras to where their pictures agree with what is seen. Those of `targets` are where they begin; `tick` is
 /// told of every camera and size of picture that is done. Once `cancel` is set they stay where they are.
 ///
-/// With a `judge`, which may be slow, the search ends on what that sees, while the renderer still says how it changes:
+/// With a `reference`, which may be slow, the search ends on what that sees, while the renderer still says how it changes:
 /// the fewer digits of derivatives make steps less sure, not what they lead to.
 pub fn solve<I: Differentiable<Real = f32>>(
     renderer: &Composited<I>,
-    judge: Option<&Composited<I>>,
+    reference: Option<&Composited<I>>,
     targets: &[Target],
     request: &Request<'_>,
     cancel: &AtomicBool,
     tick: &(dyn Fn() + Sync),
 ) -> Vec<Found> {
-    let search = |group: &[Target]| Search::new(renderer, judge, group, request, cancel).run(tick);
+    let search = |group: &[Target]| Search::new(renderer, reference, group, request, cancel).run(tick);
     if request.solve_focal {
         return search(targets);
     }
@@ -168,7 +168,7 @@ fn shrunk(camera: &Camera, level: usize) -> Camera {
 /// Cameras that are moved together.
 struct Search<'s, I> {
     renderer: &'s Composited<I>,
-    judge: Option<&'s Composited<I>>,
+    reference: Option<&'s Composited<I>>,
     request: &'s Request<'s>,
     cancel: &'s AtomicBool,
     pyramids: Vec<Vec<Target>>,
@@ -185,7 +185,7 @@ type Equations = Vec<(Normal, Spectrum)>;
 impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
     fn new(
         renderer: &'s Composited<I>,
-        judge: Option<&'s Composited<I>>,
+        reference: Option<&'s Composited<I>>,
         targets: &[Target],
         request: &'s Request<'s>,
         cancel: &'s AtomicBool,
@@ -193,7 +193,7 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
         let distance = |t: &Target| t.camera.position().distance(request.centre).max(f64::MIN_POSITIVE);
         Self {
             renderer,
-            judge,
+            reference,
             request,
             cancel,
             pyramids: targets.iter().map(pyramid).collect(),
@@ -204,8 +204,8 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
     }
 
     fn run(mut self, tick: &(dyn Fn() + Sync)) -> Vec<Found> {
-        // By whom the end is judged.
-        let before = self.linearised(&self.cameras, 0, self.judge);
+        // By whom the end is has_reference.
+        let before = self.linearised(&self.cameras, 0, self.reference);
         let measured = !self.cancelled();
         let deepest = self.pyramids.iter().map(Vec::len).max().unwrap_or(1);
         let mut after: Option<Equations> = None;
@@ -213,8 +213,8 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
             after = self.descend(level, None).or(after);
             self.pyramids.iter().filter(|p| level < p.len()).for_each(|_| tick());
         }
-        if let Some(judge) = self.judge {
-            after = self.descend(0, Some(judge)).or(after);
+        if let Some(reference) = self.reference {
+            after = self.descend(0, Some(reference)).or(after);
             self.pyramids.iter().for_each(|_| tick());
         }
         let found = self.cameras.iter().zip(&before).enumerate().map(|(i, (camera, before))| {
@@ -235,14 +235,14 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
 
     /// Levenberg and Marquardt's method on pictures of one size, with Nielsen's damping (1999).
     /// Gives the equations where it ends; none if it was stopped before they were complete.
-    fn descend(&mut self, level: usize, judge: Option<&Composited<I>>) -> Option<Equations> {
-        let shortest = match (level, judge, self.judge) {
+    fn descend(&mut self, level: usize, reference: Option<&Composited<I>>) -> Option<Equations> {
+        let shortest = match (level, reference, self.reference) {
             (0, None, None) => FINE,
-            (0, Some(_), _) => JUDGED,
+            (0, Some(_), _) => REFERENCE,
             _ => COARSE,
         };
         let error = |equations: &Equations| equations.iter().map(|(normal, _)| normal.error).sum::<f64>();
-        let mut here = self.linearised(&self.cameras, level, judge);
+        let mut here = self.linearised(&self.cameras, level, reference);
         if self.cancelled() {
             return None;
         }
@@ -266,7 +266,7 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
                 .zip(&poses)
                 .map(|((c, distance), step)| Frame::new(c, *distance).moved(c, &(share * step), share * focal))
                 .collect();
-            let there = self.linearised(&moved, level, judge);
+            let there = self.linearised(&moved, level, reference);
             if self.cancelled() {
                 break;
             }
@@ -280,7 +280,7 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
                 damping *= growth;
                 growth *= 2.0;
                 failed += 1;
-                if failed == PATIENCE[usize::from(judge.is_some())] {
+                if failed == PATIENCE[usize::from(reference.is_some())] {
                     break;
                 }
             }
@@ -293,7 +293,7 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
     }
 
     /// Normal equations of cameras of full pictures on pictures of a level, or the smallest there are.
-    fn linearised(&self, cameras: &[Camera], level: usize, judge: Option<&Composited<I>>) -> Equations {
+    fn linearised(&self, cameras: &[Camera], level: usize, reference: Option<&Composited<I>>) -> Equations {
         let of = |((camera, distance), pyramid): ((&Camera, &f64), &Vec<Target>)| {
             let level = level.min(pyramid.len() - 1);
             let Target { rgba, rays_per_edge, .. } = &pyramid[level];
@@ -301,7 +301,7 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
             let frame = Frame::new(&camera, *distance);
             let rows = Rows {
                 renderer: self.renderer,
-                judge,
+                reference,
                 camera: &camera,
                 rays_per_edge: *rays_per_edge,
                 cancel: self.cancel,

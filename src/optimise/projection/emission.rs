@@ -2,10 +2,10 @@
 //! pixel and channel, `L - T · background = ∫ T e dt`.
 //!
 //! The three channels see the same transmittance, and one walk along a ray serves them all. Rays are dealt
-//! to a fixed number of lanes, as those of [`projector`](crate::optimise::projection::projector).
+//! to a fixed number of partitions, as those of [`projector`](crate::optimise::projection::projector).
 
 use crate::cancel::Cancel;
-use crate::optimise::gradient::pictures::{bricks_crossed, lanes};
+use crate::optimise::gradient::pictures::{bricks_crossed, partitions};
 use crate::optimise::projection::observation::{Photo, stride_within};
 use crate::optimise::solver::conjugate::Equations;
 use crate::render::arch::Arch;
@@ -75,13 +75,13 @@ pub struct Emission<'a> {
     background: [f32; 3],
     /// Offsets in pixels of the rays whose mean a pixel is.
     offsets: Vec<[f64; 2]>,
-    /// The volume at hand; its last lane stays.
+    /// The volume at hand; its last partition stays.
     field: Bricks<Vec4>,
     extinctions: Vec<f32>,
     /// The volume's own voxels, 512 a brick.
     owned: Vec<Vec4>,
-    /// One accumulator a lane, 729 values a brick.
-    lanes: Vec<Vec<Vec4>>,
+    /// One accumulator a partition, 729 values a brick.
+    partitions: Vec<Vec<Vec4>>,
     /// Polled between runs of pixels; the results of a pass that it stopped are incomplete.
     pub cancel: Cancel,
 }
@@ -92,8 +92,11 @@ impl<'a> Emission<'a> {
     pub fn new(sights: &'a [Sight], extinctions: &Bricks<f32>, background: [f32; 3], rays_per_edge: usize) -> Self {
         let topology = extinctions.topology.clone();
         let field = Bricks::<Vec4>::zeros(topology.clone(), extinctions.transform);
-        let count =
-            lanes(&field, CELLS as f64 * bricks_crossed(&field, sights.iter().map(|s| s.pixels.len()).sum()), false);
+        let count = partitions(
+            &field,
+            CELLS as f64 * bricks_crossed(&field, sights.iter().map(|s| s.pixels.len()).sum()),
+            false,
+        );
         let n = rays_per_edge.max(1);
         let offset = |i: usize| (i as f64 + 0.5) / n as f64 - 0.5;
         let extinctions = extinctions.owned();
@@ -103,7 +106,7 @@ impl<'a> Emission<'a> {
             offsets: (0..n * n).map(|i| [offset(i % n), offset(i / n)]).collect(),
             owned: vec![Vec4::ZERO; extinctions.len()],
             extinctions,
-            lanes: vec![vec![Vec4::ZERO; field.values.len()]; count],
+            partitions: vec![vec![Vec4::ZERO; field.values.len()]; count],
             field,
             cancel: Cancel::NEVER,
         }
@@ -149,9 +152,9 @@ impl<'a> Emission<'a> {
         let renderer = Preshaded::new(&self.field).over(background);
         let runs: Vec<(&Camera, &[Pixel])> =
             sights.iter().flat_map(|s| s.pixels.chunks(RUN).map(|p| (&s.camera, p))).collect();
-        let (count, offsets, arch, cancel) = (self.lanes.len(), &self.offsets, Arch::default(), self.cancel);
+        let (count, offsets, arch, cancel) = (self.partitions.len(), &self.offsets, Arch::default(), self.cancel);
         let sums = tiles::partitions(
-            &mut self.lanes,
+            &mut self.partitions,
             cancel.flag(),
             |number| tiles::dealt(&runs, number, count),
             |gradient| {
@@ -170,15 +173,15 @@ impl<'a> Emission<'a> {
         sums.into_iter().fold([0.0; 2], |a, (b, _)| [a[0] + b[0], a[1] + b[1]])
     }
 
-    /// The sum of all lanes by unknown.
+    /// The sum of all partitions by unknown.
     fn collect(&mut self, out: &mut [f32]) {
-        let (first, rest) = self.lanes.split_at_mut(1);
+        let (first, rest) = self.partitions.split_at_mut(1);
         first[0].par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
-            for lane in rest.iter() {
-                total.iter_mut().zip(&lane[i * BRICK..]).for_each(|(t, v)| *t += *v);
+            for partition in rest.iter() {
+                total.iter_mut().zip(&partition[i * BRICK..]).for_each(|(t, v)| *t += *v);
             }
         });
-        self.field.topology.gather_apron(&self.lanes[0], &mut self.owned);
+        self.field.topology.gather_apron(&self.partitions[0], &mut self.owned);
         let n = self.owned.len();
         for (c, out) in out.chunks_mut(n).enumerate() {
             out.par_iter_mut().zip(&self.owned).for_each(|(o, v)| *o = v[c]);

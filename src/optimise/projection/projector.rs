@@ -1,12 +1,12 @@
 //! The linear operator of absorption: voxels to optical depths of all measured rays, and its
 //! transpose.
 //!
-//! Rays are dealt to a fixed number of lanes, each with its own accumulator, and the lanes are added
+//! Rays are dealt to a fixed number of partitions, each with its own accumulator, and the partitions are added
 //! in order: the result has the same bits for any number of threads.
 
 use crate::cancel::Cancel;
 use crate::math::Affine;
-use crate::optimise::gradient::pictures::lanes;
+use crate::optimise::gradient::pictures::partitions;
 use crate::optimise::projection::observation::DepthMap;
 use crate::render::arch::Arch;
 use crate::render::dvr::{Dvr, Tape};
@@ -51,8 +51,8 @@ pub struct Projector {
     medium: Medium,
     /// Offsets in pixels of the rays whose mean a pixel is.
     offsets: Vec<[f64; 2]>,
-    /// One accumulator a lane, 729 values a brick.
-    lanes: Vec<Vec<f32>>,
+    /// One accumulator a partition, 729 values a brick.
+    partitions: Vec<Vec<f32>>,
     /// The field at hand, with its aprons.
     field: Bricks<f32>,
     /// Polled between pixels; the results of a pass that it stopped are incomplete.
@@ -64,13 +64,13 @@ impl Projector {
     /// mean over `rays_per_edge`² rays.
     pub fn new(topology: Arc<Topology>, transform: Affine, extinction: f64, rays_per_edge: usize) -> Self {
         let field = Bricks::zeros(topology.clone(), transform);
-        let lanes = lanes(&field, f64::INFINITY, false);
+        let partitions = partitions(&field, f64::INFINITY, false);
         let n = rays_per_edge.max(1);
         let offset = |i: usize| (i as f64 + 0.5) / n as f64 - 0.5;
         Self {
             medium: Medium::absorbing(extinction),
             offsets: (0..n * n).map(|i| [offset(i % n), offset(i / n)]).collect(),
-            lanes: vec![vec![0.0; field.values.len()]; lanes],
+            partitions: vec![vec![0.0; field.values.len()]; partitions],
             topology,
             field,
             cancel: Cancel::NEVER,
@@ -132,15 +132,15 @@ impl Projector {
         if self.cancel.requested() {
             return sums;
         }
-        let (first, rest) = self.lanes.split_at_mut(1);
+        let (first, rest) = self.partitions.split_at_mut(1);
         first[0].par_chunks_mut(BRICK).enumerate().for_each(|(i, total)| {
-            for lane in rest.iter() {
-                for (t, v) in total.iter_mut().zip(&lane[i * BRICK..]) {
+            for partition in rest.iter() {
+                for (t, v) in total.iter_mut().zip(&partition[i * BRICK..]) {
                     *t += v;
                 }
             }
         });
-        self.topology.gather_apron(&self.lanes[0], out);
+        self.topology.gather_apron(&self.partitions[0], out);
         sums
     }
 
@@ -163,10 +163,10 @@ impl Projector {
         let dvr = dvr.early_stop(0.0);
         let runs: Vec<(&Camera, &[Sample])> =
             views.iter().flat_map(|v| v.samples.chunks(RUN).map(|s| (&v.camera, s))).collect();
-        let (count, offsets) = (self.lanes.len(), &self.offsets);
+        let (count, offsets) = (self.partitions.len(), &self.offsets);
         let (arch, cancel) = (Arch::default(), self.cancel);
         let sums = tiles::partitions(
-            &mut self.lanes,
+            &mut self.partitions,
             cancel.flag(),
             |number| tiles::dealt(&runs, number, count),
             |gradient| {

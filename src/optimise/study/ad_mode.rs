@@ -1,5 +1,5 @@
-//! Which way to a gradient: forward for few parameters, backward for many; how the backward pass gets at its
-//! samples follows from the loss.
+//! The choice of the differentiation mode: forward for few parameters, reverse for many. How the backward pass gets at
+//! its samples follows from the loss.
 //!
 //! Measured in units of the backward way, one thread, 256² pixels of the plume (`cumulo gradient`): where the
 //! source varies, forward takes 1.0 for one parameter and 1.4 for four under a local loss; 0.7 for one, 1.0 for
@@ -9,31 +9,31 @@
 use crate::optimise::loss::Reach;
 use crate::render::differentiable::Adjoint;
 
-/// What is asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Mode {
-    /// By the number of parameters and the loss
-    Auto,
-    /// Backward: all parameters at once
-    Adjoint,
-    /// Forward: dual numbers, a few parameters at a time
-    Tangent,
-}
-
-/// What is done.
+/// The mode that is requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Way {
-    /// Backward.
-    Adjoint(Adjoint),
-    /// Forward.
-    Tangent,
+pub enum Mode {
+    /// By the number of parameters and the loss.
+    Auto,
+    /// Backward: all parameters at once.
+    Reverse,
+    /// Forward: dual numbers, a few parameters at a time.
+    Forward,
 }
 
-/// The way to a gradient, and why.
+/// The mode that is used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AdMode {
+    /// Backward.
+    Reverse(Adjoint),
+    /// Forward.
+    Forward,
+}
+
+/// The mode that was chosen, and why.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Plan {
-    /// The way.
-    pub way: Way,
+pub struct Choice {
+    /// The mode.
+    pub mode: AdMode,
     /// Why, for people.
     pub reason: String,
 }
@@ -60,19 +60,19 @@ impl Task {
     }
 }
 
-impl Plan {
+impl Choice {
     /// Chooses; an adjoint that is asked for by name is taken.
     pub fn new(task: Task, mode: Mode, adjoint: Option<Adjoint>) -> Self {
         let (count, few) = (task.parameters, task.few());
         let parameters = if count == 1 { "1 parameter".to_owned() } else { format!("{count} parameters") };
         let forward = mode == Mode::Auto && adjoint.is_none() && count <= few;
-        if forward || mode == Mode::Tangent {
+        if forward || mode == Mode::Forward {
             let reason = if forward {
                 format!("{parameters}, at most {few}: one walk carries all derivatives forward")
             } else {
                 format!("forward as asked, {parameters} at up to 7 a walk")
             };
-            return Self { way: Way::Tangent, reason };
+            return Self { mode: AdMode::Forward, reason };
         }
         let backward = match (mode, adjoint, few) {
             (Mode::Auto, None, 0) => {
@@ -90,7 +90,7 @@ impl Plan {
                 (Adjoint::Replay, "the loss needs whole pictures: rays are walked again (replay) once these are known")
             }
         };
-        Self { way: Way::Adjoint(chosen), reason: format!("{backward}; {samples}") }
+        Self { mode: AdMode::Reverse(chosen), reason: format!("{backward}; {samples}") }
     }
 }
 
@@ -101,21 +101,21 @@ mod tests {
     #[test]
     fn few_go_forward_and_many_back() {
         let plan = |parameters, reach, depth_alone, mode, adjoint| {
-            Plan::new(Task { parameters, reach, depth_alone }, mode, adjoint)
+            Choice::new(Task { parameters, reach, depth_alone }, mode, adjoint)
         };
         for (parameters, reach, depth_alone, expected) in [
-            (1, Reach::Local, false, Way::Tangent),
-            (2, Reach::Local, false, Way::Adjoint(Adjoint::Tape)),
-            (6, Reach::Global, false, Way::Tangent),
-            (7, Reach::Global, false, Way::Adjoint(Adjoint::Replay)),
-            (1, Reach::Local, true, Way::Adjoint(Adjoint::Tape)),
-            (1, Reach::Global, true, Way::Adjoint(Adjoint::Replay)),
+            (1, Reach::Local, false, AdMode::Forward),
+            (2, Reach::Local, false, AdMode::Reverse(Adjoint::Tape)),
+            (6, Reach::Global, false, AdMode::Forward),
+            (7, Reach::Global, false, AdMode::Reverse(Adjoint::Replay)),
+            (1, Reach::Local, true, AdMode::Reverse(Adjoint::Tape)),
+            (1, Reach::Global, true, AdMode::Reverse(Adjoint::Replay)),
         ] {
-            assert_eq!(plan(parameters, reach, depth_alone, Mode::Auto, None).way, expected, "{parameters} {reach:?}");
+            assert_eq!(plan(parameters, reach, depth_alone, Mode::Auto, None).mode, expected, "{parameters} {reach:?}");
             // Who names a mode or an adjoint gets it.
-            assert_eq!(plan(parameters, reach, depth_alone, Mode::Tangent, None).way, Way::Tangent);
-            let way = plan(parameters, reach, depth_alone, Mode::Auto, Some(Adjoint::Inversion)).way;
-            assert_eq!(way, Way::Adjoint(Adjoint::Inversion));
+            assert_eq!(plan(parameters, reach, depth_alone, Mode::Forward, None).mode, AdMode::Forward);
+            let way = plan(parameters, reach, depth_alone, Mode::Auto, Some(Adjoint::Inversion)).mode;
+            assert_eq!(way, AdMode::Reverse(Adjoint::Inversion));
         }
         assert!(plan(26, Reach::Global, false, Mode::Auto, None).reason.contains("26 parameters, more than 6"));
         assert!(plan(26, Reach::Local, true, Mode::Auto, None).reason.contains("optical depth alone"));

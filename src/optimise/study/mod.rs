@@ -12,7 +12,7 @@ use crate::optimise::gradient::objective::Objective;
 use crate::optimise::loss::prior::{Prior, Weighted};
 use crate::optimise::loss::{Loss, Rgba};
 use crate::optimise::region::neighbours::Neighbours;
-use crate::optimise::study::ad_mode::Way;
+use crate::optimise::study::ad_mode::AdMode;
 use crate::optimise::study::subject::{Subject, depth_channel};
 use crate::scene::bricks::Bricks;
 use crate::scene::grid::LEAF_VOXELS;
@@ -116,7 +116,7 @@ impl<V: Subject> Study<V> {
     ///
     /// # Errors
     /// As [`Subject::light`].
-    pub fn gradient(&self, way: Way, parameters: &[Parameter], channels: &[usize]) -> Result<Found> {
+    pub fn gradient(&self, way: AdMode, parameters: &[Parameter], channels: &[usize]) -> Result<Found> {
         let (mut found, asked) = (self.of_pictures(way, parameters, channels)?, self.asked()?);
         found.value += asked.value;
         for (derivative, parameter) in found.derivatives.iter_mut().zip(parameters) {
@@ -135,12 +135,12 @@ impl<V: Subject> Study<V> {
         Ok(found)
     }
 
-    fn of_pictures(&self, way: Way, parameters: &[Parameter], channels: &[usize]) -> Result<Found> {
+    fn of_pictures(&self, way: AdMode, parameters: &[Parameter], channels: &[usize]) -> Result<Found> {
         let (light, transfer) = (V::light(&self.field, &self.setting)?, self.setting.transfer.as_ref());
         let objective = self.objective();
         let topology = &self.field.topology;
         match way {
-            Way::Adjoint(adjoint) => {
+            AdMode::Reverse(adjoint) => {
                 let knots = transfer.map(|t| Ok::<_, Error>(t.table()?.knots().len())).transpose()?;
                 let by = parameter::by(parameters, !channels.is_empty(), knots);
                 let found = objective.adjoint(&light, adjoint, by);
@@ -157,7 +157,7 @@ impl<V: Subject> Study<V> {
                 let of = |p: &Parameter| parameter::derivative(&found, topology, &by_transfer, *p);
                 Ok(Found { value: found.value, derivatives: parameters.iter().map(of).collect(), by_voxel })
             }
-            Way::Tangent => {
+            AdMode::Forward => {
                 let voxel = |voxel| channels.iter().map(move |channel| Parameter::Voxel { voxel, channel: *channel });
                 let all = parameters.iter().copied().chain((0..self.voxels()).flat_map(voxel));
                 let directions: Vec<_> =

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Parts that sums are split into, whatever the number of threads.
-pub(super) const LANES: usize = 16;
+pub(super) const PARTITIONS: usize = 16;
 
 /// The most pixels whose products are summed up in single precision.
 const MOST_PIXELS: usize = 4096;
@@ -20,7 +20,7 @@ const BATCH: usize = 16;
 /// Pixels whose lengths are found in one go.
 const RUN: usize = 64;
 
-/// Scratch memory of one lane.
+/// Scratch memory of one partition.
 #[derive(Clone)]
 struct Scratch {
     tape: Tape<f32>,
@@ -80,17 +80,17 @@ pub(super) fn extinctions(lengths: &[Lengths], rays: &Rays, texels: usize, smoot
         if rays.cancel.requested() {
             break;
         }
-        let part = lengths.len().div_ceil(LANES).max(1);
+        let part = lengths.len().div_ceil(PARTITIONS).max(1);
         let sums: Vec<(Vec<f64>, DVector<f64>)> = lengths
             .par_chunks(part)
             .enumerate()
-            .map(|(lane, lines)| {
+            .map(|(partition, lines)| {
                 // Row by row, on and above the diagonal.
                 let (mut matrix, mut slope) = (vec![0.0; texels * texels], DVector::zeros(texels));
                 for (i, line) in lines.iter().enumerate() {
                     let depth: f64 = line.iter().map(|(j, v)| f64::from(*v) * s[*j as usize]).sum();
                     let open = (-depth).exp();
-                    let residual = open - (1.0 - f64::from(rays.wanted[lane * part + i][3]));
+                    let residual = open - (1.0 - f64::from(rays.wanted[partition * part + i][3]));
                     for (first, (j, v)) in line.iter().enumerate() {
                         let by = open * f64::from(*v);
                         slope[*j as usize] -= by * residual;
@@ -138,26 +138,26 @@ pub(super) fn extinctions(lengths: &[Lengths], rays: &Rays, texels: usize, smoot
 /// The normal equations of all pixels; derivatives by extinction are taken in units of `scale`.
 pub(super) fn normal(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, scale: f64, texels: usize) -> Normal {
     let mut normal = Normal::zeros(texels);
-    for first in (0..rays.len()).step_by(LANES * MOST_PIXELS) {
-        let pixels = first..rays.len().min(first + LANES * MOST_PIXELS);
+    for first in (0..rays.len()).step_by(PARTITIONS * MOST_PIXELS) {
+        let pixels = first..rays.len().min(first + PARTITIONS * MOST_PIXELS);
         // In order, whatever the number of threads.
         sums(dvr, rays, scale, texels, pixels).iter().for_each(|part| normal.merge(part));
     }
     normal
 }
 
-/// Sums over the pixels, lane by lane.
+/// Sums over the pixels, partition by partition.
 fn sums(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, scale: f64, texels: usize, pixels: Range<usize>) -> Vec<Sums> {
-    let part = pixels.len().div_ceil(LANES);
-    let of_lane = |lane: usize| {
-        let begin = pixels.start + lane * part;
+    let part = pixels.len().div_ceil(PARTITIONS);
+    let of_partition = |partition: usize| {
+        let begin = pixels.start + partition * part;
         let own = begin..pixels.end.min(begin + part);
         own.clone().step_by(BATCH).map(move |first| first..own.end.min(first + BATCH))
     };
     tiles::partitions(
-        &mut vec![(Scratch::new(texels), vec![Row::default(); BATCH]); LANES],
+        &mut vec![(Scratch::new(texels), vec![Row::default(); BATCH]); PARTITIONS],
         rays.cancel.flag(),
-        of_lane,
+        of_partition,
         |_| Sums::zeros(texels),
         |(scratch, rows), sums, pixels| {
             for (row, pixel) in rows.iter_mut().zip(pixels.clone()) {
@@ -191,7 +191,7 @@ pub(super) fn see(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, pixel: usize, tap
 
 /// Sum over all pixels of what `square` makes of seen less wanted.
 fn sum(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, square: impl Fn([f64; 4]) -> f64 + Sync) -> f64 {
-    let part = rays.len().div_ceil(LANES).max(1);
+    let part = rays.len().div_ceil(PARTITIONS).max(1);
     let of_part = |tape: &mut Tape<f32>, part: &Range<usize>| {
         let of = |pixel: usize| {
             let seen = see(dvr, rays, pixel, tape);

@@ -5,7 +5,7 @@
 //! the one that, over a quarter of the volume, gives the largest optical depth seen. All begin at `u = 0`, where theirs
 //! begin at noise; of the pixels, those are used that were drawn.
 
-use super::rows::{LANES, see};
+use super::rows::{PARTITIONS, see};
 use super::{Fit, Rays};
 use crate::error::Result;
 use crate::optimise::loss::prior::TransferPrior;
@@ -94,9 +94,9 @@ impl Descent {
 fn absolute(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, texels: usize) -> (f64, Vec<Rgbs>) {
     let share = 1.0 / (rays.len() * rays.per_pixel) as f32;
     let parts = tiles::partitions(
-        &mut vec![(Tape::default(), ParameterGradient::default()); LANES],
+        &mut vec![(Tape::default(), ParameterGradient::default()); PARTITIONS],
         rays.cancel.flag(),
-        |lane| (lane..rays.len()).step_by(LANES),
+        |partition| (partition..rays.len()).step_by(PARTITIONS),
         |_| (0.0, TableGradient::of_knots(texels)),
         |(tape, shared), (square, table), pixel| {
             let seen = see(dvr, rays, pixel, tape);

@@ -1,7 +1,7 @@
 //! Viewpoints from which a volume shows most: maxima of the opacity entropy over a sphere (Weiss & Westermann
 //! 2021, sect. 5.1).
 //!
-//! Scouts look about each start, on the smallest pictures and without derivatives; climbers leave from the best places
+//! Initial samples look about each start, on the smallest pictures and without derivatives; searches leave from the best places
 //! that they find, first on small pictures; those that meet go on as one, on pictures twice as
 //! large each time, the higher half of them. A picture of full size would move them by less than its
 //! pixels: it is for the last look, with the upright camera that is handed out. At that scale entropies are rough, and
@@ -20,15 +20,15 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Viewpoints that scouts look from, for each start: where pictures are halved at least once, and else.
-const SCOUTS: [usize; 2] = [12, 4];
+/// Viewpoints that initial samples look from, for each start: where pictures are halved at least once, and else.
+const INITIAL_SAMPLES: [usize; 2] = [12, 4];
 /// Pixels along the shorter side beyond which a search begins with smaller pictures.
 const COARSE: u32 = 32;
-/// Climbers that go on to larger pictures: half of them, but no fewer than this.
+/// Searches that go on to larger pictures: half of them, but no fewer than this.
 const HIGHEST: usize = 2;
-/// Climbers closer than this have met: pixels of the picture as it turns, and radians at most.
+/// Searches closer than this have met: pixels of the picture as it turns, and radians at most.
 const MET: [f64; 2] = [3.0, 0.2];
-/// Where climbs end: length of a step, in pixels of the picture as it turns, and the rise that it promises. On the
+/// Where searches end: length of a step, in pixels of the picture as it turns, and the rise that it promises. On the
 /// way there pictures of few pixels are off by more.
 const COARSELY: [f64; 2] = [0.5, 2e-5];
 const FINELY: [f64; 2] = [0.2, 5e-7];
@@ -42,7 +42,7 @@ const RING: f64 = 1.5;
 pub struct Request {
     /// Where cameras stand, and the size of their pictures.
     pub sphere: Sphere,
-    /// Unit vectors from the centre to viewpoints about which scouts look for better ones to start from.
+    /// Unit vectors from the centre to viewpoints about which initial samples look for better ones to start from.
     pub starts: Vec<DVec3>,
     /// More, to start from as they are.
     pub given: Vec<DVec3>,
@@ -62,9 +62,9 @@ pub struct View {
 /// What became of a start.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Path {
-    /// Unit vectors from the centre to all viewpoints on the way, from the best that scouts saw about the start.
+    /// Unit vectors from the centre to all viewpoints on the way, from the best that initial samples saw about the start.
     pub directions: Vec<DVec3>,
-    /// Number of evaluations, those as one with others that it met included, scouts' looks not.
+    /// Number of evaluations, those as one with others that it met included, initial samples' looks not.
     pub iterations: u32,
     /// Number of the view it has reached.
     pub view: usize,
@@ -86,7 +86,7 @@ pub struct Outcome {
 }
 
 /// Climbs from every start. `tick` is told of every scout's look, and of every start and every size of picture that it
-/// has been through: as often as [`ticks`] says. Once `cancel` is set climbers stay where they are.
+/// has been through: as often as [`ticks`] says. Once `cancel` is set searches stay where they are.
 pub fn search(
     dvr: &Composited<Dvr<'_, f32>>,
     request: &Request,
@@ -94,55 +94,58 @@ pub fn search(
     tick: &(dyn Fn() + Sync),
 ) -> Outcome {
     let begun = Instant::now();
-    let scouted = scouted(dvr, request, cancel, tick);
-    let starts: Vec<DMat3> = scouted.iter().chain(&request.given).map(|d| upright(*d)).collect();
-    let mut climbers: Vec<Climber> =
-        starts.iter().enumerate().map(|(i, axes)| Climber { ascent: Ascent::new(*axes), starts: vec![i] }).collect();
+    let sampled_starts = sampled_starts(dvr, request, cancel, tick);
+    let starts: Vec<DMat3> = sampled_starts.iter().chain(&request.given).map(|d| upright(*d)).collect();
+    let mut searches: Vec<LocalSearch> = starts
+        .iter()
+        .enumerate()
+        .map(|(i, axes)| LocalSearch { ascent: Ascent::new(*axes), starts: vec![i] })
+        .collect();
     let mut paths: Vec<Path> =
         starts.iter().map(|axes| Path { directions: vec![axes.z_axis], iterations: 0, view: 0 }).collect();
-    let mut count = climbers.len();
+    let mut count = searches.len();
     for (turn, level) in sizes(&request.sphere).enumerate() {
         let sphere = request.sphere.scaled(0.5_f64.powi(level));
         let end = if level > 1 { COARSELY } else { FINELY };
         if turn > 0 {
-            count = count.min(climbers.len()).div_ceil(2).max(HIGHEST);
+            count = count.min(searches.len()).div_ceil(2).max(HIGHEST);
         }
-        climbers.iter().skip(count).flat_map(|climber| &climber.starts).for_each(|_| tick());
-        climbers.par_iter_mut().take(count).for_each(|climber| {
-            climb(dvr, &sphere, &mut climber.ascent, end, request.iterations, cancel);
-            climber.starts.iter().for_each(|_| tick());
+        searches.iter().skip(count).flat_map(|search| &search.starts).for_each(|_| tick());
+        searches.par_iter_mut().take(count).for_each(|search| {
+            climb(dvr, &sphere, &mut search.ascent, end, request.iterations, cancel);
+            search.starts.iter().for_each(|_| tick());
         });
-        for climber in climbers.iter().take(count) {
-            for start in &climber.starts {
+        for search in searches.iter().take(count) {
+            for start in &search.starts {
                 let path = &mut paths[*start];
-                path.directions.extend(climber.ascent.path.iter().map(|axes| axes.z_axis));
-                path.iterations += climber.ascent.evaluations;
+                path.directions.extend(search.ascent.path.iter().map(|axes| axes.z_axis));
+                path.iterations += search.ascent.evaluations;
             }
         }
-        climbers = meet(climbers, (MET[0] * radians_per_pixel(&sphere)).min(MET[1]));
+        searches = meet(searches, (MET[0] * radians_per_pixel(&sphere)).min(MET[1]));
     }
     let last_look = Instant::now();
     let mut looks = 0;
-    let mut views: Vec<(&Climber, View)> = Vec::new();
-    for (number, climber) in climbers.iter().enumerate() {
+    let mut views: Vec<(&LocalSearch, View)> = Vec::new();
+    for (number, search) in searches.iter().enumerate() {
         let about = if number < HIGHEST && !cancel.load(Ordering::Relaxed) { ABOUT } else { 0 };
-        let places = about_a_place(&climber.ascent.axes, about, RING * radians_per_pixel(&request.sphere));
+        let places = about_a_place(&search.ascent.axes, about, RING * radians_per_pixel(&request.sphere));
         looks += places.len();
         let seen = places.iter().map(|axes| {
             let seen = at(dvr, &request.sphere, axes, cancel);
             // Of a search that was stopped, what the climb saw last.
-            let known = Entropy { value: climber.ascent.value.unwrap_or(0.0), by_turn: DVec3::ZERO, blank: false };
+            let known = Entropy { value: search.ascent.value.unwrap_or(0.0), by_turn: DVec3::ZERO, blank: false };
             View { axes: *axes, entropy: if cancel.load(Ordering::Relaxed) { known } else { seen } }
         });
         // The first of equals.
         let best = seen.reduce(|a, b| if b.entropy.value > a.entropy.value { b } else { a });
-        views.extend(best.map(|view| (climber, view)));
+        views.extend(best.map(|view| (search, view)));
     }
     let render_seconds = last_look.elapsed().as_secs_f64() / looks.max(1) as f64;
     // Stable: equal ones as they were.
     views.sort_by(|a, b| b.1.entropy.value.total_cmp(&a.1.entropy.value));
-    for (number, (climber, view)) in views.iter().enumerate() {
-        for start in &climber.starts {
+    for (number, (search, view)) in views.iter().enumerate() {
+        for start in &search.starts {
             paths[*start].view = number;
             paths[*start].directions.push(view.axes.z_axis);
         }
@@ -161,17 +164,17 @@ fn about_a_place(axes: &DMat3, count: usize, distance: f64) -> Vec<DMat3> {
 /// How often a search that is not stopped tells of what it has done.
 pub fn ticks(request: &Request) -> usize {
     let (own, sizes) = (request.starts.len(), sizes(&request.sphere).len());
-    own + scouts(request).len() + (own + request.given.len()) * sizes
+    own + initial_samples(request).len() + (own + request.given.len()) * sizes
 }
 
-/// Directions that scouts look from.
-fn scouts(request: &Request) -> Vec<DVec3> {
+/// Directions that initial samples look from.
+fn initial_samples(request: &Request) -> Vec<DVec3> {
     let halved = sizes(&request.sphere).next().is_some_and(|level| level > 0);
-    spread(SCOUTS[usize::from(!halved)] * request.starts.len())
+    spread(INITIAL_SAMPLES[usize::from(!halved)] * request.starts.len())
 }
 
-/// For each of the starts, the best of it and of those scouts' viewpoints that lie nearest to it.
-fn scouted(
+/// For each of the starts, the best of it and of those initial samples' viewpoints that lie nearest to it.
+fn sampled_starts(
     dvr: &Composited<Dvr<'_, f32>>,
     request: &Request,
     cancel: &AtomicBool,
@@ -180,7 +183,7 @@ fn scouted(
     let level = sizes(&request.sphere).next().unwrap_or(0);
     let sphere = request.sphere.scaled(0.5_f64.powi(level));
     let look = |directions: &[DVec3]| look(dvr, &sphere, directions, cancel, tick);
-    let (Some(own), Some(seen)) = (look(&request.starts), look(&scouts(request))) else {
+    let (Some(own), Some(seen)) = (look(&request.starts), look(&initial_samples(request))) else {
         return request.starts.clone();
     };
     best_nearby(&own, &seen)
@@ -236,14 +239,14 @@ fn sizes(sphere: &Sphere) -> impl ExactSizeIterator<Item = i32> {
     (most.min(1)..most + 1).rev()
 }
 
-/// A climber, and the starts that have become it.
+/// A search, and the starts that have become it.
 #[derive(Debug)]
-struct Climber {
+struct LocalSearch {
     ascent: Ascent,
     starts: Vec<usize>,
 }
 
-impl Climber {
+impl LocalSearch {
     fn height(&self) -> f64 {
         self.ascent.value.unwrap_or(f64::NEG_INFINITY)
     }
@@ -267,7 +270,7 @@ fn climb(
         }
         let camera = sphere.camera(axes);
         let Entropy { value, by_turn, .. } = entropy::gradient(
-            &Rows { renderer: dvr, judge: None, camera: &camera, rays_per_edge: 1, cancel },
+            &Rows { renderer: dvr, reference: None, camera: &camera, rays_per_edge: 1, cancel },
             sphere.centre,
         );
         if cancel.load(Ordering::Relaxed) {
@@ -283,15 +286,15 @@ fn radians_per_pixel(sphere: &Sphere) -> f64 {
     2.0 / f64::from(sphere.size[0].min(sphere.size[1]))
 }
 
-/// Climbers that are as near become one, the one that is higher up. The highest come first.
-fn meet(mut climbers: Vec<Climber>, near: f64) -> Vec<Climber> {
-    climbers.sort_by(|a, b| b.height().total_cmp(&a.height()));
-    let mut kept: Vec<Climber> = Vec::new();
-    for climber in climbers {
-        let place = |c: &Climber| c.ascent.axes.z_axis;
-        match kept.iter_mut().find(|other| place(other).angle_between(place(&climber)) < near) {
-            Some(other) => other.starts.extend(climber.starts),
-            None => kept.push(climber),
+/// Searches that are as near become one, the one that is higher up. The highest come first.
+fn meet(mut searches: Vec<LocalSearch>, near: f64) -> Vec<LocalSearch> {
+    searches.sort_by(|a, b| b.height().total_cmp(&a.height()));
+    let mut kept: Vec<LocalSearch> = Vec::new();
+    for search in searches {
+        let place = |c: &LocalSearch| c.ascent.axes.z_axis;
+        match kept.iter_mut().find(|other| place(other).angle_between(place(&search)) < near) {
+            Some(other) => other.starts.extend(search.starts),
+            None => kept.push(search),
         }
     }
     kept
@@ -299,7 +302,7 @@ fn meet(mut climbers: Vec<Climber>, near: f64) -> Vec<Climber> {
 
 /// Entropy of a view; that of a part of its pixels once `cancel` is set.
 fn at(dvr: &Composited<Dvr<'_, f32>>, sphere: &Sphere, axes: &DMat3, cancel: &AtomicBool) -> Entropy {
-    entropy::value(&Rows { renderer: dvr, judge: None, camera: &sphere.camera(axes), rays_per_edge: 1, cancel })
+    entropy::value(&Rows { renderer: dvr, reference: None, camera: &sphere.camera(axes), rays_per_edge: 1, cancel })
 }
 
 #[cfg(test)]
@@ -314,12 +317,12 @@ mod tests {
 
     #[test]
     fn climbers_meet_and_the_higher_one_goes_on() {
-        let climber = |start: usize, x: f64, value: f64| {
+        let search = |start: usize, x: f64, value: f64| {
             let mut ascent = Ascent::new(upright(DVec3::new(x, 0.0, 1.0).normalize()));
             ascent.value = Some(value);
-            Climber { ascent, starts: vec![start] }
+            LocalSearch { ascent, starts: vec![start] }
         };
-        let kept = meet(vec![climber(0, 0.0, 0.5), climber(1, 1.0, 0.7), climber(2, 0.01, 0.6)], 0.02);
+        let kept = meet(vec![search(0, 0.0, 0.5), search(1, 1.0, 0.7), search(2, 0.01, 0.6)], 0.02);
         let found: Vec<_> = kept.iter().map(|c| (c.starts.clone(), c.ascent.value)).collect();
         assert_eq!(found, [(vec![1], Some(0.7)), (vec![2, 0], Some(0.6))]);
     }
@@ -328,10 +331,10 @@ mod tests {
     fn starts_move_to_the_highest_place_nearby() {
         let places = [(DVec3::X, 0.5), (DVec3::Y, 0.5), (DVec3::Z, 0.9)];
         let toward = |to: DVec3, from: DVec3| (to + 0.3 * from).normalize();
-        let scouts =
+        let initial_samples =
             [(toward(DVec3::X, DVec3::Y), 0.6), (toward(DVec3::X, DVec3::Z), 0.7), (toward(DVec3::Z, DVec3::X), 0.8)];
-        assert_eq!(best_nearby(&places, &scouts), [scouts[1].0, DVec3::Y, DVec3::Z]);
-        assert!(best_nearby(&[], &scouts).is_empty());
+        assert_eq!(best_nearby(&places, &initial_samples), [initial_samples[1].0, DVec3::Y, DVec3::Z]);
+        assert!(best_nearby(&[], &initial_samples).is_empty());
     }
 
     #[test]

@@ -1,0 +1,52 @@
+//! Values of options whose types live elsewhere: their names on the command line, with a line of help for each.
+
+use crate::formats::vdb::Codec;
+use crate::optimise::study::ad_mode::Mode;
+use crate::scene::capture::{EmissionModel, Model};
+use crate::scene::orbit::Layout;
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
+
+macro_rules! value_enum {
+    ($kind:ty { $($variant:ident: $name:literal $(or $alias:literal)*, $help:literal;)* }) => {
+        impl ValueEnum for $kind {
+            fn value_variants<'a>() -> &'a [Self] {
+                &[$(Self::$variant),*]
+            }
+
+            fn to_possible_value(&self) -> Option<PossibleValue> {
+                Some(match self {
+                    $(Self::$variant => PossibleValue::new($name)$(.alias($alias))*.help($help),)*
+                })
+            }
+        }
+    };
+}
+
+value_enum!(Model {
+    Absorption: "absorption", "`T · background`";
+    EmissionAbsorption: "emission-absorption", "`∫ T σ c dt + T · background`";
+    PreShaded: "pre-shaded",
+        "`∫ T e dt + T · background`, with a grid of emissions e per length beside that of extinctions";
+});
+
+value_enum!(EmissionModel {
+    Grey: "grey", "The same everywhere";
+    Linear: "linear", "Proportional to the density";
+});
+
+value_enum!(Layout {
+    Sphere: "sphere", "Over the whole sphere, by the golden angle: evenly, and no two along one line";
+    Ring: "ring", "On the horizontal circle around z";
+});
+
+value_enum!(Codec {
+    Blosc: "blosc", "Blosc: fast, smaller";
+    None: "none", "Active values as they are";
+});
+
+value_enum!(Mode {
+    Auto: "auto", "By the number of parameters and the loss";
+    Reverse: "reverse" or "adjoint", "Backward: all parameters at once";
+    Forward: "forward" or "tangent", "Forward: dual numbers, a few parameters at a time";
+});
