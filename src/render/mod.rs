@@ -10,6 +10,7 @@ pub mod dvr;
 pub mod gauss;
 pub mod index_ray_gradient;
 pub mod integrator;
+pub mod majorant;
 pub mod march;
 pub mod order;
 pub mod preshaded;

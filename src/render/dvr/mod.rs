@@ -34,15 +34,15 @@ use crate::render::composited::Composited;
 use crate::render::curve::{Curve, Piece};
 use crate::render::differentiable::{Accumulators, Adjoint, Differentiable, Forward, Loss, Seeds, TangentRadiance};
 use crate::render::integrator::{Integrator, Radiance};
+use crate::render::majorant::Majorants;
 use crate::render::march::IndexRay;
 use crate::render::quadrature::Quadrature;
 use crate::render::rule::{ExactDepth, ExactSource, Uniform};
-use crate::scene::bricks::{BRICK, Bricks, CELLS, NONE, Topology};
+use crate::scene::bricks::{Bricks, CELLS, NONE, Topology};
 use crate::scene::medium::{Medium, Source};
 use kernel::{blend, grey};
 use preintegrated::Preintegrated;
-use rayon::prelude::*;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Extinction and source as functions of the density, with `C` channels.
 #[derive(Debug, Clone)]
@@ -106,17 +106,6 @@ impl<R: Real> CompiledMedium<R> {
             }
         }
     }
-}
-
-/// Bricks with a density at which the medium absorbs.
-fn visible<R: Real>(field: &Bricks<R>, medium: &Medium) -> Arc<Topology> {
-    let Source::Transfer(table) = &medium.source else { return field.topology.clone() };
-    let seen = field.values.par_chunks(BRICK).map(|values| {
-        let (low, high) = values.iter().fold((values[0], values[0]), |(a, b), v| (a.lesser(*v), b.greater(*v)));
-        table.bounds(low.f64(), high.f64()).1[3] > 0.0
-    });
-    let seen: Vec<bool> = seen.collect();
-    Arc::new(field.topology.masked(|brick| seen[brick]))
 }
 
 /// A precision that kernels are compiled for, here: they are large, and generic functions would be
@@ -246,6 +235,7 @@ pub struct Dvr<'a, R: Real> {
     compiled: CompiledMedium<R>,
     /// The field's bricks without those that have no density at which the medium absorbs.
     visible: Arc<Topology>,
+    majorants: OnceLock<Majorants>,
     quadrature: Quadrature,
     /// Optical depth at which a ray ends.
     depth_limit: f64,
@@ -276,7 +266,8 @@ impl<'a, R: Real> Dvr<'a, R> {
         let renderer = Self {
             field,
             compiled: CompiledMedium::new(&medium),
-            visible: visible(field, &medium),
+            visible: field.topology.clone(),
+            majorants: OnceLock::new(),
             medium,
             quadrature: Quadrature::Exact,
             depth_limit: f64::INFINITY,
@@ -284,7 +275,17 @@ impl<'a, R: Real> Dvr<'a, R> {
             tolerance: 4e-7,
             arch: Arch::default(),
         };
-        Ok(renderer.early_stop(1e-6))
+        Ok(renderer.skipping().early_stop(1e-6))
+    }
+
+    /// Skips bricks in which nothing absorbs. Without a transfer function these are stored for what lies between their
+    /// voxels and the neighbours', and are few.
+    fn skipping(mut self) -> Self {
+        if matches!(self.medium.source, Source::Transfer(_)) {
+            let bounds = self.majorants().bricks();
+            self.visible = Arc::new(self.field.topology.masked(|brick| bounds[brick] > 0.0));
+        }
+        self
     }
 
     /// The medium over a constant background.
@@ -358,6 +359,11 @@ impl<'a, R: Real> Dvr<'a, R> {
         };
         let bricks = topology.bricks().iter().enumerate();
         bricks.map(|(i, brick)| if topology.find(*brick) == NONE { 0.0 } else { through(i) }).collect()
+    }
+
+    /// Upper bounds of the extinction, found when they are first asked for.
+    pub fn majorants(&self) -> &Majorants {
+        self.majorants.get_or_init(|| Majorants::new(self.field, &self.medium))
     }
 
     /// The field that is rendered.
