@@ -332,3 +332,41 @@ fn the_pictures_of_the_given_cameras_are_not_replaced() {
     }
     assert!(work.files("cap") == before);
 }
+
+/// Planes beside RGBA, by name: optical depths are those of alpha, variances those of the rays' own pictures.
+#[test]
+fn planes_come_with_the_picture() {
+    let work = Work::new();
+    let words = "render @plume.vdb --views 1 --size 24x20 --density-scale 0.4 --model emission-absorption";
+    work.json(&format!("{words} -o plain --supersample 2"));
+    work.json(&format!("{words} -o planes --supersample 2 --aov variance,optical-depth"));
+    let film =
+        |name: &str| exr::read_film_within(&work.path(name).join("view_000.exr"), None, Default::default()).unwrap();
+    let (plain, film) = (film("plain"), film("planes"));
+    assert_eq!(plain.rgba, film.rgba, "planes change no pixel");
+    assert!(plain.planes.is_empty());
+    // The same rays as pixels of a picture of twice the size.
+    work.json(&format!("{} -o single --aov optical-depth", words.replace("24x20", "48x40")));
+    let single = exr::read_film_within(&work.path("single/view_000.exr"), None, Default::default()).unwrap();
+    let mut varied = 0;
+    for (i, pixel) in film.rgba.iter().enumerate() {
+        let (x, y) = (2 * (i % 24), 2 * (i / 24));
+        let rays = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(u, v)| (y + v) * 48 + x + u);
+        for c in 0..4 {
+            let samples = rays.map(|ray| f64::from(single.rgba[ray][c]));
+            let mean = samples.iter().sum::<f64>() / 4.0;
+            let expected = samples.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 12.0;
+            let found = f64::from(film.plane(&format!("variance.{}", ["R", "G", "B", "A"][c])).unwrap()[i]);
+            // The focal length of the larger picture is rounded otherwise.
+            assert!((found - expected).abs() < 1e-6 + 1e-3 * expected, "{i} {c}: {found} {expected}");
+            assert!((f64::from(pixel[c]) - mean).abs() < 1e-5);
+            varied += usize::from(found > 1e-6);
+        }
+        let depth = film.plane("optical_depth.V").unwrap()[i];
+        let expected = rays.map(|ray| single.plane("optical_depth.V").unwrap()[ray]).iter().sum::<f32>() / 4.0;
+        assert!((depth - expected).abs() < 1e-4, "{i}: {depth} {expected}");
+    }
+    assert!(varied > 200, "{varied}");
+    work.refused(&format!("{words} -o no --aov variance"), &["--aov variance", "--supersample"]);
+    work.refused(&format!("{words} -o no --aov nothing"), &["nothing", "optical-depth"]);
+}

@@ -1,6 +1,7 @@
 //! Either kind of renderer that a command may need.
 
 use crate::render;
+use crate::render::aov::{self, Aov};
 use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
@@ -35,7 +36,21 @@ impl AnyRenderer<'_> {
         }
     }
 
-    /// As [`render::picture`].
+    /// Renders a picture as [`aov::picture_with`] does.
+    pub fn picture_with(
+        &self,
+        camera: &Camera,
+        rays_per_edge: usize,
+        aovs: &[Aov],
+        cancel: &AtomicBool,
+    ) -> Option<Film> {
+        match self {
+            Self::Density(dvr) => aov::picture_with(dvr, camera, rays_per_edge, aovs, cancel),
+            Self::PreShaded(volume) => aov::picture_with(volume, camera, rays_per_edge, aovs, cancel),
+        }
+    }
+
+    /// Renders a picture as [`render::picture`] does.
     pub fn picture(&self, camera: &Camera, rays_per_edge: usize, cancel: &AtomicBool) -> Option<Film> {
         match self {
             Self::Density(dvr) => render::picture(dvr, camera, rays_per_edge, cancel),

@@ -13,6 +13,7 @@ use crate::formats::atomic::Batch;
 use crate::formats::exr;
 use crate::formats::limits::Limits;
 use crate::formats::transforms::{self, FILE_NAME};
+use crate::render::aov::{self, Aov};
 use crate::render::quadrature::Quadrature;
 use crate::render::scale;
 use crate::scene::camera::Camera;
@@ -88,6 +89,9 @@ pub struct Render {
     /// Rays along each edge of a pixel; more than one make it the mean over its square
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     supersample: u32,
+    /// Planes to write beside RGBA, one or more
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    aov: Vec<Aov>,
     /// Grid to render (default: density, else the only scalar one)
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
@@ -145,7 +149,13 @@ impl Render {
             provenance.input(tf, [tf.as_path()])?;
         }
         let capture = self.capture(&scene, transfer, asked)?;
-        fits(&capture, limits.max_memory)?;
+        // Pixels with their planes as they are rendered, as they are kept and as they are written.
+        let planes = if self.aov.is_empty() { 0 } else { aov::PIXEL_BYTES + 2 * 4 * 5 };
+        fits(&capture, planes, limits.max_memory)?;
+        if self.aov.contains(&Aov::Variance) && self.supersample < 2 {
+            return Err(Error::invalid("--aov variance: one ray a pixel has no variance")
+                .hint("give each pixel more of them: --supersample 4"));
+        }
 
         let json = self.output.join(FILE_NAME);
         self.spare(&json, &capture, asked_pictures.as_deref().unwrap_or_default(), &provenance)?;
@@ -160,7 +170,12 @@ impl Render {
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
         capture.frames.par_iter().zip(&waiting).try_for_each(|(frame, waiting)| {
-            let film = light.picture(&frame.camera, self.supersample as usize, cancel).ok_or_else(Error::cancelled)?;
+            let rays = self.supersample as usize;
+            let film = match &self.aov[..] {
+                [] => light.picture(&frame.camera, rays, cancel),
+                aovs => light.picture_with(&frame.camera, rays, aovs, cancel),
+            };
+            let film = film.ok_or_else(Error::cancelled)?;
             exr::write_picture(waiting, &film, &attributes, false)?;
             bar.inc(1);
             Ok::<_, Error>(())
@@ -299,12 +314,13 @@ impl Render {
     }
 }
 
-/// Refuses pictures that could not be held in memory: their pixels, the file's samples and its bytes, for each thread.
-pub(super) fn fits(capture: &Capture, max_memory: u64) -> Result<()> {
+/// Refuses pictures that could not be held in memory: their pixels, the file's samples and its bytes, and
+/// so many bytes a pixel for further planes, for each thread.
+pub(super) fn fits(capture: &Capture, planes: u64, max_memory: u64) -> Result<()> {
     let at_once = rayon::current_num_threads().min(capture.frames.len()) as u64;
     let pixels = |f: &Frame| u64::from(f.camera.width) * u64::from(f.camera.height);
     match capture.frames.iter().max_by_key(|f| pixels(f)) {
-        Some(f) if pixels(f) * 48 * at_once > max_memory => {
+        Some(f) if pixels(f) * (48 + planes) * at_once > max_memory => {
             let Camera { width, height, .. } = f.camera;
             Err(Error::unsupported(format!("{at_once} pictures of {width}x{height} pixels do not fit in memory"))
                 .at(&f.picture)

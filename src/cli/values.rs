@@ -2,6 +2,7 @@
 
 use crate::formats::vdb::Codec;
 use crate::optimise::study::ad_mode::Mode;
+use crate::render::aov::Aov;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::orbit::Layout;
 use clap::ValueEnum;
@@ -33,6 +34,11 @@ value_enum!(Model {
 value_enum!(EmissionModel {
     Grey: "grey", "The same everywhere";
     Linear: "linear", "Proportional to the density";
+});
+
+value_enum!(Aov {
+    Variance: "variance", "Variance of the mean over a pixel's rays: variance.R, .G, .B and .A";
+    OpticalDepth: "optical-depth", "Optical depth, the mean over a pixel's rays: optical_depth.V";
 });
 
 value_enum!(Layout {

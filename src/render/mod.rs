@@ -1,5 +1,6 @@
 //! Light on its way through the scene.
 
+pub mod aov;
 pub mod arch;
 pub mod cell;
 pub mod composited;

@@ -178,7 +178,7 @@ impl Viewpoint {
         let mut capture = self.capture(&field, transfer, &request)?;
         // They have no say in the density scale: it would be another one in each run.
         request.given = self.previous(&around)?;
-        render::fits(&capture, limits.max_memory)?;
+        render::fits(&capture, 0, limits.max_memory)?;
         self.spare(&capture)?;
 
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));

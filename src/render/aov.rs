@@ -1,0 +1,65 @@
+//! Planes that a picture has beside its RGBA (arbitrary output variables).
+
+use super::composited::Composited;
+use super::integrator::Integrator;
+use super::tiles::{self, Subpixels};
+use crate::scene::camera::Camera;
+use crate::scene::film::{Film, Moments, Plane};
+use std::sync::atomic::AtomicBool;
+
+/// A plane, or a layer of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Aov {
+    /// Variance of the mean over a pixel's rays, as planes `variance.R`, `.G`, `.B` and `.A`; infinite for one ray.
+    Variance,
+    /// Optical depth, the mean over a pixel's rays, as plane `optical_depth.V`.
+    OpticalDepth,
+}
+
+/// Bytes that a pixel of a picture with planes takes while it is rendered.
+pub const PIXEL_BYTES: u64 = size_of::<Pixel>() as u64;
+
+#[derive(Debug, Clone, Default)]
+struct Pixel {
+    rgba: [f32; 4],
+    variance: [f32; 4],
+    depth: f32,
+}
+
+/// Renders a picture as [`picture`](super::picture()) does, with these planes beside it. `None` if `cancel` was set.
+pub fn picture_with<I: Integrator<Real = f32>>(
+    renderer: &Composited<I>,
+    camera: &Camera,
+    rays_per_edge: usize,
+    aovs: &[Aov],
+    cancel: &AtomicBool,
+) -> Option<Film> {
+    let (size, rays) = ([camera.width as usize, camera.height as usize], Subpixels::new(rays_per_edge));
+    let share = 1.0 / rays.count() as f32;
+    let pixel = |scratch: &mut I::Scratch, at| {
+        let (mut mean, mut moments, mut depth) = ([0.0; 4], [Moments::default(); 4], 0.0);
+        for [x, y] in rays.positions(at) {
+            let light = renderer.pixel_on(&camera.ray(x, y), scratch);
+            depth += light.depth / rays.count() as f64;
+            for (c, v) in light.rgba().into_iter().enumerate() {
+                mean[c] += share * v;
+                moments[c].add(v.into());
+            }
+        }
+        Pixel { rgba: mean, variance: moments.map(|m| m.variance_of_mean() as f32), depth: depth as f32 }
+    };
+    let pixels = tiles::pixels(size, Some(cancel), I::Scratch::default, pixel)?;
+    let plane = |name: String, of: &dyn Fn(&Pixel) -> f32| Plane { name, samples: pixels.iter().map(of).collect() };
+    let mut film = Film::of(size[0], size[1], pixels.iter().map(|p| p.rgba).collect());
+    film.samples = rays.count() as u32;
+    for aov in aovs {
+        match aov {
+            Aov::Variance => {
+                let channels = ["R", "G", "B", "A"].into_iter().enumerate();
+                film.planes.extend(channels.map(|(c, name)| plane(format!("variance.{name}"), &|p| p.variance[c])));
+            }
+            Aov::OpticalDepth => film.planes.push(plane("optical_depth.V".into(), &|p| p.depth)),
+        }
+    }
+    Some(film)
+}
