@@ -15,7 +15,7 @@ use cumulo::text::acts;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::process::Output;
-use work::{Work, fixture};
+use work::{Work, errors, fixture};
 
 /// Escape sequences, a C1 control, a right-to-left override, and a line that looks like the program's own.
 const HOSTILE: &str = "x\u{1b}[31m\u{1b}]0;title\u{7}\u{7f}\u{9b}2J\u{202e}\nforged: valid";
@@ -126,4 +126,41 @@ fn text_from_files_does_not_act_on_the_terminal() {
     }
     let shown = work.command("info v.vdb").output().unwrap();
     assert!(String::from_utf8(shown.stdout).unwrap().contains(r"\u{1b}[31m"), "shown, not swallowed");
+}
+
+/// Spellings of earlier versions, on the command line and in files.
+#[test]
+fn old_spellings_are_understood() {
+    let work = Work::new();
+    let identity = json!({"format": "cumulo-transfer-function", "version": 1,
+        "transfer": {"kind": "identity", "domain": [0.0, 1.0], "colour": [0.9, 0.6, 0.3]}});
+    std::fs::write(work.path("old.tf.json"), identity.to_string()).unwrap();
+    work.json("render @plume.vdb --views 4 --size 12x12 --tf old.tf.json -o cap");
+    work.json("reconstruct colour cap -o shaded.vdb --resolution 8 --iterations 1 --report page");
+    work.json("reconstruct density cap -o d.vdb --resolution 8 --iterations 1 --solver paper");
+    work.json("gradient @plume.vdb --views 1 --size 8x8 --loss mean --wrt extinction --mode adjoint");
+    work.json("gradient @plume.vdb --views 1 --size 8x8 --loss mean --wrt extinction --mode tangent");
+    let record = std::fs::read_to_string(work.path("page/run.json")).unwrap();
+    assert!(record.contains("\"color\""), "{record}");
+    std::fs::write(work.path("page/run.json"), record.replace("\"color\"", "\"colour\"")).unwrap();
+    work.json("report page");
+    let written = work.command("transfer old.tf.json -o new.tf.json").output().unwrap();
+    assert!(written.status.success(), "{}", errors(&written));
+    let written = std::fs::read_to_string(work.path("new.tf.json")).unwrap();
+    assert!(written.contains("\"color\"") && !written.contains("colour"), "{written}");
+}
+
+/// A record names files: what is wrong with one of them is said with the record's name.
+#[test]
+fn what_a_record_names_is_blamed_on_the_record() {
+    let work = Work::new();
+    work.json("render @plume.vdb --views 4 --size 12x12 -o cap");
+    work.json("reconstruct density cap -o d.vdb --resolution 8 --iterations 1 --report page");
+    let record: Value = serde_json::from_slice(&std::fs::read(work.path("page/run.json")).unwrap()).unwrap();
+    for (key, value) in [("output", json!("")), ("layer", json!("none")), ("capture", json!("else\u{1e}where"))] {
+        let mut damaged = record.clone();
+        damaged[key] = value;
+        std::fs::write(work.path("page/run.json"), damaged.to_string()).unwrap();
+        work.refused("report page", &["page/run.json"]);
+    }
 }

@@ -145,3 +145,20 @@ fn newer_versions_and_other_formats_are_refused_with_what_to_do() {
     std::fs::write(&path, b"{\"not\": \"a volume\"}").unwrap();
     assert!(File::open(&path, LIMITS).unwrap_err().to_string().contains("no OpenVDB file"));
 }
+
+/// The name in a grid's metadata is damaged: what is written has the name in the file's directory, and reads back.
+#[test]
+fn a_damaged_name_is_mended() {
+    let dir = tempfile::tempdir().unwrap();
+    let (path, out) = (dir.path().join("name.vdb"), dir.path().join("out.vdb"));
+    write_grids(&path, &[&fog("density", 1, 1)], &BTreeMap::new(), Codec::Blosc, false).unwrap();
+    let mut bytes = std::fs::read(&path).unwrap();
+    let entry = b"name\x06\0\0\0string\x07\0\0\0density";
+    let at = bytes.windows(entry.len()).position(|w| w == entry).unwrap() + entry.len() - 4;
+    bytes[at..at + 2].copy_from_slice(&[0, 7]);
+    std::fs::write(&path, bytes).unwrap();
+    let grid = File::open(&path, LIMITS).unwrap().read("density").unwrap();
+    cumulo::formats::vdb::write_native(&out, &[&grid], None, &BTreeMap::new(), Codec::Blosc).unwrap();
+    let names: Vec<String> = File::open(&out, LIMITS).unwrap().entries().iter().map(|e| e.name.clone()).collect();
+    assert_eq!(names, ["density"]);
+}
