@@ -5,7 +5,8 @@
 //! formats ──▶ scene ──▶ render ──▶ optimise, metrics ──▶ report ──▶ cli
 //! ```
 //! Arrows point one way: `scene` knows no file format, `render` no command line, `optimise` no
-//! pixels' origin, `formats` no renderer.
+//! pixels' origin; `formats`, `metrics` and `report` know no renderer. Rays and pixels are distributed over threads in
+//! one place, [`render::tiles`].
 //!
 //! # Conventions
 //! - World space is right-handed, in the VDB's world units. Extinction is per world unit of length.
