@@ -162,5 +162,6 @@ fn what_a_record_names_is_blamed_on_the_record() {
         damaged[key] = value;
         std::fs::write(work.path("page/run.json"), damaged.to_string()).unwrap();
         work.refused("report page", &["page/run.json"]);
+        work.refused("report page --beside other=cap", &["page/run.json"]);
     }
 }

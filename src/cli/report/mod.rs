@@ -59,6 +59,16 @@ pub enum Record {
     Transfer(TransferRun),
 }
 
+impl Record {
+    /// The transforms.json of the pictures.
+    fn capture(&self) -> &Path {
+        match self {
+            Self::Volume(run) => &run.capture,
+            Self::Transfer(run) => &run.capture,
+        }
+    }
+}
+
 #[derive(Debug, Serialize)]
 struct Written {
     #[serde(serialize_with = "crate::cli::paths::text")]
@@ -95,9 +105,13 @@ impl Report {
             None => None,
         };
         // What the record names may be elsewhere by now, or never have been there.
-        let named = |e: Error| match self.given().any(|given| e.path().is_some_and(|path| path.starts_with(given))) {
-            true => e,
-            false => e.inside(format!("named in {}", path.display())),
+        let folder = record.capture().parent().map(Path::to_path_buf);
+        let named = |e: Error| {
+            let within = |folder: &Path| e.path().is_some_and(|path| path.starts_with(folder));
+            match self.given().any(within) && !folder.as_deref().is_some_and(within) {
+                true => e,
+                false => e.inside(format!("named in {}", path.display())),
+            }
         };
         let written = match &record {
             Record::Volume(run) => {
