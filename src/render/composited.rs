@@ -66,7 +66,12 @@ impl<I: Integrator> Composited<I> {
     /// The medium over the background.
     #[inline(always)]
     pub fn composite(&self, light: &Radiance) -> Pixel<I::Real> {
-        let transmittance = light.transmittance();
+        self.attenuated(light, light.transmittance())
+    }
+
+    /// The medium over the background that shows through it with this transmittance.
+    #[inline(always)]
+    fn attenuated(&self, light: &Radiance, transmittance: f64) -> Pixel<I::Real> {
         let channel = |c: usize| I::Real::of(light.rgb[c] + f64::from(self.background[c]) * transmittance);
         Pixel {
             rgb: [channel(0), channel(1), channel(2)],
@@ -108,11 +113,12 @@ impl<I: Differentiable> Composited<I> {
         to: Accumulators<'_, I::Voxel>,
         scratch: &mut I::Scratch,
     ) -> Pixel<I::Real> {
-        let mut by_background = [0.0; 3];
+        let (mut by_background, mut pixel) = ([0.0; 3], None);
         let Accumulators { voxels, table, ray: by_ray, shared } = to;
         let mut composited = |light: &Radiance| {
-            let [r, g, b, alpha] = loss(&self.composite(light));
-            let (transmittance, rgb) = (light.transmittance(), [r, g, b]);
+            let transmittance = light.transmittance();
+            let [r, g, b, alpha] = loss(pixel.insert(self.attenuated(light, transmittance)));
+            let rgb = [r, g, b];
             let mut by_transmittance = -alpha.f64();
             for (c, by) in rgb.into_iter().enumerate() {
                 by_background[c] = by.f64() * transmittance;
@@ -123,7 +129,8 @@ impl<I: Differentiable> Composited<I> {
         let inner = Accumulators { voxels, table, ray: by_ray, shared: &mut *shared };
         let light = self.integrator.vjp(ray, &mut composited, adjoint, inner, scratch);
         shared.background.iter_mut().zip(by_background).for_each(|(sum, by)| *sum += by);
-        self.composite(&light)
+        // Every integrator asks the loss once.
+        pixel.unwrap_or_else(|| self.composite(&light))
     }
 
     /// What a world ray of unit direction shows; the gradient with respect to the ray of a loss that is given by its

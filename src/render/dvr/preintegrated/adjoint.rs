@@ -226,9 +226,11 @@ impl<R: Real> Backward<'_, R> {
             let simpson = |extinction: R, source: R, i: usize| {
                 (spread + share * extinction) * source_slope[i] + (both + share * source) * extinction_slope[i]
             };
+            // Both, and then a choice: with a branch the loop is not compiled to vectors.
             let summed = batch.is_summed(tables, i);
-            let at_begin = if summed { -(off(begin, near) * inverse) } else { simpson(begin, near, i) };
-            let at_end = if summed { off(end, far) * inverse } else { simpson(end, far, i + 1) };
+            let by_sums = [-(off(begin, near) * inverse), off(end, far) * inverse];
+            let by_simpson = [simpson(begin, near, i), simpson(end, far, i + 1)];
+            let [at_begin, at_end] = if summed { by_sums } else { by_simpson };
             by.density[i] = at_begin - by_drift * source_slope[i];
             by.behind[i + 1] = at_end + by_drift * source_slope[i + 1];
         }
