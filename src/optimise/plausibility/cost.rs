@@ -133,3 +133,40 @@ impl fmt::Display for Cost {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every term by itself, in bytes and seconds beyond those of nothing.
+    #[test]
+    fn the_cost_of_a_function_is_the_sum_of_its_terms() {
+        let nothing = Cost::of_function(0, 0, 0, 0.0, 0);
+        assert_eq!((nothing.unknowns, nothing.measurements, nothing.seconds), (0, 0, 0.0));
+        assert!((nothing.memory_mb - 48.0).abs() < 1e-9);
+        let threads = rayon::current_num_threads() as f64;
+        let of = |texels, voxels, pixels, walked, steps| {
+            let cost = Cost::of_function(texels, voxels, pixels, walked, steps);
+            ((cost.memory_mb - nothing.memory_mb) * MB, cost.seconds * threads)
+        };
+        // 16 parts of 8 numbers of 4 bytes a pair of texels; four matrices of 16 unknowns², in double precision.
+        let (memory, seconds) = of(4, 0, 0, 0.0, 2);
+        assert!((memory - (16.0 * 32.0 * 16.0 + 4.0 * 8.0 * 256.0)).abs() < 1.0, "{memory}");
+        assert!((seconds - 10.0 * 2e-10 * 4096.0).abs() < 1e-12, "{seconds}");
+        assert!((of(0, 1000, 0, 0.0, 0).0 - 6000.0).abs() < 1.0);
+        assert!((of(0, 0, 1000, 0.0, 0).0 - 96_000.0).abs() < 1.0);
+        let (memory, seconds) = of(0, 0, 0, 8e6, 12);
+        assert!((memory - 1e6).abs() < 1.0, "{memory}");
+        assert!((seconds - 20.0 * 12.0 * 8e6 * 1.6e-8).abs() < 1e-9, "{seconds}");
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_with_what_is_needed() {
+        let cost = Cost { unknowns: 5, measurements: 7, memory_mb: 100.0, seconds: 91.0 };
+        assert!(cost.fits(100 << 20).is_ok());
+        let error = cost.fits((100 << 20) - 1).unwrap_err().to_string();
+        assert!(error.contains("5 unknowns from 7 pixels") && error.contains("100 MB are needed"), "{error}");
+        assert!(cost.to_string().ends_with("100 MB of memory, 2 minutes"), "{cost}");
+        assert!(Cost { seconds: 89.2, ..cost }.to_string().ends_with("90 s"), "{cost}");
+    }
+}
