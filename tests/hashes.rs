@@ -127,7 +127,7 @@ fn what_commands_write_has_the_bits_that_it_had() {
         ("grey riemann, 4 rays", format!("@plume.vdb {size} {emission} --quadrature riemann:0.7 --supersample 2")),
         ("function", format!("@plume.vdb {size} --tf f.tf.json --quadrature exact")),
         ("function preintegrated", format!("@plume.vdb {size} --tf f.tf.json --background 0.1,0.2,0.3")),
-        ("pre-shaded", format!("shaded.vdb --views 3 --size 40x30 --model pre-shaded --background 0.3,0.1,0.2")),
+        ("pre-shaded", "shaded.vdb --views 3 --size 40x30 --model pre-shaded --background 0.3,0.1,0.2".to_owned()),
     ] {
         let folder = name.replace([' ', ','], "_");
         work.json(&format!("render {words} -o {folder}"));

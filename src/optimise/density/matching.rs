@@ -284,3 +284,36 @@ impl Level {
         field.clone()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Affine;
+    use glam::DVec3;
+
+    /// Index coordinates of an owned voxel of two bricks in a row.
+    fn place(voxel: usize) -> [usize; 3] {
+        let i = voxel % LEAF_VOXELS;
+        [8 * (voxel / LEAF_VOXELS) + (i >> 6), i >> 3 & 7, i & 7]
+    }
+
+    #[test]
+    fn coarser_voxels_are_the_means_of_the_unknown_ones() {
+        let topology = Arc::new(Topology::new([IVec3::ZERO, IVec3::X]).unwrap());
+        let target = |v: usize| Vec4::new(v as f32, (v % 7) as f32, 2.0, 0.5);
+        let unknown = |v: usize| !v.is_multiple_of(3) && place(v)[1] < 6;
+        let level = Level {
+            targets: (0..2 * LEAF_VOXELS).map(target).collect(),
+            unknown: (0..2 * LEAF_VOXELS).map(unknown).collect(),
+            densities: Bricks::zeros(topology, Affine::uniform(1.0, DVec3::ZERO).unwrap()),
+        };
+        let coarse = level.coarser().unwrap();
+        assert_eq!(coarse.targets.len(), LEAF_VOXELS);
+        for (voxel, found) in coarse.targets.iter().enumerate() {
+            let fine = (0..2 * LEAF_VOXELS).filter(|v| unknown(*v) && place(*v).map(|c| c / 2) == place(voxel));
+            let (sum, count) = fine.fold((Vec4::ZERO, 0), |(sum, count), v| (sum + target(v), count + 1));
+            assert_eq!(coarse.unknown[voxel], count > 0, "{voxel}");
+            assert!((*found - sum / count.max(1) as f32).abs().max_element() < 1e-3, "{voxel}: {found} {sum} {count}");
+        }
+    }
+}
