@@ -1,4 +1,4 @@
-//! Colors and densities behind a transfer function: `cumulo reconstruct color`, `reconstruct density --tf`,
+//! Colors and densities through a transfer function: `cumulo reconstruct color`, `reconstruct density --tf`,
 //! and the confidence grid.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is how a test fails")]
@@ -99,8 +99,8 @@ fn colors_go_on_where_they_were_left() {
 fn densities_come_back_through_a_function_that_is_not_monotonic() {
     let work = with_pictures(16, 48);
     let found = work.json("reconstruct density cap --tf two.tf.json -o found.vdb --iterations 6 --report page");
-    let poor = work.json("reconstruct density cap --solver paper -o poor.vdb --iterations 6");
-    assert_eq!(found["solver"].as_str(), Some("behind"));
+    let poor = work.json("reconstruct density cap --solver weiss2021 -o poor.vdb --iterations 6");
+    assert_eq!(found["solver"].as_str(), Some("through-transfer"));
     assert!(number(&found, "held_out_psnr_db") > number(&poor, "held_out_psnr_db") + 3.0, "{found} {poor}");
     assert!(number(&found, "held_out_psnr_db") > 27.0, "{found}");
     let (ours, theirs) = (work.volume_psnr("found.vdb"), work.volume_psnr("poor.vdb"));
