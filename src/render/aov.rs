@@ -7,7 +7,7 @@ use crate::scene::camera::Camera;
 use crate::scene::film::{Film, Moments, Plane};
 use std::sync::atomic::AtomicBool;
 
-/// A plane, or a layer of them.
+/// An additional plane of a picture, or a layer of planes (arbitrary output variable).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Aov {
     /// Variance of the mean over a pixel's rays, as planes `variance.R`, `.G`, `.B` and `.A`; infinite for one ray.
@@ -16,7 +16,7 @@ pub enum Aov {
     OpticalDepth,
 }
 
-/// Bytes that a pixel of a picture with planes takes while it is rendered.
+/// Bytes of memory per pixel while a picture with additional planes is rendered.
 pub const PIXEL_BYTES: u64 = size_of::<Pixel>() as u64;
 
 #[derive(Debug, Clone, Default)]
@@ -26,7 +26,8 @@ struct Pixel {
     depth: f32,
 }
 
-/// Renders a picture as [`picture`](super::picture()) does, with these planes beside it. `None` if `cancel` was set.
+/// Renders a picture as [`picture`](super::picture()) does, and the requested planes beside RGBA. Returns `None` if
+/// `cancel` was set.
 pub fn picture_with<I: Integrator<Real = f32>>(
     renderer: &Composited<I>,
     camera: &Camera,

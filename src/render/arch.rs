@@ -1,7 +1,7 @@
-//! Which instruction set loops are run with.
+//! Choice of the instruction set that inner loops run with.
 
-/// The machine's choice among those that loops are compiled for: AVX2 with FMA, or the oldest, on x86; one
-/// elsewhere. (Vectors here have four lanes: AVX-512 would bring more code, not more speed.)
+/// Instruction set of inner loops, detected at run time: on x86-64 AVX2 with FMA or else the baseline; on other targets
+/// what `pulp` detects. (Vectors have four lanes here, so AVX-512 would add code without adding speed.)
 #[derive(Debug, Clone, Copy)]
 pub struct Arch {
     #[cfg(target_arch = "x86_64")]
@@ -20,7 +20,7 @@ impl Default for Arch {
 }
 
 impl Arch {
-    /// The oldest, whatever the machine has.
+    /// Returns the baseline instruction set, whatever the machine supports.
     pub fn oldest() -> Self {
         #[cfg(target_arch = "x86_64")]
         return Self { wide: None };
@@ -41,7 +41,7 @@ impl Arch {
     }
 }
 
-/// Stands where an [`Arch`] could, for loops that are compiled once.
+/// Stand-in for [`Arch`] that compiles loops once, for the target's baseline.
 #[derive(Debug, Clone, Copy)]
 pub struct Plain;
 

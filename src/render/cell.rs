@@ -1,26 +1,26 @@
-//! Cells of a brick that a ray crosses: where it crosses them, and the interpolation weights of their
-//! corners, by which the value gathers and the gradient scatters.
+//! Cells of a brick that a ray crosses: the points of crossing, and the interpolation weights of the cells' corners,
+//! with which values are gathered and gradients scattered.
 //!
-//! Corner `(x, y, z)` of a cell is `values[offset + slot(x, y, z)]`; weights and corner values come by x,
-//! with corner `(x, y, z)` in lane `2 y + z`.
+//! Corner `(x, y, z)` of a cell is `values[offset + slot(x, y, z)]`. Weights and corner values are grouped by x, with
+//! corner `(x, y, z)` in lane `2 y + z`.
 
 use crate::real::{LANES, Lanes};
 use crate::real::{Number, Real};
 use crate::render::march::Span;
 use crate::scene::bricks::slot;
 
-/// Four cells with the weights of their corners in the integral over their lengths of the ray: all that
-/// an optical depth needs. What is left over of the four has weights of zero.
+/// Four cells with the weights of their corners in the integral over the ray's length in them: all that an optical
+/// depth needs. Unused entries of the four have weights of zero.
 #[derive(Debug, Clone, Copy)]
 pub struct Quartet<R: Real> {
     /// Offsets of the cells' lowest corners among the field's values.
     pub offset: [u32; LANES],
-    /// Weights by cell and x of the corner, times the length: world length.
+    /// Corner weights times the ray's length in the cell, in world units, by cell and x of the corner.
     pub weights: [[R::Lanes; 2]; LANES],
 }
 
 impl<R: Real> Quartet<R> {
-    /// `Σ w v` over all cells, a share in each lane.
+    /// Returns `Σ w v` over all cells as one partial sum per lane.
     #[inline(always)]
     pub fn gather(&self, values: &[R]) -> R::Lanes {
         let cell = |i: usize| {
@@ -30,7 +30,7 @@ impl<R: Real> Quartet<R> {
         (cell(0) + cell(1)) + (cell(2) + cell(3))
     }
 
-    /// `values += g w`: the transpose of [`Quartet::gather`].
+    /// Adds `g w` to `values`: the transpose of [`Quartet::gather`].
     #[inline(always)]
     pub fn scatter(&self, values: &mut [R], g: R) {
         for (offset, w) in self.offset.iter().zip(&self.weights) {
@@ -44,10 +44,10 @@ pub(super) const CORNERS: [[usize; LANES]; 2] = [
     [slot(0, 0, 0), slot(0, 0, 1), slot(0, 1, 0), slot(0, 1, 1)],
     [slot(1, 0, 0), slot(1, 0, 1), slot(1, 1, 0), slot(1, 1, 1)],
 ];
-/// From a cell's lowest corner to one past its highest.
+/// Number of values from a cell's lowest corner to its highest, both included.
 pub(super) const REACH: usize = slot(1, 1, 1) + 1;
 
-/// The values at a cell's corners, in the order of their weights.
+/// Returns the values at a cell's corners, in the order of their weights.
 #[inline(always)]
 pub fn corners<R: Real>(values: &[R], offset: usize) -> [R::Lanes; 2] {
     let v = &values[offset..offset + REACH];
@@ -55,13 +55,13 @@ pub fn corners<R: Real>(values: &[R], offset: usize) -> [R::Lanes; 2] {
     [load(CORNERS[0]), load(CORNERS[1])]
 }
 
-/// `Σ w v`: the interpolated value.
+/// Returns `Σ w v`, the interpolated value.
 #[inline(always)]
 pub fn gather<R: Real>(w: &[R::Lanes; 2], v: &[R::Lanes; 2]) -> R {
     (w[0] * v[0] + w[1] * v[1]).sum()
 }
 
-/// `values += g w`: the transpose of [`gather`].
+/// Adds `g w` to `values`: the transpose of [`gather`].
 #[inline(always)]
 pub fn scatter<R: Real>(values: &mut [R], offset: usize, g: R, w: &[R::Lanes; 2]) {
     let v = &mut values[offset..offset + REACH];
@@ -72,7 +72,7 @@ pub fn scatter<R: Real>(values: &mut [R], offset: usize, g: R, w: &[R::Lanes; 2]
     }
 }
 
-/// Trilinear weights at cell-local coordinates `m`.
+/// Returns the trilinear weights at cell-local coordinates `m`, each from 0 to 1.
 #[inline(always)]
 pub fn weights<R: Real>(m: [R; 3]) -> [R::Lanes; 2] {
     let n = [R::ONE - m[0], R::ONE - m[1], R::ONE - m[2]];
@@ -95,7 +95,7 @@ pub(super) fn chord_weights<N: Number>(m: [N; 3], h: [N; 3], length: N) -> ([N; 
     ([yz[0] - far[0], yz[1] - far[1], yz[2] - far[2], yz[3] - far[3]], far)
 }
 
-/// The most cells that a span may have, rounded up: eight planes along each axis, three at the entry.
+/// The largest number of cells in a span, rounded up: eight planes along each axis, and three at the entry.
 pub(super) const MOST: usize = 28;
 /// Lengths from a span's entry to where it crosses the faces of its cells: ascending from zero to the
 /// span's length, which is repeated until one past a multiple of four; nothing is meant by the rest.

@@ -1,6 +1,6 @@
-//! The medium over its background: the one place where both are put together.
+//! The medium composited over its background: the one place where the two are combined.
 //!
-//! `L = emitted + T · background`, `alpha = 1 - T`: value, derivatives in reverse and in forward mode.
+//! `L = emitted + T · background`, `alpha = 1 - T`: value, and derivatives in reverse and in forward mode.
 
 use super::differentiable::{Accumulators, Adjoint, Cotangent, Differentiable, Forward, ParameterGradient};
 use super::differentiable::{RayGradient, Seeds, TangentRadiance};
@@ -9,7 +9,7 @@ use crate::dual::Dual;
 use crate::math::Ray;
 use crate::real::Real;
 
-/// Radiance of a medium over its background, as a pixel has it.
+/// Radiance of a medium over its background, as stored in a pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pixel<R> {
     /// Radiance in red, green and blue, the attenuated background included.
@@ -21,7 +21,7 @@ pub struct Pixel<R> {
 }
 
 impl<R: Real> Pixel<R> {
-    /// Color and alpha = 1 - transmittance.
+    /// Returns color and alpha = 1 - transmittance.
     pub fn rgba(&self) -> [R; 4] {
         [self.rgb[0], self.rgb[1], self.rgb[2], R::ONE - self.transmittance]
     }
@@ -39,12 +39,12 @@ pub struct TangentPixel<R, const P: usize> {
 }
 
 impl<R: Real, const P: usize> TangentPixel<R, P> {
-    /// The pixel without its derivatives.
+    /// Returns the pixel without its derivatives.
     pub fn pixel(&self) -> Pixel<R> {
         Pixel { rgb: self.rgb.map(|c| c.value), transmittance: self.transmittance.value, depth: self.depth.value }
     }
 
-    /// Color and alpha = 1 - transmittance.
+    /// Returns color and alpha = 1 - transmittance, with their derivatives.
     pub fn rgba(&self) -> [Dual<R, P>; 4] {
         [self.rgb[0], self.rgb[1], self.rgb[2], Dual::constant(R::ONE) - self.transmittance]
     }
@@ -56,14 +56,14 @@ pub type PixelLoss<'l, R> = &'l mut dyn FnMut(&Pixel<R>) -> [R; 4];
 /// An integrator and the constant radiance behind its medium.
 #[derive(Debug, Clone)]
 pub struct Composited<I> {
-    /// Light of the medium.
+    /// Integrator that computes the radiance of the medium.
     pub integrator: I,
     /// Radiance behind the medium, in red, green and blue.
     pub background: [f32; 3],
 }
 
 impl<I: Integrator> Composited<I> {
-    /// The medium over the background.
+    /// Composites a radiance of the medium over the background.
     #[inline(always)]
     pub fn composite(&self, light: &Radiance) -> Pixel<I::Real> {
         self.attenuated(light, light.transmittance())
@@ -80,23 +80,23 @@ impl<I: Integrator> Composited<I> {
         }
     }
 
-    /// The same with another integrator, made of this one.
+    /// Replaces the integrator by `change` of it, over the same background.
     #[must_use]
     pub fn with(self, change: impl FnOnce(I) -> I) -> Self {
         Self { integrator: change(self.integrator), ..self }
     }
 
-    /// The largest channel of the background.
+    /// Returns the largest channel of the background.
     pub fn brightest_background(&self) -> f64 {
         self.background.into_iter().fold(0.0, |m: f64, v| m.max(v.into()))
     }
 
-    /// What a world ray of unit direction shows.
+    /// Returns the pixel of a world ray of unit direction.
     pub fn pixel(&self, ray: &Ray) -> Pixel<I::Real> {
         self.pixel_on(ray, &mut I::Scratch::default())
     }
 
-    /// What a world ray of unit direction shows, with scratch memory that is kept from ray to ray.
+    /// Returns the pixel of a world ray of unit direction, with scratch memory that is reused from ray to ray.
     #[inline(always)]
     pub fn pixel_on(&self, ray: &Ray, scratch: &mut I::Scratch) -> Pixel<I::Real> {
         self.composite(&self.integrator.li(ray, scratch))
@@ -104,7 +104,8 @@ impl<I: Integrator> Composited<I> {
 }
 
 impl<I: Differentiable> Composited<I> {
-    /// What a world ray of unit direction shows; the gradient of a loss on it is added to the accumulators.
+    /// Returns the pixel of a world ray of unit direction; adds the gradient of a loss on it to the accumulators
+    /// (vector-Jacobian product).
     pub fn vjp(
         &self,
         ray: &Ray,
@@ -133,8 +134,8 @@ impl<I: Differentiable> Composited<I> {
         pixel.unwrap_or_else(|| self.composite(&light))
     }
 
-    /// What a world ray of unit direction shows; the gradient with respect to the ray of a loss that is given by its
-    /// derivatives with respect to red, green, blue and alpha is added to `to`.
+    /// Returns the pixel of a world ray of unit direction; adds to `to` the gradient with respect to the ray of a loss,
+    /// which is given by its derivatives with respect to red, green, blue and alpha.
     pub fn ray_vjp(
         &self,
         ray: &Ray,
@@ -147,7 +148,8 @@ impl<I: Differentiable> Composited<I> {
         self.vjp(ray, &mut |_| loss, Adjoint::Tape, to, scratch)
     }
 
-    /// What a world ray of unit direction shows, with its derivatives along `P` directions.
+    /// Returns the pixel of a world ray of unit direction with its derivatives along `P` directions (Jacobian-vector
+    /// products).
     pub fn jvp<const P: usize>(
         &self,
         ray: &Ray,

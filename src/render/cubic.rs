@@ -1,13 +1,13 @@
-//! Cubics on -1..1: where they turn, and where they take a value. `[a, b, c, d]` is
-//! `a + b v + c v² + d v³`.
+//! Cubic polynomials on -1..1: extrema, means, and the argument of a given value. `[a, b, c, d]` is `a + b v + c v² + d
+//! v³`.
 
-/// The value at `v`.
+/// Returns the value at `v`.
 #[inline(always)]
 pub fn at([a, b, c, d]: [f64; 4], v: f64) -> f64 {
     a + v * (b + v * (c + v * d))
 }
 
-/// The mean over `from..until`.
+/// Returns the mean over `from..until`.
 #[inline(always)]
 pub fn mean([a, b, c, d]: [f64; 4], from: f64, until: f64) -> f64 {
     let (m, h) = (0.5 * (from + until), 0.5 * (until - from));
@@ -15,7 +15,7 @@ pub fn mean([a, b, c, d]: [f64; 4], from: f64, until: f64) -> f64 {
     a + b * m + c * (m * m + h2) + d * m * (m * m + 3.0 * h2)
 }
 
-/// The ends of the stretches of -1..1 on which a cubic rises or falls, ascending; repeated at 1.
+/// Returns the ends of the intervals of -1..1 on which a cubic is monotone, ascending from -1; unused entries are 1.
 pub fn turns([_, b, c, d]: [f64; 4]) -> [f64; 4] {
     let mut ends = [-1.0, 1.0, 1.0, 1.0];
     // Roots of b + 2 c v + 3 d v², without cancellation.
@@ -34,8 +34,8 @@ pub fn turns([_, b, c, d]: [f64; 4]) -> [f64; 4] {
     ends
 }
 
-/// The argument between `low` and `high`, on which the cubic is monotone, at which it takes `value`; it
-/// takes it there. Newton's steps, halving where they leave the bracket.
+/// Returns the argument between `low` and `high` at which the cubic takes `value`. The cubic must be monotone there and
+/// take the value. Newton's method, with bisection where a step leaves the bracket.
 pub fn crossing(cubic: [f64; 4], value: f64, mut low: f64, mut high: f64) -> f64 {
     let [_, b, c, d] = cubic;
     let (at_low, at_high) = (at(cubic, low) - value, at(cubic, high) - value);

@@ -1,58 +1,58 @@
-//! Extinction and source as kernels need them: piecewise linear in the density, in the kernel's own
-//! precision, with a look-up.
+//! Extinction and source as kernels need them: piecewise linear in the density, in the kernel's own precision, with a
+//! lookup by density.
 
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
 use crate::scene::table::Table;
 
-/// One linear piece. It begins where the last one ends; the outermost reach to infinity.
+/// One linear piece of a [`Curve`]. It begins where the previous one ends; the outermost pieces extend to infinity.
 #[derive(Debug, Clone, Copy)]
 pub struct Piece<R, const C: usize> {
-    /// Density at its lower end.
+    /// Density at the lower end.
     pub low: R,
-    /// Density at its upper end.
+    /// Density at the upper end.
     pub high: R,
-    /// Density that the linear functions are written from.
+    /// Density at which the linear functions have their constant terms.
     pub base: R,
-    /// Extinction at `base`, and its slope.
+    /// Extinction at `base`, and its slope with the density.
     pub extinction: [R; 2],
-    /// Radiance of the source at `base`, and its slope, by channel.
+    /// Radiance of the source at `base`, and its slope with the density, by channel.
     pub source: [[R; 2]; C],
-    /// The largest of the sources' slopes.
+    /// The largest magnitude of the source's slopes.
     pub steepest: R,
-    /// Reciprocal of the width; zero outside.
+    /// Reciprocal of the piece's width in density; zero for the outermost pieces.
     inverse_width: R,
     /// Share of the upper end in the value at `base`.
     upper: R,
-    /// Whether the function jumps at its lower and at its upper end.
+    /// True where the function jumps: at the lower end, at the upper end.
     pub jumps: [bool; 2],
 }
 
 impl<R: Real, const C: usize> Piece<R, C> {
-    /// Share of the upper end in the value at a density; the lower end has the rest.
+    /// Returns the weight of the upper end's value in the value at a density; the lower end has the rest.
     #[inline(always)]
     pub fn fraction(&self, density: R) -> R {
         self.upper + (density - self.base) * self.inverse_width
     }
 
-    /// Change of [`Piece::fraction`] with the density.
+    /// Returns the derivative of [`Piece::fraction`] with respect to the density.
     #[inline(always)]
     pub fn fraction_slope(&self) -> R {
         self.inverse_width
     }
 
-    /// What it comes to at a density.
+    /// Returns extinction and source at a density, extrapolated from this piece.
     pub fn side(&self, density: R) -> Side<C> {
         let at = |[at_base, slope]: [R; 2]| at_base.f64() + slope.f64() * (density - self.base).f64();
         Side { extinction: at(self.extinction), source: self.source.map(at) }
     }
 
-    /// True if no density lies in it: it stands between the two knots of a step.
+    /// True if the piece has no width: it lies between the two coincident knots of a step.
     pub fn is_step(&self) -> bool {
         self.low == self.high
     }
 
-    /// True if nothing is absorbed or emitted in it.
+    /// True if the piece neither absorbs nor emits anywhere.
     #[inline(always)]
     pub fn is_clear(&self) -> bool {
         self.extinction[0] == R::ZERO && self.extinction[1] == R::ZERO
@@ -69,8 +69,8 @@ pub struct Side<const C: usize> {
 }
 
 impl<const C: usize> Side<C> {
-    /// Extinction, and extinction times source by channel; and what these are more than their means over a ramp to the
-    /// other side.
+    /// Returns extinction, and extinction times source by channel, on this side of a step; then the same quantities
+    /// minus their means over a linear ramp to the other side.
     pub fn beside(&self, other: &Self) -> [(f64, [f64; C]); 2] {
         let (a, b) = (self, other);
         let lit = std::array::from_fn(|c| a.extinction * a.source[c]);
@@ -88,21 +88,22 @@ impl<const C: usize> Side<C> {
 #[derive(Debug, Clone)]
 pub struct Curve<R, const C: usize> {
     pieces: Vec<Piece<R, C>>,
-    /// The piece that each bucket's lower end lies in; buckets divide the range of the knots evenly.
+    /// First piece of each bucket, the one that its lower end lies in; buckets divide the range of the knots evenly.
     buckets: Vec<u32>,
     first: R,
     buckets_per_density: R,
-    /// True if buckets are pieces.
+    /// True if each bucket is a piece, because the knots are evenly spaced.
     regular: bool,
 }
 
-/// Buckets a knot: most hold no knot, so that the search in one ends at once.
+/// Buckets per knot: with four, most buckets hold no knot, so that the search in one ends at once.
 const BUCKETS: usize = 4;
-/// The most buckets.
+/// The largest number of buckets.
 const MOST_BUCKETS: usize = 1 << 18;
 
 impl<R: Real> Curve<R, 1> {
-    /// One line through zero for the extinction, another for the one channel of source.
+    /// Creates a curve of one piece: extinction proportional to the density, and one channel of source, `source[0] +
+    /// source[1] · density`.
     pub fn line(extinction: f64, source: [f64; 2]) -> Self {
         let (least, most) = (R::of(f64::MIN), R::of(f64::MAX));
         let piece = Piece {
@@ -121,7 +122,7 @@ impl<R: Real> Curve<R, 1> {
 }
 
 impl<R: Real> Curve<R, 3> {
-    /// A table, its extinction times `scale`.
+    /// Creates the curve of a transfer function's table, its extinction times `scale`.
     pub fn new(table: &Table, scale: f64) -> Self {
         let last = table.knots().len();
         let piece = |p: usize| {
@@ -178,15 +179,15 @@ impl<R: Real> Curve<R, 3> {
 }
 
 impl<R: Real, const C: usize> Curve<R, C> {
-    /// Number of the piece with `low <= density < high`.
+    /// Returns the number of the piece with `low <= density < high`.
     #[inline(always)]
     pub fn find(&self, density: R) -> u32 {
         let scaled = (density - self.first) * self.buckets_per_density;
         self.search(density, scaled.f64() as usize)
     }
 
-    /// Numbers of the pieces of four densities; where knots lie at equal distances it may be the next one's for
-    /// densities less than 1e-4 of a piece below it.
+    /// Returns the numbers of the pieces of four densities. Where knots are evenly spaced, a density less than 1e-4 of
+    /// a piece below a knot may be given the piece above it.
     #[inline(always)]
     pub fn find_all(&self, density: R::Lanes) -> [u32; LANES] {
         let all = <R::Lanes as Lanes<R>>::splat;
@@ -204,7 +205,7 @@ impl<R: Real, const C: usize> Curve<R, C> {
         [find(0), find(1), find(2), find(3)]
     }
 
-    /// The piece of a density, from a bucket that it lies in or beside.
+    /// Returns the piece of a density, searching from a bucket that it lies in or next to.
     #[inline(always)]
     fn search(&self, density: R, bucket: usize) -> u32 {
         let mut piece = self.buckets[bucket.min(self.buckets.len() - 1)];
@@ -218,19 +219,19 @@ impl<R: Real, const C: usize> Curve<R, C> {
         piece
     }
 
-    /// A piece by its number.
+    /// Returns a piece by its number.
     #[inline(always)]
     pub fn piece(&self, number: u32) -> &Piece<R, C> {
         &self.pieces[number as usize]
     }
 
-    /// How many pieces there are.
+    /// Returns the number of pieces.
     #[inline(always)]
     pub fn len(&self) -> usize {
         self.pieces.len()
     }
 
-    /// Never true.
+    /// Returns false: a curve has at least one piece.
     pub fn is_empty(&self) -> bool {
         self.pieces.is_empty()
     }

@@ -7,31 +7,31 @@ use crate::scene::bricks::{Bricks, Voxel};
 use crate::scene::table::TableGradient;
 use glam::DVec3;
 
-/// How the backward pass gets at the samples of the forward pass again.
+/// Strategy by which the backward pass recovers the samples of the forward pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Adjoint {
     /// A tape of one ray: fast, memory of one ray's samples per thread.
     Tape,
-    /// Walk the ray twice, but for what is kept of it: its last batch of bricks, or with pre-integration its first few
-    /// hundred nodes. Memory of so many samples per thread, any loss.
+    /// Walks the ray a second time, except for the part that is kept: the last batch of bricks, or with pre-integration
+    /// the first few hundred nodes. Memory for that many samples per thread; works with any loss.
     Replay,
-    /// Weiss & Westermann's inversion of the blend, for comparison: breaks down where a sample is opaque.
+    /// Inversion of the blend (Weiss & Westermann 2021), for comparison: breaks down where a sample is opaque.
     Inversion,
 }
 
-/// Derivatives of the loss with respect to the parameters that all rays share, or a step of these.
+/// Derivatives of the loss with respect to the parameters that all rays share; or a change of these parameters.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ParameterGradient {
-    /// With respect to the medium's extinction.
+    /// Derivative with respect to the medium's extinction.
     pub extinction: f64,
-    /// With respect to the source's color; zero with a transfer function, which has its own.
+    /// Derivative with respect to the source's color; zero with a transfer function, which has its own gradient.
     pub color: [f64; 3],
-    /// With respect to the background.
+    /// Derivative with respect to the background.
     pub background: [f64; 3],
 }
 
 impl ParameterGradient {
-    /// Sum of two.
+    /// Returns the sum of two gradients.
     #[must_use]
     pub fn plus(self, o: &Self) -> Self {
         Self {
@@ -42,59 +42,61 @@ impl ParameterGradient {
     }
 }
 
-/// Derivatives of the loss with respect to one ray's origin and direction (of unit length: only changes
-/// across it mean anything), in world space, and to the quadrature's step; or a change of these.
+/// Derivatives of the loss with respect to one ray's origin and direction, in world space, and to the quadrature's
+/// step; or a change of these. The direction has unit length, so only changes across it have a meaning.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct RayGradient {
-    /// With respect to the origin.
+    /// Derivative with respect to the origin.
     pub origin: DVec3,
-    /// With respect to the direction.
+    /// Derivative with respect to the direction.
     pub direction: DVec3,
-    /// With respect to the step of a quadrature that has one, in voxels.
+    /// Derivative with respect to the step of a quadrature that has one, in voxels.
     pub step: f64,
 }
 
-/// Derivatives of a loss with respect to a [`Radiance`].
+/// Derivatives of a loss with respect to a [`Radiance`] (its cotangent).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cotangent<R> {
-    /// With respect to red, green and blue.
+    /// Derivatives with respect to red, green and blue.
     pub rgb: [R; 3],
-    /// With respect to the transmittance.
+    /// Derivative with respect to the transmittance.
     pub transmittance: f64,
 }
 
 /// Maps a radiance to the derivatives of a loss with respect to it.
 pub type Loss<'l, R> = &'l mut dyn FnMut(&Radiance) -> Cotangent<R>;
 
-/// Gradient accumulators; what is `None` is not computed.
+/// Gradient accumulators; a gradient that is `None` is not computed.
 #[derive(Debug)]
 pub struct Accumulators<'g, V> {
-    /// By stored value, as in [`Bricks::values`](crate::scene::bricks::Bricks::values).
+    /// Gradient with respect to the stored values, as in [`Bricks::values`](crate::scene::bricks::Bricks::values).
     pub voxels: Option<&'g mut [V]>,
-    /// By piece of the transfer function; for media that have one.
+    /// Gradient with respect to the transfer function, by piece; for media that have one.
     pub table: Option<&'g mut TableGradient>,
-    /// Of this ray.
+    /// Gradient with respect to this ray.
     pub ray: Option<&'g mut RayGradient>,
-    /// Of all that rays share.
+    /// Gradient with respect to the parameters that all rays share.
     pub shared: &'g mut ParameterGradient,
 }
 
-/// Directions in which parameters change: derivatives of each with respect to `P` numbers.
+/// Directions in which parameters change (tangents): the derivatives of each parameter with respect to `P` numbers.
 #[derive(Debug, Clone, Copy)]
 pub struct Seeds<'s, V, const P: usize> {
-    /// Of the ray's origin and direction (of unit length: changes across it), in world space, and of the
+    /// Changes of the ray's origin and direction (of unit length: changes across it), in world space, and of the
     /// quadrature's step, in voxels.
     pub ray: [RayGradient; P],
-    /// Of the stored values, as in [`Bricks::values`](crate::scene::bricks::Bricks::values), 729 a brick.
+    /// Changes of the stored values, as in [`Bricks::values`](crate::scene::bricks::Bricks::values), 729 a brick;
+    /// `None` for no change.
     pub voxels: [Option<&'s [V]>; P],
-    /// Of the transfer function's pieces ([`Transfer::push`](crate::scene::transfer::Transfer::push)).
+    /// Changes of the transfer function's pieces ([`Transfer::push`](crate::scene::transfer::Transfer::push)); `None`
+    /// for no change.
     pub table: [Option<&'s TableGradient>; P],
-    /// Of extinction, the source's color (of media without a transfer function) and background.
+    /// Changes of extinction, the source's color (for media without a transfer function) and background.
     pub shared: [ParameterGradient; P],
 }
 
 impl<V, const P: usize> Default for Seeds<'_, V, P> {
-    /// Directions in which nothing changes.
+    /// Returns directions in which nothing changes.
     fn default() -> Self {
         Self {
             ray: [RayGradient::default(); P],
@@ -116,17 +118,18 @@ pub struct TangentRadiance<const P: usize> {
 
 /// An integrator with derivatives in reverse mode.
 pub trait Differentiable: Integrator {
-    /// Voxel of its field.
+    /// Voxel type of the field.
     type Voxel: Voxel;
 
-    /// The field that is rendered.
+    /// Returns the field that is rendered.
     fn field(&self) -> &Bricks<Self::Voxel>;
 
-    /// Estimated voxel lookups per ray and brick; 0 for bricks that rays skip, whose gradient is zero. Rays whose gradient
-    /// with respect to the transfer function is asked for too (`by_table`) skip none.
+    /// Returns the estimated voxel lookups per ray and brick; 0 for bricks that rays skip, whose gradient is zero. With
+    /// `by_table`, for rays whose gradient with respect to the transfer function is also requested, no brick is
+    /// skipped.
     fn lookups(&self, by_table: bool) -> Vec<f32>;
 
-    /// Radiance along a world ray of unit direction; the gradient of a loss on it is added to the accumulators
+    /// Returns the radiance along a world ray of unit direction; adds the gradient of a loss on it to the accumulators
     /// (vector-Jacobian product).
     fn vjp(
         &self,
@@ -140,7 +143,7 @@ pub trait Differentiable: Integrator {
 
 /// An integrator with derivatives in forward mode, along `P` directions at once.
 pub trait Forward<const P: usize>: Differentiable {
-    /// Radiance along a world ray of unit direction, with the bits of [`Integrator::li`], and its derivatives
-    /// (Jacobian-vector products): the transpose of [`Differentiable::vjp`].
+    /// Returns the radiance along a world ray of unit direction, bit for bit that of [`Integrator::li`], with its
+    /// derivatives (Jacobian-vector products): the transpose of [`Differentiable::vjp`].
     fn jvp(&self, ray: &Ray, seeds: &Seeds<'_, Self::Voxel, P>, scratch: &mut Self::Scratch) -> TangentRadiance<P>;
 }

@@ -1,11 +1,11 @@
-//! Light along a ray.
+//! Integrators: radiance and optical depth along a ray.
 
 use crate::math::Ray;
 use crate::real::Real;
 
-/// Light that reaches the origin of a ray from the medium along it, and the optical depth of the medium.
+/// Radiance that reaches the origin of a ray from the medium along it, and the optical depth of the medium.
 ///
-/// What lies behind the medium is not part of it: [`Composited`](crate::render::composited::Composited) adds the
+/// Radiance from behind the medium is not part of it: [`Composited`](crate::render::composited::Composited) adds the
 /// background.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Radiance {
@@ -16,20 +16,20 @@ pub struct Radiance {
 }
 
 impl Radiance {
-    /// Share of the light behind the medium that arrives.
+    /// Returns the share of the light behind the medium that arrives, `exp(-depth)`.
     #[inline(always)]
     pub fn transmittance(&self) -> f64 {
         (-self.depth).exp()
     }
 }
 
-/// Computes the light along rays.
+/// Computes the radiance along rays.
 pub trait Integrator: Sync {
-    /// Floating-point type of its inner loops.
+    /// Floating-point type of the integrator's inner loops.
     type Real: Real;
     /// Scratch memory of one thread, reused from ray to ray.
     type Scratch: Default + Send;
 
-    /// Radiance along a world ray of unit direction.
+    /// Returns the radiance along a world ray of unit direction.
     fn li(&self, ray: &Ray, scratch: &mut Self::Scratch) -> Radiance;
 }

@@ -1,10 +1,11 @@
 //! Majorants: upper bounds of the extinction, brick by brick and over blocks of bricks.
 //!
-//! A brick stores the voxels of the apron on its far sides, and so holds every value that the trilinear interpolation in
-//! it can reach for. The interpolated density lies between the least and the greatest of them and takes every value in
-//! between, so that the greatest extinction that the medium has over this range is a bound, and the least one.
+//! A brick stores the voxels of the apron on its far sides, and so holds every value that trilinear interpolation in it
+//! uses. The interpolated density lies between the least and the greatest of them and takes every value in between, so
+//! that the greatest extinction of the medium over this range is the least upper bound.
 //!
-//! Rays skip bricks whose majorant is 0. Blocks of 2, 4, 8 … bricks an edge have the greatest majorant of their bricks.
+//! Rays skip bricks whose majorant is 0. Blocks of 2, 4, 8 … bricks along each edge have the greatest majorant of their
+//! bricks.
 
 use crate::real::Real;
 use crate::scene::bricks::{BRICK, Bricks};
@@ -17,15 +18,15 @@ use std::collections::HashMap;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Majorants {
     bricks: Vec<f32>,
-    /// By level, from blocks of two bricks an edge up: the block's coordinates (those of its bricks over its edge, rounded
-    /// down) and its bound.
+    /// Bounds of blocks by level, from blocks of two bricks along an edge up: the block's coordinates (those of its
+    /// bricks over its edge, rounded down) and its bound.
     blocks: Vec<HashMap<IVec3, f32>>,
     /// Bound where there are no bricks: the extinction at density 0.
     empty: f32,
 }
 
 impl Majorants {
-    /// The bounds of a field of densities in a medium.
+    /// Computes the bounds of a field of densities in a medium.
     pub fn new<R: Real>(field: &Bricks<R>, medium: &Medium) -> Self {
         let bound = |low: f64, high: f64| match &medium.source {
             Source::Transfer(table) => medium.extinction * table.bounds(low, high).1[3],
@@ -56,30 +57,31 @@ impl Majorants {
         Self { bricks, blocks, empty: rounded_up(bound(0.0, 0.0)) }
     }
 
-    /// The bound of each brick, in the order of the field's topology.
+    /// Returns the bound of each brick, in the order of the field's topology.
     pub fn bricks(&self) -> &[f32] {
         &self.bricks
     }
 
-    /// The number of levels of blocks above the bricks.
+    /// Returns the number of levels of blocks above the bricks.
     pub fn levels(&self) -> usize {
         self.blocks.len()
     }
 
-    /// The bound of a block of `2^level` bricks an edge, for levels from 1 up; `block` are the coordinates of its bricks
-    /// over its edge, rounded down. The bound of empty space is that at density 0.
+    /// Returns the bound of a block of `2^level` bricks along each edge, for levels from 1 up; `block` are the
+    /// coordinates of its bricks over its edge, rounded down. Bricks that are missing count with the bound at density
+    /// 0.
     pub fn block(&self, level: usize, block: IVec3) -> f32 {
         let found = level.checked_sub(1).and_then(|above| self.blocks.get(above)?.get(&block));
         found.map_or(self.empty, |bound| bound.max(self.empty))
     }
 
-    /// The bound of the whole field.
+    /// Returns the bound of the whole field.
     pub fn largest(&self) -> f32 {
         self.bricks.iter().fold(self.empty, |most, bound| most.max(*bound))
     }
 }
 
-/// The nearest `f32` that is not less.
+/// Returns the nearest `f32` that is not less than `v`.
 fn rounded_up(v: f64) -> f32 {
     let nearest = v as f32;
     if f64::from(nearest) < v { nearest.next_up() } else { nearest }

@@ -1,17 +1,17 @@
-//! The one walk along a ray that values and gradients share.
+//! Traversal of bricks along a ray, shared by values and gradients.
 //!
-//! A ray crosses bricks in `f64` ([`spans`]); inside a brick it is rebased to the point of entry and
-//! walked in the kernel's own precision, so that accuracy does not depend on how far the volume lies
-//! from the origin. [`batches`] hands several bricks at once to a quadrature rule
-//! ([`crate::render::rule`]), which makes cells of them ([`crate::render::cell`]).
+//! A ray crosses bricks in `f64` ([`spans`]); inside a brick it is rebased to the point of entry and walked in the
+//! kernel's own precision, so that accuracy does not depend on how far the volume lies from the origin. [`batches`]
+//! hands several bricks at once to a quadrature rule ([`crate::render::rule`]), which cuts them into cells
+//! ([`crate::render::cell`]).
 
 use crate::math::{Aabb, Affine, Ray};
 use crate::real::Real;
 use crate::scene::bricks::{BRICK, Topology};
 use glam::{DVec3, IVec3};
 
-/// The least that a ray gains across a face that it is said to cross, as a share of what it gains along its fastest
-/// axis. With less it grazes the face: the crossing moves without bound, while next to nothing depends on it.
+/// The least coordinate gain across a face for the ray to count as crossing it, as a share of the gain along its
+/// fastest axis. With less it grazes the face: the crossing moves without bound, while next to nothing depends on it.
 const GRAZING: f64 = 1e-3;
 
 /// A ray in index space, clipped to a domain; its parameter is world length.
@@ -19,14 +19,14 @@ const GRAZING: f64 = 1e-3;
 pub struct IndexRay {
     origin: DVec3,
     direction: DVec3,
-    /// Where it enters the field's domain.
+    /// World length at which the ray enters the domain.
     pub enter: f64,
-    /// Where it leaves it.
+    /// World length at which the ray leaves the domain.
     pub leave: f64,
 }
 
 impl IndexRay {
-    /// Rebases a world ray (unit direction); `None` if it misses the domain.
+    /// Transforms a world ray (unit direction) to index space; `None` if it misses the domain.
     #[inline]
     pub fn new(domain: &Aabb, transform: &Affine, ray: &Ray) -> Option<Self> {
         let origin = transform.to_index(ray.origin);
@@ -36,18 +36,18 @@ impl IndexRay {
         Some(Self { origin, direction, enter, leave })
     }
 
-    /// Index coordinates gained per unit of world length.
+    /// Returns the index coordinates gained per unit of world length.
     pub fn direction(&self) -> DVec3 {
         self.direction
     }
 
-    /// Index coordinates at world length `t`.
+    /// Returns the index coordinates at world length `t`.
     pub fn at(&self, t: f64) -> DVec3 {
         self.origin + t * self.direction
     }
 
-    /// The axis of the domain's face through which the ray goes at world length `t`, its entry or exit,
-    /// and the coordinate gained along it; `None` where the ray begins inside.
+    /// Returns the axis of the domain's face through which the ray goes at world length `t`, its entry or exit, and the
+    /// coordinate gained along that axis per world length; `None` where the ray begins inside.
     pub fn face(&self, domain: &Aabb, t: f64) -> Option<(usize, f64)> {
         if t <= 0.0 {
             return None;
@@ -60,8 +60,9 @@ impl IndexRay {
         Some((axis, self.direction[axis]))
     }
 
-    /// The same for the face, of a cell or of the domain, that the ray crosses near world length `t`; `None` where it
-    /// begins inside of the cell, or grazes the face.
+    /// Returns the axis of the face, of a cell or of the domain, that the ray crosses near world length `t`, and the
+    /// coordinate gained along that axis per world length; `None` where the ray begins inside the cell, or grazes the
+    /// face.
     #[inline(always)]
     pub fn crossed(&self, domain: &Aabb, t: f64) -> Option<(usize, f64)> {
         if t <= 0.0 {
@@ -82,9 +83,9 @@ pub struct Span<R> {
     pub base: usize,
     /// Brick-local coordinates (0..8) of the point of entry.
     pub entry: [R; 3],
-    /// Local coordinates gained per unit of world length.
+    /// Brick-local coordinates gained per unit of world length.
     pub direction: [R; 3],
-    /// Its reciprocals.
+    /// Reciprocals of `direction`.
     pub inverse: [R; 3],
     /// World length from the ray's origin to the entry.
     pub start: f64,
@@ -106,9 +107,8 @@ impl<R: Real> Span<R> {
     };
 }
 
-/// Visits the bricks along a ray, near to far or (`reverse`) far to near; `visit` returns false to
-/// stop. Both orders see identical spans: every crossing is computed from its plane, not from the
-/// crossing before it.
+/// Visits the bricks along a ray, near to far or (`reverse`) far to near; `visit` returns false to stop. Both orders
+/// produce identical spans: every crossing is computed from its plane, not from the crossing before it.
 #[inline(always)]
 pub fn spans<R: Real>(topology: &Topology, ray: &IndexRay, reverse: bool, mut visit: impl FnMut(Span<R>) -> bool) {
     // Reversal is the mirror image τ = -t.
@@ -216,9 +216,8 @@ pub fn spans<R: Real>(topology: &Topology, ray: &IndexRay, reverse: bool, mut vi
     }
 }
 
-/// Spans that are handled together. Work of one kind is done for all of them before work of the next:
-/// the steps of one kind wait for each other (a crossing for the crossing before it, a load for its
-/// address), those of different cells do not.
+/// Spans that are processed together, one kind of work for all of them before the next kind: steps of one kind depend
+/// on each other within a span (a crossing on the crossing before it, a load on its address), but not across spans.
 pub const BATCH: usize = 8;
 
 /// Visits the bricks along a ray in batches, near to far; `visit` returns false to stop.
@@ -246,8 +245,8 @@ pub fn batches<R: Real>(topology: &Topology, ray: &IndexRay, mut visit: impl FnM
     }
 }
 
-/// Visits the batches of [`batches`] that come before the one that begins at world length `last`, far to
-/// near; inside a batch spans are ordered near to far all the same.
+/// Visits the batches of [`batches`] that come before the one that begins at world length `last`, far to near; inside a
+/// batch spans are still ordered near to far.
 #[inline(always)]
 pub fn batches_before<R: Real>(topology: &Topology, ray: &IndexRay, last: f64, mut visit: impl FnMut(&[Span<R>])) {
     if last <= ray.enter {

@@ -1,4 +1,4 @@
-//! Light on its way through the scene.
+//! Light transport: integrators and their derivatives.
 
 pub mod aov;
 pub mod arch;
@@ -28,7 +28,7 @@ use integrator::Integrator;
 use std::sync::atomic::AtomicBool;
 use tiles::Subpixels;
 
-/// RGBA of one pixel, the mean over its rays.
+/// Returns RGBA of one pixel, the mean over its rays.
 pub fn pixel<I: Integrator<Real = f32>>(
     renderer: &Composited<I>,
     camera: &Camera,
@@ -44,7 +44,7 @@ pub fn pixel<I: Integrator<Real = f32>>(
     mean
 }
 
-/// Renders a picture, the mean over `rays_per_edge`² rays a pixel. `None` if `cancel` was set.
+/// Renders a picture, the mean over `rays_per_edge`² rays a pixel. Returns `None` if `cancel` was set.
 pub fn picture<I: Integrator<Real = f32>>(
     renderer: &Composited<I>,
     camera: &Camera,

@@ -1,6 +1,6 @@
-//! The order in which pixels are handled.
+//! Orders in which pixels are processed.
 
-/// Row-major indices of a picture's pixels along a Morton curve: what follows each other lies close
+/// Returns the row-major indices of a picture's pixels along Morton curves: neighbours in the sequence lie close
 /// together at every scale, so that rays find their bricks in every cache.
 pub fn morton(width: usize, height: usize) -> impl Iterator<Item = usize> {
     let edge = square(width, height);
@@ -11,13 +11,13 @@ pub fn morton(width: usize, height: usize) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Edge of the squares that a curve fills one by one: as high as the shorter side, for the curve of a strip's longer side
-/// would be all gaps.
+/// Returns the edge, in pixels, of the squares that curves fill one by one. It is at least the shorter side; a curve
+/// over the longer side of a strip would be mostly gaps.
 fn square(width: usize, height: usize) -> usize {
     width.min(height).next_power_of_two()
 }
 
-/// Columns and rows of the pixels of a square with this lowest corner, along a Morton curve.
+/// Returns columns and rows of the pixels of a square with this lowest corner, along a Morton curve.
 fn within([left, top]: [usize; 2], edge: usize, [width, height]: [usize; 2]) -> impl Iterator<Item = [usize; 2]> {
     (0..edge * edge).filter_map(move |code| {
         let [x, y] = [left + even_bits(code), top + even_bits(code >> 1)];
@@ -25,31 +25,32 @@ fn within([left, top]: [usize; 2], edge: usize, [width, height]: [usize; 2]) -> 
     })
 }
 
-/// Least edge of a tile, and how many of them the curve's squares have along an edge at most.
+/// Least edge of a tile in pixels, and largest number of tiles along an edge of the curve's squares.
 const TILE: usize = 8;
 const MOST_TILES: usize = 64;
 
-/// A picture cut into square tiles, along Hilbert curves: any stretch of one is in one piece, and has a short border.
+/// A picture cut into square tiles, numbered along Hilbert curves: any interval of one curve is connected and has a
+/// short border.
 #[derive(Debug, Clone)]
 pub struct Tiles {
-    /// Of the picture, in pixels.
+    /// Width of the picture, in pixels.
     pub width: usize,
-    /// Of the picture, in pixels.
+    /// Height of the picture, in pixels.
     pub height: usize,
-    /// Of a tile, in pixels.
+    /// Edge of a tile, in pixels.
     pub edge: usize,
-    /// How many there are from left to right; those outside the picture have no pixels.
+    /// Number of tiles from left to right; those outside the picture have no pixels.
     pub columns: usize,
-    /// How many there are from top to bottom.
+    /// Number of tiles from top to bottom.
     pub rows: usize,
-    /// Of the squares that the curves fill, in tiles, as a power of two.
+    /// Binary logarithm of the number of tiles along an edge of the squares that curves fill.
     order: u8,
-    /// Columns and rows of a tile's pixels in it.
+    /// Columns and rows of a tile's pixels within the tile.
     inside: Vec<[usize; 2]>,
 }
 
 impl Tiles {
-    /// Of a picture.
+    /// Cuts a picture of this size, in pixels.
     pub fn new(width: usize, height: usize) -> Self {
         let square = square(width, height);
         let edge = (square / MOST_TILES).max(TILE).min(square);
@@ -59,12 +60,12 @@ impl Tiles {
         Self { width, height, edge, columns: along(width), rows: along(height), order, inside }
     }
 
-    /// How many there are.
+    /// Returns the number of tiles.
     pub fn count(&self) -> usize {
         self.columns * self.rows
     }
 
-    /// Column and row of a tile, by its number along the curves.
+    /// Returns column and row of a tile, by its number along the curves.
     pub fn place(&self, tile: usize) -> [usize; 2] {
         let (number, along) = (tile >> (2 * self.order), tile & ((1 << (2 * self.order)) - 1));
         let across = self.columns >> self.order;
@@ -73,12 +74,12 @@ impl Tiles {
         [place(number % across, x), place(number / across, y)]
     }
 
-    /// Column and row of a tile's first pixel.
+    /// Returns column and row of a tile's first pixel.
     pub fn corner(&self, tile: usize) -> [usize; 2] {
         self.place(tile).map(|n| n * self.edge)
     }
 
-    /// Columns and rows of a tile's pixels, along a Morton curve.
+    /// Returns columns and rows of a tile's pixels, along a Morton curve.
     pub fn pixels(&self, tile: usize) -> impl Iterator<Item = [usize; 2]> {
         let [left, top] = self.corner(tile);
         let all = self.inside.iter().map(move |[right, down]| [left + right, top + down]);
@@ -86,7 +87,7 @@ impl Tiles {
     }
 }
 
-/// The bits at even places, moved together: pairs, then fours, eights and sixteens close ranks.
+/// Returns the bits at even places, compacted: pairs, then fours, eights and sixteens move together.
 fn even_bits(code: usize) -> usize {
     let spread = [0x5555_5555_5555_5555, 0x3333_3333_3333_3333, 0x0f0f_0f0f_0f0f_0f0f, 0x00ff_00ff_00ff_00ff]
         .into_iter()

@@ -1,4 +1,4 @@
-//! How the integrals along a ray are formed from samples.
+//! Quadrature rules for the integrals along a ray.
 
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -12,10 +12,10 @@ pub enum Quadrature {
     /// Cell by cell between voxel centres, where the trilinear field along a ray is a cubic:
     /// two-point Gauss-Legendre has no error for the optical depth.
     Exact,
-    /// Between points as far apart as the density's bends allow, through a transfer function's cumulative
-    /// tables, however many knots lie between: errors are of second order in the distance. The number is the error of
-    /// the density between points that is allowed, in units of the range of the function's knots. The same as exact
-    /// without a transfer function, and for tangents.
+    /// Pre-integration: a transfer function's cumulative tables between nodes whose distance follows the curvature of
+    /// the density, however many knots lie between; errors are of second order in the distance. The number is the
+    /// allowed error of the density between nodes, in units of the range of the function's knots. Equal to exact
+    /// quadrature without a transfer function, and for tangents.
     Preintegrated(f64),
     /// Samples in the middle of steps of constant length; order 2.
     Midpoint(f64),
@@ -25,12 +25,10 @@ pub enum Quadrature {
 }
 
 impl Quadrature {
-    /// Pre-integration with the tolerance that pictures have unless they ask for another: what half a step of an
-    /// 8-bit look-up comes to.
+    /// Pre-integration with the default tolerance: half a step of an 8-bit lookup table.
     pub const PREINTEGRATED: Self = Self::Preintegrated(2e-3);
 
-    /// What is used unless something else is asked for: pre-integration through a transfer function, else what has no
-    /// error.
+    /// Returns the default rule: pre-integration through a transfer function, else exact quadrature.
     pub fn usual(through_function: bool) -> Self {
         if through_function { Self::PREINTEGRATED } else { Self::Exact }
     }

@@ -1,4 +1,4 @@
-//! Quadrature rules: what a ray's spans are cut into.
+//! Quadrature rules: how a ray's spans are cut into segments.
 
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
@@ -11,21 +11,22 @@ use crate::render::segment::{Chord, Sample};
 
 /// Cuts spans into segments.
 pub trait Rule<R: Real, const C: usize>: Copy + Sync {
-    /// What it cuts them into.
+    /// Type of the segments.
     type Segment: Copy;
     /// Appends the segments of at most [`BATCH`] spans, near to far, with the densities in them.
     fn segments(&self, curve: &Curve<R, C>, values: &[R], spans: &[Span<R>], segments: &mut Vec<Self::Segment>);
-    /// True if the segments fill the way from entry to exit, so that moving these alone adds or takes
-    /// away what lies there; else [`Rule::moved`] says what it does.
+    /// True if the segments partition [entry, exit]; only then are boundary terms the derivatives with respect to its
+    /// ends. Else [`Rule::moved`] returns them.
     const BOUNDED: bool;
-    /// Derivatives with respect to entry, exit and step (world lengths), from those with respect to a
+    /// Returns the derivatives with respect to entry, exit and step (world lengths), from those with respect to a
     /// segment's length and position.
     fn moved(&self, segment: &Self::Segment, by_length: f64, by_position: f64) -> [f64; 3];
-    /// Change of a segment's length and position with entry, exit and step: the transpose of [`Rule::moved`].
+    /// Returns the change of a segment's length and position for changes of entry, exit and step: the transpose of
+    /// [`Rule::moved`].
     fn carried(&self, segment: &Self::Segment, by: [f64; 3]) -> [f64; 2];
 }
 
-/// What optical depths alone are made of.
+/// Cuts spans into cells with weights, for optical depths alone.
 pub trait DepthRule<R: Real>: Copy + Sync {
     /// Appends the cells of at most [`BATCH`] spans of one ray.
     fn cells(&self, spans: &[Span<R>], cells: &mut Vec<Quartet<R>>);
@@ -69,7 +70,7 @@ impl<R: Real> DepthRule<R> for ExactDepth {
     }
 }
 
-/// Crossings of a batch.
+/// Returns the crossings of a batch of spans.
 #[inline(always)]
 fn all_crossings<R: Real>(spans: &[Span<R>]) -> [Crossings<R>; BATCH] {
     let mut at = [[R::ZERO; MOST + 1]; BATCH];
@@ -80,35 +81,35 @@ fn all_crossings<R: Real>(spans: &[Span<R>]) -> [Crossings<R>; BATCH] {
     at
 }
 
-/// Cells, cut where the density crosses a knot of the curve, and further until what four Gauss points
-/// lose of the light from a piece is below a stated error.
+/// Exact quadrature where the source varies: cells are cut where the density crosses a knot of the curve, and further
+/// until four Gauss points err by less than a tolerance in the light of a piece.
 #[derive(Debug, Clone, Copy)]
 pub struct ExactSource {
     /// Radiance error allowed per piece, as it arrives at the eye, in units of the curve's source.
     pub tolerance: f64,
-    /// Keep pieces in which nothing is absorbed: what they could do has a derivative.
+    /// True to keep pieces in which nothing is absorbed, for derivatives with respect to the transfer function.
     pub keep_clear: bool,
 }
 
-/// The most halvings of a piece. (An error falls 500 times when the length is halved, and behind an
-/// optical depth of 20 none arrives: no piece that means anything has as many.)
+/// The most halvings of a piece. (An error falls 500 times when the length is halved, and behind an optical depth of 20
+/// no light arrives: no piece that matters needs as many.)
 const MOST_HALVINGS: usize = 256;
 
 /// A cell that a ray crosses.
 #[derive(Debug, Clone, Copy)]
 pub struct Cell<R: Real> {
-    /// Offset of its lowest corner.
+    /// Offset of the cell's lowest corner among the field's values.
     offset: usize,
     /// World length from the ray's origin to the span's entry.
     begin: f64,
     /// Cell-local coordinates of the span's entry, the same in all lanes.
     entry: [R::Lanes; 3],
-    /// Coordinates gained per world length.
+    /// Cell-local coordinates gained per world length.
     along: [R::Lanes; 3],
 }
 
-/// Visits the cells of at most [`BATCH`] spans of one ray, near to far, four at a time, with the world lengths
-/// from the span's entry at which they are entered and left. What is left over of four has no length.
+/// Visits the cells of at most [`BATCH`] spans of one ray, near to far, four at a time, with the world lengths from the
+/// span's entry at which they are entered and left. Padding cells have no length.
 #[inline(always)]
 pub fn cells<R: Real>(spans: &[Span<R>], mut visit: impl FnMut([Cell<R>; LANES], R::Lanes, R::Lanes)) {
     let all = <R::Lanes as Lanes<R>>::splat;
@@ -138,19 +139,20 @@ pub fn cells<R: Real>(spans: &[Span<R>], mut visit: impl FnMut([Cell<R>; LANES],
 }
 
 impl<R: Real> Cell<R> {
-    /// World length from the ray's origin to a length from the span's entry.
+    /// Returns the world length from the ray's origin to a length from the span's entry.
     #[inline(always)]
     pub fn reached(&self, from: R) -> f64 {
         self.begin + from.f64()
     }
 
-    /// Densities at the four points of [`gauss`] on a stretch.
+    /// Returns the densities at the four points of [`gauss`] on a segment.
     #[inline(always)]
     pub fn densities(&self, values: &[R], start: R, length: R) -> R::Lanes {
         Chord::<R>::interpolate(&corners(values, self.offset), self.at(start, length))
     }
 
-    /// Offset of the lowest corner, and cell-local coordinates, of the points at two lengths from the span's entry.
+    /// Returns the offset of the lowest corner, and cell-local coordinates, of the points at two lengths from the
+    /// span's entry.
     #[inline(always)]
     pub fn places(&self, [near, far]: [R; 2]) -> (usize, [[R; 3]; 2]) {
         let t = R::Lanes::load([near, far, R::ZERO, R::ZERO]);
@@ -158,7 +160,7 @@ impl<R: Real> Cell<R> {
         (self.offset, [[x[0], y[0], z[0]], [x[1], y[1], z[1]]])
     }
 
-    /// Cell-local coordinates of these points.
+    /// Returns the cell-local coordinates of the four points of [`gauss`] on a segment.
     #[inline(always)]
     fn at(&self, start: R, length: R) -> [R::Lanes; 3] {
         let all = <R::Lanes as Lanes<R>>::splat;
@@ -175,19 +177,19 @@ impl<R: Real> Cell<R> {
     }
 }
 
-/// What cells are cut into, as it is written.
+/// State of cutting a batch's cells into chords, which are appended to `segments`.
 struct Cutter<'a, R: Real, const C: usize> {
     rule: &'a ExactSource,
     curve: &'a Curve<R, C>,
     values: &'a [R],
     segments: &'a mut Vec<Chord<R>>,
-    /// Optical depth since the batch began: what is nearer makes the light from here only fainter.
+    /// Optical depth since the batch began, which attenuates the light from here, and with it the error.
     depth: R,
 }
 
 impl<R: Real, const C: usize> Cutter<'_, R, C> {
-    /// Cuts a cell at the knots that the density crosses; `cubic` is the density from -1 at `from` to 1 at
-    /// `until`.
+    /// Cuts a cell at the knots that the density crosses; `cubic` is the density, its argument running from -1 at
+    /// `from` to 1 at `until`.
     #[inline(never)]
     fn split(&mut self, cell: &Cell<R>, from: R, until: R, cubic: [f64; LANES]) {
         let (mut start, mut jumped) = (from, false);
@@ -229,7 +231,7 @@ impl<R: Real, const C: usize> Cutter<'_, R, C> {
         }
     }
 
-    /// Cuts a piece until its error is small.
+    /// Cuts a piece until its error is within the tolerance.
     #[inline(never)]
     fn cut(&mut self, cell: &Cell<R>, mut start: R, end: R, piece: u32, [mut near, far]: [bool; 2]) {
         let all = <R::Lanes as Lanes<R>>::splat;
@@ -257,9 +259,9 @@ impl<R: Real, const C: usize> Cutter<'_, R, C> {
     }
 }
 
-/// What decides about four chords.
+/// Optical depths and error bounds of four chords, by which they are accepted or cut.
 struct Measure<R: Real> {
-    /// The densities' coefficients.
+    /// Coefficients of the densities' cubics, from the constant up.
     cubic: [R::Lanes; LANES],
     /// Optical depths.
     depth: R::Lanes,
@@ -268,7 +270,7 @@ struct Measure<R: Real> {
 }
 
 impl<R: Real> Measure<R> {
-    /// Of densities by point, lengths, and the lines of the curve.
+    /// Measures four chords, from densities by point, lengths, and the pieces of the curve.
     #[inline(always)]
     fn new<const C: usize>(density: [R::Lanes; LANES], length: R::Lanes, lines: [&Piece<R, C>; LANES]) -> Self {
         let of = |f: fn(&Piece<R, C>) -> R| R::Lanes::load(lines.map(f));
@@ -286,7 +288,7 @@ impl<R: Real, const C: usize> Rule<R, C> for ExactSource {
 
     const BOUNDED: bool = true;
 
-    /// The integral does not depend on where it is cut.
+    /// Returns zeros: the integral does not depend on where it is cut.
     #[inline(always)]
     fn moved(&self, _: &Chord<R>, _: f64, _: f64) -> [f64; 3] {
         [0.0; 3]
@@ -345,16 +347,16 @@ impl<R: Real, const C: usize> Rule<R, C> for ExactSource {
     }
 }
 
-/// Steps of constant world length from where the ray enters the bricks' box.
+/// Steps of constant world length from the ray's entry into the field's box.
 #[derive(Debug, Clone, Copy)]
 pub struct Uniform {
     /// World length of a step.
     pub step: f64,
-    /// Position of the sample within its step: 0 left, 0.5 middle.
+    /// Position of the sample within its step: 0 at the start, 0.5 in the middle.
     pub phase: f64,
-    /// Where the first step begins, as world length from the ray's origin.
+    /// World length from the ray's origin at which the first step begins.
     pub enter: f64,
-    /// Where the last step is cut.
+    /// World length from the ray's origin at which the last step is cut.
     pub leave: f64,
 }
 
@@ -363,7 +365,7 @@ impl Uniform {
         ((self.leave - self.enter) / self.step).ceil().max(1.0) as u64
     }
 
-    /// Start, length and sample position of step `k`; the last step is cut at the exit.
+    /// Returns sample position and length of step `k`; the last step is cut at the exit.
     #[inline(always)]
     fn step(&self, k: u64) -> (f64, f64) {
         let begin = self.enter + k as f64 * self.step;
@@ -371,7 +373,7 @@ impl Uniform {
         (begin + self.phase * length, length)
     }
 
-    /// How many steps have their sample before `t`.
+    /// Returns the number of steps whose sample lies before `t`.
     #[inline(always)]
     fn before(&self, t: f64) -> u64 {
         let last = self.steps() - 1;
@@ -381,7 +383,8 @@ impl Uniform {
 }
 
 impl Uniform {
-    /// The samples on spans: number of the step and world length up to it, offset of the cell, world length, cell-local coordinates.
+    /// Visits the samples on spans: number of the step and world length from the ray's origin to its sample, offset of
+    /// the cell, world length of the step, cell-local coordinates.
     #[inline(always)]
     fn samples<R: Real>(&self, spans: &[Span<R>], mut visit: impl FnMut((u64, f64), usize, R, [R; 3])) {
         for span in spans {

@@ -11,12 +11,12 @@ use crate::scene::medium::{Medium, Source};
 const SHARE: f64 = 0.99;
 /// Optical depth at that share: a transmittance of 5 %.
 const DEPTH: f64 = 3.0;
-/// Pixels looked at along each edge of a picture, about.
+/// Approximate number of pixels sampled along the shorter edge of a picture.
 const PIXELS: u32 = 64;
 
-/// Extinction per unit of density (or factor of the transfer function's) at which the 99th percentile of the optical depth, over the pixels
-/// of all cameras that meet any density, is 3. About 64 x 64 pixels of each picture are looked at.
-/// `None` if no pixel meets anything.
+/// Returns the extinction per unit of density (or factor of the transfer function's) at which the 99th percentile of
+/// the optical depth, over the pixels of all cameras that meet any density, is 3. About 64 pixels along the shorter
+/// edge of each picture are sampled. `None` if no pixel meets anything.
 pub fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Camera]) -> Option<f64> {
     let dvr = Dvr::new(field, Medium { extinction: 1.0, source: source.clone() }).ok()?.early_stop(0.0);
     let of_camera = |tape: &mut Tape<f32>, camera: &Camera| {

@@ -1,4 +1,4 @@
-//! Stretches of a ray within one cell, on which a source that varies is integrated.
+//! Segments of a ray within one cell, on which a source that varies is integrated.
 
 use crate::real::{LANES, Lanes};
 use crate::real::{Number, Real};
@@ -9,16 +9,16 @@ use glam::DVec3;
 /// An end of a segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
-    /// The one that is nearer to the eye.
+    /// The end nearer to the eye.
     Near,
-    /// The other one.
+    /// The end farther from the eye.
     Far,
 }
 
 /// A point of a ray.
 #[derive(Debug, Clone, Copy)]
 pub struct Place<R> {
-    /// Offset of its cell's lowest corner among the field's values.
+    /// Offset of the cell's lowest corner among the field's values.
     pub offset: usize,
     /// Cell-local coordinates.
     pub at: [R; 3],
@@ -27,58 +27,58 @@ pub struct Place<R> {
 }
 
 impl<R: Real> Place<R> {
-    /// Weights of the cell's corners, by x.
+    /// Returns the weights of the cell's corners, by x.
     pub fn weights(&self) -> [R::Lanes; 2] {
         weights(self.at)
     }
 
-    /// Gradient of the interpolated value, by index coordinate.
+    /// Returns the gradient of the interpolated value with respect to index coordinates.
     pub fn slopes(&self, values: &[R]) -> DVec3 {
         DVec3::from_array(slopes(corners(values, self.offset).map(Lanes::store), self.at).map(Real::f64))
     }
 }
 
-/// A stretch with one density for all of it.
+/// A segment with one density for its whole length.
 #[derive(Debug, Clone, Copy)]
 pub struct Sample<R: Real> {
     /// Offset of the cell's lowest corner among the field's values.
     pub offset: usize,
     /// Number of the curve's piece that the density lies in.
     pub piece: u32,
-    /// World length.
+    /// World length of the segment.
     pub length: R,
-    /// Cell-local coordinates.
+    /// Cell-local coordinates of the sample.
     pub at: [R; 3],
-    /// The density.
+    /// Density at the sample.
     pub density: R,
     /// Number of the step.
     pub number: u64,
-    /// World length from the ray's origin.
+    /// World length from the ray's origin to the sample.
     pub position: f64,
 }
 
-/// A stretch with the densities at the four points of [`crate::render::gauss`], which determine the
-/// cubic that the interpolated density is.
+/// A segment with the densities at the four points of [`crate::render::gauss`], which determine the cubic that the
+/// interpolated density is.
 #[derive(Debug, Clone, Copy)]
 pub struct Chord<R: Real> {
     /// Offset of the cell's lowest corner among the field's values.
     pub offset: usize,
     /// Number of the curve's piece that the densities lie in.
     pub piece: u32,
-    /// World length.
+    /// World length of the segment.
     pub length: R,
-    /// World length from the ray's origin.
+    /// World length from the ray's origin to the near end.
     pub start: R,
     /// Cell-local coordinates of the points.
     pub at: [R::Lanes; 3],
-    /// Densities there.
+    /// Densities at the points.
     pub density: R::Lanes,
-    /// Whether the curve jumps at its near and at its far end.
+    /// True where the curve jumps: at the near end, at the far end.
     pub jumps: [bool; 2],
 }
 
 impl<R: Real> Chord<R> {
-    /// One of its ends.
+    /// Returns the position of one of the segment's ends.
     pub fn end(&self, end: End) -> Place<R> {
         let [first, .., last] = gauss::NODES;
         let share = if end == End::Far { 1.0 } else { 0.0 };
@@ -103,7 +103,7 @@ impl<R: Real> Chord<R> {
         low + x * (high - low)
     }
 
-    /// Derivatives with respect to the corners, by x, from those with respect to the densities: the
+    /// Returns the derivatives with respect to the corners, by x, from those with respect to the densities: the
     /// transpose of [`Chord::interpolate`].
     #[inline(always)]
     pub fn spread(&self, by_density: R::Lanes) -> [R::Lanes; 2] {
@@ -121,8 +121,8 @@ impl<R: Real> Chord<R> {
     }
 }
 
-/// Gradient of the interpolated value with respect to the cell-local coordinates, from the values at the corners
-/// (by x, with corner `(x, y, z)` at `2 y + z`).
+/// Returns the gradient of the interpolated value with respect to the cell-local coordinates, from the values at the
+/// corners (by x, with corner `(x, y, z)` at `2 y + z`).
 #[inline(always)]
 pub fn slopes<N: Number>(corners: [[N; LANES]; 2], [x, y, z]: [N; 3]) -> [N; 3] {
     // On a face of constant x: value, and its derivatives by y and by z.

@@ -1,9 +1,9 @@
 //! The tile driver: the one place where rays and pixels are distributed over threads.
 //!
-//! Whoever renders, projects or differentiates cuts its pixels into units (tiles, runs along a curve) that depend on
-//! the pictures alone, and gives what is done with one. Results and sums come back in the order of the units or of the
-//! partitions, so that they have the same bits for any number of threads. A flag that is set stops the work between two
-//! units.
+//! Callers that render, project or differentiate cut their pixels into units (tiles, runs along a curve) that depend on
+//! the pictures alone, and pass the work on one unit as a closure. Results and sums are returned in the order of the
+//! units or of the partitions, so that they are bit-identical for any number of threads. A cancel flag stops the work
+//! between two units.
 
 use rayon::prelude::*;
 use std::ops::Range;
@@ -16,18 +16,18 @@ pub struct Subpixels {
 }
 
 impl Subpixels {
-    /// So many rays along each edge of a pixel; at least one.
+    /// Creates `per_edge` rays along each edge of a pixel, at least one.
     pub fn new(per_edge: usize) -> Self {
         Self { per_edge: per_edge.max(1) }
     }
 
-    /// How many rays a pixel has.
+    /// Returns the number of rays of a pixel.
     #[inline(always)]
     pub fn count(self) -> usize {
         self.per_edge * self.per_edge
     }
 
-    /// Image position of a pixel's ray, in pixels.
+    /// Returns the image position of a pixel's ray, in pixels.
     #[inline(always)]
     pub fn position(self, [x, y]: [usize; 2], ray: usize) -> [f64; 2] {
         let n = self.per_edge;
@@ -35,7 +35,7 @@ impl Subpixels {
         [x as f64 + offset(ray % n), y as f64 + offset(ray / n)]
     }
 
-    /// Image positions of all rays of a pixel, in pixels.
+    /// Returns the image positions of all rays of a pixel, in pixels.
     #[inline(always)]
     pub fn positions(self, pixel: [usize; 2]) -> impl Iterator<Item = [f64; 2]> {
         (0..self.count()).map(move |ray| self.position(pixel, ray))
@@ -48,7 +48,7 @@ fn stopped(cancel: Option<&AtomicBool>) -> bool {
     cancel.is_some_and(|flag| flag.load(Ordering::Relaxed))
 }
 
-/// Does `work` on each unit, with scratch memory of the thread, and gives the results in the units' order; `None` if
+/// Applies `work` to each unit, with scratch memory per thread, and returns the results in the units' order; `None` if
 /// `cancel` was set before all were done.
 pub fn map<U: Sync, S, T: Send>(
     units: &[U],
@@ -61,8 +61,8 @@ pub fn map<U: Sync, S, T: Send>(
     units.par_iter().with_max_len(1).map_init(scratch, one).collect()
 }
 
-/// The pixels of a picture, band by band of rows: `pixel(scratch, [x, y])` gives the value of one. `None` if `cancel` was
-/// set before all were done.
+/// Computes the pixels of a picture in row-major order, in parallel over bands of rows: `pixel(scratch, [x, y])`
+/// returns the value of one. `None` if `cancel` was set before all were done.
 pub fn pixels<S, T: Send + Default + Clone>(
     [width, height]: [usize; 2],
     cancel: Option<&AtomicBool>,
@@ -87,12 +87,12 @@ pub fn pixels<S, T: Send + Default + Clone>(
     (!stopped(cancel)).then_some(values)
 }
 
-/// Width and height of the tiles of [`pixels`]. Rays of a tile meet the same bricks; a band of tiles is a task, and
-/// small pictures need many.
+/// Width and height of the tiles of [`pixels`]. Rays of a tile visit the same bricks; a band of tiles is a task, and
+/// small pictures need many tasks.
 const TILE: [usize; 2] = [16, 4];
 
-/// Lets each partition go through its own units, in order: `begin` makes its sum, `work` adds a unit. Gives the sums in
-/// the partitions' order; those of work that `cancel` stopped are incomplete.
+/// Sums over the units of each partition, in order: `begin` creates a partition's sum, `work` adds a unit. Returns the
+/// sums in the partitions' order; those of work that `cancel` stopped are incomplete.
 pub fn partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
     partitions: &mut [P],
     cancel: Option<&AtomicBool>,
@@ -115,12 +115,12 @@ pub fn partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
     .collect()
 }
 
-/// Deals units out in turn: those of a partition, by number, among so many partitions.
+/// Deals units out in turn, and returns those of partition `number` among `partitions`.
 pub fn dealt<U>(units: &[U], number: usize, partitions: usize) -> impl Iterator<Item = &U> {
     units.iter().skip(number).step_by(partitions.max(1))
 }
 
-/// Consecutive runs of `0..count` of at most so many.
+/// Cuts `0..count` into consecutive runs of at most `length`.
 pub fn runs(count: usize, length: usize) -> Vec<Range<usize>> {
     (0..count).step_by(length.max(1)).map(|begin| begin..count.min(begin + length)).collect()
 }

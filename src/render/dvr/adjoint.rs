@@ -78,7 +78,7 @@ impl<R: Precision> Dvr<'_, R> {
         }
     }
 
-    /// [`Dvr::trace`] for drivers that are compiled for each instruction set.
+    /// Traces a ray as [`Dvr::trace`] does, inlined for drivers that are compiled for each instruction set.
     #[inline(always)]
     pub(crate) fn trace_with(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
         let Some(ray) = self.index_ray(ray) else { return 0.0 };
@@ -86,14 +86,14 @@ impl<R: Precision> Dvr<'_, R> {
     }
 }
 
-/// The loss's derivatives, and what they weigh.
+/// Derivatives of the loss with respect to a pixel's radiance, in the form that the recursion needs.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Weighted<const C: usize> {
-    /// SegmentCotangent red, green and blue.
+    /// Derivatives with respect to red, green and blue.
     pub rgb: [f64; 3],
-    /// SegmentCotangent the transmittance.
+    /// Derivative with respect to the transmittance.
     pub transmittance: f64,
-    /// For each channel of the curve.
+    /// Derivatives with respect to the channels of the curve.
     pub color: [f64; C],
 }
 
@@ -102,7 +102,8 @@ pub struct Pass<'p, 'a, R: Real> {
     pub(super) dvr: &'p Dvr<'a, R>,
     pub(super) ray: IndexRay,
     pub(super) to: Accumulators<'p, R>,
-    /// Derivatives that wait: a cell of many pieces is scattered once.
+    /// Derivatives with respect to a cell's corners that are not yet scattered: a cell of several pieces is scattered
+    /// once.
     pub(super) pending: Option<(usize, [R::Lanes; 2])>,
     pub(super) moved: IndexRayGradient,
 }
@@ -112,7 +113,8 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         Self { dvr, ray, to, pending: None, moved: IndexRayGradient::default() }
     }
 
-    /// Grey sources: one derivative for the whole ray.
+    /// Computes the gradient for grey sources, which depends on one derivative for the whole ray, that of the optical
+    /// depth.
     #[inline(always)]
     pub(super) fn depth_only<Q: DepthRule<R>>(
         &mut self,
@@ -149,13 +151,14 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         seen
     }
 
-    /// The bricks that compiled: a transfer function's own derivative does not vanish where it is clear.
+    /// Returns the bricks that rays visit. All of the field's for a gradient with respect to the transfer function,
+    /// which does not vanish where the medium is clear; else the visible ones.
     #[inline(always)]
     pub(super) fn topology(&self) -> &'p Topology {
         if self.to.table.is_some() { &self.dvr.field.topology } else { &self.dvr.visible }
     }
 
-    /// Sources that vary: the recursion of this module's head.
+    /// Runs the recursion of this module's header, for sources that vary.
     #[inline(always)]
     pub(super) fn recursion<S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
         &mut self,
@@ -222,7 +225,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         seen
     }
 
-    /// Gradient of the color; the weights that the rest needs.
+    /// Adds the gradient with respect to the source's color; returns the loss weights that the recursion needs.
     #[inline(always)]
     pub(super) fn shared<const C: usize>(
         &mut self,
@@ -244,7 +247,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         weighted
     }
 
-    /// Hands the derivatives of one segment to the sinks.
+    /// Adds the derivatives of one segment to the gradient accumulators.
     #[inline(always)]
     pub(super) fn deposit<S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
         &mut self,
@@ -290,8 +293,8 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         }
     }
 
-    /// Hands over what moving one end of a segment does where the transfer function jumps, with so much open there and
-    /// so much arriving from beyond.
+    /// Adds the derivatives of moving one end of a segment where the transfer function jumps, given the transmittance
+    /// there and the loss-weighted radiance that arrives from behind it.
     #[inline(always)]
     pub(super) fn jump<S: SegmentDerivatives<R>, const C: usize>(
         &mut self,
@@ -314,7 +317,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         }
     }
 
-    /// Scatters what waits.
+    /// Scatters the pending derivatives.
     #[inline(always)]
     fn flush(&mut self) {
         if let (Some((offset, weights)), Some(voxels)) = (self.pending.take(), self.to.voxels.as_deref_mut()) {
@@ -322,7 +325,7 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         }
     }
 
-    /// Scatters what waits, and brings the ray's derivatives to world space.
+    /// Scatters the pending derivatives, and transforms the ray's derivatives to world space.
     #[inline(always)]
     pub(super) fn finish(&mut self) {
         self.flush();
@@ -334,9 +337,9 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
 
 /// State of the division-free recursion.
 struct Backward<const C: usize> {
-    /// Loss-weighted radiance from beyond the segment at hand, as it arrives at the eye.
+    /// Loss-weighted radiance from behind the current segment, as it arrives at the eye.
     beyond: f64,
-    /// Optical depth from the eye to the segment's far end, and the transmittance.
+    /// Optical depth from the eye to the segment's far end; `open` is the transmittance.
     depth: f64,
     open: f64,
     weighted: Weighted<C>,

@@ -12,7 +12,7 @@ use crate::render::curve::Curve;
 use crate::render::rule::Rule;
 use crate::render::segment::End;
 
-/// Blends the tape forward in `R`, then walks it backward by inversion.
+/// Blends the tape forward in `R`, then walks it backward by inversion, adding the gradient to the accumulators.
 #[inline(always)]
 pub(super) fn backward<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
     pass: &mut Pass<'_, '_, R>,

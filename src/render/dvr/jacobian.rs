@@ -1,7 +1,7 @@
-//! All channels' derivatives with respect to a transfer function's knots in one backward walk: a row of the
-//! normal equations. The recursion of [`adjoint`](super::adjoint), for each channel in turn but with what the channels
-//! share taken once: the derivative by a color is that channel's alone and the same for all, and that of alpha by an
-//! optical depth is the ray's transmittance.
+//! Derivatives of all channels with respect to a transfer function's knots in one backward walk: a row of the normal
+//! equations. The recursion of [`adjoint`](super::adjoint) runs for each channel in turn; terms that the channels share
+//! are computed once: the derivative with respect to a color affects its own channel alone and is equal for all, and
+//! that of alpha with respect to an optical depth is the ray's transmittance.
 
 use super::blend::Entry;
 use super::kernel;
@@ -15,12 +15,12 @@ use crate::render::integrator::{Integrator, Radiance};
 use crate::render::march::IndexRay;
 use crate::render::rule::Rule;
 
-/// Derivatives of a pixel by one knot.
+/// Derivatives of a pixel with respect to one knot.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ByKnot {
-    /// Of red, green, blue and alpha by its extinction.
+    /// Derivatives of red, green, blue and alpha with respect to the knot's extinction.
     pub extinction: [f64; 4],
-    /// Of each channel by its own color.
+    /// Derivative of each channel with respect to the knot's color in that channel.
     pub color: f64,
 }
 
@@ -34,32 +34,32 @@ impl ByKnot {
 /// Derivatives of a pixel with respect to the values at a table's knots.
 #[derive(Debug, Clone)]
 pub struct TableJacobian {
-    /// With one before the first knot and one behind the last, which the outermost pieces do not depend on.
+    /// One entry per knot, with padding entries before the first and after the last, whose derivatives stay zero.
     knots: Vec<ByKnot>,
 }
 
 impl TableJacobian {
-    /// Zero for each of so many knots.
+    /// Creates a Jacobian of zeros for this many knots.
     pub fn zeros(knots: usize) -> Self {
         Self { knots: vec![ByKnot::default(); knots + 2] }
     }
 
-    /// Forgets all derivatives.
+    /// Sets all derivatives to zero.
     pub fn forget(&mut self) {
         self.knots.fill(ByKnot::default());
     }
 
-    /// SegmentCotangent knot.
+    /// Returns the derivatives, one entry per knot.
     pub fn by_knot(&self) -> &[ByKnot] {
         &self.knots[1..self.knots.len() - 1]
     }
 }
 
 impl<R: Precision> Dvr<'_, R> {
-    /// Radiance along a world ray of unit direction, and `weight` times the derivatives of the pixel that it makes over the
-    /// background, with respect to the values at the transfer function's knots, which are added to `jacobian`, made for as
-    /// many. For pre-integration both are
-    /// those of what it approaches; media without a transfer function have no derivatives.
+    /// Returns the radiance along a world ray of unit direction. Adds to `jacobian` `weight` times the derivatives of
+    /// the pixel, composited over the background, with respect to the values at the transfer function's knots;
+    /// `jacobian` must have as many knots as the function. With pre-integration, radiance and derivatives are those of
+    /// the exact quadrature that it approximates. Without a transfer function nothing is added.
     pub fn table_jacobian(
         &self,
         ray: &Ray,
@@ -138,8 +138,8 @@ impl<R: Precision> Dvr<'_, R> {
 }
 
 impl<R: Precision> Composited<Dvr<'_, R>> {
-    /// What a world ray of unit direction shows, and `weight` times its derivatives with respect to the values at the
-    /// transfer function's knots, which are added to `jacobian`, made for as many; as
+    /// Returns the pixel of a world ray of unit direction. Adds to `jacobian`, which must have as many knots as the
+    /// transfer function, `weight` times its derivatives with respect to the values at the knots; see
     /// [`Dvr::table_jacobian`].
     pub fn table_jacobian(&self, ray: &Ray, weight: f64, jacobian: &mut TableJacobian, tape: &mut Tape<R>) -> Pixel<R> {
         self.composite(&self.integrator.table_jacobian(ray, self.background, (weight, jacobian), tape))

@@ -1,15 +1,15 @@
-//! Where a transfer function jumps, so does the light of a segment's end. It lies at the length t of the ray at which
-//! the density is that of the step, `d(t) = x`, and t moves with all that the density depends on, and with x:
+//! Boundary terms where a transfer function jumps. A segment's end there lies at the length t of the ray at which the
+//! density is that of the step, `d(t) = x`; t moves with all that the density depends on, and with x:
 //!
 //! ```text
 //! dt = (dx - ∂d) / d'(t)        dL = ± σ (c T - V) dt
 //! ```
 //! with `±` for the segment that ends there or begins there, σ and c its extinction and source at its end, T the
-//! transmittance and V the radiance from beyond (Reynolds' transport theorem on a line). Where nothing jumps, both
-//! sides of a knot cancel.
+//! transmittance and V the radiance that arrives from behind (Reynolds' transport theorem on a line). Where nothing
+//! jumps, the terms of both sides of a knot cancel.
 //!
-//! The two knots of a step can part, and then a ramp lies between them: what a knot does by moving away from the other
-//! is what its side has more than the mean of the ramp.
+//! At a step two knots coincide. The derivatives given are those of separating them, with a ramp in between: the
+//! derivative with respect to one knot is its one-sided value minus the mean over the ramp.
 
 use super::segment_derivatives::SegmentDerivatives;
 use crate::real::Real;
@@ -18,18 +18,18 @@ use crate::render::march::IndexRay;
 use crate::render::segment::{End, Place};
 use glam::DVec3;
 
-/// The least that the density gains along a ray where it meets a step, as a share of its gradient. With less the ray
-/// grazes the level: where it meets it moves without bound, while next to nothing depends on it.
+/// The least change of the density along a ray at a step, as a share of its gradient. With less, the ray grazes the
+/// level set: the crossing moves without bound, while next to nothing depends on it.
 const GRAZING: f64 = 1e-3;
 
-/// An end of a segment at which the transfer function jumps. Of pairs, the first is the segment's side of the step, the
-/// second what that has more than the mean of a ramp to the other side.
+/// An end of a segment at which the transfer function jumps. Of pairs, the first is the value on the segment's side of
+/// the step, the second that value minus the mean over a ramp to the other side.
 pub(super) struct Jump<R, const C: usize> {
-    /// Where it lies.
+    /// Position of the end on the ray.
     pub place: Place<R>,
-    /// Gradient of the density, by index coordinate.
+    /// Gradient of the density with respect to index coordinates.
     pub slopes: DVec3,
-    /// Change of the segment's length with the density of the step.
+    /// Derivative of the segment's world length with respect to the density of the step.
     pub longer: f64,
     /// Number of the knot on the segment's side.
     pub knot: usize,
@@ -40,7 +40,7 @@ pub(super) struct Jump<R, const C: usize> {
 }
 
 impl<R: Real, const C: usize> Jump<R, C> {
-    /// At one end of a segment; `None` where there is no jump.
+    /// Returns the jump at one end of a segment; `None` where there is none.
     #[inline(always)]
     pub fn find<S: SegmentDerivatives<R>>(
         curve: &Curve<R, C>,
@@ -87,8 +87,8 @@ impl<R: Real, const C: usize> Jump<R, C> {
         })
     }
 
-    /// Change of the loss-weighted light with the density of the step, where so much is open and so much arrives from
-    /// beyond.
+    /// Returns the derivatives of the loss-weighted light with respect to the density of the step, given the
+    /// transmittance `open` there and the loss-weighted radiance `beyond` that arrives from behind it.
     #[inline(always)]
     pub fn gains(&self, weights: &[f64; C], open: f64, beyond: f64) -> [f64; 2] {
         [0, 1].map(|k| {

@@ -1,5 +1,5 @@
-//! The value: optical depth alone where the picture depends on nothing else, and front-to-back
-//! blending where the source varies.
+//! Forward values: optical depth alone where the picture depends on nothing else, and front-to-back blending where the
+//! source varies.
 
 use super::Dvr;
 use super::blend::{Blend, Entry};
@@ -13,8 +13,8 @@ use crate::render::march::{IndexRay, batches};
 use crate::render::rule::{DepthRule, Rule};
 use crate::scene::bricks::Topology;
 
-/// Optical depth along a ray. Inside a batch of bricks the sum runs in `R`, from batch to batch in
-/// `f64`. The cells stay on the tape, all that are appended to it or (`keep` false) the last batch's.
+/// Computes the optical depth along a ray. Inside a batch of bricks the sum runs in `R`, from batch to batch in `f64`.
+/// The cells visited are appended to the tape; with `keep` false only those of the last batch remain.
 #[inline(always)]
 pub(super) fn depth<R: Real, Q: DepthRule<R>>(
     dvr: &Dvr<'_, R>,
@@ -48,16 +48,16 @@ pub(super) fn depth<R: Real, Q: DepthRule<R>>(
     Blend { emitted: [], depth: dvr.medium.extinction * total, last }
 }
 
-/// `L = c (1 - T)`.
+/// Returns the radiance `L = c (1 - T)` of a grey source.
 #[inline(always)]
 pub(super) fn grey(depth: f64, color: [f32; 3]) -> Radiance {
     let opacity = -(-depth).exp_m1();
     Radiance { rgb: color.map(|c| f64::from(c) * opacity), depth }
 }
 
-/// Front-to-back blending; the optical depth is carried in `f64`, and so is the transmittance, whose
-/// differences are what a source that does not vary adds. `record` sees every segment with its light and the transmittance
-/// before it, and `None` before those of a batch.
+/// Blends a ray's segments front to back. Optical depth and transmittance are carried in `f64`: differences of the
+/// transmittance are the whole contribution of a source that does not vary. `record` receives each segment with its
+/// optics and the transmittance before it, and `None` before the segments of each batch.
 #[inline(always)]
 pub(super) fn blend<R: Real, S: Shade<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
     dvr: &Dvr<'_, R>,
@@ -100,7 +100,8 @@ pub(super) fn blend<R: Real, S: Shade<R>, Q: Rule<R, C, Segment = S>, const C: u
     state
 }
 
-/// SegmentOptics of one segment, loss-weighted, as it arrives at the eye.
+/// Returns the loss-weighted light of one segment, as it arrives at the eye, from the transmittances before and behind
+/// it.
 #[inline(always)]
 pub(super) fn arriving<R: Real>(glow: SegmentSource, light: &SegmentOptics<R>, before: f64, beyond: f64) -> f64 {
     glow.mean * (before - beyond) + glow.slope * before * light.varied.f64()

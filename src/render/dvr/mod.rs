@@ -48,14 +48,15 @@ use std::sync::{Arc, OnceLock};
 #[derive(Debug, Clone)]
 struct CompiledCurve<R, const C: usize> {
     curve: Curve<R, C>,
-    /// Red, green and blue of each channel.
+    /// Red, green and blue of each channel of the curve.
     tint: [[f64; 3]; C],
-    /// The largest radiance that the quadrature's error is measured against, in units of the curve's.
+    /// Radiance, in units of the curve's source, that quadrature errors are measured against: the brightest of a
+    /// transfer function; for a line 1 in the brightest channel.
     bright: f64,
 }
 
 impl<R, const C: usize> CompiledCurve<R, C> {
-    /// The piece of the curve at a density, and the extinction there.
+    /// Returns the piece of the curve at a density, and the extinction there.
     #[inline(always)]
     fn at(&self, density: R) -> (&Piece<R, C>, R)
     where
@@ -77,7 +78,7 @@ impl<R, const C: usize> CompiledCurve<R, C> {
     }
 }
 
-/// What the medium is, as kernels need it: one channel where all have the same shape, else three.
+/// The medium as kernels need it: one channel of source where red, green and blue are proportional, else three.
 #[derive(Debug, Clone)]
 enum CompiledMedium<R: Real> {
     Line(Arc<CompiledCurve<R, 1>>),
@@ -108,12 +109,12 @@ impl<R: Real> CompiledMedium<R> {
     }
 }
 
-/// A precision that kernels are compiled for, here: they are large, and generic functions would be
-/// compiled again wherever they are used.
+/// A precision that kernels are compiled for in this module: they are large, and generic functions would be compiled
+/// again in each crate that uses them.
 pub trait Precision: Real {
-    /// [`Dvr::radiance`] with scratch memory.
+    /// Computes [`Dvr::radiance`] with scratch memory.
     fn radiance(dvr: &Dvr<'_, Self>, ray: &Ray, tape: &mut Tape<Self>) -> Radiance;
-    /// [`Dvr::gradient`].
+    /// Computes the gradient of a loss; see [`Differentiable::vjp`].
     fn gradient(
         dvr: &Dvr<'_, Self>,
         ray: &Ray,
@@ -122,14 +123,14 @@ pub trait Precision: Real {
         to: Accumulators<'_, Self>,
         tape: &mut Tape<Self>,
     ) -> Radiance;
-    /// The gradients that few ask for.
+    /// Computes gradients of rarely used rules: of quadratures with a step, and by inversion.
     fn stepped(
         pass: &mut Pass<'_, '_, Self>,
         loss: Loss<'_, Self>,
         adjoint: Adjoint,
         tape: &mut Tape<Self>,
     ) -> Radiance;
-    /// [`Dvr::trace`].
+    /// Computes [`Dvr::trace`].
     fn trace(dvr: &Dvr<'_, Self>, ray: &Ray, tape: &mut Tape<Self>) -> f64;
 }
 
@@ -169,8 +170,8 @@ precision!(f32, |dvr: &Dvr<'_, f32>| dvr.arch);
 // The reference is compiled for one instruction set alone.
 precision!(f64, |_: &Dvr<'_, f64>| Plain);
 
-/// What is compiled for each instruction set: the value along one ray. (A closure would not do: its
-/// call is compiled for the oldest one.)
+/// Evaluation of one ray's radiance, as the unit that is compiled for each instruction set. (A closure would not do:
+/// its call is compiled for the baseline.)
 struct Value<'k, 'd, R: Real> {
     dvr: &'k Dvr<'d, R>,
     ray: &'k Ray,
@@ -186,7 +187,7 @@ impl<R: Real> pulp::NullaryFnOnce for Value<'_, '_, R> {
     }
 }
 
-/// The same for a gradient.
+/// Evaluation of one ray's gradient, as the unit that is compiled for each instruction set.
 struct Gradient<'k, 'd, R: Real> {
     dvr: &'k Dvr<'d, R>,
     ray: &'k Ray,
@@ -206,18 +207,18 @@ impl<R: Precision> pulp::NullaryFnOnce for Gradient<'_, '_, R> {
 }
 
 impl<R: Precision> Dvr<'_, R> {
-    /// Radiance along a world ray of unit direction.
+    /// Returns the radiance along a world ray of unit direction.
     pub fn radiance(&self, ray: &Ray) -> Radiance {
         R::radiance(self, ray, &mut Tape::default())
     }
 
-    /// Optical depth `∫σ` along a world ray of unit direction, summed in `f64`.
+    /// Returns the optical depth `∫σ` along a world ray of unit direction, summed in `f64`.
     pub fn optical_depth(&self, ray: &Ray) -> f64 {
         R::radiance(self, ray, &mut Tape::default()).depth
     }
 
-    /// Optical depth along a world ray with exact quadrature, its pieces appended to the tape: the
-    /// linear operator of tomography. [`Tape::spread`] is its transpose.
+    /// Returns the optical depth along a world ray with exact quadrature, and appends the cells crossed to the tape:
+    /// the linear operator of tomography. [`Tape::spread`] is its transpose.
     pub fn trace(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
         R::trace(self, ray, tape)
     }
@@ -233,22 +234,23 @@ pub struct Dvr<'a, R: Real> {
     field: &'a Bricks<R>,
     medium: Medium,
     compiled: CompiledMedium<R>,
-    /// The field's bricks without those that have no density at which the medium absorbs.
+    /// Bricks that rays visit: with a transfer function those that hold a density at which the medium absorbs, else
+    /// all.
     visible: Arc<Topology>,
     majorants: OnceLock<Majorants>,
     quadrature: Quadrature,
-    /// Optical depth at which a ray ends.
+    /// Optical depth at which a ray ends; 0 transmittance gives infinity.
     depth_limit: f64,
     /// World length of one voxel along its shortest edge: the unit of the quadrature's steps.
     voxel: f64,
-    /// Radiance error allowed per piece where the source varies, relative to the brightest.
+    /// Radiance error allowed per piece where the source varies; see [`Dvr::tolerance`].
     tolerance: f64,
     arch: Arch,
 }
 
 impl<'a, R: Real> Dvr<'a, R> {
-    /// A renderer with exact quadrature and rays that end when no more than
-    /// 1e-6 of the light behind could reach the eye.
+    /// Creates a renderer with exact quadrature, whose rays end once at most 1e-6 of the light from behind could reach
+    /// the eye.
     ///
     /// # Errors
     /// If the medium's numbers are not usable, or it absorbs at density zero where the field has no bricks.
@@ -278,8 +280,8 @@ impl<'a, R: Real> Dvr<'a, R> {
         Ok(renderer.skipping().early_stop(1e-6))
     }
 
-    /// Skips bricks in which nothing absorbs. Without a transfer function these are stored for what lies between their
-    /// voxels and the neighbours', and are few.
+    /// Skips bricks in which nothing absorbs. Without a transfer function no brick is skipped: empty ones are stored
+    /// for the interpolation between their voxels and their neighbours', and are few.
     fn skipping(mut self) -> Self {
         if matches!(self.medium.source, Source::Transfer(_)) {
             let bounds = self.majorants().bricks();
@@ -288,7 +290,7 @@ impl<'a, R: Real> Dvr<'a, R> {
         self
     }
 
-    /// The medium over a constant background.
+    /// Composites the medium over a constant background.
     pub fn over(self, background: [f32; 3]) -> Composited<Self> {
         Composited { integrator: self, background }
     }
@@ -311,19 +313,20 @@ impl<'a, R: Real> Dvr<'a, R> {
         self
     }
 
-    /// Ends a ray once its transmittance is below `transmittance` (0: never); [`Composited::left_out`] says what that costs.
+    /// Ends a ray once its transmittance is below `transmittance` (0: never); [`Composited::left_out`] bounds the
+    /// error.
     #[must_use]
     pub fn early_stop(mut self, transmittance: f64) -> Self {
         self.depth_limit = -transmittance.ln();
         self
     }
 
-    /// Transmittance at which a ray ends.
+    /// Returns the transmittance at which a ray ends.
     pub fn least_transmittance(&self) -> f64 {
         (-self.depth_limit).exp()
     }
 
-    /// The largest radiance of the medium's source, in any channel.
+    /// Returns the largest radiance of the medium's source, in any channel.
     pub fn brightest(&self) -> f64 {
         match &self.medium.source {
             Source::Grey(color) => largest(*color),
@@ -332,8 +335,8 @@ impl<'a, R: Real> Dvr<'a, R> {
         }
     }
 
-    /// Sets the radiance error that exact quadrature may leave in each piece of a ray, relative to the
-    /// brightest source (4e-7 unless set); optical depths have none.
+    /// Sets the radiance error that exact quadrature may leave in each piece of a ray (default 4e-7), relative to the
+    /// brightest color of the transfer function, or absolute without one; optical depths have no such error.
     #[must_use]
     pub fn tolerance(mut self, tolerance: f64) -> Self {
         self.tolerance = tolerance;
@@ -347,7 +350,7 @@ impl<'a, R: Real> Dvr<'a, R> {
         self
     }
 
-    /// What rays through each brick take, as [`Differentiable::lookups`] says.
+    /// Returns the estimated voxel lookups per ray and brick; see [`Differentiable::lookups`].
     pub fn lookups(&self, by_table: bool) -> Vec<f32> {
         let topology = if by_table { &self.field.topology } else { &self.visible };
         let through = |brick: usize| match &self.compiled {
@@ -361,12 +364,12 @@ impl<'a, R: Real> Dvr<'a, R> {
         bricks.map(|(i, brick)| if topology.find(*brick) == NONE { 0.0 } else { through(i) }).collect()
     }
 
-    /// Upper bounds of the extinction, found when they are first asked for.
+    /// Returns upper bounds of the extinction, computed on first use.
     pub fn majorants(&self) -> &Majorants {
         self.majorants.get_or_init(|| Majorants::new(self.field, &self.medium))
     }
 
-    /// The field that is rendered.
+    /// Returns the field that is rendered.
     pub fn field(&self) -> &'a Bricks<R> {
         self.field
     }
@@ -376,7 +379,7 @@ impl<'a, R: Real> Dvr<'a, R> {
         IndexRay::new(&self.field.domain, &self.field.transform, ray)
     }
 
-    /// Samples of a quadrature with a step.
+    /// Returns the rule of a quadrature with a step; `None` for the others.
     #[inline(always)]
     fn uniform(&self, ray: &IndexRay) -> Option<Uniform> {
         let (step, phase) = match self.quadrature {
@@ -433,9 +436,9 @@ impl<'a, R: Real> Dvr<'a, R> {
 }
 
 impl<R: Precision> Composited<Dvr<'_, R>> {
-    /// The most that ending rays early changes in any channel of a pixel, alpha included. What lies behind a
-    /// transmittance T, the background too, adds up to a mean of its radiances times T; in its place stands T times
-    /// the background.
+    /// Returns a bound of the change that ending rays early makes in any channel of a pixel, alpha included. Behind a
+    /// transmittance T, medium and background contribute T times a mean of their radiances; the picture has T times the
+    /// background instead.
     pub fn left_out(&self) -> f64 {
         self.integrator.least_transmittance() * self.integrator.brightest().max(self.brightest_background()).max(1.0)
     }

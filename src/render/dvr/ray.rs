@@ -1,4 +1,4 @@
-//! Derivatives with respect to where a ray begins and goes.
+//! Derivatives with respect to a ray's origin and direction.
 
 use super::CompiledCurve;
 use super::adjoint::{Pass, Weighted};
@@ -9,7 +9,8 @@ use crate::render::index_ray_gradient::IndexRayGradient;
 use crate::render::rule::Rule;
 
 impl<R: Real> Pass<'_, '_, R> {
-    /// Loss-weighted light that a unit of length at world length `t` adds, in front of light `beyond`.
+    /// Returns the change of the loss-weighted light per world length that is added at world length `t`, in front of
+    /// the loss-weighted radiance `beyond`.
     #[inline(never)]
     pub(super) fn gain<const C: usize>(
         &self,
@@ -23,7 +24,7 @@ impl<R: Real> Pass<'_, '_, R> {
         extinction.f64() * (SegmentSource::new(line, density, &weighted.color).mean - beyond)
     }
 
-    /// Notes what a segment's points ask the ray to do.
+    /// Adds a segment's derivatives with respect to the ray.
     #[inline(never)]
     pub(super) fn follow<S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
         &mut self,
@@ -41,7 +42,7 @@ impl<R: Real> Pass<'_, '_, R> {
         self.moved.step += step;
     }
 
-    /// Brings the ray's derivatives to world space.
+    /// Adds the ray's derivatives, transformed to world space, to the accumulators.
     #[inline(never)]
     pub(super) fn hand_over(&mut self) {
         if let Some(ray) = self.to.ray.as_deref_mut() {

@@ -1,4 +1,5 @@
-//! Where segments lie: how derivatives by density become derivatives by voxel, and by the ray's points.
+//! Derivatives of segments with respect to voxels and to the positions of the ray's points, from those with respect to
+//! densities.
 
 use super::shade::Shade;
 use crate::real::Real;
@@ -8,23 +9,24 @@ use crate::render::gauss;
 use crate::render::segment::{Chord, End, Place, Sample, slopes};
 use glam::DVec3;
 
-/// A segment that knows where it lies.
+/// A segment with its position in a cell.
 pub(super) trait SegmentDerivatives<R: Real>: Shade<R> {
-    /// Offset of its cell.
+    /// Returns the offset of the segment's cell among the field's values.
     fn offset(&self) -> usize;
-    /// World length.
+    /// Returns the world length of the segment.
     fn length(&self) -> R;
-    /// Derivatives with respect to the corners of its cell, from those by density.
+    /// Returns the derivatives with respect to the corners of the segment's cell, from those with respect to densities.
     fn spread(&self, by_density: R::Lanes) -> [R::Lanes; 2];
-    /// Derivatives with respect to its points' index coordinates: summed, and times their world length
-    /// from the origin.
+    /// Returns the derivatives with respect to the points' index coordinates: their sum, and the sum weighted by the
+    /// points' world lengths from the origin.
     fn moved(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3);
-    /// Change of the densities with the stored values: the transpose of [`SegmentDerivatives::spread`].
+    /// Returns the change of the densities for a change of the stored values: the transpose of
+    /// [`SegmentDerivatives::spread`].
     fn voxel_jvp(&self, by_value: &[R]) -> R::Lanes;
-    /// Change of the densities with its points' index coordinates, and the points' world lengths from the
-    /// origin: what [`SegmentDerivatives::moved`] is the transpose of.
+    /// Returns the derivatives of the densities with respect to the points' index coordinates, and the points' world
+    /// lengths from the origin: [`SegmentDerivatives::moved`] is the transpose.
     fn ray_jvp(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes);
-    /// One of its ends, if the transfer function jumps there and the segment ends because of it.
+    /// Returns an end of the segment, if the transfer function jumps there and the segment ends because of it.
     fn jump(&self, end: End) -> Option<Place<R>>;
 }
 
@@ -113,7 +115,7 @@ impl<R: Real> SegmentDerivatives<R> for Chord<R> {
     }
 }
 
-/// The values at a cell's corners, each the same for four points.
+/// Returns the values at a cell's corners, each repeated for four points.
 #[inline(always)]
 fn everywhere<R: Real>(values: &[R], offset: usize) -> [[R::Lanes; LANES]; 2] {
     corners(values, offset).map(|four| four.store().map(R::Lanes::splat))

@@ -1,9 +1,8 @@
-//! What a segment of a ray does to light: value and derivative.
+//! Optics of a ray's segment: value and derivative.
 //!
-//! Within a segment extinction and source are linear in the density d, `σ = a + b d`, `c = c̄ + s (d - d̄)`
-//! with d̄ the mean density. With `x` the segment's optical depth, `T` the transmittance before it and
-//! `q = ∫ σ (d - d̄) e^{-τ}`, it adds `T (c̄ (1 - e^{-x}) + s q)`: a source that is the same everywhere needs
-//! no quadrature, and all channels share one.
+//! Within a segment extinction and source are linear in the density d, `σ = a + b d`, `c = c̄ + s (d - d̄)` with d̄ the
+//! mean density. With `x` the segment's optical depth, `T` the transmittance before it and `q = ∫ σ (d - d̄) e^{-τ}`,
+//! it adds `T (c̄ (1 - e^{-x}) + s q)`: a source that is constant needs no quadrature, and all channels share one.
 
 use crate::dual::Dual;
 use crate::real::Lanes;
@@ -12,20 +11,21 @@ use crate::render::curve::Piece;
 use crate::render::gauss;
 use crate::render::segment::{Chord, Sample};
 
-/// SegmentOptics of a segment.
+/// Optical properties of a segment.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SegmentOptics<R: Real> {
     /// Optical depth x.
     pub depth: R,
     /// Mean density d̄.
     pub mean: R,
-    /// `q`, the part of the light that follows the density within the segment.
+    /// Integral `q`, the part of the light that follows the density within the segment.
     pub varied: R,
-    /// Transmittance from each point to the near end.
+    /// Transmittance from each quadrature point to the near end.
     open: R::Lanes,
 }
 
-/// Source of one channel, or loss-weighted of all, along a segment: at the mean density, and its slope.
+/// Source along a segment, of one channel or loss-weighted over all: its value at the mean density, and its slope with
+/// the density.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SegmentSource {
     pub mean: f64,
@@ -33,7 +33,7 @@ pub(super) struct SegmentSource {
 }
 
 impl SegmentSource {
-    /// Of the channels' lines with a weight each.
+    /// Computes the weighted sum of the channels' sources at mean density `mean`.
     #[inline(always)]
     pub fn new<R: Real, const C: usize>(line: &Piece<R, C>, mean: R, weights: &[f64; C]) -> Self {
         let offset = (mean - line.base).f64();
@@ -46,8 +46,8 @@ impl SegmentSource {
     }
 }
 
-/// Derivatives of a loss with respect to what a segment gives: its optical depth (the light that it
-/// lets through and emits itself included), its source at the mean density, and `q` of a unit slope.
+/// Derivatives of a loss with respect to a segment's optics: its optical depth (which acts on the light that it lets
+/// through and on its own emission), its source at the mean density, and `q` of a unit slope.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SegmentCotangent<R> {
     pub depth: R,
@@ -55,24 +55,24 @@ pub(super) struct SegmentCotangent<R> {
     pub varied: R,
 }
 
-/// The same with respect to what it is made of, at each of its points; a sample has one, in the first
-/// lane.
+/// Derivatives of a loss with respect to a segment's densities, extinctions and length, at each of its points; a sample
+/// has one point, in the first lane.
 pub(super) struct SegmentGradient<R: Real> {
-    /// With respect to the densities.
+    /// Derivatives with respect to the densities.
     pub density: R::Lanes,
-    /// With respect to the extinctions.
+    /// Derivatives with respect to the extinctions.
     pub extinction: R::Lanes,
-    /// With respect to the length.
+    /// Derivative with respect to the world length.
     pub length: R,
 }
 
-/// A segment that light goes through.
+/// A segment of a ray with absorption and emission.
 pub(super) trait Shade<R: Real>: Copy {
-    /// Number of the curve's piece that it lies in.
+    /// Returns the number of the curve's piece that the segment lies in.
     fn piece(&self) -> u32;
-    /// Its light.
+    /// Returns the optics of the segment.
     fn light<const C: usize>(&self, line: &Piece<R, C>) -> SegmentOptics<R>;
-    /// The derivatives of a loss; `slope` is that of the loss-weighted source.
+    /// Returns the derivatives of a loss; `slope` is that of the loss-weighted source with the density.
     fn slopes<const C: usize>(
         &self,
         line: &Piece<R, C>,
@@ -80,10 +80,10 @@ pub(super) trait Shade<R: Real>: Copy {
         slope: R,
         by: SegmentCotangent<R>,
     ) -> SegmentGradient<R>;
-    /// Densities at its points.
+    /// Returns the densities at the segment's points.
     fn densities(&self) -> R::Lanes;
-    /// Its light again, with derivatives: optical depth, mean density and `q`, from the densities at its
-    /// points and the extinctions there, times its length.
+    /// Returns optical depth, mean density and `q` with their derivatives, from the densities at the segment's points,
+    /// and the extinctions there times the segment's length.
     fn forward<const P: usize>(&self, density: Dual<R::Lanes, P>, depths: Dual<R::Lanes, P>) -> [Dual<R, P>; 3];
 }
 

@@ -1,4 +1,4 @@
-//! Gradients that few ask for: of quadratures with a step, and by the paper's inversion.
+//! Gradients of rarely used rules: of quadratures with a step, and by the inversion of Weiss & Westermann (2021).
 
 use super::adjoint::Pass;
 use super::blend::Entry;
@@ -13,7 +13,7 @@ use crate::render::rule::{Rule, Uniform};
 use crate::scene::medium::Source;
 
 impl<R: Real> Pass<'_, '_, R> {
-    /// Quadratures with a step, and the paper's inversion.
+    /// Computes the gradient for quadratures with a step, or by inversion of the blend.
     pub(super) fn stepped(&mut self, loss: Loss<'_, R>, adjoint: Adjoint, tape: &mut Tape<R>) -> Radiance {
         let dvr = self.dvr;
         let uniform = dvr.uniform(&self.ray);
@@ -48,7 +48,7 @@ impl<R: Real> Pass<'_, '_, R> {
         }
     }
 
-    /// The paper's backward pass.
+    /// Runs the backward pass by inversion of the blend (Weiss & Westermann 2021, sect. 4.3).
     fn inversion<S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
         &mut self,
         loss: Loss<'_, R>,

@@ -1,13 +1,13 @@
-//! Forward mode: radiance and its derivatives along `P` directions in one walk, for few parameters
-//! (Weiss & Westermann 2021, sect. 4.2).
+//! Forward mode: radiance and its derivatives along `P` directions in one walk, for few parameters (Weiss & Westermann
+//! 2021, sect. 4.2).
 //!
-//! The walk and its segments are those of the value ([`blend`]), whose bits are handed through; dual numbers
-//! follow beside it. Of a segment, densities, extinctions and length change; from there
+//! Walk and segments are those of the value ([`blend`]), which is returned bit for bit; dual numbers are computed
+//! beside it. In a segment, densities, extinctions and length change; from there
 //!
 //! ```text
 //! x' = x + Δx    T' = e^{-x'}    E ← E + c (T - T') + s T q
 //! ```
-//! as in [`shade`](super::shade) and [`kernel`](super::kernel), every letter with its derivatives. It is the
+//! as in [`shade`](super::shade) and [`kernel`](super::kernel), each symbol with its derivatives. The result is the
 //! transpose of [`adjoint`](super::adjoint), term by term.
 
 use super::blend::Blend;
@@ -31,9 +31,9 @@ use crate::scene::bricks::Topology;
 use crate::scene::medium::Source;
 use glam::DVec3;
 
-/// A precision that `P` directions at once are compiled for.
+/// A precision that forward mode with `P` directions at once is compiled for.
 pub trait Directions<const P: usize>: Precision {
-    /// [`Forward::jvp`](crate::render::differentiable::Forward::jvp).
+    /// Computes [`Forward::jvp`](crate::render::differentiable::Forward::jvp).
     fn tangent(dvr: &Dvr<'_, Self>, ray: &Ray, seeds: &Seeds<'_, Self, P>, tape: &mut Tape<Self>)
     -> TangentRadiance<P>;
 }
@@ -96,7 +96,7 @@ impl<R: Precision> Dvr<'_, R> {
     }
 }
 
-/// One ray's walk with its derivatives.
+/// Walks one ray with its derivatives.
 fn follow<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize, const P: usize>(
     dvr: &Dvr<'_, R>,
     ray: &IndexRay,
@@ -124,7 +124,7 @@ fn follow<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C
     front.seen(Radiance { rgb: optics.tinted(&found.emitted), depth: found.depth }, &optics.tint, seeds)
 }
 
-/// [`blend`], compiled once for all numbers of directions.
+/// Blends as [`blend`] does, compiled once for all numbers of directions.
 #[inline(never)]
 fn walk<R: Real, S: Shade<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
     dvr: &Dvr<'_, R>,
@@ -142,18 +142,18 @@ fn walk<R: Real, S: Shade<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
     })
 }
 
-/// How a ray's points move along each direction.
+/// Motion of a ray's points along each direction.
 struct Motion<const P: usize> {
-    /// Index coordinates of all points.
+    /// Changes of the index coordinates of all points alike.
     shift: [DVec3; P],
-    /// The same by world length from the origin.
+    /// Changes of the index coordinates per world length from the origin.
     turn: [DVec3; P],
-    /// World lengths of entry and exit, and the quadrature's step.
+    /// Changes of the world lengths to entry and exit, and of the quadrature's step, in world length.
     bounds: [[f64; 3]; P],
 }
 
 impl<const P: usize> Motion<P> {
-    /// `None` if nothing moves.
+    /// Returns `None` if nothing moves.
     fn new<R: Real>(dvr: &Dvr<'_, R>, ray: &IndexRay, seeds: &Seeds<'_, R, P>) -> Option<Self> {
         if seeds.ray.iter().all(|by| *by == RayGradient::default()) {
             return None;
@@ -171,17 +171,17 @@ impl<const P: usize> Motion<P> {
     }
 }
 
-/// State of the front-to-back blend.
+/// State of front-to-back blending with derivatives.
 struct Front<const C: usize, const P: usize> {
-    /// Optical depth so far, and the transmittance.
+    /// Optical depth from the eye; `open` is the transmittance.
     depth: Dual<f64, P>,
     open: Dual<f64, P>,
-    /// SegmentOptics so far, by the curve's channels.
+    /// Emitted radiance so far, by the curve's channels.
     emitted: [Dual<f64, P>; C],
 }
 
 impl<const C: usize, const P: usize> Front<C, P> {
-    /// Adds what a stretch of the ray at world length `t` does; it is of no length, but grows.
+    /// Adds the derivatives of lengthening the ray at world length `t`, at the rates `by`.
     #[inline(never)]
     fn extend<R: Real>(
         &mut self,
@@ -204,7 +204,7 @@ impl<const C: usize, const P: usize> Front<C, P> {
         }
     }
 
-    /// Adds what one end of a segment does where the transfer function jumps; it is of no length, but grows.
+    /// Adds the derivatives of moving one end of a segment where the transfer function jumps.
     #[inline(always)]
     fn jump<R: Real, S: SegmentDerivatives<R>>(
         &mut self,
@@ -304,7 +304,7 @@ impl<const C: usize, const P: usize> Front<C, P> {
         self.open = beyond;
     }
 
-    /// The radiance found, with its derivatives.
+    /// Returns the given radiance with its derivatives.
     fn seen<V>(&self, value: Radiance, tint: &[[f64; 3]; C], seeds: &Seeds<'_, V, P>) -> TangentRadiance<P> {
         let channel = |c: usize, p: usize| {
             let own = |emitted: &Dual<f64, P>| if C == 1 { emitted.value * seeds.shared[p].color[c] } else { 0.0 };

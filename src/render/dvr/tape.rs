@@ -12,18 +12,18 @@ use crate::render::segment::{Chord, Sample};
 pub struct Tape<R: Real> {
     /// Cells of rays of which only the depth matters.
     pub(super) cells: Vec<Quartet<R>>,
-    /// Segments of a batch.
+    /// Segments of one batch: `samples` of quadratures with a step, `chords` of exact quadrature.
     pub(super) samples: Vec<Sample<R>>,
     pub(super) chords: Vec<Chord<R>>,
-    /// Segments of a ray.
+    /// Segments of a ray with their optics, of quadratures with a step and of exact quadrature.
     pub(super) lit_samples: Vec<Entry<R, Sample<R>>>,
     pub(super) lit_chords: Vec<Entry<R, Chord<R>>>,
     pub(super) preintegrated: Scratch<R>,
 }
 
 impl<R: Real> Tape<R> {
-    /// Adds `by_depth · extinction` times the interpolation weights of all traced rays to the stored
-    /// values of `gradient`, and forgets the rays.
+    /// Adds `by_depth · extinction` times the interpolation weights of all traced rays to `gradient`, by stored value,
+    /// and forgets the rays.
     #[inline(always)]
     pub fn spread(&mut self, by_depth: f64, dvr: &Dvr<'_, R>, gradient: &mut [R]) {
         let g = R::of(dvr.medium.extinction * by_depth);

@@ -1,20 +1,20 @@
-//! The gradient of a loss on one pixel with respect to everything along its ray.
+//! The gradient of a loss on one pixel with respect to the emissions and extinctions along its ray, and to the ray.
 //!
-//! Let `G_k = -share_k g·e_k` be the derivative by the optical depth up to point k, and B the sum of those beyond
-//! a segment, `-T (g·background - g_α)` of its end included: an extinction in the segment has B by the segment's
-//! whole depth, and both G_k by the depths up to its points.
+//! Let `G_k = -share_k g·e_k` be the derivative with respect to the optical depth up to point k, and B the sum of those
+//! behind a segment, that of the background, `-T (g·background - g_α)`, included: an extinction in the segment has B by
+//! the segment's whole depth, and both G_k by the depths up to its points.
 //!
-//! With `∂L/∂v` the derivative by the four values at a point at world length t from the origin, `∂v/∂p` their slopes
-//! by index coordinates (x, y, z), and M the linear part of world to index, the ray has
+//! With `∂L/∂v` the derivative with respect to the four values at a point at world length t from the origin, `∂v/∂p`
+//! their slopes by index coordinates (x, y, z), and M the linear part of world to index, the ray has
 //!
 //! ```text
 //! ∂L/∂origin = Mᵀ (Σ ∂L/∂v ∂v/∂p - F)        ∂L/∂direction = Mᵀ (Σ t ∂L/∂v ∂v/∂p - t F)
 //! ```
-//! Cells' faces stand still, so that where the ray crosses them moves along it: F, along a face's axis, is the
-//! derivative by the world length to it over the coordinate gained a world length. It is what the integral gains at
-//! entry and exit of the field's box; in between, where it does not depend on where it is cut, it is what the
-//! quadrature's error does. Derivatives are those of what is computed, to rounding; where a ray grazes faces these are
-//! left out.
+//! Cells' faces stand still, so that the points where the ray crosses them move along it: F, along a face's axis, is
+//! the derivative with respect to the world length to it over the coordinate gained per world length. At entry and exit
+//! of the field's box this is the change of the integral; in between, where the integral does not depend on where it is
+//! cut, it is the change of the quadrature's error. Derivatives are those of the computed value, to rounding; where a
+//! ray grazes faces, the terms of the faces are left out.
 
 use super::segment::{Segment, scatter};
 use super::tape::Tape;
@@ -30,8 +30,8 @@ use crate::render::march::{IndexRay, Span, batches_before};
 use glam::DVec3;
 
 impl<R: Real> Preshaded<'_, R> {
-    /// Radiance along a world ray of unit direction, and the gradient of a loss on it. A ray has no step here, and there is no transfer function. Rays
-    /// on the tape stay there.
+    /// Returns the radiance along a world ray of unit direction, and adds the gradient of a loss on it to the
+    /// accumulators. There is no transfer function, and rays have no step. Traced rays on the tape stay there.
     #[inline(always)]
     pub fn gradient(
         &self,
@@ -91,7 +91,7 @@ impl<R: Real> Preshaded<'_, R> {
         seen
     }
 
-    /// [`Preshaded::gradient`] with the machine's instruction set.
+    /// Computes [`Preshaded::gradient`] with the machine's instruction set.
     pub fn gradient_on(
         &self,
         ray: &Ray,
@@ -104,20 +104,20 @@ impl<R: Real> Preshaded<'_, R> {
     }
 }
 
-/// State of the walk back.
+/// State of the backward pass.
 struct Backward<'a, 'd, R: Real> {
     renderer: &'a Preshaded<'d, R>,
     ray: IndexRay,
-    /// The loss's derivatives by color, and nothing.
+    /// Derivatives of the loss with respect to red, green and blue; the last lane is 0.
     weights: R::Lanes,
-    /// The sum of the derivatives by optical depths beyond.
+    /// Sum of the derivatives with respect to optical depths behind the current segment.
     beyond: f64,
     to: Accumulators<'a, R::Lanes>,
     moved: IndexRayGradient,
 }
 
 impl<R: Real> Backward<'_, '_, R> {
-    /// Goes back over segments that are given near to far.
+    /// Walks back over segments that are given near to far.
     #[inline(always)]
     fn all(&mut self, segments: &[Segment<R>]) {
         segments.iter().rev().for_each(

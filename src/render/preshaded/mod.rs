@@ -1,13 +1,13 @@
-//! Light through a pre-shaded volume: emission and extinction are fields of their own.
+//! Rendering of a pre-shaded volume: emission and extinction are fields of their own.
 //!
-//! `L = ∫ T e dt + T(end) · background` with e the radiance emitted per world length and `T = exp(-∫ σ)`; both
-//! are trilinear. (Interpolating e, not the color `e / σ`, is what associated colors are to pictures:
-//! Wittenbrink, Malzbender & Goss 1998.) e is linear in the voxels, and so is the picture, as long as σ stays.
+//! `L = ∫ T e dt + T(end) · background` with e the radiance emitted per world length and `T = exp(-∫ σ)`; both are
+//! trilinear. (Interpolating e, not the color `e / σ`, corresponds to associated colors in pictures: Wittenbrink,
+//! Malzbender & Goss 1998.) e is linear in the voxels, and so is the picture for a fixed σ.
 //!
-//! Each cell has two Gauss points, which are exact for its optical depth x. At them the transmittance follows
-//! from an extinction that is linear in between (the Gauss collocation of order 4; Hairer, Nørsett & Wanner
-//! 1993, sect. II.7): a constant source errs by x⁴/4320 of itself, one that is as rough as voxels can be by up
-//! to 2e-4, less than half a step of half-precision pictures. Cells that are thicker are cut.
+//! Each cell has two Gauss points, which are exact for its optical depth x. At them the transmittance follows from an
+//! extinction that is linear in between (the Gauss collocation of order 4; Hairer, Nørsett & Wanner 1993, sect. II.7):
+//! a constant source errs by x⁴/4320 of itself, one that is as rough as voxels can be by up to 2e-4, less than half a
+//! step of half-precision pictures. Cells that are thicker are cut.
 
 mod adjoint;
 mod segment;
@@ -41,7 +41,7 @@ pub struct Preshaded<'a, R: Real> {
     depth_limit: f64,
 }
 
-/// What is gathered along a ray: light in a batch of bricks, transmittance and optical depth.
+/// State of front-to-back blending: light of the current batch of bricks, transmittance and optical depth.
 struct Front<R: Real> {
     light: R::Lanes,
     open: R,
@@ -49,30 +49,31 @@ struct Front<R: Real> {
 }
 
 impl<'a, R: Real> Preshaded<'a, R> {
-    /// A renderer with rays that end where no more than 1e-6 of the light behind could reach the eye.
+    /// Creates a renderer whose rays end once at most 1e-6 of the light from behind could reach the eye.
     pub fn new(field: &'a Bricks<R::Lanes>) -> Self {
         Self { field, depth_limit: 0.0 }.early_stop(1e-6)
     }
 
-    /// The volume over a constant background.
+    /// Composites the volume over a constant background.
     pub fn over(self, background: [f32; 3]) -> Composited<Self> {
         Composited { integrator: self, background }
     }
 
-    /// Ends a ray once its transmittance is below `transmittance` (0: never); [`Composited::left_out`] says what that
-    /// costs.
+    /// Ends a ray once its transmittance is below `transmittance` (0: never); [`Composited::left_out`] bounds the
+    /// error.
     #[must_use]
     pub fn early_stop(mut self, transmittance: f64) -> Self {
         self.depth_limit = -transmittance.ln();
         self
     }
 
-    /// Transmittance at which a ray ends.
+    /// Returns the transmittance at which a ray ends.
     pub fn least_transmittance(&self) -> f64 {
         (-self.depth_limit).exp()
     }
 
-    /// The largest ratio of emission and extinction, and the most that the box's diagonal emits, in any channel.
+    /// Returns the largest ratio of emission and extinction, and an upper bound of the radiance emitted along the box's
+    /// diagonal, in any channel.
     pub fn brightest(&self) -> [f64; 2] {
         let of = |v: &R::Lanes| {
             let [r, g, b, extinction] = v.store().map(Real::f64);
@@ -84,12 +85,12 @@ impl<'a, R: Real> Preshaded<'a, R> {
         [ratio, emitted * self.field.transform.box_to_world(self.field.domain).size().length()]
     }
 
-    /// The volume that is rendered.
+    /// Returns the volume that is rendered.
     pub fn field(&self) -> &'a Bricks<R::Lanes> {
         self.field
     }
 
-    /// Radiance along a world ray of unit direction; the ray is added to those on the tape.
+    /// Returns the radiance along a world ray of unit direction, and appends the ray to the tape.
     #[inline(always)]
     pub fn trace(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance {
         self.walk(
@@ -109,8 +110,8 @@ impl<'a, R: Real> Preshaded<'a, R> {
         IndexRay::new(&self.field.domain, &self.field.transform, ray)
     }
 
-    /// Visits the segments of a ray, none if it misses the field; `visit` sees `None` before those of a batch of bricks.
-    /// Gives also the world length at which the last batch begins.
+    /// Visits the segments of a ray, none if it misses the field; `visit` receives `None` before those of each batch of
+    /// bricks. Returns the radiance, and the world length at which the last batch begins.
     #[inline(always)]
     fn walk(&self, ray: Option<&IndexRay>, mut visit: impl FnMut(Option<&Segment<R>>)) -> (Radiance, f64) {
         let (mut emitted, mut last) = ([0.0; 3], 0.0);
@@ -167,7 +168,7 @@ fn segments<R: Real>(values: &[R::Lanes], spans: &[Span<R>], mut visit: impl FnM
 }
 
 impl<R: Real> Front<R> {
-    /// Where a batch of bricks begins.
+    /// Creates the state at the beginning of a batch of bricks, at an optical depth from the eye.
     #[inline(always)]
     fn at(depth: f64) -> Self {
         Self { light: R::Lanes::default(), open: R::of((-depth).exp()), depth }
@@ -204,9 +205,10 @@ impl<R: Real> pulp::NullaryFnOnce for Value<'_, '_, R> {
 }
 
 impl<R: Real> Composited<Preshaded<'_, R>> {
-    /// The most that ending rays early changes in any channel of a pixel, alpha included. Behind a transmittance T there
-    /// is no more than T times the brightest of emission over extinction and the background, and no more than T times
-    /// what the box's diagonal emits and the background; in its place stands T times the background.
+    /// Returns a bound of the change that ending rays early makes in any channel of a pixel, alpha included. Behind a
+    /// transmittance T the radiance is at most T times the greater of background and the brightest ratio of emission to
+    /// extinction, and at most T times the sum of background and emission along the box's diagonal; the picture has T
+    /// times the background instead.
     pub fn left_out(&self) -> f64 {
         let ([ratio, emitted], background) = (self.integrator.brightest(), self.brightest_background());
         self.integrator.least_transmittance() * ratio.max(background).min(emitted + background).max(1.0)

@@ -6,19 +6,19 @@ use crate::render::cell::{CORNERS, REACH, weights};
 use crate::render::rule::Cell;
 use crate::render::segment::slopes;
 
-/// Points on 0..1.
+/// Quadrature points on 0..1.
 pub(super) const POINTS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
 /// Row k: weights of the extinctions at the points in the optical depth up to point k.
 pub(super) const UP_TO: [[f64; 2]; 2] = [[0.25, -0.038_675_134_594_812_88], [0.538_675_134_594_812_9, 0.25]];
 
-/// A segment with its points: a cell, or one of the parts that it is cut into.
+/// A segment with its quadrature points: a cell, or one of the parts that it is cut into.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Segment<R: Real> {
     /// Offset of the cell's lowest corner.
     pub offset: usize,
     /// World lengths from the ray's origin to where the cell is entered and left.
     pub faces: [f64; 2],
-    /// Where it begins and ends between these, from 0 to 1.
+    /// Begin and end of the segment between the cell's faces, from 0 to 1.
     pub ends: [f64; 2],
     /// Cell-local coordinates of the points.
     at: [[R; 3]; 2],
@@ -26,20 +26,20 @@ pub(super) struct Segment<R: Real> {
     pub weights: [[R::Lanes; 2]; 2],
     /// Emission in R, G and B, and extinction, at the points.
     pub values: [R::Lanes; 2],
-    /// Half its world length: what the emissions' weights are.
+    /// Half the segment's world length: the quadrature weight of each point.
     pub half: R,
     /// Transmittance from the eye to the points.
     pub open: [R; 2],
 }
 
-/// What a linear picture is made of: weights of the emissions at a cell's corners.
+/// Weights of the emissions at a cell's corners in the picture, which is linear in them.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Footprint<R: Real> {
     pub offset: usize,
     pub weights: [R::Lanes; 2],
 }
 
-/// `gradient += weights · by`.
+/// Adds `weights · by` to `gradient`.
 #[inline(always)]
 pub(super) fn scatter<R: Real>(gradient: &mut [R::Lanes], offset: usize, weights: &[R::Lanes; 2], by: R::Lanes) {
     let v = &mut gradient[offset..offset + REACH];
@@ -50,7 +50,7 @@ pub(super) fn scatter<R: Real>(gradient: &mut [R::Lanes], offset: usize, weights
     }
 }
 
-/// Values at the points.
+/// Returns the values at the two points.
 #[inline(always)]
 fn interpolated<R: Real>(values: &[R::Lanes], offset: usize, weights: &[[R::Lanes; 2]; 2]) -> [R::Lanes; 2] {
     let v = &values[offset..offset + REACH];
@@ -76,7 +76,7 @@ impl<R: Real> Segment<R> {
         Self { offset, faces, ends: [0.0, 1.0], at, weights: w, values: own, half, open: [R::ZERO; 2] }
     }
 
-    /// One of `count` parts of a cell.
+    /// Creates one of `count` parts of a cell.
     #[inline(always)]
     pub fn part(values: &[R::Lanes], cell: &Cell<R>, from: R, length: R, number: i32, count: i32) -> Self {
         let part = length / R::int(count);
@@ -96,7 +96,7 @@ impl<R: Real> Segment<R> {
         self.half * (first + second)
     }
 
-    /// Optical depths up to the points.
+    /// Returns the optical depths from the segment's near end to the points.
     #[inline(always)]
     pub fn depths(&self) -> [R; 2] {
         let length = self.half + self.half;
@@ -104,20 +104,21 @@ impl<R: Real> Segment<R> {
         UP_TO.map(|w| length * (R::of(w[0]) * s[0] + R::of(w[1]) * s[1]))
     }
 
-    /// What the emissions at the points contribute: transmittance from the eye times half the world length.
+    /// Returns the weights of the emissions at the points: transmittance from the eye times half the world length.
     #[inline(always)]
     pub fn shares(&self) -> [R; 2] {
         self.open.map(|open| open * self.half)
     }
 
-    /// Another field's values at the points.
+    /// Interpolates another field of the same topology at the points.
     #[inline(always)]
     pub fn interpolated(&self, values: &[R::Lanes]) -> [R::Lanes; 2] {
         interpolated::<R>(values, self.offset, &self.weights)
     }
 
-    /// Finds the transmittance from the eye to the points and to the near end from that to the far end: the inverse of
-    /// what the walk does (Weiss & Westermann 2021, sect. 4.3). Where all is opaque it is 0/0.
+    /// Computes the transmittance from the eye to the points, and returns that to the near end, from that to the far
+    /// end: the inverse of the forward walk (Weiss & Westermann 2021, sect. 4.3). Where the segment is opaque it is
+    /// 0/0.
     #[inline(always)]
     pub fn reopen(&mut self, beyond: R) -> R {
         let before = beyond / (-self.depth()).exp();
@@ -132,20 +133,21 @@ impl<R: Real> Segment<R> {
         Footprint { offset: self.offset, weights: [corner(0), corner(1)] }
     }
 
-    /// Light of a unit of length at the points, as it arrives at the eye, where colors weigh `by`.
+    /// Returns the light per world length at the points, as it arrives at the eye, with colors weighted by `by`.
     #[inline(always)]
     pub fn lit(&self, by: R::Lanes) -> [f64; 2] {
         [0, 1].map(|k| self.open[k].f64() * (by * self.values[k]).sum().f64())
     }
 
-    /// Derivative by the extinction at a point, from those by the optical depths up to both and up to the end.
+    /// Returns the derivative with respect to the extinction at a point, from those with respect to the optical depths
+    /// up to both points and up to the end.
     #[inline(always)]
     pub fn by_extinction(&self, point: usize, by_depths: [f64; 2], by_depth: f64) -> f64 {
         let up_to = UP_TO[0][point] * by_depths[0] + UP_TO[1][point] * by_depths[1];
         self.half.f64() * (by_depth + 2.0 * up_to)
     }
 
-    /// World length from the ray's origin to a point.
+    /// Returns the world length from the ray's origin to a point.
     #[inline(always)]
     pub fn reached(&self, point: usize) -> f64 {
         let [enter, leave] = self.faces;
@@ -153,7 +155,7 @@ impl<R: Real> Segment<R> {
         enter + (leave - enter) * (begin + (end - begin) * POINTS[point])
     }
 
-    /// Derivatives of the values at a point with respect to its index coordinates.
+    /// Returns the derivatives of the values at a point with respect to its index coordinates.
     #[inline(always)]
     pub fn slopes(&self, values: &[R::Lanes], point: usize) -> [R::Lanes; 3] {
         let v = &values[self.offset..self.offset + REACH];
@@ -161,8 +163,9 @@ impl<R: Real> Segment<R> {
         slopes(corners, self.at[point].map(R::Lanes::splat))
     }
 
-    /// Derivatives by where the cell is entered and left, from what is `lit`, the derivatives by the optical depths up
-    /// to the points and up to the end, and those by the points' world lengths from the origin.
+    /// Returns the derivatives with respect to the world lengths at which the cell is entered and left, from the light
+    /// `lit` per world length, the derivatives with respect to the optical depths up to the points and up to the end,
+    /// and those with respect to the points' world lengths from the origin.
     #[inline(always)]
     pub fn by_faces(&self, lit: [f64; 2], by_depths: [f64; 2], by_depth: f64, by_reached: [f64; 2]) -> [f64; 2] {
         let s = self.extinctions().map(R::f64);

@@ -1,7 +1,7 @@
 //! Forward mode: radiance and its derivatives along `P` directions, the transpose of [`adjoint`](super::adjoint).
 //!
-//! The walk is that of the value, whose bits are handed through. What follows beside it are the segments' ends, where
-//! their points lie, the values there, and from these light and optical depth, each with its derivatives.
+//! The walk is that of the value, which is returned bit for bit. Beside it, each with derivatives: the segments' ends,
+//! the positions of their points, the values there, and from these light and optical depth.
 
 use super::Preshaded;
 use super::segment::{POINTS, Segment, UP_TO};
@@ -16,8 +16,8 @@ use crate::render::march::IndexRay;
 use glam::DVec3;
 
 impl<R: Real> Preshaded<'_, R> {
-    /// Radiance along a world ray of unit direction, with its derivatives in `P` directions: of the ray and the stored
-    /// values. There is nothing else. Rays on the tape stay there.
+    /// Returns the radiance along a world ray of unit direction, with its derivatives along `P` directions of the ray
+    /// and the stored values; other seeds have no effect. Traced rays on the tape stay there.
     pub fn tangent<const P: usize>(
         &self,
         ray: &Ray,
@@ -38,7 +38,7 @@ impl<R: Real> Preshaded<'_, R> {
         }
     }
 
-    /// Compiled once for all numbers of directions.
+    /// Records the segments of a ray and returns its radiance; compiled once for all numbers of directions.
     #[inline(never)]
     fn record(&self, ray: Option<&IndexRay>, segments: &mut Vec<Segment<R>>) -> Radiance {
         segments.clear();
@@ -46,13 +46,13 @@ impl<R: Real> Preshaded<'_, R> {
     }
 }
 
-/// How a ray's points move along each direction, in index space.
+/// Motion of a ray's points along each direction, in index space.
 struct Motion<const P: usize> {
     ray: IndexRay,
     moves: bool,
-    /// All points.
+    /// Changes of the index coordinates of all points alike.
     shift: [DVec3; P],
-    /// By world length from the origin.
+    /// Changes of the index coordinates per world length from the origin.
     turn: [DVec3; P],
 }
 
@@ -67,12 +67,13 @@ impl<const P: usize> Motion<P> {
         }
     }
 
-    /// A point that is fixed to the ray, at a world length from its origin.
+    /// Returns the change of a point that is fixed to the ray, at world length `t` from its origin, along direction
+    /// `p`.
     fn point(&self, t: f64, p: usize) -> DVec3 {
         self.shift[p] + t * self.turn[p]
     }
 
-    /// World length at which a segment's cell is entered or left: faces stand still.
+    /// Returns the world length at which a segment's cell is entered or left, with its derivatives; faces stand still.
     fn face<R: Real>(&self, renderer: &Preshaded<'_, R>, t: f64) -> Dual<f64, P> {
         let crossed = self.ray.crossed(&renderer.field.domain, t).filter(|_| self.moves);
         let by = |p: usize| crossed.map_or(0.0, |(axis, along)| -self.point(t, p)[axis] / along);

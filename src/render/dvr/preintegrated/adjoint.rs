@@ -1,8 +1,8 @@
 //! The gradient of pre-integration: the recursion of [`super::super::adjoint`] for segments that share their ends.
 //!
-//! Nodes are visited near to far, also the second time: what arrives from beyond a visit is what arrives in all less
-//! what the visits so far have added, in `f64` and from the very numbers that were summed up. Within a visit the
-//! recursion runs from its far end, so that nothing cancels.
+//! Nodes are visited near to far, also in the second pass: the radiance that arrives from behind a visit is the total
+//! minus the contributions so far, in `f64` and from the very numbers that were summed. Within a visit the recursion
+//! runs from its far end, so that nothing cancels.
 
 use super::super::CompiledCurve;
 use super::super::adjoint::{Pass, Weighted};
@@ -17,11 +17,11 @@ use crate::real::{LANES, Lanes};
 use crate::render::differentiable::{Adjoint, Loss};
 use crate::render::integrator::Radiance;
 
-/// Visits that replay keeps, the nearest ones: it walks again, and looks up again, what is behind them.
+/// Visits that replay keeps, the nearest ones; it walks and samples the rest of the ray a second time.
 const KEPT: usize = 6;
 
 impl<R: Real> Preintegrated<R> {
-    /// One ray's forward and backward pass.
+    /// Runs one ray's forward and backward pass.
     #[inline(always)]
     pub fn gradient(
         &self,
@@ -95,18 +95,18 @@ impl<R: Real> Preintegrated<R> {
     }
 }
 
-/// State of the second pass.
+/// State of the backward pass.
 struct Backward<'a, R: Real> {
     own: &'a Preintegrated<R>,
     optics: &'a CompiledCurve<R, 3>,
-    /// Light of the whole ray.
+    /// Emitted radiance of the whole ray.
     emitted: [f64; 3],
-    /// What arrives from the background, loss-weighted.
+    /// Loss-weighted radiance that arrives from the background.
     behind: f64,
     weighted: Weighted<3>,
-    /// The last nodes of the visit before.
+    /// The last four nodes of the previous visit.
     last: Option<Nodes<R>>,
-    /// Of nodes so far, if the ray is followed.
+    /// Cotangents of the nodes so far, if the gradient with respect to the ray is requested.
     cotangents: &'a mut Vec<NodeCotangent>,
 }
 
@@ -149,7 +149,8 @@ impl<R: Real> Backward<'_, R> {
         self.last = visit.nodes.first(visit.fours).next_back();
     }
 
-    /// Derivatives by means, drift and depth; returns that by the extinction's logarithm.
+    /// Computes the derivatives with respect to means, drift and depth; returns that with respect to the extinction's
+    /// logarithm.
     #[inline(always)]
     fn by_segment(&self, batch: &SegmentBatch<R>, mut arriving: f64, by: &mut BatchGradient<R>) -> f64 {
         let count = batch.count.min(ROOM);
@@ -178,7 +179,7 @@ impl<R: Real> Backward<'_, R> {
             *behind = R::of(arriving);
             arriving += light.f64();
         }
-        // Light is no longer needed: in its place comes what is cotangents of the extinction's logarithm.
+        // The light is no longer needed: its place takes the derivatives with respect to the extinction's logarithm.
         for i in 0..count {
             let by_depth = by.depth[i] - by.behind[i];
             by.light[i] = by.extinction[i] + by_depth * batch.depth[i];
@@ -189,7 +190,7 @@ impl<R: Real> Backward<'_, R> {
         by_extinction.fold(R::Lanes::ZERO, |sum, four| sum + four).sum().f64()
     }
 
-    /// Derivatives with respect to the densities where segments begin and end.
+    /// Computes the derivatives with respect to the densities at which segments begin and end.
     #[inline(always)]
     fn by_density(&self, batch: &SegmentBatch<R>, by: &mut BatchGradient<R>) {
         let tables = &self.own.tables;

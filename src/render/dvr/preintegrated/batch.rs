@@ -1,10 +1,11 @@
-//! Segments in a batch, on each of which the density is linear in the length: their means, and what light makes of them.
+//! Batches of segments on each of which the density is linear in the length: their means, and the light that they
+//! contribute.
 //!
-//! With `x` a segment's optical depth, `T` the transmittance before it, `e` the mean of `σ c` over its length h, and `d`
-//! the change of the color c from its begin to its end, it adds `T (e h A + d B)`, where `A = (1 - e^{-x}) / x` and
+//! With `x` a segment's optical depth, `T` the transmittance before it, `e` the mean of `σ c` over its length h, and
+//! `d` the change of the color c from its begin to its end, it adds `T (e h A + d B)`, where `A = (1 - e^{-x}) / x` and
 //! `B = A - (1 + e^{-x}) / 2`: this has no error where the color is linear in the optical depth.
 //!
-//! Loops run over plain arrays without a branch: compilers make of them what the instruction set has.
+//! Loops run over plain arrays without a branch, so that compilers vectorise them for each instruction set.
 
 use super::table::{Cumulative, End};
 use crate::real::Real;
@@ -13,15 +14,17 @@ use crate::render::curve::Curve;
 
 /// The most segments in a batch.
 pub(super) const ROOM: usize = 256;
-/// Rows hold a multiple of so many, as many as the widest vectors: nothing is left over for slower loops.
+/// Divisor of the number of segments in a batch, the lanes of the widest vectors: no remainder is left for slower
+/// loops.
 pub(super) const WIDE: usize = 8;
-/// The most parts that one is cut into.
+/// The most parts that one segment is cut into.
 const MOST_PARTS: usize = 64;
-/// Optical depth that is divided by in the place of less.
+/// Least optical depth in divisions: smaller ones are replaced by it.
 const LEAST: f64 = 1e-30;
-/// Optical depth below which B is a sum of powers.
+/// Optical depth below which B is computed from its power series.
 const THIN: f64 = 0.5;
-/// Factors of the powers, from the second on: `(-1)^k (1/(k+1)! - 1/(2 k!))`; what is left out is below 1e-14.
+/// Coefficients of the power series of B, from the second power on: `(-1)^k (1/(k+1)! - 1/(2 k!))`; the truncated terms
+/// are below 1e-14.
 const POWERS: [f64; 11] = [
     -1.0 / 12.0,
     1.0 / 24.0,
@@ -36,36 +39,36 @@ const POWERS: [f64; 11] = [
     -1.0 / 1_132_185_600.0,
 ];
 
-/// Numbers by segment, or by end of one: the first is where the first segment begins.
+/// Numbers by segment (`Segment`), or by end of a segment (`Ends`): entry 0 is where the first segment begins.
 type Segment<R> = [R; ROOM];
 type Ends<R> = [R; ROOM + 1];
 
-/// The segments. They are as many as a multiple of [`WIDE`]; what is left over has no length.
+/// A batch of segments. Their number is a multiple of [`WIDE`]; padding segments have no length.
 #[derive(Debug, Clone)]
 pub(super) struct SegmentBatch<R: Real> {
-    /// How many there are.
+    /// Number of segments.
     pub count: usize,
-    /// Densities where they begin and end.
+    /// Densities at the segments' ends.
     pub density: Ends<R>,
-    /// Pieces of the curve that these lie in.
+    /// Pieces of the curve that the densities lie in.
     pub piece: Ends<u32>,
-    /// Red, green, blue and extinction there.
+    /// Red, green, blue and extinction at the ends.
     pub values: [Ends<R>; 4],
-    /// World lengths.
+    /// World lengths of the segments.
     pub length: Segment<R>,
     /// Means of `σ r`, `σ g`, `σ b` and `σ`.
     pub mean: [Segment<R>; 4],
-    /// Optical depths x.
+    /// Optical depths x of the segments.
     pub depth: Segment<R>,
-    /// `e^{-x}`.
+    /// Transmittances `e^{-x}` of the segments.
     pub open: Segment<R>,
-    /// A and B.
+    /// Weights A and B of the mean and of the change of color.
     pub mixed: Segment<R>,
     pub drift: Segment<R>,
-    /// Transmittance before.
+    /// Transmittances from the eye to the segments' beginnings.
     pub before: Segment<R>,
-    /// If segments were cut: for each end the node that it comes before, or lies at, and how far it is on the way to
-    /// it.
+    /// If segments were cut: for each end the node that it precedes or coincides with, and its position on the segment
+    /// to that node, from 0 to 1.
     pub cut: Vec<(u32, R)>,
 }
 
@@ -90,8 +93,8 @@ impl<R: Real> Default for SegmentBatch<R> {
 }
 
 impl<R: Real> SegmentBatch<R> {
-    /// Fills in what follows from densities and lengths; `last` is where the first one begins, and becomes where the
-    /// last one ends.
+    /// Computes the remaining numbers from densities and lengths. `last` is the end at which the first segment begins;
+    /// it is set to that at which the last one ends.
     #[inline(always)]
     pub fn follow(&mut self, tables: &Cumulative<R>, curve: &Curve<R, 3>, last: &mut End<R>) {
         debug_assert!(self.count.is_multiple_of(WIDE) && self.count <= ROOM, "{} segments", self.count);
@@ -106,7 +109,8 @@ impl<R: Real> SegmentBatch<R> {
         }
     }
 
-    /// Values at the ends, and means as differences of sums times the densities' difference.
+    /// Looks up values at the ends, and stores as means the differences of sums (means times the difference of
+    /// densities).
     #[inline(always)]
     fn look_up(&mut self, tables: &Cumulative<R>, curve: &Curve<R, 3>, last: &mut End<R>) {
         self.density[0] = last.density;
@@ -137,14 +141,14 @@ impl<R: Real> SegmentBatch<R> {
         }
     }
 
-    /// True if a segment has its mean from the sums, not from its ends.
+    /// True if a segment's mean is computed from cumulative sums, not from the values at its ends.
     #[inline(always)]
     pub fn is_summed(&self, tables: &Cumulative<R>, i: usize) -> bool {
         let width = self.density[i + 1] - self.density[i];
         (self.piece[i] != self.piece[i + 1]) & (width.greater(-width) > tables.same)
     }
 
-    /// Means, depths, and what light makes of them.
+    /// Computes means, optical depths, transmittances and the weights A and B.
     #[inline(always)]
     fn settle(&mut self, tables: &Cumulative<R>) {
         let sixth = R::of(1.0 / 6.0);
@@ -168,7 +172,8 @@ impl<R: Real> SegmentBatch<R> {
         }
     }
 
-    /// How much more a segment may be off than is allowed: of the light that it would add if nothing lay before it.
+    /// Returns a segment's error estimate and the error allowed, both in light that it would add with nothing in front
+    /// of it.
     #[inline(always)]
     fn off(&self, tables: &Cumulative<R>, i: usize) -> [R; 2] {
         let abs = |v: R| v.greater(-v);
@@ -181,7 +186,7 @@ impl<R: Real> SegmentBatch<R> {
         [abs(self.drift[i]) * self.length[i] * most, tables.limit * self.depth[i]]
     }
 
-    /// True if one is off by too much.
+    /// True if a segment's error exceeds the error allowed.
     #[inline(always)]
     fn bent(&self, tables: &Cumulative<R>) -> bool {
         let mut bent = false;
@@ -192,8 +197,8 @@ impl<R: Real> SegmentBatch<R> {
         bent
     }
 
-    /// Cuts those that are off by too much: what is off falls with the square of the number of parts. Those in front
-    /// come first: little is seen of what is behind thick ones.
+    /// Cuts the segments whose error is too large; the error falls with the square of the number of parts. Near
+    /// segments are served first, because little is seen of those behind thick ones.
     #[inline(never)]
     fn refine(&mut self, tables: &Cumulative<R>) {
         let mut spare = ROOM - self.count;
@@ -224,13 +229,13 @@ impl<R: Real> SegmentBatch<R> {
         }
     }
 
-    /// Number of the node that a segment ended at before the cut.
+    /// Returns the index of the node at which the uncut segment ends, for a part of it; nodes are numbered from 0
+    /// without the first end.
     pub fn node(&self, segment: usize) -> usize {
         self.cut.get(segment + 1).map_or(segment, |(node, _)| *node as usize - 1)
     }
 
-    /// Derivatives with respect to the densities of the nodes that were there before the cut, from those with respect
-    /// to the parts' ends.
+    /// Converts derivatives with respect to the densities at the parts' ends to those at the nodes before the cut.
     pub fn by_nodes(&self, by_ends: &[R; ROOM + 1]) -> [R; ROOM + 1] {
         let mut by_nodes = [R::ZERO; ROOM + 1];
         by_nodes[0] = by_ends[0];
@@ -242,8 +247,8 @@ impl<R: Real> SegmentBatch<R> {
         by_nodes
     }
 
-    /// Light of the segments, by channel, with so much transmittance before them, which becomes that behind them;
-    /// and their optical depth.
+    /// Returns the segments' light, by channel, and their optical depth. `open` is the transmittance before the first
+    /// segment, and is set to that behind the last.
     #[inline(always)]
     pub fn blend(&mut self, open: &mut R) -> ([f64; 3], f64) {
         let mut light = [R::Lanes::ZERO; 3];
@@ -272,7 +277,7 @@ fn at_ends<R: Real>(v: &Ends<R>, n: usize) -> R::Lanes {
     R::Lanes::load([v[n], v[n + 1], v[n + 2], v[n + 3]])
 }
 
-/// `e^{-x}`, A and B.
+/// Returns `e^{-x}`, A and B.
 #[inline(always)]
 fn shares<R: Real>(depth: R) -> [R; 3] {
     let open = depth.exp_neg();
@@ -284,7 +289,7 @@ fn shares<R: Real>(depth: R) -> [R; 3] {
     if thick { [open, mixed, mixed - ends] } else { [open, thin + ends, thin] }
 }
 
-/// Derivatives of A and B with respect to x, from x, `e^{-x}`, A and B.
+/// Returns the derivatives of A and B with respect to x, from x, `e^{-x}`, A and B.
 #[inline(always)]
 pub(super) fn share_slopes<R: Real>(depth: R, [open, mixed, drift]: [R; 3]) -> [R; 2] {
     let half = R::of(0.5);
@@ -296,7 +301,7 @@ pub(super) fn share_slopes<R: Real>(depth: R, [open, mixed, drift]: [R; 3]) -> [
     if depth > R::of(THIN) { [thick, thick + half * open] } else { thin }
 }
 
-/// The sum of powers without the first two.
+/// Returns the power series of B divided by x².
 #[inline(always)]
 fn powers<R: Real>(x: R) -> R {
     // Single precision has enough of seven.
@@ -342,7 +347,7 @@ mod tests {
         }
     }
 
-    /// What parts ask of their ends is cotangents of the nodes that these lie between.
+    /// Derivatives with respect to the parts' ends are those with respect to the nodes around them, transposed.
     #[test]
     fn cutting_has_a_transpose() {
         let cut = [(0, 1.0), (1, 0.25), (1, 0.5), (1, 1.0), (2, 0.5), (2, 1.0), (3, 1.0), (3, 1.0), (3, 1.0)];

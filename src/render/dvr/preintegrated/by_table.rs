@@ -1,4 +1,4 @@
-//! The gradient of pre-integration by the transfer function itself.
+//! The gradient of pre-integration with respect to the transfer function.
 
 use super::batch::SegmentBatch;
 use super::table::Cumulative;
@@ -7,8 +7,8 @@ use crate::render::curve::{Curve, Piece};
 use crate::scene::table::TableGradient;
 
 impl<R: Real> SegmentBatch<R> {
-    /// Adds derivatives with respect to the ends of pieces, from those with respect to a segment's means and drift; the
-    /// curve's extinctions are the table's times `scale`.
+    /// Adds derivatives with respect to the ends of the transfer function's pieces, from those with respect to the
+    /// means and drift of segment `i`; the curve's extinctions are the table's times `scale`.
     #[inline(never)]
     pub fn by_table(
         &self,
@@ -67,7 +67,7 @@ impl<R: Real> SegmentBatch<R> {
     }
 }
 
-/// Share of the upper end in the value at a density.
+/// Returns the weight of the upper end's value in the value at a density.
 fn upper<R: Real>(line: &Piece<R, 3>, density: f64) -> f64 {
     line.fraction(R::ZERO).f64() + density * line.fraction_slope().f64()
 }

@@ -7,28 +7,28 @@ use crate::real::Real;
 use crate::real::{LANES, Lanes};
 use crate::render::curve::Curve;
 
-/// State of the blend.
+/// State of front-to-back blending.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Front<'a, R: Real> {
     tables: &'a Cumulative<R>,
     curve: &'a Curve<R, 3>,
     last: End<R>,
-    /// Optical depth so far.
+    /// Optical depth from the eye.
     pub depth: f64,
-    /// Transmittance so far.
+    /// Transmittance from the eye.
     open: R,
-    /// Light so far, by channel.
+    /// Light accumulated so far, by channel.
     pub emitted: [f64; 3],
 }
 
 impl<'a, R: Real> Front<'a, R> {
-    /// Where nothing has been met, at density zero.
+    /// Creates the state at the eye, before any segment, at density zero.
     #[inline(always)]
     pub fn new(tables: &'a Cumulative<R>, curve: &'a Curve<R, 3>) -> Self {
         Self { tables, curve, last: tables.zero, depth: 0.0, open: R::ONE, emitted: [0.0; 3] }
     }
 
-    /// Adds segments that end at so many fours of nodes, and leaves them in the batch.
+    /// Adds the segments that end at the first `fours` groups of four nodes, and leaves them in `batch`.
     #[inline(always)]
     pub fn add(&mut self, values: &[R], queue: &Queue<R>, fours: usize, batch: &mut SegmentBatch<R>) {
         batch.count = LANES * fours.min(super::nodes::FOURS);
@@ -40,7 +40,7 @@ impl<'a, R: Real> Front<'a, R> {
         self.blend(batch);
     }
 
-    /// Adds a last segment, of density zero.
+    /// Adds a last segment of constant density zero.
     #[inline(always)]
     pub fn add_gap(&mut self, length: f64) {
         let [red, green, blue, extinction] = self.tables.zero.values.store().map(Real::f64);

@@ -1,9 +1,9 @@
-//! Pre-integration (Engel, Kraus & Ertl 2001): what a transfer function adds between two densities is the difference
-//! of cumulative tables, however many knots lie between.
+//! Pre-integration (Engel, Kraus & Ertl 2001): the contribution of a transfer function between two densities is the
+//! difference of cumulative tables, however many knots lie between.
 //!
-//! The density is looked up where a ray crosses the faces of bricks and at points between, and taken for linear
-//! from one to the next. How far apart these are each brick decides: so that the density in between is off by no
-//! more than a small share of the range of the transfer function's knots.
+//! The density is sampled at nodes, where a ray crosses the faces of bricks and at points between, and interpolated
+//! linearly from one to the next. The distance of nodes depends on the brick: it is chosen so that the interpolated
+//! density errs by at most a small share of the range of the transfer function's knots.
 
 mod adjoint;
 mod batch;
@@ -29,15 +29,15 @@ use rayon::prelude::*;
 use table::Cumulative;
 use visit::{BatchGradient, Visit};
 
-/// What pre-integration looks up.
+/// Cumulative tables of a transfer function, and the spacing of nodes in each brick of a field.
 #[derive(Debug, Clone)]
 pub(super) struct Preintegrated<R: Real> {
     tables: Cumulative<R>,
-    /// The bricks that are looked at: where there is none the density is zero, or nothing is absorbed.
+    /// Bricks that rays visit; elsewhere the density is zero, or nothing is absorbed.
     occupied: Topology,
-    /// Reciprocals of the largest distances between nodes, by brick, in voxels.
+    /// Nodes per voxel, by brick: reciprocals of the largest distances between nodes.
     density: Vec<R>,
-    /// True if something is absorbed at density zero.
+    /// True if the medium absorbs at density zero, so that gaps between bricks count.
     gaps: bool,
 }
 
@@ -45,8 +45,9 @@ pub(super) struct Preintegrated<R: Real> {
 const DISTANCE: [f64; 2] = [0.5, 16.0];
 
 impl<R: Real> Preintegrated<R> {
-    /// Of a table and what its extinctions are multiplied by, for a field of which these bricks are visible;
-    /// `tolerance` is the error of the density between nodes that is allowed, in units of the range of the knots.
+    /// Creates the tables of a transfer function whose extinctions are multiplied by `scale`, for a field of which the
+    /// given bricks are visible; `tolerance` is the allowed error of the density between nodes, in units of the range
+    /// of the knots.
     pub fn new(
         (table, scale): (&Table, f64),
         tolerance: f64,
@@ -69,12 +70,12 @@ impl<R: Real> Preintegrated<R> {
         Self { tables, occupied, density, gaps }
     }
 
-    /// How many nodes a ray has in a brick, about.
+    /// Returns the estimated number of nodes of a ray in a brick.
     pub fn lookups(&self, brick: usize) -> f32 {
         1.0 + (CELLS as f64 * self.density[brick].f64()) as f32
     }
 
-    /// Light along a ray.
+    /// Blends the light along a ray.
     #[inline(always)]
     pub fn blend(&self, dvr: &Dvr<'_, R>, curve: &Curve<R, 3>, ray: &IndexRay, scratch: &mut Scratch<R>) -> Blend<3> {
         let values = &dvr.field.values;

@@ -1,5 +1,5 @@
-//! Where the density is looked up: at the faces of bricks and at points that divide the way through a brick evenly.
-//! Between two of these nodes it is taken for linear in the length.
+//! Nodes at which the density is sampled: the faces of bricks, and points that divide the segment in a brick evenly.
+//! Between two nodes the density is linear in the length.
 
 use super::batch::WIDE;
 use crate::real::Real;
@@ -9,19 +9,19 @@ use crate::render::march::{IndexRay, Span, spans};
 use crate::render::segment::slopes;
 use crate::scene::bricks::{BRICK, CELLS, EDGE, Topology, slot};
 
-/// Four nodes in a batch.
+/// Four nodes of a batch.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Nodes<R: Real> {
-    /// Offsets of the cells that hold them among the field's values.
+    /// Offsets of the nodes' cells among the field's values.
     pub offset: [u32; LANES],
-    /// Their coordinates in these cells.
+    /// Coordinates of the nodes in their cells, each from 0 to 1.
     pub at: [R::Lanes; 3],
-    /// World lengths of the segments that end at them.
+    /// World lengths of the segments that end at the nodes.
     pub length: R::Lanes,
 }
 
 impl<R: Real> Nodes<R> {
-    /// Densities at the nodes.
+    /// Returns the densities at the nodes.
     #[inline(always)]
     pub fn densities(&self, values: &[R]) -> R::Lanes {
         let [x, y, z] = self.at;
@@ -35,7 +35,7 @@ impl<R: Real> Nodes<R> {
         low + y * (high - low)
     }
 
-    /// Derivatives of the densities with respect to index coordinates.
+    /// Returns the derivatives of the densities with respect to index coordinates.
     pub fn slopes(&self, values: &[R]) -> [R::Lanes; 3] {
         let [x, y, z] = self.at;
         let faces = self.offset.map(|offset| corners(values, offset as usize));
@@ -43,7 +43,8 @@ impl<R: Real> Nodes<R> {
         slopes([near, far], [x, y, z])
     }
 
-    /// Adds derivatives by density to those by value: the transpose of [`Nodes::densities`].
+    /// Adds the derivatives with respect to voxels, from those with respect to densities: the transpose of
+    /// [`Nodes::densities`].
     #[inline(always)]
     pub fn scatter(&self, values: &mut [R], by_density: R::Lanes) {
         let [x, y, z] = self.at;
@@ -61,21 +62,22 @@ impl<R: Real> Nodes<R> {
     }
 }
 
-/// The most parts that the way through a brick is divided into.
+/// The most parts that a ray's segment in a brick is divided into.
 const MOST_PARTS: usize = 32;
-/// Nodes that are visited together, if there are as many: those of one four wait for one another, fours do not.
+/// Least number of nodes that are visited together while there are more: the nodes of one group of four depend on each
+/// other's latency, groups do not.
 const ENOUGH: usize = 32;
-/// Nodes that there is room for: all but enough, a gap's, a brick's, and what is written beyond.
+/// Capacity of a queue in nodes: nearly a visit, a gap's node, a brick's nodes, and padding that is written past them.
 const ROOM: usize = (ENOUGH + 1 + MOST_PARTS + LANES).next_multiple_of(WIDE);
-/// The most fours that are visited together.
+/// The most groups of four nodes that are visited together.
 pub(super) const FOURS: usize = ROOM / LANES;
 
-/// Nodes that wait for their turn.
+/// Nodes that are not yet visited.
 #[derive(Debug, Clone)]
 pub(super) struct Queue<R: Real> {
-    /// Offsets of their bricks; once they are placed, of their cells.
+    /// Offsets of the nodes' bricks; once they are placed, of their cells.
     offset: [u32; ROOM],
-    /// Coordinates in their bricks; once they are placed, in their cells.
+    /// Coordinates of the nodes in their bricks; once they are placed, in their cells.
     at: [[R; ROOM]; 3],
     length: [R; ROOM],
     count: usize,
@@ -88,7 +90,7 @@ impl<R: Real> Default for Queue<R> {
 }
 
 impl<R: Real> Queue<R> {
-    /// Nodes at these lengths from the span's entry; all four are written, the first `count` stay.
+    /// Appends nodes at these lengths from the span's entry; all four are written, the first `count` count.
     #[inline(always)]
     fn push(&mut self, span: &Span<R>, t: R::Lanes, length: R, count: usize) {
         let all = <R::Lanes as Lanes<R>>::splat;
@@ -102,7 +104,7 @@ impl<R: Real> Queue<R> {
         self.count += count;
     }
 
-    /// Finds the cells of the first ones, so many fours.
+    /// Replaces brick by cell offsets and coordinates, for the first `fours` groups of four nodes.
     #[inline(always)]
     fn place(&mut self, fours: usize) {
         let [x, y, z] = &mut self.at;
@@ -113,7 +115,7 @@ impl<R: Real> Queue<R> {
         }
     }
 
-    /// The first ones, so many fours.
+    /// Returns the first `fours` groups of four nodes.
     #[inline(always)]
     pub fn first(&self, fours: usize) -> impl DoubleEndedIterator<Item = Nodes<R>> {
         fn some<T>(all: &[T; ROOM], fours: usize) -> &[[T; LANES]] {
@@ -132,7 +134,8 @@ impl<R: Real> Queue<R> {
         )
     }
 
-    /// Goes on from another queue whose nodes, so many fours, were visited: it may be kept.
+    /// Copies the nodes of `other` that come after its first `fours` groups, which were visited, so that `other` can be
+    /// kept and this queue used in its place.
     #[inline(always)]
     pub fn succeed(&mut self, other: &Self, fours: usize) {
         let n = (fours * LANES).min(ROOM - WIDE);
@@ -144,7 +147,7 @@ impl<R: Real> Queue<R> {
         self.count = other.count;
     }
 
-    /// Keeps what comes after so many fours.
+    /// Removes the first `fours` groups of four nodes.
     #[inline(always)]
     fn drop_front(&mut self, fours: usize) {
         let n = (fours * LANES).min(ROOM - WIDE);
@@ -155,18 +158,19 @@ impl<R: Real> Queue<R> {
     }
 }
 
-/// Where rays are to look.
+/// Bricks in which rays have nodes, and the spacing of nodes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sites<'a, R> {
-    /// Bricks that are looked at.
+    /// Bricks that rays visit.
     pub topology: &'a Topology,
-    /// Reciprocals of the largest distances between nodes, by brick, in voxels.
+    /// Nodes per voxel, by brick: reciprocals of the largest distances between nodes.
     pub density: &'a [R],
-    /// True if the way between bricks counts.
+    /// True if the gaps between bricks count as segments of density zero.
     pub gaps: bool,
 }
 
-/// How many parts the way through a brick is divided into, if it is so many voxels a world length.
+/// Returns the number of parts that a ray's segment in a brick is divided into; `voxels` is the ray's length in voxels
+/// per unit of world length.
 #[inline(always)]
 pub(super) fn parts<R: Real>(span: &Span<R>, voxels: R, density: &[R]) -> usize {
     let (most, half) = (R::int(MOST_PARTS as i32 - 1), R::of(0.5));
@@ -175,10 +179,10 @@ pub(super) fn parts<R: Real>(span: &Span<R>, voxels: R, density: &[R]) -> usize 
     (parts + R::ONES).low_bits().clamp(1, MOST_PARTS as u32) as usize
 }
 
-/// Visits the nodes along a ray, near to far, so many fours at a time; `visit` returns false to stop, and may put another
-/// queue that [succeeds](Queue::succeed) in the place of this one. Where bricks
-/// are missing the next node's segment has no length, unless gaps count. What is left over repeats the last
-/// node with no length. Returns the world length from the last brick to the ray's exit.
+/// Visits the nodes along a ray, near to far, `fours` groups of four at a time; `visit` returns false to stop, and may
+/// put another queue that [succeeds](Queue::succeed) this one in its place. Where bricks are missing the next node's
+/// segment has no length, unless gaps count. Padding repeats the last node with no length. Returns the world length
+/// from the last brick to the ray's exit.
 #[inline(always)]
 pub(super) fn nodes<R: Real>(
     sites: Sites<'_, R>,
@@ -236,7 +240,7 @@ pub(super) fn nodes<R: Real>(
     if open { ray.leave - reached.max(ray.enter) } else { 0.0 }
 }
 
-/// The largest second difference of a brick's values, along an axis or across two.
+/// Returns the largest magnitude of a second difference of a brick's values, along an axis or mixed over two.
 pub(super) fn roughness<R: Real>(values: &[R]) -> R {
     let steps = [slot(1, 0, 0), slot(0, 1, 0), slot(0, 0, 1)];
     let mut most = R::ZERO;

@@ -1,10 +1,13 @@
-//! The gradient of pre-integration by the ray: nodes move with it, and along it with the faces between which they lie.
+//! The gradient of pre-integration with respect to the ray: nodes move with the ray, and along it with the faces
+//! between which they lie.
 //!
-//! A node at world length t from the origin `o` of a ray of direction `d` lies at `o + t d`. With `∂L/∂p` the derivative by
-//! its index coordinates, the ray has `∂L/∂p` by its own shift and `t ∂L/∂p` by its turn, and t has `d · ∂L/∂p`. Of a brick
-//! that is entered at `t₀` and left at `t₁`, node j of n lies at `t₀ + (t₁ - t₀) j / n`, and all n segments are as long:
-//! that is what is cotangents of its faces, which stand still. Derivatives are those of what is computed, as long as no ray has
-//! more or fewer nodes; where it grazes faces these are left out.
+//! A node at world length t from the origin `o` of a ray of direction `d` lies at `o + t d`. With `∂L/∂p` the
+//! derivative with respect to its index coordinates, the derivatives with respect to the ray's shift and turn are
+//! `∂L/∂p` and `t ∂L/∂p`, and that with respect to t is `d · ∂L/∂p`. In a brick that is entered at `t₀` and left at
+//! `t₁`, node j of n lies at `t₀ + (t₁ - t₀) j / n`, and all n segments have the same length: this gives the
+//! derivatives with respect to `t₀` and `t₁`, where the ray crosses faces that stand still. Derivatives are those of
+//! the computed value, as long as the number of nodes does not change; where the ray grazes faces, the terms of the
+//! faces are left out.
 
 use super::nodes::{Sites, parts};
 use super::visit::{BatchGradient, Visit};
@@ -15,18 +18,18 @@ use crate::render::index_ray_gradient::IndexRayGradient;
 use crate::render::march::{IndexRay, spans};
 use glam::DVec3;
 
-/// What the loss asks of a node.
+/// Derivatives of the loss with respect to one node.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NodeCotangent {
     /// Derivatives of the density with respect to index coordinates.
     slopes: DVec3,
-    /// Derivative of the loss by the density.
+    /// Derivative of the loss with respect to the density.
     by_density: f64,
-    /// The same by the logarithm of the length of the segment that ends here.
+    /// Derivative of the loss with respect to the logarithm of the length of the segment that ends at the node.
     by_length: f64,
 }
 
-/// Notes what is cotangents of a visit's nodes, and of the last one before them.
+/// Appends the cotangents of a visit's nodes, and adds to that of the last node before them.
 #[inline(never)]
 pub(super) fn note<R: Real>(
     cotangents: &mut Vec<NodeCotangent>,
@@ -51,7 +54,7 @@ pub(super) fn note<R: Real>(
     }
 }
 
-/// Adds what nodes ask of the ray, near to far.
+/// Adds the nodes' derivatives to those with respect to the ray, near to far.
 #[inline(never)]
 pub(super) fn follow<R: Real>(
     sites: Sites<'_, R>,

@@ -1,8 +1,8 @@
 //! Cumulative tables of a transfer function.
 //!
-//! With extinction and color linear between two knots, what is summed up over the density, `σ r`, `σ g`, `σ b`
-//! and `σ`, is quadratic there, and its integral F cubic. Sums are `f64`: their differences over a small range
-//! of densities are what is cotangents for.
+//! With extinction and color linear between two knots, the integrands over the density, `σ r`, `σ g`, `σ b` and `σ`,
+//! are quadratic there, and their integrals F cubic. Sums are `f64`, because differences of them over a small range of
+//! densities are needed.
 
 use crate::real::Lanes;
 use crate::real::Real;
@@ -12,40 +12,41 @@ use crate::scene::table::Table;
 /// One piece of a curve, in lanes for red, green, blue and extinction, at a density `base + u`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Piece<R: Real> {
-    /// Colors and extinction: `value + slope u`.
+    /// Colors and extinction at the base; they are `value + slope u`.
     value: R::Lanes,
     pub slope: R::Lanes,
     /// `σ r`, `σ g`, `σ b` and `σ`: `a + 2 b u + 3 c u²`.
     a: R::Lanes,
     b: R::Lanes,
     c: R::Lanes,
-    /// F at the base.
+    /// Integrals F at the base.
     below: [f64; 4],
     base: R,
 }
 
-/// The sums, piece by piece of a curve.
+/// Cumulative sums F, by the pieces of a curve.
 #[derive(Debug, Clone)]
 pub(super) struct Cumulative<R: Real> {
     pieces: Vec<Piece<R>>,
-    /// Densities beyond these are taken for them: they are far outside the knots.
+    /// Range that densities are clamped to; its ends are far outside the knots.
     outmost: [R; 2],
-    /// Densities that differ by no more are taken for one.
+    /// Difference of densities up to which they are treated as equal.
     pub same: R,
-    /// Where rays begin: at density zero.
+    /// Begin of every ray, at density zero.
     pub zero: End<R>,
-    /// Range of the knots, or if they lie in one place the magnitude of their density.
+    /// Range of the knots; if they coincide, the magnitude of their density.
     pub range: f64,
-    /// Radiance that one segment may be off by.
+    /// Radiance error that is allowed in one segment.
     pub limit: R,
 }
 
-/// How far beyond its knots a table is followed, in units of their range.
+/// Distance beyond its knots up to which a table is evaluated, in units of their range or magnitude, whichever is
+/// larger.
 const BEYOND: f64 = 1e6;
 
 impl<R: Real> Cumulative<R> {
-    /// Of a table whose extinctions are multiplied by `scale`; `tolerance` is what a segment may be off by, in units of
-    /// the brightest color.
+    /// Creates the sums of a table whose extinctions are multiplied by `scale`; `tolerance` is the error allowed in a
+    /// segment, in units of the brightest color.
     pub fn new(table: &Table, scale: f64, tolerance: f64, curve: &Curve<R, 3>) -> Self {
         let knots = table.knots();
         let (first, last) = (knots[0], knots[knots.len() - 1]);
@@ -94,13 +95,13 @@ impl<R: Real> Cumulative<R> {
         }
     }
 
-    /// A piece by its number.
+    /// Returns a piece by its number.
     #[inline(always)]
     pub fn piece(&self, number: u32) -> &Piece<R> {
         &self.pieces[number as usize]
     }
 
-    /// Densities within reach of the tables.
+    /// Clamps densities to the range of the tables.
     #[inline(always)]
     pub fn within(&self, density: R::Lanes) -> R::Lanes {
         density.clamped(self.outmost[0], self.outmost[1])
@@ -108,7 +109,7 @@ impl<R: Real> Cumulative<R> {
 }
 
 impl<R: Real> Piece<R> {
-    /// F.
+    /// Returns the cumulative sums F at a density: `σ r`, `σ g`, `σ b` and `σ`.
     #[inline(always)]
     pub fn sums(&self, density: R) -> [f64; 4] {
         let u = density.f64() - self.base.f64();
@@ -117,7 +118,7 @@ impl<R: Real> Piece<R> {
         [of(0), of(1), of(2), of(3)]
     }
 
-    /// Colors and extinction.
+    /// Returns colors and extinction at a density.
     #[inline(always)]
     pub fn values(&self, density: R) -> R::Lanes {
         self.value + R::Lanes::splat(density - self.base) * self.slope
@@ -129,7 +130,7 @@ impl<R: Real> Piece<R> {
 pub(super) struct End<R: Real> {
     pub density: R,
     pub piece: u32,
-    /// F.
+    /// Cumulative sums F.
     pub sums: [f64; 4],
     /// Colors and extinction.
     pub values: R::Lanes,

@@ -11,7 +11,7 @@ pub(in super::super) struct Visit<R: Real> {
     pub(super) nodes: Box<Queue<R>>,
     pub(super) fours: usize,
     pub(super) batch: Box<SegmentBatch<R>>,
-    /// Light of all visits up to this one.
+    /// Light of all visits up to and including this one.
     pub(super) emitted: [f64; 3],
 }
 
@@ -26,29 +26,31 @@ impl<R: Real> Visit<R> {
     }
 }
 
-/// Derivatives with respect to what a batch holds, and what goes into them. Channels share all weights but those of the
-/// loss: sources are loss-weighted sums of them.
+/// Derivatives of the loss with respect to the numbers of a batch, and intermediate values. Channels share all weights
+/// but those of the loss, so that sources here are loss-weighted sums of the channels.
 #[derive(Debug, Clone)]
 pub(super) struct BatchGradient<R> {
-    /// By segment: the mean of extinction times source; the derivatives with respect to that, to the source's drift, to
-    /// the mean extinction and to the optical depth; its light.
+    /// Numbers by segment. `mean`: extinction times source. `mixed`, `drift`, `extinction`, `depth`: derivatives with
+    /// respect to that mean, the source's drift, the mean extinction and the optical depth. `light`: light of the
+    /// segment.
     pub(super) mean: [R; ROOM],
     pub(super) mixed: [R; ROOM],
     pub(super) drift: [R; ROOM],
     pub(super) extinction: [R; ROOM],
     pub(super) depth: [R; ROOM],
     pub(super) light: [R; ROOM],
-    /// Source at the ends, and slopes of source and extinction.
+    /// Source at the segments' ends; `slopes` are those of source and extinction with the density.
     pub(super) source: [R; ROOM + 1],
     pub(super) slopes: [[R; ROOM + 1]; 2],
-    /// With respect to the densities at the ends; in `behind` that of the segments that end there alone, and before
-    /// that what arrives from behind each segment.
+    /// Derivatives with respect to the densities at the ends. `behind` first holds the radiance that arrives from
+    /// behind each segment, then the derivatives from the segments that end there alone.
     pub(super) density: [R; ROOM + 1],
     pub(super) behind: [R; ROOM + 1],
 }
 
 impl<R> BatchGradient<R> {
-    /// Derivatives by the logarithms of segments' lengths: of their extinctions', once these are added up.
+    /// Returns the derivatives with respect to the logarithms of the segments' lengths; these equal those with respect
+    /// to the logarithms of their extinctions.
     pub(super) fn by_length(&self, count: usize) -> &[R] {
         &self.light[..count]
     }
