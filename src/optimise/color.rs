@@ -22,29 +22,29 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// What came out.
+/// Result of a color reconstruction.
 #[derive(Debug, Clone)]
 pub struct Shaded {
     /// Radiance emitted per world length in R, G and B, and extinction.
     pub volume: Bricks<Vec4>,
-    /// Every iteration, those of the extinctions first.
+    /// Every iteration; those of the extinctions come first.
     pub history: Vec<Step>,
     /// Time by stage.
     pub stages: Vec<Stage>,
-    /// PSNR of the colors of the views that were used (peak 1); not a number if that was not measured any more after
-    /// the work was stopped.
+    /// PSNR of the colors of the training views (peak 1); NaN if the work was stopped before it was measured.
     pub train_psnr_db: f64,
-    /// The same for those that were not.
+    /// PSNR of the colors of the held-out views (peak 1); `None` without such views, NaN if the work was stopped before
+    /// it was measured.
     pub held_out_psnr_db: Option<f64>,
-    /// Voxels with an extinction.
+    /// Number of voxels with a positive extinction.
     pub voxels: usize,
-    /// True if the user stopped it.
+    /// True if the user stopped the work.
     pub stopped: bool,
 }
 
 /// Coarsest level: at least this many voxels along the longest edge.
 const COARSEST: f64 = 32.0;
-/// Iterations on each level but the finest, and there.
+/// Iterations on each level but the finest, and on the finest.
 const COARSE_ITERATIONS: u32 = 8;
 const ITERATIONS: u32 = 12;
 /// The finest level ends when this many iterations brought less than [`GAIN`] dB on the held-out views.
@@ -54,11 +54,11 @@ const GAIN: f64 = 0.1;
 const CLEAN_PASSES: u32 = 1;
 const NOISY_PASSES: u32 = 3;
 
-/// Reconstructs extinctions and emissions, from `init` on if there is one. `request.medium` is what absorbs; `watch`
-/// sees every step and may stop the work; what is there by then is returned.
+/// Reconstructs extinctions and emissions, starting from `init` if it is given. `request.medium` is the medium that
+/// absorbs. `watch` is called with every step and may stop the work; the result so far is returned then.
 ///
 /// # Errors
-/// If alpha shows nothing, the pictures leave no unknown, or the unknowns do not fit in memory.
+/// If alpha is 0 everywhere, the pictures leave no unknown, or the unknowns do not fit in memory.
 pub fn reconstruct(
     photos: &[Photo],
     observation: &Observation,
@@ -123,7 +123,7 @@ pub fn reconstruct(
     }
 }
 
-/// Iterations that a run takes at most, all levels of both parts counted.
+/// Returns the largest number of iterations of a run, over all levels of extinctions and colors.
 pub fn most_iterations(request: &Request) -> u64 {
     let coarse = lattice::coarser_levels(&request.lattice, &request.bounds, COARSEST) * COARSE_ITERATIONS;
     density::most_iterations(request) + u64::from(coarse + ITERATIONS)
@@ -172,13 +172,13 @@ impl Level {
         field.resampled(&self.extinctions.topology, &self.extinctions.transform)
     }
 
-    /// Emissions of one color.
+    /// Returns emissions of one color, proportional to the extinctions.
     fn tinted(&self, color: [f32; 3]) -> Vec<f32> {
         let extinctions = self.extinctions.owned();
         color.iter().flat_map(|c| extinctions.iter().map(move |s| c * s)).collect()
     }
 
-    /// The emissions that suit the held-out views best, else the last ones.
+    /// Returns the emissions with the best PSNR on the held-out views, or without such views the last ones.
     fn solve(
         &self,
         emission: &mut Emission<'_>,
@@ -215,7 +215,7 @@ impl Level {
     }
 }
 
-/// Volumes, accumulators and the solver's vectors.
+/// Checks that the volume, the accumulators and the solver's vectors fit in memory.
 fn fits(bricks: usize, max_memory: u64) -> Result<()> {
     let lanes = rayon::current_num_threads().max(2);
     let each = (1 + lanes) * BRICK * size_of::<Vec4>() + 8 * 3 * LEAF_VOXELS * size_of::<f32>();
@@ -226,7 +226,7 @@ fn fits(bricks: usize, max_memory: u64) -> Result<()> {
     Ok(())
 }
 
-/// What all light that is not the background's is on average, by opacity.
+/// Returns the mean color of the medium: light that is not the background's, over opacity.
 fn mean_color(photos: &[Photo], background: [f32; 3]) -> [f32; 3] {
     let sum = |photo: &Photo| {
         photo.film.rgba.iter().filter(|p| p.iter().all(|v| v.is_finite())).fold([0.0_f64; 4], |sum, p| {
@@ -239,7 +239,7 @@ fn mean_color(photos: &[Photo], background: [f32; 3]) -> [f32; 3] {
     [0, 1, 2].map(|c| (total(c) / total(3).max(1e-12)).max(0.0) as f32)
 }
 
-/// The same extinctions on voxels 2^`level` times as large.
+/// Resamples extinctions to voxels 2^`level` times as large.
 fn coarser(extinctions: &Bricks<f32>, level: u32) -> Result<Bricks<f32>> {
     let lattice = lattice::coarser(&extinctions.transform, level)?;
     let corners = (0..8).map(|c| IVec3::new(c >> 2, c >> 1 & 1, c & 1));

@@ -4,7 +4,7 @@
 //! projection ──▶ region ──▶ solver ──▶ density, color        (optical depths, emissions: linear)
 //! gradient, loss ─────────▶ solver ──▶ density, transfer     (through a transfer function, by descent)
 //! gradient ───────────────▶ solver ──▶ pose, viewpoint       (cameras)
-//! plausibility: what contradicts the model, before and after    study: any derivative, and its check
+//! plausibility: contradictions of the model, before and after   study: any derivative, and its check
 //! ```
 
 pub mod color;

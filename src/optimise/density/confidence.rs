@@ -1,13 +1,13 @@
-//! How much the pictures say about each voxel.
+//! Confidence of each voxel: how strongly the pictures determine it.
 //!
-//! The sum of squared sensitivities `S = Σ (∂L/∂d)²` over pixels and channels is what one voxel's variance
-//! would be bounded by if all others were known: noise of variance ε² leaves `ε² / S`. Beside a prior that knows
-//! the voxel to a variance p², the pictures' share is `S p² / (S p² + ε²)`: the confidence, 0 where the function
-//! is flat or nothing was seen, near 1 where the pictures decide. (That neighbours are confused with each other
-//! is left out: it says what is not known, not all that is known only in sums.)
+//! The sum of squared sensitivities `S = Σ (∂L/∂d)²` over pixels and channels bounds one voxel's variance if all others
+//! are known: noise of variance ε² leaves `ε² / S`. With a prior of variance p² for the voxel, the pictures' share is
+//! `S p² / (S p² + ε²)`: the confidence, 0 where the function is flat or nothing was seen, near 1 where the pictures
+//! decide. (Correlation between neighbours is left out: the confidence marks voxels that are undetermined, but not all
+//! of those that are determined only in sums.)
 //!
-//! S is the diagonal of `JᵀJ`, for which random signs r give `E[(Jᵀr)²]` (Hutchinson 1990; Bekas, Kokiopoulou &
-//! Saad 2007): one backward walk a probe, whatever the renderer. A voxel of several numbers has several sums.
+//! S is the diagonal of `JᵀJ`, for which random signs r give `E[(Jᵀr)²]` (Hutchinson 1990; Bekas, Kokiopoulou & Saad
+//! 2007): one backward walk per probe, with any renderer. A voxel of several numbers has several sums.
 
 use crate::cancel::Cancel;
 use crate::optimise::gradient::pictures::{self, Gradients, Target, Workspace};
@@ -19,16 +19,17 @@ use crate::render::differentiable::Differentiable;
 use crate::scene::grid::LEAF_VOXELS;
 use rayon::prelude::*;
 
-/// Probes times views, and the fewest and the most probes; each takes one pixel of a block of [`BLOCK`]².
+/// Number of probes times views, the fewest and the most probes, and the edge of the blocks of pixels of which each
+/// probe takes one.
 const LOOKS: usize = 512;
 const PROBES: [usize; 2] = [8, 64];
 const BLOCK: usize = 4;
 
-/// Numbers of a voxel that are known alike: their channels, and how far the prior leaves them open (p).
+/// Channels of a voxel that share a confidence, and the standard deviation p of the prior on them.
 pub type Group<'g> = (&'g [usize], f64);
 
-/// Confidence of each voxel (512 a brick), 0..1, for each group; none once the work is to stop. `noise` is the standard
-/// deviation of a pixel's error. `tick` is told of the probes that are done and of how many there are.
+/// Returns the confidence of each voxel (512 a brick), 0..1, for each group; `None` once the work is cancelled. `noise`
+/// is the standard deviation of a pixel's error. `tick` is called with the number of probes done and their total.
 pub fn confidence<I>(
     light: &Composited<I>,
     views: &[&Target],
@@ -73,7 +74,8 @@ where
     Some(squares.iter().zip(groups).map(share).collect())
 }
 
-/// A voxel's confidence: a few probes are a rough estimate; that of neighbours is nearly the same number.
+/// Returns a voxel's confidence. A few probes give a rough estimate, so it is averaged with the neighbours'; `ratio` is
+/// (p / ε)².
 fn known(squares: &[f32], neighbours: &Neighbours, voxel: usize, ratio: f64) -> f32 {
     if squares[voxel] == 0.0 {
         return 0.0;
@@ -84,7 +86,7 @@ fn known(squares: &[f32], neighbours: &Neighbours, voxel: usize, ratio: f64) -> 
     if known.is_finite() { (known / (1.0 + known)) as f32 } else { 1.0 }
 }
 
-/// Random signs in the place of colors, for the pixels whose turn it is.
+/// Returns a target of random signs in place of colors, for the pixels of this probe; the others are NaN.
 fn signs(target: &Target, view: usize, probe: usize) -> Target {
     let width = target.camera.width as usize;
     let pixel = |i: usize| {
@@ -102,8 +104,8 @@ fn signs(target: &Target, view: usize, probe: usize) -> Target {
     }
 }
 
-/// A bijection of 64 bits in which each bit of the result hangs on all of the argument's (Stafford's variant 13
-/// of MurmurHash3's finaliser).
+/// Hashes 64 bits bijectively; each bit of the result depends on all bits of the argument (Stafford's variant 13 of
+/// MurmurHash3's finaliser).
 fn scrambled(mut v: u64) -> u64 {
     v = (v ^ (v >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     v = (v ^ (v >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);

@@ -1,5 +1,4 @@
-//! Densities that descend towards pictures, whatever the medium: Adam on batches of views, with a prior on
-//! neighbours.
+//! Gradient descent on densities for any medium: Adam on batches of views, with a prior on neighbouring voxels.
 
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
@@ -20,11 +19,11 @@ use crate::scene::grid::LEAF_VOXELS;
 use crate::scene::medium::{Medium, Source};
 use std::sync::Arc;
 
-/// The bricks of a lattice that densities are sought in and which of their voxels are, at most so many bricks: what the
-/// pictures leave standing, or the whole box behind a function that absorbs where the density is 0.
+/// Returns the bricks of a lattice in which densities are unknown, at most `limit`, and a flag for each of their
+/// voxels: the visual hull, or the whole box for a transfer function that absorbs where the density is 0.
 ///
 /// # Errors
-/// If there are too many.
+/// If there are too many bricks.
 pub fn unknowns(
     observation: &Observation,
     request: &Request,
@@ -53,19 +52,19 @@ pub fn unknowns(
     Ok((all, wider))
 }
 
-/// What the densities are seen in.
+/// Medium, background and quadrature with which densities are rendered.
 #[derive(Debug)]
 pub struct Scene<'a> {
-    /// What they do to light.
+    /// Medium: extinction and source by density.
     pub medium: &'a Medium,
-    /// Radiance behind them.
+    /// Radiance behind the volume.
     pub background: [f32; 3],
-    /// Integration along rays.
+    /// Quadrature along rays.
     pub quadrature: Quadrature,
 }
 
 impl Scene<'_> {
-    /// A renderer of densities.
+    /// Creates a renderer of densities.
     ///
     /// # Errors
     /// If the medium cannot be used.
@@ -74,20 +73,20 @@ impl Scene<'_> {
     }
 }
 
-/// `|c - c'|` over colors and alpha.
+/// Returns `Σ |c - c'|` over colors and alpha, and its derivatives.
 pub fn absolute(seen: &[f32; 4], wanted: &[f32; 4]) -> (f64, [f32; 4]) {
     let difference: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
     let value = difference.iter().map(|d| f64::from(d.abs())).sum();
     (value, difference.map(|d| if d == 0.0 { 0.0 } else { d.signum() }))
 }
 
-/// `(c - c')² / 2` over colors and alpha.
+/// Returns `Σ (c - c')² / 2` over colors and alpha, and its derivatives.
 pub fn squared(seen: &[f32; 4], wanted: &[f32; 4]) -> (f64, [f32; 4]) {
     let difference: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
     (difference.iter().map(|d| 0.5 * f64::from(*d).powi(2)).sum(), difference)
 }
 
-/// Views in batches, in an order that changes from epoch to epoch (a stride coprime to their number).
+/// Splits views into batches, in an order that changes from epoch to epoch (a stride coprime to their number).
 pub fn batches(train: &[Target], size: usize, epoch: u32) -> Vec<Vec<&Target>> {
     let n = train.len();
     let gcd = |mut a: usize, mut b: usize| {
@@ -101,12 +100,12 @@ pub fn batches(train: &[Target], size: usize, epoch: u32) -> Vec<Vec<&Target>> {
     order.chunks(size).map(<[_]>::to_vec).collect()
 }
 
-/// The unknowns.
+/// Densities that are fitted to pictures, and the state of their optimiser.
 #[derive(Debug)]
 pub struct Fit {
-    /// What they are so far.
+    /// Current densities.
     pub field: Bricks<f32>,
-    /// 1 where a voxel is unknown.
+    /// 1 where a voxel is unknown, else 0.
     mask: Vec<f32>,
     /// Voxels in the unit of the learning rate, 512 a brick.
     x: Vec<f32>,
@@ -116,12 +115,13 @@ pub struct Fit {
     stored: Vec<f32>,
     accumulators: Workspace<f32, Tape<f32>>,
     owned: Vec<f32>,
-    /// Polled inside every step; one that it stopped changes nothing.
+    /// Polled inside every step; a step that it stops changes nothing.
     pub cancel: Cancel,
 }
 
 impl Fit {
-    /// Begins with `start` (512 a brick); `unit` is the density that the learning rate and the prior take for 1.
+    /// Starts from densities `start` (512 a brick); `unit` is the density that counts as 1 in the learning rate and the
+    /// prior.
     pub fn new(
         topology: Arc<Topology>,
         lattice: Affine,
@@ -147,7 +147,7 @@ impl Fit {
         fit
     }
 
-    /// How many unknowns there are.
+    /// Returns the number of unknown voxels.
     pub fn unknowns(&self) -> usize {
         self.mask.iter().filter(|m| **m > 0.0).count()
     }
@@ -162,8 +162,8 @@ impl Fit {
         self.field.topology.fill_apron(&scaled, &mut self.field.values);
     }
 
-    /// One step of Adam on the mean of `loss` over the batch's pixels and channels, plus `prior` on the voxels; returns
-    /// the former before it, which is not a number once the work is to stop.
+    /// Takes one step of Adam on the mean of `loss` over the batch's pixels and channels plus `prior` on the voxels.
+    /// Returns the mean loss before the step; NaN once the work is cancelled.
     ///
     /// # Errors
     /// If the medium cannot be used.
@@ -197,7 +197,7 @@ impl Fit {
         Ok(sum * f64::from(share))
     }
 
-    /// PSNR of the colors (peak 1); not a number once the work is to stop.
+    /// Returns the PSNR of the colors (peak 1); NaN once the work is cancelled.
     ///
     /// # Errors
     /// If the medium cannot be used.

@@ -1,13 +1,13 @@
-//! Densities whose transfer function gives the colors of a pre-shaded volume.
+//! Densities whose transfer function reproduces the colors of a pre-shaded volume.
 //!
-//! A function that is not monotonic has several densities for a color, and where it is flat or clear any
-//! number. Weiss & Westermann (2021, eq. 13) draw 256 random densities a voxel, and add the squared differences
-//! from the six neighbours. A density is one number: here all of the function is searched. And between two
-//! neighbours the density passes through all that lies between theirs: what the function gives there on
-//! average (its pre-integral) has to be what the volume has between them, so that no voxel jumps over a peak
-//! that nobody has seen. The two halves of a chequerboard take turns (a voxel's neighbours are all of the other
-//! half), from coarse voxels to fine ones, each at first at the lowest density that its color allows: what is
-//! clear and open to the outside is empty.
+//! A function that is not monotonic has several densities for a color, and where it is flat or clear infinitely many.
+//! Weiss & Westermann (2021, eq. 13) draw 256 random densities a voxel, and add the squared differences from the six
+//! neighbours. A density is one number, so here all of the function is searched. Between two neighbours, moreover, the
+//! density passes through all values between theirs: the function's average over that range (its pre-integral) must
+//! match the volume between the voxels, so that no voxel jumps over a peak that the volume does not show. The two
+//! halves of a chequerboard take turns (a voxel's neighbours are all in the other half), from coarse voxels to fine
+//! ones, each starting at the lowest density that its color allows: regions that are clear and connected to the outside
+//! are empty.
 
 use crate::cancel::Cancel;
 use crate::error::Result;
@@ -20,38 +20,37 @@ use glam::{IVec3, Vec4};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Points searched beside the function's knots.
+/// Points searched in addition to the function's knots.
 const POINTS: usize = 128;
-/// Error of emissions and extinctions, relative to the largest that the function has: what differences are
-/// measured by.
+/// Error of emissions and extinctions, relative to the function's largest: the unit of differences.
 const COLOR_ERROR: f32 = 0.03;
-/// Difference of neighbours, relative to the range of densities, that costs as much as one such error.
+/// Difference between neighbours, relative to the range of densities, that costs as much as one such error.
 const ROUGHNESS: f32 = 0.3;
-/// Weight of what lies between two neighbours, beside that of a voxel's own color.
+/// Weight of the mismatch between two neighbours, relative to the mismatch of a voxel's own color.
 const EDGE: f32 = 0.5;
-/// What more than the least a density may cost to be allowed at first.
+/// Cost above the minimum that an initial density may have.
 const ALLOWED: f32 = 1.0;
-/// Rounds on each level, twice: between them small groups that settled for another branch than all around them
-/// are taken away.
+/// Rounds on each level, twice: between them, small groups on another branch of the function than their surroundings
+/// are removed.
 const ROUNDS: u32 = 8;
 /// Coarsest level: at least this many voxels along the longest edge.
 const COARSEST: f64 = 8.0;
 
-/// What the function gives, in units of the error, at the densities that are searched.
+/// Transfer function sampled at the densities that are searched, in units of the error.
 struct Samples {
     density: Vec<f32>,
     /// Emission in R, G and B, and extinction.
     value: [Vec<f32>; 4],
-    /// Their integrals over the density.
+    /// Integrals of emission and extinction over the density.
     integral: [Vec<f32>; 4],
     unit: Vec4,
     /// Weight of squared differences from neighbours.
     tie: f32,
-    /// Number of the density 0, or of the one next to it.
+    /// Index of the sampled density nearest to 0.
     empty: u16,
 }
 
-/// A neighbour: what is between it and the voxel, and its density's number.
+/// A neighbour: the target between it and the voxel, and the index of its density.
 type Beside = (Vec4, u16);
 
 impl Samples {
@@ -91,7 +90,7 @@ impl Samples {
         }
     }
 
-    /// Writes what each density costs: its difference from `target`, and what its neighbours make of it.
+    /// Writes the cost of each sampled density: its difference from `target`, and the mismatch with its neighbours.
     fn costs(&self, target: Vec4, beside: &[Beside], cost: &mut Vec<f32>) {
         let count = self.density.len();
         cost.clear();
@@ -124,14 +123,15 @@ impl Samples {
         }
     }
 
-    /// The density that costs least; on a draw, the lowest.
+    /// Returns the index of the density with the least cost; on a tie, of the lowest one.
     fn best(&self, target: Vec4, beside: &[Beside], cost: &mut Vec<f32>) -> u16 {
         self.costs(target, beside, cost);
         let least = cost.iter().fold(f32::INFINITY, |a, c| a.min(*c));
         cost.iter().position(|c| *c <= least).unwrap_or(0) as u16
     }
 
-    /// The lowest density whose difference from `target` is allowed.
+    /// Returns the index of the lowest density whose difference from `target` is allowed; negative densities only if no
+    /// other is.
     fn lowest(&self, target: Vec4, cost: &mut Vec<f32>) -> u16 {
         self.costs(target, &[], cost);
         let least = cost.iter().fold(f32::INFINITY, |a, c| a.min(*c));
@@ -139,7 +139,7 @@ impl Samples {
         (self.empty as usize..cost.len()).find(allowed).or_else(|| (0..cost.len()).find(allowed)).unwrap_or(0) as u16
     }
 
-    /// Number of the density next to `density`.
+    /// Returns the index of the sampled density nearest to `density`.
     fn nearest(&self, density: f32) -> u16 {
         let after = self.density.partition_point(|d| *d < density).min(self.density.len() - 1);
         let before = after.saturating_sub(1);
@@ -148,9 +148,9 @@ impl Samples {
     }
 }
 
-/// Densities on the lattice of `volume`. `scale` multiplies the function's extinction; `known` says which voxels
-/// (512 a brick of `topology`) are looked for: the others have the density 0. Once the work is to stop, voxels keep what
-/// they have.
+/// Finds densities on the lattice of `volume`. `scale` multiplies the function's extinction; `unknown` marks the voxels
+/// (512 a brick of `topology`) to find: the others have the density nearest to 0 of those searched. Once the work is
+/// cancelled, voxels keep their current density.
 ///
 /// # Errors
 /// If the lattice cannot be made coarser.
@@ -182,7 +182,7 @@ pub fn densities(
     Ok(found.unwrap_or_else(|| Bricks::zeros(topology.clone(), volume.transform)))
 }
 
-/// The targets at the voxels of bricks.
+/// Resamples the volume to the voxels of `topology`, as targets.
 fn lanes(volume: &Bricks<Vec4>, topology: &Topology, lattice: &crate::math::Affine) -> Vec<Vec4> {
     let lanes = [0, 1, 2, 3].map(|c| volume.channel(c).resampled(topology, lattice));
     (0..lanes[0].len()).map(|i| Vec4::new(lanes[0][i], lanes[1][i], lanes[2][i], lanes[3][i])).collect()
@@ -196,7 +196,7 @@ struct Level {
 }
 
 impl Level {
-    /// Of voxels twice as large: means of the unknown ones among eight.
+    /// Returns the problem on voxels twice as large, with means over the unknown ones among eight.
     fn coarser(&self) -> Result<Self> {
         let topology = &self.densities.topology;
         let lattice = lattice::coarser(&self.densities.transform, 1)?;
@@ -221,7 +221,7 @@ impl Level {
         })
     }
 
-    /// Lets all voxels find their densities in turn.
+    /// Improves all voxels' densities in turn, and returns them.
     fn settle(&mut self, samples: &Samples, start: Option<Vec<f32>>, cancel: Cancel) -> Bricks<f32> {
         let neighbours = Neighbours::new(&self.densities.topology);
         let (targets, unknown) = (&self.targets, &self.unknown);

@@ -1,4 +1,4 @@
-//! Density from absorption pictures: hull, levels from coarse to fine, and when to stop.
+//! Density from absorption pictures: visual hull, levels from coarse to fine, and stopping criteria.
 
 pub mod confidence;
 pub mod descent;
@@ -25,36 +25,36 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// What to reconstruct and how far to go.
+/// Inputs and limits of a density reconstruction.
 #[derive(Debug, Clone)]
 pub struct Request {
     /// Voxel lattice of the result, index to world.
     pub lattice: Affine,
     /// World box of the unknowns.
     pub bounds: Aabb,
-    /// What density does to light.
+    /// Medium: extinction and source by density.
     pub medium: Medium,
-    /// Radiance behind it.
+    /// Radiance behind the volume.
     pub background: [f32; 3],
-    /// A pixel is the mean over this many rays squared.
+    /// Rays along each edge of a pixel, whose value is the mean over the square of that number.
     pub rays_per_edge: usize,
-    /// Views that are not used, only looked at to know when to stop.
+    /// Indices of the held-out views, which are not fitted but decide when to stop.
     pub held_out: Vec<usize>,
     /// Iterations on the finest level, at most.
     pub iterations: u32,
-    /// Blur passes of the smoothness prior; without, the held-out views decide.
+    /// Blur passes of the smoothness prior; chosen by the held-out views if `None`.
     pub smoothing: Option<u32>,
-    /// What descents ask of neighbouring voxels, if not what is usual; conjugate gradients have their own prior.
+    /// Prior on neighbouring voxels for descents, instead of their default; conjugate gradients have their own prior.
     pub prior: Option<Weighted<VolumePrior>>,
-    /// Bound the influence of outliers (Huber's loss).
+    /// True to bound the influence of outliers (Huber's loss).
     pub robust: bool,
     /// A volume to start from.
     pub init: Option<Bricks<f32>>,
-    /// Bytes that may be used.
+    /// Bytes of memory that may be used.
     pub max_memory: u64,
-    /// Polled inside every pass: what was found by then is the result.
+    /// Polled inside every pass; once set, the reconstruction so far is the result.
     pub cancel: Cancel,
-    /// Polled by the passes that only measure the result; a measure that it stopped is missing.
+    /// Polled by the passes that only measure the result; a measurement that it stops is missing.
     pub closing: Cancel,
 }
 
@@ -67,23 +67,23 @@ pub struct Step {
     pub iteration: u32,
     /// Seconds since the start.
     pub seconds: f64,
-    /// What is made small: the weighted RMS of the optical depths' residuals, or, for the paper's
-    /// recipe, the mean absolute difference of the batch's pictures.
+    /// Objective: the weighted RMS of the optical depths' residuals; for the recipe of Weiss & Westermann (2021), the
+    /// mean absolute difference of the batch's pictures.
     pub loss: f64,
     /// PSNR of the held-out views' transmittance (peak 1), if there are any.
     pub held_out_psnr_db: Option<f64>,
 }
 
-/// A stage and the seconds it took.
+/// A stage of the work and the wall time it took.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Stage {
-    /// What was done.
+    /// Name of the stage.
     pub name: String,
-    /// Wall time.
+    /// Wall time in seconds.
     pub seconds: f64,
 }
 
-/// What came out.
+/// Result of a density reconstruction.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// The densities.
@@ -92,14 +92,14 @@ pub struct Outcome {
     pub history: Vec<Step>,
     /// Time by stage.
     pub stages: Vec<Stage>,
-    /// PSNR of the transmittance of the views that were used (peak 1); not a number if that was not measured any more
-    /// after the work was stopped.
+    /// PSNR of the training views (peak 1): of their transmittance, or for descents of their colors; NaN if the work
+    /// was stopped before it was measured.
     pub train_psnr_db: f64,
-    /// The same for those that were not.
+    /// PSNR of the held-out views, measured as for the training views; `None` without such views.
     pub held_out_psnr_db: Option<f64>,
-    /// Unknown voxels on the finest level.
+    /// Number of unknown voxels on the finest level.
     pub unknowns: usize,
-    /// True if the user stopped it.
+    /// True if the user stopped the work.
     pub stopped: bool,
 }
 
@@ -107,21 +107,21 @@ pub struct Outcome {
 const COARSEST: f64 = 24.0;
 /// Iterations on each level but the finest.
 const COARSE_ITERATIONS: u32 = 8;
-/// A level ends when this many iterations brought less than [`GAIN`] dB on the held-out views; less is
-/// no difference.
+/// Iterations after which a level ends if they gained less than [`GAIN`] dB on the held-out views; a smaller gain is
+/// insignificant.
 const PATIENCE: usize = 6;
 const GAIN: f64 = 0.3;
 
-/// Blur passes that the coarsest level tries first, those for clean pictures where no held-out view can
-/// tell, and the most that are tried.
+/// Numbers of blur passes: the first that the coarsest level tries, that for clean pictures without held-out views, and
+/// the largest that is tried.
 const PASSES: u32 = 2;
 const CLEAN_PASSES: u32 = 1;
 const MOST_PASSES: u32 = 6;
-/// Iterations after which two numbers of passes are compared.
+/// Iterations after which two numbers of blur passes are compared.
 const TRIAL: u32 = 4;
 
-/// Reconstructs the densities. `watch` sees every step and may stop the work; what is there by then
-/// is returned.
+/// Reconstructs the densities. `watch` is called with every step and may stop the work; the result so far is returned
+/// then.
 ///
 /// # Errors
 /// If the pictures leave no unknown, or the unknowns do not fit in memory.
@@ -184,7 +184,7 @@ pub fn reconstruct(
     Ok(Outcome { field, history, stages, train_psnr_db: train, held_out_psnr_db: held_out, unknowns, stopped })
 }
 
-/// Iterations that a run from nothing takes at most, all levels counted.
+/// Returns the largest number of iterations of a run, over all levels.
 pub fn most_iterations(request: &Request) -> u64 {
     let levels = levels(&request.lattice, &request.bounds, request.init.as_ref());
     let coarse = u64::from(levels - 1) * u64::from(COARSE_ITERATIONS.min(request.iterations));
@@ -193,8 +193,8 @@ pub fn most_iterations(request: &Request) -> u64 {
     u64::from(request.iterations) + coarse + tried
 }
 
-/// How many levels, each of half the resolution, lead up to the finest. A start is taken up on the
-/// level of its own resolution.
+/// Returns the number of levels, each of half the resolution, up to the finest. A start is used on the level of its own
+/// resolution.
 fn levels(lattice: &Affine, bounds: &Aabb, start: Option<&Bricks<f32>>) -> u32 {
     lattice::levels_from(start.map(|s| &s.transform), lattice, bounds, COARSEST) + 1
 }
@@ -211,16 +211,16 @@ struct Level {
     start: Vec<f32>,
     robust: bool,
     finest: bool,
-    /// Whether the number of blur passes is to be found.
+    /// True if the number of blur passes is to be chosen.
     explore: bool,
 }
 
-/// What a level's solve left.
+/// Result of solving one level.
 struct Solved {
     voxels: Vec<f32>,
     /// PSNR of the held-out pictures.
     psnr: Option<f64>,
-    /// True if later iterations were worse.
+    /// True if the PSNR fell in later iterations.
     falling: bool,
     stopped: bool,
 }
@@ -293,9 +293,9 @@ impl Level {
         if done.psnr > tried.psnr { done } else { Solved { stopped: done.stopped, ..tried } }
     }
 
-    /// How smooth the volume is, how many pictures there are and how noisy they are: all of it decides
-    /// how many blur passes are best, and the held-out views know. More and more passes are tried for a
-    /// few iterations while they help, else, where that is cheap, fewer and fewer.
+    /// Chooses the number of blur passes by the held-out views: the best depends on the smoothness of the volume, the
+    /// number of pictures and their noise. Tries more passes for a few iterations each while they help, else, where
+    /// that is cheap, fewer.
     fn compare(&mut self, start: &[f32], watch: &mut impl FnMut(f64, Option<f64>) -> ControlFlow<()>) -> Solved {
         let first = self.smoother.passes;
         let mut best = (first, self.descend(start.to_vec(), TRIAL, watch));
@@ -369,7 +369,7 @@ impl Level {
         Solved { voxels, psnr, falling: trail.last().copied() < psnr, stopped }
     }
 
-    /// PSNR of the used and of the held-out pictures; not a number where that is not measured any more.
+    /// Returns the PSNR of the training and of the held-out pictures; NaN once the measurement is cancelled.
     fn psnr(&mut self, voxels: &[f32]) -> (f64, Option<f64>) {
         let projector = &mut self.projector;
         let mut of = |views: &[View]| {
@@ -386,7 +386,7 @@ impl Level {
     }
 }
 
-/// PSNR of the transmittance over all pixels of the views, peak 1. Pixels without weight count as right.
+/// Returns the PSNR of the transmittance over all pixels of the views, peak 1. Pixels without weight count as correct.
 fn picture_psnr(views: &[View], mut measure: impl FnMut(&[View], fn(&Sample, &[f64]) -> f64) -> f64) -> f64 {
     let pixels: f64 = views.iter().map(|v| f64::from(v.camera.width) * f64::from(v.camera.height)).sum();
     let square = measure(views, |s, z| {

@@ -1,10 +1,9 @@
-//! Densities behind a transfer function.
+//! Densities seen through a transfer function.
 //!
-//! Through a function that is not monotonic, descending from anywhere ends in the nearest minimum. So the start
-//! is found without descending (Weiss & Westermann 2021, sect. 5.3): a pre-shaded volume, whose parts are linear
-//! in the pictures ([`color`]), then the densities of its colors
-//! ([`matching`]). What the pictures say beyond the volume's resolution, descent adds
-//! ([`fit`](crate::optimise::density::descent)).
+//! Through a function that is not monotonic, descent from an arbitrary start ends in the nearest minimum. So the start
+//! is found without descent (Weiss & Westermann 2021, sect. 5.3): a pre-shaded volume, whose parts are linear in the
+//! pictures ([`color`]), then the densities that match its colors ([`matching`]). Descent then adds the detail that the
+//! volume's resolution lost ([`fit`](crate::optimise::density::descent)).
 
 use crate::error::{Error, Result};
 use crate::optimise::color::{self, Shaded};
@@ -21,29 +20,28 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Where errors say that they happened that are about the function.
+/// Part named in errors about the transfer function.
 pub const FUNCTION: &str = "transfer function";
 
-/// Views of a step.
+/// Views per step.
 const BATCH: usize = 8;
-/// Every so-manieth pixel of a view is used in a step; the others have their turn in the epochs after.
+/// Divisor of the pixels of a view that a step uses; the others have their turn in later epochs.
 const TURNS: usize = 4;
-/// Learning rate in the unit of the function's range, and what is left of it where an epoch brought less than
-/// [`GAIN`] dB.
+/// Learning rate in units of the function's range, and its factor after an epoch that gained less than [`GAIN`] dB.
 const RATE: f32 = 0.02;
 const SLOWER: f32 = 0.5;
 const GAIN: f64 = 0.1;
-/// The descent ends at a rate below this.
+/// Learning rate below which the descent ends.
 const SLOWEST: f32 = 0.001;
-/// The prior that a descent has unless another is asked for.
+/// Default prior of the descent.
 const PRIOR: Weighted<VolumePrior> = Weighted { prior: VolumePrior::Smooth, weight: 1e-3 };
 
-/// Reconstructs densities from colors; `request.medium` has the transfer function, and
-/// `request.iterations` bounds the epochs of the descent. `watch` sees every step and may stop the work; what
-/// is there by then is returned.
+/// Reconstructs densities from colors; `request.medium` has the transfer function, and `request.iterations` bounds the
+/// epochs of the descent. `watch` is called with every step and may stop the work; the result so far is returned then.
 ///
 /// # Errors
-/// If the medium has no transfer function, and as [`color::reconstruct`].
+/// If the medium has no transfer function or one that ends at density 0 or below, if the unknowns do not fit in memory,
+/// and as [`color::reconstruct`].
 pub fn reconstruct(
     photos: &[Photo],
     observation: &Observation,
@@ -155,13 +153,13 @@ pub fn reconstruct(
 /// Iterations of the extinctions on their finest level.
 const EXTINCTION_ITERATIONS: u32 = 24;
 
-/// Steps that a run takes at most, with `views` pictures that are used.
+/// Returns the largest number of steps of a run with `views` training pictures.
 pub fn most_iterations(request: &Request, views: usize) -> u64 {
     let colors = if request.init.is_some() { 0 } else { color::most_iterations(request) };
     colors + u64::from(request.iterations) * views.div_ceil(BATCH) as u64
 }
 
-/// A target of which only some pixels ask for something: those whose turn it is.
+/// Returns a target of which only every [`TURNS`]th pixel is finite, those of this turn.
 fn thinned(target: &Target, turn: usize) -> Target {
     let width = target.camera.width as usize;
     // Neighbours have different turns.

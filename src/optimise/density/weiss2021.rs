@@ -22,14 +22,14 @@ use std::time::Instant;
 
 const RATE: f32 = 0.3;
 const BATCH: usize = 8;
-/// The prior that is published.
+/// Prior as published.
 const PRIOR: Weighted<VolumePrior> = Weighted { prior: VolumePrior::Smooth, weight: 0.5 };
 const COARSEST: f64 = 32.0;
 const COARSE_EPOCHS: u32 = 10;
 const START: f32 = 0.1;
 
-/// Reconstructs densities from colors: any medium, no assumption of linearity. One step a batch is
-/// reported; `request.iterations` bounds the epochs on the finest level.
+/// Reconstructs densities from colors, for any medium and without assuming linearity. One step per batch is reported;
+/// `request.iterations` bounds the epochs on the finest level.
 ///
 /// # Errors
 /// As [`density::reconstruct`](crate::optimise::density::reconstruct).
@@ -134,7 +134,7 @@ pub fn reconstruct(
     }
 }
 
-/// The level to begin on; a start is taken up on the finest.
+/// Returns the level to begin on; a start is used on the finest.
 fn coarsest(request: &Request) -> u32 {
     if request.init.is_some() {
         return 0;
@@ -142,13 +142,13 @@ fn coarsest(request: &Request) -> u32 {
     lattice::coarser_levels(&request.lattice, &request.bounds, COARSEST)
 }
 
-/// Steps that a run takes at most, with `views` pictures that are used.
+/// Returns the largest number of steps of a run with `views` training pictures.
 pub fn most_iterations(request: &Request, views: usize) -> u64 {
     let epochs = request.iterations + coarsest(request) * COARSE_EPOCHS.min(request.iterations);
     u64::from(epochs) * views.div_ceil(BATCH) as u64
 }
 
-/// The unknowns of one level, in the paper's unit.
+/// Creates the fit of one level, in the paper's unit of density.
 fn begin(
     observation: &Observation,
     request: &Request,

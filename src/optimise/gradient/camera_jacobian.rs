@@ -1,4 +1,4 @@
-//! How a picture changes with its camera, pixel by pixel: rows of the Jacobian.
+//! Derivatives of a picture with respect to its camera, pixel by pixel: rows of the Jacobian.
 
 use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
@@ -9,37 +9,37 @@ use crate::scene::camera::{Camera, CameraGradient};
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Pixels handled in one go. Small pictures need many runs, so that all threads have some.
+/// Pixels processed in one run. Small pictures need many runs, so that all threads have some.
 const RUN: usize = 256;
 
-/// A camera's picture.
+/// A camera's picture, whose pixels and derivatives are computed.
 #[derive(Debug)]
 pub struct Rows<'r, I> {
-    /// What is seen, and how that changes.
+    /// Renderer of the pixels and their derivatives.
     pub renderer: &'r Composited<I>,
-    /// What is seen, if that is to be known better than how it changes.
+    /// Renderer of the pixels alone, if their values are to be more accurate than the derivatives.
     pub reference: Option<&'r Composited<I>>,
-    /// From where.
+    /// Camera of the picture.
     pub camera: &'r Camera,
-    /// A pixel is the mean over the square of so many rays.
+    /// Rays along each edge of a pixel, whose value is the mean over the square of that number.
     pub rays_per_edge: usize,
-    /// Polled between pixels: once it is set the others are left out, and sums are incomplete.
+    /// Polled between pixels: once it is set the remaining pixels are left out, and sums are incomplete.
     pub cancel: &'r AtomicBool,
 }
 
-/// Receives a pixel: its number, red, green, blue and alpha, and its derivatives.
+/// Receives a pixel: its row-major number, red, green, blue and alpha, and its derivatives by loss.
 type Visit<'v> = &'v mut dyn FnMut(usize, &[f64; 4], &[CameraGradient]);
 
 impl<I: Differentiable<Real = f32>> Rows<'_, I> {
-    /// Number of pixels.
+    /// Returns the number of pixels.
     pub fn pixels(&self) -> usize {
         self.camera.width as usize * self.camera.height as usize
     }
 
-    /// Visits the pixels that are `asked` for, by their row-major number, with what is seen and the derivatives of
-    /// each of `losses` by the camera; a loss is given by its derivatives with respect to red, green, blue and
-    /// alpha. Pixels come in runs that depend on the picture's size alone, each with a sum of its own, in a fixed
-    /// order: added up in that order, they give the same bits for any number of threads.
+    /// Visits the pixels that `asked` selects by their row-major number, with their values and the derivatives of each
+    /// of `losses` with respect to the camera; a loss is given by its derivatives with respect to red, green, blue and
+    /// alpha. Pixels are visited in runs that depend on the picture's size alone, each with a sum of its own; the sums
+    /// are returned in a fixed order, so that their total is bit-identical for any number of threads.
     pub fn fold<A: Default + Send>(
         &self,
         asked: impl Fn(usize) -> bool + Sync,

@@ -1,43 +1,43 @@
-//! Which bricks the rays of a part of a picture can meet.
+//! Footprints of bricks in pictures: the bricks that the rays of a part of a picture can cross.
 
 use crate::math::Affine;
 use crate::scene::bricks::CELLS;
 use crate::scene::camera::{Camera, Projection};
 use glam::{DMat3, DVec2, DVec3, IVec3};
 
-/// Pixels that rounding may put a brick's corners off by.
+/// Pixels by which rounding may displace a brick's corners.
 const MARGIN: f64 = 1.0;
 
-/// A rectangle of a picture, in pixels: rays through other places do not meet the brick.
+/// A rectangle of a picture, in pixels: rays outside of it do not cross the brick.
 #[derive(Debug, Clone, Copy)]
 pub struct Footprint {
-    /// Left and top.
+    /// Left and top edges.
     pub low: DVec2,
-    /// Right and bottom; less than left and top if there is nothing.
+    /// Right and bottom edges; less than left and top for an empty rectangle.
     pub high: DVec2,
 }
 
 impl Footprint {
-    /// Nothing.
+    /// Empty rectangle.
     pub const NOWHERE: Self = Self { low: DVec2::INFINITY, high: DVec2::NEG_INFINITY };
-    /// The whole picture.
+    /// Rectangle that covers the whole picture.
     pub const EVERYWHERE: Self = Self { low: DVec2::NEG_INFINITY, high: DVec2::INFINITY };
 }
 
-/// How a camera sees the bricks of a field: image coordinates and what they are to be divided by, all of them linear in
-/// index coordinates.
+/// Projection of a field's bricks into a camera's picture: homogeneous image coordinates (x, y and their divisor),
+/// linear in index coordinates.
 #[derive(Debug, Clone, Copy)]
 pub struct Lens {
-    /// Of the bricks' lowest corners, by their coordinates.
+    /// Linear map from a brick's coordinates to the image of its lowest corner.
     linear: DMat3,
-    /// Of the lowest corner of brick (0, 0, 0).
+    /// Image of the lowest corner of brick (0, 0, 0).
     offset: DVec3,
-    /// From a brick's lowest corner to all of them.
+    /// Offsets from the image of a brick's lowest corner to those of all eight.
     corners: [DVec3; 8],
 }
 
 impl Lens {
-    /// Of a camera, for a field with this transform.
+    /// Creates the projection of a camera, for a field with this transform.
     pub fn new(camera: &Camera, transform: &Affine) -> Self {
         let (to_world, pose) = (transform.matrix(), camera.camera_to_world);
         let Camera { focal, centre, .. } = *camera;
@@ -58,7 +58,7 @@ impl Lens {
         }
     }
 
-    /// Of a brick by its coordinates.
+    /// Returns the footprint of a brick, by its coordinates.
     pub fn footprint(&self, brick: IVec3) -> Footprint {
         let low = self.linear * brick.as_dvec3() + self.offset;
         let (mut bounds, mut behind, mut sum) = (Footprint::NOWHERE, 0, DVec2::ZERO);

@@ -1,4 +1,4 @@
-//! Gradients of losses on pictures, and how their pixels are divided among threads.
+//! Gradients of losses on pictures, and the partition of their pixels among threads.
 
 pub mod camera_jacobian;
 pub mod footprint;

@@ -1,6 +1,6 @@
-//! A loss on pictures from several cameras: its value, and its derivative backward and forward, in either
-//! precision. (The loops of reconstructions are in [`pictures`](super::pictures): `f32`, local losses,
-//! compiled for each instruction set.)
+//! A loss on pictures from several cameras: its value, and its derivatives in reverse and forward mode, in either
+//! precision. (The loops of reconstructions are in [`pictures`](super::pictures): `f32`, local losses, compiled for
+//! each instruction set.)
 
 use crate::dual::Dual;
 use crate::optimise::loss::{Loss, Reach, Rgba};
@@ -19,83 +19,83 @@ use std::ops::Range;
 pub struct Objective<'o> {
     /// The loss of one picture.
     pub loss: Loss,
-    /// Where pictures are taken from.
+    /// Cameras of the pictures.
     pub cameras: &'o [Camera],
-    /// What they should show, row-major, one a camera; none for losses that compare with nothing. Pixels
-    /// that are not finite ask for nothing.
+    /// Target pictures, row-major, one per camera; none for losses that compare with nothing. Pixels that are not
+    /// finite are ignored.
     pub wanted: &'o [Vec<Rgba>],
-    /// A pixel is the mean over the square of so many rays.
+    /// Rays along each edge of a pixel, whose value is the mean over the square of that number.
     pub rays_per_edge: usize,
 }
 
-/// What is differentiated by, besides extinction, color and background, which cost nothing.
+/// Parameters to differentiate with respect to, besides extinction, color and background, which cost nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct By {
-    /// The stored voxels.
+    /// True for the stored voxels.
     pub voxels: bool,
-    /// The transfer function, of so many knots.
+    /// Number of knots of the transfer function, for derivatives with respect to it.
     pub knots: Option<usize>,
-    /// Cameras and the quadrature's step.
+    /// True for cameras and the quadrature's step.
     pub rays: bool,
 }
 
-/// A gradient.
+/// Value and gradient of an objective.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Gradient<V> {
     /// Value of the objective.
     pub value: f64,
-    /// By stored voxel, 729 a brick; empty if not asked for.
+    /// Derivatives with respect to the stored voxels, 729 a brick; empty if not requested.
     pub voxels: Vec<V>,
-    /// By piece of the transfer function.
+    /// Derivatives with respect to the transfer function, by piece.
     pub table: TableGradient,
-    /// By camera.
+    /// Derivatives with respect to each camera.
     pub cameras: Vec<CameraGradient>,
-    /// By the quadrature's step, in voxels.
+    /// Derivative with respect to the quadrature's step, in voxels.
     pub step: f64,
-    /// By what all rays share.
+    /// Derivatives with respect to the parameters that all rays share.
     pub shared: ParameterGradient,
 }
 
-/// A direction in which something changes.
+/// A direction in which one kind of parameter changes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Direction<V> {
-    /// A camera, by its number.
+    /// Change of a camera, given by its number.
     Camera(usize, CameraGradient),
-    /// The quadrature's step, in voxels.
+    /// Change of the quadrature's step, in voxels.
     Step(f64),
-    /// What all rays share.
+    /// Change of the parameters that all rays share.
     Shared(ParameterGradient),
-    /// The transfer function's pieces.
+    /// Change of the transfer function's pieces.
     Table(TableGradient),
-    /// Stored voxels, 729 a brick.
+    /// Change of the stored voxels, 729 a brick.
     Voxels(Vec<V>),
 }
 
-/// A renderer with all numbers of directions that are compiled.
+/// A renderer with forward mode in all numbers of directions that are compiled.
 pub trait ForwardInAll: Forward<1> + Forward<2> + Forward<6> + Forward<7> {}
 impl<I: Forward<1> + Forward<2> + Forward<6> + Forward<7>> ForwardInAll for I {}
 
-/// Pixels handled in one go.
+/// Pixels processed in one run.
 const RUN: usize = 256;
-/// Accumulators of gradients: as many for any number of threads, added up in order.
+/// Number of gradient accumulators, for any number of threads; they are added in order.
 const PARTS: usize = 4;
 
 /// Derivatives of an objective with respect to one picture's pixels.
 enum Slopes<'s> {
-    /// To be found pixel by pixel, times this.
+    /// Derivatives that are computed pixel by pixel, times this factor.
     Local(f64),
-    /// Known.
+    /// Derivatives of all pixels, computed in advance.
     Global(&'s [Rgba]),
 }
 
 impl Objective<'_> {
-    /// The value.
+    /// Returns the value of the objective.
     pub fn value<I: Differentiable>(&self, light: &Composited<I>) -> f64 {
         let of = |view: usize| self.loss.picture(&self.picture(light, view), self.wanted(view), self.width(view)).0;
         (0..self.cameras.len()).map(of).sum::<f64>() / self.cameras.len() as f64
     }
 
-    /// Value and gradient, backward.
+    /// Returns value and gradient, in reverse mode.
     pub fn adjoint<I: Differentiable>(&self, light: &Composited<I>, adjoint: Adjoint, by: By) -> Gradient<I::Voxel> {
         let zero = || Gradient {
             voxels: if by.voxels {
@@ -137,7 +137,7 @@ impl Objective<'_> {
         total
     }
 
-    /// Value and derivatives along directions, forward, a few in each walk.
+    /// Returns the value and its derivatives along directions, in forward mode with up to 7 directions per walk.
     pub fn tangent<I: ForwardInAll>(
         &self,
         light: &Composited<I>,
@@ -195,7 +195,7 @@ impl Objective<'_> {
         (sum.value, sum.tangent[..directions.len()].to_vec())
     }
 
-    /// What one pixel adds to a gradient.
+    /// Adds one pixel's value and derivatives to a gradient.
     fn pixel_back<I: Differentiable>(
         &self,
         light: &Composited<I>,
@@ -244,7 +244,7 @@ impl Objective<'_> {
         }
     }
 
-    /// One pixel, with its derivatives.
+    /// Returns one pixel with its derivatives along the directions.
     fn pixel_forward<I: Forward<P>, const P: usize>(
         &self,
         light: &Composited<I>,
@@ -276,7 +276,8 @@ impl Objective<'_> {
         mean
     }
 
-    /// Value and derivative that a pixel adds; a global loss has its value already.
+    /// Returns value and derivatives that a pixel adds; the value is 0 for a global loss, which is added for the whole
+    /// picture.
     fn pixel(&self, view: usize, i: usize, seen: &Rgba, slopes: &Slopes<'_>) -> (f64, Rgba) {
         let share = match slopes {
             Slopes::Global(known) => return (0.0, known[i]),
@@ -291,7 +292,8 @@ impl Objective<'_> {
         (share * value, slope.map(|s| share * s))
     }
 
-    /// Value and derivatives of a picture, where the loss needs all of it; times the view's share.
+    /// Returns value and derivatives of a rendered picture, times the view's share, for losses that need all of it; 0
+    /// and `None` for local losses.
     fn global<I: Differentiable>(&self, light: &Composited<I>, view: usize) -> (f64, Option<Vec<Rgba>>) {
         if self.loss.reach() == Reach::Local {
             return (0.0, None);
@@ -300,7 +302,7 @@ impl Objective<'_> {
         (value, Some(slopes))
     }
 
-    /// The same of a picture that is known.
+    /// Returns value and derivatives of a given picture, times the view's share.
     fn of_picture(&self, seen: &[Rgba], view: usize) -> (f64, Vec<Rgba>) {
         let share = 1.0 / self.cameras.len() as f64;
         let (value, mut slopes) = self.loss.picture(seen, self.wanted(view), self.width(view));
@@ -321,12 +323,12 @@ impl Objective<'_> {
         }
     }
 
-    /// What a camera sees.
+    /// Renders the picture of a camera, row-major.
     pub fn picture<I: Differentiable>(&self, light: &Composited<I>, view: usize) -> Vec<Rgba> {
         self.each_pixel(view, I::Scratch::default, |tape, i| self.seen(light, view, i, tape))
     }
 
-    /// A value for each pixel of a view, by its row-major number.
+    /// Computes a value for each pixel of a view, by its row-major number.
     fn each_pixel<S, T: Send>(
         &self,
         view: usize,
@@ -338,7 +340,7 @@ impl Objective<'_> {
         runs.into_iter().flatten().flatten().collect()
     }
 
-    /// Mean over a pixel's rays.
+    /// Returns the mean over a pixel's rays.
     fn seen<I: Differentiable>(&self, light: &Composited<I>, view: usize, i: usize, tape: &mut I::Scratch) -> Rgba {
         let (rays, share) = (self.positions(view, i), self.share());
         let mut mean = [0.0; 4];
@@ -349,13 +351,13 @@ impl Objective<'_> {
         mean
     }
 
-    /// Image positions of a pixel's rays.
+    /// Returns the image positions of a pixel's rays.
     fn positions(&self, view: usize, i: usize) -> impl Iterator<Item = [f64; 2]> + use<> {
         let width = self.width(view);
         Subpixels::new(self.rays_per_edge).positions([i % width, i / width])
     }
 
-    /// Share of one ray in its pixel.
+    /// Returns the weight of one ray in its pixel.
     fn share(&self) -> f64 {
         1.0 / Subpixels::new(self.rays_per_edge).count() as f64
     }
@@ -373,7 +375,7 @@ impl Objective<'_> {
     }
 }
 
-/// Adds a pixel's derivatives, weighed by the loss's.
+/// Adds a pixel's derivatives, weighted by the loss's.
 fn add_along<const P: usize>(sum: &mut Dual<f64, P>, pixel: &[Dual<f64, P>; 4], slope: &Rgba) {
     for (channel, slope) in pixel.iter().zip(slope) {
         (0..P).for_each(|p| sum.tangent[p] += slope * channel.tangent[p]);

@@ -1,5 +1,5 @@
-//! How rays are shared out: to each partition tiles of pictures that take about as long as another's, and the bricks that
-//! the rays through them can meet.
+//! Partition of rays among accumulators: each gets tiles of pictures of about equal cost, and the list of bricks that
+//! their rays can cross.
 
 use super::footprint::{Footprint, Lens};
 use crate::render::order::Tiles;
@@ -9,7 +9,7 @@ use glam::DVec2;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// A bit for each partition.
+/// A set of partitions, one bit each.
 pub type Partitions = u32;
 
 /// A tile of a picture.
@@ -23,20 +23,20 @@ pub struct Tile {
     pub new: Vec<u32>,
 }
 
-/// The parts of all partitions.
+/// Tiles and bricks of all partitions.
 #[derive(Debug)]
 pub struct Parts {
-    /// By camera.
+    /// Division into tiles, by camera.
     pub pictures: Vec<Tiles>,
-    /// By partition.
+    /// Tiles of each partition, in the order of work.
     pub tiles: Vec<Vec<Tile>>,
-    /// By brick: the partitions whose rays can look at it.
+    /// Partitions whose rays can cross a brick, by brick.
     pub seen_by: Vec<Partitions>,
 }
 
-/// What a ray costs beyond looking up densities, each of which costs 1.
+/// Fixed cost of a ray, in units of a voxel lookup.
 const RAY: f64 = 3.0;
-/// Tiles that follow one another where no partition has a part of a picture of its own.
+/// Consecutive tiles that are dealt out together where no partition has a connected part of a picture.
 const TOGETHER: usize = 8;
 
 impl Parts {
@@ -101,7 +101,7 @@ impl Parts {
         Self { pictures, ..parts }
     }
 
-    /// Notes that a partition's tile, if there is one, is the first to look at a brick.
+    /// Records that a partition's tile, if there is one, is the first to cross a brick.
     fn see(&mut self, brick: usize, partition: usize, tile: usize) {
         if let Some(tile) = self.tiles[partition].get_mut(tile) {
             tile.new.push(brick as u32);
@@ -110,7 +110,7 @@ impl Parts {
     }
 }
 
-/// What tiles cost, by row and column.
+/// Estimates the cost of tiles in voxel lookups, by row and column.
 fn costs(tiles: &Tiles, footprints: &[Footprint], lookups: &[f32]) -> Vec<f64> {
     let mut costs = vec![0.0; tiles.count()];
     let mut add = |footprint: &Footprint, each: f64| {
@@ -128,13 +128,13 @@ fn costs(tiles: &Tiles, footprints: &[Footprint], lookups: &[f32]) -> Vec<f64> {
     costs
 }
 
-/// Tiles that a footprint covers some of.
+/// Range of tiles that a footprint overlaps.
 struct Covered {
     columns: Range<usize>,
     rows: Range<usize>,
-    /// Of the footprint in the picture, in pixels.
+    /// Area of the footprint within the picture, in square pixels.
     area: f64,
-    /// Tiles in a row of the picture.
+    /// Number of tiles in a row of the picture.
     across: usize,
 }
 
@@ -160,7 +160,7 @@ impl Covered {
         self.columns.len() * self.rows.len()
     }
 
-    /// By row and column.
+    /// Visits the tiles by their row-major index.
     #[inline]
     fn for_each(&self, mut visit: impl FnMut(usize)) {
         for row in self.rows.clone() {

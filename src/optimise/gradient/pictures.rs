@@ -1,5 +1,5 @@
-//! Gradients of losses that are sums over pixels, for any medium: value, loss derivative and adjoint
-//! of one ray in one go.
+//! Gradients of losses that are sums over pixels, for any medium: value, loss derivative and adjoint of one ray in one
+//! pass.
 
 use crate::cancel::Cancel;
 use crate::optimise::gradient::partition::{Parts, Tile};
@@ -15,32 +15,32 @@ use crate::scene::camera::{Camera, CameraGradient};
 use crate::scene::table::TableGradient;
 use rayon::prelude::*;
 
-/// A camera and the colors and alpha it should see.
+/// A camera and its target picture.
 #[derive(Debug, Clone)]
 pub struct Target {
-    /// Where it was taken from.
+    /// Camera of the picture.
     pub camera: Camera,
-    /// Row-major. Pixels that are not finite ask for nothing.
+    /// Target colors and alpha, row-major. Pixels that are not finite are ignored.
     pub rgba: Vec<[f32; 4]>,
-    /// A pixel is the mean over the square of so many rays.
+    /// Rays along each edge of a pixel, whose value is the mean over the square of that number.
     pub rays_per_edge: usize,
 }
 
-/// Value and derivative of one pixel's loss: what is seen, what should be.
+/// Value and derivative of one pixel's loss, from the rendered and the target pixel.
 pub type PixelLoss<'l> = &'l (dyn Fn(&[f32; 4], &[f32; 4]) -> (f64, [f32; 4]) + Sync);
 
-/// What gradients are added to; what is `None` is not computed.
+/// Accumulators that gradients are added to; a gradient that is `None` is not computed.
 #[derive(Debug)]
 pub struct Gradients<'g, V> {
-    /// By stored value, 729 a brick.
+    /// Gradient with respect to the stored values, 729 a brick.
     pub voxels: Option<&'g mut [V]>,
-    /// By piece of the transfer function.
+    /// Gradient with respect to the transfer function, by piece.
     pub table: Option<&'g mut TableGradient>,
-    /// By camera, one a target.
+    /// Gradient with respect to the cameras, one per target.
     pub cameras: Option<&'g mut [CameraGradient]>,
-    /// By the quadrature's step, in voxels.
+    /// Gradient with respect to the quadrature's step, in voxels; computed only together with that of the cameras.
     pub step: Option<&'g mut f64>,
-    /// Polled between tiles of pixels; sums of a walk that it stopped are incomplete.
+    /// Polled between tiles of pixels; sums of a pass that it stops are incomplete.
     pub cancel: Cancel,
 }
 
@@ -50,22 +50,22 @@ impl<V> Default for Gradients<'_, V> {
     }
 }
 
-/// Memory that gradients are summed up in, kept from call to call: of a renderer's voxels, and its tapes.
+/// Memory in which gradients are accumulated, kept from call to call: voxel gradients and tapes of all partitions.
 #[derive(Debug, Clone, Default)]
 pub struct Workspace<V, T>(Vec<Partition<V, T>>);
 
-/// Its share of one partition.
+/// Workspace of one partition.
 #[derive(Debug, Clone, Default)]
 struct Partition<V, T> {
-    /// None for the first one: it has those of all.
+    /// Gradient with respect to the voxels; empty for the first partition, which adds to the caller's.
     voxels: Vec<V>,
     tape: T,
 }
 
-/// A partition's number, where it adds derivatives by voxel, if they are asked for, and its tape.
+/// Number of a partition, its voxel gradient if requested, and its tape.
 type Work<'l, I> = (usize, Option<&'l mut [<I as Differentiable>::Voxel]>, &'l mut <I as Integrator>::Scratch);
 
-/// What one partition sums up.
+/// Sums of one partition.
 struct Sums<'v, V> {
     voxels: Option<&'v mut [V]>,
     table: Option<TableGradient>,
@@ -75,9 +75,9 @@ struct Sums<'v, V> {
     loss: f64,
 }
 
-/// Adds the gradient of `Σ loss(seen, target)` over all pixels of the targets to `gradients` and returns
-/// the sum. `loss` gives value and derivative per pixel. Workspace are per partition and added in order:
-/// the same bits for any number of threads.
+/// Adds the gradient of `Σ loss(rendered, target)` over all pixels of the targets to `gradients`. Returns the sum, and
+/// its derivatives with respect to the parameters that all rays share. Partitions have sums of their own, which are
+/// added in order: the result is bit-identical for any number of threads.
 pub fn gradient<I: Differentiable<Real = f32>>(
     light: &Composited<I>,
     targets: &[&Target],
@@ -174,8 +174,8 @@ pub fn gradient<I: Differentiable<Real = f32>>(
     (loss, shared)
 }
 
-/// Makes a brick's sums ready for a partition whose rays come to it: zeros, if they are its own. Now, not all bricks at once:
-/// what was written or read a moment ago is near.
+/// Prepares a brick's gradient for a partition whose rays are about to cross it: clears it if it belongs to the
+/// partition, else loads it into the cache. Done brick by brick, because recently touched memory is still cached.
 fn approach<V: Voxel>(brick: &mut [V], own: bool) {
     if own {
         brick.fill(V::default());
@@ -186,11 +186,11 @@ fn approach<V: Voxel>(brick: &mut [V], own: bool) {
     std::hint::black_box(sum);
 }
 
-/// What goes through the pixels of one view.
+/// Pass over the pixels of one view, for one partition.
 struct Run<'a, 'v, I: Differentiable> {
     light: &'a Composited<I>,
     target: &'a Target,
-    /// The target's.
+    /// Number of the target.
     number: usize,
     tiles: &'a Tiles,
     loss: PixelLoss<'a>,
@@ -200,7 +200,7 @@ struct Run<'a, 'v, I: Differentiable> {
 }
 
 impl<I: Differentiable<Real = f32>> Run<'_, '_, I> {
-    /// Radiance and gradient of the ray through an image position.
+    /// Computes radiance and gradient of the ray through an image position.
     fn ray(&mut self, [x, y]: [f64; 2], slope: composited::PixelLoss<'_, f32>) {
         let mut moved = RayGradient::default();
         let own = &mut *self.sums;
@@ -254,16 +254,18 @@ impl<I: Differentiable<Real = f32>> Run<'_, '_, I> {
     }
 }
 
-/// The most accumulators.
+/// The largest number of partitions.
 const MOST_PARTITIONS: usize = 16;
 
-/// Bricks that so many rays cross, those through the whole of a cube of bricks one and a half in a row.
+/// Estimates how many bricks `rays` rays cross in all, as one and a half times the edge of a cube of the field's bricks
+/// each.
 pub fn bricks_crossed<V: Voxel>(field: &Bricks<V>, rays: usize) -> f64 {
     1.5 * rays as f64 * (field.topology.len() as f64).cbrt()
 }
 
-/// Workspace for so many look-ups of densities in a field: as many as pay (each is cleared and added up, which must
-/// cost less than the rays do) and as fit in memory, from 2 to 16. Those `apart` see a part of the field each.
+/// Returns the number of partitions for this many voxel lookups in a field, a power of two from 2 to 16: as many as pay
+/// off (each accumulator is cleared and added, which must cost less than the rays do) and fit in memory. With `apart`,
+/// partitions cross different parts of the field.
 pub fn partitions<V: Voxel>(field: &Bricks<V>, lookups: f64, apart: bool) -> usize {
     let values = field.values.len().max(1);
     let pays = lookups / values as f64;
@@ -274,7 +276,8 @@ pub fn partitions<V: Voxel>(field: &Bricks<V>, lookups: f64, apart: bool) -> usi
     1 << (pays as usize).min(fits).clamp(2, MOST_PARTITIONS).ilog2()
 }
 
-/// Sum of squared differences of the colors over all pixels that are finite; infinite once the work is to stop.
+/// Returns the sum of squared differences of the colors over all pixels that are finite; infinite once the work is
+/// cancelled.
 pub fn error(light: &Composited<impl Differentiable<Real = f32>>, targets: &[&Target], cancel: Cancel) -> f64 {
     let never = std::sync::atomic::AtomicBool::new(false);
     let flag = cancel.flag().unwrap_or(&never);

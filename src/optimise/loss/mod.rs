@@ -1,7 +1,7 @@
-//! What is asked of pictures: the value of a loss beside its derivative with respect to every pixel.
+//! Losses on pictures: values and derivatives with respect to every pixel.
 //!
-//! A local loss is a mean over pixels: its derivative is known as soon as a pixel is, so that value and
-//! gradient of a ray are one walk. A global loss is a function of a whole picture.
+//! A local loss is a mean over pixels: its derivative follows from each pixel alone, so that value and gradient of a
+//! ray take one walk. A global loss is a function of a whole picture.
 
 pub mod prior;
 
@@ -19,20 +19,20 @@ pub enum Loss {
     L2,
     /// Mean of `r² / 2` where `|r| ≤ delta`, `delta (|r| - delta / 2)` beyond, `r = c - c'` (Huber 1964).
     Huber {
-        /// Difference from which on it grows no faster.
+        /// Difference from which on the loss grows linearly.
         delta: f64,
     },
-    /// Mean over pixels of `(ln T - ln T')²`, both transmittances no less than a floor; below it a pixel
-    /// asks for nothing.
+    /// Mean over pixels of `(ln T - ln T')²`, both transmittances clamped to a floor; the derivative of a pixel below
+    /// it is zero.
     LogTransmittance {
-        /// The floor.
+        /// Least transmittance.
         floor: f64,
     },
     /// Mean over pixels and colors.
     Mean,
-    /// Entropy of the alphas, as a share of what equal ones have: `H = -Σ p log p / log N`, `p = α / Σ α`
-    /// (Ji & Shen 2006; Weiss & Westermann 2021, eq. 11, whose sign makes it negative). Blank pictures have
-    /// none, and no derivative.
+    /// Entropy of the alphas, relative to that of equal alphas: `H = -Σ p log p / log N`, `p = α / Σ α` (Ji & Shen
+    /// 2006; Weiss & Westermann 2021, eq. 11, whose sign makes it negative). Value and derivative of a blank picture
+    /// are zero.
     OpacityEntropy,
     /// `1 - SSIM`, mean over the colors ([`ssim`]), for signals of this peak.
     Dissimilarity {
@@ -41,12 +41,12 @@ pub enum Loss {
     },
 }
 
-/// How far a loss must see before it knows a pixel's derivative.
+/// The pixels that a loss's derivative with respect to one pixel depends on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reach {
-    /// The pixel: value and gradient fuse.
+    /// The pixel alone: value and gradient need one walk.
     Local,
-    /// The picture: rays are walked again when all are known.
+    /// The whole picture: rays are walked again once it is known.
     Global,
 }
 
@@ -54,7 +54,7 @@ pub enum Reach {
 const BLANK: f64 = 1e-9;
 
 impl Loss {
-    /// How far it must see.
+    /// Returns the pixels that a derivative depends on.
     pub fn reach(&self) -> Reach {
         match self {
             Self::OpacityEntropy | Self::Dissimilarity { .. } => Reach::Global,
@@ -62,12 +62,12 @@ impl Loss {
         }
     }
 
-    /// True if it compares with a picture.
+    /// True if the loss compares with a target picture.
     pub fn compares(&self) -> bool {
         !matches!(self, Self::Mean | Self::OpacityEntropy)
     }
 
-    /// Value and derivative of one pixel, of a picture's mean over pixels; zero for global losses.
+    /// Returns value and derivatives of one pixel, before the mean over pixels; zero for global losses.
     pub fn pixel(&self, seen: &Rgba, wanted: &Rgba) -> (f64, Rgba) {
         let by_color = |f: &dyn Fn(f64) -> (f64, f64)| {
             let (mut sum, mut slope) = (0.0, [0.0; 4]);
@@ -96,8 +96,8 @@ impl Loss {
         }
     }
 
-    /// Value and derivative of a picture with rows of `width` pixels. Pixels that are not finite in either
-    /// picture ask for nothing; they count as equal where windows meet them.
+    /// Returns value and derivatives of a picture with rows of `width` pixels. Pixels that are not finite in either
+    /// picture are ignored; they count as equal where windows contain them.
     pub fn picture(&self, seen: &[Rgba], wanted: Option<&[Rgba]>, width: usize) -> (f64, Vec<Rgba>) {
         let black = [0.0; 4];
         let wanted_at = |i: usize| wanted.map_or(&black, |w| &w[i]);
@@ -141,8 +141,9 @@ impl Loss {
     }
 }
 
-/// `H = (ln S - A / S) / ln N`, `S = Σ α`, `A = Σ α ln α`: no division by a single α, and `dH/dα = (A / S - ln α) / (S ln N)`.
-/// Where a pixel is clear that is infinite; it counts as zero there, as no light that could change it meets it.
+/// Returns the entropy `H = (ln S - A / S) / ln N`, `S = Σ α`, `A = Σ α ln α`, without a division by a single α, and
+/// its derivatives `dH/dα = (A / S - ln α) / (S ln N)`. The derivative of a clear pixel is infinite; it counts as zero,
+/// because no voxel that could change the pixel lies on its ray.
 fn entropy(alpha: &[f64], count: usize) -> (f64, Vec<f64>) {
     let sum: f64 = alpha.iter().map(|a| a.max(0.0)).sum();
     if sum < BLANK || count < 2 {

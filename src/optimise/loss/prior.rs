@@ -1,6 +1,7 @@
-//! What is asked of volumes and transfer functions themselves, beside their pictures: values with derivatives.
+//! Priors on volumes and transfer functions: values with derivatives.
 //!
-//! All count in units of a density or extinction that stands for 1, so that one weight suits volumes of any units.
+//! Differences are measured in units of a density or extinction that counts as 1, so that one weight suits volumes of
+//! any units.
 
 use crate::error::{Error, Result};
 use crate::optimise::region::neighbours::Neighbours;
@@ -12,45 +13,45 @@ use rayon::prelude::*;
 use std::fmt;
 use std::str::FromStr;
 
-/// A prior with its weight beside the loss of the pictures.
+/// A prior with its weight relative to the loss of the pictures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Weighted<P> {
-    /// What is asked.
+    /// Kind of prior.
     pub prior: P,
-    /// How much that counts.
+    /// Weight of the prior.
     pub weight: f64,
 }
 
-/// What is asked of neighbouring voxels.
+/// Prior on neighbouring voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VolumePrior {
-    /// Mean of their squared differences (Weiss & Westermann 2021, eq. 12, in three dimensions): smooth fields.
+    /// Mean of squared differences of neighbours (Weiss & Westermann 2021, eq. 12, in three dimensions): smooth fields.
     Smooth,
     /// Total variation (Rudin, Osher & Fatemi 1992): mean over voxels of `√(|∇x|² + ε²) - ε`, ∇ the differences to the
-    /// next voxels along x, y and z. Level fields with few edges, which may be sharp.
+    /// next voxels along x, y and z. Piecewise constant fields, whose edges may be sharp.
     TotalVariation,
 }
 
-/// What is asked of neighbouring texels, or points, of a transfer function.
+/// Prior on neighbouring texels, or points, of a transfer function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TransferPrior {
     /// Mean of the squared differences of all four channels (Weiss & Westermann 2021, eq. 12).
     Smooth,
-    /// The same of red, green and blue alone: the extinction may be as rough as it is.
+    /// Mean of the squared differences of red, green and blue alone; the extinction is not regularised.
     SmoothColors,
 }
 
-/// Either.
+/// A prior on voxels or on a transfer function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Prior {
-    /// On voxels.
+    /// Prior on voxels.
     Volume(VolumePrior),
-    /// On a transfer function.
+    /// Prior on a transfer function.
     Transfer(TransferPrior),
 }
 
-/// Differences, in units of what stands for 1, below which the total variation is quadratic: noise of single
-/// precision and of half floats is no edge.
+/// Differences, in units of the value that counts as 1, below which the total variation is quadratic: noise of single
+/// precision and of half floats is not an edge.
 const EPSILON: f64 = 1e-3;
 
 impl VolumePrior {
@@ -64,7 +65,7 @@ impl VolumePrior {
     }
 }
 
-/// `x_there - x_here` for the neighbours below (0) and above (1) along an axis; zero beyond the bricks.
+/// Returns `x_there - x_here` for the neighbours below (0) and above (1) along each axis; zero where there is no brick.
 fn differences<R: Real>(x: &[R], all: &[Option<usize>; 6], here: usize, side: usize) -> [f64; 3] {
     std::array::from_fn(|axis| all[2 * axis + side].map_or(0.0, |there| x[there].f64() - x[here].f64()))
 }
@@ -106,7 +107,7 @@ fn variation<R: Real>(weight: f64, x: &[R], neighbours: &Neighbours, gradient: &
 }
 
 impl TransferPrior {
-    /// Value on values of ascending density, extinctions in units of `unit`, with its derivative by each.
+    /// Returns the prior on `values` of ascending density, extinctions in units of `unit`, and its derivatives.
     pub fn of(self, values: &[Rgbs], unit: f64) -> (f64, Vec<Rgbs>) {
         let channels = match self {
             Self::Smooth => 4,
@@ -127,10 +128,11 @@ impl TransferPrior {
         (value, slopes)
     }
 
-    /// The same of a transfer function, by its [`parameters`](Transfer::parameters).
+    /// Returns the prior on a transfer function, and its derivatives with respect to the function's
+    /// [`parameters`](Transfer::parameters).
     ///
     /// # Errors
-    /// If it has neither texels nor points.
+    /// If the function has neither texels nor points.
     pub fn of_transfer(self, transfer: &Transfer, unit: f64) -> Result<(f64, Vec<f64>)> {
         Ok(match transfer {
             Transfer::Texture { texels, .. } => {
@@ -186,7 +188,7 @@ impl fmt::Display for Weighted<Prior> {
     }
 }
 
-/// `NAME=WEIGHT`.
+/// Parses `NAME=WEIGHT`.
 fn weighted<P: Copy>(text: &str, names: &[(&str, P)]) -> Result<Weighted<P>> {
     let (name, weight) = text.split_once('=').unwrap_or((text, ""));
     let prior = names.iter().find(|(own, _)| *own == name).map(|(_, prior)| *prior);
