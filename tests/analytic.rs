@@ -115,7 +115,7 @@ fn gaussian_blob_converges_to_its_line_integral() {
 #[test]
 fn quadratures_have_their_order() {
     let f: Bricks<f64> = field(24, odd(), lumps(24));
-    let medium = Medium { extinction: 1.5, source: Source::Linear([1.0, 0.5, 0.25]) };
+    let medium = Medium::new(1.5, Source::Linear([1.0, 0.5, 0.25]));
     let rays = rays(f.world_bounds(), 60, 5);
     let dvr = |q| Dvr::new(&f, medium.clone()).unwrap().quadrature(q).early_stop(0.0).over([0.2; 3]);
     let exact: Vec<f64> = rays.iter().map(|r| dvr(Quadrature::Exact).pixel(r).rgb[0]).collect();
@@ -138,7 +138,7 @@ fn quadratures_have_their_order() {
 fn linear_source_is_integrated_with_its_absorption() {
     let f: Bricks<f64> = field(16, unit(), lumps(16));
     for extinction in [0.01, 1.0, 50.0] {
-        let medium = Medium { extinction, source: Source::Linear([1.0, 2.0, 0.0]) };
+        let medium = Medium::new(extinction, Source::Linear([1.0, 2.0, 0.0]));
         let dvr = Dvr::new(&f, medium.clone()).unwrap().early_stop(0.0).over([0.0; 3]);
         for ray in rays(f.world_bounds(), 10, 9) {
             let (a, b) = f.world_bounds().clip(&ray).unwrap();
@@ -163,7 +163,7 @@ fn linear_source_is_integrated_with_its_absorption() {
 #[test]
 fn furnace() {
     let f: Bricks<f64> = field(16, odd(), lumps(16));
-    let medium = Medium { extinction: 3.0, source: Source::Grey([0.7; 3]) };
+    let medium = Medium::new(3.0, Source::Grey([0.7; 3]));
     let dvr = |background| Dvr::new(&f, medium.clone()).unwrap().early_stop(0.0).over(background);
     let behind = [0.7_f32, 0.1, 0.95];
     let (mut least, mut most) = (1.0_f64, 0.0_f64);

@@ -45,7 +45,7 @@ fn a_reconstruction_stops_inside_its_passes() {
     let work = long();
     let words = "reconstruct density cap -o out.vdb --resolution 400 --report page";
     stopped(&work, words, &[300, 2_500, 9_000]);
-    stopped(&work, "reconstruct density cap -o out.vdb --resolution 300 --solver paper", &[4_000]);
+    stopped(&work, "reconstruct density cap -o out.vdb --resolution 300 --solver weiss2021", &[4_000]);
 }
 
 #[test]

@@ -137,7 +137,7 @@ fn old_spellings_are_understood() {
     std::fs::write(work.path("old.tf.json"), identity.to_string()).unwrap();
     work.json("render @plume.vdb --views 4 --size 12x12 --tf old.tf.json -o cap");
     work.json("reconstruct colour cap -o shaded.vdb --resolution 8 --iterations 1 --report page");
-    work.json("reconstruct density cap -o d.vdb --resolution 8 --iterations 1 --solver paper");
+    work.json("reconstruct density cap -o d.vdb --resolution 8 --iterations 1 --solver weiss2021");
     work.json("gradient @plume.vdb --views 1 --size 8x8 --loss mean --wrt extinction --mode adjoint");
     work.json("gradient @plume.vdb --views 1 --size 8x8 --loss mean --wrt extinction --mode tangent");
     let record = std::fs::read_to_string(work.path("page/run.json")).unwrap();

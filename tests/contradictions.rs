@@ -232,7 +232,7 @@ fn the_cost_is_said_first_and_holds() {
     for (words, solver) in [
         (WORDS, "cg"),
         ("reconstruct color cap -o y.vdb", "color"),
-        ("reconstruct density cap -o z.vdb --solver paper --iterations 2", "paper"),
+        ("reconstruct density cap -o z.vdb --solver weiss2021 --iterations 2", "paper"),
     ] {
         if solver == "color" {
             edit(&work, |c| c["model"] = json!("emission-absorption"));

@@ -44,9 +44,9 @@ fn scene() -> (Bricks<f32>, Vec<Camera>) {
 }
 
 const MEDIA: [Medium; 3] = [
-    Medium { extinction: 0.8, source: Source::Grey([0.0; 3]) },
-    Medium { extinction: 0.8, source: Source::Grey([0.5, 1.0, 0.25]) },
-    Medium { extinction: 0.8, source: Source::Linear([0.5, 1.0, 0.25]) },
+    Medium::new(0.8, Source::Grey([0.0; 3])),
+    Medium::new(0.8, Source::Grey([0.5, 1.0, 0.25])),
+    Medium::new(0.8, Source::Linear([0.5, 1.0, 0.25])),
 ];
 const RULES: [Quadrature; 3] = [Quadrature::Exact, Quadrature::Midpoint(0.6), Quadrature::Riemann(0.6)];
 
@@ -137,7 +137,7 @@ fn pre_integration() {
     two_instruction_sets();
     let (field, cameras) = scene();
     for transfer in kinds() {
-        let medium = Medium { extinction: 0.8, source: Source::Transfer(Arc::new(transfer.table().unwrap())) };
+        let medium = Medium::new(0.8, Source::Transfer(Arc::new(transfer.table().unwrap())));
         let field = field.clone().filled(1 << 30).unwrap();
         let dvr = Dvr::new(&field, medium).unwrap().quadrature(Quadrature::PREINTEGRATED).over([1.0; 3]);
         let oldest = dvr.clone().with(|dvr| dvr.arch(Arch::oldest()));
@@ -212,7 +212,9 @@ fn the_command_line() {
         for words in [
             format!("render @plume.vdb --views 9 --size 24x24 --density-scale 3 {option} -o {name}"),
             format!("reconstruct density {name} --resolution 14 --iterations 6 {option} -o {name}.vdb"),
-            format!("reconstruct density {name} --resolution 10 --iterations 1 --solver paper {option} -o {name}p.vdb"),
+            format!(
+                "reconstruct density {name} --resolution 10 --iterations 1 --solver weiss2021 {option} -o {name}p.vdb"
+            ),
         ] {
             let out = work.command(&words).env("RAYON_NUM_THREADS", threads).output().unwrap();
             assert!(out.status.success(), "{words}: {}", work::errors(&out));

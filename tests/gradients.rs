@@ -71,7 +71,7 @@ fn every_parameter_matches_central_differences() {
     let rays = rays(f.world_bounds(), 25, 2);
     for rule in RULES {
         for source in SOURCES {
-            let medium = Medium { extinction: 0.8, source: source.clone() };
+            let medium = Medium::new(0.8, source.clone());
             let (by_voxel, shared) = gradient(&f, &medium, rule, Adjoint::Tape, &rays);
             // The error of a central difference is h² f'''/6 + eps |f| / h: h = 1e-5 leaves 1e-10.
             let h = 1e-5;
@@ -127,7 +127,7 @@ fn tape_and_replay_are_identical() {
         let rays = rays(f.world_bounds(), 100, 4);
         for rule in RULES.into_iter().chain([Quadrature::Midpoint(30.0)]) {
             for source in SOURCES {
-                let medium = Medium { extinction, source: source.clone() };
+                let medium = Medium::new(extinction, source.clone());
                 let tape = gradient(f, &medium, rule, Adjoint::Tape, &rays);
                 let replay = gradient(f, &medium, rule, Adjoint::Replay, &rays);
                 assert_eq!(tape, replay, "{rule} {source:?} {extinction}");
@@ -140,7 +140,7 @@ fn tape_and_replay_are_identical() {
 #[test]
 fn tape_and_replay_agree_after_an_early_stop() {
     let f: Bricks<f32> = field(24, unit(), |_| 0.5);
-    let medium = Medium { extinction: 4.0, source: Source::Linear([1.0; 3]) };
+    let medium = Medium::new(4.0, Source::Linear([1.0; 3]));
     let dvr = Dvr::new(&f, medium).unwrap().early_stop(1e-3).over([1.0; 3]);
     let rays = rays(f.world_bounds(), 50, 8);
     let run = |adjoint| {
@@ -163,7 +163,7 @@ fn inversion_agrees_where_it_is_stable() {
     let rays = rays(f.world_bounds(), 30, 6);
     for rule in RULES {
         for source in SOURCES {
-            let medium = Medium { extinction: 0.3, source: source.clone() };
+            let medium = Medium::new(0.3, source.clone());
             let (a, pa) = gradient(&f, &medium, rule, Adjoint::Replay, &rays);
             let (b, pb) = gradient(&f, &medium, rule, Adjoint::Inversion, &rays);
             let scale = a.iter().fold(0.0_f64, |m, v| m.max(v.abs()));

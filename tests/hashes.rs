@@ -168,7 +168,7 @@ fn what_commands_write_has_the_bits_that_it_had() {
     work.json("render @plume.vdb --views 10 --size 24x24 --tf slopes.tf.json --background 0.2,0.1,0.3 -o bright");
     work.json("reconstruct density bright -o behind.vdb --iterations 2 --resolution 16");
     found.push(("density by a function", voxels(&work, "behind.vdb", "density")));
-    work.json("reconstruct density bright -o paper.vdb --solver paper --iterations 2 --resolution 16");
+    work.json("reconstruct density bright -o paper.vdb --solver weiss2021 --iterations 2 --resolution 16");
     found.push(("density by descent", voxels(&work, "paper.vdb", "density")));
     work.json("reconstruct color bright -o colors.vdb --iterations 3 --resolution 16");
     found.push(("colors", shaded_voxels(&work, "colors.vdb")));

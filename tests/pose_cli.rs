@@ -138,8 +138,7 @@ fn a_shared_focal_length_is_found() {
 #[test]
 fn rows_are_derivatives() {
     let smooth: Bricks<f32> = field(24, odd(), |p| 0.4 * lumps(24)(p));
-    let dvr =
-        Dvr::new(&smooth, Medium { extinction: 0.7, source: Source::Linear([1.0, 0.5, 0.2]) }).unwrap().over([1.0; 3]);
+    let dvr = Dvr::new(&smooth, Medium::new(0.7, Source::Linear([1.0, 0.5, 0.2]))).unwrap().over([1.0; 3]);
     let sphere = Sphere::around(&smooth.outline(), [24, 20], 35.0).unwrap();
     let camera = sphere.camera(&upright(DVec3::new(0.3, -0.5, 0.8).normalize()));
     let frame = Frame::new(&camera, sphere.distance);

@@ -152,7 +152,7 @@ fn spread_is_the_transpose() {
     for (k, ray) in rays(&odd()).iter().enumerate() {
         let by = [noise(k as u64), -noise(k as u64 + 9), 0.3];
         let mut tape = Tape::default();
-        let seen = Preshaded::<f64>::new(&other).over([0.0; 3]).pixel_on(ray, &mut tape);
+        let seen = Preshaded::<f64>::new(&other).trace(ray, &mut tape);
         let mut gradient = vec![DVec4::ZERO; base.values.len()];
         tape.spread(by, &mut gradient);
         let forward: f64 = (0..3).map(|c| by[c] * seen.rgb[c]).sum();
@@ -337,6 +337,7 @@ fn what_else_is_asked_for_changes_nothing() {
             Accumulators { voxels: Some(&mut by_value[..]), table: None, ray: Some(&mut by_ray), shared: &mut shared };
         assert_eq!(renderer.vjp(&ray, &mut |_| WEIGHTS, Adjoint::Tape, sinks, &mut tape), seen);
         assert_eq!((by_ray, shared.background), followed(&volume, &ray));
+        renderer.integrator.trace(&ray, &mut tape);
         tape.spread([WEIGHTS[0], WEIGHTS[1], WEIGHTS[2]], &mut by_tape);
         for (a, b) in by_tape.iter().zip(&by_value) {
             assert!((a.truncate() - b.truncate()).abs().max_element() < 1e-14, "{a} {b}");

@@ -145,19 +145,19 @@ fn processor_seconds(pid: u32) -> f64 {
 #[test]
 fn the_papers_recipe_serves_what_is_not_linear() {
     let work = with_pictures(12, 32);
-    let report = work.json(&format!("reconstruct density cap -o paper.vdb --solver paper {SMALL}"));
-    assert_eq!(report["solver"], "paper");
+    let report = work.json(&format!("reconstruct density cap -o paper.vdb --solver weiss2021 {SMALL}"));
+    assert_eq!(report["solver"], "weiss2021");
     let losses: Vec<f64> = report["history"].as_array().unwrap().iter().map(|s| number(s, "loss")).collect();
     assert!(losses[losses.len() - 1] < 0.5 * losses[0], "{losses:?}");
     assert!(work.volume_psnr("paper.vdb") > 18.0);
     let emission = "--model emission-absorption --emission-model linear";
     work.json(&format!("render @plume.vdb --views 12 --size 32x32 --density-scale 6 {emission} -o glow"));
     let report = work.json(&format!("reconstruct density glow -o glow.vdb {SMALL}"));
-    assert_eq!(report["solver"], "paper");
+    assert_eq!(report["solver"], "weiss2021");
     assert!(work.volume_psnr("glow.vdb") > 17.0);
-    work.refused("reconstruct density glow -o x.vdb --solver cg", &["--solver paper"]);
+    work.refused("reconstruct density glow -o x.vdb --solver cg", &["--solver weiss2021"]);
     let variation = |weight: &str| {
-        work.json(&format!("reconstruct density cap -o tv.vdb --solver paper --prior tv={weight} {SMALL}"));
+        work.json(&format!("reconstruct density cap -o tv.vdb --solver weiss2021 --prior tv={weight} {SMALL}"));
         work.volume_psnr("tv.vdb")
     };
     let [little, much] = ["0.01", "30"].map(variation);
@@ -213,7 +213,7 @@ fn outliers_are_borne() {
 #[test]
 fn holes_in_pictures_are_borne_by_the_paper_too() {
     let work = with_pictures(8, 24);
-    let words = format!("reconstruct density cap -o found.vdb {SMALL} --solver paper");
+    let words = format!("reconstruct density cap -o found.vdb {SMALL} --solver weiss2021");
     let whole = work.json(&words)["train_psnr_db"].as_f64().unwrap();
     work.edit("cap", |_, film| film.rgba[300] = [f32::NAN; 4]);
     let report = work.json(&words);
@@ -262,7 +262,7 @@ fn wrong_use_is_refused_with_words() {
     refused("cap -o x.vdb --voxel-size 1 --resolution 3", &["cannot be used with"]);
     refused("cap -o x.vdb --bounds 0,0,0,1", &["six are needed"]);
     refused("cap -o x.vdb --bounds 90,90,90,91,91,91", &["--bounds"]);
-    refused("cap -o x.vdb --solver magic", &["magic", "paper"]);
+    refused("cap -o x.vdb --solver magic", &["magic", "weiss2021"]);
     refused("cap -o x.vdb --layer Z", &["Z"]);
     refused("cap -o x.vdb --init @sphere_level_set.vdb", &["level set", "fog"]);
     refused("cap -o x.vdb --init x.vdb --resume", &["cannot be used with"]);

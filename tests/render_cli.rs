@@ -32,6 +32,8 @@ fn assert_as_described(work: &Work, folder: &str, volume: &Path, quadrature: Qua
     let dvr = Dvr::new(&field, capture.medium().unwrap()).unwrap().quadrature(quadrature).over(capture.background);
     for frame in &capture.frames {
         let expected = render::picture(&dvr, &frame.camera, 1, &AtomicBool::new(false)).unwrap();
+        // A file does not say how many rays a pixel had.
+        let expected = Film { samples: 0, ..expected };
         assert!(exr::read_picture(&frame.picture, None).unwrap() == expected, "{}", frame.picture.display());
     }
 }
@@ -359,7 +361,7 @@ fn planes_come_with_the_picture() {
             let found = f64::from(film.plane(&format!("variance.{}", ["R", "G", "B", "A"][c])).unwrap()[i]);
             // The focal length of the larger picture is rounded otherwise.
             assert!((found - expected).abs() < 1e-6 + 1e-3 * expected, "{i} {c}: {found} {expected}");
-            assert!((f64::from(pixel[c]) - mean).abs() < 1e-5);
+            assert!((f64::from(pixel[c]) - mean).abs() < 1e-4, "{i} {c}: {pixel:?} {mean}");
             varied += usize::from(found > 1e-6);
         }
         let depth = film.plane("optical_depth.V").unwrap()[i];

@@ -46,7 +46,7 @@ fn alpha_to_one() {
     let (narrow, wide): (Bricks<f32>, Bricks<f64>) = (field(16, unit(), lumps(16)), field(16, unit(), lumps(16)));
     let mut inversion_broke = 0;
     for exponent in -8..=6 {
-        let medium = Medium { extinction: 10_f64.powi(exponent), source: Source::Linear([0.5, 1.0, 0.25]) };
+        let medium = Medium::new(10_f64.powi(exponent), Source::Linear([0.5, 1.0, 0.25]));
         let rule = Quadrature::Midpoint(1.0);
         let reference = gradient(&wide, &medium, rule, Adjoint::Tape, &slanted());
         let recursion = relative(&gradient(&narrow, &medium, rule, Adjoint::Tape, &slanted()), &reference);
@@ -66,7 +66,7 @@ fn deep_and_long() {
     let (narrow, wide): (Bricks<f32>, Bricks<f64>) = (field(16, unit(), lumps(16)), field(16, unit(), lumps(16)));
     for depth in [1.0, 10.0, 200.0, 1e4] {
         for step in [1.0, 0.1, 0.002] {
-            let medium = Medium { extinction: depth / 6.0, source: Source::Linear([0.5, 1.0, 0.25]) };
+            let medium = Medium::new(depth / 6.0, Source::Linear([0.5, 1.0, 0.25]));
             let rule = Quadrature::Midpoint(step);
             let reference = gradient(&wide, &medium, rule, Adjoint::Replay, &slanted());
             let error = relative(&gradient(&narrow, &medium, rule, Adjoint::Replay, &slanted()), &reference);
@@ -82,7 +82,7 @@ fn deep_and_long() {
 fn inversion_drifts_at_depth_fifteen() {
     let (narrow, wide): (Bricks<f32>, Bricks<f64>) = (field(16, unit(), |_| 1.0), field(16, unit(), |_| 1.0));
     let ray = Ray { origin: DVec3::new(-9.0, 7.5, 7.5), direction: DVec3::X };
-    let medium = Medium { extinction: 15.0 / 16.0, source: Source::Linear([0.5, 1.0, 0.25]) };
+    let medium = Medium::new(15.0 / 16.0, Source::Linear([0.5, 1.0, 0.25]));
     let rule = Quadrature::Midpoint(0.05);
     let reference = gradient(&wide, &medium, rule, Adjoint::Tape, &ray);
     let of = |adjoint| relative(&gradient(&narrow, &medium, rule, adjoint, &ray), &reference);
@@ -235,7 +235,7 @@ fn early_stops_are_off_by_no_more_than_is_said() {
     let function = Arc::new(Transfer::Piecewise { points }.table().unwrap());
     let sources = [Source::Grey([4.0, 0.5, 0.0]), Source::Linear([9.0, 1.0, 0.0]), Source::Transfer(function)];
     for source in sources {
-        let medium = Medium { extinction: 0.1, source: source.clone() };
+        let medium = Medium::new(0.1, source.clone());
         for rule in [Quadrature::Exact, Quadrature::PREINTEGRATED, Quadrature::Midpoint(0.5)] {
             let whole = Dvr::new(&f, medium.clone()).unwrap().quadrature(rule).early_stop(0.0).over([0.5, 2.0, 0.1]);
             let ended = whole.clone().with(|dvr| dvr.early_stop(0.2));

@@ -21,7 +21,8 @@ use glam::{DVec2, DVec3};
 use std::sync::Arc;
 
 const BACKGROUND: [f32; 3] = [0.5, 0.25, 0.125];
-const RULES: [Quadrature; 3] = [Quadrature::Exact, Quadrature::Midpoint(0.4), Quadrature::Riemann(0.7)];
+const RULES: [Quadrature; 4] =
+    [Quadrature::Exact, Quadrature::PREINTEGRATED, Quadrature::Midpoint(0.4), Quadrature::Riemann(0.7)];
 
 fn sources() -> Vec<Source> {
     let tables = kinds().into_iter().map(|t| Source::Transfer(Arc::new(t.table().unwrap())));
@@ -178,7 +179,7 @@ fn the_identity_holds<R: Directions<2>>(fields: &[Bricks<R>], relative: f64) {
         rays.push(Ray { origin: f.world_bounds().centre(), direction: DVec3::new(0.3, 0.5, 0.8).normalize() });
         let steps = Source::Transfer(Arc::new(steps().table().unwrap()));
         for source in sources().into_iter().chain([steps]) {
-            let medium = Medium { extinction: 0.8, source };
+            let medium = Medium::new(0.8, source);
             for rule in RULES {
                 let dvr = dvr(f, medium.clone(), rule);
                 for kind in KINDS {
@@ -215,7 +216,7 @@ fn directions_do_not_see_each_other() {
     fn check<R: Directions<1> + Directions<2> + Directions<6> + Directions<7>>() {
         let f: Bricks<R> = cloud(14);
         for source in sources() {
-            let medium = Medium { extinction: 0.8, source };
+            let medium = Medium::new(0.8, source);
             let steps: Vec<Step<R>> =
                 (0..7).map(|i| step(KINDS[[8, 1, 4, 0, 8, 5, 3][i]], &f, &medium, 31 * i as u64)).collect();
             let dvr = dvr(&f, medium.clone(), Quadrature::Midpoint(0.4));
@@ -254,7 +255,7 @@ fn what_misses_the_volume_sees_the_background() {
 
 fn stepped(rule: Quadrature, h: f64) -> Quadrature {
     match rule {
-        Quadrature::Exact | Quadrature::Preintegrated(_) => Quadrature::Exact,
+        Quadrature::Exact | Quadrature::Preintegrated(_) => rule,
         Quadrature::Midpoint(s) => Quadrature::Midpoint(s + h),
         Quadrature::Riemann(s) => Quadrature::Riemann(s + h),
     }
@@ -295,10 +296,10 @@ fn tangents_match_central_differences() {
                         origin: ray.origin + only(0) * o,
                         direction: (ray.direction + only(1) * across).normalize(),
                     };
-                    let medium = Medium { extinction: 0.8 + only(5), source };
+                    let medium = Medium::new(0.8 + only(5), source);
                     dvr(&moved, medium, stepped(rule, only(2))).pixel(&ray).rgba()
                 };
-                let found = dvr(&f, Medium { extinction: 0.8, source: of(&transfer) }, rule);
+                let found = dvr(&f, Medium::new(0.8, of(&transfer)), rule);
                 let found = found.jvp(ray, &seeds, &mut Tape::default()).rgba();
                 for p in 0..6 {
                     // From above alone, to second order, where less is no density or no function.
@@ -337,7 +338,7 @@ fn pixels_follow_their_camera() {
         near: 0.1,
     };
     let transfer = &kinds()[1];
-    let medium = Medium { extinction: 0.3, source: Source::Transfer(Arc::new(transfer.table().unwrap())) };
+    let medium = Medium::new(0.3, Source::Transfer(Arc::new(transfer.table().unwrap())));
     let dvr = dvr(&f, medium, Quadrature::Exact);
     let by = |p: usize| {
         let mut by = CameraGradient::default();

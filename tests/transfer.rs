@@ -23,7 +23,7 @@ const BACKGROUND: [f32; 3] = [0.5, 0.25, 0.125];
 const TARGET: [f64; 4] = [0.3, 0.1, 0.5, 0.2];
 const WEIGHT: [f64; 4] = [1.0, 2.0, 0.5, -0.7];
 const RULES: [Quadrature; 3] = [Quadrature::Exact, Quadrature::Midpoint(0.4), Quadrature::Riemann(0.7)];
-/// Those that have derivatives by where rays go, and one that has not.
+/// All rules, pre-integration included.
 const ALL_RULES: [Quadrature; 4] = [RULES[0], RULES[1], RULES[2], Quadrature::PREINTEGRATED];
 
 fn loss<R: Real>(seen: &Pixel<R>) -> f64 {
@@ -37,7 +37,7 @@ fn slope<R: Real>(seen: &Pixel<R>) -> [R; 4] {
 }
 
 fn medium(transfer: &Transfer, extinction: f64) -> Medium {
-    Medium { extinction, source: Source::Transfer(Arc::new(transfer.table().unwrap())) }
+    Medium::new(extinction, Source::Transfer(Arc::new(transfer.table().unwrap())))
 }
 
 fn dvr<R: Real>(f: &Bricks<R>, medium: Medium, rule: Quadrature) -> Composited<Dvr<'_, R>> {
@@ -381,7 +381,7 @@ fn preintegrated_slabs_have_their_closed_form() {
 fn densities_as_large_as_they_may_be() {
     let f: Bricks<f32> = field(16, unit(), |p| if (p.x + p.y) as i32 % 3 == 0 { 1e30 } else { 0.4 * p.z / 15.0 });
     for transfer in kinds() {
-        for rule in RULES.into_iter().chain([Quadrature::PREINTEGRATED]) {
+        for rule in ALL_RULES {
             // Where one of them absorbs at density 0 the field has to be filled.
             let filled = f.clone().filled(1 << 30).unwrap();
             let dvr = Dvr::new(&filled, medium(&transfer, 0.3)).unwrap().quadrature(rule).over(BACKGROUND);
@@ -430,7 +430,7 @@ fn the_jacobian_by_table_holds_the_gradients_of_all_channels() {
     for transfer in kinds() {
         let medium = medium(&transfer, 3.0);
         let Source::Transfer(table) = &medium.source else { unreachable!() };
-        for rule in RULES {
+        for rule in ALL_RULES {
             let dvr = dvr(&f, medium.clone(), rule);
             let mut tape = Tape::default();
             let mut jacobian = TableJacobian::zeros(table.knots().len());

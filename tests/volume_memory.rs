@@ -124,12 +124,12 @@ fn shared_bricks_hold_the_same_values() {
         }
         assert!(met > 50, "{met}");
     };
-    let linear = Medium { extinction: 0.3, source: Source::Linear([1.0, 0.5, 0.25]) };
+    let linear = Medium::new(0.3, Source::Linear([1.0, 0.5, 0.25]));
     same(&own, &shared, &linear, Quadrature::Exact);
     for opacity in [0.0, 0.2] {
         let points = vec![[0.0, 1.0, 0.5, 0.0, opacity], [0.3, 0.2, 0.5, 1.0, 0.0], [1.0, 0.5, 0.5, 0.5, 2.0]];
         let table = Arc::new(Transfer::Piecewise { points }.table().unwrap());
-        let medium = Medium { extinction: 0.3, source: Source::Transfer(table) };
+        let medium = Medium::new(0.3, Source::Transfer(table));
         let (a, b) = if opacity > 0.0 { (&own_full, &shared_full) } else { (&own, &shared) };
         for quadrature in [Quadrature::Exact, Quadrature::PREINTEGRATED, Quadrature::Midpoint(0.5)] {
             same(a, b, &medium, quadrature);

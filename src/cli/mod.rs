@@ -1,6 +1,5 @@
 //! The command line: each subcommand loads, works, writes and reports.
 
-pub mod any_renderer;
 pub mod cancel;
 pub mod compare;
 pub mod convert;
@@ -19,7 +18,6 @@ pub mod reconstruct;
 pub mod render;
 pub mod report;
 pub mod run;
-pub mod scene;
 pub mod task;
 pub mod transfer;
 pub mod try_grid;

@@ -5,7 +5,6 @@ use super::output::Output;
 use super::outputs;
 use super::parse::{self, DensityScale};
 use super::provenance::Provenance;
-use super::scene::Scene;
 use super::transfer::TransferOption;
 use super::{cancel, volume};
 use crate::error::{Error, Result};
@@ -13,14 +12,17 @@ use crate::formats::atomic::Batch;
 use crate::formats::exr;
 use crate::formats::limits::Limits;
 use crate::formats::transforms::{self, FILE_NAME};
+use crate::render::any_renderer::AnyRenderer;
 use crate::render::aov::{self, Aov};
-use crate::render::quadrature::Quadrature;
+use crate::render::quadrature::{Quadrature, rules};
 use crate::render::scale;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
 use crate::scene::medium::Source;
 use crate::scene::orbit::{self, Layout};
+use crate::scene::scene::Scene;
 use crate::scene::transfer::Transfer;
+use crate::scene::volume::Grids;
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -78,10 +80,7 @@ pub struct Render {
     emission_model: Option<EmissionModel>,
     #[command(flatten)]
     transfer: TransferOption,
-    /// Integration along rays: exact, preintegrated, preintegrated:TOLERANCE (of the density, in units of the range of
-    /// the transfer function's points; 0.002 unless given), midpoint:STEP or riemann:STEP, steps in voxels (default:
-    /// preintegrated with a transfer function, else exact)
-    #[arg(long, value_name = "Q")]
+    #[arg(long, value_name = "Q", help = concat!("Integration along rays: ", rules!(), " (default: preintegrated with a transfer function, else exact)"))]
     quadrature: Option<Quadrature>,
     /// Transmittance at which rays end (0: never); the report says how far that may be off
     #[arg(long, value_name = "T", default_value_t = 1e-6, value_parser = parse::share)]
@@ -143,12 +142,12 @@ impl Render {
         let asked = self.cameras.as_deref().map(transforms::load).transpose()?;
         let asked_pictures: Option<Vec<PathBuf>> =
             asked.as_ref().map(|c| c.frames.iter().map(|f| f.picture.clone()).collect());
-        let (mut scene, transfer) = self.scene(asked.as_ref(), limits)?;
+        let (grids, transfer) = self.grids(asked.as_ref(), limits)?;
         provenance.input(&self.input, [self.input.as_path()])?;
         if let Some(tf) = &self.transfer.tf {
             provenance.input(tf, [tf.as_path()])?;
         }
-        let capture = self.capture(&scene, transfer, asked)?;
+        let capture = self.capture(&grids, transfer, asked)?;
         // Pixels with their planes as they are rendered, as they are kept and as they are written.
         let planes = if self.aov.is_empty() { 0 } else { aov::PIXEL_BYTES + 2 * 4 * 5 };
         fits(&capture, planes, limits.max_memory)?;
@@ -165,7 +164,8 @@ impl Render {
         let waiting = capture.frames.iter().map(|f| batch.add(&f.picture)).collect::<Result<Vec<_>>>()?;
         let waiting_json = batch.add(&json)?;
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
-        let light = scene.light(&capture, quadrature).map_err(|e| e.at(&self.input))?.early_stop(self.early_stop);
+        let scene = Scene::shown_by(&capture, grids).map_err(|e| e.at(&self.input))?;
+        let light = AnyRenderer::new(&scene, quadrature).map_err(|e| e.at(&self.input))?.early_stop(self.early_stop);
         let early_stop = EarlyStop { transmittance: self.early_stop, error_bound: light.left_out() };
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
@@ -245,20 +245,20 @@ impl Render {
         }
     }
 
-    /// The volume, with the transfer function that is seen through.
-    fn scene(&self, asked: Option<&Capture>, limits: Limits) -> Result<(Scene, Option<Transfer>)> {
+    /// Reads the volume's grids, and returns them with the transfer function that applies.
+    fn grids(&self, asked: Option<&Capture>, limits: Limits) -> Result<(Grids, Option<Transfer>)> {
         if self.model.or(asked.map(|c| c.model)) == Some(Model::PreShaded) && self.transfer.tf.is_none() {
-            return Ok((Scene::pre_shaded(&self.input, self.grid.as_deref(), limits)?, None));
+            return Ok((volume::read_pre_shaded(&self.input, self.grid.as_deref(), limits)?, None));
         }
         let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
         let transfer = self.transfer(transfer, asked);
         let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
-        Ok((Scene::Density(field), transfer))
+        Ok((Grids::Density(field), transfer))
     }
 
     /// What the pictures will show, from the options and, where they are silent, from `--cameras`.
-    fn capture(&self, scene: &Scene, transfer: Option<Transfer>, asked: Option<Capture>) -> Result<Capture> {
-        let field = &*scene.extinctions();
+    fn capture(&self, grids: &Grids, transfer: Option<Transfer>, asked: Option<Capture>) -> Result<Capture> {
+        let field = &*grids.extinctions();
         let cameras: Vec<Camera> = match (&asked, self.views) {
             (Some(capture), _) => capture.frames.iter().map(|f| f.camera).collect(),
             (None, count) => {
@@ -284,14 +284,14 @@ impl Render {
                     .hint("check the grid and the cameras, or give the scale as a number")
             })?,
             // A pre-shaded volume's extinctions are those of the pictures that it explains.
-            (None, Some(capture)) if matches!(scene, Scene::Density(_)) || capture.model == Model::PreShaded => {
+            (None, Some(capture)) if matches!(grids, Grids::Density(_)) || capture.model == Model::PreShaded => {
                 capture.density_scale
             }
             (None, _) => 1.0,
         };
         let asked = asked.as_ref();
         let given = self.model.or(transfer.as_ref().map(|_| Model::EmissionAbsorption));
-        let given = given.or(matches!(scene, Scene::PreShaded(_)).then_some(Model::PreShaded));
+        let given = given.or(matches!(grids, Grids::EmissionExtinction(_)).then_some(Model::PreShaded));
         let model = given.or(asked.map(|c| c.model)).unwrap_or(Model::Absorption);
         // The other model's background would be a surprise: white light behind a bright source.
         let same = asked.filter(|c| (c.model == Model::Absorption) == (model == Model::Absorption));

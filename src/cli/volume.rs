@@ -4,10 +4,11 @@ use super::transfer::TransferOption;
 use crate::error::Result;
 use crate::formats::limits::Limits;
 use crate::formats::transfer;
-use crate::formats::vdb::File;
+use crate::formats::vdb::{File, shaded};
 use crate::scene::bricks::{Bricks, too_large};
 use crate::scene::grid::Grid;
 use crate::scene::transfer::Transfer;
+use crate::scene::volume::Grids;
 use std::path::Path;
 
 /// Reads a fog volume, and the transfer function asked for, else the one that its grid carries.
@@ -63,4 +64,12 @@ pub fn arrange_by_voxel(grid: &Grid, transfer: Option<&Transfer>, limits: Limits
 fn ended(mut field: Bricks<f32>, grid: &Grid, transfer: &Transfer, limits: Limits) -> Result<Bricks<f32>> {
     field.domain = grid.active_box();
     if transfer.table()?.at(0.0)[3] > 0.0 { field.filled(limits.max_memory) } else { Ok(field) }
+}
+
+/// Reads a pre-shaded volume; `name` is that of its extinctions.
+///
+/// # Errors
+/// If it cannot be read or used.
+pub fn read_pre_shaded(path: &Path, name: Option<&str>, limits: Limits) -> Result<Grids> {
+    Ok(Grids::EmissionExtinction(shaded::read(&File::open(path, limits)?, name, limits.max_memory)?))
 }

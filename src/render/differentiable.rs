@@ -16,6 +16,7 @@ pub enum Adjoint {
     /// the first few hundred nodes. Memory for that many samples per thread; works with any loss.
     Replay,
     /// Inversion of the blend (Weiss & Westermann 2021), for comparison: breaks down where a sample is opaque.
+    /// Pre-integration has none and uses the tape.
     Inversion,
 }
 

@@ -130,7 +130,7 @@ mod tests {
         let field = field();
         let table = Arc::new(peaks());
         for (source, monotonic) in [(Source::Grey([0.0; 3]), true), (Source::Transfer(table.clone()), false)] {
-            let medium = Medium { extinction: 0.7, source };
+            let medium = Medium::new(0.7, source);
             let extinction = |d: f64| 0.7 * if monotonic { d } else { table.at(d)[3] };
             let majorants = Majorants::new(&field, &medium);
             for (number, brick) in field.topology.bricks().iter().enumerate() {
@@ -151,7 +151,7 @@ mod tests {
     fn a_function_with_a_gap_has_bricks_without_extinction() {
         let mut field = field();
         field.values.iter_mut().for_each(|v| *v = 0.35 + 0.2 * *v);
-        let medium = Medium { extinction: 2.0, source: Source::Transfer(Arc::new(peaks())) };
+        let medium = Medium::new(2.0, Source::Transfer(Arc::new(peaks())));
         assert!(Majorants::new(&field, &medium).bricks().iter().all(|bound| *bound == 0.0));
         // A peak narrower than the steps between voxels is seen all the same.
         field.values.iter_mut().enumerate().for_each(|(i, v)| *v = if i % 2 == 0 { 0.05 } else { 0.35 });

@@ -2,7 +2,7 @@
 //!
 //! A ray crosses bricks in `f64` ([`spans`]); inside a brick it is rebased to the point of entry and walked in the
 //! kernel's own precision, so that accuracy does not depend on how far the volume lies from the origin. [`batches`]
-//! hands several bricks at once to a quadrature rule ([`crate::render::rule`]), which cuts them into cells
+//! hands several bricks at once to a quadrature rule ([`crate::render::quadrature`]), which cuts them into cells
 //! ([`crate::render::cell`]).
 
 use crate::math::{Aabb, Affine, Ray};

@@ -1,9 +1,11 @@
 //! Light transport: integrators and their derivatives.
 
+pub mod any_renderer;
 pub mod aov;
 pub mod arch;
 pub mod cell;
 pub mod composited;
+mod compositing;
 pub mod cubic;
 pub mod curve;
 pub mod differentiable;
@@ -16,7 +18,6 @@ pub mod march;
 pub mod order;
 pub mod preshaded;
 pub mod quadrature;
-pub mod rule;
 pub mod scale;
 pub mod segment;
 pub mod tiles;

@@ -18,7 +18,7 @@ const PIXELS: u32 = 64;
 /// the optical depth, over the pixels of all cameras that meet any density, is 3. About 64 pixels along the shorter
 /// edge of each picture are sampled. `None` if no pixel meets anything.
 pub fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Camera]) -> Option<f64> {
-    let dvr = Dvr::new(field, Medium { extinction: 1.0, source: source.clone() }).ok()?.early_stop(0.0);
+    let dvr = Dvr::new(field, Medium::new(1.0, source.clone())).ok()?.early_stop(0.0);
     let of_camera = |tape: &mut Tape<f32>, camera: &Camera| {
         let stride = (camera.width.min(camera.height) / PIXELS).max(1);
         let rows = (stride / 2..camera.height).step_by(stride as usize);

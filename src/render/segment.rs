@@ -106,7 +106,7 @@ impl<R: Real> Chord<R> {
     /// Returns the derivatives with respect to the corners, by x, from those with respect to the densities: the
     /// transpose of [`Chord::interpolate`].
     #[inline(always)]
-    pub fn spread(&self, by_density: R::Lanes) -> [R::Lanes; 2] {
+    pub fn voxel_vjp(&self, by_density: R::Lanes) -> [R::Lanes; 2] {
         let [x, y, z] = self.at;
         let face = |g: R::Lanes| {
             let high = g * y;

@@ -90,6 +90,6 @@ impl Capture {
             (_, None, EmissionModel::Grey) => Source::Grey(self.emission),
             (_, None, EmissionModel::Linear) => Source::Linear(self.emission),
         };
-        Ok(Medium { extinction: self.density_scale, source })
+        Ok(Medium::new(self.density_scale, source))
     }
 }

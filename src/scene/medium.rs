@@ -1,9 +1,11 @@
-//! What the density does to light: extinction, and the radiance of the source.
+//! Participating media: what a volume's density d does to light.
 //!
-//! `σ = extinction · d` per world unit of length, or `extinction · τ(d)` with a transfer function; the
-//! emitted radiance per length is `σ c`.
+//! The extinction coefficient is `σ_t = extinction · d` per world length, or `extinction · τ(d)` with a transfer
+//! function. Of it the albedo ϖ is scattered, `σ_s = ϖ σ_t`, and the rest absorbed, `σ_a = (1 - ϖ) σ_t`; the medium emits
+//! the radiance `σ_a c` per world length.
 
 use crate::error::{Error, Result};
+use crate::scene::phase::Phase;
 use crate::scene::table::Table;
 use std::sync::Arc;
 
@@ -20,7 +22,16 @@ pub enum Source {
     Transfer(Arc<Table>),
 }
 
-/// A participating medium without scattering.
+/// How a medium scatters light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scattering {
+    /// Share of the extinction that is scattered, by channel: 0 to 1.
+    pub albedo: [f32; 3],
+    /// Distribution of the scattered directions.
+    pub phase: Phase,
+}
+
+/// A participating medium.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Medium {
     /// Extinction per unit of density (of the transfer function's extinction, if there is one) and world
@@ -28,18 +39,26 @@ pub struct Medium {
     pub extinction: f64,
     /// Radiance of the source.
     pub source: Source,
+    /// Scattering; `None` for a medium that absorbs all it does not let through.
+    pub scattering: Option<Scattering>,
 }
 
 impl Medium {
-    /// A medium that only absorbs.
-    pub fn absorbing(extinction: f64) -> Self {
-        Self { extinction, source: Source::Grey([0.0; 3]) }
+    /// Creates a medium that absorbs and emits.
+    pub fn new(extinction: f64, source: Source) -> Self {
+        Self { extinction, source, scattering: None }
     }
 
-    /// Checks the numbers.
+    /// Creates a medium that only absorbs.
+    pub fn absorbing(extinction: f64) -> Self {
+        Self::new(extinction, Source::Grey([0.0; 3]))
+    }
+
+    /// Returns the medium if its numbers can be used.
     ///
     /// # Errors
-    /// If the extinction is not positive and finite, or a source radiance is negative or not finite.
+    /// If the extinction is not positive and finite, a source radiance is negative or not finite, or scattering is not
+    /// physical.
     pub fn checked(self) -> Result<Self> {
         if !(self.extinction > 0.0 && self.extinction.is_finite()) {
             return Err(Error::invalid(format!("extinction {} must be positive and finite", self.extinction))
@@ -51,7 +70,19 @@ impl Medium {
             return Err(Error::invalid(format!("source radiance {c:?} must be finite and not negative"))
                 .hint("correct --emission, or the capture's emission"));
         }
+        if let Some(Scattering { albedo, phase }) = self.scattering {
+            if albedo.iter().any(|v| !(0.0..=1.0).contains(v)) {
+                return Err(Error::invalid(format!("albedo {albedo:?} must lie between 0 and 1"))
+                    .hint("the albedo is the share of the extinction that is scattered; more would make light"));
+            }
+            phase.check()?;
+        }
         Ok(self)
+    }
+
+    /// True if light is scattered at all.
+    pub fn scatters(&self) -> bool {
+        self.scattering.is_some_and(|scattering| scattering.albedo != [0.0; 3])
     }
 
     /// True if light is emitted at all.
@@ -60,5 +91,25 @@ impl Medium {
             Source::Grey(c) | Source::Linear(c) => *c != [0.0; 3],
             Source::Transfer(table) => table.peak()[..3] != [0.0; 3],
         }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn media_that_make_light_are_refused() {
+        let of = |albedo, phase| Medium { scattering: Some(Scattering { albedo, phase }), ..Medium::absorbing(1.0) };
+        assert!(of([1.0, 0.5, 0.0], Phase::Isotropic).checked().unwrap().scatters());
+        assert!(!of([0.0; 3], Phase::Isotropic).checked().unwrap().scatters());
+        for albedo in [[1.01, 0.0, 0.0], [0.0, -0.1, 0.0], [0.0, 0.0, f32::NAN]] {
+            assert!(of(albedo, Phase::Isotropic).checked().unwrap_err().to_string().contains("albedo"));
+        }
+        assert!(of([0.5; 3], Phase::HenyeyGreenstein(1.0)).checked().unwrap_err().to_string().contains("anisotropy"));
+        assert!(Medium::absorbing(f64::NAN).checked().is_err() && Medium::absorbing(0.0).checked().is_err());
+        let dark = Medium::new(1.0, Source::Linear([-1.0, 0.0, 0.0]));
+        assert!(dark.checked().unwrap_err().to_string().contains("not negative"));
     }
 }

@@ -3,13 +3,18 @@
 pub mod bricks;
 pub mod camera;
 pub mod capture;
+pub mod environment;
 pub mod film;
 pub mod grid;
 pub mod medium;
 pub mod orbit;
+pub mod phase;
+#[allow(clippy::module_inception, reason = "the module is named after the one type in it, like all others")]
+pub mod scene;
 mod sources;
 pub mod sphere;
 pub mod statistics;
 pub mod table;
 pub mod topology;
 pub mod transfer;
+pub mod volume;

@@ -218,6 +218,21 @@ impl TableGradient {
         Self { pieces: vec![[[0.0; 4]; 2]; knots + 1], steps: vec![0.0; knots] }
     }
 
+    /// Sets all derivatives to zero, for a table of so many knots.
+    pub fn clear(&mut self, knots: usize) {
+        self.pieces.clear();
+        self.pieces.resize(knots + 1, [[0.0; 4]; 2]);
+        self.steps.clear();
+        self.steps.resize(knots, 0.0);
+    }
+
+    /// Returns the sum of the products of all derivatives with those of another of the same table.
+    pub fn dot(&self, other: &Self) -> f64 {
+        let pieces = self.pieces.iter().flatten().flatten().zip(other.pieces.iter().flatten().flatten());
+        let steps = self.steps.iter().zip(&other.steps);
+        pieces.chain(steps).map(|(a, b)| a * b).sum()
+    }
+
     /// Adds another of the same table.
     pub fn add(&mut self, other: &Self) {
         for (a, b) in self.pieces.iter_mut().flatten().flatten().zip(other.pieces.iter().flatten().flatten()) {

@@ -115,7 +115,7 @@ pub fn pictures(path: &Path, threads: usize, folder: &Path) {
     let cameras: Vec<Camera> = (0..FRAMES).map(|f| camera(VOXELS, middle, turn(f), 512, 30.0)).collect();
     let cancel = AtomicBool::new(false);
     let by_function = OPACITIES.map(|(name, opacity)| {
-        let medium = Medium { extinction: 1.0, source: Source::Transfer(function(|x| -(-opacity(x)).ln_1p())) };
+        let medium = Medium::new(1.0, Source::Transfer(function(|x| -(-opacity(x)).ln_1p())));
         let whole = Dvr::new(&exact, medium.clone()).unwrap().early_stop(0.0).over([0.0; 3]);
         let exact = compared(&whole, &cameras[0], 0.0);
         let fine = whole.with(|dvr| dvr.quadrature(Quadrature::Preintegrated(1e-4)));
@@ -158,7 +158,7 @@ fn forget_peak() {
 pub fn gradient(path: &Path, threads: usize, rule: Quadrature, pixels: u32) {
     let field = volume(path).filled(u64::MAX).unwrap();
     let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    let medium = Medium { extinction: 1.0, source: Source::Transfer(function(|x| bump(x, 20.0, 60.0))) };
+    let medium = Medium::new(1.0, Source::Transfer(function(|x| bump(x, 20.0, 60.0))));
     let cancel = AtomicBool::new(false);
     let squares = |seen: &[f32; 4], wanted: &[f32; 4]| {
         let d: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);

@@ -77,7 +77,7 @@ pub fn rows() -> Vec<Row> {
     let mut rows = Vec::new();
     for (name, color) in [("absorption", None), ("linear emission", Some([1.0; 3]))] {
         let source = color.map_or(Source::Grey([0.0; 3]), Source::Linear);
-        let dvr = Dvr::new(&scene.field, Medium { extinction: 0.15, source }).unwrap().over([1.0; 3]);
+        let dvr = Dvr::new(&scene.field, Medium::new(0.15, source)).unwrap().over([1.0; 3]);
         rows.extend(gradients(name, &dvr, &scene, &pools[0]));
         rows.extend(pictures_per_second(name, &dvr, &scene, &pools));
     }

@@ -10,7 +10,6 @@ use super::output::Output;
 use super::outputs::{self, Content};
 use super::parse;
 use super::provenance::Provenance;
-use super::scene::Scene;
 use super::transfer::TransferOption;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -25,10 +24,11 @@ use crate::optimise::study::parameter::{CAMERA, Parameter};
 use crate::optimise::study::subject::{Subject, depth_channel};
 use crate::optimise::study::{Found, Study};
 use crate::render::differentiable::Adjoint;
-use crate::render::quadrature::Quadrature;
+use crate::render::quadrature::{Quadrature, rules};
 use crate::report::Page;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::grid::Grid;
+use crate::scene::volume::Grids;
 use report::{Report, Row};
 use scene::in_double;
 use std::collections::BTreeMap;
@@ -90,9 +90,7 @@ pub struct GradientCommand {
     emission_model: Option<EmissionModel>,
     #[command(flatten)]
     transfer: TransferOption,
-    /// Integration along rays: exact, preintegrated, midpoint:STEP or riemann:STEP, steps in voxels; pre-shaded volumes
-    /// have one of their own
-    #[arg(long, value_name = "Q", default_value = "exact")]
+    #[arg(long, value_name = "Q", default_value = "exact", help = concat!("Integration along rays: ", rules!(), "; pre-shaded volumes have one of their own"))]
     quadrature: Quadrature,
     /// Forward or backward; auto goes by the number of parameters and the loss
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
@@ -206,7 +204,7 @@ impl GradientCommand {
         if let Some(dir) = &self.report {
             super::report::prepare(dir)?;
         }
-        let (scene, rest) = {
+        let (volume, rest) = {
             let _stage = output.stage("reading the volume");
             self.scene(limits)?
         };
@@ -214,9 +212,11 @@ impl GradientCommand {
         for path in [Some(&self.input), target.as_ref(), self.transfer.tf.as_ref()].into_iter().flatten() {
             provenance.input(path, [path.as_path()])?;
         }
-        let Examined { mut report, grids, page } = match scene {
-            Scene::Density(field) => self.examine(self.study(field, rest, limits, output)?, limits, output)?,
-            Scene::PreShaded(volume) => self.examine(self.study(volume, rest, limits, output)?, limits, output)?,
+        let Examined { mut report, grids, page } = match volume {
+            Grids::Density(field) => self.examine(self.study(field, rest, limits, output)?, limits, output)?,
+            Grids::EmissionExtinction(volume) => {
+                self.examine(self.study(volume, rest, limits, output)?, limits, output)?
+            }
         };
         if let Some(path) = &self.output {
             provenance.lap();
@@ -271,12 +271,11 @@ impl GradientCommand {
     fn fits_together(&self) -> Result<()> {
         let asks = |w: Wrt| self.wrt.contains(&w);
         let inverts = self.adjoint == Some(AdjointName::Inversion);
-        if matches!(self.quadrature, Quadrature::Preintegrated(_)) && (self.mode == Mode::Forward || inverts) {
-            let what = if inverts { "no --adjoint inversion" } else { "no --mode forward" };
-            return Err(Error::unsupported(format!("pre-integration has {what}"))
+        if self.quadrature.is_preintegrated() && inverts {
+            return Err(Error::unsupported("pre-integration has no --adjoint inversion")
                 .hint("exact is what it approaches: --quadrature exact"));
         }
-        if asks(Wrt::Step) && matches!(self.quadrature, Quadrature::Exact | Quadrature::Preintegrated(_)) {
+        if asks(Wrt::Step) && self.quadrature.step().is_none() {
             return Err(Error::invalid(format!("--wrt step: the {} quadrature has no step", self.quadrature))
                 .hint("choose one that has: --quadrature midpoint:0.5 or riemann:0.5"));
         }
@@ -349,8 +348,11 @@ impl GradientCommand {
             AdjointName::Inversion => Adjoint::Inversion,
         });
         let task = Task { parameters: count, reach: study.loss.reach(), depth_alone: V::depth_alone(&study.setting) };
-        // Pre-integration goes backward only.
-        let mode = if matches!(self.quadrature, Quadrature::Preintegrated(_)) { Mode::Reverse } else { self.mode };
+        // Pre-integration's forward mode takes four reverse passes.
+        let mode = match self.mode {
+            Mode::Auto if self.quadrature.is_preintegrated() => Mode::Reverse,
+            mode => mode,
+        };
         let plan = Choice::new(task, mode, adjoint);
         let bytes = if channels.is_empty() { 0 } else { count * study.field.values.len() * size_of::<V>() };
         if plan.mode == AdMode::Forward && (count > MOST_DIRECTIONS || bytes as u64 > limits.max_memory) {

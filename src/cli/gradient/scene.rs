@@ -2,7 +2,6 @@
 
 use super::{GradientCommand, Wrt};
 use crate::cli::output::Output;
-use crate::cli::scene::{Scene, scale};
 use crate::cli::{photos, run, volume};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -19,6 +18,7 @@ use crate::scene::capture::{Capture, EmissionModel, Model, PixelFilter};
 use crate::scene::medium::Source;
 use crate::scene::orbit::{self, Layout};
 use crate::scene::transfer::Transfer;
+use crate::scene::volume::{Grids, scale};
 
 /// What goes with the voxels.
 #[derive(Debug)]
@@ -31,7 +31,7 @@ pub(super) struct Rest {
 
 impl GradientCommand {
     /// What is seen, from the options and, where they are silent, from the target.
-    pub(super) fn scene(&self, limits: Limits) -> Result<(Scene, Rest)> {
+    pub(super) fn scene(&self, limits: Limits) -> Result<(Grids, Rest)> {
         let target = self.target.as_deref().map(transforms::load).transpose()?;
         let emits = self.transfer.tf.is_some() || self.emission.is_some();
         let model = self.model.or(emits.then_some(Model::EmissionAbsorption)).or(target.as_ref().map(|c| c.model));
@@ -55,7 +55,7 @@ impl GradientCommand {
         Ok((scene, Rest { target, model, transfer, cameras }))
     }
 
-    fn pre_shaded(&self, target: Option<&Capture>, limits: Limits) -> Result<Scene> {
+    fn pre_shaded(&self, target: Option<&Capture>, limits: Limits) -> Result<Grids> {
         let own = [
             (self.wrt.contains(&Wrt::Tf), "--wrt tf: a pre-shaded volume has no transfer function"),
             (
@@ -71,8 +71,8 @@ impl GradientCommand {
                  the volume could be",
             ));
         }
-        let mut scene = Scene::pre_shaded(&self.input, self.grid.as_deref(), limits)?;
-        if let Scene::PreShaded(volume) = &mut scene {
+        let mut scene = volume::read_pre_shaded(&self.input, self.grid.as_deref(), limits)?;
+        if let Grids::EmissionExtinction(volume) = &mut scene {
             let shown = target.filter(|c| c.model == Model::PreShaded).map(|c| c.density_scale);
             scale(volume, self.density_scale.or(shown).unwrap_or(1.0)).map_err(|e| e.at(&self.input))?;
         }
@@ -84,7 +84,7 @@ impl GradientCommand {
         model: Option<Model>,
         target: Option<&Capture>,
         limits: Limits,
-    ) -> Result<(Scene, Option<Transfer>)> {
+    ) -> Result<(Grids, Option<Transfer>)> {
         if self.wrt.contains(&Wrt::Emission) {
             return Err(Error::invalid("--wrt emission: only pre-shaded volumes have emissions of their own")
                 .at(&self.input)
@@ -107,7 +107,7 @@ impl GradientCommand {
             // A parameter may make empty space absorb: its derivative is there.
             field = field.filled(limits.max_memory).map_err(|e| e.at(&self.input))?;
         }
-        Ok((Scene::Density(field), transfer))
+        Ok((Grids::Density(field), transfer))
     }
 
     /// Scene and loss, and what about the pictures is doubtful.

@@ -2,11 +2,9 @@
 
 mod page;
 
-use super::any_renderer::AnyRenderer;
 use super::memory::Memory;
 use super::output::Output;
 use super::outputs::{self, Content};
-use super::scene::Scene;
 use super::task::{Task, exit_code};
 use super::transfer::TransferOption;
 use super::{run, volume};
@@ -18,11 +16,14 @@ use crate::optimise::gradient::pictures::Target;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::pose::{self, Colors, Found, Request, levels};
 use crate::optimise::projection::observation::Photo;
-use crate::render::quadrature::Quadrature;
+use crate::render::any_renderer::AnyRenderer;
+use crate::render::quadrature::{Quadrature, rules};
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame, Model};
+use crate::scene::scene::Scene;
 use crate::scene::transfer::Transfer;
+use crate::scene::volume::Grids;
 use glam::{DMat3, DQuat, DVec3};
 use serde::Serialize;
 use serde_json::{Map, json};
@@ -55,9 +56,7 @@ pub struct Pose {
     /// Steps on each size of pictures that the search goes through, at most
     #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: u32,
-    /// Integration along rays: exact, preintegrated, preintegrated:TOLERANCE, midpoint:STEP or riemann:STEP (default:
-    /// exact; with a transfer function preintegrated for the search, and at its end exact for what is seen)
-    #[arg(long, value_name = "Q")]
+    #[arg(long, value_name = "Q", help = concat!("Integration along rays: ", rules!(), " (default: exact; with a transfer function preintegrated for the search, and at its end exact for the pictures compared with)"))]
     quadrature: Option<Quadrature>,
     /// Layer of the pictures (default: the beauty)
     #[arg(long, value_name = "NAME")]
@@ -145,9 +144,9 @@ impl Pose {
         let inputs = outputs::of_capture(&json, &capture);
         let others = std::iter::once(&self.volume).chain(&self.transfer.tf);
         outputs::spare([self.output.as_path()], inputs.iter().chain(others).map(PathBuf::as_path))?;
-        let (mut scene, shown) = {
+        let (grids, shown) = {
             let _stage = output.stage("reading the volume");
-            self.scene(&capture, limits)?
+            self.grids(&capture, limits)?
         };
         let (photos, mut warnings) = task.photos(&json, &shown, self.layer.as_deref(), output)?;
         task.provenance.input(&self.volume, [self.volume.as_path()])?;
@@ -155,13 +154,14 @@ impl Pose {
             task.provenance.input(tf, [tf.as_path()])?;
         }
 
-        let centre = self.centre(&scene.extinctions())?;
+        let centre = self.centre(&grids.extinctions())?;
         let rays_per_edge = run::rays_per_edge(shown.pixel_filter);
         let cameras = self.previous(&shown)?.unwrap_or_else(|| shown.frames.iter().map(|f| f.camera).collect());
         let target = |(photo, camera): (Photo, Camera)| Target { camera, rgba: photo.film.rgba, rays_per_edge };
         let targets: Vec<Target> = photos.into_iter().zip(cameras).map(target).collect();
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(shown.transfer.is_some()));
-        let light = scene.light(&shown, quadrature).map_err(|e| e.at(&self.volume))?;
+        let scene = Scene::shown_by(&shown, grids).map_err(|e| e.at(&self.volume))?;
+        let light = AnyRenderer::new(&scene, quadrature).map_err(|e| e.at(&self.volume))?;
         let (colors, reference) = match &light {
             // Pictures are what has no error, until somebody says something else.
             AnyRenderer::Density(light) => {
@@ -210,15 +210,15 @@ impl Pose {
         Ok(exit_code(stopped, output))
     }
 
-    /// The volume, and the capture as its pictures are to be understood.
-    fn scene(&self, capture: &Capture, limits: Limits) -> Result<(Scene, Capture)> {
+    /// Reads the volume's grids, and returns them with the capture as its pictures are to be understood.
+    fn grids(&self, capture: &Capture, limits: Limits) -> Result<(Grids, Capture)> {
         if capture.model == Model::PreShaded && self.transfer.tf.is_none() {
-            return Ok((Scene::pre_shaded(&self.volume, self.grid.as_deref(), limits)?, capture.clone()));
+            return Ok((volume::read_pre_shaded(&self.volume, self.grid.as_deref(), limits)?, capture.clone()));
         }
         let (grid, carried) = volume::read(&self.volume, self.grid.as_deref(), &self.transfer, limits)?;
         let shown = self.shown(capture, carried);
         let field = volume::arrange(&grid, shown.transfer.as_ref(), limits).map_err(|e| e.at(&self.volume))?;
-        Ok((Scene::Density(field), shown))
+        Ok((Grids::Density(field), shown))
     }
 
     /// The capture as its pictures are to be understood.

@@ -2,11 +2,11 @@
 
 use super::Report;
 use crate::cancel::Cancel;
-use crate::cli::any_renderer::AnyRenderer;
 use crate::cli::provenance::Provenance;
 use crate::error::Result;
 use crate::metrics;
 use crate::optimise::gradient::pictures::Target;
+use crate::render::any_renderer::AnyRenderer;
 use crate::report::{MOST_VIEWS, Page, ViewRow, choose};
 use crate::scene::capture::Capture;
 use crate::scene::film::Film;

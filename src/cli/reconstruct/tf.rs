@@ -17,7 +17,7 @@ use crate::optimise::plausibility::residuals::{self, Residuals};
 use crate::optimise::projection::observation::Photo;
 use crate::optimise::transfer::{Request, Solver, reconstruct};
 use crate::render::dvr::Dvr;
-use crate::render::quadrature::Quadrature;
+use crate::render::quadrature::{Quadrature, rules};
 use crate::report::{MOST_VIEWS, choose};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
@@ -62,8 +62,7 @@ pub struct Tf {
     /// Most refinements (default: 14, or one for each of the 7 weights that held-out views choose from; weiss2021: 200 epochs)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: Option<u32>,
-    /// Integration along rays: exact, midpoint:STEP or riemann:STEP, steps in voxels; for weiss2021 preintegrated too
-    #[arg(long, value_name = "Q", default_value = "midpoint:0.5")]
+    #[arg(long, value_name = "Q", default_value = "midpoint:0.5", help = concat!("Integration along rays: ", rules!()))]
     quadrature: Quadrature,
     /// Transfer function to begin with
     #[arg(long, value_name = "FILE")]
@@ -140,7 +139,7 @@ impl Tf {
         };
         if !outcome.stopped {
             let source = Source::Transfer(Arc::new(outcome.transfer.table()?));
-            let dvr = Dvr::new(&field, Medium { extinction: request.extinction, source })?
+            let dvr = Dvr::new(&field, Medium::new(request.extinction, source))?
                 .quadrature(request.quadrature)
                 .over(request.background);
             let residuals = Residuals::new(&dvr, &photos, &request.held_out, request.rays_per_edge, task.stop());
@@ -247,7 +246,6 @@ impl Tf {
             init: self.init.as_ref().or(previous).map(load).transpose()?,
             cancel: task.stop(),
         };
-        request.check()?;
         Ok(request)
     }
 }

@@ -170,7 +170,7 @@ pub fn views(
     let function = transfer::load(&run.output, &Options::default())?.transfer;
     let field = field(&run.volume, run.grid.as_deref(), limits)?;
     let source = Source::Transfer(Arc::new(function.table().map_err(|e| e.at(&run.output))?));
-    let dvr = Dvr::new(&field, Medium { extinction: capture.density_scale, source })?
+    let dvr = Dvr::new(&field, Medium::new(capture.density_scale, source))?
         .quadrature(run.quadrature)
         .over(capture.background);
     let rays = run::rays_per_edge(capture.pixel_filter);

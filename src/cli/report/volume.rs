@@ -2,7 +2,6 @@
 
 use super::{Beside, extra};
 use crate::cancel::Cancel;
-use crate::cli::any_renderer::AnyRenderer;
 use crate::cli::run::{self, Run, Solver};
 use crate::cli::volume as volumes;
 use crate::error::Result;
@@ -10,6 +9,7 @@ use crate::formats::limits::Limits;
 use crate::formats::vdb::{CONFIDENCE, File, shaded};
 use crate::formats::{exr, transfer, transforms};
 use crate::metrics::{self, volume};
+use crate::render::any_renderer::AnyRenderer;
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;

@@ -15,7 +15,7 @@ use crate::formats::{exr, transforms};
 use crate::optimise::viewpoint::{self, Outcome, Request};
 use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
-use crate::render::quadrature::Quadrature;
+use crate::render::quadrature::{Quadrature, rules};
 use crate::render::scale;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
@@ -76,9 +76,7 @@ pub struct Viewpoint {
     background: Option<[f32; 3]>,
     #[command(flatten)]
     transfer: TransferOption,
-    /// Integration along rays: exact, preintegrated, preintegrated:TOLERANCE, midpoint:STEP or riemann:STEP (default:
-    /// preintegrated with a transfer function, else exact)
-    #[arg(long, value_name = "Q")]
+    #[arg(long, value_name = "Q", help = concat!("Integration along rays: ", rules!(), " (default: preintegrated with a transfer function, else exact)"))]
     quadrature: Option<Quadrature>,
     /// Grid to look at (default: density, else the only scalar one)
     #[arg(long, value_name = "NAME")]

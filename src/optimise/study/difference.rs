@@ -5,7 +5,6 @@ use crate::error::Result;
 use crate::optimise::study::Study;
 use crate::optimise::study::parameter::{Parameter, camera_step};
 use crate::optimise::study::subject::{Subject, depth_channel, largest};
-use crate::render::quadrature::Quadrature;
 use crate::scene::transfer::Transfer;
 
 /// On which sides of a value the loss is smooth.
@@ -95,11 +94,7 @@ impl<V: Subject<Double = V>> Study<V> {
         let mut voxels = Vec::new();
         match parameter {
             Parameter::Step => {
-                setting.quadrature = match setting.quadrature {
-                    whole @ (Quadrature::Exact | Quadrature::Preintegrated(_)) => whole,
-                    Quadrature::Midpoint(step) => Quadrature::Midpoint(step + by),
-                    Quadrature::Riemann(step) => Quadrature::Riemann(step + by),
-                }
+                setting.quadrature = setting.quadrature.map_step(|step| step + by);
             }
             Parameter::Camera { view, part } => {
                 setting.cameras[view] = setting.cameras[view].moved(&camera_step(part, by));

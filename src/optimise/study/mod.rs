@@ -178,7 +178,7 @@ impl<V: Subject> Study<V> {
     fn describe(&self, parameter: Parameter, transfer: &[(String, f64)]) -> (String, &'static str, f64) {
         let setting = &self.setting;
         match parameter {
-            Parameter::Step => ("step".into(), "step", setting.step()),
+            Parameter::Step => ("step".into(), "step", setting.quadrature.step().unwrap_or(0.0)),
             Parameter::Camera { view, part } => {
                 let (name, value) = (parameter::CAMERA[part], parameter::camera_value(&setting.cameras[view], part));
                 (format!("camera[{view}].{name}"), name.split('.').next().unwrap_or(name), value)

@@ -34,15 +34,7 @@ impl Setting {
             Some(transfer) => Source::Transfer(Arc::new(transfer.table()?)),
             None => self.source.clone(),
         };
-        Ok(Medium { extinction: self.extinction, source })
-    }
-
-    /// The quadrature's step in voxels; zero where it has none.
-    pub(super) fn step(&self) -> f64 {
-        match self.quadrature {
-            Quadrature::Exact | Quadrature::Preintegrated(_) => 0.0,
-            Quadrature::Midpoint(step) | Quadrature::Riemann(step) => step,
-        }
+        Ok(Medium::new(self.extinction, source))
     }
 }
 

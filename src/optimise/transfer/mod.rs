@@ -93,20 +93,6 @@ impl Request {
         }
     }
 
-    /// Whether its solver can follow its quadrature.
-    ///
-    /// # Errors
-    /// If least squares are to follow pre-integration, which has no derivatives of all channels at once.
-    pub fn check(&self) -> Result<()> {
-        match (self.solver, self.quadrature) {
-            (Solver::Newton, Quadrature::Preintegrated(_)) => {
-                Err(Error::invalid(format!("least squares cannot follow the quadrature {}", self.quadrature))
-                    .hint("give exact, midpoint:STEP or riemann:STEP, or the published descent (--solver weiss2021)"))
-            }
-            _ => Ok(()),
-        }
-    }
-
     /// Refinements or epochs that there will be at most.
     pub fn most_steps(&self) -> u32 {
         match (self.solver, self.weights().len()) {
@@ -165,7 +151,7 @@ const REFINEMENTS: u32 = 1;
 /// Finds the texels whose pictures of `field` are most like `photos`.
 ///
 /// # Errors
-/// If the request's numbers cannot be used or its solver cannot follow its quadrature, or no pixel of the used views is finite and meets the volume; if the work was stopped before anything was found.
+/// If the request's numbers cannot be used, or no pixel of the used views is finite and meets the volume; if the work was stopped before anything was found.
 pub fn reconstruct(
     field: &Bricks<f32>,
     photos: &[Photo],
@@ -173,7 +159,6 @@ pub fn reconstruct(
     mut watch: impl FnMut(&Step) -> ControlFlow<()>,
 ) -> Result<Outcome> {
     let start = Instant::now();
-    request.check()?;
     let fit = Fit::new(field, photos, request)?;
     match request.solver {
         Solver::Newton => newton(fit, start, &mut watch),
@@ -362,7 +347,7 @@ impl<'a> Fit<'a> {
     fn renderer(&self, texels: &[Rgbs]) -> Result<Composited<Dvr<'a, f32>>> {
         let transfer = Transfer::Texture { domain: self.request.domain, texels: texels.to_vec() };
         let source = Source::Transfer(Arc::new(transfer.table()?));
-        let medium = Medium { extinction: self.request.extinction, source };
+        let medium = Medium::new(self.request.extinction, source);
         Ok(Dvr::new(self.field, medium)?.quadrature(self.request.quadrature).over(self.request.background))
     }
 

@@ -2,23 +2,23 @@
 //!
 //! Let `x_i` be the optical depth of segment i, `c_i` its source at the mean density and `s_i q_i` what
 //! varies of its light ([`shade`](super::shade)), `T_i` the transmittance before it and `V_i` the radiance
-//! from beyond it, background included, as it arrives at the eye. From the far end:
+//! that arrives from behind it, background included, at at the eye. From the far end:
 //!
 //! ```text
 //! V ← T_N · background
 //! for i = N-1 … 0:   ∂L/∂x_i = c_i T_{i+1} - V    ∂L/∂c_i = T_i - T_{i+1}    ∂L/∂q_i = s_i T_i
 //!                    V ← V + c_i (T_i - T_{i+1}) + s_i T_i q_i
 //! ```
-//! and from there by [`Shade::slopes`] to the densities. No division by `1 - α`: finite for opaque segments,
+//! and from there by [`Shade::vjp`] to the densities. No division by `1 - α`: finite for opaque segments,
 //! where inverting the blend (Weiss & Westermann 2021, sect. 4.3; here [`Adjoint::Inversion`]) is 0/0.
 //!
 //! All channels share the transmittance, so the recursion runs once, on the loss-weighted radiance:
 //! with `g` the loss derivative, `V = Σ g_c L_c + g_T T`.
 
-use super::blend::Blend;
-use super::blend::Entry;
+use super::absorption::OpticalDepth;
+use super::blend::{Blend, Entry, arriving};
 use super::jump::Jump;
-use super::kernel::{self, arriving, grey};
+use super::preintegrated::VoxelSeeds;
 use super::segment_derivatives::SegmentDerivatives;
 use super::shade::{SegmentCotangent, SegmentOptics, SegmentSource};
 use super::tape::Tape;
@@ -26,13 +26,14 @@ use super::{CompiledCurve, CompiledMedium, Dvr, Precision};
 use crate::math::Ray;
 use crate::real::Lanes;
 use crate::real::Real;
-use crate::render::cell::{Quartet, scatter};
-use crate::render::curve::{Curve, Piece};
+use crate::render::cell::scatter;
+use crate::render::compositing::{self, Backward};
+use crate::render::curve::Piece;
 use crate::render::differentiable::{Accumulators, Adjoint, Cotangent, Loss};
 use crate::render::index_ray_gradient::IndexRayGradient;
 use crate::render::integrator::Radiance;
-use crate::render::march::{IndexRay, batches_before};
-use crate::render::rule::{DepthRule, ExactDepth, Rule};
+use crate::render::march::{IndexRay, Span};
+use crate::render::quadrature::{ExactDepth, Rule};
 use crate::render::segment::End;
 use crate::scene::bricks::Topology;
 use crate::scene::medium::Source;
@@ -48,32 +49,29 @@ impl<R: Precision> Dvr<'_, R> {
         tape: &mut Tape<R>,
     ) -> Radiance {
         let Some(ray) = self.index_ray(ray) else {
-            let light = Radiance::default();
-            loss(&light);
-            return light;
+            let radiance = Radiance::default();
+            loss(&radiance);
+            return radiance;
         };
         let mut pass = Pass::new(self, ray, to);
-        // The paper's inversion is left to the rule that pre-integration approaches.
-        if let CompiledMedium::Table(optics, Some(tables)) = &self.compiled
-            && adjoint != Adjoint::Inversion
-        {
-            return tables.gradient(&mut pass, loss, adjoint, optics, &mut tape.preintegrated);
+        if let CompiledMedium::Table(compiled, Some(tables)) = &self.compiled {
+            return tables.gradient(&mut pass, loss, adjoint, compiled, &mut tape.preintegrated);
         }
         // What is not asked for in earnest is compiled once, not for each instruction set.
         if self.uniform(&pass.ray).is_some() || adjoint == Adjoint::Inversion {
             return R::stepped(&mut pass, loss, adjoint, tape);
         }
         if let (Source::Grey(color), None) = (&self.medium.source, &pass.to.ray) {
-            return pass.depth_only(loss, adjoint, ExactDepth, *color, &mut tape.cells);
+            return pass.absorption((loss, adjoint), ExactDepth, *color, &mut tape.cells);
         }
-        let Tape { chords, lit_chords, .. } = tape;
+        let scratch = (&mut tape.chords, &mut tape.chord_entries);
         match &self.compiled {
-            CompiledMedium::Line(optics) => {
-                pass.recursion(loss, adjoint, self.exact_source(optics, false), optics, chords, lit_chords)
+            CompiledMedium::Line(compiled) => {
+                pass.recursion((loss, adjoint), self.exact_source(compiled, false), compiled, scratch)
             }
-            CompiledMedium::Table(optics, _) => {
-                let rule = self.exact_source(optics, pass.to.table.is_some());
-                pass.recursion(loss, adjoint, rule, optics, chords, lit_chords)
+            CompiledMedium::Table(compiled, _) => {
+                let rule = self.exact_source(compiled, pass.to.table.is_some());
+                pass.recursion((loss, adjoint), rule, compiled, scratch)
             }
         }
     }
@@ -82,7 +80,7 @@ impl<R: Precision> Dvr<'_, R> {
     #[inline(always)]
     pub(crate) fn trace_with(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
         let Some(ray) = self.index_ray(ray) else { return 0.0 };
-        kernel::depth(self, &ray, ExactDepth, &mut tape.cells, true).depth
+        OpticalDepth::traced(self, &ray, ExactDepth, &mut tape.cells)
     }
 }
 
@@ -104,51 +102,16 @@ pub struct Pass<'p, 'a, R: Real> {
     pub(super) to: Accumulators<'p, R>,
     /// Derivatives with respect to a cell's corners that are not yet scattered: a cell of several pieces is scattered
     /// once.
-    pub(super) pending: Option<(usize, [R::Lanes; 2])>,
-    pub(super) moved: IndexRayGradient,
+    pending: Option<(usize, [R::Lanes; 2])>,
+    /// Derivatives with respect to the ray, in index space.
+    pub(super) by_ray: IndexRayGradient,
+    /// Directions in voxels along which pre-integration adds derivatives, for its forward mode.
+    pub(super) voxel_seeds: Option<VoxelSeeds<'p, R>>,
 }
 
 impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
-    fn new(dvr: &'p Dvr<'a, R>, ray: IndexRay, to: Accumulators<'p, R>) -> Self {
-        Self { dvr, ray, to, pending: None, moved: IndexRayGradient::default() }
-    }
-
-    /// Computes the gradient for grey sources, which depends on one derivative for the whole ray, that of the optical
-    /// depth.
-    #[inline(always)]
-    pub(super) fn depth_only<Q: DepthRule<R>>(
-        &mut self,
-        loss: Loss<'_, R>,
-        adjoint: Adjoint,
-        rule: Q,
-        color: [f32; 3],
-        tape: &mut Vec<Quartet<R>>,
-    ) -> Radiance {
-        tape.clear();
-        let Blend { depth, last, .. } = kernel::depth(self.dvr, &self.ray, rule, tape, adjoint == Adjoint::Tape);
-        let seen = grey(depth, color);
-        let tint = [color.map(f64::from)];
-        let weighted = self.shared(loss(&seen), &[-(-depth).exp_m1()], &tint);
-        // ∂L/∂depth: more depth replaces background by source.
-        let slope = (-depth).exp() * (weighted.color[0] - weighted.transmittance);
-        let g = R::of(slope * self.dvr.medium.extinction);
-        self.to.shared.extinction += slope * depth / self.dvr.medium.extinction;
-        let Some(gradient) = self.to.voxels.as_deref_mut() else { return seen };
-        let mut back = |tape: &mut Vec<Quartet<R>>| tape.drain(..).rev().for_each(|cells| cells.scatter(gradient, g));
-        back(tape);
-        if adjoint == Adjoint::Replay {
-            batches_before(
-                &self.dvr.field.topology,
-                &self.ray,
-                last,
-                #[inline(always)]
-                |spans| {
-                    rule.cells(spans, tape);
-                    back(tape);
-                },
-            );
-        }
-        seen
+    pub(super) fn new(dvr: &'p Dvr<'a, R>, ray: IndexRay, to: Accumulators<'p, R>) -> Self {
+        Self { dvr, ray, to, pending: None, by_ray: IndexRayGradient::default(), voxel_seeds: None }
     }
 
     /// Returns the bricks that rays visit. All of the field's for a gradient with respect to the transfer function,
@@ -162,72 +125,32 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     #[inline(always)]
     pub(super) fn recursion<S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
         &mut self,
-        loss: Loss<'_, R>,
-        adjoint: Adjoint,
+        (loss, adjoint): (Loss<'_, R>, Adjoint),
         rule: Q,
-        optics: &CompiledCurve<R, C>,
-        segments: &mut Vec<S>,
-        tape: &mut Vec<Entry<R, S>>,
+        compiled: &CompiledCurve<R, C>,
+        (segments, tape): (&mut Vec<S>, &mut Vec<Entry<R, S>>),
     ) -> Radiance {
         tape.clear();
-        let keep = adjoint != Adjoint::Replay;
-        let (dvr, ray, curve) = (self.dvr, self.ray, &optics.curve);
-        let topology = self.topology();
-        let blend = kernel::blend(
-            dvr,
-            topology,
-            &ray,
-            rule,
-            curve,
-            segments,
-            #[inline(always)]
-            |found| match found {
-                Some(entry) => tape.push(entry),
-                None if !keep => tape.clear(),
-                None => (),
-            },
-        );
-        let transmittance = (-blend.depth).exp();
-        let seen = Radiance { rgb: optics.tinted(&blend.emitted), depth: blend.depth };
-        let weighted = self.shared(loss(&seen), &blend.emitted, &optics.tint);
-        let mut back = Backward {
-            beyond: transmittance * weighted.transmittance,
-            depth: blend.depth,
-            open: transmittance,
-            weighted,
-        };
-        if self.to.ray.is_some() && Q::BOUNDED {
-            self.moved.leave = transmittance * self.gain(optics, ray.leave, weighted.transmittance, &weighted);
-        }
-        for entry in tape.iter().rev() {
-            back.step(self, curve, rule, &entry.segment, &entry.light);
-        }
-        if adjoint == Adjoint::Replay {
-            batches_before(
-                topology,
-                &ray,
-                blend.last,
-                #[inline(always)]
-                |spans| {
-                    segments.clear();
-                    rule.segments(curve, &dvr.field.values, spans, segments);
-                    for segment in segments.iter().rev() {
-                        let light = segment.light(curve.piece(segment.piece()));
-                        back.step(self, curve, rule, segment, &light);
-                    }
-                },
-            );
-        }
-        if self.to.ray.is_some() && Q::BOUNDED {
-            self.moved.enter = -self.gain(optics, ray.enter, back.beyond, &weighted);
-        }
+        let (topology, ray) = (self.topology(), self.ray);
+        let mut blend = Blend::new(self.dvr, compiled, rule, segments);
+        let last = compositing::record(topology, &ray, adjoint, &mut blend, tape);
+        let (radiance, emitted) = (blend.radiance(compiled), blend.emitted);
+        let weighted = self.add_color(loss(&radiance), &emitted, &compiled.tint);
+        let transmittance = radiance.transmittance();
+        let incoming = transmittance * weighted.transmittance;
+        let mut segments = SegmentGradients { pass: self, compiled, rule, weighted };
+        segments.add_exit(transmittance);
+        let mut back = Recursion { incoming, depth: radiance.depth, transmittance, scratch: blend.segments, segments };
+        compositing::backward(topology, &ray, (adjoint, last), &mut back, tape);
+        let Recursion { incoming, mut segments, .. } = back;
+        segments.add_entry(incoming);
         self.finish();
-        seen
+        radiance
     }
 
     /// Adds the gradient with respect to the source's color; returns the loss weights that the recursion needs.
     #[inline(always)]
-    pub(super) fn shared<const C: usize>(
+    pub(super) fn add_color<const C: usize>(
         &mut self,
         by: Cotangent<R>,
         emitted: &[f64; C],
@@ -247,76 +170,6 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
         weighted
     }
 
-    /// Adds the derivatives of one segment to the gradient accumulators.
-    #[inline(always)]
-    pub(super) fn deposit<S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
-        &mut self,
-        rule: Q,
-        line: &Piece<R, C>,
-        (segment, light): (&S, &SegmentOptics<R>),
-        slope: R,
-        by: SegmentCotangent<R>,
-        weighted: &Weighted<C>,
-    ) {
-        let extinction = self.dvr.medium.extinction;
-        let slopes = segment.slopes(line, light, slope, by);
-        self.to.shared.extinction += (slopes.length * segment.length()).f64() / extinction;
-        if self.to.voxels.is_some() {
-            let [near, far] = segment.spread(slopes.density);
-            let offset = segment.offset();
-            match &mut self.pending {
-                Some((waiting, [a, b])) if *waiting == offset => (*a, *b) = (*a + near, *b + far),
-                _ => {
-                    self.flush();
-                    self.pending = Some((offset, [near, far]));
-                }
-            }
-        }
-        if let Some(table) = self.to.table.as_deref_mut() {
-            let all = <R::Lanes as Lanes<R>>::splat;
-            let fraction = all(line.fraction(R::ZERO)) + segment.densities() * all(line.fraction_slope());
-            let upper = (slopes.extinction * fraction).sum().f64();
-            let both = slopes.extinction.sum().f64();
-            let by_mean = by.mean.f64();
-            let lit =
-                by_mean * line.fraction(light.mean).f64() + (by.varied * light.varied * line.fraction_slope()).f64();
-            let [low, high] = &mut table.pieces[segment.piece() as usize];
-            for c in 0..3 {
-                low[c] += weighted.rgb[c] * (by_mean - lit);
-                high[c] += weighted.rgb[c] * lit;
-            }
-            low[3] += extinction * (both - upper);
-            high[3] += extinction * upper;
-        }
-        if self.to.ray.is_some() {
-            self.follow(rule, segment, &slopes);
-        }
-    }
-
-    /// Adds the derivatives of moving one end of a segment where the transfer function jumps, given the transmittance
-    /// there and the loss-weighted radiance that arrives from behind it.
-    #[inline(always)]
-    pub(super) fn jump<S: SegmentDerivatives<R>, const C: usize>(
-        &mut self,
-        curve: &Curve<R, C>,
-        (segment, end): (&S, End),
-        [open, beyond]: [f64; 2],
-        weighted: &Weighted<C>,
-    ) {
-        let Some(jump) = Jump::find(curve, &self.dvr.field.values, &self.ray, segment, end) else { return };
-        let [own, more] = jump.gains(&weighted.color, open, beyond);
-        if let Some(voxels) = self.to.voxels.as_deref_mut() {
-            scatter(voxels, jump.place.offset, R::of(-own), &jump.place.weights());
-        }
-        if let Some(table) = self.to.table.as_deref_mut() {
-            table.steps[jump.knot] += more;
-        }
-        if self.to.ray.is_some() {
-            self.moved.shift -= own * jump.slopes;
-            self.moved.turn -= own * jump.place.position * jump.slopes;
-        }
-    }
-
     /// Scatters the pending derivatives.
     #[inline(always)]
     fn flush(&mut self) {
@@ -330,45 +183,150 @@ impl<'p, 'a, R: Real> Pass<'p, 'a, R> {
     pub(super) fn finish(&mut self) {
         self.flush();
         if self.to.ray.is_some() {
-            self.hand_over();
+            self.finish_ray();
+        }
+    }
+}
+
+/// Derivatives of a ray's segments, added one by one to the gradient accumulators.
+pub(super) struct SegmentGradients<'r, 'p, 'a, R: Real, Q, const C: usize> {
+    pub pass: &'r mut Pass<'p, 'a, R>,
+    pub compiled: &'r CompiledCurve<R, C>,
+    pub rule: Q,
+    pub weighted: Weighted<C>,
+}
+
+impl<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize>
+    SegmentGradients<'_, '_, '_, R, Q, C>
+{
+    /// Returns the piece of the curve in which a segment lies.
+    #[inline(always)]
+    pub fn piece(&self, segment: &S) -> &Piece<R, C> {
+        self.compiled.curve.piece(segment.piece())
+    }
+
+    /// Returns the loss-weighted source along a segment.
+    #[inline(always)]
+    pub fn source(&self, segment: &S, optics: &SegmentOptics<R>) -> SegmentSource {
+        SegmentSource::new(self.piece(segment), optics.mean, &self.weighted.color)
+    }
+
+    /// Adds the derivatives of one segment; `slope` is that of its loss-weighted source with the density.
+    #[inline(always)]
+    pub fn add(&mut self, segment: &S, optics: &SegmentOptics<R>, slope: R, by: SegmentCotangent<R>) {
+        let piece = self.compiled.curve.piece(segment.piece());
+        let pass = &mut *self.pass;
+        let extinction = pass.dvr.medium.extinction;
+        let gradient = segment.vjp(piece, optics, slope, by);
+        pass.to.shared.extinction += (gradient.length * segment.length()).f64() / extinction;
+        if pass.to.voxels.is_some() {
+            let [near, far] = segment.voxel_vjp(gradient.density);
+            let offset = segment.offset();
+            match &mut pass.pending {
+                Some((waiting, [a, b])) if *waiting == offset => (*a, *b) = (*a + near, *b + far),
+                _ => {
+                    pass.flush();
+                    pass.pending = Some((offset, [near, far]));
+                }
+            }
+        }
+        if let Some(table) = pass.to.table.as_deref_mut() {
+            let all = <R::Lanes as Lanes<R>>::splat;
+            let fraction = all(piece.fraction(R::ZERO)) + segment.densities() * all(piece.fraction_slope());
+            let upper = (gradient.extinction * fraction).sum().f64();
+            let both = gradient.extinction.sum().f64();
+            let by_mean = by.mean.f64();
+            let emitted = by_mean * piece.fraction(optics.mean).f64()
+                + (by.varied * optics.varied * piece.fraction_slope()).f64();
+            let [low, high] = &mut table.pieces[segment.piece() as usize];
+            for c in 0..3 {
+                low[c] += self.weighted.rgb[c] * (by_mean - emitted);
+                high[c] += self.weighted.rgb[c] * emitted;
+            }
+            low[3] += extinction * (both - upper);
+            high[3] += extinction * upper;
+        }
+        if self.pass.to.ray.is_some() {
+            self.add_ray(segment, &gradient);
+        }
+    }
+
+    /// Adds the derivatives of moving one end of a segment where the transfer function jumps, given the transmittance
+    /// there and the loss-weighted radiance that arrives from behind it.
+    #[inline(always)]
+    pub fn add_jump(&mut self, (segment, end): (&S, End), transmittance: f64, incoming: f64) {
+        let pass = &mut *self.pass;
+        let Some(jump) = Jump::find(&self.compiled.curve, &pass.dvr.field.values, &pass.ray, segment, end) else {
+            return;
+        };
+        let [own, more] = jump.gains(&self.weighted.color, transmittance, incoming);
+        if let Some(voxels) = pass.to.voxels.as_deref_mut() {
+            scatter(voxels, jump.place.offset, R::of(-own), &jump.place.weights());
+        }
+        if let Some(table) = pass.to.table.as_deref_mut() {
+            table.steps[jump.knot] += more;
+        }
+        if pass.to.ray.is_some() {
+            pass.by_ray.shift -= own * jump.slopes;
+            pass.by_ray.turn -= own * jump.place.position * jump.slopes;
         }
     }
 }
 
 /// State of the division-free recursion.
-struct Backward<const C: usize> {
+struct Recursion<'r, 'p, 'a, R: Real, S, Q, const C: usize> {
+    segments: SegmentGradients<'r, 'p, 'a, R, Q, C>,
+    /// Segments of one batch that is computed a second time.
+    scratch: &'r mut Vec<S>,
     /// Loss-weighted radiance from behind the current segment, as it arrives at the eye.
-    beyond: f64,
-    /// Optical depth from the eye to the segment's far end; `open` is the transmittance.
+    incoming: f64,
+    /// Optical depth from the eye to the segment's far end.
     depth: f64,
-    open: f64,
-    weighted: Weighted<C>,
+    /// Transmittance from the eye to the segment's far end.
+    transmittance: f64,
 }
 
-impl<const C: usize> Backward<C> {
+impl<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize> Recursion<'_, '_, '_, R, S, Q, C> {
     #[inline(always)]
-    fn step<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>>(
-        &mut self,
-        pass: &mut Pass<'_, '_, R>,
-        curve: &Curve<R, C>,
-        rule: Q,
-        segment: &S,
-        light: &SegmentOptics<R>,
-    ) {
-        let line = curve.piece(segment.piece());
-        let glow = SegmentSource::new(line, light.mean, &self.weighted.color);
-        pass.jump(curve, (segment, End::Far), [self.open, self.beyond], &self.weighted);
+    fn step(&mut self, segment: &S, optics: &SegmentOptics<R>) {
+        let source = self.segments.source(segment, optics);
+        self.segments.add_jump((segment, End::Far), self.transmittance, self.incoming);
         // Not as the tape has it: replay is to find the same.
-        self.depth -= light.depth.f64();
+        self.depth -= optics.depth.f64();
         let before = (-self.depth).exp();
         let by = SegmentCotangent {
-            depth: R::of(glow.mean * self.open - self.beyond),
-            mean: R::of(before - self.open),
+            depth: R::of(source.mean * self.transmittance - self.incoming),
+            mean: R::of(before - self.transmittance),
             varied: R::of(before),
         };
-        pass.deposit(rule, line, (segment, light), R::of(glow.slope), by, &self.weighted);
-        self.beyond += arriving(glow, light, before, self.open);
-        self.open = before;
-        pass.jump(curve, (segment, End::Near), [self.open, self.beyond], &self.weighted);
+        self.segments.add(segment, optics, R::of(source.slope), by);
+        self.incoming += arriving(source, optics, before, self.transmittance);
+        self.transmittance = before;
+        self.segments.add_jump((segment, End::Near), self.transmittance, self.incoming);
+    }
+}
+
+impl<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize> Backward<R>
+    for Recursion<'_, '_, '_, R, S, Q, C>
+{
+    type Entry = Entry<R, S>;
+
+    #[inline(always)]
+    fn add(&mut self, tape: &[Entry<R, S>]) {
+        for entry in tape.iter().rev() {
+            self.step(&entry.segment, &entry.optics);
+        }
+    }
+
+    #[inline(always)]
+    fn replay(&mut self, spans: &[Span<R>], _: &mut Vec<Entry<R, S>>) {
+        let SegmentGradients { pass, compiled, rule, .. } = &self.segments;
+        self.scratch.clear();
+        rule.segments(&compiled.curve, &pass.dvr.field.values, spans, self.scratch);
+        for k in (0..self.scratch.len()).rev() {
+            let segment = self.scratch[k];
+            let optics = segment.optics(self.segments.piece(&segment));
+            self.step(&segment, &optics);
+        }
     }
 }

@@ -1,23 +1,90 @@
-//! Results of front-to-back blending.
+//! Front-to-back blending of segments whose source varies.
 
-use super::shade::SegmentOptics;
+use super::shade::{SegmentOptics, SegmentSource, Shade};
+use super::{CompiledCurve, Dvr};
 use crate::real::Real;
-
-/// Sums of front-to-back blending along a ray.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Blend<const C: usize> {
-    /// Emitted radiance `∫ T σ c dt` by the curve's channels; without channels where only the depth is computed.
-    pub emitted: [f64; C],
-    /// Optical depth.
-    pub depth: f64,
-    /// World length from the ray's origin at which the last batch of bricks begins.
-    pub last: f64,
-}
+use crate::render::compositing::Compositing;
+use crate::render::curve::Curve;
+use crate::render::integrator::Radiance;
+use crate::render::march::Span;
+use crate::render::quadrature::Rule;
 
 /// A segment with its optics, and the transmittance before it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Entry<R: Real, S> {
     pub segment: S,
-    pub light: SegmentOptics<R>,
-    pub open: f64,
+    pub optics: SegmentOptics<R>,
+    pub transmittance: f64,
+}
+
+/// A ray's segments, blended front to back. Optical depth and transmittance are carried in `f64`: differences of the
+/// transmittance are the whole contribution of a source that does not vary.
+pub(super) struct Blend<'b, R: Real, S, Q, const C: usize> {
+    values: &'b [R],
+    curve: &'b Curve<R, C>,
+    rule: Q,
+    depth_limit: f64,
+    /// Segments of one batch.
+    pub segments: &'b mut Vec<S>,
+    /// Emitted radiance `∫ T σ c dt` by the curve's channels.
+    pub emitted: [f64; C],
+    /// Optical depth.
+    pub depth: f64,
+    /// Transmittance, `exp(-depth)`.
+    transmittance: f64,
+}
+
+impl<'b, R: Real, S, Q, const C: usize> Blend<'b, R, S, Q, C> {
+    #[inline(always)]
+    pub fn new(dvr: &'b Dvr<'_, R>, compiled: &'b CompiledCurve<R, C>, rule: Q, segments: &'b mut Vec<S>) -> Self {
+        Self {
+            values: &dvr.field.values,
+            curve: &compiled.curve,
+            rule,
+            depth_limit: dvr.depth_limit,
+            segments,
+            emitted: [0.0; C],
+            depth: 0.0,
+            transmittance: 1.0,
+        }
+    }
+
+    #[inline(always)]
+    pub fn radiance(&self, compiled: &CompiledCurve<R, C>) -> Radiance {
+        Radiance { rgb: compiled.tinted(&self.emitted), depth: self.depth }
+    }
+}
+
+impl<R: Real, S: Shade<R>, Q: Rule<R, C, Segment = S>, const C: usize> Compositing<R> for Blend<'_, R, S, Q, C> {
+    type Entry = Entry<R, S>;
+
+    #[inline(always)]
+    fn composite<const KEEP: bool>(&mut self, spans: &[Span<R>], tape: &mut Vec<Entry<R, S>>) -> bool {
+        self.segments.clear();
+        self.rule.segments(self.curve, self.values, spans, self.segments);
+        for segment in self.segments.iter() {
+            let piece = self.curve.piece(segment.piece());
+            let optics = segment.optics(piece);
+            self.depth += optics.depth.f64();
+            let after = (-self.depth).exp();
+            let (absorbed, varied) = (self.transmittance - after, self.transmittance * optics.varied.f64());
+            for c in 0..C {
+                let [at_base, slope] = piece.source[c];
+                let mean = at_base + slope * (optics.mean - piece.base);
+                self.emitted[c] += mean.f64() * absorbed + slope.f64() * varied;
+            }
+            if KEEP {
+                tape.push(Entry { segment: *segment, optics, transmittance: self.transmittance });
+            }
+            self.transmittance = after;
+        }
+        self.depth < self.depth_limit
+    }
+}
+
+/// Returns the loss-weighted radiance of one segment, as it arrives at the eye, from the transmittances before and
+/// behind it.
+#[inline(always)]
+pub(super) fn arriving<R: Real>(source: SegmentSource, optics: &SegmentOptics<R>, before: f64, after: f64) -> f64 {
+    source.mean * (before - after) + source.slope * before * optics.varied.f64()
 }

@@ -3,17 +3,20 @@
 //! are computed once: the derivative with respect to a color affects its own channel alone and is equal for all, and
 //! that of alpha with respect to an optical depth is the ray's transmittance.
 
-use super::blend::Entry;
-use super::kernel;
+use super::adjoint::Pass;
+use super::blend::{Blend, Entry, arriving};
+use super::preintegrated::Preintegrated;
 use super::shade::{SegmentCotangent, SegmentSource, Shade};
 use super::tape::Tape;
 use super::{CompiledCurve, CompiledMedium, Dvr, Precision};
 use crate::math::Ray;
 use crate::real::Lanes;
 use crate::render::composited::{Composited, Pixel};
+use crate::render::compositing;
+use crate::render::differentiable::{Accumulators, Adjoint, Cotangent, ParameterGradient};
 use crate::render::integrator::{Integrator, Radiance};
 use crate::render::march::IndexRay;
-use crate::render::rule::Rule;
+use crate::render::quadrature::Rule;
 
 /// Derivatives of a pixel with respect to one knot.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -58,8 +61,7 @@ impl TableJacobian {
 impl<R: Precision> Dvr<'_, R> {
     /// Returns the radiance along a world ray of unit direction. Adds to `jacobian` `weight` times the derivatives of
     /// the pixel, composited over the background, with respect to the values at the transfer function's knots;
-    /// `jacobian` must have as many knots as the function. With pre-integration, radiance and derivatives are those of
-    /// the exact quadrature that it approximates. Without a transfer function nothing is added.
+    /// `jacobian` must have as many knots as the function. Without a transfer function nothing is added.
     pub fn table_jacobian(
         &self,
         ray: &Ray,
@@ -67,73 +69,110 @@ impl<R: Precision> Dvr<'_, R> {
         (weight, jacobian): (f64, &mut TableJacobian),
         tape: &mut Tape<R>,
     ) -> Radiance {
-        let (CompiledMedium::Table(optics, _), Some(ray)) = (&self.compiled, self.index_ray(ray)) else {
+        let (CompiledMedium::Table(compiled, tables), Some(ray)) = (&self.compiled, self.index_ray(ray)) else {
             return self.li(ray, tape);
         };
-        let Tape { samples, chords, lit_samples, lit_chords, .. } = tape;
+        if let Some(tables) = tables {
+            return self.preintegrated_rows(ray, (compiled, tables), background, (weight, jacobian), tape);
+        }
+        let Tape { samples, chords, sample_entries, chord_entries, .. } = tape;
         match self.uniform(&ray) {
-            Some(rule) => self.rows(&ray, rule, optics, background, (weight, jacobian), (samples, lit_samples)),
+            Some(rule) => self.rows(&ray, rule, compiled, background, (weight, jacobian), (samples, sample_entries)),
             None => {
-                let rule = self.exact_source(optics, true);
-                self.rows(&ray, rule, optics, background, (weight, jacobian), (chords, lit_chords))
+                let rule = self.exact_source(compiled, true);
+                self.rows(&ray, rule, compiled, background, (weight, jacobian), (chords, chord_entries))
             }
         }
+    }
+
+    /// Adds the derivatives of pre-integration, channel by channel in reverse mode.
+    fn preintegrated_rows(
+        &self,
+        ray: IndexRay,
+        (compiled, tables): (&CompiledCurve<R, 3>, &Preintegrated<R>),
+        background: [f32; 3],
+        (weight, jacobian): (f64, &mut TableJacobian),
+        tape: &mut Tape<R>,
+    ) -> Radiance {
+        let (mut radiance, mut shared) = (Radiance::default(), ParameterGradient::default());
+        for channel in 0..4 {
+            let mut loss = |_: &Radiance| {
+                let mut cotangent = Cotangent { rgb: [R::ZERO; 3], transmittance: -1.0 };
+                if channel < 3 {
+                    cotangent.rgb[channel] = R::ONE;
+                    cotangent.transmittance = background[channel].into();
+                }
+                cotangent
+            };
+            tape.by_table.clear(jacobian.by_knot().len());
+            let table = Some(&mut tape.by_table);
+            let to = Accumulators { voxels: None, table, ray: None, shared: &mut shared };
+            radiance = tables.whole(&mut Pass::new(self, ray, to), &mut loss, compiled, &mut tape.preintegrated);
+            // The ends of piece i are the knots i - 1 and i; padding entries stand at the index of the first end.
+            for (piece, ends) in tape.by_table.pieces.iter().enumerate() {
+                for (knot, by) in jacobian.knots[piece..].iter_mut().zip(ends) {
+                    knot.extinction[channel] += weight * by[3];
+                    // A color's derivative is the same in all channels.
+                    knot.color += if channel == 0 { weight * by[0] } else { 0.0 };
+                }
+            }
+        }
+        radiance
     }
 
     fn rows<S: Shade<R>, Q: Rule<R, 3, Segment = S>>(
         &self,
         ray: &IndexRay,
         rule: Q,
-        optics: &CompiledCurve<R, 3>,
+        compiled: &CompiledCurve<R, 3>,
         background: [f32; 3],
         (weight, jacobian): (f64, &mut TableJacobian),
         (segments, tape): (&mut Vec<S>, &mut Vec<Entry<R, S>>),
     ) -> Radiance {
         tape.clear();
         let all = <R::Lanes as Lanes<R>>::splat;
-        let (curve, topology) = (&optics.curve, &self.field.topology);
-        let blend = kernel::blend(self, topology, ray, rule, curve, segments, |found| {
-            tape.extend(found);
-        });
+        let curve = &compiled.curve;
+        let mut blend = Blend::new(self, compiled, rule, segments);
+        compositing::record(&self.field.topology, ray, Adjoint::Tape, &mut blend, tape);
         let extinction = weight * self.medium.extinction;
-        let closed = (-blend.depth).exp();
-        let mut beyond = background.map(|b| closed * f64::from(b));
-        let mut after = closed;
-        for Entry { segment, light, open } in tape.iter().rev() {
-            let line = curve.piece(segment.piece());
+        let transmittance = (-blend.depth).exp();
+        let mut incoming = background.map(|b| transmittance * f64::from(b));
+        let mut after = transmittance;
+        for Entry { segment, optics, transmittance: before } in tape.iter().rev() {
+            let piece = curve.piece(segment.piece());
             // A curve has one piece more than the table has knots: none lies outside.
             let (below, above) = jacobian.knots.split_at_mut(segment.piece() as usize + 1);
             let (Some(low), Some(high)) = (below.last_mut(), above.first_mut()) else { continue };
-            let absorbed = open - after;
-            let fraction = all(line.fraction(R::ZERO)) + segment.densities() * all(line.fraction_slope());
+            let absorbed = before - after;
+            let fraction = all(piece.fraction(R::ZERO)) + segment.densities() * all(piece.fraction_slope());
             // Of the light that arrives, the upper knot's share.
-            let lit = absorbed * line.fraction(light.mean).f64()
-                + (R::of(*open) * light.varied * line.fraction_slope()).f64();
-            high.color += weight * lit;
-            low.color += weight * (absorbed - lit);
+            let emitted = absorbed * piece.fraction(optics.mean).f64()
+                + (R::of(*before) * optics.varied * piece.fraction_slope()).f64();
+            high.color += weight * emitted;
+            low.color += weight * (absorbed - emitted);
             let mut add = |channel: usize, slope: R, by: SegmentCotangent<R>| {
-                let slopes = segment.slopes(line, light, slope, by).extinction;
-                let (both, upper) = (slopes.sum().f64(), (slopes * fraction).sum().f64());
+                let by_extinction = segment.vjp(piece, optics, slope, by).extinction;
+                let (both, upper) = (by_extinction.sum().f64(), (by_extinction * fraction).sum().f64());
                 low.extinction[channel] += extinction * (both - upper);
                 high.extinction[channel] += extinction * upper;
             };
-            for (c, beyond) in beyond.iter_mut().enumerate() {
+            for (c, incoming) in incoming.iter_mut().enumerate() {
                 let mut only = [0.0; 3];
                 only[c] = 1.0;
-                let glow = SegmentSource::new(line, light.mean, &only);
+                let source = SegmentSource::new(piece, optics.mean, &only);
                 let by = SegmentCotangent {
-                    depth: R::of(glow.mean * after - *beyond),
+                    depth: R::of(source.mean * after - *incoming),
                     mean: R::of(absorbed),
-                    varied: R::of(*open),
+                    varied: R::of(*before),
                 };
-                add(c, R::of(glow.slope), by);
-                *beyond += kernel::arriving(glow, light, *open, after);
+                add(c, R::of(source.slope), by);
+                *incoming += arriving(source, optics, *before, after);
             }
-            let by = SegmentCotangent { depth: R::of(closed), mean: R::ZERO, varied: R::ZERO };
+            let by = SegmentCotangent { depth: R::of(transmittance), mean: R::ZERO, varied: R::ZERO };
             add(3, R::ZERO, by);
-            after = *open;
+            after = *before;
         }
-        Radiance { rgb: optics.tinted(&blend.emitted), depth: blend.depth }
+        blend.radiance(compiled)
     }
 }
 

@@ -67,13 +67,13 @@ impl<R: Real, const C: usize> Jump<R, C> {
         if !piece.jumps[usize::from(upper)] {
             return None;
         }
-        let beyond = |number: u32| match upper {
+        let next = |number: u32| match upper {
             true => Some(number + 1).filter(|next| (*next as usize) < curve.len()),
             false => number.checked_sub(1),
         };
-        let mut other = beyond(number)?;
+        let mut other = next(number)?;
         while curve.piece(other).is_step() {
-            other = beyond(other)?;
+            other = next(other)?;
         }
         let level = if upper { piece.high } else { piece.low };
         let [own, more] = piece.side(level).beside(&curve.piece(other).side(level));
@@ -88,12 +88,12 @@ impl<R: Real, const C: usize> Jump<R, C> {
     }
 
     /// Returns the derivatives of the loss-weighted light with respect to the density of the step, given the
-    /// transmittance `open` there and the loss-weighted radiance `beyond` that arrives from behind it.
+    /// transmittance there and the loss-weighted radiance `incoming` that arrives from behind it.
     #[inline(always)]
-    pub fn gains(&self, weights: &[f64; C], open: f64, beyond: f64) -> [f64; 2] {
+    pub fn gains(&self, weights: &[f64; C], transmittance: f64, incoming: f64) -> [f64; 2] {
         [0, 1].map(|k| {
             let lit: f64 = weights.iter().zip(&self.lit[k]).map(|(w, lit)| w * lit).sum();
-            self.longer * (open * lit - beyond * self.extinction[k])
+            self.longer * (transmittance * lit - incoming * self.extinction[k])
         })
     }
 }

@@ -6,12 +6,12 @@
 //! [`Dvr`] picks its kernel once a tile: the quadrature rule and the source are types
 //! inside the loops, so what a scene does not call for costs nothing there.
 
+mod absorption;
 mod adjoint;
 mod blend;
 mod inversion;
 mod jacobian;
 mod jump;
-mod kernel;
 mod preintegrated;
 mod ray;
 mod segment_derivatives;
@@ -31,16 +31,18 @@ use crate::math::Ray;
 use crate::real::Real;
 use crate::render::arch::{Arch, Plain};
 use crate::render::composited::Composited;
+use crate::render::compositing;
 use crate::render::curve::{Curve, Piece};
 use crate::render::differentiable::{Accumulators, Adjoint, Differentiable, Forward, Loss, Seeds, TangentRadiance};
 use crate::render::integrator::{Integrator, Radiance};
 use crate::render::majorant::Majorants;
 use crate::render::march::IndexRay;
 use crate::render::quadrature::Quadrature;
-use crate::render::rule::{ExactDepth, ExactSource, Uniform};
+use crate::render::quadrature::{ExactDepth, ExactSource, Uniform};
 use crate::scene::bricks::{Bricks, CELLS, NONE, Topology};
 use crate::scene::medium::{Medium, Source};
-use kernel::{blend, grey};
+use absorption::{OpticalDepth, grey};
+use blend::Blend;
 use preintegrated::Preintegrated;
 use std::sync::{Arc, OnceLock};
 
@@ -62,8 +64,8 @@ impl<R, const C: usize> CompiledCurve<R, C> {
     where
         R: Real,
     {
-        let line = self.curve.piece(self.curve.find(density));
-        (line, line.extinction[0] + line.extinction[1] * (density - line.base))
+        let piece = self.curve.piece(self.curve.find(density));
+        (piece, piece.extinction[0] + piece.extinction[1] * (density - piece.base))
     }
 
     #[inline(always)]
@@ -253,9 +255,15 @@ impl<'a, R: Real> Dvr<'a, R> {
     /// the eye.
     ///
     /// # Errors
-    /// If the medium's numbers are not usable, or it absorbs at density zero where the field has no bricks.
+    /// If the medium's numbers are not usable, it scatters, or it absorbs at density zero where the field has no bricks.
     pub fn new(field: &'a Bricks<R>, medium: Medium) -> Result<Self> {
         let medium = medium.checked()?;
+        if medium.scatters() {
+            return Err(Error::unsupported(
+                "direct volume rendering shows absorption and emission, the medium scatters",
+            )
+            .hint("set its albedo to 0"));
+        }
         if let Source::Transfer(table) = &medium.source
             && table.at(0.0)[3] > 0.0
             && !field.is_filled()
@@ -299,13 +307,13 @@ impl<'a, R: Real> Dvr<'a, R> {
     #[must_use]
     pub fn quadrature(mut self, quadrature: Quadrature) -> Self {
         self.quadrature = quadrature;
-        if let (Source::Transfer(table), CompiledMedium::Table(optics, tables)) =
+        if let (Source::Transfer(table), CompiledMedium::Table(compiled, tables)) =
             (&self.medium.source, &mut self.compiled)
         {
             *tables = match quadrature {
                 Quadrature::Preintegrated(tolerance) => {
                     let (medium, values) = ((table.as_ref(), self.medium.extinction), &self.field.values);
-                    Some(Arc::new(Preintegrated::new(medium, tolerance, &optics.curve, values, &self.visible)))
+                    Some(Arc::new(Preintegrated::new(medium, tolerance, &compiled.curve, values, &self.visible)))
                 }
                 _ => None,
             };
@@ -391,20 +399,17 @@ impl<'a, R: Real> Dvr<'a, R> {
     }
 
     #[inline(always)]
-    fn exact_source<const C: usize>(&self, optics: &CompiledCurve<R, C>, keep_clear: bool) -> ExactSource {
-        ExactSource { tolerance: self.tolerance * optics.bright, keep_clear }
+    fn exact_source<const C: usize>(&self, compiled: &CompiledCurve<R, C>, keep_clear: bool) -> ExactSource {
+        ExactSource { tolerance: self.tolerance * compiled.bright, keep_clear }
     }
 
     #[inline(always)]
     fn depth_with(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
         let Some(ray) = self.index_ray(ray) else { return 0.0 };
-        tape.forget();
-        let cells = &mut tape.cells;
-        let blend = match self.uniform(&ray) {
-            None => kernel::depth(self, &ray, ExactDepth, cells, false),
-            Some(rule) => kernel::depth(self, &ray, rule, cells, false),
-        };
-        blend.depth
+        match self.uniform(&ray) {
+            None => OpticalDepth::of(self, &ray, ExactDepth, &mut tape.cells),
+            Some(rule) => OpticalDepth::of(self, &ray, rule, &mut tape.cells),
+        }
     }
 
     #[inline(always)]
@@ -414,24 +419,29 @@ impl<'a, R: Real> Dvr<'a, R> {
         }
         let Some(ray) = self.index_ray(ray) else { return Radiance::default() };
         match &self.compiled {
-            CompiledMedium::Line(optics) => self.blended(&ray, optics, tape),
-            CompiledMedium::Table(optics, Some(tables)) => {
-                let seen = tables.blend(self, &optics.curve, &ray, &mut tape.preintegrated);
-                Radiance { rgb: seen.emitted, depth: seen.depth }
+            CompiledMedium::Line(compiled) => self.blended(&ray, compiled, tape),
+            CompiledMedium::Table(compiled, Some(tables)) => {
+                tables.radiance(self, &compiled.curve, &ray, &mut tape.preintegrated)
             }
-            CompiledMedium::Table(optics, None) => self.blended(&ray, optics, tape),
+            CompiledMedium::Table(compiled, None) => self.blended(&ray, compiled, tape),
         }
     }
 
     #[inline(always)]
-    fn blended<const C: usize>(&self, ray: &IndexRay, optics: &CompiledCurve<R, C>, tape: &mut Tape<R>) -> Radiance {
-        let Tape { samples, chords, .. } = tape;
-        let (curve, topology) = (&optics.curve, &self.visible);
-        let seen = match self.uniform(ray) {
-            None => blend(self, topology, ray, self.exact_source(optics, false), curve, chords, |_| ()),
-            Some(rule) => blend(self, topology, ray, rule, curve, samples, |_| ()),
-        };
-        Radiance { rgb: optics.tinted(&seen.emitted), depth: seen.depth }
+    fn blended<const C: usize>(&self, ray: &IndexRay, compiled: &CompiledCurve<R, C>, tape: &mut Tape<R>) -> Radiance {
+        let (topology, Tape { samples, chords, sample_entries, chord_entries, .. }) = (&self.visible, tape);
+        match self.uniform(ray) {
+            None => {
+                let mut blend = Blend::new(self, compiled, self.exact_source(compiled, false), chords);
+                compositing::value(topology, ray, &mut blend, chord_entries);
+                blend.radiance(compiled)
+            }
+            Some(rule) => {
+                let mut blend = Blend::new(self, compiled, rule, samples);
+                compositing::value(topology, ray, &mut blend, sample_entries);
+                blend.radiance(compiled)
+            }
+        }
     }
 }
 

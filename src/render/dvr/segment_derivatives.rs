@@ -16,15 +16,15 @@ pub(super) trait SegmentDerivatives<R: Real>: Shade<R> {
     /// Returns the world length of the segment.
     fn length(&self) -> R;
     /// Returns the derivatives with respect to the corners of the segment's cell, from those with respect to densities.
-    fn spread(&self, by_density: R::Lanes) -> [R::Lanes; 2];
+    fn voxel_vjp(&self, by_density: R::Lanes) -> [R::Lanes; 2];
     /// Returns the derivatives with respect to the points' index coordinates: their sum, and the sum weighted by the
     /// points' world lengths from the origin.
-    fn moved(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3);
+    fn ray_vjp(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3);
     /// Returns the change of the densities for a change of the stored values: the transpose of
-    /// [`SegmentDerivatives::spread`].
+    /// [`SegmentDerivatives::voxel_vjp`].
     fn voxel_jvp(&self, by_value: &[R]) -> R::Lanes;
     /// Returns the derivatives of the densities with respect to the points' index coordinates, and the points' world
-    /// lengths from the origin: [`SegmentDerivatives::moved`] is the transpose.
+    /// lengths from the origin: [`SegmentDerivatives::ray_vjp`] is the transpose.
     fn ray_jvp(&self, values: &[R]) -> ([R::Lanes; 3], R::Lanes);
     /// Returns an end of the segment, if the transfer function jumps there and the segment ends because of it.
     fn jump(&self, end: End) -> Option<Place<R>>;
@@ -42,13 +42,13 @@ impl<R: Real> SegmentDerivatives<R> for Sample<R> {
     }
 
     #[inline(always)]
-    fn spread(&self, by_density: R::Lanes) -> [R::Lanes; 2] {
+    fn voxel_vjp(&self, by_density: R::Lanes) -> [R::Lanes; 2] {
         let g = R::Lanes::splat(by_density.store()[0]);
         weights(self.at).map(|w| g * w)
     }
 
     #[inline(always)]
-    fn moved(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3) {
+    fn ray_vjp(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3) {
         let g = by_density.store()[0].f64();
         let slopes = slopes(everywhere::<R>(values, self.offset), self.at.map(R::Lanes::splat));
         let shift = g * DVec3::from_array(slopes.map(|s| s.store()[0].f64()));
@@ -84,12 +84,12 @@ impl<R: Real> SegmentDerivatives<R> for Chord<R> {
     }
 
     #[inline(always)]
-    fn spread(&self, by_density: R::Lanes) -> [R::Lanes; 2] {
-        Self::spread(self, by_density)
+    fn voxel_vjp(&self, by_density: R::Lanes) -> [R::Lanes; 2] {
+        Self::voxel_vjp(self, by_density)
     }
 
     #[inline(always)]
-    fn moved(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3) {
+    fn ray_vjp(&self, values: &[R], by_density: R::Lanes) -> (DVec3, DVec3) {
         let all = <R::Lanes as Lanes<R>>::splat;
         let t = all(self.start) + all(self.length) * gauss::lanes::<R>(gauss::NODES);
         let slopes = slopes(everywhere::<R>(values, self.offset), self.at);

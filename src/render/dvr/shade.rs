@@ -21,7 +21,7 @@ pub(super) struct SegmentOptics<R: Real> {
     /// Integral `q`, the part of the light that follows the density within the segment.
     pub varied: R,
     /// Transmittance from each quadrature point to the near end.
-    open: R::Lanes,
+    transmittance: R::Lanes,
 }
 
 /// Source along a segment, of one channel or loss-weighted over all: its value at the mean density, and its slope with
@@ -35,14 +35,14 @@ pub(super) struct SegmentSource {
 impl SegmentSource {
     /// Computes the weighted sum of the channels' sources at mean density `mean`.
     #[inline(always)]
-    pub fn new<R: Real, const C: usize>(line: &Piece<R, C>, mean: R, weights: &[f64; C]) -> Self {
-        let offset = (mean - line.base).f64();
-        let mut glow = Self { mean: 0.0, slope: 0.0 };
-        for (weight, [at_base, slope]) in weights.iter().zip(line.source) {
-            glow.mean += weight * (at_base.f64() + slope.f64() * offset);
-            glow.slope += weight * slope.f64();
+    pub fn new<R: Real, const C: usize>(piece: &Piece<R, C>, mean: R, weights: &[f64; C]) -> Self {
+        let offset = (mean - piece.base).f64();
+        let mut source = Self { mean: 0.0, slope: 0.0 };
+        for (weight, [at_base, slope]) in weights.iter().zip(piece.source) {
+            source.mean += weight * (at_base.f64() + slope.f64() * offset);
+            source.slope += weight * slope.f64();
         }
-        glow
+        source
     }
 }
 
@@ -71,12 +71,12 @@ pub(super) trait Shade<R: Real>: Copy {
     /// Returns the number of the curve's piece that the segment lies in.
     fn piece(&self) -> u32;
     /// Returns the optics of the segment.
-    fn light<const C: usize>(&self, line: &Piece<R, C>) -> SegmentOptics<R>;
+    fn optics<const C: usize>(&self, piece: &Piece<R, C>) -> SegmentOptics<R>;
     /// Returns the derivatives of a loss; `slope` is that of the loss-weighted source with the density.
-    fn slopes<const C: usize>(
+    fn vjp<const C: usize>(
         &self,
-        line: &Piece<R, C>,
-        light: &SegmentOptics<R>,
+        piece: &Piece<R, C>,
+        optics: &SegmentOptics<R>,
         slope: R,
         by: SegmentCotangent<R>,
     ) -> SegmentGradient<R>;
@@ -84,7 +84,7 @@ pub(super) trait Shade<R: Real>: Copy {
     fn densities(&self) -> R::Lanes;
     /// Returns optical depth, mean density and `q` with their derivatives, from the densities at the segment's points,
     /// and the extinctions there times the segment's length.
-    fn forward<const P: usize>(&self, density: Dual<R::Lanes, P>, depths: Dual<R::Lanes, P>) -> [Dual<R, P>; 3];
+    fn jvp<const P: usize>(&self, density: Dual<R::Lanes, P>, depths: Dual<R::Lanes, P>) -> [Dual<R, P>; 3];
 }
 
 /// `x = σ l`, `q = 0`.
@@ -95,23 +95,23 @@ impl<R: Real> Shade<R> for Sample<R> {
     }
 
     #[inline(always)]
-    fn light<const C: usize>(&self, line: &Piece<R, C>) -> SegmentOptics<R> {
-        let extinction = line.extinction[0] + line.extinction[1] * (self.density - line.base);
+    fn optics<const C: usize>(&self, piece: &Piece<R, C>) -> SegmentOptics<R> {
+        let extinction = piece.extinction[0] + piece.extinction[1] * (self.density - piece.base);
         let zero = R::Lanes::splat(R::ZERO);
-        SegmentOptics { depth: extinction * self.length, mean: self.density, varied: R::ZERO, open: zero }
+        SegmentOptics { depth: extinction * self.length, mean: self.density, varied: R::ZERO, transmittance: zero }
     }
 
     #[inline(always)]
-    fn slopes<const C: usize>(
+    fn vjp<const C: usize>(
         &self,
-        line: &Piece<R, C>,
+        piece: &Piece<R, C>,
         _: &SegmentOptics<R>,
         slope: R,
         by: SegmentCotangent<R>,
     ) -> SegmentGradient<R> {
-        let extinction = line.extinction[0] + line.extinction[1] * (self.density - line.base);
+        let extinction = piece.extinction[0] + piece.extinction[1] * (self.density - piece.base);
         let by_extinction = by.depth * self.length;
-        let by_density = by_extinction * line.extinction[1] + by.mean * slope;
+        let by_density = by_extinction * piece.extinction[1] + by.mean * slope;
         let first = |v: R| R::Lanes::load([v, R::ZERO, R::ZERO, R::ZERO]);
         SegmentGradient { density: first(by_density), extinction: first(by_extinction), length: by.depth * extinction }
     }
@@ -122,7 +122,7 @@ impl<R: Real> Shade<R> for Sample<R> {
     }
 
     #[inline(always)]
-    fn forward<const P: usize>(&self, density: Dual<R::Lanes, P>, depths: Dual<R::Lanes, P>) -> [Dual<R, P>; 3] {
+    fn jvp<const P: usize>(&self, density: Dual<R::Lanes, P>, depths: Dual<R::Lanes, P>) -> [Dual<R, P>; 3] {
         let first = |v: Dual<R::Lanes, P>| v.linear(|v| v.store()[0]);
         [first(depths), first(density), Dual::constant(R::ZERO)]
     }
@@ -137,36 +137,41 @@ impl<R: Real> Shade<R> for Chord<R> {
     }
 
     #[inline(always)]
-    fn light<const C: usize>(&self, line: &Piece<R, C>) -> SegmentOptics<R> {
+    fn optics<const C: usize>(&self, piece: &Piece<R, C>) -> SegmentOptics<R> {
         let all = <R::Lanes as Lanes<R>>::splat;
         let weights = gauss::lanes::<R>(gauss::WEIGHTS);
-        let x = self.depths(line);
-        let open = (-gauss::integrals_up_to::<R>(x)).exp();
+        let x = self.depths(piece);
+        let transmittance = (-gauss::integrals_up_to::<R>(x)).exp();
         let shares = weights * x;
         let mean = (weights * self.density).sum();
-        SegmentOptics { depth: shares.sum(), mean, varied: (shares * (self.density - all(mean)) * open).sum(), open }
+        SegmentOptics {
+            depth: shares.sum(),
+            mean,
+            varied: (shares * (self.density - all(mean)) * transmittance).sum(),
+            transmittance,
+        }
     }
 
     #[inline(always)]
-    fn slopes<const C: usize>(
+    fn vjp<const C: usize>(
         &self,
-        line: &Piece<R, C>,
-        light: &SegmentOptics<R>,
+        piece: &Piece<R, C>,
+        optics: &SegmentOptics<R>,
         slope: R,
         by: SegmentCotangent<R>,
     ) -> SegmentGradient<R> {
         let all = <R::Lanes as Lanes<R>>::splat;
         let weights = gauss::lanes::<R>(gauss::WEIGHTS);
-        let x = self.depths(line);
-        let arriving = all(by.varied * slope) * light.open;
+        let x = self.depths(piece);
+        let arriving = all(by.varied * slope) * optics.transmittance;
         let shares = weights * x * arriving;
-        let offset = self.density - all(light.mean);
+        let offset = self.density - all(optics.mean);
         let by_x =
             weights * (all(by.depth) + arriving * offset) - gauss::integrals_up_to_transposed::<R>(shares * offset);
         // The mean density is where the source is taken, and what q measures from.
         let by_mean = all(by.mean * slope - shares.sum()) * weights;
         let length = all(self.length);
-        let density = by_x * (length * all(line.extinction[1])) + shares + by_mean;
+        let density = by_x * (length * all(piece.extinction[1])) + shares + by_mean;
         let inverse = R::ONE / self.length;
         SegmentGradient { density, extinction: by_x * length, length: (by_x * x).sum() * inverse }
     }
@@ -177,24 +182,24 @@ impl<R: Real> Shade<R> for Chord<R> {
     }
 
     #[inline(always)]
-    fn forward<const P: usize>(&self, density: Dual<R::Lanes, P>, depths: Dual<R::Lanes, P>) -> [Dual<R, P>; 3] {
+    fn jvp<const P: usize>(&self, density: Dual<R::Lanes, P>, depths: Dual<R::Lanes, P>) -> [Dual<R, P>; 3] {
         let weights = gauss::lanes::<R>(gauss::WEIGHTS);
         let sum = |v: Dual<R::Lanes, P>| v.linear(Lanes::sum);
         let closed = -depths.linear(gauss::integrals_up_to::<R>);
-        let open = closed.value.exp();
-        let open = closed.function(open, open);
+        let transmittance = closed.value.exp();
+        let transmittance = closed.function(transmittance, transmittance);
         let shares = depths.linear(|x| weights * x);
         let mean = sum(density.linear(|d| weights * d));
-        [sum(shares), mean, sum(shares * (density - mean.linear(R::Lanes::splat)) * open)]
+        [sum(shares), mean, sum(shares * (density - mean.linear(R::Lanes::splat)) * transmittance)]
     }
 }
 
 impl<R: Real> Chord<R> {
     /// Extinction times the length, at each point.
     #[inline(always)]
-    fn depths<const C: usize>(&self, line: &Piece<R, C>) -> R::Lanes {
+    fn depths<const C: usize>(&self, piece: &Piece<R, C>) -> R::Lanes {
         let all = <R::Lanes as Lanes<R>>::splat;
-        let [at_base, slope] = line.extinction;
-        all(self.length) * (all(at_base) + all(slope) * (self.density - all(line.base)))
+        let [at_base, slope] = piece.extinction;
+        all(self.length) * (all(at_base) + all(slope) * (self.density - all(piece.base)))
     }
 }

@@ -1,15 +1,12 @@
 //! Gradients of rarely used rules: of quadratures with a step, and by the inversion of Weiss & Westermann (2021).
 
 use super::adjoint::Pass;
-use super::blend::Entry;
-use super::kernel;
-use super::segment_derivatives::SegmentDerivatives;
 use super::tape::Tape;
-use super::{CompiledCurve, CompiledMedium, inversion};
+use super::{CompiledCurve, CompiledMedium};
 use crate::real::Real;
 use crate::render::differentiable::{Adjoint, Loss};
 use crate::render::integrator::Radiance;
-use crate::render::rule::{Rule, Uniform};
+use crate::render::quadrature::Uniform;
 use crate::scene::medium::Source;
 
 impl<R: Real> Pass<'_, '_, R> {
@@ -21,11 +18,11 @@ impl<R: Real> Pass<'_, '_, R> {
         if let (Source::Grey(color), None, Some(rule)) = (&dvr.medium.source, &self.to.ray, uniform)
             && adjoint != Adjoint::Inversion
         {
-            return self.depth_only(loss, adjoint, rule, *color, &mut tape.cells);
+            return self.absorption((loss, adjoint), rule, *color, &mut tape.cells);
         }
         match &dvr.compiled {
-            CompiledMedium::Line(optics) => self.stepped_of(loss, adjoint, uniform, optics, tape),
-            CompiledMedium::Table(optics, _) => self.stepped_of(loss, adjoint, uniform, optics, tape),
+            CompiledMedium::Line(compiled) => self.stepped_of(loss, adjoint, uniform, compiled, tape),
+            CompiledMedium::Table(compiled, _) => self.stepped_of(loss, adjoint, uniform, compiled, tape),
         }
     }
 
@@ -34,45 +31,17 @@ impl<R: Real> Pass<'_, '_, R> {
         loss: Loss<'_, R>,
         adjoint: Adjoint,
         uniform: Option<Uniform>,
-        optics: &CompiledCurve<R, C>,
+        compiled: &CompiledCurve<R, C>,
         tape: &mut Tape<R>,
     ) -> Radiance {
-        let Tape { samples, chords, lit_samples, lit_chords, .. } = tape;
+        let Tape { samples, chords, sample_entries, chord_entries, .. } = tape;
         match (uniform, adjoint) {
-            (Some(rule), Adjoint::Inversion) => self.inversion(loss, rule, optics, samples, lit_samples),
-            (Some(rule), _) => self.recursion(loss, adjoint, rule, optics, samples, lit_samples),
+            (Some(rule), Adjoint::Inversion) => self.inversion(loss, rule, compiled, (samples, sample_entries)),
+            (Some(rule), _) => self.recursion((loss, adjoint), rule, compiled, (samples, sample_entries)),
             (None, _) => {
-                let rule = self.dvr.exact_source(optics, self.to.table.is_some());
-                self.inversion(loss, rule, optics, chords, lit_chords)
+                let rule = self.dvr.exact_source(compiled, self.to.table.is_some());
+                self.inversion(loss, rule, compiled, (chords, chord_entries))
             }
         }
-    }
-
-    /// Runs the backward pass by inversion of the blend (Weiss & Westermann 2021, sect. 4.3).
-    fn inversion<S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
-        &mut self,
-        loss: Loss<'_, R>,
-        rule: Q,
-        optics: &CompiledCurve<R, C>,
-        segments: &mut Vec<S>,
-        tape: &mut Vec<Entry<R, S>>,
-    ) -> Radiance {
-        tape.clear();
-        let (dvr, curve) = (self.dvr, &optics.curve);
-        let blend = kernel::blend(dvr, self.topology(), &self.ray, rule, curve, segments, |found| {
-            tape.extend(found);
-        });
-        let seen = Radiance { rgb: optics.tinted(&blend.emitted), depth: blend.depth };
-        let weighted = self.shared(loss(&seen), &blend.emitted, &optics.tint);
-        if self.to.ray.is_some() && Q::BOUNDED {
-            let transmittance = (-blend.depth).exp();
-            let emitted: f64 = weighted.color.iter().zip(&blend.emitted).map(|(w, e)| w * e).sum();
-            let whole = emitted + transmittance * weighted.transmittance;
-            self.moved.leave = transmittance * self.gain(optics, self.ray.leave, weighted.transmittance, &weighted);
-            self.moved.enter = -self.gain(optics, self.ray.enter, whole, &weighted);
-        }
-        inversion::backward(self, curve, rule, tape, &weighted);
-        self.finish();
-        seen
     }
 }

@@ -1,18 +1,17 @@
 //! Forward mode: radiance and its derivatives along `P` directions in one walk, for few parameters (Weiss & Westermann
 //! 2021, sect. 4.2).
 //!
-//! Walk and segments are those of the value ([`blend`]), which is returned bit for bit; dual numbers are computed
+//! Walk and segments are those of the value ([`Blend`]), which is returned bit for bit; dual numbers are computed
 //! beside it. In a segment, densities, extinctions and length change; from there
 //!
 //! ```text
 //! x' = x + Δx    T' = e^{-x'}    E ← E + c (T - T') + s T q
 //! ```
-//! as in [`shade`](super::shade) and [`kernel`](super::kernel), each symbol with its derivatives. The result is the
+//! as in [`shade`](super::shade) and [`blend`](super::blend), each symbol with its derivatives. The result is the
 //! transpose of [`adjoint`](super::adjoint), term by term.
 
-use super::blend::Blend;
+use super::blend::{Blend, Entry};
 use super::jump::Jump;
-use super::kernel::blend;
 use super::segment_derivatives::SegmentDerivatives;
 use super::shade::{SegmentOptics, Shade};
 use super::tape::Tape;
@@ -22,10 +21,11 @@ use crate::math::Ray;
 use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::cell::{corners, gather};
+use crate::render::compositing;
 use crate::render::differentiable::{RayGradient, Seeds, TangentRadiance};
 use crate::render::integrator::Radiance;
 use crate::render::march::IndexRay;
-use crate::render::rule::Rule;
+use crate::render::quadrature::Rule;
 use crate::render::segment::End;
 use crate::scene::bricks::Topology;
 use crate::scene::medium::Source;
@@ -66,80 +66,75 @@ impl<R: Precision> Dvr<'_, R> {
         let Some(found) = self.index_ray(ray) else {
             return TangentRadiance { rgb: [Dual::constant(0.0); 3], depth: Dual::constant(0.0) };
         };
-        let mut seen = match &self.compiled {
-            CompiledMedium::Line(optics) => self.tangent_of(&found, optics, seeds, tape),
-            CompiledMedium::Table(optics, _) => self.tangent_of(&found, optics, seeds, tape),
+        let mut radiance = match &self.compiled {
+            CompiledMedium::Line(compiled) => self.tangent_of(&found, compiled, seeds, tape),
+            CompiledMedium::Table(compiled, None) => self.tangent_of(&found, compiled, seeds, tape),
+            CompiledMedium::Table(compiled, Some(tables)) => tables.jvp(self, found, compiled, seeds, tape),
         };
         // Where these walks differ from the value's, they do so by rounding: it sees depths alone, or fewer bricks.
-        if matches!(self.medium.source, Source::Grey(_)) || seeds.table.iter().any(Option::is_some) {
+        let preintegrated = matches!(&self.compiled, CompiledMedium::Table(_, Some(_)));
+        if preintegrated || matches!(self.medium.source, Source::Grey(_)) || seeds.table.iter().any(Option::is_some) {
             let value = R::radiance(self, ray, tape);
-            (0..3).for_each(|c| seen.rgb[c].value = value.rgb[c]);
-            seen.depth.value = value.depth;
+            (0..3).for_each(|c| radiance.rgb[c].value = value.rgb[c]);
+            radiance.depth.value = value.depth;
         }
-        seen
+        radiance
     }
 
     fn tangent_of<const C: usize, const P: usize>(
         &self,
         ray: &IndexRay,
-        optics: &CompiledCurve<R, C>,
+        compiled: &CompiledCurve<R, C>,
         seeds: &Seeds<'_, R, P>,
         tape: &mut Tape<R>,
     ) -> TangentRadiance<P> {
-        let Tape { samples, chords, .. } = tape;
+        let Tape { samples, chords, sample_entries, chord_entries, .. } = tape;
         // A transfer function's own derivative does not vanish where it is clear.
         let all = seeds.table.iter().any(Option::is_some);
+        let topology = if all { &self.field.topology } else { &self.visible };
+        let front = Front::new(self, ray, compiled, seeds);
         match self.uniform(ray) {
-            None => follow(self, ray, self.exact_source(optics, all), optics, seeds, all, chords),
-            Some(rule) => follow(self, ray, rule, optics, seeds, all, samples),
+            None => follow(front, self.exact_source(compiled, all), topology, (chords, chord_entries)),
+            Some(rule) => follow(front, rule, topology, (samples, sample_entries)),
         }
     }
 }
 
 /// Walks one ray with its derivatives.
 fn follow<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usize, const P: usize>(
-    dvr: &Dvr<'_, R>,
-    ray: &IndexRay,
+    mut front: Front<'_, '_, R, C, P>,
     rule: Q,
-    optics: &CompiledCurve<R, C>,
-    seeds: &Seeds<'_, R, P>,
-    all: bool,
-    segments: &mut Vec<S>,
+    topology: &Topology,
+    scratch: (&mut Vec<S>, &mut Vec<Entry<R, S>>),
 ) -> TangentRadiance<P> {
-    let motion = Motion::new(dvr, ray, seeds);
-    let mut front = Front { depth: Dual::constant(0.0), open: Dual::constant(1.0), emitted: [Dual::constant(0.0); C] };
-    if let (Some(motion), true) = (&motion, Q::BOUNDED) {
+    let Front { dvr, ray, compiled, .. } = front;
+    if let (Some(motion), true) = (&front.motion, Q::BOUNDED) {
         // What the entry leaves behind is no longer in front.
-        front.extend(dvr, ray, optics, ray.enter, motion.bounds.map(|[enter, ..]| -enter));
+        front.extend(ray.enter, motion.bounds.map(|[enter, ..]| -enter));
     }
-    let topology = if all { &dvr.field.topology } else { &dvr.visible };
-    let found = walk(dvr, topology, ray, rule, optics, segments, &mut |segment, light| {
-        front.jump(dvr, ray, optics, seeds, motion.as_ref(), (segment, End::Near));
-        front.add(dvr, ray, rule, optics, seeds, motion.as_ref(), segment, light);
-        front.jump(dvr, ray, optics, seeds, motion.as_ref(), (segment, End::Far));
+    let radiance = walk((dvr, compiled, topology), ray, rule, scratch, &mut |Entry { segment, optics, .. }| {
+        front.jump(segment, End::Near);
+        front.add(rule, segment, optics);
+        front.jump(segment, End::Far);
     });
-    if let (Some(motion), true) = (&motion, Q::BOUNDED) {
-        front.extend(dvr, ray, optics, ray.leave, motion.bounds.map(|[_, leave, _]| leave));
+    if let (Some(motion), true) = (&front.motion, Q::BOUNDED) {
+        front.extend(ray.leave, motion.bounds.map(|[_, leave, _]| leave));
     }
-    front.seen(Radiance { rgb: optics.tinted(&found.emitted), depth: found.depth }, &optics.tint, seeds)
+    front.radiance(radiance)
 }
 
-/// Blends as [`blend`] does, compiled once for all numbers of directions.
+/// Blends as the value does, compiled once for all numbers of directions.
 #[inline(never)]
 fn walk<R: Real, S: Shade<R>, Q: Rule<R, C, Segment = S>, const C: usize>(
-    dvr: &Dvr<'_, R>,
-    topology: &Topology,
+    (dvr, compiled, topology): (&Dvr<'_, R>, &CompiledCurve<R, C>, &Topology),
     ray: &IndexRay,
     rule: Q,
-    optics: &CompiledCurve<R, C>,
-    segments: &mut Vec<S>,
-    see: &mut dyn FnMut(&S, &SegmentOptics<R>),
-) -> Blend<C> {
-    blend(dvr, topology, ray, rule, &optics.curve, segments, |found| {
-        if let Some(entry) = found {
-            see(&entry.segment, &entry.light);
-        }
-    })
+    (segments, entries): (&mut Vec<S>, &mut Vec<Entry<R, S>>),
+    visit: &mut dyn FnMut(&Entry<R, S>),
+) -> Radiance {
+    let mut blend = Blend::new(dvr, compiled, rule, segments);
+    compositing::each(topology, ray, &mut blend, entries, visit);
+    blend.radiance(compiled)
 }
 
 /// Motion of a ray's points along each direction.
@@ -172,54 +167,66 @@ impl<const P: usize> Motion<P> {
 }
 
 /// State of front-to-back blending with derivatives.
-struct Front<const C: usize, const P: usize> {
-    /// Optical depth from the eye; `open` is the transmittance.
+struct Front<'t, 'd, R: Real, const C: usize, const P: usize> {
+    dvr: &'t Dvr<'d, R>,
+    ray: &'t IndexRay,
+    compiled: &'t CompiledCurve<R, C>,
+    seeds: &'t Seeds<'t, R, P>,
+    /// Motion of the ray's points, if any moves.
+    motion: Option<Motion<P>>,
+    /// Optical depth from the eye.
     depth: Dual<f64, P>,
-    open: Dual<f64, P>,
+    /// Transmittance from the eye.
+    transmittance: Dual<f64, P>,
     /// Emitted radiance so far, by the curve's channels.
     emitted: [Dual<f64, P>; C],
 }
 
-impl<const C: usize, const P: usize> Front<C, P> {
+impl<'t, 'd, R: Real, const C: usize, const P: usize> Front<'t, 'd, R, C, P> {
+    /// Creates the state at the eye.
+    fn new(
+        dvr: &'t Dvr<'d, R>,
+        ray: &'t IndexRay,
+        compiled: &'t CompiledCurve<R, C>,
+        seeds: &'t Seeds<'t, R, P>,
+    ) -> Self {
+        Self {
+            dvr,
+            ray,
+            compiled,
+            seeds,
+            motion: Motion::new(dvr, ray, seeds),
+            depth: Dual::constant(0.0),
+            transmittance: Dual::constant(1.0),
+            emitted: [Dual::constant(0.0); C],
+        }
+    }
+
     /// Adds the derivatives of lengthening the ray at world length `t`, at the rates `by`.
     #[inline(never)]
-    fn extend<R: Real>(
-        &mut self,
-        dvr: &Dvr<'_, R>,
-        ray: &IndexRay,
-        optics: &CompiledCurve<R, C>,
-        t: f64,
-        by: [f64; P],
-    ) {
-        let density = dvr.field.sample(ray.at(t));
-        let (line, extinction) = optics.at(density);
+    fn extend(&mut self, t: f64, by: [f64; P]) {
+        let density = self.dvr.field.sample(self.ray.at(t));
+        let (piece, extinction) = self.compiled.at(density);
         let extinction = extinction.f64();
         for p in 0..P {
-            for (emitted, [at_base, slope]) in self.emitted.iter_mut().zip(line.source) {
-                let source = at_base + slope * (density - line.base);
-                emitted.tangent[p] += self.open.value * extinction * source.f64() * by[p];
+            for (emitted, [at_base, slope]) in self.emitted.iter_mut().zip(piece.source) {
+                let source = at_base + slope * (density - piece.base);
+                emitted.tangent[p] += self.transmittance.value * extinction * source.f64() * by[p];
             }
             self.depth.tangent[p] += extinction * by[p];
-            self.open.tangent[p] = -self.open.value * self.depth.tangent[p];
+            self.transmittance.tangent[p] = -self.transmittance.value * self.depth.tangent[p];
         }
     }
 
     /// Adds the derivatives of moving one end of a segment where the transfer function jumps.
     #[inline(always)]
-    fn jump<R: Real, S: SegmentDerivatives<R>>(
-        &mut self,
-        dvr: &Dvr<'_, R>,
-        ray: &IndexRay,
-        optics: &CompiledCurve<R, C>,
-        seeds: &Seeds<'_, R, P>,
-        motion: Option<&Motion<P>>,
-        (segment, end): (&S, End),
-    ) {
-        let Some(jump) = Jump::find(&optics.curve, &dvr.field.values, ray, segment, end) else { return };
+    fn jump<S: SegmentDerivatives<R>>(&mut self, segment: &S, end: End) {
+        let Self { dvr, ray, compiled, seeds, .. } = *self;
+        let Some(jump) = Jump::find(&compiled.curve, &dvr.field.values, ray, segment, end) else { return };
         let place = &jump.place;
         for p in 0..P {
             let mut density = 0.0;
-            if let Some(Motion { shift, turn, .. }) = motion {
+            if let Some(Motion { shift, turn, .. }) = &self.motion {
                 density += jump.slopes.dot(shift[p] + place.position * turn[p]);
             }
             if let Some(by_value) = seeds.voxels[p] {
@@ -228,34 +235,30 @@ impl<const C: usize, const P: usize> Front<C, P> {
             let step = seeds.table[p].map_or(0.0, |table| table.steps[jump.knot]);
             let by = [-density * jump.longer, step * jump.longer];
             for (c, emitted) in self.emitted.iter_mut().enumerate() {
-                emitted.tangent[p] += self.open.value * (jump.lit[0][c] * by[0] + jump.lit[1][c] * by[1]);
+                emitted.tangent[p] += self.transmittance.value * (jump.lit[0][c] * by[0] + jump.lit[1][c] * by[1]);
             }
             self.depth.tangent[p] += jump.extinction[0] * by[0] + jump.extinction[1] * by[1];
-            self.open.tangent[p] = -self.open.value * self.depth.tangent[p];
+            self.transmittance.tangent[p] = -self.transmittance.value * self.depth.tangent[p];
         }
     }
 
     /// Adds a segment.
     #[inline(never)]
-    fn add<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>>(
+    fn add<S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>>(
         &mut self,
-        dvr: &Dvr<'_, R>,
-        ray: &IndexRay,
         rule: Q,
-        optics: &CompiledCurve<R, C>,
-        seeds: &Seeds<'_, R, P>,
-        motion: Option<&Motion<P>>,
         segment: &S,
-        light: &SegmentOptics<R>,
+        optics: &SegmentOptics<R>,
     ) {
+        let Self { dvr, ray, compiled, seeds, .. } = *self;
         let all = <R::Lanes as Lanes<R>>::splat;
-        let line = optics.curve.piece(segment.piece());
+        let piece = compiled.curve.piece(segment.piece());
         let mut density = Dual::constant(segment.densities());
         let mut length = Dual::constant(segment.length());
-        if let Some(Motion { shift, turn, bounds }) = motion {
+        if let Some(Motion { shift, turn, bounds }) = &self.motion {
             let (slopes, t) = segment.ray_jvp(&dvr.field.values);
             for p in 0..P {
-                let [longer, further] = rule.carried(segment, bounds[p]);
+                let [longer, further] = rule.jvp(segment, bounds[p]);
                 length.tangent[p] = R::of(longer);
                 let shift = shift[p] + further * ray.direction();
                 for a in 0..3 {
@@ -269,9 +272,9 @@ impl<const C: usize, const P: usize> Front<C, P> {
                 density.tangent[p] += segment.voxel_jvp(by_value);
             }
         }
-        let mut extinction = density.linear(|v| all(line.extinction[1]) * v);
-        extinction.value = all(line.extinction[0]) + all(line.extinction[1]) * (density.value - all(line.base));
-        let fraction = all(line.fraction(R::ZERO)) + density.value * all(line.fraction_slope());
+        let mut extinction = density.linear(|v| all(piece.extinction[1]) * v);
+        extinction.value = all(piece.extinction[0]) + all(piece.extinction[1]) * (density.value - all(piece.base));
+        let fraction = all(piece.fraction(R::ZERO)) + density.value * all(piece.fraction_slope());
         let scale = dvr.medium.extinction;
         for p in 0..P {
             let relative = seeds.shared[p].extinction / scale;
@@ -283,32 +286,36 @@ impl<const C: usize, const P: usize> Front<C, P> {
             extinction.tangent[p] = more;
         }
         let depths = length.linear(all) * extinction;
-        let [depth, mean, varied] = segment.forward(density, depths);
+        let [depth, mean, varied] = segment.jvp(density, depths);
         self.depth = self.depth + depth.f64();
-        let beyond = (-self.depth).exp();
-        let (absorbed, varied) = (self.open - beyond, self.open * varied.f64());
+        let after = (-self.depth).exp();
+        let (absorbed, varied) = (self.transmittance - after, self.transmittance * varied.f64());
         for (c, emitted) in self.emitted.iter_mut().enumerate() {
-            let [at_base, slope] = line.source[c];
+            let [at_base, slope] = piece.source[c];
             let mut source = mean.linear(|v| slope * v);
-            source.value = at_base + slope * (mean.value - line.base);
+            source.value = at_base + slope * (mean.value - piece.base);
             let (mut source, mut slope) = (source.f64(), Dual::constant(slope.f64()));
             for p in 0..P {
                 if let Some(table) = seeds.table[p] {
                     let [low, high] = table.pieces[segment.piece() as usize].map(|end| end[c]);
-                    source.tangent[p] += low + (high - low) * line.fraction(light.mean).f64();
-                    slope.tangent[p] = (high - low) * line.fraction_slope().f64();
+                    source.tangent[p] += low + (high - low) * piece.fraction(optics.mean).f64();
+                    slope.tangent[p] = (high - low) * piece.fraction_slope().f64();
                 }
             }
             *emitted = *emitted + source * absorbed + slope * varied;
         }
-        self.open = beyond;
+        self.transmittance = after;
     }
 
     /// Returns the given radiance with its derivatives.
-    fn seen<V>(&self, value: Radiance, tint: &[[f64; 3]; C], seeds: &Seeds<'_, V, P>) -> TangentRadiance<P> {
+    fn radiance(&self, value: Radiance) -> TangentRadiance<P> {
         let channel = |c: usize, p: usize| {
-            let own = |emitted: &Dual<f64, P>| if C == 1 { emitted.value * seeds.shared[p].color[c] } else { 0.0 };
-            self.emitted.iter().zip(tint).map(|(emitted, tint)| emitted.tangent[p] * tint[c] + own(emitted)).sum()
+            let own = |emitted: &Dual<f64, P>| if C == 1 { emitted.value * self.seeds.shared[p].color[c] } else { 0.0 };
+            self.emitted
+                .iter()
+                .zip(&self.compiled.tint)
+                .map(|(emitted, tint)| emitted.tangent[p] * tint[c] + own(emitted))
+                .sum()
         };
         TangentRadiance {
             rgb: std::array::from_fn(|c| Dual { value: value.rgb[c], tangent: std::array::from_fn(|p| channel(c, p)) }),

@@ -6,6 +6,7 @@ use super::preintegrated::Scratch;
 use crate::real::Real;
 use crate::render::cell::Quartet;
 use crate::render::segment::{Chord, Sample};
+use crate::scene::table::TableGradient;
 
 /// Scratch memory of one thread, reused from ray to ray.
 #[derive(Debug, Clone, Default)]
@@ -16,9 +17,11 @@ pub struct Tape<R: Real> {
     pub(super) samples: Vec<Sample<R>>,
     pub(super) chords: Vec<Chord<R>>,
     /// Segments of a ray with their optics, of quadratures with a step and of exact quadrature.
-    pub(super) lit_samples: Vec<Entry<R, Sample<R>>>,
-    pub(super) lit_chords: Vec<Entry<R, Chord<R>>>,
+    pub(super) sample_entries: Vec<Entry<R, Sample<R>>>,
+    pub(super) chord_entries: Vec<Entry<R, Chord<R>>>,
     pub(super) preintegrated: Scratch<R>,
+    /// Derivatives of one channel with respect to a transfer function.
+    pub(super) by_table: TableGradient,
 }
 
 impl<R: Real> Tape<R> {

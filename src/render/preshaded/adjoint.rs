@@ -16,17 +16,19 @@
 //! cut, it is the change of the quadrature's error. Derivatives are those of the computed value, to rounding; where a
 //! ray grazes faces, the terms of the faces are left out.
 
+use super::Preshaded;
+use super::blend::{Blend, Front, segments};
 use super::segment::{Segment, scatter};
 use super::tape::Tape;
-use super::{Front, Preshaded, segments};
 use crate::math::Ray;
 use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::arch::Arch;
+use crate::render::compositing::{self, Backward};
 use crate::render::differentiable::{Accumulators, Adjoint, Cotangent, Loss};
 use crate::render::index_ray_gradient::IndexRayGradient;
 use crate::render::integrator::Radiance;
-use crate::render::march::{IndexRay, Span, batches_before};
+use crate::render::march::{IndexRay, Span};
 use glam::DVec3;
 
 impl<R: Real> Preshaded<'_, R> {
@@ -41,54 +43,33 @@ impl<R: Real> Preshaded<'_, R> {
         to: Accumulators<'_, R::Lanes>,
         tape: &mut Tape<R>,
     ) -> Radiance {
-        let ray = self.index_ray(ray);
-        let (kept, keep) = (&mut tape.segments, adjoint != Adjoint::Replay);
-        kept.clear();
-        let (seen, last) = self.walk(
-            ray.as_ref(),
-            #[inline(always)]
-            |found| match found {
-                Some(segment) => kept.push(*segment),
-                None if !keep => kept.clear(),
-                None => (),
-            },
-        );
-        let Cotangent { rgb: [r, g, b], transmittance } = loss(&seen);
-        let beyond = -seen.transmittance() * transmittance;
-        let Some(ray) = ray else { return seen };
-        let weights = R::Lanes::load([r, g, b, R::ZERO]);
-        let mut back = Backward { renderer: self, ray, weights, beyond, to, moved: IndexRayGradient::default() };
+        let (mut blend, segments) = (Blend::new(self), &mut tape.segments);
+        let Some(ray) = self.index_ray(ray) else {
+            loss(&blend.radiance());
+            return blend.radiance();
+        };
+        let topology = &self.field.topology;
+        segments.clear();
+        let last = compositing::record(topology, &ray, adjoint, &mut blend, segments);
+        let radiance = blend.radiance();
+        let Cotangent { rgb: [r, g, b], transmittance } = loss(&radiance);
+        let by_depth = -radiance.transmittance() * transmittance;
         if adjoint == Adjoint::Inversion {
-            let mut open = R::of(seen.transmittance());
-            kept.iter_mut().rev().for_each(|segment| open = segment.reopen(open));
+            let mut transmittance = R::of(radiance.transmittance());
+            segments.iter_mut().rev().for_each(|segment| transmittance = segment.invert(transmittance));
         }
-        back.all(kept);
-        if adjoint == Adjoint::Replay {
-            let mut depth = seen.depth - kept.iter().map(|segment| segment.depth().f64()).sum::<f64>();
-            batches_before(
-                &self.field.topology,
-                &ray,
-                last,
-                #[inline(always)]
-                |spans: &[Span<R>]| {
-                    kept.clear();
-                    segments(
-                        &self.field.values,
-                        spans,
-                        #[inline(always)]
-                        |segment| {
-                            depth -= segment.depth().f64();
-                            kept.push(*segment);
-                        },
-                    );
-                    let mut front = Front::at(depth);
-                    kept.iter_mut().for_each(|segment| front.pass(segment));
-                    back.all(kept);
-                },
-            );
-        }
+        let mut back = SegmentGradients {
+            renderer: self,
+            ray,
+            weights: R::Lanes::load([r, g, b, R::ZERO]),
+            by_depth,
+            depth: radiance.depth - segments.iter().map(|segment| segment.depth().f64()).sum::<f64>(),
+            to,
+            by_ray: IndexRayGradient::default(),
+        };
+        compositing::backward(topology, &ray, (adjoint, last), &mut back, segments);
         back.finish();
-        seen
+        radiance
     }
 
     /// Computes [`Preshaded::gradient`] with the machine's instruction set.
@@ -105,35 +86,58 @@ impl<R: Real> Preshaded<'_, R> {
 }
 
 /// State of the backward pass.
-struct Backward<'a, 'd, R: Real> {
+struct SegmentGradients<'a, 'd, R: Real> {
     renderer: &'a Preshaded<'d, R>,
     ray: IndexRay,
     /// Derivatives of the loss with respect to red, green and blue; the last lane is 0.
     weights: R::Lanes,
     /// Sum of the derivatives with respect to optical depths behind the current segment.
-    beyond: f64,
+    by_depth: f64,
+    /// Optical depth from the eye to the segments on the tape.
+    depth: f64,
     to: Accumulators<'a, R::Lanes>,
-    moved: IndexRayGradient,
+    /// Derivatives with respect to the ray, in index space.
+    by_ray: IndexRayGradient,
 }
 
-impl<R: Real> Backward<'_, '_, R> {
-    /// Walks back over segments that are given near to far.
+impl<R: Real> Backward<R> for SegmentGradients<'_, '_, R> {
+    type Entry = Segment<R>;
+
     #[inline(always)]
-    fn all(&mut self, segments: &[Segment<R>]) {
-        segments.iter().rev().for_each(
+    fn add(&mut self, tape: &[Segment<R>]) {
+        tape.iter().rev().for_each(
             #[inline(always)]
             |segment| self.step(segment),
         );
     }
 
     #[inline(always)]
+    fn replay(&mut self, spans: &[Span<R>], tape: &mut Vec<Segment<R>>) {
+        let depth = &mut self.depth;
+        segments(
+            &self.renderer.field.values,
+            spans,
+            #[inline(always)]
+            |segment| {
+                *depth -= segment.depth().f64();
+                tape.push(*segment);
+            },
+        );
+        let mut front = Front::at(self.depth);
+        tape.iter_mut().for_each(|segment| front.add(segment));
+        self.add(tape);
+    }
+}
+
+impl<R: Real> SegmentGradients<'_, '_, R> {
+    #[inline(always)]
     fn step(&mut self, segment: &Segment<R>) {
         let (follows, field) = (self.to.ray.is_some(), self.renderer.field);
-        let lit = segment.lit(self.weights);
-        let by_depths = lit.map(|lit| -segment.half.f64() * lit);
-        let (shares, mut by_reached) = (segment.shares(), [0.0; 2]);
+        let emitted = segment.emitted(self.weights);
+        let by_depths = emitted.map(|emitted| -segment.half.f64() * emitted);
+        let (shares, mut by_positions) = (segment.shares(), [0.0; 2]);
         for k in 0..2 {
-            let by_extinction = R::of(segment.by_extinction(k, by_depths, self.beyond));
+            let by_extinction = R::of(segment.by_extinction(k, by_depths, self.by_depth));
             let by =
                 self.weights * R::Lanes::splat(shares[k]) + R::Lanes::load([R::ZERO, R::ZERO, R::ZERO, by_extinction]);
             if let Some(by_value) = self.to.voxels.as_deref_mut() {
@@ -142,24 +146,24 @@ impl<R: Real> Backward<'_, '_, R> {
             if follows {
                 let slopes = segment.slopes(&field.values, k);
                 let shift = DVec3::from_array(slopes.map(|slope| (by * slope).sum().f64()));
-                by_reached[k] = shift.dot(self.ray.direction());
-                self.moved.shift += shift;
-                self.moved.turn += segment.reached(k) * shift;
+                by_positions[k] = shift.dot(self.ray.direction());
+                self.by_ray.shift += shift;
+                self.by_ray.turn += segment.position(k) * shift;
             }
         }
         if follows {
-            let by_faces = segment.by_faces(lit, by_depths, self.beyond, by_reached);
+            let by_faces = segment.by_faces(emitted, by_depths, self.by_depth, by_positions);
             for (t, by) in segment.faces.into_iter().zip(by_faces) {
-                self.moved.add_face(self.ray.crossed(&field.domain, t), t, by);
+                self.by_ray.add_face(self.ray.crossed(&field.domain, t), t, by);
             }
         }
-        self.beyond += by_depths[0] + by_depths[1];
+        self.by_depth += by_depths[0] + by_depths[1];
     }
 
     #[inline(always)]
     fn finish(self) {
         if let Some(by_ray) = self.to.ray {
-            self.moved.add_to(&self.renderer.field.transform, by_ray);
+            self.by_ray.add_to(&self.renderer.field.transform, by_ray);
         }
     }
 }

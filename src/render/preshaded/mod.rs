@@ -10,6 +10,7 @@
 //! step of half-precision pictures. Cells that are thicker are cut.
 
 mod adjoint;
+mod blend;
 mod segment;
 mod tangent;
 mod tape;
@@ -17,35 +18,23 @@ mod tape;
 pub use tape::Tape;
 
 use crate::math::Ray;
+use crate::real::Lanes;
 use crate::real::Real;
-use crate::real::{LANES, Lanes};
 use crate::render::arch::Arch;
 use crate::render::composited::Composited;
+use crate::render::compositing;
 use crate::render::differentiable::{Accumulators, Adjoint, Differentiable, Forward, Loss, Seeds, TangentRadiance};
 use crate::render::integrator::{Integrator, Radiance};
-use crate::render::march::{IndexRay, Span, batches};
-use crate::render::rule::{Cell, cells};
+use crate::render::march::IndexRay;
 use crate::scene::bricks::{Bricks, CELLS};
+use blend::{Blend, Footprints};
 use rayon::prelude::*;
-use segment::Segment;
-
-/// Optical depth above which a cell is cut.
-const THICK: f64 = 0.5;
-/// The most parts of a cell. Behind the first 25 of them no light arrives.
-const MOST_PARTS: f64 = 64.0;
 
 /// Renderer of a pre-shaded volume in precision `R`.
 #[derive(Debug, Clone)]
 pub struct Preshaded<'a, R: Real> {
     field: &'a Bricks<R::Lanes>,
     depth_limit: f64,
-}
-
-/// State of front-to-back blending: light of the current batch of bricks, transmittance and optical depth.
-struct Front<R: Real> {
-    light: R::Lanes,
-    open: R,
-    depth: f64,
 }
 
 impl<'a, R: Real> Preshaded<'a, R> {
@@ -93,98 +82,26 @@ impl<'a, R: Real> Preshaded<'a, R> {
     /// Returns the radiance along a world ray of unit direction, and appends the ray to the tape.
     #[inline(always)]
     pub fn trace(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance {
-        self.walk(
-            self.index_ray(ray).as_ref(),
-            #[inline(always)]
-            |found| {
-                if let Some(segment) = found {
-                    tape.footprints.push(segment.footprint());
-                }
-            },
-        )
-        .0
+        let mut blend = Footprints(Blend::new(self));
+        if let Some(ray) = self.index_ray(ray) {
+            compositing::record(&self.field.topology, &ray, Adjoint::Tape, &mut blend, &mut tape.footprints);
+        }
+        blend.0.radiance()
+    }
+
+    /// Returns the radiance along a world ray of unit direction.
+    #[inline(always)]
+    fn radiance_with(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance {
+        let mut blend = Blend::new(self);
+        if let Some(ray) = self.index_ray(ray) {
+            compositing::value(&self.field.topology, &ray, &mut blend, &mut tape.segments);
+        }
+        blend.radiance()
     }
 
     #[inline(always)]
     fn index_ray(&self, ray: &Ray) -> Option<IndexRay> {
         IndexRay::new(&self.field.domain, &self.field.transform, ray)
-    }
-
-    /// Visits the segments of a ray, none if it misses the field; `visit` receives `None` before those of each batch of
-    /// bricks. Returns the radiance, and the world length at which the last batch begins.
-    #[inline(always)]
-    fn walk(&self, ray: Option<&IndexRay>, mut visit: impl FnMut(Option<&Segment<R>>)) -> (Radiance, f64) {
-        let (mut emitted, mut last) = ([0.0; 3], 0.0);
-        let mut front = Front { light: R::Lanes::default(), open: R::ONE, depth: 0.0 };
-        let values = &self.field.values;
-        if let Some(ray) = ray {
-            batches(
-                &self.field.topology,
-                ray,
-                #[inline(always)]
-                |spans| {
-                    visit(None);
-                    front = Front::at(front.depth);
-                    segments(
-                        values,
-                        spans,
-                        #[inline(always)]
-                        |segment| {
-                            front.pass(segment);
-                            visit(Some(segment));
-                        },
-                    );
-                    emitted.iter_mut().zip(front.light.store()).for_each(|(e, l)| *e += l.f64());
-                    last = spans[0].start;
-                    front.depth < self.depth_limit
-                },
-            );
-        }
-        (Radiance { rgb: emitted, depth: front.depth }, last)
-    }
-}
-
-/// Visits the segments in a batch of bricks, near to far.
-#[inline(always)]
-fn segments<R: Real>(values: &[R::Lanes], spans: &[Span<R>], mut visit: impl FnMut(&mut Segment<R>)) {
-    cells(
-        spans,
-        #[inline(always)]
-        |four: [Cell<R>; LANES], from: R::Lanes, until: R::Lanes| {
-            let (from, length) = (from.store(), (until - from).store());
-            for i in (0..LANES).filter(|i| length[*i] > R::ZERO) {
-                let mut segment = Segment::new(values, &four[i], from[i], length[i]);
-                let depth = segment.depth();
-                let parts = if depth > R::of(THICK) { (depth.f64() / THICK).ceil().min(MOST_PARTS) as i32 } else { 1 };
-                for k in 0..parts {
-                    if parts > 1 {
-                        segment = Segment::part(values, &four[i], from[i], length[i], k, parts);
-                    }
-                    visit(&mut segment);
-                }
-            }
-        },
-    );
-}
-
-impl<R: Real> Front<R> {
-    /// Creates the state at the beginning of a batch of bricks, at an optical depth from the eye.
-    #[inline(always)]
-    fn at(depth: f64) -> Self {
-        Self { light: R::Lanes::default(), open: R::of((-depth).exp()), depth }
-    }
-
-    #[inline(always)]
-    fn pass(&mut self, segment: &mut Segment<R>) {
-        let ([first, second], depth) = (segment.depths(), segment.depth());
-        let open = R::Lanes::splat(self.open) * R::Lanes::load([-first, -second, -depth, R::ZERO]).exp();
-        let [first, second, beyond, _] = open.store();
-        segment.open = [first, second];
-        for (share, value) in segment.shares().into_iter().zip(segment.values) {
-            self.light += R::Lanes::splat(share) * value;
-        }
-        self.open = beyond;
-        self.depth += depth.f64();
     }
 }
 
@@ -200,7 +117,7 @@ impl<R: Real> pulp::NullaryFnOnce for Value<'_, '_, R> {
 
     #[inline(always)]
     fn call(self) -> Radiance {
-        self.renderer.trace(self.ray, self.tape)
+        self.renderer.radiance_with(self.ray, self.tape)
     }
 }
 
@@ -220,7 +137,6 @@ impl<R: Real> Integrator for Preshaded<'_, R> {
     type Scratch = Tape<R>;
 
     fn li(&self, ray: &Ray, tape: &mut Tape<R>) -> Radiance {
-        tape.forget();
         Arch::default().dispatch(Value { renderer: self, ray, tape })
     }
 }

@@ -3,7 +3,7 @@
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
 use crate::render::cell::{CORNERS, REACH, weights};
-use crate::render::rule::Cell;
+use crate::render::quadrature::cells::Cell;
 use crate::render::segment::slopes;
 
 /// Quadrature points on 0..1.
@@ -29,7 +29,7 @@ pub(super) struct Segment<R: Real> {
     /// Half the segment's world length: the quadrature weight of each point.
     pub half: R,
     /// Transmittance from the eye to the points.
-    pub open: [R; 2],
+    pub transmittances: [R; 2],
 }
 
 /// Weights of the emissions at a cell's corners in the picture, which is linear in them.
@@ -73,7 +73,7 @@ impl<R: Real> Segment<R> {
         let own = interpolated::<R>(values, offset, &w);
         let faces = [cell.reached(from), cell.reached(from + length)];
         let half = R::of(0.5) * length;
-        Self { offset, faces, ends: [0.0, 1.0], at, weights: w, values: own, half, open: [R::ZERO; 2] }
+        Self { offset, faces, ends: [0.0, 1.0], at, weights: w, values: own, half, transmittances: [R::ZERO; 2] }
     }
 
     /// Creates one of `count` parts of a cell.
@@ -107,7 +107,7 @@ impl<R: Real> Segment<R> {
     /// Returns the weights of the emissions at the points: transmittance from the eye times half the world length.
     #[inline(always)]
     pub fn shares(&self) -> [R; 2] {
-        self.open.map(|open| open * self.half)
+        self.transmittances.map(|transmittance| transmittance * self.half)
     }
 
     /// Interpolates another field of the same topology at the points.
@@ -120,9 +120,9 @@ impl<R: Real> Segment<R> {
     /// end: the inverse of the forward walk (Weiss & Westermann 2021, sect. 4.3). Where the segment is opaque it is
     /// 0/0.
     #[inline(always)]
-    pub fn reopen(&mut self, beyond: R) -> R {
-        let before = beyond / (-self.depth()).exp();
-        self.open = self.depths().map(|depth| before * (-depth).exp());
+    pub fn invert(&mut self, after: R) -> R {
+        let before = after / (-self.depth()).exp();
+        self.transmittances = self.depths().map(|depth| before * (-depth).exp());
         before
     }
 
@@ -135,8 +135,8 @@ impl<R: Real> Segment<R> {
 
     /// Returns the light per world length at the points, as it arrives at the eye, with colors weighted by `by`.
     #[inline(always)]
-    pub fn lit(&self, by: R::Lanes) -> [f64; 2] {
-        [0, 1].map(|k| self.open[k].f64() * (by * self.values[k]).sum().f64())
+    pub fn emitted(&self, by: R::Lanes) -> [f64; 2] {
+        [0, 1].map(|k| self.transmittances[k].f64() * (by * self.values[k]).sum().f64())
     }
 
     /// Returns the derivative with respect to the extinction at a point, from those with respect to the optical depths
@@ -149,7 +149,7 @@ impl<R: Real> Segment<R> {
 
     /// Returns the world length from the ray's origin to a point.
     #[inline(always)]
-    pub fn reached(&self, point: usize) -> f64 {
+    pub fn position(&self, point: usize) -> f64 {
         let [enter, leave] = self.faces;
         let [begin, end] = self.ends;
         enter + (leave - enter) * (begin + (end - begin) * POINTS[point])
@@ -164,17 +164,17 @@ impl<R: Real> Segment<R> {
     }
 
     /// Returns the derivatives with respect to the world lengths at which the cell is entered and left, from the light
-    /// `lit` per world length, the derivatives with respect to the optical depths up to the points and up to the end,
+    /// `emitted` per world length, the derivatives with respect to the optical depths up to the points and up to the end,
     /// and those with respect to the points' world lengths from the origin.
     #[inline(always)]
-    pub fn by_faces(&self, lit: [f64; 2], by_depths: [f64; 2], by_depth: f64, by_reached: [f64; 2]) -> [f64; 2] {
+    pub fn by_faces(&self, emitted: [f64; 2], by_depths: [f64; 2], by_depth: f64, by_positions: [f64; 2]) -> [f64; 2] {
         let s = self.extinctions().map(R::f64);
         let mut by_end = 0.5 * (s[0] + s[1]) * by_depth;
         for k in 0..2 {
             let depth = UP_TO[k][0] * s[0] + UP_TO[k][1] * s[1];
-            by_end += 0.5 * lit[k] + depth * by_depths[k] + POINTS[k] * by_reached[k];
+            by_end += 0.5 * emitted[k] + depth * by_depths[k] + POINTS[k] * by_positions[k];
         }
-        let by_begin = by_reached[0] + by_reached[1] - by_end;
+        let by_begin = by_positions[0] + by_positions[1] - by_end;
         let by_leave = self.ends[0] * by_begin + self.ends[1] * by_end;
         [by_begin + by_end - by_leave, by_leave]
     }

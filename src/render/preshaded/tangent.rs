@@ -4,13 +4,15 @@
 //! the positions of their points, the values there, and from these light and optical depth.
 
 use super::Preshaded;
+use super::blend::Blend;
 use super::segment::{POINTS, Segment, UP_TO};
 use super::tape::Tape;
 use crate::dual::Dual;
 use crate::math::Ray;
 use crate::real::Lanes;
 use crate::real::Real;
-use crate::render::differentiable::{RayGradient, Seeds, TangentRadiance};
+use crate::render::compositing;
+use crate::render::differentiable::{Adjoint, RayGradient, Seeds, TangentRadiance};
 use crate::render::integrator::Radiance;
 use crate::render::march::IndexRay;
 use glam::DVec3;
@@ -25,7 +27,7 @@ impl<R: Real> Preshaded<'_, R> {
         tape: &mut Tape<R>,
     ) -> TangentRadiance<P> {
         let ray = self.index_ray(ray);
-        let seen = self.record(ray.as_ref(), &mut tape.segments);
+        let radiance = self.record(ray.as_ref(), &mut tape.segments);
         let mut front = Front { depth: Dual::constant(0.0), emitted: [Dual::constant(0.0); 3] };
         if let Some(ray) = ray {
             let motion = Motion::new(self, ray, seeds);
@@ -33,8 +35,8 @@ impl<R: Real> Preshaded<'_, R> {
         }
         let with = |value, dual: Dual<f64, P>| Dual { value, ..dual };
         TangentRadiance {
-            rgb: std::array::from_fn(|c| with(seen.rgb[c], front.emitted[c])),
-            depth: with(seen.depth, front.depth),
+            rgb: std::array::from_fn(|c| with(radiance.rgb[c], front.emitted[c])),
+            depth: with(radiance.depth, front.depth),
         }
     }
 
@@ -42,7 +44,11 @@ impl<R: Real> Preshaded<'_, R> {
     #[inline(never)]
     fn record(&self, ray: Option<&IndexRay>, segments: &mut Vec<Segment<R>>) -> Radiance {
         segments.clear();
-        self.walk(ray, |found| segments.extend(found)).0
+        let mut blend = Blend::new(self);
+        if let Some(ray) = ray {
+            compositing::record(&self.field.topology, ray, Adjoint::Tape, &mut blend, segments);
+        }
+        blend.radiance()
     }
 }
 
@@ -104,9 +110,9 @@ impl<const P: usize> Front<P> {
         if motion.moves {
             for (k, value) in values.iter_mut().enumerate() {
                 let slopes = segment.slopes(&renderer.field.values, k);
-                let reached = enter + cell.linear(|length| (begin + (end - begin) * POINTS[k]) * length);
+                let position = enter + cell.linear(|length| (begin + (end - begin) * POINTS[k]) * length);
                 for p in 0..P {
-                    let by = motion.point(reached.value, p) + reached.tangent[p] * motion.ray.direction();
+                    let by = motion.point(position.value, p) + position.tangent[p] * motion.ray.direction();
                     for (a, slope) in slopes.into_iter().enumerate() {
                         value.tangent[p] += slope * R::Lanes::splat(R::of(by[a]));
                     }
@@ -122,8 +128,8 @@ impl<const P: usize> Front<P> {
         for k in 0..2 {
             let mean = extinctions[0].linear(|s| UP_TO[k][0] * s) + extinctions[1].linear(|s| UP_TO[k][1] * s);
             let depth = self.depth + (half + half) * mean;
-            let open = segment.open[k].f64();
-            let share = depth.function(open, -open) * half;
+            let transmittance = segment.transmittances[k].f64();
+            let share = depth.function(transmittance, -transmittance) * half;
             for (c, emitted) in self.emitted.iter_mut().enumerate() {
                 *emitted = *emitted + share * channel(k, c);
             }

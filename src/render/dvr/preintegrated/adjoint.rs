@@ -28,7 +28,7 @@ impl<R: Real> Preintegrated<R> {
         pass: &mut Pass<'_, '_, R>,
         loss: Loss<'_, R>,
         adjoint: Adjoint,
-        optics: &CompiledCurve<R, 3>,
+        compiled: &CompiledCurve<R, 3>,
         scratch: &mut Scratch<R>,
     ) -> Radiance {
         let Scratch { queue, batch, gradient, tape, spare, cotangents } = scratch;
@@ -38,7 +38,7 @@ impl<R: Real> Preintegrated<R> {
         let values = &dvr.field.values;
         let sites = Sites { topology: pass.topology(), density: &self.density, gaps: false };
         let keep = if adjoint == Adjoint::Replay { KEPT } else { usize::MAX };
-        let mut front = Front::new(&self.tables, &optics.curve);
+        let mut front = Front::new(&self.tables, &compiled.curve);
         // Where visits are no longer kept.
         let mut rest = None;
         nodes(
@@ -59,10 +59,10 @@ impl<R: Real> Preintegrated<R> {
             },
         );
         let (emitted, depth) = (front.emitted, front.depth);
-        let seen = Radiance { rgb: emitted, depth };
-        let weighted = pass.shared(loss(&seen), &emitted, &optics.tint);
+        let radiance = Radiance { rgb: emitted, depth };
+        let weighted = pass.add_color(loss(&radiance), &emitted, &compiled.tint);
         let behind = (-depth).exp() * weighted.transmittance;
-        let mut back = Backward { own: self, optics, emitted, behind, weighted, last: None, cotangents };
+        let mut back = Backward { own: self, compiled, emitted, behind, weighted, last: None, cotangents };
         // Not `for_each`: its closure would be compiled for the oldest instruction set.
         for visit in tape.iter() {
             back.visit(pass, visit, gradient);
@@ -88,17 +88,17 @@ impl<R: Real> Preintegrated<R> {
             spare.push(visit);
         }
         if pass.to.ray.is_some() {
-            follow(sites, &ray, &dvr.field.domain, cotangents, &mut pass.moved);
-            pass.hand_over();
+            follow(sites, &ray, &dvr.field.domain, cotangents, &mut pass.by_ray);
+            pass.finish_ray();
         }
-        seen
+        radiance
     }
 }
 
 /// State of the backward pass.
 struct Backward<'a, R: Real> {
     own: &'a Preintegrated<R>,
-    optics: &'a CompiledCurve<R, 3>,
+    compiled: &'a CompiledCurve<R, 3>,
     /// Emitted radiance of the whole ray.
     emitted: [f64; 3],
     /// Loss-weighted radiance that arrives from the background.
@@ -124,11 +124,11 @@ impl<R: Real> Backward<'_, R> {
                 let (mixed, drift) = (by.mixed[i].f64(), by.drift[i].f64());
                 let by_mean = [mixed * r, mixed * g, mixed * b, by.extinction[i].f64()];
                 let by_drift = [drift * r, drift * g, drift * b];
-                batch.by_table(i, &self.own.tables, &self.optics.curve, extinction, by_mean, by_drift, table);
+                batch.by_table(i, &self.own.tables, &self.compiled.curve, extinction, by_mean, by_drift, table);
             }
         }
         let follows = pass.to.ray.is_some();
-        if pass.to.voxels.is_some() || follows {
+        if pass.to.voxels.is_some() || pass.voxel_seeds.is_some() || follows {
             self.by_density(batch, by);
             if !batch.cut.is_empty() {
                 by.density = batch.by_nodes(&by.density);
@@ -136,6 +136,9 @@ impl<R: Real> Backward<'_, R> {
         }
         if follows {
             note(self.cotangents, &pass.dvr.field.values, visit, by);
+        }
+        if let Some(seeds) = &mut pass.voxel_seeds {
+            seeds.add(visit, self.last, by);
         }
         if let Some(voxels) = pass.to.voxels.as_deref_mut() {
             let by_density = by.density[1..].as_chunks::<LANES>().0;

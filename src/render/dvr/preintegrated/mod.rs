@@ -12,21 +12,23 @@ mod light;
 mod nodes;
 mod ray;
 mod table;
+mod tangent;
 mod visit;
 
 use super::Dvr;
-use super::blend::Blend;
 use crate::real::Real;
 use crate::render::curve::Curve;
+use crate::render::integrator::Radiance;
 use crate::render::march::IndexRay;
 use crate::scene::bricks::{BRICK, CELLS, Topology};
 use crate::scene::table::Table;
 use batch::SegmentBatch;
 use light::Front;
-use nodes::{Queue, Sites, nodes, roughness};
+use nodes::{Nodes, Queue, Sites, nodes, roughness};
 use ray::NodeCotangent;
 use rayon::prelude::*;
 use table::Cumulative;
+pub(super) use tangent::VoxelSeeds;
 use visit::{BatchGradient, Visit};
 
 /// Cumulative tables of a transfer function, and the spacing of nodes in each brick of a field.
@@ -75,9 +77,15 @@ impl<R: Real> Preintegrated<R> {
         1.0 + (CELLS as f64 * self.density[brick].f64()) as f32
     }
 
-    /// Blends the light along a ray.
+    /// Returns the radiance along a ray.
     #[inline(always)]
-    pub fn blend(&self, dvr: &Dvr<'_, R>, curve: &Curve<R, 3>, ray: &IndexRay, scratch: &mut Scratch<R>) -> Blend<3> {
+    pub fn radiance(
+        &self,
+        dvr: &Dvr<'_, R>,
+        curve: &Curve<R, 3>,
+        ray: &IndexRay,
+        scratch: &mut Scratch<R>,
+    ) -> Radiance {
         let values = &dvr.field.values;
         let Scratch { queue, batch, .. } = scratch;
         let mut front = Front::new(&self.tables, curve);
@@ -95,7 +103,7 @@ impl<R: Real> Preintegrated<R> {
         if self.gaps && rest > 0.0 {
             front.add_gap(rest);
         }
-        Blend { emitted: front.emitted, depth: front.depth, last: ray.enter }
+        Radiance { rgb: front.emitted, depth: front.depth }
     }
 }
 

@@ -1,9 +1,29 @@
-//! Quadrature rules for the integrals along a ray.
+//! Quadrature rules: how the integrals along a ray are cut into segments and sampled.
+
+pub mod cells;
+mod exact;
+mod uniform;
+
+pub use exact::{ExactDepth, ExactSource};
+pub use uniform::Uniform;
 
 use crate::error::{Error, Result};
+use crate::real::Real;
+use crate::render::cell::Quartet;
+use crate::render::curve::Curve;
+use crate::render::march::Span;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
+
+/// The names of all rules, for help and errors.
+macro_rules! rules {
+    () => {
+        "exact, preintegrated, preintegrated:TOLERANCE (of the density, in units of the function's range), midpoint:STEP \
+         or riemann:STEP (in voxels)"
+    };
+}
+pub(crate) use rules;
 
 /// A quadrature rule; steps are in voxels (of the shortest edge).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -15,7 +35,7 @@ pub enum Quadrature {
     /// Pre-integration: a transfer function's cumulative tables between nodes whose distance follows the curvature of
     /// the density, however many knots lie between; errors are of second order in the distance. The number is the
     /// allowed error of the density between nodes, in units of the range of the function's knots. Equal to exact
-    /// quadrature without a transfer function, and for tangents.
+    /// quadrature without a transfer function.
     Preintegrated(f64),
     /// Samples in the middle of steps of constant length; order 2.
     Midpoint(f64),
@@ -31,6 +51,29 @@ impl Quadrature {
     /// Returns the default rule: pre-integration through a transfer function, else exact quadrature.
     pub fn usual(through_function: bool) -> Self {
         if through_function { Self::PREINTEGRATED } else { Self::Exact }
+    }
+
+    /// Returns the step in voxels, of rules that have one.
+    pub fn step(self) -> Option<f64> {
+        match self {
+            Self::Exact | Self::Preintegrated(_) => None,
+            Self::Midpoint(step) | Self::Riemann(step) => Some(step),
+        }
+    }
+
+    /// Returns the rule with its step, in voxels, replaced by a function of it; the rule itself if it has no step.
+    #[must_use]
+    pub fn map_step(self, change: impl FnOnce(f64) -> f64) -> Self {
+        match self {
+            Self::Exact | Self::Preintegrated(_) => self,
+            Self::Midpoint(step) => Self::Midpoint(change(step)),
+            Self::Riemann(step) => Self::Riemann(change(step)),
+        }
+    }
+
+    /// True for pre-integration with any tolerance.
+    pub fn is_preintegrated(self) -> bool {
+        matches!(self, Self::Preintegrated(_))
     }
 }
 
@@ -52,8 +95,7 @@ impl FromStr for Quadrature {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self> {
-        let expected = "expected exact, preintegrated, preintegrated:TOLERANCE with TOLERANCE in units of the \
-                        function's range, midpoint:STEP or riemann:STEP with STEP in voxels, such as midpoint:0.5";
+        let expected = concat!("expected ", rules!(), ", such as midpoint:0.5");
         let (name, number) = text.split_once(':').unwrap_or((text, ""));
         let number = |what: &str, [least, most]: [f64; 2]| match number.parse::<f64>() {
             Ok(v) if (least..=most).contains(&v) => Ok(v),
@@ -82,6 +124,29 @@ impl fmt::Display for Quadrature {
             Self::Riemann(s) => write!(f, "riemann:{s}"),
         }
     }
+}
+
+/// Cuts spans into segments.
+pub trait Rule<R: Real, const C: usize>: Copy + Sync {
+    /// Type of the segments.
+    type Segment: Copy;
+    /// Appends the segments of at most [`BATCH`](crate::render::march::BATCH) spans, near to far, with the densities in them.
+    fn segments(&self, curve: &Curve<R, C>, values: &[R], spans: &[Span<R>], segments: &mut Vec<Self::Segment>);
+    /// True if the segments partition [entry, exit]; only then are boundary terms the derivatives with respect to its
+    /// ends. Else [`Rule::vjp`] returns them.
+    const BOUNDED: bool;
+    /// Returns the derivatives with respect to entry, exit and step (world lengths), from those with respect to a
+    /// segment's length and position.
+    fn vjp(&self, segment: &Self::Segment, by_length: f64, by_position: f64) -> [f64; 3];
+    /// Returns the change of a segment's length and position for changes of entry, exit and step: the transpose of
+    /// [`Rule::vjp`].
+    fn jvp(&self, segment: &Self::Segment, by: [f64; 3]) -> [f64; 2];
+}
+
+/// Cuts spans into cells with weights, for optical depths alone.
+pub trait DepthRule<R: Real>: Copy + Sync {
+    /// Appends the cells of at most [`BATCH`](crate::render::march::BATCH) spans of one ray.
+    fn cells(&self, spans: &[Span<R>], cells: &mut Vec<Quartet<R>>);
 }
 
 #[cfg(test)]

@@ -1,0 +1,112 @@
+//! The renderer that a scene calls for, chosen while the program runs.
+
+use crate::error::{Error, Result};
+use crate::render;
+use crate::render::aov::{self, Aov};
+use crate::render::composited::Composited;
+use crate::render::dvr::Dvr;
+use crate::render::preshaded::Preshaded;
+use crate::render::quadrature::Quadrature;
+use crate::scene::camera::Camera;
+use crate::scene::film::Film;
+use crate::scene::scene::Scene;
+use crate::scene::volume::Volume;
+use std::sync::atomic::AtomicBool;
+
+/// A renderer of any kind, over the scene's environment.
+#[derive(Debug)]
+pub enum AnyRenderer<'a> {
+    /// Renderer of a density.
+    Density(Composited<Dvr<'a, f32>>),
+    /// Renderer of a pre-shaded volume.
+    PreShaded(Composited<Preshaded<'a, f32>>),
+}
+
+impl<'a> AnyRenderer<'a> {
+    /// Creates the renderer of a scene; pre-shaded volumes have a quadrature of their own.
+    ///
+    /// # Errors
+    /// If the scene has not one volume, or its medium cannot be rendered.
+    pub fn new(scene: &'a Scene, quadrature: Quadrature) -> Result<Self> {
+        let background = scene.environment.radiance;
+        match &scene.volumes[..] {
+            [Volume::Density(field, medium)] => {
+                Ok(Self::Density(Dvr::new(field, medium.clone())?.quadrature(quadrature).over(background)))
+            }
+            [Volume::PreShaded(volume)] => Ok(Self::PreShaded(Preshaded::new(volume).over(background))),
+            volumes => Err(Error::unsupported(format!("the scene has {} volumes, one can be rendered", volumes.len()))
+                .hint("render them one by one")),
+        }
+    }
+
+    /// Ends rays once their transmittance is below this.
+    #[must_use]
+    pub fn early_stop(self, transmittance: f64) -> Self {
+        match self {
+            Self::Density(light) => Self::Density(light.with(|dvr| dvr.early_stop(transmittance))),
+            Self::PreShaded(light) => Self::PreShaded(light.with(|volume| volume.early_stop(transmittance))),
+        }
+    }
+
+    /// Returns a bound of the change that ending rays early makes in any channel of a pixel.
+    pub fn left_out(&self) -> f64 {
+        match self {
+            Self::Density(dvr) => dvr.left_out(),
+            Self::PreShaded(volume) => volume.left_out(),
+        }
+    }
+
+    /// Renders a picture as [`aov::picture_with`] does.
+    pub fn picture_with(
+        &self,
+        camera: &Camera,
+        rays_per_edge: usize,
+        aovs: &[Aov],
+        cancel: &AtomicBool,
+    ) -> Option<Film> {
+        match self {
+            Self::Density(dvr) => aov::picture_with(dvr, camera, rays_per_edge, aovs, cancel),
+            Self::PreShaded(volume) => aov::picture_with(volume, camera, rays_per_edge, aovs, cancel),
+        }
+    }
+
+    /// Renders a picture as [`render::picture`] does.
+    pub fn picture(&self, camera: &Camera, rays_per_edge: usize, cancel: &AtomicBool) -> Option<Film> {
+        match self {
+            Self::Density(dvr) => render::picture(dvr, camera, rays_per_edge, cancel),
+            Self::PreShaded(volume) => render::picture(volume, camera, rays_per_edge, cancel),
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+    use crate::math::Affine;
+    use crate::scene::bricks::{Bricks, Topology};
+    use crate::scene::environment::Environment;
+    use crate::scene::medium::{Medium, Scattering};
+    use crate::scene::phase::Phase;
+    use glam::{DVec3, IVec3};
+    use std::sync::Arc;
+
+    #[test]
+    fn what_cannot_be_rendered_is_refused_with_words() {
+        let topology = Arc::new(Topology::new([IVec3::ZERO]).unwrap());
+        let field = Bricks::zeros(topology, Affine::uniform(1.0, DVec3::ZERO).unwrap());
+        let volume = |medium: Medium| Volume::Density(field.clone(), medium);
+        let refused = |volumes: Vec<Volume>| {
+            let scene = Scene { volumes, environment: Environment::default(), cameras: vec![] };
+            AnyRenderer::new(&scene, Quadrature::Exact).map(|_| ()).map_err(|e| e.to_string())
+        };
+        let dark = || volume(Medium::absorbing(1.0));
+        assert_eq!(refused(vec![dark()]), Ok(()));
+        assert!(refused(vec![]).unwrap_err().contains("0 volumes"));
+        assert!(refused(vec![dark(), dark()]).unwrap_err().contains("2 volumes"));
+        let scattering = Some(Scattering { albedo: [0.0, 0.5, 0.0], phase: Phase::HenyeyGreenstein(0.3) });
+        assert!(
+            refused(vec![volume(Medium { scattering, ..Medium::absorbing(1.0) })]).unwrap_err().contains("scatters")
+        );
+    }
+}

@@ -1,0 +1,32 @@
+//! Scenes: all that pictures show, and from where.
+
+use crate::error::Result;
+use crate::scene::camera::Camera;
+use crate::scene::capture::Capture;
+use crate::scene::environment::Environment;
+use crate::scene::volume::{Grids, Volume};
+
+/// Volumes, the light around them, and cameras.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    /// Volumes; where several overlap, their extinctions and emissions add.
+    pub volumes: Vec<Volume>,
+    /// Light behind and around the volumes.
+    pub environment: Environment,
+    /// Cameras, one for each picture.
+    pub cameras: Vec<Camera>,
+}
+
+impl Scene {
+    /// Returns the scene that the pictures of a capture show, of a volume with these grids.
+    ///
+    /// # Errors
+    /// If the capture's medium or density scale cannot be used.
+    pub fn shown_by(capture: &Capture, grids: Grids) -> Result<Self> {
+        Ok(Self {
+            volumes: vec![grids.shown_by(capture)?],
+            environment: Environment { radiance: capture.background },
+            cameras: capture.frames.iter().map(|frame| frame.camera).collect(),
+        })
+    }
+}

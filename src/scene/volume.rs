@@ -1,0 +1,66 @@
+//! Volumes: grids by their role, and the medium that they describe.
+
+use crate::error::{Error, Result};
+use crate::scene::bricks::Bricks;
+use crate::scene::capture::Capture;
+use crate::scene::medium::Medium;
+use glam::Vec4;
+use rayon::prelude::*;
+use std::borrow::Cow;
+
+/// The grids of a volume, by their role.
+#[derive(Debug, Clone)]
+pub enum Grids {
+    /// A density, of which extinction and emission are functions.
+    Density(Bricks<f32>),
+    /// The radiance emitted per world length, in red, green and blue, and the extinction per world length: a pre-shaded
+    /// volume.
+    EmissionExtinction(Bricks<Vec4>),
+}
+
+/// A volume.
+#[derive(Debug, Clone)]
+pub enum Volume {
+    /// A density in a medium.
+    Density(Bricks<f32>, Medium),
+    /// A pre-shaded volume; its grids are all that is to be known of its medium.
+    PreShaded(Bricks<Vec4>),
+}
+
+impl Grids {
+    /// Returns the grid that the optical depth is made of.
+    pub fn extinctions(&self) -> Cow<'_, Bricks<f32>> {
+        match self {
+            Self::Density(field) => Cow::Borrowed(field),
+            Self::EmissionExtinction(volume) => Cow::Owned(volume.channel(3)),
+        }
+    }
+
+    /// Returns the volume that the pictures of a capture show. The capture's density scale multiplies extinctions and
+    /// emissions of a pre-shaded volume: colors stay.
+    ///
+    /// # Errors
+    /// If the capture's medium or density scale cannot be used.
+    pub fn shown_by(self, capture: &Capture) -> Result<Volume> {
+        Ok(match self {
+            Self::Density(field) => Volume::Density(field, capture.medium()?),
+            Self::EmissionExtinction(mut volume) => {
+                scale(&mut volume, capture.density_scale)?;
+                Volume::PreShaded(volume)
+            }
+        })
+    }
+}
+
+/// Multiplies emissions and extinctions.
+///
+/// # Errors
+/// If they become too large.
+pub fn scale(volume: &mut Bricks<Vec4>, by: f64) -> Result<()> {
+    volume.values.par_iter_mut().for_each(|v| *v *= by as f32);
+    if volume.values.par_iter().all(|v| v.is_finite()) {
+        return Ok(());
+    }
+    Err(Error::invalid(format!("density scale {by:e} makes emissions or extinctions too large for single precision"))
+        .hint("give a smaller --density-scale, or correct the capture's density_scale"))
+}
