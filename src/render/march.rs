@@ -107,112 +107,165 @@ impl<R: Real> Span<R> {
     };
 }
 
+/// A walk from brick to brick (Amanatides & Woo 1987) along τ, which is the world length t from the ray's origin, or its
+/// mirror image τ = -t for a walk far to near.
+struct BrickWalk {
+    origin: [f64; 3],
+    direction: [f64; 3],
+    /// 1 for τ = t, -1 for τ = -t.
+    sign: f64,
+    /// τ from which the ray is in the current brick, and at which it ends.
+    now: f64,
+    end: f64,
+    /// Coordinates of the current brick.
+    brick: [i32; 3],
+    /// Change of the brick's coordinate from one to the next along each axis; 0 where the ray runs across.
+    step: [i32; 3],
+    /// 1 along axes on which the next plane is the upper face of a brick, else 0.
+    ahead: [i32; 3],
+    /// A plane at coordinate p is crossed at `τ = (p - from) · per`.
+    from: [f64; 3],
+    per: [f64; 3],
+    /// The next plane along each axis, and the τ at which it is crossed.
+    plane: [f64; 3],
+    next: [f64; 3],
+}
+
+impl BrickWalk {
+    /// Begins where a ray enters the bricks; `None` if it misses them.
+    #[inline(always)]
+    fn new(topology: &Topology, ray: &IndexRay, reverse: bool) -> Option<Self> {
+        let (enter, leave) = topology.reach().clip(&Ray { origin: ray.origin, direction: ray.direction })?;
+        let (enter, leave) = (enter.greater(ray.enter), leave.lesser(ray.leave));
+        let sign = if reverse { -1.0 } else { 1.0 };
+        let (now, end) = if reverse { (-leave, -enter) } else { (enter, leave) };
+        if now >= end {
+            return None;
+        }
+        let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
+        let start = ray.origin + (sign * now) * ray.direction;
+        let brick = (start / 8.0).floor().as_ivec3().to_array();
+        // Where nothing is gained along an axis its next plane is never reached.
+        let (mut step, mut from, mut per) = ([0; 3], origin, [1.0; 3]);
+        for a in 0..3 {
+            if direction[a] == 0.0 {
+                from[a] = 0.0;
+            } else {
+                step[a] = if (direction[a] > 0.0) == reverse { -1 } else { 1 };
+                per[a] = sign * (1.0 / direction[a]);
+            }
+        }
+        let ahead = step.map(|s| i32::from(s > 0));
+        let never = [f64::INFINITY; 3];
+        let mut walk =
+            Self { origin, direction, sign, now, end, brick, step, ahead, from, per, plane: never, next: never };
+        for a in 0..3 {
+            if step[a] != 0 {
+                walk.enter(a, walk.brick[a]);
+            }
+        }
+        Some(walk)
+    }
+
+    #[inline(always)]
+    fn crossing(&self, axis: usize, plane: i32) -> f64 {
+        (8.0 * f64::from(plane) - self.from[axis]) * self.per[axis]
+    }
+
+    /// Sets the brick, along one axis, in which the ray is from `now` on, and its next plane. The given guess, a
+    /// position's floor, may be off by one at a face; the planes decide.
+    #[inline(always)]
+    fn enter(&mut self, a: usize, mut brick: i32) {
+        while self.crossing(a, brick + self.ahead[a]) <= self.now && self.crossing(a, brick + self.ahead[a]) < self.end
+        {
+            brick += self.step[a];
+        }
+        while self.crossing(a, brick + 1 - self.ahead[a]) > self.now {
+            brick -= self.step[a];
+        }
+        self.brick[a] = brick;
+        self.plane[a] = 8.0 * f64::from(brick + self.ahead[a]);
+        self.next[a] = self.crossing(a, brick + self.ahead[a]);
+    }
+
+    /// Passes all bricks within a distance, in bricks, of the current one.
+    #[inline(always)]
+    fn pass(&mut self, distance: i32) {
+        let leave = |a: usize| match self.step[a] {
+            0 => f64::INFINITY,
+            step => self.crossing(a, self.brick[a] + self.ahead[a] + distance * step),
+        };
+        self.now = leave(0).lesser(leave(1)).lesser(leave(2));
+        if self.now >= self.end {
+            return;
+        }
+        for a in 0..3 {
+            if self.step[a] != 0 {
+                let position = self.origin[a] + self.sign * self.now * self.direction[a];
+                self.enter(a, (position * 0.125).floor() as i32);
+            }
+        }
+    }
+
+    /// Goes on to the next brick, which begins at `nearest`.
+    #[inline(always)]
+    fn advance(&mut self, nearest: f64) {
+        // Without branches: which axis it is cannot be foreseen.
+        for a in 0..3 {
+            let by = if self.next[a] == nearest { self.step[a] } else { 0 };
+            self.brick[a] += by;
+            self.plane[a] += 8.0 * f64::from(by);
+            self.next[a] = (self.plane[a] - self.from[a]) * self.per[a];
+        }
+    }
+}
+
 /// Visits the bricks along a ray, near to far or (`reverse`) far to near; `visit` returns false to stop. Both orders
 /// produce identical spans: every crossing is computed from its plane, not from the crossing before it.
 #[inline(always)]
 pub fn spans<R: Real>(topology: &Topology, ray: &IndexRay, reverse: bool, mut visit: impl FnMut(Span<R>) -> bool) {
-    // Reversal is the mirror image τ = -t.
-    let sign = if reverse { -1.0 } else { 1.0 };
-    let Some((enter, leave)) = topology.reach().clip(&Ray { origin: ray.origin, direction: ray.direction }) else {
-        return;
-    };
-    let (enter, leave) = (enter.greater(ray.enter), leave.lesser(ray.leave));
-    let (mut now, end) = if reverse { (-leave, -enter) } else { (enter, leave) };
-    if now >= end {
-        return;
-    }
-    let (o, d) = (ray.origin.to_array(), ray.direction.to_array());
-    let start = ray.origin + (sign * now) * ray.direction;
-    let mut brick = (start / 8.0).floor().as_ivec3().to_array();
-    let direction = d.map(R::of);
+    let Some(mut walk) = BrickWalk::new(topology, ray, reverse) else { return };
+    let direction = walk.direction.map(R::of);
     let inverse = direction.map(|d| R::ONE / d);
-    let mut step = [0; 3];
-    // Where nothing is gained along an axis its next plane is never reached.
-    let (mut from, mut per) = (o, [1.0; 3]);
-    let (mut plane, mut next) = ([f64::INFINITY; 3], [f64::INFINITY; 3]);
-    for a in 0..3 {
-        if d[a] == 0.0 {
-            from[a] = 0.0;
-        } else {
-            step[a] = if (d[a] > 0.0) == reverse { -1 } else { 1 };
-            per[a] = sign * (1.0 / d[a]);
-        }
-    }
-    let ahead = step.map(|s| i32::from(s > 0));
-    let crossing = |a: usize, plane: i32| (8.0 * f64::from(plane) - from[a]) * per[a];
-    // The brick, along one axis, in which the ray is from `now` on. A position's floor may be off by one at a face;
-    // the planes decide.
-    let settle = |a: usize, mut brick: i32, now: f64| {
-        while crossing(a, brick + ahead[a]) <= now && crossing(a, brick + ahead[a]) < end {
-            brick += step[a];
-        }
-        while crossing(a, brick + 1 - ahead[a]) > now {
-            brick -= step[a];
-        }
-        brick
-    };
-    for a in 0..3 {
-        if step[a] != 0 {
-            brick[a] = settle(a, brick[a], now);
-            plane[a] = 8.0 * f64::from(brick[a] + ahead[a]);
-            next[a] = crossing(a, brick[a] + ahead[a]);
-        }
-    }
     loop {
-        let nearest = next[0].lesser(next[1]).lesser(next[2]);
-        let until = nearest.lesser(end);
-        if until > now {
-            match topology.look(IVec3::from_array(brick)) {
+        let nearest = walk.next[0].lesser(walk.next[1]).lesser(walk.next[2]);
+        let until = nearest.lesser(walk.end);
+        if until > walk.now {
+            match topology.look(IVec3::from_array(walk.brick)) {
                 Ok(number) => {
-                    let (t0, t1) = if reverse { (-until, -now) } else { (now, until) };
-                    let local = |a: usize| R::of((o[a] + t0 * d[a] - 8.0 * f64::from(brick[a])).clamp(0.0, 8.0));
+                    let (start, end) = if reverse { (-until, -walk.now) } else { (walk.now, until) };
+                    let local = |a: usize| {
+                        let position = walk.origin[a] + start * walk.direction[a];
+                        R::of((position - 8.0 * f64::from(walk.brick[a])).clamp(0.0, 8.0))
+                    };
                     let span = Span {
                         base: number as usize * BRICK,
                         entry: [local(0), local(1), local(2)],
                         direction,
                         inverse,
-                        start: t0,
-                        end: t1,
-                        length: R::of(t1 - t0),
+                        start,
+                        end,
+                        length: R::of(end - start),
                     };
                     if !visit(span) {
                         return;
                     }
                 }
-                Err(clear) if clear > 0 => {
-                    // Past all that is clear at once.
-                    let leave = |a: usize| match step[a] {
-                        0 => f64::INFINITY,
-                        step => crossing(a, brick[a] + ahead[a] + clear * step),
-                    };
-                    now = leave(0).lesser(leave(1)).lesser(leave(2));
-                    if now >= end {
+                Err(distance) if distance > 0 => {
+                    walk.pass(distance);
+                    if walk.now >= walk.end {
                         return;
-                    }
-                    for a in 0..3 {
-                        if step[a] != 0 {
-                            let near = ((o[a] + sign * now * d[a]) * 0.125).floor() as i32;
-                            brick[a] = settle(a, near, now);
-                            plane[a] = 8.0 * f64::from(brick[a] + ahead[a]);
-                            next[a] = crossing(a, brick[a] + ahead[a]);
-                        }
                     }
                     continue;
                 }
                 Err(_) => (),
             }
-            now = until;
+            walk.now = until;
         }
-        if nearest >= end {
+        if nearest >= walk.end {
             return;
         }
-        // Without branches: which axis it is cannot be foreseen.
-        for a in 0..3 {
-            let by = if next[a] == nearest { step[a] } else { 0 };
-            brick[a] += by;
-            plane[a] += 8.0 * f64::from(by);
-            next[a] = (plane[a] - from[a]) * per[a];
-        }
+        walk.advance(nearest);
     }
 }
 

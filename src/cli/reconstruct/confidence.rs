@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::formats::vdb::{CONFIDENCE, shaded};
 use crate::optimise::density::Request;
 use crate::optimise::density::confidence::confidence;
-use crate::optimise::density::descent::Scene;
+use crate::optimise::density::descent::ForwardModel;
 use crate::optimise::gradient::pictures::Target;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::plausibility::residuals::Residuals;
@@ -39,7 +39,7 @@ pub fn grid(
     tick: impl FnMut(usize, usize),
 ) -> Result<(Option<Grid>, Vec<Warning>)> {
     let quadrature = Quadrature::usual(matches!(request.medium.source, Source::Transfer(_)));
-    let scene = Scene { medium: &request.medium, background: request.background, quadrature };
+    let scene = ForwardModel { medium: &request.medium, background: request.background, quadrature };
     let light = scene.renderer(field)?;
     let targets = targets(photos, request);
     let open = OPEN * range(field, &request.medium.source);

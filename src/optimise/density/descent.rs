@@ -3,10 +3,10 @@
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::math::Affine;
-use crate::optimise::density::Request;
+use crate::optimise::density::{Request, Stage, Step};
 use crate::optimise::gradient::pictures::{self, Gradients, PixelLoss, Target, Workspace};
 use crate::optimise::loss::prior::{VolumePrior, Weighted};
-use crate::optimise::projection::observation::Observation;
+use crate::optimise::projection::observation::{Observation, Photo};
 use crate::optimise::region::hull::Hull;
 use crate::optimise::region::neighbours::Neighbours;
 use crate::optimise::solver::adam::Adam;
@@ -17,7 +17,9 @@ use crate::render::quadrature::Quadrature;
 use crate::scene::bricks::{BRICK, Bricks, Topology};
 use crate::scene::grid::LEAF_VOXELS;
 use crate::scene::medium::{Medium, Source};
+use std::ops::ControlFlow;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// Returns the bricks of a lattice in which densities are unknown, at most `limit`, and a flag for each of their
 /// voxels: the visual hull, or the whole box for a transfer function that absorbs where the density is 0.
@@ -54,7 +56,7 @@ pub fn unknowns(
 
 /// Medium, background and quadrature with which densities are rendered.
 #[derive(Debug)]
-pub struct Scene<'a> {
+pub struct ForwardModel<'a> {
     /// Medium: extinction and source by density.
     pub medium: &'a Medium,
     /// Radiance behind the volume.
@@ -63,13 +65,91 @@ pub struct Scene<'a> {
     pub quadrature: Quadrature,
 }
 
-impl Scene<'_> {
+impl ForwardModel<'_> {
     /// Creates a renderer of densities.
     ///
     /// # Errors
     /// If the medium cannot be used.
     pub fn renderer<'f>(&self, field: &'f Bricks<f32>) -> Result<Composited<Dvr<'f, f32>>> {
         Ok(Dvr::new(field, self.medium.clone())?.quadrature(self.quadrature).over(self.background))
+    }
+}
+
+/// Pictures that densities are fitted to, and those held out.
+#[derive(Debug)]
+pub struct Views {
+    /// Pictures that are fitted.
+    pub train: Vec<Target>,
+    /// Pictures that are not fitted but measure the result.
+    pub held_out: Vec<Target>,
+}
+
+impl Views {
+    /// Divides the photos as a request has it.
+    pub fn new(photos: &[Photo], request: &Request) -> Self {
+        let rays_per_edge = request.rays_per_edge;
+        let target = |p: &Photo| Target { camera: p.camera, rgba: p.film.rgba.clone(), rays_per_edge };
+        let held = |i: &usize| request.held_out.contains(i);
+        Self {
+            train: (0..photos.len()).filter(|i| !held(i)).map(|i| target(&photos[i])).collect(),
+            held_out: (0..photos.len()).filter(held).map(|i| target(&photos[i])).collect(),
+        }
+    }
+
+    /// Returns the PSNR of the pictures that are fitted.
+    ///
+    /// # Errors
+    /// If the medium cannot be used.
+    pub fn train_psnr(&self, fit: &Fit, model: &ForwardModel<'_>) -> Result<f64> {
+        fit.psnr(&self.train.iter().collect::<Vec<_>>(), model)
+    }
+
+    /// Returns the PSNR of the held-out pictures, if there are any.
+    ///
+    /// # Errors
+    /// If the medium cannot be used.
+    pub fn held_out_psnr(&self, fit: &Fit, model: &ForwardModel<'_>) -> Result<Option<f64>> {
+        if self.held_out.is_empty() {
+            return Ok(None);
+        }
+        fit.psnr(&self.held_out.iter().collect::<Vec<_>>(), model).map(Some)
+    }
+}
+
+/// Steps of a reconstruction so far, which are reported one by one.
+pub struct Progress<'w> {
+    begun: Instant,
+    /// Steps so far.
+    pub history: Vec<Step>,
+    /// Stages that are done.
+    pub stages: Vec<Stage>,
+    /// True once the work is to stop.
+    pub stopped: bool,
+    watch: &'w mut dyn FnMut(&Step) -> ControlFlow<()>,
+}
+
+impl<'w> Progress<'w> {
+    /// Begins now; `watch` is called with every step and may stop the work.
+    pub fn new(watch: &'w mut dyn FnMut(&Step) -> ControlFlow<()>) -> Self {
+        Self { begun: Instant::now(), history: Vec::new(), stages: Vec::new(), stopped: false, watch }
+    }
+
+    /// Reports a step on a level, 0 the finest.
+    pub fn step(&mut self, level: u32, loss: f64, held_out_psnr_db: Option<f64>) {
+        let iteration = self.history.len() as u32 + 1;
+        let step = Step { level, iteration, seconds: self.begun.elapsed().as_secs_f64(), loss, held_out_psnr_db };
+        self.history.push(step);
+        self.stopped |= (self.watch)(&step).is_break();
+    }
+
+    /// Reports a step of other work that keeps its own history.
+    pub fn watch(&mut self, step: &Step) -> ControlFlow<()> {
+        (self.watch)(step)
+    }
+
+    /// Notes the time of a stage.
+    pub fn stage(&mut self, name: impl Into<String>, since: Instant) {
+        self.stages.push(Stage { name: name.into(), seconds: since.elapsed().as_secs_f64() });
     }
 }
 
@@ -170,7 +250,7 @@ impl Fit {
     pub fn step(
         &mut self,
         batch: &[&Target],
-        scene: &Scene<'_>,
+        model: &ForwardModel<'_>,
         loss: PixelLoss<'_>,
         prior: Weighted<VolumePrior>,
     ) -> Result<f64> {
@@ -182,7 +262,7 @@ impl Fit {
             (value, slope.map(|s| share * s))
         };
         self.stored.fill(0.0);
-        let dvr = scene.renderer(&self.field)?;
+        let dvr = model.renderer(&self.field)?;
         let mut gradients = Gradients { voxels: Some(&mut self.stored), cancel: self.cancel, ..Gradients::default() };
         let (sum, _) = pictures::gradient(&dvr, batch, &shared, Adjoint::Tape, &mut self.accumulators, &mut gradients);
         if self.cancel.requested() {
@@ -201,9 +281,9 @@ impl Fit {
     ///
     /// # Errors
     /// If the medium cannot be used.
-    pub fn psnr(&self, targets: &[&Target], scene: &Scene<'_>) -> Result<f64> {
+    pub fn psnr(&self, targets: &[&Target], model: &ForwardModel<'_>) -> Result<f64> {
         let values: usize = targets.iter().map(|t| 3 * t.rgba.len()).sum();
-        let square = pictures::error(&scene.renderer(&self.field)?, targets, self.cancel);
+        let square = pictures::error(&model.renderer(&self.field)?, targets, self.cancel);
         if !square.is_finite() && self.cancel.requested() {
             return Ok(f64::NAN);
         }

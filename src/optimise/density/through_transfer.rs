@@ -7,15 +7,17 @@
 
 use crate::error::{Error, Result};
 use crate::optimise::color::{self, Shaded};
-use crate::optimise::density::descent::{Fit, Scene, batches, squared, unknowns};
+use crate::optimise::density::descent::{Fit, ForwardModel, Progress, Views, batches, squared, unknowns};
 use crate::optimise::density::matching;
-use crate::optimise::density::{Outcome, Request, Stage, Step};
+use crate::optimise::density::{Outcome, Request, Step};
 use crate::optimise::gradient::pictures::Target;
 use crate::optimise::loss::prior::{VolumePrior, Weighted};
 use crate::optimise::projection::observation::{Observation, Photo};
 use crate::render::quadrature::Quadrature;
+use crate::scene::bricks::Bricks;
 use crate::scene::grid::LEAF_VOXELS;
 use crate::scene::medium::{Medium, Source};
+use glam::Vec4;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
@@ -52,7 +54,7 @@ pub fn reconstruct(
         return Err(Error::invalid("there is no transfer function to look behind")
             .hint("give one with --tf, or in the capture"));
     };
-    let start = Instant::now();
+    let mut progress = Progress::new(&mut watch);
     let lattice = request.lattice;
     let limit = (request.max_memory / (LEAF_VOXELS * 128) as u64) as usize;
     let (topology, unknown) = unknowns(observation, request, &lattice, limit)?;
@@ -66,88 +68,99 @@ pub fn reconstruct(
         .part(FUNCTION)
         .hint("give one with points at densities above 0, by --tf or in transforms.json"));
     }
-
-    let (densities, mut history, mut stages, mut stopped) = match &request.init {
-        Some(init) => (init.resampled(&topology, &lattice), Vec::new(), Vec::new(), false),
+    let densities = match &request.init {
+        Some(init) => init.resampled(&topology, &lattice),
         None => {
-            let asked =
-                Request { medium: Medium::absorbing(1.0), iterations: EXTINCTION_ITERATIONS, ..request.clone() };
-            let Shaded { volume, history, mut stages, stopped, .. } =
-                color::reconstruct(photos, observation, &asked, None, &mut watch)?;
+            let volume = colors(photos, observation, request, &mut progress)?;
             let begun = Instant::now();
             let matched =
                 matching::densities(&volume, table, request.medium.extinction, &topology, &unknown, request.cancel)?;
-            stages.push(Stage { name: "densities of the colors".into(), seconds: begun.elapsed().as_secs_f64() });
-            (matched.owned(), history, stages, stopped)
+            progress.stage("densities of the colors", begun);
+            matched.owned()
         }
     };
 
     let begun = Instant::now();
-    let target =
-        |p: &Photo| Target { camera: p.camera, rgba: p.film.rgba.clone(), rays_per_edge: request.rays_per_edge };
-    let held = |i: &usize| request.held_out.contains(i);
-    let train: Vec<Target> = (0..photos.len()).filter(|i| !held(i)).map(|i| target(&photos[i])).collect();
-    let held_out: Vec<Target> = (0..photos.len()).filter(held).map(|i| target(&photos[i])).collect();
-    let looked_at: Vec<&Target> = if held_out.is_empty() { train.iter().collect() } else { held_out.iter().collect() };
-    let scene =
-        Scene { medium: &request.medium, background: request.background, quadrature: Quadrature::PREINTEGRATED };
+    let views = Views::new(photos, request);
+    let model =
+        ForwardModel { medium: &request.medium, background: request.background, quadrature: Quadrature::PREINTEGRATED };
+    let mut fit = Fit::new(topology, lattice, &unknown, &densities, range, RATE);
+    let best = descend(&mut fit, &views, &model, request, &mut progress)?;
+    fit.cancel = request.closing;
+    progress.stage("descent", begun);
+    Ok(Outcome {
+        train_psnr_db: views.train_psnr(&fit, &model)?,
+        held_out_psnr_db: (!views.held_out.is_empty()).then_some(best),
+        unknowns: fit.unknowns(),
+        field: fit.field,
+        history: progress.history,
+        stages: progress.stages,
+        stopped: progress.stopped,
+    })
+}
 
-    let mut rate = RATE;
+/// Reconstructs a pre-shaded volume from the photos.
+fn colors(
+    photos: &[Photo],
+    observation: &Observation,
+    request: &Request,
+    progress: &mut Progress<'_>,
+) -> Result<Bricks<Vec4>> {
+    let request = Request { medium: Medium::absorbing(1.0), iterations: EXTINCTION_ITERATIONS, ..request.clone() };
+    let Shaded { volume, history, stages, stopped, .. } =
+        color::reconstruct(photos, observation, &request, None, |step| progress.watch(step))?;
+    (progress.history, progress.stages, progress.stopped) = (history, stages, stopped);
+    Ok(volume)
+}
+
+/// Descends from the densities of a fit, and leaves in it those of the epoch whose pictures are best; returns the PSNR
+/// of these: of the held-out views, or without any of those that are fitted.
+fn descend(
+    fit: &mut Fit,
+    views: &Views,
+    model: &ForwardModel<'_>,
+    request: &Request,
+    progress: &mut Progress<'_>,
+) -> Result<f64> {
+    let compared: Vec<&Target> =
+        if views.held_out.is_empty() { &views.train } else { &views.held_out }.iter().collect();
     let prior = request.prior.unwrap_or(PRIOR);
-    let mut fit = Fit::new(topology, lattice, &unknown, &densities, range, rate);
+    let mut rate = RATE;
     fit.cancel = request.cancel;
-    let mut best = (fit.psnr(&looked_at, &scene)?, fit.field.clone());
-    stopped |= request.cancel.requested();
+    let mut best = (fit.psnr(&compared, model)?, fit.field.clone());
+    progress.stopped |= request.cancel.requested();
     for epoch in 0..request.iterations {
-        if stopped || rate < SLOWEST {
+        if progress.stopped || rate < SLOWEST {
             break;
         }
         fit.rate(rate);
-        let batches = batches(&train, BATCH, epoch);
-        let mut now = best.0;
+        let batches = batches(&views.train, BATCH, epoch);
+        let mut psnr = best.0;
         for (number, batch) in batches.iter().enumerate() {
-            let some: Vec<Target> = batch.iter().map(|t| thinned(t, epoch as usize + number)).collect();
-            let loss = fit.step(&some.iter().collect::<Vec<_>>(), &scene, &squared, prior)?;
+            let thin: Vec<Target> = batch.iter().map(|t| thinned(t, epoch as usize + number)).collect();
+            let loss = fit.step(&thin.iter().collect::<Vec<_>>(), model, &squared, prior)?;
             let last = number + 1 == batches.len();
             if last {
-                now = fit.psnr(&looked_at, &scene)?;
+                psnr = fit.psnr(&compared, model)?;
             }
             if request.cancel.requested() {
-                stopped = true;
+                progress.stopped = true;
                 break;
             }
-            let step = Step {
-                level: 0,
-                iteration: history.len() as u32 + 1,
-                seconds: start.elapsed().as_secs_f64(),
-                loss,
-                held_out_psnr_db: (last && !held_out.is_empty()).then_some(now),
-            };
-            history.push(step);
-            stopped = watch(&step).is_break();
-            if stopped {
+            progress.step(0, loss, (last && !views.held_out.is_empty()).then_some(psnr));
+            if progress.stopped {
                 break;
             }
         }
-        if now < best.0 + GAIN {
+        if psnr < best.0 + GAIN {
             rate *= SLOWER;
         }
-        if now > best.0 {
-            best = (now, fit.field.clone());
+        if psnr > best.0 {
+            best = (psnr, fit.field.clone());
         }
     }
     fit.field = best.1;
-    fit.cancel = request.closing;
-    stages.push(Stage { name: "descent".into(), seconds: begun.elapsed().as_secs_f64() });
-    Ok(Outcome {
-        train_psnr_db: fit.psnr(&train.iter().collect::<Vec<_>>(), &scene)?,
-        held_out_psnr_db: (!held_out.is_empty()).then_some(best.0),
-        unknowns: fit.unknowns(),
-        field: fit.field,
-        history,
-        stages,
-        stopped,
-    })
+    Ok(best.0)
 }
 
 /// Iterations of the extinctions on their finest level.

@@ -6,9 +6,8 @@
 //! taken from the pictures, the density that, over a quarter of the box, gives the largest optical depth seen.
 
 use crate::error::{Kind, Result};
-use crate::optimise::density::descent::{Fit, Scene, absolute, batches, unknowns};
-use crate::optimise::density::{Outcome, Request, Stage, Step};
-use crate::optimise::gradient::pictures::Target;
+use crate::optimise::density::descent::{Fit, ForwardModel, Progress, Views, absolute, batches, unknowns};
+use crate::optimise::density::{Outcome, Request, Step};
 use crate::optimise::loss::prior::{VolumePrior, Weighted};
 use crate::optimise::projection::observation::{Observation, Photo};
 use crate::optimise::region::lattice;
@@ -39,16 +38,7 @@ pub fn reconstruct(
     request: &Request,
     mut watch: impl FnMut(&Step) -> ControlFlow<()>,
 ) -> Result<Outcome> {
-    let start = Instant::now();
-    let target = |(_, p): (usize, &Photo)| Target {
-        camera: p.camera,
-        rgba: p.film.rgba.clone(),
-        rays_per_edge: request.rays_per_edge,
-    };
-    let (held_out, train): (Vec<_>, Vec<_>) =
-        photos.iter().enumerate().partition(|(i, _)| request.held_out.contains(i));
-    let held_out: Vec<Target> = held_out.into_iter().map(target).collect();
-    let train: Vec<Target> = train.into_iter().map(target).collect();
+    let views = Views::new(photos, request);
     let (unit, quadrature) = match &request.medium.source {
         Source::Transfer(table) => (table.knots()[table.knots().len() - 1], Quadrature::PREINTEGRATED),
         _ => {
@@ -57,10 +47,11 @@ pub fn reconstruct(
             (f64::from(deepest) / (0.25 * longest * request.medium.extinction), Quadrature::Exact)
         }
     };
+    let model = ForwardModel { medium: &request.medium, background: request.background, quadrature };
 
     let mut level = coarsest(request);
     let mut field = request.init.clone();
-    let (mut history, mut stages): (Vec<Step>, Vec<Stage>) = (Vec::new(), Vec::new());
+    let mut progress = Progress::new(&mut watch);
     let mut unknowns = None;
     loop {
         let begun = Instant::now();
@@ -68,70 +59,66 @@ pub fn reconstruct(
             // What the coarser levels found stands.
             Err(e)
                 if e.kind() == Kind::Cancelled
-                    && let (Some(found), Some(unknowns)) = (field.take(), unknowns) =>
+                    && let (Some(field), Some(unknowns)) = (field.take(), unknowns) =>
             {
                 return Ok(Outcome {
-                    field: found,
+                    field,
                     train_psnr_db: f64::NAN,
-                    held_out_psnr_db: history.last().and_then(|step| step.held_out_psnr_db),
+                    held_out_psnr_db: progress.history.last().and_then(|step| step.held_out_psnr_db),
                     unknowns,
-                    history,
-                    stages,
+                    history: progress.history,
+                    stages: progress.stages,
                     stopped: true,
                 });
             }
             fit => fit?,
         };
         unknowns = Some(fit.unknowns());
-        fit.cancel = request.cancel;
-        let scene = Scene { medium: &request.medium, background: request.background, quadrature };
-        let epochs = if level == 0 { request.iterations } else { COARSE_EPOCHS.min(request.iterations) };
-        let mut stopped = false;
-        'epochs: for epoch in 0..epochs {
-            for batch in batches(&train, BATCH, epoch) {
-                let loss = fit.step(&batch, &scene, &absolute, request.prior.unwrap_or(PRIOR))?;
-                let held_out_psnr_db = if held_out.is_empty() {
-                    None
-                } else {
-                    Some(fit.psnr(&held_out.iter().collect::<Vec<_>>(), &scene)?)
-                };
-                if request.cancel.requested() {
-                    stopped = true;
-                    break 'epochs;
-                }
-                let step = Step {
-                    level,
-                    iteration: history.len() as u32 + 1,
-                    seconds: start.elapsed().as_secs_f64(),
-                    loss,
-                    held_out_psnr_db,
-                };
-                history.push(step);
-                if watch(&step).is_break() {
-                    stopped = true;
-                    break 'epochs;
-                }
-            }
-        }
-        stages.push(Stage { name: format!("level {level}: Adam"), seconds: begun.elapsed().as_secs_f64() });
-        if level == 0 || stopped {
+        descend(&mut fit, level, &views, &model, request, &mut progress)?;
+        progress.stage(format!("level {level}: Adam"), begun);
+        if level == 0 || progress.stopped {
             fit.cancel = request.closing;
             return Ok(Outcome {
-                train_psnr_db: fit.psnr(&train.iter().collect::<Vec<_>>(), &scene)?,
-                held_out_psnr_db: match held_out.is_empty() {
-                    true => None,
-                    false => Some(fit.psnr(&held_out.iter().collect::<Vec<_>>(), &scene)?),
-                },
+                train_psnr_db: views.train_psnr(&fit, &model)?,
+                held_out_psnr_db: views.held_out_psnr(&fit, &model)?,
                 unknowns: fit.unknowns(),
                 field: fit.field,
-                history,
-                stages,
-                stopped,
+                history: progress.history,
+                stages: progress.stages,
+                stopped: progress.stopped,
             });
         }
         field = Some(fit.field);
         level -= 1;
     }
+}
+
+/// Runs the epochs of one level.
+fn descend(
+    fit: &mut Fit,
+    level: u32,
+    views: &Views,
+    model: &ForwardModel<'_>,
+    request: &Request,
+    progress: &mut Progress<'_>,
+) -> Result<()> {
+    fit.cancel = request.cancel;
+    let epochs = if level == 0 { request.iterations } else { COARSE_EPOCHS.min(request.iterations) };
+    for epoch in 0..epochs {
+        for batch in batches(&views.train, BATCH, epoch) {
+            let loss = fit.step(&batch, model, &absolute, request.prior.unwrap_or(PRIOR))?;
+            let held_out_psnr_db = views.held_out_psnr(fit, model)?;
+            if request.cancel.requested() {
+                progress.stopped = true;
+                return Ok(());
+            }
+            progress.step(level, loss, held_out_psnr_db);
+            if progress.stopped {
+                return Ok(());
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Returns the level to begin on; a start is used on the finest.

@@ -2,7 +2,7 @@
 //! pass.
 
 use crate::cancel::Cancel;
-use crate::optimise::gradient::partition::{Parts, Tile};
+use crate::optimise::gradient::partition::{Partitions, Parts, Tile};
 use crate::render::composited::{self, Composited};
 use crate::render::differentiable::Differentiable;
 use crate::render::differentiable::{self, Adjoint, ParameterGradient, RayGradient};
@@ -87,37 +87,11 @@ pub fn gradient<I: Differentiable<Real = f32>>(
     gradients: &mut Gradients<'_, I::Voxel>,
 ) -> (f64, ParameterGradient) {
     let (field, lookups) = (light.integrator.field(), light.integrator.lookups(gradients.table.is_some()));
-    let count = match gradients.voxels {
-        Some(_) => {
-            let rays: usize = targets.iter().map(|t| t.rgba.len() * t.rays_per_edge.pow(2)).sum();
-            let seen = lookups.iter().filter(|l| **l > 0.0);
-            let mean = seen.clone().sum::<f32>() / seen.count().max(1) as f32;
-            partitions(field, bricks_crossed(field, rays) * f64::from(mean), targets.len() < MOST_PARTITIONS)
-        }
-        None => MOST_PARTITIONS,
-    };
+    let count = partition_count(field, &lookups, targets, gradients.voxels.is_some());
     let Gradients { voxels, table, cameras, step, cancel } = gradients;
-    let cancel = *cancel;
-    let partitions = &mut accumulators.0;
-    partitions.resize_with(count, Partition::default);
-    let length = voxels.as_ref().map_or(0, |v| v.len());
-    // Zeros that are not touched take no memory.
-    partitions
-        .iter_mut()
-        .skip(1)
-        .filter(|partition| partition.voxels.len() != length)
-        .for_each(|partition| partition.voxels = vec![I::Voxel::default(); length]);
     let views: Vec<&Camera> = targets.iter().map(|t| &t.camera).collect();
     let parts = Parts::new(field, &lookups, &views, count, voxels.is_some());
-    let mut first = voxels.as_deref_mut();
-    let mut own: Vec<Work<'_, I>> = partitions
-        .iter_mut()
-        .enumerate()
-        .map(|(number, partition)| {
-            let voxels = first.take().or((length > 0 && !partition.voxels.is_empty()).then_some(&mut partition.voxels));
-            (number, voxels, &mut partition.tape)
-        })
-        .collect();
+    let mut own: Vec<Work<'_, I>> = accumulators.divided(count, voxels.as_deref_mut());
     let sums: Vec<Sums<'_, I::Voxel>> = tiles::partitions(
         &mut own,
         cancel.flag(),
@@ -148,7 +122,7 @@ pub fn gradient<I: Differentiable<Real = f32>>(
         },
     );
     let (mut loss, mut shared) = (0.0, ParameterGradient::default());
-    let mut by_lane = Vec::new();
+    let mut voxels = Vec::new();
     for own in sums {
         if let (Some(total), Some(own)) = (table.as_deref_mut(), &own.table) {
             total.add(own);
@@ -160,18 +134,57 @@ pub fn gradient<I: Differentiable<Real = f32>>(
             *total += own.step;
         }
         (loss, shared) = (loss + own.loss, shared.plus(&own.shared));
-        by_lane.extend(own.voxels);
+        voxels.extend(own.voxels);
     }
-    if let Some((total, others)) = by_lane.split_first_mut() {
-        total.par_chunks_mut(BRICK).zip(&parts.seen_by).enumerate().for_each(|(i, (total, seen_by))| {
-            for (_, own) in others.iter().enumerate().filter(|(partition, _)| seen_by & 2 << partition != 0) {
-                for (t, v) in total.iter_mut().zip(&own[i * BRICK..]) {
-                    *t += *v;
-                }
-            }
-        });
-    }
+    merge(&mut voxels, &parts.seen_by);
     (loss, shared)
+}
+
+/// Returns the number of partitions that the pixels of all targets are divided into.
+fn partition_count<V: Voxel>(field: &Bricks<V>, lookups: &[f32], targets: &[&Target], by_voxels: bool) -> usize {
+    if !by_voxels {
+        return MOST_PARTITIONS;
+    }
+    let rays: usize = targets.iter().map(|t| t.rgba.len() * t.rays_per_edge.pow(2)).sum();
+    let visible = lookups.iter().filter(|l| **l > 0.0);
+    let mean = visible.clone().sum::<f32>() / visible.count().max(1) as f32;
+    partitions(field, bricks_crossed(field, rays) * f64::from(mean), targets.len() < MOST_PARTITIONS)
+}
+
+impl<V: Voxel, T: Default> Workspace<V, T> {
+    /// Returns for each of `count` partitions its number, its voxel gradient (the caller's for the first) and its tape.
+    fn divided<'w>(
+        &'w mut self,
+        count: usize,
+        mut voxels: Option<&'w mut [V]>,
+    ) -> Vec<(usize, Option<&'w mut [V]>, &'w mut T)> {
+        let length = voxels.as_ref().map_or(0, |v| v.len());
+        self.0.resize_with(count, Partition::default);
+        let partitions = self.0.iter_mut().enumerate();
+        partitions
+            .map(|(number, Partition { voxels: own, tape })| {
+                // Zeros that are not touched take no memory.
+                if number > 0 && own.len() != length {
+                    *own = vec![V::default(); length];
+                }
+                let own = (length > 0 && !own.is_empty()).then_some(&mut own[..]);
+                (number, voxels.take().or(own), tape)
+            })
+            .collect()
+    }
+}
+
+/// Adds the voxel gradients of all partitions to that of the first, in their order; `seen_by` tells of each brick which
+/// partitions have rays through it.
+fn merge<V: Voxel>(voxels: &mut [&mut [V]], seen_by: &[Partitions]) {
+    let Some((total, others)) = voxels.split_first_mut() else { return };
+    total.par_chunks_mut(BRICK).zip(seen_by).enumerate().for_each(|(i, (total, seen_by))| {
+        for (_, own) in others.iter().enumerate().filter(|(partition, _)| seen_by & 2 << partition != 0) {
+            for (t, v) in total.iter_mut().zip(&own[i * BRICK..]) {
+                *t += *v;
+            }
+        }
+    });
 }
 
 /// Prepares a brick's gradient for a partition whose rays are about to cross it: clears it if it belongs to the

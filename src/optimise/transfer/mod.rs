@@ -170,63 +170,14 @@ pub fn reconstruct(
 fn newton(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> ControlFlow<()>) -> Result<Outcome> {
     let request = fit.request;
     let mut stages = Vec::new();
-    let mut stage = |name: &str, since: Instant| {
-        stages.push(Stage { name: name.into(), seconds: since.elapsed().as_secs_f64() });
-    };
-    let begun = Instant::now();
     let first = request.smooth.unwrap_or(LADDER[0]);
     if request.init.is_none() {
-        // What is refined afterwards need not be fine.
-        fit.resample(request.texels.min(FIRST_TEXELS))?;
-        fit.extinctions_from_alpha(first)?;
-        if request.cancel.requested() {
-            return Err(Error::cancelled());
-        }
-        stage("extinctions from alpha", begun);
-        let begun = Instant::now();
-        fit.refine(first, Unknowns::Colors)?;
-        fit.resample(request.texels)?;
-        stage("colors", begun);
+        first_guess(&mut fit, first, &mut stages)?;
     }
     let begun = Instant::now();
-    // Held-out views without a pixel that is finite choose nothing.
-    let weights = if fit.held_out.is_empty() && request.smooth.is_none() { &[USUAL] } else { request.weights() };
-    let refinements = if weights.len() > 1 { REFINEMENTS } else { request.iterations };
-    let mut history: Vec<Step> = Vec::new();
-    let mut tried: Vec<(f64, Vec<Rgbs>, f64)> = Vec::new();
-    let mut stopped = false;
-    'ladder: for &smooth in weights {
-        for _ in 0..refinements {
-            if history.len() as u32 >= request.iterations {
-                break 'ladder;
-            }
-            let rms = fit.refine(smooth, Unknowns::All)?;
-            let error = fit.error(&fit.held_out)?;
-            if request.cancel.requested() {
-                break 'ladder;
-            }
-            let step = Step {
-                iteration: history.len() as u32 + 1,
-                seconds: start.elapsed().as_secs_f64(),
-                smooth,
-                rms,
-                held_out_psnr_db: error.map(decibels),
-            };
-            history.push(step);
-            let score = error.unwrap_or(rms * rms);
-            tried.push((score, fit.texels.clone(), smooth));
-            if watch(&step).is_break() {
-                stopped = true;
-                break 'ladder;
-            }
-        }
-        // Past the best weight less smoothing follows the noise.
-        if weights.len() > 1 && tried.last().is_some_and(|last| last.0 > 1.5 * least(&tried)) {
-            break;
-        }
-    }
+    let (history, tried, mut stopped) = ladder(&mut fit, start, watch)?;
     stopped |= request.cancel.requested();
-    stage("extinctions and colors", begun);
+    stages.push(Stage { name: "extinctions and colors".into(), seconds: begun.elapsed().as_secs_f64() });
     // The smoothest of those that are as good as the best.
     let enough = GOOD_ENOUGH * least(&tried);
     let mut smooth = first;
@@ -244,6 +195,70 @@ fn newton(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> Cont
         stages,
         stopped: stopped || late,
     })
+}
+
+/// Finds extinctions from alpha, then colors, of few texels.
+fn first_guess(fit: &mut Fit<'_>, smooth: f64, stages: &mut Vec<Stage>) -> Result<()> {
+    let request = fit.request;
+    let begun = Instant::now();
+    // What is refined afterwards need not be fine.
+    fit.resample(request.texels.min(FIRST_TEXELS))?;
+    fit.extinctions_from_alpha(smooth)?;
+    if request.cancel.requested() {
+        return Err(Error::cancelled());
+    }
+    stages.push(Stage { name: "extinctions from alpha".into(), seconds: begun.elapsed().as_secs_f64() });
+    let begun = Instant::now();
+    fit.refine(smooth, Unknowns::Colors)?;
+    fit.resample(request.texels)?;
+    stages.push(Stage { name: "colors".into(), seconds: begun.elapsed().as_secs_f64() });
+    Ok(())
+}
+
+/// A refinement: its error, its texels, and the weight of the smoothness prior.
+type Tried = (f64, Vec<Rgbs>, f64);
+
+/// Refines extinctions and colors with the weights of the prior in turn, strongest first; returns all steps and
+/// refinements, and whether `watch` stopped the work.
+fn ladder(
+    fit: &mut Fit<'_>,
+    start: Instant,
+    watch: &mut dyn FnMut(&Step) -> ControlFlow<()>,
+) -> Result<(Vec<Step>, Vec<Tried>, bool)> {
+    let request = fit.request;
+    // Held-out views without a pixel that is finite choose nothing.
+    let weights = if fit.held_out.is_empty() && request.smooth.is_none() { &[USUAL] } else { request.weights() };
+    let refinements = if weights.len() > 1 { REFINEMENTS } else { request.iterations };
+    let (mut history, mut tried): (Vec<Step>, Vec<Tried>) = (Vec::new(), Vec::new());
+    for &smooth in weights {
+        for _ in 0..refinements {
+            if history.len() as u32 >= request.iterations {
+                return Ok((history, tried, false));
+            }
+            let rms = fit.refine(smooth, Unknowns::All)?;
+            let error = fit.error(&fit.held_out)?;
+            if request.cancel.requested() {
+                return Ok((history, tried, false));
+            }
+            let step = Step {
+                iteration: history.len() as u32 + 1,
+                seconds: start.elapsed().as_secs_f64(),
+                smooth,
+                rms,
+                held_out_psnr_db: error.map(decibels),
+            };
+            history.push(step);
+            tried.push((error.unwrap_or(rms * rms), fit.texels.clone(), smooth));
+            if watch(&step).is_break() {
+                return Ok((history, tried, true));
+            }
+        }
+        // Past the best weight less smoothing follows the noise.
+        if weights.len() > 1 && tried.last().is_some_and(|last| last.0 > 1.5 * least(&tried)) {
+            break;
+        }
+    }
+    Ok((history, tried, false))
 }
 
 /// The paper's recipe; of all epochs, and of the start if one was given, what suits the held-out views best, or without
@@ -285,7 +300,7 @@ fn decibels(square: f64) -> f64 {
     -10.0 * square.max(1e-20).log10()
 }
 
-fn least(tried: &[(f64, Vec<Rgbs>, f64)]) -> f64 {
+fn least(tried: &[Tried]) -> f64 {
     tried.iter().fold(f64::INFINITY, |least, t| least.min(t.0))
 }
 

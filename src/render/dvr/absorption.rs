@@ -1,7 +1,8 @@
 //! Grey sources: the picture depends on a ray's optical depth alone, `L = c (1 - T)`.
 
-use super::Dvr;
 use super::adjoint::Pass;
+use super::{Dvr, Tape};
+use crate::math::Ray;
 use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::cell::Quartet;
@@ -9,7 +10,7 @@ use crate::render::compositing::{self, Backward, Compositing};
 use crate::render::differentiable::{Adjoint, Loss};
 use crate::render::integrator::Radiance;
 use crate::render::march::{IndexRay, Span};
-use crate::render::quadrature::DepthRule;
+use crate::render::quadrature::{DepthRule, ExactDepth};
 
 /// Returns the radiance `L = c (1 - T)` of a grey source.
 #[inline(always)]
@@ -91,6 +92,15 @@ impl<R: Real, Q: DepthRule<R>> Backward<R> for Scatter<'_, R, Q> {
     fn replay(&mut self, spans: &[Span<R>], tape: &mut Vec<Quartet<R>>) {
         self.rule.cells(spans, tape);
         self.add(tape);
+    }
+}
+
+impl<R: Real> Dvr<'_, R> {
+    /// Traces a ray as [`Dvr::trace`] does, inlined for drivers that are compiled for each instruction set.
+    #[inline(always)]
+    pub(crate) fn trace_with(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
+        let Some(ray) = self.index_ray(ray) else { return 0.0 };
+        OpticalDepth::traced(self, &ray, ExactDepth, &mut tape.cells)
     }
 }
 

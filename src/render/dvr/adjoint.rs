@@ -15,7 +15,6 @@
 //! All channels share the transmittance, so the recursion runs once, on the loss-weighted radiance:
 //! with `g` the loss derivative, `V = Σ g_c L_c + g_T T`.
 
-use super::absorption::OpticalDepth;
 use super::blend::{Blend, Entry, arriving};
 use super::jump::Jump;
 use super::preintegrated::VoxelSeeds;
@@ -74,13 +73,6 @@ impl<R: Precision> Dvr<'_, R> {
                 pass.recursion((loss, adjoint), rule, compiled, scratch)
             }
         }
-    }
-
-    /// Traces a ray as [`Dvr::trace`] does, inlined for drivers that are compiled for each instruction set.
-    #[inline(always)]
-    pub(crate) fn trace_with(&self, ray: &Ray, tape: &mut Tape<R>) -> f64 {
-        let Some(ray) = self.index_ray(ray) else { return 0.0 };
-        OpticalDepth::traced(self, &ray, ExactDepth, &mut tape.cells)
     }
 }
 
