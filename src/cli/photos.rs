@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::formats::limits::Limits;
 use crate::optimise::projection::observation::Photo;
+use crate::report::{MOST_VIEWS, choose};
 use crate::scene::capture::{Capture, Frame};
 use crate::scene::film::Film;
 use rayon::prelude::*;
@@ -89,4 +90,9 @@ pub fn held_out(count: Option<usize>, views: usize, enough: usize) -> Result<Vec
             .hint("hold out fewer views than there are"));
     }
     Ok((0..count).map(|i| (2 * i + 1) * views / (2 * count)).collect())
+}
+
+/// Returns the numbers of the views that a report shows of `views`, those held out first.
+pub fn shown(views: usize, held_out: &[usize]) -> Vec<usize> {
+    choose(&(0..views).map(|i| held_out.contains(&i)).collect::<Vec<_>>(), MOST_VIEWS)
 }

@@ -1,10 +1,13 @@
 //! `cumulo reconstruct`: what pictures say about the volume in them.
 
+mod capture;
 mod color;
 mod confidence;
 mod density;
 mod region;
+mod stages;
 mod tf;
+mod volume;
 
 use super::memory::Memory;
 use super::output::Output;

@@ -30,20 +30,20 @@ pub(super) struct Region {
 const DOUBTFUL: f64 = 50.0;
 const HOPELESS: f64 = 400.0;
 
-/// Where the unknowns lie.
+/// The unknown voxels of a reconstruction.
 #[derive(Debug)]
-pub(super) struct Chosen {
-    /// Index to world.
+pub(super) struct Unknowns {
+    /// Voxel lattice, index to world.
     pub lattice: Affine,
     /// World box of the unknowns.
     pub bounds: Aabb,
-    /// How many there are, about.
+    /// Estimated numbers of voxels and bricks.
     pub survey: Survey,
-    /// What is doubtful about it.
+    /// Doubts about the region that do not keep the work from beginning.
     pub warnings: Vec<Warning>,
 }
 
-impl Chosen {
+impl Unknowns {
     /// Refuses a lattice that no VDB can hold, before the work.
     ///
     /// # Errors
@@ -74,7 +74,7 @@ impl Region {
     ///
     /// # Errors
     /// If the cameras contradict one another or the pictures leave nothing, or the lattice is not usable.
-    pub fn choose(&self, capture: &Capture, observation: &Observation, output: &Output) -> Result<Chosen> {
+    pub fn choose(&self, capture: &Capture, observation: &Observation, output: &Output) -> Result<Unknowns> {
         let _stage = output.stage("visual hull");
         let mut warnings = match self.bounds {
             // Who says where the volume is may know of views that show but parts of it.
@@ -102,7 +102,7 @@ impl Region {
             .hint("correct 'lattice' in transforms.json, or give --voxel-size or --resolution"));
         }
         warnings.extend(self.determined(&survey, observation, &bounds)?);
-        Ok(Chosen { lattice, bounds, survey, warnings })
+        Ok(Unknowns { lattice, bounds, survey, warnings })
     }
 
     /// Many more unknowns than measurements are what a damaged camera or a wrong background leaves.
