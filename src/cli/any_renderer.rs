@@ -9,26 +9,26 @@ use crate::scene::camera::Camera;
 use crate::scene::film::Film;
 use std::sync::atomic::AtomicBool;
 
-/// What makes the pictures.
+/// A renderer of densities or of a pre-shaded volume, over a background.
 #[derive(Debug)]
 pub enum AnyRenderer<'a> {
-    /// Light that follows the density.
+    /// Renderer of a density with its medium.
     Density(Composited<Dvr<'a, f32>>),
-    /// A pre-shaded volume.
+    /// Renderer of a pre-shaded volume.
     PreShaded(Composited<Preshaded<'a, f32>>),
 }
 
 impl AnyRenderer<'_> {
-    /// Ends rays once their transmittance is below this.
+    /// Has rays end once their transmittance is below the given one.
     #[must_use]
     pub fn early_stop(self, transmittance: f64) -> Self {
         match self {
-            Self::Density(light) => Self::Density(light.with(|dvr| dvr.early_stop(transmittance))),
-            Self::PreShaded(light) => Self::PreShaded(light.with(|volume| volume.early_stop(transmittance))),
+            Self::Density(dvr) => Self::Density(dvr.with(|dvr| dvr.early_stop(transmittance))),
+            Self::PreShaded(volume) => Self::PreShaded(volume.with(|volume| volume.early_stop(transmittance))),
         }
     }
 
-    /// The most that this changes in any channel of a pixel.
+    /// Returns the bound of the error in any channel of a pixel that the early end of rays makes.
     pub fn left_out(&self) -> f64 {
         match self {
             Self::Density(dvr) => dvr.left_out(),

@@ -165,15 +165,15 @@ impl Render {
         let waiting = capture.frames.iter().map(|f| batch.add(&f.picture)).collect::<Result<Vec<_>>>()?;
         let waiting_json = batch.add(&json)?;
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
-        let light = scene.light(&capture, quadrature).map_err(|e| e.at(&self.input))?.early_stop(self.early_stop);
-        let early_stop = EarlyStop { transmittance: self.early_stop, error_bound: light.left_out() };
+        let renderer = scene.renderer(&capture, quadrature).map_err(|e| e.at(&self.input))?.early_stop(self.early_stop);
+        let early_stop = EarlyStop { transmittance: self.early_stop, error_bound: renderer.left_out() };
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
         capture.frames.par_iter().zip(&waiting).try_for_each(|(frame, waiting)| {
             let rays = self.supersample as usize;
             let film = match &self.aov[..] {
-                [] => light.picture(&frame.camera, rays, cancel),
-                aovs => light.picture_with(&frame.camera, rays, aovs, cancel),
+                [] => renderer.picture(&frame.camera, rays, cancel),
+                aovs => renderer.picture_with(&frame.camera, rays, aovs, cancel),
             };
             let film = film.ok_or_else(Error::cancelled)?;
             exr::write_picture(waiting, &film, &attributes, false)?;

@@ -14,17 +14,17 @@ use rayon::prelude::*;
 use std::borrow::Cow;
 use std::path::Path;
 
-/// What is rendered.
+/// A volume to render.
 #[derive(Debug)]
 pub enum Scene {
-    /// Light that follows the density.
+    /// Densities, whose extinction and source follow from the capture's medium.
     Density(Bricks<f32>),
-    /// Emissions and extinctions.
+    /// Emissions in R, G and B, and extinctions, of a pre-shaded volume.
     PreShaded(Bricks<Vec4>),
 }
 
 impl Scene {
-    /// Reads a pre-shaded volume; `name` is that of its extinctions.
+    /// Reads a pre-shaded volume; `name` is the name of the grid of extinctions.
     ///
     /// # Errors
     /// If it cannot be read or used.
@@ -32,7 +32,7 @@ impl Scene {
         Ok(Self::PreShaded(shaded::read(&File::open(path, limits)?, name, limits.max_memory)?))
     }
 
-    /// What the optical depth is made of.
+    /// Returns the field that the optical depth integrates: densities, or the extinctions of a pre-shaded volume.
     pub fn extinctions(&self) -> Cow<'_, Bricks<f32>> {
         match self {
             Self::Density(field) => Cow::Borrowed(field),
@@ -40,11 +40,12 @@ impl Scene {
         }
     }
 
-    /// Its renderer, as the pictures of a capture show it. (Extinctions and emissions are scaled in place.)
+    /// Returns a renderer of the volume with the medium and background of a capture. Extinctions and emissions of a
+    /// pre-shaded volume are scaled in place.
     ///
     /// # Errors
     /// If the capture's medium or density scale cannot be used.
-    pub fn light(&mut self, capture: &Capture, quadrature: Quadrature) -> Result<AnyRenderer<'_>> {
+    pub fn renderer(&mut self, capture: &Capture, quadrature: Quadrature) -> Result<AnyRenderer<'_>> {
         Ok(match self {
             Self::Density(field) => AnyRenderer::Density(
                 Dvr::new(field, capture.medium()?)?.quadrature(quadrature).over(capture.background),
@@ -57,15 +58,17 @@ impl Scene {
     }
 }
 
-/// Scales extinctions, and emissions with them: colors stay.
+/// Scales the extinctions of a pre-shaded volume, and its emissions with them, so that their ratios, the colors, stay.
 ///
 /// # Errors
 /// If they become too large.
-pub fn scale(volume: &mut Bricks<Vec4>, by: f64) -> Result<()> {
-    volume.values.par_iter_mut().for_each(|v| *v *= by as f32);
+pub fn scale(volume: &mut Bricks<Vec4>, factor: f64) -> Result<()> {
+    volume.values.par_iter_mut().for_each(|v| *v *= factor as f32);
     if volume.values.par_iter().all(|v| v.is_finite()) {
         return Ok(());
     }
-    Err(Error::invalid(format!("density scale {by:e} makes emissions or extinctions too large for single precision"))
-        .hint("give a smaller --density-scale, or correct the capture's density_scale"))
+    Err(Error::invalid(format!(
+        "density scale {factor:e} makes emissions or extinctions too large for single precision"
+    ))
+    .hint("give a smaller --density-scale, or correct the capture's density_scale"))
 }
