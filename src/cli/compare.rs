@@ -73,7 +73,10 @@ impl fmt::Display for Report {
     }
 }
 
-/// Bytes of both films; an error if they, and what their comparison needs, exceed the limits.
+/// Returns the bytes of each film.
+///
+/// # Errors
+/// If a picture cannot be read, or both films and the working memory of their comparison exceed the limits.
 fn check_memory(arguments: &Arguments, limits: Limits) -> Result<[u64; 2]> {
     let (mut films, mut working) = ([0; 2], 0);
     for (film, path) in films.iter_mut().zip([&arguments.a, &arguments.b]) {

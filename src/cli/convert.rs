@@ -92,11 +92,11 @@ struct ConvertedGrid {
     name: String,
     from: String,
     active_voxels: u64,
-    /// Values set to zero by `--repair`.
+    /// Number of values that `--repair` set to zero.
     repaired: Option<u64>,
-    /// Finite values that become infinite as half.
+    /// Number of finite values that become infinite as 16-bit floats; none without `--half`.
     half_overflow: Option<u64>,
-    /// Values that become zero as half.
+    /// Number of values other than zero that become zero as 16-bit floats; none without `--half`.
     half_underflow: Option<u64>,
     /// True if the transfer function of `--tf` was attached to the grid.
     transfer: bool,
@@ -320,14 +320,14 @@ impl<'e> GridEdit<'e> {
 /// Remedy where the grids of a conversion do not fit in memory together.
 const ONE_BY_ONE: &str = "raise --max-memory, or convert the grids one by one with --grid";
 
-/// Memory that all grids of a conversion take together.
+/// Memory of all grids of a conversion together, in bytes.
 struct Budget {
     held: u64,
     limit: u64,
 }
 
 impl Budget {
-    /// Refuses what would need so many bytes more than the grids that are held already.
+    /// Refuses a step that needs `bytes` beside the grids that are held already.
     fn room(&self, bytes: u64, what: &str, hint: &str) -> Result<()> {
         let needed = self.held.saturating_add(bytes);
         if needed <= self.limit {
