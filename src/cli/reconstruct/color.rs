@@ -37,7 +37,7 @@ pub struct Color {
     output: PathBuf,
     #[command(flatten)]
     region: Region,
-    /// Views that are not used, only looked at to know when to stop (default: one of 8 or more)
+    /// Number of views to hold out: these are not fitted, but decide when to stop (default: one of 8 or more)
     #[arg(long, value_name = "K")]
     held_out: Option<usize>,
     /// Iterations of the extinctions on the finest level, at most

@@ -1,4 +1,4 @@
-//! The grids that say how much the pictures constrain each voxel.
+//! Confidence grids: how much the pictures constrain each voxel, beside the prior.
 
 use crate::error::Result;
 use crate::formats::vdb::{CONFIDENCE, shaded};
@@ -68,7 +68,8 @@ pub fn of_pre_shaded(volume: &Bricks<Vec4>, fit: Fit<'_>, tick: impl FnMut(usize
 }
 
 impl Fit<'_> {
-    /// Confidences of the groups of channels, as grids beside those of the given names, and the residuals' warnings.
+    /// Measures the confidence of each group of channels, as a grid beside the one of its name in `names`. The warnings are
+    /// those of the residuals.
     fn grids<I>(
         self,
         renderer: &Composited<I>,
@@ -94,14 +95,14 @@ impl Fit<'_> {
         residuals.map(|r| r.warnings()).unwrap_or_default()
     }
 
-    /// The training views.
+    /// Returns the training views.
     fn targets(self) -> Vec<Target> {
         let rays_per_edge = self.request.rays_per_edge;
         let training = self.photos.iter().enumerate().filter(|(i, _)| !self.request.held_out.contains(i));
         training.map(|(_, p)| Target { camera: p.camera, rgba: p.film.rgba.clone(), rays_per_edge }).collect()
     }
 
-    /// Standard deviation of a pixel's error; the least where the PSNR was not measured, as after a stop.
+    /// Returns the standard deviation of a pixel's error; the least where the PSNR was not measured, as after a stop.
     fn noise(self) -> f64 {
         LEAST_NOISE.max(10.0_f64.powf(-self.train_psnr_db / 20.0))
     }
@@ -120,7 +121,7 @@ fn range(field: &Bricks<f32>, source: &Source) -> f64 {
     }
 }
 
-/// The value that [`RANGE_PERCENTILE`] percent of the positive values lie below; 0 if none is positive.
+/// Returns the value that [`RANGE_PERCENTILE`] percent of the positive values lie below; 0 if none is positive.
 fn top(values: impl Iterator<Item = f32>) -> f64 {
     let mut positive: Vec<f32> = values.filter(|v| *v > 0.0).collect();
     if positive.is_empty() {

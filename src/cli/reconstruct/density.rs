@@ -51,7 +51,7 @@ pub struct Density {
     /// where there is a transfer function, else weiss2021
     #[arg(long, value_enum, default_value_t = Choice::Auto)]
     solver: Choice,
-    /// Views that are not used, only looked at to know when to stop (default: one of 8 or more)
+    /// Number of views to hold out: these are not fitted, but decide when to stop (default: one of 8 or more)
     #[arg(long, value_name = "K")]
     held_out: Option<usize>,
     /// Iterations on the finest level, at most (default: 24; with a transfer function, or weiss2021: 50 epochs)
@@ -60,11 +60,11 @@ pub struct Density {
     /// Blur passes of the smoothness prior (default: as many as suit the held-out views; without these 1, or 2 where the pictures are noisy)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     smoothing: Option<u32>,
-    /// What a descent (behind a transfer function, or weiss2021) asks of neighbouring voxels: smooth=W, or tv=W for total
+    /// Prior on neighbouring voxels of a descent (through a transfer function, or weiss2021): smooth=W, or tv=W for total
     /// variation, W the weight in units of the range of densities (default: smooth=0.001, weiss2021 smooth=0.5)
     #[arg(long, value_name = "NAME=W")]
     prior: Option<Weighted<VolumePrior>>,
-    /// What cg makes small: huber bounds the influence of outliers, l2 is plain least squares
+    /// Loss that cg minimises: huber bounds the influence of outliers, l2 is plain least squares
     #[arg(long, value_enum, default_value_t = Loss::Huber)]
     loss: Loss,
     /// Layer of the pictures (default: the beauty)
@@ -94,7 +94,7 @@ enum Choice {
     Weiss2021,
 }
 
-/// The solver that suits the pictures.
+/// Solver of densities, as `--solver` and the medium of the pictures choose it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum DensitySolver {
     Cg,
@@ -103,7 +103,7 @@ enum DensitySolver {
 }
 
 impl DensitySolver {
-    /// Iterations on the finest level, or epochs, where `--iterations` does not bound them.
+    /// Returns the largest number of iterations on the finest level, or of epochs, without `--iterations`.
     fn usual_iterations(self) -> u32 {
         match self {
             Self::Cg => 24,
@@ -111,7 +111,7 @@ impl DensitySolver {
         }
     }
 
-    /// The largest number of steps that a run reports, over all levels; `views` are those of the capture.
+    /// Returns the largest number of steps that a run reports, over all levels; `views` counts those of the capture.
     fn most_iterations(self, request: &Request, views: usize) -> u64 {
         let training = views - request.held_out.len();
         match self {
@@ -135,7 +135,7 @@ impl DensitySolver {
         }
     }
 
-    /// The method whose cost is that of the solver.
+    /// Returns the method that the solver's cost is estimated for.
     fn method(self) -> Method {
         match self {
             Self::Cg => Method::Cg,
@@ -206,7 +206,7 @@ impl Density {
         work.finish(solver.into(), self.grid.clone(), voxel_size, solved, request.held_out)
     }
 
-    /// The capture, with the transfer function of the options in the place of its own.
+    /// Loads the capture; the transfer function of `--tf` takes the place of its own.
     fn input(&self, limits: Limits) -> Result<LoadedCapture> {
         let other_inputs = [&self.transfer.tf, &self.init].into_iter().flatten();
         let mut input = LoadedCapture::load(&self.capture, &self.output, other_inputs, limits)?;
@@ -262,14 +262,14 @@ impl Density {
         })
     }
 
-    /// An error of the solver with its file: that of `--tf` for what is wrong with the function, else the capture.
+    /// Names the file of a solver's error: that of `--tf` for an error of the function, else the capture.
     fn located(&self, error: Error, json: &Path) -> Error {
         let function = self.transfer.tf.as_deref().filter(|_| error.place() == Some(through_transfer::FUNCTION));
         error.at(function.unwrap_or(json))
     }
 }
 
-/// The transfer function that the pictures show, if they do.
+/// Returns the transfer function of emission-absorption pictures; none for other models.
 fn transfer_of(capture: &Capture) -> Option<&Transfer> {
     capture.transfer.as_ref().filter(|_| capture.model == Model::EmissionAbsorption)
 }

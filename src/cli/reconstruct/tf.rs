@@ -55,7 +55,7 @@ pub struct Tf {
     /// Weight of the smoothness prior beside the pictures (default: the best for the held-out view; weiss2021: 0.4)
     #[arg(long, value_name = "W", value_parser = parse::positive)]
     smooth: Option<f64>,
-    /// Views that are not used but compared with (default: 1 if there are 3 or more)
+    /// Number of views to hold out: these are not fitted, but compared with (default: 1 if there are 3 or more)
     #[arg(long, value_name = "N")]
     held_out: Option<usize>,
     /// Pixels drawn from the pictures
@@ -163,7 +163,7 @@ impl Tf {
         Ok(exit_code(run.stopped, output))
     }
 
-    /// The capture, whose pictures must show colors.
+    /// Loads the capture, and refuses pictures without colors.
     fn input(&self, limits: Limits) -> Result<LoadedCapture> {
         let other_inputs = std::iter::once(&self.volume).chain(&self.init);
         let input = LoadedCapture::load(&self.capture, &self.output, other_inputs, limits)?;
@@ -177,7 +177,7 @@ impl Tf {
         Ok(input)
     }
 
-    /// The volume in the pictures.
+    /// Reads the volume in the pictures.
     fn field(&self, task: &mut Task<'_>, output: &Output) -> Result<Bricks<f32>> {
         let field = {
             let _stage = output.stage("reading the volume");
@@ -274,7 +274,7 @@ fn solve(
     outcome
 }
 
-/// Warnings of the residuals between the pictures and renders with the reconstructed function.
+/// Returns the warnings of the residuals between pictures and renders with the reconstructed function.
 fn residual_warnings(
     outcome: &Outcome,
     field: &Bricks<f32>,
@@ -289,7 +289,7 @@ fn residual_warnings(
     Ok(residuals.map(|r| r.warnings()).unwrap_or_default())
 }
 
-/// Expected cost of the search; the volume is in memory already.
+/// Estimates the cost of the search; the volume is in memory already.
 fn cost(request: &Request, field: &Bricks<f32>, photos: &[Photo]) -> Cost {
     let pixels: usize = photos.iter().map(|p| p.film.rgba.len()).sum();
     let edge = (field.values.len() as f64).cbrt();
