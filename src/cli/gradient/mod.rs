@@ -46,7 +46,7 @@ use std::time::Instant;
 pub struct GradientCommand {
     /// VDB to differentiate at
     input: PathBuf,
-    /// What to differentiate by, one or more
+    /// Parameters to differentiate by, one kind or more
     #[arg(long, value_enum, value_delimiter = ',', required = true, value_name = "WHAT,...")]
     wrt: Vec<Wrt>,
     /// Loss, a mean over pixels and views
@@ -68,7 +68,7 @@ pub struct GradientCommand {
     /// Place this many cameras around the volume
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     views: Option<u32>,
-    /// What is seen (default: that of --target, emission-absorption with a transfer function or --emission, else
+    /// Model of the pictures (default: that of --target, emission-absorption with a transfer function or --emission, else
     /// absorption)
     #[arg(long, value_enum, conflicts_with = "tf")]
     model: Option<Model>,
@@ -195,7 +195,7 @@ impl GradientCommand {
     /// Reads, plans, differentiates, checks, writes and reports.
     ///
     /// # Errors
-    /// If the volume or the pictures cannot be used, or what is asked for does not exist.
+    /// If the volume or the pictures cannot be used, or a parameter of `--wrt` does not exist.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let mut provenance = Provenance::begin();
         let limits = self.memory.limits();
@@ -268,7 +268,7 @@ impl GradientCommand {
         Ok(Results { grids: self.as_grids(study, gradient), page, report })
     }
 
-    /// Refuses what contradicts itself, before anything is read.
+    /// Refuses options that contradict each other, before anything is read.
     fn fits_together(&self) -> Result<()> {
         let by = |w: Wrt| self.wrt.contains(&w);
         let inverts = self.adjoint == Some(AdjointName::Inversion);

@@ -1,4 +1,4 @@
-//! The page of a gradient: what is seen, where the loss would have more or less of it, and every derivative listed.
+//! The page of a gradient: renders, slices of the derivatives by voxel, and every derivative listed.
 
 use super::GradientCommand;
 use super::report::Report;

@@ -82,7 +82,7 @@ struct CameraReport {
     rms_before: f64,
     /// RMS difference of the colors between picture and render, with the camera that the search ended with.
     rms_after: f64,
-    /// Angle in degrees between the camera's axes before and after.
+    /// Returns the angle in degrees between the camera's axes before and after.
     rotated_degrees: f64,
     /// Distance between the positions before and after, in percent of the distance to the volume's centre.
     moved_percent: f64,
@@ -197,7 +197,7 @@ impl Pose {
         Ok(exit_code(stopped, output))
     }
 
-    /// The pictures with the cameras that the search begins with.
+    /// Combines the pictures with the cameras that the search begins with.
     fn targets(&self, photos: Vec<Photo>, shown: &Capture) -> Result<Vec<Target>> {
         let rays_per_edge = run::rays_per_edge(shown.pixel_filter);
         let cameras = self.previous(shown)?.unwrap_or_else(|| shown.frames.iter().map(|f| f.camera).collect());
@@ -250,7 +250,7 @@ impl Pose {
         Ok((Scene::Density(field), shown))
     }
 
-    /// The capture as its pictures are to be understood.
+    /// Returns the capture as its pictures are to be understood: with the transfer function of `--tf`, if there is one.
     fn shown(&self, capture: &Capture, transfer: Option<Transfer>) -> Capture {
         match transfer.filter(|_| self.transfer.tf.is_some()) {
             Some(transfer) => Capture { transfer: Some(transfer), model: Model::EmissionAbsorption, ..capture.clone() },
@@ -260,7 +260,7 @@ impl Pose {
         }
     }
 
-    /// The cameras that an earlier run has found for the same pictures.
+    /// Returns the cameras of an earlier run with the same pictures, with `--resume`.
     fn previous(&self, shown: &Capture) -> Result<Option<Vec<Camera>>> {
         if !(self.resume && self.output.exists()) {
             return Ok(None);
@@ -278,7 +278,7 @@ impl Pose {
         Ok(Some(previous.into_iter().map(|f| f.camera).collect()))
     }
 
-    /// The middle of what is in the volume.
+    /// Returns the centre of the world-space box around the voxels that are not zero.
     fn centre(&self, field: &Bricks<f32>) -> Result<DVec3> {
         let outline = field.outline();
         if outline.is_empty() {
@@ -336,10 +336,10 @@ impl Pose {
     }
 }
 
-/// Difference of the colors beyond which a picture is not what its camera sees, relative to the peak of 1.
+/// RMS difference of the colors above which a picture is not what its camera sees, relative to the peak of 1.
 const UNLIKE: f64 = 0.1;
 
-/// A warning if pictures are not met wherever their cameras stand.
+/// Warns if pictures differ from what their cameras see.
 fn unexplained(poses: &[Found]) -> Option<Warning> {
     let poor = poses.iter().filter(|f| f.rms[1] > UNLIKE).count();
     (poor > 0).then(|| {
@@ -354,7 +354,7 @@ fn unexplained(poses: &[Found]) -> Option<Warning> {
     })
 }
 
-/// Angle in degrees between two cameras' axes, and the distance between them in percent of the distance of the first one
+/// Returns the angle in degrees between two cameras' axes, and the distance between them in percent of the distance of the first one
 /// to `centre`.
 fn apart(a: &Camera, b: &Camera, centre: DVec3) -> (f64, f64) {
     let axes = |c: &Camera| DMat3::from_mat4(c.camera_to_world);
