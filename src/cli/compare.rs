@@ -19,9 +19,9 @@ use std::process::ExitCode;
 /// scene-linear values; psnr_db refers to white, or to the second picture's peak if that is brighter.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Picture
+    /// Picture to compare
     a: PathBuf,
-    /// Picture it is measured against
+    /// Reference picture
     b: PathBuf,
     /// Layer of both files (default: the beauty)
     #[arg(long, value_name = "NAME")]

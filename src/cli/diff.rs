@@ -102,7 +102,7 @@ impl Diff {
         Ok(if same { ExitCode::SUCCESS } else { ExitCode::from(1) })
     }
 
-    /// Pairs of names to compare, in the first and in the second file: equal ones, or the only one on each side.
+    /// Pairs the names to compare, in the first and in the second file: equal ones, or the only one on each side.
     fn pairs(&self, a: &File, b: &File) -> Result<Vec<(String, String)>> {
         let only = |file: &File| match file.entries() {
             [one] => Some(one.name.clone()),

@@ -236,7 +236,7 @@ impl Render {
         Ok(())
     }
 
-    /// The transfer function that the pictures will show: `loaded` if it is that of `--tf`, else that of `--cameras`, else
+    /// Chooses the transfer function that the pictures will show: `loaded` if it is that of `--tf`, else that of `--cameras`, else
     /// the one that the grid carries, which is `loaded` then; none for other models.
     fn transfer(&self, loaded: Option<Transfer>, template: Option<&Capture>) -> Option<Transfer> {
         if self.transfer.tf.is_some() {
@@ -264,7 +264,7 @@ impl Render {
         Ok((Scene::Density(field), transfer))
     }
 
-    /// The capture to render: cameras, model and medium from the options and, where they are silent, from `--cameras`.
+    /// Plans the capture to render: cameras, model and medium from the options and, where they are silent, from `--cameras`.
     fn capture(&self, scene: &Scene, transfer: Option<Transfer>, template: Option<Capture>) -> Result<Capture> {
         let field = &*scene.extinctions();
         let cameras: Vec<Camera> = match (&template, self.views) {

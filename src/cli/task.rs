@@ -69,7 +69,7 @@ impl<'t> Task<'t> {
         Ok((photos, warnings))
     }
 
-    /// Marks the begin of the work: from here on a first Ctrl-C stops it, and its result so far is written; before, a
+    /// Marks the beginning of the work: from here on a first Ctrl-C stops it, and its result so far is written; before, a
     /// Ctrl-C ends the program if reading takes longer than a second.
     pub fn work_begins(&self) {
         WORKING.store(true, Ordering::SeqCst);

@@ -234,7 +234,7 @@ impl GradientCommand {
         Ok(if wrong { ExitCode::from(1) } else { ExitCode::SUCCESS })
     }
 
-    /// Paths of all files that the command reads.
+    /// Returns the paths of all files that the command reads.
     fn inputs(&self) -> Result<Vec<PathBuf>> {
         let mut all = vec![self.input.clone()];
         all.extend(self.transfer.tf.clone());
@@ -308,7 +308,7 @@ impl GradientCommand {
         }
     }
 
-    /// Parameters that `--wrt` names, in its order and without voxels.
+    /// Returns the parameters that `--wrt` names, in its order and without voxels.
     fn parameters<V: Subject>(&self, study: &Study<V>) -> Vec<Parameter> {
         let mut all: Vec<Parameter> = Vec::new();
         for (i, wrt) in self.wrt.iter().enumerate() {
@@ -333,7 +333,7 @@ impl GradientCommand {
         all
     }
 
-    /// Numbers of the voxels' channels that `--wrt` names.
+    /// Returns the numbers of the voxels' channels that `--wrt` names.
     fn channels<V: Subject>(&self) -> Vec<usize> {
         let last = depth_channel::<V>();
         let named = |channel: &usize| self.wrt.contains(if *channel == last { &Wrt::Density } else { &Wrt::Emission });
@@ -382,7 +382,10 @@ impl GradientCommand {
         Ok((gradient, report))
     }
 
-    /// Chooses the AD mode for that many parameters, voxels with their `channels` among them.
+    /// Chooses the AD mode for `count` parameters, the voxels' `channels` among them.
+    ///
+    /// # Errors
+    /// If forward mode is requested for too many parameters.
     fn plan<V: Subject>(&self, study: &Study<V>, count: usize, channels: &[usize], limits: Limits) -> Result<Choice> {
         let adjoint = self.adjoint.map(|a| match a {
             AdjointName::Tape => Adjoint::Tape,
@@ -403,7 +406,7 @@ impl GradientCommand {
         Ok(plan)
     }
 
-    /// The voxels of the largest derivatives, as many as `--largest` lists, with these.
+    /// Returns the voxels of the largest derivatives and these derivatives, as many as `--largest` lists.
     fn largest_by_voxel(&self, gradient: &Found, channels: &[usize]) -> Vec<(Parameter, f64)> {
         let mut order: Vec<usize> = (0..gradient.by_voxel.len()).collect();
         // The sort is stable: equal ones stay in their order.
@@ -413,7 +416,7 @@ impl GradientCommand {
         order.into_iter().map(|i| (voxel(i), gradient.by_voxel[i])).collect()
     }
 
-    /// Numbers of the rows that are checked: all with `--all`, else at most [`SAMPLE`] of each group, evenly spaced.
+    /// Returns the numbers of the rows that are checked: all with `--all`, else at most [`SAMPLE`] of each group, evenly spaced.
     fn sample(&self, rows: &[Row]) -> Vec<usize> {
         if self.all {
             return (0..rows.len()).collect();
@@ -475,7 +478,7 @@ impl GradientCommand {
     }
 }
 
-/// Rows of the report, in the order of the parameters, not yet checked.
+/// Returns the rows of the report in the order of the parameters, not yet checked.
 fn rows<V: Subject>(study: &Study<V>, parameters: Vec<Parameter>, derivatives: Vec<f64>) -> Vec<Row> {
     let described = study.described(&parameters).into_iter().zip(parameters).zip(derivatives);
     let row = |(((name, group, value), parameter), gradient)| Row {

@@ -155,8 +155,8 @@ impl GradientCommand {
         Ok((study, warnings))
     }
 
-    /// The transfer function: `loaded` if it is that of `--tf`, else the target's, else the one that the grid carries,
-    /// which is `loaded` then; none where `--emission` or the model has another source.
+    /// Chooses the transfer function: `loaded` if it is that of `--tf`, else the target's, else the one that the grid
+    /// carries, which is `loaded` then; none where `--emission` or the model has another source.
     fn transfer(&self, loaded: Option<Transfer>, model: Option<Model>, target: Option<&Capture>) -> Option<Transfer> {
         let shown = target.filter(|c| c.model == Model::EmissionAbsorption);
         match model {

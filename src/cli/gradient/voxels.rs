@@ -30,7 +30,7 @@ impl GradientCommand {
     }
 }
 
-/// Leaves of the bricks in which a derivative is not zero; the voxels of such derivatives are active.
+/// Returns the leaves of the bricks in which a derivative is not zero; the voxels of such derivatives are active.
 fn leaves(topology: &Topology, by_voxel: &[f64]) -> Vec<Leaf> {
     let leaf = |(brick, values): (&glam::IVec3, &[f64])| {
         let mut leaf = Leaf { origin: (8 * *brick).to_array(), values: Box::new([0.0; LEAF_VOXELS]), active: [0; 8] };

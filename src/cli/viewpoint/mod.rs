@@ -263,7 +263,7 @@ impl Viewpoint {
         self.pictures.clone().unwrap_or_else(beside)
     }
 
-    /// The capture to render, with the cameras of the starts.
+    /// Plans the capture to render, with the cameras of the starts.
     fn capture(&self, field: &Bricks<f32>, transfer: Option<Transfer>, request: &Request) -> Result<Capture> {
         let cameras: Vec<Camera> = request.starts.iter().map(|d| request.sphere.camera(&sphere::upright(*d))).collect();
         let source = match &transfer {
