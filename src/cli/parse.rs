@@ -45,7 +45,7 @@ const SMALLEST_ANGLE: f64 = 1e-3;
 /// Largest radiance of a color option: its square is still finite in single precision.
 const BRIGHTEST: f64 = 1e15;
 
-/// Parses an angle of view in degrees, from [`SMALLEST_ANGLE`] to 170, 170 excluded.
+/// Parses an angle of view in degrees, from 0.001 to 170, 170 excluded.
 pub fn angle(text: &str) -> Result<f64, String> {
     let degrees = positive(text)?;
     if degrees < SMALLEST_ANGLE {
@@ -82,7 +82,7 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
     })
 }
 
-/// Parses a scene-linear color, `r,g,b` or one number for grey, each from 0 to [`BRIGHTEST`].
+/// Parses a scene-linear color, `r,g,b` or one number for grey, each from 0 to 1e15.
 pub fn color(text: &str) -> Result<[f32; 3], String> {
     let numbers = text.split(',').map(not_negative).collect::<Result<Vec<_>, _>>()?;
     if numbers.iter().any(|v| *v > BRIGHTEST) {
