@@ -7,14 +7,14 @@ use signal_hook::iterator::Signals;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-static ASKED: AtomicBool = AtomicBool::new(false);
+static STOP: AtomicBool = AtomicBool::new(false);
 static LISTENING: AtomicBool = AtomicBool::new(false);
 
-/// Takes the signals from now on. One of them ends the program at once, without anything temporary left behind, and with
-/// the exit code that shells expect (128 and its number); unless a command [`listen`]s, which the first one asks to stop.
+/// Handles the signals from now on. A signal ends the program at once, leaving nothing temporary behind, with the exit
+/// code that shells expect (128 plus its number); if a command [`listen`]s, the first one requests it to stop instead.
 ///
 /// # Errors
-/// The operating system's.
+/// If the operating system refuses the handlers or their thread.
 pub fn install() -> Result<()> {
     let failed = |e| Error::system(e).part("signals").hint("the system may be out of threads or memory; try again");
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).map_err(failed)?;
@@ -22,7 +22,7 @@ pub fn install() -> Result<()> {
     signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false))).map_err(failed)?;
     let wait = move || {
         for signal in signals.forever() {
-            if !LISTENING.load(Ordering::SeqCst) || ASKED.swap(true, Ordering::SeqCst) {
+            if !LISTENING.load(Ordering::SeqCst) || STOP.swap(true, Ordering::SeqCst) {
                 process::leave(128_u8.saturating_add(signal as u8));
             }
         }
@@ -31,8 +31,8 @@ pub fn install() -> Result<()> {
     Ok(())
 }
 
-/// Has the first signal ask for an end, by the flag that is returned; the second one ends the program.
+/// Returns the flag that the first signal sets from now on; the second one ends the program.
 pub fn listen() -> &'static AtomicBool {
     LISTENING.store(true, Ordering::SeqCst);
-    &ASKED
+    &STOP
 }

@@ -19,9 +19,9 @@ use std::process::ExitCode;
 /// scene-linear values; psnr_db refers to white, or to the second picture's peak if that is brighter.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Picture
+    /// Picture to compare
     a: PathBuf,
-    /// Picture it is measured against
+    /// Reference picture
     b: PathBuf,
     /// Layer of both files (default: the beauty)
     #[arg(long, value_name = "NAME")]
@@ -73,7 +73,10 @@ impl fmt::Display for Report {
     }
 }
 
-/// Bytes of both films; an error if they, and what their comparison needs, exceed the limits.
+/// Returns the bytes of each film.
+///
+/// # Errors
+/// If a picture cannot be read, or both films and the working memory of their comparison exceed the limits.
 fn check_memory(arguments: &Arguments, limits: Limits) -> Result<[u64; 2]> {
     let (mut films, mut working) = ([0; 2], 0);
     for (film, path) in films.iter_mut().zip([&arguments.a, &arguments.b]) {

@@ -8,7 +8,7 @@ use super::parse::{corners, not_negative, positive};
 use super::transfer::TransferOption;
 use crate::error::{Error, Result};
 use crate::formats::transfer::{METADATA_KEY, TransferSummary, to_metadata};
-use crate::formats::vdb::{Codec, File, NativeGrid, Transform as Placement, writable, write_native};
+use crate::formats::vdb::{Codec, File, GridInfo, NativeGrid, Transform as Placement, writable, write_native};
 use crate::math::Aabb;
 use crate::scene::grid::GridClass;
 use crate::scene::transfer::Transfer;
@@ -57,12 +57,12 @@ pub struct Convert {
     pub(in crate::cli) memory: Memory,
 }
 
-/// What a grid's values are, for what is wrong with them.
+/// Kind of a grid's values, which tells which of them are faults.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Repair {
-    /// By the grid's class.
+    /// Fog volumes hold densities, other grids any values.
     Auto,
-    /// Densities, whatever the class.
+    /// All grids hold densities.
     Density,
 }
 
@@ -80,25 +80,25 @@ struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     bytes: u64,
-    grids: Vec<Done>,
-    /// What `--tf` attached to them.
+    grids: Vec<ConvertedGrid>,
+    /// Transfer function that `--tf` attached to the grids.
     transfer: Option<TransferSummary>,
-    /// What was done and may not have been meant.
+    /// Edits whose effect may not have been meant.
     warnings: Vec<String>,
 }
 
 #[derive(Debug, Default, Serialize)]
-struct Done {
+struct ConvertedGrid {
     name: String,
     from: String,
     active_voxels: u64,
-    /// Values set to zero by `--repair`.
+    /// Number of values that `--repair` set to zero.
     repaired: Option<u64>,
-    /// Finite values that become infinite as half.
+    /// Number of finite values that become infinite as 16-bit floats; none without `--half`.
     half_overflow: Option<u64>,
-    /// Values that become zero as half.
+    /// Number of values other than zero that become zero as 16-bit floats; none without `--half`.
     half_underflow: Option<u64>,
-    /// True if it was given the transfer function of `--tf`.
+    /// True if the transfer function of `--tf` was attached to the grid.
     transfer: bool,
 }
 
@@ -122,14 +122,13 @@ impl Convert {
         let mut grids = Vec::new();
         let mut warnings = Vec::new();
         let mut budget = Budget { held: 0, limit: limits.max_memory };
-        let one_by_one = "raise --max-memory, or convert the grids one by one with --grid";
         let in_file = names.iter().map(|name| Ok(file.find(name)?.topology.map_or(0, |t| t.memory)));
         let in_file = in_file.sum::<Result<u64>>()?;
-        budget.room(in_file, "holding the grids", one_by_one).map_err(|e| e.at(&self.input))?;
+        budget.room(in_file, "holding the grids", ONE_BY_ONE).map_err(|e| e.at(&self.input))?;
         for name in &names {
             let mut native = file.read(name)?;
-            let done = self.edit(&mut native, renames.get(name), transfer.as_ref(), &mut budget, &mut warnings);
-            grids.push(done.map_err(|e| e.part(format!("grid '{name}'")).at(&self.input))?);
+            let converted = self.edit(&mut native, renames.get(name), transfer.as_ref(), &mut budget, &mut warnings);
+            grids.push(converted.map_err(|e| e.part(format!("grid '{name}'")).at(&self.input))?);
             natives.push(native);
         }
         warnings.iter().for_each(|warning| output.note(format!("warning: {warning}")));
@@ -180,98 +179,155 @@ impl Convert {
         transfer: Option<&Transfer>,
         budget: &mut Budget,
         warnings: &mut Vec<String>,
-    ) -> Result<Done> {
-        let mut done = Done { from: native.name().to_owned(), ..Done::default() };
+    ) -> Result<ConvertedGrid> {
+        let mut edit = GridEdit::begin(native, budget, warnings)?;
+        if let (Placement::Affine(map), None) = (&edit.info.transform, self.resample) {
+            writable(map)?;
+        }
+        if let Some(world) = self.crop {
+            edit.crop(world)?;
+        }
+        if let Some(voxel_size) = self.resample {
+            edit.resample(voxel_size)?;
+        }
+        edit.hold()?;
+        if let Some(repair) = self.repair {
+            edit.repair(repair)?;
+        }
+        if let Some(tolerance) = self.prune {
+            edit.native.prune(tolerance)?;
+        }
+        if self.half && edit.holds_real_values() {
+            edit.store_as_half()?;
+        }
+        if let Some(transfer) = transfer.filter(|_| edit.info.components == 1) {
+            edit.attach(transfer)?;
+        }
+        if let Some(new) = rename {
+            edit.native.set_name(new)?;
+        }
+        edit.finish()
+    }
+}
+
+/// A grid in the course of its edits, with the entry that the report will have for it.
+struct GridEdit<'e> {
+    native: &'e mut NativeGrid,
+    /// Facts about the grid as the last edit of its voxels left it.
+    info: GridInfo,
+    converted: ConvertedGrid,
+    budget: &'e mut Budget,
+    warnings: &'e mut Vec<String>,
+}
+
+impl<'e> GridEdit<'e> {
+    /// Leaves damaged metadata out, before anything else of the grid is looked at.
+    fn begin(native: &'e mut NativeGrid, budget: &'e mut Budget, warnings: &'e mut Vec<String>) -> Result<Self> {
+        let converted = ConvertedGrid { from: native.name().to_owned(), ..ConvertedGrid::default() };
         let (dropped, entry) = native.mend_metadata()?;
         if dropped > 0 {
             let others = if dropped > 1 { format!(" and {} more", dropped - 1) } else { String::new() };
             warnings.push(format!(
                 "grid '{}': damaged metadata was left out ('{entry}'{others}); OpenVDB writes it anew",
-                done.from
+                converted.from
             ));
         }
-        let mut info = native.info()?;
-        if let (Placement::Affine(map), None) = (&info.transform, self.resample) {
-            writable(map)?;
+        Ok(Self { info: native.info()?, native, converted, budget, warnings })
+    }
+
+    /// Keeps only what lies in a world-space box.
+    fn crop(&mut self, world: Aabb) -> Result<()> {
+        let had_voxels = self.info.active_voxels > 0;
+        let more = self.native.cropped_bytes(world)?;
+        let needed = self.info.memory.saturating_add(more);
+        self.budget.room(needed, "the cropped grid", "raise --max-memory, or choose another --crop")?;
+        self.native.crop(world)?;
+        self.info = self.native.info()?;
+        if had_voxels && self.info.active_voxels == 0 {
+            self.warnings.push(format!(
+                "grid '{}': no active voxel lies in the box of --crop; cumulo info says where they lie",
+                self.converted.from
+            ));
         }
-        let filled = info.active_voxels > 0;
-        if let Some(world) = self.crop {
-            let more = native.cropped_bytes(world)?;
-            budget.room(
-                info.memory.saturating_add(more),
-                "the cropped grid",
-                "raise --max-memory, or choose another --crop",
-            )?;
-            native.crop(world)?;
-            info = native.info()?;
-            if filled && info.active_voxels == 0 {
-                warnings.push(format!(
-                    "grid '{}': no active voxel lies in the box of --crop; cumulo info says where they lie",
-                    done.from
-                ));
+        Ok(())
+    }
+
+    /// Resamples to cubic voxels of that edge length in world units.
+    fn resample(&mut self, voxel_size: f64) -> Result<()> {
+        let had_voxels = self.info.active_voxels > 0;
+        let more = self.native.resampled_bytes(voxel_size, self.budget.limit)?;
+        let hint = "choose a larger voxel for --resample, take a part with --crop, or raise --max-memory";
+        self.budget.room(self.info.memory.saturating_add(more), "the resampled grid", hint)?;
+        self.native.resample(voxel_size)?;
+        self.info = self.native.info()?;
+        if had_voxels && self.info.active_voxels == 0 {
+            self.warnings.push(format!(
+                "grid '{}': voxels of {voxel_size} are too large for what it holds: none is active",
+                self.converted.from
+            ));
+        }
+        Ok(())
+    }
+
+    /// Counts the grid among those that stay in memory until all are written.
+    fn hold(&mut self) -> Result<()> {
+        self.budget.held += self.info.memory;
+        self.budget.room(0, "holding the grids", ONE_BY_ONE)
+    }
+
+    fn repair(&mut self, repair: Repair) -> Result<()> {
+        let densities = repair == Repair::Density || self.info.class == GridClass::FogVolume;
+        self.converted.repaired = Some(self.native.repair(densities)?);
+        Ok(())
+    }
+
+    fn holds_real_values(&self) -> bool {
+        matches!(self.info.value_type.as_str(), "float" | "double" | "vec3s" | "vec3d")
+    }
+
+    /// Has the values stored as 16-bit floats, and counts those that these cannot hold.
+    fn store_as_half(&mut self) -> Result<()> {
+        let (mut overflow, mut underflow) = (0, 0);
+        let mut count = |values: &[f32]| {
+            for v in values.iter().filter(|v| v.is_finite()) {
+                let h = f16::from_f32(*v);
+                overflow += u64::from(h.is_infinite());
+                underflow += u64::from(*v != 0.0 && h.to_f32() == 0.0);
             }
-        }
-        if let Some(voxel_size) = self.resample {
-            let cropped = info.active_voxels > 0;
-            let more = native.resampled_bytes(voxel_size, budget.limit)?;
-            let hint = "choose a larger voxel for --resample, take a part with --crop, or raise --max-memory";
-            budget.room(info.memory.saturating_add(more), "the resampled grid", hint)?;
-            native.resample(voxel_size)?;
-            info = native.info()?;
-            if cropped && info.active_voxels == 0 {
-                warnings.push(format!(
-                    "grid '{}': voxels of {voxel_size} are too large for what it holds: none is active",
-                    done.from
-                ));
-            }
-        }
-        budget.held += info.memory;
-        budget.room(0, "holding the grids", "raise --max-memory, or convert the grids one by one with --grid")?;
-        if let Some(what) = self.repair {
-            let densities = what == Repair::Density || info.class == GridClass::FogVolume;
-            done.repaired = Some(native.repair(densities)?);
-        }
-        if let Some(tolerance) = self.prune {
-            native.prune(tolerance)?;
-        }
-        if self.half && matches!(info.value_type.as_str(), "float" | "double" | "vec3s" | "vec3d") {
-            let (mut overflow, mut underflow) = (0, 0);
-            let mut count = |values: &[f32]| {
-                for v in values.iter().filter(|v| v.is_finite()) {
-                    let h = f16::from_f32(*v);
-                    overflow += u64::from(h.is_infinite());
-                    underflow += u64::from(*v != 0.0 && h.to_f32() == 0.0);
-                }
-            };
-            native.for_each_leaf(|leaf| {
-                count(&leaf.values);
-                true
-            })?;
-            native.tiles()?.iter().for_each(|tile| count(&tile.value));
-            (done.half_overflow, done.half_underflow) = (Some(overflow), Some(underflow));
-            native.set_half(true)?;
-        }
-        if let Some(transfer) = transfer.filter(|_| info.components == 1) {
-            native.set_metadata(METADATA_KEY, &to_metadata(transfer))?;
-            done.transfer = true;
-        }
-        if let Some(new) = rename {
-            native.set_name(new)?;
-        }
-        done.name = native.name().to_owned();
-        done.active_voxels = native.info()?.active_voxels;
-        Ok(done)
+        };
+        self.native.for_each_leaf(|leaf| {
+            count(&leaf.values);
+            true
+        })?;
+        self.native.tiles()?.iter().for_each(|tile| count(&tile.value));
+        (self.converted.half_overflow, self.converted.half_underflow) = (Some(overflow), Some(underflow));
+        self.native.set_half(true)
+    }
+
+    /// Attaches a transfer function as metadata.
+    fn attach(&mut self, transfer: &Transfer) -> Result<()> {
+        self.native.set_metadata(METADATA_KEY, &to_metadata(transfer))?;
+        self.converted.transfer = true;
+        Ok(())
+    }
+
+    fn finish(self) -> Result<ConvertedGrid> {
+        let (name, active_voxels) = (self.native.name().to_owned(), self.native.info()?.active_voxels);
+        Ok(ConvertedGrid { name, active_voxels, ..self.converted })
     }
 }
 
-/// Memory that all grids of a conversion take together.
+/// Remedy where the grids of a conversion do not fit in memory together.
+const ONE_BY_ONE: &str = "raise --max-memory, or convert the grids one by one with --grid";
+
+/// Memory of all grids of a conversion together, in bytes.
 struct Budget {
     held: u64,
     limit: u64,
 }
 
 impl Budget {
-    /// Refuses what would need so many bytes more than the grids that are held already.
+    /// Refuses a step that needs `bytes` beside the grids that are held already.
     fn room(&self, bytes: u64, what: &str, hint: &str) -> Result<()> {
         let needed = self.held.saturating_add(bytes);
         if needed <= self.limit {

@@ -20,7 +20,7 @@ use std::process::ExitCode;
 pub struct Diff {
     /// The reference
     a: PathBuf,
-    /// What is compared with it
+    /// VDB to compare with the reference
     b: PathBuf,
     /// Compare only this grid
     #[arg(long, value_name = "NAME")]
@@ -38,19 +38,19 @@ struct Report {
     grids: Vec<Compared>,
     only_in_a: Vec<String>,
     only_in_b: Vec<String>,
-    /// Point grids in both files: neither same nor different.
+    /// Names of point grids in both files, which are neither same nor different.
     not_compared: Vec<String>,
 }
 
 #[derive(Debug, Serialize)]
 struct Compared {
     name: String,
-    /// Its name in the second file, where that is another one.
+    /// Name of the grid in the second file, if it differs from the name in the first.
     #[serde(skip_serializing_if = "Option::is_none")]
     name_in_b: Option<String>,
     #[serde(flatten)]
     difference: Difference,
-    /// Equal as 32-bit floats, in which all else is measured, but not in the grids' own wider type.
+    /// True if the values are equal as 32-bit floats, in which differences are measured, but not in the grids' wider type.
     differs_beyond_f32: bool,
 }
 
@@ -102,7 +102,7 @@ impl Diff {
         Ok(if same { ExitCode::SUCCESS } else { ExitCode::from(1) })
     }
 
-    /// Names to compare: equal ones, or the only one on each side.
+    /// Pairs the names to compare, in the first and in the second file: equal ones, or the only one on each side.
     fn pairs(&self, a: &File, b: &File) -> Result<Vec<(String, String)>> {
         let only = |file: &File| match file.entries() {
             [one] => Some(one.name.clone()),
@@ -129,14 +129,14 @@ fn is_points(file: &File, name: &str) -> bool {
     file.find(name).is_ok_and(|entry| entry.grid_type.starts_with("Tree_pt"))
 }
 
-/// Memory that the grids of a comparison take together.
+/// Memory of the grids of a comparison together, in bytes.
 struct Budget {
     held: u64,
     limit: u64,
 }
 
 impl Budget {
-    /// Takes so many bytes, or says that they are too many.
+    /// Reserves `bytes`, and refuses them if they exceed the limit.
     fn take(&mut self, bytes: u64) -> Result<()> {
         self.held = self.held.saturating_add(bytes);
         if self.held <= self.limit {
@@ -149,7 +149,7 @@ impl Budget {
 }
 
 struct Loaded {
-    /// Kept where its values are wider than `f32`.
+    /// The grid itself, kept if its values are wider than `f32`.
     wide: Option<NativeGrid>,
     info: GridInfo,
     raw: RawGrid,

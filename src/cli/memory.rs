@@ -11,7 +11,7 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// The limits for readers.
+    /// Returns the limits for readers: `--max-memory`, else the default.
     pub fn limits(self) -> Limits {
         self.max_memory.map_or_else(Limits::default, |max_memory| Limits { max_memory })
     }
@@ -33,7 +33,7 @@ fn bytes(text: &str) -> Result<u64, String> {
     if size.is_finite() && size >= 1.0 { Ok(size as u64) } else { Err(expected()) }
 }
 
-/// A size for people.
+/// Formats a number of bytes in B, KiB, MiB or GiB.
 pub fn human(bytes: u64) -> String {
     let mut size = bytes as f64;
     for unit in ["B", "KiB", "MiB"] {

@@ -78,7 +78,7 @@ enum Command {
 }
 
 impl Command {
-    /// Bytes of memory that the whole process may take.
+    /// Memory in bytes that the whole process may take.
     fn max_memory(&self) -> u64 {
         let memory = match self {
             Self::Compare(c) => c.memory,
@@ -99,15 +99,15 @@ impl Command {
     }
 }
 
-/// Variable that says how many threads to work with where `--threads` does not.
+/// Environment variable of the number of threads, which `--threads` overrides.
 const THREADS: &str = "RAYON_NUM_THREADS";
-/// More threads than these are taken for a mistake: each has a stack and accumulators of its own.
+/// Largest number of threads; more are taken for a mistake, as each has a stack and accumulators of its own.
 const MOST_THREADS: usize = 1024;
 
-/// How many threads to work with: `--threads`, else what the environment says, else none for all cores.
+/// Returns the number of threads: that of `--threads`, else that of the environment, else none for all cores.
 ///
 /// # Errors
-/// If it is no number from 1 to [`MOST_THREADS`].
+/// If the option or the variable is no number from 1 to [`MOST_THREADS`].
 fn threads(option: Option<usize>, variable: Option<&OsStr>) -> Result<Option<usize>> {
     let bounded = |n: &usize| (1..=MOST_THREADS).contains(n);
     match (option, variable) {
@@ -129,7 +129,7 @@ fn threads(option: Option<usize>, variable: Option<&OsStr>) -> Result<Option<usi
 /// Runs the command line.
 ///
 /// # Errors
-/// Whatever the subcommand met; the caller prints it and exits with 2.
+/// Those of the subcommand; the caller prints them and exits with 2.
 pub fn run(arguments: Arguments) -> Result<ExitCode> {
     // 0 stands for all cores. Threads, libraries and the helper's name come before the limit of memory, which holds for
     // what the command does.

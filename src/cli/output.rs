@@ -11,7 +11,7 @@ use std::io::{IsTerminal, Write};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Where a subcommand says what it found.
+/// Standard output for a subcommand's report, standard error for its progress and remarks.
 #[derive(Debug, Clone)]
 pub struct Output {
     json: bool,
@@ -19,7 +19,7 @@ pub struct Output {
 }
 
 impl Output {
-    /// Output as the global options ask for it.
+    /// Creates the output that the global options request.
     pub fn new(global: &Global) -> Self {
         last_sign().get_or_insert_with(Instant::now);
         Self { json: global.json, quiet: global.quiet }
@@ -43,7 +43,7 @@ impl Output {
         }
     }
 
-    /// A remark for people, on standard error.
+    /// Prints a remark on standard error, unless `--quiet` is given.
     pub fn note(&self, text: impl Display) {
         if !self.quiet {
             let _ = writeln!(std::io::stderr().lock(), "{}", printable_lines(&text.to_string()));
@@ -51,15 +51,15 @@ impl Output {
         }
     }
 
-    /// Warnings for people, on standard error. They are part of the report, too.
+    /// Prints warnings on standard error, unless `--quiet` is given; the report holds them, too.
     pub fn warn(&self, warnings: &[Warning]) {
         for Warning { what, remedy } in warnings {
             self.note(format!("warning: {what}\n  {remedy}"));
         }
     }
 
-    /// A bar of `length` steps with time to go. Where standard error is no terminal it is a plain line, at most every
-    /// ten seconds.
+    /// Shows a progress bar of `length` steps with the remaining time; where standard error is no terminal, a plain line
+    /// at most every ten seconds.
     pub fn progress(&self, length: u64, what: &'static str) -> ProgressBar {
         let terminal = std::io::stderr().is_terminal();
         let template = if terminal {
@@ -70,7 +70,7 @@ impl Output {
         self.bar(ProgressBar::with_draw_target(Some(length), self.target(terminal)), template, what)
     }
 
-    /// A sign of life of a stage whose length is not known, until it is dropped.
+    /// Shows that a stage of unknown length goes on, until the returned value is dropped.
     pub fn stage(&self, what: &'static str) -> Stage {
         let terminal = std::io::stderr().is_terminal();
         let template = if terminal { "{prefix} {spinner} {elapsed} {msg}" } else { "{prefix}: {elapsed} so far {msg}" };
@@ -98,12 +98,12 @@ impl Output {
     }
 }
 
-/// A stage that shows that it goes on.
+/// Progress display of a stage of unknown length.
 #[derive(Debug)]
 pub struct Stage(ProgressBar);
 
 impl Stage {
-    /// Says how far it is.
+    /// Shows that `done` of `of` parts of the stage are done.
     pub fn at(&self, done: usize, of: usize) {
         self.0.set_message(format!("({done} of {of})"));
     }
@@ -115,17 +115,17 @@ impl Drop for Stage {
     }
 }
 
-/// Longest silence of a log; with the steps of the clock it stays below ten seconds.
+/// Longest silence of a log; with the display's ticks of half a second it stays below ten seconds.
 const SILENCE: Duration = Duration::from_secs(9);
 
-/// When standard error was last written to: stages follow one another, and a log is silent over all of them.
+/// Time of the last line on standard error, shared by all stages: a log's silence may span several of them.
 static LAST_SIGN: Mutex<Option<Instant>> = Mutex::new(None);
 
 fn last_sign() -> MutexGuard<'static, Option<Instant>> {
     LAST_SIGN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A log in the place of a terminal: the line at hand is written every ten seconds, and nothing is drawn over.
+/// A log in the place of a terminal: it writes the current line every ten seconds and draws over nothing.
 #[derive(Debug, Default)]
 struct Log(Mutex<String>);
 

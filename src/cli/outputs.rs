@@ -1,26 +1,27 @@
-//! What a command may write, checked before its work: names that fit their content, and nothing that it reads.
+//! Checks of the files that a command writes, before its work: names that fit their content, and none that it reads.
 
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::{atomic, transforms};
+use crate::scene::capture::Capture;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-/// What a file will hold.
+/// Kind of an output file's content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Content {
-    /// OpenVDB.
+    /// OpenVDB file.
     Vdb,
-    /// A capture's JSON.
+    /// JSON of a capture.
     Capture,
-    /// A transfer function's JSON.
+    /// JSON of a transfer function.
     TransferFunction,
-    /// A PNG.
+    /// PNG picture.
     Png,
 }
 
 impl Content {
-    /// How names of such files end, and what they hold in words.
+    /// Extension of such files' names, and a phrase for their content.
     fn ending(self) -> (&'static str, &'static str) {
         match self {
             Self::Vdb => ("vdb", "an OpenVDB file"),
@@ -31,7 +32,7 @@ impl Content {
     }
 }
 
-/// Endings of files that nobody means as a folder's name.
+/// Extensions of files, which no folder's name is meant to have.
 const FILES: [&str; 22] = [
     "vdb", "nvdb", "exr", "png", "jpg", "jpeg", "tif", "tiff", "hdr", "json", "xml", "usd", "usda", "usdc", "usdz",
     "npy", "npz", "html", "htm", "mp4", "txt", "csv",
@@ -40,7 +41,7 @@ const FILES: [&str; 22] = [
 /// Checks a file that is to be written: its name, and that its folder can be written to.
 ///
 /// # Errors
-/// If the name ends as that of another kind of file, or as [`atomic::probe`].
+/// If the name has the extension of another kind of file, or the folder cannot be written to ([`atomic::probe`]).
 pub fn file(path: &Path, content: Content) -> Result<()> {
     refuse_dash(path)?;
     let (ending, what) = content.ending();
@@ -57,7 +58,7 @@ pub fn file(path: &Path, content: Content) -> Result<()> {
 /// Checks the name of a folder that files are to be written into. It need not exist.
 ///
 /// # Errors
-/// If it is the name of a file, or something that is no folder stands there.
+/// If the name has the extension of a file, or belongs to something that is no folder.
 pub fn folder(path: &Path) -> Result<()> {
     refuse_dash(path)?;
     if path.is_dir() {
@@ -90,7 +91,7 @@ fn refuse_dash(path: &Path) -> Result<()> {
 /// Makes sure that no output is one of the command's inputs, whatever names lead to it.
 ///
 /// # Errors
-/// Names both.
+/// If an output is an input; the error names both.
 pub fn spare<'a>(
     outputs: impl IntoIterator<Item = &'a Path>,
     inputs: impl IntoIterator<Item = &'a Path> + Clone,
@@ -107,10 +108,10 @@ pub fn spare<'a>(
     Ok(())
 }
 
-/// Makes sure that a capture and its pictures replace nothing but what the same command wrote before.
+/// Makes sure that a capture and its pictures replace only files that the same command wrote before.
 ///
 /// # Errors
-/// Names the capture, or the picture, that would be replaced.
+/// If another capture, or a picture, would be replaced; the error names it.
 pub fn spare_captures(json: &Path, pictures: &[PathBuf], command: &str) -> Result<()> {
     let hint = "give another folder, or --overwrite to replace it";
     if json.exists() {
@@ -127,20 +128,21 @@ pub fn spare_captures(json: &Path, pictures: &[PathBuf], command: &str) -> Resul
     }
 }
 
-/// The command that wrote a capture, where it says so.
+/// Returns the command that wrote a capture, if its provenance names one.
 fn written_by(json: &Path) -> Option<String> {
     let root = transforms::read_object(json, Limits::default()).ok()?;
     Some(root.get("provenance")?.get("command")?.as_str()?.to_owned())
 }
 
-/// True if both have the same words after the program's name, which may be written in several ways.
+/// Returns true if two command lines have the same words after the program's name, which may be written in several
+/// ways.
 fn same_command(a: &str, b: &str) -> bool {
     let words = |text: &str| text.split_once(' ').map(|(_, rest)| rest.to_owned());
     words(a) == words(b)
 }
 
-/// The JSON file of a capture and its pictures.
-pub fn of_capture(json: &Path, capture: &crate::scene::capture::Capture) -> Vec<PathBuf> {
+/// Returns the paths of a capture's files: its JSON, then its pictures.
+pub fn of_capture(json: &Path, capture: &Capture) -> Vec<PathBuf> {
     std::iter::once(json.to_path_buf()).chain(capture.frames.iter().map(|f| f.picture.clone())).collect()
 }
 

@@ -7,9 +7,9 @@ use std::str::FromStr;
 /// Extinction per unit of density and length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DensityScale {
-    /// This.
+    /// A number that the user gave.
     Given(f64),
-    /// Such that pictures neither vanish nor go black.
+    /// The scale that makes the 99th percentile of the pixels' optical depths 3: pictures are neither blank nor black.
     Auto,
 }
 
@@ -20,32 +20,32 @@ impl FromStr for DensityScale {
     }
 }
 
-/// A finite number.
+/// Parses a finite number.
 pub fn number(text: &str) -> Result<f64, String> {
     text.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| format!("'{text}' is not a finite number"))
 }
 
-/// A finite number above zero.
+/// Parses a finite number above zero.
 pub fn positive(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err(format!("'{text}' must be above zero")) })
 }
 
-/// A finite number from zero on.
+/// Parses a finite number that is not negative.
 pub fn not_negative(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v >= 0.0 { Ok(v) } else { Err(format!("'{text}' must not be negative")) })
 }
 
-/// A number from zero on, below one.
+/// Parses a number from 0 to 1, 1 excluded.
 pub fn share(text: &str) -> Result<f64, String> {
     not_negative(text).and_then(|v| if v < 1.0 { Ok(v) } else { Err(format!("'{text}' must be below 1")) })
 }
 
-/// The smallest angle of view: a pixel of smaller ones is below what cameras can be placed for.
+/// Smallest angle of view in degrees: below it, pixels are finer than the precision that cameras are placed with.
 const SMALLEST_ANGLE: f64 = 1e-3;
-/// The brightest radiance of a color option: squares of it are still held in single precision.
+/// Largest radiance of a color option: its square is still finite in single precision.
 const BRIGHTEST: f64 = 1e15;
 
-/// An angle of view in degrees.
+/// Parses an angle of view in degrees, from 0.001 to 170, 170 excluded.
 pub fn angle(text: &str) -> Result<f64, String> {
     let degrees = positive(text)?;
     if degrees < SMALLEST_ANGLE {
@@ -54,7 +54,7 @@ pub fn angle(text: &str) -> Result<f64, String> {
     if degrees < 170.0 { Ok(degrees) } else { Err(format!("'{text}' must be below 170 degrees")) }
 }
 
-/// Two ascending numbers, `low,high`.
+/// Parses two ascending numbers, `low,high`.
 pub fn ascending(text: &str) -> Result<[f64; 2], String> {
     let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
     match numbers[..] {
@@ -64,7 +64,7 @@ pub fn ascending(text: &str) -> Result<[f64; 2], String> {
     }
 }
 
-/// A world-space box, `x0,y0,z0,x1,y1,z1`.
+/// Parses a world-space box, `x0,y0,z0,x1,y1,z1`.
 pub fn corners(text: &str) -> Result<Aabb, String> {
     let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
     let [x0, y0, z0, x1, y1, z1] = numbers[..] else {
@@ -74,7 +74,7 @@ pub fn corners(text: &str) -> Result<Aabb, String> {
     if box_.is_empty() { Err("the first corner must not exceed the second".into()) } else { Ok(box_) }
 }
 
-/// A picture's size, `WxH` in pixels.
+/// Parses a picture's size, `WxH` in pixels, each from 1 to 65536.
 pub fn size(text: &str) -> Result<[u32; 2], String> {
     let side = |s: &str| s.trim().parse::<u32>().ok().filter(|n| (1..=65_536).contains(n));
     text.split_once('x').and_then(|(w, h)| Some([side(w)?, side(h)?])).ok_or_else(|| {
@@ -82,7 +82,7 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
     })
 }
 
-/// Scene-linear `r,g,b`, or one number for grey; from zero on.
+/// Parses a scene-linear color, `r,g,b` or one number for grey, each from 0 to 1e15.
 pub fn color(text: &str) -> Result<[f32; 3], String> {
     let numbers = text.split(',').map(not_negative).collect::<Result<Vec<_>, _>>()?;
     if numbers.iter().any(|v| *v > BRIGHTEST) {

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 /// A path, or none, that a report may hold.
 pub trait Reported {
-    /// The path as text; what is not Unicode in it is shown as U+FFFD.
+    /// Returns the path as text, with U+FFFD in the place of what is not Unicode; none for no path.
     fn text(&self) -> Option<Cow<'_, str>>;
 }
 
@@ -22,11 +22,11 @@ impl Reported for Option<PathBuf> {
     }
 }
 
-/// Serialises a path as text, for `#[serde(serialize_with)]`. Serde's own way fails where the path is not
+/// Serialises a path as text, for `#[serde(serialize_with)]`. Serde's own serialisation fails for paths that are not
 /// Unicode, which would be after the work that the report is about.
 ///
 /// # Errors
-/// The serialiser's own.
+/// Those of the serialiser.
 pub fn text<P: Reported, S: Serializer>(path: &P, serializer: S) -> Result<S::Ok, S::Error> {
     path.text().serialize(serializer)
 }
@@ -48,7 +48,7 @@ mod tests {
     #[test]
     fn any_path_can_be_reported() {
         let output = PathBuf::from(std::ffi::OsString::from_vec(b"b\xffad/o.vdb".to_vec()));
-        assert!(serde_json::to_string(&output).is_err(), "serde's own way");
+        assert!(serde_json::to_string(&output).is_err(), "serde's own serialisation");
         let text = serde_json::to_string(&Report { output, page: None }).unwrap();
         assert_eq!(text, "{\"output\":\"b\u{fffd}ad/o.vdb\",\"page\":null}");
     }

@@ -4,23 +4,23 @@ use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::formats::limits::Limits;
 use crate::optimise::projection::observation::Photo;
+use crate::report::{MOST_VIEWS, choose};
 use crate::scene::capture::{Capture, Frame};
 use crate::scene::film::Film;
 use rayon::prelude::*;
 use std::path::Path;
 
-/// Reads all pictures.
+/// Reads all pictures of a capture, on all threads; `tick` is called once a picture.
 ///
 /// # Errors
-/// If one cannot be read, has another size than its camera or holds no colors, or they do not fit in memory.
-pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits, read: &(dyn Fn() + Sync)) -> Result<Vec<Photo>> {
+/// If a picture cannot be read, has another size than its camera or holds no colors, or they do not fit in memory.
+pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits, tick: &(dyn Fn() + Sync)) -> Result<Vec<Photo>> {
     let pixels: u64 = capture.frames.iter().map(|f| u64::from(f.camera.width) * u64::from(f.camera.height)).sum();
     // Colors, depths and weights, and the rays that the solver walks.
     if pixels * 48 > limits.max_memory {
         return Err(Error::unsupported(format!("{pixels} pixels do not fit in memory"))
             .hint("use fewer or smaller pictures, or raise --max-memory"));
     }
-    let tick = read;
     let read = |frame: &Frame| {
         let film = colors(&frame.picture, layer, limits)?;
         tick();
@@ -38,7 +38,7 @@ pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits, read: &(dyn 
     capture.frames.par_iter().map(read).collect()
 }
 
-/// Reads a picture if it holds colors: a depth or an alpha alone would be taken for grey light.
+/// Reads a picture, and refuses it if it holds no colors: a depth or an alpha alone would be taken for grey light.
 fn colors(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
     let header = exr::header(path)?;
     let chosen = |name: &str| {
@@ -78,7 +78,8 @@ fn colors(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
     exr::read_picture_within(path, layer, limits)
 }
 
-/// Numbers of the held-out views, evenly spaced: `count` of them, or one if there are `enough` views.
+/// Returns the numbers of the held-out views, evenly spaced: `count` of them, or without it one if there are `enough`
+/// views.
 ///
 /// # Errors
 /// If no view would be left.
@@ -89,4 +90,9 @@ pub fn held_out(count: Option<usize>, views: usize, enough: usize) -> Result<Vec
             .hint("hold out fewer views than there are"));
     }
     Ok((0..count).map(|i| (2 * i + 1) * views / (2 * count)).collect())
+}
+
+/// Returns the numbers of the views that a report shows: at most [`MOST_VIEWS`] of `views`, those held out first.
+pub fn shown(views: usize, held_out: &[usize]) -> Vec<usize> {
+    choose(&(0..views).map(|i| held_out.contains(&i)).collect::<Vec<_>>(), MOST_VIEWS)
 }

@@ -10,14 +10,14 @@ use std::io::Read;
 use std::path::Path;
 use std::time::Instant;
 
-/// The entries, by name.
+/// Origin of an output: program, command line, inputs and wall time.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Provenance {
-    /// Program and version.
+    /// Name and version of the program.
     pub software: String,
-    /// The words of the command line.
+    /// Command line, its words quoted for a shell.
     pub command: String,
-    /// Inputs and the SHA-256 of their bytes.
+    /// SHA-256 of the bytes of each input in hexadecimal digits, by the input's path.
     pub inputs: BTreeMap<String, String>,
     /// Seconds from the start of the command to the writing of the output.
     pub seconds: f64,
@@ -26,7 +26,7 @@ pub struct Provenance {
 }
 
 impl Provenance {
-    /// Begins with this process's command line; the clock runs from here.
+    /// Begins with this process's command line, and starts the clock.
     pub fn begin() -> Self {
         let words = std::env::args_os().map(|word| quoted(&word.to_string_lossy()));
         Self {
@@ -41,7 +41,7 @@ impl Provenance {
     /// Adds an input: one hash over the bytes of all `files`, in their order.
     ///
     /// # Errors
-    /// The operating system's, with the file.
+    /// If a file cannot be read.
     pub fn input<'a>(&mut self, name: &Path, files: impl IntoIterator<Item = &'a Path>) -> Result<()> {
         let mut hash = Sha256::new();
         let mut buffer = vec![0; 1 << 16];
@@ -59,13 +59,13 @@ impl Provenance {
         Ok(())
     }
 
-    /// Seconds so far; also kept as the time of the output.
+    /// Returns the seconds since the start, and keeps them as the time of the output.
     pub fn lap(&mut self) -> f64 {
         self.seconds = self.start.elapsed().as_secs_f64();
         self.seconds
     }
 
-    /// As attributes of an EXR.
+    /// Returns the provenance as attributes of an EXR, without the time.
     pub fn attributes(&self) -> Attributes {
         let mut all = Attributes::new();
         all.insert("software".into(), self.software.clone());
@@ -74,7 +74,7 @@ impl Provenance {
         all
     }
 
-    /// As metadata of a VDB.
+    /// Returns the provenance as metadata of a VDB.
     pub fn metadata(&self) -> BTreeMap<String, MetaValue> {
         let mut all = BTreeMap::new();
         all.insert("creator".into(), MetaValue::Text(self.software.clone()));
@@ -88,7 +88,7 @@ impl Provenance {
         self.inputs.iter().map(|(name, hash)| format!("{name} sha256:{hash}")).collect::<Vec<_>>().join(", ")
     }
 
-    /// As rows of a report.
+    /// Returns the provenance as rows of a report, label and value, without the time.
     pub fn rows(&self) -> Vec<(String, String)> {
         let mut all = vec![("Program".to_owned(), self.software.clone()), ("Command".to_owned(), self.command.clone())];
         all.extend(self.inputs.iter().map(|(name, hash)| (format!("Input {name}"), format!("sha256 {hash}"))));
@@ -96,7 +96,7 @@ impl Provenance {
     }
 }
 
-/// A word as a shell would need it to be written.
+/// Quotes a word of a command line for a shell, if it needs quotes.
 fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+%@".contains(c);
     if !word.is_empty() && word.chars().all(plain) {

@@ -61,7 +61,7 @@ pub struct Render {
     /// Take cameras, and what else is not given, from a transforms.json
     #[arg(long, value_name = "CAPTURE")]
     cameras: Option<PathBuf>,
-    /// What is seen (default: that of --cameras, emission-absorption with a transfer function, else absorption)
+    /// Model of the pictures (default: that of --cameras, emission-absorption with a transfer function, else absorption)
     #[arg(long, value_enum, conflicts_with = "tf")]
     model: Option<Model>,
     /// Extinction per unit of density and length; auto makes the 99th percentile of the optical depth 3
@@ -110,11 +110,12 @@ struct Report {
     seconds: f64,
 }
 
-/// Where rays end, and what that costs.
+/// Transmittance at which rays end, and the error that this makes.
 #[derive(Debug, Clone, Copy, Serialize)]
 struct EarlyStop {
+    /// Transmittance below which rays end; 0 for never.
     transmittance: f64,
-    /// Bound of the error in any channel of a pixel, in its units.
+    /// Bound of the error in any channel of a pixel, in the channel's units.
     error_bound: f64,
 }
 
@@ -139,16 +140,16 @@ impl Render {
         let cancel = cancel::listen();
         let mut provenance = Provenance::begin();
         let limits = self.memory.limits();
-        let asked = self.cameras.as_deref().map(transforms::load).transpose()?;
-        let asked_pictures: Option<Vec<PathBuf>> =
-            asked.as_ref().map(|c| c.frames.iter().map(|f| f.picture.clone()).collect());
-        let (grids, transfer) = self.grids(asked.as_ref(), limits)?;
+        let template = self.cameras.as_deref().map(transforms::load).transpose()?;
+        let template_pictures: Option<Vec<PathBuf>> =
+            template.as_ref().map(|c| c.frames.iter().map(|f| f.picture.clone()).collect());
+        let (grids, transfer) = self.grids(template.as_ref(), limits)?;
         provenance.input(&self.input, [self.input.as_path()])?;
         if let Some(tf) = &self.transfer.tf {
             provenance.input(tf, [tf.as_path()])?;
         }
-        let capture = self.capture(&grids, transfer, asked)?;
-        // Pixels with their planes as they are rendered, as they are kept and as they are written.
+        let capture = self.capture(&grids, transfer, template)?;
+        // Bytes a pixel of further planes as they are rendered, as they are kept and as they are written.
         let planes = if self.aov.is_empty() { 0 } else { aov::PIXEL_BYTES + 2 * 4 * 5 };
         fits(&capture, planes, limits.max_memory)?;
         if self.aov.contains(&Aov::Variance) && self.supersample < 2 {
@@ -157,7 +158,7 @@ impl Render {
         }
 
         let json = self.output.join(FILE_NAME);
-        self.spare(&json, &capture, asked_pictures.as_deref().unwrap_or_default(), &provenance)?;
+        self.spare(&json, &capture, template_pictures.as_deref().unwrap_or_default(), &provenance)?;
         // Pictures wait until all are there: an interrupted run must not mix its pictures with those of an earlier one.
         let mut batch = Batch::new();
         batch.make_folder(&self.output)?;
@@ -165,15 +166,15 @@ impl Render {
         let waiting_json = batch.add(&json)?;
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
         let scene = Scene::shown_by(&capture, grids).map_err(|e| e.at(&self.input))?;
-        let light = AnyRenderer::new(&scene, quadrature).map_err(|e| e.at(&self.input))?.early_stop(self.early_stop);
-        let early_stop = EarlyStop { transmittance: self.early_stop, error_bound: light.left_out() };
+        let renderer = AnyRenderer::new(&scene, quadrature).map_err(|e| e.at(&self.input))?.early_stop(self.early_stop);
+        let early_stop = EarlyStop { transmittance: self.early_stop, error_bound: renderer.left_out() };
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
         capture.frames.par_iter().zip(&waiting).try_for_each(|(frame, waiting)| {
             let rays = self.supersample as usize;
             let film = match &self.aov[..] {
-                [] => light.picture(&frame.camera, rays, cancel),
-                aovs => light.picture_with(&frame.camera, rays, aovs, cancel),
+                [] => renderer.picture(&frame.camera, rays, cancel),
+                aovs => renderer.picture_with(&frame.camera, rays, aovs, cancel),
             };
             let film = film.ok_or_else(Error::cancelled)?;
             exr::write_picture(waiting, &film, &attributes, false)?;
@@ -200,27 +201,34 @@ impl Render {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// Makes sure that nothing is replaced that is read, or that another command made.
-    fn spare(&self, json: &Path, capture: &Capture, asked: &[PathBuf], provenance: &Provenance) -> Result<()> {
-        self.spare_the_given(asked)?;
+    /// Makes sure that the outputs replace neither inputs, the pictures of `--cameras` among them, nor files that another
+    /// command wrote.
+    fn spare(
+        &self,
+        json: &Path,
+        capture: &Capture,
+        template_pictures: &[PathBuf],
+        provenance: &Provenance,
+    ) -> Result<()> {
+        self.spare_template(template_pictures)?;
         let pictures: Vec<PathBuf> = capture.frames.iter().map(|f| f.picture.clone()).collect();
-        let inputs = [Some(&self.input), self.transfer.tf.as_ref()].into_iter().flatten().chain(asked);
+        let inputs = [Some(&self.input), self.transfer.tf.as_ref()].into_iter().flatten().chain(template_pictures);
         let outputs = pictures.iter().map(PathBuf::as_path).chain([json]);
         outputs::spare(outputs, inputs.map(PathBuf::as_path))?;
         if self.overwrite { Ok(()) } else { outputs::spare_captures(json, &pictures, &provenance.command) }
     }
 
-    /// The pictures of `--cameras` must not be replaced by ours.
-    fn spare_the_given(&self, pictures: &[PathBuf]) -> Result<()> {
-        let Some(given) = &self.cameras else { return Ok(()) };
-        let json = transforms::json_path(given);
+    /// Refuses an output folder in which the capture of `--cameras` or its pictures lie.
+    fn spare_template(&self, pictures: &[PathBuf]) -> Result<()> {
+        let Some(cameras) = &self.cameras else { return Ok(()) };
+        let json = transforms::json_path(cameras);
         let folder = |path: &Path| {
             let parent = path.parent().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
             parent.and_then(|p| std::fs::canonicalize(p).ok())
         };
-        let ours = std::fs::canonicalize(&self.output).ok();
-        let theirs = pictures.iter().map(PathBuf::as_path).chain([json.as_path()]);
-        if ours.is_some() && theirs.map(folder).any(|theirs| theirs == ours) {
+        let output = std::fs::canonicalize(&self.output).ok();
+        let template = pictures.iter().map(PathBuf::as_path).chain([json.as_path()]);
+        if output.is_some() && template.map(folder).any(|folder| folder == output) {
             return Err(Error::invalid("the pictures of --cameras lie in this folder and would be replaced")
                 .at(&self.output)
                 .hint("give another folder with --output"));
@@ -228,38 +236,38 @@ impl Render {
         Ok(())
     }
 
-    /// The transfer function that the pictures will show: the one asked for, else that of `--cameras`, else
-    /// the one that the grid carries; none for other models.
-    fn transfer(&self, found: Option<Transfer>, asked: Option<&Capture>) -> Option<Transfer> {
+    /// Chooses the transfer function that the pictures will show: `loaded` if it is that of `--tf`, else that of `--cameras`, else
+    /// the one that the grid carries, which is `loaded` then; none for other models.
+    fn transfer(&self, loaded: Option<Transfer>, template: Option<&Capture>) -> Option<Transfer> {
         if self.transfer.tf.is_some() {
-            return found;
+            return loaded;
         }
         let emits = |m: Model| m == Model::EmissionAbsorption;
         let other = self.model.is_some_and(|m| !emits(m)) || self.emission.is_some() || self.emission_model.is_some();
-        match asked {
+        match template {
             _ if other => None,
             Some(capture) if self.model.is_none() || emits(capture.model) => {
                 capture.transfer.clone().filter(|_| emits(capture.model))
             }
-            _ => found,
+            _ => loaded,
         }
     }
 
-    /// Reads the volume's grids, and returns them with the transfer function that applies.
-    fn grids(&self, asked: Option<&Capture>, limits: Limits) -> Result<(Grids, Option<Transfer>)> {
-        if self.model.or(asked.map(|c| c.model)) == Some(Model::PreShaded) && self.transfer.tf.is_none() {
+    /// Reads the volume's grids, and returns them with the transfer function that the pictures will show.
+    fn grids(&self, template: Option<&Capture>, limits: Limits) -> Result<(Grids, Option<Transfer>)> {
+        if self.model.or(template.map(|c| c.model)) == Some(Model::PreShaded) && self.transfer.tf.is_none() {
             return Ok((volume::read_pre_shaded(&self.input, self.grid.as_deref(), limits)?, None));
         }
-        let (grid, transfer) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
-        let transfer = self.transfer(transfer, asked);
+        let (grid, loaded) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
+        let transfer = self.transfer(loaded, template);
         let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
         Ok((Grids::Density(field), transfer))
     }
 
-    /// What the pictures will show, from the options and, where they are silent, from `--cameras`.
-    fn capture(&self, grids: &Grids, transfer: Option<Transfer>, asked: Option<Capture>) -> Result<Capture> {
+    /// Plans the capture to render: cameras, model and medium from the options and, where they are silent, from `--cameras`.
+    fn capture(&self, grids: &Grids, transfer: Option<Transfer>, template: Option<Capture>) -> Result<Capture> {
         let field = &*grids.extinctions();
-        let cameras: Vec<Camera> = match (&asked, self.views) {
+        let cameras: Vec<Camera> = match (&template, self.views) {
             (Some(capture), _) => capture.frames.iter().map(|f| f.camera).collect(),
             (None, count) => {
                 let outline = field.outline();
@@ -276,7 +284,7 @@ impl Render {
             Some(transfer) => Source::Transfer(Arc::new(transfer.table()?)),
             None => Source::Grey([0.0; 3]),
         };
-        let density_scale = match (self.density_scale, &asked) {
+        let density_scale = match (self.density_scale, &template) {
             (Some(DensityScale::Given(s)), _) => s,
             (Some(DensityScale::Auto), _) => scale::density_scale(field, &source, &cameras).ok_or_else(|| {
                 Error::invalid("no pixel meets any density, so that no scale can be found")
@@ -289,13 +297,15 @@ impl Render {
             }
             (None, _) => 1.0,
         };
-        let asked = asked.as_ref();
-        let given = self.model.or(transfer.as_ref().map(|_| Model::EmissionAbsorption));
-        let given = given.or(matches!(grids, Grids::EmissionExtinction(_)).then_some(Model::PreShaded));
-        let model = given.or(asked.map(|c| c.model)).unwrap_or(Model::Absorption);
+        let template = template.as_ref();
+        let of_volume = match grids {
+            Grids::EmissionExtinction(_) => Some(Model::PreShaded),
+            Grids::Density(_) => transfer.as_ref().map(|_| Model::EmissionAbsorption),
+        };
+        let model = self.model.or(of_volume).or(template.map(|c| c.model)).unwrap_or(Model::Absorption);
         // The other model's background would be a surprise: white light behind a bright source.
-        let same = asked.filter(|c| (c.model == Model::Absorption) == (model == Model::Absorption));
-        let behind = if model == Model::Absorption { [1.0; 3] } else { [0.0; 3] };
+        let same_model = template.filter(|c| (c.model == Model::Absorption) == (model == Model::Absorption));
+        let default_background = if model == Model::Absorption { [1.0; 3] } else { [0.0; 3] };
         let frames = cameras
             .into_iter()
             .enumerate()
@@ -303,24 +313,24 @@ impl Render {
         Ok(Capture {
             frames: frames.collect(),
             model,
-            background: self.background.or(same.map(|c| c.background)).unwrap_or(behind),
+            background: self.background.or(same_model.map(|c| c.background)).unwrap_or(default_background),
             pixel_filter: if self.supersample > 1 { PixelFilter::Box } else { PixelFilter::Point },
             density_scale,
-            emission: self.emission.or(asked.map(|c| c.emission)).unwrap_or([1.0; 3]),
-            emission_model: self.emission_model.or(asked.map(|c| c.emission_model)).unwrap_or(EmissionModel::Grey),
+            emission: self.emission.or(template.map(|c| c.emission)).unwrap_or([1.0; 3]),
+            emission_model: self.emission_model.or(template.map(|c| c.emission_model)).unwrap_or(EmissionModel::Grey),
             transfer,
             lattice: Some(field.transform.matrix()),
         })
     }
 }
 
-/// Refuses pictures that could not be held in memory: their pixels, the file's samples and its bytes, and
-/// so many bytes a pixel for further planes, for each thread.
-pub(super) fn fits(capture: &Capture, planes: u64, max_memory: u64) -> Result<()> {
+/// Refuses pictures that do not fit in memory, one for each thread: pixels, samples and bytes of the file, and
+/// `plane_bytes` a pixel for further planes.
+pub(super) fn fits(capture: &Capture, plane_bytes: u64, max_memory: u64) -> Result<()> {
     let at_once = rayon::current_num_threads().min(capture.frames.len()) as u64;
     let pixels = |f: &Frame| u64::from(f.camera.width) * u64::from(f.camera.height);
     match capture.frames.iter().max_by_key(|f| pixels(f)) {
-        Some(f) if pixels(f) * (48 + planes) * at_once > max_memory => {
+        Some(f) if pixels(f) * (48 + plane_bytes) * at_once > max_memory => {
             let Camera { width, height, .. } = f.camera;
             Err(Error::unsupported(format!("{at_once} pictures of {width}x{height} pixels do not fit in memory"))
                 .at(&f.picture)

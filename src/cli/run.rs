@@ -1,4 +1,4 @@
-//! What a reconstruction did: its report, kept beside the page so that the page can be made again.
+//! The record of a volume's reconstruction, kept beside the page so that the page can be made again.
 
 use super::provenance::Provenance;
 use crate::optimise::density::{Stage, Step};
@@ -10,49 +10,49 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::PathBuf;
 
-/// How the densities were found.
+/// Solver of a reconstruction of voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Solver {
     /// Conjugate gradients in the smoothness prior's metric.
     Cg,
-    /// Weiss & Westermann (2021).
+    /// Adam on the pictures, as in Weiss & Westermann (2021).
     #[serde(alias = "paper")]
     Weiss2021,
-    /// Extinctions, then emissions: a pre-shaded volume.
+    /// Conjugate gradients on extinctions, then on emissions: a pre-shaded volume.
     #[serde(alias = "colour")]
     Color,
-    /// A pre-shaded volume, the densities of its colors, and descent: behind a transfer function.
+    /// Densities through a transfer function: a pre-shaded volume, densities matched to its colors, then a descent.
     #[serde(alias = "behind")]
     ThroughTransfer,
 }
 
-/// A reconstruction of densities.
+/// Record of a reconstruction of voxels.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Run {
-    /// The pictures' transforms.json.
+    /// Path of the pictures' transforms.json.
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub capture: PathBuf,
-    /// The VDB that was written.
+    /// Path of the VDB that was written.
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub output: PathBuf,
-    /// Name of its grid.
+    /// Name of the written grid of densities or extinctions.
     pub grid: String,
-    /// How the densities were found.
+    /// Solver of the voxels.
     pub solver: Solver,
-    /// Layer of the pictures that was asked for.
+    /// Layer of the pictures, if `--layer` names one.
     pub layer: Option<String>,
-    /// Iterations, all levels counted.
+    /// Number of iterations over all levels.
     pub iterations: u32,
-    /// Wall time up to the writing of the VDB.
+    /// Wall time in seconds up to the writing of the VDB.
     pub seconds: f64,
-    /// PSNR of the views that were used, peak 1; none if it was not measured any more after a stop.
+    /// PSNR of the training views in dB, peak 1; none if the work was stopped before it was measured.
     pub train_psnr_db: Option<f64>,
-    /// PSNR of those that were not.
+    /// PSNR of the held-out views in dB, peak 1; none without such views.
     pub held_out_psnr_db: Option<f64>,
     /// Largest resident memory of the process in MB (2²⁰ bytes); none where the system does not tell.
     pub peak_memory_mb: Option<f64>,
-    /// True if the user stopped it.
+    /// True if the user stopped the work.
     pub stopped: bool,
     /// Number of views.
     pub views: usize,
@@ -64,24 +64,24 @@ pub struct Run {
     pub voxel_size: [f64; 3],
     /// Unknown voxels on the finest level.
     pub unknowns: usize,
-    /// What it was expected to cost.
+    /// Cost that was expected before the work.
     #[serde(default)]
     pub expected: Option<Cost>,
-    /// What contradicts the model, before the work and after it.
+    /// Contradictions between pictures and model, found before and after the work.
     #[serde(default)]
     pub warnings: Vec<Warning>,
-    /// The page, if one was asked for.
+    /// Path of the page, if `--report` requests one.
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub report: Option<PathBuf>,
-    /// Time by stage.
+    /// Wall time of each stage.
     pub stages: Vec<Stage>,
     /// Every iteration.
     pub history: Vec<Step>,
-    /// Version, command line and hash of the inputs.
+    /// Version, command line and hashes of the inputs.
     pub provenance: Provenance,
 }
 
-/// Rays along each edge of a pixel by which its filter is followed.
+/// Returns the number of rays along each edge of a pixel that its filter is sampled with.
 pub fn rays_per_edge(filter: PixelFilter) -> usize {
     match filter {
         PixelFilter::Point => 1,
@@ -89,12 +89,12 @@ pub fn rays_per_edge(filter: PixelFilter) -> usize {
     }
 }
 
-/// Warnings as a report's text shows them.
+/// Writes warnings as the text of a report shows them.
 pub fn write_warnings(f: &mut fmt::Formatter<'_>, warnings: &[Warning]) -> fmt::Result {
     warnings.iter().try_for_each(|w| writeln!(f, "  warning: {}\n    {}", w.what, w.remedy))
 }
 
-/// Largest resident memory of this process so far, in units of 2²⁰ bytes.
+/// Returns the largest resident memory of this process so far in MB (2²⁰ bytes); none where the system does not tell.
 pub fn peak_memory_mb() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
@@ -102,7 +102,7 @@ pub fn peak_memory_mb() -> Option<f64> {
     Some(kib / 1024.0)
 }
 
-/// Shows where a reconstruction is.
+/// Shows the step of a reconstruction in its progress bar.
 pub fn show(bar: &ProgressBar, step: &Step) {
     let psnr = step.held_out_psnr_db.map(|p| format!(", held-out {p:.2} dB")).unwrap_or_default();
     let position = u64::from(step.iteration);

@@ -1,4 +1,4 @@
-//! The frame of a long task: what it takes in, how it is stopped, how it ends.
+//! The frame of a long task: its inputs, its interruption and its end.
 
 use super::cancel;
 use super::memory::Memory;
@@ -23,21 +23,20 @@ use std::time::{Duration, Instant};
 /// A task that has begun.
 #[derive(Debug)]
 pub struct Task<'t> {
-    /// What goes into it.
+    /// Provenance of the output: command line and inputs.
     pub provenance: Provenance,
-    /// Memory that it may take.
+    /// Memory that the task may take.
     pub limits: Limits,
-    /// Set by Ctrl-C.
+    /// Flag that Ctrl-C sets.
     pub cancel: &'static AtomicBool,
     report: Option<&'t Path>,
 }
 
 impl<'t> Task<'t> {
-    /// Begins, if the output and the report's folder have fitting names and can be written to: before the work, not after
-    /// it.
+    /// Begins a task, once its output and the report's folder are known to have fitting names and to be writable.
     ///
     /// # Errors
-    /// As [`outputs::file`] and [`report::prepare`].
+    /// Those of [`outputs::file`] and [`report::prepare`].
     pub fn begin(output: &Path, content: Content, report: Option<&'t Path>, memory: &Memory) -> Result<Self> {
         let (cancel, provenance) = (cancel::listen(), Provenance::begin());
         watch(cancel);
@@ -48,10 +47,10 @@ impl<'t> Task<'t> {
         Ok(Self { provenance, limits: memory.limits(), cancel, report })
     }
 
-    /// The pictures of a capture, which lies at `json`, and what about them is doubtful.
+    /// Reads the pictures of a capture, which lies at `json`, and returns them with warnings about doubtful ones.
     ///
     /// # Errors
-    /// As [`photos::read`], and if pictures and capture contradict each other.
+    /// Those of [`photos::read`], and an error if pictures and capture contradict each other.
     pub fn photos(
         &mut self,
         json: &Path,
@@ -70,31 +69,32 @@ impl<'t> Task<'t> {
         Ok((photos, warnings))
     }
 
-    /// From here on a first Ctrl-C asks the work to stop, and what it has found is written; before, it ends the program
-    /// if reading takes longer than a second.
+    /// Marks the beginning of the work: from here on a first Ctrl-C stops it, and its result so far is written; before, a
+    /// Ctrl-C ends the program if reading takes longer than a second.
     pub fn work_begins(&self) {
         WORKING.store(true, Ordering::SeqCst);
     }
 
-    /// Polled by passes that search.
+    /// Returns the cancellation that passes of the work poll: it is set by the first Ctrl-C.
     pub fn stop(&self) -> Cancel {
         Cancel::on(self.cancel)
     }
 
-    /// Polled by passes that only measure or show what was found: these have a second more.
+    /// Returns the cancellation that passes poll which only measure or show the result: it is set a second after the first
+    /// Ctrl-C.
     pub fn closing(&self) -> Cancel {
         Cancel::on(&OVERDUE)
     }
 
-    /// Whether to go on.
+    /// Returns `Break` once the first Ctrl-C has stopped the work.
     pub fn flow(&self) -> ControlFlow<()> {
         if self.cancel.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 
-    /// Ends the reconstruction of a volume: page, report, exit code.
+    /// Ends the reconstruction of a volume: makes its page, prints its report and returns the exit code.
     ///
     /// # Errors
-    /// If the page cannot be made or the report not be printed.
+    /// If the page cannot be made, or the report cannot be printed.
     pub fn finish(&self, mut run: Run, output: &Output) -> Result<ExitCode> {
         if let Some(dir) = self.report {
             let _stage = output.stage("report");
@@ -105,19 +105,19 @@ impl<'t> Task<'t> {
     }
 }
 
-/// True once there is something that a stopped task could write.
+/// True once the work has begun, whose result a stopped task writes.
 static WORKING: AtomicBool = AtomicBool::new(false);
-/// Set some time after the first Ctrl-C.
+/// Set a second after the first Ctrl-C, once the work has begun.
 static OVERDUE: AtomicBool = AtomicBool::new(false);
 
-/// Watches for the first Ctrl-C: ends the program where the inputs are not read soon, and else gives the work a second
-/// for what only measures and shows its result.
-fn watch(asked: &'static AtomicBool) {
+/// Watches for the first Ctrl-C: ends the program if the inputs are not read soon, and else gives the work a second to
+/// measure and show its result.
+fn watch(stop: &'static AtomicBool) {
     std::thread::spawn(move || {
-        while !asked.load(Ordering::Relaxed) {
+        while !stop.load(Ordering::Relaxed) {
             std::thread::sleep(Duration::from_millis(50));
         }
-        // What is nearly read may as well be begun: the work then ends with what it was given.
+        // What is nearly read may as well be begun: the work then ends with what it started from.
         let patience = Instant::now();
         while !WORKING.load(Ordering::SeqCst) {
             if patience.elapsed() > Duration::from_millis(1200) {
@@ -130,17 +130,17 @@ fn watch(asked: &'static AtomicBool) {
     });
 }
 
-/// Says that nothing was written; the exit code of a program that Ctrl-C ended.
+/// Prints that nothing was written, and returns the exit code of a program that Ctrl-C ended.
 fn nothing_found() -> u8 {
     use std::io::Write;
     let _ = writeln!(std::io::stderr(), "cumulo: stopped by the user before anything was found; nothing is written");
     130
 }
 
-/// The exit code of work that was stopped before it had a result; other errors are passed on.
+/// Separates work that was stopped before it had a result, for which it returns an exit code, from results.
 ///
 /// # Errors
-/// Those that are not about being stopped.
+/// All errors but that of being stopped.
 pub fn ended<T>(result: Result<T>) -> Result<std::result::Result<T, ExitCode>> {
     match result {
         Ok(value) => Ok(Ok(value)),
@@ -149,7 +149,7 @@ pub fn ended<T>(result: Result<T>) -> Result<std::result::Result<T, ExitCode>> {
     }
 }
 
-/// That of a task which the user may have stopped, with a word on what then.
+/// Returns the exit code of a finished task, 1 if the user stopped it, and then prints a note on `--resume`.
 pub fn exit_code(stopped: bool, output: &Output) -> ExitCode {
     if stopped {
         output.note("stopped; what was there by then is written, and --resume goes on from it");

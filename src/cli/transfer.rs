@@ -63,10 +63,10 @@ pub struct TransferOption {
 }
 
 impl TransferOption {
-    /// The function, if one was asked for.
+    /// Loads the transfer function of `--tf`, if the option is given.
     ///
     /// # Errors
-    /// As [`transfer::load`].
+    /// Those of [`transfer::load`].
     pub fn load(&self, limits: Limits) -> Result<Option<Transfer>> {
         let Some(path) = &self.tf else { return Ok(None) };
         let options = Options {
@@ -95,7 +95,7 @@ struct Report {
 }
 
 impl TransferCommand {
-    /// Reads, writes where that is asked for, and reports.
+    /// Reads the transfer function, writes it if `--output` is given, and reports.
     ///
     /// # Errors
     /// If the input is no transfer function that can be used, or the output cannot be written.

@@ -16,7 +16,7 @@ pub struct TryGrid {
 }
 
 impl TryGrid {
-    /// Says what is wrong, without the place: whoever asked knows it.
+    /// Reads the grid, and prints an error on standard error without the file's name, which the calling process knows.
     pub(super) fn run(&self) -> ExitCode {
         let _ = rustix::process::setrlimit(
             rustix::process::Resource::Core,

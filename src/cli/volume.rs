@@ -11,20 +11,20 @@ use crate::scene::transfer::Transfer;
 use crate::scene::volume::Grids;
 use std::path::Path;
 
-/// Reads a fog volume, and the transfer function asked for, else the one that its grid carries.
+/// Reads a fog volume, and the transfer function of `--tf`, else the one that the volume's grid carries.
 ///
 /// # Errors
-/// If either cannot be read or used.
+/// If the volume or the transfer function cannot be read or used.
 pub fn read(
     path: &Path,
     name: Option<&str>,
     option: &TransferOption,
     limits: Limits,
 ) -> Result<(Grid, Option<Transfer>)> {
-    let asked = option.load(limits)?;
+    let requested = option.load(limits)?;
     let grid = File::open(path, limits)?.read_fog(name)?;
     let named = |e: crate::error::Error| e.part(format!("grid '{}'", grid.name)).at(path);
-    let transfer = match asked {
+    let transfer = match requested {
         Some(transfer) => Some(transfer),
         None => transfer::from_metadata(&grid.metadata).map_err(named)?,
     };
@@ -32,16 +32,16 @@ pub fn read(
 }
 
 /// Arranges a grid for rays that only read it: constant tiles share bricks. With a transfer function the volume ends at
-/// its outermost active voxels, as there is nothing that the density falls off to; and what absorbs at density zero
-/// fills its box.
+/// its outermost active voxels, since there are no densities beyond them to interpolate with; if the function absorbs at
+/// density zero, the volume fills its box.
 ///
 /// # Errors
-/// If it would need more memory than is allowed.
+/// If the bricks would need more memory than is allowed.
 pub fn arrange(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
     let field = Bricks::instanced(grid, limits.max_memory)?;
     let Some(transfer) = transfer else { return Ok(field) };
     let field = ended(field, grid, transfer, limits)?;
-    // Renderers keep two tables of their own of what is visible, and of the distances to it.
+    // Renderers keep two tables of their own: of visible bricks, and of the distances to them.
     let bytes = grid.memory() + size_of_val(field.values.as_slice()) as u64 + 4 * field.topology.table_bytes();
     if bytes > limits.max_memory {
         return Err(too_large(bytes, limits.max_memory).part(format!("grid '{}'", grid.name)));
@@ -52,7 +52,7 @@ pub fn arrange(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Resu
 /// Arranges a grid as [`arrange`] does, with values of its own for every voxel: for gradients by voxel.
 ///
 /// # Errors
-/// If it would need more memory than is allowed.
+/// If the bricks would need more memory than is allowed.
 pub fn arrange_by_voxel(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
     let field = Bricks::from_grid(grid, limits.max_memory)?;
     match transfer {

@@ -46,7 +46,7 @@ use std::time::Instant;
 pub struct GradientCommand {
     /// VDB to differentiate at
     input: PathBuf,
-    /// What to differentiate by, one or more
+    /// Parameters to differentiate by, one kind or more
     #[arg(long, value_enum, value_delimiter = ',', required = true, value_name = "WHAT,...")]
     wrt: Vec<Wrt>,
     /// Loss, a mean over pixels and views
@@ -68,7 +68,7 @@ pub struct GradientCommand {
     /// Place this many cameras around the volume
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     views: Option<u32>,
-    /// What is seen (default: that of --target, emission-absorption with a transfer function or --emission, else
+    /// Model of the pictures (default: that of --target, emission-absorption with a transfer function or --emission, else
     /// absorption)
     #[arg(long, value_enum, conflicts_with = "tf")]
     model: Option<Model>,
@@ -172,27 +172,28 @@ enum AdjointName {
     Inversion,
 }
 
-/// All that comes of it.
-struct Examined {
+/// Results of the command that are written once all is computed.
+struct Results {
     report: Report,
-    /// Derivatives by voxel, if they are to be written.
+    /// Derivatives by voxel, one grid a channel; empty without `--output`.
     grids: Vec<Grid>,
+    /// Page of `--report`, still without provenance.
     page: Option<Page>,
 }
 
-/// The most directions that forward mode is let into: it walks every ray for each few of them.
+/// Largest number of directions in forward mode, which walks every ray again for each few of them.
 const MOST_DIRECTIONS: usize = 512;
 
-/// Parameters of each group that --check samples.
+/// Number of parameters of each group that `--check` samples.
 const SAMPLE: usize = 24;
-/// Values of the loss that a difference quotient takes, on average.
+/// Number of values of the loss that a difference quotient takes, on average.
 const EVALUATIONS: f64 = 6.0;
 
 impl GradientCommand {
     /// Reads, plans, differentiates, checks, writes and reports.
     ///
     /// # Errors
-    /// If the volume or the pictures cannot be used, or what is asked for does not exist.
+    /// If the volume or the pictures cannot be used, or a parameter of `--wrt` does not exist.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let mut provenance = Provenance::begin();
         let limits = self.memory.limits();
@@ -204,7 +205,7 @@ impl GradientCommand {
         if let Some(dir) = &self.report {
             super::report::prepare(dir)?;
         }
-        let (volume, rest) = {
+        let (volume, setup) = {
             let _stage = output.stage("reading the volume");
             self.scene(limits)?
         };
@@ -212,10 +213,10 @@ impl GradientCommand {
         for path in [Some(&self.input), target.as_ref(), self.transfer.tf.as_ref()].into_iter().flatten() {
             provenance.input(path, [path.as_path()])?;
         }
-        let Examined { mut report, grids, page } = match volume {
-            Grids::Density(field) => self.examine(self.study(field, rest, limits, output)?, limits, output)?,
+        let Results { mut report, grids, page } = match volume {
+            Grids::Density(field) => self.evaluate(self.study(field, setup, limits, output)?, limits, output)?,
             Grids::EmissionExtinction(volume) => {
-                self.examine(self.study(volume, rest, limits, output)?, limits, output)?
+                self.evaluate(self.study(volume, setup, limits, output)?, limits, output)?
             }
         };
         if let Some(path) = &self.output {
@@ -233,7 +234,7 @@ impl GradientCommand {
         Ok(if wrong { ExitCode::from(1) } else { ExitCode::SUCCESS })
     }
 
-    /// All files that are read.
+    /// Returns the paths of all files that the command reads.
     fn inputs(&self) -> Result<Vec<PathBuf>> {
         let mut all = vec![self.input.clone()];
         all.extend(self.transfer.tf.clone());
@@ -244,42 +245,42 @@ impl GradientCommand {
         Ok(all)
     }
 
-    /// Differentiates, and checks if that is asked for.
-    fn examine<V: Subject>(
+    /// Differentiates, and checks the derivatives if `--check` is given.
+    fn evaluate<V: Subject>(
         &self,
         (study, warnings): (Study<V>, Vec<Warning>),
         limits: Limits,
         output: &Output,
-    ) -> Result<Examined> {
+    ) -> Result<Results> {
         if !self.check {
-            let (found, report) = self.differentiate(&study, limits, output)?;
-            return self.examined(&study, &found, Report { warnings, ..report });
+            let (gradient, report) = self.differentiate(&study, limits, output)?;
+            return self.results(&study, &gradient, Report { warnings, ..report });
         }
         let mut study = in_double(study);
-        let (found, report) = self.differentiate(&study, limits, output)?;
+        let (gradient, report) = self.differentiate(&study, limits, output)?;
         let mut report = Report { warnings, ..report };
         self.compare(&mut study, &mut report, output)?;
-        self.examined(&study, &found, report)
+        self.results(&study, &gradient, report)
     }
 
-    fn examined<V: Subject>(&self, study: &Study<V>, found: &Found, report: Report) -> Result<Examined> {
-        let page = self.report.as_ref().map(|_| self.page(study, found, &report)).transpose()?;
-        Ok(Examined { grids: self.as_grids(study, found), page, report })
+    fn results<V: Subject>(&self, study: &Study<V>, gradient: &Found, report: Report) -> Result<Results> {
+        let page = self.report.as_ref().map(|_| self.page(study, gradient, &report)).transpose()?;
+        Ok(Results { grids: self.as_grids(study, gradient), page, report })
     }
 
-    /// Refuses what contradicts itself, before anything is read.
+    /// Refuses options that contradict each other, before anything is read.
     fn fits_together(&self) -> Result<()> {
-        let asks = |w: Wrt| self.wrt.contains(&w);
+        let by = |w: Wrt| self.wrt.contains(&w);
         let inverts = self.adjoint == Some(AdjointName::Inversion);
         if self.quadrature.is_preintegrated() && inverts {
             return Err(Error::unsupported("pre-integration has no --adjoint inversion")
                 .hint("exact is what it approaches: --quadrature exact"));
         }
-        if asks(Wrt::Step) && self.quadrature.step().is_none() {
+        if by(Wrt::Step) && self.quadrature.step().is_none() {
             return Err(Error::invalid(format!("--wrt step: the {} quadrature has no step", self.quadrature))
                 .hint("choose one that has: --quadrature midpoint:0.5 or riemann:0.5"));
         }
-        if self.output.is_some() && !asks(Wrt::Density) && !asks(Wrt::Emission) {
+        if self.output.is_some() && !by(Wrt::Density) && !by(Wrt::Emission) {
             return Err(Error::invalid("--output is for derivatives by voxel, which --wrt does not ask for")
                 .hint("add density or emission to --wrt, or leave --output out"));
         }
@@ -306,7 +307,7 @@ impl GradientCommand {
         }
     }
 
-    /// What is asked for, but voxels.
+    /// Returns the parameters that `--wrt` names, in its order and without voxels.
     fn parameters<V: Subject>(&self, study: &Study<V>) -> Vec<Parameter> {
         let mut all: Vec<Parameter> = Vec::new();
         for (i, wrt) in self.wrt.iter().enumerate() {
@@ -331,17 +332,60 @@ impl GradientCommand {
         all
     }
 
-    /// Numbers of voxels that are asked for.
+    /// Returns the numbers of the voxels' channels that `--wrt` names.
     fn channels<V: Subject>(&self) -> Vec<usize> {
         let last = depth_channel::<V>();
-        let asks = |channel: &usize| self.wrt.contains(if *channel == last { &Wrt::Density } else { &Wrt::Emission });
-        (0..=last).filter(asks).collect()
+        let named = |channel: &usize| self.wrt.contains(if *channel == last { &Wrt::Density } else { &Wrt::Emission });
+        (0..=last).filter(named).collect()
     }
 
+    /// Differentiates by all that `--wrt` names; the report lists the parameters and the largest derivatives by voxel.
     fn differentiate<V: Subject>(&self, study: &Study<V>, limits: Limits, output: &Output) -> Result<(Found, Report)> {
         let _stage = output.stage("derivatives");
         let (mut parameters, channels) = (self.parameters(study), self.channels::<V>());
         let count = parameters.len() + channels.len() * study.voxels();
+        let plan = self.plan(study, count, &channels, limits)?;
+        let gradient = study.gradient(plan.mode, &parameters, &channels).map_err(|e| e.at(&self.input))?;
+        let mut derivatives = gradient.derivatives.clone();
+        for (voxel, derivative) in self.largest_by_voxel(&gradient, &channels) {
+            parameters.push(voxel);
+            derivatives.push(derivative);
+        }
+        let (mode, adjoint) = match plan.mode {
+            AdMode::Forward => ("forward", None),
+            AdMode::Reverse(Adjoint::Tape) => ("reverse", Some("tape")),
+            AdMode::Reverse(Adjoint::Replay) => ("reverse", Some("replay")),
+            AdMode::Reverse(Adjoint::Inversion) => ("reverse", Some("inversion")),
+        };
+        let report = Report {
+            input: self.input.clone(),
+            loss: clap::ValueEnum::to_possible_value(&self.loss).map_or_else(String::new, |v| v.get_name().to_owned()),
+            value: gradient.value,
+            parameters: count,
+            mode,
+            adjoint,
+            reason: plan.reason,
+            precision: if self.check { "f64" } else { "f32" },
+            quadrature: V::quadrature(&study.setting),
+            views: study.setting.cameras.len(),
+            rows: rows(study, parameters, derivatives),
+            checked: None,
+            worst_relative_error: None,
+            warnings: Vec::new(),
+            tolerance: self.check.then_some(self.tolerance),
+            output: self.output.clone(),
+            report: None,
+            seconds: 0.0,
+            provenance: None,
+        };
+        Ok((gradient, report))
+    }
+
+    /// Chooses the AD mode for `count` parameters, the voxels' `channels` among them.
+    ///
+    /// # Errors
+    /// If forward mode is requested for too many parameters.
+    fn plan<V: Subject>(&self, study: &Study<V>, count: usize, channels: &[usize], limits: Limits) -> Result<Choice> {
         let adjoint = self.adjoint.map(|a| match a {
             AdjointName::Tape => Adjoint::Tape,
             AdjointName::Replay => Adjoint::Replay,
@@ -361,61 +405,20 @@ impl GradientCommand {
             ))
             .hint("use --mode reverse, which finds all at once"));
         }
-        let found = study.gradient(plan.mode, &parameters, &channels).map_err(|e| e.at(&self.input))?;
-        let mut derivatives = found.derivatives.clone();
-        if !channels.is_empty() {
-            let mut order: Vec<usize> = (0..found.by_voxel.len()).collect();
-            // The sort is stable: equal ones stay in their order.
-            order.sort_by(|a, b| found.by_voxel[*b].abs().total_cmp(&found.by_voxel[*a].abs()));
-            order.truncate(self.largest as usize);
-            derivatives.extend(order.iter().map(|i| found.by_voxel[*i]));
-            let voxel =
-                |i: usize| Parameter::Voxel { voxel: i / channels.len(), channel: channels[i % channels.len()] };
-            parameters.extend(order.into_iter().map(voxel));
-        }
-        let described = study.described(&parameters).into_iter().zip(parameters).zip(derivatives);
-        let row = |(((name, group, value), parameter), gradient)| Row {
-            name,
-            group,
-            value,
-            gradient,
-            difference: None,
-            rounding: None,
-            relative_error: None,
-            parameter,
-        };
-        let rows = described.map(row).collect();
-        let (mode, adjoint) = match plan.mode {
-            AdMode::Forward => ("forward", None),
-            AdMode::Reverse(Adjoint::Tape) => ("reverse", Some("tape")),
-            AdMode::Reverse(Adjoint::Replay) => ("reverse", Some("replay")),
-            AdMode::Reverse(Adjoint::Inversion) => ("reverse", Some("inversion")),
-        };
-        let report = Report {
-            input: self.input.clone(),
-            loss: clap::ValueEnum::to_possible_value(&self.loss).map_or_else(String::new, |v| v.get_name().to_owned()),
-            value: found.value,
-            parameters: count,
-            mode,
-            adjoint,
-            reason: plan.reason,
-            precision: if self.check { "f64" } else { "f32" },
-            quadrature: V::quadrature(&study.setting),
-            views: study.setting.cameras.len(),
-            rows,
-            checked: None,
-            worst_relative_error: None,
-            warnings: Vec::new(),
-            tolerance: self.check.then_some(self.tolerance),
-            output: self.output.clone(),
-            report: None,
-            seconds: 0.0,
-            provenance: None,
-        };
-        Ok((found, report))
+        Ok(plan)
     }
 
-    /// Numbers of the rows that are checked: all, or at most so many of each group, evenly spaced.
+    /// Returns the voxels of the largest derivatives and these derivatives, as many as `--largest` lists.
+    fn largest_by_voxel(&self, gradient: &Found, channels: &[usize]) -> Vec<(Parameter, f64)> {
+        let mut order: Vec<usize> = (0..gradient.by_voxel.len()).collect();
+        // The sort is stable: equal ones stay in their order.
+        order.sort_by(|a, b| gradient.by_voxel[*b].abs().total_cmp(&gradient.by_voxel[*a].abs()));
+        order.truncate(self.largest as usize);
+        let voxel = |i: usize| Parameter::Voxel { voxel: i / channels.len(), channel: channels[i % channels.len()] };
+        order.into_iter().map(|i| (voxel(i), gradient.by_voxel[i])).collect()
+    }
+
+    /// Returns the numbers of the rows that are checked: all with `--all`, else at most [`SAMPLE`] of each group, evenly spaced.
     fn sample(&self, rows: &[Row]) -> Vec<usize> {
         if self.all {
             return (0..rows.len()).collect();
@@ -431,7 +434,7 @@ impl GradientCommand {
         chosen
     }
 
-    /// Sets difference quotients beside the derivatives.
+    /// Sets difference quotients and relative errors beside the derivatives of the rows that are checked.
     fn compare<V: Subject<Double = V>>(
         &self,
         study: &mut Study<V>,
@@ -475,4 +478,20 @@ impl GradientCommand {
         report.worst_relative_error = Some(worst);
         Ok(())
     }
+}
+
+/// Returns the rows of the report in the order of the parameters, not yet checked.
+fn rows<V: Subject>(study: &Study<V>, parameters: Vec<Parameter>, derivatives: Vec<f64>) -> Vec<Row> {
+    let described = study.described(&parameters).into_iter().zip(parameters).zip(derivatives);
+    let row = |(((name, group, value), parameter), gradient)| Row {
+        name,
+        group,
+        value,
+        gradient,
+        difference: None,
+        rounding: None,
+        relative_error: None,
+        parameter,
+    };
+    described.map(row).collect()
 }

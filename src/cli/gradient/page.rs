@@ -1,4 +1,4 @@
-//! The page of a gradient: what is seen, where the loss would have more or less of it, and every derivative listed.
+//! The page of a gradient: renders, slices of the derivatives by voxel, and every derivative listed.
 
 use super::GradientCommand;
 use super::report::Report;
@@ -12,12 +12,12 @@ use crate::scene::bricks::Bricks;
 use crate::scene::film::Film;
 
 impl GradientCommand {
-    /// The page, but for where it all comes from.
-    pub(super) fn page<V: Subject>(&self, study: &Study<V>, found: &Found, report: &Report) -> Result<Page> {
+    /// Makes the page, but for its provenance.
+    pub(super) fn page<V: Subject>(&self, study: &Study<V>, gradient: &Found, report: &Report) -> Result<Page> {
         let name = self.input.file_name().unwrap_or(self.input.as_os_str()).to_string_lossy();
         let mut page = Page::new(
             format!("{name}, derivatives of {}", report.loss),
-            format!("Found by {}: {}.", report.way(), report.reason),
+            format!("Found by {}: {}.", report.ad_mode(), report.reason),
         );
         let mut figures = vec![
             ("Loss", format!("{:.3e}", report.value)),
@@ -34,7 +34,7 @@ impl GradientCommand {
         for (at, channel) in channels.iter().enumerate() {
             let name = V::CHANNELS[*channel];
             let owned: Vec<f32> =
-                found.by_voxel.iter().skip(at).step_by(channels.len()).map(|v| v.abs() as f32).collect();
+                gradient.by_voxel.iter().skip(at).step_by(channels.len()).map(|v| v.abs() as f32).collect();
             let mut field = Bricks::<f32>::zeros(study.field.topology.clone(), study.field.transform);
             field.topology.fill_apron(&owned, &mut field.values);
             page.slices(&format!("Derivative by {name}"), "magnitude", &field, None)?;
@@ -57,21 +57,21 @@ impl GradientCommand {
         Ok(page)
     }
 
-    /// What is seen, beside what should be.
+    /// Adds renders of the scene, beside the target's pictures if there is a target.
     fn pictures<V: Subject>(&self, study: &Study<V>, page: &mut Page) -> Result<()> {
-        let (light, objective) = (V::light(&study.field, &study.setting)?, study.objective());
+        let (renderer, objective) = (V::light(&study.field, &study.setting)?, study.objective());
         let cameras = &study.setting.cameras;
         let film = |view: usize, rgba: &[Rgba]| {
             let (width, height) = (cameras[view].width as usize, cameras[view].height as usize);
             Film::of(width, height, rgba.iter().map(|p| p.map(|v| v as f32)).collect())
         };
         if study.wanted.is_empty() {
-            let seen = film(0, &objective.picture(&light, 0));
-            page.picture("Seen", &seen, &format!("The first of {} views.", cameras.len()))?;
+            let render = film(0, &objective.picture(&renderer, 0));
+            page.picture("Seen", &render, &format!("The first of {} views.", cameras.len()))?;
             return Ok(());
         }
         let row = |view: usize| {
-            let (picture, render) = (film(view, &study.wanted[view]), film(view, &objective.picture(&light, view)));
+            let (picture, render) = (film(view, &study.wanted[view]), film(view, &objective.picture(&renderer, view)));
             Ok(ViewRow {
                 name: format!("view {view}"),
                 psnr_db: Some(metrics::compare(&render, &picture)?.psnr_db),

@@ -1,4 +1,4 @@
-//! What `cumulo gradient` says.
+//! The report of `cumulo gradient`.
 
 use crate::cli::provenance::Provenance;
 use crate::cli::run::write_warnings;
@@ -8,20 +8,20 @@ use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
 
-/// One parameter.
+/// A parameter with its derivative.
 #[derive(Debug, Serialize)]
 pub(super) struct Row {
     pub name: String,
     #[serde(skip)]
     pub parameter: Parameter,
-    /// Those that its error is relative to the largest of.
+    /// Kind of the parameter: errors are relative to at least 1e-6 of the largest derivative of the same kind.
     #[serde(skip)]
     pub group: &'static str,
     pub value: f64,
     pub gradient: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub difference: Option<f64>,
-    /// How far rounding may have moved that.
+    /// Error of the difference quotient that rounding of the loss alone may have made.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rounding: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -34,7 +34,7 @@ pub(super) struct Report {
     pub input: PathBuf,
     pub loss: String,
     pub value: f64,
-    /// How many there are; of the voxels not all are listed.
+    /// Number of parameters; of the voxels, only the largest derivatives are listed.
     pub parameters: usize,
     pub mode: &'static str,
     pub adjoint: Option<&'static str>,
@@ -43,16 +43,16 @@ pub(super) struct Report {
     pub quadrature: String,
     pub views: usize,
     pub rows: Vec<Row>,
-    /// How many of the listed ones a difference quotient was set beside, with --check.
+    /// Number of listed parameters that have a difference quotient; none without `--check`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub checked: Option<usize>,
     pub worst_relative_error: Option<f64>,
-    /// What contradicts the model.
+    /// Contradictions between the pictures and the model.
     pub warnings: Vec<Warning>,
     pub tolerance: Option<f64>,
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub output: Option<PathBuf>,
-    /// The page.
+    /// Path of the page, if `--report` requests one.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub report: Option<PathBuf>,
@@ -61,8 +61,8 @@ pub(super) struct Report {
 }
 
 impl Report {
-    /// Which way the derivatives were found.
-    pub fn way(&self) -> String {
+    /// Returns the AD mode, with the kind of adjoint in reverse mode.
+    pub fn ad_mode(&self) -> String {
         self.adjoint.map_or_else(|| self.mode.to_owned(), |a| format!("{} ({a})", self.mode))
     }
 }
@@ -71,7 +71,7 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { loss, value, views, quadrature, precision, .. } = self;
         writeln!(f, "{}: {loss} {value:.9e}, {views} views, {quadrature}, {precision}", self.input.display())?;
-        writeln!(f, "  {}: {}", self.way(), self.reason)?;
+        writeln!(f, "  {}: {}", self.ad_mode(), self.reason)?;
         let wide = self.rows.iter().map(|r| r.name.len()).max().unwrap_or(0).max(9);
         write!(f, "  {:wide$} {:>16} {:>17}", "parameter", "value", "derivative")?;
         if self.tolerance.is_some() {

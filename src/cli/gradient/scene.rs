@@ -1,4 +1,4 @@
-//! What `cumulo gradient` differentiates: a scene and a loss, from the options and the target.
+//! The scene and the loss that `cumulo gradient` differentiates, from the options and the target.
 
 use super::{GradientCommand, Wrt};
 use crate::cli::output::Output;
@@ -20,9 +20,9 @@ use crate::scene::orbit::{self, Layout};
 use crate::scene::transfer::Transfer;
 use crate::scene::volume::{Grids, scale};
 
-/// What goes with the voxels.
+/// Target, model, transfer function and cameras that go with the voxels.
 #[derive(Debug)]
-pub(super) struct Rest {
+pub(super) struct Setup {
     target: Option<Capture>,
     model: Option<Model>,
     transfer: Option<Transfer>,
@@ -30,8 +30,8 @@ pub(super) struct Rest {
 }
 
 impl GradientCommand {
-    /// What is seen, from the options and, where they are silent, from the target.
-    pub(super) fn scene(&self, limits: Limits) -> Result<(Grids, Rest)> {
+    /// Reads the volume, and takes what goes with it from the options and, where they are silent, from the target.
+    pub(super) fn scene(&self, limits: Limits) -> Result<(Grids, Setup)> {
         let target = self.target.as_deref().map(transforms::load).transpose()?;
         let emits = self.transfer.tf.is_some() || self.emission.is_some();
         let model = self.model.or(emits.then_some(Model::EmissionAbsorption)).or(target.as_ref().map(|c| c.model));
@@ -52,11 +52,11 @@ impl GradientCommand {
                 orbit::cameras(&outline, count.unwrap_or(1) as usize, Layout::Sphere, w, h, 40.0)
             }
         };
-        Ok((scene, Rest { target, model, transfer, cameras }))
+        Ok((scene, Setup { target, model, transfer, cameras }))
     }
 
     fn pre_shaded(&self, target: Option<&Capture>, limits: Limits) -> Result<Grids> {
-        let own = [
+        let unsuited = [
             (self.wrt.contains(&Wrt::Tf), "--wrt tf: a pre-shaded volume has no transfer function"),
             (
                 self.wrt.contains(&Wrt::Extinction),
@@ -65,7 +65,7 @@ impl GradientCommand {
             (self.emission.is_some(), "--emission: the emissions of a pre-shaded volume are its voxels"),
             (self.quadrature != Quadrature::Exact, "--quadrature: pre-shaded volumes have one of their own"),
         ];
-        if let Some((_, what)) = own.into_iter().find(|(asked, _)| *asked) {
+        if let Some((_, what)) = unsuited.into_iter().find(|(given, _)| *given) {
             return Err(Error::invalid(what).at(&self.input).hint(
                 "of a pre-shaded volume there are --wrt density, emission, camera and background; --model says what else \
                  the volume could be",
@@ -95,8 +95,8 @@ impl GradientCommand {
                 Error::invalid("--emission: with --model absorption nothing is emitted").hint("leave one of them out")
             );
         }
-        let (grid, carried) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
-        let transfer = self.transfer(carried, model, target);
+        let (grid, loaded) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
+        let transfer = self.transfer(loaded, model, target);
         if self.wrt.contains(&Wrt::Tf) && transfer.is_none() {
             return Err(Error::invalid("--wrt tf: there is no transfer function")
                 .at(&self.input)
@@ -110,16 +110,16 @@ impl GradientCommand {
         Ok((Grids::Density(field), transfer))
     }
 
-    /// Scene and loss, and what about the pictures is doubtful.
+    /// Returns scene and loss, with warnings about pictures that contradict the model.
     pub(super) fn study<V: Subject>(
         &self,
         field: Bricks<V>,
-        rest: Rest,
+        setup: Setup,
         limits: Limits,
         output: &Output,
     ) -> Result<(Study<V>, Vec<Warning>)> {
         let mut warnings = Vec::new();
-        let Rest { target, model, transfer, cameras } = rest;
+        let Setup { target, model, transfer, cameras } = setup;
         let wanted = match &target {
             Some(capture) if self.loss().compares() => {
                 let bar = output.progress(capture.frames.len() as u64, "reading pictures");
@@ -155,15 +155,15 @@ impl GradientCommand {
         Ok((study, warnings))
     }
 
-    /// The function asked for, else that of the target, else the one that the grid carries; none with a
-    /// source of its own.
-    fn transfer(&self, found: Option<Transfer>, model: Option<Model>, target: Option<&Capture>) -> Option<Transfer> {
+    /// Chooses the transfer function: `loaded` if it is that of `--tf`, else the target's, else the one that the grid
+    /// carries, which is `loaded` then; none where `--emission` or the model has another source.
+    fn transfer(&self, loaded: Option<Transfer>, model: Option<Model>, target: Option<&Capture>) -> Option<Transfer> {
         let shown = target.filter(|c| c.model == Model::EmissionAbsorption);
         match model {
-            _ if self.transfer.tf.is_some() => found,
+            _ if self.transfer.tf.is_some() => loaded,
             _ if self.emission.is_some() => None,
             Some(Model::EmissionAbsorption) if shown.is_some() => shown.and_then(|c| c.transfer.clone()),
-            Some(Model::EmissionAbsorption) | None => found,
+            Some(Model::EmissionAbsorption) | None => loaded,
             _ => None,
         }
     }
@@ -186,23 +186,23 @@ impl GradientCommand {
             _ => Source::Grey([0.0; 3]),
         };
         let absorbs = transfer.is_none() && matches!(source, Source::Grey([0.0, 0.0, 0.0]));
-        let behind = if absorbs && model != Some(Model::PreShaded) { [1.0; 3] } else { [0.0; 3] };
+        let default_background = if absorbs && model != Some(Model::PreShaded) { [1.0; 3] } else { [0.0; 3] };
         Ok(Setting {
             cameras,
             extinction: self.density_scale.or(target.map(|c| c.density_scale)).unwrap_or(1.0),
             source,
             transfer,
-            background: self.background.or(target.map(|c| c.background)).unwrap_or(behind),
+            background: self.background.or(target.map(|c| c.background)).unwrap_or(default_background),
             quadrature: self.quadrature,
         })
     }
 
-    /// Refuses what could not be held in memory.
+    /// Refuses pictures and voxels that do not fit in memory with their derivatives.
     fn fits<V: Subject>(&self, study: &Study<V>, limits: Limits) -> Result<()> {
         let largest = study.setting.cameras.iter().map(|c| u64::from(c.width) * u64::from(c.height)).max();
         let copies = if self.channels::<V>().is_empty() { 1 } else { 8 };
         let size = if self.check { size_of::<V::Double>() } else { size_of::<V>() };
-        // A picture with seven derivatives and the loss's, the voxels and a gradient for each lane.
+        // A picture with seven derivatives and the loss's, the voxels and a gradient for each accumulator.
         let bytes = largest.unwrap_or(0) * 384 + (study.field.values.len() * copies * size) as u64;
         if bytes > limits.max_memory {
             return Err(Error::unsupported(format!(
@@ -217,7 +217,7 @@ impl GradientCommand {
     }
 }
 
-/// The same in double precision.
+/// Converts a study to double precision.
 pub(super) fn in_double<V: Subject>(study: Study<V>) -> Study<V::Double> {
     let Study { field, setting, loss, priors, units, wanted, rays_per_edge } = study;
     let Bricks { topology, values, transform, domain } = field;

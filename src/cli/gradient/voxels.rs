@@ -8,8 +8,8 @@ use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
 use std::collections::BTreeMap;
 
 impl GradientCommand {
-    /// The derivatives as grids, one a channel, if they are asked for.
-    pub(super) fn as_grids<V: Subject>(&self, study: &Study<V>, found: &Found) -> Vec<Grid> {
+    /// Returns the derivatives by voxel as grids, one a channel; none without `--output`.
+    pub(super) fn as_grids<V: Subject>(&self, study: &Study<V>, gradient: &Found) -> Vec<Grid> {
         let channels = self.channels::<V>();
         let grid = |(at, channel): (usize, &usize)| Grid {
             name: match V::CHANNELS[*channel] {
@@ -20,7 +20,7 @@ impl GradientCommand {
             transform: study.field.transform,
             background: 0.0,
             leaves: {
-                let own: Vec<f64> = found.by_voxel.iter().skip(at).step_by(channels.len()).copied().collect();
+                let own: Vec<f64> = gradient.by_voxel.iter().skip(at).step_by(channels.len()).copied().collect();
                 leaves(&study.field.topology, &own)
             },
             tiles: Vec::new(),
@@ -30,7 +30,7 @@ impl GradientCommand {
     }
 }
 
-/// Leaves of all bricks with a derivative that is not zero; these are active.
+/// Returns the leaves of the bricks in which a derivative is not zero; the voxels of such derivatives are active.
 fn leaves(topology: &Topology, by_voxel: &[f64]) -> Vec<Leaf> {
     let leaf = |(brick, values): (&glam::IVec3, &[f64])| {
         let mut leaf = Leaf { origin: (8 * *brick).to_array(), values: Box::new([0.0; LEAF_VOXELS]), active: [0; 8] };

@@ -1,4 +1,4 @@
-//! `cumulo info`: what is in a file.
+//! `cumulo info`: the content of files.
 
 mod volume;
 
@@ -40,15 +40,15 @@ struct Described {
     path: PathBuf,
     #[serde(flatten)]
     content: Option<Content>,
-    /// Why the file could not be read.
+    /// Error that kept the file from being read.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<Failure>,
 }
 
-/// Why one of several files could not be read.
+/// Error that kept one of several files from being read.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Failure {
-    /// Grid, layer or frame that it concerns; none if it is the whole file.
+    /// Grid, layer or frame that the error concerns; none if it is the whole file.
     part: Option<String>,
     what: String,
     #[serde(rename = "do")]
@@ -56,7 +56,7 @@ pub(super) struct Failure {
 }
 
 impl Failure {
-    /// That of an error, which is told on standard error too.
+    /// Creates the report's entry for an error, and prints the error on standard error.
     pub(super) fn new(error: &Error) -> Self {
         let _ = writeln!(std::io::stderr().lock(), "cumulo: {error}");
         let (part, remedy) = (error.place().map(str::to_owned), error.remedy().map(str::to_owned));
@@ -73,7 +73,7 @@ impl fmt::Display for Failure {
     }
 }
 
-/// The names of the variants are those of [`Format`].
+/// Content of a file, tagged in JSON with the name of its [`Format`].
 #[derive(Debug, Serialize)]
 #[serde(tag = "format", rename_all = "lowercase")]
 enum Content {
@@ -83,10 +83,10 @@ enum Content {
 }
 
 impl Info {
-    /// Reads and reports. Of several files those that can be read are told of, whatever is wrong with others.
+    /// Reads the files and reports; files that cannot be read do not keep others from being reported.
     ///
     /// # Errors
-    /// If the only file cannot be read or is of a kind that is not known.
+    /// If the only file cannot be read or is of an unknown format.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let stage = output.stage("reading");
         let mut files = Vec::new();
@@ -122,7 +122,7 @@ impl fmt::Display for Report {
 }
 
 impl fmt::Display for Described {
-    /// What the file is on the line of its path, all else below and indented.
+    /// Writes path and kind of the file on one line, and all else below it, indented.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let text = match (&self.content, &self.error) {
             (Some(Content::Vdb(volume)), _) => volume.to_string(),

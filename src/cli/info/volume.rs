@@ -1,4 +1,4 @@
-//! An OpenVDB file in figures.
+//! Content and statistics of an OpenVDB file.
 
 use crate::cli::memory::human;
 use crate::error::Result;
@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 
-/// What `info` says of a file.
+/// Description of an OpenVDB file.
 #[derive(Debug, Serialize)]
 pub(super) struct Volume {
     file_version: u32,
@@ -43,7 +43,7 @@ struct Grid {
     metadata: BTreeMap<String, MetaValue>,
 }
 
-/// The transfer function that a grid carries.
+/// Transfer function that a grid carries as metadata.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
 enum Carried {
@@ -54,7 +54,7 @@ enum Carried {
 #[derive(Debug, Serialize)]
 struct Placement {
     kind: String,
-    /// Rows of the index-to-world matrix for column vectors; none for maps that are not affine.
+    /// Index-to-world matrix for column vectors, by rows; none for maps that are not affine.
     matrix: Option<[[f64; 4]; 4]>,
     voxel_size: Option<[f64; 3]>,
 }
@@ -65,7 +65,7 @@ struct Bounds<T> {
     max: [T; 3],
 }
 
-/// Reads all grids and their values.
+/// Reads all grids of a file with their values, and describes them.
 ///
 /// # Errors
 /// If the file or one of its grids cannot be read.
@@ -87,10 +87,10 @@ pub(super) fn summary(path: &Path, limits: Limits) -> Result<Volume> {
     })
 }
 
-/// Statistics of active voxels and tiles; vectors by their length. Leaves are looked at one by one.
+/// Computes statistics of a grid's active voxels and tiles, of vectors by their lengths. Leaves are decoded one by one.
 ///
 /// # Errors
-/// For grids without values (points).
+/// If the grid has no values (points).
 pub(in crate::cli) fn statistics_of(native: &NativeGrid) -> Result<Statistics> {
     let magnitude = |v: &[f32]| match v {
         [one] => *one,
@@ -111,7 +111,7 @@ pub(in crate::cli) fn statistics_of(native: &NativeGrid) -> Result<Statistics> {
     })
 }
 
-/// One that cannot be used keeps nobody from learning what else is in the file.
+/// Reads the transfer function of a grid's metadata; one that cannot be used is described by its problem.
 fn carried(metadata: &BTreeMap<String, MetaValue>) -> Option<Carried> {
     match from_metadata(metadata).and_then(|t| t.map(|t| TransferSummary::of(&t)).transpose()) {
         Ok(usable) => usable.map(Carried::Usable),

@@ -75,17 +75,18 @@ pub struct Pose {
 }
 
 #[derive(Debug, Serialize)]
-struct Moved {
+struct CameraReport {
     picture: String,
-    /// Of the colors' differences.
+    /// RMS difference of the colors between picture and render, with the camera that the search began with.
     rms_before: f64,
+    /// RMS difference of the colors between picture and render, with the camera that the search ended with.
     rms_after: f64,
-    /// Angle between the axes before and after.
+    /// Returns the angle in degrees between the camera's axes before and after.
     rotated_degrees: f64,
-    /// Way from the position before, of the distance to the volume's centre.
+    /// Distance between the positions before and after, in percent of the distance to the volume's centre.
     moved_percent: f64,
     iterations: u32,
-    /// Directions of six that the picture says nothing about: along them the camera stays.
+    /// Number of the camera's six directions of motion that the picture does not determine: along them it stays.
     undetermined: usize,
     note: Option<String>,
 }
@@ -94,16 +95,17 @@ struct Moved {
 struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
-    cameras: Vec<Moved>,
-    /// Over all cameras.
+    cameras: Vec<CameraReport>,
+    /// RMS difference of the colors over all cameras before the search.
     rms_before: f64,
+    /// RMS difference of the colors over all cameras after the search.
     rms_after: f64,
     iterations: u32,
-    /// Focal length by that of the capture; none if it was not to be found.
+    /// Focal length divided by that of the capture; none without `--solve-focal`.
     focal_factor: Option<f64>,
     seconds: f64,
     stopped: bool,
-    /// What contradicts the model.
+    /// Contradictions between the pictures and the model.
     warnings: Vec<Warning>,
     #[serde(serialize_with = "crate::cli::paths::text")]
     report: Option<PathBuf>,
@@ -128,6 +130,14 @@ impl fmt::Display for Report {
         }
         run::write_warnings(f, &self.warnings)
     }
+}
+
+/// Result of the search for all cameras.
+struct Search {
+    /// Pose of each camera, in the order of the capture's frames.
+    poses: Vec<Found>,
+    /// Wall time in seconds.
+    seconds: f64,
 }
 
 impl Pose {
@@ -155,18 +165,61 @@ impl Pose {
         }
 
         let centre = self.centre(&grids.extinctions())?;
-        let rays_per_edge = run::rays_per_edge(shown.pixel_filter);
-        let cameras = self.previous(&shown)?.unwrap_or_else(|| shown.frames.iter().map(|f| f.camera).collect());
-        let target = |(photo, camera): (Photo, Camera)| Target { camera, rgba: photo.film.rgba, rays_per_edge };
-        let targets: Vec<Target> = photos.into_iter().zip(cameras).map(target).collect();
+        let targets = self.targets(photos, &shown)?;
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(shown.transfer.is_some()));
         let scene = Scene::shown_by(&shown, grids).map_err(|e| e.at(&self.volume))?;
-        let light = AnyRenderer::new(&scene, quadrature).map_err(|e| e.at(&self.volume))?;
-        let (colors, reference) = match &light {
+        let renderer = AnyRenderer::new(&scene, quadrature).map_err(|e| e.at(&self.volume))?;
+        let Search { poses, seconds } = self.search(&renderer, &shown, &targets, centre, &task, output)?;
+        let stopped = task.flow().is_break();
+        task.provenance.lap();
+
+        if !stopped {
+            warnings.extend(unexplained(&poses));
+        }
+        let mut report = Report { warnings, ..self.summary(&shown, &poses, centre, seconds, stopped) };
+        // Notes of what was overridden for this run do not belong into the capture: only its cameras change.
+        let mut solved = Capture { transfer: shown.transfer.clone(), model: shown.model, ..capture };
+        solved.frames.iter_mut().zip(&poses).for_each(|(frame, pose)| frame.camera = pose.camera);
+        let mut extra = Map::new();
+        extra.insert("provenance".into(), json!(task.provenance));
+        transforms::save(&self.output, &solved, &extra)?;
+        if let Some(dir) = &self.report {
+            let _stage = output.stage("report");
+            let page = page::page(&report, &solved, &targets, &renderer, &task.provenance, task.closing())?;
+            report.report = Some(page.write(dir)?);
+        }
+        for camera in &report.cameras {
+            if let Some(note) = &camera.note {
+                output.note(format!("{}: {note}", camera.picture));
+            }
+        }
+        output.report(&report)?;
+        Ok(exit_code(stopped, output))
+    }
+
+    /// Combines the pictures with the cameras that the search begins with.
+    fn targets(&self, photos: Vec<Photo>, shown: &Capture) -> Result<Vec<Target>> {
+        let rays_per_edge = run::rays_per_edge(shown.pixel_filter);
+        let cameras = self.previous(shown)?.unwrap_or_else(|| shown.frames.iter().map(|f| f.camera).collect());
+        let target = |(photo, camera): (Photo, Camera)| Target { camera, rgba: photo.film.rgba, rays_per_edge };
+        Ok(photos.into_iter().zip(cameras).map(target).collect())
+    }
+
+    /// Moves the cameras of the targets until what they see is their pictures, or the user stops the search.
+    fn search(
+        &self,
+        renderer: &AnyRenderer<'_>,
+        shown: &Capture,
+        targets: &[Target],
+        centre: DVec3,
+        task: &Task<'_>,
+        output: &Output,
+    ) -> Result<Search> {
+        let (colors, reference) = match renderer {
             // Pictures are what has no error, until somebody says something else.
-            AnyRenderer::Density(light) => {
+            AnyRenderer::Density(dvr) => {
                 let has_reference = self.quadrature.is_none() && shown.transfer.is_some();
-                let exact = || light.clone().with(|dvr| dvr.quadrature(Quadrature::Exact));
+                let exact = || dvr.clone().with(|dvr| dvr.quadrature(Quadrature::Exact));
                 (Colors::of(&shown.medium()?, shown.background), has_reference.then(exact))
             }
             AnyRenderer::PreShaded(_) => (Colors::apart(), None),
@@ -177,37 +230,13 @@ impl Pose {
         let bar = output.progress(targets.iter().map(searches).sum(), "pose");
         let begun = Instant::now();
         let tick = || bar.inc(1);
-        let found = match &light {
-            AnyRenderer::Density(dvr) => pose::solve(dvr, reference.as_ref(), &targets, &request, task.cancel, &tick),
-            AnyRenderer::PreShaded(volume) => pose::solve(volume, None, &targets, &request, task.cancel, &tick),
+        let poses = match renderer {
+            AnyRenderer::Density(dvr) => pose::solve(dvr, reference.as_ref(), targets, &request, task.cancel, &tick),
+            AnyRenderer::PreShaded(volume) => pose::solve(volume, None, targets, &request, task.cancel, &tick),
         };
         let seconds = begun.elapsed().as_secs_f64();
         bar.finish_and_clear();
-        let stopped = task.flow().is_break();
-        task.provenance.lap();
-
-        if !stopped {
-            warnings.extend(unexplained(&found));
-        }
-        let mut report = Report { warnings, ..self.summary(&shown, &found, centre, seconds, stopped) };
-        // Notes of what was overridden for this run do not belong into the capture: only its cameras change.
-        let mut solved = Capture { transfer: shown.transfer.clone(), model: shown.model, ..capture };
-        solved.frames.iter_mut().zip(&found).for_each(|(frame, found)| frame.camera = found.camera);
-        let mut extra = Map::new();
-        extra.insert("provenance".into(), json!(task.provenance));
-        transforms::save(&self.output, &solved, &extra)?;
-        if let Some(dir) = &self.report {
-            let _stage = output.stage("report");
-            let page = page::page(&report, &solved, &targets, &light, &task.provenance, task.closing())?;
-            report.report = Some(page.write(dir)?);
-        }
-        for camera in &report.cameras {
-            if let Some(note) = &camera.note {
-                output.note(format!("{}: {note}", camera.picture));
-            }
-        }
-        output.report(&report)?;
-        Ok(exit_code(stopped, output))
+        Ok(Search { poses, seconds })
     }
 
     /// Reads the volume's grids, and returns them with the capture as its pictures are to be understood.
@@ -221,7 +250,7 @@ impl Pose {
         Ok((Grids::Density(field), shown))
     }
 
-    /// The capture as its pictures are to be understood.
+    /// Returns the capture as its pictures are to be understood: with the transfer function of `--tf`, if there is one.
     fn shown(&self, capture: &Capture, transfer: Option<Transfer>) -> Capture {
         match transfer.filter(|_| self.transfer.tf.is_some()) {
             Some(transfer) => Capture { transfer: Some(transfer), model: Model::EmissionAbsorption, ..capture.clone() },
@@ -231,25 +260,25 @@ impl Pose {
         }
     }
 
-    /// The cameras that an earlier run has found for the same pictures.
+    /// Returns the cameras of an earlier run with the same pictures, with `--resume`.
     fn previous(&self, shown: &Capture) -> Result<Option<Vec<Camera>>> {
         if !(self.resume && self.output.exists()) {
             return Ok(None);
         }
-        let found = transforms::load(&self.output)?.frames;
+        let previous = transforms::load(&self.output)?.frames;
         let same = |(a, b): (&Frame, &Frame)| {
             let size = |f: &Frame| (f.camera.width, f.camera.height, f.camera.projection);
             a.picture.file_name() == b.picture.file_name() && size(a) == size(b)
         };
-        if found.len() != shown.frames.len() || !found.iter().zip(&shown.frames).all(same) {
+        if previous.len() != shown.frames.len() || !previous.iter().zip(&shown.frames).all(same) {
             return Err(Error::invalid("--resume: these are not the cameras of the capture's pictures")
                 .at(&self.output)
                 .hint("leave --resume out, or give the output of an earlier run with the same capture"));
         }
-        Ok(Some(found.into_iter().map(|f| f.camera).collect()))
+        Ok(Some(previous.into_iter().map(|f| f.camera).collect()))
     }
 
-    /// The middle of what is in the volume.
+    /// Returns the centre of the world-space box around the voxels that are not zero.
     fn centre(&self, field: &Bricks<f32>) -> Result<DVec3> {
         let outline = field.outline();
         if outline.is_empty() {
@@ -260,14 +289,14 @@ impl Pose {
         Ok(outline.into_iter().fold(Aabb::EMPTY, |b, p| b.including(p)).centre())
     }
 
-    fn summary(&self, capture: &Capture, found: &[Found], centre: DVec3, seconds: f64, stopped: bool) -> Report {
-        let cameras: Vec<Moved> = capture
+    fn summary(&self, capture: &Capture, poses: &[Found], centre: DVec3, seconds: f64, stopped: bool) -> Report {
+        let cameras: Vec<CameraReport> = capture
             .frames
             .iter()
-            .zip(found)
-            .map(|(frame, found)| {
-                let (degrees, percent) = apart(&frame.camera, &found.camera, centre);
-                let note = match found.undetermined {
+            .zip(poses)
+            .map(|(frame, pose)| {
+                let (degrees, percent) = apart(&frame.camera, &pose.camera, centre);
+                let note = match pose.undetermined {
                     0 => None,
                     6 => Some("the picture says nothing about the camera, which stays where it was".to_owned()),
                     n => Some(format!(
@@ -275,29 +304,29 @@ impl Pose {
                          stays where it was"
                     )),
                 };
-                Moved {
+                CameraReport {
                     picture: frame.picture.file_name().unwrap_or(frame.picture.as_os_str()).to_string_lossy().into(),
-                    rms_before: found.rms[0],
-                    rms_after: found.rms[1],
+                    rms_before: pose.rms[0],
+                    rms_after: pose.rms[1],
                     rotated_degrees: degrees,
                     moved_percent: percent,
-                    iterations: found.iterations,
-                    undetermined: found.undetermined,
+                    iterations: pose.iterations,
+                    undetermined: pose.undetermined,
                     note,
                 }
             })
             .collect();
         let mean = |of: usize| {
-            let sums = found.iter().fold((0.0, 0), |(s, n), f| (s + f.rms[of].powi(2) * f.count as f64, n + f.count));
+            let sums = poses.iter().fold((0.0, 0), |(s, n), f| (s + f.rms[of].powi(2) * f.count as f64, n + f.count));
             (sums.0 / sums.1.max(1) as f64).sqrt()
         };
-        let factor = capture.frames.first().zip(found.first()).map(|(a, b)| b.camera.focal.x / a.camera.focal.x);
+        let factor = capture.frames.first().zip(poses.first()).map(|(a, b)| b.camera.focal.x / a.camera.focal.x);
         Report {
             output: self.output.clone(),
             cameras,
             rms_before: mean(0),
             rms_after: mean(1),
-            iterations: found.iter().map(|f| f.iterations).max().unwrap_or(0),
+            iterations: poses.iter().map(|f| f.iterations).max().unwrap_or(0),
             focal_factor: factor.filter(|_| self.solve_focal),
             seconds,
             stopped,
@@ -307,17 +336,17 @@ impl Pose {
     }
 }
 
-/// Difference of the colors beyond which a picture is not what its camera sees, relative to the peak of 1.
+/// RMS difference of the colors above which a picture is not what its camera sees, relative to the peak of 1.
 const UNLIKE: f64 = 0.1;
 
-/// A warning if pictures are not met wherever their cameras stand.
-fn unexplained(found: &[Found]) -> Option<Warning> {
-    let poor = found.iter().filter(|f| f.rms[1] > UNLIKE).count();
+/// Warns if pictures differ from what their cameras see.
+fn unexplained(poses: &[Found]) -> Option<Warning> {
+    let poor = poses.iter().filter(|f| f.rms[1] > UNLIKE).count();
     (poor > 0).then(|| {
         Warning::new(
             format!(
                 "{poor} of {} pictures differ from what their cameras see by more than {UNLIKE} (RMS)",
-                found.len()
+                poses.len()
             ),
             "check that the volume, --tf, density_scale, model and background are those of the pictures, and that the \
              search began within a few degrees",
@@ -325,7 +354,8 @@ fn unexplained(found: &[Found]) -> Option<Warning> {
     })
 }
 
-/// Angle in degrees between two cameras' axes, and the way between them in percent of the first one's distance.
+/// Returns the angle in degrees between two cameras' axes, and the distance between them in percent of the distance of the first one
+/// to `centre`.
 fn apart(a: &Camera, b: &Camera, centre: DVec3) -> (f64, f64) {
     let axes = |c: &Camera| DMat3::from_mat4(c.camera_to_world);
     let turn = DQuat::from_mat3(&(axes(b) * axes(a).transpose()));

@@ -12,13 +12,13 @@ use crate::scene::capture::Capture;
 use crate::scene::film::Film;
 use std::sync::atomic::AtomicBool;
 
-/// How far each camera was moved, and what it sees now. Once the work is to stop, views are left out that are not
-/// rendered yet.
+/// Makes the page: how far each camera was moved, and its picture beside a render from where it stands now. Once the
+/// work is to stop, views are left out that are not rendered yet.
 pub fn page(
     report: &Report,
     solved: &Capture,
     targets: &[Target],
-    light: &AnyRenderer<'_>,
+    renderer: &AnyRenderer<'_>,
     provenance: &Provenance,
     cancel: Cancel,
 ) -> Result<Page> {
@@ -64,7 +64,7 @@ pub fn page(
         .map(|i| {
             let (frame, target) = (&solved.frames[i], &targets[i]);
             let flag = cancel.flag().unwrap_or(&never);
-            let Some(render) = light.picture(&frame.camera, target.rays_per_edge, flag) else { return Ok(None) };
+            let Some(render) = renderer.picture(&frame.camera, target.rays_per_edge, flag) else { return Ok(None) };
             let picture = Film::of(render.width, render.height, target.rgba.clone());
             let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
             Ok(Some(ViewRow {

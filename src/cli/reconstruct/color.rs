@@ -1,28 +1,26 @@
 //! `cumulo reconstruct color`: a pre-shaded volume from emission-absorption pictures.
 
-use super::confidence;
-use super::region::{Chosen, Region};
+use super::capture::LoadedCapture;
+use super::confidence::{self, Fit};
+use super::region::{Region, Unknowns};
+use super::volume::{Measurements, Solved, VolumeTask};
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
-use crate::cli::outputs::{self, Content};
+use crate::cli::outputs::Content;
 use crate::cli::photos;
-use crate::cli::run::{self, Run, Solver};
+use crate::cli::run::{self, Solver};
 use crate::cli::task::{Task, ended};
 use crate::error::{Error, Result};
-use crate::formats::transforms;
 use crate::formats::vdb::{File, shaded};
 use crate::optimise::color::{self, Shaded};
-use crate::optimise::density::{Request, Stage, Step};
-use crate::optimise::plausibility::cost::{Cost, Method};
-use crate::optimise::plausibility::residuals;
+use crate::optimise::density::Request;
+use crate::optimise::plausibility::cost::Method;
 use crate::optimise::projection::observation::Observation;
-use crate::report::{MOST_VIEWS, choose};
-use crate::scene::capture::{Capture, Model};
+use crate::scene::capture::Model;
 use crate::scene::grid::Grid;
 use crate::scene::medium::Medium;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::Instant;
 
 /// Reconstruct a pre-shaded volume from emission-absorption pictures: extinction and emitted color by voxel
 ///
@@ -39,7 +37,7 @@ pub struct Color {
     output: PathBuf,
     #[command(flatten)]
     region: Region,
-    /// Views that are not used, only looked at to know when to stop (default: one of 8 or more)
+    /// Number of views to hold out: these are not fitted, but decide when to stop (default: one of 8 or more)
     #[arg(long, value_name = "K")]
     held_out: Option<usize>,
     /// Iterations of the extinctions on the finest level, at most
@@ -67,103 +65,55 @@ impl Color {
     /// # Errors
     /// If the pictures cannot be read or used, or the outputs cannot be written.
     pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
-        let mut task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), &self.memory)?;
+        let task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), &self.memory)?;
         let limits = task.limits;
-        let json = transforms::json_path(&self.capture);
-        let capture = transforms::load_within(&json, limits)?;
-        let inputs = outputs::of_capture(&json, &capture);
-        outputs::spare([self.output.as_path()], inputs.iter().map(PathBuf::as_path))?;
-        if capture.model == Model::Absorption {
+        let input = LoadedCapture::load(&self.capture, &self.output, [], limits)?;
+        if input.capture.model == Model::Absorption {
             return Err(Error::unsupported("the pictures show absorption alone, which has no colors of its own")
-                .at(&json)
+                .at(&input.json)
                 .hint("use `cumulo reconstruct density`, or state \"model\": \"emission-absorption\""));
         }
-        let held_out = photos::held_out(self.held_out, capture.frames.len(), 8).map_err(|e| e.at(&self.capture))?;
+        let views = input.capture.frames.len();
+        let held_out = photos::held_out(self.held_out, views, 8).map_err(|e| e.at(&self.capture))?;
 
-        let begun = Instant::now();
-        let (photos, mut warnings) = task.photos(&json, &capture, self.layer.as_deref(), output)?;
+        let mut work = VolumeTask::new(task, input, &self.output, self.layer.as_deref(), output);
         // With the background's own color as source, alpha tells the optical depth.
-        let observation = Observation::new(&photos, capture.background, capture.background).map_err(|e| e.at(&json))?;
-        let mut chosen = self.region.choose(&capture, &observation, output).map_err(|e| e.at(&json))?;
-        output.warn(&chosen.warnings);
-        warnings.append(&mut chosen.warnings);
-        let request = self.request(&capture, &chosen, held_out, &task);
+        let measurements = work.measure(&self.region, |photos, capture| {
+            Observation::new(photos, capture.background, capture.background)
+        })?;
+        let request = self.request(&work, &measurements.unknowns, held_out);
         let previous = self.resume && self.output.exists();
         let init = previous.then(|| shaded::read(&File::open(&self.output, limits)?, None, limits.max_memory));
         let init = init.transpose()?;
-        let mut stages = vec![Stage { name: "read pictures".into(), seconds: begun.elapsed().as_secs_f64() }];
-
-        let pixels = photos.iter().map(|p| p.film.rgba.len() as u64).sum();
         let steps = color::most_iterations(&request);
-        let expected = Cost::new(Method::Color, &chosen.survey, &request, pixels, steps);
-        expected.fits(limits.max_memory).map_err(|e| e.at(&json))?;
-        chosen.writable(&self.output)?;
-        output.note(format!("expected: {expected}"));
-        task.work_begins();
-        let bar = output.progress(steps, "color");
-        let outcome = color::reconstruct(&photos, &observation, &request, init, |step: &Step| {
-            run::show(&bar, step);
-            task.flow()
-        });
-        bar.finish_and_clear();
-        let Shaded { volume, history, stages: solved, train_psnr_db, held_out_psnr_db, voxels, stopped } =
-            match ended(outcome.map_err(|e| e.at(&json)))? {
+        work.plan(&measurements, &request, Method::Color, steps)?;
+
+        let Measurements { photos, observation, .. } = measurements;
+        let outcome =
+            work.solve("color", steps, |watch| color::reconstruct(&photos, &observation, &request, init, watch));
+        let Shaded { volume, history, stages, train_psnr_db, held_out_psnr_db, voxels, stopped } =
+            match ended(outcome.map_err(|e| e.at(&work.input.json)))? {
                 Ok(outcome) => outcome,
                 Err(code) => return Ok(code),
             };
-        stages.extend(solved);
+        work.solved(stages);
         drop(observation);
-        let begun = Instant::now();
-        let (known, mut found) = {
-            let stage = output.stage("confidence");
-            confidence::grids(&volume, &photos, &request, train_psnr_db, |done, of| stage.at(done, of))
-        };
-        found.extend(residuals::held_out(train_psnr_db, held_out_psnr_db));
-        found.extend(residuals::unexplained(train_psnr_db));
-        if !stopped {
-            warnings.append(&mut found);
-        }
-        let stopped = stopped || known.is_empty();
-        stages.push(Stage { name: "confidence".into(), seconds: begun.elapsed().as_secs_f64() });
+        let mut solved = Solved { history, train_psnr_db, held_out_psnr_db, unknowns: voxels, stopped };
+        let fit = Fit { photos: &photos, request: &request, train_psnr_db };
+        let confidence = work.confidence(&mut solved, |tick| Ok(confidence::of_pre_shaded(&volume, fit, tick)))?;
         drop(photos);
 
-        let begun = Instant::now();
-        let seconds = task.provenance.lap();
-        let known: Vec<&Grid> = known.iter().collect();
-        shaded::write(&self.output, &volume, &known, &task.provenance.metadata())?;
-        stages.push(Stage { name: "write".into(), seconds: begun.elapsed().as_secs_f64() });
-        let views = capture.frames.len();
-        let run = Run {
-            capture: json,
-            output: self.output.clone(),
-            grid: shaded::EXTINCTION.into(),
-            solver: Solver::Color,
-            layer: self.layer.clone(),
-            iterations: history.len() as u32,
-            seconds,
-            train_psnr_db: Some(train_psnr_db).filter(|v| v.is_finite()),
-            held_out_psnr_db: held_out_psnr_db.filter(|v| v.is_finite()),
-            peak_memory_mb: run::peak_memory_mb(),
-            stopped,
-            views,
-            shown: choose(&(0..views).map(|i| request.held_out.contains(&i)).collect::<Vec<_>>(), MOST_VIEWS),
-            held_out: request.held_out,
-            voxel_size: volume.transform.voxel_size().to_array(),
-            unknowns: voxels,
-            expected: Some(expected),
-            warnings,
-            report: None,
-            stages,
-            history,
-            provenance: task.provenance.clone(),
-        };
-        task.finish(run, output)
+        let confidence: Vec<&Grid> = confidence.iter().collect();
+        work.write(|metadata| shaded::write(&self.output, &volume, &confidence, metadata))?;
+        let voxel_size = volume.transform.voxel_size().to_array();
+        work.finish(Solver::Color, shaded::EXTINCTION.into(), voxel_size, solved, request.held_out)
     }
 
-    fn request(&self, capture: &Capture, chosen: &Chosen, held_out: Vec<usize>, task: &Task<'_>) -> Request {
+    fn request(&self, work: &VolumeTask<'_>, unknowns: &Unknowns, held_out: Vec<usize>) -> Request {
+        let (task, capture) = (&work.task, &work.input.capture);
         Request {
-            lattice: chosen.lattice,
-            bounds: chosen.bounds,
+            lattice: unknowns.lattice,
+            bounds: unknowns.bounds,
             medium: Medium::absorbing(1.0),
             background: capture.background,
             rays_per_edge: run::rays_per_edge(capture.pixel_filter),

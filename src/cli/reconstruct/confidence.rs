@@ -1,14 +1,15 @@
-//! The grids that say how much the pictures constrain each voxel.
+//! Confidence grids: how much the pictures constrain each voxel, beside the prior.
 
 use crate::error::Result;
 use crate::formats::vdb::{CONFIDENCE, shaded};
 use crate::optimise::density::Request;
-use crate::optimise::density::confidence::confidence;
+use crate::optimise::density::confidence::{Group, confidence};
 use crate::optimise::density::descent::ForwardModel;
 use crate::optimise::gradient::pictures::Target;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::plausibility::residuals::Residuals;
 use crate::optimise::projection::observation::Photo;
+use crate::optimise::study::subject::Subject;
 use crate::render::composited::Composited;
 use crate::render::differentiable::Differentiable;
 use crate::render::preshaded::Preshaded;
@@ -18,77 +19,98 @@ use crate::scene::grid::{Grid, GridClass};
 use crate::scene::medium::Source;
 use glam::Vec4;
 
-/// Least error of a pixel that is reckoned with, relative to the peak of 1: half a step of eight bits.
+/// Standard deviation of a pixel's error, at least, relative to the peak of 1: half a step of eight bits.
 const LEAST_NOISE: f64 = 1.0 / 512.0;
-/// What the prior leaves open, relative to the range of values.
-const OPEN: f64 = 0.1;
-/// Share of the positive values that lie below what counts as their range, where no transfer function says it.
-const TOP: usize = 99;
+/// Standard deviation of the prior on a voxel, relative to the range of values.
+const PRIOR_DEVIATION: f64 = 0.1;
+/// Percentage of the positive values that lie below what counts as their range, where no transfer function says it.
+const RANGE_PERCENTILE: usize = 99;
 
-/// Confidence of the densities by all views but the held-out ones, whose pictures are met to within `psnr_db`, and what
-/// their residuals say of the model. None once the work is to stop.
+/// The pictures that a volume was reconstructed from, and how well it explains them.
+#[derive(Debug, Clone, Copy)]
+pub struct Fit<'f> {
+    /// All pictures of the capture; the held-out ones among them have no say in the confidence.
+    pub photos: &'f [Photo],
+    /// The reconstruction's request.
+    pub request: &'f Request,
+    /// PSNR of the training views in dB, peak 1; NaN if it was not measured.
+    pub train_psnr_db: f64,
+}
+
+/// Measures the confidence of densities, as a grid beside the one called `name`; no grid once the work is to stop. The
+/// warnings are those of the residuals.
 ///
 /// # Errors
 /// If the medium cannot be used.
-pub fn grid(
+pub fn of_densities(
     field: &Bricks<f32>,
-    photos: &[Photo],
-    request: &Request,
-    psnr_db: f64,
     name: &str,
+    fit: Fit<'_>,
     tick: impl FnMut(usize, usize),
-) -> Result<(Option<Grid>, Vec<Warning>)> {
+) -> Result<(Vec<Grid>, Vec<Warning>)> {
+    let request = fit.request;
     let quadrature = Quadrature::usual(matches!(request.medium.source, Source::Transfer(_)));
-    let scene = ForwardModel { medium: &request.medium, background: request.background, quadrature };
-    let light = scene.renderer(field)?;
-    let targets = targets(photos, request);
-    let open = OPEN * range(field, &request.medium.source);
-    let views: Vec<&Target> = targets.iter().collect();
-    let warnings = examined(&light, photos, request);
-    let known = confidence(&light, &views, noise(psnr_db), &[(&[0], open)], request.cancel, tick);
-    Ok((known.map(|known| as_grid(field, known.concat(), name)), warnings))
+    let model = ForwardModel { medium: &request.medium, background: request.background, quadrature };
+    let renderer = model.renderer(field)?;
+    let deviation = PRIOR_DEVIATION * range(field, &request.medium.source);
+    Ok(fit.grids(&renderer, &[(&[0], deviation)], &[name], tick))
 }
 
-/// The same of extinctions and of emissions: of all their colors, which are seen through the same voxels.
-pub fn grids(
-    volume: &Bricks<Vec4>,
-    photos: &[Photo],
-    request: &Request,
-    psnr_db: f64,
-    tick: impl FnMut(usize, usize),
-) -> (Vec<Grid>, Vec<Warning>) {
-    let open = |c: usize| OPEN * top(volume.owned().into_iter().map(|v| v[c]));
-    let emission = (0..3).map(open).fold(0.0, f64::max);
-    let targets = targets(photos, request);
-    let light = Preshaded::new(volume).over(request.background);
-    let views: Vec<&Target> = targets.iter().collect();
-    let warnings = examined(&light, photos, request);
-    let groups: [(&[usize], f64); 2] = [(&[3], open(3)), (&[0, 1, 2], emission)];
-    let known = confidence(&light, &views, noise(psnr_db), &groups, request.cancel, tick).unwrap_or_default();
-    let names = [shaded::EXTINCTION, shaded::EMISSION];
-    (known.into_iter().zip(names).map(|(known, name)| as_grid(volume, known, name)).collect(), warnings)
+/// Measures the confidences of a pre-shaded volume, as a grid beside that of the extinctions and one beside that of the
+/// emissions, whose three colors share theirs; no grids once the work is to stop. The warnings are those of the
+/// residuals.
+pub fn of_pre_shaded(volume: &Bricks<Vec4>, fit: Fit<'_>, tick: impl FnMut(usize, usize)) -> (Vec<Grid>, Vec<Warning>) {
+    let deviation = |c: usize| PRIOR_DEVIATION * top(volume.owned().into_iter().map(|v| v[c]));
+    let emission = (0..3).map(deviation).fold(0.0, f64::max);
+    let renderer = Preshaded::new(volume).over(fit.request.background);
+    let groups: [Group<'_>; 2] = [(&[3], deviation(3)), (&[0, 1, 2], emission)];
+    fit.grids(&renderer, &groups, &[shaded::EXTINCTION, shaded::EMISSION], tick)
 }
 
-fn examined<I: Differentiable<Real = f32>>(light: &Composited<I>, photos: &[Photo], request: &Request) -> Vec<Warning> {
-    let residuals = Residuals::new(light, photos, &request.held_out, request.rays_per_edge, request.cancel);
-    residuals.map(|r| r.warnings()).unwrap_or_default()
+impl Fit<'_> {
+    /// Measures the confidence of each group of channels, as a grid beside the one of its name in `names`. The warnings are
+    /// those of the residuals.
+    fn grids<I>(
+        self,
+        renderer: &Composited<I>,
+        groups: &[Group<'_>],
+        names: &[&str],
+        tick: impl FnMut(usize, usize),
+    ) -> (Vec<Grid>, Vec<Warning>)
+    where
+        I: Differentiable<Real = f32, Voxel: Subject>,
+    {
+        let targets = self.targets();
+        let views: Vec<&Target> = targets.iter().collect();
+        let warnings = self.residual_warnings(renderer);
+        let field = renderer.integrator.field();
+        let by_group = confidence(renderer, &views, self.noise(), groups, self.request.cancel, tick);
+        let grids = by_group.unwrap_or_default().into_iter().zip(names);
+        (grids.map(|(confidence, name)| as_grid(field, &confidence, name)).collect(), warnings)
+    }
+
+    fn residual_warnings<I: Differentiable<Real = f32>>(self, renderer: &Composited<I>) -> Vec<Warning> {
+        let Request { held_out, rays_per_edge, cancel, .. } = self.request;
+        let residuals = Residuals::new(renderer, self.photos, held_out, *rays_per_edge, *cancel);
+        residuals.map(|r| r.warnings()).unwrap_or_default()
+    }
+
+    /// Returns the training views.
+    fn targets(self) -> Vec<Target> {
+        let rays_per_edge = self.request.rays_per_edge;
+        let training = self.photos.iter().enumerate().filter(|(i, _)| !self.request.held_out.contains(i));
+        training.map(|(_, p)| Target { camera: p.camera, rgba: p.film.rgba.clone(), rays_per_edge }).collect()
+    }
+
+    /// Returns the standard deviation of a pixel's error; the least where the PSNR was not measured, as after a stop.
+    fn noise(self) -> f64 {
+        LEAST_NOISE.max(10.0_f64.powf(-self.train_psnr_db / 20.0))
+    }
 }
 
-/// The views that are used.
-fn targets(photos: &[Photo], request: &Request) -> Vec<Target> {
-    let used = photos.iter().enumerate().filter(|(i, _)| !request.held_out.contains(i));
-    used.map(|(_, p)| Target { camera: p.camera, rgba: p.film.rgba.clone(), rays_per_edge: request.rays_per_edge })
-        .collect()
-}
-
-fn noise(psnr_db: f64) -> f64 {
-    // What was not measured after a stop counts as the least.
-    LEAST_NOISE.max(10.0_f64.powf(-psnr_db / 20.0))
-}
-
-fn as_grid<V: Voxel>(field: &Bricks<V>, known: Vec<f32>, name: &str) -> Grid {
+fn as_grid<V: Voxel>(field: &Bricks<V>, confidence: &[f32], name: &str) -> Grid {
     let mut own = Bricks::zeros(field.topology.clone(), field.transform);
-    own.topology.fill_apron(&known, &mut own.values);
+    own.topology.fill_apron(confidence, &mut own.values);
     Grid { class: GridClass::Unknown, ..own.to_grid(&format!("{name}{CONFIDENCE}")) }
 }
 
@@ -99,13 +121,13 @@ fn range(field: &Bricks<f32>, source: &Source) -> f64 {
     }
 }
 
-/// What most of the positive values lie below.
+/// Returns the value that [`RANGE_PERCENTILE`] percent of the positive values lie below; 0 if none is positive.
 fn top(values: impl Iterator<Item = f32>) -> f64 {
     let mut positive: Vec<f32> = values.filter(|v| *v > 0.0).collect();
     if positive.is_empty() {
         return 0.0;
     }
-    let at = (positive.len() - 1) * TOP / 100;
+    let at = (positive.len() - 1) * RANGE_PERCENTILE / 100;
     let (_, top, _) = positive.select_nth_unstable_by(at, f32::total_cmp);
     f64::from(*top)
 }

@@ -1,10 +1,13 @@
-//! `cumulo reconstruct`: what pictures say about the volume in them.
+//! `cumulo reconstruct`: volumes and transfer functions from pictures.
 
+mod capture;
 mod color;
 mod confidence;
 mod density;
 mod region;
+mod stages;
 mod tf;
+mod volume;
 
 use super::memory::Memory;
 use super::output::Output;
@@ -26,7 +29,7 @@ pub enum Reconstruct {
 }
 
 impl Reconstruct {
-    /// `--max-memory` of the chosen reconstruction.
+    /// Returns the `--max-memory` of the chosen reconstruction.
     pub(super) fn memory(&self) -> Memory {
         match self {
             Self::Density(c) => c.memory,
@@ -38,7 +41,7 @@ impl Reconstruct {
     /// Runs the chosen reconstruction.
     ///
     /// # Errors
-    /// Whatever it met.
+    /// Those of the chosen reconstruction.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         match self {
             Self::Density(c) => c.run(output),

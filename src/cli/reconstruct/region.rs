@@ -1,4 +1,4 @@
-//! Where the unknown voxels of a reconstruction lie.
+//! Lattice and bounds of the unknown voxels of a reconstruction.
 
 use crate::cli::output::Output;
 use crate::cli::parse;
@@ -12,7 +12,7 @@ use crate::optimise::region::lattice;
 use crate::scene::capture::Capture;
 use std::path::Path;
 
-/// Options for the voxels.
+/// Options for the lattice and the bounds of the unknown voxels.
 #[derive(Debug, clap::Args)]
 pub(super) struct Region {
     /// Edge of the voxels in world units (default: the capture's lattice, else a pixel's size in the volume)
@@ -26,28 +26,29 @@ pub(super) struct Region {
     bounds: Bounds,
 }
 
-/// Unknowns for each pixel from which on a warning is due, and from which on nothing can be found.
+/// Number of unknowns per pixel above which a warning is due.
 const DOUBTFUL: f64 = 50.0;
+/// Number of unknowns per pixel above which the pictures cannot determine the voxels.
 const HOPELESS: f64 = 400.0;
 
-/// Where the unknowns lie.
+/// The unknown voxels of a reconstruction.
 #[derive(Debug)]
-pub(super) struct Chosen {
-    /// Index to world.
+pub(super) struct Unknowns {
+    /// Voxel lattice, index to world.
     pub lattice: Affine,
     /// World box of the unknowns.
     pub bounds: Aabb,
-    /// How many there are, about.
+    /// Estimated numbers of voxels and bricks.
     pub survey: Survey,
-    /// What is doubtful about it.
+    /// Doubts about the region that do not keep the work from beginning.
     pub warnings: Vec<Warning>,
 }
 
-impl Chosen {
+impl Unknowns {
     /// Refuses a lattice that no VDB can hold, before the work.
     ///
     /// # Errors
-    /// As [`vdb::writable`].
+    /// Those of [`vdb::writable`].
     pub fn writable(&self, output: &Path) -> Result<()> {
         vdb::writable(&self.lattice).map_err(|e| {
             e.at(output).instead(
@@ -70,14 +71,15 @@ fn bounds(text: &str) -> Result<Bounds, String> {
 }
 
 impl Region {
-    /// The lattice, index to world, and the world box of the unknowns.
+    /// Chooses the lattice and the world box of the unknowns, from the options or else from the capture and its visual
+    /// hull.
     ///
     /// # Errors
     /// If the cameras contradict one another or the pictures leave nothing, or the lattice is not usable.
-    pub fn choose(&self, capture: &Capture, observation: &Observation, output: &Output) -> Result<Chosen> {
+    pub fn choose(&self, capture: &Capture, observation: &Observation, output: &Output) -> Result<Unknowns> {
         let _stage = output.stage("visual hull");
         let mut warnings = match self.bounds {
-            // Who says where the volume is may know of views that show but parts of it.
+            // With --bounds, views may well show only parts of the volume.
             Bounds::Given(_) => plausibility::warnings(plausibility::cameras(observation)),
             Bounds::Auto => plausibility::refuse(plausibility::cameras(observation))?,
         };
@@ -101,12 +103,13 @@ impl Region {
             ))
             .hint("correct 'lattice' in transforms.json, or give --voxel-size or --resolution"));
         }
-        warnings.extend(self.determined(&survey, observation, &bounds)?);
-        Ok(Chosen { lattice, bounds, survey, warnings })
+        warnings.extend(self.check_unknowns(&survey, observation, &bounds)?);
+        Ok(Unknowns { lattice, bounds, survey, warnings })
     }
 
-    /// Many more unknowns than measurements are what a damaged camera or a wrong background leaves.
-    fn determined(&self, survey: &Survey, observation: &Observation, bounds: &Aabb) -> Result<Option<Warning>> {
+    /// Warns of many more unknowns than measurements, and refuses far too many: a damaged camera or a wrong background
+    /// leaves them.
+    fn check_unknowns(&self, survey: &Survey, observation: &Observation, bounds: &Aabb) -> Result<Option<Warning>> {
         let pixels: usize = observation.maps.iter().map(|m| m.depth.len()).sum();
         let ratio = survey.unknowns / pixels.max(1) as f64;
         let what = format!(
@@ -118,10 +121,11 @@ impl Region {
         );
         let remedy = "check cameras and background in transforms.json; if they are right, give --voxel-size, --resolution \
                       or --bounds";
-        let given = self.voxel_size.is_some() || self.resolution.is_some() || matches!(self.bounds, Bounds::Given(_));
+        let user_chosen =
+            self.voxel_size.is_some() || self.resolution.is_some() || matches!(self.bounds, Bounds::Given(_));
         match ratio {
             _ if ratio <= DOUBTFUL => Ok(None),
-            _ if ratio <= HOPELESS || given => Ok(Some(Warning::new(what, remedy))),
+            _ if ratio <= HOPELESS || user_chosen => Ok(Some(Warning::new(what, remedy))),
             _ => Err(Error::invalid(what).hint(remedy)),
         }
     }

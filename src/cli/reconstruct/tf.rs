@@ -1,27 +1,29 @@
 //! `cumulo reconstruct tf`: the transfer function that a known volume was rendered with.
 
+use super::capture::LoadedCapture;
+use super::stages::StageClock;
 use crate::cancel::Cancel;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
-use crate::cli::outputs::{self, Content};
+use crate::cli::outputs::Content;
 use crate::cli::report::transfer::{self as transfer_page, TransferRun, View};
 use crate::cli::task::{Task, ended, exit_code};
 use crate::cli::{parse, photos, report, run};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::transfer::{self, Options};
-use crate::formats::transforms;
 use crate::optimise::density::Stage;
+use crate::optimise::plausibility::Warning;
 use crate::optimise::plausibility::cost::Cost;
 use crate::optimise::plausibility::residuals::{self, Residuals};
 use crate::optimise::projection::observation::Photo;
-use crate::optimise::transfer::{Request, Solver, reconstruct};
+use crate::optimise::transfer::{Outcome, Request, Solver, reconstruct};
 use crate::render::dvr::Dvr;
 use crate::render::quadrature::{Quadrature, rules};
-use crate::report::{MOST_VIEWS, choose};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
 use crate::scene::medium::{Medium, Source};
+use crate::scene::transfer::Transfer;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -53,7 +55,7 @@ pub struct Tf {
     /// Weight of the smoothness prior beside the pictures (default: the best for the held-out view; weiss2021: 0.4)
     #[arg(long, value_name = "W", value_parser = parse::positive)]
     smooth: Option<f64>,
-    /// Views that are not used but compared with (default: 1 if there are 3 or more)
+    /// Number of views to hold out: these are not fitted, but compared with (default: 1 if there are 3 or more)
     #[arg(long, value_name = "N")]
     held_out: Option<usize>,
     /// Pixels drawn from the pictures
@@ -100,57 +102,28 @@ impl Tf {
     pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
         let mut task = Task::begin(&self.output, Content::TransferFunction, self.report.as_deref(), &self.memory)?;
         let limits = task.limits;
-        let begun = Instant::now();
-        let json = transforms::json_path(&self.capture);
-        let capture = transforms::load_within(&json, limits)?;
-        let inputs = outputs::of_capture(&json, &capture);
-        let others = std::iter::once(&self.volume).chain(&self.init);
-        outputs::spare([self.output.as_path()], inputs.iter().chain(others).map(PathBuf::as_path))?;
-        if capture.model == Model::Absorption {
-            return Err(Error::unsupported("the pictures show absorption alone, which has no colors").at(&json).hint(
-                "a transfer function needs pictures of emission and absorption: \"model\": \"emission-absorption\"",
-            ));
-        }
+        let mut clock = StageClock::start();
+        let LoadedCapture { json, capture } = self.input(limits)?;
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 3).map_err(|e| e.at(&json))?;
         let (photos, mut warnings) = task.photos(&json, &capture, self.layer.as_deref(), output)?;
-        let field = {
-            let _stage = output.stage("reading the volume");
-            transfer_page::field(&self.volume, self.grid.as_deref(), limits)?
-        };
-        task.provenance.input(&self.volume, [self.volume.as_path()])?;
+        let field = self.field(&mut task, output)?;
         let request = self.request(&capture, &field, held_out, &task)?;
         let expected = cost(&request, &field, &photos);
         expected.fits(limits.max_memory).map_err(|e| e.at(&json))?;
         output.note(format!("expected: {expected}"));
         task.work_begins();
-        let mut stages = vec![Stage { name: "read".into(), seconds: begun.elapsed().as_secs_f64() }];
+        clock.end("read");
 
-        let bar = output.progress(u64::from(request.most_steps()), "transfer function");
-        let outcome = reconstruct(&field, &photos, &request, |step| {
-            bar.set_position(u64::from(step.iteration));
-            let psnr = step.held_out_psnr_db.map(|p| format!(", held-out {p:.2} dB")).unwrap_or_default();
-            bar.set_message(format!("smoothness {:.0e}, rms {:.2e}{psnr}", step.smooth, step.rms));
-            task.flow()
-        });
-        bar.finish_and_clear();
-        let outcome = match ended(outcome.map_err(|e| e.at(&json)))? {
+        let outcome = match ended(solve(&field, &photos, &request, &task, output).map_err(|e| e.at(&json)))? {
             Ok(outcome) => outcome,
             Err(code) => return Ok(code),
         };
         if !outcome.stopped {
-            let source = Source::Transfer(Arc::new(outcome.transfer.table()?));
-            let dvr = Dvr::new(&field, Medium::new(request.extinction, source))?
-                .quadrature(request.quadrature)
-                .over(request.background);
-            let residuals = Residuals::new(&dvr, &photos, &request.held_out, request.rays_per_edge, task.stop());
-            warnings.extend(residuals.map(|r| r.warnings()).unwrap_or_default());
+            warnings.extend(residual_warnings(&outcome, &field, &photos, &request)?);
         }
-        stages.extend(outcome.stages.iter().cloned());
-        let seconds = task.provenance.lap();
-        let origin = serde_json::to_value(&task.provenance).map_err(|e| Error::invalid(e.to_string()))?;
-        transfer::save(&self.output, &outcome.transfer, None, Some(&origin))?;
-
-        let shown = choose(&(0..photos.len()).map(|i| request.held_out.contains(&i)).collect::<Vec<_>>(), MOST_VIEWS);
+        clock.append(outcome.stages);
+        self.write(&outcome.transfer, &mut task)?;
+        let views = photos.len();
         let mut run = TransferRun {
             capture: json,
             volume: self.volume.clone(),
@@ -162,11 +135,11 @@ impl Tf {
             domain: request.domain,
             smooth: outcome.smooth,
             iterations: outcome.history.len(),
-            seconds,
+            seconds: task.provenance.seconds,
             train_rms: outcome.history.last().map(|s| s.rms),
-            views: photos.len(),
+            views,
+            shown: photos::shown(views, &request.held_out),
             held_out: request.held_out,
-            shown,
             held_out_psnr_db: None,
             held_out_ssim: None,
             quadrature: request.quadrature,
@@ -176,21 +149,52 @@ impl Tf {
             warnings,
             report: None,
             confidence: outcome.confidence,
-            stages,
+            stages: clock.into_stages(),
             history: outcome.history,
             provenance: task.provenance.clone(),
         };
         drop((photos, field));
         {
             let _stage = output.stage("views");
-            self.look(&mut run, limits, task.closing())?;
+            self.compare_views(&mut run, limits, task.closing())?;
         }
         output.report(&run)?;
         Ok(exit_code(run.stopped, output))
     }
 
-    /// Compares renders with the held-out views, and writes the page if one is asked for.
-    fn look(&self, run: &mut TransferRun, limits: Limits, closing: Cancel) -> Result<()> {
+    /// Loads the capture, and refuses pictures without colors.
+    fn input(&self, limits: Limits) -> Result<LoadedCapture> {
+        let other_inputs = std::iter::once(&self.volume).chain(&self.init);
+        let input = LoadedCapture::load(&self.capture, &self.output, other_inputs, limits)?;
+        if input.capture.model == Model::Absorption {
+            return Err(Error::unsupported("the pictures show absorption alone, which has no colors")
+                .at(&input.json)
+                .hint(
+                    "a transfer function needs pictures of emission and absorption: \"model\": \"emission-absorption\"",
+                ));
+        }
+        Ok(input)
+    }
+
+    /// Reads the volume in the pictures.
+    fn field(&self, task: &mut Task<'_>, output: &Output) -> Result<Bricks<f32>> {
+        let field = {
+            let _stage = output.stage("reading the volume");
+            transfer_page::field(&self.volume, self.grid.as_deref(), task.limits)?
+        };
+        task.provenance.input(&self.volume, [self.volume.as_path()])?;
+        Ok(field)
+    }
+
+    /// Writes the transfer function with its provenance.
+    fn write(&self, transfer: &Transfer, task: &mut Task<'_>) -> Result<()> {
+        task.provenance.lap();
+        let origin = serde_json::to_value(&task.provenance).map_err(|e| Error::invalid(e.to_string()))?;
+        transfer::save(&self.output, transfer, None, Some(&origin))
+    }
+
+    /// Compares renders with the held-out views, and writes the page if `--report` requests one.
+    fn compare_views(&self, run: &mut TransferRun, limits: Limits, closing: Cancel) -> Result<()> {
         let begun = Instant::now();
         let mut which = run.held_out.clone();
         if self.report.is_some() {
@@ -250,7 +254,40 @@ impl Tf {
     }
 }
 
-/// What the search costs: the volume is there already, and normal equations come on top.
+fn solve(
+    field: &Bricks<f32>,
+    photos: &[Photo],
+    request: &Request,
+    task: &Task<'_>,
+    output: &Output,
+) -> Result<Outcome> {
+    let bar = output.progress(u64::from(request.most_steps()), "transfer function");
+    let outcome = reconstruct(field, photos, request, |step| {
+        bar.set_position(u64::from(step.iteration));
+        let psnr = step.held_out_psnr_db.map(|p| format!(", held-out {p:.2} dB")).unwrap_or_default();
+        bar.set_message(format!("smoothness {:.0e}, rms {:.2e}{psnr}", step.smooth, step.rms));
+        task.flow()
+    });
+    bar.finish_and_clear();
+    outcome
+}
+
+/// Returns the warnings of the residuals between pictures and renders with the reconstructed function.
+fn residual_warnings(
+    outcome: &Outcome,
+    field: &Bricks<f32>,
+    photos: &[Photo],
+    request: &Request,
+) -> Result<Vec<Warning>> {
+    let source = Source::Transfer(Arc::new(outcome.transfer.table()?));
+    let dvr = Dvr::new(field, Medium::new(request.extinction, source))?
+        .quadrature(request.quadrature)
+        .over(request.background);
+    let residuals = Residuals::new(&dvr, photos, &request.held_out, request.rays_per_edge, request.cancel);
+    Ok(residuals.map(|r| r.warnings()).unwrap_or_default())
+}
+
+/// Estimates the cost of the search; the volume is in memory already.
 fn cost(request: &Request, field: &Bricks<f32>, photos: &[Photo]) -> Cost {
     let pixels: usize = photos.iter().map(|p| p.film.rgba.len()).sum();
     let edge = (field.values.len() as f64).cbrt();

@@ -35,7 +35,7 @@ pub struct Report {
     /// Volume, or transfer function, to compare with
     #[arg(long, value_name = "IN.vdb|TF")]
     reference: Option<PathBuf>,
-    /// Renders of the result from the same cameras, shown beside ours: their name and their capture
+    /// Renders of the result from the same cameras, shown beside the program's own: a name for them and their capture
     #[arg(long, value_name = "NAME=CAPTURE", value_parser = named)]
     beside: Option<(String, PathBuf)>,
     #[command(flatten)]
@@ -49,18 +49,18 @@ fn named(text: &str) -> Result<(String, PathBuf), String> {
     }
 }
 
-/// What a reconstruction did, by what it was of.
+/// Record of a reconstruction, kept in the report's folder so that the page can be made again.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(tag = "reconstructed", rename_all = "snake_case")]
 pub enum Record {
-    /// Voxels.
+    /// Record of a reconstruction of voxels.
     Volume(Run),
-    /// A transfer function.
+    /// Record of a reconstruction of a transfer function.
     Transfer(TransferRun),
 }
 
 impl Record {
-    /// The transforms.json of the pictures.
+    /// Returns the path of the pictures' transforms.json.
     fn capture(&self) -> &Path {
         match self {
             Self::Volume(run) => &run.capture,
@@ -73,10 +73,10 @@ impl Record {
 struct Written {
     #[serde(serialize_with = "crate::cli::paths::text")]
     report: PathBuf,
-    /// Of the volume against `--reference`.
+    /// Error of the volume against `--reference`.
     #[serde(skip_serializing_if = "Option::is_none")]
     volume: Option<VolumeError>,
-    /// Of the transfer function.
+    /// Error of the transfer function against `--reference`.
     #[serde(skip_serializing_if = "Option::is_none")]
     transfer: Option<FunctionError>,
 }
@@ -87,7 +87,7 @@ impl fmt::Display for Written {
     }
 }
 
-/// Name and capture of other renders.
+/// Name and capture of other renders to show beside the program's own.
 type Beside = (String, Capture);
 
 impl Report {
@@ -99,7 +99,7 @@ impl Report {
         let limits = self.memory.limits();
         let _stage = output.stage("report");
         let path = self.folder.join(RECORD);
-        let record = recorded(&path, limits).map_err(|e| e.at(&path))?;
+        let record = read_record(&path, limits).map_err(|e| e.at(&path))?;
         let beside = match &self.beside {
             Some((name, path)) => Some((name.clone(), transforms::load_within(path, limits)?)),
             None => None,
@@ -108,7 +108,7 @@ impl Report {
         let folder = record.capture().parent().map(Path::to_path_buf);
         let named = |e: Error| {
             let within = |folder: &Path| e.path().is_some_and(|path| path.starts_with(folder));
-            match self.given().any(within) && !folder.as_deref().is_some_and(within) {
+            match self.named_files().any(within) && !folder.as_deref().is_some_and(within) {
                 true => e,
                 false => e.inside(format!("named in {}", path.display())),
             }
@@ -136,18 +136,18 @@ impl Report {
 }
 
 impl Report {
-    /// Files that the command line gave beside the record.
-    fn given(&self) -> impl Iterator<Item = &Path> {
+    /// Returns the files that the command line names beside the record's folder.
+    fn named_files(&self) -> impl Iterator<Item = &Path> {
         let beside = self.beside.as_ref().map(|(_, path)| path.as_path());
         self.reference.as_deref().into_iter().chain(beside)
     }
 }
 
-/// Larger files are no records: one of a hundred thousand iterations takes less.
+/// Largest size of a record in bytes; one of a hundred thousand iterations takes less.
 const MAX_BYTES: u64 = 1 << 26;
 
-/// The record of a run.
-fn recorded(path: &Path, limits: Limits) -> Result<Record> {
+/// Reads the record of a run.
+fn read_record(path: &Path, limits: Limits) -> Result<Record> {
     let text = input::bytes(path, MAX_BYTES, "the record of a run").map_err(|e| match e.io_kind() {
         Some(ErrorKind::NotFound) => e.hint("the folder must be one that cumulo reconstruct --report has written"),
         _ => e,
@@ -159,10 +159,10 @@ fn recorded(path: &Path, limits: Limits) -> Result<Record> {
     })
 }
 
-/// Makes the folder, before the work that it is to show.
+/// Makes the report's folder, before the work.
 ///
 /// # Errors
-/// If the name is that of a file, or the operating system's, with the path.
+/// If the name is that of a file, or the folder cannot be made or written to.
 pub fn prepare(dir: &Path) -> Result<()> {
     outputs::folder(dir)?;
     std::fs::create_dir_all(dir)
@@ -170,20 +170,21 @@ pub fn prepare(dir: &Path) -> Result<()> {
     atomic::probe(&dir.join(RECORD))
 }
 
-/// Writes the page of a volume and its record; the page's path. Once the work is to stop, views are left out that are
-/// not rendered yet.
+/// Writes the page of a volume and its record, and returns the page's path. Once the work is to stop, views are left out
+/// that are not rendered yet.
 ///
 /// # Errors
-/// As [`Report::run`].
+/// If the volume or the pictures cannot be read, or the files cannot be written.
 pub fn write(dir: &Path, run: &Run, limits: Limits, cancel: Cancel) -> Result<PathBuf> {
     keep(dir, &Record::Volume(Run { capture: absolute(&run.capture), output: absolute(&run.output), ..run.clone() }))?;
     volume::page(run, limits, None, None, cancel)?.0.write(dir)
 }
 
-/// Writes the page of a transfer function, with views that were rendered already, and its record; the page's path.
+/// Writes the page of a transfer function, with views that were rendered already, and its record; returns the page's
+/// path.
 ///
 /// # Errors
-/// As [`Report::run`].
+/// If the function cannot be read, or the files cannot be written.
 pub fn write_transfer(dir: &Path, run: &TransferRun, views: Vec<transfer::View>) -> Result<PathBuf> {
     keep(dir, &Record::Transfer(run.with_paths(absolute)))?;
     transfer::page(run, views, None)?.0.write(dir)
@@ -199,7 +200,8 @@ fn keep(dir: &Path, record: &Record) -> Result<()> {
     atomic::write_bytes(&path, &text)
 }
 
-/// The picture of other renders that was taken from where `camera` stands, with their name.
+/// Reads the picture of other renders whose camera stands where `camera` does, and returns it with their name; none if
+/// there is none.
 fn extra(beside: Option<&Beside>, camera: &Camera) -> Result<Option<(String, Film)>> {
     let near = 1e-6 * (1.0 + camera.position().length());
     let same = |c: &Capture| {

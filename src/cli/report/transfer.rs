@@ -1,4 +1,4 @@
-//! A transfer function that was reconstructed: its record and its page.
+//! Record and page of a transfer function that was reconstructed.
 
 use super::{Beside, extra};
 use crate::cancel::Cancel;
@@ -29,35 +29,35 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// A reconstruction of a transfer function.
+/// Record of a reconstruction of a transfer function.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct TransferRun {
-    /// The pictures' transforms.json.
+    /// Path of the pictures' transforms.json.
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub capture: PathBuf,
-    /// The volume in them.
+    /// Path of the volume in the pictures.
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub volume: PathBuf,
-    /// Its grid, if one was asked for.
+    /// Grid of the volume, if `--grid` names one.
     pub grid: Option<String>,
-    /// The function that was written.
+    /// Path of the transfer function that was written.
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub output: PathBuf,
-    /// How it was found.
+    /// Solver of the texels.
     pub solver: Solver,
-    /// Layer of the pictures that was asked for.
+    /// Layer of the pictures, if `--layer` names one.
     pub layer: Option<String>,
     /// Number of texels.
     pub texels: u32,
-    /// Densities that they cover.
+    /// Range of densities that the texels cover.
     pub domain: [f64; 2],
     /// Weight of the smoothness prior.
     pub smooth: f64,
-    /// Refinements, or epochs.
+    /// Number of refinements, or of epochs.
     pub iterations: usize,
-    /// Wall time up to the writing of the function.
+    /// Wall time in seconds up to the writing of the function.
     pub seconds: f64,
-    /// Root mean square difference over the rays that were used.
+    /// Root mean square difference over the rays of the training views, after the last step.
     pub train_rms: Option<f64>,
     /// Number of views.
     pub views: usize,
@@ -65,40 +65,41 @@ pub struct TransferRun {
     pub held_out: Vec<usize>,
     /// Numbers of the views that the page shows.
     pub shown: Vec<usize>,
-    /// PSNR of the held-out views, peak 1.
+    /// PSNR of the held-out views in dB, peak 1; none without such views.
     pub held_out_psnr_db: Option<f64>,
-    /// Their structural similarity, mean over views.
+    /// Structural similarity of the held-out views, mean over views; none without such views.
     pub held_out_ssim: Option<f64>,
-    /// Integration along rays.
+    /// Quadrature of the rays.
     pub quadrature: Quadrature,
     /// Largest resident memory of the process in MB (2²⁰ bytes); none where the system does not tell.
     pub peak_memory_mb: Option<f64>,
-    /// True if the user stopped it.
+    /// True if the user stopped the work.
     pub stopped: bool,
-    /// What it was expected to cost.
+    /// Cost that was expected before the work.
     #[serde(default)]
     pub expected: Option<Cost>,
-    /// What contradicts the model, before the work and after it.
+    /// Contradictions between pictures and model, found before and after the work.
     #[serde(default)]
     pub warnings: Vec<Warning>,
-    /// The page, if one was asked for.
+    /// Path of the page, if `--report` requests one.
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub report: Option<PathBuf>,
-    /// How much the pictures say about each texel's extinction and color, 0..1; empty after a descent.
+    /// Confidence of each texel's extinction and color, 0 to 1: the share of the pictures beside that of the prior; empty
+    /// after a descent.
     pub confidence: Vec<[f64; 2]>,
-    /// Time by stage.
+    /// Wall time of each stage.
     pub stages: Vec<Stage>,
-    /// Every refinement.
+    /// Every refinement or epoch.
     pub history: Vec<Step>,
-    /// Version, command line and hash of the inputs.
+    /// Version, command line and hashes of the inputs.
     pub provenance: Provenance,
 }
 
 impl TransferRun {
-    /// The same with other paths.
+    /// Returns a copy of the record with `map` applied to the paths of capture, volume and output.
     #[must_use]
-    pub(super) fn with_paths(&self, other: fn(&Path) -> PathBuf) -> Self {
-        Self { capture: other(&self.capture), volume: other(&self.volume), output: other(&self.output), ..self.clone() }
+    pub(super) fn with_paths(&self, map: fn(&Path) -> PathBuf) -> Self {
+        Self { capture: map(&self.capture), volume: map(&self.volume), output: map(&self.output), ..self.clone() }
     }
 }
 
@@ -122,10 +123,10 @@ impl fmt::Display for TransferRun {
     }
 }
 
-/// The volume, with all of its box: the function may absorb where the density is zero.
+/// Reads the volume with all of its box, since the function may absorb where the density is zero.
 ///
 /// # Errors
-/// If it cannot be read or has no density above zero.
+/// If the volume cannot be read or has no density above zero.
 pub fn field(volume: &Path, grid: Option<&str>, limits: Limits) -> Result<Bricks<f32>> {
     let grid = File::open(volume, limits)?.read_fog(grid)?;
     let arrange = || {
@@ -142,26 +143,27 @@ pub fn field(volume: &Path, grid: Option<&str>, limits: Limits) -> Result<Bricks
     Ok(field)
 }
 
-/// A view beside its render by the function that was found.
+/// A view and its render with the reconstructed function.
 #[derive(Debug)]
 pub struct View {
-    /// Its number.
+    /// Number of the view in the capture.
     pub number: usize,
-    /// Both.
+    /// Picture and render, as the page shows them.
     pub row: ViewRow,
     /// Mean squared difference of the colors.
     pub square: f64,
-    /// Structural similarity.
+    /// Structural similarity of picture and render.
     pub ssim: f64,
 }
 
-/// Renders views of a run again; once the work is to stop, those are left out that are not rendered yet.
+/// Renders the views of a run with the given numbers again; once the work is to stop, those are left out that are not
+/// rendered yet.
 ///
 /// # Errors
 /// If the pictures, the volume or the function cannot be read.
 pub fn views(
     run: &TransferRun,
-    which: &[usize],
+    numbers: &[usize],
     limits: Limits,
     beside: Option<&Beside>,
     cancel: Cancel,
@@ -175,8 +177,8 @@ pub fn views(
         .over(capture.background);
     let rays = run::rays_per_edge(capture.pixel_filter);
     let never = AtomicBool::new(false);
-    let frames = which.iter().filter_map(|i| Some((*i, capture.frames.get(*i)?)));
-    let of = |(i, frame): (usize, &Frame)| {
+    let frames = numbers.iter().filter_map(|i| Some((*i, capture.frames.get(*i)?)));
+    let view = |(i, frame): (usize, &Frame)| {
         let picture = exr::read_picture(&frame.picture, run.layer.as_deref())?;
         let flag = cancel.flag().unwrap_or(&never);
         let Some(render) = render::picture(&dvr, &frame.camera, rays, flag) else { return Ok(None) };
@@ -192,37 +194,39 @@ pub fn views(
         };
         Ok(Some(View { number: i, row, square: comparison.rms * comparison.rms, ssim: comparison.ssim }))
     };
-    frames.take_while(|_| !cancel.requested()).map(of).filter_map(Result::transpose).collect()
+    frames.take_while(|_| !cancel.requested()).map(view).filter_map(Result::transpose).collect()
 }
 
-/// How far the function is from another one.
+/// Error of a reconstructed transfer function against a reference.
 #[derive(Debug, Clone, Serialize)]
 pub struct FunctionError {
-    /// Root mean square difference of the extinctions over the texels, relative to the largest of the other function.
+    /// Root mean square difference of the extinctions over the texels, relative to the reference's largest extinction.
     extinction_rms: f64,
-    /// The same of the colors, each texel by its share of that extinction: nobody sees those that do not absorb.
+    /// Root mean square difference of the colors over the texels, each weighted by its extinction in the reference: the
+    /// color of a texel that does not absorb is invisible.
     color_rms: f64,
 }
 
 impl FunctionError {
-    fn new(found: &Table, reference: &Table) -> Self {
+    fn new(reconstruction: &Table, reference: &Table) -> Self {
         let peak = reference.peak()[3].max(f64::MIN_POSITIVE);
-        let (mut extinction, mut color, mut seen) = (0.0, 0.0, 0.0);
-        for (knot, value) in found.knots().iter().zip(found.values()) {
+        let (mut extinction, mut color, mut weight) = (0.0, 0.0, 0.0);
+        for (knot, value) in reconstruction.knots().iter().zip(reconstruction.values()) {
             let other = reference.at(*knot);
             let share = other[3] / peak;
             extinction += ((value[3] - other[3]) / peak).powi(2);
             color += share * (0..3).map(|c| (value[c] - other[c]).powi(2) / 3.0).sum::<f64>();
-            seen += share;
+            weight += share;
         }
         Self {
-            extinction_rms: (extinction / found.knots().len() as f64).sqrt(),
-            color_rms: (color / f64::max(seen, f64::MIN_POSITIVE)).sqrt(),
+            extinction_rms: (extinction / reconstruction.knots().len() as f64).sqrt(),
+            color_rms: (color / f64::max(weight, f64::MIN_POSITIVE)).sqrt(),
         }
     }
 }
 
-/// The page: figures, the function, views beside re-renders, convergence, times, provenance.
+/// Makes the page of a transfer function: figures, the function, views beside re-renders, convergence, times,
+/// provenance. With a reference the error of the function is returned, too.
 ///
 /// # Errors
 /// If the function cannot be read, or a plot cannot be drawn.
@@ -282,8 +286,8 @@ pub fn page(
     page.plot("Color", &plot("radiance of the source", colors))?;
     if !run.confidence.is_empty() {
         let share = |c: usize| move |i: usize| run.confidence.get(i).map_or(0.0, |of| of[c]);
-        let known = vec![line("extinction", &share(0)), line("color", &share(1))];
-        page.plot("What the pictures say", &plot("share of the pictures, not of the prior", known))?;
+        let confidence = vec![line("extinction", &share(0)), line("color", &share(1))];
+        page.plot("What the pictures say", &plot("share of the pictures, not of the prior", confidence))?;
     }
     let rows: Vec<ViewRow> = views.into_iter().map(|v| v.row).collect();
     page.views("Views", &rows, run.views)?;

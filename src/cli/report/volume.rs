@@ -8,7 +8,8 @@ use crate::error::Result;
 use crate::formats::limits::Limits;
 use crate::formats::vdb::{CONFIDENCE, File, shaded};
 use crate::formats::{exr, transfer, transforms};
-use crate::metrics::{self, volume};
+use crate::metrics;
+use crate::metrics::volume::{self, Difference};
 use crate::render::any_renderer::AnyRenderer;
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
@@ -17,21 +18,25 @@ use crate::report::{Page, Plot, Series, ViewRow};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
 use crate::scene::grid::Grid;
+use glam::Vec4;
 use serde::Serialize;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-/// How far the volume is from another one.
+/// Error of a reconstructed volume against a reference.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct VolumeError {
+    /// PSNR in dB with the reference's largest value as peak; none if the volumes are identical or the reference
+    /// is zero.
     psnr_db: Option<f64>,
-    /// Over voxels of which the pictures say more than the prior (confidence of a half or more).
+    /// RMS error over the voxels whose confidence is a half or more, which the pictures decide more than the prior.
     known_rms: Option<f64>,
-    /// Over the others.
+    /// RMS error over the voxels whose confidence is below a half.
     unknown_rms: Option<f64>,
 }
 
-/// The page: figures, views beside re-renders, slices, convergence, times, provenance.
+/// Makes the page of a volume: figures, views beside re-renders, slices, convergence, times, provenance. With a
+/// reference its error is returned, too.
 pub(super) fn page(
     run: &Run,
     limits: Limits,
@@ -39,52 +44,102 @@ pub(super) fn page(
     beside: Option<&Beside>,
     cancel: Cancel,
 ) -> Result<(Page, Option<VolumeError>)> {
-    let mut capture = transforms::load(&run.capture)?;
-    let grid = File::open(&run.output, limits)?.read_fog(Some(&run.grid))?;
-    let transfer = transfer::from_metadata(&grid.metadata).map_err(|e| e.at(&run.output))?;
-    let field = volumes::arrange_by_voxel(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&run.output))?;
-    if let Some(transfer) = transfer {
-        (capture.transfer, capture.model) = (Some(transfer), Model::EmissionAbsorption);
-    }
-    let shaded = match run.solver {
-        Solver::Color => Some(shaded::read(&File::open(&run.output, limits)?, Some(&run.grid), limits.max_memory)?),
-        Solver::Cg | Solver::Weiss2021 | Solver::ThroughTransfer => None,
-    };
-    let light = match &shaded {
-        Some(volume) => AnyRenderer::PreShaded(Preshaded::new(volume).over(capture.background)),
-        None => {
-            let quadrature = Quadrature::usual(capture.transfer.is_some());
-            AnyRenderer::Density(Dvr::new(&field, capture.medium()?)?.quadrature(quadrature).over(capture.background))
-        }
-    };
-    let rows = rows(run, &capture, &light, beside, cancel)?;
-    let difference = reference
-        .map(|r| volume::compare(&volume::Field::from_grid(r), &volume::Field::from_grid(&grid)))
-        .transpose()?;
+    let volume = Reconstruction::read(run, limits)?;
+    let rows = rows(run, &volume.capture, &volume.renderer()?, beside, cancel)?;
+    let difference = reference.map(|reference| volume.difference(reference)).transpose()?;
+    let confidence = confidence(run, &run.grid, limits)?;
+    let reference = reference.map(|r| bricks(r, Path::new(&r.name), limits)).transpose()?;
+    let error = difference.zip(reference.as_ref()).map(|(difference, reference)| {
+        let rms = |confidence| volume::rms_apart(reference, &volume.field, confidence);
+        let [known_rms, unknown_rms] = confidence.as_ref().map_or([None; 2], rms);
+        VolumeError { psnr_db: difference.psnr_db, known_rms, unknown_rms }
+    });
 
-    let name = run.output.file_name().unwrap_or(run.output.as_os_str()).to_string_lossy();
-    let mut page = Page::new(
-        format!("{name}, from {} pictures", run.views),
+    let mut page = Page::new(title(run), volume.subtitle(run));
+    page.figures(&figures(run, error.as_ref()));
+    page.warnings(&run.warnings.iter().map(|w| (&w.what, &w.remedy)).collect::<Vec<_>>());
+    page.views("Views", &rows, run.views)?;
+    page.slices("Slices", "density", &volume.field, reference.as_ref())?;
+    if let Some(confidence) = &confidence {
+        page.slices("What the pictures say", "confidence, 0 to 1", confidence, None)?;
+    }
+    if volume.shaded.is_some()
+        && let Some(confidence) = self::confidence(run, shaded::EMISSION, limits)?
+    {
+        page.slices("What they say of emissions", "confidence, 0 to 1", &confidence, None)?;
+    }
+    plots(&mut page, run)?;
+    page.stages(&run.stages.iter().map(|s| (s.name.as_str(), s.seconds)).collect::<Vec<_>>());
+    page.provenance(&run.provenance.rows());
+    Ok((page, error))
+}
+
+/// A reconstructed volume, read again with the capture of its pictures.
+struct Reconstruction {
+    /// The capture, with the transfer function that the grid carries.
+    capture: Capture,
+    /// Grid of the densities or extinctions.
+    grid: Grid,
+    /// Values of the grid, arranged for rays.
+    field: Bricks<f32>,
+    /// Emissions in R, G and B, and extinctions, if the volume is pre-shaded.
+    shaded: Option<Bricks<Vec4>>,
+}
+
+impl Reconstruction {
+    fn read(run: &Run, limits: Limits) -> Result<Self> {
+        let mut capture = transforms::load(&run.capture)?;
+        let grid = File::open(&run.output, limits)?.read_fog(Some(&run.grid))?;
+        let transfer = transfer::from_metadata(&grid.metadata).map_err(|e| e.at(&run.output))?;
+        let field = volumes::arrange_by_voxel(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&run.output))?;
+        if let Some(transfer) = transfer {
+            (capture.transfer, capture.model) = (Some(transfer), Model::EmissionAbsorption);
+        }
+        let shaded = match run.solver {
+            Solver::Color => Some(shaded::read(&File::open(&run.output, limits)?, Some(&run.grid), limits.max_memory)?),
+            Solver::Cg | Solver::Weiss2021 | Solver::ThroughTransfer => None,
+        };
+        Ok(Self { capture, grid, field, shaded })
+    }
+
+    fn renderer(&self) -> Result<AnyRenderer<'_>> {
+        let background = self.capture.background;
+        if let Some(volume) = &self.shaded {
+            return Ok(AnyRenderer::PreShaded(Preshaded::new(volume).over(background)));
+        }
+        let quadrature = Quadrature::usual(self.capture.transfer.is_some());
+        let dvr = Dvr::new(&self.field, self.capture.medium()?)?.quadrature(quadrature);
+        Ok(AnyRenderer::Density(dvr.over(background)))
+    }
+
+    fn difference(&self, reference: &Grid) -> Result<Difference> {
+        volume::compare(&volume::Field::from_grid(reference), &volume::Field::from_grid(&self.grid))
+    }
+
+    fn subtitle(&self, run: &Run) -> String {
         format!(
             "{} of grid '{}' that explain {} views of '{}'{}.",
-            if shaded.is_some() { "Emissions, with the extinctions" } else { "Densities" },
+            if self.shaded.is_some() { "Emissions, with the extinctions" } else { "Densities" },
             run.grid,
             run.views.saturating_sub(run.held_out.len()),
             run.capture.parent().and_then(Path::file_name).unwrap_or(run.capture.as_os_str()).to_string_lossy(),
             if run.stopped { "; stopped before the end" } else { "" }
-        ),
-    );
-    let known = confidence(run, &run.grid, limits)?;
-    let other = reference.map(|r| bricks(r, Path::new(&r.name), limits)).transpose()?;
+        )
+    }
+}
+
+fn title(run: &Run) -> String {
+    let name = run.output.file_name().unwrap_or(run.output.as_os_str()).to_string_lossy();
+    format!("{name}, from {} pictures", run.views)
+}
+
+/// Labels and values of the figures at the top of the page.
+fn figures(run: &Run, error: Option<&VolumeError>) -> Vec<(&'static str, String)> {
     let mut figures = Vec::new();
-    let mut error = None;
-    if let (Some(d), Some(other)) = (&difference, &other) {
-        figures.push(("Volume PSNR", d.psnr_db.map_or("identical".to_owned(), |p| format!("{p:.2} dB"))));
-        let [known_rms, unknown_rms] =
-            known.as_ref().map_or([None; 2], |known| volume::rms_apart(other, &field, known));
-        let parts = [("RMS where pictures decide", known_rms), ("RMS elsewhere", unknown_rms)];
+    if let Some(error) = error {
+        figures.push(("Volume PSNR", error.psnr_db.map_or("identical".to_owned(), |p| format!("{p:.2} dB"))));
+        let parts = [("RMS where pictures decide", error.known_rms), ("RMS elsewhere", error.unknown_rms)];
         figures.extend(parts.iter().filter_map(|(name, rms)| Some((*name, format!("{:.2e}", (*rms)?)))));
-        error = Some(VolumeError { psnr_db: d.psnr_db, known_rms, unknown_rms });
     }
     if let Some(psnr) = run.held_out_psnr_db {
         figures.push(("Held-out views", format!("{psnr:.2} dB")));
@@ -98,18 +153,11 @@ pub(super) fn page(
     if let Some(mb) = run.peak_memory_mb {
         figures.push(("Peak memory", format!("{mb:.0} MB")));
     }
-    page.figures(&figures);
-    page.warnings(&run.warnings.iter().map(|w| (&w.what, &w.remedy)).collect::<Vec<_>>());
-    page.views("Views", &rows, run.views)?;
-    page.slices("Slices", "density", &field, other.as_ref())?;
-    if let Some(known) = &known {
-        page.slices("What the pictures say", "confidence, 0 to 1", known, None)?;
-    }
-    if shaded.is_some()
-        && let Some(known) = confidence(run, shaded::EMISSION, limits)?
-    {
-        page.slices("What they say of emissions", "confidence, 0 to 1", &known, None)?;
-    }
+    figures
+}
+
+/// Plots the convergence, if views were held out, and the loss.
+fn plots(page: &mut Page, run: &Run) -> Result<()> {
     if run.held_out_psnr_db.is_some() {
         let steps = run.history.iter().map(|s| (s.seconds, s.held_out_psnr_db, s.level));
         page.plot("Convergence", &Plot::convergence(steps))?;
@@ -123,15 +171,13 @@ pub(super) fn page(
             series: vec![Series { label: "loss".into(), points }],
         },
     )?;
-    page.stages(&run.stages.iter().map(|s| (s.name.as_str(), s.seconds)).collect::<Vec<_>>());
-    page.provenance(&run.provenance.rows());
-    Ok((page, error))
+    Ok(())
 }
 
-/// The confidences of one of the run's grids, if it wrote them.
-fn confidence(run: &Run, of: &str, limits: Limits) -> Result<Option<Bricks<f32>>> {
+/// Reads the confidences, 0 to 1, that the run wrote beside one of its grids; none if it did not.
+fn confidence(run: &Run, grid: &str, limits: Limits) -> Result<Option<Bricks<f32>>> {
     let file = File::open(&run.output, limits)?;
-    let name = format!("{of}{CONFIDENCE}");
+    let name = format!("{grid}{CONFIDENCE}");
     if !file.entries().iter().any(|e| e.base_name == name) {
         return Ok(None);
     }
@@ -142,11 +188,11 @@ fn bricks(grid: &Grid, path: &Path, limits: Limits) -> Result<Bricks<f32>> {
     Bricks::from_grid(grid, limits.max_memory).map_err(|e| e.at(path))
 }
 
-/// The views that are shown, rendered again.
+/// Renders the views that the page shows again, and compares them with their pictures.
 fn rows(
     run: &Run,
     capture: &Capture,
-    light: &AnyRenderer<'_>,
+    renderer: &AnyRenderer<'_>,
     beside: Option<&Beside>,
     cancel: Cancel,
 ) -> Result<Vec<ViewRow>> {
@@ -158,7 +204,7 @@ fn rows(
         .map(|(i, frame)| {
             let picture = exr::read_picture(&frame.picture, run.layer.as_deref())?;
             let flag = cancel.flag().unwrap_or(&never);
-            let Some(render) = light.picture(&frame.camera, rays, flag) else { return Ok(None) };
+            let Some(render) = renderer.picture(&frame.camera, rays, flag) else { return Ok(None) };
             let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
             let extra = extra(beside, &frame.camera)?;
             Ok(Some(ViewRow {

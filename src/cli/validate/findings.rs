@@ -1,17 +1,17 @@
-//! What was found in one file.
+//! Findings about one file.
 
 use crate::error::{Error, Result};
 use crate::formats::problem::Problem;
 use serde::Serialize;
 use std::fmt;
 
-/// How much a finding matters.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum Severity {
-    /// Something is wrong: exit code 1.
+    /// A fault of the file: exit code 1.
     Problem,
-    /// Worth knowing; the file is fine.
+    /// A remark that is worth knowing; the file is fine.
     Note,
 }
 
@@ -22,28 +22,28 @@ struct Finding {
     problem: Problem,
 }
 
-/// Findings in the order they were made.
+/// Findings about a file, in the order in which they were made.
 #[derive(Debug, Default, Serialize)]
 #[serde(transparent)]
 pub(super) struct Findings(Vec<Finding>);
 
 impl Findings {
-    /// True if nothing is wrong.
+    /// Returns true if no finding is a problem.
     pub(super) fn valid(&self) -> bool {
         self.0.iter().all(|f| f.severity == Severity::Note)
     }
-    /// Something is wrong with a grid, or with the file.
+    /// Adds a problem of a grid, or of the file.
     pub(super) fn problem(&mut self, grid: Option<&str>, what: impl Into<String>, remedy: &str) {
         self.add(Severity::Problem, of_grid(grid, what, remedy));
     }
-    /// Something is worth knowing of a grid, or of the file.
+    /// Adds a note on a grid, or on the file.
     pub(super) fn note(&mut self, grid: Option<&str>, what: impl Into<String>, remedy: &str) {
         self.add(Severity::Note, of_grid(grid, what, remedy));
     }
-    /// The reader refused the file or a part of it.
+    /// Adds the error by which a reader refused the file or a part of it.
     ///
     /// # Errors
-    /// An error of the operating system is no finding and handed back.
+    /// If the error is one of the operating system, which is no finding and is handed back.
     pub(super) fn refusal(&mut self, error: Error) -> Result<()> {
         self.add(Severity::Problem, Problem::of(error)?);
         Ok(())

@@ -1,4 +1,4 @@
-//! `cumulo validate`: what is wrong with a file, and what to do.
+//! `cumulo validate`: faults of files, with remedies.
 
 mod findings;
 mod volume;
@@ -35,20 +35,20 @@ struct Report {
 struct Checked {
     #[serde(serialize_with = "crate::cli::paths::text")]
     path: PathBuf,
-    /// None where the file could not be read.
+    /// Format of the file; none if it could not be read.
     format: Option<Format>,
     valid: bool,
     findings: Findings,
-    /// Why the file could not be read.
+    /// Error that kept the file from being read.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<Failure>,
 }
 
 impl Validate {
-    /// Checks and reports. Of several files all that can be read are told of.
+    /// Checks the files and reports; files that cannot be read do not keep others from being reported.
     ///
     /// # Errors
-    /// If the only file cannot be read at all; what is wrong inside is the report.
+    /// If the only file cannot be read at all; faults of its content are part of the report.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let stage = output.stage("checking");
         let mut files = Vec::new();

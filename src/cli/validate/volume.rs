@@ -1,4 +1,4 @@
-//! What is wrong with an OpenVDB file.
+//! Faults of an OpenVDB file.
 
 use super::findings::Findings;
 use crate::cli::info::statistics_of;
@@ -12,117 +12,125 @@ use crate::scene::topology::table_entries;
 use glam::IVec3;
 use std::path::Path;
 
-/// Looks at all grids and their values.
+/// Checks all grids of a file and their values.
 ///
 /// # Errors
-/// If the operating system does not let the file be read.
-pub(super) fn check(path: &Path, limits: Limits, found: &mut Findings) -> Result<()> {
+/// If the operating system keeps the file from being read.
+pub(super) fn check(path: &Path, limits: Limits, findings: &mut Findings) -> Result<()> {
     let file = match File::open(path, limits) {
         Ok(file) => file,
-        Err(error) => return found.refusal(error),
+        Err(error) => return findings.refusal(error),
     };
     if file.entries().is_empty() {
-        found.problem(None, "the file has no grids", "check the export settings of the program that made it");
+        findings.problem(None, "the file has no grids", "check the export settings of the program that made it");
     }
     for entry in file.entries() {
         let name = entry.name.as_str();
         if entry.name != entry.base_name && entry.name.ends_with("[0]") {
-            found.note(Some(name), "several grids share this name", "name them as here, with their number, in --grid");
+            findings.note(
+                Some(name),
+                "several grids share this name",
+                "name them as here, with their number, in --grid",
+            );
         }
         let native = match file.read(name) {
             Ok(native) => native,
             Err(error) => {
-                found.refusal(error.part(format!("grid '{name}'")))?;
+                findings.refusal(error.part(format!("grid '{name}'")))?;
                 continue;
             }
         };
         match native.info() {
-            Ok(info) => values(&native, &info, found)?,
-            Err(error) => found.refusal(error.part(format!("grid '{name}'")))?,
+            Ok(info) => values(&native, &info, findings)?,
+            Err(error) => findings.refusal(error.part(format!("grid '{name}'")))?,
         }
     }
     Ok(())
 }
 
-fn values(native: &NativeGrid, info: &GridInfo, found: &mut Findings) -> Result<()> {
+fn values(native: &NativeGrid, info: &GridInfo, findings: &mut Findings) -> Result<()> {
     let name = Some(info.name.as_str());
     if let Transform::Other(kind) = &info.transform {
-        found.problem(name, format!("the transform is a {kind}, not affine"), "resample it onto a linear transform");
+        findings.problem(name, format!("the transform is a {kind}, not affine"), "resample it onto a linear transform");
     }
     if info.active_voxels == 0 {
-        found.problem(name, "the grid is empty", "check that the simulation or the export reached this frame");
+        findings.problem(name, "the grid is empty", "check that the simulation or the export reached this frame");
     }
     if info.class == GridClass::LevelSet {
-        found.note(
+        findings.note(
             name,
             "this is a level set: distances, no density",
             "for rendering as fog, convert it: vdb_tool -read IN.vdb -ls2fog -write OUT.vdb, or Houdini's Convert VDB",
         );
     }
     if info.components == 0 {
-        found.note(
+        findings.note(
             name,
             format!("{} values are passed through, not looked at", info.value_type),
             "nothing needs to be done",
         );
         return Ok(());
     }
-    numbers(info, &statistics_of(native)?, found);
+    numbers(info, &statistics_of(native)?, findings);
     // Renderers interpolate between all values, active or not.
     let hidden = if scalar_density(info) { inactive_faults(native)? } else { 0 };
     if hidden > 0 {
         let what = format!("{hidden} inactive values are negative or not finite");
-        found.problem(name, what, "cumulo convert --repair sets them to 0");
+        findings.problem(name, what, "cumulo convert --repair sets them to 0");
     }
     if !info.background.iter().all(|b| b.is_finite()) {
-        found.problem(name, format!("the background is {:?}", info.background), "cumulo convert --repair sets it to 0");
+        findings.problem(
+            name,
+            format!("the background is {:?}", info.background),
+            "cumulo convert --repair sets it to 0",
+        );
     } else if info.class == GridClass::FogVolume && info.background.iter().any(|b| *b != 0.0) {
-        found.problem(
+        findings.problem(
             name,
             format!("a fog volume with background {:?} is infinite", info.background),
             "set the background to 0 where it was made; cropping keeps it",
         );
     }
     if info.components == 1 && info.class != GridClass::LevelSet {
-        usable(native, info, found)?;
+        check_usable(native, info, findings)?;
     }
     Ok(())
 }
 
-/// What keeps a density from being rendered, though its values are fine.
-fn usable(native: &NativeGrid, info: &GridInfo, found: &mut Findings) -> Result<()> {
+/// Finds what keeps a density from being rendered, though its values are fine.
+fn check_usable(native: &NativeGrid, info: &GridInfo, findings: &mut Findings) -> Result<()> {
     let name = Some(info.name.as_str());
     if let Err(error) = transfer::from_metadata(&native.metadata()?) {
-        found.refusal(error.part(format!("grid '{}'", info.name)))?;
+        findings.refusal(error.part(format!("grid '{}'", info.name)))?;
     }
     if let Some((min, max)) = info.index_box {
         // Bricks reach into those below them.
         let [low, high] = [IVec3::from_array(min).map(|c| (c >> 3) - 1), IVec3::from_array(max).map(|c| c >> 3)];
         if let Err(error) = table_entries(low, high) {
-            found.problem(name, error.what(), error.remedy().unwrap_or_default());
+            findings.problem(name, error.what(), error.remedy().unwrap_or_default());
         }
     }
     Ok(())
 }
 
-fn numbers(info: &GridInfo, s: &Statistics, found: &mut Findings) {
+fn numbers(info: &GridInfo, s: &Statistics, findings: &mut Findings) {
     let name = Some(info.name.as_str());
     if s.nan > 0 {
-        found.problem(name, format!("{} values are NaN", s.nan), "cumulo convert --repair sets them to 0");
+        findings.problem(name, format!("{} values are NaN", s.nan), "cumulo convert --repair sets them to 0");
     }
     if s.infinite > 0 && info.half {
         let what = format!("{} values are infinite, and the grid is stored as half: they exceeded 65504", s.infinite);
-        found.problem(name, what, "write it again from the source without half, or scaled down");
+        findings.problem(name, what, "write it again from the source without half, or scaled down");
     } else if s.infinite > 0 {
-        found.problem(name, format!("{} values are infinite", s.infinite), "cumulo convert --repair sets them to 0");
+        findings.problem(name, format!("{} values are infinite", s.infinite), "cumulo convert --repair sets them to 0");
     }
     if s.above_half > 0 && !info.half {
         let what = format!("{} values are above 65504", s.above_half);
-        found.note(name, what, "do not store this grid as half: they would become infinite");
+        findings.note(name, what, "do not store this grid as half: they would become infinite");
     }
     if scalar_density(info) && s.max.is_some_and(|max| max > MOST_DENSITY) {
         let what = format!("densities reach {:e}, above {MOST_DENSITY:e}", s.max.unwrap_or_default());
-        found.problem(
+        findings.problem(
             name,
             what,
             "scale them down where they were made: a scale that shows them is too small to be computed with",
@@ -130,10 +138,10 @@ fn numbers(info: &GridInfo, s: &Statistics, found: &mut Findings) {
     }
     if scalar_density(info) && s.negative > 0 {
         let what = format!("{} densities are negative (down to {})", s.negative, s.min.unwrap_or_default());
-        found.problem(name, what, "cumulo convert --repair sets them to 0");
+        findings.problem(name, what, "cumulo convert --repair sets them to 0");
     } else if info.components == 1 && info.class == GridClass::Unknown && s.negative > 0 {
         let what = format!("{} values are negative (down to {})", s.negative, s.min.unwrap_or_default());
-        found.note(name, what, "if these are densities, cumulo convert --repair=density sets them to 0");
+        findings.note(name, what, "if these are densities, cumulo convert --repair=density sets them to 0");
     }
 }
 
@@ -141,7 +149,7 @@ fn scalar_density(info: &GridInfo) -> bool {
     info.components == 1 && info.class == GridClass::FogVolume
 }
 
-/// Inactive voxels and tiles that no density may be.
+/// Counts the inactive voxels and tiles whose values no density may have: negative, infinite or NaN.
 fn inactive_faults(native: &NativeGrid) -> Result<usize> {
     let bad = |v: f32| !(v.is_finite() && v >= 0.0);
     let mut count = native.tiles()?.iter().filter(|t| !t.active && bad(t.value[0])).count();

@@ -1,4 +1,4 @@
-//! `cumulo viewpoint`: where a volume shows most.
+//! `cumulo viewpoint`: the viewpoints from which a volume shows most.
 
 mod page;
 
@@ -53,13 +53,13 @@ pub struct Viewpoint {
     /// Replace pictures in their folder that no earlier run wrote
     #[arg(long)]
     overwrite: bool,
-    /// Number of viewpoints to start from: the best of it and a dozen about it, on small pictures, is where a climb begins
+    /// Number of viewpoints to start from: the search begins at the best of each and a dozen about it, on small pictures
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     starts: u32,
     /// Evaluations from each start, at most, for each size of picture that the search goes through
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: u32,
-    /// Also look from this many viewpoints spread evenly over the sphere, to compare
+    /// Number of viewpoints, spread evenly over the sphere, to evaluate as well for comparison
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
     samples: u32,
     /// Size of the pictures in pixels
@@ -93,12 +93,15 @@ pub struct Viewpoint {
 
 #[derive(Debug, Serialize)]
 struct Start {
-    /// Unit vectors from the centre to the camera.
+    /// Unit vector from the sphere's centre to the camera at the start.
     start: [f64; 3],
+    /// Unit vector from the sphere's centre to the camera at the end.
     end: [f64; 3],
+    /// Opacity entropy of the picture at the end.
     entropy: f64,
+    /// Number of evaluations.
     iterations: u32,
-    /// Number of the view it has reached.
+    /// Number of the view that the search from this start has reached.
     view: usize,
 }
 
@@ -107,19 +110,21 @@ struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     views: usize,
-    /// Of the best view.
+    /// Opacity entropy of the best view.
     entropy: f64,
     sampled_best_entropy: Option<f64>,
     starts: Vec<Start>,
-    /// True if nothing is to be seen.
+    /// True if the pictures are blank, so that all viewpoints are alike.
     blank: bool,
     stopped: bool,
     density_scale: f64,
-    /// Wall times: of the search, of the samples, of one picture without derivatives.
+    /// Wall time of the search.
     seconds: f64,
+    /// Wall time of the samples; none without `--samples`.
     sampled_seconds: Option<f64>,
+    /// Wall time of one picture without derivatives.
     render_seconds: f64,
-    /// The search's time in such pictures.
+    /// Wall time of the search divided by that of one picture without derivatives.
     equivalent_renders: f64,
     #[serde(serialize_with = "crate::cli::paths::text")]
     report: Option<PathBuf>,
@@ -143,7 +148,7 @@ impl fmt::Display for Report {
     }
 }
 
-/// Entropies on the sphere, and how long they took.
+/// Opacity entropies by direction, and the wall time in seconds that they took.
 type Samples = (Vec<(DVec3, f64)>, f64);
 
 impl Viewpoint {
@@ -153,7 +158,7 @@ impl Viewpoint {
     /// If the volume cannot be read or has nothing in it, or the outputs cannot be written.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         outputs::folder(&self.folder())?;
-        self.spare_others()?;
+        self.spare_other_capture()?;
         let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), &self.memory)?;
         let (limits, cancel) = (task.limits, task.cancel);
         let reading = output.stage("reading the volume");
@@ -174,7 +179,7 @@ impl Viewpoint {
             iterations: self.iterations,
         };
         let mut capture = self.capture(&field, transfer, &request)?;
-        // They have no say in the density scale: it would be another one in each run.
+        // Earlier viewpoints have no say in the density scale: it would be another one in each run.
         request.given = self.previous(&around)?;
         render::fits(&capture, 0, limits.max_memory)?;
         self.spare(&capture)?;
@@ -183,11 +188,11 @@ impl Viewpoint {
         let dvr = Dvr::new(&field, opaque(capture.medium()?)?)?.quadrature(quadrature).over([1.0; 3]);
         task.work_begins();
         let bar = output.progress(viewpoint::ticks(&request) as u64 + u64::from(self.samples), "viewpoint");
-        let mut found = viewpoint::search(&dvr, &request, cancel, &|| bar.inc(1));
+        let mut outcome = viewpoint::search(&dvr, &request, cancel, &|| bar.inc(1));
         let samples = self.sample(&dvr, &around, cancel, &|| bar.inc(1));
         bar.finish_and_clear();
-        found.stopped = task.flow().is_break();
-        let blank = found.views.iter().all(|view| view.entropy.blank);
+        outcome.stopped = task.flow().is_break();
+        let blank = outcome.views.iter().all(|view| view.entropy.blank);
         if blank {
             output.note(format!(
                 "{}: the pictures are blank, so that all viewpoints are alike; try --density-scale auto, or another \
@@ -198,7 +203,7 @@ impl Viewpoint {
 
         let best = {
             let _stage = output.stage("pictures");
-            self.write(&field, &mut capture, &around, &found, &mut task)?
+            self.write(&field, &mut capture, &around, &outcome, &mut task)?
         };
         if best.is_none() {
             output.note(format!(
@@ -208,17 +213,17 @@ impl Viewpoint {
                 self.output.display()
             ));
         }
-        let mut report = self.summary(&found, samples.as_ref(), blank, capture.density_scale);
+        let mut report = self.summary(&outcome, samples.as_ref(), blank, capture.density_scale);
         if let Some(dir) = &self.report {
             let samples = samples.as_ref().map(|(all, _)| all.as_slice()).unwrap_or_default();
-            let page = page::page(&self.input, &report, &found, samples, best, &task.provenance)?;
+            let page = page::page(&self.input, &report, &outcome, samples, best, &task.provenance)?;
             report.report = Some(page.write(dir)?);
         }
         output.report(&report)?;
-        Ok(exit_code(found.stopped, output))
+        Ok(exit_code(outcome.stopped, output))
     }
 
-    /// Unit vectors to the viewpoints of an earlier run.
+    /// Returns the unit vectors to the viewpoints of an earlier run, with `--resume`.
     fn previous(&self, around: &Sphere) -> Result<Vec<DVec3>> {
         if !(self.resume && self.output.exists()) {
             return Ok(Vec::new());
@@ -227,8 +232,8 @@ impl Viewpoint {
         Ok(capture.frames.iter().filter_map(|f| (f.camera.position() - around.centre).try_normalize()).collect())
     }
 
-    /// The pictures of another capture must not be replaced by ours.
-    fn spare_others(&self) -> Result<()> {
+    /// Refuses a folder for the pictures in which another capture lies.
+    fn spare_other_capture(&self) -> Result<()> {
         let json = self.folder().join(transforms::FILE_NAME);
         let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
         if json.exists() && !same(&json, &self.output) {
@@ -239,7 +244,7 @@ impl Viewpoint {
         Ok(())
     }
 
-    /// Makes sure that nothing is replaced that is read, nor pictures of another origin than the output's.
+    /// Makes sure that the outputs replace neither inputs nor pictures that no earlier run wrote.
     fn spare(&self, capture: &Capture) -> Result<()> {
         let pictures: Vec<PathBuf> = capture.frames.iter().map(|f| f.picture.clone()).collect();
         let inputs = std::iter::once(&self.input).chain(&self.transfer.tf);
@@ -256,7 +261,7 @@ impl Viewpoint {
         self.pictures.clone().unwrap_or_else(beside)
     }
 
-    /// What the pictures will show; its cameras are those of the starts.
+    /// Plans the capture to render, with the cameras of the starts.
     fn capture(&self, field: &Bricks<f32>, transfer: Option<Transfer>, request: &Request) -> Result<Capture> {
         let cameras: Vec<Camera> = request.starts.iter().map(|d| request.sphere.camera(&sphere::upright(*d))).collect();
         let source = match &transfer {
@@ -304,22 +309,22 @@ impl Viewpoint {
         Some((all, begun.elapsed().as_secs_f64()))
     }
 
-    /// Writes pictures and capture, all or none; the best view's picture. A search that was stopped has a second for its pictures;
-    /// none is given if they are not all there by then.
+    /// Writes pictures and capture together, and returns the best view's picture. After a search that was stopped, only the
+    /// pictures rendered within a second are written; no picture is returned if some are missing.
     fn write(
         &self,
         field: &Bricks<f32>,
         capture: &mut Capture,
         around: &Sphere,
-        found: &Outcome,
+        outcome: &Outcome,
         task: &mut Task<'_>,
     ) -> Result<Option<Film>> {
-        capture.frames = self.frames(found.views.iter().map(|view| around.camera(&view.axes)).collect());
+        capture.frames = self.frames(outcome.views.iter().map(|view| around.camera(&view.axes)).collect());
         let mut batch = Batch::new();
         batch.make_folder(&self.folder())?;
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
         let dvr = Dvr::new(field, capture.medium()?)?.quadrature(quadrature).over(capture.background);
-        // What was found is worth its pictures even if the search was stopped.
+        // The views are worth their pictures even if the search was stopped.
         let never = AtomicBool::new(false);
         let (closing, provenance) = (task.closing(), &mut task.provenance);
         let attributes = provenance.attributes();
@@ -335,7 +340,7 @@ impl Viewpoint {
         }
         provenance.lap();
         let mut extra = Map::new();
-        let entropies: Vec<f64> = found.views.iter().map(|view| view.entropy.value).collect();
+        let entropies: Vec<f64> = outcome.views.iter().map(|view| view.entropy.value).collect();
         extra.insert("opacity_entropy".into(), json!(entropies));
         extra.insert("provenance".into(), json!(provenance));
         transforms::save_for(&self.output, &batch.add(&self.output)?, capture, &extra)?;
@@ -343,32 +348,32 @@ impl Viewpoint {
         Ok(best.filter(|_| whole))
     }
 
-    fn summary(&self, found: &Outcome, samples: Option<&Samples>, blank: bool, density_scale: f64) -> Report {
-        let starts = found.paths.iter().map(|path| {
-            let view = &found.views[path.view];
+    fn summary(&self, outcome: &Outcome, samples: Option<&Samples>, blank: bool, density_scale: f64) -> Report {
+        let starts = outcome.paths.iter().map(|path| {
+            let view = &outcome.views[path.view];
             let start = path.directions.first().map_or([0.0; 3], DVec3::to_array);
             let (end, entropy) = (view.axes.z_axis.to_array(), view.entropy.value);
             Start { start, end, entropy, iterations: path.iterations, view: path.view }
         });
         Report {
             output: self.output.clone(),
-            views: found.views.len(),
-            entropy: found.views.first().map_or(0.0, |view| view.entropy.value),
+            views: outcome.views.len(),
+            entropy: outcome.views.first().map_or(0.0, |view| view.entropy.value),
             sampled_best_entropy: samples.map(|(all, _)| all.iter().map(|s| s.1).fold(0.0, f64::max)),
             starts: starts.collect(),
             blank,
-            stopped: found.stopped,
+            stopped: outcome.stopped,
             density_scale,
-            seconds: found.seconds,
+            seconds: outcome.seconds,
             sampled_seconds: samples.map(|(_, seconds)| *seconds),
-            render_seconds: found.render_seconds,
-            equivalent_renders: found.seconds / found.render_seconds,
+            render_seconds: outcome.render_seconds,
+            equivalent_renders: outcome.seconds / outcome.render_seconds,
             report: None,
         }
     }
 }
 
-/// A medium of the same opacity with less to compute: of a transfer function's colors none matters, and points
+/// Returns a medium of the same opacity with less to compute: the colors of a transfer function do not matter, and points
 /// that only they need are left out.
 fn opaque(medium: Medium) -> Result<Medium> {
     let source = match &medium.source {

@@ -9,11 +9,11 @@ use crate::scene::film::Film;
 use glam::DVec3;
 use std::path::Path;
 
-/// What was found, how, and what it looks like.
+/// Makes the page of a search: best view, entropies and paths over the sphere, and a table of the starts.
 pub fn page(
     input: &Path,
     report: &Report,
-    found: &Outcome,
+    outcome: &Outcome,
     samples: &[(DVec3, f64)],
     best: Option<Film>,
     provenance: &Provenance,
@@ -42,8 +42,8 @@ pub fn page(
     if let Some(best) = best {
         page.picture("Best view", &best, "The best view as the capture's first picture shows it.")?;
     }
-    let walks = found.paths.iter().enumerate().map(|(i, path)| Walk {
-        label: format!("start {i}, to {:.5}", found.views[path.view].entropy.value),
+    let walks = outcome.paths.iter().enumerate().map(|(i, path)| Walk {
+        label: format!("start {i}, to {:.5}", outcome.views[path.view].entropy.value),
         directions: path.directions.clone(),
     });
     page.sphere(
@@ -52,7 +52,7 @@ pub fn page(
             quantity: "Opacity entropy".into(),
             samples: samples.to_vec(),
             walks: walks.collect(),
-            best: found.views.first().map(|view| view.axes.z_axis),
+            best: outcome.views.first().map(|view| view.axes.z_axis),
         },
     )?;
     let rows: Vec<Vec<String>> = report

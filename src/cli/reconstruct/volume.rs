@@ -1,0 +1,211 @@
+//! The reconstruction of voxels: the steps from pictures to report that densities and pre-shaded volumes share.
+
+use super::capture::LoadedCapture;
+use super::region::{Region, Unknowns};
+use super::stages::StageClock;
+use crate::cli::output::Output;
+use crate::cli::photos;
+use crate::cli::run::{self, Run, Solver};
+use crate::cli::task::Task;
+use crate::error::Result;
+use crate::optimise::density::{Request, Stage, Step};
+use crate::optimise::plausibility::Warning;
+use crate::optimise::plausibility::cost::{Cost, Method};
+use crate::optimise::plausibility::residuals;
+use crate::optimise::projection::observation::{Observation, Photo};
+use crate::scene::capture::Capture;
+use crate::scene::grid::{Grid, MetaValue};
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// The reconstruction of a volume, from the reading of its pictures to its report.
+#[derive(Debug)]
+pub(super) struct VolumeTask<'t> {
+    /// Limits, interruption and provenance of the command.
+    pub task: Task<'t>,
+    /// The capture of the pictures.
+    pub input: LoadedCapture,
+    /// Path of the VDB to write.
+    vdb: &'t Path,
+    layer: Option<&'t str>,
+    output: &'t Output,
+    clock: StageClock,
+    warnings: Vec<Warning>,
+    expected: Option<Cost>,
+}
+
+/// Pictures with their optical depths, and the voxels that they are to determine.
+#[derive(Debug)]
+pub(super) struct Measurements {
+    /// The pictures, in the order of the capture's frames.
+    pub photos: Vec<Photo>,
+    /// Optical depths of the pictures' pixels.
+    pub observation: Observation,
+    /// Lattice and bounds of the unknown voxels.
+    pub unknowns: Unknowns,
+}
+
+/// The course and the quality of a solver's run; the voxels themselves are kept apart.
+#[derive(Debug)]
+pub(super) struct Solved {
+    /// Every iteration.
+    pub history: Vec<Step>,
+    /// PSNR of the training views in dB, peak 1; NaN if the work was stopped before it was measured.
+    pub train_psnr_db: f64,
+    /// PSNR of the held-out views in dB, peak 1; none without such views.
+    pub held_out_psnr_db: Option<f64>,
+    /// Number of unknown voxels on the finest level.
+    pub unknowns: usize,
+    /// True if the user stopped the work.
+    pub stopped: bool,
+}
+
+impl<'t> VolumeTask<'t> {
+    /// Begins with a capture that was loaded; the clock of the first stage, which reads the pictures, starts here.
+    pub fn new(
+        task: Task<'t>,
+        input: LoadedCapture,
+        vdb: &'t Path,
+        layer: Option<&'t str>,
+        output: &'t Output,
+    ) -> Self {
+        Self { task, input, vdb, layer, output, clock: StageClock::start(), warnings: Vec::new(), expected: None }
+    }
+
+    /// Reads the pictures, takes their optical depths with `observe` and chooses the unknown voxels.
+    ///
+    /// # Errors
+    /// If the pictures cannot be read or used, or leave no region for the voxels.
+    pub fn measure(
+        &mut self,
+        region: &Region,
+        observe: impl FnOnce(&[Photo], &Capture) -> Result<Observation>,
+    ) -> Result<Measurements> {
+        let LoadedCapture { json, capture } = &self.input;
+        let (photos, mut warnings) = self.task.photos(json, capture, self.layer, self.output)?;
+        self.warnings.append(&mut warnings);
+        let observation = observe(&photos, capture).map_err(|e| e.at(json))?;
+        let mut unknowns = region.choose(capture, &observation, self.output).map_err(|e| e.at(json))?;
+        self.output.warn(&unknowns.warnings);
+        self.warnings.append(&mut unknowns.warnings);
+        Ok(Measurements { photos, observation, unknowns })
+    }
+
+    /// Ends the stage that read the pictures and begins the work, once memory and VDB are known to hold its result.
+    ///
+    /// # Errors
+    /// If the unknowns do not fit in memory, or no VDB can hold their lattice.
+    pub fn plan(&mut self, measurements: &Measurements, request: &Request, method: Method, steps: u64) -> Result<()> {
+        self.clock.end("read pictures");
+        let pixels = measurements.photos.iter().map(|p| p.film.rgba.len() as u64).sum();
+        let expected = Cost::new(method, &measurements.unknowns.survey, request, pixels, steps);
+        expected.fits(request.max_memory).map_err(|e| e.at(&self.input.json))?;
+        measurements.unknowns.writable(self.vdb)?;
+        self.output.note(format!("expected: {expected}"));
+        self.task.work_begins();
+        self.expected = Some(expected);
+        Ok(())
+    }
+
+    /// Runs a solver under a progress bar of that many steps, until it ends or the user stops it.
+    ///
+    /// # Errors
+    /// Those of the solver.
+    pub fn solve<T>(
+        &self,
+        what: &'static str,
+        steps: u64,
+        solver: impl FnOnce(&mut dyn FnMut(&Step) -> ControlFlow<()>) -> Result<T>,
+    ) -> Result<T> {
+        let bar = self.output.progress(steps, what);
+        let outcome = solver(&mut |step| {
+            run::show(&bar, step);
+            self.task.flow()
+        });
+        bar.finish_and_clear();
+        outcome
+    }
+
+    /// Adds the stages that the solver has measured.
+    pub fn solved(&mut self, stages: Vec<Stage>) {
+        self.clock.append(stages);
+    }
+
+    /// Measures the confidence of the voxels, and adds warnings about a result that does not explain its pictures. A
+    /// run that is stopped meanwhile has no confidences and counts as stopped.
+    ///
+    /// # Errors
+    /// Those of `measure`.
+    pub fn confidence(
+        &mut self,
+        solved: &mut Solved,
+        measure: impl FnOnce(&dyn Fn(usize, usize)) -> Result<(Vec<Grid>, Vec<Warning>)>,
+    ) -> Result<Vec<Grid>> {
+        let (grids, mut warnings) = {
+            let stage = self.output.stage("confidence");
+            measure(&|done, of| stage.at(done, of))?
+        };
+        warnings.extend(residuals::held_out(solved.train_psnr_db, solved.held_out_psnr_db));
+        warnings.extend(residuals::unexplained(solved.train_psnr_db));
+        if !solved.stopped {
+            self.warnings.append(&mut warnings);
+        }
+        solved.stopped = solved.stopped || grids.is_empty();
+        self.clock.end("confidence");
+        Ok(grids)
+    }
+
+    /// Writes the VDB with `write`, which is given the provenance as metadata.
+    ///
+    /// # Errors
+    /// Those of `write`.
+    pub fn write(&mut self, write: impl FnOnce(&BTreeMap<String, MetaValue>) -> Result<()>) -> Result<()> {
+        self.task.provenance.lap();
+        write(&self.task.provenance.metadata())?;
+        self.clock.end("write");
+        Ok(())
+    }
+
+    /// Reports the run: `grid` is the name of the written grid, `voxel_size` the edge lengths of its voxels in world
+    /// units.
+    ///
+    /// # Errors
+    /// If the page cannot be made or the report not be printed.
+    pub fn finish(
+        self,
+        solver: Solver,
+        grid: String,
+        voxel_size: [f64; 3],
+        solved: Solved,
+        held_out: Vec<usize>,
+    ) -> Result<ExitCode> {
+        let views = self.input.capture.frames.len();
+        let run = Run {
+            capture: self.input.json,
+            output: self.vdb.to_path_buf(),
+            grid,
+            solver,
+            layer: self.layer.map(str::to_owned),
+            iterations: solved.history.len() as u32,
+            seconds: self.task.provenance.seconds,
+            train_psnr_db: Some(solved.train_psnr_db).filter(|v| v.is_finite()),
+            held_out_psnr_db: solved.held_out_psnr_db.filter(|v| v.is_finite()),
+            peak_memory_mb: run::peak_memory_mb(),
+            stopped: solved.stopped,
+            views,
+            shown: photos::shown(views, &held_out),
+            held_out,
+            voxel_size,
+            unknowns: solved.unknowns,
+            expected: self.expected,
+            warnings: self.warnings,
+            report: None,
+            stages: self.clock.into_stages(),
+            history: solved.history,
+            provenance: self.task.provenance.clone(),
+        };
+        self.task.finish(run, self.output)
+    }
+}
