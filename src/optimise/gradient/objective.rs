@@ -120,7 +120,7 @@ impl Objective<'_> {
                 |part| tiles::dealt(&runs, part, PARTS),
                 |_| I::Scratch::default(),
                 |own, tape, run| {
-                    run.clone().for_each(|i| self.pixel_back(light, adjoint, by, (view, i), &slopes, own, tape));
+                    run.clone().for_each(|i| self.pixel_back(light, (adjoint, by), (view, i), &slopes, own, tape));
                 },
             );
         }
@@ -199,8 +199,7 @@ impl Objective<'_> {
     fn pixel_back<I: Differentiable>(
         &self,
         light: &Composited<I>,
-        adjoint: Adjoint,
-        by: By,
+        (adjoint, by): (Adjoint, By),
         (view, i): (usize, usize),
         slopes: &Slopes<'_>,
         own: &mut Gradient<I::Voxel>,

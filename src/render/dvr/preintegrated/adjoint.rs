@@ -124,7 +124,7 @@ impl<R: Real> Backward<'_, R> {
                 let (mixed, drift) = (by.mixed[i].f64(), by.drift[i].f64());
                 let by_mean = [mixed * r, mixed * g, mixed * b, by.extinction[i].f64()];
                 let by_drift = [drift * r, drift * g, drift * b];
-                batch.by_table(i, &self.own.tables, &self.compiled.curve, extinction, by_mean, by_drift, table);
+                batch.by_table(i, &self.own.tables, &self.compiled.curve, extinction, (by_mean, by_drift), table);
             }
         }
         let follows = pass.to.ray.is_some();

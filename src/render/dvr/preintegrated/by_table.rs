@@ -16,8 +16,7 @@ impl<R: Real> SegmentBatch<R> {
         tables: &Cumulative<R>,
         curve: &Curve<R, 3>,
         scale: f64,
-        by_mean: [f64; 4],
-        by_drift: [f64; 3],
+        (by_mean, by_drift): ([f64; 4], [f64; 3]),
         table: &mut TableGradient,
     ) {
         let (begin, end, pieces) = (self.density[i], self.density[i + 1], [self.piece[i], self.piece[i + 1]]);
