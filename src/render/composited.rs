@@ -162,16 +162,17 @@ impl<I: Differentiable> Composited<I> {
         let TangentRadiance { rgb, depth } = self.integrator.jvp(ray, seeds, scratch);
         let light = Radiance { rgb: rgb.map(|c| c.value), depth: depth.value };
         let pixel = self.composite(&light);
-        let open = light.transmittance();
-        let by_open = depth.tangent.map(|d| -open * d);
+        let transmittance = light.transmittance();
+        let by_transmittance = depth.tangent.map(|d| -transmittance * d);
         let channel = |c: usize, p: usize| {
-            let background = seeds.shared[p].background[c] * open + f64::from(self.background[c]) * by_open[p];
+            let background =
+                seeds.shared[p].background[c] * transmittance + f64::from(self.background[c]) * by_transmittance[p];
             I::Real::of(background + rgb[c].tangent[p])
         };
         let with = |value, tangent| Dual { value, tangent };
         TangentPixel {
             rgb: std::array::from_fn(|c| with(pixel.rgb[c], std::array::from_fn(|p| channel(c, p)))),
-            transmittance: with(pixel.transmittance, by_open.map(I::Real::of)),
+            transmittance: with(pixel.transmittance, by_transmittance.map(I::Real::of)),
             depth,
         }
     }

@@ -68,9 +68,9 @@ pub(super) fn each<R: Real, K: Compositing<R>>(
         #[inline(always)]
         |spans| {
             scratch.clear();
-            let open = front.composite::<true>(spans, scratch);
+            let more = front.composite::<true>(spans, scratch);
             scratch.iter().for_each(&mut visit);
-            open
+            more
         },
     );
 }

@@ -73,14 +73,14 @@ impl<const C: usize> Side<C> {
     /// minus their means over a linear ramp to the other side.
     pub fn beside(&self, other: &Self) -> [(f64, [f64; C]); 2] {
         let (a, b) = (self, other);
-        let lit = std::array::from_fn(|c| a.extinction * a.source[c]);
+        let emitted = std::array::from_fn(|c| a.extinction * a.source[c]);
         // The mean of a product of two linear functions.
         let mean = |c: usize| {
             let (near, far) = (a.extinction * (2.0 * a.source[c] + b.source[c]), a.source[c] + 2.0 * b.source[c]);
             (near + b.extinction * far) / 6.0
         };
         let more = std::array::from_fn(|c| a.extinction * a.source[c] - mean(c));
-        [(a.extinction, lit), (0.5 * (a.extinction - b.extinction), more)]
+        [(a.extinction, emitted), (0.5 * (a.extinction - b.extinction), more)]
     }
 }
 

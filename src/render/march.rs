@@ -277,7 +277,7 @@ pub const BATCH: usize = 8;
 #[inline(always)]
 pub fn batches<R: Real>(topology: &Topology, ray: &IndexRay, mut visit: impl FnMut(&[Span<R>]) -> bool) {
     let mut batch = [Span::NOWHERE; BATCH];
-    let (mut count, mut open) = (0, true);
+    let (mut count, mut more) = (0, true);
     spans(
         topology,
         ray,
@@ -287,13 +287,13 @@ pub fn batches<R: Real>(topology: &Topology, ray: &IndexRay, mut visit: impl FnM
             batch[count] = span;
             count += 1;
             if count == BATCH {
-                open = visit(&batch);
+                more = visit(&batch);
                 count = 0;
             }
-            open
+            more
         },
     );
-    if open && count > 0 {
+    if more && count > 0 {
         visit(&batch[..count]);
     }
 }

@@ -39,8 +39,8 @@ pub fn pixel<I: Integrator<Real = f32>>(
 ) -> [f32; 4] {
     let (mut mean, share) = ([0.0; 4], 1.0 / rays.count() as f32);
     for [x, y] in rays.positions(at) {
-        let seen = renderer.pixel_on(&camera.ray(x, y), scratch).rgba();
-        mean.iter_mut().zip(seen).for_each(|(mean, v)| *mean += share * v);
+        let rgba = renderer.pixel_on(&camera.ray(x, y), scratch).rgba();
+        mean.iter_mut().zip(rgba).for_each(|(mean, v)| *mean += share * v);
     }
     mean
 }

@@ -36,7 +36,7 @@ pub(super) struct Jump<R, const C: usize> {
     /// Extinction.
     pub extinction: [f64; 2],
     /// Extinction times source, by channel.
-    pub lit: [[f64; C]; 2],
+    pub emitted: [[f64; C]; 2],
 }
 
 impl<R: Real, const C: usize> Jump<R, C> {
@@ -83,7 +83,7 @@ impl<R: Real, const C: usize> Jump<R, C> {
             longer: if end == End::Far { 1.0 } else { -1.0 } / along,
             knot: if upper { number } else { number - 1 } as usize,
             extinction: [own.0, more.0],
-            lit: [own.1, more.1],
+            emitted: [own.1, more.1],
         })
     }
 
@@ -92,8 +92,8 @@ impl<R: Real, const C: usize> Jump<R, C> {
     #[inline(always)]
     pub fn gains(&self, weights: &[f64; C], transmittance: f64, incoming: f64) -> [f64; 2] {
         [0, 1].map(|k| {
-            let lit: f64 = weights.iter().zip(&self.lit[k]).map(|(w, lit)| w * lit).sum();
-            self.longer * (transmittance * lit - incoming * self.extinction[k])
+            let emitted: f64 = weights.iter().zip(&self.emitted[k]).map(|(w, emitted)| w * emitted).sum();
+            self.longer * (transmittance * emitted - incoming * self.extinction[k])
         })
     }
 }

@@ -235,7 +235,8 @@ impl<'t, 'd, R: Real, const C: usize, const P: usize> Front<'t, 'd, R, C, P> {
             let step = seeds.table[p].map_or(0.0, |table| table.steps[jump.knot]);
             let by = [-density * jump.longer, step * jump.longer];
             for (c, emitted) in self.emitted.iter_mut().enumerate() {
-                emitted.tangent[p] += self.transmittance.value * (jump.lit[0][c] * by[0] + jump.lit[1][c] * by[1]);
+                emitted.tangent[p] +=
+                    self.transmittance.value * (jump.emitted[0][c] * by[0] + jump.emitted[1][c] * by[1]);
             }
             self.depth.tangent[p] += jump.extinction[0] * by[0] + jump.extinction[1] * by[1];
             self.transmittance.tangent[p] = -self.transmittance.value * self.depth.tangent[p];

@@ -7,7 +7,7 @@
 use super::super::CompiledCurve;
 use super::super::adjoint::{Pass, Weighted};
 use super::batch::{ROOM, SegmentBatch, share_slopes};
-use super::light::Front;
+use super::front::Front;
 use super::nodes::{Nodes, Sites, nodes};
 use super::ray::{NodeCotangent, follow, note};
 use super::visit::{BatchGradient, Visit};
@@ -61,8 +61,8 @@ impl<R: Real> Preintegrated<R> {
         let (emitted, depth) = (front.emitted, front.depth);
         let radiance = Radiance { rgb: emitted, depth };
         let weighted = pass.add_color(loss(&radiance), &emitted, &compiled.tint);
-        let behind = (-depth).exp() * weighted.transmittance;
-        let mut back = Backward { own: self, compiled, emitted, behind, weighted, last: None, cotangents };
+        let background = (-depth).exp() * weighted.transmittance;
+        let mut back = Backward { own: self, compiled, emitted, background, weighted, last: None, cotangents };
         // Not `for_each`: its closure would be compiled for the oldest instruction set.
         for visit in tape.iter() {
             back.visit(pass, visit, gradient);
@@ -102,7 +102,7 @@ struct Backward<'a, R: Real> {
     /// Emitted radiance of the whole ray.
     emitted: [f64; 3],
     /// Loss-weighted radiance that arrives from the background.
-    behind: f64,
+    background: f64,
     weighted: Weighted<3>,
     /// The last four nodes of the previous visit.
     last: Option<Nodes<R>>,
@@ -113,11 +113,11 @@ struct Backward<'a, R: Real> {
 impl<R: Real> Backward<'_, R> {
     #[inline(always)]
     fn visit(&mut self, pass: &mut Pass<'_, '_, R>, visit: &Visit<R>, by: &mut BatchGradient<R>) {
-        let beyond = |c: usize| self.weighted.color[c] * (self.emitted[c] - visit.emitted[c]);
-        let arriving = self.behind + (beyond(0) + beyond(1) + beyond(2));
+        let farther = |c: usize| self.weighted.color[c] * (self.emitted[c] - visit.emitted[c]);
+        let incoming = self.background + (farther(0) + farther(1) + farther(2));
         let batch = &*visit.batch;
         let extinction = pass.dvr.medium.extinction;
-        pass.to.shared.extinction += self.by_segment(batch, arriving, by) / extinction;
+        pass.to.shared.extinction += self.by_segment(batch, incoming, by) / extinction;
         if let Some(table) = pass.to.table.as_deref_mut() {
             let [r, g, b] = self.weighted.color;
             for i in 0..batch.count {
@@ -155,7 +155,7 @@ impl<R: Real> Backward<'_, R> {
     /// Computes the derivatives with respect to means, drift and depth; returns that with respect to the extinction's
     /// logarithm.
     #[inline(always)]
-    fn by_segment(&self, batch: &SegmentBatch<R>, mut arriving: f64, by: &mut BatchGradient<R>) -> f64 {
+    fn by_segment(&self, batch: &SegmentBatch<R>, mut incoming: f64, by: &mut BatchGradient<R>) -> f64 {
         let count = batch.count.min(ROOM);
         let [r, g, b] = self.weighted.color.map(R::of);
         let source = |i: usize| r * batch.values[0][i] + g * batch.values[1][i] + b * batch.values[2][i];
@@ -168,7 +168,8 @@ impl<R: Real> Backward<'_, R> {
             let mean = r * batch.mean[0][i] + g * batch.mean[1][i] + b * batch.mean[2][i];
             let (emitted, drifted) = (length * mean, by.source[i + 1] - by.source[i]);
             let (mixed, drift) = (before * batch.mixed[i], before * batch.drift[i]);
-            let [by_mixed, by_drift] = share_slopes(batch.depth[i], [batch.open[i], batch.mixed[i], batch.drift[i]]);
+            let [by_mixed, by_drift] =
+                share_slopes(batch.depth[i], [batch.transmittance[i], batch.mixed[i], batch.drift[i]]);
             by.mean[i] = mean;
             by.mixed[i] = mixed * length;
             by.drift[i] = drift;
@@ -178,13 +179,13 @@ impl<R: Real> Backward<'_, R> {
             by.depth[i] = before * (by_mixed * emitted + by_drift * drifted);
         }
         // What arrives from behind each segment.
-        for (behind, light) in by.behind[..count].iter_mut().zip(&by.light[..count]).rev() {
-            *behind = R::of(arriving);
-            arriving += light.f64();
+        for (behind, light) in by.incoming[..count].iter_mut().zip(&by.light[..count]).rev() {
+            *behind = R::of(incoming);
+            incoming += light.f64();
         }
         // The light is no longer needed: its place takes the derivatives with respect to the extinction's logarithm.
         for i in 0..count {
-            let by_depth = by.depth[i] - by.behind[i];
+            let by_depth = by.depth[i] - by.incoming[i];
             by.light[i] = by.extinction[i] + by_depth * batch.depth[i];
             by.extinction[i] = batch.length[i] * by_depth;
         }
@@ -214,7 +215,7 @@ impl<R: Real> Backward<'_, R> {
             note(n, [slope(n), slope(n + 1), slope(n + 2), slope(n + 3)], LANES);
         }
         let (extinction, [source_slope, extinction_slope]) = (&batch.values[3], &by.slopes);
-        by.behind[0] = R::ZERO;
+        by.incoming[0] = R::ZERO;
         for i in 0..count {
             let (begin, end) = (extinction[i], extinction[i + 1]);
             let (near, far) = (by.source[i], by.source[i + 1]);
@@ -222,7 +223,7 @@ impl<R: Real> Backward<'_, R> {
             // Of a difference of sums, divided by that of the densities; or of Simpson's rule.
             let inverse = R::ONE / (batch.density[i + 1] - batch.density[i]);
             let (mean, mean_extinction) = (by.mean[i], batch.mean[3][i]);
-            let off = |extinction: R, source: R| {
+            let difference = |extinction: R, source: R| {
                 by_extinction * (extinction - mean_extinction) + by_mean * (extinction * source - mean)
             };
             let share = by_mean * sixth;
@@ -232,15 +233,15 @@ impl<R: Real> Backward<'_, R> {
             };
             // Both, and then a choice: with a branch the loop is not compiled to vectors.
             let summed = batch.is_summed(tables, i);
-            let by_sums = [-(off(begin, near) * inverse), off(end, far) * inverse];
+            let by_sums = [-(difference(begin, near) * inverse), difference(end, far) * inverse];
             let by_simpson = [simpson(begin, near, i), simpson(end, far, i + 1)];
             let [at_begin, at_end] = if summed { by_sums } else { by_simpson };
             by.density[i] = at_begin - by_drift * source_slope[i];
-            by.behind[i + 1] = at_end + by_drift * source_slope[i + 1];
+            by.incoming[i + 1] = at_end + by_drift * source_slope[i + 1];
         }
         for i in 0..count {
-            by.density[i] += by.behind[i];
+            by.density[i] += by.incoming[i];
         }
-        by.density[count] = by.behind[count];
+        by.density[count] = by.incoming[count];
     }
 }

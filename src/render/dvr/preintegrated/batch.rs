@@ -61,7 +61,7 @@ pub(super) struct SegmentBatch<R: Real> {
     /// Optical depths x of the segments.
     pub depth: Segment<R>,
     /// Transmittances `e^{-x}` of the segments.
-    pub open: Segment<R>,
+    pub transmittance: Segment<R>,
     /// Weights A and B of the mean and of the change of color.
     pub mixed: Segment<R>,
     pub drift: Segment<R>,
@@ -83,7 +83,7 @@ impl<R: Real> Default for SegmentBatch<R> {
             length: segment,
             mean: [segment; 4],
             depth: segment,
-            open: segment,
+            transmittance: segment,
             mixed: segment,
             drift: segment,
             before: segment,
@@ -101,7 +101,7 @@ impl<R: Real> SegmentBatch<R> {
         let from = *last;
         self.look_up(tables, curve, last);
         self.settle(tables);
-        if self.bent(tables) {
+        if self.exceeds(tables) {
             self.refine(tables);
             *last = from;
             self.look_up(tables, curve, last);
@@ -168,33 +168,33 @@ impl<R: Real> SegmentBatch<R> {
             self.depth[i] = (self.length[i] * mean).greater(R::ZERO);
         }
         for i in 0..self.count.min(ROOM) {
-            [self.open[i], self.mixed[i], self.drift[i]] = shares(self.depth[i]);
+            [self.transmittance[i], self.mixed[i], self.drift[i]] = shares(self.depth[i]);
         }
     }
 
     /// Returns a segment's error estimate and the error allowed, both in light that it would add with nothing in front
     /// of it.
     #[inline(always)]
-    fn off(&self, tables: &Cumulative<R>, i: usize) -> [R; 2] {
+    fn error(&self, tables: &Cumulative<R>, i: usize) -> [R; 2] {
         let abs = |v: R| v.greater(-v);
         let half = R::of(0.5);
         let [red, green, blue, extinction] = &self.values;
         let (begin, end) = (extinction[i], extinction[i + 1]);
-        let lit = |c: usize, v: &Ends<R>| abs(self.mean[c][i] - half * (begin * v[i] + end * v[i + 1]));
+        let emitted = |c: usize, v: &Ends<R>| abs(self.mean[c][i] - half * (begin * v[i] + end * v[i + 1]));
         let most = abs(self.mean[3][i] - half * (begin + end));
-        let most = most.greater(lit(0, red)).greater(lit(1, green)).greater(lit(2, blue));
+        let most = most.greater(emitted(0, red)).greater(emitted(1, green)).greater(emitted(2, blue));
         [abs(self.drift[i]) * self.length[i] * most, tables.limit * self.depth[i]]
     }
 
     /// True if a segment's error exceeds the error allowed.
     #[inline(always)]
-    fn bent(&self, tables: &Cumulative<R>) -> bool {
-        let mut bent = false;
+    fn exceeds(&self, tables: &Cumulative<R>) -> bool {
+        let mut exceeds = false;
         for i in 0..self.count.min(ROOM) {
-            let [off, allowed] = self.off(tables, i);
-            bent |= off > allowed;
+            let [error, allowed] = self.error(tables, i);
+            exceeds |= error > allowed;
         }
-        bent
+        exceeds
     }
 
     /// Cuts the segments whose error is too large; the error falls with the square of the number of parts. Near
@@ -206,8 +206,8 @@ impl<R: Real> SegmentBatch<R> {
         self.cut.push((0, R::ONE));
         let mut length = [R::ZERO; ROOM];
         for i in 0..self.count {
-            let [off, allowed] = self.off(tables, i).map(Real::f64);
-            let parts = (off / allowed.max(f64::MIN_POSITIVE)).sqrt().ceil();
+            let [error, allowed] = self.error(tables, i).map(Real::f64);
+            let parts = (error / allowed.max(f64::MIN_POSITIVE)).sqrt().ceil();
             // What is not a number, where extinctions overflow, counts as none.
             let parts = (parts as usize).clamp(1, MOST_PARTS).min(1 + spare);
             spare -= parts - 1;
@@ -247,18 +247,18 @@ impl<R: Real> SegmentBatch<R> {
         by_nodes
     }
 
-    /// Returns the segments' light, by channel, and their optical depth. `open` is the transmittance before the first
+    /// Returns the segments' light, by channel, and their optical depth. `transmittance` is that before the first
     /// segment, and is set to that behind the last.
     #[inline(always)]
-    pub fn blend(&mut self, open: &mut R) -> ([f64; 3], f64) {
+    pub fn blend(&mut self, transmittance: &mut R) -> ([f64; 3], f64) {
         let mut light = [R::Lanes::ZERO; 3];
         let mut depths = R::Lanes::ZERO;
         for four in 0..self.count / LANES {
             let n = (LANES * four).min(ROOM - LANES);
             let at = |v: &Segment<R>| R::Lanes::load([v[n], v[n + 1], v[n + 2], v[n + 3]]);
-            let beyond = at(&self.open).running_product();
-            let before = R::Lanes::splat(*open) * beyond.after(R::ONE);
-            *open = *open * beyond.store()[LANES - 1];
+            let through = at(&self.transmittance).running_product();
+            let before = R::Lanes::splat(*transmittance) * through.after(R::ONE);
+            *transmittance = *transmittance * through.store()[LANES - 1];
             self.before[n..n + LANES].copy_from_slice(&before.store());
             let (mixed, drift) = (before * at(&self.mixed) * at(&self.length), before * at(&self.drift));
             for c in 0..3 {
@@ -280,25 +280,25 @@ fn at_ends<R: Real>(v: &Ends<R>, n: usize) -> R::Lanes {
 /// Returns `e^{-x}`, A and B.
 #[inline(always)]
 fn shares<R: Real>(depth: R) -> [R; 3] {
-    let open = depth.exp_neg();
-    let ends = R::of(0.5) * (R::ONE + open);
+    let transmittance = depth.exp_neg();
+    let ends = R::of(0.5) * (R::ONE + transmittance);
     let thin = depth * depth * powers(depth);
     let thick = depth > R::of(THIN);
     // Never zero where it is divided by.
-    let mixed = (R::ONE - open) / depth.greater(R::of(THIN));
-    if thick { [open, mixed, mixed - ends] } else { [open, thin + ends, thin] }
+    let mixed = (R::ONE - transmittance) / depth.greater(R::of(THIN));
+    if thick { [transmittance, mixed, mixed - ends] } else { [transmittance, thin + ends, thin] }
 }
 
 /// Returns the derivatives of A and B with respect to x, from x, `e^{-x}`, A and B.
 #[inline(always)]
-pub(super) fn share_slopes<R: Real>(depth: R, [open, mixed, drift]: [R; 3]) -> [R; 2] {
+pub(super) fn share_slopes<R: Real>(depth: R, [transmittance, mixed, drift]: [R; 3]) -> [R; 2] {
     let half = R::of(0.5);
     let inverse = R::ONE / depth.greater(R::of(LEAST));
-    let thick = (open - mixed) * inverse;
+    let thick = (transmittance - mixed) * inverse;
     // The same by B, from which nothing cancels: `e^{-x} - A = -x A / 2 - B`.
     let (by_drift, halved) = (drift * inverse, half * mixed);
     let thin = [-halved - by_drift, -half * (depth * halved + drift) - by_drift];
-    if depth > R::of(THIN) { [thick, thick + half * open] } else { thin }
+    if depth > R::of(THIN) { [thick, thick + half * transmittance] } else { thin }
 }
 
 /// Returns the power series of B divided by x².
@@ -322,7 +322,7 @@ mod tests {
     #[test]
     fn shares_are_integrals() {
         for x in [1e-9, 1e-3, 0.1, 0.499_999, 0.500_001, 2.0, 30.0, 800.0] {
-            let [open, mixed, drift] = shares::<f64>(x);
+            let [transmittance, mixed, drift] = shares::<f64>(x);
             let n = 200_000;
             let (mut means, mut slopes) = ([0.0; 2], [0.0; 2]);
             for k in 0..n {
@@ -333,14 +333,14 @@ mod tests {
                 slopes[0] -= u * light;
                 slopes[1] += (u - 0.5) * (1.0 - x * u) * light;
             }
-            let [by_mixed, by_drift] = share_slopes(x, [open, mixed, drift]);
+            let [by_mixed, by_drift] = share_slopes(x, [transmittance, mixed, drift]);
             let found = [mixed, drift, by_mixed, by_drift];
             for (found, expected) in found.into_iter().zip(means.into_iter().chain(slopes)) {
                 assert!((found - expected).abs() < 2e-6 * expected.abs() + 1e-9, "{x}: {found} {expected}");
             }
             let single = shares(x as f32);
             let slopes = share_slopes(x as f32, single);
-            let double = [open, mixed, drift, by_mixed, by_drift];
+            let double = [transmittance, mixed, drift, by_mixed, by_drift];
             for (single, double) in single.into_iter().chain(slopes).zip(double) {
                 assert!((f64::from(single) - double).abs() < 5e-7, "{x}: {single} {double}");
             }

@@ -43,9 +43,9 @@ impl<R: Real> SegmentBatch<R> {
                 let side = |number: u32| curve.piece(number).side(line.low);
                 let (below, above) = (side(number - 1), side(number + 1));
                 // What a side has more than the ramp that would lie between the two.
-                let more = |[_, (extinction, lit)]: [(f64, [f64; 3]); 2]| {
-                    let lit: f64 = (0..3).map(|c| by_mean[c] * lit[c]).sum();
-                    (by_mean[3] * extinction + lit) / (high - low)
+                let more = |[_, (extinction, emitted)]: [(f64, [f64; 3]); 2]| {
+                    let emitted: f64 = (0..3).map(|c| by_mean[c] * emitted[c]).sum();
+                    (by_mean[3] * extinction + emitted) / (high - low)
                 };
                 let (below, above) = (more(below.beside(&above)), more(above.beside(&below)));
                 table.steps[number as usize - 1] += below;

@@ -8,7 +8,7 @@
 mod adjoint;
 mod batch;
 mod by_table;
-mod light;
+mod front;
 mod nodes;
 mod ray;
 mod table;
@@ -23,7 +23,7 @@ use crate::render::march::IndexRay;
 use crate::scene::bricks::{BRICK, CELLS, Topology};
 use crate::scene::table::Table;
 use batch::SegmentBatch;
-use light::Front;
+use front::Front;
 use nodes::{Nodes, Queue, Sites, nodes, roughness};
 use ray::NodeCotangent;
 use rayon::prelude::*;

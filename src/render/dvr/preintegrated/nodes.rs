@@ -194,7 +194,7 @@ pub(super) fn nodes<R: Real>(
     let all = <R::Lanes as Lanes<R>>::splat;
     let voxels = R::of(ray.direction().length());
     let numbers = R::Lanes::load([R::ONE, R::of(2.0), R::of(3.0), R::of(4.0)]);
-    let (mut reached, mut open) = (f64::NEG_INFINITY, true);
+    let (mut reached, mut more) = (f64::NEG_INFINITY, true);
     spans(
         sites.topology,
         ray,
@@ -221,13 +221,13 @@ pub(super) fn nodes<R: Real>(
             if queue.count >= ENOUGH {
                 let fours = queue.count / WIDE * (WIDE / LANES);
                 queue.place(fours);
-                open = visit(queue, fours);
+                more = visit(queue, fours);
                 queue.drop_front(fours);
             }
-            open
+            more
         },
     );
-    if open && queue.count > 0 {
+    if more && queue.count > 0 {
         for n in queue.count..queue.count.next_multiple_of(WIDE) {
             queue.offset[n] = queue.offset[n - 1];
             queue.length[n] = R::ZERO;
@@ -235,9 +235,9 @@ pub(super) fn nodes<R: Real>(
         }
         let fours = queue.count.next_multiple_of(WIDE) / LANES;
         queue.place(fours);
-        open = visit(queue, fours);
+        more = visit(queue, fours);
     }
-    if open { ray.leave - reached.max(ray.enter) } else { 0.0 }
+    if more { ray.leave - reached.max(ray.enter) } else { 0.0 }
 }
 
 /// Returns the largest magnitude of a second difference of a brick's values, along an axis or mixed over two.

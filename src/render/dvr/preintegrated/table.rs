@@ -58,11 +58,11 @@ impl<R: Real> Cumulative<R> {
             let knot = if p == 0 { high } else { low };
             // Knots are where the curve has them.
             let base = rounded(knot);
-            let off = base - knot;
-            let at = |c: usize| value[c] + off * slope[c];
+            let offset = base - knot;
+            let at = |c: usize| value[c] + offset * slope[c];
             let (s, t) = (scale * at(3), scale * slope[3]);
-            let lit = |c: usize| [s * at(c), 0.5 * (s * slope[c] + t * at(c)), t * slope[c] * (1.0 / 3.0)];
-            let lines = [lit(0), lit(1), lit(2), [s, 0.5 * t, 0.0]];
+            let emitted = |c: usize| [s * at(c), 0.5 * (s * slope[c] + t * at(c)), t * slope[c] * (1.0 / 3.0)];
+            let lines = [emitted(0), emitted(1), emitted(2), [s, 0.5 * t, 0.0]];
             let lanes = |k: usize| R::Lanes::load(lines.map(|line| R::of(line[k])));
             let four = |v: [f64; 4]| R::Lanes::load(v.map(R::of));
             let piece = Piece {

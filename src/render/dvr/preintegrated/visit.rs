@@ -1,7 +1,7 @@
 //! Nodes that are visited together, and the derivatives with respect to the segments between them.
 
 use super::batch::{ROOM, SegmentBatch};
-use super::light::Front;
+use super::front::Front;
 use super::nodes::Queue;
 use crate::real::Real;
 
@@ -42,10 +42,10 @@ pub(super) struct BatchGradient<R> {
     /// Source at the segments' ends; `slopes` are those of source and extinction with the density.
     pub(super) source: [R; ROOM + 1],
     pub(super) slopes: [[R; ROOM + 1]; 2],
-    /// Derivatives with respect to the densities at the ends. `behind` first holds the radiance that arrives from
+    /// Derivatives with respect to the densities at the ends. `incoming` first holds the radiance that arrives from
     /// behind each segment, then the derivatives from the segments that end there alone.
     pub(super) density: [R; ROOM + 1],
-    pub(super) behind: [R; ROOM + 1],
+    pub(super) incoming: [R; ROOM + 1],
 }
 
 impl<R> BatchGradient<R> {
@@ -69,7 +69,7 @@ impl<R: Real> Default for BatchGradient<R> {
             source: ends,
             slopes: [ends; 2],
             density: ends,
-            behind: ends,
+            incoming: ends,
         }
     }
 }

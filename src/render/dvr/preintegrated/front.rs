@@ -16,7 +16,7 @@ pub(super) struct Front<'a, R: Real> {
     /// Optical depth from the eye.
     pub depth: f64,
     /// Transmittance from the eye.
-    open: R,
+    transmittance: R,
     /// Light accumulated so far, by channel.
     pub emitted: [f64; 3],
 }
@@ -25,7 +25,7 @@ impl<'a, R: Real> Front<'a, R> {
     /// Creates the state at the eye, before any segment, at density zero.
     #[inline(always)]
     pub fn new(tables: &'a Cumulative<R>, curve: &'a Curve<R, 3>) -> Self {
-        Self { tables, curve, last: tables.zero, depth: 0.0, open: R::ONE, emitted: [0.0; 3] }
+        Self { tables, curve, last: tables.zero, depth: 0.0, transmittance: R::ONE, emitted: [0.0; 3] }
     }
 
     /// Adds the segments that end at the first `fours` groups of four nodes, and leaves them in `batch`.
@@ -45,7 +45,7 @@ impl<'a, R: Real> Front<'a, R> {
     pub fn add_gap(&mut self, length: f64) {
         let [red, green, blue, extinction] = self.tables.zero.values.store().map(Real::f64);
         let depth = length * extinction;
-        let absorbed = -(-depth).exp_m1() * self.open.f64();
+        let absorbed = -(-depth).exp_m1() * self.transmittance.f64();
         self.emitted[0] += red * absorbed;
         self.emitted[1] += green * absorbed;
         self.emitted[2] += blue * absorbed;
@@ -56,9 +56,9 @@ impl<'a, R: Real> Front<'a, R> {
     fn blend(&mut self, batch: &mut SegmentBatch<R>) {
         batch.cut.clear();
         batch.follow(self.tables, self.curve, &mut self.last);
-        let (light, depth) = batch.blend(&mut self.open);
+        let (radiance, depth) = batch.blend(&mut self.transmittance);
         for c in 0..3 {
-            self.emitted[c] += light[c];
+            self.emitted[c] += radiance[c];
         }
         self.depth += depth;
     }
