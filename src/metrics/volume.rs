@@ -6,7 +6,7 @@
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
 use crate::scene::bricks::Bricks;
-use crate::scene::grid::{Grid, LEAF_VOXELS};
+use crate::scene::grid::{Grid, LEAF_VOXELS, voxel_offset};
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -206,7 +206,7 @@ impl Content<'_> {
         match self {
             Self::Constant(constant) => *constant,
             Self::Voxels(block) => {
-                let i = ((p[0] & 7) << 6 | (p[1] & 7) << 3 | (p[2] & 7)) as usize;
+                let i = voxel_offset(p.map(|c| c as usize));
                 let mut value = [0.0; 3];
                 value[..components].copy_from_slice(&block.values[i * components..][..components]);
                 Constant { value, active: block.active[i >> 6] >> (i & 63) & 1 == 1 }

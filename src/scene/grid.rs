@@ -26,6 +26,12 @@ pub const LEAF_DIM: i32 = 8;
 /// Voxels in a leaf.
 pub const LEAF_VOXELS: usize = 512;
 
+/// Returns the offset, among a leaf's voxels, of the voxel at these index coordinates (x, y, z), z fastest.
+#[inline(always)]
+pub const fn voxel_offset([x, y, z]: [usize; 3]) -> usize {
+    (x & 7) << 6 | (y & 7) << 3 | (z & 7)
+}
+
 /// 8³ voxels. `values[(x << 6) | (y << 3) | z]` as in OpenVDB: z runs fastest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Leaf {

@@ -45,7 +45,7 @@ pub struct Medium {
 
 impl Medium {
     /// Creates a medium that absorbs and emits.
-    pub fn new(extinction: f64, source: Source) -> Self {
+    pub const fn new(extinction: f64, source: Source) -> Self {
         Self { extinction, source, scattering: None }
     }
 

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::real::Real;
-use crate::scene::grid::{Grid, MOST_DENSITY};
+use crate::scene::grid::{Grid, MOST_DENSITY, voxel_offset};
 use crate::scene::topology::{CELLS, EDGE, slot};
 use glam::IVec3;
 use rayon::prelude::*;
@@ -125,7 +125,7 @@ impl<'g> Sources<'g> {
     fn touches(&self, leaf: usize, offset: IVec3) -> bool {
         let end = |a: usize| if offset[a] == 1 { 1 } else { CELLS };
         let values = &self.grid.leaves[leaf].values;
-        (0..end(0)).any(|x| (0..end(1)).any(|y| (0..end(2)).any(|z| values[x << 6 | y << 3 | z] != 0.0)))
+        (0..end(0)).any(|x| (0..end(1)).any(|y| (0..end(2)).any(|z| values[voxel_offset([x, y, z])] != 0.0)))
     }
 
     fn at(&self, brick: IVec3) -> Option<Source> {
@@ -156,7 +156,7 @@ impl<'g> Sources<'g> {
                 for y in part(offset.y) {
                     for z in part(offset.z) {
                         let v = match source {
-                            Source::Leaf(l) => self.grid.leaves[l].values[(x & 7) << 6 | (y & 7) << 3 | (z & 7)],
+                            Source::Leaf(l) => self.grid.leaves[l].values[voxel_offset([x, y, z])],
                             Source::Constant(v) => v,
                         };
                         out[slot(x, y, z)] = R::of(f64::from(v));

@@ -7,7 +7,7 @@
 
 use crate::error::{Error, Result};
 use crate::math::Aabb;
-use crate::scene::grid::LEAF_VOXELS;
+use crate::scene::grid::{LEAF_VOXELS, voxel_offset};
 use glam::IVec3;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -270,7 +270,7 @@ impl Topology {
                             out[slot(x, y, z)] = if source == NONE {
                                 V::default()
                             } else {
-                                owned[source as usize * LEAF_VOXELS + ((x & 7) << 6 | (y & 7) << 3 | (z & 7))]
+                                owned[source as usize * LEAF_VOXELS + voxel_offset([x, y, z])]
                             };
                         }
                     }
@@ -302,7 +302,7 @@ impl Topology {
             for x in 0..CELLS {
                 for y in 0..CELLS {
                     for z in 0..CELLS {
-                        out[x << 6 | y << 3 | z] = own[slot(x, y, z)];
+                        out[voxel_offset([x, y, z])] = own[slot(x, y, z)];
                     }
                 }
             }
@@ -318,7 +318,7 @@ impl Topology {
                 for x in part(offset.x) {
                     for y in part(offset.y) {
                         for z in part(offset.z) {
-                            out[x << 6 | y << 3 | z] +=
+                            out[voxel_offset([x, y, z])] +=
                                 theirs[slot(x + shift(offset.x), y + shift(offset.y), z + shift(offset.z))];
                         }
                     }

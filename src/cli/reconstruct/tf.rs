@@ -12,6 +12,7 @@ use crate::cli::{parse, photos, report, run};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::transfer::{self, Options};
+use crate::metrics::error::unit_psnr_db;
 use crate::optimise::density::Stage;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::plausibility::cost::Cost;
@@ -205,9 +206,9 @@ impl Tf {
             let values: Vec<f64> = views.iter().filter(|v| v.row.held_out).map(value).collect();
             (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
         };
-        run.held_out_psnr_db = of_held_out(|v| v.square).map(|square| -10.0 * square.max(1e-20).log10());
+        run.held_out_psnr_db = of_held_out(|v| v.square).map(unit_psnr_db);
         run.held_out_ssim = of_held_out(|v| v.ssim);
-        let train_psnr_db = run.train_rms.map_or(f64::NAN, |rms| -20.0 * rms.max(1e-10).log10());
+        let train_psnr_db = run.train_rms.map_or(f64::NAN, |rms| unit_psnr_db(rms * rms));
         if !run.stopped {
             run.warnings.extend(residuals::held_out(train_psnr_db, run.held_out_psnr_db));
             run.warnings.extend(residuals::unexplained(train_psnr_db));
