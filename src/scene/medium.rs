@@ -1,7 +1,7 @@
-//! What the density does to light: extinction, and the radiance of the source.
+//! Optical properties of a density field: extinction and source radiance.
 //!
-//! `σ = extinction · d` per world unit of length, or `extinction · τ(d)` with a transfer function; the
-//! emitted radiance per length is `σ c`.
+//! The extinction is `σ = extinction · d` per world unit of length, or `extinction · τ(d)` with a transfer function;
+//! the emitted radiance per length is `σ c`.
 
 use crate::error::{Error, Result};
 use crate::scene::table::Table;
@@ -10,36 +10,36 @@ use std::sync::Arc;
 /// Source radiance `c` as a function of the density `d`, per color channel.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Source {
-    /// `c` is the same everywhere (absorption alone is `c = 0`): the picture depends on the optical
-    /// depth alone, `L = c (1 - T) + T · background`.
+    /// Constant radiance: `c` is independent of the density, and absorption alone is `c = 0`. The picture depends only
+    /// on the optical depth: `L = c (1 - T) + T · background`.
     Grey([f32; 3]),
-    /// `c = color · d`: denser is brighter.
+    /// Radiance proportional to the density, `c = color · d`.
     Linear([f32; 3]),
-    /// Color and extinction are a piecewise linear function of the density. Where the field has no
-    /// voxels the density is zero; beyond its domain there is nothing.
+    /// Color and extinction as a piecewise linear function of the density. The density is zero where the field has no
+    /// voxels; outside its domain the medium is empty.
     Transfer(Arc<Table>),
 }
 
 /// A participating medium without scattering.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Medium {
-    /// Extinction per unit of density (of the transfer function's extinction, if there is one) and world
-    /// length.
+    /// Extinction per world length and unit of density, or per unit of the transfer function's extinction.
     pub extinction: f64,
     /// Radiance of the source.
     pub source: Source,
 }
 
 impl Medium {
-    /// A medium that only absorbs.
+    /// A medium that absorbs and does not emit.
     pub fn absorbing(extinction: f64) -> Self {
         Self { extinction, source: Source::Grey([0.0; 3]) }
     }
 
-    /// Checks the numbers.
+    /// Returns the medium if its numbers can be used.
     ///
     /// # Errors
-    /// If the extinction is not positive and finite, or a source radiance is negative or not finite.
+    /// If the extinction is not positive and finite, or a source radiance is negative or not finite. Tables were
+    /// checked when they were made.
     pub fn checked(self) -> Result<Self> {
         if !(self.extinction > 0.0 && self.extinction.is_finite()) {
             return Err(Error::invalid(format!("extinction {} must be positive and finite", self.extinction))
@@ -54,7 +54,7 @@ impl Medium {
         Ok(self)
     }
 
-    /// True if light is emitted at all.
+    /// True if the source radiance is not zero everywhere.
     pub fn emits(&self) -> bool {
         match &self.source {
             Source::Grey(c) | Source::Linear(c) => *c != [0.0; 3],
