@@ -7,7 +7,7 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 /// A value, scalar or vector, with its derivatives along `P` directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dual<N, const P: usize> {
-    /// The value.
+    /// Value of the number.
     pub value: N,
     /// Derivative of the value along each direction.
     pub tangent: [N; P],
@@ -126,7 +126,7 @@ mod tests {
             let h = 1e-5;
             let expected = [(at(x + h, y) - at(x - h, y)) / (2.0 * h), (at(x, y + h) - at(x, y - h)) / (2.0 * h)];
             for p in 0..2 {
-                // h² f''' / 6 with derivatives of order 10.
+                // Central differences err by h² f''' / 6, with derivatives of order 10.
                 prop_assert!((found.tangent[p] - expected[p]).abs() < 1e-8, "{:?} {:?}", found.tangent, expected);
             }
         }

@@ -53,7 +53,7 @@ impl Aabb {
     pub fn intersection(self, o: Self) -> Self {
         Self { min: self.min.max(o.min), max: self.max.min(o.max) }
     }
-    /// Edge lengths.
+    /// Edge lengths of the box along x, y and z.
     pub fn size(&self) -> DVec3 {
         self.max - self.min
     }

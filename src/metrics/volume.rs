@@ -488,7 +488,7 @@ impl Pair<'_, '_> {
         let corners = Aabb { min: corner(low), max: corner(high) }.corners();
         let index = corners.map(|c| self.b.transform.to_index(self.a.transform.to_world(c)));
         let found = index.into_iter().fold(Aabb::EMPTY, |b, p| b.including(p));
-        // Rounding takes a sample at a voxel to the voxel beside it.
+        // Rounding may move a sample at a voxel into the cell beside it.
         let slack = 1e-6 + 1e-12 * found.min.abs().max(found.max.abs());
         let (min, max) = ((found.min - slack).floor(), (found.max + slack).floor() + 1.0);
         (min.to_array().map(|c| c as i64), max.to_array().map(|c| c as i64))

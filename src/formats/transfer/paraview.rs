@@ -319,7 +319,7 @@ mod tests {
         assert!(notes[0].starts_with("1 of 2 opacities exceed"), "{notes:?}");
         let table = transfer.table().unwrap();
         assert_eq!(table.at(0.0)[3].to_bits(), 0, "nothing, and not minus nothing");
-        // The curve: but for the last sample, where the cap cuts in, within the sampling's error.
+        // The points follow the curve within the sampling error, except near the last one, where the cap applies.
         for d in [0.1, 0.7, 1.0, 1.5, 1.9] {
             assert!((table.at(d)[3] + (1.0 - d / 2.0_f64).ln()).abs() < 1e-3, "{d}");
         }
@@ -389,8 +389,8 @@ mod tests {
                 let expected = space.between(s, from, to).map(linear);
                 let value = got.at(-1.0 + 4.0 * s);
                 let off = (0..3).map(|c| (value[c] - expected[c]).abs()).fold(0.0, f64::max);
-                // An arc over h = 1/1024 is h²/8 times its second derivative high (1e-7 times one below 100 where
-                // hues run); a kink at the display's limits between two samples h/4 times the change of slope.
+                // Linear interpolation over h = 1/1024 errs by h²/8 times the second derivative (1e-7 times one below
+                // 100 between hues), and by h/4 times the change of slope at a kink at the display's limits.
                 let bound = if matches!(space, Space::Lab | Space::Diverging) { 4e-3 } else { 2e-4 };
                 prop_assert!(off < bound, "{space:?} at {s}: {off}");
             }
@@ -405,7 +405,7 @@ mod tests {
             let spaces = [
                 Space::Rgb, Space::Hsv { wrap: false }, Space::Hsv { wrap: true }, Space::Lab, Space::Diverging, Space::Step,
             ];
-            // Coarse densities fall on each other.
+            // Coarse densities coincide.
             let near = |mut k: [f64; 4]| { if coarse { k[0] = (3.0 * k[0]).floor(); } k };
             let preset = Preset {
                 space: spaces[space],

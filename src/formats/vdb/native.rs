@@ -434,7 +434,8 @@ impl NativeGrid {
     pub fn resampled_bytes(&self, voxel_size: f64, limit: u64) -> Result<u64> {
         let info = self.info()?;
         let scale = info.affine()?.voxel_size() / voxel_size;
-        // OpenVDB halves until less than a half is left to do, and keeps one result while it makes the next.
+        // OpenVDB halves the resolution until a scale of at least 1/2 is left, and keeps one result while it makes the
+        // next.
         let halvings = |s: f64| if s < 0.5 { (0.5 / s).log2().ceil() } else { 0.0 };
         let first = scale.map(|s| s * halvings(s).exp2());
         let mipmapped = first != scale;

@@ -308,7 +308,7 @@ fn transform(c: &mut Cursor) -> Result<()> {
     if name != "NonlinearFrustumMap" {
         return linear_map(c, &name);
     }
-    // A box, the taper and the depth, then the linear map behind it.
+    // A frustum is a box, a taper and a depth, followed by a linear map.
     c.skip(8 * 8, "frustum")?;
     match c.name("transform type")?.as_str() {
         "NonlinearFrustumMap" => Err(c.damaged("a frustum within a frustum")),
