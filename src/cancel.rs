@@ -1,4 +1,4 @@
-//! A request to stop, as long passes poll it.
+//! A flag by which long computations are asked to stop.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -9,20 +9,20 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct Cancel(Option<&'static AtomicBool>);
 
 impl Cancel {
-    /// A computation that is never asked to stop.
+    /// A flag that is never set.
     pub const NEVER: Self = Self(None);
 
-    /// Stops once `flag` is set.
+    /// Refers to `flag`: the computation is asked to stop once it is set.
     pub fn on(flag: &'static AtomicBool) -> Self {
         Self(Some(flag))
     }
 
-    /// The flag, for what polls it as it is.
+    /// The underlying flag, for code that polls an [`AtomicBool`]; `None` for [`Cancel::NEVER`].
     pub fn flag(self) -> Option<&'static AtomicBool> {
         self.0
     }
 
-    /// True once the computation is to stop.
+    /// True once the computation has been asked to stop.
     #[inline]
     pub fn requested(self) -> bool {
         self.0.is_some_and(|flag| flag.load(Ordering::Relaxed))

@@ -4,29 +4,29 @@
 use crate::real::{Number, Real};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// A number, or several at once, and its derivatives along `P` directions.
+/// A value, scalar or vector, with its derivatives along `P` directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dual<N, const P: usize> {
-    /// The value.
+    /// Value of the number.
     pub value: N,
-    /// Its derivative along each direction.
+    /// Derivative of the value along each direction.
     pub tangent: [N; P],
 }
 
 impl<N: Number, const P: usize> Dual<N, P> {
-    /// A number that no direction changes.
+    /// A dual number whose derivatives are all zero.
     #[inline(always)]
     pub fn constant(value: N) -> Self {
         Self { value, tangent: [N::one() - N::one(); P] }
     }
 
-    /// A linear function of it.
+    /// Applies a linear function to the value and to every derivative.
     #[inline(always)]
     pub fn linear<M>(self, f: impl Fn(N) -> M) -> Dual<M, P> {
         Dual { value: f(self.value), tangent: self.tangent.map(f) }
     }
 
-    /// A function of it that has this value and this slope there.
+    /// Chain rule for a function whose value and derivative at this number are `value` and `slope`.
     #[inline(always)]
     pub fn function(self, value: N, slope: N) -> Self {
         Self { value, tangent: self.tangent.map(|t| slope * t) }
@@ -34,20 +34,20 @@ impl<N: Number, const P: usize> Dual<N, P> {
 }
 
 impl<R: Real, const P: usize> Dual<R, P> {
-    /// `e^x`.
+    /// The exponential `e^x`.
     #[inline(always)]
     pub fn exp(self) -> Self {
         let value = self.value.exp();
         self.function(value, value)
     }
 
-    /// `e^x - 1` without cancellation near zero.
+    /// The function `e^x - 1`, without cancellation near zero.
     #[inline(always)]
     pub fn exp_m1(self) -> Self {
         self.function(self.value.exp_m1(), self.value.exp())
     }
 
-    /// In double precision.
+    /// Converts the value and the derivatives to double precision.
     #[inline(always)]
     pub fn f64(self) -> Dual<f64, P> {
         self.linear(Real::f64)
@@ -110,7 +110,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Everything there is, of two numbers.
+    /// A function of two dual numbers that uses every operation.
     fn of<const P: usize>(x: Dual<f64, P>, y: Dual<f64, P>) -> Dual<f64, P> {
         let one = Dual::one();
         (x * y - one).exp() / (one + y * y) + (-x).exp_m1() * y.linear(|v| 3.0 * v)
@@ -126,7 +126,7 @@ mod tests {
             let h = 1e-5;
             let expected = [(at(x + h, y) - at(x - h, y)) / (2.0 * h), (at(x, y + h) - at(x, y - h)) / (2.0 * h)];
             for p in 0..2 {
-                // h² f''' / 6 with derivatives of order 10.
+                // Central differences err by h² f''' / 6, with derivatives of order 10.
                 prop_assert!((found.tangent[p] - expected[p]).abs() < 1e-8, "{:?} {:?}", found.tangent, expected);
             }
         }

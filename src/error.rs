@@ -1,15 +1,16 @@
-//! One error type. It says where the fault lies (file, grid or layer), what was found, what was
-//! expected and what to do about it; the command line turns it into exit code 2.
+//! The crate's error type.
+//! An error says where the fault lies (file, grid or layer), what was found, what was expected and what to do about it;
+//! the command line turns it into exit code 2.
 
 use crate::text::printable;
 use std::fmt;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// Result of everything in this crate that can fail.
+/// Result of every fallible function of this crate.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// Whose fault it is.
+/// Class of an error: whose fault it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// The input is well formed, but this program does not handle it.
@@ -24,7 +25,7 @@ pub enum Kind {
     Cancelled,
 }
 
-/// An error with the place it happened in.
+/// An error with the file and the part of it in which it happened.
 #[derive(Debug)]
 pub struct Error(Box<Inner>);
 
@@ -42,95 +43,96 @@ impl Error {
     fn new(kind: Kind, what: impl Into<String>) -> Self {
         Self(Box::new(Inner { kind, path: None, part: None, what: what.into(), hint: None, source: None }))
     }
-    /// The input is well formed, but this program does not handle it.
+    /// An error of [`Kind::Unsupported`]: the input is well formed, but this program does not handle it.
     pub fn unsupported(what: impl Into<String>) -> Self {
         Self::new(Kind::Unsupported, what)
     }
-    /// The input contradicts its format or the request.
+    /// An error of [`Kind::Invalid`]: the input contradicts its format or the request.
     pub fn invalid(what: impl Into<String>) -> Self {
         Self::new(Kind::Invalid, what)
     }
-    /// The native library reported an error.
+    /// An error of [`Kind::Native`]: the native OpenVDB library reported an error.
     pub fn native(what: impl Into<String>) -> Self {
         Self::new(Kind::Native, what)
     }
-    /// The work was stopped by the user.
+    /// An error of [`Kind::Cancelled`]: the user stopped the work.
     pub fn cancelled() -> Self {
         Self::new(Kind::Cancelled, "stopped by the user")
     }
-    /// An operating-system error on `path`.
+    /// An error of [`Kind::Io`]: the operating system reported an error on `path`.
     pub fn io(path: impl AsRef<Path>, source: std::io::Error) -> Self {
         Self::system(source).at(path)
     }
-    /// An operating-system error on a file that the caller names.
+    /// An error of [`Kind::Io`] without a path, for callers that name the file themselves.
     pub fn system(source: std::io::Error) -> Self {
         let mut e = Self::new(Kind::Io, source.to_string());
         e.0.source = Some(source);
         e
     }
-    /// Says what happened in other words: those of the operating system with more beside them.
+    /// Replaces the message, for instance to add to that of the operating system.
     #[must_use]
     pub fn saying(mut self, what: impl Into<String>) -> Self {
         self.0.what = what.into();
         self
     }
-    /// Names the file, unless an inner layer already named one.
+    /// Names the file, unless an inner call already named one.
     #[must_use]
     pub fn at(mut self, path: impl AsRef<Path>) -> Self {
         self.0.path.get_or_insert_with(|| path.as_ref().to_path_buf());
         self
     }
-    /// Names the grid, layer, frame or argument, unless already named: `grid 'density'`.
+    /// Names the grid, layer, frame or argument, such as `grid 'density'`, unless an inner call already named one.
     #[must_use]
     pub fn part(mut self, part: impl Into<String>) -> Self {
         self.0.part.get_or_insert_with(|| part.into());
         self
     }
-    /// Names what the place lies in, before the place itself: `grid 'density': metadata 'creator'`.
+    /// Prefixes the place with the outer one that contains it: `grid 'density': metadata 'creator'`.
     #[must_use]
     pub fn inside(mut self, outer: impl Into<String>) -> Self {
         let outer = outer.into();
         self.0.part = Some(self.0.part.map_or_else(|| outer.clone(), |inner| format!("{outer}: {inner}")));
         self
     }
-    /// Says what to do, unless already said.
+    /// Says what the user can do about the error, unless an inner call already said so.
     #[must_use]
     pub fn hint(mut self, hint: impl Into<String>) -> Self {
         self.0.hint.get_or_insert_with(|| hint.into());
         self
     }
-    /// Says what to do, in the place of what was said: where the context knows better.
+    /// Replaces the hint, for callers whose context allows a better one.
     #[must_use]
     pub fn instead(mut self, hint: impl Into<String>) -> Self {
         self.0.hint = Some(hint.into());
         self
     }
-    /// Whose fault it is.
+    /// Class of the error: whose fault it is.
     pub fn kind(&self) -> Kind {
         self.0.kind
     }
-    /// The operating-system error beneath, if there is one.
+    /// Kind of the underlying operating-system error, if there is one.
     pub fn io_kind(&self) -> Option<ErrorKind> {
         self.0.source.as_ref().map(std::io::Error::kind)
     }
-    /// The operating system's error beneath, as it numbers them.
+    /// Number of the underlying operating-system error (`errno`), if there is one.
     pub fn os_error(&self) -> Option<i32> {
         self.0.source.as_ref().and_then(std::io::Error::raw_os_error)
     }
-    /// What happened, without the place and the hint.
+    /// Message without file, place and hint.
     pub fn what(&self) -> &str {
         &self.0.what
     }
-    /// The file it happened in, where one was named.
+    /// File in which the error happened, if one was named.
     pub fn path(&self) -> Option<&Path> {
         self.0.path.as_deref()
     }
-    /// Grid, layer, frame or argument it happened in, where one was named.
+    /// Grid, layer, frame or argument in which the error happened, if one was named.
     pub fn place(&self) -> Option<&str> {
         self.0.part.as_deref()
     }
-    /// What to do. Errors of the operating system and of the native library have a remedy by their
-    /// kind where none was given; a stop that the user asked for has none.
+    /// Advice to the user.
+    /// Without a hint, errors of the operating system and of the native library get one by their kind; other kinds have
+    /// none.
     pub fn remedy(&self) -> Option<&str> {
         self.0.hint.as_deref().or_else(|| match self.0.kind {
             Kind::Io => Some(self.0.source.as_ref().map_or(TRY_AGAIN, io_remedy)),
@@ -142,7 +144,7 @@ impl Error {
 
 const TRY_AGAIN: &str = "try again; if it fails again, check the disk and the system's log";
 
-/// What to do about an error of the operating system, by its kind.
+/// Advice on an error of the operating system, by its kind.
 fn io_remedy(error: &std::io::Error) -> &'static str {
     match error.kind() {
         ErrorKind::NotFound => "check the spelling of the path, and that the file and its folder exist",
@@ -157,15 +159,15 @@ fn io_remedy(error: &std::io::Error) -> &'static str {
         ErrorKind::InvalidFilename | ErrorKind::InvalidInput => "choose a shorter name without special characters",
         ErrorKind::UnexpectedEof => "the file is incomplete: copy or write it again",
         ErrorKind::OutOfMemory => "close other programs, or work on a smaller input",
-        // EMFILE and ENFILE have no kind of their own.
+        // EMFILE and ENFILE have no `ErrorKind`.
         _ if matches!(error.raw_os_error(), Some(23 | 24)) => "raise the limit on open files (ulimit -n)",
         _ => TRY_AGAIN,
     }
 }
 
 impl fmt::Display for Error {
-    /// Path, place and what happened on one line, the remedy on the next. Characters that would act on
-    /// a terminal are escaped.
+    /// Writes path, place and message on one line and the remedy on the next; characters that act on a terminal are
+    /// escaped.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let e = &*self.0;
         if let Some(path) = &e.path {

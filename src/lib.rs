@@ -1,12 +1,11 @@
-//! Cumulo: volumetric assets between OpenVDB, Blender, USD and EXR, with light that can be
-//! differentiated.
+//! Cumulo: volumetric assets between OpenVDB, Blender, USD and EXR, with differentiable volume rendering.
 //!
 //! ```text
 //! formats ──▶ scene ──▶ render ──▶ optimise, metrics ──▶ report ──▶ cli
 //! ```
-//! Arrows point one way: `scene` knows no file format, `render` no command line, `optimise` no
-//! pixels' origin; `formats`, `metrics` and `report` know no renderer. Rays and pixels are distributed over threads in
-//! one place, [`render::tiles`].
+//! Data flows along the arrows: `scene` knows no file format, `render` no command line, and `optimise` not where pixels
+//! come from; `formats`, `metrics` and `report` know no renderer. Only [`render::tiles`] distributes rays and pixels
+//! over threads.
 //!
 //! # Conventions
 //! - World space is right-handed, in the VDB's world units. Extinction is per world unit of length.

@@ -1,4 +1,5 @@
-//! Parse, run, exit code: 0 done, 1 a check found something, 2 an error.
+//! Entry point: parses the command line, runs it and returns the exit code: 0 success, 1 a check found something, 2 an
+//! error.
 
 use clap::Parser;
 use cumulo::cli;

@@ -1,10 +1,11 @@
-//! Rays, boxes and affine maps, all in `f64`: positions may lie far from the origin, so the kernels
-//! are handed coordinates that were rebased to index space here first.
+//! Rays, boxes and affine maps in `f64`.
+//! Positions may lie far from the origin; kernels in single precision therefore receive index-space coordinates
+//! computed here.
 
 use crate::error::{Error, Result};
 use glam::{DMat3, DMat4, DVec3};
 
-/// A half line in some space; `direction` need not have unit length.
+/// A half line; `direction` need not have unit length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
     /// Start of the ray.
@@ -20,7 +21,7 @@ impl Ray {
     }
 }
 
-/// Axis-aligned box, `min ≤ max` unless empty.
+/// Axis-aligned box; `min ≤ max` in every component unless the box is empty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Aabb {
     /// Lower corner.
@@ -30,37 +31,37 @@ pub struct Aabb {
 }
 
 impl Aabb {
-    /// The box that contains nothing.
+    /// The empty box.
     pub const EMPTY: Self = Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
 
-    /// True if no point lies inside.
+    /// True if the box contains no point.
     pub fn is_empty(&self) -> bool {
         !self.min.cmple(self.max).all()
     }
-    /// Smallest box around `self` and the point.
+    /// Smallest box that contains this one and the point.
     #[must_use]
     pub fn including(self, p: DVec3) -> Self {
         Self { min: self.min.min(p), max: self.max.max(p) }
     }
-    /// Smallest box around both.
+    /// Smallest box that contains both boxes.
     #[must_use]
     pub fn union(self, o: Self) -> Self {
         Self { min: self.min.min(o.min), max: self.max.max(o.max) }
     }
-    /// Box common to both (may be empty).
+    /// Intersection of both boxes, which may be empty.
     #[must_use]
     pub fn intersection(self, o: Self) -> Self {
         Self { min: self.min.max(o.min), max: self.max.min(o.max) }
     }
-    /// Edge lengths.
+    /// Edge lengths of the box along x, y and z.
     pub fn size(&self) -> DVec3 {
         self.max - self.min
     }
-    /// Centre.
+    /// Centre of the box.
     pub fn centre(&self) -> DVec3 {
         0.5 * (self.min + self.max)
     }
-    /// The eight corners; bit 0 of the index chooses x, bit 1 y, bit 2 z.
+    /// The eight corners; bits 0, 1 and 2 of the index choose the upper end along x, y and z.
     pub fn corners(&self) -> [DVec3; 8] {
         std::array::from_fn(|i| {
             let pick = |bit: usize, lo: f64, hi: f64| if i >> bit & 1 == 1 { hi } else { lo };
@@ -71,10 +72,10 @@ impl Aabb {
             )
         })
     }
-    /// Parameter interval of `ray` inside the box, from `t ≥ 0`; `None` if it misses.
-    /// A direction component of zero is decided by the position alone (no `0·∞`).
+    /// Parameter interval of `ray` inside the box, restricted to `t ≥ 0`; `None` if the ray misses.
+    /// A direction component of zero is decided by the position alone, which avoids `0·∞`.
     pub fn clip(&self, ray: &Ray) -> Option<(f64, f64)> {
-        // An empty box has infinite corners: its slabs would be crossed from -∞ to ∞.
+        // An empty box has infinite corners, so its slabs would be crossed from -∞ to ∞.
         if self.is_empty() {
             return None;
         }
@@ -86,7 +87,7 @@ impl Aabb {
                     return None;
                 }
             } else {
-                // As where a ray crosses the faces of bricks, to the last bit.
+                // The arithmetic is that of brick face crossings, so that both agree to the last bit.
                 let per = 1.0 / d;
                 let (u, v) = ((self.min[a] - o) * per, (self.max[a] - o) * per);
                 t0 = t0.max(u.min(v));
@@ -97,7 +98,7 @@ impl Aabb {
     }
 }
 
-/// Invertible affine map from index space to world space (column vectors, `f64`).
+/// Invertible affine map from index space to world space, in `f64` with column vectors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Affine {
     forward: DMat4,
@@ -105,16 +106,19 @@ pub struct Affine {
 }
 
 impl Affine {
-    /// Uniform scale by `voxel_size`, then a translation.
+    /// Uniform scaling by `voxel_size`, followed by a translation to `origin`.
+    ///
+    /// # Errors
+    /// If the map is not finite or not invertible; see [`Affine::new`].
     pub fn uniform(voxel_size: f64, origin: DVec3) -> Result<Self> {
         Self::new(DMat4::from_translation(origin) * DMat4::from_scale(DVec3::splat(voxel_size)))
     }
 
-    /// Checks that the matrix is affine, finite and invertible.
+    /// An affine map after a check that the matrix is affine, finite and invertible.
     ///
     /// # Errors
-    /// Names the condition number of the linear part where it exceeds 1e12, or the row that is not
-    /// that of an affine map.
+    /// If an entry is not finite, the last row is not `0 0 0 1`, or the condition number of the linear part is 1e12 or
+    /// more.
     pub fn new(forward: DMat4) -> Result<Self> {
         if !forward.is_finite() {
             return Err(Error::invalid("transform has entries that are not finite")
@@ -125,8 +129,8 @@ impl Affine {
                 .hint("resample the grid onto a linear transform first (frustum grids come from camera-shaped fog)"));
         }
         let linear = DMat3::from_mat4(forward);
-        // Frobenius condition number: at least the spectral one, and cheap. Scaled first so that
-        // tiny voxels neither underflow the determinant nor look singular.
+        // The Frobenius condition number bounds the spectral one from above and is cheap. The matrix is scaled first so
+        // that tiny voxels neither underflow the determinant nor look singular.
         let scale = linear.to_cols_array().iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         let unit = if scale > 0.0 { linear * (1.0 / scale) } else { linear };
         let norm = |m: DMat3| m.to_cols_array().iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -157,12 +161,13 @@ impl Affine {
     pub fn to_world(&self, index: DVec3) -> DVec3 {
         self.forward.transform_point3(index)
     }
-    /// Index coordinates of a world position. The translation is taken off first, so that a volume
-    /// far from the origin loses no more digits than its own coordinates have lost already.
+    /// Index coordinates of a world position.
+    /// The translation is subtracted first, so that a volume far from the origin loses no digits beyond those already
+    /// lost in its coordinates.
     pub fn to_index(&self, world: DVec3) -> DVec3 {
         self.inverse.transform_vector3(world - self.forward.col(3).truncate())
     }
-    /// Index-space direction of a world-space one (length changes with the scale).
+    /// Index-space direction of a world-space one; the length changes with the scale.
     pub fn vector_to_index(&self, world: DVec3) -> DVec3 {
         self.inverse.transform_vector3(world)
     }
@@ -171,7 +176,7 @@ impl Affine {
         let m = &self.forward;
         DVec3::new(m.x_axis.length(), m.y_axis.length(), m.z_axis.length())
     }
-    /// World box around an index-space box.
+    /// World-space bounding box of an index-space box.
     pub fn box_to_world(&self, index: Aabb) -> Aabb {
         if index.is_empty() {
             return Aabb::EMPTY;

@@ -1,4 +1,4 @@
-//! The process as a whole: the memory that it may take, and how it ends where nothing can go on.
+//! Memory limit and emergency exit of the whole process.
 
 #![allow(unsafe_code)]
 
@@ -7,59 +7,61 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// Bytes that [`limit_memory`] leaves at least: the stacks of the libraries' threads and their heaps take some tens of
-/// mebibytes, however small the work is.
+/// Least limit in bytes that [`limit_memory`] sets: stacks and heaps of the libraries' threads take some tens of
+/// mebibytes however small the work is.
 const LEAST: u64 = 112 << 20;
 
-/// What memory was limited to, for the message; 0 before.
+/// Memory limit in bytes, for the error message; 0 before [`limit_memory`] was called.
 static ALLOWED: AtomicU64 = AtomicU64::new(0);
 
-/// Limits the private memory of the whole process, the native library's included (`RLIMIT_DATA`). Whoever asks for more is
-/// refused: OpenVDB throws, and [`Allocator`] ends the program with words. Nothing happens where the system has no such limit.
+/// Limits the private memory of the whole process to about `bytes`, the native library included (`RLIMIT_DATA`).
+/// An allocation beyond the limit fails: OpenVDB throws, and [`Allocator`] ends the program with an error message.
+/// Systems without such a limit are left as they are.
 pub fn limit_memory(bytes: u64) {
     ALLOWED.store(bytes, Ordering::Relaxed);
     let before = getrlimit(Resource::Data);
-    // What the program took before its work comes on top, as far as it is small beside it.
+    // Memory taken before the work began is added, up to an eighth of the limit.
     let wanted = bytes.saturating_add(taken().min(bytes / 8)).max(LEAST);
     let current = before.maximum.map_or(wanted, |most| wanted.min(most));
     let _ = setrlimit(Resource::Data, Rlimit { current: Some(current), maximum: before.maximum });
 }
 
-/// Bytes of private memory that the process has now; 0 where the system does not tell.
+/// Private memory of the process in bytes; 0 where the system does not report it.
 fn taken() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let kib = status.lines().find_map(|l| l.strip_prefix("VmData:")?.split_whitespace().next()?.parse::<u64>().ok());
     kib.unwrap_or(0) << 10
 }
 
-/// Removes what is temporary and ends the program. No destructor runs: other threads may be in the middle of anything.
+/// Removes temporary files and ends the process with exit code `code`.
+/// No destructor runs, because other threads may be in any state.
 pub fn leave(code: u8) -> ! {
     temporary::remove_all();
-    // SAFETY: ends the process, whatever its state.
+    // SAFETY: `_exit` ends the process and may be called in any state.
     unsafe { libc::_exit(code.into()) }
 }
 
-/// The system's allocator, which ends the program with an error and exit code 2 where there is no memory left, instead of
-/// a signal. For the program's `#[global_allocator]`.
+/// The system's allocator, except that a failed allocation ends the program with an error message and exit code 2
+/// instead of a signal. Meant as the program's `#[global_allocator]`.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Allocator;
 
-// SAFETY: all is handed on to the system's allocator; a null pointer never comes back.
+// SAFETY: every call is forwarded to the system's allocator; a null pointer is never returned.
 unsafe impl GlobalAlloc for Allocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller upholds the contract of `alloc`.
         checked(unsafe { System.alloc(layout) }, layout.size())
     }
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller upholds the contract of `alloc_zeroed`.
         checked(unsafe { System.alloc_zeroed(layout) }, layout.size())
     }
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller upholds the contract of `realloc`.
         checked(unsafe { System.realloc(pointer, layout, size) }, size)
     }
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller upholds the contract of `dealloc`.
         unsafe { System.dealloc(pointer, layout) }
     }
 }
@@ -72,7 +74,7 @@ fn checked(pointer: *mut u8, size: usize) -> *mut u8 {
     pointer
 }
 
-/// Ends the program: `size` bytes are not to be had.
+/// Ends the program after an allocation of `size` bytes failed.
 #[cold]
 fn exhausted(size: usize) -> ! {
     end(|| {
@@ -84,7 +86,7 @@ fn exhausted(size: usize) -> ! {
     })
 }
 
-/// Ends the program with exit code 2: the native library has thrown where nothing can catch it.
+/// Ends the program with exit code 2 after the native library has thrown where no exception can be caught.
 pub fn abandon(what: &str) -> ! {
     let remedy = if what == "out of memory" { SMALLER } else { "the file may be damaged; export it again" };
     end(|| format!("OpenVDB: {what}\n  {remedy}"))
@@ -93,21 +95,21 @@ pub fn abandon(what: &str) -> ! {
 const SMALLER: &str = "raise --max-memory, or give smaller inputs: fewer or smaller pictures, a volume that was cropped or \
                        resampled";
 
-/// Says what happened to the file that is being read, and leaves.
+/// Prints an error message that names the file being read, and ends the program with exit code 2.
 fn end(what: impl FnOnce() -> String) -> ! {
     static ENDING: AtomicBool = AtomicBool::new(false);
     if ENDING.swap(true, Ordering::SeqCst) {
-        // Another thread is about to end all of them.
+        // Another thread is already ending the process.
         loop {
             std::thread::park();
         }
     }
-    // What is left to do needs some memory of its own.
+    // The message and the clean-up need memory of their own, so the limit is lifted.
     let before = getrlimit(Resource::Data);
     let _ = setrlimit(Resource::Data, Rlimit { current: before.maximum, maximum: before.maximum });
     let file = reading::latest().map(|path| format!("{}: ", path.display())).unwrap_or_default();
     let text = format!("cumulo: {file}{}\n", what());
-    // Not through the standard library's stream: this very thread may hold its lock.
+    // The standard library's stream is avoided because this thread may hold its lock.
     let _ = rustix::io::write(rustix::stdio::stderr(), text.as_bytes());
     leave(2)
 }

@@ -1,16 +1,16 @@
-//! The floating-point type a kernel runs in: `f32` for work, `f64` for references and tests.
+//! Floating-point types of the kernels: `f32` for work, `f64` for references and tests.
 
 use std::fmt::Debug;
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-/// What formulas need that are written once for a number and for several at once.
+/// Arithmetic shared by single numbers, vectors of numbers and dual numbers.
 pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self> {
-    /// One.
+    /// The multiplicative identity.
     fn one() -> Self;
 }
 
-/// `f32` or `f64`.
+/// A floating-point type that kernels are generic over: `f32` or `f64`.
 pub trait Real:
     Number + Debug + Default + PartialOrd + Send + Sync + 'static + Div<Output = Self> + AddAssign + SubAssign + Sum
 {
@@ -18,33 +18,34 @@ pub trait Real:
     const ZERO: Self;
     /// One.
     const ONE: Self;
-    /// From one to the next number.
+    /// Difference between one and the next larger number.
     const EPSILON: Self;
-    /// Rounds a double.
+    /// Converts a double, rounding to nearest.
     fn of(v: f64) -> Self;
-    /// Converts a small integer, exactly.
+    /// Converts a small integer exactly.
     fn int(v: i32) -> Self;
-    /// Four at once.
+    /// Vector of four such numbers.
     type Lanes: Lanes<Self> + Debug + Send + Sync;
-    /// A number so large that its neighbours are one apart: adding it rounds, and leaves the whole
-    /// number in the low bits.
+    /// A number so large that the spacing of floating-point numbers there is one. Adding it rounds to a whole number,
+    /// which then stands in the low bits.
     const ONES: Self;
-    /// The low bits.
+    /// The lowest 20 bits of the representation.
     fn low_bits(self) -> u32;
-    /// Widens to a double, exactly.
+    /// Converts to double precision, exactly.
     fn f64(self) -> f64;
-    /// `e^x - 1` without cancellation near zero.
+    /// The function `e^x - 1`, without cancellation near zero.
     fn exp_m1(self) -> Self;
-    /// `e^x`.
+    /// The exponential `e^x`.
     fn exp(self) -> Self;
-    /// `e^{-x}` for x ≥ 0; where that is below 1e-37, no less.
+    /// The exponential `e^{-x}` for x ≥ 0. In single precision x is limited to 87, so that the result is never
+    /// denormal.
     fn exp_neg(self) -> Self;
-    /// Lesser of two numbers (neither NaN).
+    /// The lesser of two numbers, neither of which is NaN.
     #[inline(always)]
     fn lesser(self, o: Self) -> Self {
         if self < o { self } else { o }
     }
-    /// Greater of two numbers (neither NaN).
+    /// The greater of two numbers, neither of which is NaN.
     #[inline(always)]
     fn greater(self, o: Self) -> Self {
         if self > o { self } else { o }
@@ -99,16 +100,17 @@ macro_rules! real {
 real!(f32, glam::Vec4, exp_neg);
 real!(f64, glam::DVec4, |x: f64| (-x).exp());
 
-/// `e^-x` for x ≥ 0, to two units of the last place; beyond 87, where it would be denormal, that of 87. Without a branch:
-/// loops of it are compiled to vectors.
+/// The exponential `e^-x` for x ≥ 0, to two units in the last place; beyond 87, where it would be denormal, its value
+/// at 87.
+/// The function has no branch, so that compilers vectorise loops over it.
 #[inline(always)]
 fn exp_neg(x: f32) -> f32 {
     let x = -x.lesser(87.0);
-    // x = n ln 2 + r, ln 2 in two parts: the product with the first is exact.
+    // Range reduction x = n ln 2 + r, with ln 2 split in two parts so that the product with the first is exact.
     let shifted = x * std::f32::consts::LOG2_E + f32::ONES;
     let n = shifted - f32::ONES;
     let r = (x - n * 0.693_359_4) - n * -2.121_944_4e-4;
-    // Cephes, expf.
+    // Polynomial of `expf` in Cephes.
     let p = 1.398_199_9e-3 + r * 1.987_569_1e-4;
     let p = 8.333_452e-3 + r * p;
     let p = 4.166_579_6e-2 + r * p;
@@ -118,42 +120,42 @@ fn exp_neg(x: f32) -> f32 {
     power * f32::from_bits((shifted.to_bits() << 23).wrapping_add(127 << 23))
 }
 
-/// How many numbers there are in a [`Lanes`].
+/// Number of elements of a [`Lanes`] vector.
 pub const LANES: usize = 4;
 
-/// Four numbers; operators work on each.
+/// A vector of four numbers with elementwise operators.
 pub trait Lanes<R: Real>: Number + Default + AddAssign + Div<Output = Self> {
-    /// Zeros.
+    /// The zero vector.
     const ZERO: Self;
-    /// The same number four times.
+    /// A vector whose four elements are `v`.
     fn splat(v: R) -> Self;
-    /// Four numbers from an array.
+    /// A vector of the four elements of an array.
     fn load(from: [R; LANES]) -> Self;
-    /// The numbers.
+    /// The four elements as an array.
     fn store(self) -> [R; LANES];
-    /// Each no less than `low` and no more than `high`.
+    /// Clamps each element to `[low, high]`.
     fn clamped(self, low: R, high: R) -> Self;
-    /// Their sum, first and third, second and fourth first.
+    /// Sum of the elements `[a, b, c, d]`, evaluated as `(a + c) + (b + d)`.
     fn sum(self) -> R;
-    /// The lesser of each two.
+    /// Elementwise minimum.
     fn lesser(self, o: Self) -> Self;
-    /// The greater of each two.
+    /// Elementwise maximum.
     fn greater(self, o: Self) -> Self;
-    /// True if each is at least the other.
+    /// True if every element is at least the corresponding one of `o`.
     fn reach(self, o: Self) -> bool;
-    /// Adds `step` to each number that is no greater than `limit`.
+    /// Adds `step` to each element that does not exceed `limit`, elementwise.
     fn advanced(self, limit: Self, step: Self) -> Self;
-    /// Each in the place of the next, with `first` before them; the last is dropped.
+    /// Shifts `[a, b, c, d]` to `[first, a, b, c]`.
     fn after(self, first: R) -> Self;
-    /// Each in the place of the one before, with `last` behind them; the first is dropped.
+    /// Shifts `[a, b, c, d]` to `[b, c, d, last]`.
     fn before(self, last: R) -> Self;
-    /// Each with all before it multiplied.
+    /// Inclusive prefix product: `[a, ab, abc, abcd]`.
     fn running_product(self) -> Self;
-    /// Their magnitudes.
+    /// Elementwise absolute value.
     fn abs(self) -> Self;
-    /// `e` to the power of each.
+    /// Elementwise exponential.
     fn exp(self) -> Self;
-    /// Rows for columns.
+    /// Transpose of the 4 × 4 matrix with these columns.
     fn transpose(columns: [Self; LANES]) -> [Self; LANES];
 }
 
@@ -238,5 +240,5 @@ macro_rules! lanes {
     };
 }
 lanes!(f32, glam::Vec4, glam::Mat4, |v: glam::Vec4| wide::f32x4::new(v.to_array()).exp().to_array().into());
-// One by one: the reference's last bit counts for more than its speed.
+// Evaluated element by element: in the reference the last bit matters more than speed.
 lanes!(f64, glam::DVec4, glam::DMat4, glam::DVec4::exp);

@@ -1,15 +1,15 @@
 //! Text on its way to a terminal.
 //!
-//! Names, metadata and paths come from files, and files come from anywhere: an escape sequence in a
-//! grid's name would move the cursor, set the window's title or recolor what follows. Whatever is
-//! printed passes through here; what is stored or computed with stays as it is.
+//! Names, metadata and paths come from files, and files come from anywhere: an escape sequence in a grid's name would
+//! move the cursor, set the window's title or recolor what follows. All printed text passes through this module; stored
+//! and computed data stay as they are.
 
 use std::borrow::Cow;
 use std::fmt::Write;
 
-/// True for characters that act on a terminal or reorder the text around them instead of being shown:
-/// control characters (C0, DEL and C1), Unicode's bidirectional marks, embeddings, overrides and
-/// isolates, its line and paragraph separators, and its invisible tags.
+/// True for characters that act on a terminal or reorder the text around them instead of being shown: control
+/// characters (C0, DEL and C1), Unicode's bidirectional marks, embeddings, overrides and isolates, its line and
+/// paragraph separators, and its invisible tags.
 pub fn acts(c: char) -> bool {
     c.is_control()
         || matches!(c,
@@ -17,19 +17,19 @@ pub fn acts(c: char) -> bool {
             | '\u{feff}' | '\u{e0000}'..='\u{e007f}')
 }
 
-/// The text on one line: each character that [`acts`] is written as Rust escapes it, such as `\u{1b}`
-/// or `\n`. A name with a line feed therefore cannot pass for a line of its own.
+/// Escapes every character that [`acts`] as Rust does, such as `\u{1b}` or `\n`, so that the text stays on one line. A
+/// name with a line feed therefore cannot pass for a line of its own.
 pub fn printable(text: &str) -> Cow<'_, str> {
     escaped(text, acts)
 }
 
-/// The text with its line feeds and tabs, and every other character that [`acts`] escaped.
+/// Escapes every character that [`acts`], except line feeds and tabs.
 pub fn printable_lines(text: &str) -> Cow<'_, str> {
     escaped(text, |c| acts(c) && c != '\n' && c != '\t')
 }
 
-/// The JSON document with characters that [`acts`] escaped as JSON does (`\u009b`); it says the same.
-/// Line feeds between its values stay.
+/// Escapes every character of a JSON document that [`acts`], except line feeds, as JSON does (`\u009b`). The document's
+/// value does not change.
 pub fn printable_json(json: &str) -> Cow<'_, str> {
     let escaped = |c: char| acts(c) && c != '\n';
     if !json.contains(escaped) {
@@ -65,7 +65,7 @@ fn escaped(text: &str, bad: impl Fn(char) -> bool) -> Cow<'_, str> {
 mod tests {
     use super::*;
 
-    /// A color, a window title, DEL, a C1 control sequence introducer, a right-to-left override, a tag.
+    /// Text with a color, a window title, DEL, a C1 control sequence introducer, a right-to-left override and a tag.
     const HOSTILE: &str = "a\u{1b}[31mb\u{1b}]0;t\u{7}c\u{7f}\u{9b}2J\u{202e}\u{2066}\u{e0041}\u{2028}\r\nz";
 
     #[test]

@@ -1,5 +1,5 @@
-//! Outputs appear whole or not at all: written beside their place under a temporary name, synced, then renamed. Whatever
-//! stood there stays until the new file is complete.
+//! Atomic output files: written beside their place under a temporary name, synced, then renamed. Whatever stood there
+//! stays until the new file is complete.
 //!
 //! A symbolic link is followed, and stays; the mode of a file that is replaced is kept. Devices, pipes and sockets are
 //! refused: a rename would put a regular file in their place.
@@ -11,16 +11,16 @@ use std::fs::{File, Metadata};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-/// Links followed on the way to a file, as many as Linux follows.
+/// Largest number of links followed on the way to a file, as in Linux.
 const MOST_LINKS: usize = 40;
 
-/// A file in the making.
+/// An output file that is not yet in its place.
 #[derive(Debug)]
 pub struct Draft {
     temporary: TemporaryFile,
-    /// As the user named it: what errors speak of.
+    /// Path as the user named it, for error messages.
     named: PathBuf,
-    /// Where it goes, links followed.
+    /// Path of the finished file, with links followed.
     place: PathBuf,
 }
 
@@ -47,22 +47,22 @@ impl Draft {
         self.temporary.file()
     }
 
-    /// Where the file stands until it is complete.
+    /// Temporary path, at which the file stands until it is complete.
     pub fn path(&self) -> &Path {
         self.temporary.path()
     }
 
-    /// Appends bytes.
+    /// Appends bytes to the file.
     ///
     /// # Errors
-    /// The operating system's; where space is short, with how much is needed.
+    /// If the operating system reports an error; where space is short, the error says how much is needed.
     pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
         let written = self.temporary.file().write_all(bytes);
         written.map_err(|e| self.unwritten(e, bytes.len() as u64))
     }
 
-    /// A write of the file that failed, in words: where space is short, how much of it is `needed` in all and how much
-    /// there is without this file.
+    /// Describes a failed write of the file. Where space is short, the error says how many bytes are `needed` in all
+    /// and how many are free without this file.
     pub fn unwritten(&mut self, error: std::io::Error, needed: u64) -> Error {
         let mut what = format!("{error}: {needed} bytes are needed");
         if let (ErrorKind::StorageFull, Ok(free)) = (error.kind(), rustix::fs::statvfs(folder(&self.place))) {
@@ -75,7 +75,8 @@ impl Draft {
     /// Syncs the file and renames it into place.
     ///
     /// # Errors
-    /// The operating system's; what stood there still stands then.
+    /// If the file cannot be synced or renamed, in which case the old file stays, or if its folder cannot be synced
+    /// afterwards.
     pub fn commit(self) -> Result<()> {
         let Self { mut temporary, named, place } = self;
         temporary.file().sync_all().map_err(|e| unwritten(&named, e))?;
@@ -84,40 +85,40 @@ impl Draft {
     }
 }
 
-/// Writes a file: `write` gets the draft, and nothing appears if it fails.
+/// Writes a file through `write`, which receives the draft; nothing appears if it fails.
 ///
 /// # Errors
-/// Whatever `write` returns, or the operating system's error, with `path`.
+/// Errors of `write` and of the operating system, with `path`.
 pub fn write(path: &Path, write: impl FnOnce(&mut Draft) -> Result<()>) -> Result<()> {
     let mut draft = Draft::begin(path)?;
     write(&mut draft).map_err(|e| e.at(path))?;
     draft.commit()
 }
 
-/// Writes a file of these bytes.
+/// Writes a file of the given bytes.
 ///
 /// # Errors
-/// As [`write`].
+/// The conditions are those of [`write`].
 pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     write(path, |draft| draft.write(bytes))
 }
 
-/// Makes sure that `path` can be written, before the work whose result it is to hold.
+/// Checks that `path` can be written, before the work whose result it is to hold.
 ///
 /// # Errors
-/// As [`Draft::begin`].
+/// The conditions are those of [`Draft::begin`].
 pub fn probe(path: &Path) -> Result<()> {
     Draft::begin(path).map(drop)
 }
 
-/// Files that belong together: all of them appear, or none.
+/// A batch of files that belong together: all of them appear, or none.
 ///
-/// Each waits in a temporary folder beside its place. Where one cannot be put into place, those before it are taken back,
-/// and what they had replaced returns.
+/// Each file waits in a temporary folder beside its place. If one cannot be put into place, those before it are removed
+/// again, and the files that they had replaced are restored.
 #[derive(Debug, Default)]
 pub struct Batch {
     waiting: BTreeMap<PathBuf, TemporaryFolder>,
-    /// Folders that were created for the batch, outermost first; empty ones go with a batch that fails.
+    /// Folders that were created for the batch, outermost first; empty ones are removed if the batch fails.
     made: Vec<PathBuf>,
     files: Vec<Waiting>,
     committed: bool,
@@ -136,10 +137,10 @@ impl Batch {
         Self::default()
     }
 
-    /// Creates a folder for files of the batch, if there is none; it goes again if the batch fails.
+    /// Creates a folder for files of the batch if there is none; the folder is removed again if the batch fails.
     ///
     /// # Errors
-    /// The operating system's, with the folder.
+    /// If a folder cannot be created, or a file bears its name; the error names it.
     pub fn make_folder(&mut self, path: &Path) -> Result<()> {
         let mut missing: Vec<PathBuf> = Vec::new();
         let mut at = Some(path);
@@ -150,7 +151,7 @@ impl Batch {
         for folder in missing.into_iter().rev() {
             match std::fs::create_dir(&folder) {
                 Ok(()) => self.made.push(folder),
-                // Another process was quicker.
+                // Another process has created the folder meanwhile.
                 Err(e) if e.kind() == ErrorKind::AlreadyExists => {}
                 Err(e) => {
                     return Err(
@@ -167,10 +168,11 @@ impl Batch {
             .hint("name a folder, or remove the file that bears its name"))
     }
 
-    /// Adds a file that is to stand at `path`, and returns where it waits until then: whole once it is there.
+    /// Adds a file that is to stand at `path`, and returns the temporary path at which the caller writes it. The file
+    /// must be complete when the batch is committed.
     ///
     /// # Errors
-    /// As [`Draft::begin`].
+    /// The conditions are those of [`Draft::begin`].
     pub fn add(&mut self, path: &Path) -> Result<PathBuf> {
         let place = followed(path)?;
         let folder = folder(&place).to_path_buf();
@@ -189,14 +191,15 @@ impl Batch {
     /// Puts all files into place.
     ///
     /// # Errors
-    /// The operating system's, with the file that could not be put there; all others are as they were then.
+    /// If a file cannot be put into place, in which case all others are restored, or if a folder cannot be synced
+    /// afterwards; the error names it.
     pub fn commit(mut self) -> Result<()> {
         let mut done = Vec::with_capacity(self.files.len());
         for (number, file) in self.files.iter().enumerate() {
             match self.place(number, file) {
                 Ok(old) => done.push((file, old)),
                 Err(error) => {
-                    // One that cannot be taken back stands there whole, and new.
+                    // A file that cannot be taken back stays, whole and new.
                     for (file, old) in done.into_iter().rev() {
                         let _ = match old {
                             Some(old) => std::fs::rename(old, &file.place),
@@ -211,40 +214,40 @@ impl Batch {
         self.waiting.keys().try_for_each(|folder| sync_folder(folder).map_err(|e| unsynced(folder, e)))
     }
 
-    /// Puts a file into place, and returns where the one that it replaced waits.
+    /// Puts a file into place, and returns the temporary path of the file that it replaced, if there was one.
     fn place(&self, number: usize, file: &Waiting) -> Result<Option<PathBuf>> {
         let failed = |e| unwritten(&file.named, e);
         let mut old = None;
         if let Some(standing) = standing(&file.named, &file.place)? {
             std::fs::set_permissions(&file.from, standing.permissions()).map_err(failed)?;
             let aside = file.from.with_file_name(format!("{number}.old"));
-            // A second name for the old file, or a copy where the filesystem has no such thing.
+            // The copy is for filesystems without hard links.
             if std::fs::hard_link(&file.place, &aside).is_err() {
                 std::fs::copy(&file.place, &aside).map_err(failed)?;
             }
             old = Some(aside);
         }
-        // Until this rename the old file stands, and afterwards the new one: at no time none.
+        // At every moment either the old file or the new one stands there.
         std::fs::rename(&file.from, &file.place).map_err(failed)?;
         Ok(old)
     }
 }
 
 impl Drop for Batch {
-    /// Takes back the folders that were created for nothing.
+    /// Removes the temporary files, and the folders that were created for a batch that failed.
     fn drop(&mut self) {
         self.waiting.clear();
         if !self.committed {
-            // One that holds something by now is not removed.
+            // A folder that is no longer empty is not removed.
             self.made.iter().rev().for_each(|folder| drop(std::fs::remove_dir(folder)));
         }
     }
 }
 
-/// The path that a symbolic link leads to, or `path` itself. The file at its end need not exist; what exists is a regular
-/// file.
+/// Path at the end of the symbolic links that begin at `path`. The file there need not exist; if it does, it is a
+/// regular file.
 fn followed(path: &Path) -> Result<PathBuf> {
-    // What is there is there under its true name; links like those of /proc are no paths.
+    // An existing file is found under its canonical path; links like those of /proc are no paths.
     if standing(path, path)?.is_some()
         && let Ok(place) = std::fs::canonicalize(path)
     {
@@ -265,14 +268,14 @@ fn followed(path: &Path) -> Result<PathBuf> {
         .hint("the links may form a circle; name the file itself"))
 }
 
-/// The regular file that stands at `place`, if any.
+/// Metadata of the regular file at `place`; `None` if nothing stands there. Anything but a regular file is an error.
 fn standing(named: &Path, place: &Path) -> Result<Option<Metadata>> {
     let found = match std::fs::metadata(place) {
         Ok(m) if m.is_file() => return Ok(Some(m)),
         Ok(m) if m.is_dir() => "a folder",
         Ok(_) => "a device, a pipe or a socket",
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
-        // A circle of links is told in words by whoever follows them.
+        // A cycle of links is reported by the caller that follows them.
         Err(e) if e.raw_os_error() == Some(libc::ELOOP) => return Ok(None),
         Err(e) => return Err(Error::io(named, e).hint("the output's folder must exist and be writable")),
     };
@@ -288,7 +291,7 @@ fn folder(place: &Path) -> &Path {
     }
 }
 
-/// A rename lasts once its folder is on the disk. Some filesystems have no sync for folders.
+/// Syncs a folder, so that a rename in it survives a crash. Filesystems that cannot sync folders are tolerated.
 fn sync_folder(folder: &Path) -> std::io::Result<()> {
     match File::open(folder).and_then(|f| f.sync_all()) {
         Err(e)
@@ -300,13 +303,13 @@ fn sync_folder(folder: &Path) -> std::io::Result<()> {
     }
 }
 
-/// The output is in place, but a crash of the machine might still lose it.
+/// The error that an output is in place, but that a crash of the machine might still lose it.
 fn unsynced(named: &Path, error: std::io::Error) -> Error {
     let what = format!("{error}: the output is there, but its folder could not be synced to the disk");
     Error::io(named, error).saying(what).hint("check the disk; if it is sound, nothing more needs to be done")
 }
 
-/// What could not be put into place, with what to do.
+/// The error that an output could not be put into place, with a remedy.
 fn unwritten(named: &Path, error: std::io::Error) -> Error {
     let hint = match error.kind() {
         ErrorKind::StorageFull => "nothing was changed; make room there, or name a folder on another disk",
@@ -356,7 +359,7 @@ mod tests {
         assert_eq!(text(&file), "new");
         assert!([&link, &far].iter().all(|l| std::fs::symlink_metadata(l).unwrap().is_symlink()));
         assert_eq!(std::fs::metadata(&file).unwrap().permissions().mode() & 0o777, 0o640);
-        // One that leads nowhere yet.
+        // A link whose target does not exist yet.
         symlink("later", dir.path().join("soon")).unwrap();
         write_bytes(&dir.path().join("soon"), b"there").unwrap();
         assert_eq!(text(&dir.path().join("later")), "there");

@@ -1,5 +1,5 @@
-//! Reading within bounds: regular files only, no more bytes than a format can need, and no JSON whose
-//! values would outgrow the memory allowed.
+//! Bounded input: regular files only, no more bytes than a format can need, and no JSON whose values would outgrow the
+//! memory allowed.
 
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -7,14 +7,14 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// What to do about text that is no JSON.
+/// Advice on text that is not valid JSON.
 pub const JSON_REMEDY: &str = "correct the text at that line and column, or write the file again where it was made";
 
-/// Opens a regular file for reading. Others are refused before they are opened: a FIFO would block
-/// until somebody writes to it, and a device may have no end.
+/// Opens a regular file for reading. Others are refused before they are opened: a FIFO would block until somebody
+/// writes to it, and a device may have no end.
 ///
 /// # Errors
-/// If it does not exist, is a folder, a device, a FIFO or a socket, or cannot be opened.
+/// If the file does not exist, is a folder, a device, a FIFO or a socket, or cannot be opened.
 pub fn open(path: &Path) -> Result<File> {
     let regular = |metadata: std::fs::Metadata| {
         if metadata.is_file() {
@@ -30,7 +30,7 @@ pub fn open(path: &Path) -> Result<File> {
     };
     regular(std::fs::metadata(path).map_err(|e| Error::io(path, e))?)?;
     let file = File::open(path).map_err(|e| Error::io(path, e))?;
-    // It may have been replaced meanwhile.
+    // The file may have been replaced since the first check.
     regular(file.metadata().map_err(|e| Error::io(path, e))?)?;
     Ok(file)
 }
@@ -53,10 +53,10 @@ fn kind(_: &std::fs::Metadata) -> &'static str {
     "a device"
 }
 
-/// Reads a regular file of `most` bytes at most. `what` names what is expected in it: `a list of cameras`.
+/// Reads a regular file of at most `most` bytes. `what` names the expected content, such as `a list of cameras`.
 ///
 /// # Errors
-/// As [`open`], and if the file is longer.
+/// If [`open`] fails, the file cannot be read, or it has more than `most` bytes.
 pub fn bytes(path: &Path, most: u64, what: &str) -> Result<Vec<u8>> {
     let file = open(path)?;
     let stated = file.metadata().map_err(|e| Error::io(path, e))?.len();
@@ -74,7 +74,7 @@ pub fn bytes(path: &Path, most: u64, what: &str) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Refuses JSON whose values would take more memory than is allowed.
+/// Refuses JSON whose values would take more memory than `limits` allow.
 ///
 /// # Errors
 /// If an upper estimate of the values' memory exceeds the limits.
@@ -93,8 +93,8 @@ pub fn check_json_memory(text: &[u8], limits: Limits) -> Result<()> {
     .hint("raise --max-memory if the file is to be trusted"))
 }
 
-/// Bytes that the values of a JSON text take at most, estimated from its punctuation. A value has 32
-/// bytes, thrice while a list grows; a list begins with room for four; an object is a B-tree whose nodes
+/// Upper estimate, from the punctuation of a JSON text, of the bytes that its values take in memory.
+/// A value has 32 bytes, thrice while a list grows. A list begins with room for four. An object is a B-tree whose nodes
 /// of 632 bytes are at least half full, and each of its keys is an allocation.
 fn json_memory(text: &[u8]) -> u64 {
     let cost = |byte: &u8| match byte {

@@ -2,15 +2,15 @@
 
 use crate::error::Error;
 
-/// Limits of what reading a file may cost.
+/// Limits of the memory that reading a file may take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Bytes that one grid may take in memory.
+    /// Largest number of bytes that the content read from a file may take in memory.
     pub max_memory: u64,
 }
 
 impl Default for Limits {
-    /// Half of the machine's memory, or 4 GiB where that cannot be learnt.
+    /// Half of the machine's memory, or 4 GiB where its size is unknown.
     fn default() -> Self {
         let half = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
             let line = text.lines().find_map(|l| l.strip_prefix("MemTotal:"))?;
@@ -21,7 +21,7 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// The error for a tree that needs more than so many bytes, found after so many leaves.
+    /// The error that a tree needs more than `needed` bytes, found after `leaves` leaves.
     pub(in crate::formats) fn exceeded(&self, needed: u64, leaves: u64) -> Error {
         Error::unsupported(format!(
             "the tree needs more than {needed} bytes ({leaves} leaves so far), {} are allowed",

@@ -1,4 +1,4 @@
-//! Files in and out. Nothing here knows a renderer.
+//! File formats, read and written. No module here knows a renderer.
 
 pub mod atomic;
 pub mod exr;
@@ -16,27 +16,27 @@ use crate::error::{Error, Result};
 use std::io::Read;
 use std::path::Path;
 
-/// What a file is, by its first bytes, or a folder.
+/// Format of a file, detected by its first bytes, or that of a folder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
-    /// OpenVDB.
+    /// An OpenVDB file.
     Vdb,
-    /// NanoVDB, in memory layout or segmented file.
+    /// A NanoVDB file, in memory layout or segmented.
     NanoVdb,
-    /// OpenEXR.
+    /// An OpenEXR picture.
     Exr,
     /// A multi-view capture: a JSON object, or a folder.
     Capture,
-    /// None of these.
+    /// A file of none of the known formats.
     Unknown,
 }
 
-/// Looks at the first bytes; the name's extension does not matter. A folder can only be a capture's:
-/// whether it holds one is for its reader to say.
+/// Detects the format by the first bytes; the name's extension does not matter. A folder counts as a capture, and its
+/// reader decides whether it holds one.
 ///
 /// # Errors
-/// If it is no regular file (a device, a FIFO, a socket), or cannot be read.
+/// If the path is no regular file (a device, a FIFO, a socket), or cannot be read.
 pub fn sniff(path: &Path) -> Result<Format> {
     if path.is_dir() {
         return Ok(Format::Capture);
@@ -58,7 +58,7 @@ pub fn sniff(path: &Path) -> Result<Format> {
     })
 }
 
-/// The refusal of a file of [`Format::Unknown`].
+/// The error for a file of [`Format::Unknown`].
 pub fn unknown() -> Error {
     Error::unsupported("no file of a known kind")
         .hint("OpenVDB and OpenEXR files are understood, and captures: a transforms.json or the folder that holds one")

@@ -1,4 +1,4 @@
-//! 8-bit PNGs for people to look at: heat maps and pictures in reports.
+//! 8-bit PNG pictures for display: heat maps and pictures in reports.
 
 use super::atomic;
 use crate::error::{Error, Result};
@@ -8,16 +8,16 @@ use std::path::Path;
 /// Writes `rgb[3 * (y * width + x) + channel]` as an sRGB PNG; the file appears whole or not at all.
 ///
 /// # Errors
-/// As [`encode_rgb8`], or the operating system's error.
+/// If [`encode_rgb8`] fails, or the file cannot be written.
 pub fn write_rgb8(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<()> {
     let bytes = encode_rgb8(width, height, rgb).map_err(|e| e.at(path))?;
     atomic::write_bytes(path, &bytes)
 }
 
-/// The bytes of an sRGB PNG file with the pixels `rgb[3 * (y * width + x) + channel]`.
+/// Encodes the pixels `rgb[3 * (y * width + x) + channel]` as the bytes of an sRGB PNG file.
 ///
 /// # Errors
-/// If a side is 0 or `rgb` has not three bytes a pixel.
+/// If a side is 0 or exceeds 32 bits, or `rgb` does not have three bytes per pixel.
 pub fn encode_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>> {
     let fault = |what: String| {
         Error::invalid(format!("PNG of {width}x{height}: {what}")).hint("write at least one pixel, three bytes each")
@@ -36,8 +36,8 @@ pub fn encode_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// A film as a display shows it: premultiplied color over black, clipped to 0..1, sRGB transfer
-/// (IEC 61966-2-1). Three bytes a pixel; NaN becomes 0.
+/// Converts a film for display: premultiplied color over black, clipped to 0..1, sRGB transfer (IEC 61966-2-1). The
+/// result has three bytes per pixel; NaN becomes 0.
 pub fn display_rgb8(film: &Film) -> Vec<u8> {
     film.rgba.iter().flat_map(|p| [p[0], p[1], p[2]].map(srgb8)).collect()
 }

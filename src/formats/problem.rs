@@ -1,18 +1,18 @@
-//! What is wrong with a file, for `validate`.
+//! Problems of files, as `validate` reports them.
 
 use crate::error::{Error, Kind, Result};
 use crate::text::printable;
 use serde::Serialize;
 use std::fmt;
 
-/// A fault of a file and what to do about it. The file itself is not named: whoever asked knows it.
+/// A fault of a file with its remedy. The file is not named, because the caller knows it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Problem {
-    /// Where in the file: `grid 'density'`, `channel 'R'`, `frame 3`; none if it concerns all of it.
+    /// Place in the file: `grid 'density'`, `channel 'R'`, `frame 3`; `None` if the fault concerns the whole file.
     pub part: Option<String>,
-    /// What was found.
+    /// Description of the fault.
     pub what: String,
-    /// What to do.
+    /// Advice to the user.
     #[serde(rename = "do")]
     pub remedy: String,
 }
@@ -29,10 +29,10 @@ impl Problem {
         Self { part: Some(part.into()), ..self }
     }
 
-    /// The problem that keeps a file from being read.
+    /// Converts the error that keeps a file from being read to a problem of the file.
     ///
     /// # Errors
-    /// An error of the operating system is handed back: it says nothing of the file's content.
+    /// An error of the operating system is handed back, because it says nothing of the file's content.
     pub fn of(error: Error) -> Result<Self> {
         if error.kind() == Kind::Io {
             return Err(error);
@@ -43,7 +43,8 @@ impl Problem {
 }
 
 impl fmt::Display for Problem {
-    /// Place and what was found on one line, what to do on the next; what would act on a terminal is escaped.
+    /// Writes place and description on one line and the remedy on the next; characters that act on a terminal are
+    /// escaped.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(part) = &self.part {
             write!(f, "{}: ", printable(part))?;

@@ -1,18 +1,18 @@
-//! Which files are being read: what an exhausted memory is blamed on.
+//! Files that are being read, which the message about exhausted memory names.
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// The latest last.
+/// Paths of the files that are being read, the latest last.
 static READING: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// Says that a file is being read for as long as the value lives.
+/// Marks a file as being read for as long as the value lives.
 #[derive(Debug)]
 #[must_use]
 pub struct Reading(PathBuf);
 
 impl Reading {
-    /// A file is being read from now on.
+    /// Marks a file as being read from now on.
     pub fn begin(path: &Path) -> Self {
         if let Ok(mut all) = READING.lock() {
             all.push(path.to_path_buf());
@@ -31,7 +31,7 @@ impl Drop for Reading {
     }
 }
 
-/// The file whose reading began last and has not ended; none where that cannot be told at once.
+/// The file whose reading began last and has not ended; `None` if there is none or the list is locked.
 pub fn latest() -> Option<PathBuf> {
     READING.try_lock().ok()?.last().cloned()
 }

@@ -1,6 +1,6 @@
-//! Files and folders that stand beside an output until it is complete.
+//! Temporary files and folders that stand beside an output until it is complete.
 //!
-//! All of them are listed in one place: whoever ends the program from outside (a signal, exhausted memory) calls
+//! All of them are registered in one list. Code that ends the program from outside (a signal, exhausted memory) calls
 //! [`remove_all`] first, so that none is left behind.
 
 use crate::error::{Error, Result};
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
 
-/// What all names of temporary files and folders begin with.
+/// Prefix of the names of all temporary files and folders.
 pub const PREFIX: &str = ".cumulo-";
 
 static LISTED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
@@ -19,70 +19,70 @@ fn listed() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     LISTED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A place in the list, given up when it goes.
+/// An entry in the list, which is removed on drop.
 #[derive(Debug)]
 struct Listed(PathBuf);
 
 impl Drop for Listed {
-    /// The file itself has been renamed or removed by then.
+    /// Removes the entry. The file itself has been renamed or removed by then.
     fn drop(&mut self) {
         listed().remove(&self.0);
     }
 }
 
-/// An open file under a temporary name; removed when it goes, unless it was kept.
+/// An open file under a temporary name, which is removed on drop unless it was renamed.
 #[derive(Debug)]
 pub struct TemporaryFile {
-    /// Fields drop in their order: the file first, then its place in the list.
+    /// Fields drop in order of declaration: first the file, then its entry in the list.
     inner: tempfile::NamedTempFile,
     place: Listed,
 }
 
 impl TemporaryFile {
-    /// Creates a file in a folder, with the mode that the user's umask gives to any new file. `extension` ends its
-    /// name, with its dot.
+    /// Creates a file in `folder`, with the mode that the user's umask gives to any new file. `extension` is the end of
+    /// its name, dot included.
     ///
     /// # Errors
-    /// The operating system's.
+    /// If the operating system does not create the file.
     pub fn new(folder: &Path, extension: &str) -> std::io::Result<Self> {
         let mut options = std::fs::OpenOptions::new();
         options.read(true).write(true).create_new(true);
-        // Whoever removes all holds the list and never gives it back: no file comes after that.
+        // [`remove_all`] takes the list and never returns it, so that no file is created afterwards.
         let mut list = listed();
         let mut number = None;
         let create = |path: &Path| options.open(path).inspect_err(|e| number = e.raw_os_error());
         let made = tempfile::Builder::new().prefix(PREFIX).suffix(extension).make_in(folder, create);
-        // Without the temporary name, which tells nobody anything.
+        // The error leaves out the temporary name, which tells the user nothing.
         let inner = made.map_err(|e| number.map_or(e, std::io::Error::from_raw_os_error))?;
         list.insert(inner.path().to_path_buf());
         let place = Listed(inner.path().to_path_buf());
         Ok(Self { inner, place })
     }
 
-    /// The open file.
+    /// The open file, for reading and writing.
     pub fn file(&mut self) -> &mut File {
         self.inner.as_file_mut()
     }
 
-    /// Its temporary path.
+    /// Temporary path of the file.
     pub fn path(&self) -> &Path {
         &self.place.0
     }
 
-    /// Renames the file, over whatever bears that name.
+    /// Renames the file, over any file of that name.
     ///
     /// # Errors
-    /// The operating system's; the file is removed then.
+    /// If the operating system refuses, in which case the temporary file is removed.
     pub fn rename(self, to: &Path) -> std::io::Result<()> {
         std::fs::rename(&self.place.0, to)?;
-        // Nothing bears the temporary name any more.
+        // No file has the temporary name any more, so nothing is left to remove.
         let (_, path) = self.inner.into_parts();
         let _ = path.keep();
         Ok(())
     }
 }
 
-/// A folder under a temporary name; removed with all in it when it goes.
+/// A folder under a temporary name, which is removed with its content on drop.
 #[derive(Debug)]
 pub struct TemporaryFolder {
     inner: tempfile::TempDir,
@@ -90,10 +90,10 @@ pub struct TemporaryFolder {
 }
 
 impl TemporaryFolder {
-    /// Creates a folder in a folder.
+    /// Creates a temporary folder in `folder`.
     ///
     /// # Errors
-    /// The operating system's, with the outer folder.
+    /// If the operating system does not create it; the error names `folder`.
     pub fn new(folder: &Path) -> Result<Self> {
         let mut list = listed();
         let made = tempfile::Builder::new().prefix(PREFIX).tempdir_in(folder);
@@ -109,21 +109,21 @@ impl TemporaryFolder {
         Ok(Self { inner, _place: place })
     }
 
-    /// Its path.
+    /// Temporary path of the folder.
     pub fn path(&self) -> &Path {
         self.inner.path()
     }
 }
 
-/// Removes all that is listed, for the end of the program: nothing temporary can be created afterwards, and threads that
-/// try wait for ever.
+/// Removes all registered files and folders at the end of the program. Nothing temporary can be created afterwards:
+/// threads that try wait for ever.
 pub fn remove_all() {
     let begun = Instant::now();
     let list = loop {
         match LISTED.try_lock() {
             Ok(list) => break list,
             Err(TryLockError::Poisoned(poisoned)) => break poisoned.into_inner(),
-            // Held for as long as a file is created: by this very thread, if memory ran out in there.
+            // The list is locked while a file is created, possibly by this very thread if memory ran out there.
             Err(TryLockError::WouldBlock) if begun.elapsed() > Duration::from_millis(500) => return,
             Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(1)),
         }

@@ -1,8 +1,8 @@
-//! Sums of differences, in `f64`.
+//! Error measures of pictures, accumulated in `f64`.
 
 use crate::scene::film::Film;
 
-/// Floor of the relative error's denominator: keeps black pixels from dominating.
+/// Added to the denominator of the relative error, so that black pixels do not dominate.
 const RELATIVE_FLOOR: f64 = 0.01;
 
 /// Errors of the colors of two films.
@@ -10,7 +10,7 @@ const RELATIVE_FLOOR: f64 = 0.01;
 pub struct Errors {
     /// Mean squared difference over pixels and color channels.
     pub mse: f64,
-    /// Mean of (a - b)² / (b² + 0.01).
+    /// Relative mean squared error: the mean of (a - b)² / (b² + 0.01) over pixels and color channels.
     pub rel_mse: f64,
     /// Largest absolute difference of a color channel.
     pub max_abs: f64,
@@ -18,8 +18,8 @@ pub struct Errors {
     pub alpha_max_abs: f64,
 }
 
-/// Errors of `a` against the reference `b` (of the same size), with means over `pixels` pixels; all 0
-/// if `pixels` is 0.
+/// Errors of `a` against the reference `b` of equal size.
+/// Means are over `pixels` pixels, which may be fewer than all if both films are equal in the others.
 pub fn colors(a: &Film, b: &Film, pixels: usize) -> Errors {
     let (mut square, mut relative, mut max_abs, mut alpha_max_abs) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
     for (p, q) in a.rgba.iter().zip(&b.rgba) {
@@ -36,13 +36,13 @@ pub fn colors(a: &Film, b: &Film, pixels: usize) -> Errors {
     Errors { mse: square / n, rel_mse: relative / n, max_abs, alpha_max_abs }
 }
 
-/// Root of the mean squared difference of two planes of the same length; 0 for empty ones.
+/// Root mean square difference of two planes of equal length; 0 for empty planes.
 pub fn rms(a: &[f32], b: &[f32]) -> f64 {
     let sum: f64 = a.iter().zip(b).map(|(x, y)| (f64::from(*x) - f64::from(*y)).powi(2)).sum();
     (sum / a.len().max(1) as f64).sqrt()
 }
 
-/// Largest absolute difference of two planes.
+/// Largest absolute difference of two planes of equal length.
 pub fn max_abs(a: &[f32], b: &[f32]) -> f64 {
     a.iter().zip(b).map(|(x, y)| (f64::from(*x) - f64::from(*y)).abs()).fold(0.0, f64::max)
 }

@@ -1,9 +1,9 @@
-//! Where two pictures differ, in colors of rising lightness.
+//! Difference pictures in a color map of rising lightness.
 
 use crate::scene::film::Film;
 
-/// Stops of the map, evenly spaced, sRGB: from near black through violet, magenta and orange to pale
-/// yellow. Their CIE lightness rises evenly from 2 to 95, so that equal steps of error look equal.
+/// Stops of the color map in sRGB, evenly spaced, from near black through violet, magenta and orange to pale yellow.
+/// Their CIE lightness rises evenly from 2 to 95, so that equal steps of error look equal.
 const STOPS: [[f64; 3]; 9] = [
     [7.0, 7.0, 17.0],
     [42.0, 23.0, 79.0],
@@ -16,17 +16,18 @@ const STOPS: [[f64; 3]; 9] = [
     [254.0, 242.0, 175.0],
 ];
 
-/// Largest absolute color difference of each pixel, three bytes a pixel, and the difference that the
-/// brightest color stands for (the largest of all; 0 for identical pictures). Pixels that are
-/// not finite are painted with the brightest color. Both films have the same size.
+/// Heat map of the largest absolute color difference of each pixel, and the difference that its brightest color stands
+/// for.
+/// The heat map has three bytes per pixel. Its brightest color stands for the largest finite difference (0 for
+/// identical pictures) and marks pixels that are not finite. Both films must have equal size.
 pub fn difference_rgb8(a: &Film, b: &Film) -> (Vec<u8>, f64) {
     let differences = differences(a, b);
     let scale = differences.iter().copied().filter(|d| d.is_finite()).fold(0.0, f64::max);
     (shade_rgb8(&differences, scale), scale)
 }
 
-/// Largest absolute color difference of each pixel; infinite where a sample is NaN. Both films have the
-/// same size.
+/// Largest absolute color difference of each pixel; infinite where a difference is NaN. Both films must have equal
+/// size.
 pub fn differences(a: &Film, b: &Film) -> Vec<f64> {
     let difference = |(p, q): (&[f32; 4], &[f32; 4])| {
         let d = (0..3).map(|c| (f64::from(p[c]) - f64::from(q[c])).abs());
@@ -35,8 +36,8 @@ pub fn differences(a: &Film, b: &Film) -> Vec<f64> {
     a.rgba.iter().zip(&b.rgba).map(difference).collect()
 }
 
-/// Differences in colors, three bytes each; `scale` and all above have the brightest color. Several
-/// pictures painted with one scale can be compared with each other.
+/// Colors of differences, three bytes each; `scale` and all larger differences have the brightest color. Pictures
+/// painted with one scale can be compared with each other.
 pub fn shade_rgb8(differences: &[f64], scale: f64) -> Vec<u8> {
     let shade = |d: f64| {
         if d == f64::INFINITY {
@@ -50,7 +51,7 @@ pub fn shade_rgb8(differences: &[f64], scale: f64) -> Vec<u8> {
     differences.iter().flat_map(|d| color(shade(*d))).collect()
 }
 
-/// Color of `t` in 0..1.
+/// Color of the map at `t`, which is clamped to 0..1.
 fn color(t: f64) -> [u8; 3] {
     let last = STOPS.len() - 1;
     let x = t.clamp(0.0, 1.0) * last as f64;

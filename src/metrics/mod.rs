@@ -1,7 +1,7 @@
-//! How far apart two pictures or two volumes are.
+//! Differences of two pictures or of two volumes.
 //!
-//! Pictures are compared by their color channels in scene-linear values; alpha has a figure of its own.
-//! Pixels in which either picture has a NaN or infinite sample are left out and counted.
+//! Pictures are compared by their color channels in scene-linear values; alpha has a separate figure. Pixels in which
+//! either picture has a NaN or infinite sample are left out and counted.
 
 pub mod error;
 pub mod heatmap;
@@ -13,7 +13,7 @@ use crate::scene::film::Film;
 use serde::{Serialize, Serializer};
 use std::borrow::Cow;
 
-/// What two pictures of one size differ by. `b` is the reference.
+/// Differences of a picture `a` from a reference `b` of equal size.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
     /// Peak signal-to-noise ratio in dB; infinite for identical colors, which JSON writes as `null`.
@@ -21,11 +21,11 @@ pub struct Comparison {
     pub psnr_db: f64,
     /// Structural similarity, mean over the color channels; 1 for identical colors.
     pub ssim: f64,
-    /// Mean of (a - b)² / (b² + 0.01).
+    /// Relative mean squared error: the mean of (a - b)² / (b² + 0.01) over pixels and color channels.
     pub rel_mse: f64,
     /// Largest absolute difference of a color channel.
     pub max_abs: f64,
-    /// Root of the mean squared difference.
+    /// Root mean square difference over pixels and color channels.
     pub rms: f64,
     /// Largest absolute difference of alpha.
     pub alpha_max_abs: f64,
@@ -33,36 +33,35 @@ pub struct Comparison {
     pub peak: f64,
     /// Width and height in pixels.
     pub size: [usize; 2],
-    /// Pixels left out because one of the pictures is NaN or infinite there.
+    /// Number of pixels left out because one of the pictures is NaN or infinite there.
     pub non_finite_pixels: usize,
-    /// Of these, pixels where the two pictures are not the same.
+    /// Number of pixels left out in which the two pictures are not identical.
     pub non_finite_differences: usize,
 }
 
-/// JSON has no infinity; `null` stands for it.
+/// Serialises a finite number, or `null` in the place of infinity and NaN, which JSON does not have.
 fn finite_or_null<S: Serializer>(value: &f64, serializer: S) -> std::result::Result<S::Ok, S::Error> {
     if value.is_finite() { serializer.serialize_f64(*value) } else { serializer.serialize_none() }
 }
 
 impl Comparison {
-    /// True if no sample, color or alpha, differs by more than `tolerance`, and what is not finite is
-    /// the same in both.
+    /// True if no color or alpha sample differs by more than `tolerance`, and pixels that are not finite are identical.
     pub fn within(&self, tolerance: f64) -> bool {
         self.max_abs <= tolerance && self.alpha_max_abs <= tolerance && self.non_finite_differences == 0
     }
 }
 
-/// Peak of a reference's signal: 1, or its largest absolute finite color where that is larger. Pictures that
-/// reach from black to white are so measured against white, and brighter ones against their own.
+/// Peak of a reference's signal: its largest absolute finite color, but at least 1.
+/// Pictures between black and white are thus measured against white, brighter ones against their own maximum.
 pub fn peak(reference: &Film) -> f64 {
     let colors = reference.rgba.iter().flat_map(|p| &p[..3]);
     colors.filter(|v| v.is_finite()).fold(1.0, |m, v| f64::from(v.abs()).max(m))
 }
 
-/// Bytes that [`compare`] and a heat map of two films of this size need at most, beside the films.
+/// Upper bound in bytes of the memory that [`compare`] and a heat map of films of this size need beside the films.
 pub fn working_memory(width: usize, height: usize) -> u64 {
-    // Copies of both films where pixels are left out, and a plane of either. A heat map, which comes after
-    // these are gone, needs less: differences, colors and the PNG.
+    // Both films are copied where pixels are left out, and one plane of each is extracted. A heat map is made after
+    // these are freed and needs less: differences, colors and the PNG.
     const PER_PIXEL: u64 = 2 * 16 + 2 * 4;
     let pixels = (width as u64).saturating_mul(height as u64);
     pixels.saturating_mul(PER_PIXEL).saturating_add(ssim::working_memory(width))
@@ -92,7 +91,7 @@ pub fn compare(a: &Film, b: &Film) -> Result<Comparison> {
                 let same = |(x, y): (&f32, &f32)| x == y || (x.is_nan() && y.is_nan());
                 left_out += 1;
                 unlike += usize::from(!p.iter().zip(q.iter()).all(same));
-                // Equal and black, so that they add nothing to any sum; the means are over the others.
+                // Set equal and black, such pixels add nothing to any sum; the means are over the others.
                 (*p, *q) = ([0.0; 4], [0.0; 4]);
             }
         }
@@ -144,7 +143,7 @@ mod tests {
         a.rgba[5][0] = f32::NAN;
         b.rgba[5][0] = f32::NAN;
         let c = compare(&a, &b).unwrap();
-        // Its other channels differ, so the pixel counts as different; the rest differs by 1/4.
+        // The pixel's other channels differ, so it counts as different; the rest differs by 1/4.
         assert_eq!((c.non_finite_pixels, c.non_finite_differences, c.max_abs), (1, 1, 0.25));
         assert!((c.rms - 0.25).abs() < 1e-15);
         let c = compare(&a, &a.clone()).unwrap();

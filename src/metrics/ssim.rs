@@ -16,23 +16,23 @@ const SIGMA: f64 = 1.5;
 const K1: f64 = 0.01;
 const K2: f64 = 0.03;
 
-/// Mean over the three color channels; `peak` is the range of the signal.
+/// Mean similarity of the three color channels; `peak` is the range of the signal.
 pub fn films(a: &Film, b: &Film, peak: f64) -> f64 {
     let plane = |f: &Film, c: usize| f.rgba.iter().map(|p| p[c]).collect::<Vec<f32>>();
     (0..3).map(|c| planes(&plane(a, c), &plane(b, c), a.width, peak)).sum::<f64>() / 3.0
 }
 
-/// Rows whose window means are held at a time.
+/// Number of rows whose window means are held at a time.
 const BAND: usize = 32;
 
-/// Bytes that [`films`] needs at most beside planes of both, for rows of `width` pixels: five means of the
-/// rows of a band and one row-wise mean of those that its windows reach, on each thread.
+/// Upper bound in bytes of the memory that [`films`] needs beside one plane of each film, for rows of `width` pixels.
+/// Each thread holds five means of the rows of a band, and one row-wise mean of the rows that the band's windows reach.
 pub fn working_memory(width: usize) -> u64 {
     let rows = 5 * BAND + BAND + 2 * RADIUS + 2;
     (rayon::current_num_threads() * rows * size_of::<f64>()) as u64 * width as u64
 }
 
-/// Similarity of two planes of rows of `width` pixels; 1 for identical and for empty ones.
+/// Similarity of two planes with rows of `width` pixels; 1 for identical and for empty planes.
 pub fn planes(a: &[f32], b: &[f32], width: usize, peak: f64) -> f64 {
     let height = a.len().checked_div(width).unwrap_or(0);
     if height == 0 || a == b {
@@ -62,7 +62,7 @@ pub fn planes(a: &[f32], b: &[f32], width: usize, peak: f64) -> f64 {
     sums.iter().flatten().sum::<f64>() / count as f64
 }
 
-/// The rows `rows` of the convolution of a plane with the window, as [`blurred`] has them.
+/// Rows `rows` of the convolution of a plane with the window, bit-identical to those of [`blurred`].
 fn blurred_rows(value: impl Fn(usize) -> f64, width: usize, height: usize, rows: Range<usize>) -> Vec<f64> {
     let weights = weights();
     let mut line = vec![0.0; width];
@@ -85,7 +85,7 @@ fn blurred_rows(value: impl Fn(usize) -> f64, width: usize, height: usize, rows:
     out
 }
 
-/// Similarity of two planes, and its derivative with respect to each pixel of the first.
+/// Similarity of two planes, and its derivative with respect to each pixel of `a`.
 pub fn gradient(a: &[f64], b: &[f64], width: usize, peak: f64) -> (f64, Vec<f64>) {
     let height = a.len().checked_div(width).unwrap_or(0);
     if height == 0 {
@@ -98,7 +98,7 @@ pub fn gradient(a: &[f64], b: &[f64], width: usize, peak: f64) -> (f64, Vec<f64>
     let (c1, c2) = ((K1 * peak).powi(2), (K2 * peak).powi(2));
     let inside = |n: usize| if n > 2 * RADIUS { RADIUS..n - RADIUS } else { 0..n };
     let share = 1.0 / (inside(height).len() * inside(width).len()) as f64;
-    // By the window's mean of a, of a², and of a b.
+    // Derivatives with respect to the window's means of a, a² and a b.
     let mut by = [0; 3].map(|_| vec![0.0; a.len()]);
     let mut sum = 0.0;
     for i in inside(height).flat_map(|y| inside(width).map(move |x| y * width + x)) {
@@ -119,7 +119,7 @@ pub fn gradient(a: &[f64], b: &[f64], width: usize, peak: f64) -> (f64, Vec<f64>
     (share * sum, slope.collect())
 }
 
-/// The transpose of [`blurred`].
+/// Transpose of the linear map [`blurred`].
 fn blurred_transposed(values: &[f64], width: usize) -> Vec<f64> {
     let weights = weights();
     let height = values.len() / width;
@@ -143,7 +143,7 @@ fn blurred_transposed(values: &[f64], width: usize) -> Vec<f64> {
     out
 }
 
-/// Convolution with the window, along rows and then along columns.
+/// Convolution of a plane with the window, along rows and then along columns.
 fn blurred(values: &[f64], width: usize) -> Vec<f64> {
     let weights = weights();
     let height = values.len() / width;
@@ -184,7 +184,7 @@ fn mirrored(shifted: usize, n: usize) -> usize {
 mod tests {
     use super::*;
 
-    /// Sixteenths and 128ths, exact in `f32`: a pattern, and the pattern with hashed noise.
+    /// A pattern and the pattern with hashed noise, in multiples of 1/16 and 1/128, which are exact in `f32`.
     fn pair(width: usize, height: usize) -> (Vec<f32>, Vec<f32>) {
         (0..width * height)
             .map(|i| {
@@ -195,9 +195,9 @@ mod tests {
             .unzip()
     }
 
-    /// Constants from scikit-image 0.26.0, `structural_similarity(a, b, gaussian_weights=True, sigma=1.5,
-    /// use_sample_covariance=False, data_range=peak)` in float64; those of pictures smaller than the
-    /// window from its formula on `scipy.ndimage.gaussian_filter`, averaged as documented above.
+    /// Expected values are from scikit-image 0.26.0, `structural_similarity(a, b, gaussian_weights=True, sigma=1.5,
+    /// use_sample_covariance=False, data_range=peak)` in float64. For pictures smaller than the window they are from
+    /// its formula on `scipy.ndimage.gaussian_filter`, averaged as the module header says.
     #[test]
     fn agrees_with_scikit_image() {
         for (width, height, peak, expected) in [
@@ -216,7 +216,7 @@ mod tests {
         }
     }
 
-    /// The value that [`planes`] has; the derivative is tested with the loss that uses it.
+    /// The gradient's value is that of [`planes`]; its derivative is tested with the loss that uses it.
     #[test]
     fn the_gradients_value_is_the_value() {
         for (width, height) in [(32, 24), (7, 5), (3, 20)] {
@@ -227,7 +227,7 @@ mod tests {
         }
     }
 
-    /// Bands hold the rows of the whole convolution, to the bit.
+    /// The rows of bands are those of the whole convolution, to the bit.
     #[test]
     fn bands_are_parts_of_the_whole() {
         for (width, height) in [(9, 100), (40, 33), (3, 4)] {

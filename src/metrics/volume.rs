@@ -1,7 +1,7 @@
-//! How far two volumes are apart: PSNR, RMS, largest difference and overlap of their topologies.
+//! Differences of two volumes: PSNR, RMS, largest difference and overlap of their topologies.
 //!
-//! The domain is the union of the two boxes of active voxels, on the first volume's lattice. Where
-//! the lattices differ, the second volume is sampled trilinearly at the first one's voxel centres.
+//! The domain is the union of the two boxes of active voxels, on the first volume's lattice. Where the lattices differ,
+//! the second volume is sampled trilinearly at the first one's voxel centres.
 
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
@@ -12,15 +12,16 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::{HashMap, HashSet};
 
-/// Blocks of 8³ in which voxels are compared one by one (8.6e9 voxels): with more the comparison would take hours.
+/// Largest number of blocks of 8³ whose voxels are compared one by one (8.6e9 voxels); more would take hours.
 const MAX_BLOCKS: usize = 1 << 24;
-/// Blocks whose sums are kept at a time.
+/// Number of blocks whose sums are held at a time.
 const CHUNK: usize = 1 << 16;
-/// The most voxels of the second volume that are copied to sample one block of the first.
+/// Largest number of voxels of the second volume that are copied to sample one block of the first.
 const WINDOW: usize = 1 << 18;
-/// The most cells of the second volume that are compared together with a constant of the first.
+/// Largest number of cells of the second volume that are compared at once with a constant of the first.
 const CELLS: i128 = 1 << 15;
-/// Cubes have edges of `8 << level` voxels; those of the last level are half of index space.
+/// Number of levels of cubes. Cubes of a level have edges of `8 << level` voxels; those of the last level are half of
+/// index space.
 const LEVELS: usize = 29;
 
 #[derive(Debug, Clone, Copy)]
@@ -41,14 +42,14 @@ impl Constant {
     }
 }
 
-/// What an aligned block of 8³ voxels holds.
+/// Content of an aligned block of 8³ voxels.
 #[derive(Debug, Clone, Copy)]
 enum Content<'a> {
     Voxels(Block<'a>),
     Constant(Constant),
 }
 
-/// A sparse volume to look values up in.
+/// A sparse volume whose voxels are looked up by index coordinates.
 #[derive(Debug)]
 pub struct Field<'a> {
     components: usize,
@@ -57,15 +58,16 @@ pub struct Field<'a> {
     active_box: Option<([i32; 3], [i32; 3])>,
     leaves: HashMap<[i32; 3], Block<'a>>,
     tiles: [HashMap<[i32; 3], Constant>; 3],
-    /// By level, the cubes (coordinates over their edge) that hold a leaf or a tile smaller than themselves. All others
-    /// are constant.
+    /// Cubes that hold a leaf, or a tile smaller than themselves, by level; cube coordinates are voxel coordinates over
+    /// the edge. All other cubes are constant.
     mixed: Vec<HashSet<[i32; 3]>>,
 }
 
 const TILE_DIMS: [i32; 3] = [8, 128, 4096];
 
 impl<'a> Field<'a> {
-    /// An empty volume. `active_box` is the inclusive box of active voxels.
+    /// An empty volume of 1 to 3 components per voxel. `active_box` holds the lowest and the highest active voxel, if
+    /// any is active.
     pub fn new(
         components: usize,
         background: [f32; 3],
@@ -76,7 +78,7 @@ impl<'a> Field<'a> {
         Self { components, background, transform, active_box, leaves: HashMap::new(), tiles: Default::default(), mixed }
     }
 
-    /// A scalar grid. Its box of active voxels is found by a walk.
+    /// A field of a scalar grid. The box of active voxels is found by a walk over all voxels.
     pub fn from_grid(grid: &'a Grid) -> Self {
         let mut field = Self::new(1, [grid.background, 0.0, 0.0], grid.transform, None);
         let (mut min, mut max) = (IVec3::MAX, IVec3::MIN);
@@ -98,13 +100,14 @@ impl<'a> Field<'a> {
         field
     }
 
-    /// Adds 8³ voxels, components interleaved, z fastest.
+    /// Adds a leaf of 8³ voxels at `origin`: components interleaved, z fastest.
     pub fn add_leaf(&mut self, origin: [i32; 3], values: &'a [f32], active: &'a [u64; 8]) {
         self.leaves.insert(origin, Block { values, active });
         self.mark(origin, 0);
     }
 
-    /// Adds a constant block of edge 8, 128 or 4096.
+    /// Adds a tile at `origin`: a constant block with an edge of 8, 128 or 4096 voxels. Tiles of other edges are
+    /// ignored.
     pub fn add_tile(&mut self, origin: [i32; 3], dim: i32, value: [f32; 3], active: bool) {
         if let Some(level) = TILE_DIMS.iter().position(|d| *d == dim) {
             self.tiles[level].insert(origin, Constant { value, active });
@@ -112,10 +115,10 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// Marks the cubes around a voxel from a level on as mixed.
+    /// Marks the cubes that contain a voxel as mixed, from level `from` on.
     fn mark(&mut self, voxel: [i32; 3], from: usize) {
         for level in from..LEVELS {
-            // Where one is marked, so are those around it.
+            // The cubes around a marked cube are marked already.
             if !self.mixed[level].insert(voxel.map(|c| c >> (level + 3))) {
                 break;
             }
@@ -134,7 +137,7 @@ impl<'a> Field<'a> {
         Constant { value: self.background, active: false }
     }
 
-    /// The aligned block of 8³ voxels that a voxel lies in.
+    /// Content of the aligned block of 8³ voxels that contains a voxel.
     fn content(&self, p: [i32; 3]) -> Content<'a> {
         match self.leaves.get(&p.map(|c| c & !7)) {
             Some(block) => Content::Voxels(*block),
@@ -142,7 +145,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// The value that all voxels of a box, both corners included, have; `None` where they may differ.
+    /// Value of all voxels of a box, both corners included; `None` where voxels may differ.
     fn uniform(&self, low: [i64; 3], high: [i64; 3]) -> Option<Constant> {
         let outside = Constant { value: self.background, active: false };
         let (least, most) = (i64::from(i32::MIN), i64::from(i32::MAX));
@@ -151,7 +154,7 @@ impl<'a> Field<'a> {
         }
         let beyond = (0..3).any(|a| low[a] < least || high[a] > most);
         let [low, high] = [low, high].map(|corner| corner.map(|c| c.clamp(least, most) as i32));
-        // Cubes so large that the box meets two along each axis at most.
+        // Smallest cubes of which the box meets at most two along each axis.
         let few = |level: &usize| (0..3).all(|a| (high[a] >> (level + 3)) - (low[a] >> (level + 3)) <= 1);
         let level = (0..LEVELS).find(few)?;
         let [first, last] = [low, high].map(|corner| corner.map(|c| c >> (level + 3)));
@@ -173,7 +176,8 @@ impl<'a> Field<'a> {
         found
     }
 
-    /// Trilinear value at index coordinates, and whether the nearest voxel is active; `voxel` looks voxels up.
+    /// Trilinearly interpolated value at index coordinates, with the activity of the nearest voxel; `voxel` looks
+    /// voxels up.
     fn sample(p: DVec3, voxel: impl Fn([i32; 3]) -> Constant) -> Constant {
         let base = p.floor();
         let f = p - base;
@@ -224,7 +228,7 @@ struct Window {
 }
 
 impl Window {
-    /// Copies the box with these corners, both included, if it is not too large.
+    /// Copies the box with these corners, both included. Returns false if the box is too large or leaves index space.
     fn copy(&mut self, field: &Field<'_>, low: [i64; 3], high: [i64; 3]) -> bool {
         let size = [0, 1, 2].map(|a| high[a] - low[a] + 1);
         let inside = (0..3).all(|a| low[a] >= i64::from(i32::MIN) && high[a] <= i64::from(i32::MAX));
@@ -259,29 +263,31 @@ impl Window {
     }
 }
 
-/// Difference of two volumes.
+/// Difference of a volume B from a reference A.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Difference {
-    /// `20 log10(peak / rms)` with `peak = max |A|` over active voxels; `None` if the volumes are
-    /// identical (or A is zero where B is not: see `rms`).
+    /// PSNR in dB, `20 log10(peak / rms)` with `peak = max |A|` over active voxels; `None` if `rms` or the peak is 0.
     pub psnr_db: Option<f64>,
-    /// Root of the mean squared difference over all voxels (and components) of the domain.
+    /// Root mean square difference over all voxels and components of the domain.
     pub rms: f64,
-    /// Largest absolute difference.
+    /// Largest absolute difference of a value.
     pub max_abs: f64,
-    /// Voxels active in both over voxels active in either; 1 if none is active in either.
+    /// Intersection over union of the topologies: voxels active in both over voxels active in either; 1 if none is
+    /// active.
     pub topology_iou: f64,
-    /// How far the two transforms move a corner of the domain apart, in world units; 0 if equal.
+    /// Largest distance in world units between the positions of a corner of the domain under the two transforms; 0 if
+    /// equal.
     pub transform_difference: f64,
-    /// Voxels of the domain.
+    /// Number of voxels of the domain.
     pub voxels: u64,
-    /// Values of which one is finite and the other is not, or whose kinds of infinity differ; they are
-    /// left out of `rms` and `max_abs`.
+    /// Number of values of which one is finite and the other is not, or whose kinds of infinity differ. They are left
+    /// out of `rms` and `max_abs`.
     pub incomparable: u64,
 }
 
 impl Difference {
-    /// True if nothing differs by more than `max_abs`, neither in value nor in place nor in topology.
+    /// True if no value differs by more than `max_abs`, all values are comparable and the transforms are equal. With a
+    /// `max_abs` of 0 the topologies must be equal too.
     pub fn within(&self, max_abs: f64) -> bool {
         self.max_abs <= max_abs
             && self.incomparable == 0
@@ -308,7 +314,7 @@ impl Partial {
         self.incomparable += p.incomparable;
     }
 
-    /// Counts a voxel of each volume, so many times.
+    /// Counts a pair of voxels, one of each volume, `times` times.
     fn count(&mut self, a: &Constant, b: &Constant, components: usize, times: u64) {
         self.both = self.both.saturating_add(if a.active && b.active { times } else { 0 });
         self.either = self.either.saturating_add(if a.active || b.active { times } else { 0 });
@@ -328,15 +334,15 @@ impl Partial {
 /// The voxels of the first volume, along one axis, that lie in one cell of the second.
 #[derive(Debug)]
 struct Run {
-    /// The cell's lower coordinate.
+    /// Lower coordinate of the cell.
     base: f64,
-    /// Where in the cell they lie, the least and the most.
+    /// Least and greatest position of a voxel within the cell, from 0 to 1.
     ends: [f64; 2],
-    /// Sums of the products of the weights of the cell's two corners.
+    /// Sums over the voxels of the products of the interpolation weights of the cell's two corners.
     products: [[f64; 2]; 2],
-    /// How many are nearer to each corner.
+    /// Number of voxels nearer to each corner.
     nearer: [u64; 2],
-    /// Coordinates of the first and the last.
+    /// Coordinates of the first and the last voxel.
     voxels: [i32; 2],
 }
 
@@ -360,8 +366,8 @@ impl Run {
 }
 
 impl Partial {
-    /// Adds the voxels of a constant `a` in one cell of another volume; false, and nothing added, if a value is not
-    /// finite.
+    /// Adds the voxels of a constant `a` in one cell of the other volume. Returns false, and adds nothing, if a value
+    /// is not finite.
     fn cell(
         &mut self,
         runs: [&Run; 3],
@@ -370,7 +376,7 @@ impl Partial {
         voxel: &impl Fn([i64; 3]) -> Constant,
     ) -> bool {
         let at = |corner: usize| [corner >> 2 & 1, corner >> 1 & 1, corner & 1];
-        // A corner without weight is not looked at, as no voxel of it has a say.
+        // A corner without weight is not looked up, since no voxel depends on it.
         let beyond = runs.map(|run| run.ends[1] == 0.0);
         let used = |corner: usize| !(0..3).any(|i| at(corner)[i] == 1 && beyond[i]);
         let corners: [Constant; 8] = std::array::from_fn(|corner| {
@@ -411,28 +417,29 @@ impl Partial {
     }
 }
 
-/// Two volumes to compare.
+/// Two volumes under comparison, with the partition of their domain.
 #[derive(Debug)]
 struct Pair<'f, 'a> {
     a: &'f Field<'a>,
     b: &'f Field<'a>,
-    /// True if both lie on one lattice.
+    /// True if both volumes lie on one lattice.
     same: bool,
-    /// The domain: the lowest voxel and the highest.
+    /// Lowest voxel of the domain; `max` is the highest.
     min: [i32; 3],
     max: [i32; 3],
-    /// True if both lattices, other than the same, have the same axes.
+    /// True if the lattices differ but have parallel axes.
     along_axes: bool,
     /// Origins of blocks in which voxels are compared one by one.
     blocks: Vec<[i32; 3]>,
-    /// Boxes in which the first volume has this value, and the second is interpolated.
+    /// Boxes, by lowest and highest voxel, in which the first volume has this value and the second is interpolated.
     interpolated: Vec<([i32; 3], [i32; 3], Constant)>,
-    /// Sums over the cubes in which both are constant.
+    /// Sums over the cubes in which both volumes are constant.
     constant: Partial,
 }
 
 impl Pair<'_, '_> {
-    /// Parts a cube of edge `1 << shift` into cubes in which both volumes are constant, and blocks.
+    /// Divides a cube of edge `1 << shift` into cubes in which both volumes are constant, boxes of interpolation, and
+    /// blocks.
     ///
     /// # Errors
     /// If there are too many blocks.
@@ -475,21 +482,21 @@ impl Pair<'_, '_> {
         Ok(())
     }
 
-    /// The voxels of the second volume that samples at these voxels of the first look at.
+    /// Lowest and highest voxel of the second volume on which samples at these voxels of the first depend.
     fn in_b(&self, low: [i64; 3], high: [i64; 3]) -> ([i64; 3], [i64; 3]) {
         let corner = |c: [i64; 3]| DVec3::from_array(c.map(|c| c as f64));
         let corners = Aabb { min: corner(low), max: corner(high) }.corners();
         let index = corners.map(|c| self.b.transform.to_index(self.a.transform.to_world(c)));
         let found = index.into_iter().fold(Aabb::EMPTY, |b, p| b.including(p));
-        // Rounding takes a sample at a voxel to the voxel beside it.
+        // Rounding may move a sample at a voxel into the cell beside it.
         let slack = 1e-6 + 1e-12 * found.min.abs().max(found.max.abs());
         let (min, max) = ((found.min - slack).floor(), (found.max + slack).floor() + 1.0);
         (min.to_array().map(|c| c as i64), max.to_array().map(|c| c as i64))
     }
 
-    /// Compares a constant with the second volume's interpolation, cell by cell of its lattice: over the voxels of the
-    /// first that lie in a cell, the squares of a trilinear function add up to a quadratic form of the cell's corners,
-    /// and its extremes lie at the outermost of these voxels.
+    /// Compares a constant with the second volume's interpolation, cell by cell of its lattice.
+    /// Over the voxels of the first volume in one cell, the squares of a trilinear function add up to a quadratic form
+    /// of the cell's corners. Its extremes lie at the outermost of these voxels.
     fn cells(&self, window: &mut Window, low: [i32; 3], high: [i32; 3], a: &Constant) -> Partial {
         let mut p = Partial::default();
         let (from, until) = self.in_b(low.map(i64::from), high.map(i64::from));
@@ -570,7 +577,7 @@ impl Pair<'_, '_> {
     }
 }
 
-/// Compares `b` with `a`. Where neither has leaves, constant regions are compared as a whole.
+/// Compares `b` with the reference `a`. Regions in which both are constant are compared as a whole.
 ///
 /// # Errors
 /// If the components differ, or too many voxels would have to be compared.
@@ -611,7 +618,7 @@ pub fn compare(a: &Field<'_>, b: &Field<'_>) -> Result<Difference> {
         interpolated: Vec::new(),
         constant: Partial::default(),
     };
-    // The cubes that the domain meets, two along each axis at most.
+    // Cubes that the domain meets, at most two along each axis.
     let few = |shift: &u32| (0..3).all(|i| (i64::from(max[i]) >> shift) - (i64::from(min[i]) >> shift) <= 1);
     let shift = (3..=32).find(few).unwrap_or(32);
     let along = |i: usize| i64::from(min[i]) >> shift..=i64::from(max[i]) >> shift;
@@ -622,7 +629,7 @@ pub fn compare(a: &Field<'_>, b: &Field<'_>) -> Result<Difference> {
             }
         }
     }
-    // Added in ascending order of origin, so that the sum depends neither on the threads nor on how cubes are parted.
+    // Added in ascending order of origin, so that the sum depends neither on the threads nor on how cubes are divided.
     pair.blocks.sort_unstable();
     let mut sum = Partial::default();
     for blocks in pair.blocks.chunks(CHUNK) {
@@ -655,7 +662,7 @@ fn corner(c: [i32; 3]) -> DVec3 {
     DVec3::from_array(c.map(f64::from))
 }
 
-/// Box of `from`'s voxels on `onto`'s lattice, rounded outwards.
+/// Box of the voxels of `from` on the lattice of `onto`, rounded outwards.
 fn on_lattice(min: [i32; 3], max: [i32; 3], from: &Field<'_>, onto: &Field<'_>) -> ([i32; 3], [i32; 3]) {
     let world = Aabb { min: corner(min), max: corner(max) }.corners().map(|c| from.transform.to_world(c));
     let index = world.into_iter().fold(Aabb::EMPTY, |b, w| b.including(onto.transform.to_index(w)));
@@ -678,8 +685,8 @@ fn transform_difference(a: &Field<'_>, b: &Field<'_>, min: [i32; 3], max: [i32; 
     let corners = Aabb { min: corner(min), max: corner(max) }.corners();
     corners.map(|c| a.transform.to_world(c).distance(b.transform.to_world(c))).into_iter().fold(0.0, f64::max)
 }
-/// Root mean squares of the differences at the voxels of `a` that are not zero in both, apart by a third field
-/// `known`: where it is a half or more, and elsewhere; none where there are no voxels.
+/// Root mean square differences at the voxels of `a` where `a` or `b` is not zero, in two parts: where a third field
+/// `known` is at least one half, and elsewhere. `None` stands for a part without voxels.
 pub fn rms_apart(a: &Bricks<f32>, b: &Bricks<f32>, known: &Bricks<f32>) -> [Option<f64>; 2] {
     let brick = |(brick, voxels): (&IVec3, &[f32])| {
         let mut sums = [[0.0_f64; 2]; 2];

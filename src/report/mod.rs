@@ -1,8 +1,7 @@
-//! One self-contained HTML page that shows what a command has done.
+//! A self-contained HTML page that shows the result of a command.
 //!
-//! A [`Page`] is made of sections, in the order in which they are added. Pictures, style and plots are
-//! inside the file; it loads nothing, runs nothing, and says so to the browser. Every text is escaped:
-//! names come from files.
+//! A [`Page`] is made of sections, in the order in which they are added. Pictures, style and plots are inside the file;
+//! it loads nothing, runs nothing, and says so to the browser. Every text is escaped, because names come from files.
 
 mod number;
 mod picture;
@@ -23,13 +22,13 @@ use crate::scene::film::Film;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use std::path::{Path, PathBuf};
 
-/// Name of the page in the report's folder.
+/// File name of the page in the report's folder.
 const FILE_NAME: &str = "index.html";
 
-/// What the browser may do with the page: show pictures and styles that it contains, and nothing else.
+/// Content security policy of the page: it shows pictures and styles that it contains, and loads nothing.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'";
 
-/// A report in the making.
+/// A report under construction.
 #[derive(Debug, Clone)]
 pub struct Page {
     title: String,
@@ -38,12 +37,12 @@ pub struct Page {
 }
 
 impl Page {
-    /// A page with a title and a sentence beneath it that says what was done and how it went.
+    /// A page with a title and a sentence beneath it that says what was done and with what result.
     pub fn new(title: impl Into<String>, summary: impl Into<String>) -> Self {
         Self { title: title.into(), summary: summary.into(), sections: Vec::new() }
     }
 
-    /// The few figures that matter, as label and value with its unit, shown large.
+    /// Adds the key figures in large print, each as label and value with its unit.
     pub fn figures(&mut self, figures: &[(impl AsRef<str>, impl AsRef<str>)]) -> &mut Self {
         self.sections.push(html! {
             section.figures aria-label="Figures" {
@@ -57,7 +56,7 @@ impl Page {
         self
     }
 
-    /// What the result contradicts, each with what to do about it; nothing where there is nothing.
+    /// Adds a section of warnings, each with its remedy; no section if there are none.
     pub fn warnings(&mut self, warnings: &[(impl AsRef<str>, impl AsRef<str>)]) -> &mut Self {
         if warnings.is_empty() {
             return self;
@@ -70,20 +69,19 @@ impl Page {
         self.section("Warnings", body)
     }
 
-    /// Views beside their re-renders and the differences, all differences in one scale. At most
-    /// [`MOST_VIEWS`] rows are shown, those of [`choose`]; `total` is how many views there are, where
-    /// `rows` are a part of them.
+    /// Adds a table of views beside their re-renders and the differences, all differences in one scale.
+    /// At most [`MOST_VIEWS`] rows are shown, selected by [`choose`]. `total` is the number of all views, of which
+    /// `rows` may be a part.
     ///
     /// # Errors
-    /// Names the view whose pictures are empty, or whose picture and render differ in size.
+    /// If a view's pictures are empty, or its picture and render differ in size; the error names the view.
     pub fn views(&mut self, heading: &str, rows: &[ViewRow], total: usize) -> Result<&mut Self> {
         let body = views::table(rows, total)?;
         Ok(self.section(heading, body))
     }
 
-    /// Slices along the index axes of `volume` through its density-weighted centre, with the same places of
-    /// `reference` and the differences if there is one. `quantity` names the values, with their unit if
-    /// they have one.
+    /// Adds slices along the index axes of `volume` through its centre of mass, with those of `reference` and the
+    /// differences if there is one. `quantity` names the values, with their unit if they have one.
     ///
     /// # Errors
     /// If a slice cannot be encoded.
@@ -98,7 +96,7 @@ impl Page {
         Ok(self.section(heading, body))
     }
 
-    /// Lines over a common pair of axes.
+    /// Adds a plot of lines over a common pair of axes.
     ///
     /// # Errors
     /// If the plot cannot be drawn.
@@ -107,25 +105,25 @@ impl Page {
         Ok(self.section(heading, body))
     }
 
-    /// Paths over a sphere of directions.
+    /// Adds a map of paths over a sphere of directions.
     ///
     /// # Errors
-    /// If it cannot be drawn.
+    /// If the map cannot be drawn.
     pub fn sphere(&mut self, heading: &str, map: &SphereMap) -> Result<&mut Self> {
         let body = map.draw()?;
         Ok(self.section(heading, body))
     }
 
-    /// A picture with a sentence beneath it.
+    /// Adds a picture with a caption.
     ///
     /// # Errors
-    /// If it has no pixels.
+    /// If the picture has no pixels.
     pub fn picture(&mut self, heading: &str, film: &Film, caption: &str) -> Result<&mut Self> {
         let picture = picture::film(film, caption)?;
         Ok(self.section(heading, html! { figure.picture { (picture) figcaption.caption { (caption) } } }))
     }
 
-    /// A table of figures: what is said of its rows, and the rows, each with its name first.
+    /// Adds a table of figures. `columns` are the headings; each row begins with its name.
     pub fn table(&mut self, heading: &str, columns: &[&str], rows: &[Vec<String>]) -> &mut Self {
         let body = html! {
             div.wide {
@@ -146,13 +144,13 @@ impl Page {
         self.section(heading, body)
     }
 
-    /// Stages in the order in which they ran, with the seconds that each took.
+    /// Adds the stages in the order in which they ran, with the seconds that each took.
     pub fn stages(&mut self, stages: &[(impl AsRef<str>, f64)]) -> &mut Self {
         let body = stages::bar_and_table(stages);
         self.section("Time by stage", body)
     }
 
-    /// Where the result comes from: version, command line, inputs and their hashes, settings.
+    /// Adds the origin of the result: version, command line, inputs and their hashes, settings.
     pub fn provenance(&mut self, entries: &[(impl AsRef<str>, impl AsRef<str>)]) -> &mut Self {
         let body = html! {
             table.provenance {
@@ -171,7 +169,7 @@ impl Page {
         self
     }
 
-    /// The page's text.
+    /// HTML text of the page.
     pub fn html(&self) -> String {
         let page = html! {
             (DOCTYPE)
@@ -198,10 +196,10 @@ impl Page {
         page.into_string()
     }
 
-    /// Writes the page as `dir/index.html`, making the folder if need be, and returns its path.
+    /// Writes the page as `dir/index.html`, creates the folder if need be, and returns the file's path.
     ///
     /// # Errors
-    /// The operating system's, with the path.
+    /// If the folder or the file cannot be written; the error names the path.
     pub fn write(&self, dir: &Path) -> Result<PathBuf> {
         std::fs::create_dir_all(dir)
             .map_err(|e| Error::io(dir, e).hint("the report needs a folder that can be written to"))?;

@@ -1,6 +1,6 @@
-//! Figures as people read them.
+//! Numbers formatted for people.
 
-/// Three significant digits, without an exponent where the figure is of ordinary size.
+/// Formats a number with three significant digits, without an exponent for magnitudes from 1e-3 to 1e6.
 pub fn short(value: f64) -> String {
     let size = value.abs();
     if value == 0.0 {

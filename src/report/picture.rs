@@ -1,4 +1,4 @@
-//! Pictures inside the page: shrunk to what a page shows, encoded as PNG, written as `data:` addresses.
+//! Pictures inside the page: reduced to display size, encoded as PNG and embedded as `data:` addresses.
 
 use crate::error::Result;
 use crate::formats::png;
@@ -8,16 +8,16 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
 
-/// Longest side of a picture on the page.
+/// Longest side of an embedded picture in pixels.
 pub const MOST_PIXELS: usize = 512;
 
-/// Pictures narrower than this are shown with square pixels when the page enlarges them.
+/// Pictures whose longest side is shorter are shown with square pixels when the page enlarges them.
 const COARSE: usize = 256;
 
-/// A picture of `rgb[3 * (y * width + x) + channel]`. `aspect` is its width over its height as shown.
+/// Image element of the pixels `rgb[3 * (y * width + x) + channel]`. `aspect` is the displayed width over the height.
 ///
 /// # Errors
-/// If it has no pixels.
+/// If the picture has no pixels.
 pub fn rgb8(width: usize, height: usize, rgb: &[u8], aspect: f64, alt: &str) -> Result<Markup> {
     let address = format!("data:image/png;base64,{}", STANDARD.encode(png::encode_rgb8(width, height, rgb)?));
     let class = (width.max(height) < COARSE).then_some("coarse");
@@ -25,10 +25,10 @@ pub fn rgb8(width: usize, height: usize, rgb: &[u8], aspect: f64, alt: &str) -> 
     Ok(html! { img class=[class] src=(address) width=(width) height=(height) style=(style) alt=(alt); })
 }
 
-/// A film as a display shows it.
+/// Image element of a film, converted for display.
 ///
 /// # Errors
-/// If it has no pixels.
+/// If the film has no pixels.
 pub fn film(film: &Film, alt: &str) -> Result<Markup> {
     let pool = Pool::of(film.width, film.height);
     let mean = |pixels: &mut dyn Iterator<Item = [f32; 4]>| {
@@ -39,7 +39,7 @@ pub fn film(film: &Film, alt: &str) -> Result<Markup> {
     rgb8(pool.width, pool.height, &png::display_rgb8(&small), aspect(film.width, film.height), alt)
 }
 
-/// Differences (`values[y * width + x]`) in false colors; a pixel that stands for several shows the
+/// Image element of differences (`values[y * width + x]`) in false colors. A pixel that stands for several shows the
 /// largest of them.
 ///
 /// # Errors
@@ -50,10 +50,10 @@ pub fn differences(width: usize, height: usize, values: &[f64], scale: f64, alt:
     rgb8(pool.width, pool.height, &heatmap::shade_rgb8(&small, scale), aspect(width, height), alt)
 }
 
-/// A bar of all the colors between the words for its two ends; `paint` colors values in 0..1.
+/// Color bar between labels for its two ends; `paint` converts values in 0..1 to colors.
 ///
 /// # Errors
-/// If it cannot be encoded.
+/// If the bar cannot be encoded.
 pub fn bar(paint: impl Fn(&[f64]) -> Vec<u8>, low: &str, high: &str) -> Result<Markup> {
     let ramp: Vec<f64> = (0..256).map(|i| f64::from(i) / 255.0).collect();
     let picture = rgb8(ramp.len(), 1, &paint(&ramp), 16.0, &format!("color bar from {low} to {high}"))?;
@@ -64,7 +64,7 @@ fn aspect(width: usize, height: usize) -> f64 {
     width as f64 / height.max(1) as f64
 }
 
-/// Square blocks of pixels that become one.
+/// Reduction of square blocks of pixels to one pixel each.
 struct Pool {
     block: usize,
     from: [usize; 2],

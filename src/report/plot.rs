@@ -1,4 +1,4 @@
-//! Lines over a pair of axes, as SVG in the page.
+//! Line plots as SVG in the page.
 
 use crate::error::{Error, Result};
 use maud::{Markup, PreEscaped, html};
@@ -6,14 +6,14 @@ use plotters::prelude::*;
 use std::fmt::Write;
 use std::ops::Range;
 
-/// Size in which plots are drawn; the page scales them.
+/// Width and height at which plots are drawn; the page scales them.
 const SIZE: (u32, u32) = (900, 380);
 
-/// Text and axes, and grid lines: on a light page and on a dark one.
+/// Colors of text and axes (`INK`) and of grid lines (`GRID`), on a light page and on a dark one.
 const INK: (RGBColor, &str) = (RGBColor(0x1B, 0x1E, 0x23), "#e6e8eb");
 const GRID: (RGBColor, &str) = (RGBColor(0xD9, 0xDC, 0xE1), "#3a3f47");
 
-/// Colors of the series: on a light page and on a dark one. Each has at least 3:1 against its page, and
+/// Colors of the series, on a light page and on a dark one. Each has a contrast of at least 3:1 against its page, and
 /// neighbours differ in lightness too.
 pub const PALETTE: [(RGBColor, &str); 8] = [
     (RGBColor(0x1F, 0x5F, 0xBF), "#7db2ff"),
@@ -26,39 +26,40 @@ pub const PALETTE: [(RGBColor, &str); 8] = [
     (RGBColor(0x3F, 0x6B, 0x7A), "#93c4d4"),
 ];
 
-/// Text and lines of plots that are drawn elsewhere; a dark page replaces it.
+/// Color of text and lines in drawings of other modules; a dark page replaces it.
 pub const INK_RGB: RGBColor = INK.0;
 
-/// Coordinates beyond this are left out, and an axis spans at least [`LEAST_SPAN`] and [`LEAST_SHARE`] of its
-/// largest coordinate: outside of that, plotters looks for ticks without end.
+/// Largest absolute coordinate that is drawn. An axis spans at least [`LEAST_SPAN`] and [`LEAST_SHARE`] of its largest
+/// coordinate. Beyond these limits plotters searches for ticks without end.
 const FARTHEST: f64 = 1e12;
 const LEAST_SPAN: f64 = 1e-9;
 const LEAST_SHARE: f64 = 1e-6;
 
-/// A line.
+/// A line of a plot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// What the legend calls it.
+    /// Name of the line in the legend.
     pub label: String,
-    /// Its points, in the order in which they are joined. Those that are not finite, or beyond
-    /// 1e12, are left out.
+    /// Points of the line, in the order in which they are joined. Points that are not finite or exceed 1e12 are left
+    /// out.
     pub points: Vec<(f64, f64)>,
 }
 
-/// Lines over a common pair of axes.
+/// A plot of lines over a common pair of axes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plot {
-    /// What is counted to the right, with its unit.
+    /// Label of the horizontal axis, with its unit.
     pub x: String,
-    /// What is counted upwards, with its unit.
+    /// Label of the vertical axis, with its unit.
     pub y: String,
-    /// The lines.
+    /// Lines of the plot.
     pub series: Vec<Series>,
 }
 
 impl Plot {
-    /// The PSNR of held-out views (dB) over time, from steps of (seconds since the start, PSNR if there was
-    /// any, level), in order. Each level is a line of its own, which begins where the one before it ended.
+    /// Plot of the PSNR of held-out views (dB) over time.
+    /// `steps` are triples of seconds since the start, PSNR if it was measured, and level, in order. Each level is a
+    /// separate line that begins where the previous one ended.
     pub fn convergence(steps: impl IntoIterator<Item = (f64, Option<f64>, u32)>) -> Self {
         let mut series: Vec<Series> = Vec::new();
         let mut last = None;
@@ -76,7 +77,7 @@ impl Plot {
         Self { x: "seconds".into(), y: "PSNR of held-out views (dB)".into(), series }
     }
 
-    /// The plot with its legend.
+    /// Markup of the plot with its legend.
     pub(super) fn draw(&self) -> Result<Markup> {
         let drawn = |p: &&(f64, f64)| p.0.abs() <= FARTHEST && p.1.abs() <= FARTHEST;
         let lines: Vec<Vec<(f64, f64)>> =
@@ -87,7 +88,7 @@ impl Plot {
         let mut svg = String::new();
         self.paint(&lines, x, y, &mut svg)
             .map_err(|e| Error::invalid(format!("the plot of {} cannot be drawn: {e}", self.y)))?;
-        // Needed in SVG files, not in HTML; the page is to hold no address at all.
+        // SVG files need the namespace, HTML does not; the page is to hold no address at all.
         let svg = svg.replacen(" xmlns=\"http://www.w3.org/2000/svg\"", "", 1);
         let last = |i: usize| lines[i].last().map(|p| format!("{:.2}", p.1));
         Ok(html! {
@@ -137,7 +138,7 @@ impl Plot {
         for (i, line) in lines.iter().enumerate() {
             let color = PALETTE[i % PALETTE.len()].0;
             chart.draw_series(LineSeries::new(line.iter().copied(), color.stroke_width(2)))?;
-            // A level of one step has no line, and few points should be seen as what they are.
+            // A level of one step has no line, and few points should be visible as such.
             if line.len() <= 60 {
                 chart.draw_series(line.iter().map(|p| Circle::new(*p, 3, color.filled())))?;
             }
@@ -147,7 +148,7 @@ impl Plot {
     }
 }
 
-/// Ranges of both axes with room to breathe; nothing if there are no points.
+/// Ranges of both axes with a margin; `None` if there are no points.
 fn ranges<'a>(points: impl Iterator<Item = &'a (f64, f64)>) -> Option<(Range<f64>, Range<f64>)> {
     let mut all: Option<[f64; 4]> = None;
     for (x, y) in points {
@@ -159,7 +160,7 @@ fn ranges<'a>(points: impl Iterator<Item = &'a (f64, f64)>) -> Option<(Range<f64
         let span = high - low;
         let least = LEAST_SPAN.max(LEAST_SHARE * low.abs().max(high.abs()));
         let room = match span {
-            // One value only: a range in which it reads well.
+            // A single value is centred in a range in which it reads well.
             0.0 => 0.5 * low.abs().max(1.0),
             _ => (share * span).max(least),
         };
@@ -169,12 +170,12 @@ fn ranges<'a>(points: impl Iterator<Item = &'a (f64, f64)>) -> Option<(Range<f64
     Some((x, widen(y0, y1, 0.06)))
 }
 
-/// A color as SVG has it, in the one spelling that a dark page knows.
+/// Hexadecimal color as SVG has it, in the one spelling that the style sheet of a dark page matches.
 pub fn hex(c: RGBColor) -> String {
     format!("#{:02X}{:02X}{:02X}", c.0, c.1, c.2)
 }
 
-/// Style sheet of the colors. Plots carry those of a light page; a dark page replaces them.
+/// Style sheet of the colors. Plots carry the colors of a light page; a dark page replaces them.
 pub fn style() -> String {
     let mut css = String::new();
     let mut dark = String::new();

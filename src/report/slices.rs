@@ -1,4 +1,4 @@
-//! Slices through a volume, along its index axes.
+//! Slices through a volume along its index axes.
 
 use super::picture::MOST_PIXELS;
 use super::{number, picture};
@@ -9,21 +9,21 @@ use crate::scene::bricks::{BRICK, Bricks, CELLS, slot};
 use glam::DVec3;
 use maud::{Markup, html};
 
-/// Normal of the slice, axis to the right, axis up, and the words for them.
+/// Slices of the table: normal, axis to the right, axis up, and the description of both.
 const CUTS: [(usize, usize, usize, &str); 3] =
     [(2, 0, 1, "x to the right, y up"), (1, 0, 2, "x to the right, z up"), (0, 1, 2, "y to the right, z up")];
 
-/// What the columns show; without a reference only the first.
+/// Headings of the columns; without a reference only the first is shown.
 const COLUMNS: [&str; 3] = ["Volume", "Reference", "Difference"];
 
-/// One slice: values row-major from the top left.
+/// A slice of a volume: values row-major from the top left.
 struct Slice {
     width: usize,
     height: usize,
     values: Vec<f64>,
 }
 
-/// Where a slice lies.
+/// Position and sampling of a slice.
 struct Plane {
     normal: usize,
     right: usize,
@@ -32,13 +32,13 @@ struct Plane {
     origin: DVec3,
     width: usize,
     height: usize,
-    /// Voxels from pixel to pixel.
+    /// Distance between neighbouring pixels in voxels.
     step: f64,
 }
 
 impl Plane {
-    /// A plane across `voxels` (a box of voxel centres) through `centre`, one pixel a voxel unless it would
-    /// have more than [`MOST_PIXELS`] along a side.
+    /// A plane through `centre` across `voxels` (a box of voxel centres), with one pixel per voxel unless a side would
+    /// exceed [`MOST_PIXELS`].
     fn new((normal, right, up): (usize, usize, usize), voxels: Aabb, centre: DVec3) -> Self {
         let extent = |axis: usize| voxels.max[axis] - voxels.min[axis] + 1.0;
         let step = (extent(right).max(extent(up)) / MOST_PIXELS as f64).max(1.0);
@@ -61,7 +61,7 @@ impl Plane {
     }
 }
 
-/// The table of slices.
+/// Table of the slices of a volume, beside those of a reference and the differences if there is one.
 pub fn table(quantity: &str, volume: &Bricks<f32>, reference: Option<&Bricks<f32>>) -> Result<Markup> {
     let Some((voxels, centre)) = support(volume) else {
         return Ok(html! { p { "Zero everywhere." } });
@@ -128,8 +128,8 @@ pub fn table(quantity: &str, volume: &Bricks<f32>, reference: Option<&Bricks<f32
     })
 }
 
-/// Box of the centres of the voxels that are not zero, and the voxel nearest to their centre of mass;
-/// nothing if there are none.
+/// Box of the centres of the voxels that are not zero, and the voxel nearest to their centre of mass; `None` if there
+/// are none.
 fn support(volume: &Bricks<f32>) -> Option<(Aabb, DVec3)> {
     let (mut voxels, mut mass, mut moment) = (Aabb::EMPTY, 0.0, DVec3::ZERO);
     for (brick, values) in volume.topology.bricks().iter().zip(volume.values.chunks_exact(BRICK)) {
@@ -156,7 +156,7 @@ fn largest<'a>(slices: impl Iterator<Item = &'a Slice>) -> f64 {
     slices.flat_map(|s| &s.values).copied().filter(|v| v.is_finite()).fold(0.0, f64::max)
 }
 
-/// Black for 0, white for `top`, three bytes a value.
+/// Grey levels from black for 0 to white for `top`, three bytes per value.
 fn grey(values: &[f64], top: f64) -> Vec<u8> {
     let top = if top > 0.0 { top } else { 1.0 };
     // `as` saturates and turns NaN into 0.

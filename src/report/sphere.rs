@@ -1,7 +1,7 @@
-//! Paths over a sphere of directions, with what was measured there.
+//! Map of a sphere of directions, with paths and measured values.
 //!
-//! Two discs, the half from which one looks down and the half from which one looks up, each in Lambert's
-//! azimuthal equal-area map: a direction at angle θ from the pole lies `√2 sin(θ/2)` of the radius from the middle.
+//! Two discs show the half seen from above and the half seen from below, each in Lambert's azimuthal equal-area
+//! projection: a direction at angle θ from the pole lies `√2 sin(θ/2)` of the radius from the middle.
 
 use super::plot::{INK_RGB, PALETTE, hex};
 use super::{number, picture};
@@ -12,37 +12,38 @@ use maud::{Markup, html};
 use std::f64::consts::SQRT_2;
 use std::fmt::Write;
 
-/// Radius of a disc, and the room around it.
+/// Radius of a disc in the units of the drawing; `MARGIN` is the room around it.
 const RADIUS: f64 = 200.0;
 const MARGIN: f64 = 30.0;
 
-/// A walk over the sphere.
+/// A path over the sphere.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Walk {
-    /// What the legend calls it.
+    /// Name of the path in the legend.
     pub label: String,
-    /// Unit vectors, from the start on.
+    /// Unit vectors along the path, from its start.
     pub directions: Vec<DVec3>,
 }
 
-/// A map of the sphere.
+/// A map of the sphere of directions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SphereMap {
-    /// What was measured.
+    /// Name of the measured quantity.
     pub quantity: String,
-    /// Unit vectors and what was found there.
+    /// Unit vectors with the values measured there.
     pub samples: Vec<(DVec3, f64)>,
-    /// Walks over it.
+    /// Paths over the sphere.
     pub walks: Vec<Walk>,
-    /// The best direction.
+    /// Best direction, which is marked by a ring.
     pub best: Option<DVec3>,
 }
 
-/// Halves of the sphere: the sign of z, and the name.
+/// Halves of the sphere: the sign of z, and the label.
 const HALVES: [(f64, &str); 2] = [(1.0, "from above (+z in the middle)"), (-1.0, "from below (-z in the middle)")];
 
-/// Where a direction lies in the disc of its half. Seen from outside on both: +x to the right, +y up above, and
-/// below as if the sphere had been turned over its x axis.
+/// Position of a direction in the disc of its half, in the units of the drawing.
+/// Both halves are seen from outside: +x to the right, +y up above, and below as if the sphere were turned over its x
+/// axis.
 fn place(direction: DVec3, sign: f64) -> DVec2 {
     let across = DVec2::new(direction.x, sign * direction.y).normalize_or_zero();
     let reach = (1.0 - sign * direction.z).max(0.0).sqrt();
@@ -51,7 +52,7 @@ fn place(direction: DVec3, sign: f64) -> DVec2 {
 }
 
 impl SphereMap {
-    /// The map with its legend.
+    /// Markup of the map with its legend.
     pub(super) fn draw(&self) -> Result<Markup> {
         let finite = || self.samples.iter().map(|s| s.1).filter(|v| v.is_finite());
         let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
@@ -59,7 +60,7 @@ impl SphereMap {
         let middle = |half: usize| DVec2::new((half as f64 + 0.5) * edge, RADIUS + MARGIN);
         let ink = hex(INK_RGB);
         let color = |i: usize| hex(PALETTE[i % PALETTE.len()].0);
-        // Dots so large that the samples of a half cover it.
+        // Dots are so large that the samples of a half cover it.
         let dot = (RADIUS * SQRT_2 / (self.samples.len() as f64).sqrt()).clamp(2.0, 24.0);
         let scale = |v: f64| if high > low { (v - low) / (high - low) } else { 0.5 };
         let rgb = |v: f64| {
@@ -112,7 +113,7 @@ impl SphereMap {
     }
 }
 
-/// Figures that differ little need more digits than others.
+/// Formats a number with four decimals from 0.01 to 10, where values differ little, and with three digits elsewhere.
 fn short(value: f64) -> String {
     if (0.01..10.0).contains(&value.abs()) { format!("{value:.4}") } else { number::short(value) }
 }
@@ -121,7 +122,7 @@ fn coordinate(value: f64) -> String {
     format!("{value:.1}")
 }
 
-/// The parts of a walk that lie in a half, each a list of points; steps are drawn as great circles.
+/// Parts of a path that lie in one half, each a list of points; steps are drawn as great circles.
 fn lines(directions: &[DVec3], sign: f64, middle: DVec2) -> Vec<String> {
     let mut found = Vec::new();
     let mut line = String::new();

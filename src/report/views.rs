@@ -1,4 +1,4 @@
-//! Views beside their re-renders.
+//! Views beside their re-renders, as a table of pictures.
 
 use super::{number, picture};
 use crate::error::{Error, Result};
@@ -6,34 +6,34 @@ use crate::metrics::heatmap;
 use crate::scene::film::Film;
 use maud::{Markup, html};
 
-/// The most views that a page shows.
+/// Largest number of views that a page shows.
 pub const MOST_VIEWS: usize = 8;
 
-/// Share of the pixels that the scale of the differences covers: a few bright outliers would leave all
-/// others black.
+/// Share of the pixels that the scale of the differences covers. A scale for all pixels would let a few bright outliers
+/// leave the others black.
 const COVERED: f64 = 0.999;
 
-/// A view and what became of it.
+/// A view with its re-render.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewRow {
     /// Name of the view.
     pub name: String,
-    /// The given picture.
+    /// Given picture of the view.
     pub picture: Film,
-    /// Its re-render, of the same size.
+    /// Re-render of the view, of the picture's size.
     pub render: Film,
-    /// A further render and what it is, of any size.
+    /// A further render of any size, with its label.
     pub extra: Option<(String, Film)>,
-    /// True if the view was only looked at, not used.
+    /// True if the view served only for evaluation.
     pub held_out: bool,
     /// PSNR of the re-render against the given picture, in dB.
     pub psnr_db: Option<f64>,
-    /// Anything else that is to be said about it.
+    /// Remark on the view; may be empty.
     pub note: String,
 }
 
-/// Which of the views to show: at most `most`, those held out first, the others evenly spaced from the
-/// first to the last. Numbers of the views, those held out before the others, each part ascending.
+/// Selects at most `most` views: those held out first, the others evenly spaced from the first to the last.
+/// Returns view numbers, those held out before the others, each part ascending.
 pub fn choose(held_out: &[bool], most: usize) -> Vec<usize> {
     let (held, used): (Vec<usize>, Vec<usize>) = (0..held_out.len()).partition(|i| held_out[*i]);
     let mut chosen = spaced(&held, most);
@@ -42,7 +42,7 @@ pub fn choose(held_out: &[bool], most: usize) -> Vec<usize> {
     chosen
 }
 
-/// At most `most` of the items, evenly spaced.
+/// Selects at most `most` items, evenly spaced from the first to the last.
 fn spaced(items: &[usize], most: usize) -> Vec<usize> {
     let n = items.len();
     match most {
@@ -53,7 +53,7 @@ fn spaced(items: &[usize], most: usize) -> Vec<usize> {
     }
 }
 
-/// The table of views.
+/// Table of the selected views; `total` is the number of all views.
 pub fn table(rows: &[ViewRow], total: usize) -> Result<Markup> {
     let total = total.max(rows.len());
     let held_out: Vec<bool> = rows.iter().map(|r| r.held_out).collect();
@@ -140,7 +140,7 @@ fn decibels(psnr: f64) -> String {
     if psnr == f64::INFINITY { "identical".into() } else { format!("{psnr:.2} dB") }
 }
 
-/// The difference for the brightest color, and the largest finite one.
+/// Difference that the brightest color stands for, and the largest finite difference.
 fn scale(differences: &[Vec<f64>]) -> (f64, f64) {
     let mut all: Vec<f64> = differences.iter().flatten().copied().filter(|d| d.is_finite()).collect();
     if all.is_empty() {

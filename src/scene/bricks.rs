@@ -1,10 +1,10 @@
-//! Fields on sparse bricks with an apron: the arrangement of a scalar grid that rays walk through.
+//! Fields on sparse bricks with an apron: the layout of a scalar grid for ray traversal.
 //!
-//! A voxel on the low face of a leaf also takes part in cells of the neighbours below; those bricks exist
-//! whenever such a voxel is not zero, even where the file has no leaf.
+//! A voxel on the low face of a leaf also takes part in cells of the neighbours below. Those bricks exist whenever such
+//! a voxel is not zero, even where the file has no leaf.
 //!
-//! [`Bricks::from_grid`] gives every brick values of its own. [`Bricks::instanced`] stores what lies in constant tiles
-//! once: for whatever only reads.
+//! [`Bricks::from_grid`] stores separate values for every brick. [`Bricks::instanced`] stores the bricks of constant
+//! tiles once, for readers that never change a value.
 
 use crate::error::{Error, Result};
 use crate::math::{Aabb, Affine};
@@ -18,26 +18,27 @@ use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-/// A field on bricks, trilinear between voxel centres, zero outside: of scalars, or of the four values of a
-/// pre-shaded volume (emitted radiance per world length in R, G and B, and extinction).
+/// A field on bricks, trilinear between voxel centres and zero outside.
+/// The values are scalars, or the four of a pre-shaded volume: emitted radiance per world length in R, G and B, and
+/// extinction.
 #[derive(Debug, Clone)]
 pub struct Bricks<V> {
-    /// Which bricks there are.
+    /// The bricks of the field and their places.
     pub topology: Arc<Topology>,
-    /// 729 values a brick.
+    /// Stored values, [`BRICK`] = 729 per brick, indexed by brick number and [`slot`].
     pub values: Vec<V>,
-    /// Index space to world space.
+    /// Map from index space to world space.
     pub transform: Affine,
-    /// Index-space box beyond which there is nothing: a transfer function may absorb where the density is
-    /// zero, inside of it. The box of all bricks' cells, or smaller.
+    /// Index-space box outside which the medium is empty; inside, a transfer function may absorb even where the density
+    /// is zero. By default it is the box of all bricks' cells.
     pub domain: Aabb,
 }
 
-/// Bytes, beside its values, that a brick takes while bricks are arranged: its entries in ordered sets.
+/// Bytes per brick beside its values during construction: entries in ordered sets.
 const OVERHEAD: u64 = 64;
 
 impl<V: Voxel> Bricks<V> {
-    /// A field of zeros.
+    /// A field of zeros whose domain is the box of all cells.
     pub fn zeros(topology: Arc<Topology>, transform: Affine) -> Self {
         let values = vec![V::default(); topology.len() * BRICK];
         let domain = topology.bounds();
@@ -49,13 +50,13 @@ impl<V: Voxel> Bricks<V> {
         self.transform.box_to_world(self.topology.bounds())
     }
 
-    /// The stored values of the brick at these brick coordinates.
+    /// The 729 stored values of the brick at brick coordinates `at`; `None` if there is no such brick.
     pub fn brick(&self, at: IVec3) -> Option<&[V]> {
         let number = self.topology.find(at);
         (number != NONE).then(|| &self.values[number as usize * BRICK..(number as usize + 1) * BRICK])
     }
 
-    /// The bricks' own voxels, 512 a brick, z fastest: the inverse of [`Topology::fill_apron`].
+    /// The voxels that bricks own, 512 per brick with z fastest: the inverse of [`Topology::fill_apron`].
     pub fn owned(&self) -> Vec<V> {
         let mut owned = vec![V::default(); self.topology.len() * LEAF_VOXELS];
         owned.par_chunks_mut(LEAF_VOXELS).zip(self.values.par_chunks(BRICK)).for_each(|(own, stored)| {
@@ -66,7 +67,8 @@ impl<V: Voxel> Bricks<V> {
 }
 
 impl Bricks<Vec4> {
-    /// One of the four values of a pre-shaded volume: 0 to 2 the emissions in R, G and B, 3 the extinctions.
+    /// One of the four values of a pre-shaded volume as a scalar field: lanes 0 to 2 are the emission in R, G and B,
+    /// lane 3 the extinction.
     pub fn channel(&self, lane: usize) -> Bricks<f32> {
         Bricks {
             topology: self.topology.clone(),
@@ -78,18 +80,19 @@ impl Bricks<Vec4> {
 }
 
 impl<R: Real> Bricks<R> {
-    /// Arranges a fog volume for rays, straight from its leaves and tiles; every brick has values of its own.
+    /// Arranges the leaves and tiles of a fog volume in bricks, each with separate values.
     ///
     /// # Errors
-    /// If the grid is no fog volume with background 0, carries NaN, infinite or negative values, or it and its bricks
-    /// would need more than `max_memory` bytes together.
+    /// If the grid is no fog volume with background 0, if a value is NaN, infinite, negative or above
+    /// [`MOST_DENSITY`](crate::scene::grid::MOST_DENSITY), or if the grid and its bricks together would need more than
+    /// `max_memory` bytes.
     pub fn from_grid(grid: &Grid, max_memory: u64) -> Result<Self> {
         let named = |e: Error| e.part(format!("grid '{}'", grid.name));
         let sources = Sources::new(grid).map_err(named)?;
         let each = (BRICK * size_of::<R>()) as u64 + OVERHEAD;
         let within = |bytes: u64| if bytes > max_memory { Err(named(too_large(bytes, max_memory))) } else { Ok(()) };
         let held = grid.memory() + sources.memory();
-        // Tiles alone: of giant ones not even the list of their bricks would fit.
+        // The bricks of giant tiles are counted before they are listed, because not even their list would fit.
         within(held.saturating_add(sources.tile_bricks().saturating_mul(each)))?;
         let mut needed = sources.needed_by_leaves();
         for (low, high) in sources.tile_boxes() {
@@ -105,12 +108,11 @@ impl<R: Real> Bricks<R> {
         Ok(field)
     }
 
-    /// Arranges a fog volume for rays that only read it: bricks that no leaf reaches into, those of constant tiles, are
-    /// stored once for all places that are alike. Radiance along a ray has the bits that it has with
-    /// [`Bricks::from_grid`].
+    /// Arranges a fog volume in bricks for reading only: equal bricks that no leaf reaches into are stored once.
+    /// Radiance along a ray is bit-identical to that with [`Bricks::from_grid`].
     ///
     /// # Errors
-    /// As [`Bricks::from_grid`].
+    /// The conditions are those of [`Bricks::from_grid`].
     pub fn instanced(grid: &Grid, max_memory: u64) -> Result<Self> {
         let named = |e: Error| e.part(format!("grid '{}'", grid.name));
         let sources = Sources::new(grid).map_err(named)?;
@@ -137,10 +139,10 @@ impl<R: Real> Bricks<R> {
         for (number, b) in places.iter().enumerate() {
             table[row(b.x, b.y) + (b.z - min.z) as usize] = number as u32;
         }
-        // Eight constants, one for each brick that a brick reaches into, say all of its values.
+        // A brick of constants is determined by eight numbers, one for each brick that it reaches into.
         let mut alike: HashMap<[u32; 8], u32> = HashMap::new();
         for (low, high) in sources.tile_boxes() {
-            // Away from the tile's faces all eight are the tile itself.
+            // Away from the tile's faces all eight constants are the tile's value.
             let inside = |a: i32, low: i32, high: i32| a > low && a < high;
             for x in low.x..=high.x {
                 for y in low.y..=high.y {
@@ -176,10 +178,10 @@ impl<R: Real> Bricks<R> {
         Ok(field)
     }
 
-    /// The same field with values of its own for every place.
+    /// Copies an instanced field into one with separate values for every place; other fields are returned unchanged.
     ///
     /// # Errors
-    /// If it would need more than `max_memory` bytes.
+    /// If old and new field together would need more than `max_memory` bytes.
     pub fn expanded(self, max_memory: u64) -> Result<Self> {
         if !self.topology.is_instanced() {
             return Ok(self);
@@ -200,11 +202,11 @@ impl<R: Real> Bricks<R> {
         Ok(own)
     }
 
-    /// The same field with all bricks of its domain, for media that absorb where the density is zero. An instanced
-    /// field stores the added ones once.
+    /// Adds the missing bricks of the domain, with values of zero, for media that absorb where the density is zero. An
+    /// instanced field stores the added bricks once.
     ///
     /// # Errors
-    /// If it would need more than `max_memory` bytes, this one included.
+    /// If old and new field together would need more than `max_memory` bytes.
     pub fn filled(self, max_memory: u64) -> Result<Self> {
         if self.is_filled() {
             return Ok(self);
@@ -235,7 +237,7 @@ impl<R: Real> Bricks<R> {
         let (min, max) = self.domain_bricks();
         let (low, high) = bounds([min, max - 1].into_iter().chain(self.topology.places().map(|(place, _)| place)));
         let entries = topology::table_entries(low, high)?;
-        // Values grow by a brick, and may move while they do.
+        // The value array grows by one brick and may be reallocated, hence twice its size.
         let values = size_of_val(self.values.as_slice()) as u64 + (BRICK * size_of::<R>()) as u64;
         let bytes = 2 * values + self.topology.table_bytes() + 4 * entries as u64;
         if bytes > max_memory {
@@ -248,7 +250,7 @@ impl<R: Real> Bricks<R> {
         };
         let mut table = vec![NONE; entries];
         for (start, numbers) in self.topology.rows() {
-            // Rows reach as far as some brick does, and so inside the new box where they are not empty.
+            // A row that is not empty starts inside the new box, because the box includes all bricks.
             let there = numbers.iter().enumerate().filter(|(_, number)| **number != NONE);
             there.for_each(|(z, number)| table[at(start + IVec3::new(0, 0, z as i32))] = *number);
         }
@@ -274,7 +276,7 @@ impl<R: Real> Bricks<R> {
         Ok(self)
     }
 
-    /// True if no brick of the domain is missing.
+    /// True if every brick of the domain is present.
     pub fn is_filled(&self) -> bool {
         let (min, max) = self.domain_bricks();
         let inside = |b: &IVec3| b.cmpge(min).all() && b.cmplt(max).all();
@@ -287,7 +289,7 @@ impl<R: Real> Bricks<R> {
         count.into_iter().try_fold(1, |product: i64, n| product.checked_mul(n)) == Some(there as i64)
     }
 
-    /// Coordinates of the domain's bricks: the lowest, and one past the highest.
+    /// Brick coordinates of the domain: the lowest, and one past the highest.
     fn domain_bricks(&self) -> (IVec3, IVec3) {
         if self.domain.is_empty() {
             return (IVec3::ZERO, IVec3::ZERO);
@@ -295,7 +297,7 @@ impl<R: Real> Bricks<R> {
         ((self.domain.min / 8.0).floor().as_ivec3(), (self.domain.max / 8.0).ceil().as_ivec3())
     }
 
-    /// Smallest and largest value (zero counts, being the value outside).
+    /// Smallest and largest value; zero is included, as it is the value outside.
     pub fn range(&self) -> (R, R) {
         self.values
             .par_iter()
@@ -303,7 +305,8 @@ impl<R: Real> Bricks<R> {
             .reduce(|| (R::ZERO, R::ZERO), |a, b| (a.0.lesser(b.0), a.1.greater(b.1)))
     }
 
-    /// Values at the voxels of another lattice, 512 a brick of `topology`.
+    /// Samples the field at the voxels of another lattice (index to world): 512 values per brick of `topology`, z
+    /// fastest.
     pub fn resampled(&self, topology: &Topology, lattice: &Affine) -> Vec<R> {
         let mut out = vec![R::ZERO; topology.len() * LEAF_VOXELS];
         out.par_chunks_mut(LEAF_VOXELS).zip(topology.bricks().par_iter()).for_each(|(values, brick)| {
@@ -316,8 +319,8 @@ impl<R: Real> Bricks<R> {
         out
     }
 
-    /// The bricks' own voxels as a fog volume; voxels that are not positive are inactive, leaves
-    /// without active voxels left out.
+    /// A fog volume named `name` of the voxels that bricks own. Voxels that are not positive are inactive; leaves
+    /// without active voxels are left out.
     pub fn to_grid(&self, name: &str) -> Grid {
         let leaves = self.topology.places().filter_map(|(brick, number)| {
             let stored = &self.values[number as usize * BRICK..(number as usize + 1) * BRICK];
@@ -343,8 +346,10 @@ impl<R: Real> Bricks<R> {
         }
     }
 
-    /// World-space corners of boxes, one a brick, around the voxels that are not zero and the cells they reach into; none
-    /// for an empty field. Like bricks that follow one another along z share a box where there are many.
+    /// World-space corners of boxes around the voxels that are not zero and the cells they reach into; empty for an
+    /// empty field.
+    /// There is one box of eight corners per brick. In large instanced fields, equal bricks that follow one another
+    /// along z share a box.
     pub fn outline(&self) -> Vec<DVec3> {
         let local = |stored: &[R]| {
             (0..BRICK).filter(|i| stored[*i] != R::ZERO).fold(Aabb::EMPTY, |b, i| {
@@ -380,7 +385,7 @@ impl<R: Real> Bricks<R> {
         filled.flat_map_iter(corners).map(|corner| self.transform.to_world(corner)).collect()
     }
 
-    /// Trilinear value at index coordinates.
+    /// Trilinearly interpolated value at index coordinates; zero outside the bricks.
     pub fn sample(&self, index: DVec3) -> R {
         let base = index.floor();
         let f = index - base;
@@ -400,22 +405,23 @@ impl<R: Real> Bricks<R> {
     }
 }
 
-/// Places of bricks above which an outline joins those that are alike: eight points each would take gigabytes.
+/// Number of brick places above which an outline joins equal neighbours: eight points for each place would take
+/// gigabytes.
 const MANY: usize = 1 << 17;
 
-/// That so much memory is needed where so much is allowed.
+/// The error that `bytes` of memory are needed where `limit` are allowed.
 pub(crate) fn too_large(bytes: u64, limit: u64) -> Error {
     Error::unsupported(format!("needs {} MiB in memory, {} MiB are allowed", bytes.div_ceil(1 << 20), limit >> 20))
         .hint("raise --max-memory, or reduce the grid with `cumulo convert --crop` or `--resample`")
 }
 
-/// All bricks from `low` to `high`, both included.
+/// All brick coordinates from `low` to `high`, both included.
 fn boxed(low: IVec3, high: IVec3) -> impl Iterator<Item = IVec3> {
     let columns = (low.x..=high.x).flat_map(move |x| (low.y..=high.y).map(move |y| (x, y)));
     columns.flat_map(move |(x, y)| (low.z..=high.z).map(move |z| IVec3::new(x, y, z)))
 }
 
-/// The lowest and the highest coordinates; out of order if there are none.
+/// Lowest and highest coordinates per axis; the lowest exceed the highest if there are no bricks.
 fn bounds(bricks: impl Iterator<Item = IVec3>) -> (IVec3, IVec3) {
     bricks.fold((IVec3::MAX, IVec3::MIN), |(low, high), b| (low.min(b), high.max(b)))
 }

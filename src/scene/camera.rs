@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::math::Ray;
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
 
-/// How pixels map to rays.
+/// Mapping from pixels to rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Projection {
     /// Rays leave the camera's origin; focal lengths are in pixels.
@@ -19,9 +19,9 @@ pub enum Projection {
 /// A camera and its image raster.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
-    /// Rigid motion from camera to world (column vectors); columns of unit length.
+    /// Rigid motion from camera to world: column vectors of unit length.
     pub camera_to_world: DMat4,
-    /// How pixels map to rays.
+    /// Mapping from pixels to rays.
     pub projection: Projection,
     /// Focal length along x and y: pixels (perspective) or pixels per world unit (orthographic).
     pub focal: DVec2,
@@ -31,25 +31,25 @@ pub struct Camera {
     pub width: u32,
     /// Image height in pixels.
     pub height: u32,
-    /// World-space distance along the viewing axis before which nothing is seen.
+    /// World-space distance along the viewing axis to the near plane; nothing closer is rendered.
     pub near: f64,
 }
 
-/// Derivatives with respect to a camera, or a step of one ([`Camera::moved`]).
+/// Derivatives of a loss with respect to a camera's parameters, or a step of these parameters ([`Camera::moved`]).
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CameraGradient {
-    /// By position, in world units.
+    /// Component for the position, in world units.
     pub position: DVec3,
-    /// By rotation about the position: a vector along the axis, in radians, world axes.
+    /// Component for a rotation about the position: a rotation vector along world axes, in radians.
     pub rotation: DVec3,
-    /// By focal length, in the camera's unit of it.
+    /// Component for the focal lengths along x and y, in the units of [`Camera::focal`].
     pub focal: DVec2,
-    /// By principal point, in pixels.
+    /// Component for the principal point, in pixels.
     pub centre: DVec2,
 }
 
 impl CameraGradient {
-    /// Sum of two.
+    /// Componentwise sum.
     #[must_use]
     pub fn plus(&self, o: &Self) -> Self {
         Self {
@@ -62,10 +62,11 @@ impl CameraGradient {
 }
 
 impl Camera {
-    /// Checks every number and normalises the columns of the motion (files often carry a scale).
+    /// Checks every number and normalises the columns of the motion, since files often carry a scale.
     ///
     /// # Errors
-    /// Names the first number that is not usable.
+    /// If the motion is not finite and affine or its axes are not orthogonal to 1e-3, if focal lengths, principal point
+    /// or near distance cannot be used, or if an image side is outside 1 to 65536.
     pub fn checked(mut self) -> Result<Self> {
         let m = self.camera_to_world;
         if !m.is_finite() || m.row(3) != glam::DVec4::W {
@@ -83,7 +84,7 @@ impl Camera {
         );
         let skew =
             (axes.transpose() * axes - DMat3::IDENTITY).to_cols_array().iter().fold(0.0_f64, |a, v| a.max(v.abs()));
-        // Six decimals, as many tools write them, leave 2e-6.
+        // Six decimals, as many tools write them, leave a skew of 2e-6.
         if skew > 1e-3 {
             return Err(Error::invalid(format!(
                 "camera axes are not orthogonal (off by {skew:.2e}, at most 1e-3 expected)"
@@ -105,8 +106,8 @@ impl Camera {
         Ok(self)
     }
 
-    /// World-space ray through image position `(x, y)` in pixels, direction of unit length. It starts
-    /// at the near plane.
+    /// World-space ray through image position `(x, y)` in pixels, with a direction of unit length. It starts at the
+    /// near plane.
     #[inline(always)]
     pub fn ray(&self, x: f64, y: f64) -> Ray {
         let px = (x - self.centre.x) / self.focal.x;
@@ -124,12 +125,12 @@ impl Camera {
         }
     }
 
-    /// Derivatives of a loss with respect to the camera, from those with respect to the origin and
-    /// direction of its ray through `(x, y)`.
+    /// Derivatives of a loss with respect to the camera, from those with respect to the origin and direction of the
+    /// camera's ray through `(x, y)`.
     pub fn gradient(&self, x: f64, y: f64, by_origin: DVec3, by_direction: DVec3) -> CameraGradient {
         let ray = self.ray(x, y);
         let turned = (ray.origin - self.position()).cross(by_origin) + ray.direction.cross(by_direction);
-        // In the camera's own axes, by its image plane's coordinates.
+        // Derivatives in the camera's axes, and those with respect to the coordinates on its image plane.
         let to_camera = |v: DVec3| self.camera_to_world.transpose().transform_vector3(v);
         let (origin, direction) = (to_camera(by_origin), to_camera(by_direction));
         let plane = DVec2::new((x - self.centre.x) / self.focal.x, (self.centre.y - y) / self.focal.y);
@@ -150,7 +151,7 @@ impl Camera {
         }
     }
 
-    /// Change of the origin and direction of the ray through `(x, y)` with a step of the camera
+    /// Change of the origin and direction of the ray through `(x, y)` under a small step `by` of the camera
     /// ([`Camera::moved`]): the transpose of [`Camera::gradient`].
     pub fn tangent(&self, x: f64, y: f64, by: &CameraGradient) -> Ray {
         let ray = self.ray(x, y);
@@ -171,8 +172,8 @@ impl Camera {
         }
     }
 
-    /// The camera moved by a vector, turned about its position by a rotation vector (world axes,
-    /// radians), with its focal lengths changed.
+    /// The camera after a step: translated, rotated about its position by a rotation vector (world axes, radians), with
+    /// focal lengths and principal point changed.
     #[must_use]
     pub fn moved(mut self, by: &CameraGradient) -> Self {
         let turn = DMat3::from_quat(DQuat::from_scaled_axis(by.rotation));
@@ -183,8 +184,8 @@ impl Camera {
         self
     }
 
-    /// Image position in pixels of a world point and its distance along the viewing axis; `None` at
-    /// or behind the camera of a perspective.
+    /// Image position of a world point in pixels, and the point's distance along the viewing axis. `None` for points at
+    /// or behind a perspective camera.
     pub fn project(&self, world: DVec3) -> Option<(DVec2, f64)> {
         let m = &self.camera_to_world;
         let rel = world - m.w_axis.truncate();
@@ -197,7 +198,7 @@ impl Camera {
         Some((DVec2::new(self.centre.x + self.focal.x * plane.x, self.centre.y - self.focal.y * plane.y), p.z))
     }
 
-    /// Position in world space.
+    /// Position of the camera in world space.
     pub fn position(&self) -> DVec3 {
         self.camera_to_world.w_axis.truncate()
     }
@@ -207,7 +208,8 @@ impl Camera {
         -self.camera_to_world.z_axis.truncate()
     }
 
-    /// Camera at `eye` looking at `target`. Where the view is along `up`, another up is chosen.
+    /// Camera-to-world motion of a camera at `eye` that looks at `target`. Where the view is parallel to `up`, an
+    /// arbitrary up vector is chosen.
     pub fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> DMat4 {
         let back = (eye - target).normalize();
         let up = if up.cross(back).length() < 1e-6 * up.length() { back.any_orthogonal_vector() } else { up };
@@ -274,7 +276,7 @@ mod tests {
         }
     }
 
-    /// `⟨J v, w⟩ = ⟨v, Jᵀ w⟩`.
+    /// The product with the tangent and the gradient agree: `⟨J v, w⟩ = ⟨v, Jᵀ w⟩`.
     #[test]
     fn the_gradient_is_the_tangents_transpose() {
         let v = CameraGradient {
@@ -293,7 +295,7 @@ mod tests {
                     + g.rotation.dot(v.rotation)
                     + g.focal.dot(v.focal)
                     + g.centre.dot(v.centre);
-                // Some twenty products of order 1 to 10.
+                // Some twenty products of order 1 to 10 are summed.
                 assert!((left - right).abs() < 1e-14, "{p:?} {left} {right}");
             }
         }

@@ -1,4 +1,4 @@
-//! A multi-view capture: cameras, the pictures they took and what is known of how they were made.
+//! A multi-view capture: cameras, their pictures, and the known parameters of the image formation.
 
 use crate::error::{Error, Result};
 use crate::scene::camera::Camera;
@@ -8,29 +8,30 @@ use glam::DMat4;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Which light model the pictures show.
+/// Light model of a capture's pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Model {
-    /// `T · background`.
+    /// Absorption alone: `L = T · background`.
     Absorption,
-    /// `∫ T σ c dt + T · background`.
+    /// Emission and absorption: `L = ∫ T σ c dt + T · background`.
     EmissionAbsorption,
-    /// `∫ T e dt + T · background`, with a grid of emissions e per length beside that of extinctions.
+    /// Pre-shaded volume: `L = ∫ T e dt + T · background`, with a grid of emitted radiance e per length beside that of
+    /// extinction.
     PreShaded,
 }
 
-/// How the source's radiance follows the density.
+/// Dependence of the source's radiance on the density.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EmissionModel {
-    /// The same everywhere.
+    /// Constant radiance, independent of the density.
     Grey,
-    /// Proportional to the density.
+    /// Radiance proportional to the density.
     Linear,
 }
 
-/// What a pixel's value is of the radiance that falls on it.
+/// Reconstruction filter: how a pixel's value derives from the radiance over its area.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PixelFilter {
@@ -40,12 +41,12 @@ pub enum PixelFilter {
     Box,
 }
 
-/// One view.
+/// One view of a capture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
-    /// Where it was taken from.
+    /// Camera of the view.
     pub camera: Camera,
-    /// Picture file, resolved against the capture's folder.
+    /// Picture file, with its path resolved against the capture's folder.
     pub picture: PathBuf,
 }
 
@@ -54,31 +55,32 @@ pub struct Frame {
 pub struct Capture {
     /// Views in file order.
     pub frames: Vec<Frame>,
-    /// Light model; absorption unless stated.
+    /// Light model of the pictures; absorption unless stated.
     pub model: Model,
     /// Radiance behind the volume; white unless stated.
     pub background: [f32; 3],
-    /// Point samples unless stated.
+    /// Pixel filter of the pictures; point samples unless stated.
     pub pixel_filter: PixelFilter,
-    /// Extinction per unit of density and world length that the pictures were made with; 1 unless
-    /// stated. A reconstruction divides it out.
+    /// Extinction per unit of density and world length with which the pictures were made; 1 unless stated. A
+    /// reconstruction divides by it.
     pub density_scale: f64,
-    /// Radiance of the source per channel (emission-absorption only); white unless stated.
+    /// Radiance of the source per color channel (emission-absorption only); white unless stated.
     pub emission: [f32; 3],
-    /// How that radiance follows the density; constant unless stated.
+    /// Dependence of `emission` on the density; constant unless stated.
     pub emission_model: EmissionModel,
-    /// Color and extinction by density (emission-absorption only), which then stands in the place of the
-    /// source's radiance; `density_scale` multiplies its extinction.
+    /// Transfer function from density to color and extinction (emission-absorption only). It replaces `emission`;
+    /// `density_scale` multiplies its extinction.
     pub transfer: Option<Transfer>,
-    /// Voxel lattice of the volume in the pictures, index to world, where its maker knew it.
+    /// Index-to-world map of the voxel lattice of the pictured volume, where the capture states it.
     pub lattice: Option<DMat4>,
 }
 
 impl Capture {
-    /// The medium that the pictures show.
+    /// Medium that the pictures show.
     ///
     /// # Errors
-    /// If the transfer function cannot be used, or what is emitted is no function of the density.
+    /// If the transfer function cannot be used, or the volume is pre-shaded, so that its emission is no function of the
+    /// density.
     pub fn medium(&self) -> Result<Medium> {
         let source = match (self.model, &self.transfer, self.emission_model) {
             (Model::Absorption, ..) => Source::Grey([0.0; 3]),

@@ -1,48 +1,48 @@
-//! A picture: RGBA, and named planes beside it.
+//! A picture: RGBA pixels and further named planes.
 
 /// Scene-linear premultiplied RGBA and named planes over one raster, row-major from the top left.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Film {
-    /// Pixels in a row.
+    /// Width in pixels.
     pub width: usize,
-    /// Rows.
+    /// Height in pixels.
     pub height: usize,
-    /// `rgba[y * width + x]`, the mean over the samples of a pixel; alpha is 1 - transmittance.
+    /// Pixels `rgba[y * width + x]`, each the mean over its samples; alpha is 1 - transmittance.
     pub rgba: Vec<[f32; 4]>,
-    /// Samples of each pixel; 0 where that is not known, as of pictures from files.
+    /// Number of samples per pixel; 0 where it is unknown, as for pictures from files.
     pub samples: u32,
-    /// Further planes, in the order in which they were added.
+    /// Further planes in the order in which they were added.
     pub planes: Vec<Plane>,
 }
 
-/// One number a pixel, under a name.
+/// A named plane with one number per pixel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plane {
-    /// Layer and channel as OpenEXR joins them: `variance.R`; without a dot a channel of the unnamed layer.
+    /// Layer and channel joined by a dot, as in OpenEXR: `variance.R`. A name without a dot is a channel of the unnamed
+    /// layer.
     pub name: String,
-    /// `samples[y * width + x]`.
+    /// Values `samples[y * width + x]`.
     pub samples: Vec<f32>,
 }
 
 impl Film {
-    /// A black, clear film without further planes.
+    /// A black, fully transparent film without further planes.
     pub fn new(width: usize, height: usize) -> Self {
         Self::of(width, height, vec![[0.0; 4]; width * height])
     }
 
-    /// A film of these pixels without further planes.
+    /// A film of the given pixels without further planes.
     pub fn of(width: usize, height: usize, rgba: Vec<[f32; 4]>) -> Self {
         Self { width, height, rgba, samples: 0, planes: Vec::new() }
     }
 
-    /// The samples of the plane of this name.
+    /// Values of the plane named `name`, if there is one.
     pub fn plane(&self, name: &str) -> Option<&[f32]> {
         self.planes.iter().find(|plane| plane.name == name).map(|plane| &plane.samples[..])
     }
 }
 
-/// Mean and variance of the samples of a pixel, updated sample by sample (Welford 1962): nothing cancels however many
-/// there are.
+/// Running mean and variance of a pixel's samples (Welford 1962), free of cancellation for any number of samples.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Moments {
     count: u32,
@@ -52,7 +52,7 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Adds a sample.
+    /// Adds one sample.
     pub fn add(&mut self, sample: f64) {
         self.count += 1;
         let before = sample - self.mean;
@@ -60,7 +60,7 @@ impl Moments {
         self.spread += before * (sample - self.mean);
     }
 
-    /// Mean of the samples; 0 of none.
+    /// Mean of the samples; 0 if there are none.
     pub fn mean(&self) -> f64 {
         self.mean
     }
@@ -84,7 +84,7 @@ mod tests {
         let mut moments = Moments::default();
         assert_eq!((moments.mean(), moments.variance_of_mean()), (0.0, f64::INFINITY));
         samples.iter().for_each(|v| moments.add(*v));
-        // Σ (x - x̄)² = 90; far from zero sums of squares would have lost it.
+        // Σ (x - x̄)² = 90; sums of squares would have lost it this far from zero.
         assert_eq!((moments.mean(), moments.variance_of_mean()), (1e9 + 10.0, 90.0 / 12.0));
     }
 }

@@ -1,23 +1,24 @@
-//! A grid as files hold it: sparse leaves and tiles with their metadata, not yet arranged for rays.
+//! A grid as stored in files: sparse leaves and tiles with metadata, before the layout for ray traversal.
 
 use crate::math::{Aabb, Affine};
 use glam::IVec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Largest density that can be rendered: above it, cubics of the density along a ray leave single precision.
+/// Largest density that can be rendered; above it, cubic polynomials of the density along a ray overflow single
+/// precision.
 pub const MOST_DENSITY: f32 = 1e30;
 
-/// What the values of a grid mean, as OpenVDB names it.
+/// Meaning of a grid's values, as classified by OpenVDB.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GridClass {
     /// Density of a participating medium; zero outside.
     FogVolume,
     /// Signed distance to a surface.
     LevelSet,
-    /// Velocity on staggered faces.
+    /// Staggered vectors, such as velocities on voxel faces.
     Staggered,
-    /// Not stated.
+    /// No class stated.
     Unknown,
 }
 
@@ -32,18 +33,18 @@ pub const fn voxel_offset([x, y, z]: [usize; 3]) -> usize {
     (x & 7) << 6 | (y & 7) << 3 | (z & 7)
 }
 
-/// 8³ voxels. `values[(x << 6) | (y << 3) | z]` as in OpenVDB: z runs fastest.
+/// A block of 8³ voxels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Leaf {
     /// Index coordinates of the first voxel, multiples of 8.
     pub origin: [i32; 3],
-    /// All values, those of inactive voxels too.
+    /// Values of all voxels, inactive ones included: `values[(x << 6) | (y << 3) | z]` as in OpenVDB, z fastest.
     pub values: Box<[f32; LEAF_VOXELS]>,
-    /// Bit `i & 63` of word `i >> 6` is set if voxel `i` is active.
+    /// Activity mask: bit `i & 63` of word `i >> 6` is set if voxel `i` is active.
     pub active: [u64; 8],
 }
 
-/// A constant block above leaf level.
+/// A block of constant value above the leaf level.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tile {
     /// Index coordinates of the first voxel.
@@ -52,25 +53,25 @@ pub struct Tile {
     pub dim: i32,
     /// Value of every voxel inside.
     pub value: f32,
-    /// Active tiles count as voxels; inactive ones carry only a value (the inside of a level set).
+    /// True if the tile's voxels count as active; inactive tiles carry only a value (the inside of a level set).
     pub active: bool,
 }
 
-/// Metadata value of a file or a grid.
+/// A metadata value of a file or a grid.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 #[serde(untagged)]
 pub enum MetaValue {
-    /// `bool`
+    /// Value of type `bool`.
     Bool(bool),
-    /// `int32` and `int64`
+    /// Value of type `int32` or `int64`.
     Int(i64),
-    /// `float` and `double`
+    /// Value of type `float` or `double`.
     Float(f64),
-    /// `string`
+    /// Value of type `string`.
     Text(String),
-    /// `vec2i`, `vec3i`, `vec4i`
+    /// Value of type `vec2i`, `vec3i` or `vec4i`.
     Ints(Vec<i64>),
-    /// `vec2s`, `vec3d`, ... and matrices, row by row
+    /// Value of type `vec2s`, `vec3d` and the like, or a matrix row by row.
     Floats(Vec<f64>),
 }
 
@@ -79,9 +80,9 @@ pub enum MetaValue {
 pub struct Grid {
     /// Name, unique within a file after OpenVDB's suffixing (`density[0]`).
     pub name: String,
-    /// What the values mean.
+    /// Meaning of the values.
     pub class: GridClass,
-    /// Index space to world space; a voxel's index coordinates are its centre.
+    /// Map from index space to world space; a voxel's index coordinates are those of its centre.
     pub transform: Affine,
     /// Value wherever there is neither leaf nor tile.
     pub background: f32,
@@ -94,14 +95,14 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Bytes that leaves and tiles take in memory.
+    /// Bytes of memory that leaves and tiles occupy.
     pub fn memory(&self) -> u64 {
-        // The values of a leaf are an allocation of their own.
+        // The values of a leaf are a separate allocation.
         let leaf = size_of::<Leaf>() + LEAF_VOXELS * size_of::<f32>() + 16;
         (self.leaves.len() * leaf + self.tiles.len() * size_of::<Tile>()) as u64
     }
 
-    /// Box of the centres of all active voxels, in index space; empty if there are none.
+    /// Index-space box of the centres of all active voxels; empty if there are none.
     pub fn active_box(&self) -> Aabb {
         let of_leaf = |leaf: &Leaf| {
             let origin = IVec3::from_array(leaf.origin);

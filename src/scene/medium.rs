@@ -12,13 +12,13 @@ use std::sync::Arc;
 /// Source radiance `c` as a function of the density `d`, per color channel.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Source {
-    /// `c` is the same everywhere (absorption alone is `c = 0`): the picture depends on the optical
-    /// depth alone, `L = c (1 - T) + T · background`.
+    /// Constant radiance: `c` is independent of the density, and absorption alone is `c = 0`. The picture depends only
+    /// on the optical depth: `L = c (1 - T) + T · background`.
     Grey([f32; 3]),
-    /// `c = color · d`: denser is brighter.
+    /// Radiance proportional to the density, `c = color · d`.
     Linear([f32; 3]),
-    /// Color and extinction are a piecewise linear function of the density. Where the field has no
-    /// voxels the density is zero; beyond its domain there is nothing.
+    /// Color and extinction as a piecewise linear function of the density. The density is zero where the field has no
+    /// voxels; outside its domain the medium is empty.
     Transfer(Arc<Table>),
 }
 
@@ -34,8 +34,7 @@ pub struct Scattering {
 /// A participating medium.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Medium {
-    /// Extinction per unit of density (of the transfer function's extinction, if there is one) and world
-    /// length.
+    /// Extinction per world length and unit of density, or per unit of the transfer function's extinction.
     pub extinction: f64,
     /// Radiance of the source.
     pub source: Source,
@@ -85,7 +84,7 @@ impl Medium {
         self.scattering.is_some_and(|scattering| scattering.albedo != [0.0; 3])
     }
 
-    /// True if light is emitted at all.
+    /// True if the source radiance is not zero everywhere.
     pub fn emits(&self) -> bool {
         match &self.source {
             Source::Grey(c) | Source::Linear(c) => *c != [0.0; 3],

@@ -1,4 +1,5 @@
-//! The description of what light travels through. It knows no file format and no renderer.
+//! Description of the scene: volumes, media, transfer functions, cameras and pictures. No module here knows a file
+//! format or a renderer.
 
 pub mod bricks;
 pub mod camera;

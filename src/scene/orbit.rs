@@ -3,17 +3,18 @@
 use crate::scene::camera::{Camera, Projection};
 use glam::{DVec2, DVec3};
 
-/// How views are spread.
+/// Distribution of views around a volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
-    /// Over the whole sphere, by the golden angle: evenly, and no two along one line.
+    /// Evenly over the whole sphere by the golden angle, with no two views on one line.
     Sphere,
-    /// On the horizontal circle around z.
+    /// Evenly on the horizontal circle around z.
     Ring,
 }
 
-/// `count` perspective cameras of `width` x `height` pixels around `points` that all see all of them.
-/// `field_of_view` is the angle in degrees that the sphere around the points takes.
+/// Places `count` perspective cameras of `width` x `height` pixels around `points` so that each sees all points.
+/// `field_of_view` is the angle in degrees that the bounding sphere of the points subtends; it sets the cameras'
+/// distance.
 pub fn cameras(
     points: &[DVec3],
     count: usize,
@@ -27,7 +28,7 @@ pub fn cameras(
     let distance = radius.max(f64::MIN_POSITIVE) / half.sin();
     let directions: Vec<DVec3> = (0..count).map(|i| direction(i, count, layout)).collect();
     let eyes: Vec<_> = directions.iter().map(|d| Camera::look_at(centre + distance * *d, centre, DVec3::Z)).collect();
-    // As large as the points allow in the view that needs most, so that all share one lens.
+    // All cameras share one focal length: the largest that keeps every point in every picture.
     let reach = eyes.iter().fold(DVec2::splat(f64::MIN_POSITIVE), |reach, eye| {
         let to_camera = eye.inverse();
         points.iter().fold(reach, |reach, point| {
@@ -51,7 +52,7 @@ pub fn cameras(
         .collect()
 }
 
-/// A ball around points, at most a tenth larger than the smallest (Ritter 1990).
+/// Centre and radius of a bounding ball, slightly larger than the smallest one (Ritter 1990).
 pub(super) fn ball(points: &[DVec3]) -> (DVec3, f64) {
     let Some(first) = points.first() else { return (DVec3::ZERO, 0.0) };
     let farthest = |from: DVec3| {
@@ -71,7 +72,7 @@ pub(super) fn ball(points: &[DVec3]) -> (DVec3, f64) {
     (centre, radius)
 }
 
-/// Unit vector to the view of number `i` of `count`.
+/// Unit vector from the centre to view `i` of `count`.
 pub fn direction(i: usize, count: usize, layout: Layout) -> DVec3 {
     let i = i as f64;
     let count = count as f64;

@@ -1,4 +1,4 @@
-//! Where the voxels of bricks come from: the leaves and tiles of a grid, found by brick coordinates.
+//! Sources of brick values: the leaves and tiles of a grid, found by brick coordinates.
 
 use crate::error::{Error, Result};
 use crate::real::Real;
@@ -11,20 +11,20 @@ use std::collections::{BTreeSet, HashMap};
 /// Edges of tiles, in bricks.
 const TILE_EDGES: [i32; 3] = [1, 16, 512];
 
-/// What lies in the place of one brick.
+/// Source of the voxels of one brick: a leaf by number, or the value of a tile.
 #[derive(Debug, Clone, Copy)]
 enum Source {
     Leaf(usize),
     Constant(f32),
 }
 
-/// The leaves and tiles of a density that are not zero.
+/// The nonzero leaves and tiles of a density grid.
 #[derive(Debug)]
 pub(super) struct Sources<'g> {
     grid: &'g Grid,
-    /// Numbers of leaves by brick coordinates.
+    /// Leaf numbers by brick coordinates.
     leaves: HashMap<IVec3, usize>,
-    /// Values of tiles by the brick coordinates of their first brick, for each of [`TILE_EDGES`].
+    /// Tile values by the coordinates of the tile's lowest brick, for each edge in [`TILE_EDGES`].
     tiles: [HashMap<IVec3, f32>; 3],
 }
 
@@ -32,18 +32,18 @@ fn brick(origin: [i32; 3]) -> IVec3 {
     IVec3::from_array(origin.map(|c| c.div_euclid(8)))
 }
 
-/// The eight bricks that a brick reaches into, itself first: bit 2 of the number is one along x, bit 1 along y, bit 0
-/// along z.
+/// Offset to one of the eight bricks that a brick reaches into, itself being corner 0: bits 2, 1 and 0 of `corner` step
+/// along x, y and z.
 fn offset(corner: i32) -> IVec3 {
     IVec3::new(corner >> 2 & 1, corner >> 1 & 1, corner & 1)
 }
 
 impl<'g> Sources<'g> {
-    /// Those of a grid.
+    /// Checks a grid and indexes its nonzero leaves and tiles.
     ///
     /// # Errors
-    /// If the grid is no fog volume with background 0, carries NaN, infinite, negative or too large values, or a tile that no
-    /// VDB tree can hold.
+    /// If the grid is no fog volume with background 0, if a value is NaN, infinite, negative or above [`MOST_DENSITY`],
+    /// or if a tile fits no VDB tree.
     pub(super) fn new(grid: &'g Grid) -> Result<Self> {
         if grid.background != 0.0 {
             let hint = if grid.background.is_finite() {
@@ -87,19 +87,20 @@ impl<'g> Sources<'g> {
         Ok(Self { grid, leaves: filled.map(|(i, leaf)| (brick(leaf.origin), i)).collect(), tiles })
     }
 
-    /// Bytes that looking them up takes.
+    /// Bytes of memory that the index occupies.
     pub(super) fn memory(&self) -> u64 {
         let tiles: usize = self.tiles.iter().map(HashMap::capacity).sum();
         (self.leaves.capacity() * 25 + tiles * 17) as u64
     }
 
-    /// How many bricks the tiles cover.
+    /// Number of bricks that the tiles cover.
     pub(super) fn tile_bricks(&self) -> u64 {
         let of = |(tiles, edge): (&HashMap<IVec3, f32>, &i32)| tiles.len() as u64 * (*edge as u64).pow(3);
         self.tiles.iter().zip(&TILE_EDGES).map(of).sum()
     }
 
-    /// The boxes of bricks, lowest and highest, that the tiles reach into, in ascending order.
+    /// Lowest and highest brick coordinates of the box that each tile reaches into: largest tiles first, ascending
+    /// within a size.
     pub(super) fn tile_boxes(&self) -> impl Iterator<Item = (IVec3, IVec3)> + '_ {
         self.tiles.iter().zip(TILE_EDGES).rev().flat_map(|(tiles, edge)| {
             let mut sorted: Vec<[i32; 3]> = tiles.keys().map(|b| b.to_array()).collect();
@@ -108,7 +109,7 @@ impl<'g> Sources<'g> {
         })
     }
 
-    /// Bricks that a voxel of a leaf that is not zero lies in, as its own or in its apron.
+    /// Coordinates of all bricks that store a nonzero voxel of a leaf, as their own or in their apron.
     pub(super) fn needed_by_leaves(&self) -> BTreeSet<[i32; 3]> {
         let mut needed = BTreeSet::new();
         for (at, leaf) in &self.leaves {
@@ -121,7 +122,7 @@ impl<'g> Sources<'g> {
         needed
     }
 
-    /// True if a voxel that is not zero lies on the low faces named by `offset` (all voxels for none).
+    /// True if a leaf has a nonzero voxel on the low faces along the axes where `offset` is 1, or anywhere if it is 0.
     fn touches(&self, leaf: usize, offset: IVec3) -> bool {
         let end = |a: usize| if offset[a] == 1 { 1 } else { CELLS };
         let values = &self.grid.leaves[leaf].values;
@@ -138,7 +139,8 @@ impl<'g> Sources<'g> {
         self.tiles.iter().zip(&TILE_EDGES).find_map(of).map(Source::Constant)
     }
 
-    /// The values of the eight bricks that a brick reaches into, for one that no leaf's voxel other than zero lies in.
+    /// Constant values of the eight bricks that a brick reaches into. Valid for bricks that store no nonzero voxel of a
+    /// leaf.
     pub(super) fn constants(&self, brick: IVec3) -> [f32; 8] {
         std::array::from_fn(|corner| match self.at(brick + offset(corner as i32)) {
             Some(Source::Constant(value)) => value,
@@ -146,7 +148,7 @@ impl<'g> Sources<'g> {
         })
     }
 
-    /// Writes the stored values of a brick onto zeros.
+    /// Writes the stored values of a brick into `out`, which must hold zeros.
     pub(super) fn fill<R: Real>(&self, brick: IVec3, out: &mut [R]) {
         for corner in 0..8 {
             let offset = offset(corner);

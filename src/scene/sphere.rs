@@ -1,8 +1,8 @@
-//! The sphere of viewpoints around a volume: cameras at one distance from its centre, facing it.
+//! Viewpoints on a sphere around a volume: cameras at a fixed distance from its centre, facing it.
 //!
-//! A viewpoint is a frame of axes (right, up, back; `back` is the unit vector from the centre to the
-//! camera), and a step is a rotation about an axis across `back`: the exponential map of the sphere, which
-//! carries the up vector along. There is no longitude and no latitude, so that poles are points like any other.
+//! A viewpoint is a frame of axes (right, up, back), where `back` is the unit vector from the centre to the camera. A
+//! step is a rotation about an axis perpendicular to `back`: the exponential map of the sphere, which transports the up
+//! vector along. Without longitude and latitude, poles are points like any other.
 
 use crate::error::{Error, Result};
 use crate::scene::camera::{Camera, Projection};
@@ -10,25 +10,25 @@ use crate::scene::orbit::{self, Layout};
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
 use std::f64::consts::FRAC_PI_4;
 
-/// Sine of the angle to the vertical below which "up" says nothing about a frame's roll.
+/// Sine of the angle between `back` and the vertical below which the roll of a frame is undefined.
 const POLE: f64 = 0.05;
 
-/// Cameras of one lens around a ball that is all in the picture, from wherever it is seen.
+/// Cameras of one lens around a ball that lies inside the picture from every viewpoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sphere {
-    /// What cameras face.
+    /// World-space point that the cameras face.
     pub centre: DVec3,
-    /// From there to the cameras, in world units.
+    /// Distance from the centre to the cameras, in world units.
     pub distance: f64,
     /// Focal length in pixels.
     pub focal: f64,
-    /// Size of the pictures in pixels.
+    /// Width and height of the pictures in pixels.
     pub size: [u32; 2],
 }
 
 impl Sphere {
-    /// The sphere around `points` on which the ball that holds them takes an angle of `field_of_view` degrees, and
-    /// the shorter side of a picture but for a pixel on each side.
+    /// The sphere around `points` from which their bounding ball subtends an angle of `field_of_view` degrees and fills
+    /// the shorter side of the picture but for one pixel on each side.
     ///
     /// # Errors
     /// If there are no points.
@@ -43,7 +43,7 @@ impl Sphere {
         Ok(Self { centre, distance, focal: reach / half.tan(), size })
     }
 
-    /// The same with pictures `factor` times as large, at least one pixel each way.
+    /// Scales the pictures and the focal length by `factor`; each side keeps at least one pixel.
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
         let size = self.size.map(|n| ((f64::from(n) * factor).round() as u32).max(1));
@@ -51,7 +51,7 @@ impl Sphere {
         Self { focal: self.focal * shorter(size) / shorter(self.size), size, ..*self }
     }
 
-    /// The camera with these axes.
+    /// Camera at the viewpoint with the given axes (right, up, back).
     pub fn camera(&self, axes: &DMat3) -> Camera {
         let size = DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]));
         Camera {
@@ -66,29 +66,30 @@ impl Sphere {
     }
 }
 
-/// Axes of a camera in a direction from the centre, upright.
+/// Axes (right, up, back) of the upright camera in the given direction from the centre.
 pub fn upright(direction: DVec3) -> DMat3 {
     DMat3::from_mat4(Camera::look_at(direction, DVec3::ZERO, DVec3::Z))
 }
 
-/// The same viewpoint upright; near a pole, where that would be a turn by any angle, as it is.
+/// Removes the roll from a viewpoint's axes. Near a pole, where the roll is undefined, the axes are returned unchanged.
 pub fn levelled(axes: &DMat3) -> DMat3 {
     if axes.z_axis.cross(DVec3::Z).length() < POLE { *axes } else { upright(axes.z_axis.normalize()) }
 }
 
-/// The viewpoint after a step: a rotation vector in radians, given along `right` and `up`. A step has the
-/// same two numbers in the axes before and after it.
+/// Axes after a step: a rotation vector in radians with components along `right` and `up`. The step has equal
+/// components in the axes before and after it.
 pub fn stepped(axes: &DMat3, step: DVec2) -> DMat3 {
     let turn = DQuat::from_scaled_axis(axes.x_axis * step.x + axes.y_axis * step.y);
     let moved = DMat3::from_quat(turn) * *axes;
-    // Rounding must not add up over a path.
+    // Axes are orthonormalised so that rounding does not add up over a path.
     let back = moved.z_axis.normalize();
     let right = moved.y_axis.cross(back).normalize();
     DMat3::from_cols(right, back.cross(right), back)
 }
 
-/// Unit vectors to start a search from: for eight those of Weiss & Westermann (2021), sect. 5.1 (longitudes 45°,
-/// 135°, 225°, 315° at latitudes ±45°), for other counts spread evenly.
+/// Unit vectors to start a search from.
+/// Eight are those of Weiss & Westermann (2021), sect. 5.1: longitudes 45°, 135°, 225°, 315° at latitudes ±45°. Other
+/// counts are spread evenly.
 pub fn starts(count: usize) -> Vec<DVec3> {
     if count != 8 {
         return spread(count);
@@ -101,7 +102,7 @@ pub fn starts(count: usize) -> Vec<DVec3> {
     (0..8).map(corner).collect()
 }
 
-/// Unit vectors spread evenly: a Fibonacci lattice.
+/// Unit vectors spread evenly over the sphere: a Fibonacci lattice.
 pub fn spread(count: usize) -> Vec<DVec3> {
     (0..count).map(|i| orbit::direction(i, count, Layout::Sphere)).collect()
 }
@@ -144,7 +145,7 @@ mod tests {
         assert_eq!(sphere.centre, DVec3::new(3.0, 2.0, 3.0));
         for s in [sphere, sphere.scaled(0.25)] {
             let camera = s.camera(&upright(DVec3::new(0.2, -0.5, 0.6).normalize()));
-            // Where a ray touches a ball of radius 2.
+            // Point where a ray is tangent to a ball of radius 2.
             let (sin, cos) = 20_f64.to_radians().sin_cos();
             let m = DMat3::from_mat4(camera.camera_to_world);
             let touch = s.centre + 2.0 * (m.z_axis * sin + m.y_axis * cos);

@@ -1,37 +1,38 @@
-//! What the values of a grid are like.
+//! Statistics of a grid's values.
 
 use serde::Serialize;
 
-/// Bins of a histogram.
+/// Number of bins of a histogram.
 pub const BINS: usize = 16;
-/// Largest finite half.
+/// Largest finite half-precision number.
 const HALF_MAX: f32 = 65_504.0;
 
-/// Statistics of active values; vectors enter by their length.
+/// Statistics of a grid's active values; a vector counts by its length.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Statistics {
-    /// Smallest finite value; `None` if there is none.
+    /// Smallest finite value; `None` if there are no finite values.
     pub min: Option<f32>,
-    /// Largest finite value.
+    /// Largest finite value; `None` if there are no finite values.
     pub max: Option<f32>,
-    /// Mean of finite values.
+    /// Mean of the finite values; `None` if there are none.
     pub mean: Option<f64>,
-    /// Values that are not a number.
+    /// Number of values that are NaN.
     pub nan: u64,
-    /// Infinite values.
+    /// Number of infinite values.
     pub infinite: u64,
-    /// Finite values below zero.
+    /// Number of finite values below zero.
     pub negative: u64,
-    /// Finite values too large for a half (above 65504).
+    /// Number of finite values whose magnitude exceeds the largest half-precision number (65504).
     pub above_half: u64,
     /// Counts in [`BINS`] bins of equal width from `min` to `max`; empty if there are no finite values.
     pub histogram: Vec<u64>,
 }
 
-/// Statistics of values, in two passes: `visit` hands all of them, each with how many voxels have it, to its argument.
+/// Computes statistics in two passes. `visit` hands every value, with the number of voxels that have it, to its
+/// argument; it is called twice.
 ///
 /// # Errors
-/// Those of `visit`.
+/// Errors of `visit` are passed on.
 pub fn of<E>(mut visit: impl FnMut(&mut dyn FnMut(f32, u64)) -> Result<(), E>) -> Result<Statistics, E> {
     let mut s = Statistics::default();
     let (mut low, mut high, mut sum, mut count) = (f32::INFINITY, f32::NEG_INFINITY, 0.0_f64, 0_u64);
@@ -59,7 +60,7 @@ pub fn of<E>(mut visit: impl FnMut(&mut dyn FnMut(f32, u64)) -> Result<(), E>) -
     visit(&mut |v, n| {
         if v.is_finite() {
             let at = (f64::from(v) - f64::from(low)) * scale;
-            // A single value makes the scale infinite and `at` not a number: the first bin takes it.
+            // With a single distinct value `at` is NaN, which counts in the first bin.
             histogram[(at as usize).min(BINS - 1)] += n;
         }
     })?;

@@ -1,37 +1,37 @@
-//! Piecewise linear functions of the density, which is all that renderers know of transfer functions:
-//! knots are the split points of their quadrature.
+//! Piecewise linear functions of the density, the only form of transfer function that renderers know. Knots are split
+//! points of the quadrature.
 
 use crate::error::{Error, Result};
 
-/// Red, green and blue radiance of the source, and extinction per world unit.
+/// Red, green and blue source radiance, and extinction per world unit.
 pub type Rgbs = [f64; 4];
 
-/// A piecewise linear function: constant below the first knot and above the last. Two knots of one
-/// density are a step; at it the value is the upper one's.
+/// A piecewise linear function of the density, constant below the first knot and above the last.
+/// Two knots at one density are a step, at which the function takes the upper knot's value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
     knots: Vec<f64>,
     values: Vec<Rgbs>,
 }
 
-/// Derivatives of a loss with respect to what a table is between two knots, or a direction in which that
-/// changes ([`Table::tangent`]), piece by piece: `knots + 1` pieces, the constant ones outside included.
+/// Derivatives of a loss with respect to a table's pieces, or a tangent of the pieces ([`Table::tangent`]).
+/// A table of n knots has n + 1 pieces, the constant ones outside included.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TableGradient {
-    /// With respect to the values at the lower end and at the upper end of each piece. Pieces outside
-    /// have one end alone: the first its upper, the last its lower.
+    /// Component for the values at the lower and at the upper end of each piece. The outermost pieces have one end: the
+    /// first its upper, the last its lower.
     pub pieces: Vec<[Rgbs; 2]>,
-    /// With respect to the densities of the knots at steps: what lies there is on no piece. Of other knots pieces tell
-    /// all.
+    /// Component for the densities of knots at steps, by knot: the jump itself lies on no piece. For other knots the
+    /// pieces suffice.
     pub steps: Vec<f64>,
 }
 
 impl Table {
-    /// A table of ascending `knots` with a value each.
+    /// A table of ascending densities `knots` with one value each.
     ///
     /// # Errors
-    /// If there is no knot, a number is not finite, a value negative, or the knots do not ascend (two of
-    /// one density are allowed, three are not).
+    /// If there is no knot, if the counts differ, if a number is not finite or a value is negative, or if the knots do
+    /// not ascend (two may share a density, three may not).
     pub fn new(knots: Vec<f64>, values: Vec<Rgbs>) -> Result<Self> {
         if knots.is_empty() || knots.len() != values.len() {
             return Err(Error::invalid(format!(
@@ -64,17 +64,17 @@ impl Table {
         &self.knots
     }
 
-    /// Values at the knots.
+    /// Values at the knots, in the order of [`Table::knots`].
     pub fn values(&self) -> &[Rgbs] {
         &self.values
     }
 
-    /// Number of the piece that a density lies in: that of the first knot above it.
+    /// Number of the piece that contains a density, which is the number of knots at or below it.
     pub fn piece(&self, density: f64) -> usize {
         self.knots.partition_point(|k| *k <= density)
     }
 
-    /// Both ends of a piece: densities (infinite outside) and values.
+    /// Densities (infinite outside) and values at the lower and upper end of a piece.
     pub fn ends(&self, piece: usize) -> ([f64; 2], [Rgbs; 2]) {
         let last = self.knots.len() - 1;
         match piece {
@@ -94,23 +94,23 @@ impl Table {
         std::array::from_fn(|c| a[c] + f * (b[c] - a[c]))
     }
 
-    /// Derivative with respect to the density, from above where it has two; zero outside.
+    /// Derivative with respect to the density: the one from above at knots, zero outside them.
     pub fn slope(&self, density: f64) -> Rgbs {
         self.slope_of(self.piece(density))
     }
 
-    /// Derivative with respect to the density in a piece; zero where the piece is a step.
+    /// Derivative with respect to the density within a piece; zero where the piece is a step or lies outside the knots.
     pub fn slope_of(&self, piece: usize) -> Rgbs {
         let ([low, high], [a, b]) = self.ends(piece);
         let width = high - low;
         if width > 0.0 && width.is_finite() { std::array::from_fn(|c| (b[c] - a[c]) / width) } else { [0.0; 4] }
     }
 
-    /// Change of the pieces' ends with the knots' densities and values: the transpose of
+    /// Change of the values at the pieces' ends under a change of the knots' densities and values: the transpose of
     /// [`TableGradient::by_knot`] and [`TableGradient::by_value`].
     pub fn tangent(&self, knots: &[f64], values: &[Rgbs]) -> TableGradient {
         let last = self.knots.len() - 1;
-        // A knot that moves takes its value along: at the old density it is lower by the slope.
+        // A knot that moves takes its value along, so the value at the old density changes by the negative slope.
         let end = |piece: usize, knot: usize| -> Rgbs {
             let slope = self.slope_of(piece);
             std::array::from_fn(|c| values[knot][c] - slope[c] * knots[knot])
@@ -119,7 +119,7 @@ impl Table {
         TableGradient { pieces: pieces.collect(), steps: knots.to_vec() }
     }
 
-    /// Least and greatest value over a range of densities.
+    /// Componentwise least and greatest value over a range of densities.
     pub fn bounds(&self, low: f64, high: f64) -> (Rgbs, Rgbs) {
         let mut least = self.at(low);
         let mut most = least;
@@ -133,13 +133,13 @@ impl Table {
         (least, most)
     }
 
-    /// Greatest value anywhere.
+    /// Componentwise greatest value over all densities.
     pub fn peak(&self) -> Rgbs {
         self.bounds(self.knots[0], self.knots[self.knots.len() - 1]).1
     }
 
-    /// `∫ (σ r, σ g, σ b, σ) dd` over a range of densities: what pre-integration takes from the table.
-    /// Negative if the range runs downward.
+    /// The integral `∫ (σ r, σ g, σ b, σ) dd` over a range of densities, as pre-integration needs it; negative if the
+    /// range runs downward.
     pub fn integral(&self, from: f64, to: f64) -> Rgbs {
         if to < from {
             return self.integral(to, from).map(|v| -v);
@@ -151,7 +151,8 @@ impl Table {
             if b <= a {
                 continue;
             }
-            // The product of two linear functions: Simpson's rule is exact. The middle lies in the piece.
+            // The integrand is a product of two linear functions, for which Simpson's rule is exact. The middle lies
+            // inside the piece.
             let middle = self.at(0.5 * (a + b));
             let slope = self.slope_of(piece);
             let half = 0.5 * (b - a);
@@ -165,16 +166,16 @@ impl Table {
         sum
     }
 
-    /// The table without knots that change it by no more than `tolerance` times each channel's peak.
-    /// Greedy: every piece is made as long as the knots that it leaves out allow (0 drops those that lie
-    /// on a line).
+    /// Removes knots that change the table by at most `tolerance` times each channel's peak.
+    /// The search is greedy: each piece is made as long as the knots that it skips allow. A tolerance of 0 removes only
+    /// knots that lie on a line.
     #[must_use]
     pub fn simplified(&self, tolerance: f64) -> Self {
         let allowed = self.peak().map(|p| tolerance.max(4.0 * f64::EPSILON) * p);
         let n = self.knots.len();
         let (mut kept, mut from) = (vec![0], 0);
         while from + 1 < n {
-            // The slopes that pass all knots since `from` within what is allowed, by channel.
+            // Range of slopes, by channel, that pass all knots since `from` within the tolerance.
             let (mut least, mut most) = ([f64::NEG_INFINITY; 4], [f64::INFINITY; 4]);
             let mut to = from + 1;
             for next in from + 1..n {
@@ -182,7 +183,7 @@ impl Table {
                 let rise: Rgbs = std::array::from_fn(|c| self.values[next][c] - self.values[from][c]);
                 let passes = |c: usize| width > 0.0 && (least[c]..=most[c]).contains(&(rise[c] / width));
                 if next > from + 1 && !(0..4).all(passes) {
-                    // A piece may end only on a knot, and only on one that its own line passes.
+                    // A piece may end only at a knot that its own line passes.
                     if width == 0.0 || (0..4).any(|c| least[c] > most[c]) {
                         break;
                     }
@@ -208,12 +209,12 @@ impl Table {
 }
 
 impl TableGradient {
-    /// Zero for each piece of a table.
+    /// A zero gradient for the pieces and knots of a table.
     pub fn zeros(table: &Table) -> Self {
         Self::of_knots(table.knots.len())
     }
 
-    /// Zero for a table of so many knots.
+    /// A zero gradient for a table of `knots` knots.
     pub fn of_knots(knots: usize) -> Self {
         Self { pieces: vec![[[0.0; 4]; 2]; knots + 1], steps: vec![0.0; knots] }
     }
@@ -233,7 +234,7 @@ impl TableGradient {
         pieces.chain(steps).map(|(a, b)| a * b).sum()
     }
 
-    /// Adds another of the same table.
+    /// Adds another gradient of the same table.
     pub fn add(&mut self, other: &Self) {
         for (a, b) in self.pieces.iter_mut().flatten().flatten().zip(other.pieces.iter().flatten().flatten()) {
             *a += b;
@@ -243,13 +244,14 @@ impl TableGradient {
         }
     }
 
-    /// With respect to the knots' values.
+    /// Derivatives with respect to the knots' values.
     pub fn by_value(&self) -> Vec<Rgbs> {
         self.pieces.windows(2).map(|p| std::array::from_fn(|c| p[0][1][c] + p[1][0][c])).collect()
     }
 
-    /// With respect to the knots' densities. The two of a step can only part: of each it is the derivative for moving
-    /// away from the other, and the two together move the step.
+    /// Derivatives with respect to the knots' densities.
+    /// At a step the two knots coincide; the derivatives given are those of separating them, and their sum is that of
+    /// moving the step.
     pub fn by_knot(&self, table: &Table) -> Vec<f64> {
         let pull = |piece: usize, end: usize| -> f64 {
             table.slope_of(piece).iter().zip(self.pieces[piece][end]).map(|(s, g)| s * g).sum()

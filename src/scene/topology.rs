@@ -1,9 +1,9 @@
-//! Which bricks of 8³ cells there are, and how their voxels are numbered.
+//! Topology of sparse bricks of 8³ cells: which bricks exist and how their voxels are numbered.
 //!
-//! A brick owns the 8³ *cells* whose lowest corner lies in one leaf of the VDB tree, and stores the
-//! 9³ voxel values at their corners, so that trilinear interpolation never leaves the brick.
+//! A brick owns the 8³ *cells* whose lowest corner lies in one leaf of the VDB tree. It stores the 9³ voxel values at
+//! their corners, so that trilinear interpolation never leaves the brick.
 //!
-//! Values of a brick: `values[(x * 9 + y) * 9 + z]`, z fastest as in OpenVDB's leaves.
+//! The values of a brick are `values[(x * 9 + y) * 9 + z]`, z fastest as in OpenVDB's leaves.
 
 use crate::error::{Error, Result};
 use crate::math::Aabb;
@@ -15,50 +15,49 @@ use std::ops::AddAssign;
 
 /// Cells along the edge of a brick.
 pub const CELLS: usize = 8;
-/// Stored voxels along the edge of a brick: its cells' corners.
+/// Stored voxels along the edge of a brick: the corners of its cells.
 pub const EDGE: usize = CELLS + 1;
 /// Stored voxels of a brick.
 pub const BRICK: usize = EDGE * EDGE * EDGE;
-/// Marks the absence of a brick.
+/// Brick number that marks the absence of a brick.
 pub const NONE: u32 = u32::MAX;
 
-/// Offset of a stored voxel in its brick.
+/// Index of a stored voxel within its brick, with coordinates from 0 to 8.
 #[inline(always)]
 pub const fn slot(x: usize, y: usize, z: usize) -> usize {
     (x * EDGE + y) * EDGE + z
 }
 
-/// What a voxel holds: a number, or four of a pre-shaded volume. By default it holds nothing.
+/// Value of a voxel: a scalar, or the four numbers of a pre-shaded volume. The default is an empty voxel.
 pub trait Voxel: Copy + Default + AddAssign + Send + Sync {}
 impl<V: Copy + Default + AddAssign + Send + Sync> Voxel for V {}
 
-/// Which bricks there are, and who is whose neighbour.
+/// The set of bricks of a field, with a table that finds them by their coordinates.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Topology {
-    /// Brick coordinates of the table's first entry.
+    /// Brick coordinates of the first table entry.
     min: IVec3,
-    /// Table entries along x, y, z.
+    /// Number of table entries along x, y, z.
     dim: IVec3,
-    /// Brick number or [`NONE`], z fastest.
+    /// Brick number or [`NONE`] by table entry, z fastest.
     table: Vec<u32>,
-    /// By table entry: how many bricks away, along every axis, there is none; empty where nobody looked.
+    /// Chebyshev distance in bricks to the nearest brick, less one, by table entry; empty if it was not computed.
     clear: Vec<u8>,
-    /// Brick coordinates of the box of all that are found: the lowest, and one past the highest.
+    /// Brick coordinates of the box of all bricks that can be found: the lowest, and one past the highest.
     found: [IVec3; 2],
-    /// Brick coordinates (voxel coordinates / 8), ascending; of a shared brick those of one of its places.
+    /// Brick coordinates (voxel coordinates / 8) by number, ascending. A brick with several places has one of them.
     bricks: Vec<IVec3>,
-    /// True if one brick may lie in several places.
+    /// True if a brick may lie in several places.
     instanced: bool,
 }
 
-/// The most entries that a table may have: 1 GiB of them. Volumes that need more are two specks far
-/// apart.
+/// Largest number of table entries: 1 GiB of them. Only volumes of distant specks need more.
 const TABLE_LIMIT: i64 = 1 << 28;
 
-/// The number of table entries of a box of bricks, if that many are allowed.
+/// Number of table entries for the box of bricks from `min` to `max`, both included.
 ///
 /// # Errors
-/// States the extent where it is too large.
+/// If the table would exceed [`TABLE_LIMIT`] entries; the error states the extent.
 pub(crate) fn table_entries(min: IVec3, max: IVec3) -> Result<usize> {
     let extent = max.as_i64vec3() - min.as_i64vec3() + 1;
     let entries = extent.x.checked_mul(extent.y).and_then(|e| e.checked_mul(extent.z));
@@ -74,10 +73,10 @@ pub(crate) fn table_entries(min: IVec3, max: IVec3) -> Result<usize> {
     }
 }
 
-/// Refuses more bricks than kernels can address: they hold offsets of values in 32 bits.
+/// Refuses more bricks than kernels can address, since they hold offsets of values in 32 bits.
 ///
 /// # Errors
-/// States how many there are.
+/// If there are too many bricks; the error states how many.
 pub(super) fn addressable(bricks: usize) -> Result<()> {
     if bricks <= u32::MAX as usize / BRICK {
         return Ok(());
@@ -87,10 +86,10 @@ pub(super) fn addressable(bricks: usize) -> Result<()> {
 }
 
 impl Topology {
-    /// A topology of the given brick coordinates (voxel coordinates divided by 8).
+    /// A topology of the given brick coordinates (voxel coordinates divided by 8), without duplicates.
     ///
     /// # Errors
-    /// If the bricks are so far apart that the look-up table would not fit.
+    /// If the bricks are too many to address, or so far apart that the table would be too large.
     pub fn new(bricks: impl IntoIterator<Item = IVec3>) -> Result<Self> {
         let set: BTreeSet<[i32; 3]> = bricks.into_iter().map(|b| b.to_array()).collect();
         let bricks: Vec<IVec3> = set.into_iter().map(IVec3::from_array).collect();
@@ -113,19 +112,20 @@ impl Topology {
         Ok(topology)
     }
 
-    /// A topology whose bricks may lie in several places each: `table` holds brick numbers or [`NONE`] for the box of
-    /// `dim` bricks from `min` on, z fastest; `bricks` one place of each number.
+    /// A topology whose bricks may lie in several places each. `table` holds brick numbers or [`NONE`] for the box of
+    /// `dim` bricks from `min`, z fastest; `bricks` has one place of each number.
     pub(super) fn from_table(min: IVec3, dim: IVec3, table: Vec<u32>, bricks: Vec<IVec3>) -> Self {
         Self { min, dim, table, clear: Vec::new(), found: [min, min + dim], bricks, instanced: true }
     }
 
-    /// True if one brick may lie in several places, as those of constant tiles do. Renderers need not know. Whatever
-    /// gives each place values of its own does: it works on [`Bricks::expanded`](crate::scene::bricks::Bricks::expanded).
+    /// True if a brick may lie in several places, as those of constant tiles do.
+    /// Renderers need not distinguish. Code that gives each place separate values works on
+    /// [`Bricks::expanded`](crate::scene::bricks::Bricks::expanded).
     pub fn is_instanced(&self) -> bool {
         self.instanced
     }
 
-    /// All places with the number of the brick that lies there, in ascending order.
+    /// All places in ascending order, each with the number of its brick.
     pub fn places(&self) -> impl Iterator<Item = (IVec3, u32)> + '_ {
         self.rows().flat_map(|(start, numbers)| {
             let there = numbers.iter().enumerate().filter(|(_, number)| **number != NONE);
@@ -133,7 +133,7 @@ impl Topology {
         })
     }
 
-    /// Rows of the table along z: brick coordinates of the first entry, and the numbers.
+    /// Rows of the table along z: brick coordinates of the first entry, and the brick numbers.
     pub(super) fn rows(&self) -> impl Iterator<Item = (IVec3, &[u32])> + '_ {
         let rows = self.table.chunks(self.dim.z.max(1) as usize).enumerate();
         rows.map(move |(row, numbers)| {
@@ -142,7 +142,7 @@ impl Topology {
         })
     }
 
-    /// Bytes that the look-up table takes.
+    /// Bytes of memory that the table occupies.
     pub fn table_bytes(&self) -> u64 {
         (self.table.len() * size_of::<u32>()) as u64
     }
@@ -154,23 +154,26 @@ impl Topology {
         inside.then(|| ((r.x * self.dim.y + r.y) as usize) * self.dim.z as usize + r.z as usize)
     }
 
-    /// All bricks of the box around these.
+    /// A topology of all bricks in the box around this one.
     ///
     /// # Errors
-    /// If that are more than can be addressed.
+    /// If the bricks are too many to address.
     pub fn filled(&self) -> Result<Self> {
         let dim = self.dim;
         let all = (0..dim.x).flat_map(|x| (0..dim.y).map(move |y| (x, y)));
         Self::new(all.flat_map(|(x, y)| (0..dim.z).map(move |z| self.min + IVec3::new(x, y, z))))
     }
 
-    /// Number of the brick at these brick coordinates, or [`NONE`].
+    /// Number of the brick at brick coordinates `brick`, or [`NONE`].
     #[inline(always)]
     pub fn find(&self, brick: IVec3) -> u32 {
         self.entry(brick).map_or(NONE, |e| self.table[e])
     }
 
-    /// Number of the brick there; or how many bricks further, along every axis, there is none either.
+    /// Number of the brick at brick coordinates `brick`.
+    ///
+    /// # Errors
+    /// If there is no brick: a Chebyshev distance in bricks within which there is none either (0 if unknown).
     #[inline(always)]
     pub fn look(&self, brick: IVec3) -> Result<u32, i32> {
         let Some(entry) = self.entry(brick) else { return Err(0) };
@@ -180,22 +183,22 @@ impl Topology {
         }
     }
 
-    /// Brick coordinates by number, ascending; of a brick that lies in several places those of one of them.
+    /// Brick coordinates by number, ascending. A brick with several places has one of them.
     pub fn bricks(&self) -> &[IVec3] {
         &self.bricks
     }
 
-    /// How many bricks there are; one that lies in several places counts once.
+    /// Number of bricks; one with several places counts once.
     pub fn len(&self) -> usize {
         self.bricks.len()
     }
 
-    /// True if there are none.
+    /// True if there are no bricks.
     pub fn is_empty(&self) -> bool {
         self.bricks.is_empty()
     }
 
-    /// Index-space box of all cells, with the lowest and the highest brick coordinates.
+    /// Index-space box of all cells: the box of the table, bricks that are masked out included.
     pub fn bounds(&self) -> Aabb {
         if self.is_empty() {
             return Aabb::EMPTY;
@@ -203,8 +206,8 @@ impl Topology {
         Aabb { min: 8.0 * self.min.as_dvec3(), max: 8.0 * (self.min + self.dim).as_dvec3() }
     }
 
-    /// The same bricks with the same numbers, but found only where `keep` says so; what is clear around those
-    /// that are not is known.
+    /// A copy in which only bricks whose number `keep` accepts can be found. Brick numbers stay; empty-space distances
+    /// are computed anew.
     #[must_use]
     pub fn masked(&self, keep: impl Fn(usize) -> bool) -> Self {
         let mut masked = self.clone();
@@ -214,7 +217,7 @@ impl Topology {
             }
         }
         masked.clear = masked.clearance();
-        // A brick is kept or not in all of its places.
+        // A brick is kept in all of its places or in none.
         let join = |[low, high]: [IVec3; 2], b: IVec3| [low.min(b), high.max(b + 1)];
         let [low, high] = if masked.instanced {
             masked.places().fold([IVec3::MAX, IVec3::MIN], |found, (b, _)| join(found, b))
@@ -226,14 +229,14 @@ impl Topology {
         masked
     }
 
-    /// Index-space box of the bricks that are found; of no size if there are none.
+    /// Index-space box of the bricks that can be found; of zero size if there are none.
     pub fn reach(&self) -> Aabb {
         let [low, high] = self.found;
         Aabb { min: 8.0 * low.as_dvec3(), max: 8.0 * high.as_dvec3() }
     }
 
-    /// Chebyshev distance to the nearest brick, less one, by table entry (0 where one is); entries beyond the table
-    /// are clear. Axis by axis: a box that grows along x, y and z in turn.
+    /// Chebyshev distance in bricks to the nearest brick, less one, by table entry (0 where there is one). The result
+    /// is empty if no entry is.
     fn clearance(&self) -> Vec<u8> {
         const FAR: u8 = u8::MAX;
         if !self.table.contains(&NONE) {
@@ -241,7 +244,8 @@ impl Topology {
         }
         let mut distance: Vec<u8> = self.table.iter().map(|e| if *e == NONE { FAR } else { 0 }).collect();
         let dim = self.dim.to_array().map(|d| d as usize);
-        // Two sweeps over all 26 neighbours, those before and those after: exact for this distance.
+        // Two sweeps over the 26 neighbours, first those before and then those after an entry, are exact for this
+        // distance.
         let (rows, row) = (dim[1] as isize * dim[2] as isize, dim[2] as isize);
         let offset = |d: [i32; 3]| d[0] as isize * rows + d[1] as isize * row + d[2] as isize;
         let before: Vec<[i32; 3]> = (0..13).map(|i| [i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1]).collect();
@@ -257,7 +261,7 @@ impl Topology {
         distance.into_iter().map(|d| d.saturating_sub(1)).collect()
     }
 
-    /// Copies owned voxels (512 a brick, z fastest) into stored ones (729 a brick), aprons included.
+    /// Copies owned voxels (512 per brick, z fastest) into stored ones (729 per brick), aprons included.
     pub fn fill_apron<V: Voxel>(&self, owned: &[V], stored: &mut [V]) {
         stored.par_chunks_mut(BRICK).zip(self.bricks.par_iter()).for_each(|(out, brick)| {
             for corner in 0..8 {
@@ -279,8 +283,8 @@ impl Topology {
         });
     }
 
-    /// Where an owned voxel (512 a brick, z fastest) is stored: in its own brick first, then in the aprons of
-    /// those below.
+    /// Indices at which an owned voxel (512 per brick, z fastest) is stored: first in its own brick, then in the aprons
+    /// of the neighbours below. `None` stands for a neighbour that is missing or does not store the voxel.
     pub fn slots(&self, voxel: usize) -> [Option<usize>; 8] {
         let (brick, i) = (voxel / LEAF_VOXELS, voxel % LEAF_VOXELS);
         let local = [i >> 6, i >> 3 & 7, i & 7];
@@ -332,7 +336,7 @@ impl Topology {
 mod tests {
     use super::*;
 
-    /// `⟨spread(u), v⟩ = ⟨u, fold(v)⟩`, exactly in integers.
+    /// Filling and gathering are transposes: `⟨fill_apron(u), v⟩ = ⟨u, gather_apron(v)⟩`, exactly in integers.
     #[test]
     fn fold_is_the_transpose_of_spread() {
         let bricks = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1], [0, 0, 1], [-1, 0, 0]];
@@ -344,7 +348,7 @@ mod tests {
         t.gather_apron(&other, &mut folded);
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         assert_eq!(dot(&stored, &other), dot(&owned, &folded));
-        // Slots are the columns of the spread.
+        // The slots of a voxel are the nonzero rows of a column of `fill_apron`.
         for (voxel, sum) in folded.iter().enumerate() {
             let slots = t.slots(voxel);
             assert_eq!(slots.into_iter().flatten().map(|s| other[s]).sum::<f64>(), *sum);

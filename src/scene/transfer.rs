@@ -1,7 +1,7 @@
-//! Transfer functions: which color and extinction a density has.
+//! Transfer functions from density to color and extinction.
 //!
-//! Each kind is a [`Table`] in the end, and a derivative with respect to the table becomes one with
-//! respect to the kind's own parameters by [`Transfer::chain`].
+//! Every kind is converted to a [`Table`]. [`Transfer::chain`] converts derivatives with respect to the table to those
+//! with respect to the kind's parameters.
 
 use crate::error::{Error, Result};
 use crate::scene::table::{Rgbs, Table, TableGradient};
@@ -11,56 +11,56 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Transfer {
-    /// Texels over a range of densities, each in the middle of its share: texel i of R at
-    /// `low + (i + 1/2) (high - low) / R`. Linear in between, constant outside of the outermost.
+    /// Texels over a range of densities, texel i of R at `low + (i + 1/2) (high - low) / R`. The function is linear
+    /// between texels and constant outside the outermost.
     Texture {
-        /// Densities `low` and `high`.
+        /// Range of densities, `low` and `high`.
         domain: [f64; 2],
-        /// Values, from low to high.
+        /// Values of the texels, from low to high density.
         texels: Vec<Rgbs>,
     },
-    /// Linear between points of ascending density, constant outside; two points of one density are a step.
+    /// Piecewise linear between points of ascending density, constant outside. Two points at one density are a step.
     Piecewise {
-        /// Density, then red, green, blue and extinction.
+        /// Control points: density, then red, green, blue and extinction.
         points: Vec<[f64; 5]>,
     },
     /// A sum of Gaussian lobes, tabulated over a range of densities and constant outside.
     Gaussians {
-        /// Densities `low` and `high`.
+        /// Range of densities, `low` and `high`.
         domain: [f64; 2],
-        /// The lobes.
+        /// Lobes of the sum.
         lobes: Vec<Lobe>,
     },
-    /// Extinction is the density, up to the end of the domain; one color.
+    /// One color, with an extinction equal to the density inside the domain and constant outside.
     Identity {
-        /// Densities `low` and `high`.
+        /// Range of densities, `low` and `high`.
         domain: [f64; 2],
-        /// Radiance of the source.
+        /// Red, green and blue radiance of the source.
         #[serde(alias = "colour")]
         color: [f64; 3],
     },
 }
 
-/// One lobe: `rgbs · exp(-(d - mean)² / 2 e^{2 ln_width})`.
+/// A Gaussian lobe, `rgbs · exp(-(d - mean)² / (2 e^{2 ln_width}))`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lobe {
-    /// Density at its top.
+    /// Density at the lobe's peak.
     pub mean: f64,
-    /// Logarithm of the standard deviation: it cannot become negative, nor its powers overflow.
+    /// Logarithm of the lobe's standard deviation, so that no step makes the deviation negative.
     pub ln_width: f64,
-    /// Values at its top.
+    /// Values at the lobe's peak.
     pub rgbs: Rgbs,
 }
 
-/// Cells of the tables of Gaussians. No lobe is narrower than half of one.
+/// Number of cells of a tabulated sum of Gaussians. Lobes narrower than half a cell are widened to that.
 const GAUSSIAN_CELLS: usize = 512;
-/// The most texels, points or lobes: two a value of 16 bits.
+/// Largest number of texels, points or lobes: two for each 16-bit value.
 const MOST: usize = 1 << 17;
 
 impl Lobe {
-    /// The lobe's share of its top at a density, and the derivatives of that with respect to mean and
-    /// logarithmic width, which is held at `floor`.
+    /// Value of the lobe at a density relative to its peak, and the derivatives with respect to mean and logarithmic
+    /// width. A standard deviation below `floor` is raised to it.
     fn at(&self, density: f64, floor: f64) -> (f64, f64, f64) {
         let own = self.ln_width.exp();
         let width = own.max(floor);
@@ -71,10 +71,10 @@ impl Lobe {
 }
 
 impl Transfer {
-    /// Checks every number.
+    /// Returns the function if every number can be used.
     ///
     /// # Errors
-    /// Says which one cannot be used.
+    /// Names the first number that cannot be used.
     pub fn checked(self) -> Result<Self> {
         let count = match &self {
             Self::Texture { texels, .. } => texels.len(),
@@ -109,10 +109,10 @@ impl Transfer {
         Ok(self)
     }
 
-    /// The knots that renderers use.
+    /// Piecewise linear form of the function, which renderers use.
     ///
     /// # Errors
-    /// As [`Table::new`].
+    /// The conditions are those of [`Table::new`].
     pub fn table(&self) -> Result<Table> {
         let (knots, values) = match self {
             Self::Texture { domain, texels } => (Self::centres(*domain, texels.len()), texels.clone()),
@@ -135,12 +135,12 @@ impl Transfer {
         Table::new(knots, values)
     }
 
-    /// Densities of `count` texels over a domain.
+    /// Densities of the centres of `count` texels over a domain.
     pub fn centres([low, high]: [f64; 2], count: usize) -> Vec<f64> {
         (0..count).map(|i| low + (i as f64 + 0.5) * (high - low) / count as f64).collect()
     }
 
-    /// All parameters, with their names: what [`Transfer::chain`] differentiates by.
+    /// All parameters with their names, in the order of the derivatives of [`Transfer::chain`].
     pub fn parameters(&self) -> Vec<(String, f64)> {
         const CHANNELS: [&str; 4] = ["red", "green", "blue", "extinction"];
         let four = |what: &str, i: usize, v: &[f64]| {
@@ -169,7 +169,8 @@ impl Transfer {
         }
     }
 
-    /// The same function with other parameters, in the order of [`Transfer::parameters`].
+    /// A copy of the function with new parameters, in the order of [`Transfer::parameters`]. Parameters beyond the end
+    /// of `new` are kept.
     #[must_use]
     pub fn with_parameters(&self, new: &[f64]) -> Self {
         let mut all = self.clone();
@@ -188,11 +189,11 @@ impl Transfer {
         all
     }
 
-    /// Change of the table with a change of the parameters, in the order of [`Transfer::parameters`]: the
-    /// transpose of [`Transfer::chain`]. What `by` leaves out does not change.
+    /// Change of the table under a change `by` of the parameters, in the order of [`Transfer::parameters`]: the
+    /// transpose of [`Transfer::chain`]. Parameters beyond the end of `by` do not change.
     ///
     /// # Errors
-    /// As [`Table::new`].
+    /// The conditions are those of [`Table::new`].
     pub fn push(&self, by: &[f64]) -> Result<TableGradient> {
         let table = self.table()?;
         let mut by = by.iter().copied().chain(std::iter::repeat(0.0));
@@ -227,10 +228,11 @@ impl Transfer {
         Ok(table.tangent(&knots, &values))
     }
 
-    /// Derivatives of a loss with respect to the parameters, from those with respect to the table.
+    /// Derivatives of a loss with respect to the parameters, in the order of [`Transfer::parameters`], from those with
+    /// respect to the table.
     ///
     /// # Errors
-    /// As [`Table::new`].
+    /// The conditions are those of [`Table::new`].
     pub fn chain(&self, gradient: &TableGradient) -> Result<Vec<f64>> {
         let by_value = gradient.by_value();
         Ok(match self {
@@ -259,7 +261,7 @@ impl Transfer {
     }
 }
 
-/// Knots of Gaussians over a domain, and the least width.
+/// Knots of a tabulated sum of Gaussians over a domain, and the least standard deviation of a lobe.
 fn gaussian_knots([low, high]: [f64; 2]) -> (Vec<f64>, f64) {
     let cell = (high - low) / GAUSSIAN_CELLS as f64;
     ((0..=GAUSSIAN_CELLS).map(|i| low + i as f64 * cell).collect(), 0.5 * cell)
@@ -288,8 +290,7 @@ mod tests {
         ]
     }
 
-    /// A loss that is any function of the table: here a weighted sum of samples, whose derivative with
-    /// respect to the pieces is known.
+    /// A loss with known derivatives with respect to the pieces: a weighted sum of samples of the table.
     fn loss(t: &Transfer) -> (f64, TableGradient) {
         let table = t.table().unwrap();
         let mut gradient = TableGradient::zeros(&table);
@@ -332,7 +333,7 @@ mod tests {
         }
     }
 
-    /// `⟨J v, w⟩ = ⟨v, Jᵀ w⟩`; the outermost pieces have one end alone.
+    /// Push and chain are transposes: `⟨J v, w⟩ = ⟨v, Jᵀ w⟩`; the outermost pieces have one end alone.
     #[test]
     fn the_chain_is_the_transpose_of_the_push() {
         for t in all() {

@@ -2,7 +2,7 @@
 
 use exr::meta::attribute::{AttributeValue, Text};
 
-/// Names that describe the storage, not the picture; they have fields of their own.
+/// Names of attributes that describe the storage, not the picture; they have fields of their own.
 const STORAGE: [&str; 14] = [
     "channels",
     "compression",
@@ -20,13 +20,13 @@ const STORAGE: [&str; 14] = [
     "screenWindowWidth",
 ];
 
-/// Bytes as text: OpenEXR 3 says UTF-8; what is not is shown with replacement characters.
+/// Text of bytes, which OpenEXR 3 defines as UTF-8; invalid bytes become replacement characters.
 pub(super) fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// The attributes of a part that are not about its storage, in text. Numbers of vectors and matrices
-/// (row by row) are separated by blanks.
+/// Attributes of a part that do not describe its storage, as text. Numbers of vectors and matrices (row by row) are
+/// separated by blanks.
 pub(super) fn all(header: &exr::meta::header::Header) -> impl Iterator<Item = (String, String)> + '_ {
     header
         .all_named_attributes()

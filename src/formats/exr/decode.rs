@@ -1,4 +1,4 @@
-//! From chunks to rows over the display window.
+//! Decoding of chunks into rows over the display window.
 
 use super::header::{Header, Reader};
 use super::{SampleType, Window, dwa, fault};
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use std::collections::HashSet;
 use std::path::Path;
 
-/// A channel by its part and its place in the part.
+/// A channel: the number of its part, and its number within the part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Source {
     pub part: usize,
@@ -22,29 +22,34 @@ pub(super) struct Source {
 /// Consecutive samples of a row of the display window.
 #[derive(Debug)]
 pub(super) struct Row<'a> {
-    /// Number of the source they belong to.
+    /// Number of the channel in the list of requested sources.
     pub source: usize,
-    /// Pixel of the first sample, from the display window's top left corner.
+    /// Column of the first sample, from the display window's left edge.
     pub x: usize,
-    /// Row, from the display window's top.
+    /// Row of the samples, from the display window's top.
     pub y: usize,
-    /// Samples as `f32`.
+    /// Samples converted to `f32`.
     pub samples: &'a [f32],
 }
 
-/// Chunks decompressed at a time on each thread: enough to keep all busy, few enough that what allocators
-/// retain of them is little.
+/// Number of chunks per thread that are decompressed at a time: enough to keep all threads busy, few enough that
+/// allocators retain little memory.
 const CHUNKS_PER_THREAD: usize = 8;
-/// Bytes of chunks that are decompressed at a time, where more than one is that large.
+/// Bytes of chunks that are decompressed at a time; a single chunk may be larger.
 const BATCH_BYTES: u64 = 1 << 28;
 /// Memory of a chunk while it is decoded, in units of its pixels' bytes: compressed, unpacked, reordered.
 const CHUNK_COPIES: u64 = 3;
-/// Bytes that are kept of each chunk of the file: its place in the table, and that it was seen.
+/// Bytes that are kept for each chunk of the file: its entry in the table, and the mark that it was seen.
 const CHUNK_ENTRY: u64 = 64;
 
-/// Hands the samples of the channels named by `sources` to `take`, chunk by chunk in file order; samples
-/// outside of the display window are left out. `held` is what the caller has allocated for them, or will,
-/// in bytes; together with the chunks at work it must stay below the limits, which is checked first.
+/// Hands the samples of the channels in `sources` to `take`, chunk by chunk in file order. Samples outside the display
+/// window are left out.
+///
+/// `held` is the number of bytes that the caller has allocated for the samples, or will. Together with the chunks being
+/// decoded it must stay below `limits`, which is checked first.
+///
+/// # Errors
+/// If a part has subsampled channels, memory does not suffice, or the file is damaged or cannot be read.
 pub(super) fn rows(
     path: &Path,
     reader: Reader,
@@ -119,7 +124,7 @@ pub(super) fn rows(
     Ok(())
 }
 
-/// Most bytes of pixels in a chunk of a part.
+/// Largest number of bytes of pixels in a chunk of a part.
 fn chunk_bytes(header: &exr::meta::header::Header) -> u64 {
     let window = header.layer_size;
     let size = match header.blocks {
@@ -130,7 +135,7 @@ fn chunk_bytes(header: &exr::meta::header::Header) -> u64 {
     pixels.saturating_mul(header.channels.bytes_per_pixel as u64)
 }
 
-/// Hands over what lies in the display window.
+/// Hands those samples of a block to `take` that lie in the display window.
 fn cropped(
     block: &UncompressedBlock,
     header: &Header,
@@ -161,7 +166,8 @@ fn cropped(
     }
 }
 
-/// Converts samples (in the machine's byte order, as the crate hands them out) from number `first` on.
+/// Converts samples to `f32` from number `first` on. The bytes are in the machine's order, as the `exr` crate delivers
+/// them.
 fn fill(target: &mut [f32], kind: SampleType, bytes: &[u8], first: usize) {
     match kind {
         SampleType::Half => {

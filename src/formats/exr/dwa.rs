@@ -1,14 +1,14 @@
-//! A look at DWA chunks before they are decompressed. Each begins with eleven 64-bit counters, and the
-//! `exr` crate (1.74.2) allocates what they say: a damaged one asks for petabytes, which aborts the
-//! process.
+//! Checks of DWA chunks before they are decompressed.
+//! A chunk begins with eleven 64-bit counters, and the `exr` crate (1.74.2) allocates what they say: a damaged one asks
+//! for petabytes, which aborts the process.
 
 use exr::block::chunk::{Chunk, CompressedBlock};
 use exr::compression::Compression;
 use exr::error::{Error, Result};
 use exr::meta::header::Header;
 
-/// Counters that say how much memory to allocate: uncompressed sizes of the unknown section, the
-/// run-length section after and before its runs, and the numbers of AC and DC coefficients.
+/// Numbers of the counters that determine allocations: uncompressed sizes of the unknown section, of the run-length
+/// section after and before its runs, and the numbers of AC and DC coefficients.
 const ALLOCATED: [usize; 5] = [1, 6, 7, 8, 9];
 
 /// Refuses a DWA chunk that asks for more memory than its pixels can need.
@@ -26,8 +26,8 @@ pub(super) fn check(chunk: &Chunk, header: &Header) -> Result<()> {
     if bytes.len() == size.area().saturating_mul(header.channels.bytes_per_pixel) {
         return Ok(()); // stored raw, without counters
     }
-    // A sample is 4 bytes at most, or a coefficient of 2 bytes in blocks padded to 8x8. Runs that do not pay
-    // lengthen the data by less than a half.
+    // A sample is 4 bytes at most, or a coefficient of 2 bytes in blocks padded to 8x8. Run-length coding lengthens
+    // incompressible data by less than a half.
     let samples = (size.0 + 8).saturating_mul(size.1 + 8).saturating_mul(header.channels.list.len());
     let limit = samples.saturating_mul(6).saturating_add(64) as u64;
     let (counters, _) = bytes.as_chunks::<8>();

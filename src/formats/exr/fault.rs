@@ -1,19 +1,19 @@
-//! The `exr` crate's errors in this crate's words.
+//! Translation of the `exr` crate's errors.
 //!
-//! Nothing here catches panics: version 1.74.2 did not panic once in 600 000 reads of 300 000 damaged
-//! files of every compression (`tests/exr_damaged.rs` with more rounds). What did end the process, an
-//! allocation of petabytes for DWA, is refused before (see `dwa`).
+//! No panic is caught: version 1.74.2 did not panic once in 600 000 reads of 300 000 damaged files of every compression
+//! (`tests/exr_damaged.rs` with more rounds). The one case that ended the process, an allocation of petabytes for DWA,
+//! is refused before (see `dwa`).
 
 use super::Window;
 use crate::error::{Error, Result};
 use std::path::Path;
 
-/// Runs calls into the `exr` crate.
+/// Runs calls into the `exr` crate and translates their errors.
 pub(super) fn translated<T>(path: &Path, calls: impl FnOnce() -> exr::error::Result<T>) -> Result<T> {
     calls().map_err(|e| in_words(path, e))
 }
 
-/// The crate's error in ours.
+/// Translates an error of the `exr` crate.
 fn in_words(path: &Path, error: exr::error::Error) -> Error {
     use exr::error::Error as Exr;
     match error {
@@ -21,7 +21,7 @@ fn in_words(path: &Path, error: exr::error::Error) -> Error {
             let remedy = remedy(&what);
             Error::unsupported(format!("OpenEXR feature: {what}")).hint(remedy)
         }
-        // A chunk's offset beyond what the system can seek to: the file's fault, not the disk's.
+        // A chunk's offset lies beyond what the system can seek to, which is the file's fault, not the disk's.
         Exr::Io(e) if e.kind() == std::io::ErrorKind::InvalidInput => damaged("offset of a chunk out of range"),
         Exr::Io(e) => Error::io(path, e),
         Exr::Invalid(what) => damaged(&what),
@@ -30,7 +30,7 @@ fn in_words(path: &Path, error: exr::error::Error) -> Error {
     .at(path)
 }
 
-/// What makes a file with this feature one that can be read. Each was tried with OpenImageIO 3.0: a plain
+/// Advice on how to convert a file with an unsupported feature. Each conversion was tried with OpenImageIO 3.0: a plain
 /// copy keeps deep data deep, and HTJ2K needs OpenEXR 3.4.
 fn remedy(feature: &str) -> &'static str {
     if feature.contains("deep") {
@@ -46,16 +46,17 @@ fn remedy(feature: &str) -> &'static str {
     }
 }
 
-/// What to do about channels with fewer samples than pixels.
+/// Advice on channels with fewer samples than pixels.
 pub(super) const SUBSAMPLED: &str = "write R, G and B at full resolution; luminance and chroma (Y, RY, BY) become \
                                      that by `oiiotool in.exr -o out.exr` of OpenImageIO 3.0 or newer";
 
-/// The file contradicts its format.
+/// The error for a file that contradicts its format.
 pub(super) fn damaged(what: &str) -> Error {
     Error::invalid(format!("damaged or incomplete OpenEXR file: {what}")).hint("render or copy the file again")
 }
 
-/// More memory than is allowed: `held` bytes of samples and `working` bytes while chunks are decoded.
+/// The error that more memory is needed than allowed: `held` bytes of samples and `working` bytes while chunks are
+/// decoded.
 pub(super) fn too_large(window: Window, channels: usize, held: u64, working: u64, allowed: u64) -> Error {
     let mib = |bytes: u64| bytes.div_ceil(1 << 20);
     let all = mib(held.saturating_add(working));

@@ -1,4 +1,4 @@
-//! What a file holds, without its pixels, and the limits that protect memory from damaged headers.
+//! Headers of files, and the limits that protect memory from damaged ones.
 
 use super::{Window, attributes, fault};
 use crate::error::{Error, Result};
@@ -10,18 +10,18 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
-/// Most pixels that a window may have (11585²): as four planes of 32 bit they fill 2 GiB.
+/// Largest number of pixels of a window (11585²): as four planes of 32 bits they fill 2 GiB.
 const MAX_PIXELS: u64 = 1 << 27;
 
-/// Numbers of a channel in the file; all become `f32` in memory.
+/// Type of a channel's samples in the file; all become `f32` in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SampleType {
-    /// 16-bit float
+    /// 16-bit floating-point numbers.
     Half,
-    /// 32-bit float
+    /// 32-bit floating-point numbers.
     Float,
-    /// 32-bit unsigned integer (identifiers; above 2²⁴ they lose digits as `f32`)
+    /// 32-bit unsigned integers, such as identifiers; above 2²⁴ they lose digits as `f32`.
     Uint,
 }
 
@@ -30,26 +30,26 @@ pub enum SampleType {
 pub struct ChannelInfo {
     /// Name as in the file: `ViewLayer.Combined.R`.
     pub name: String,
-    /// Layer it belongs to: `ViewLayer.Combined`.
+    /// Layer of the channel: `ViewLayer.Combined`.
     pub layer: String,
-    /// Its name in the layer: `R`.
+    /// Name of the channel within its layer: `R`.
     pub component: String,
-    /// Numbers in the file.
+    /// Type of the samples in the file.
     pub sample_type: SampleType,
-    /// Every how many pixels there is a sample, along x and y.
+    /// Distance between samples in pixels, along x and y.
     pub sampling: [usize; 2],
 }
 
 /// A part of a file; most files have one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Part {
-    /// Name, where it has one.
+    /// Name of the part, if it has one.
     pub name: Option<String>,
-    /// Pixels that are stored.
+    /// Window of the stored pixels.
     pub data_window: Window,
-    /// Compression in the `exr` crate's words.
+    /// Compression as the `exr` crate names it.
     pub compression: String,
-    /// Tiles instead of scan lines.
+    /// True if the pixels are stored in tiles, false for scan lines.
     pub tiled: bool,
     /// Channels in file order (alphabetical).
     pub channels: Vec<ChannelInfo>,
@@ -60,18 +60,18 @@ pub struct Part {
 /// A layer: channels of one part that share a prefix.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LayerInfo {
-    /// Name; empty for channels without a prefix in a file of one part.
+    /// Name of the layer; empty for channels without a prefix in a file of one part.
     pub name: String,
-    /// Index of the part.
+    /// Number of the layer's part.
     pub part: usize,
-    /// Indices of its channels in the part.
+    /// Numbers of the layer's channels within the part.
     pub channels: Vec<usize>,
 }
 
-/// Everything but the pixels.
+/// Header of a file: everything but the pixels.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Header {
-    /// Window that the picture is for.
+    /// Window that the picture is meant to cover.
     pub display_window: Window,
     /// Smallest window around the data windows of all parts.
     pub data_window: Window,
@@ -96,7 +96,7 @@ impl Header {
         layers
     }
 
-    /// Attributes of all parts; where two differ, the first part's.
+    /// Attributes of all parts; where two parts differ, the first one's value.
     pub fn attributes(&self) -> BTreeMap<String, String> {
         let mut all = BTreeMap::new();
         for (name, value) in self.parts.iter().flat_map(|p| &p.attributes) {
@@ -109,16 +109,16 @@ impl Header {
 /// Reads the header of an OpenEXR file.
 ///
 /// # Errors
-/// If the file cannot be read, is no OpenEXR file, is damaged or uses what is not supported (deep
-/// data), or if its windows are too large for the file (damaged) or for memory.
+/// If the file cannot be read, is no OpenEXR file, is damaged or uses an unsupported feature (deep data), or if its
+/// windows are too large for the file (damaged) or for memory.
 pub fn header(path: &Path) -> Result<Header> {
     Ok(open(path)?.1)
 }
 
-/// A file whose header has been read and checked, ready for its pixels.
+/// A file whose header has been read and checked, ready to read pixels.
 pub(super) type Reader = exr::block::reader::Reader<BufReader<File>>;
 
-/// Opens a file, reads its header and checks it.
+/// Opens a file, and reads and checks its header.
 pub(super) fn open(path: &Path) -> Result<(Reader, Header)> {
     let mut file = input::open(path)?;
     let bytes = file.metadata().map_err(|e| Error::io(path, e))?.len();
@@ -144,10 +144,11 @@ pub(super) fn open(path: &Path) -> Result<(Reader, Header)> {
     Ok((reader, header))
 }
 
-/// How many bytes of pixels a byte of file can hold at most, so that a damaged window does not make
-/// us allocate what the file cannot fill. Deflate packs at most 1032 to 1, PXR24 drops a byte of four
-/// before it, DWA deflates what was run-length coded (64 to 1). PIZ's runs of 256 16-bit samples in 9 bits and
-/// RLE's of 128 bytes in two stay below deflate. HTJ2K is refused later, by name.
+/// Largest ratio of bytes of pixels to bytes of file, so that a damaged window does not cause an allocation that the
+/// file cannot fill.
+/// Deflate packs at most 1032 to 1, PXR24 drops a byte of four before it, DWA deflates what was run-length coded (64 to
+/// 1). PIZ's runs of 256 16-bit samples in 9 bits and RLE's of 128 bytes in two stay below deflate. HTJ2K is refused
+/// later, by name.
 fn expansion(compression: exr::compression::Compression) -> u64 {
     use exr::compression::Compression as C;
     match compression {
@@ -171,7 +172,7 @@ fn check(headers: &[exr::meta::header::Header], file_bytes: u64) -> Result<()> {
                     .part(part));
             }
         }
-        // Each chunk has 8 bytes in the table and at least 8 of its own.
+        // Each chunk has 8 bytes in the table and at least 8 bytes of data.
         let chunks = header.chunk_count as u64;
         if chunks > file_bytes / 16 {
             return Err(
@@ -220,7 +221,7 @@ fn described(headers: &[exr::meta::header::Header]) -> Option<Header> {
     })
 }
 
-/// Names a channel's layer. A prefix that repeats the part's name (Nuke, Blender) is not doubled.
+/// Describes a channel and names its layer. A prefix that repeats the part's name (Nuke, Blender) is not doubled.
 fn channel(description: &exr::meta::attribute::ChannelDescription, part: &str) -> ChannelInfo {
     let name = attributes::text(description.name.as_slice());
     let (prefix, component) = name.rsplit_once('.').unwrap_or(("", &name));

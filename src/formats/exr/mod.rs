@@ -1,8 +1,7 @@
-//! OpenEXR pictures in and out, on the `exr` crate.
+//! OpenEXR pictures, read and written with the `exr` crate.
 //!
-//! Read: single and multi-part files, any layers, half, float and uint samples, scan lines and
-//! tiles (of mip and rip maps the full size). Not read, and refused by name: deep data, subsampled
-//! channels, HTJ2K compression.
+//! Supported are single and multi-part files, any layers, half, float and uint samples, scan lines and tiles (of mip
+//! and rip maps the full size). Deep data, subsampled channels and HTJ2K compression are refused by name.
 //!
 //! # Windows
 //! Pictures cover the **display window**. Where a part's data window does not reach, samples are 0
@@ -33,27 +32,27 @@ pub use write::{Attributes, write_picture};
 
 use serde::Serialize;
 
-/// A rectangle of pixels, x to the right, y downwards.
+/// A rectangle of pixels, with x to the right and y downwards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Window {
-    /// First pixel, inclusive.
+    /// Coordinates of the first pixel, inclusive.
     pub min: [i32; 2],
     /// Width and height in pixels.
     pub size: [usize; 2],
 }
 
 impl Window {
-    /// Pixels inside.
+    /// Number of pixels in the window.
     pub fn pixels(&self) -> u64 {
         self.size[0] as u64 * self.size[1] as u64
     }
 
-    /// One past the last pixel on `axis` (0: x, 1: y).
+    /// Coordinate one past the last pixel on `axis` (0: x, 1: y).
     fn end(&self, axis: usize) -> i64 {
         i64::from(self.min[axis]) + self.size[axis] as i64
     }
 
-    /// Smallest window around both.
+    /// Smallest window around both windows.
     fn union(&self, other: &Self) -> Self {
         let min = [self.min[0].min(other.min[0]), self.min[1].min(other.min[1])];
         let size = std::array::from_fn(|a| (self.end(a).max(other.end(a)) - i64::from(min[a])) as usize);

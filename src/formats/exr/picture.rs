@@ -9,56 +9,55 @@ use crate::formats::reading::Reading;
 use crate::scene::film::{Film, Plane};
 use std::path::Path;
 
-/// A picture and where it came from.
+/// A picture with the layer that it was read from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
     /// Pixels over the display window.
     pub film: Film,
     /// Name of the layer that was read; empty for the unnamed one.
     pub layer: String,
-    /// NaN and infinite samples inside the display window. They stand in `film` as they are.
+    /// Number of NaN and infinite samples inside the display window. They are kept in `film`.
     pub non_finite: usize,
 }
 
-/// Reads a picture; see [`picture`], which also says what was read.
+/// Reads one layer as a film; see [`picture`], which also reports the layer.
 ///
 /// # Errors
-/// As [`picture`].
+/// The conditions are those of [`picture`].
 pub fn read_picture(path: &Path, layer: Option<&str>) -> Result<Film> {
     read_picture_within(path, layer, Limits::default())
 }
 
-/// Reads a picture within the memory that `limits` allow; see [`picture_within`].
+/// Reads one layer as a film within the memory that `limits` allow; see [`picture_within`].
 ///
 /// # Errors
-/// As [`picture_within`].
+/// The conditions are those of [`picture_within`].
 pub fn read_picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
     Ok(picture_within(path, layer, limits)?.film)
 }
 
 /// Reads one layer as RGBA over the display window (transparent black outside the data window).
 ///
-/// `layer` is a layer's name, exactly, else without regard to case, else the last word of exactly one
-/// (`Combined` for `ViewLayer.Combined`). Without it the first that exists of: the unnamed layer if
-/// it has colors, `rgba`, `rgb`, `Composite.Combined`, `….Combined`, `beauty`, `C`, the only layer with colors,
-/// the unnamed layer if it is grey, the only layer that is grey.
+/// `layer` is compared with the layers' names exactly, then without regard to case, then with the last word of each
+/// name (`Combined` for `ViewLayer.Combined`); the latter two must match one layer only. Without it, the layer is the
+/// first that exists of: the unnamed layer if it has colors, `rgba`, `rgb`, `Composite.Combined`, `….Combined`,
+/// `beauty`, `C`, the only layer with colors, the unnamed layer if it is grey, the only layer that is grey.
 ///
-/// Colors are the channels R, G, B or red, green, blue, or X, Y, Z of a vector, in any case. A layer with one channel beside
-/// alpha (Y, Z, anything) is grey: R = G = B. Without A or alpha, alpha is 1 inside the data window.
+/// Colors are the channels R, G, B or red, green, blue, or X, Y, Z of a vector, in any case. A layer with one channel
+/// beside alpha (Y, Z, anything) is grey: R = G = B. Without A or alpha, alpha is 1 inside the data window.
 ///
 /// # Errors
-/// As [`header`](super::header()); if there is no such layer (the error lists what there is), it has
-/// no colors, its chunks are missing, damaged or subsampled, or it takes more than half of the
-/// machine's memory.
+/// If [`header`](super::header()) fails, if there is no such layer (the error lists all layers), or if it has no
+/// colors, its chunks are missing, damaged or subsampled, or it takes more than half of the machine's memory.
 pub fn picture(path: &Path, layer: Option<&str>) -> Result<Picture> {
     picture_within(path, layer, Limits::default())
 }
 
-/// Reads one layer as [`picture`] does. The film (16 bytes a pixel of the display window) and the chunks
-/// at work must fit into `limits`; nothing is allocated before that is known.
+/// Reads one layer as [`picture`] does. The film (16 bytes per pixel of the display window) and the chunks being
+/// decoded must fit into `limits`; nothing is allocated before that is known.
 ///
 /// # Errors
-/// As [`picture`], with these limits.
+/// The conditions are those of [`picture`], with these limits.
 pub fn picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Picture> {
     let _reading = Reading::begin(path);
     let (reader, header) = header::open(path)?;
@@ -100,11 +99,11 @@ pub fn picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Resul
     Ok(Picture { film: film.unwrap_or_else(blank), layer: chosen.name.clone(), non_finite })
 }
 
-/// Reads one layer as RGBA, as [`picture_within`] does, and every other channel of the file as a plane of its own, under
-/// its full name (`variance.R`). The samples of all of them must fit into `limits`.
+/// Reads one layer as RGBA, as [`picture_within`] does, and all channels of the file but that layer's R, G, B and A as
+/// separate planes under their full names (`variance.R`). The samples of all channels must fit into `limits`.
 ///
 /// # Errors
-/// As [`picture_within`] and [`read_within`].
+/// The conditions are those of [`picture_within`] and [`read_within`].
 pub fn read_film_within(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
     let Picture { mut film, layer: chosen, .. } = picture_within(path, layer, limits)?;
     let color = |component: &str| COLORS.iter().any(|name| component.eq_ignore_ascii_case(name));
@@ -116,10 +115,11 @@ pub fn read_film_within(path: &Path, layer: Option<&str>, limits: Limits) -> Res
     Ok(film)
 }
 
-/// Components that a layer's picture is made of.
+/// Names of the chosen layer's channels that are not repeated as planes of a film, in any case.
 const COLORS: [&str; 8] = ["R", "G", "B", "A", "red", "green", "blue", "alpha"];
 
-/// Channel indices in the part: grey, grey and alpha, RGB, or RGBA.
+/// Numbers, within the part, of the channels of a layer's picture: grey, grey and alpha, RGB, or RGBA. `None` if the
+/// channels make no picture.
 fn colors(header: &Header, layer: &LayerInfo) -> Option<Vec<usize>> {
     let find = |names: [&str; 2]| {
         layer.channels.iter().copied().find(|&c| {
@@ -198,8 +198,8 @@ fn default<'a>(header: &Header, layers: &'a [LayerInfo]) -> Result<&'a LayerInfo
         })
 }
 
-/// Transparent black; opaque inside the data window if the picture has no alpha. Only rows and columns of
-/// the data window are touched: a damaged display window costs address space, not memory.
+/// A film of transparent black, or opaque black inside the data window if the picture has no alpha. Only rows and
+/// columns of the data window are touched: a damaged display window costs address space, not memory.
 fn blank(header: &Header, part: usize, opaque: bool) -> Film {
     let (display, data) = (header.display_window, header.parts[part].data_window);
     let mut film = Film::new(display.size[0], display.size[1]);

@@ -1,4 +1,4 @@
-//! What is wrong with an OpenEXR file, for `validate`.
+//! Problems of OpenEXR files, for `validate`.
 
 use super::{Window, summary_within};
 use crate::error::Result;
@@ -6,18 +6,18 @@ use crate::formats::limits::Limits;
 use crate::formats::problem::Problem;
 use std::path::Path;
 
-/// What is wrong with a file; empty if nothing is. A file that cannot be decoded is one problem.
+/// Problems of a file; empty if there are none. A file that cannot be decoded is one problem.
 ///
 /// # Errors
-/// If the operating system does not let it be read.
+/// If the operating system does not let the file be read.
 pub fn problems(path: &Path) -> Result<Vec<Problem>> {
     problems_within(path, Limits::default())
 }
 
-/// What is wrong with a file, as [`problems`] tells it; the chunks at work must fit into `limits`.
+/// Problems of a file, as [`problems`] lists them; the chunks being decoded must fit into `limits`.
 ///
 /// # Errors
-/// As [`problems`].
+/// The conditions are those of [`problems`].
 pub fn problems_within(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
     let summary = match summary_within(path, limits) {
         Ok(summary) => summary,

@@ -1,4 +1,4 @@
-//! A whole file with all its layers.
+//! Reading of a whole file with all its layers.
 
 use super::Window;
 use super::decode::{self, Row, Source};
@@ -22,46 +22,46 @@ pub struct Image {
     pub display_window: Window,
     /// Layers in file order.
     pub layers: Vec<Layer>,
-    /// Attributes of all parts as text; where two differ, the first part's.
+    /// Attributes of all parts as text; where two parts differ, the first one's value.
     pub attributes: BTreeMap<String, String>,
 }
 
-/// Channels that share a prefix.
+/// A layer: channels that share a prefix.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layer {
-    /// Name; empty for channels without a prefix in a file of one part.
+    /// Name of the layer; empty for channels without a prefix in a file of one part.
     pub name: String,
     /// Channels in file order (alphabetical).
     pub channels: Vec<Channel>,
 }
 
-/// A plane of samples.
+/// A channel as a plane of samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
-    /// Name within the layer: `R`.
+    /// Name of the channel within its layer: `R`.
     pub name: String,
-    /// Numbers in the file.
+    /// Type of the samples in the file.
     pub sample_type: SampleType,
-    /// `samples[y * width + x]` over the display window; 0 outside the data window.
+    /// Samples `samples[y * width + x]` over the display window; 0 outside the data window.
     pub samples: Vec<f32>,
-    /// How many samples are NaN or infinite. They stand in `samples` as they are.
+    /// Number of samples that are NaN or infinite. They are kept in `samples`.
     pub non_finite: usize,
 }
 
-/// Reads all layers.
+/// Reads all layers of a file.
 ///
 /// # Errors
-/// As [`header`](super::header()), and if chunks are missing or damaged, channels are subsampled, or
-/// all channels together take more than half of the machine's memory.
+/// If [`header`](super::header()) fails, chunks are missing or damaged, channels are subsampled, or all channels
+/// together take more than half of the machine's memory.
 pub fn read(path: &Path) -> Result<Image> {
     read_within(path, Limits::default())
 }
 
-/// Reads all layers. Their samples (4 bytes each) and the chunks at work must fit into `limits`; nothing
-/// is allocated before that is known.
+/// Reads all layers of a file. Their samples (4 bytes each) and the chunks being decoded must fit into `limits`;
+/// nothing is allocated before that is known.
 ///
 /// # Errors
-/// As [`read`], with these limits.
+/// The conditions are those of [`read`], with these limits.
 pub fn read_within(path: &Path, limits: Limits) -> Result<Image> {
     let _reading = Reading::begin(path);
     let (reader, header) = header::open(path)?;
@@ -80,7 +80,7 @@ pub fn read_within(path: &Path, limits: Limits) -> Result<Image> {
         plane.samples[start..start + samples.len()].copy_from_slice(samples);
         plane.non_finite += samples.iter().filter(|v| !v.is_finite()).count();
     })?;
-    // Nothing of these lies in the display window.
+    // Channels without a sample in the display window are 0.
     for plane in planes.iter_mut().filter(|p| p.samples.is_empty()) {
         plane.samples = vec![0.0; display.size[0] * display.size[1]];
     }
@@ -115,7 +115,7 @@ pub fn read_within(path: &Path, limits: Limits) -> Result<Image> {
     })
 }
 
-/// Samples of a channel over the display window, row-major; empty until there are any.
+/// Samples of a channel over the display window, row-major; empty until the first sample arrives.
 #[derive(Default)]
 struct Plane {
     samples: Vec<f32>,

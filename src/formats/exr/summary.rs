@@ -1,4 +1,4 @@
-//! An OpenEXR file in figures, for `info`.
+//! Statistics of an OpenEXR file, for `info`.
 
 use super::Window;
 use super::decode::{self, Row, Source};
@@ -11,75 +11,75 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 
-/// A file in figures.
+/// Header and sample statistics of a file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ExrSummary {
-    /// Window that the picture is for.
+    /// Window that the picture is meant to cover.
     pub display_window: Window,
     /// Width over height of a pixel.
     pub pixel_aspect: f32,
     /// Parts in file order.
     pub parts: Vec<PartSummary>,
-    /// Matrices of the camera (`worldToCamera`, `worldToNDC`), row by row, where the file has them. As
-    /// OpenEXR has it, points are row vectors: the translation is the last row.
+    /// Matrices of the camera (`worldToCamera`, `worldToNDC`), row by row, if the file has them. In OpenEXR points are
+    /// row vectors: the translation is the last row.
     pub camera: BTreeMap<String, [[f32; 4]; 4]>,
-    /// All other attributes.
+    /// Attributes other than the camera's matrices, as text.
     pub attributes: BTreeMap<String, String>,
 }
 
-/// A part in figures.
+/// A part with the statistics of its layers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PartSummary {
-    /// Name, where it has one.
+    /// Name of the part, if it has one.
     pub name: Option<String>,
-    /// Pixels that are stored.
+    /// Window of the stored pixels.
     pub data_window: Window,
-    /// Compression in the `exr` crate's words.
+    /// Compression as the `exr` crate names it.
     pub compression: String,
-    /// Tiles instead of scan lines.
+    /// True if the pixels are stored in tiles, false for scan lines.
     pub tiled: bool,
     /// Layers in file order.
     pub layers: Vec<LayerSummary>,
 }
 
-/// A layer in figures.
+/// A layer with the statistics of its channels.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LayerSummary {
-    /// Name; empty for the unnamed layer.
+    /// Name of the layer; empty for the unnamed one.
     pub name: String,
     /// Channels in file order.
     pub channels: Vec<ChannelSummary>,
 }
 
-/// A channel in figures, over the display window.
+/// Statistics of a channel over the display window.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ChannelSummary {
-    /// Header entry.
+    /// Description of the channel in the header.
     #[serde(flatten)]
     pub info: ChannelInfo,
-    /// Smallest finite sample; none if no sample is finite.
+    /// Smallest finite sample; `None` if no sample is finite.
     pub min: Option<f32>,
-    /// Largest finite sample.
+    /// Largest finite sample; `None` if no sample is finite.
     pub max: Option<f32>,
-    /// Mean of the finite samples.
+    /// Mean of the finite samples; `None` if no sample is finite.
     pub mean: Option<f64>,
-    /// NaN and infinite samples.
+    /// Number of NaN and infinite samples.
     pub non_finite: usize,
 }
 
-/// Reads a whole file and sums it up.
+/// Reads a whole file and computes the statistics of its channels.
 ///
 /// # Errors
-/// As [`header`](super::header()), and if chunks are missing or damaged or channels are subsampled.
+/// If [`header`](super::header()) fails, chunks are missing or damaged, or channels are subsampled.
 pub fn summary(path: &Path) -> Result<ExrSummary> {
     summary_within(path, Limits::default())
 }
 
-/// Reads a whole file and sums it up, chunk by chunk: samples are not kept, and the chunks at work must
-/// fit into `limits`.
+/// Reads a whole file and computes the statistics of its channels, chunk by chunk: samples are not kept, and the chunks
+/// being decoded must fit into `limits`.
 ///
 /// # Errors
-/// As [`summary`], with these limits.
+/// The conditions are those of [`summary`], with these limits.
 pub fn summary_within(path: &Path, limits: Limits) -> Result<ExrSummary> {
     let (reader, header) = header::open(path)?;
     let layers = header.layers();
@@ -112,7 +112,7 @@ pub fn summary_within(path: &Path, limits: Limits) -> Result<ExrSummary> {
     })
 }
 
-/// An attribute's text as four rows, if it is a matrix.
+/// Parses an attribute's text as the four rows of a matrix; `None` if it is no matrix.
 fn matrix(text: &str) -> Option<[[f32; 4]; 4]> {
     let numbers: Vec<f32> = text.split(' ').map(str::parse).collect::<Result<_, _>>().ok()?;
     let numbers: [f32; 16] = numbers.try_into().ok()?;
@@ -129,7 +129,7 @@ fn part(part: &Part) -> PartSummary {
     }
 }
 
-/// Figures of the samples of a channel that have been seen.
+/// Running statistics of a channel's samples.
 #[derive(Debug, Clone, Copy, Default)]
 struct Figures {
     min: Option<f32>,
@@ -153,7 +153,7 @@ impl Figures {
         }
     }
 
-    /// The channel over a display window of so many pixels: those that were not seen are 0.
+    /// Statistics of the channel over a display window of `pixels` pixels; pixels without a sample are 0.
     fn summed_up(mut self, info: &ChannelInfo, pixels: u64) -> ChannelSummary {
         let outside = pixels.saturating_sub(self.finite + self.non_finite as u64);
         if outside > 0 {

@@ -1,4 +1,4 @@
-//! Pictures out: one part, scan lines, ZIP.
+//! Writing of pictures: one part of scan lines with ZIP compression.
 
 use super::fault;
 use crate::error::{Error, Result};
@@ -13,19 +13,19 @@ use half::f16;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// Provenance: attribute names and their text.
+/// Text attributes of a header by name, such as provenance.
 pub type Attributes = BTreeMap<String, String>;
 
 /// Writes channels R, G, B, A and the film's planes under their names, as scan lines with ZIP compression, 32-bit float
-/// or, if `half`, 16-bit float. The file appears whole or not at all, and the same input gives the same bytes.
+/// or, if `half`, 16-bit float. The file appears whole or not at all, and equal input gives equal bytes.
 ///
-/// `attributes` become text attributes of the header, readable with `exrheader` or `oiiotool --info`;
-/// `software`, `comments` and `owner` are the standard ones.
+/// `attributes` become text attributes of the header, readable with `exrheader` or `oiiotool --info`; `software`,
+/// `comments` and `owner` are the standard ones.
 ///
 /// # Errors
-/// If the film is empty or its size contradicts its pixels, a plane's name is not its own, an attribute's name is empty, longer
-/// than 255 bytes or reserved by OpenEXR, a finite value does not fit into half floats, or the
-/// operating system reports an error.
+/// If the film is empty or its size contradicts its pixels, if a plane's name is not unique, not ASCII or not of 1 to
+/// 255 bytes, if a plane has not one sample per pixel, if an attribute's name is empty, longer than 255 bytes or
+/// reserved by OpenEXR, if a finite value does not fit into half floats, or if the operating system reports an error.
 pub fn write_picture(path: &Path, film: &Film, attributes: &Attributes, half: bool) -> Result<()> {
     let bytes = encoded(path, film, attributes, half).map_err(|e| e.at(path))?;
     atomic::write_bytes(path, &bytes)
@@ -54,7 +54,7 @@ fn encoded(path: &Path, film: &Film, attributes: &Attributes, half: bool) -> Res
     Ok(bytes)
 }
 
-/// The channels R, G, B, A and those of the film's planes, sorted by name as OpenEXR wants them.
+/// Channels R, G, B, A and those of the film's planes, sorted by name as OpenEXR requires.
 fn channels(film: &Film, half: bool) -> Result<AnyChannels<FlatSamples>> {
     let pixels = film.width * film.height;
     let rgba = ["R", "G", "B", "A"].into_iter().enumerate();
@@ -106,8 +106,8 @@ fn layer_attributes(attributes: &Attributes) -> Result<LayerAttributes> {
     Ok(own)
 }
 
-/// The crate writes attributes in the order of a randomly seeded hash map. Sorting them in place
-/// (their total length stays, so no offset changes) makes files reproducible.
+/// Sorts the attributes of a file in place, since the `exr` crate writes them in the order of a randomly seeded hash
+/// map. Their total length stays, so no offset changes, and files become reproducible.
 fn sort_attributes(file: &mut [u8]) {
     const START: usize = 8; // magic number and version
     let mut entries: Vec<Vec<u8>> = Vec::new();
@@ -120,7 +120,7 @@ fn sort_attributes(file: &mut [u8]) {
     file[START..at].copy_from_slice(&entries.concat());
 }
 
-/// Bytes of the attribute that `bytes` begin with: name, type, size, value; `None` at the list's end.
+/// Length in bytes of the attribute at the start of `bytes`: name, type, size, value. `None` at the end of the list.
 fn entry_length(bytes: &[u8]) -> Option<usize> {
     let name = bytes.iter().position(|&b| b == 0).filter(|&n| n > 0)? + 1;
     let kind = bytes[name..].iter().position(|&b| b == 0)? + 1;

@@ -1,4 +1,4 @@
-//! Transfer functions that a VDB's grids carry.
+//! Transfer functions in the metadata of a VDB's grids.
 
 use super::{Loaded, MAX_BYTES, Options, Source, chosen, document, refuse_opacity_options};
 use crate::error::{Error, Result};
@@ -9,20 +9,20 @@ use crate::scene::transfer::Transfer;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Name of the metadata entry.
+/// Metadata key of a grid's transfer function.
 pub const METADATA_KEY: &str = "cumulo_transfer";
 
 const ATTACH: &str = "cumulo convert IN.vdb OUT.vdb --tf FILE attaches one";
 
-/// The value under [`METADATA_KEY`].
+/// Metadata value of a transfer function, to be stored under [`METADATA_KEY`].
 pub fn to_metadata(transfer: &Transfer) -> MetaValue {
     MetaValue::Text(document::compact(transfer))
 }
 
-/// The transfer function among a grid's metadata, if there is one.
+/// Transfer function in a grid's metadata, if there is one.
 ///
 /// # Errors
-/// If the entry is there, but is no transfer function that can be used.
+/// If the entry exists, but is no transfer function that can be used.
 pub fn from_metadata(metadata: &BTreeMap<String, MetaValue>) -> Result<Option<Transfer>> {
     let parsed = match metadata.get(METADATA_KEY) {
         None => return Ok(None),
@@ -30,7 +30,7 @@ pub fn from_metadata(metadata: &BTreeMap<String, MetaValue>) -> Result<Option<Tr
         Some(other) => Err(Error::invalid(format!("{other:?} is no text"))
             .hint("attach the function again with `cumulo convert IN.vdb OUT.vdb --tf FILE`")),
     };
-    // Not the document's own remedies: nobody edits the metadata of a VDB by hand.
+    // The remedies of the document reader are replaced: nobody edits the metadata of a VDB by hand.
     parsed.map(Some).map_err(|e| {
         e.inside(format!("metadata '{METADATA_KEY}'"))
             .instead("cumulo convert IN.vdb OUT.vdb --tf FILE replaces it with another function")

@@ -1,34 +1,34 @@
-//! Colors between two knots, as VTK's color functions define them: display-referred sRGB in and out.
+//! Color interpolation between two knots, as VTK's color functions define it: display-referred sRGB in and out.
 //!
-//! Lab is CIE 1976 L*a*b* with VTK's white point (0.9505, 1, 1.089). Diverging is Moreland, "Diverging
-//! Color Maps for Scientific Visualization" (ISVC 2009): its polar form of Lab, with white between two
-//! saturated colors of different hue.
+//! Lab is CIE 1976 L*a*b* with VTK's white point (0.9505, 1, 1.089). Diverging is Moreland, "Diverging Color Maps for
+//! Scientific Visualization" (ISVC 2009): its polar form of Lab, with white between two saturated colors of different
+//! hue.
 
 use crate::error::{Error, Result};
 use std::f64::consts::{PI, TAU};
 
 type Rgb = [f64; 3];
 
-/// How colors change between two knots.
+/// Color space in which colors are interpolated between two knots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Space {
-    /// Linear in display-referred red, green and blue.
+    /// Linear interpolation of display-referred red, green and blue.
     Rgb,
-    /// Linear in hue, saturation and value; `wrap` takes the shorter way around the hues.
+    /// Linear interpolation of hue, saturation and value; `wrap` takes the shorter arc between the hues.
     Hsv { wrap: bool },
-    /// Linear in L*a*b*.
+    /// Linear interpolation of L*a*b*.
     Lab,
-    /// Moreland's polar Lab.
+    /// Linear interpolation in Moreland's polar Lab.
     Diverging,
-    /// The upper knot's color all the way.
+    /// Constant interpolation with the upper knot's color.
     Step,
 }
 
 impl Space {
-    /// The space that ParaView calls so.
+    /// The color space of this name in ParaView.
     ///
     /// # Errors
-    /// If it is none of those understood.
+    /// If the name is none of those supported.
     pub fn named(name: &str, wrap: bool) -> Result<Self> {
         match name {
             "RGB" => Ok(Self::Rgb),
@@ -44,8 +44,8 @@ impl Space {
         }
     }
 
-    /// The color at `s`, from 0 to 1, between two. But for [`Space::Step`] the ends are the two
-    /// colors to the last bit, so that neighbouring pieces meet.
+    /// Color at `s`, from 0 to 1, between two colors. Except for [`Space::Step`], the ends are the two colors to the
+    /// last bit, so that neighbouring pieces meet.
     pub fn between(self, s: f64, from: Rgb, to: Rgb) -> Rgb {
         if self == Self::Step || s >= 1.0 {
             return to;
@@ -66,14 +66,15 @@ impl Space {
 }
 
 impl Space {
-    /// Where between two colors, from 0 to 1, the way has kinks, apart from those at the display's limits.
+    /// Positions between two colors, from 0 to 1, at which the interpolation has kinks, apart from those at the
+    /// display's limits.
     pub fn kinks(self, from: Rgb, to: Rgb) -> Vec<f64> {
         match self {
             Self::Rgb | Self::Lab | Self::Step => Vec::new(),
-            // There white may lie.
+            // White may lie in the middle.
             Self::Diverging => vec![0.5],
             Self::Hsv { wrap } => {
-                // A channel begins or ends to ramp at every sixth of the circle.
+                // The ramp of a channel begins or ends at every sixth of the circle.
                 let (a, b) = hues(from, to, wrap);
                 let sixths = (-6..=6).map(|k| f64::from(k) / 6.0);
                 sixths.map(|hue| (hue - a[0]) / (b[0] - a[0])).filter(|s| *s > 0.0 && *s < 1.0).collect()
@@ -86,17 +87,17 @@ fn mix(s: f64, from: Rgb, to: Rgb) -> Rgb {
     std::array::from_fn(|c| (1.0 - s) * from[c] + s * to[c])
 }
 
-/// Scene-linear value of a display-referred one (IEC 61966-2-1).
+/// Converts a display-referred value to a scene-linear one (IEC 61966-2-1).
 pub(super) fn linear(v: f64) -> f64 {
     if v > 0.040_45 { ((v + 0.055) / 1.055).powf(2.4) } else { v / 12.92 }
 }
 
-/// Display-referred value of a scene-linear one.
+/// Converts a scene-linear value to a display-referred one.
 fn display(v: f64) -> f64 {
     if v > 0.003_130_8 { 1.055 * v.powf(1.0 / 2.4) - 0.055 } else { 12.92 * v }
 }
 
-/// Hue from 0 to 1 (0 for greys), saturation and value.
+/// Converts RGB to hue from 0 to 1 (0 for greys), saturation and value.
 fn hsv_of_rgb([r, g, b]: Rgb) -> Rgb {
     let (low, high) = (r.min(g).min(b), r.max(g).max(b));
     let range = high - low;
@@ -122,7 +123,8 @@ fn rgb_of_hsv([hue, saturation, value]: Rgb) -> Rgb {
     })
 }
 
-/// Both colors, with hues that one may go straight between.
+/// Hue, saturation and value of both colors. With `wrap`, hues are shifted so that linear interpolation takes the
+/// shorter arc.
 fn hues(from: Rgb, to: Rgb, wrap: bool) -> (Rgb, Rgb) {
     let (mut a, mut b) = (hsv_of_rgb(from), hsv_of_rgb(to));
     if wrap && (a[0] - b[0]).abs() > 0.5 {
@@ -131,7 +133,7 @@ fn hues(from: Rgb, to: Rgb, wrap: bool) -> (Rgb, Rgb) {
     (a, b)
 }
 
-/// The white that VTK's Lab refers to.
+/// White point of VTK's Lab.
 const WHITE: Rgb = [0.9505, 1.0, 1.089];
 
 fn lab_of_rgb(rgb: Rgb) -> Rgb {
@@ -148,7 +150,8 @@ fn lab_of_rgb(rgb: Rgb) -> Rgb {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// Colors beyond the display's range are divided by their largest channel, then cut off at zero.
+/// Converts L*a*b* to display-referred RGB. Colors beyond the display's range are divided by their largest channel,
+/// then clipped at zero.
 fn rgb_of_lab([l, a, b]: Rgb) -> Rgb {
     let y = (l + 16.0) / 116.0;
     let roots = [y + a / 500.0, y, y - b / 200.0];
@@ -166,7 +169,7 @@ fn rgb_of_lab([l, a, b]: Rgb) -> Rgb {
     rgb.map(|v| (v / high).max(0.0))
 }
 
-/// Magnitude, saturation angle and hue angle of a color.
+/// Converts RGB to Moreland's polar Lab: magnitude, saturation angle and hue angle.
 fn msh_of_rgb(rgb: Rgb) -> Rgb {
     let [l, a, b] = lab_of_rgb(rgb);
     let m = (l * l + a * a + b * b).sqrt();
@@ -175,7 +178,7 @@ fn msh_of_rgb(rgb: Rgb) -> Rgb {
 }
 
 fn between_msh(s: f64, from: Rgb, to: Rgb) -> Rgb {
-    // Below this angle a color has no hue to speak of.
+    // Below this saturation angle a color counts as grey, whose hue is undefined.
     const GREY: f64 = 0.05;
     let (mut a, mut b, mut s) = (msh_of_rgb(from), msh_of_rgb(to), s);
     let apart = {
@@ -195,15 +198,15 @@ fn between_msh(s: f64, from: Rgb, to: Rgb) -> Rgb {
     } else if b[1] < GREY && a[1] > GREY {
         b[2] = spun_hue(a, b[0]);
     } else if (a[2] - b[2]).abs() > PI {
-        // Hues are a circle: the shorter way.
+        // Hues are a circle, of which the shorter arc is taken.
         if a[2] > b[2] { a[2] -= TAU } else { b[2] -= TAU }
     }
     let [m, s, h] = mix(s, a, b);
     rgb_of_lab([m * s.cos(), m * s.sin() * h.cos(), m * s.sin() * h.sin()])
 }
 
-/// The hue that a grey of magnitude `grey` is given next to a color, so that the perceived change is
-/// even (Moreland's `adjustHue`).
+/// Hue that a grey of magnitude `grey` is given next to a color, so that the perceived change is uniform (Moreland's
+/// `adjustHue`).
 fn spun_hue([m, s, h]: Rgb, grey: f64) -> f64 {
     if m >= grey - 0.1 {
         return h;
@@ -219,7 +222,7 @@ mod tests {
     const COOL: Rgb = [0.231_37, 0.298_039, 0.752_94];
     const WARM: Rgb = [0.705_882, 0.015_686_3, 0.149_02];
 
-    /// Figures of VTK 9.7.2's `vtkColorTransferFunction::GetColor`, rounded to seven digits.
+    /// Expected values are those of VTK 9.7.2's `vtkColorTransferFunction::GetColor`, rounded to seven digits.
     #[test]
     fn colors_are_those_of_vtk() {
         let hsv = Space::Hsv { wrap: false };
@@ -243,7 +246,7 @@ mod tests {
             (Space::Step, COOL, WARM, 0.1, WARM),
         ] {
             let got = space.between(s, from, to);
-            // Half of the last digit, and what rounding in another order makes of it.
+            // Half of the last digit, and the effect of rounding in another order.
             let off = (0..3).map(|c| (got[c] - expected[c]).abs()).fold(0.0, f64::max);
             assert!(off < 1e-7, "{space:?} at {s}: {got:?}, {expected:?}");
         }

@@ -1,4 +1,4 @@
-//! Our own JSON, in and out.
+//! Cumulo's JSON format of transfer functions, read and written.
 
 use super::{Loaded, Options, Source, chosen, refuse_opacity_options};
 use crate::error::{Error, Result};
@@ -12,16 +12,16 @@ use serde_json::value::RawValue;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What `format` says.
+/// Value of the key `format`.
 pub const FORMAT: &str = "cumulo-transfer-function";
-/// What `version` says; others are refused.
+/// Value of the key `version`; other versions are refused.
 pub const VERSION: u32 = 1;
 
-/// What the entries of a function must be.
+/// Advice on the entries of a transfer function.
 pub(super) const ENTRIES: &str =
     "densities must ascend (two alike make a step), colors and extinctions be finite and not negative";
 
-/// An object whose values are read when they are asked for.
+/// A JSON object whose values are parsed on access.
 pub(super) type Object<'a> = BTreeMap<String, &'a RawValue>;
 
 #[derive(Serialize)]
@@ -35,7 +35,7 @@ struct Document<'a> {
     provenance: Option<&'a Value>,
 }
 
-/// Writes a `.tf.json`, such that [`load`](super::load()) gives back the same bits.
+/// Writes a `.tf.json` from which [`load`](super::load()) returns the same bits.
 ///
 /// # Errors
 /// If the function cannot be used, or the file cannot be written.
@@ -48,10 +48,10 @@ pub fn save(path: &Path, transfer: &Transfer, name: Option<&str>, provenance: Op
     atomic::write_bytes(path, text.as_bytes())
 }
 
-/// The same on one line, without name and provenance.
+/// Document of a transfer function on one line, without name and provenance.
 pub(super) fn compact(transfer: &Transfer) -> String {
     let document = Document { format: FORMAT, version: VERSION, name: None, transfer, provenance: None };
-    // Numbers and fixed keys: nothing that could not be written.
+    // A document of numbers and fixed keys can always be written.
     serde_json::to_string(&document).unwrap_or_default()
 }
 
@@ -79,7 +79,7 @@ fn no_json(error: &serde_json::Error) -> Error {
     Error::invalid(format!("no valid JSON: {error}")).hint(input::JSON_REMEDY)
 }
 
-/// The value of a key; `null` counts as absent.
+/// Value of a key; `None` if the key is absent or its value is `null`. `expected` names the type for the error message.
 pub(super) fn value<T: DeserializeOwned>(object: &Object, key: &str, expected: &str) -> Result<Option<T>> {
     let Some(raw) = object.get(key) else { return Ok(None) };
     serde_json::from_str(raw.get()).map_err(|_| {
@@ -105,7 +105,7 @@ pub(super) fn load(object: &Object, options: &Options) -> Result<Loaded> {
     Ok(Loaded { transfer, source: Source::Cumulo, name, presets, notes: Vec::new() })
 }
 
-/// The function of a document whose format and version are those understood.
+/// Transfer function of a document, whose format and version must be [`FORMAT`] and [`VERSION`].
 pub(super) fn transfer(object: &Object) -> Result<Transfer> {
     let format: Option<Value> = value(object, "format", "a text")?;
     if format != Some(FORMAT.into()) {
@@ -132,7 +132,7 @@ pub(super) fn transfer(object: &Object) -> Result<Transfer> {
     transfer.checked().map_err(|e| e.part("'transfer'").hint(ENTRIES))
 }
 
-/// A text for an error message.
+/// Text shortened for an error message.
 pub(super) fn short(text: &str) -> String {
     if text.chars().count() <= 60 { text.to_owned() } else { text.chars().take(57).chain("...".chars()).collect() }
 }

@@ -1,19 +1,19 @@
-//! Transfer functions in files: our own `.tf.json`, ParaView's presets, and the metadata of a VDB.
+//! Transfer functions in files: Cumulo's `.tf.json`, ParaView's presets, and the metadata of a VDB.
 //!
-//! Ours: `{"format": "cumulo-transfer-function", "version": 1, "name": …, "transfer": {"kind": …}, "provenance": {…}}`,
-//! `transfer` being [`Transfer`] as it stands: densities, scene-linear radiances of the source, extinction per
-//! world unit of length. `name` and `provenance` may be absent; other keys at the top are ignored.
+//! Cumulo's format is `{"format": "cumulo-transfer-function", "version": 1, "name": …, "transfer": {"kind": …},
+//! "provenance": {…}}`, where `transfer` is a serialised [`Transfer`]: densities, scene-linear radiances of the source,
+//! extinction per world unit of length. `name` and `provenance` may be absent; other keys at the top are ignored.
 //!
-//! ParaView's presets, in JSON (`RGBPoints`, `Points`, `ColorSpace`, `HSVWrap`, `Name`; one object or a list) and
-//! in XML (`ColorMaps`, `ColorMap`, `Point`), become points:
-//! - Colors there are display-referred sRGB, from 0 to 1, and are interpolated as such or in another space;
-//!   they are sampled densely, and made scene-linear. Between the samples a color is off by 2e-4 at most (4e-3
-//!   where a mixture in Lab leaves what a display can show).
-//! - Opacity α is that of a layer one unit distance `u` thick: extinction is `-ln(1 - α) / u`. As no extinction is
-//!   infinite, α above [`MOST_OPACITY`] counts as that.
+//! ParaView's presets, in JSON (`RGBPoints`, `Points`, `ColorSpace`, `HSVWrap`, `Name`; one object or a list) and in
+//! XML (`ColorMaps`, `ColorMap`, `Point`), become points:
+//! - Colors there are display-referred sRGB, from 0 to 1, and are interpolated as such or in another space; they are
+//!   sampled densely, and made scene-linear. Between the samples a color errs by at most 2e-4 (4e-3 where a mixture in
+//!   Lab leaves the display's gamut).
+//! - Opacity α is that of a layer one unit distance `u` thick: extinction is `-ln(1 - α) / u`. Since extinction must be
+//!   finite, α above [`MOST_OPACITY`] counts as that.
 //! - Without opacities, extinction rises linearly from 0 at the first color to [`Options::extinction`] at the last.
 //!
-//! A VDB grid carries a transfer function as the text of our JSON under the key [`METADATA_KEY`].
+//! A VDB grid carries a transfer function as the text of Cumulo's JSON under the key [`METADATA_KEY`].
 
 mod carried;
 mod color;
@@ -37,58 +37,58 @@ use crate::scene::transfer::Transfer;
 use serde::Serialize;
 use std::path::Path;
 
-/// Larger files are no transfer functions: one with as many points as there can be takes less.
+/// Largest size of a file in bytes; a transfer function with the largest number of points takes less.
 const MAX_BYTES: u64 = 1 << 25;
 
-/// What to make of a file.
+/// Options for reading a transfer function.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Options {
-    /// Which of several: the preset of that name, in a VDB the grid's; the first unless given.
+    /// Name of the preset, or of the grid in a VDB; the first one unless given.
     pub preset: Option<String>,
-    /// Densities that the first and last of the file's are mapped to; its own unless given.
+    /// Densities to which the first and the last density of the file are mapped; unchanged unless given.
     pub range: Option<[f64; 2]>,
-    /// World length that the opacities of a preset are for; 1 unless given.
+    /// World length to which the opacities of a preset refer; 1 unless given.
     pub unit_distance: Option<f64>,
-    /// Extinction at the end of a preset without opacities, per world unit; 1 unless given.
+    /// Extinction per world unit at the last color of a preset without opacities; 1 unless given.
     pub extinction: Option<f64>,
-    /// Memory that the file's content may take.
+    /// Limits of the memory that the file's content may take.
     pub limits: Limits,
 }
 
-/// What a file was.
+/// Kind of file that holds a transfer function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Source {
-    /// Our `.tf.json`.
+    /// Cumulo's `.tf.json`.
     Cumulo,
-    /// Presets of ParaView in JSON.
+    /// ParaView presets in JSON.
     ParaviewJson,
-    /// Presets of ParaView in XML.
+    /// ParaView presets in XML.
     ParaviewXml,
-    /// Metadata of a VDB's grid.
+    /// Metadata of a grid in a VDB.
     Vdb,
 }
 
-/// A transfer function from a file.
+/// A transfer function read from a file, with its origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Loaded {
-    /// The function, checked.
+    /// Transfer function, with every number checked.
     pub transfer: Transfer,
-    /// What kind of file it came from.
+    /// Kind of file that held the function.
     pub source: Source,
-    /// Its own name, where it has one; in a VDB the grid's.
+    /// Name of the function, if it has one; in a VDB that of the grid.
     pub name: Option<String>,
-    /// Names of all that the file holds, in its order.
+    /// Names of all transfer functions in the file, in file order.
     pub presets: Vec<String>,
-    /// What was done that the file does not say, for people.
+    /// Remarks for the user on assumptions that the file does not state.
     pub notes: Vec<String>,
 }
 
-/// Reads a transfer function. What the file is, its content tells, not its name.
+/// Reads a transfer function. The kind of file is detected by its content, not by its name.
 ///
 /// # Errors
-/// Names the file, the preset and the point that cannot be used, what was expected, and options that
-/// do not apply to such a file.
+/// If the file, a preset or a point cannot be used, or an option does not apply to this kind of file. The error names
+/// it and the expected value.
 pub fn load(path: &Path, options: &Options) -> Result<Loaded> {
     let loaded = match sniff(path)? {
         Format::Vdb | Format::NanoVdb => carried::load(path, options),
@@ -129,7 +129,7 @@ fn unknown(what: &str) -> Error {
         .hint("a .tf.json, a color map preset of ParaView (JSON or XML), or a VDB that carries one is expected")
 }
 
-/// Refuses options that speak of opacities where the file states extinctions.
+/// Refuses options about opacities for files that state extinctions.
 fn refuse_opacity_options(options: &Options) -> Result<()> {
     for (given, what) in [(options.unit_distance, "a unit distance"), (options.extinction, "an extinction")] {
         if let Some(value) = given {
@@ -140,9 +140,9 @@ fn refuse_opacity_options(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Number of the one that is wanted: that of the name, or the first.
+/// Number of the entry named `wanted`, or of the first if none is wanted.
 fn chosen(names: &[String], wanted: Option<&str>) -> Result<usize> {
-    /// More names than these would fill the terminal.
+    /// Largest number of names that the error message lists.
     const SHOWN: usize = 20;
     let Some(wanted) = wanted else { return Ok(0) };
     names.iter().position(|n| n == wanted).ok_or_else(|| {

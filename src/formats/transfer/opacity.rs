@@ -1,13 +1,13 @@
 //! Opacity between two knots, with VTK's midpoint and sharpness (`vtkPiecewiseFunction`).
 
-/// Density, opacity, and the midpoint and sharpness of the piece that begins here.
+/// An opacity knot: density, opacity, and the midpoint and sharpness of the piece that begins there.
 pub(super) type OpacityKnot = [f64; 4];
 
-/// Opacity at `s`, from 0 to 1, on the way from one knot to the next. `middle` is the middle of the
-/// sub-piece asked about: where the curve jumps at its midpoint, it says which side is meant.
+/// Opacity at `s`, from 0 to 1, between two knots. `middle` is the middle of the sub-piece being sampled; where the
+/// curve jumps at its midpoint, it decides the side.
 ///
-/// The midpoint is where half of the change is done. Sharpness 0 (below 0.01) is linear on either side
-/// of it, 1 (above 0.99) a step there; between them is a Hermite curve over a power of `s`.
+/// Half of the change is reached at the midpoint. Sharpness 0 (below 0.01) is linear on either side of it, 1 (above
+/// 0.99) a step there; between them the curve is a Hermite curve over a power of `s`.
 pub(super) fn between(s: f64, middle: f64, from: &OpacityKnot, to: &OpacityKnot) -> f64 {
     let [_, a, midpoint, sharpness] = *from;
     let b = to[1];
@@ -15,7 +15,7 @@ pub(super) fn between(s: f64, middle: f64, from: &OpacityKnot, to: &OpacityKnot)
     if sharpness > 0.99 {
         return if middle < midpoint { a } else { b };
     }
-    // The ends to the last bit, so that neighbouring pieces meet.
+    // The ends are exact to the last bit, so that neighbouring pieces meet.
     if s <= 0.0 || a == b {
         return a;
     }
@@ -34,13 +34,13 @@ pub(super) fn between(s: f64, middle: f64, from: &OpacityKnot, to: &OpacityKnot)
     value.clamp(a.min(b), a.max(b))
 }
 
-/// Where between two knots, from 0 to 1, the curve has a kink or a step.
+/// Position between two knots, from 0 to 1, of a kink or a step of the curve.
 pub(super) fn kink(from: &OpacityKnot) -> Option<f64> {
     let [_, _, midpoint, sharpness] = *from;
     (midpoint != 0.5 || sharpness >= 0.01).then(|| clamped(midpoint))
 }
 
-/// VTK keeps midpoints this far from the ends.
+/// Clamps a midpoint to the distance from the ends that VTK keeps.
 fn clamped(midpoint: f64) -> f64 {
     midpoint.clamp(1e-5, 1.0 - 1e-5)
 }
@@ -49,7 +49,7 @@ fn clamped(midpoint: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Figures of VTK 9.7.2's `vtkPiecewiseFunction::GetValue`, rounded to seven digits.
+    /// Expected values are those of VTK 9.7.2's `vtkPiecewiseFunction::GetValue`, rounded to seven digits.
     #[test]
     fn curves_are_those_of_vtk() {
         let at = [0.1, 0.25, 0.3, 0.5, 0.6, 0.9];

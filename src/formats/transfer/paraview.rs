@@ -1,4 +1,4 @@
-//! A preset of ParaView as points of a transfer function.
+//! Conversion of a ParaView preset to points of a transfer function.
 
 use super::color::{Space, linear};
 use super::opacity::{self, OpacityKnot};
@@ -7,33 +7,33 @@ use crate::error::{Error, Result};
 use crate::scene::table::{Rgbs, Table};
 use crate::scene::transfer::Transfer;
 
-/// Opacities above this count as this: an optical depth of 10 ln 2, about 6.9, a unit distance.
+/// Largest opacity; greater ones count as this, an optical depth of 10 ln 2, about 6.9, per unit distance.
 pub const MOST_OPACITY: f64 = 1.0 - 1.0 / 1024.0;
 
-/// Samples over the whole range of densities.
+/// Number of samples over the whole range of densities.
 const SAMPLES: f64 = 1024.0;
-/// The fewest between two knots.
+/// Least number of samples between two knots.
 const FEWEST: f64 = 16.0;
-/// Samples are left out that a line passes within this share of the piece's peak.
+/// Tolerance, as a share of the piece's peak, within which a line may pass samples that are left out.
 const TOLERANCE: f64 = 1.0 / 65_536.0;
-/// The most knots of a preset.
+/// Largest number of knots of a preset.
 const MOST_KNOTS: usize = 1 << 16;
 
 const EXPORT: &str = "export the preset again from ParaView's color map editor";
 
-/// Density, then display-referred red, green and blue.
+/// A color knot: density, then display-referred red, green and blue.
 pub(super) type ColorKnot = [f64; 4];
 
-/// A preset as files state it.
+/// A preset as a file states it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Preset {
     pub space: Space,
     pub colors: Vec<ColorKnot>,
-    /// None if the file states none.
+    /// Opacity knots; `None` if the file states no opacities.
     pub opacities: Option<Vec<OpacityKnot>>,
 }
 
-/// The preset numbered `index` as a transfer function.
+/// Converts preset number `index` of a file to a transfer function.
 pub(super) fn loaded(
     preset: Preset,
     names: Vec<String>,
@@ -48,7 +48,7 @@ pub(super) fn loaded(
 }
 
 impl Preset {
-    /// Points of the same colors and opacities, and what was assumed.
+    /// Points with the preset's colors and opacities, and remarks on what was assumed.
     fn transfer(self, options: &Options) -> Result<(Transfer, Vec<String>)> {
         let curves = Curves::new(self, options)?;
         let transfer = Transfer::Piecewise { points: curves.points()? }
@@ -58,15 +58,15 @@ impl Preset {
     }
 }
 
-/// How extinction follows the density.
+/// Dependence of extinction on the density.
 enum Extinction {
-    /// From opacities of a layer this thick.
+    /// Extinction from the opacities of a layer of thickness `distance`.
     Opacity { knots: Vec<OpacityKnot>, distance: f64 },
-    /// A line from 0 at `low` to `most` at `high`.
+    /// Linear rise of extinction from 0 at `low` to `most` at `high`.
     Rise { low: f64, high: f64, most: f64 },
 }
 
-/// A preset whose numbers are checked, in ascending order.
+/// A preset with checked numbers and ascending knots.
 struct Curves {
     space: Space,
     colors: Vec<ColorKnot>,
@@ -128,7 +128,7 @@ impl Curves {
         Ok(Self { space, colors, extinction, notes })
     }
 
-    /// All densities where a curve may have a kink or a step, ascending.
+    /// Densities at which a curve may have a kink or a step, ascending.
     fn knots(&self) -> Vec<f64> {
         let mut all: Vec<f64> = self.colors.iter().map(|k| k[0]).collect();
         for pair in self.colors.windows(2) {
@@ -169,12 +169,12 @@ impl Curves {
             let count = (SAMPLES * (high - low) / (last - first)).ceil().clamp(FEWEST, SAMPLES);
             let inner = (1..count as u32).map(|i| low + f64::from(i) / count * (high - low));
             let mut densities = vec![low];
-            // Knots may be so close that there is nothing between them.
+            // Knots may be so close that no number lies between them.
             densities.extend(inner.filter(|d| low < *d && *d < high));
             densities.dedup();
             densities.push(high);
             let values = densities.iter().map(|d| self.at(*d, middle)).collect();
-            // Knots stay: what is empty up to one stays exactly so.
+            // Knots are kept, so that a function that is empty up to a knot stays exactly empty there.
             let piece = Table::new(densities, values).map_err(|e| e.hint(EXPORT))?.simplified(TOLERANCE);
             piece.knots().iter().zip(piece.values()).for_each(|(d, v)| push(*d, *v));
         }
@@ -182,7 +182,8 @@ impl Curves {
         Ok(points)
     }
 
-    /// Values at a density of the piece around `middle`, infinite for those outside.
+    /// Color and extinction at a density, in the piece around `middle`. An infinite `middle` selects the constants
+    /// outside.
     fn at(&self, density: f64, middle: f64) -> Rgbs {
         let [r, g, b] = match piece(&self.colors, middle) {
             Piece::Outside(knot) => rgb(knot),
@@ -213,9 +214,9 @@ fn rgb([_, r, g, b]: &ColorKnot) -> [f64; 3] {
     [*r, *g, *b]
 }
 
-/// Extinction of a layer that thick and that opaque.
+/// Extinction of a layer of the given opacity and thickness.
 fn of_opacity(opacity: f64, distance: f64) -> f64 {
-    // Not -0 where there is nothing.
+    // The maximum avoids -0 for an opacity of 0.
     (-(-opacity.min(MOST_OPACITY)).ln_1p() / distance).max(0.0)
 }
 
@@ -224,7 +225,7 @@ enum Piece<'a> {
     Between(&'a [f64; 4], &'a [f64; 4]),
 }
 
-/// The knots around a density that is none itself.
+/// Knots around a density that is not itself a knot.
 fn piece(knots: &[[f64; 4]], density: f64) -> Piece<'_> {
     match knots.partition_point(|k| k[0] <= density) {
         0 => Piece::Outside(&knots[0]),
@@ -233,7 +234,8 @@ fn piece(knots: &[[f64; 4]], density: f64) -> Piece<'_> {
     }
 }
 
-/// Sorts knots by density, as ParaView does; those of one density keep their order.
+/// Sorts knots by density, as ParaView does; knots of equal density keep their order. No knots, too many or densities
+/// that are not finite are errors.
 fn ascending(knots: &mut [[f64; 4]], what: &str) -> Result<()> {
     if knots.is_empty() {
         return Err(Error::invalid(format!("no {what} points; at least one is needed")).hint(EXPORT));
@@ -253,7 +255,7 @@ fn ascending(knots: &mut [[f64; 4]], what: &str) -> Result<()> {
     Ok(())
 }
 
-/// A number from 0 to 1. What exceeds that by rounding is cut off.
+/// Checks that a number lies from 0 to 1; small excesses from rounding are clipped.
 fn share(value: f64, what: &str) -> Result<f64> {
     if (-1e-3..=1.0 + 1e-3).contains(&value) {
         Ok(value.clamp(0.0, 1.0))
@@ -317,7 +319,7 @@ mod tests {
         assert!(notes[0].starts_with("1 of 2 opacities exceed"), "{notes:?}");
         let table = transfer.table().unwrap();
         assert_eq!(table.at(0.0)[3].to_bits(), 0, "nothing, and not minus nothing");
-        // The curve: but for the last sample, where the cap cuts in, within the sampling's error.
+        // The points follow the curve within the sampling error, except near the last one, where the cap applies.
         for d in [0.1, 0.7, 1.0, 1.5, 1.9] {
             assert!((table.at(d)[3] + (1.0 - d / 2.0_f64).ln()).abs() < 1e-3, "{d}");
         }
@@ -387,8 +389,8 @@ mod tests {
                 let expected = space.between(s, from, to).map(linear);
                 let value = got.at(-1.0 + 4.0 * s);
                 let off = (0..3).map(|c| (value[c] - expected[c]).abs()).fold(0.0, f64::max);
-                // An arc over h = 1/1024 is h²/8 times its second derivative high (1e-7 times one below 100 where
-                // hues run); a kink at the display's limits between two samples h/4 times the change of slope.
+                // Linear interpolation over h = 1/1024 errs by h²/8 times the second derivative (1e-7 times one below
+                // 100 between hues), and by h/4 times the change of slope at a kink at the display's limits.
                 let bound = if matches!(space, Space::Lab | Space::Diverging) { 4e-3 } else { 2e-4 };
                 prop_assert!(off < bound, "{space:?} at {s}: {off}");
             }
@@ -403,7 +405,7 @@ mod tests {
             let spaces = [
                 Space::Rgb, Space::Hsv { wrap: false }, Space::Hsv { wrap: true }, Space::Lab, Space::Diverging, Space::Step,
             ];
-            // Coarse densities fall on each other.
+            // Coarse densities coincide.
             let near = |mut k: [f64; 4]| { if coarse { k[0] = (3.0 * k[0]).floor(); } k };
             let preset = Preset {
                 space: spaces[space],

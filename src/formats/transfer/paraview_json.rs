@@ -1,4 +1,4 @@
-//! Presets of ParaView in JSON.
+//! ParaView presets in JSON.
 
 use super::color::Space;
 use super::document::{Object, short, value};
@@ -6,7 +6,7 @@ use super::paraview::{self, Preset};
 use super::{Loaded, Options, Source, chosen};
 use crate::error::{Error, Result};
 
-/// Keys by one of which a preset is known.
+/// Keys of which any identifies a preset.
 const MARKS: [&str; 4] = ["RGBPoints", "IndexedColors", "Points", "ColorSpace"];
 
 pub(super) fn is_preset(object: &Object) -> bool {
@@ -46,7 +46,7 @@ fn preset(object: &Object) -> Result<Preset> {
     Ok(Preset { space, colors, opacities: fours(object, "Points", "density, opacity, midpoint, sharpness")? })
 }
 
-/// A flag, which ParaView writes as a number.
+/// Value of a flag, which ParaView writes as a number.
 fn truth(object: &Object, key: &str) -> Result<bool> {
     match value(object, key, "0 or 1")? {
         None => Ok(false),
@@ -57,7 +57,7 @@ fn truth(object: &Object, key: &str) -> Result<bool> {
     }
 }
 
-/// A flat list of numbers, four a point.
+/// Flat list of numbers in groups of four, one group per point.
 fn fours(object: &Object, key: &str, four: &str) -> Result<Option<Vec<[f64; 4]>>> {
     let Some(numbers) = value::<Vec<f64>>(object, key, "a list of numbers")? else { return Ok(None) };
     let (fours, rest) = numbers.as_chunks::<4>();

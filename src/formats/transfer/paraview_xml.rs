@@ -1,4 +1,4 @@
-//! Presets of ParaView in XML, as versions before 5 wrote them and color map collections still do.
+//! ParaView presets in XML, as versions before 5 wrote them and color map collections still do.
 
 use super::color::Space;
 use super::document::short;
@@ -11,12 +11,12 @@ use std::borrow::Cow;
 
 const EXPORT: &str = "correct the XML there, or export the preset again from ParaView";
 
-/// A `ColorMap` while it is read.
+/// A `ColorMap` element while it is read.
 struct Map {
     name: String,
     space: Option<String>,
     categories: bool,
-    /// Density, red, green, blue and the opacity where it is stated.
+    /// Density, red, green and blue of each point, and its opacity where that is stated.
     points: Vec<([f64; 4], Option<f64>)>,
 }
 
@@ -31,11 +31,11 @@ pub(super) fn load(text: &str, options: &Options) -> Result<Loaded> {
     paraview::loaded(preset, names, index, Source::ParaviewXml, options)
 }
 
-/// Names of all maps, and the first of the wanted name (of any, unless one is wanted).
+/// Names of all maps, and the first map named `wanted`, or the first of all if no name is wanted.
 fn read(text: &str, wanted: Option<&str>) -> Result<(Vec<String>, Option<Map>)> {
     let mut reader = Reader::from_str(text);
     let (mut names, mut found) = (Vec::new(), None::<Map>);
-    // The map that is open: its depth, and whether it is the one to keep.
+    // Depth of the map that is open, and whether it is the one to keep.
     let mut open = None::<(usize, bool)>;
     let mut depth = 0_usize;
     loop {
@@ -127,7 +127,7 @@ fn no_xml(error: impl std::fmt::Display) -> Error {
     Error::invalid(format!("no valid XML: {error}")).hint(EXPORT)
 }
 
-/// Hands over each attribute.
+/// Hands each attribute of an element to `take`.
 fn each<'a>(element: &'a BytesStart, mut take: impl FnMut(&str, Cow<'a, str>) -> Result<()>) -> Result<()> {
     for attribute in element.attributes() {
         let attribute = attribute.map_err(no_xml)?;
@@ -143,7 +143,7 @@ fn preset(map: Map) -> Result<Preset> {
             .hint("choose another preset: its name goes to --preset, or --tf-preset"));
     }
     let space = Space::named(map.space.as_deref().unwrap_or("RGB"), false)?;
-    // ParaView writes 1 for each, whatever the opacities are: that states nothing.
+    // ParaView writes 1 for each point whatever the opacities are, which states nothing.
     let stated = map.points.iter().any(|(_, o)| o.is_some_and(|o| o != 1.0));
     let opacities = stated.then(|| map.points.iter().map(|(p, o)| [p[0], o.unwrap_or(1.0), 0.5, 0.0]).collect());
     Ok(Preset { space, colors: map.points.iter().map(|(p, _)| *p).collect(), opacities })

@@ -1,9 +1,9 @@
-//! The same function over another range of densities.
+//! Rescaling of a transfer function to another range of densities.
 
 use crate::error::{Error, Result};
 use crate::scene::transfer::{Lobe, Transfer};
 
-/// The densities that a function speaks of: its domain, or those of its first and last point.
+/// Range of densities of a function: its domain, or the densities of its first and last point.
 pub(super) fn range(transfer: &Transfer) -> [f64; 2] {
     match transfer {
         Transfer::Texture { domain, .. } | Transfer::Gaussians { domain, .. } | Transfer::Identity { domain, .. } => {
@@ -13,11 +13,11 @@ pub(super) fn range(transfer: &Transfer) -> [f64; 2] {
     }
 }
 
-/// The function with its densities mapped linearly, its ends to `low` and `high`. Extinctions stay what
-/// they are; an identity, whose extinctions are the densities, becomes points therefore.
+/// Maps the densities of a function linearly so that its ends become `low` and `high`. Extinctions are unchanged; an
+/// identity, whose extinctions are the densities, therefore becomes points.
 ///
 /// # Errors
-/// If one of the ranges does not ascend.
+/// If one of the ranges does not ascend, or is too narrow to tell the function's densities apart.
 pub(super) fn to_range(transfer: &Transfer, to: [f64; 2]) -> Result<Transfer> {
     let [from, [low, high]] = [range(transfer), to];
     let width = from[1] - from[0];

@@ -1,4 +1,4 @@
-//! A transfer function in figures, for `transfer` and `info`.
+//! Summary of a transfer function, for `transfer` and `info`.
 
 use super::rescale::range;
 use crate::error::Result;
@@ -6,30 +6,30 @@ use crate::scene::transfer::Transfer;
 use serde::Serialize;
 use std::fmt;
 
-/// A transfer function in figures.
+/// Kind, size, range and peak values of a transfer function.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TransferSummary {
-    /// `texture`, `piecewise`, `gaussians` or `identity`.
+    /// Kind of function: `texture`, `piecewise`, `gaussians` or `identity`.
     pub kind: &'static str,
-    /// Texels, points or lobes.
+    /// Number of texels, points or lobes; 1 for an identity.
     pub entries: usize,
-    /// Numbers that can be optimised.
+    /// Number of parameters that can be optimised.
     pub parameters: usize,
-    /// First and last density that it speaks of.
+    /// First and last density of the function's range.
     pub range: [f64; 2],
     /// Greatest extinction, per world unit.
     pub peak_extinction: f64,
-    /// Greatest radiance of the source, by channel.
+    /// Greatest radiance of the source, by color channel.
     pub peak_color: [f64; 3],
-    /// True if density 0 absorbs nothing: empty space can be skipped.
+    /// True if density 0 absorbs nothing, so that empty space can be skipped.
     pub empty_at_zero: bool,
 }
 
 impl TransferSummary {
-    /// Sums a function up.
+    /// Summary of a function.
     ///
     /// # Errors
-    /// As [`Transfer::table`].
+    /// The conditions are those of [`Transfer::table`].
     pub fn of(transfer: &Transfer) -> Result<Self> {
         let (kind, entries, parameters) = match transfer {
             Transfer::Texture { texels, .. } => ("texture", texels.len(), 4 * texels.len()),
@@ -52,7 +52,7 @@ impl TransferSummary {
 }
 
 impl fmt::Display for TransferSummary {
-    /// One line.
+    /// Writes the summary on one line.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (one, many) = match self.kind {
             "texture" => ("texel", "texels"),

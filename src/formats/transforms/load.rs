@@ -1,4 +1,4 @@
-//! From JSON to a capture, each fault named by its frame and key.
+//! Reading of captures from JSON. Every fault names its frame and key.
 
 use super::{folder, json_path};
 use crate::error::{Error, Result};
@@ -13,21 +13,21 @@ use serde_json::{Map, Value};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// Larger files are no camera lists; a hundred thousand frames take less.
+/// Largest size of a file in bytes; a hundred thousand frames take less.
 const MAX_BYTES: u64 = 1 << 26;
 
-/// Where a transfer function can be taken from.
+/// Advice on where to take a transfer function from.
 const TRANSFER: &str =
     "copy the value of 'transfer' from a .tf.json that `cumulo transfer` reads, or leave the key out";
-/// How views are listed.
+/// Advice on how views are listed.
 const FRAMES: &str = "a capture lists its views: {\"frames\": [{\"file_path\": …, \"transform_matrix\": …}]}";
 
-/// Reads a capture from its JSON file or from the folder that holds `transforms.json`. Pictures are
-/// not read; their headers are where the size is not stated.
+/// Reads a capture from its JSON file or from the folder that holds `transforms.json`. Pictures are not read, except
+/// for their headers where the size is not stated.
 ///
 /// # Errors
-/// Names the file, the frame and the key that is missing or cannot be used; if the values take more than
-/// half of the machine's memory.
+/// If the file cannot be read, a key is missing or cannot be used, or the values take more than half of the machine's
+/// memory. The error names the file, the frame and the key.
 pub fn load(path: &Path) -> Result<Capture> {
     load_within(path, Limits::default())
 }
@@ -35,7 +35,7 @@ pub fn load(path: &Path) -> Result<Capture> {
 /// Reads a capture as [`load`] does; the values of its JSON must fit into `limits`.
 ///
 /// # Errors
-/// As [`load`], with these limits.
+/// The conditions are those of [`load`], with these limits.
 pub fn load_within(path: &Path, limits: Limits) -> Result<Capture> {
     let json = json_path(path);
     let _reading = Reading::begin(&json);
@@ -79,10 +79,10 @@ fn parse(json: &Path, limits: Limits) -> Result<Capture> {
     })
 }
 
-/// Reads the file as a JSON object, whatever its keys.
+/// Reads a file as a JSON object with any keys.
 ///
 /// # Errors
-/// If it cannot be read, is too large, or holds something else.
+/// If the file cannot be read, is too large, or holds something else.
 pub fn read_object(json: &Path, limits: Limits) -> Result<Map<String, Value>> {
     let text = input::bytes(json, MAX_BYTES, "a list of cameras").map_err(|e| match e.io_kind() {
         Some(ErrorKind::NotFound) => e.hint("a capture is a transforms.json or the folder that holds one"),
@@ -139,8 +139,8 @@ pub(super) fn frame(value: &Value, root: &Map<String, Value>, folder: &Path) -> 
     Ok(Frame { camera, picture })
 }
 
-/// A matrix whose columns are of unit length already is kept to the last bit, so that what was
-/// written is what is read; others are normalised.
+/// Checks a camera. A matrix whose columns are of unit length already is kept to the last bit, so that reading returns
+/// exactly what was written; others are normalised.
 fn rigid(camera: Camera) -> Result<Camera> {
     let m = camera.camera_to_world;
     let checked = camera.checked()?;
@@ -149,7 +149,7 @@ fn rigid(camera: Camera) -> Result<Camera> {
     Ok(if keep { Camera { camera_to_world: m, ..checked } } else { checked })
 }
 
-/// The picture's path, from `file_path`.
+/// Path of a frame's picture, from its `file_path`.
 pub(super) fn picture_path(own: &Map<String, Value>, folder: &Path) -> Result<PathBuf> {
     let name = match own.get("file_path") {
         Some(Value::String(name)) if !name.is_empty() => name,
@@ -160,7 +160,7 @@ pub(super) fn picture_path(own: &Map<String, Value>, folder: &Path) -> Result<Pa
         None => return Err(missing("file_path", "the picture's path, relative to this file")),
     };
     let path = folder.join(name);
-    // "view.0001" has no suffix that is one of a picture; Path would take ".0001" for it.
+    // "view.0001" has no suffix of a picture, but Path would take ".0001" for one.
     let suffix = path.extension().is_some_and(|e| e.to_string_lossy().chars().any(|c| c.is_ascii_alphabetic()));
     Ok(if suffix { path } else { folder.join(format!("{name}.exr")) })
 }
@@ -194,7 +194,7 @@ fn projection(keys: &Keys) -> Result<Projection> {
 
 fn focal(keys: &Keys, projection: Projection, width: f64, height: f64) -> Result<DVec2> {
     let axis = |length: &str, angle: &str, pixels: f64| -> Result<Option<f64>> {
-        // A frame's own angle outdoes a length that was given for all.
+        // A frame's own angle takes precedence over a length that was given for all frames.
         let own_angle = keys.own.get(angle).is_some_and(|v| !v.is_null()) && !keys.own.contains_key(length);
         if let Some(v) = keys.number(length)?.filter(|_| !own_angle) {
             return Ok(Some(v));
@@ -218,14 +218,14 @@ fn focal(keys: &Keys, projection: Projection, width: f64, height: f64) -> Result
     }
 }
 
-/// Keys of a frame before those of the whole file.
+/// Keys of a frame, which take precedence over those of the whole file.
 struct Keys<'a> {
     own: &'a Map<String, Value>,
     shared: Option<&'a Map<String, Value>>,
 }
 
 impl Keys<'_> {
-    /// `null` counts as absent.
+    /// Value of a key; `null` counts as absent.
     fn get(&self, key: &str) -> Option<&Value> {
         self.own.get(key).or_else(|| self.shared?.get(key)).filter(|v| !v.is_null())
     }
@@ -240,7 +240,7 @@ impl Keys<'_> {
         }
     }
 
-    /// Sizes may be written as 800.0.
+    /// A picture's size in pixels, which may be written as 800.0.
     fn size(&self, key: &str) -> Result<Option<u32>> {
         match self.number(key)? {
             None => Ok(None),
@@ -296,7 +296,7 @@ impl Keys<'_> {
     }
 }
 
-/// A value for an error message.
+/// Text of a value, shortened for an error message.
 fn short(value: &Value) -> String {
     let text = value.to_string();
     if text.chars().count() <= 60 { text } else { text.chars().take(57).chain("...".chars()).collect() }

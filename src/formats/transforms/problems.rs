@@ -1,4 +1,4 @@
-//! What is wrong with a capture, for `validate`.
+//! Problems of captures, for `validate`.
 
 use super::load::{self, load_within};
 use super::{folder, json_path};
@@ -11,24 +11,23 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// What is wrong with a capture and its pictures (each is read); empty if nothing is.
+/// Problems of a capture and its pictures, all of which are read; empty if there are none.
 ///
 /// # Errors
-/// If the operating system does not let the JSON file be read. A picture that cannot be read is a
-/// problem of the capture.
+/// If the operating system does not let the JSON file be read. A picture that cannot be read is a problem of the
+/// capture.
 pub fn problems(path: &Path) -> Result<Vec<Problem>> {
     problems_within(path, Limits::default())
 }
 
-/// What is wrong with a capture, as [`problems`] tells it; the values of its JSON, and each picture, must
-/// fit into `limits`.
+/// Problems of a capture, as [`problems`] lists them; the values of its JSON, and each picture, must fit into `limits`.
 ///
 /// # Errors
-/// As [`problems`].
+/// The conditions are those of [`problems`].
 pub fn problems_within(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
     let json = json_path(path);
     let mut found = frame_problems(&json, limits)?;
-    // Faults of single frames are listed one by one; what else keeps it from loading is one more.
+    // Faults of frames are listed one by one; any other fault that keeps the capture from loading is one more.
     match load_within(path, limits) {
         Err(error) if found.is_empty() => found.push(Problem::of(error)?),
         Err(_) => {}
@@ -37,10 +36,10 @@ pub fn problems_within(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
     Ok(found)
 }
 
-/// More frames with faults than these are counted, not listed.
+/// Largest number of frames whose faults are listed; further ones are counted.
 const LISTED: usize = 100;
 
-/// Frames that cannot be used, rather than the first alone.
+/// Problems of all frames that cannot be used, not only of the first.
 fn frame_problems(json: &Path, limits: Limits) -> Result<Vec<Problem>> {
     let Ok(root) = load::read_object(json, limits) else { return Ok(Vec::new()) };
     let Some(Value::Array(frames)) = root.get("frames") else { return Ok(Vec::new()) };
@@ -78,7 +77,7 @@ fn picture(frame: &Frame, limits: Limits) -> Vec<Problem> {
         Err(error) => {
             let missing = error.io_kind() == Some(std::io::ErrorKind::NotFound);
             let what = if missing { "there is no such picture" } else { error.what() };
-            // Who sees the capture's problem mends its 'file_path', not a path of the command line.
+            // The user corrects 'file_path' in the capture, not a path on the command line.
             let remedy = match error.remedy() {
                 _ if missing => "correct 'file_path', or add the picture",
                 Some(remedy) => remedy,

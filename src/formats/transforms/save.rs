@@ -1,4 +1,4 @@
-//! From a capture to JSON.
+//! Writing of captures as JSON.
 
 use super::folder;
 use crate::error::{Error, Result};
@@ -9,9 +9,10 @@ use glam::DMat4;
 use serde_json::{Map, Value, json};
 use std::path::{Component, Path, PathBuf};
 
-/// Writes a capture to the JSON file `path` (not its pictures). Numbers are written so that
-/// [`load`](super::load) gives back the same bits. What all views share is written once. `extra` adds keys at the
-/// top, such as provenance; none may be one that a capture uses.
+/// Writes a capture, without its pictures, to the JSON file `path`. Numbers are written so that [`load`](super::load)
+/// returns the same bits.
+/// Values that all views share are written once. `extra` adds keys at the top, such as provenance; none may be a key of
+/// a capture.
 ///
 /// # Errors
 /// If a picture's path is not valid Unicode, a key of `extra` is taken, or the file cannot be written.
@@ -19,27 +20,28 @@ pub fn save(path: &Path, capture: &Capture, extra: &Map<String, Value>) -> Resul
     save_for(path, path, capture, extra)
 }
 
-/// [`save`], written to `now`, for a file that will be moved to `path`: what the pictures' names are relative to.
+/// Writes a capture as [`save`] does to the file `now`, which will later be moved to `path`. Pictures' paths are
+/// relative to the folder of `path`.
 ///
 /// # Errors
-/// As [`save`].
+/// The conditions are those of [`save`].
 pub fn save_for(path: &Path, now: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<()> {
     let text = text(path, capture, extra).map_err(|e| e.at(path))?;
     atomic::write_bytes(now, text.as_bytes())
 }
 
-/// Makes sure that a capture's pictures can be named in the JSON file `path`, before the work whose result
-/// it is to hold: JSON is Unicode, and paths need not be.
+/// Checks that a capture's pictures can be named in the JSON file `path`, before the work whose result it is to hold:
+/// JSON is Unicode, and paths need not be.
 ///
 /// # Errors
-/// Names the first frame whose picture's path, from the folder of `path`, is not valid Unicode.
+/// If a picture's path from the folder of `path` is not valid Unicode; the error names the first such frame.
 pub fn check_names(path: &Path, capture: &Capture) -> Result<()> {
     let folder = folder(path);
     let mut frames = capture.frames.iter().enumerate();
     frames.try_for_each(|(i, frame)| named(&frame.picture, &folder, i).map(drop)).map_err(|e| e.at(path))
 }
 
-/// The path of the picture of frame `i` from the capture's folder, as text.
+/// Path of the picture of frame `i` relative to the capture's folder, as text.
 fn named(picture: &Path, folder: &Path, i: usize) -> Result<String> {
     let relative = relative(picture, folder);
     relative.to_str().map(str::to_owned).ok_or_else(|| {
@@ -98,7 +100,8 @@ fn text(path: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<St
     Ok(text)
 }
 
-/// A picture's path from the capture's folder. One that lies elsewhere is reached by `..`, if both folders exist.
+/// Path of a picture relative to the capture's folder. A picture elsewhere is reached by `..` if both folders exist; an
+/// absolute path is kept.
 fn relative(picture: &Path, folder: &Path) -> PathBuf {
     if let Ok(inside) = picture.strip_prefix(folder) {
         return inside.to_path_buf();
@@ -108,7 +111,7 @@ fn relative(picture: &Path, folder: &Path) -> PathBuf {
     let Some((parent, name)) = place.filter(|_| picture.is_relative()) else { return picture.to_path_buf() };
     let (Ok(from), Ok(to)) = (real(folder), real(parent)) else { return picture.to_path_buf() };
     let shared = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
-    // Another drive cannot be reached.
+    // Folders on different drives have no relative path.
     if shared == 0 {
         return to.join(name);
     }
@@ -116,7 +119,7 @@ fn relative(picture: &Path, folder: &Path) -> PathBuf {
     up.chain(to.components().skip(shared)).collect::<PathBuf>().join(name)
 }
 
-/// All that a camera is, but its place.
+/// JSON entries of a camera except its position and orientation.
 fn intrinsics(camera: &Camera) -> Map<String, Value> {
     let model = match camera.projection {
         Projection::Perspective => "PINHOLE",

@@ -1,4 +1,4 @@
-//! A capture in figures, for `info`.
+//! Summary of a capture, for `info`.
 
 use super::load_within;
 use crate::error::Result;
@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 
-/// A capture in figures.
+/// Number of views, their sizes and positions, and the light model of a capture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CaptureSummary {
     /// Number of views.
@@ -20,40 +20,41 @@ pub struct CaptureSummary {
     pub sizes: BTreeMap<String, usize>,
     /// Number of orthographic views; the others are perspective.
     pub orthographic: usize,
-    /// Smallest corner of the box around the cameras, in world units.
+    /// Lowest corner of the box around the cameras' positions, in world units.
     pub cameras_min: [f64; 3],
-    /// Largest corner.
+    /// Highest corner of the box around the cameras' positions, in world units.
     pub cameras_max: [f64; 3],
-    /// Light model.
+    /// Light model of the pictures.
     pub model: Model,
     /// Radiance behind the volume.
     pub background: [f32; 3],
-    /// Radiance of the source per channel; none where the model has no source.
+    /// Radiance of the source per color channel; `None` where the model has no source or a transfer function replaces
+    /// it.
     pub emission: Option<[f32; 3]>,
-    /// How that radiance follows the density; none where the model has no source.
+    /// Dependence of `emission` on the density; `None` where `emission` is.
     pub emission_model: Option<EmissionModel>,
-    /// Whether colors and extinction follow a transfer function.
+    /// True if colors and extinction follow a transfer function.
     pub transfer: bool,
-    /// What a pixel's value stands for.
+    /// Pixel filter of the pictures.
     pub pixel_filter: PixelFilter,
     /// Extinction per unit of density and world length.
     pub density_scale: f64,
-    /// Voxel size along each axis of the volume's lattice, in world units, where the capture knows it.
+    /// Voxel size along each axis of the volume's lattice, in world units, if the capture states the lattice.
     pub lattice_voxel_size: Option<[f64; 3]>,
 }
 
-/// Reads a capture and sums it up. Its pictures are not looked at.
+/// Reads a capture and summarises it. Pictures are not decoded.
 ///
 /// # Errors
-/// As [`load`](super::load()).
+/// The conditions are those of [`load`](super::load()).
 pub fn summary(path: &Path) -> Result<CaptureSummary> {
     summary_within(path, Limits::default())
 }
 
-/// Reads a capture and sums it up as [`summary`] does; the values of its JSON must fit into `limits`.
+/// Reads a capture and summarises it as [`summary`] does; the values of its JSON must fit into `limits`.
 ///
 /// # Errors
-/// As [`load_within`].
+/// The conditions are those of [`load_within`].
 pub fn summary_within(path: &Path, limits: Limits) -> Result<CaptureSummary> {
     let capture = load_within(path, limits)?;
     let mut sizes = BTreeMap::new();

@@ -1,11 +1,11 @@
-//! A reader over a file that knows its length: nothing is read, skipped or allocated beyond it.
+//! A bounds-checked reader of a file: nothing is read, skipped or allocated beyond the file's length.
 
 use crate::error::{Error, Result};
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// Little-endian primitives of a VDB file, each bounds-checked against the file's length.
+/// Reader of a VDB file's little-endian primitives, each checked against the file's length.
 pub(super) struct Cursor {
     reader: BufReader<File>,
     path: PathBuf,
@@ -25,7 +25,7 @@ impl Cursor {
         Ok(Self { reader, path: path.to_path_buf(), position: 0, length: meta.len() })
     }
 
-    /// An error that says where in the file it stands.
+    /// The error that the file is damaged at the current position.
     pub(super) fn damaged(&self, what: impl std::fmt::Display) -> Error {
         Error::invalid(format!("{what} (at byte {} of {})", self.position, self.length))
             .at(&self.path)
@@ -44,7 +44,7 @@ impl Cursor {
         &self.path
     }
 
-    /// The file, wherever it stands.
+    /// The underlying file, at any position.
     pub(super) fn into_file(self) -> File {
         self.reader.into_inner()
     }
@@ -60,7 +60,7 @@ impl Cursor {
 
     pub(super) fn skip(&mut self, bytes: u64, what: &str) -> Result<()> {
         self.claim(bytes, what)?;
-        // Within the file, so within i64; short hops stay inside the buffer.
+        // A position within the file fits into i64; short skips stay inside the buffer.
         self.reader.seek_relative(bytes as i64).map_err(|e| Error::io(&self.path, e))
     }
 
@@ -88,7 +88,7 @@ impl Cursor {
         Ok(self.array::<1>(what)?[0])
     }
 
-    /// A C++ `bool`: any byte but 0 and 1 is undefined behaviour on the other side.
+    /// Reads a C++ `bool`; any byte but 0 and 1 would be undefined behaviour there.
     pub(super) fn bool(&mut self, what: &str) -> Result<bool> {
         match self.u8(what)? {
             0 => Ok(false),
@@ -117,7 +117,7 @@ impl Cursor {
         Ok([self.i32(what)?, self.i32(what)?, self.i32(what)?])
     }
 
-    /// Length-prefixed bytes; the length is checked before anything is allocated.
+    /// Reads length-prefixed bytes; the length is checked before anything is allocated.
     pub(super) fn bytes(&mut self, what: &str) -> Result<Vec<u8>> {
         let length = u64::from(self.u32(what)?);
         let left = self.length - self.position;
@@ -129,7 +129,7 @@ impl Cursor {
         Ok(out)
     }
 
-    /// A length-prefixed string that must be short and without NUL: a name, not a payload.
+    /// Reads a length-prefixed name of at most 4096 bytes without NUL.
     pub(super) fn name(&mut self, what: &str) -> Result<String> {
         let bytes = self.bytes(what)?;
         if bytes.len() > 4096 || bytes.contains(&0) {

@@ -1,5 +1,4 @@
-//! The only place where C is spoken: generated declarations, and one function that turns a status
-//! into a result.
+//! Interface to the C shim: generated declarations, and one function that turns a status into a result.
 
 #[allow(missing_docs, dead_code, non_camel_case_types, unused_qualifications, clippy::all)]
 mod generated {
@@ -29,7 +28,7 @@ use crate::error::{Error, Result};
 use std::ffi::{CString, c_char};
 use std::path::Path;
 
-/// Runs one entry of the shim and turns its status into a result.
+/// Calls one function of the shim and turns its status into a result.
 pub(super) fn call(entry: impl FnOnce(*mut cumulo_vdb_status) -> i32) -> Result<()> {
     let mut status = cumulo_vdb_status { code: 0, os_error: 0, message: [0; 504] };
     let code = entry(&mut status);
@@ -50,14 +49,14 @@ pub(super) fn call(entry: impl FnOnce(*mut cumulo_vdb_status) -> i32) -> Result<
     })
 }
 
-/// NUL-terminated text of any encoding. OpenVDB's messages can quote raw bytes of the file, so
-/// control characters are replaced.
+/// Text of a NUL-terminated string of any encoding. OpenVDB's messages can quote raw bytes of the file, so control
+/// characters are replaced.
 pub(super) fn text(chars: &[c_char]) -> String {
     let bytes: Vec<u8> = chars.iter().map(|c| *c as u8).take_while(|c| *c != 0).collect();
     printable(&bytes)
 }
 
-/// Lossy UTF-8 without control characters other than tab and line feed.
+/// Text of bytes as lossy UTF-8; control characters other than tab and line feed are replaced.
 pub(super) fn printable(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes)
         .chars()
@@ -65,14 +64,14 @@ pub(super) fn printable(bytes: &[u8]) -> String {
         .collect()
 }
 
-/// A path for C.
+/// Converts a path for C. A NUL byte in it is an error.
 pub(super) fn c_path(path: &Path) -> Result<CString> {
     use std::os::unix::ffi::OsStrExt;
     CString::new(path.as_os_str().as_bytes())
         .map_err(|_| Error::invalid("the path contains a NUL byte").at(path).hint("rename the file"))
 }
 
-/// A name for C.
+/// Converts a name for C. A NUL byte in it is an error.
 pub(super) fn c_name(name: &str) -> Result<CString> {
     CString::new(name)
         .map_err(|_| Error::invalid(format!("the name {name:?} contains a NUL byte")).hint("give another name"))

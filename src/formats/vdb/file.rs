@@ -1,4 +1,4 @@
-//! An open VDB file: its directory from the preflight, its grids through OpenVDB.
+//! An open VDB file: its directory comes from the preflight, its grids from OpenVDB.
 
 use super::ffi;
 use super::helper;
@@ -14,13 +14,13 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::ptr::{NonNull, null_mut};
 
-/// Ending of the name of a grid that says how much is known of each voxel of the grid of that name without it.
+/// Suffix of the name of a confidence grid, which says how well each voxel of the grid without the suffix is known.
 pub const CONFIDENCE: &str = "_confidence";
 
 /// A VDB file open for reading. Grids are loaded one by one, never lazily.
 pub struct File {
     raw: NonNull<ffi::RawFile>,
-    /// What was checked, still open: a file put in its place meanwhile is another one.
+    /// Handle of the file that was checked; a file put in its place meanwhile is another one.
     source: std::fs::File,
     path: PathBuf,
     preflight: Preflight,
@@ -40,7 +40,7 @@ impl File {
     /// Checks the file's skeleton in Rust, then opens it with OpenVDB.
     ///
     /// # Errors
-    /// What [`preflight::check`] finds, or OpenVDB's own words.
+    /// If [`preflight::check`] finds a fault, or OpenVDB reports an error.
     pub fn open(path: impl AsRef<Path>, limits: Limits) -> Result<Self> {
         let path = path.as_ref();
         let _reading = Reading::begin(path);
@@ -53,7 +53,7 @@ impl File {
         Ok(Self { raw, source, path: path.to_path_buf(), preflight, limits })
     }
 
-    /// Path it was opened by.
+    /// Path by which the file was opened.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -77,15 +77,15 @@ impl File {
     /// Metadata of the file as a whole.
     ///
     /// # Errors
-    /// OpenVDB's own words.
+    /// If OpenVDB reports an error.
     pub fn metadata(&self) -> Result<BTreeMap<String, MetaValue>> {
         self.native_metadata()?.entries()
     }
 
-    /// The entry of that name: exact (`density[1]`), or the only one whose name without suffix it is.
+    /// Entry of a grid by its exact name (`density[1]`), or by a name without suffix that only one grid has.
     ///
     /// # Errors
-    /// Lists the grids that there are.
+    /// If no grid or several grids have the name; the error lists all grids.
     pub fn find(&self, name: &str) -> Result<&Entry> {
         let entries = self.entries();
         let listed = || entries.iter().map(|e| format!("'{}'", e.name)).collect::<Vec<_>>().join(", ");
@@ -109,10 +109,10 @@ impl File {
         }
     }
 
-    /// Loads a grid of any type onto the native side.
+    /// Loads a grid of any type as a native grid.
     ///
     /// # Errors
-    /// OpenVDB's own words with file and grid, or that the grid exceeds the memory allowed.
+    /// If OpenVDB reports an error, or the grid exceeds the memory allowed; the error names file and grid.
     pub fn read(&self, name: &str) -> Result<NativeGrid> {
         let _reading = Reading::begin(&self.path);
         let entry = self.find(name)?;
@@ -123,17 +123,17 @@ impl File {
                 .and_then(|grid| named(grid, entry))
                 .map_err(damaged);
         }
-        // What was walked node by node is bounded already; the rest (points) is tried in another process first.
+        // Grids that were walked node by node are bounded already; others (points) are tried in another process first.
         if !entry.fully_checked {
             helper::rehearse(&self.path, &entry.name, self.limits).map_err(place)?;
         }
         self.read_unguarded(name)
     }
 
-    /// Reads a grid to its last byte and drops it: what the helper process does, see [`helper`].
+    /// Reads a grid to its last byte and drops it. The helper process calls this function, see [`helper`].
     ///
     /// # Errors
-    /// OpenVDB's own words, with file and grid; often it is the end of the process instead.
+    /// If OpenVDB reports an error, with file and grid; a damaged grid often ends the process instead.
     pub fn try_grid(&self, name: &str) -> Result<()> {
         let grid = self.read_unguarded(name)?;
         // SAFETY: the grid is alive.
@@ -141,7 +141,7 @@ impl File {
         touched.map_err(|e| e.part(format!("grid '{name}'")).at(&self.path))
     }
 
-    /// Loads a grid by OpenVDB's own reader, whatever is in it.
+    /// Loads a grid by OpenVDB's own reader, without a trial in another process.
     fn read_unguarded(&self, name: &str) -> Result<NativeGrid> {
         let entry = self.find(name)?;
         let place = |e: Error| e.at(&self.path).part(format!("grid '{}'", entry.name));
@@ -157,18 +157,18 @@ impl File {
     /// Loads a scalar grid into memory; see [`NativeGrid::to_grid`].
     ///
     /// # Errors
-    /// As [`File::read`] and [`NativeGrid::to_grid`].
+    /// The conditions are those of [`File::read`] and [`NativeGrid::to_grid`].
     pub fn read_grid(&self, name: &str) -> Result<Grid> {
         let _reading = Reading::begin(&self.path);
         self.read(name)?.to_grid_within(self.limits.max_memory).map_err(|e| e.at(&self.path))
     }
 
-    /// The grid a density is wanted from: the named one, else `density`, else the only fog volume,
-    /// else the only float grid.
+    /// Loads the grid of the density: the named one, else `density`, else the only float or double grid that is no
+    /// confidence grid.
     ///
     /// # Errors
-    /// If there is none or the choice is not clear (lists the grids), if it is a level set (says how
-    /// to convert it), or as [`File::read_grid`].
+    /// If there is no such grid or more than one (the error lists the grids), if it is a level set (the error says how
+    /// to convert it) or a staggered grid, or if [`File::read_grid`] fails.
     pub fn read_fog(&self, name: Option<&str>) -> Result<Grid> {
         let name = match name {
             Some(n) => n.to_owned(),
@@ -205,14 +205,14 @@ impl File {
 }
 
 impl Drop for File {
-    /// Closes the stream. Grids already read own their data and stay valid.
+    /// Closes the stream. Grids that were read own their data and stay valid.
     fn drop(&mut self) {
         // SAFETY: owned, and closed once.
         unsafe { ffi::close(self.raw.as_ptr()) }
     }
 }
 
-/// The grid with the name that the file's directory gives it: a damaged entry `name` of its metadata would become the
+/// Gives a grid the name from the file's directory. A damaged entry `name` of its metadata would otherwise become the
 /// name under which it is written.
 fn named(mut grid: NativeGrid, entry: &Entry) -> Result<NativeGrid> {
     match grid.metadata()?.get("name") {

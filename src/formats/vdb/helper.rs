@@ -1,4 +1,4 @@
-//! Grids that no walk of the file can vouch for (points) are first read in a process that may die of it: OpenVDB answers
+//! Trial reads of grids that no walk of the file can check (points), in a process that may die of them: OpenVDB answers
 //! damaged attributes with assertions and with exceptions in destructors, which nothing can catch.
 //!
 //! The process is a program that the caller names, started anew: a fork of a process with threads may only call what is
@@ -14,29 +14,30 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
-/// Subcommand that the program understands: `try-grid FILE GRID BYTES`. It calls
-/// [`File::try_grid`](super::File::try_grid), says on standard error what happened if that fails, and exits with another code
-/// than 0.
+/// Subcommand that the helper program understands: `try-grid FILE GRID BYTES`. It calls
+/// [`File::try_grid`](super::File::try_grid). On failure it describes the error on standard error and exits with a code
+/// other than 0.
 pub const SUBCOMMAND: &str = "try-grid";
 
-/// Time that a grid may take in the other process.
+/// Longest time that a trial in the helper process may take.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// More of what the other process says is not read.
+/// Largest number of bytes of the helper's message that are read.
 const MOST_WORDS: u64 = 4096;
 
 static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
 
-/// Names the program that reads grids of points on trial: `cumulo` itself, wherever it is installed. Only the first call
-/// counts. Without it such grids are refused.
+/// Names the helper program that tries grids of points, which is `cumulo` itself, wherever it is installed. Only the
+/// first call counts. Without it such grids are refused.
 pub fn set_program(path: PathBuf) {
     let _ = PROGRAM.set(path);
 }
 
-/// Has the other process try a grid.
+/// Tries a grid in the helper process.
 ///
 /// # Errors
-/// If it ended in any way but well: what it said, or the signal that ended it.
+/// If no helper is named, it cannot be started, or it does not end with success; the error holds its message, or the
+/// signal that ended it.
 pub(super) fn rehearse(path: &Path, name: &str, limits: Limits) -> Result<()> {
     let Some(program) = PROGRAM.get() else {
         return Err(Error::unsupported("grids of points are read by a helper process first, and none was named")
@@ -51,7 +52,7 @@ pub(super) fn rehearse(path: &Path, name: &str, limits: Limits) -> Result<()> {
         .spawn();
     let mut child = started.map_err(|e| Error::io(program, e).hint("the helper process could not be started"))?;
     let words = child.stderr.take();
-    // It says little, and what does not fit in the pipe is not waited for: it would be a damaged file's flood.
+    // The message is short. Whatever exceeds the limit is a damaged file's flood and is not waited for.
     let words = std::thread::spawn(move || {
         let mut text = Vec::new();
         if let Some(pipe) = words {
@@ -76,7 +77,7 @@ pub(super) fn rehearse(path: &Path, name: &str, limits: Limits) -> Result<()> {
     }
 }
 
-/// Waits for the end; none if it took too long and was killed.
+/// Waits for the process to end; `None` if it took too long and was killed.
 fn wait(child: &mut Child) -> Result<Option<ExitStatus>> {
     let system = |e| Error::system(e).hint("the helper process was lost; try again");
     let (begun, mut pause) = (Instant::now(), Duration::from_micros(200));

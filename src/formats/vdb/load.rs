@@ -1,4 +1,4 @@
-//! Loads a grid whose every length was checked: its leaves are decoded by all threads.
+//! Loading of a grid whose lengths were all checked; its leaves are decoded by all threads.
 
 use super::ffi;
 use super::native::NativeGrid;
@@ -10,7 +10,7 @@ use std::fs::File;
 use std::os::fd::AsRawFd;
 use std::ptr::{NonNull, null_mut};
 
-/// A grid with some leaves still empty.
+/// A grid while its leaves are loaded.
 struct Loading(NonNull<ffi::RawLoading>);
 
 // SAFETY: leaves are loaded through a shared handle, each by one thread.
@@ -27,17 +27,17 @@ impl Loading {
 }
 
 impl Drop for Loading {
-    /// Drops the grid too.
+    /// Drops the unfinished grid with the handle.
     fn drop(&mut self) {
         // SAFETY: owned, and ended once. Without a place for the grid nothing can fail.
         let _ = ffi::call(|s| unsafe { ffi::load_end(self.0.as_ptr(), null_mut(), s) });
     }
 }
 
-/// Loads the grid of an entry with a layout.
+/// Loads the grid of an entry that has a layout.
 ///
 /// # Errors
-/// OpenVDB's own words, or that the file could not be read.
+/// If OpenVDB reports an error, or the file cannot be read.
 pub(super) fn grid(file: &File, preflight: &Preflight, entry: &Entry) -> Result<NativeGrid> {
     let layout = entry.layout.as_ref().ok_or_else(|| Error::native("the grid has no layout"))?;
     let leaves = entry.topology.map_or(0, |t| t.leaves);
@@ -65,7 +65,7 @@ pub(super) fn grid(file: &File, preflight: &Preflight, entry: &Entry) -> Result<
         ffi::call(|s| unsafe { ffi::load_leaves(handle.0.as_ptr(), first, count, from, until, s) })
     };
     let runs: Vec<Result<()>> = (0..layout.runs.len()).into_par_iter().map(run).collect();
-    // The first that failed, whichever thread came first.
+    // The first error in file order is returned, independently of the threads.
     runs.into_iter().collect::<Result<()>>()?;
     // SAFETY: fresh from the shim.
     unsafe { NativeGrid::own(loading.finish()?, entry.name.clone()) }

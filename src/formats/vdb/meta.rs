@@ -1,4 +1,4 @@
-//! Metadata of files and grids, in and out.
+//! Metadata of files and grids, read and written.
 
 use super::ffi;
 use crate::error::Result;
@@ -7,13 +7,15 @@ use std::collections::BTreeMap;
 use std::ffi::c_char;
 use std::ptr::{NonNull, null, null_mut};
 
-/// A metadata map on the native side: a copy of its own, or a view of a grid's. It stays on its thread: values are handed
-/// out by way of buffers that belong to the thread.
+/// A metadata map on the native side: an owned copy, or a view of a grid's map. It stays on its thread, because values
+/// are returned through buffers that belong to the thread.
 pub(super) struct Meta(NonNull<ffi::RawMeta>);
 
 impl Meta {
+    /// Takes ownership of a raw handle; `None` if it is null.
+    ///
     /// # Safety
-    /// `raw` comes from the shim and is owned by nobody else; a view does not outlive its grid.
+    /// `raw` must come from the shim and be owned by nobody else; a view must not outlive its grid.
     pub(super) unsafe fn own(raw: *mut ffi::RawMeta) -> Option<Self> {
         NonNull::new(raw).map(Self)
     }
@@ -30,7 +32,7 @@ impl Meta {
         self.0.as_ptr()
     }
 
-    /// All entries. Values of types without a counterpart appear as their text.
+    /// All entries by name. Values of types without a counterpart appear as text.
     pub(super) fn entries(&self) -> Result<BTreeMap<String, MetaValue>> {
         let mut all = BTreeMap::new();
         let mut count = 0;
@@ -56,7 +58,7 @@ impl Meta {
         Ok(all)
     }
 
-    /// Sets or replaces one entry.
+    /// Sets or replaces the entry `name`.
     pub(super) fn set(&mut self, name: &str, value: &MetaValue) -> Result<()> {
         let mut entry =
             ffi::MetaEntry { name: name.as_ptr().cast(), name_length: name.len(), ..ffi::MetaEntry::default() };
@@ -83,18 +85,20 @@ impl Meta {
     }
 }
 
+/// The `length` bytes at `start`, or none if it is null.
+///
 /// # Safety
-/// `start` is null, or valid for `length` bytes while the result is used.
+/// `start` must be null, or valid for `length` bytes while the result is used.
 unsafe fn slice<'a>(start: *const c_char, length: usize) -> &'a [u8] {
     if start.is_null() {
         return &[];
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: `start` is not null, and the caller upholds the contract.
     unsafe { std::slice::from_raw_parts(start.cast(), length) }
 }
 
 impl Drop for Meta {
-    /// Gives up the share in the map; a grid behind a view lives on.
+    /// Releases the reference to the map; the grid behind a view lives on.
     fn drop(&mut self) {
         // SAFETY: owned, and freed once.
         unsafe { ffi::meta_free(self.as_ptr()) }

@@ -1,4 +1,4 @@
-//! OpenVDB files through OpenVDB's own library.
+//! OpenVDB files, read and written with OpenVDB's own library.
 //!
 //! ```text
 //! preflight (Rust: every offset and length) ──▶ File ──▶ NativeGrid ──▶ scene::grid::Grid
@@ -7,8 +7,8 @@
 //! [`NativeGrid`] holds any grid type and passes it through untouched; [`Grid`] is the scalar copy
 //! that the rest of the program works on.
 //!
-//! The C++ side is reached through `shim.h`, whose every entry stops exceptions. Opening never
-//! defers loading: on damaged files OpenVDB's delayed reader ends in signals.
+//! The C++ side is reached through `shim.h`, none of whose functions lets an exception through. Opening never defers
+//! loading, because OpenVDB's delayed reader ends in signals on damaged files.
 
 #![allow(unsafe_code)]
 
@@ -36,8 +36,8 @@ use std::sync::OnceLock;
 
 static END: OnceLock<fn(&str) -> !> = OnceLock::new();
 
-/// Has `end` called, with what happened, in the place of an abort where OpenVDB throws and nobody can catch it: out of
-/// destructors and of its own threads. Only the first call counts.
+/// Calls `end` with a description instead of aborting where OpenVDB throws and nobody can catch it: in destructors and
+/// on its own threads. Only the first call counts.
 pub fn on_terminate(end: fn(&str) -> !) {
     extern "C" fn called(what: *const std::ffi::c_char) {
         // SAFETY: the shim hands over a NUL-terminated text that lives until this returns, which it does not.
@@ -47,14 +47,14 @@ pub fn on_terminate(end: fn(&str) -> !) {
         }
     }
     let _ = END.set(end);
-    // SAFETY: the handler is there for as long as the program is.
+    // SAFETY: the handler is a function, which lives as long as the program.
     unsafe { ffi::on_terminate(Some(called)) }
 }
 
 /// Refuses grids that are no density: level sets hold distances, staggered grids velocities.
 ///
 /// # Errors
-/// Says what the grid is and how to turn it into fog.
+/// If the grid is one of these; the error says which, and how to obtain a fog volume.
 pub fn require_fog(grid: &Grid) -> Result<()> {
     let (what, hint) = match grid.class {
         GridClass::FogVolume | GridClass::Unknown => return Ok(()),

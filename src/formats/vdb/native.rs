@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::marker::PhantomData;
 use std::ptr::{NonNull, null_mut};
 
-/// An owned native grid.
+/// A grid owned by the native library.
 #[derive(Debug)]
 pub struct NativeGrid {
     raw: NonNull<ffi::RawGrid>,
@@ -22,52 +22,52 @@ pub struct NativeGrid {
 // SAFETY: a grid is tied to no thread; all mutation takes `&mut self`.
 unsafe impl Send for NativeGrid {}
 
-/// Where a grid lies.
+/// Transform of a grid from index space to world space.
 #[derive(Debug, Clone, PartialEq)]
-// There is one of these a grid: its size does not matter.
+// There is one transform per grid, so its size does not matter.
 #[allow(clippy::large_enum_variant)]
 pub enum Transform {
     /// An invertible affine map.
     Affine(Affine),
-    /// Something else, such as a frustum; the name is OpenVDB's.
+    /// Any other map, such as a frustum, by OpenVDB's name.
     Other(String),
 }
 
-/// What a grid is, without its values.
+/// Properties of a grid without its values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridInfo {
-    /// Name, unique within the file it came from.
+    /// Name of the grid, unique within the file it came from.
     pub name: String,
-    /// `float`, `vec3s`, `ptdataidx32`, ...
+    /// Type of the values: `float`, `vec3s`, `ptdataidx32` and the like.
     pub value_type: String,
-    /// `Tree_float_5_4_3`.
+    /// Type of the tree: `Tree_float_5_4_3`.
     pub grid_type: String,
-    /// What the values mean.
+    /// Meaning of the values.
     pub class: GridClass,
-    /// Index to world.
+    /// Map from index space to world space.
     pub transform: Transform,
     /// OpenVDB's name of the map (`UniformScaleMap`, ...).
     pub map_type: String,
-    /// Values are stored as 16-bit floats in files.
+    /// True if files store the values as 16-bit floats.
     pub half: bool,
-    /// 1 or 3 where values can be read, 0 for grids that are only passed through.
+    /// Number of components: 1 or 3 where values can be read, 0 for grids that are only passed through.
     pub components: usize,
-    /// Value outside of everything; one entry a component.
+    /// Value outside leaves and tiles, one number per component.
     pub background: Vec<f64>,
-    /// Voxels, those of active tiles included.
+    /// Number of active voxels, those of active tiles included.
     pub active_voxels: u64,
     /// Inclusive box of active voxels in index space; `None` if there are none.
     pub index_box: Option<([i32; 3], [i32; 3])>,
-    /// Leaves of 8³ voxels.
+    /// Number of leaves of 8³ voxels.
     pub leaf_count: u64,
-    /// Active constant blocks above leaf level.
+    /// Number of active tiles: constant blocks above the leaf level.
     pub active_tiles: u64,
-    /// Bytes in memory.
+    /// Bytes of memory that the grid occupies.
     pub memory: u64,
 }
 
 impl GridInfo {
-    /// Bytes that a leaf takes on the native side, the allocator's share included.
+    /// Bytes of memory that a leaf occupies on the native side, the allocator's share included.
     pub fn leaf_bytes(&self) -> u64 {
         let value = match self.value_type.as_str() {
             "bool" | "mask" => return 208,
@@ -79,17 +79,17 @@ impl GridInfo {
         512 * value + 160
     }
 
-    /// World-space box around the active voxels' cells (half a voxel beyond their centres); `None`
-    /// if there are none or the transform is not affine.
+    /// World-space box around the active voxels' cells (half a voxel beyond their centres); `None` if there are none or
+    /// the transform is not affine.
     pub fn world_box(&self) -> Option<Aabb> {
         let (Transform::Affine(map), Some((min, max))) = (&self.transform, self.index_box) else { return None };
         let corner = |c: [i32; 3]| DVec3::from_array(c.map(f64::from));
         Some(map.box_to_world(Aabb { min: corner(min) - 0.5, max: corner(max) + 0.5 }))
     }
-    /// The affine map.
+    /// Affine map of the grid.
     ///
     /// # Errors
-    /// Says what the transform is instead, and what to do.
+    /// If the transform is not affine; the error names it and a remedy.
     pub fn affine(&self) -> Result<Affine> {
         match &self.transform {
             Transform::Affine(map) => Ok(*map),
@@ -102,11 +102,11 @@ impl GridInfo {
     }
 }
 
-/// Whether OpenVDB can write a grid with this transform: before work whose result would be lost. It takes no
-/// determinants below 3e-15 (voxels of about 1e-5), save those of a uniform scale about the origin.
+/// Checks that OpenVDB can write a grid with this transform, before work whose result would be lost. OpenVDB refuses
+/// determinants below 3e-15 (voxels of about 1e-5), except for a uniform scale about the origin.
 ///
 /// # Errors
-/// States the determinant, and what to do.
+/// If OpenVDB cannot write it; the error states the determinant and a remedy.
 pub fn writable(transform: &Affine) -> Result<()> {
     const LEAST: f64 = 3e-15;
     let matrix = transform.matrix();
@@ -126,34 +126,34 @@ pub fn writable(transform: &Affine) -> Result<()> {
     .hint("scale the scene up; voxels as small as these can only be cubes along the axes, with voxel (0, 0, 0) at the origin"))
 }
 
-/// 8³ voxels with all components: `values[i * components + c]` with `i = (x << 6) | (y << 3) | z`.
+/// A leaf of 8³ voxels with all components: `values[i * components + c]` with `i = (x << 6) | (y << 3) | z`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RawLeaf {
     /// Index coordinates of the first voxel.
     pub origin: [i32; 3],
     /// Values of all voxels, components interleaved.
     pub values: Vec<f32>,
-    /// Bit `i & 63` of word `i >> 6` is set if voxel `i` is active.
+    /// Activity mask: bit `i & 63` of word `i >> 6` is set if voxel `i` is active.
     pub active: [u64; 8],
 }
 
-/// A constant block with all components (the first ones of three).
+/// A tile with all components, of which the first ones of three are used.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RawTile {
     /// Index coordinates of the first voxel.
     pub origin: [i32; 3],
     /// Edge length in voxels.
     pub dim: i32,
-    /// Value; unused components are zero.
+    /// Value of every voxel; unused components are zero.
     pub value: [f32; 3],
-    /// Whether its voxels count.
+    /// True if the tile's voxels count as active.
     pub active: bool,
 }
 
 /// A grid of one or three components in memory.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RawGrid {
-    /// Values a voxel has.
+    /// Number of values per voxel.
     pub components: usize,
     /// Leaves in ascending order of origin.
     pub leaves: Vec<RawLeaf>,
@@ -161,7 +161,7 @@ pub struct RawGrid {
     pub tiles: Vec<RawTile>,
 }
 
-/// The list of a grid's leaves, sorted, on the native side. It borrows the grid: an edit would leave it without leaves.
+/// Sorted list of a grid's leaves on the native side. It borrows the grid, because an edit could free the leaves.
 struct Leaves<'g> {
     raw: NonNull<ffi::RawLeaves>,
     count: usize,
@@ -173,7 +173,7 @@ struct Leaves<'g> {
 unsafe impl Sync for Leaves<'_> {}
 
 impl Leaves<'_> {
-    /// Copies the values of a leaf, components interleaved; gives its origin and mask.
+    /// Copies the values of a leaf, components interleaved, and returns its origin and active mask.
     ///
     /// # Errors
     /// If there is no leaf of that number, or `values` has less room than a leaf needs.
@@ -205,7 +205,7 @@ impl Leaves<'_> {
 }
 
 impl Drop for Leaves<'_> {
-    /// Gives up the list and its share in the grid.
+    /// Releases the list and its reference to the grid.
     fn drop(&mut self) {
         // SAFETY: owned, and freed once.
         unsafe { ffi::leaves_free(self.raw.as_ptr()) }
@@ -218,15 +218,17 @@ struct MetaView<'g> {
     grid: PhantomData<&'g NativeGrid>,
 }
 
-/// A view that changes a grid's metadata: there is no other meanwhile.
+/// A view that can change a grid's metadata, which borrows the grid exclusively.
 struct MetaViewMut<'g> {
     meta: Meta,
     grid: PhantomData<&'g mut NativeGrid>,
 }
 
 impl NativeGrid {
+    /// Takes ownership of a raw handle; a null pointer is an error.
+    ///
     /// # Safety
-    /// `raw` comes from the shim and is owned by nobody else.
+    /// `raw` must come from the shim and be owned by nobody else.
     pub(super) unsafe fn own(raw: *mut ffi::RawGrid, name: String) -> Result<Self> {
         let raw = NonNull::new(raw).ok_or_else(|| Error::native("no grid handle"))?;
         Ok(Self { raw, name })
@@ -240,15 +242,15 @@ impl NativeGrid {
         |e| e.part(format!("grid '{}'", self.name))
     }
 
-    /// Name, unique within the file it came from.
+    /// Name of the grid, unique within the file it came from.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// What the grid is. Walks the tree once for boxes and counts.
+    /// Properties of the grid. The tree is walked once for boxes and counts.
     ///
     /// # Errors
-    /// OpenVDB's own words, or that the transform is singular.
+    /// If OpenVDB reports an error, or the transform is singular.
     pub fn info(&self) -> Result<GridInfo> {
         let mut info = ffi::Info { grid_type: [0; 128], ..ffi::Info::default() };
         // SAFETY: the grid is alive and `info` a valid place.
@@ -302,10 +304,10 @@ impl NativeGrid {
         unsafe { Meta::own(raw) }.ok_or_else(|| Error::native("no metadata handle"))
     }
 
-    /// Metadata of the grid, what OpenVDB itself keeps there included.
+    /// Metadata of the grid, including the entries that OpenVDB itself maintains.
     ///
     /// # Errors
-    /// OpenVDB's own words.
+    /// If OpenVDB reports an error.
     pub fn metadata(&self) -> Result<BTreeMap<String, MetaValue>> {
         self.native_metadata()?.meta.entries().map_err(self.place())
     }
@@ -313,16 +315,17 @@ impl NativeGrid {
     /// Sets or replaces one metadata entry.
     ///
     /// # Errors
-    /// If the value has a shape OpenVDB has no type for.
+    /// If OpenVDB has no type for the value's shape.
     pub fn set_metadata(&mut self, name: &str, value: &MetaValue) -> Result<()> {
         self.native_metadata_mut()?.meta.set(name, value).map_err(self.place())
     }
 
-    /// Drops metadata entries that OpenVDB keeps for itself (`class`, `file_compression`, ...) and that have another type
-    /// than it gives them: it cannot write the grid with them. Returns how many there were, and the name of one.
+    /// Removes metadata entries that OpenVDB itself maintains (`class`, `file_compression`, ...) if they have another
+    /// type than it gives them, because it cannot write the grid with them. Returns the number of entries removed, and
+    /// the name of one.
     ///
     /// # Errors
-    /// OpenVDB's own words.
+    /// If OpenVDB reports an error.
     pub fn mend_metadata(&mut self) -> Result<(u64, String)> {
         let (mut dropped, mut first) = (0, [0; 64]);
         // SAFETY: the grid is alive, and both are valid places.
@@ -341,17 +344,17 @@ impl NativeGrid {
         Ok(())
     }
 
-    /// Sets the name under which the grid is written, not the one that errors give it.
+    /// Sets the name under which the grid is written, but not the one that errors mention.
     pub(super) fn set_stored_name(&mut self, name: &str) -> Result<()> {
         let c = ffi::c_name(name)?;
         // SAFETY: the grid is alive and the name NUL-terminated.
         ffi::call(|s| unsafe { ffi::grid_set_name(self.as_ptr(), c.as_ptr(), s) }).map_err(self.place())
     }
 
-    /// States what the values mean.
+    /// Sets the class of the grid, which states the meaning of its values.
     ///
     /// # Errors
-    /// OpenVDB's own words.
+    /// If OpenVDB reports an error.
     pub fn set_class(&mut self, class: GridClass) -> Result<()> {
         let code = match class {
             GridClass::Unknown => 0,
@@ -363,19 +366,19 @@ impl NativeGrid {
         ffi::call(|s| unsafe { ffi::grid_set_class(self.as_ptr(), code, s) }).map_err(self.place())
     }
 
-    /// Stores real values as 16-bit floats, or not.
+    /// Sets whether files store real values as 16-bit floats.
     ///
     /// # Errors
-    /// OpenVDB's own words.
+    /// If OpenVDB reports an error.
     pub fn set_half(&mut self, half: bool) -> Result<()> {
         // SAFETY: the grid is alive.
         ffi::call(|s| unsafe { ffi::grid_set_half(self.as_ptr(), half.into(), s) }).map_err(self.place())
     }
 
-    /// Replaces the transform.
+    /// Replaces the transform from index space to world space.
     ///
     /// # Errors
-    /// As [`writable`], or OpenVDB's own words.
+    /// If [`writable`] refuses the transform, or OpenVDB reports an error.
     pub fn set_transform(&mut self, transform: &Affine) -> Result<()> {
         writable(transform).map_err(self.place())?;
         let matrix = transform.matrix().to_cols_array();
@@ -383,32 +386,32 @@ impl NativeGrid {
         ffi::call(|s| unsafe { ffi::grid_set_matrix(self.as_ptr(), matrix.as_ptr(), s) }).map_err(self.place())
     }
 
-    /// Sets everything outside a world-space box to the background. Under a rotated or sheared
-    /// transform the box is the index-space one around it.
+    /// Sets everything outside a world-space box to the background. Under a rotated or sheared transform the box is
+    /// replaced by its bounding box in index space.
     ///
     /// # Errors
-    /// For grids without values (points).
+    /// If the grid has no values (points).
     pub fn crop(&mut self, world: Aabb) -> Result<()> {
         let (min, max) = (world.min.to_array(), world.max.to_array());
         // SAFETY: the grid is alive and the corners have 3 entries.
         ffi::call(|s| unsafe { ffi::grid_crop(self.as_ptr(), min.as_ptr(), max.as_ptr(), s) }).map_err(self.place())
     }
 
-    /// Turns blocks whose values agree within `tolerance` into tiles; level sets lose what lies
-    /// outside their narrow band.
+    /// Replaces blocks whose values agree within `tolerance` by tiles. Level sets lose the values outside their narrow
+    /// band.
     ///
     /// # Errors
-    /// For grids without values (points).
+    /// If the grid has no values (points).
     pub fn prune(&mut self, tolerance: f64) -> Result<()> {
         // SAFETY: the grid is alive.
         ffi::call(|s| unsafe { ffi::grid_prune(self.as_ptr(), tolerance, s) }).map_err(self.place())
     }
 
-    /// Resamples trilinearly to cubic voxels of edge `voxel_size` in world units. The axes keep
-    /// their directions, and index (0, 0, 0) its place.
+    /// Resamples trilinearly to cubic voxels of edge `voxel_size` in world units. The axes keep their directions, and
+    /// index (0, 0, 0) its position.
     ///
     /// # Errors
-    /// For grids that cannot be interpolated, or whose transform is not affine.
+    /// If the grid cannot be interpolated, its transform is not affine, or [`writable`] refuses the new one.
     pub fn resample(&mut self, voxel_size: f64) -> Result<()> {
         let map = self.info()?.affine()?;
         let (m, scale) = (map.matrix(), (map.voxel_size() / voxel_size).to_array());
@@ -422,15 +425,17 @@ impl NativeGrid {
             .map_err(self.place())
     }
 
-    /// Bytes, about, that [`NativeGrid::resample`] to this voxel size needs beside the grid itself; at least the bytes
-    /// of all voxels where that alone exceeds `limit`. Active voxels and tiles are resampled densely.
+    /// Estimate of the bytes that [`NativeGrid::resample`] to this voxel size needs beside the grid itself. Active
+    /// voxels and tiles are resampled densely; if the bytes of all their voxels exceed `limit`, the estimate is that
+    /// number.
     ///
     /// # Errors
-    /// As [`NativeGrid::resample`].
+    /// If OpenVDB reports an error, or the transform is not affine.
     pub fn resampled_bytes(&self, voxel_size: f64, limit: u64) -> Result<u64> {
         let info = self.info()?;
         let scale = info.affine()?.voxel_size() / voxel_size;
-        // OpenVDB halves until less than a half is left to do, and keeps one result while it makes the next.
+        // OpenVDB halves the resolution until a scale of at least 1/2 is left, and keeps one result while it makes the
+        // next.
         let halvings = |s: f64| if s < 0.5 { (0.5 / s).log2().ceil() } else { 0.0 };
         let first = scale.map(|s| s * halvings(s).exp2());
         let mipmapped = first != scale;
@@ -447,7 +452,7 @@ impl NativeGrid {
         if bytes.is_nan() || bytes > limit as f64 {
             return Ok(bytes.min(1e18) as u64);
         }
-        // Blocks of the new lattice that a block of the old one reaches into, a voxel of interpolation included.
+        // Blocks of the new lattice that a block of the old one reaches, with one voxel of interpolation on each side.
         let mut reached = HashSet::new();
         for (origin, dim) in boxes {
             let block = |voxel: i64, a: usize| (voxel as f64 * first[a] / 8.0).floor() as i32;
@@ -459,16 +464,16 @@ impl NativeGrid {
                 }
             }
         }
-        // Each thread makes a tree of its own, which are merged: leaves at their borders there are twice for a while.
+        // Each thread makes a separate tree, and the trees are merged: leaves at their borders exist twice for a while.
         let share = if mipmapped { 2.0 } else { 1.1 };
         Ok((reached.len() as f64 * leaf * share) as u64 + (1 << 20))
     }
 
-    /// Bytes, about, that [`NativeGrid::crop`] to this world-space box needs beside the grid itself: of a tile that lies
-    /// across the box's faces, all blocks along them become leaves.
+    /// Estimate of the bytes that [`NativeGrid::crop`] to this world-space box needs beside the grid itself. Where a
+    /// tile crosses the box's faces, all blocks along them become leaves.
     ///
     /// # Errors
-    /// OpenVDB's own words.
+    /// If OpenVDB reports an error.
     pub fn cropped_bytes(&self, world: Aabb) -> Result<u64> {
         let info = self.info()?;
         let Transform::Affine(map) = info.transform else { return Ok(0) };
@@ -476,7 +481,7 @@ impl NativeGrid {
             return Ok(0);
         }
         let index = world.corners().into_iter().fold(Aabb::EMPTY, |b, corner| b.including(map.to_index(corner)));
-        // Blocks of an edge that the box cuts, of those in a tile: all that it meets but those that lie wholly inside.
+        // Number of blocks of edge `edge` in a tile that the box cuts: all that it meets except those wholly inside.
         let cut = |tile: &RawTile, edge: i32| {
             let (mut met, mut inside) = (1.0, 1.0);
             for a in 0..3 {
@@ -497,11 +502,11 @@ impl NativeGrid {
         Ok(self.tiles()?.iter().map(of).sum::<f64>().min(1e18) as u64)
     }
 
-    /// Sets values that are not finite to zero, and negative scalars too if asked. Returns how many
-    /// voxels and tiles changed.
+    /// Sets values that are not finite to zero, and with `negative` also negative scalars. Returns the number of voxels
+    /// and tiles that changed.
     ///
     /// # Errors
-    /// OpenVDB's own words.
+    /// If OpenVDB reports an error.
     pub fn repair(&mut self, negative: bool) -> Result<u64> {
         let mut changed = 0;
         // SAFETY: the grid is alive and `changed` a valid place.
@@ -510,11 +515,11 @@ impl NativeGrid {
         Ok(changed)
     }
 
-    /// True if both have the same tree: nodes, active states and values, in the type's own precision.
-    /// Grids of different types, and of points, never do.
+    /// True if both grids have equal trees: nodes, active states and values, in the type's own precision. The result is
+    /// false for grids of different types and for grids of points.
     ///
     /// # Errors
-    /// OpenVDB's own words.
+    /// If OpenVDB reports an error.
     pub fn same_values(&self, other: &Self) -> Result<bool> {
         let mut same = 0;
         // SAFETY: both grids are alive and `same` a valid place.
@@ -536,11 +541,11 @@ impl NativeGrid {
         Ok(leaves)
     }
 
-    /// Visits all leaves in ascending order of origin, each copied to `f32` into a buffer that the next one overwrites;
-    /// `visit` returns false to stop.
+    /// Visits all leaves in ascending order of origin. Each is copied to `f32` into a buffer that the next one
+    /// overwrites; `visit` returns false to stop.
     ///
     /// # Errors
-    /// For grids without values (points).
+    /// If the grid has no values (points).
     pub fn for_each_leaf(&self, mut visit: impl FnMut(&RawLeaf) -> bool) -> Result<()> {
         let leaves = self.leaves()?;
         let values = vec![0.0; LEAF_VOXELS * leaves.components];
@@ -557,9 +562,9 @@ impl NativeGrid {
     /// Active tiles, and inactive ones whose value is not the background, in ascending order of origin.
     ///
     /// # Errors
-    /// For grids without values (points).
+    /// If the grid has no values (points).
     pub fn tiles(&self) -> Result<Vec<RawTile>> {
-        // Walking for the tiles costs more than their room: few have more than these.
+        // A second walk costs more than this room, which few grids exceed.
         let mut raw = vec![ffi::RawTile::default(); 256];
         let mut count = 0;
         loop {
@@ -580,10 +585,10 @@ impl NativeGrid {
         Ok(tiles)
     }
 
-    /// Copies all values, one or three a voxel, to `f32`.
+    /// Copies all values, one or three per voxel, to `f32`.
     ///
     /// # Errors
-    /// For grids without values (points).
+    /// If the grid has no values (points).
     pub fn to_raw(&self) -> Result<RawGrid> {
         let leaves = self.leaves()?;
         let components = leaves.components;
@@ -596,19 +601,20 @@ impl NativeGrid {
         Ok(RawGrid { components, leaves, tiles: self.tiles()? })
     }
 
-    /// Copies a scalar grid (float, double, integers, bool; stored as half or not) to `f32`, with
-    /// active and inactive values, tiles and metadata.
+    /// Copies a scalar grid (float, double, integers, bool; stored as half or not) to `f32`, with active and inactive
+    /// values, tiles and metadata.
     ///
     /// # Errors
-    /// For vector and point grids, and for transforms that are not affine.
+    /// If the grid holds vectors or points, or its transform is not affine.
     pub fn to_grid(&self) -> Result<Grid> {
         self.to_grid_within(u64::MAX)
     }
 
-    /// [`NativeGrid::to_grid`], if this grid and the copy fit in so many bytes together.
+    /// Copies a scalar grid as [`NativeGrid::to_grid`] does, if the grid and its copy fit into `max_memory` bytes
+    /// together.
     ///
     /// # Errors
-    /// As [`NativeGrid::to_grid`], or that they do not fit.
+    /// If [`NativeGrid::to_grid`] fails, or both do not fit.
     pub fn to_grid_within(&self, max_memory: u64) -> Result<Grid> {
         let info = self.info()?;
         let bytes = info.memory.saturating_add(info.leaf_count * (size_of::<Leaf>() + 4 * LEAF_VOXELS + 16) as u64);
@@ -639,10 +645,11 @@ impl NativeGrid {
         })
     }
 
-    /// A float grid with the contents of `grid`.
+    /// Builds a float grid with the contents of `grid`.
     ///
     /// # Errors
-    /// If a tile's edge is not 8, 128 or 4096, or metadata has a shape OpenVDB has no type for.
+    /// If a tile's edge is not 8, 128 or 4096, OpenVDB has no type for the shape of a metadata value, or [`writable`]
+    /// refuses the transform.
     pub fn from_grid(grid: &Grid) -> Result<Self> {
         let leaves = grid.leaves.iter().map(|l| (l.origin, l.values.as_slice(), &l.active));
         let tiles = grid.tiles.iter().map(|t| ffi::RawTile {
@@ -661,10 +668,10 @@ impl NativeGrid {
         Ok(native)
     }
 
-    /// A vec3s grid of these leaves, of three components, with background 0.
+    /// Builds a `vec3s` grid with background 0 from leaves of three components.
     ///
     /// # Errors
-    /// OpenVDB's own words.
+    /// If a leaf has the wrong number of values, [`writable`] refuses the transform, or OpenVDB reports an error.
     pub fn from_vectors(name: &str, class: GridClass, transform: &Affine, leaves: &[RawLeaf]) -> Result<Self> {
         let leaves = leaves.iter().map(|l| (l.origin, l.values.as_slice(), &l.active));
         let mut native = Self::build(name, &[0.0; 3], leaves, &[])?;
@@ -674,7 +681,7 @@ impl NativeGrid {
         Ok(native)
     }
 
-    /// A grid of as many components as the background has.
+    /// Builds a grid of as many components as `background` has.
     fn build<'l>(
         name: &str,
         background: &[f32],
@@ -715,7 +722,7 @@ impl NativeGrid {
 }
 
 impl Drop for NativeGrid {
-    /// Gives up this share of the grid; the tree goes with the last one.
+    /// Releases this reference to the grid; the tree is freed with the last one.
     fn drop(&mut self) {
         // SAFETY: owned, and freed once.
         unsafe { ffi::grid_free(self.as_ptr()) }
@@ -727,7 +734,7 @@ impl Drop for NativeGrid {
 mod tests {
     use super::*;
 
-    /// In release builds too: what does not fit is an error, not a write past the end.
+    /// A copy that does not fit is an error in release builds too, not a write past the end.
     #[test]
     fn a_leaf_is_copied_only_where_it_is_and_where_it_fits() {
         let leaf = RawLeaf { origin: [8, 0, -8], values: vec![0.5; 3 * LEAF_VOXELS], active: [1; 8] };
@@ -739,11 +746,11 @@ mod tests {
         assert_eq!(leaves.copy(0, &mut values).unwrap(), ([8, 0, -8], [1; 8]));
         assert!(leaves.copy(1, &mut values).is_err());
         assert!(leaves.copy(0, &mut values[..3 * LEAF_VOXELS - 1]).is_err());
-        // The shim's own wall, for callers that did not look.
+        // The shim checks the room as well, for callers that did not.
         let (mut origin, mut active) = ([0; 3], [0; 8]);
         for (index, room) in [(1, values.len()), (0, LEAF_VOXELS)] {
             let raw = leaves.raw.as_ptr();
-            // SAFETY: all places are valid for what the shim is told of them.
+            // SAFETY: all places are valid for the lengths that the shim is given.
             let copied = ffi::call(|s| unsafe {
                 let (origin, active) = (origin.as_mut_ptr(), active.as_mut_ptr());
                 ffi::leaves_copy(raw, index, origin, values.as_mut_ptr(), room, active, s)

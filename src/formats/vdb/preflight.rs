@@ -1,8 +1,8 @@
-//! Reads the skeleton of a VDB file in Rust before OpenVDB may: magic, version, metadata, grid
-//! descriptors, offsets and, for all standard value grids, every node and buffer length.
+//! Checks of a VDB file's skeleton in Rust before OpenVDB reads it: magic, version, metadata, grid descriptors, offsets
+//! and, for all standard value grids, every node and buffer length.
 //!
-//! OpenVDB trusts lengths and offsets: a truncated uncompressed file reads "successfully" as
-//! garbage, and a hostile length is allocated first. What passes here is complete and bounded.
+//! OpenVDB trusts lengths and offsets: a truncated uncompressed file reads "successfully" as garbage, and a hostile
+//! length is allocated first. A file that passes these checks is complete and bounded.
 
 use super::cursor::Cursor;
 use super::topology::{Topology, ValueType, Walk};
@@ -12,55 +12,55 @@ use std::collections::HashMap;
 use std::path::Path;
 
 const MAGIC: i64 = 0x5644_4220;
-/// The newest file version that the linked library (10.0) reads.
+/// Newest file version that the linked library (10.0) reads.
 pub const NEWEST_VERSION: u32 = 224;
-/// Before this, trees are laid out otherwise (OpenVDB 1.1, 2013).
+/// Oldest file version whose trees are walked; before it they have another layout (OpenVDB 1.1, 2013).
 const OLDEST_WALKED: u32 = 222;
-/// Before this, OpenVDB's own reader has special cases nobody can test any more.
+/// Oldest file version that is read; for older ones OpenVDB's reader has special cases that can no longer be tested.
 const OLDEST_VERSION: u32 = 219;
 
-/// One grid as the file's directory describes it.
+/// A grid as the file's directory describes it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Entry {
     /// Name, unique within the file: `density`, or `density[1]` where the name occurs again.
     pub name: String,
-    /// Name without the suffix; what the grid itself says.
+    /// Name without the suffix, as the grid itself states it.
     pub base_name: String,
-    /// `Tree_float_5_4_3`.
+    /// Type of the tree: `Tree_float_5_4_3`.
     pub grid_type: String,
-    /// Real values are stored as 16-bit floats.
+    /// True if real values are stored as 16-bit floats.
     pub half: bool,
-    /// Unique name of the grid whose tree this one shares.
+    /// Unique name of the grid whose tree this grid shares; `None` if it has its own.
     pub instance_of: Option<String>,
-    /// Bytes in the file.
+    /// Bytes that the grid occupies in the file.
     pub file_bytes: u64,
-    /// Leaves and memory, where the tree could be walked.
+    /// Number of leaves and memory; `None` if the tree could not be walked.
     pub topology: Option<Topology>,
-    /// Every length in the grid was checked; otherwise the library reads it under a memory guard.
+    /// True if every length in the grid was checked; otherwise a helper process tries to read it first.
     pub fully_checked: bool,
-    /// Where its leaves lie, for grids with a tree of their own that was checked whole.
+    /// Positions of the grid's parts in the file; `None` for grids that share a tree or were not checked completely.
     pub(super) layout: Option<Layout>,
 }
 
-/// Where a grid's parts lie in the file.
+/// Positions of a grid's parts in the file, in bytes.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Layout {
-    /// First byte: the compression flags.
+    /// First byte of the grid, where its compression flags lie.
     pub from: u64,
     /// First byte of the leaves' buffers.
     pub buffers: u64,
-    /// Where each run of leaves begins ([`super::topology::RUN`] of them, fewer in the last).
+    /// First byte of each run of [`RUN`](super::topology::RUN) leaves; the last run may be shorter.
     pub runs: Vec<u64>,
-    /// One past the last byte.
+    /// One past the last byte of the grid.
     pub end: u64,
 }
 
-/// A file that is complete as far as its skeleton tells.
+/// Version and directory of a file whose skeleton is complete.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Preflight {
-    /// File format version.
+    /// Version of the file format.
     pub version: u32,
-    /// Version of the library that wrote it.
+    /// Major and minor version of the library that wrote the file.
     pub library: (u32, u32),
     /// Grids in file order.
     pub entries: Vec<Entry>,
@@ -73,16 +73,16 @@ struct Descriptor {
     end: u64,
 }
 
-/// Checks the whole file.
+/// Checks the skeleton of a whole file.
 ///
 /// # Errors
-/// `Invalid` where the file contradicts itself (truncated, damaged), `Unsupported` for other formats,
-/// other versions, or trees above the limits; always with what to do.
+/// `Invalid` where the file contradicts itself (truncated, damaged), `Unsupported` for other formats, other versions,
+/// or trees above the limits; always with a remedy.
 pub fn check(path: &Path, limits: &Limits) -> Result<Preflight> {
     open(path, limits).map(|(preflight, _)| preflight)
 }
 
-/// [`check`], with the file that was checked.
+/// Checks a file as [`check`] does, and also returns the file that was checked.
 pub(super) fn open(path: &Path, limits: &Limits) -> Result<(Preflight, std::fs::File)> {
     let mut cursor = Cursor::open(path)?;
     let c = &mut cursor;
@@ -128,7 +128,7 @@ pub(super) fn open(path: &Path, limits: &Limits) -> Result<(Preflight, std::fs::
             let name = &descriptors[i].entry.name;
             return Err(c.damaged(format_args!("grid '{name}' shares the tree of '{parent}'")));
         };
-        // The library reads the parent's tree again, with what is wrong in it.
+        // The library reads the parent's tree again, with any faults in it.
         descriptors[i].entry.fully_checked = found.fully_checked;
     }
     let preflight = Preflight { version, library, entries: descriptors.into_iter().map(|d| d.entry).collect() };
@@ -202,7 +202,8 @@ fn descriptor(c: &mut Cursor) -> Result<Descriptor> {
     Ok(Descriptor { entry, position: position as u64, block: block as u64, end: end as u64 })
 }
 
-/// OpenVDB marks a repeated name with the control character 0x1e and a number, shown as `[number]`.
+/// Name without suffix and readable unique name. OpenVDB marks a repeated name with the control character 0x1e and a
+/// number, shown as `[number]`.
 fn readable_name(unique: &str) -> (String, String) {
     match unique.split_once('\u{1e}') {
         Some((base, number)) => (base.to_owned(), format!("{base}[{number}]")),
@@ -238,7 +239,8 @@ fn at(c: &Cursor, expected: u64, what: &str) -> Result<()> {
     if c.position() == expected { Ok(()) } else { Err(c.damaged(format_args!("{what} should be at byte {expected}"))) }
 }
 
-/// Sizes of metadata values that the library reads without looking at the stated size.
+/// Size in bytes of metadata values of a type that the library reads without regard to the stated size; `None` for
+/// other types.
 fn fixed_size(type_name: &str) -> Option<usize> {
     Some(match type_name {
         "bool" => 1,
@@ -276,8 +278,8 @@ fn metadata(c: &mut Cursor) -> Result<()> {
     Ok(())
 }
 
-/// OpenVDB's own table for delayed loading: a leaf count, then a byte a leaf and eight bytes a leaf,
-/// each raw or as a Blosc block. It is parsed even by an eager reader, lengths unchecked.
+/// Checks OpenVDB's table for delayed loading: a leaf count, then a byte per leaf and eight bytes per leaf, each raw or
+/// as a Blosc block. Even an eager reader parses it, without checks of lengths.
 fn delayed_load_fits(value: &[u8], file_length: u64) -> bool {
     if value.is_empty() {
         return true;
@@ -306,7 +308,7 @@ fn transform(c: &mut Cursor) -> Result<()> {
     if name != "NonlinearFrustumMap" {
         return linear_map(c, &name);
     }
-    // A box, the taper and the depth, then the linear map behind it.
+    // A frustum is a box, a taper and a depth, followed by a linear map.
     c.skip(8 * 8, "frustum")?;
     match c.name("transform type")?.as_str() {
         "NonlinearFrustumMap" => Err(c.damaged("a frustum within a frustum")),
@@ -324,7 +326,8 @@ fn linear_map(c: &mut Cursor, name: &str) -> Result<()> {
     }
 }
 
-/// Not-a-number and infinities in a map reach every coordinate; no program writes them on purpose.
+/// Reads `count` numbers of a map. NaN and infinity are refused, because they reach every coordinate; no program writes
+/// them on purpose.
 fn numbers_finite(c: &mut Cursor, count: usize) -> Result<()> {
     for _ in 0..count {
         if !c.f64("transform")?.is_finite() {

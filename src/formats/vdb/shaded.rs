@@ -1,5 +1,5 @@
-//! Pre-shaded volumes in VDB files: a grid of extinctions per world length, and a `vec3s` grid of the radiance
-//! emitted per world length, on one lattice.
+//! Pre-shaded volumes in VDB files: a grid of extinction per world length and a `vec3s` grid of the radiance emitted
+//! per world length, on one lattice.
 
 use super::file::File;
 use super::native::{NativeGrid, RawLeaf};
@@ -13,15 +13,15 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Name of the extinctions' grid, where nothing else is said.
+/// Name under which the extinction grid is written.
 pub const EXTINCTION: &str = "density";
-/// Name of the emissions' grid.
+/// Name of the emission grid.
 pub const EMISSION: &str = "emission";
 
-/// Writes a volume, and other grids beside it.
+/// Writes a pre-shaded volume, and the grids `beside` it, to one file.
 ///
 /// # Errors
-/// As [`write_native`].
+/// The conditions are those of [`NativeGrid::from_grid`] and [`write_native`].
 pub fn write(
     path: &Path,
     volume: &Bricks<Vec4>,
@@ -53,11 +53,12 @@ pub fn write(
     write_native(path, &grids.iter().collect::<Vec<_>>(), None, metadata, Codec::default())
 }
 
-/// Reads a volume; `extinction` names its grid, if it is not [`File::read_fog`]'s choice.
+/// Reads a pre-shaded volume. `extinction` names the extinction grid, which otherwise is the choice of
+/// [`File::read_fog`].
 ///
 /// # Errors
-/// As [`File::read_fog`]; if there is no [`EMISSION`], it holds no vectors, lies on another lattice, or a value
-/// is negative or not finite; if it all does not fit in `max_memory`.
+/// If [`File::read_fog`] fails; if there is no grid [`EMISSION`], it holds no vectors, lies on another lattice, or a
+/// value is negative or not finite; if the volume does not fit into `max_memory` bytes.
 pub fn read(file: &File, extinction: Option<&str>, max_memory: u64) -> Result<Bricks<Vec4>> {
     let extinctions = file.read_fog(extinction)?;
     let place = |e: Error| e.part(format!("grid '{EMISSION}'")).at(file.path());
@@ -111,7 +112,8 @@ pub fn read(file: &File, extinction: Option<&str>, max_memory: u64) -> Result<Br
             .collect(),
         metadata: BTreeMap::new(),
     };
-    // Four fields of one number a voxel, one of four, and a grid of a channel beside the one that it is arranged as.
+    // Memory holds four scalar fields, one field of four numbers per voxel, and a channel's grid beside the field made
+    // of it.
     let held = raw.leaves.len() as u64 * (3 * 2048 + 120) + extinctions.memory();
     let each = max_memory.saturating_sub(held) / 9;
     let field = |grid: &Grid| Bricks::<f32>::from_grid(grid, each).map_err(|e| e.at(file.path()));

@@ -1,32 +1,32 @@
-//! Walks the tree of a grid in the file without OpenVDB: every length and offset is checked, and
-//! leaves, nodes and the memory they will take are counted before the library sees a byte.
+//! Walks of a grid's tree in the file without OpenVDB: every length and offset is checked, and leaves, nodes and the
+//! memory they will take are counted before the library reads a byte.
 //!
-//! The layout is that of OpenVDB's `RootNode::readTopology`, `InternalNode::readTopology`,
-//! `LeafNode::readBuffers` and `io::readCompressedValues`, file versions 222 to 224.
+//! The layout is that of OpenVDB's `RootNode::readTopology`, `InternalNode::readTopology`, `LeafNode::readBuffers` and
+//! `io::readCompressedValues`, file versions 222 to 224.
 
 use super::cursor::Cursor;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 
-/// Flags of `io::COMPRESS_*`.
+/// Compression flags of OpenVDB, `io::COMPRESS_*`.
 const ZIP: u32 = 1;
 const ACTIVE_MASK: u32 = 2;
 const BLOSC: u32 = 4;
 
-/// How a leaf's values lie in the file.
+/// Storage of a leaf's values in the file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum LeafKind {
     /// Value mask, then compressed values.
     Values,
-    /// Value mask, origin, and one bit a voxel.
+    /// Value mask, origin, and one bit per voxel.
     Bool,
-    /// Value mask that is also the value, and origin.
+    /// Value mask, which also holds the values, and origin.
     Mask,
     /// Point attributes in several passes; only the topology is walked.
     Opaque,
 }
 
-/// Leaves that are decoded in one go.
+/// Number of leaves that are decoded in one call.
 pub(super) const RUN: usize = 128;
 
 /// A value type of a standard tree.
@@ -35,14 +35,14 @@ pub(super) struct ValueType {
     size: u64,
     stored: u64,
     leaf: LeafKind,
-    /// Bytes a leaf takes in memory, allocator included.
+    /// Bytes of memory that a leaf occupies, the allocator's share included.
     leaf_bytes: u64,
-    /// Bytes of one entry of an internal node's table, its share of heap values included.
+    /// Bytes of memory that an entry of an internal node's table occupies, including its share of values on the heap.
     entry_bytes: u64,
 }
 
 impl ValueType {
-    /// The type behind `Tree_<type>_5_4_3`, or `None` if this module cannot walk it.
+    /// Value type of the tree `Tree_<type>_5_4_3`; `None` if this module cannot walk it.
     pub(super) fn of(grid_type: &str, half: bool) -> Option<Self> {
         let name = grid_type.strip_prefix("Tree_")?.strip_suffix("_5_4_3")?;
         let (size, real, leaf) = match name {
@@ -58,7 +58,7 @@ impl ValueType {
             "ptdataidx32" | "ptidx32" => (4, false, LeafKind::Opaque),
             _ => return None,
         };
-        // Half values: 2 bytes a component; components are float or double.
+        // Half values take 2 bytes per component; components are float or double.
         let stored = match name {
             "vec3s" | "vec3d" if half => 6,
             _ if half && real => 2,
@@ -74,29 +74,29 @@ impl ValueType {
         Some(Self { size, stored, leaf, leaf_bytes, entry_bytes })
     }
 
-    /// True if buffers are walked too, so that nothing in the grid is left unchecked.
+    /// True if buffers of this type are walked too, so that nothing in the grid is left unchecked.
     pub(super) fn is_complete(&self) -> bool {
         self.leaf != LeafKind::Opaque
     }
 }
 
-/// What a tree holds, counted in the file.
+/// Size of a tree, counted in the file.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Topology {
-    /// Leaves of 8³ voxels.
+    /// Number of leaves of 8³ voxels.
     pub leaves: u64,
     /// Bytes that the tree will take in memory.
     pub memory: u64,
 }
 
-/// One grid's walk.
+/// Walk of one grid's tree in the file.
 pub(super) struct Walk<'a> {
     cursor: &'a mut Cursor,
     value: ValueType,
     compression: u32,
     limits: &'a Limits,
     found: Topology,
-    /// Origin and active voxels of each leaf in the order of their buffers.
+    /// Origin and number of active voxels of each leaf, in the order of their buffers.
     leaves: Vec<([i32; 3], u16)>,
 }
 
@@ -120,7 +120,7 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// The tree's topology, from the buffer count to the last leaf's mask.
+    /// Walks the tree's topology, from the buffer count to the last leaf's mask, and returns the tree's size.
     pub(super) fn topology(&mut self) -> Result<Topology> {
         let buffers = self.cursor.i32("buffer count")?;
         if buffers != 1 {
@@ -150,7 +150,8 @@ impl<'a> Walk<'a> {
         Ok(self.found)
     }
 
-    /// Root entries are written from an ordered map: ascending, unique, on multiples of 4096.
+    /// Reads the key of a root entry. Root entries are written from an ordered map, so keys ascend, are unique and
+    /// multiples of 4096.
     fn root_key(&mut self, last: &mut Option<[i32; 3]>) -> Result<[i32; 3]> {
         let key = self.cursor.coord("root entry")?;
         if key.iter().any(|c| c & 4095 != 0) || last.is_some_and(|l| l >= key) {
@@ -164,7 +165,8 @@ impl<'a> Walk<'a> {
         if self.value.size == 1 { self.cursor.bool(what).map(drop) } else { self.cursor.skip(self.value.size, what) }
     }
 
-    /// An internal node of edge `1 << log2` whose children have edge `1 << child_total` voxels.
+    /// Walks an internal node of `1 << log2` entries along its edge, whose children have edges of `1 << child_total`
+    /// voxels.
     fn internal(&mut self, origin: [i32; 3], log2: u32, child_total: u32) -> Result<()> {
         let entries = 1_u64 << (3 * log2);
         let mut masks = vec![0_u8; entries as usize / 4];
@@ -193,7 +195,7 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// `io::readCompressedValues`: `count` values, `active` of them on.
+    /// Skips `count` values, `active` of them active, as `io::readCompressedValues` would read them.
     fn compressed(&mut self, count: u64, active: u64, what: &str) -> Result<()> {
         let size = self.value.size;
         let flag = self.cursor.u8("compression flag")?;
@@ -216,14 +218,14 @@ impl<'a> Walk<'a> {
         }
         let length = self.cursor.i64("compressed size")?;
         if length <= 0 {
-            // Stored as it is. The library reads this many bytes before it compares the sizes.
+            // Stored uncompressed. The library reads this many bytes before it compares the sizes.
             if length.unsigned_abs() != bytes {
                 return Err(self.cursor.damaged(format_args!("{what}: {length} stored for {bytes} bytes")));
             }
             return self.cursor.skip(bytes, what);
         }
         if self.compression & BLOSC != 0 {
-            // Blosc believes its own header, so the header must agree with the file.
+            // Blosc trusts its own header, so the header must agree with the file.
             let [_, unpacked, _, packed] = std::array::from_fn(|_| self.cursor.u32("Blosc header"));
             let (unpacked, packed) = (u64::from(unpacked?), u64::from(packed?));
             if unpacked != bytes || packed != length as u64 || packed < 16 {
@@ -236,7 +238,8 @@ impl<'a> Walk<'a> {
         self.cursor.skip(length as u64, what)
     }
 
-    /// All leaf buffers. Call after [`Walk::topology`]. Returns where each run of [`RUN`] leaves begins.
+    /// Walks all leaf buffers and returns the first byte of each run of [`RUN`] leaves. [`Walk::topology`] must have
+    /// been called before.
     pub(super) fn buffers(&mut self) -> Result<Vec<u64>> {
         let mut runs = Vec::new();
         for (i, (origin, active)) in std::mem::take(&mut self.leaves).into_iter().enumerate() {

@@ -1,4 +1,4 @@
-//! VDB files out: whole or not at all.
+//! Writing of VDB files, which appear whole or not at all.
 
 use super::ffi;
 use super::file::File;
@@ -13,22 +13,22 @@ use std::collections::BTreeMap;
 use std::os::fd::AsRawFd;
 use std::path::Path;
 
-/// How values are packed. (`ZIP` is left out: OpenVDB drops it silently for the classes we write.)
+/// Compression of the values. `ZIP` is left out, because OpenVDB drops it silently for the classes written here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Codec {
-    /// Blosc: fast, smaller.
+    /// Blosc compression: fast, with smaller files.
     #[default]
     Blosc,
-    /// Active values as they are.
+    /// No compression: active values as they are.
     None,
 }
 
-/// Writes native grids. Names that repeat get OpenVDB's suffixes. The file metadata is that of
-/// `source`, if given, with `metadata` on top. What was written is walked before it takes the place of an older file.
+/// Writes native grids. Names that repeat get OpenVDB's suffixes. The file's metadata is that of `source`, if given,
+/// overridden by `metadata`. The written file is checked before it replaces an older one.
 ///
 /// # Errors
-/// OpenVDB's own words or the operating system's, with the path, and with the length that is needed where space is short;
-/// nothing is left behind then, and an older file stands.
+/// If OpenVDB or the operating system reports an error, or the written file does not read back. The error has the path
+/// and, where space is short, the length needed. Nothing is left behind then, and an older file stays.
 pub fn write_native(
     path: &Path,
     grids: &[&NativeGrid],
@@ -62,16 +62,16 @@ pub fn write_native(
     draft.commit()
 }
 
-/// Walks the file that was written as any file that is read: what stands in its place is replaced by nothing less.
+/// Checks the written file as any file that is read, before it replaces an older one.
 fn verify(draft: &Draft, grids: usize) -> Result<()> {
     let found = preflight::check(draft.path(), &Limits { max_memory: u64::MAX })?.entries.len();
     if found == grids { Ok(()) } else { Err(Error::native(format!("{found} of {grids} grids are there"))) }
 }
 
-/// Writes scalar grids as float, or as half where `half` is set.
+/// Writes scalar grids as 32-bit floats, or as 16-bit floats if `half` is set.
 ///
 /// # Errors
-/// As [`NativeGrid::from_grid`] and [`write_native`].
+/// The conditions are those of [`NativeGrid::from_grid`] and [`write_native`].
 pub fn write_grids(
     path: &Path,
     grids: &[&Grid],
