@@ -98,7 +98,7 @@ pub fn write(path: &Path, write: impl FnOnce(&mut Draft) -> Result<()>) -> Resul
 /// Writes a file of the given bytes.
 ///
 /// # Errors
-/// The conditions are those of [`write`].
+/// The conditions are those of [`write()`].
 pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     write(path, |draft| draft.write(bytes))
 }

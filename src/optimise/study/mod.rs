@@ -1,4 +1,4 @@
-//! A scene and a loss whose gradient is looked at parameter by parameter; [`difference`](super::difference)
+//! A scene and a loss whose gradient is looked at parameter by parameter; [`difference`]
 //! checks it.
 
 pub mod ad_mode;
