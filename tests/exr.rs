@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
 use cumulo::formats::exr;
+use cumulo::formats::limits::Limits;
 use cumulo::scene::film::{Film, Plane};
 use std::path::{Path, PathBuf};
 
@@ -268,14 +269,26 @@ fn files_of_the_crates_own_writer_are_read() {
         let encoding = ::exr::image::Encoding::FAST_LOSSLESS;
         Layer::new((3, 2), LayerAttributes::named(name), encoding, AnyChannels::sort(list))
     };
-    let layers: SmallVec<[Layer<AnyChannels<FlatSamples>>; 2]> =
-        [layer("left", &["R", "G", "B"], 0.0), layer("right", &["diffuse.R", "diffuse.G", "diffuse.B"], 10.0)]
-            .into_iter()
-            .collect();
+    let layers: SmallVec<[Layer<AnyChannels<FlatSamples>>; 2]> = [
+        layer("left", &["R", "G", "B"], 0.0),
+        layer("right", &["diffuse.R", "diffuse.G", "diffuse.B"], 10.0),
+        layer("normal", &["X", "Y", "Z"], 20.0),
+    ]
+    .into_iter()
+    .collect();
     let attributes = ::exr::prelude::ImageAttributes::with_size((3, 2));
     Image::from_layers(attributes, layers).write().to_file(&path).unwrap();
     let film = exr::read_picture(&path, Some("right.diffuse")).unwrap();
     assert_eq!(film.rgba[5], [10.625, 11.625, 12.625, 1.0]);
+    // What the picture holds is no plane beside it.
+    let film = exr::read_film_within(&path, Some("normal"), Limits::default()).unwrap();
+    assert_eq!(film.rgba[5], [20.625, 21.625, 22.625, 1.0]);
+    let names: Vec<&str> = film.planes.iter().map(|plane| &plane.name[..]).collect();
+    let others = ["left.B", "left.G", "left.R", "right.diffuse.B", "right.diffuse.G", "right.diffuse.R"];
+    assert_eq!(names, others);
+    // 96 bytes of film, 216 of planes, and the chunks while they are decoded.
+    let message = exr::read_film_within(&path, Some("normal"), Limits { max_memory: 300 }).unwrap_err().to_string();
+    assert!(message.contains("--max-memory"), "{message}");
     let message = exr::read_picture(&path, None).unwrap_err().to_string();
     assert!(message.contains("'left', 'right.diffuse'") && message.contains("--layer"), "{message}");
 }

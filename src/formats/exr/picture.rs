@@ -18,6 +18,8 @@ pub struct Picture {
     pub layer: String,
     /// Number of NaN and infinite samples inside the display window. They are kept in `film`.
     pub non_finite: usize,
+    /// Names, within the layer, of the channels that the film holds.
+    pub channels: Vec<String>,
 }
 
 /// Reads one layer as a film; see [`picture`], which also reports the layer.
@@ -96,27 +98,27 @@ pub fn picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Resul
         }
         non_finite += samples.iter().filter(|v| !v.is_finite()).count();
     })?;
-    Ok(Picture { film: film.unwrap_or_else(blank), layer: chosen.name.clone(), non_finite })
+    let name = |&channel: &usize| header.parts[chosen.part].channels[channel].component.clone();
+    let channels = channels.iter().map(name).collect();
+    Ok(Picture { film: film.unwrap_or_else(blank), layer: chosen.name.clone(), non_finite, channels })
 }
 
-/// Reads one layer as RGBA, as [`picture_within`] does, and all channels of the file but that layer's R, G, B and A as
+/// Reads one layer as RGBA, as [`picture_within`] does, and all channels of the file but those of that picture as
 /// separate planes under their full names (`variance.R`). The samples of all channels must fit into `limits`.
 ///
 /// # Errors
 /// The conditions are those of [`picture_within`] and [`read_within`].
 pub fn read_film_within(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
-    let Picture { mut film, layer: chosen, .. } = picture_within(path, layer, limits)?;
-    let color = |component: &str| COLORS.iter().any(|name| component.eq_ignore_ascii_case(name));
+    let Picture { mut film, layer: chosen, channels, .. } = picture_within(path, layer, limits)?;
+    let held = size_of_val(&film.rgba[..]) as u64;
+    let limits = Limits { max_memory: limits.max_memory.saturating_sub(held), ..limits };
     for layer in read_within(path, limits)?.layers {
         let prefix = if layer.name.is_empty() { String::new() } else { format!("{}.", layer.name) };
-        let others = layer.channels.into_iter().filter(|c| layer.name != chosen || !color(&c.name));
+        let others = layer.channels.into_iter().filter(|c| layer.name != chosen || !channels.contains(&c.name));
         film.planes.extend(others.map(|c| Plane { name: format!("{prefix}{}", c.name), samples: c.samples }));
     }
     Ok(film)
 }
-
-/// Names of the chosen layer's channels that are not repeated as planes of a film, in any case.
-const COLORS: [&str; 8] = ["R", "G", "B", "A", "red", "green", "blue", "alpha"];
 
 /// Numbers, within the part, of the channels of a layer's picture: grey, grey and alpha, RGB, or RGBA. `None` if the
 /// channels make no picture.

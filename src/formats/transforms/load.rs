@@ -68,7 +68,7 @@ fn parse(json: &Path, limits: Limits) -> Result<Capture> {
     };
     Ok(Capture {
         frames,
-        model: top.named("model", &["absorption", "emission-absorption"])?.unwrap_or(Model::Absorption),
+        model: top.named("model", &["absorption", "emission-absorption", "pre-shaded"])?.unwrap_or(Model::Absorption),
         background: top.color("background", "white")?.unwrap_or([1.0; 3]),
         pixel_filter: top.named("pixel_filter", &["point", "box"])?.unwrap_or(PixelFilter::Point),
         density_scale: positive("density_scale")?.unwrap_or(1.0),
@@ -227,7 +227,8 @@ struct Keys<'a> {
 impl Keys<'_> {
     /// Value of a key; `null` counts as absent.
     fn get(&self, key: &str) -> Option<&Value> {
-        self.own.get(key).or_else(|| self.shared?.get(key)).filter(|v| !v.is_null())
+        let set = |v: &&Value| !v.is_null();
+        self.own.get(key).filter(set).or_else(|| self.shared?.get(key).filter(set))
     }
 
     fn number(&self, key: &str) -> Result<Option<f64>> {
