@@ -438,6 +438,47 @@ struct Pair<'f, 'a> {
 }
 
 impl Pair<'_, '_> {
+    /// Divides the domain, cube by cube.
+    ///
+    /// # Errors
+    /// If there are too many blocks.
+    fn divide(&mut self) -> Result<()> {
+        let [min, max] = [self.min, self.max].map(|corner| corner.map(i64::from));
+        // Cubes that the domain meets, at most two along each axis.
+        let few = |shift: &u32| (0..3).all(|i| (max[i] >> shift) - (min[i] >> shift) <= 1);
+        let shift = (3..=32).find(few).unwrap_or(32);
+        let along = |i: usize| min[i] >> shift..=max[i] >> shift;
+        for x in along(0) {
+            for y in along(1) {
+                for z in along(2) {
+                    self.part([x, y, z].map(|c| c << shift), shift)?;
+                }
+            }
+        }
+        // Sums are added in ascending order of origin: they depend neither on the threads nor on how cubes are divided.
+        self.blocks.sort_unstable();
+        Ok(())
+    }
+
+    /// Returns the sums over the divided domain.
+    fn sum(&self) -> Partial {
+        let mut sum = Partial::default();
+        for blocks in self.blocks.chunks(CHUNK) {
+            let of = |window: &mut Window, origin: &[i32; 3]| self.block(window, *origin);
+            let partials: Vec<Partial> = blocks.par_iter().map_init(Window::default, of).collect();
+            partials.iter().for_each(|p| sum.add(p));
+        }
+        for boxes in self.interpolated.chunks(CHUNK) {
+            let of = |window: &mut Window, (low, high, a): &([i32; 3], [i32; 3], Constant)| {
+                self.cells(window, *low, *high, a)
+            };
+            let partials: Vec<Partial> = boxes.par_iter().map_init(Window::default, of).collect();
+            partials.iter().for_each(|p| sum.add(p));
+        }
+        sum.add(&self.constant);
+        sum
+    }
+
     /// Divides a cube of edge `1 << shift` into cubes in which both volumes are constant, boxes of interpolation, and
     /// blocks.
     ///
@@ -618,32 +659,8 @@ pub fn compare(a: &Field<'_>, b: &Field<'_>) -> Result<Difference> {
         interpolated: Vec::new(),
         constant: Partial::default(),
     };
-    // Cubes that the domain meets, at most two along each axis.
-    let few = |shift: &u32| (0..3).all(|i| (i64::from(max[i]) >> shift) - (i64::from(min[i]) >> shift) <= 1);
-    let shift = (3..=32).find(few).unwrap_or(32);
-    let along = |i: usize| i64::from(min[i]) >> shift..=i64::from(max[i]) >> shift;
-    for x in along(0) {
-        for y in along(1) {
-            for z in along(2) {
-                pair.part([x, y, z].map(|c| c << shift), shift)?;
-            }
-        }
-    }
-    // Added in ascending order of origin, so that the sum depends neither on the threads nor on how cubes are divided.
-    pair.blocks.sort_unstable();
-    let mut sum = Partial::default();
-    for blocks in pair.blocks.chunks(CHUNK) {
-        let found: Vec<Partial> =
-            blocks.par_iter().map_init(Window::default, |window, origin| pair.block(window, *origin)).collect();
-        found.iter().for_each(|p| sum.add(p));
-    }
-    for boxes in pair.interpolated.chunks(CHUNK) {
-        let of =
-            |window: &mut Window, (low, high, a): &([i32; 3], [i32; 3], Constant)| pair.cells(window, *low, *high, a);
-        let found: Vec<Partial> = boxes.par_iter().map_init(Window::default, of).collect();
-        found.iter().for_each(|p| sum.add(p));
-    }
-    sum.add(&pair.constant);
+    pair.divide()?;
+    let sum = pair.sum();
     let voxels: i128 = (0..3).map(|i| i128::from(max[i]) - i128::from(min[i]) + 1).product();
     let rms = (sum.squares / (voxels as f64 * a.components as f64)).sqrt();
     let peak = a.peak();

@@ -55,27 +55,10 @@ pub(super) fn rows(
     reader: Reader,
     header: &Header,
     sources: &[Source],
-    held: u64,
-    limits: Limits,
+    (held, limits): (u64, Limits),
     mut take: impl FnMut(Row<'_>),
 ) -> Result<()> {
-    for s in sources {
-        let channel = &header.parts[s.part].channels[s.channel];
-        if channel.sampling != [1, 1] {
-            return Err(Error::unsupported(format!(
-                "channel '{}' is subsampled {}x{} (luminance and chroma)",
-                channel.name, channel.sampling[0], channel.sampling[1]
-            ))
-            .hint(fault::SUBSAMPLED)
-            .at(path));
-        }
-        // One subsampled channel changes the layout of the whole part's chunks.
-        if let Some(other) = header.parts[s.part].channels.iter().find(|c| c.sampling != [1, 1]) {
-            return Err(Error::unsupported(format!("channel '{}' of the same part is subsampled", other.name))
-                .hint(fault::SUBSAMPLED)
-                .at(path));
-        }
-    }
+    check_sampling(path, header, sources)?;
     let wanted = |part: usize| sources.iter().any(|s| s.part == part);
     let parts = || reader.headers().iter().enumerate().filter(|(i, _)| wanted(*i)).map(|(_, h)| h);
     let chunk = CHUNK_COPIES * parts().map(chunk_bytes).max().unwrap_or(0);
@@ -119,6 +102,28 @@ pub(super) fn rows(
                 return Err(fault::damaged("its table of chunks points to the wrong places").at(path));
             }
             cropped(&block, header, sources, &meta, display, &mut line, &mut take);
+        }
+    }
+    Ok(())
+}
+
+/// Refuses sources whose parts have a subsampled channel.
+fn check_sampling(path: &Path, header: &Header, sources: &[Source]) -> Result<()> {
+    for s in sources {
+        let channel = &header.parts[s.part].channels[s.channel];
+        if channel.sampling != [1, 1] {
+            return Err(Error::unsupported(format!(
+                "channel '{}' is subsampled {}x{} (luminance and chroma)",
+                channel.name, channel.sampling[0], channel.sampling[1]
+            ))
+            .hint(fault::SUBSAMPLED)
+            .at(path));
+        }
+        // One subsampled channel changes the layout of the whole part's chunks.
+        if let Some(other) = header.parts[s.part].channels.iter().find(|c| c.sampling != [1, 1]) {
+            return Err(Error::unsupported(format!("channel '{}' of the same part is subsampled", other.name))
+                .hint(fault::SUBSAMPLED)
+                .at(path));
         }
     }
     Ok(())

@@ -90,7 +90,7 @@ pub fn picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Resul
     };
     let opaque = matches!(sources.len(), 1 | 3);
     let blank = || blank(&header, chosen.part, opaque);
-    decode::rows(path, reader, &header, &sources, held, limits, |Row { source, x, y, samples }| {
+    decode::rows(path, reader, &header, &sources, (held, limits), |Row { source, x, y, samples }| {
         let film: &mut Film = film.get_or_insert_with(blank);
         let start = y * film.width + x;
         for (pixel, sample) in film.rgba[start..start + samples.len()].iter_mut().zip(samples) {

@@ -71,7 +71,7 @@ pub fn read_within(path: &Path, limits: Limits) -> Result<Image> {
     let display = header.display_window;
     let held = display.pixels().saturating_mul(4 * sources.len() as u64);
     let mut planes: Vec<Plane> = sources.iter().map(|_| Plane::default()).collect();
-    decode::rows(path, reader, &header, &sources, held, limits, |Row { source, x, y, samples }| {
+    decode::rows(path, reader, &header, &sources, (held, limits), |Row { source, x, y, samples }| {
         let plane = &mut planes[source];
         if plane.samples.is_empty() {
             plane.samples = vec![0.0; display.size[0] * display.size[1]];

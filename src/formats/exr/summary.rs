@@ -86,7 +86,7 @@ pub fn summary_within(path: &Path, limits: Limits) -> Result<ExrSummary> {
     let sources: Vec<Source> =
         layers.iter().flat_map(|l| l.channels.iter().map(|&channel| Source { part: l.part, channel })).collect();
     let mut figures = vec![Figures::default(); sources.len()];
-    decode::rows(path, reader, &header, &sources, 0, limits, |row: Row<'_>| figures[row.source].add(row.samples))?;
+    decode::rows(path, reader, &header, &sources, (0, limits), |row: Row<'_>| figures[row.source].add(row.samples))?;
     let pixels = header.display_window.pixels();
     let mut figures = figures.into_iter();
     let mut parts: Vec<PartSummary> = header.parts.iter().map(part).collect();
