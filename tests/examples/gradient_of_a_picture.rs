@@ -4,7 +4,7 @@
 
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::File;
-use cumulo::optimise::gradient::objective::{By, Objective};
+use cumulo::optimise::gradient::objective::{ActiveParameters, Objective};
 use cumulo::optimise::loss::Loss;
 use cumulo::render::differentiable::Adjoint;
 use cumulo::render::dvr::Dvr;
@@ -28,8 +28,9 @@ pub fn run(volume: &Path) -> Result<(f64, Vec<f32>)> {
     // The loss is the mean squared difference from a picture that is grey all over.
     let cameras = orbit::cameras(&field.outline(), 1, Layout::Sphere, 64, 64, 40.0);
     let target = vec![[0.5, 0.5, 0.5, 0.5]; 64 * 64];
-    let objective = Objective { loss: Loss::L2, cameras: &cameras, wanted: &[target], rays_per_edge: 1 };
-    let gradient = objective.adjoint(&renderer, Adjoint::Tape, By { voxels: true, ..By::default() });
+    let objective = Objective { loss: Loss::L2, cameras: &cameras, targets: &[target], rays_per_edge: 1 };
+    let gradient =
+        objective.adjoint(&renderer, Adjoint::Tape, ActiveParameters { voxels: true, ..ActiveParameters::default() });
 
     // Bricks store the first voxels of their neighbours too; the derivatives of both copies are added.
     let mut by_voxel = vec![0.0; field.topology.len() * LEAF_VOXELS];

@@ -22,7 +22,7 @@ use crate::optimise::study::ad_mode::{AdMode, Choice, Mode, Task};
 use crate::optimise::study::difference::Quotient;
 use crate::optimise::study::parameter::{CAMERA, Parameter};
 use crate::optimise::study::subject::{Subject, depth_channel};
-use crate::optimise::study::{Found, Study};
+use crate::optimise::study::{Study, StudyGradient};
 use crate::render::differentiable::Adjoint;
 use crate::render::quadrature::{Quadrature, rules};
 use crate::report::Page;
@@ -263,7 +263,7 @@ impl GradientCommand {
         self.results(&study, &gradient, report)
     }
 
-    fn results<V: Subject>(&self, study: &Study<V>, gradient: &Found, report: Report) -> Result<Results> {
+    fn results<V: Subject>(&self, study: &Study<V>, gradient: &StudyGradient, report: Report) -> Result<Results> {
         let page = self.report.as_ref().map(|_| self.page(study, gradient, &report)).transpose()?;
         Ok(Results { grids: self.as_grids(study, gradient), page, report })
     }
@@ -340,7 +340,12 @@ impl GradientCommand {
     }
 
     /// Differentiates by all that `--wrt` names; the report lists the parameters and the largest derivatives by voxel.
-    fn differentiate<V: Subject>(&self, study: &Study<V>, limits: Limits, output: &Output) -> Result<(Found, Report)> {
+    fn differentiate<V: Subject>(
+        &self,
+        study: &Study<V>,
+        limits: Limits,
+        output: &Output,
+    ) -> Result<(StudyGradient, Report)> {
         let _stage = output.stage("derivatives");
         let (mut parameters, channels) = (self.parameters(study), self.channels::<V>());
         let count = parameters.len() + channels.len() * study.voxels();
@@ -409,7 +414,7 @@ impl GradientCommand {
     }
 
     /// Returns the voxels of the largest derivatives and these derivatives, as many as `--largest` lists.
-    fn largest_by_voxel(&self, gradient: &Found, channels: &[usize]) -> Vec<(Parameter, f64)> {
+    fn largest_by_voxel(&self, gradient: &StudyGradient, channels: &[usize]) -> Vec<(Parameter, f64)> {
         let mut order: Vec<usize> = (0..gradient.by_voxel.len()).collect();
         // The sort is stable: equal ones stay in their order.
         order.sort_by(|a, b| gradient.by_voxel[*b].abs().total_cmp(&gradient.by_voxel[*a].abs()));

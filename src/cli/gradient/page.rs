@@ -6,14 +6,14 @@ use crate::error::Result;
 use crate::metrics;
 use crate::optimise::loss::Rgba;
 use crate::optimise::study::subject::Subject;
-use crate::optimise::study::{Found, Study};
+use crate::optimise::study::{Study, StudyGradient};
 use crate::report::{MOST_VIEWS, Page, ViewRow, choose};
 use crate::scene::bricks::Bricks;
 use crate::scene::film::Film;
 
 impl GradientCommand {
     /// Makes the page, but for its provenance.
-    pub(super) fn page<V: Subject>(&self, study: &Study<V>, gradient: &Found, report: &Report) -> Result<Page> {
+    pub(super) fn page<V: Subject>(&self, study: &Study<V>, gradient: &StudyGradient, report: &Report) -> Result<Page> {
         let name = self.input.file_name().unwrap_or(self.input.as_os_str()).to_string_lossy();
         let mut page = Page::new(
             format!("{name}, derivatives of {}", report.loss),
@@ -59,19 +59,19 @@ impl GradientCommand {
 
     /// Adds renders of the scene, beside the target's pictures if there is a target.
     fn pictures<V: Subject>(&self, study: &Study<V>, page: &mut Page) -> Result<()> {
-        let (renderer, objective) = (V::light(&study.field, &study.setting)?, study.objective());
+        let (renderer, objective) = (V::renderer(&study.field, &study.setting)?, study.objective());
         let cameras = &study.setting.cameras;
         let film = |view: usize, rgba: &[Rgba]| {
             let (width, height) = (cameras[view].width as usize, cameras[view].height as usize);
             Film::of(width, height, rgba.iter().map(|p| p.map(|v| v as f32)).collect())
         };
-        if study.wanted.is_empty() {
+        if study.targets.is_empty() {
             let render = film(0, &objective.picture(&renderer, 0));
             page.picture("Seen", &render, &format!("The first of {} views.", cameras.len()))?;
             return Ok(());
         }
         let row = |view: usize| {
-            let (picture, render) = (film(view, &study.wanted[view]), film(view, &objective.picture(&renderer, view)));
+            let (picture, render) = (film(view, &study.targets[view]), film(view, &objective.picture(&renderer, view)));
             Ok(ViewRow {
                 name: format!("view {view}"),
                 psnr_db: Some(metrics::compare(&render, &picture)?.psnr_db),

@@ -120,7 +120,7 @@ impl GradientCommand {
     ) -> Result<(Study<V>, Vec<Warning>)> {
         let mut warnings = Vec::new();
         let Setup { target, model, transfer, cameras } = setup;
-        let wanted = match &target {
+        let targets = match &target {
             Some(capture) if self.loss().compares() => {
                 let bar = output.progress(capture.frames.len() as u64, "reading pictures");
                 let photos = photos::read(capture, None, limits, &|| bar.inc(1))?;
@@ -148,7 +148,7 @@ impl GradientCommand {
             field,
             setting: self.setting(cameras, model, transfer, target.as_ref())?,
             loss: self.loss(),
-            wanted,
+            targets,
             rays_per_edge: run::rays_per_edge(target.as_ref().map_or(PixelFilter::Point, |c| c.pixel_filter)),
         };
         self.fits(&study, limits)?;
@@ -219,9 +219,9 @@ impl GradientCommand {
 
 /// Converts a study to double precision.
 pub(super) fn in_double<V: Subject>(study: Study<V>) -> Study<V::Double> {
-    let Study { field, setting, loss, priors, units, wanted, rays_per_edge } = study;
+    let Study { field, setting, loss, priors, units, targets, rays_per_edge } = study;
     let Bricks { topology, values, transform, domain } = field;
     let values = values.into_iter().map(Subject::double).collect();
     let field = Bricks { topology, values, transform, domain };
-    Study { field, setting, loss, priors, units, wanted, rays_per_edge }
+    Study { field, setting, loss, priors, units, targets, rays_per_edge }
 }

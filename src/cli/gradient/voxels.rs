@@ -2,14 +2,14 @@
 
 use super::GradientCommand;
 use crate::optimise::study::subject::Subject;
-use crate::optimise::study::{Found, Study};
+use crate::optimise::study::{Study, StudyGradient};
 use crate::scene::bricks::Topology;
 use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf};
 use std::collections::BTreeMap;
 
 impl GradientCommand {
     /// Returns the derivatives by voxel as grids, one a channel; none without `--output`.
-    pub(super) fn as_grids<V: Subject>(&self, study: &Study<V>, gradient: &Found) -> Vec<Grid> {
+    pub(super) fn as_grids<V: Subject>(&self, study: &Study<V>, gradient: &StudyGradient) -> Vec<Grid> {
         let channels = self.channels::<V>();
         let grid = |(at, channel): (usize, &usize)| Grid {
             name: match V::CHANNELS[*channel] {

@@ -36,22 +36,22 @@ impl<I: Differentiable<Real = f32>> Rows<'_, I> {
         self.camera.width as usize * self.camera.height as usize
     }
 
-    /// Visits the pixels that `asked` selects by their row-major number, with their values and the derivatives of each
+    /// Visits the pixels that `selects` accepts by their row-major number, with their values and the derivatives of each
     /// of `losses` with respect to the camera; a loss is given by its derivatives with respect to red, green, blue and
     /// alpha. Pixels are visited in runs that depend on the picture's size alone, each with a sum of its own; the sums
     /// are returned in a fixed order, so that their total is bit-identical for any number of threads.
     pub fn fold<A: Default + Send>(
         &self,
-        asked: impl Fn(usize) -> bool + Sync,
+        selects: impl Fn(usize) -> bool + Sync,
         losses: &[[f32; 4]],
         visit: impl Fn(&mut A, usize, &[f64; 4], &[CameraGradient]) + Sync,
     ) -> Vec<A> {
         let order: Vec<usize> = morton(self.camera.width as usize, self.camera.height as usize).collect();
         let run = |tape: &mut I::Scratch, pixels: &Range<usize>| {
             let (mut sum, pixels) = (A::default(), &order[pixels.clone()]);
-            let wanted: Vec<usize> = pixels.iter().copied().filter(|i| asked(*i)).collect();
-            let visit: Visit<'_> = &mut |i, seen, by| visit(&mut sum, i, seen, by);
-            Run { rows: self, pixels: &wanted, losses, visit }.walk(tape);
+            let selected: Vec<usize> = pixels.iter().copied().filter(|i| selects(*i)).collect();
+            let visit: Visit<'_> = &mut |i, rendered, by| visit(&mut sum, i, rendered, by);
+            Run { rows: self, pixels: &selected, losses, visit }.walk(tape);
             sum
         };
         tiles::map(&tiles::runs(order.len(), RUN), None, I::Scratch::default, run).unwrap_or_default()
@@ -76,17 +76,22 @@ impl<I: Differentiable<Real = f32>> Run<'_, I> {
             if cancel.load(Ordering::Relaxed) {
                 return;
             }
-            let mut seen = [0.0; 4];
+            let mut rendered = [0.0; 4];
             by.fill(CameraGradient::default());
             for [x, y] in rays.positions([i % width, i / width]) {
                 let ray = camera.ray(x, y);
                 let mut radiance = None;
                 for (by, loss) in by.iter_mut().zip(self.losses) {
-                    let mut moved = RayGradient::default();
-                    radiance = Some(renderer.ray_vjp(&ray, *loss, &mut moved, tape));
+                    let mut ray_gradient = RayGradient::default();
+                    radiance = Some(renderer.ray_vjp(&ray, *loss, &mut ray_gradient, tape));
                     // Many rays meet nothing.
-                    if moved != RayGradient::default() {
-                        *by = by.plus(&camera.gradient(x, y, share * moved.origin, share * moved.direction));
+                    if ray_gradient != RayGradient::default() {
+                        *by = by.plus(&camera.gradient(
+                            x,
+                            y,
+                            share * ray_gradient.origin,
+                            share * ray_gradient.direction,
+                        ));
                     }
                 }
                 let radiance = match (reference, radiance) {
@@ -94,12 +99,12 @@ impl<I: Differentiable<Real = f32>> Run<'_, I> {
                     _ => reference.unwrap_or(renderer).pixel_on(&ray, tape),
                 };
                 for c in 0..3 {
-                    seen[c] += share * f64::from(radiance.rgb[c]);
+                    rendered[c] += share * f64::from(radiance.rgb[c]);
                 }
                 // One minus the transmittance would be zero for faint media.
-                seen[3] -= share * (-radiance.depth).exp_m1();
+                rendered[3] -= share * (-radiance.depth).exp_m1();
             }
-            (self.visit)(i, &seen, &by);
+            (self.visit)(i, &rendered, &by);
         }
     }
 }

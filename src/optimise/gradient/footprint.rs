@@ -61,18 +61,18 @@ impl Lens {
     /// Returns the footprint of a brick, by its coordinates.
     pub fn footprint(&self, brick: IVec3) -> Footprint {
         let low = self.linear * brick.as_dvec3() + self.offset;
-        let (mut bounds, mut behind, mut sum) = (Footprint::NOWHERE, 0, DVec2::ZERO);
+        let (mut bounds, mut corners_behind, mut sum) = (Footprint::NOWHERE, 0, DVec2::ZERO);
         for corner in self.corners {
             let at = low + corner;
-            behind += usize::from(at.z <= 0.0);
+            corners_behind += usize::from(at.z <= 0.0);
             let pixel = at.truncate() * (1.0 / at.z);
             sum += pixel;
             bounds = Footprint { low: bounds.low.min(pixel), high: bounds.high.max(pixel) };
         }
-        match behind {
+        match corners_behind {
             0 if sum.is_finite() => Footprint { low: bounds.low - MARGIN, high: bounds.high + MARGIN },
             8 => Footprint::NOWHERE,
-            // Beside the eye, or as good as: no corner bounds what is seen.
+            // Beside the eye, or as good as: no corner bounds what is visible.
             _ => Footprint::EVERYWHERE,
         }
     }

@@ -23,14 +23,14 @@ pub struct Objective<'o> {
     pub cameras: &'o [Camera],
     /// Target pictures, row-major, one per camera; none for losses that compare with nothing. Pixels that are not
     /// finite are ignored.
-    pub wanted: &'o [Vec<Rgba>],
+    pub targets: &'o [Vec<Rgba>],
     /// Rays along each edge of a pixel, whose value is the mean over the square of that number.
     pub rays_per_edge: usize,
 }
 
 /// Parameters to differentiate with respect to, besides extinction, color and background, which cost nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct By {
+pub struct ActiveParameters {
     /// True for the stored voxels.
     pub voxels: bool,
     /// Number of knots of the transfer function, for derivatives with respect to it.
@@ -81,7 +81,7 @@ const RUN: usize = 256;
 const PARTS: usize = 4;
 
 /// Derivatives of an objective with respect to one picture's pixels.
-enum Slopes<'s> {
+enum Cotangents<'s> {
     /// Derivatives that are computed pixel by pixel, times this factor.
     Local(f64),
     /// Derivatives of all pixels, computed in advance.
@@ -90,29 +90,34 @@ enum Slopes<'s> {
 
 impl Objective<'_> {
     /// Returns the value of the objective.
-    pub fn value<I: Differentiable>(&self, light: &Composited<I>) -> f64 {
-        let of = |view: usize| self.loss.picture(&self.picture(light, view), self.wanted(view), self.width(view)).0;
+    pub fn value<I: Differentiable>(&self, renderer: &Composited<I>) -> f64 {
+        let of = |view: usize| self.loss.picture(&self.picture(renderer, view), self.target(view), self.width(view)).0;
         (0..self.cameras.len()).map(of).sum::<f64>() / self.cameras.len() as f64
     }
 
     /// Returns value and gradient, in reverse mode.
-    pub fn adjoint<I: Differentiable>(&self, light: &Composited<I>, adjoint: Adjoint, by: By) -> Gradient<I::Voxel> {
+    pub fn adjoint<I: Differentiable>(
+        &self,
+        renderer: &Composited<I>,
+        adjoint: Adjoint,
+        active: ActiveParameters,
+    ) -> Gradient<I::Voxel> {
         let zero = || Gradient {
-            voxels: if by.voxels {
-                vec![I::Voxel::default(); light.integrator.field().values.len()]
+            voxels: if active.voxels {
+                vec![I::Voxel::default(); renderer.integrator.field().values.len()]
             } else {
                 Vec::new()
             },
-            table: by.knots.map_or_else(TableGradient::default, TableGradient::of_knots),
+            table: active.knots.map_or_else(TableGradient::default, TableGradient::of_knots),
             cameras: vec![CameraGradient::default(); self.cameras.len()],
             ..Gradient::default()
         };
         let mut parts: Vec<Gradient<I::Voxel>> = (0..PARTS).map(|_| zero()).collect();
         let mut value = 0.0;
         for view in 0..self.cameras.len() {
-            let (global, known) = self.global(light, view);
+            let (global, precomputed) = self.global(renderer, view);
             value += global;
-            let slopes = self.slopes(view, known.as_deref());
+            let cotangents = self.cotangents(view, precomputed.as_deref());
             let runs = tiles::runs(self.pixels(view), RUN);
             tiles::partitions(
                 &mut parts,
@@ -120,19 +125,21 @@ impl Objective<'_> {
                 |part| tiles::dealt(&runs, part, PARTS),
                 |_| I::Scratch::default(),
                 |own, tape, run| {
-                    run.clone().for_each(|i| self.pixel_back(light, (adjoint, by), (view, i), &slopes, own, tape));
+                    run.clone().for_each(|i| {
+                        self.pixel_reverse(renderer, (adjoint, active), (view, i), &cotangents, own, tape)
+                    });
                 },
             );
         }
         let mut total = zero();
         total.value = value;
-        for lane in parts {
-            total.value += lane.value;
-            total.voxels.par_iter_mut().zip(lane.voxels).for_each(|(t, v)| *t += v);
-            total.table.add(&lane.table);
-            total.cameras.iter_mut().zip(&lane.cameras).for_each(|(t, c)| *t = t.plus(c));
-            total.step += lane.step;
-            total.shared = total.shared.plus(&lane.shared);
+        for part in parts {
+            total.value += part.value;
+            total.voxels.par_iter_mut().zip(part.voxels).for_each(|(t, v)| *t += v);
+            total.table.add(&part.table);
+            total.cameras.iter_mut().zip(&part.cameras).for_each(|(t, c)| *t = t.plus(c));
+            total.step += part.step;
+            total.shared = total.shared.plus(&part.shared);
         }
         total
     }
@@ -140,7 +147,7 @@ impl Objective<'_> {
     /// Returns the value and its derivatives along directions, in forward mode with up to 7 directions per walk.
     pub fn tangent<I: ForwardInAll>(
         &self,
-        light: &Composited<I>,
+        renderer: &Composited<I>,
         directions: &[Direction<I::Voxel>],
     ) -> (f64, Vec<f64>) {
         let mut all = Vec::with_capacity(directions.len());
@@ -148,10 +155,10 @@ impl Objective<'_> {
         loop {
             let (now, later) = left.split_at(left.len().min(7));
             let (value, some) = match now.len() {
-                0 | 1 => self.tangent_of::<I, 1>(light, now),
-                2 => self.tangent_of::<I, 2>(light, now),
-                3..=6 => self.tangent_of::<I, 6>(light, now),
-                _ => self.tangent_of::<I, 7>(light, now),
+                0 | 1 => self.tangent_of::<I, 1>(renderer, now),
+                2 => self.tangent_of::<I, 2>(renderer, now),
+                3..=6 => self.tangent_of::<I, 6>(renderer, now),
+                _ => self.tangent_of::<I, 7>(renderer, now),
             };
             all.extend(some);
             left = later;
@@ -163,29 +170,30 @@ impl Objective<'_> {
 
     fn tangent_of<I: Forward<P>, const P: usize>(
         &self,
-        light: &Composited<I>,
+        renderer: &Composited<I>,
         directions: &[Direction<I::Voxel>],
     ) -> (f64, Vec<f64>) {
         let mut sum = Dual::<f64, P>::constant(0.0);
         for view in 0..self.cameras.len() {
             if self.loss.reach() == Reach::Global {
                 // Derivatives wait for the loss's: forward, no ray is walked again.
-                let forward = |tape: &mut I::Scratch, i: usize| self.pixel_forward(light, directions, (view, i), tape);
+                let forward =
+                    |tape: &mut I::Scratch, i: usize| self.pixel_forward(renderer, directions, (view, i), tape);
                 let pixels: Vec<[Dual<f64, P>; 4]> = self.each_pixel(view, I::Scratch::default, forward);
-                let seen: Vec<Rgba> = pixels.iter().map(|p| p.map(|c| c.value)).collect();
-                let (value, slopes) = self.of_picture(&seen, view);
+                let rendered: Vec<Rgba> = pixels.iter().map(|p| p.map(|c| c.value)).collect();
+                let (value, cotangents) = self.of_picture(&rendered, view);
                 sum.value += value;
-                pixels.iter().zip(&slopes).for_each(|(pixel, slope)| add_along(&mut sum, pixel, slope));
+                pixels.iter().zip(&cotangents).for_each(|(pixel, cotangent)| add_along(&mut sum, pixel, cotangent));
                 continue;
             }
-            let slopes = self.slopes(view, None);
+            let cotangents = self.cotangents(view, None);
             let of_run = |tape: &mut I::Scratch, run: &Range<usize>| {
                 let mut sum = Dual::<f64, P>::constant(0.0);
                 for i in run.clone() {
-                    let pixel = self.pixel_forward(light, directions, (view, i), tape);
-                    let (value, slope) = self.pixel(view, i, &pixel.map(|c| c.value), &slopes);
+                    let pixel = self.pixel_forward(renderer, directions, (view, i), tape);
+                    let (value, cotangent) = self.pixel(view, i, &pixel.map(|c| c.value), &cotangents);
                     sum.value += value;
-                    add_along(&mut sum, &pixel, &slope);
+                    add_along(&mut sum, &pixel, &cotangent);
                 }
                 sum
             };
@@ -196,49 +204,49 @@ impl Objective<'_> {
     }
 
     /// Adds one pixel's value and derivatives to a gradient.
-    fn pixel_back<I: Differentiable>(
+    fn pixel_reverse<I: Differentiable>(
         &self,
-        light: &Composited<I>,
-        (adjoint, by): (Adjoint, By),
+        renderer: &Composited<I>,
+        (adjoint, active): (Adjoint, ActiveParameters),
         (view, i): (usize, usize),
-        slopes: &Slopes<'_>,
+        cotangents: &Cotangents<'_>,
         own: &mut Gradient<I::Voxel>,
         tape: &mut I::Scratch,
     ) {
         let (rays, share) = (self.positions(view, i), self.share());
         // Of several rays the mean must be known first.
-        let known = match slopes {
-            Slopes::Local(_) if self.rays_per_edge <= 1 => None,
-            Slopes::Local(_) => {
-                let (value, slope) = self.pixel(view, i, &self.seen(light, view, i, tape), slopes);
+        let precomputed = match cotangents {
+            Cotangents::Local(_) if self.rays_per_edge <= 1 => None,
+            Cotangents::Local(_) => {
+                let (value, cotangent) = self.pixel(view, i, &self.render_pixel(renderer, view, i, tape), cotangents);
                 own.value += value;
-                Some(slope)
+                Some(cotangent)
             }
-            Slopes::Global(known) => Some(known[i]),
+            Cotangents::Global(all) => Some(all[i]),
         };
         for [x, y] in rays {
-            let mut moved = RayGradient::default();
+            let mut ray_gradient = RayGradient::default();
             let to = Accumulators {
-                voxels: by.voxels.then_some(&mut own.voxels),
-                table: by.knots.is_some().then_some(&mut own.table),
-                ray: by.rays.then_some(&mut moved),
+                voxels: active.voxels.then_some(&mut own.voxels),
+                table: active.knots.is_some().then_some(&mut own.table),
+                ray: active.rays.then_some(&mut ray_gradient),
                 shared: &mut own.shared,
             };
             let camera = &self.cameras[view];
             let value = &mut own.value;
-            let mut slope = |seen: &Pixel<I::Real>| match known {
-                Some(slope) => slope.map(|s| I::Real::of(share * s)),
+            let mut loss = |rendered: &Pixel<I::Real>| match precomputed {
+                Some(cotangent) => cotangent.map(|s| I::Real::of(share * s)),
                 None => {
-                    let (here, slope) = self.pixel(view, i, &seen.rgba().map(Real::f64), slopes);
-                    *value += here;
-                    slope.map(I::Real::of)
+                    let (loss, cotangent) = self.pixel(view, i, &rendered.rgba().map(Real::f64), cotangents);
+                    *value += loss;
+                    cotangent.map(I::Real::of)
                 }
             };
-            light.vjp(&camera.ray(x, y), &mut slope, adjoint, to, tape);
-            if by.rays {
-                let by_camera = camera.gradient(x, y, moved.origin, moved.direction);
+            renderer.vjp(&camera.ray(x, y), &mut loss, adjoint, to, tape);
+            if active.rays {
+                let by_camera = camera.gradient(x, y, ray_gradient.origin, ray_gradient.direction);
                 own.cameras[view] = own.cameras[view].plus(&by_camera);
-                own.step += moved.step;
+                own.step += ray_gradient.step;
             }
         }
     }
@@ -246,7 +254,7 @@ impl Objective<'_> {
     /// Returns one pixel with its derivatives along the directions.
     fn pixel_forward<I: Forward<P>, const P: usize>(
         &self,
-        light: &Composited<I>,
+        renderer: &Composited<I>,
         directions: &[Direction<I::Voxel>],
         (view, i): (usize, usize),
         tape: &mut I::Scratch,
@@ -258,73 +266,73 @@ impl Objective<'_> {
             let mut seeds: Seeds<'_, I::Voxel, P> = Seeds::default();
             for (p, direction) in directions.iter().enumerate() {
                 match direction {
-                    Direction::Camera(number, by) if *number == view => {
-                        let ray = camera.tangent(x, y, by);
+                    Direction::Camera(number, change) if *number == view => {
+                        let ray = camera.tangent(x, y, change);
                         seeds.ray[p] = RayGradient { origin: ray.origin, direction: ray.direction, step: 0.0 };
                     }
                     Direction::Camera(..) => {}
-                    Direction::Step(by) => seeds.ray[p].step = *by,
-                    Direction::Shared(by) => seeds.shared[p] = *by,
-                    Direction::Table(by) => seeds.table[p] = Some(by),
-                    Direction::Voxels(by) => seeds.voxels[p] = Some(by),
+                    Direction::Step(change) => seeds.ray[p].step = *change,
+                    Direction::Shared(change) => seeds.shared[p] = *change,
+                    Direction::Table(change) => seeds.table[p] = Some(change),
+                    Direction::Voxels(change) => seeds.voxels[p] = Some(change),
                 }
             }
-            let seen = light.jvp(&camera.ray(x, y), &seeds, tape).rgba();
-            (0..4).for_each(|c| mean[c] = mean[c] + seen[c].f64().linear(|v| share * v));
+            let rendered = renderer.jvp(&camera.ray(x, y), &seeds, tape).rgba();
+            (0..4).for_each(|c| mean[c] = mean[c] + rendered[c].f64().linear(|v| share * v));
         }
         mean
     }
 
     /// Returns value and derivatives that a pixel adds; the value is 0 for a global loss, which is added for the whole
     /// picture.
-    fn pixel(&self, view: usize, i: usize, seen: &Rgba, slopes: &Slopes<'_>) -> (f64, Rgba) {
-        let share = match slopes {
-            Slopes::Global(known) => return (0.0, known[i]),
-            Slopes::Local(share) => *share,
+    fn pixel(&self, view: usize, i: usize, rendered: &Rgba, cotangents: &Cotangents<'_>) -> (f64, Rgba) {
+        let share = match cotangents {
+            Cotangents::Global(all) => return (0.0, all[i]),
+            Cotangents::Local(share) => *share,
         };
         let nothing = [0.0; 4];
-        let wanted = self.wanted(view).map_or(&nothing, |w| &w[i]);
-        if wanted.iter().chain(seen).any(|v| !v.is_finite()) {
+        let target = self.target(view).map_or(&nothing, |t| &t[i]);
+        if target.iter().chain(rendered).any(|v| !v.is_finite()) {
             return (0.0, nothing);
         }
-        let (value, slope) = self.loss.pixel(seen, wanted);
-        (share * value, slope.map(|s| share * s))
+        let (value, cotangent) = self.loss.pixel(rendered, target);
+        (share * value, cotangent.map(|s| share * s))
     }
 
     /// Returns value and derivatives of a rendered picture, times the view's share, for losses that need all of it; 0
     /// and `None` for local losses.
-    fn global<I: Differentiable>(&self, light: &Composited<I>, view: usize) -> (f64, Option<Vec<Rgba>>) {
+    fn global<I: Differentiable>(&self, renderer: &Composited<I>, view: usize) -> (f64, Option<Vec<Rgba>>) {
         if self.loss.reach() == Reach::Local {
             return (0.0, None);
         }
-        let (value, slopes) = self.of_picture(&self.picture(light, view), view);
-        (value, Some(slopes))
+        let (value, cotangents) = self.of_picture(&self.picture(renderer, view), view);
+        (value, Some(cotangents))
     }
 
     /// Returns value and derivatives of a given picture, times the view's share.
-    fn of_picture(&self, seen: &[Rgba], view: usize) -> (f64, Vec<Rgba>) {
+    fn of_picture(&self, rendered: &[Rgba], view: usize) -> (f64, Vec<Rgba>) {
         let share = 1.0 / self.cameras.len() as f64;
-        let (value, mut slopes) = self.loss.picture(seen, self.wanted(view), self.width(view));
-        slopes.iter_mut().flatten().for_each(|s| *s *= share);
-        (share * value, slopes)
+        let (value, mut cotangents) = self.loss.picture(rendered, self.target(view), self.width(view));
+        cotangents.iter_mut().flatten().for_each(|s| *s *= share);
+        (share * value, cotangents)
     }
 
-    fn slopes<'s>(&self, view: usize, known: Option<&'s [Rgba]>) -> Slopes<'s> {
-        match known {
-            Some(known) => Slopes::Global(known),
+    fn cotangents<'s>(&self, view: usize, precomputed: Option<&'s [Rgba]>) -> Cotangents<'s> {
+        match precomputed {
+            Some(precomputed) => Cotangents::Global(precomputed),
             None => {
-                let count = match self.wanted(view) {
-                    Some(wanted) => wanted.iter().filter(|p| p.iter().all(|v| v.is_finite())).count(),
+                let count = match self.target(view) {
+                    Some(target) => target.iter().filter(|p| p.iter().all(|v| v.is_finite())).count(),
                     None => self.pixels(view),
                 };
-                Slopes::Local(1.0 / (count.max(1) * self.cameras.len()) as f64)
+                Cotangents::Local(1.0 / (count.max(1) * self.cameras.len()) as f64)
             }
         }
     }
 
     /// Renders the picture of a camera, row-major.
-    pub fn picture<I: Differentiable>(&self, light: &Composited<I>, view: usize) -> Vec<Rgba> {
-        self.each_pixel(view, I::Scratch::default, |tape, i| self.seen(light, view, i, tape))
+    pub fn picture<I: Differentiable>(&self, renderer: &Composited<I>, view: usize) -> Vec<Rgba> {
+        self.each_pixel(view, I::Scratch::default, |tape, i| self.render_pixel(renderer, view, i, tape))
     }
 
     /// Computes a value for each pixel of a view, by its row-major number.
@@ -340,12 +348,18 @@ impl Objective<'_> {
     }
 
     /// Returns the mean over a pixel's rays.
-    fn seen<I: Differentiable>(&self, light: &Composited<I>, view: usize, i: usize, tape: &mut I::Scratch) -> Rgba {
+    fn render_pixel<I: Differentiable>(
+        &self,
+        renderer: &Composited<I>,
+        view: usize,
+        i: usize,
+        tape: &mut I::Scratch,
+    ) -> Rgba {
         let (rays, share) = (self.positions(view, i), self.share());
         let mut mean = [0.0; 4];
         for [x, y] in rays {
-            let seen = light.pixel_on(&self.cameras[view].ray(x, y), tape).rgba();
-            (0..4).for_each(|c| mean[c] += share * seen[c].f64());
+            let pixel = renderer.pixel_on(&self.cameras[view].ray(x, y), tape).rgba();
+            (0..4).for_each(|c| mean[c] += share * pixel[c].f64());
         }
         mean
     }
@@ -361,8 +375,8 @@ impl Objective<'_> {
         1.0 / Subpixels::new(self.rays_per_edge).count() as f64
     }
 
-    fn wanted(&self, view: usize) -> Option<&[Rgba]> {
-        self.wanted.get(view).map(Vec::as_slice)
+    fn target(&self, view: usize) -> Option<&[Rgba]> {
+        self.targets.get(view).map(Vec::as_slice)
     }
 
     fn width(&self, view: usize) -> usize {
@@ -375,8 +389,8 @@ impl Objective<'_> {
 }
 
 /// Adds a pixel's derivatives, weighted by the loss's.
-fn add_along<const P: usize>(sum: &mut Dual<f64, P>, pixel: &[Dual<f64, P>; 4], slope: &Rgba) {
-    for (channel, slope) in pixel.iter().zip(slope) {
-        (0..P).for_each(|p| sum.tangent[p] += slope * channel.tangent[p]);
+fn add_along<const P: usize>(sum: &mut Dual<f64, P>, pixel: &[Dual<f64, P>; 4], cotangent: &Rgba) {
+    for (channel, cotangent) in pixel.iter().zip(cotangent) {
+        (0..P).for_each(|p| sum.tangent[p] += cotangent * channel.tangent[p]);
     }
 }

@@ -31,7 +31,7 @@ pub struct Parts {
     /// Tiles of each partition, in the order of work.
     pub tiles: Vec<Vec<Tile>>,
     /// Partitions whose rays can cross a brick, by brick.
-    pub seen_by: Vec<Partitions>,
+    pub crossed_by: Vec<Partitions>,
 }
 
 /// Fixed cost of a ray, in units of a voxel lookup.
@@ -53,7 +53,7 @@ impl Parts {
         let numbered = |(picture, tiles): (usize, &Tiles)| (0..tiles.count()).map(move |number| (picture, number));
         let all = pictures.iter().enumerate().flat_map(numbered);
         let mut parts =
-            Self { pictures: Vec::new(), tiles: vec![Vec::new(); partitions], seen_by: vec![0; lookups.len()] };
+            Self { pictures: Vec::new(), tiles: vec![Vec::new(); partitions], crossed_by: vec![0; lookups.len()] };
         if !apart || cameras.len() >= partitions {
             for (i, (picture, number)) in all.enumerate() {
                 // Not from the same partition on in every round and picture: these may begin alike.
@@ -61,7 +61,7 @@ impl Parts {
                 parts.tiles[(turn + round + picture) % partitions].push(Tile { picture, number, new: Vec::new() });
             }
             let bricks = (0..lookups.len()).filter(|brick| lookups[*brick] > 0.0);
-            bricks.for_each(|brick| (0..partitions).for_each(|partition| parts.see(brick, partition, 0)));
+            bricks.for_each(|brick| (0..partitions).for_each(|partition| parts.record(brick, partition, 0)));
             return Self { pictures, ..parts };
         }
         let footprints: Vec<Vec<Footprint>> = cameras
@@ -95,17 +95,17 @@ impl Parts {
                     first[partition] = first[partition].min(place);
                 });
             }
-            let seen = first.iter().enumerate().filter(|(_, place)| **place < usize::MAX);
-            seen.for_each(|(partition, place)| parts.see(brick, partition, *place));
+            let crossing = first.iter().enumerate().filter(|(_, place)| **place < usize::MAX);
+            crossing.for_each(|(partition, place)| parts.record(brick, partition, *place));
         }
         Self { pictures, ..parts }
     }
 
     /// Records that a partition's tile, if there is one, is the first to cross a brick.
-    fn see(&mut self, brick: usize, partition: usize, tile: usize) {
+    fn record(&mut self, brick: usize, partition: usize, tile: usize) {
         if let Some(tile) = self.tiles[partition].get_mut(tile) {
             tile.new.push(brick as u32);
-            self.seen_by[brick] |= 1 << partition;
+            self.crossed_by[brick] |= 1 << partition;
         }
     }
 }

@@ -79,14 +79,14 @@ struct Sums<'v, V> {
 /// its derivatives with respect to the parameters that all rays share. Partitions have sums of their own, which are
 /// added in order: the result is bit-identical for any number of threads.
 pub fn gradient<I: Differentiable<Real = f32>>(
-    light: &Composited<I>,
+    renderer: &Composited<I>,
     targets: &[&Target],
     loss: PixelLoss<'_>,
     adjoint: Adjoint,
     accumulators: &mut Workspace<I::Voxel, I::Scratch>,
     gradients: &mut Gradients<'_, I::Voxel>,
 ) -> (f64, ParameterGradient) {
-    let (field, lookups) = (light.integrator.field(), light.integrator.lookups(gradients.table.is_some()));
+    let (field, lookups) = (renderer.integrator.field(), renderer.integrator.lookups(gradients.table.is_some()));
     let count = partition_count(field, &lookups, targets, gradients.voxels.is_some());
     let Gradients { voxels, table, cameras, step, cancel } = gradients;
     let views: Vec<&Camera> = targets.iter().map(|t| &t.camera).collect();
@@ -109,7 +109,7 @@ pub fn gradient<I: Differentiable<Real = f32>>(
                 new.iter().for_each(|brick| approach(&mut voxels[*brick as usize * BRICK..][..BRICK], *number > 0));
             }
             Run {
-                light,
+                renderer,
                 target: targets[*picture],
                 number: *picture,
                 tiles: &parts.pictures[*picture],
@@ -136,7 +136,7 @@ pub fn gradient<I: Differentiable<Real = f32>>(
         (loss, shared) = (loss + own.loss, shared.plus(&own.shared));
         voxels.extend(own.voxels);
     }
-    merge(&mut voxels, &parts.seen_by);
+    merge(&mut voxels, &parts.crossed_by);
     (loss, shared)
 }
 
@@ -174,12 +174,12 @@ impl<V: Voxel, T: Default> Workspace<V, T> {
     }
 }
 
-/// Adds the voxel gradients of all partitions to that of the first, in their order; `seen_by` tells of each brick which
+/// Adds the voxel gradients of all partitions to that of the first, in their order; `crossed_by` tells of each brick which
 /// partitions have rays through it.
-fn merge<V: Voxel>(voxels: &mut [&mut [V]], seen_by: &[Partitions]) {
+fn merge<V: Voxel>(voxels: &mut [&mut [V]], crossed_by: &[Partitions]) {
     let Some((total, others)) = voxels.split_first_mut() else { return };
-    total.par_chunks_mut(BRICK).zip(seen_by).enumerate().for_each(|(i, (total, seen_by))| {
-        for (_, own) in others.iter().enumerate().filter(|(partition, _)| seen_by & 2 << partition != 0) {
+    total.par_chunks_mut(BRICK).zip(crossed_by).enumerate().for_each(|(i, (total, crossed_by))| {
+        for (_, own) in others.iter().enumerate().filter(|(partition, _)| crossed_by & 2 << partition != 0) {
             for (t, v) in total.iter_mut().zip(&own[i * BRICK..]) {
                 *t += *v;
             }
@@ -201,7 +201,7 @@ fn approach<V: Voxel>(brick: &mut [V], own: bool) {
 
 /// Pass over the pixels of one view, for one partition.
 struct Run<'a, 'v, I: Differentiable> {
-    light: &'a Composited<I>,
+    renderer: &'a Composited<I>,
     target: &'a Target,
     /// Number of the target.
     number: usize,
@@ -214,21 +214,22 @@ struct Run<'a, 'v, I: Differentiable> {
 
 impl<I: Differentiable<Real = f32>> Run<'_, '_, I> {
     /// Computes radiance and gradient of the ray through an image position.
-    fn ray(&mut self, [x, y]: [f64; 2], slope: composited::PixelLoss<'_, f32>) {
-        let mut moved = RayGradient::default();
+    fn ray(&mut self, [x, y]: [f64; 2], loss: composited::PixelLoss<'_, f32>) {
+        let mut ray_gradient = RayGradient::default();
         let own = &mut *self.sums;
-        let follow = own.cameras.is_some();
+        let with_camera = own.cameras.is_some();
         let to = differentiable::Accumulators {
             voxels: own.voxels.as_deref_mut(),
             table: own.table.as_mut(),
-            ray: follow.then_some(&mut moved),
+            ray: with_camera.then_some(&mut ray_gradient),
             shared: &mut own.shared,
         };
         let camera = &self.target.camera;
-        self.light.vjp(&camera.ray(x, y), slope, self.adjoint, to, self.tape);
+        self.renderer.vjp(&camera.ray(x, y), loss, self.adjoint, to, self.tape);
         if let Some(cameras) = &mut own.cameras {
-            cameras[self.number] = cameras[self.number].plus(&camera.gradient(x, y, moved.origin, moved.direction));
-            own.step += moved.step;
+            cameras[self.number] =
+                cameras[self.number].plus(&camera.gradient(x, y, ray_gradient.origin, ray_gradient.direction));
+            own.step += ray_gradient.step;
         }
     }
 
@@ -242,26 +243,26 @@ impl<I: Differentiable<Real = f32>> Run<'_, '_, I> {
         // All at once: far memory is waited for once, not at every ray.
         let mut all = vec![[f32::NAN; 4]; edge * edge];
         let across = edge.min(width.saturating_sub(left));
-        for (row, wanted) in rgba.chunks(width).skip(top).zip(all.chunks_mut(edge)).filter(|_| across > 0) {
-            wanted[..across].copy_from_slice(&row[left..left + across]);
+        for (row, target) in rgba.chunks(width).skip(top).zip(all.chunks_mut(edge)).filter(|_| across > 0) {
+            target[..across].copy_from_slice(&row[left..left + across]);
         }
         for [x, y] in self.tiles.pixels(tile) {
-            let wanted = &all[(y - top) * edge + x - left];
-            if wanted.iter().any(|v| !v.is_finite()) {
+            let target = &all[(y - top) * edge + x - left];
+            if target.iter().any(|v| !v.is_finite()) {
                 continue;
             }
-            let mut loss = |seen: &[f32; 4]| {
-                let (value, slope) = loss(seen, wanted);
+            let mut loss = |rendered: &[f32; 4]| {
+                let (value, cotangent) = loss(rendered, target);
                 sum += value;
-                slope
+                cotangent
             };
             if rays.count() == 1 {
-                self.ray(rays.position([x, y], 0), &mut |seen| loss(&seen.rgba()));
+                self.ray(rays.position([x, y], 0), &mut |rendered| loss(&rendered.rgba()));
                 continue;
             }
-            let mean = pixel(self.light, camera, rays, [x, y], self.tape);
-            let slope = loss(&mean).map(|g| share * g);
-            rays.positions([x, y]).for_each(|position| self.ray(position, &mut |_| slope));
+            let mean = pixel(self.renderer, camera, rays, [x, y], self.tape);
+            let cotangent = loss(&mean).map(|g| share * g);
+            rays.positions([x, y]).for_each(|position| self.ray(position, &mut |_| cotangent));
         }
         self.sums.loss += sum;
     }
@@ -291,16 +292,16 @@ pub fn partitions<V: Voxel>(field: &Bricks<V>, lookups: f64, apart: bool) -> usi
 
 /// Returns the sum of squared differences of the colors over all pixels that are finite; infinite once the work is
 /// cancelled.
-pub fn error(light: &Composited<impl Differentiable<Real = f32>>, targets: &[&Target], cancel: Cancel) -> f64 {
+pub fn error(renderer: &Composited<impl Differentiable<Real = f32>>, targets: &[&Target], cancel: Cancel) -> f64 {
     let never = std::sync::atomic::AtomicBool::new(false);
     let flag = cancel.flag().unwrap_or(&never);
-    let of = |t: &&Target| -> f64 {
-        let Some(film) = crate::render::picture(light, &t.camera, t.rays_per_edge, flag) else {
+    let squared_error = |t: &&Target| -> f64 {
+        let Some(film) = crate::render::picture(renderer, &t.camera, t.rays_per_edge, flag) else {
             return f64::INFINITY;
         };
         let square = |(a, b): (&[f32; 4], &[f32; 4])| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>();
-        let asked = film.rgba.iter().zip(&t.rgba).filter(|(_, wanted)| wanted.iter().all(|v| v.is_finite()));
-        asked.map(square).sum()
+        let compared = film.rgba.iter().zip(&t.rgba).filter(|(_, target)| target.iter().all(|v| v.is_finite()));
+        compared.map(square).sum()
     };
-    targets.iter().map(of).sum()
+    targets.iter().map(squared_error).sum()
 }

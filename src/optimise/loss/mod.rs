@@ -68,74 +68,75 @@ impl Loss {
     }
 
     /// Returns value and derivatives of one pixel, before the mean over pixels; zero for global losses.
-    pub fn pixel(&self, seen: &Rgba, wanted: &Rgba) -> (f64, Rgba) {
+    pub fn pixel(&self, rendered: &Rgba, target: &Rgba) -> (f64, Rgba) {
         let by_color = |f: &dyn Fn(f64) -> (f64, f64)| {
-            let (mut sum, mut slope) = (0.0, [0.0; 4]);
+            let (mut sum, mut derivative) = (0.0, [0.0; 4]);
             for c in 0..3 {
-                let (value, by) = f(seen[c] - wanted[c]);
+                let (value, by) = f(rendered[c] - target[c]);
                 sum += value / 3.0;
-                slope[c] = by / 3.0;
+                derivative[c] = by / 3.0;
             }
-            (sum, slope)
+            (sum, derivative)
         };
         match *self {
-            // At zero any slope from -1 to 1 is one; zero asks for nothing.
+            // At zero every number from -1 to 1 is a subgradient; zero asks for nothing.
             Self::L1 => by_color(&|r| (r.abs(), if r == 0.0 { 0.0 } else { r.signum() })),
             Self::L2 => by_color(&|r| (r * r, 2.0 * r)),
             Self::Huber { delta } => by_color(&|r| {
                 if r.abs() <= delta { (0.5 * r * r, r) } else { (delta * (r.abs() - 0.5 * delta), delta * r.signum()) }
             }),
             Self::LogTransmittance { floor } => {
-                let open = 1.0 - seen[3];
-                let off = (open.max(floor) / (1.0 - wanted[3]).max(floor)).ln();
-                let slope = if open > floor { -2.0 * off / open } else { 0.0 };
-                (off * off, [0.0, 0.0, 0.0, slope])
+                let transmittance = 1.0 - rendered[3];
+                let off = (transmittance.max(floor) / (1.0 - target[3]).max(floor)).ln();
+                let derivative = if transmittance > floor { -2.0 * off / transmittance } else { 0.0 };
+                (off * off, [0.0, 0.0, 0.0, derivative])
             }
-            Self::Mean => ((seen[0] + seen[1] + seen[2]) / 3.0, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, 0.0]),
+            Self::Mean => ((rendered[0] + rendered[1] + rendered[2]) / 3.0, [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, 0.0]),
             Self::OpacityEntropy | Self::Dissimilarity { .. } => (0.0, [0.0; 4]),
         }
     }
 
     /// Returns value and derivatives of a picture with rows of `width` pixels. Pixels that are not finite in either
     /// picture are ignored; they count as equal where windows contain them.
-    pub fn picture(&self, seen: &[Rgba], wanted: Option<&[Rgba]>, width: usize) -> (f64, Vec<Rgba>) {
+    pub fn picture(&self, rendered: &[Rgba], target: Option<&[Rgba]>, width: usize) -> (f64, Vec<Rgba>) {
         let black = [0.0; 4];
-        let wanted_at = |i: usize| wanted.map_or(&black, |w| &w[i]);
-        let asked = |i: usize| seen[i].iter().chain(wanted_at(i)).all(|v| v.is_finite());
+        let target_at = |i: usize| target.map_or(&black, |t| &t[i]);
+        let compared = |i: usize| rendered[i].iter().chain(target_at(i)).all(|v| v.is_finite());
         match self {
             Self::OpacityEntropy => {
-                let alpha: Vec<f64> = (0..seen.len()).map(|i| if asked(i) { seen[i][3] } else { 0.0 }).collect();
-                let (value, slope) = entropy(&alpha, (0..seen.len()).filter(|i| asked(*i)).count());
-                (value, slope.into_iter().map(|s| [0.0, 0.0, 0.0, s]).collect())
+                let alpha: Vec<f64> =
+                    (0..rendered.len()).map(|i| if compared(i) { rendered[i][3] } else { 0.0 }).collect();
+                let (value, derivatives) = entropy(&alpha, (0..rendered.len()).filter(|i| compared(*i)).count());
+                (value, derivatives.into_iter().map(|s| [0.0, 0.0, 0.0, s]).collect())
             }
             Self::Dissimilarity { peak } => {
-                let (mut value, mut slopes) = (0.0, vec![[0.0; 4]; seen.len()]);
+                let (mut value, mut derivatives) = (0.0, vec![[0.0; 4]; rendered.len()]);
                 for c in 0..3 {
                     let plane = |p: &dyn Fn(usize) -> f64| -> Vec<f64> {
-                        (0..seen.len()).map(|i| if asked(i) { p(i) } else { 0.0 }).collect()
+                        (0..rendered.len()).map(|i| if compared(i) { p(i) } else { 0.0 }).collect()
                     };
-                    let (a, b) = (plane(&|i| seen[i][c]), plane(&|i| wanted_at(i)[c]));
-                    let (similarity, slope) = ssim::gradient(&a, &b, width, *peak);
+                    let (a, b) = (plane(&|i| rendered[i][c]), plane(&|i| target_at(i)[c]));
+                    let (similarity, gradient) = ssim::gradient(&a, &b, width, *peak);
                     value += (1.0 - similarity) / 3.0;
-                    for i in (0..seen.len()).filter(|i| asked(*i)) {
-                        slopes[i][c] = -slope[i] / 3.0;
+                    for i in (0..rendered.len()).filter(|i| compared(*i)) {
+                        derivatives[i][c] = -gradient[i] / 3.0;
                     }
                 }
-                (value, slopes)
+                (value, derivatives)
             }
             _ => {
-                let share = 1.0 / (0..seen.len()).filter(|i| asked(*i)).count().max(1) as f64;
+                let share = 1.0 / (0..rendered.len()).filter(|i| compared(*i)).count().max(1) as f64;
                 let mut sum = 0.0;
-                let slopes = seen.iter().enumerate().map(|(i, pixel)| {
-                    if !asked(i) {
+                let derivatives = rendered.iter().enumerate().map(|(i, pixel)| {
+                    if !compared(i) {
                         return [0.0; 4];
                     }
-                    let (value, slope) = self.pixel(pixel, wanted_at(i));
+                    let (value, derivative) = self.pixel(pixel, target_at(i));
                     sum += value;
-                    slope.map(|s| share * s)
+                    derivative.map(|s| share * s)
                 });
-                let slopes = slopes.collect();
-                (share * sum, slopes)
+                let derivatives = derivatives.collect();
+                (share * sum, derivatives)
             }
         }
     }
@@ -151,8 +152,8 @@ fn entropy(alpha: &[f64], count: usize) -> (f64, Vec<f64>) {
     }
     let mean = alpha.iter().filter(|a| **a > 0.0).map(|a| a * a.ln()).sum::<f64>() / sum;
     let most = (count as f64).ln();
-    let slope = |a: &f64| if *a > 0.0 { (mean - a.ln()) / (sum * most) } else { 0.0 };
-    ((sum.ln() - mean) / most, alpha.iter().map(slope).collect())
+    let derivative = |a: &f64| if *a > 0.0 { (mean - a.ln()) / (sum * most) } else { 0.0 };
+    ((sum.ln() - mean) / most, alpha.iter().map(derivative).collect())
 }
 
 #[cfg(test)]
@@ -179,21 +180,24 @@ mod tests {
     #[test]
     fn derivatives_match_central_differences() {
         for (width, height) in [(5, 4), (16, 13)] {
-            let (seen, wanted) = pictures(width, height);
+            let (rendered, target) = pictures(width, height);
             for loss in LOSSES {
-                let (_, slopes) = loss.picture(&seen, Some(&wanted), width);
-                let largest = slopes.iter().flatten().fold(0.0_f64, |m, s| m.max(s.abs()));
+                let (_, derivatives) = loss.picture(&rendered, Some(&target), width);
+                let largest = derivatives.iter().flatten().fold(0.0_f64, |m, s| m.max(s.abs()));
                 assert!(largest > 0.0, "{loss:?}");
-                for (i, slope) in slopes.iter().enumerate().step_by(7) {
+                for (i, derivative) in derivatives.iter().enumerate().step_by(7) {
                     for c in 0..4 {
                         let at = |h: f64| {
-                            let mut moved = seen.clone();
-                            moved[i][c] += h;
-                            loss.picture(&moved, Some(&wanted), width).0
+                            let mut perturbed = rendered.clone();
+                            perturbed[i][c] += h;
+                            loss.picture(&perturbed, Some(&target), width).0
                         };
                         let expected = (at(1e-5) - at(-1e-5)) / 2e-5;
-                        // h² f''' and 1e-16 / h; slopes are of order 1 / pixels.
-                        assert!((slope[c] - expected).abs() < 1e-6 * largest, "{loss:?} {i} {c} {slope:?} {expected}");
+                        // h² f''' and 1e-16 / h; derivatives are of order 1 / pixels.
+                        assert!(
+                            (derivative[c] - expected).abs() < 1e-6 * largest,
+                            "{loss:?} {i} {c} {derivative:?} {expected}"
+                        );
                     }
                 }
             }
@@ -203,30 +207,30 @@ mod tests {
     /// A local loss is the mean of its pixels.
     #[test]
     fn local_losses_add_up() {
-        let (seen, wanted) = pictures(6, 5);
+        let (rendered, target) = pictures(6, 5);
         for loss in LOSSES.into_iter().filter(|l| l.reach() == Reach::Local) {
-            let mean = seen.iter().zip(&wanted).map(|(a, b)| loss.pixel(a, b).0).sum::<f64>() / 30.0;
-            assert!((loss.picture(&seen, Some(&wanted), 6).0 - mean).abs() < 1e-14, "{loss:?}");
+            let mean = rendered.iter().zip(&target).map(|(a, b)| loss.pixel(a, b).0).sum::<f64>() / 30.0;
+            assert!((loss.picture(&rendered, Some(&target), 6).0 - mean).abs() < 1e-14, "{loss:?}");
         }
     }
 
     #[test]
     fn equal_pictures_ask_for_nothing() {
-        let (seen, _) = pictures(12, 12);
+        let (rendered, _) = pictures(12, 12);
         for loss in LOSSES.into_iter().filter(Loss::compares) {
-            let (value, slopes) = loss.picture(&seen, Some(&seen), 12);
+            let (value, derivatives) = loss.picture(&rendered, Some(&rendered), 12);
             assert!(value.abs() < 1e-14, "{loss:?} {value}");
-            // A maximum of the similarity: its slope is the rounding of terms of order 1.
-            assert!(slopes.iter().flatten().all(|s| s.abs() < 1e-13), "{loss:?}");
+            // A maximum of the similarity: its derivative is the rounding of terms of order 1.
+            assert!(derivatives.iter().flatten().all(|s| s.abs() < 1e-13), "{loss:?}");
         }
     }
 
     #[test]
     fn blank_pictures_have_no_entropy() {
         for alpha in [0.0, 1e-13] {
-            let (value, slopes) = Loss::OpacityEntropy.picture(&[[0.5, 0.5, 0.5, alpha]; 20], None, 5);
+            let (value, derivatives) = Loss::OpacityEntropy.picture(&[[0.5, 0.5, 0.5, alpha]; 20], None, 5);
             assert_eq!(value, 0.0);
-            assert!(slopes.iter().flatten().all(|s| *s == 0.0));
+            assert!(derivatives.iter().flatten().all(|s| *s == 0.0));
         }
         assert_eq!(Loss::OpacityEntropy.picture(&[[1.0; 4]], None, 1).0, 0.0, "one pixel");
         assert_eq!(Loss::OpacityEntropy.picture(&[], None, 1).0, 0.0, "none");
@@ -234,32 +238,32 @@ mod tests {
 
     #[test]
     fn equal_alphas_have_all_the_entropy_and_one_pixel_none() {
-        let (value, slopes) = Loss::OpacityEntropy.picture(&[[0.0, 0.0, 0.0, 0.3]; 16], None, 4);
+        let (value, derivatives) = Loss::OpacityEntropy.picture(&[[0.0, 0.0, 0.0, 0.3]; 16], None, 4);
         assert!((value - 1.0).abs() < 1e-15);
-        assert!(slopes.iter().flatten().all(|s| s.abs() < 1e-15), "it is the maximum");
+        assert!(derivatives.iter().flatten().all(|s| s.abs() < 1e-15), "it is the maximum");
         let mut one = vec![[0.0; 4]; 16];
         one[3][3] = 0.7;
-        let (value, slopes) = Loss::OpacityEntropy.picture(&one, None, 4);
-        assert!(value.abs() < 1e-15 && slopes.iter().flatten().all(|s| s.is_finite()));
+        let (value, derivatives) = Loss::OpacityEntropy.picture(&one, None, 4);
+        assert!(value.abs() < 1e-15 && derivatives.iter().flatten().all(|s| s.is_finite()));
     }
 
     #[test]
     fn what_is_not_finite_asks_for_nothing() {
-        let (mut seen, mut wanted) = pictures(12, 12);
-        wanted[5] = [f64::NAN; 4];
-        seen[7][3] = f64::INFINITY;
+        let (mut rendered, mut target) = pictures(12, 12);
+        target[5] = [f64::NAN; 4];
+        rendered[7][3] = f64::INFINITY;
         for loss in LOSSES {
-            let (value, slopes) = loss.picture(&seen, Some(&wanted), 12);
-            assert!(value.is_finite() && slopes.iter().flatten().all(|s| s.is_finite()), "{loss:?}");
-            assert_eq!((slopes[5], slopes[7]), ([0.0; 4], [0.0; 4]), "{loss:?}");
+            let (value, derivatives) = loss.picture(&rendered, Some(&target), 12);
+            assert!(value.is_finite() && derivatives.iter().flatten().all(|s| s.is_finite()), "{loss:?}");
+            assert_eq!((derivatives[5], derivatives[7]), ([0.0; 4], [0.0; 4]), "{loss:?}");
         }
     }
 
     #[test]
     fn beneath_the_floor_nothing_pulls() {
         let loss = Loss::LogTransmittance { floor: 1e-3 };
-        let (value, slope) = loss.pixel(&[0.0, 0.0, 0.0, 1.0], &[0.0, 0.0, 0.0, 0.5]);
+        let (value, derivative) = loss.pixel(&[0.0, 0.0, 0.0, 1.0], &[0.0, 0.0, 0.0, 0.5]);
         assert!((value - 500.0_f64.ln().powi(2)).abs() < 1e-12);
-        assert_eq!(slope, [0.0; 4]);
+        assert_eq!(derivative, [0.0; 4]);
     }
 }

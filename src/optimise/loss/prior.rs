@@ -114,18 +114,18 @@ impl TransferPrior {
             Self::SmoothColors => 3,
         };
         let share = 1.0 / (channels * values.len().saturating_sub(1).max(1)) as f64;
-        let (mut value, mut slopes) = (0.0, vec![[0.0; 4]; values.len()]);
+        let (mut value, mut derivatives) = (0.0, vec![[0.0; 4]; values.len()]);
         for (i, pair) in values.windows(2).enumerate() {
             for c in 0..channels {
                 let unit = if c == 3 { unit } else { 1.0 };
                 let difference = (pair[1][c] - pair[0][c]) / unit;
                 value += share * difference * difference;
-                let slope = 2.0 * share * difference / unit;
-                slopes[i][c] -= slope;
-                slopes[i + 1][c] += slope;
+                let derivative = 2.0 * share * difference / unit;
+                derivatives[i][c] -= derivative;
+                derivatives[i + 1][c] += derivative;
             }
         }
-        (value, slopes)
+        (value, derivatives)
     }
 
     /// Returns the prior on a transfer function, and its derivatives with respect to the function's
@@ -136,13 +136,13 @@ impl TransferPrior {
     pub fn of_transfer(self, transfer: &Transfer, unit: f64) -> Result<(f64, Vec<f64>)> {
         Ok(match transfer {
             Transfer::Texture { texels, .. } => {
-                let (value, slopes) = self.of(texels, unit);
-                (value, slopes.into_iter().flatten().collect())
+                let (value, derivatives) = self.of(texels, unit);
+                (value, derivatives.into_iter().flatten().collect())
             }
             Transfer::Piecewise { points } => {
                 let values: Vec<Rgbs> = points.iter().map(|[_, r, g, b, s]| [*r, *g, *b, *s]).collect();
-                let (value, slopes) = self.of(&values, unit);
-                (value, slopes.into_iter().flat_map(|[r, g, b, s]| [0.0, r, g, b, s]).collect())
+                let (value, derivatives) = self.of(&values, unit);
+                (value, derivatives.into_iter().flat_map(|[r, g, b, s]| [0.0, r, g, b, s]).collect())
             }
             Transfer::Gaussians { .. } | Transfer::Identity { .. } => {
                 return Err(Error::unsupported("a smoothness prior needs a transfer function of texels or points")
@@ -223,9 +223,9 @@ mod tests {
             // Corners, faces between bricks and beyond them, the inside.
             for i in [0, 7, 63, 73, 448, 511, 512, 575, 700, 1023, 1024, 1100, 1535] {
                 let at = |h: f64| {
-                    let mut moved = x.clone();
-                    moved[i] += h;
-                    value(&moved)
+                    let mut perturbed = x.clone();
+                    perturbed[i] += h;
+                    value(&perturbed)
                 };
                 let expected = (at(1e-5) - at(-1e-5)) / 2e-5;
                 assert!((gradient[i] - expected).abs() < 1e-9, "{prior:?} {i} {} {expected}", gradient[i]);
@@ -261,15 +261,15 @@ mod tests {
         for transfer in [Transfer::Texture { domain: [0.0, 1.0], texels }, Transfer::Piecewise { points }] {
             let parameters: Vec<f64> = transfer.parameters().iter().map(|p| p.1).collect();
             for prior in [TransferPrior::Smooth, TransferPrior::SmoothColors] {
-                let (_, slopes) = prior.of_transfer(&transfer, 3.0).unwrap();
+                let (_, derivatives) = prior.of_transfer(&transfer, 3.0).unwrap();
                 for i in 0..parameters.len() {
                     let at = |h: f64| {
-                        let mut moved = parameters.clone();
-                        moved[i] += h;
-                        prior.of_transfer(&transfer.with_parameters(&moved), 3.0).unwrap().0
+                        let mut perturbed = parameters.clone();
+                        perturbed[i] += h;
+                        prior.of_transfer(&transfer.with_parameters(&perturbed), 3.0).unwrap().0
                     };
                     let expected = (at(1e-5) - at(-1e-5)) / 2e-5;
-                    assert!((slopes[i] - expected).abs() < 1e-9, "{prior:?} {i} {} {expected}", slopes[i]);
+                    assert!((derivatives[i] - expected).abs() < 1e-9, "{prior:?} {i} {} {expected}", derivatives[i]);
                 }
             }
         }
@@ -284,8 +284,8 @@ mod tests {
         let texels = [[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 4.0], [1.0, 0.5, 0.0, 4.0]];
         let (all, _) = TransferPrior::Smooth.of(&texels, 2.0);
         assert!((all - (1.0 + 4.0 + 0.25) / 8.0).abs() < 1e-15);
-        let (colors, slopes) = TransferPrior::SmoothColors.of(&texels, 2.0);
-        assert!((colors - 1.25 / 6.0).abs() < 1e-15 && slopes.iter().all(|s| s[3] == 0.0));
+        let (colors, derivatives) = TransferPrior::SmoothColors.of(&texels, 2.0);
+        assert!((colors - 1.25 / 6.0).abs() < 1e-15 && derivatives.iter().all(|s| s[3] == 0.0));
         assert_eq!(TransferPrior::Smooth.of(&texels[..1], 2.0), (0.0, vec![[0.0; 4]]));
     }
 

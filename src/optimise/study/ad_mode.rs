@@ -1,7 +1,7 @@
 //! The choice of the differentiation mode: forward for few parameters, reverse for many. How the backward pass gets at
 //! its samples follows from the loss.
 //!
-//! Measured in units of the backward way, one thread, 256² pixels of the plume (`cumulo gradient`): where the
+//! Measured in units of the backward pass, one thread, 256² pixels of the plume (`cumulo gradient`): where the
 //! source varies, forward takes 1.0 for one parameter and 1.4 for four under a local loss; 0.7 for one, 1.0 for
 //! four and 2.1 for ten under a global one, as it need not walk again. Where light depends on the optical depth
 //! alone, a ray has one derivative for all its voxels, and forward takes 1 (the step) to 4.
@@ -61,7 +61,7 @@ impl Task {
 }
 
 impl Choice {
-    /// Chooses; an adjoint that is asked for by name is taken.
+    /// Chooses; an adjoint that is requested by name is taken.
     pub fn new(task: Task, mode: Mode, adjoint: Option<Adjoint>) -> Self {
         let (count, few) = (task.parameters, task.few());
         let parameters = if count == 1 { "1 parameter".to_owned() } else { format!("{count} parameters") };
@@ -82,7 +82,7 @@ impl Choice {
             _ => "backward as asked".to_owned(),
         };
         let (chosen, samples) = match (adjoint, task.reach) {
-            (Some(asked), _) => (asked, "samples as asked"),
+            (Some(requested), _) => (requested, "samples as asked"),
             (None, Reach::Local) => {
                 (Adjoint::Tape, "the loss is a mean over pixels: each ray is seen and gone back on its tape")
             }
@@ -114,8 +114,8 @@ mod tests {
             assert_eq!(plan(parameters, reach, depth_alone, Mode::Auto, None).mode, expected, "{parameters} {reach:?}");
             // Who names a mode or an adjoint gets it.
             assert_eq!(plan(parameters, reach, depth_alone, Mode::Forward, None).mode, AdMode::Forward);
-            let way = plan(parameters, reach, depth_alone, Mode::Auto, Some(Adjoint::Inversion)).mode;
-            assert_eq!(way, AdMode::Reverse(Adjoint::Inversion));
+            let mode = plan(parameters, reach, depth_alone, Mode::Auto, Some(Adjoint::Inversion)).mode;
+            assert_eq!(mode, AdMode::Reverse(Adjoint::Inversion));
         }
         assert!(plan(26, Reach::Global, false, Mode::Auto, None).reason.contains("26 parameters, more than 6"));
         assert!(plan(26, Reach::Local, true, Mode::Auto, None).reason.contains("optical depth alone"));

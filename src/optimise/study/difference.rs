@@ -50,7 +50,7 @@ impl<V: Subject<Double = V>> Study<V> {
     /// bend sharply (the entropy, where a pixel is all but clear).
     ///
     /// # Errors
-    /// As [`Subject::light`].
+    /// As [`Subject::renderer`].
     pub fn difference(&mut self, parameter: Parameter) -> Result<Quotient> {
         let (mut h, side) = self.reach(parameter)?;
         // Quotients are good to this over their step: where they are little more, two agree by chance.

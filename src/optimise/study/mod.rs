@@ -1,4 +1,4 @@
-//! A scene and a loss whose gradient is looked at parameter by parameter; [`difference`]
+//! A scene and a loss whose gradient is computed parameter by parameter; [`difference`]
 //! checks it.
 
 pub mod ad_mode;
@@ -33,26 +33,26 @@ pub struct Study<V> {
     pub priors: Vec<Weighted<Prior>>,
     /// What these count in.
     pub units: Units,
-    /// What the pictures should show, one a camera, or none.
-    pub wanted: Vec<Vec<Rgba>>,
+    /// Target pictures, row-major, one per camera; none for losses that compare with nothing.
+    pub targets: Vec<Vec<Rgba>>,
     /// A pixel is the mean over the square of so many rays.
     pub rays_per_edge: usize,
 }
 
-/// Derivatives by parameter.
+/// Value of a loss, and its derivatives by parameter.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Found {
+pub struct StudyGradient {
     /// The loss.
     pub value: f64,
     /// In the order of the parameters.
     pub derivatives: Vec<f64>,
-    /// By owned voxel, 512 a brick, and in each by the channels that were asked for.
+    /// By owned voxel, 512 a brick, and in each by the requested channels.
     pub by_voxel: Vec<f64>,
 }
 
 /// Priors with their derivatives.
 #[derive(Debug, Default)]
-struct Asked {
+struct PriorGradient {
     value: f64,
     by_transfer: Vec<f64>,
     by_density: Vec<f64>,
@@ -64,7 +64,7 @@ impl<V: Subject> Study<V> {
         Objective {
             loss: self.loss,
             cameras: &self.setting.cameras,
-            wanted: &self.wanted,
+            targets: &self.targets,
             rays_per_edge: self.rays_per_edge,
         }
     }
@@ -77,14 +77,14 @@ impl<V: Subject> Study<V> {
     /// The loss, with its priors.
     ///
     /// # Errors
-    /// As [`Subject::light`], and if a prior does not suit the transfer function.
+    /// As [`Subject::renderer`], and if a prior does not suit the transfer function.
     pub fn value(&self) -> Result<f64> {
-        Ok(self.objective().value(&V::light(&self.field, &self.setting)?) + self.asked()?.value)
+        Ok(self.objective().value(&V::renderer(&self.field, &self.setting)?) + self.prior_gradient()?.value)
     }
 
-    /// The priors, by parameter of the transfer function and by owned voxel's density; empty where nothing is asked.
-    fn asked(&self) -> Result<Asked> {
-        let mut all = Asked::default();
+    /// The priors, by parameter of the transfer function and by owned voxel's density; empty without priors on them.
+    fn prior_gradient(&self) -> Result<PriorGradient> {
+        let mut all = PriorGradient::default();
         for Weighted { prior, weight } in &self.priors {
             match (prior, &self.setting.transfer) {
                 (Prior::Volume(prior), _) => {
@@ -115,56 +115,57 @@ impl<V: Subject> Study<V> {
     /// The loss and its derivatives by the parameters, and by these channels of all voxels.
     ///
     /// # Errors
-    /// As [`Subject::light`].
-    pub fn gradient(&self, way: AdMode, parameters: &[Parameter], channels: &[usize]) -> Result<Found> {
-        let (mut found, asked) = (self.of_pictures(way, parameters, channels)?, self.asked()?);
-        found.value += asked.value;
-        for (derivative, parameter) in found.derivatives.iter_mut().zip(parameters) {
+    /// As [`Subject::renderer`].
+    pub fn gradient(&self, mode: AdMode, parameters: &[Parameter], channels: &[usize]) -> Result<StudyGradient> {
+        let (mut gradient, prior_gradient) = (self.of_pictures(mode, parameters, channels)?, self.prior_gradient()?);
+        gradient.value += prior_gradient.value;
+        for (derivative, parameter) in gradient.derivatives.iter_mut().zip(parameters) {
             *derivative += match parameter {
-                Parameter::Transfer(i) => asked.by_transfer.get(*i).copied().unwrap_or(0.0),
+                Parameter::Transfer(i) => prior_gradient.by_transfer.get(*i).copied().unwrap_or(0.0),
                 Parameter::Voxel { voxel, channel } if *channel == depth_channel::<V>() => {
-                    asked.by_density.get(*voxel).copied().unwrap_or(0.0)
+                    prior_gradient.by_density.get(*voxel).copied().unwrap_or(0.0)
                 }
                 _ => 0.0,
             };
         }
         if let Some(at) = channels.iter().position(|c| *c == depth_channel::<V>()) {
-            let densities = found.by_voxel.iter_mut().skip(at).step_by(channels.len());
-            densities.zip(asked.by_density).for_each(|(sum, by)| *sum += by);
+            let densities = gradient.by_voxel.iter_mut().skip(at).step_by(channels.len());
+            densities.zip(prior_gradient.by_density).for_each(|(sum, by)| *sum += by);
         }
-        Ok(found)
+        Ok(gradient)
     }
 
-    fn of_pictures(&self, way: AdMode, parameters: &[Parameter], channels: &[usize]) -> Result<Found> {
-        let (light, transfer) = (V::light(&self.field, &self.setting)?, self.setting.transfer.as_ref());
+    fn of_pictures(&self, mode: AdMode, parameters: &[Parameter], channels: &[usize]) -> Result<StudyGradient> {
+        let (renderer, transfer) = (V::renderer(&self.field, &self.setting)?, self.setting.transfer.as_ref());
         let objective = self.objective();
         let topology = &self.field.topology;
-        match way {
+        match mode {
             AdMode::Reverse(adjoint) => {
                 let knots = transfer.map(|t| Ok::<_, Error>(t.table()?.knots().len())).transpose()?;
-                let by = parameter::by(parameters, !channels.is_empty(), knots);
-                let found = objective.adjoint(&light, adjoint, by);
-                let has_table = !found.table.pieces.is_empty();
-                let by_transfer = transfer.filter(|_| has_table).map_or(Ok(Vec::new()), |t| t.chain(&found.table))?;
+                let active = parameter::active_parameters(parameters, !channels.is_empty(), knots);
+                let gradient = objective.adjoint(&renderer, adjoint, active);
+                let has_table = !gradient.table.pieces.is_empty();
+                let by_transfer =
+                    transfer.filter(|_| has_table).map_or(Ok(Vec::new()), |t| t.chain(&gradient.table))?;
                 let by_voxel = if channels.is_empty() {
                     Vec::new()
                 } else {
-                    let stored: Vec<V::Double> = found.voxels.iter().map(|v| v.double()).collect();
+                    let stored: Vec<V::Double> = gradient.voxels.iter().map(|v| v.double()).collect();
                     let mut owned = vec![V::Double::default(); self.voxels()];
                     topology.gather_apron(&stored, &mut owned);
                     owned.into_iter().flat_map(|v| channels.iter().map(move |c| v.channel(*c))).collect()
                 };
-                let of = |p: &Parameter| parameter::derivative(&found, topology, &by_transfer, *p);
-                Ok(Found { value: found.value, derivatives: parameters.iter().map(of).collect(), by_voxel })
+                let of = |p: &Parameter| parameter::derivative(&gradient, topology, &by_transfer, *p);
+                Ok(StudyGradient { value: gradient.value, derivatives: parameters.iter().map(of).collect(), by_voxel })
             }
             AdMode::Forward => {
                 let voxel = |voxel| channels.iter().map(move |channel| Parameter::Voxel { voxel, channel: *channel });
                 let all = parameters.iter().copied().chain((0..self.voxels()).flat_map(voxel));
                 let directions: Vec<_> =
                     all.map(|p| parameter::direction(p, &self.field, transfer)).collect::<Result<_>>()?;
-                let (value, mut derivatives) = objective.tangent(&light, &directions);
+                let (value, mut derivatives) = objective.tangent(&renderer, &directions);
                 let by_voxel = derivatives.split_off(parameters.len());
-                Ok(Found { value, derivatives, by_voxel })
+                Ok(StudyGradient { value, derivatives, by_voxel })
             }
         }
     }

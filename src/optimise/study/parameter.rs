@@ -1,6 +1,6 @@
 //! Parameters by name: what a study of gradients differentiates by, one at a time.
 
-use crate::optimise::gradient::objective::{By, Direction, Gradient};
+use crate::optimise::gradient::objective::{ActiveParameters, Direction, Gradient};
 use crate::optimise::study::subject::Subject;
 use crate::render::differentiable::ParameterGradient;
 use crate::scene::bricks::{Bricks, Topology};
@@ -83,10 +83,10 @@ pub fn coordinates(topology: &Topology, voxel: usize) -> IVec3 {
     8 * topology.bricks()[voxel / LEAF_VOXELS] + IVec3::new(i >> 6, i >> 3 & 7, i & 7)
 }
 
-/// What a gradient must be asked for so that it holds these, and all voxels if they are asked for.
-pub fn by(parameters: &[Parameter], voxels: bool, knots: Option<usize>) -> By {
+/// Parameters that a gradient must hold for these derivatives, and all voxels if `voxels` is true.
+pub fn active_parameters(parameters: &[Parameter], voxels: bool, knots: Option<usize>) -> ActiveParameters {
     let any = |f: fn(&Parameter) -> bool| parameters.iter().any(f);
-    By {
+    ActiveParameters {
         voxels: voxels || any(|p| matches!(p, Parameter::Voxel { .. })),
         knots: knots.filter(|_| any(|p| matches!(p, Parameter::Transfer(_)))),
         rays: any(|p| matches!(p, Parameter::Camera { .. } | Parameter::Step)),

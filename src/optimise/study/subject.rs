@@ -19,7 +19,7 @@ pub trait Subject: Voxel + Debug + PartialEq + 'static {
     /// The same in double precision.
     type Double: Subject<Double = Self::Double>;
     /// Its renderer.
-    type Light<'f>: ForwardInAll + Differentiable<Voxel = Self>;
+    type Renderer<'f>: ForwardInAll + Differentiable<Voxel = Self>;
     /// Names of the numbers it is made of; the last is what the optical depth is made of.
     const CHANNELS: &'static [&'static str];
     /// The renderer of a field. In double precision nothing is left out, so that differences show derivatives and not
@@ -27,7 +27,7 @@ pub trait Subject: Voxel + Debug + PartialEq + 'static {
     ///
     /// # Errors
     /// As [`Dvr::new`] and [`Transfer::table`](crate::scene::transfer::Transfer::table).
-    fn light<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Composited<Self::Light<'f>>>;
+    fn renderer<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Composited<Self::Renderer<'f>>>;
     /// True if light depends on the optical depth alone.
     fn depth_alone(setting: &Setting) -> bool;
     /// How rays are integrated along, in a word.
@@ -63,18 +63,18 @@ fn medium<'f, R: Directions<1>>(field: &'f Bricks<R>, setting: &Setting) -> Resu
 }
 
 fn shaded<'f, R: Real>(field: &'f Bricks<R::Lanes>, setting: &Setting) -> Composited<Preshaded<'f, R>> {
-    let light = Preshaded::new(field);
-    let light = if is_double::<R>() { light.early_stop(0.0) } else { light };
-    light.over(setting.background)
+    let renderer = Preshaded::new(field);
+    let renderer = if is_double::<R>() { renderer.early_stop(0.0) } else { renderer };
+    renderer.over(setting.background)
 }
 
 macro_rules! subjects {
     ($($real:ty, $four:ty, $widen:expr);*) => {
         $(impl Subject for $real {
             type Double = f64;
-            type Light<'f> = Dvr<'f, $real>;
+            type Renderer<'f> = Dvr<'f, $real>;
             const CHANNELS: &'static [&'static str] = &["density"];
-            fn light<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Composited<Self::Light<'f>>> {
+            fn renderer<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Composited<Self::Renderer<'f>>> {
                 medium(field, setting)
             }
             fn depth_alone(setting: &Setting) -> bool {
@@ -96,9 +96,9 @@ macro_rules! subjects {
 
         impl Subject for $four {
             type Double = DVec4;
-            type Light<'f> = Preshaded<'f, $real>;
+            type Renderer<'f> = Preshaded<'f, $real>;
             const CHANNELS: &'static [&'static str] = &["emission.red", "emission.green", "emission.blue", "density"];
-            fn light<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Composited<Self::Light<'f>>> {
+            fn renderer<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Composited<Self::Renderer<'f>>> {
                 Ok(shaded(field, setting))
             }
             fn depth_alone(_: &Setting) -> bool {
