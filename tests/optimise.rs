@@ -301,7 +301,7 @@ fn the_solver_goes_down_and_stays_above_zero() {
     // Cycles of 4 and 8 iterations begin with that; after one more iteration few voxels are below zero, and by little.
     solver.iterate();
     let (found, told) = (solver.solution(), solver.loss());
-    let [_, square] = solver.equations.pull(&found, f64::INFINITY, &mut vec![0.0; n]);
+    let [_, square] = solver.equations.residual(&found, f64::INFINITY, &mut vec![0.0; n]);
     let seen = (square / solver.equations.rows() as f64).sqrt();
     // Measured: 5e-8.
     assert!((seen / told - 1.0).abs() < 1e-4, "the loss is {told}, and that of the solution {seen}");
@@ -337,7 +337,7 @@ impl Equations for Two {
         self.transpose(y, out);
         y.iter().map(|y| y * y).sum()
     }
-    fn pull(&mut self, x: &[f32], _bound: f64, out: &mut [f32]) -> [f64; 2] {
+    fn residual(&mut self, x: &[f32], _bound: f64, out: &mut [f32]) -> [f64; 2] {
         let product = self.product(x);
         let miss = [0, 1].map(|row| Self::RIGHT[row] - product[row]);
         self.transpose(miss, out);

@@ -9,7 +9,7 @@
 
 use crate::error::{Error, Result};
 use crate::optimise::density::{self, Outcome, Request, Stage, Step};
-use crate::optimise::projection::emission::{Emission, Sight};
+use crate::optimise::projection::emission::{ColorView, Emission};
 use crate::optimise::projection::observation::{Observation, Photo};
 use crate::optimise::region::lattice;
 use crate::optimise::solver::conjugate::{Equations, Solver};
@@ -67,9 +67,9 @@ pub fn reconstruct(
     mut watch: impl FnMut(&Step) -> ControlFlow<()>,
 ) -> Result<Shaded> {
     let start = Instant::now();
-    let asked = Request { init: init.as_ref().map(|volume| volume.channel(3)), ..request.clone() };
+    let extinction_request = Request { init: init.as_ref().map(|volume| volume.channel(3)), ..request.clone() };
     let Outcome { field, mut history, mut stages, mut stopped, .. } =
-        density::reconstruct(observation, &asked, &mut watch)?;
+        density::reconstruct(observation, &extinction_request, &mut watch)?;
     stages.iter_mut().for_each(|stage| stage.name.insert_str(0, "extinction, "));
     // Bricks of the hull that turned out empty need no colors.
     let extinctions = Bricks::from_grid(&field.to_grid("density"), request.max_memory)?;
@@ -81,14 +81,14 @@ pub fn reconstruct(
     fits(extinctions.topology.len(), request.max_memory)?;
 
     // Of a run that was stopped the extinctions are coarser than what was asked for, and so may the start be.
-    let began = init.as_ref().map(|volume| &volume.transform);
-    let mut level = lattice::levels_from(began, &extinctions.transform, &request.bounds, COARSEST);
-    let mut found = init;
+    let init_lattice = init.as_ref().map(|volume| &volume.transform);
+    let mut level = lattice::levels_from(init_lattice, &extinctions.transform, &request.bounds, COARSEST);
+    let mut estimate = init;
     loop {
         let begun = Instant::now();
         let work = Level::new(photos, observation, request, level, &extinctions)?;
-        let colors = match &found {
-            Some(found) => (0..3).flat_map(|c| work.resampled(&found.channel(c))).collect(),
+        let colors = match &estimate {
+            Some(estimate) => (0..3).flat_map(|c| work.resampled(&estimate.channel(c))).collect(),
             None => work.tinted(mean_color(photos, request.background)),
         };
         let mut emission = Emission::new(&work.train, &work.extinctions, request.background, work.rays);
@@ -104,8 +104,8 @@ pub fn reconstruct(
         stages.push(Stage { name: format!("colors, level {level}"), seconds: begun.elapsed().as_secs_f64() });
         if level == 0 || stopped {
             emission.cancel = request.closing;
-            let mut psnr = |sights: &[Sight]| {
-                let square = emission.error(&colors, sights);
+            let mut psnr = |views: &[ColorView]| {
+                let square = emission.error(&colors, views);
                 if request.closing.requested() { f64::NAN } else { decibels(square) }
             };
             return Ok(Shaded {
@@ -118,7 +118,7 @@ pub fn reconstruct(
                 stopped,
             });
         }
-        found = Some(emission.volume(&colors));
+        estimate = Some(emission.volume(&colors));
         level -= 1;
     }
 }
@@ -133,8 +133,8 @@ pub fn most_iterations(request: &Request) -> u64 {
 struct Level {
     extinctions: Bricks<f32>,
     unknown: Vec<bool>,
-    train: Vec<Sight>,
-    held_out: Vec<Sight>,
+    train: Vec<ColorView>,
+    held_out: Vec<ColorView>,
     rays: usize,
     passes: u32,
     iterations: u32,
@@ -150,17 +150,17 @@ impl Level {
         extinctions: &Bricks<f32>,
     ) -> Result<Self> {
         let extinctions = if level == 0 { extinctions.clone() } else { coarser(extinctions, level)? };
-        let sight = |(i, photo): (usize, &Photo)| {
-            (request.held_out.contains(&i), Sight::new(photo, 1 << level, observation.empty))
+        let view = |(i, photo): (usize, &Photo)| {
+            (request.held_out.contains(&i), ColorView::new(photo, 1 << level, observation.empty))
         };
         let (held_out, train): (Vec<_>, Vec<_>) =
-            photos.par_iter().enumerate().map(sight).collect::<Vec<_>>().into_iter().partition(|(held, _)| *held);
-        let sights = |all: Vec<(bool, Sight)>| all.into_iter().map(|(_, sight)| sight).collect();
+            photos.par_iter().enumerate().map(view).collect::<Vec<_>>().into_iter().partition(|(held, _)| *held);
+        let views = |all: Vec<(bool, ColorView)>| all.into_iter().map(|(_, view)| view).collect();
         Ok(Self {
             unknown: extinctions.owned().iter().map(|s| *s > 0.0).collect(),
             extinctions,
-            train: sights(train),
-            held_out: sights(held_out),
+            train: views(train),
+            held_out: views(held_out),
             rays: if level == 0 { request.rays_per_edge } else { 1 },
             passes: request.smoothing.unwrap_or(if observation.clean { CLEAN_PASSES } else { NOISY_PASSES }),
             iterations: if level == 0 { ITERATIONS } else { COARSE_ITERATIONS },
@@ -217,8 +217,8 @@ impl Level {
 
 /// Checks that the volume, the accumulators and the solver's vectors fit in memory.
 fn fits(bricks: usize, max_memory: u64) -> Result<()> {
-    let lanes = rayon::current_num_threads().max(2);
-    let each = (1 + lanes) * BRICK * size_of::<Vec4>() + 8 * 3 * LEAF_VOXELS * size_of::<f32>();
+    let accumulators = rayon::current_num_threads().max(2);
+    let each = (1 + accumulators) * BRICK * size_of::<Vec4>() + 8 * 3 * LEAF_VOXELS * size_of::<f32>();
     if (bricks * each) as u64 > max_memory {
         return Err(Error::unsupported(format!("the colors of {bricks} blocks of 8³ voxels do not fit in memory"))
             .hint("choose a larger --voxel-size or a smaller --resolution, or raise --max-memory"));

@@ -175,12 +175,12 @@ impl Viewpoint {
         let mut request = Request {
             sphere: around,
             starts: sphere::starts(self.starts as usize),
-            given: Vec::new(),
+            exact_starts: Vec::new(),
             iterations: self.iterations,
         };
         let mut capture = self.capture(&field, transfer, &request)?;
         // Earlier viewpoints have no say in the density scale: it would be another one in each run.
-        request.given = self.previous(&around)?;
+        request.exact_starts = self.previous(&around)?;
         render::fits(&capture, 0, limits.max_memory)?;
         self.spare(&capture)?;
 

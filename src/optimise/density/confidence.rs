@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 /// Number of probes times views, the fewest and the most probes, and the edge of the blocks of pixels of which each
 /// probe takes one.
-const LOOKS: usize = 512;
+const PROBE_VIEWS: usize = 512;
 const PROBES: [usize; 2] = [8, 64];
 const BLOCK: usize = 4;
 
@@ -31,7 +31,7 @@ pub type Group<'g> = (&'g [usize], f64);
 /// Returns the confidence of each voxel (512 a brick), 0..1, for each group; `None` once the work is cancelled. `noise`
 /// is the standard deviation of a pixel's error. `tick` is called with the number of probes done and their total.
 pub fn confidence<I>(
-    light: &Composited<I>,
+    renderer: &Composited<I>,
     views: &[&Target],
     noise: f64,
     groups: &[Group<'_>],
@@ -41,20 +41,20 @@ pub fn confidence<I>(
 where
     I: Differentiable<Real = f32, Voxel: Subject>,
 {
-    let topology = &light.integrator.field().topology;
+    let topology = &renderer.integrator.field().topology;
     let count = topology.len() * LEAF_VOXELS;
     let mut squares = vec![vec![0.0_f32; count]; groups.len()];
     let mut owned = vec![I::Voxel::default(); count];
-    let mut stored = vec![I::Voxel::default(); light.integrator.field().values.len()];
+    let mut stored = vec![I::Voxel::default(); renderer.integrator.field().values.len()];
     let mut accumulators = Workspace::default();
     let linear = |_: &[f32; 4], signs: &[f32; 4]| (0.0, *signs);
-    let probes = (LOOKS / views.len().max(1)).clamp(PROBES[0], PROBES[1]);
+    let probes = (PROBE_VIEWS / views.len().max(1)).clamp(PROBES[0], PROBES[1]);
     for probe in 0..probes {
         let signed: Vec<Target> = views.iter().enumerate().map(|(v, t)| signs(t, v, probe)).collect();
         stored.fill(I::Voxel::default());
         let mut gradients = Gradients { voxels: Some(&mut stored), cancel, ..Gradients::default() };
         let signed: Vec<&Target> = signed.iter().collect();
-        pictures::gradient(light, &signed, &linear, Adjoint::Tape, &mut accumulators, &mut gradients);
+        pictures::gradient(renderer, &signed, &linear, Adjoint::Tape, &mut accumulators, &mut gradients);
         if cancel.requested() {
             return None;
         }
@@ -67,23 +67,23 @@ where
         tick(probe + 1, probes);
     }
     let neighbours = Neighbours::new(topology);
-    let share = |(squares, (_, spread)): (&Vec<f32>, &Group<'_>)| {
-        let ratio = (spread / noise.max(f64::MIN_POSITIVE)).powi(2);
-        (0..count).into_par_iter().map(|voxel| known(squares, &neighbours, voxel, ratio)).collect()
+    let share = |(squares, (_, deviation)): (&Vec<f32>, &Group<'_>)| {
+        let ratio = (deviation / noise.max(f64::MIN_POSITIVE)).powi(2);
+        (0..count).into_par_iter().map(|voxel| voxel_confidence(squares, &neighbours, voxel, ratio)).collect()
     };
     Some(squares.iter().zip(groups).map(share).collect())
 }
 
 /// Returns a voxel's confidence. A few probes give a rough estimate, so it is averaged with the neighbours'; `ratio` is
 /// (p / ε)².
-fn known(squares: &[f32], neighbours: &Neighbours, voxel: usize, ratio: f64) -> f32 {
+fn voxel_confidence(squares: &[f32], neighbours: &Neighbours, voxel: usize, ratio: f64) -> f32 {
     if squares[voxel] == 0.0 {
         return 0.0;
     }
     let near = neighbours.of_voxel(voxel).into_iter().flatten().map(|v| squares[v]).filter(|s| *s > 0.0);
     let (sum, count) = near.fold((2.0 * squares[voxel], 2.0_f32), |(sum, count), s| (sum + s, count + 1.0));
-    let known = ratio * f64::from(sum / count);
-    if known.is_finite() { (known / (1.0 + known)) as f32 } else { 1.0 }
+    let data_to_prior = ratio * f64::from(sum / count);
+    if data_to_prior.is_finite() { (data_to_prior / (1.0 + data_to_prior)) as f32 } else { 1.0 }
 }
 
 /// Returns a target of random signs in place of colors, for the pixels of this probe; the others are NaN.

@@ -154,15 +154,15 @@ impl<'w> Progress<'w> {
 }
 
 /// Returns `Σ |c - c'|` over colors and alpha, and its derivatives.
-pub fn absolute(seen: &[f32; 4], wanted: &[f32; 4]) -> (f64, [f32; 4]) {
-    let difference: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
+pub fn absolute(rendered: &[f32; 4], target: &[f32; 4]) -> (f64, [f32; 4]) {
+    let difference: [f32; 4] = std::array::from_fn(|c| rendered[c] - target[c]);
     let value = difference.iter().map(|d| f64::from(d.abs())).sum();
     (value, difference.map(|d| if d == 0.0 { 0.0 } else { d.signum() }))
 }
 
 /// Returns `Σ (c - c')² / 2` over colors and alpha, and its derivatives.
-pub fn squared(seen: &[f32; 4], wanted: &[f32; 4]) -> (f64, [f32; 4]) {
-    let difference: [f32; 4] = std::array::from_fn(|c| seen[c] - wanted[c]);
+pub fn squared(rendered: &[f32; 4], target: &[f32; 4]) -> (f64, [f32; 4]) {
+    let difference: [f32; 4] = std::array::from_fn(|c| rendered[c] - target[c]);
     (difference.iter().map(|d| 0.5 * f64::from(*d).powi(2)).sum(), difference)
 }
 
@@ -223,7 +223,7 @@ impl Fit {
             field: Bricks::zeros(topology, lattice),
             mask,
         };
-        fit.spread();
+        fit.update_field();
         fit
     }
 
@@ -237,7 +237,7 @@ impl Fit {
         self.adam.rate = rate;
     }
 
-    fn spread(&mut self) {
+    fn update_field(&mut self) {
         let scaled: Vec<f32> = self.x.iter().map(|v| v * self.unit).collect();
         self.field.topology.fill_apron(&scaled, &mut self.field.values);
     }
@@ -254,12 +254,12 @@ impl Fit {
         loss: PixelLoss<'_>,
         prior: Weighted<VolumePrior>,
     ) -> Result<f64> {
-        let asked = |t: &&Target| t.rgba.iter().filter(|p| p.iter().all(|v| v.is_finite())).count();
-        let values: usize = batch.iter().map(|t| 4 * asked(t)).sum();
+        let finite = |t: &&Target| t.rgba.iter().filter(|p| p.iter().all(|v| v.is_finite())).count();
+        let values: usize = batch.iter().map(|t| 4 * finite(t)).sum();
         let share = 1.0 / values.max(1) as f32;
-        let shared = |seen: &[f32; 4], wanted: &[f32; 4]| {
-            let (value, slope) = loss(seen, wanted);
-            (value, slope.map(|s| share * s))
+        let shared = |rendered: &[f32; 4], target: &[f32; 4]| {
+            let (value, derivative) = loss(rendered, target);
+            (value, derivative.map(|s| share * s))
         };
         self.stored.fill(0.0);
         let dvr = model.renderer(&self.field)?;
@@ -273,7 +273,7 @@ impl Fit {
         let Weighted { prior, weight } = prior;
         prior.add(weight, &self.x, &self.neighbours, self.unknowns(), &mut self.owned);
         self.adam.step(&mut self.x, &self.owned, &self.mask);
-        self.spread();
+        self.update_field();
         Ok(sum * f64::from(share))
     }
 
@@ -316,8 +316,8 @@ mod tests {
                 (0..n).map(|k| Target { camera, rgba: vec![[k as f32; 4]], rays_per_edge: 1 }).collect();
             for epoch in 0..12 {
                 let batches = batches(&views, 8, epoch);
-                let seen: BTreeSet<u32> = batches.iter().flatten().map(|t| t.rgba[0][0] as u32).collect();
-                assert_eq!((seen.len(), batches.iter().map(Vec::len).sum::<usize>()), (n, n));
+                let visited: BTreeSet<u32> = batches.iter().flatten().map(|t| t.rgba[0][0] as u32).collect();
+                assert_eq!((visited.len(), batches.iter().map(Vec::len).sum::<usize>()), (n, n));
             }
         }
     }

@@ -67,8 +67,8 @@ impl Samples {
         let all: Vec<[f64; 4]> = density.iter().map(shaded).collect();
         let largest = |c: usize| all.iter().fold(f64::MIN_POSITIVE, |a, v| a.max(v[c]));
         // Light is light: one unit for all its channels.
-        let light = largest(0).max(largest(1)).max(largest(2));
-        let unit = [light, light, light, largest(3)].map(|v| 1.0 / (f64::from(COLOR_ERROR) * v));
+        let brightest = largest(0).max(largest(1)).max(largest(2));
+        let unit = [brightest, brightest, brightest, largest(3)].map(|v| 1.0 / (f64::from(COLOR_ERROR) * v));
         let integral = |c: usize| {
             let mut sum = 0.0;
             let steps = density.windows(2).zip(all.windows(2));
@@ -166,7 +166,7 @@ pub fn densities(
     let extent = volume.topology.bounds().size().max_element();
     let coarser = (0..).take_while(|l| extent / f64::from(2_u32 << l) >= COARSEST).count() as u32;
     let finest = Level {
-        targets: lanes(volume, topology, &volume.transform).into_iter().map(|v| v * samples.unit).collect(),
+        targets: resampled(volume, topology, &volume.transform).into_iter().map(|v| v * samples.unit).collect(),
         unknown: unknown.to_vec(),
         densities: Bricks::zeros(topology.clone(), volume.transform),
     };
@@ -174,18 +174,18 @@ pub fn densities(
     for level in 1..=coarser {
         levels.push(levels[level as usize - 1].coarser()?);
     }
-    let mut found: Option<Bricks<f32>> = None;
+    let mut densities: Option<Bricks<f32>> = None;
     for mut level in levels.into_iter().rev() {
-        let start = found.map(|f: Bricks<f32>| f.resampled(&level.densities.topology, &level.densities.transform));
-        found = Some(level.settle(&samples, start, cancel));
+        let start = densities.map(|f: Bricks<f32>| f.resampled(&level.densities.topology, &level.densities.transform));
+        densities = Some(level.settle(&samples, start, cancel));
     }
-    Ok(found.unwrap_or_else(|| Bricks::zeros(topology.clone(), volume.transform)))
+    Ok(densities.unwrap_or_else(|| Bricks::zeros(topology.clone(), volume.transform)))
 }
 
 /// Resamples the volume to the voxels of `topology`, as targets.
-fn lanes(volume: &Bricks<Vec4>, topology: &Topology, lattice: &crate::math::Affine) -> Vec<Vec4> {
-    let lanes = [0, 1, 2, 3].map(|c| volume.channel(c).resampled(topology, lattice));
-    (0..lanes[0].len()).map(|i| Vec4::new(lanes[0][i], lanes[1][i], lanes[2][i], lanes[3][i])).collect()
+fn resampled(volume: &Bricks<Vec4>, topology: &Topology, lattice: &crate::math::Affine) -> Vec<Vec4> {
+    let channels = [0, 1, 2, 3].map(|c| volume.channel(c).resampled(topology, lattice));
+    (0..channels[0].len()).map(|i| Vec4::new(channels[0][i], channels[1][i], channels[2][i], channels[3][i])).collect()
 }
 
 /// The problem on one lattice.
@@ -232,34 +232,34 @@ impl Level {
             None => samples.lowest(targets[voxel], cost),
         };
         let all = 0..targets.len();
-        let mut found: Vec<u16> = all.clone().into_par_iter().map_init(Vec::new, begin).collect();
-        let medians = |found: &[u16]| -> Vec<u16> {
+        let mut indices: Vec<u16> = all.clone().into_par_iter().map_init(Vec::new, begin).collect();
+        let medians = |indices: &[u16]| -> Vec<u16> {
             let median = |voxel: usize| {
                 if !unknown[voxel] {
-                    return found[voxel];
+                    return indices[voxel];
                 }
-                let mut all = [found[voxel]; 7];
+                let mut all = [indices[voxel]; 7];
                 let near = neighbours.of_voxel(voxel);
-                all.iter_mut().zip(near).for_each(|(v, there)| *v = there.map_or(*v, |there| found[there]));
+                all.iter_mut().zip(near).for_each(|(v, there)| *v = there.map_or(*v, |there| indices[there]));
                 all.sort_unstable();
                 all[3]
             };
             all.clone().into_par_iter().map(median).collect()
         };
         // A voxel whose neighbours stay has nothing to reconsider.
-        let mut changed = vec![true; found.len()];
+        let mut changed = vec![true; indices.len()];
         for round in 0..4 * ROUNDS {
             if cancel.requested() {
                 break;
             }
             if round == 2 * ROUNDS {
-                found = medians(&medians(&found));
+                indices = medians(&medians(&indices));
             }
             if round <= 1 || (2 * ROUNDS..=2 * ROUNDS + 1).contains(&round) {
                 changed.fill(true);
             }
-            let (before, stirred) = (&found, &changed);
-            let look = |(cost, beside): &mut (Vec<f32>, Vec<Beside>), voxel: usize| {
+            let (before, unsettled) = (&indices, &changed);
+            let update = |(cost, beside): &mut (Vec<f32>, Vec<Beside>), voxel: usize| {
                 let i = voxel % LEAF_VOXELS;
                 let half = ((i >> 6) + (i >> 3) + i) & 1;
                 if !unknown[voxel] || half != (round & 1) as usize || cancel.requested() {
@@ -267,20 +267,20 @@ impl Level {
                 }
                 let own = targets[voxel];
                 let near = neighbours.of_voxel(voxel);
-                if !near.iter().flatten().any(|there| stirred[*there]) {
+                if !near.iter().flatten().any(|there| unsettled[*there]) {
                     return before[voxel];
                 }
                 beside.clear();
                 beside.extend(near.iter().flatten().map(|there| (0.5 * (own + targets[*there]), before[*there])));
                 samples.best(own, beside, cost)
             };
-            let after: Vec<u16> = all.clone().into_par_iter().map_init(Default::default, look).collect();
-            changed = after.par_iter().zip(&found).map(|(a, b)| a != b).collect();
-            found = after;
+            let after: Vec<u16> = all.clone().into_par_iter().map_init(Default::default, update).collect();
+            changed = after.par_iter().zip(&indices).map(|(a, b)| a != b).collect();
+            indices = after;
         }
-        let found: Vec<f32> = found.iter().map(|k| samples.density[*k as usize]).collect();
+        let densities: Vec<f32> = indices.iter().map(|k| samples.density[*k as usize]).collect();
         let field = &mut self.densities;
-        field.topology.fill_apron(&found, &mut field.values);
+        field.topology.fill_apron(&densities, &mut field.values);
         field.clone()
     }
 }
@@ -309,11 +309,14 @@ mod tests {
         };
         let coarse = level.coarser().unwrap();
         assert_eq!(coarse.targets.len(), LEAF_VOXELS);
-        for (voxel, found) in coarse.targets.iter().enumerate() {
+        for (voxel, coarse_target) in coarse.targets.iter().enumerate() {
             let fine = (0..2 * LEAF_VOXELS).filter(|v| unknown(*v) && place(*v).map(|c| c / 2) == place(voxel));
             let (sum, count) = fine.fold((Vec4::ZERO, 0), |(sum, count), v| (sum + target(v), count + 1));
             assert_eq!(coarse.unknown[voxel], count > 0, "{voxel}");
-            assert!((*found - sum / count.max(1) as f32).abs().max_element() < 1e-3, "{voxel}: {found} {sum} {count}");
+            assert!(
+                (*coarse_target - sum / count.max(1) as f32).abs().max_element() < 1e-3,
+                "{voxel}: {coarse_target} {sum} {count}"
+            );
         }
     }
 }

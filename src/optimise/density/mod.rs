@@ -390,8 +390,8 @@ impl Level {
 fn picture_psnr(views: &[View], mut measure: impl FnMut(&[View], fn(&Sample, &[f64]) -> f64) -> f64) -> f64 {
     let pixels: f64 = views.iter().map(|v| f64::from(v.camera.width) * f64::from(v.camera.height)).sum();
     let square = measure(views, |s, z| {
-        let seen = z.iter().map(|z| (-z).exp()).sum::<f64>() / z.len() as f64;
-        ((-f64::from(s.depth)).exp() - seen).powi(2)
+        let transmittance = z.iter().map(|z| (-z).exp()).sum::<f64>() / z.len() as f64;
+        ((-f64::from(s.depth)).exp() - transmittance).powi(2)
     });
     -10.0 * (square / pixels).max(1e-20).log10()
 }

@@ -176,7 +176,7 @@ pub fn most_iterations(request: &Request, views: usize) -> u64 {
 fn thinned(target: &Target, turn: usize) -> Target {
     let width = target.camera.width as usize;
     // Neighbours have different turns.
-    let asked = |i: usize| (i % width + 2 * (i / width) + turn).is_multiple_of(TURNS);
-    let rgba = target.rgba.iter().enumerate().map(|(i, p)| if asked(i) { *p } else { [f32::NAN; 4] }).collect();
+    let in_turn = |i: usize| (i % width + 2 * (i / width) + turn).is_multiple_of(TURNS);
+    let rgba = target.rgba.iter().enumerate().map(|(i, p)| if in_turn(i) { *p } else { [f32::NAN; 4] }).collect();
     Target { camera: target.camera, rgba, rays_per_edge: target.rays_per_edge }
 }

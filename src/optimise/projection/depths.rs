@@ -35,17 +35,17 @@ impl Equations for Depths<'_> {
         curvature
     }
 
-    fn pull(&mut self, x: &[f32], bound: f64, out: &mut [f32]) -> [f64; 2] {
+    fn residual(&mut self, x: &[f32], bound: f64, out: &mut [f32]) -> [f64; 2] {
         self.projector.normal(x, self.views, out, |s, z| {
             // A pixel is the mean of transmittances, not of depths: the difference is known from the
             // present estimate and taken off the measurement.
             let z_mean = mean(z);
-            let bent = if z.len() > 1 { mean_of(z, |z| (z_mean - z).exp()).ln() } else { 0.0 };
-            let miss = f64::from(s.depth) - (z_mean - bent);
-            let size = f64::from(s.weight).sqrt() * miss.abs();
+            let jensen_gap = if z.len() > 1 { mean_of(z, |z| (z_mean - z).exp()).ln() } else { 0.0 };
+            let residual = f64::from(s.depth) - (z_mean - jensen_gap);
+            let size = f64::from(s.weight).sqrt() * residual.abs();
             let trust = if size > bound { bound / size } else { 1.0 };
-            let pull = f64::from(s.weight) * trust * miss;
-            (pull, [size.min(bound), pull * miss])
+            let weighted = f64::from(s.weight) * trust * residual;
+            (weighted, [size.min(bound), weighted * residual])
         })
     }
 }

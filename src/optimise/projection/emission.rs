@@ -33,14 +33,14 @@ struct Pixel {
 
 /// The pixels of a picture that are finite and show something, neighbours together.
 #[derive(Debug, Clone)]
-pub struct Sight {
+pub struct ColorView {
     camera: Camera,
     pixels: Vec<Pixel>,
     /// All of the picture's.
     count: usize,
 }
 
-impl Sight {
+impl ColorView {
     /// Of a picture reduced to means over blocks of `stride`² pixels. Pixels with an alpha of at most
     /// `empty` show nothing.
     pub fn new(photo: &Photo, stride: usize, empty: f32) -> Self {
@@ -71,7 +71,7 @@ impl Sight {
 /// The pixels of some views, and what is behind the extinctions that are known.
 #[derive(Debug)]
 pub struct Emission<'a> {
-    sights: &'a [Sight],
+    views: &'a [ColorView],
     background: [f32; 3],
     /// Offsets in pixels of the rays whose mean a pixel is.
     offsets: Vec<[f64; 2]>,
@@ -87,21 +87,21 @@ pub struct Emission<'a> {
 }
 
 impl<'a> Emission<'a> {
-    /// The equations of `sights` for a volume on the bricks of `extinctions`. A pixel is the mean over
+    /// The equations of `views` for a volume on the bricks of `extinctions`. A pixel is the mean over
     /// `rays_per_edge`² rays.
-    pub fn new(sights: &'a [Sight], extinctions: &Bricks<f32>, background: [f32; 3], rays_per_edge: usize) -> Self {
+    pub fn new(views: &'a [ColorView], extinctions: &Bricks<f32>, background: [f32; 3], rays_per_edge: usize) -> Self {
         let topology = extinctions.topology.clone();
         let field = Bricks::<Vec4>::zeros(topology.clone(), extinctions.transform);
         let count = partitions(
             &field,
-            CELLS as f64 * bricks_crossed(&field, sights.iter().map(|s| s.pixels.len()).sum()),
+            CELLS as f64 * bricks_crossed(&field, views.iter().map(|v| v.pixels.len()).sum()),
             false,
         );
         let n = rays_per_edge.max(1);
         let offset = |i: usize| (i as f64 + 0.5) / n as f64 - 0.5;
         let extinctions = extinctions.owned();
         Self {
-            sights,
+            views,
             background,
             offsets: (0..n * n).map(|i| [offset(i % n), offset(i / n)]).collect(),
             owned: vec![Vec4::ZERO; extinctions.len()],
@@ -113,13 +113,13 @@ impl<'a> Emission<'a> {
     }
 
     /// Mean squared error of the colors over all pixels of the given views.
-    pub fn error(&mut self, x: &[f32], sights: &[Sight]) -> f64 {
-        let square = |p: &Pixel, seen: [f64; 3]| {
-            let square = (0..3).map(|c| (f64::from(p.color[c]) - seen[c]).powi(2)).sum();
+    pub fn error(&mut self, x: &[f32], views: &[ColorView]) -> f64 {
+        let square = |p: &Pixel, rendered: [f64; 3]| {
+            let square = (0..3).map(|c| (f64::from(p.color[c]) - rendered[c]).powi(2)).sum();
             ([0.0; 3], [square, 0.0])
         };
-        let [sum, _] = self.walk(x, sights, self.background, false, square);
-        sum / (CHANNELS * sights.iter().map(|s| s.count).sum::<usize>()).max(1) as f64
+        let [sum, _] = self.walk(x, views, self.background, false, square);
+        sum / (CHANNELS * views.iter().map(|v| v.count).sum::<usize>()).max(1) as f64
     }
 
     /// The volume with emissions `x`.
@@ -138,35 +138,35 @@ impl<'a> Emission<'a> {
         self.field.topology.fill_apron(&self.owned, &mut self.field.values);
     }
 
-    /// Walks the rays of every pixel of the given views once. `slope(pixel, color seen)` gives what is sent
-    /// back, and two things to be summed.
+    /// Walks the rays of every pixel of the given views once. `cotangent(pixel, rendered color)` gives the derivatives that are
+    /// propagated back, and two terms to be summed.
     fn walk(
         &mut self,
         x: &[f32],
-        sights: &[Sight],
+        views: &[ColorView],
         background: [f32; 3],
-        back: bool,
-        slope: impl Fn(&Pixel, [f64; 3]) -> ([f32; 3], [f64; 2]) + Sync,
+        with_gradient: bool,
+        cotangent: impl Fn(&Pixel, [f64; 3]) -> ([f32; 3], [f64; 2]) + Sync,
     ) -> [f64; 2] {
         self.fill(x);
         let renderer = Preshaded::new(&self.field).over(background);
         let runs: Vec<(&Camera, &[Pixel])> =
-            sights.iter().flat_map(|s| s.pixels.chunks(RUN).map(|p| (&s.camera, p))).collect();
+            views.iter().flat_map(|v| v.pixels.chunks(RUN).map(|p| (&v.camera, p))).collect();
         let (count, offsets, arch, cancel) = (self.partitions.len(), &self.offsets, Arch::default(), self.cancel);
         let sums = tiles::partitions(
             &mut self.partitions,
             cancel.flag(),
             |number| tiles::dealt(&runs, number, count),
             |gradient| {
-                if back {
+                if with_gradient {
                     gradient.fill(Vec4::ZERO);
                 }
                 ([0.0; 2], Tape::default())
             },
             |gradient, (sums, tape), (camera, pixels)| {
-                let (renderer, slope) = (&renderer, &slope);
-                let gradient = back.then_some(&mut gradient[..]);
-                let add = arch.dispatch(Run { renderer, camera, pixels, offsets, slope, tape, gradient });
+                let (renderer, cotangent) = (&renderer, &cotangent);
+                let gradient = with_gradient.then_some(&mut gradient[..]);
+                let add = arch.dispatch(Run { renderer, camera, pixels, offsets, cotangent, tape, gradient });
                 *sums = [sums[0] + add[0], sums[1] + add[1]];
             },
         );
@@ -195,24 +195,25 @@ impl Equations for &mut Emission<'_> {
     }
 
     fn rows(&self) -> usize {
-        CHANNELS * self.sights.iter().map(|s| s.pixels.len()).sum::<usize>()
+        CHANNELS * self.views.iter().map(|v| v.pixels.len()).sum::<usize>()
     }
 
     fn normal(&mut self, x: &[f32], out: &mut [f32]) -> f64 {
-        let square = |_: &Pixel, seen: [f64; 3]| (seen.map(|v| v as f32), [seen.iter().map(|v| v * v).sum(), 0.0]);
-        let [curvature, _] = self.walk(x, self.sights, [0.0; 3], true, square);
+        let square =
+            |_: &Pixel, rendered: [f64; 3]| (rendered.map(|v| v as f32), [rendered.iter().map(|v| v * v).sum(), 0.0]);
+        let [curvature, _] = self.walk(x, self.views, [0.0; 3], true, square);
         self.collect(out);
         curvature
     }
 
-    fn pull(&mut self, x: &[f32], bound: f64, out: &mut [f32]) -> [f64; 2] {
-        let pull = |p: &Pixel, seen: [f64; 3]| {
-            let miss: [f64; 3] = std::array::from_fn(|c| f64::from(p.color[c]) - seen[c]);
-            let pull = miss.map(|m| m.clamp(-bound, bound));
-            let square = (0..3).map(|c| pull[c] * miss[c]).sum();
-            (pull.map(|v| v as f32), [pull.iter().map(|v| v.abs()).sum(), square])
+    fn residual(&mut self, x: &[f32], bound: f64, out: &mut [f32]) -> [f64; 2] {
+        let residual = |p: &Pixel, rendered: [f64; 3]| {
+            let residual: [f64; 3] = std::array::from_fn(|c| f64::from(p.color[c]) - rendered[c]);
+            let bounded = residual.map(|m| m.clamp(-bound, bound));
+            let square = (0..3).map(|c| bounded[c] * residual[c]).sum();
+            (bounded.map(|v| v as f32), [bounded.iter().map(|v| v.abs()).sum(), square])
         };
-        let sums = self.walk(x, self.sights, self.background, true, pull);
+        let sums = self.walk(x, self.views, self.background, true, residual);
         self.collect(out);
         sums
     }
@@ -224,9 +225,9 @@ struct Run<'a, 'd, F> {
     camera: &'a Camera,
     pixels: &'a [Pixel],
     offsets: &'a [[f64; 2]],
-    slope: &'a F,
+    cotangent: &'a F,
     tape: &'a mut Tape<f32>,
-    /// Where the derivatives go, if they are wanted.
+    /// Where the derivatives go, if they are requested.
     gradient: Option<&'a mut [Vec4]>,
 }
 
@@ -239,17 +240,17 @@ impl<F: Fn(&Pixel, [f64; 3]) -> ([f32; 3], [f64; 2])> pulp::NullaryFnOnce for Ru
         let mut sums = [0.0; 2];
         for pixel in self.pixels {
             let [x, y] = pixel.position.map(f64::from);
-            let mut seen = [0.0; 3];
+            let mut rendered = [0.0; 3];
             self.tape.forget();
             for [u, v] in self.offsets {
-                let light = self.renderer.integrator.trace(&self.camera.ray(x + u, y + v), self.tape);
-                let radiance = self.renderer.composite(&light);
-                seen.iter_mut().zip(radiance.rgb).for_each(|(s, l)| *s += share * f64::from(l));
+                let radiance = self.renderer.integrator.trace(&self.camera.ray(x + u, y + v), self.tape);
+                let composited = self.renderer.composite(&radiance);
+                rendered.iter_mut().zip(composited.rgb).for_each(|(s, l)| *s += share * f64::from(l));
             }
-            let (by_color, add) = (self.slope)(pixel, seen);
+            let (color_cotangent, add) = (self.cotangent)(pixel, rendered);
             sums = [sums[0] + add[0], sums[1] + add[1]];
             if let Some(gradient) = &mut self.gradient {
-                self.tape.spread(by_color.map(|g| share as f32 * g), gradient);
+                self.tape.spread(color_cotangent.map(|g| share as f32 * g), gradient);
             }
         }
         sums

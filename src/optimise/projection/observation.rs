@@ -14,7 +14,7 @@ use rayon::prelude::*;
 pub struct Photo {
     /// Where it was taken from.
     pub camera: Camera,
-    /// What was seen.
+    /// The picture.
     pub film: Film,
     /// Named in messages: the file.
     pub name: String,
@@ -81,8 +81,9 @@ impl Observation {
                 (0..3).map(|c| (f64::from(p[c]) - f64::from(source[c])) * contrast[c]).sum::<f64>() / power
             }
         };
-        let seen: Vec<Vec<f64>> = photos.par_iter().map(|p| p.film.rgba.iter().map(transmittance).collect()).collect();
-        for (photo, values) in photos.iter().zip(&seen) {
+        let transmittances: Vec<Vec<f64>> =
+            photos.par_iter().map(|p| p.film.rgba.iter().map(transmittance).collect()).collect();
+        for (photo, values) in photos.iter().zip(&transmittances) {
             let bad = values.iter().filter(|v| !v.is_finite()).count();
             if bad * 10 > values.len() {
                 return Err(Error::invalid(format!("{bad} of {} pixels are NaN or infinite", values.len()))
@@ -90,20 +91,20 @@ impl Observation {
                     .hint("render the view again, or take it out of the capture"));
             }
         }
-        if by_alpha && seen.iter().flatten().all(|t| *t == 0.0) {
+        if by_alpha && transmittances.iter().flatten().all(|t| *t == 0.0) {
             return Err(Error::invalid("background and source have the same color and alpha is 1 everywhere: the pictures do not show the medium")
                 .hint("render on a background that differs from the medium's color, or with alpha, and state it as `background` in transforms.json"));
         }
-        let untouched = seen.iter().flatten().filter(|t| (**t - 1.0).abs() < f64::from(EMPTY)).count();
-        let exact = untouched * 100 >= seen.iter().map(Vec::len).sum::<usize>();
-        let empty = if exact { EMPTY } else { haze(&seen) };
-        let noise = noise(photos, &seen);
+        let untouched = transmittances.iter().flatten().filter(|t| (**t - 1.0).abs() < f64::from(EMPTY)).count();
+        let exact = untouched * 100 >= transmittances.iter().map(Vec::len).sum::<usize>();
+        let empty = if exact { EMPTY } else { haze(&transmittances) };
+        let noise = noise(photos, &transmittances);
         let clean = exact && noise < NOISY;
         let trust = (OWN_ERROR / noise.max(1e-12)).clamp(*TRUST.start(), *TRUST.end());
         let maps = photos
             .iter()
-            .zip(seen)
-            .map(|(photo, seen)| {
+            .zip(transmittances)
+            .map(|(photo, transmittances)| {
                 let limit = (-OPAQUE).exp();
                 let weight = |t: f64| {
                     let relative = trust * t.max(limit);
@@ -113,8 +114,14 @@ impl Observation {
                     camera: photo.camera,
                     width: photo.film.width,
                     height: photo.film.height,
-                    weight: seen.iter().map(|t| if *t > 0.0 { weight(*t) } else { weight(*t) * 1e-3 }).collect(),
-                    depth: seen.iter().map(|t| if t.is_finite() { -t.max(limit).ln() as f32 } else { 0.0 }).collect(),
+                    weight: transmittances
+                        .iter()
+                        .map(|t| if *t > 0.0 { weight(*t) } else { weight(*t) * 1e-3 })
+                        .collect(),
+                    depth: transmittances
+                        .iter()
+                        .map(|t| if t.is_finite() { -t.max(limit).ln() as f32 } else { 0.0 })
+                        .collect(),
                     name: photo.name.clone(),
                 }
             })
@@ -176,8 +183,9 @@ impl DepthMap {
 
 /// What counts as empty where no pixel is exactly the background: three times the spread of the
 /// brightest tenth of all pixels around 1, at least.
-fn haze(seen: &[Vec<f64>]) -> f32 {
-    let mut distances: Vec<f64> = seen.iter().flatten().filter(|t| t.is_finite()).map(|t| (t - 1.0).abs()).collect();
+fn haze(transmittances: &[Vec<f64>]) -> f32 {
+    let mut distances: Vec<f64> =
+        transmittances.iter().flatten().filter(|t| t.is_finite()).map(|t| (t - 1.0).abs()).collect();
     if distances.is_empty() {
         return EMPTY;
     }
@@ -189,10 +197,10 @@ fn haze(seen: &[Vec<f64>]) -> f32 {
 /// Standard deviation of the noise in the transmittance of pixels that show something, by a mask that
 /// smooth pictures hardly answer to (Immerkær 1996). Noise answers half as much in pictures of half the
 /// size, detail several times as much: what both answers share is no noise.
-fn noise(photos: &[Photo], seen: &[Vec<f64>]) -> f64 {
+fn noise(photos: &[Photo], transmittances: &[Vec<f64>]) -> f64 {
     let full: Vec<Picture> = photos
         .iter()
-        .zip(seen)
+        .zip(transmittances)
         .map(|(p, t)| Picture { width: p.film.width, height: p.film.height, t: t.clone() })
         .collect();
     let half: Vec<Picture> = full.iter().map(Picture::halved).collect();

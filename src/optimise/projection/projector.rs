@@ -105,7 +105,7 @@ impl Projector {
                     camera: &map.camera,
                     samples: std::slice::from_ref(sample),
                     offsets: &self.offsets,
-                    slope: &|_: &Sample, z: &[f64]| (0.0, [z.iter().sum(), 0.0]),
+                    cotangent: &|_: &Sample, z: &[f64]| (0.0, [z.iter().sum(), 0.0]),
                     tape,
                     depths,
                     gradient: None,
@@ -118,17 +118,17 @@ impl Projector {
         tiles::map(maps, None, || (Tape::default(), vec![0.0; self.offsets.len()]), view).unwrap_or_default()
     }
 
-    /// Walks the rays of every pixel of the given views once, but for the idle ones. `slope(sample, depths)` maps the
-    /// optical depths along a pixel's rays to what is sent back per unit of their mean, and to
-    /// two things to be summed; `Aᵀ slope` goes to `out`.
+    /// Walks the rays of every pixel of the given views once, but for the idle ones. `cotangent(sample, depths)` maps the
+    /// optical depths along a pixel's rays to the derivative with respect to their mean that is propagated back, and to
+    /// two terms to be summed; `Aᵀ cotangent` goes to `out`.
     pub fn normal(
         &mut self,
         voxels: &[f32],
         views: &[View],
         out: &mut [f32],
-        slope: impl Fn(&Sample, &[f64]) -> (f64, [f64; 2]) + Sync,
+        cotangent: impl Fn(&Sample, &[f64]) -> (f64, [f64; 2]) + Sync,
     ) -> [f64; 2] {
-        let sums = self.walk(voxels, views, slope, true);
+        let sums = self.walk(voxels, views, cotangent, true);
         if self.cancel.requested() {
             return sums;
         }
@@ -155,8 +155,8 @@ impl Projector {
         &mut self,
         voxels: &[f32],
         views: &[View],
-        slope: impl Fn(&Sample, &[f64]) -> (f64, [f64; 2]) + Sync,
-        back: bool,
+        cotangent: impl Fn(&Sample, &[f64]) -> (f64, [f64; 2]) + Sync,
+        with_gradient: bool,
     ) -> [f64; 2] {
         self.topology.fill_apron(voxels, &mut self.field.values);
         let Ok(dvr) = Dvr::new(&self.field, self.medium.clone()) else { return [0.0; 2] };
@@ -170,15 +170,23 @@ impl Projector {
             cancel.flag(),
             |number| tiles::dealt(&runs, number, count),
             |gradient| {
-                if back {
+                if with_gradient {
                     gradient.fill(0.0);
                 }
                 ([0.0; 2], Tape::default(), vec![0.0; offsets.len()])
             },
             |gradient, (sums, tape, depths), (camera, samples)| {
-                let gradient = back.then_some(&mut gradient[..]);
-                let add =
-                    arch.dispatch(Run { dvr: &dvr, camera, samples, offsets, slope: &slope, tape, depths, gradient });
+                let gradient = with_gradient.then_some(&mut gradient[..]);
+                let add = arch.dispatch(Run {
+                    dvr: &dvr,
+                    camera,
+                    samples,
+                    offsets,
+                    cotangent: &cotangent,
+                    tape,
+                    depths,
+                    gradient,
+                });
                 *sums = [sums[0] + add[0], sums[1] + add[1]];
             },
         );
@@ -192,11 +200,11 @@ struct Run<'a, 'd, F> {
     camera: &'a Camera,
     samples: &'a [Sample],
     offsets: &'a [[f64; 2]],
-    slope: &'a F,
+    cotangent: &'a F,
     tape: &'a mut Tape<f32>,
     /// One a ray of a pixel.
     depths: &'a mut [f64],
-    /// Where the derivatives go, if they are wanted.
+    /// Where the derivatives go, if they are requested.
     gradient: Option<&'a mut [f32]>,
 }
 
@@ -213,10 +221,10 @@ impl<F: Fn(&Sample, &[f64]) -> (f64, [f64; 2])> pulp::NullaryFnOnce for Run<'_, 
                 let ray = self.camera.ray(x + u, y + v);
                 *depth = self.dvr.trace_with(&ray, self.tape);
             }
-            let (by_depth, add) = (self.slope)(sample, self.depths);
+            let (depth_cotangent, add) = (self.cotangent)(sample, self.depths);
             sums = [sums[0] + add[0], sums[1] + add[1]];
             match &mut self.gradient {
-                Some(gradient) => self.tape.spread(share * by_depth, self.dvr, gradient),
+                Some(gradient) => self.tape.spread(share * depth_cotangent, self.dvr, gradient),
                 None => self.tape.forget(),
             }
         }

@@ -16,7 +16,7 @@ const RISE: f64 = 1e-4;
 
 /// A value and its derivative by a step along the axes right and up.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Slope {
+pub struct Evaluation {
     /// What is to become large.
     pub value: f64,
     /// Derivative by a rotation vector's two coordinates, per radian.
@@ -58,13 +58,13 @@ impl Ascent {
     /// Climbs until steps are shorter than `shortest` (radians) or promise a smaller rise than `worth`, for at most
     /// `most` evaluations. `evaluate` gives nothing once the search is to stop. What was learnt of the curvature is
     /// kept for the next climb.
-    pub fn climb(&mut self, [shortest, worth]: [f64; 2], most: u32, evaluate: impl Fn(&DMat3) -> Option<Slope>) {
+    pub fn climb(&mut self, [shortest, worth]: [f64; 2], most: u32, evaluate: impl Fn(&DMat3) -> Option<Evaluation>) {
         let end = self.evaluations.saturating_add(most);
-        let look = |axes: &DMat3, count: &mut u32| {
+        let probe = |axes: &DMat3, count: &mut u32| {
             (*count < end).then(|| *count += 1)?;
             evaluate(axes).filter(|s| s.value.is_finite() && s.gradient.is_finite())
         };
-        let Some(mut here) = look(&self.axes, &mut self.evaluations) else { return };
+        let Some(mut here) = probe(&self.axes, &mut self.evaluations) else { return };
         loop {
             self.value = Some(here.value);
             let mut step = self.step(here.gradient);
@@ -75,7 +75,7 @@ impl Ascent {
                     return;
                 }
                 let axes = stepped(&self.axes, step);
-                let Some(there) = look(&axes, &mut self.evaluations) else { return };
+                let Some(there) = probe(&axes, &mut self.evaluations) else { return };
                 if there.value >= here.value + RISE * promised {
                     break (there, axes);
                 }
@@ -95,17 +95,17 @@ impl Ascent {
         step.clamp_length_max(LONGEST)
     }
 
-    /// Takes up what a step and the gradient's fall along it say.
-    fn learn(&mut self, step: DVec2, fall: DVec2) {
-        let along = step.dot(fall);
-        if along <= 1e-9 * step.length() * fall.length() {
+    /// Takes up what a step and the gradient's decrease along it say.
+    fn learn(&mut self, step: DVec2, decrease: DVec2) {
+        let along = step.dot(decrease);
+        if along <= 1e-9 * step.length() * decrease.length() {
             // The land curves upwards here: no summit near, go on in longer steps.
             self.curvature = self.curvature.map(|inverse| 2.0 * inverse);
             return;
         }
-        let inverse = self.curvature.unwrap_or(DMat2::from_diagonal(DVec2::splat(along / fall.length_squared())));
+        let inverse = self.curvature.unwrap_or(DMat2::from_diagonal(DVec2::splat(along / decrease.length_squared())));
         let outer = |a: DVec2, b: DVec2| DMat2::from_cols(a * b.x, a * b.y);
-        let keep = DMat2::IDENTITY - outer(step, fall) * (1.0 / along);
+        let keep = DMat2::IDENTITY - outer(step, decrease) * (1.0 / along);
         self.curvature = Some(keep * inverse * keep.transpose() + outer(step, step) * (1.0 / along));
     }
 }
@@ -123,12 +123,12 @@ mod tests {
     use glam::DVec3;
 
     /// A hill on the sphere: its top at the direction to which a quadratic form is largest.
-    fn hill(axes: &DMat3) -> Slope {
+    fn hill(axes: &DMat3) -> Evaluation {
         let form = DMat3::from_diagonal(DVec3::new(1.0, 0.4, 3.0));
         let d = axes.z_axis;
         // d changes by ω × d: the derivative by ω is d × ∇.
         let by_turn = d.cross(2.0 * (form * d));
-        Slope { value: d.dot(form * d), gradient: DVec2::new(by_turn.dot(axes.x_axis), by_turn.dot(axes.y_axis)) }
+        Evaluation { value: d.dot(form * d), gradient: DVec2::new(by_turn.dot(axes.x_axis), by_turn.dot(axes.y_axis)) }
     }
 
     #[test]
@@ -144,10 +144,10 @@ mod tests {
     #[test]
     fn flat_land_and_refusals_end_it() {
         let mut ascent = Ascent::new(DMat3::IDENTITY);
-        ascent.climb([1e-3, 0.0], 9, |_| Some(Slope { value: 1.0, gradient: DVec2::ZERO }));
+        ascent.climb([1e-3, 0.0], 9, |_| Some(Evaluation { value: 1.0, gradient: DVec2::ZERO }));
         assert_eq!((ascent.evaluations, ascent.path.len()), (1, 1));
         ascent.climb([1e-3, 0.0], 9, |_| None);
-        ascent.climb([1e-3, 0.0], 9, |_| Some(Slope { value: f64::NAN, gradient: DVec2::ONE }));
+        ascent.climb([1e-3, 0.0], 9, |_| Some(Evaluation { value: f64::NAN, gradient: DVec2::ONE }));
         assert_eq!((ascent.evaluations, ascent.path.len()), (3, 1));
         let mut limited = Ascent::new(upright(DVec3::new(1.0, 0.3, 0.2).normalize()));
         limited.climb([0.0; 2], 4, |axes| Some(hill(axes)));

@@ -7,7 +7,7 @@
 use crate::optimise::solver::smoother::Smoother;
 use rayon::prelude::*;
 
-/// Iterations between two looks at which voxels are zero, and up to the first: it starts from a guess.
+/// Iterations between two updates of the set of voxels held at zero, and up to the first: it starts from a guess.
 const CYCLE: u32 = 8;
 const FIRST_CYCLE: u32 = 4;
 
@@ -20,7 +20,7 @@ pub trait Equations {
     fn normal(&mut self, x: &[f32], out: &mut [f32]) -> f64;
     /// Writes `AᵀW (y - A x)`, in which a row whose weighted residual `√w |y - A x|` is larger than `bound`
     /// counts as if it were that; returns the sums of `√w |y - A x|`, bounded, and of what it is squared.
-    fn pull(&mut self, x: &[f32], bound: f64, out: &mut [f32]) -> [f64; 2];
+    fn residual(&mut self, x: &[f32], bound: f64, out: &mut [f32]) -> [f64; 2];
     /// True once the work is to stop; what the other methods wrote is incomplete then.
     fn cancelled(&self) -> bool {
         false
@@ -134,7 +134,7 @@ impl<'a, E: Equations> Solver<'a, E> {
     /// Projects onto the constraint, recomputes the true gradient and frees or holds voxels.
     fn begin_cycle(&mut self) -> bool {
         self.x.par_iter_mut().for_each(|x| *x = x.max(0.0));
-        let [spread, square] = self.equations.pull(&self.x, self.huber, &mut self.residual);
+        let [absolute, square] = self.equations.residual(&self.x, self.huber, &mut self.residual);
         if self.equations.cancelled() {
             return false;
         }
@@ -142,7 +142,7 @@ impl<'a, E: Equations> Solver<'a, E> {
         if self.robust {
             // Mean absolute value of a normal distribution: σ √(2/π); three σ is rare.
             let rows = self.equations.rows().max(1) as f64;
-            self.huber = 3.0 * (std::f64::consts::PI / 2.0).sqrt() * spread / rows;
+            self.huber = 3.0 * (std::f64::consts::PI / 2.0).sqrt() * absolute / rows;
         }
         let field = self.smoother.len();
         for (x, free) in self.x.chunks(field).zip(self.free.chunks_mut(field)) {

@@ -8,7 +8,7 @@
 //! dH = (A / S² · Σ dα - 1 / S · Σ ln α dα) / ln N
 //! ```
 //! pixels without opacity add nothing, and value and derivative follow from sums over the pixels: one walk
-//! gives both, with no slope of each pixel to be known before.
+//! gives both; no pixel's derivative is needed in advance.
 
 use crate::optimise::gradient::camera_jacobian::Rows;
 use crate::render::differentiable::Differentiable;
@@ -84,7 +84,7 @@ pub struct Entropy {
 
 /// Entropy of a picture.
 pub fn value(rows: &Rows<'_, impl Differentiable<Real = f32>>) -> Entropy {
-    let sums = rows.fold(|_| true, &[], |sums: &mut Sums, _, seen, _| sums.add(seen[3], DVec3::ZERO));
+    let sums = rows.fold(|_| true, &[], |sums: &mut Sums, _, rendered, _| sums.add(rendered[3], DVec3::ZERO));
     sums.into_iter().sum::<Sums>().entropy(rows.pixels())
 }
 
@@ -95,7 +95,7 @@ pub fn gradient(rows: &Rows<'_, impl Differentiable<Real = f32>>, centre: DVec3)
     let sums = rows.fold(
         |_| true,
         &[ALPHA],
-        |sums: &mut Sums, _, seen, by| sums.add(seen[3], arm.cross(by[0].position) + by[0].rotation),
+        |sums: &mut Sums, _, rendered, by| sums.add(rendered[3], arm.cross(by[0].position) + by[0].rotation),
     );
     sums.into_iter().sum::<Sums>().entropy(rows.pixels())
 }
@@ -129,13 +129,13 @@ mod tests {
     }
 
     #[test]
-    fn the_slope_is_that_of_the_value() {
+    fn the_derivative_is_that_of_the_value() {
         let alphas = [0.2, 0.9, 0.05, 0.4];
-        let slopes = [0.3, -0.5, 0.02, 0.1];
-        let at = |h: f64| of(&std::array::from_fn::<f64, 4, _>(|i| alphas[i] + h * slopes[i])).value;
+        let derivatives = [0.3, -0.5, 0.02, 0.1];
+        let at = |h: f64| of(&std::array::from_fn::<f64, 4, _>(|i| alphas[i] + h * derivatives[i])).value;
         let mut sums = Sums::default();
-        for (alpha, slope) in alphas.iter().zip(slopes) {
-            sums.add(*alpha, DVec3::new(slope, 0.0, 0.0));
+        for (alpha, derivative) in alphas.iter().zip(derivatives) {
+            sums.add(*alpha, DVec3::new(derivative, 0.0, 0.0));
         }
         let difference = (at(1e-6) - at(-1e-6)) / 2e-6;
         assert!((sums.entropy(4).by_turn.x - difference).abs() < 1e-9);

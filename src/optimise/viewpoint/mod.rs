@@ -1,16 +1,16 @@
 //! Viewpoints from which a volume shows most: maxima of the opacity entropy over a sphere (Weiss & Westermann
 //! 2021, sect. 5.1).
 //!
-//! Initial samples look about each start, on the smallest pictures and without derivatives; searches leave from the best places
+//! Initial samples are taken about each start, on the smallest pictures and without derivatives; searches leave from the best places
 //! that they find, first on small pictures; those that meet go on as one, on pictures twice as
 //! large each time, the higher half of them. A picture of full size would move them by less than its
-//! pixels: it is for the last look, with the upright camera that is handed out. At that scale entropies are rough, and
-//! derivatives say little: about the highest it is the best of a few looks.
+//! pixels: it is for the final pass, with the upright camera that is handed out. At that scale entropies are rough, and
+//! derivatives say little: about the highest the best of a few pictures is taken.
 
 pub mod entropy;
 
 use crate::optimise::gradient::camera_jacobian::Rows;
-use crate::optimise::solver::ascent::{Ascent, Slope};
+use crate::optimise::solver::ascent::{Ascent, Evaluation};
 use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
 use crate::scene::sphere::{Sphere, levelled, spread, stepped, upright};
@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Viewpoints that initial samples look from, for each start: where pictures are halved at least once, and else.
+/// Number of initial samples, for each start: where pictures are halved at least once, and else.
 const INITIAL_SAMPLES: [usize; 2] = [12, 4];
 /// Pixels along the shorter side beyond which a search begins with smaller pictures.
 const COARSE: u32 = 32;
@@ -33,7 +33,7 @@ const MET: [f64; 2] = [3.0, 0.2];
 const COARSELY: [f64; 2] = [0.5, 2e-5];
 const FINELY: [f64; 2] = [0.2, 5e-7];
 
-/// Last looks about each of the [`HIGHEST`], and how far from it, in pixels of the picture as it turns.
+/// Pictures of the final pass about each of the [`HIGHEST`], and how far from it, in pixels of the picture as it turns.
 const ABOUT: usize = 10;
 const RING: f64 = 1.5;
 
@@ -42,10 +42,10 @@ const RING: f64 = 1.5;
 pub struct Request {
     /// Where cameras stand, and the size of their pictures.
     pub sphere: Sphere,
-    /// Unit vectors from the centre to viewpoints about which initial samples look for better ones to start from.
+    /// Unit vectors from the centre to viewpoints about which initial samples are taken, to start from the best.
     pub starts: Vec<DVec3>,
-    /// More, to start from as they are.
-    pub given: Vec<DVec3>,
+    /// Unit vectors from the centre to more viewpoints, to start from as they are.
+    pub exact_starts: Vec<DVec3>,
     /// Evaluations for each start and size of picture, at most.
     pub iterations: u32,
 }
@@ -64,7 +64,7 @@ pub struct View {
 pub struct Path {
     /// Unit vectors from the centre to all viewpoints on the way, from the best that initial samples saw about the start.
     pub directions: Vec<DVec3>,
-    /// Number of evaluations, those as one with others that it met included, initial samples' looks not.
+    /// Number of evaluations, those as one with others that it met included, initial samples not.
     pub iterations: u32,
     /// Number of the view it has reached.
     pub view: usize,
@@ -79,13 +79,13 @@ pub struct Outcome {
     pub paths: Vec<Path>,
     /// Wall time of all.
     pub seconds: f64,
-    /// Wall time of one picture of full size without derivatives: the mean of the last looks.
+    /// Wall time of one picture of full size without derivatives: the mean of the final pass.
     pub render_seconds: f64,
     /// True if it was stopped.
     pub stopped: bool,
 }
 
-/// Climbs from every start. `tick` is told of every scout's look, and of every start and every size of picture that it
+/// Climbs from every start. `tick` is told of every initial sample, and of every start and every size of picture that it
 /// has been through: as often as [`ticks`] says. Once `cancel` is set searches stay where they are.
 pub fn search(
     dvr: &Composited<Dvr<'_, f32>>,
@@ -95,7 +95,7 @@ pub fn search(
 ) -> Outcome {
     let begun = Instant::now();
     let sampled_starts = sampled_starts(dvr, request, cancel, tick);
-    let starts: Vec<DMat3> = sampled_starts.iter().chain(&request.given).map(|d| upright(*d)).collect();
+    let starts: Vec<DMat3> = sampled_starts.iter().chain(&request.exact_starts).map(|d| upright(*d)).collect();
     let mut searches: Vec<LocalSearch> = starts
         .iter()
         .enumerate()
@@ -122,26 +122,26 @@ pub fn search(
                 path.iterations += search.ascent.evaluations;
             }
         }
-        searches = meet(searches, (MET[0] * radians_per_pixel(&sphere)).min(MET[1]));
+        searches = merged(searches, (MET[0] * radians_per_pixel(&sphere)).min(MET[1]));
     }
-    let last_look = Instant::now();
-    let mut looks = 0;
+    let final_pass = Instant::now();
+    let mut pictures = 0;
     let mut views: Vec<(&LocalSearch, View)> = Vec::new();
     for (number, search) in searches.iter().enumerate() {
         let about = if number < HIGHEST && !cancel.load(Ordering::Relaxed) { ABOUT } else { 0 };
         let places = about_a_place(&search.ascent.axes, about, RING * radians_per_pixel(&request.sphere));
-        looks += places.len();
-        let seen = places.iter().map(|axes| {
-            let seen = at(dvr, &request.sphere, axes, cancel);
-            // Of a search that was stopped, what the climb saw last.
-            let known = Entropy { value: search.ascent.value.unwrap_or(0.0), by_turn: DVec3::ZERO, blank: false };
-            View { axes: *axes, entropy: if cancel.load(Ordering::Relaxed) { known } else { seen } }
+        pictures += places.len();
+        let candidates = places.iter().map(|axes| {
+            let entropy = entropy_at(dvr, &request.sphere, axes, cancel);
+            // A search that was stopped keeps the entropy that its ascent evaluated last.
+            let last = Entropy { value: search.ascent.value.unwrap_or(0.0), by_turn: DVec3::ZERO, blank: false };
+            View { axes: *axes, entropy: if cancel.load(Ordering::Relaxed) { last } else { entropy } }
         });
         // The first of equals.
-        let best = seen.reduce(|a, b| if b.entropy.value > a.entropy.value { b } else { a });
+        let best = candidates.reduce(|a, b| if b.entropy.value > a.entropy.value { b } else { a });
         views.extend(best.map(|view| (search, view)));
     }
-    let render_seconds = last_look.elapsed().as_secs_f64() / looks.max(1) as f64;
+    let render_seconds = final_pass.elapsed().as_secs_f64() / pictures.max(1) as f64;
     // Stable: equal ones as they were.
     views.sort_by(|a, b| b.1.entropy.value.total_cmp(&a.1.entropy.value));
     for (number, (search, view)) in views.iter().enumerate() {
@@ -164,10 +164,10 @@ fn about_a_place(axes: &DMat3, count: usize, distance: f64) -> Vec<DMat3> {
 /// How often a search that is not stopped tells of what it has done.
 pub fn ticks(request: &Request) -> usize {
     let (own, sizes) = (request.starts.len(), sizes(&request.sphere).len());
-    own + initial_samples(request).len() + (own + request.given.len()) * sizes
+    own + initial_samples(request).len() + (own + request.exact_starts.len()) * sizes
 }
 
-/// Directions that initial samples look from.
+/// Directions of the initial samples.
 fn initial_samples(request: &Request) -> Vec<DVec3> {
     let halved = sizes(&request.sphere).next().is_some_and(|level| level > 0);
     spread(INITIAL_SAMPLES[usize::from(!halved)] * request.starts.len())
@@ -182,11 +182,11 @@ fn sampled_starts(
 ) -> Vec<DVec3> {
     let level = sizes(&request.sphere).next().unwrap_or(0);
     let sphere = request.sphere.scaled(0.5_f64.powi(level));
-    let look = |directions: &[DVec3]| look(dvr, &sphere, directions, cancel, tick);
-    let (Some(own), Some(seen)) = (look(&request.starts), look(&initial_samples(request))) else {
+    let entropies_of = |directions: &[DVec3]| entropies_of(dvr, &sphere, directions, cancel, tick);
+    let (Some(own), Some(sampled)) = (entropies_of(&request.starts), entropies_of(&initial_samples(request))) else {
         return request.starts.clone();
     };
-    best_nearby(&own, &seen)
+    best_nearby(&own, &sampled)
 }
 
 /// For each place the highest of it and of those of `others` that lie nearest to it.
@@ -210,11 +210,11 @@ pub fn sample(
     cancel: &AtomicBool,
     tick: &(dyn Fn() + Sync),
 ) -> Option<Vec<(DVec3, f64)>> {
-    look(dvr, sphere, &spread(count), cancel, tick)
+    entropies_of(dvr, sphere, &spread(count), cancel, tick)
 }
 
 /// Entropies of upright views, with their directions.
-fn look(
+fn entropies_of(
     dvr: &Composited<Dvr<'_, f32>>,
     sphere: &Sphere,
     directions: &[DVec3],
@@ -226,7 +226,7 @@ fn look(
             return None;
         }
         tick();
-        let value = at(dvr, sphere, &upright(*direction), cancel).value;
+        let value = entropy_at(dvr, sphere, &upright(*direction), cancel).value;
         (!cancel.load(Ordering::Relaxed)).then_some((*direction, value))
     };
     directions.par_iter().map(of).collect()
@@ -277,7 +277,7 @@ fn climb(
             return None;
         }
         // A turn about the line of sight changes nothing but the pixels' places.
-        Some(Slope { value, gradient: DVec2::new(by_turn.dot(axes.x_axis), by_turn.dot(axes.y_axis)) })
+        Some(Evaluation { value, gradient: DVec2::new(by_turn.dot(axes.x_axis), by_turn.dot(axes.y_axis)) })
     });
 }
 
@@ -287,7 +287,7 @@ fn radians_per_pixel(sphere: &Sphere) -> f64 {
 }
 
 /// Searches that are as near become one, the one that is higher up. The highest come first.
-fn meet(mut searches: Vec<LocalSearch>, near: f64) -> Vec<LocalSearch> {
+fn merged(mut searches: Vec<LocalSearch>, near: f64) -> Vec<LocalSearch> {
     searches.sort_by(|a, b| b.height().total_cmp(&a.height()));
     let mut kept: Vec<LocalSearch> = Vec::new();
     for search in searches {
@@ -301,7 +301,7 @@ fn meet(mut searches: Vec<LocalSearch>, near: f64) -> Vec<LocalSearch> {
 }
 
 /// Entropy of a view; that of a part of its pixels once `cancel` is set.
-fn at(dvr: &Composited<Dvr<'_, f32>>, sphere: &Sphere, axes: &DMat3, cancel: &AtomicBool) -> Entropy {
+fn entropy_at(dvr: &Composited<Dvr<'_, f32>>, sphere: &Sphere, axes: &DMat3, cancel: &AtomicBool) -> Entropy {
     entropy::value(&Rows { renderer: dvr, reference: None, camera: &sphere.camera(axes), rays_per_edge: 1, cancel })
 }
 
@@ -322,9 +322,9 @@ mod tests {
             ascent.value = Some(value);
             LocalSearch { ascent, starts: vec![start] }
         };
-        let kept = meet(vec![search(0, 0.0, 0.5), search(1, 1.0, 0.7), search(2, 0.01, 0.6)], 0.02);
-        let found: Vec<_> = kept.iter().map(|c| (c.starts.clone(), c.ascent.value)).collect();
-        assert_eq!(found, [(vec![1], Some(0.7)), (vec![2, 0], Some(0.6))]);
+        let kept = merged(vec![search(0, 0.0, 0.5), search(1, 1.0, 0.7), search(2, 0.01, 0.6)], 0.02);
+        let kept_starts: Vec<_> = kept.iter().map(|c| (c.starts.clone(), c.ascent.value)).collect();
+        assert_eq!(kept_starts, [(vec![1], Some(0.7)), (vec![2, 0], Some(0.6))]);
     }
 
     #[test]
@@ -345,13 +345,13 @@ mod tests {
         let dvr = Dvr::new(&field, Medium::absorbing(0.1)).unwrap().over([1.0; 3]);
         for size in [24, 70] {
             let sphere = Sphere::around(&field.outline(), [size, size], 40.0).unwrap();
-            let request = Request { sphere, starts: spread(3), given: vec![DVec3::X], iterations: 2 };
+            let request = Request { sphere, starts: spread(3), exact_starts: vec![DVec3::X], iterations: 2 };
             let told = AtomicUsize::new(0);
             let tick = || {
                 told.fetch_add(1, Ordering::Relaxed);
             };
-            let found = search(&dvr, &request, &AtomicBool::new(false), &tick);
-            assert_eq!(found.paths.len(), 4);
+            let outcome = search(&dvr, &request, &AtomicBool::new(false), &tick);
+            assert_eq!(outcome.paths.len(), 4);
             assert_eq!(told.into_inner(), ticks(&request), "pictures of {size}");
         }
     }
