@@ -14,7 +14,7 @@ use crate::formats::transforms;
 use crate::math::Aabb;
 use crate::optimise::gradient::pictures::Target;
 use crate::optimise::plausibility::Warning;
-use crate::optimise::pose::{self, Colors, Found, Request, levels};
+use crate::optimise::pose::{self, Colors, PoseEstimate, Request, levels};
 use crate::optimise::projection::observation::Photo;
 use crate::render::any_renderer::AnyRenderer;
 use crate::render::quadrature::{Quadrature, rules};
@@ -135,7 +135,7 @@ impl fmt::Display for Report {
 /// Result of the search for all cameras.
 struct Search {
     /// Pose of each camera, in the order of the capture's frames.
-    poses: Vec<Found>,
+    poses: Vec<PoseEstimate>,
     /// Wall time in seconds.
     seconds: f64,
 }
@@ -289,7 +289,7 @@ impl Pose {
         Ok(outline.into_iter().fold(Aabb::EMPTY, |b, p| b.including(p)).centre())
     }
 
-    fn summary(&self, capture: &Capture, poses: &[Found], centre: DVec3, seconds: f64, stopped: bool) -> Report {
+    fn summary(&self, capture: &Capture, poses: &[PoseEstimate], centre: DVec3, seconds: f64, stopped: bool) -> Report {
         let cameras: Vec<CameraReport> = capture
             .frames
             .iter()
@@ -340,7 +340,7 @@ impl Pose {
 const UNLIKE: f64 = 0.1;
 
 /// Warns if pictures differ from what their cameras see.
-fn unexplained(poses: &[Found]) -> Option<Warning> {
+fn unexplained(poses: &[PoseEstimate]) -> Option<Warning> {
     let poor = poses.iter().filter(|f| f.rms[1] > UNLIKE).count();
     (poor > 0).then(|| {
         Warning::new(

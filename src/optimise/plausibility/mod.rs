@@ -82,7 +82,7 @@ pub fn warnings(findings: Vec<Finding>) -> Vec<Warning> {
 /// Difference of two colors that roundings of half-precision files and denoisers leave, absolute and relative.
 const SAME: [f64; 2] = [0.01, 0.02];
 /// Alpha below which a pixel is transparent.
-const CLEAR: f32 = 2e-6;
+const TRANSPARENT: f32 = 2e-6;
 /// Radiance beyond which a sample is no light of a picture.
 const BRIGHTEST: f32 = 1e20;
 
@@ -95,17 +95,17 @@ pub fn pictures(photos: &[Photo], capture: &Capture) -> Vec<Finding> {
             "render the views again; `cumulo validate` says which samples are not finite",
         )];
     }
-    let mut found: Vec<Finding> = photos.par_iter().filter_map(range).collect();
-    found.sort_by_key(|f| !f.certain);
+    let mut findings: Vec<Finding> = photos.par_iter().filter_map(range).collect();
+    findings.sort_by_key(|f| !f.certain);
     // One picture speaks for all that are alike.
-    found.truncate(1);
-    if found.iter().any(|f| f.certain) {
-        return found;
+    findings.truncate(1);
+    if findings.iter().any(|f| f.certain) {
+        return findings;
     }
-    found.extend(behind(photos, capture));
-    found.extend(opacity(photos, capture));
-    found.extend(quantised(photos));
-    found
+    findings.extend(background_color(photos, capture));
+    findings.extend(opacity(photos, capture));
+    findings.extend(quantised(photos));
+    findings
 }
 
 /// Values that no light has.
@@ -206,15 +206,15 @@ fn grey(capture: &Capture) -> Option<[f64; 3]> {
     }
 }
 
-/// What is behind the volume: pixels without opacity, or at the border where there is no alpha, show it.
-fn behind(photos: &[Photo], capture: &Capture) -> Option<Finding> {
+/// A background other than the color of pixels without opacity, or of the border where there is no alpha.
+fn background_color(photos: &[Photo], capture: &Capture) -> Option<Finding> {
     let stated = capture.background.map(f64::from);
     let pixels: usize = photos.iter().map(|p| p.film.rgba.len()).sum();
     if has_alpha(photos) {
-        let clear = |p: &Photo| -> Vec<[f32; 3]> {
-            finite(p).filter(|v| v[3].abs() < CLEAR).map(|v| [v[0], v[1], v[2]]).collect()
+        let transparent = |p: &Photo| -> Vec<[f32; 3]> {
+            finite(p).filter(|v| v[3].abs() < TRANSPARENT).map(|v| [v[0], v[1], v[2]]).collect()
         };
-        let mut samples: Vec<[f32; 3]> = photos.par_iter().flat_map_iter(clear).collect();
+        let mut samples: Vec<[f32; 3]> = photos.par_iter().flat_map_iter(transparent).collect();
         let shown = (100 * samples.len() >= pixels).then(|| common(&mut samples)).flatten()?;
         return (!same(shown, stated)).then(|| {
             Finding::certain(
@@ -370,13 +370,13 @@ fn quantised(photos: &[Photo]) -> Option<Finding> {
 
 /// Contradictions of the cameras with the silhouettes.
 pub fn cameras(observation: &Observation) -> Vec<Finding> {
-    let mut found: Vec<Finding> = observation.maps.iter().filter_map(intrinsics).collect();
-    found.sort_by_key(|f| !f.certain);
-    found.truncate(1);
-    if !found.iter().any(|f| f.certain) {
-        found.extend(aims(observation));
+    let mut findings: Vec<Finding> = observation.maps.iter().filter_map(intrinsics).collect();
+    findings.sort_by_key(|f| !f.certain);
+    findings.truncate(1);
+    if !findings.iter().any(|f| f.certain) {
+        findings.extend(aims(observation));
     }
-    found
+    findings
 }
 
 /// Focal lengths and principal points that no lens has.

@@ -30,8 +30,8 @@ pub struct Residuals {
     /// Of alpha, picture less render.
     alpha_square: f64,
     /// Optical depths by alpha, where the picture is not opaque.
-    depth_given: f64,
-    depth_seen: f64,
+    target_depth: f64,
+    rendered_depth: f64,
     /// Residuals at the border of the pictures.
     border: f64,
     border_count: f64,
@@ -46,7 +46,7 @@ impl Residuals {
     /// Compares pairs of neighbouring pixels of the used views with their renders; none once the work is to stop, or
     /// where there are none.
     pub fn new<I: Differentiable<Real = f32>>(
-        light: &Composited<I>,
+        renderer: &Composited<I>,
         photos: &[Photo],
         held_out: &[usize],
         rays_per_edge: usize,
@@ -57,21 +57,21 @@ impl Residuals {
         let step = used.len().div_ceil(VIEWS).max(1);
         let chosen: Vec<&Photo> = used.into_iter().step_by(step).collect();
         let rays = Subpixels::new(rays_per_edge);
-        let of_view = |tape: &mut I::Scratch, photo: &&Photo| Self::of_view(light, photo, rays, cancel, tape);
+        let of_view = |tape: &mut I::Scratch, photo: &&Photo| Self::of_view(renderer, photo, rays, cancel, tape);
         let all = tiles::map(&chosen, cancel.flag(), I::Scratch::default, of_view)?;
         let total = all.into_iter().reduce(Self::plus)?;
         (total.count > 0.0 && !cancel.requested()).then_some(total)
     }
 
     fn of_view<I: Differentiable<Real = f32>>(
-        light: &Composited<I>,
+        renderer: &Composited<I>,
         photo: &Photo,
         rays: Subpixels,
         cancel: Cancel,
         tape: &mut I::Scratch,
     ) -> Self {
         let (w, h) = (photo.film.width, photo.film.height);
-        let mut seen = |x: usize, y: usize| pixel(light, &photo.camera, rays, [x, y], tape);
+        let mut render_pixel = |x: usize, y: usize| pixel(renderer, &photo.camera, rays, [x, y], tape);
         let mut own = Self::default();
         if w < 2 {
             return own;
@@ -83,23 +83,23 @@ impl Residuals {
                 break;
             }
             let (x, y) = (2 * (pair % (w / 2)), pair / (w / 2));
-            let given = [photo.film.rgba[y * w + x], photo.film.rgba[y * w + x + 1]];
-            if given.iter().flatten().any(|v| !v.is_finite()) {
+            let target = [photo.film.rgba[y * w + x], photo.film.rgba[y * w + x + 1]];
+            if target.iter().flatten().any(|v| !v.is_finite()) {
                 continue;
             }
-            let found = [seen(x, y), seen(x + 1, y)];
-            let residual: [f64; 2] = std::array::from_fn(|k| mean(&given[k]) - mean(&found[k]));
+            let rendered = [render_pixel(x, y), render_pixel(x + 1, y)];
+            let residual: [f64; 2] = std::array::from_fn(|k| mean(&target[k]) - mean(&rendered[k]));
             own.product += 2.0 * residual[0] * residual[1];
             for k in 0..2 {
                 own.count += 1.0;
                 own.sum += residual[k];
                 own.square += residual[k] * residual[k];
-                own.peak = own.peak.max(mean(&given[k]).abs());
-                own.alpha_square += f64::from(given[k][3] - found[k][3]).powi(2);
-                own.has_alpha |= given[k][3] != 1.0;
-                if given[k][3].max(found[k][3]) < OPAQUE {
-                    own.depth_given -= f64::from(1.0 - given[k][3].max(0.0)).ln();
-                    own.depth_seen -= f64::from(1.0 - found[k][3].max(0.0)).ln();
+                own.peak = own.peak.max(mean(&target[k]).abs());
+                own.alpha_square += f64::from(target[k][3] - rendered[k][3]).powi(2);
+                own.has_alpha |= target[k][3] != 1.0;
+                if target[k][3].max(rendered[k][3]) < OPAQUE {
+                    own.target_depth -= f64::from(1.0 - target[k][3].max(0.0)).ln();
+                    own.rendered_depth -= f64::from(1.0 - rendered[k][3].max(0.0)).ln();
                 }
             }
             if x == 0 || x + 2 >= w || y == 0 || y == h - 1 {
@@ -118,8 +118,8 @@ impl Residuals {
             product: self.product + other.product,
             peak: self.peak.max(other.peak),
             alpha_square: self.alpha_square + other.alpha_square,
-            depth_given: self.depth_given + other.depth_given,
-            depth_seen: self.depth_seen + other.depth_seen,
+            target_depth: self.target_depth + other.target_depth,
+            rendered_depth: self.rendered_depth + other.rendered_depth,
             border: self.border + other.border,
             border_count: self.border_count + other.border_count,
             has_alpha: self.has_alpha || other.has_alpha,
@@ -128,13 +128,13 @@ impl Residuals {
 
     /// What contradicts the model.
     pub fn warnings(&self) -> Vec<Warning> {
-        let mut found = Vec::new();
+        let mut warnings = Vec::new();
         let scale = self.peak.max(f64::MIN_POSITIVE);
         let rms = (self.square / self.count).sqrt() / scale;
         let alpha = (self.alpha_square / self.count).sqrt();
         if self.has_alpha && alpha > 0.05 && alpha > 2.0 * rms {
-            let ratio = self.depth_given / self.depth_seen.max(1e-9);
-            found.push(Warning::new(
+            let ratio = self.target_depth / self.rendered_depth.max(1e-9);
+            warnings.push(Warning::new(
                 format!(
                     "the pictures' alpha contradicts the densities found: it is off by {alpha:.2} (RMS), and tells optical \
                      depths {ratio:.3} times as large"
@@ -145,7 +145,7 @@ impl Residuals {
         }
         let border = self.border / self.border_count.max(1.0) / scale;
         if border.abs() > 0.02 {
-            found.push(Warning::new(
+            warnings.push(Warning::new(
                 format!(
                     "the borders of the pictures are {:.1} % {} than the reconstruction's",
                     100.0 * border.abs(),
@@ -156,7 +156,7 @@ impl Residuals {
         }
         let (correlation, bias) = (self.product / self.square.max(f64::MIN_POSITIVE), self.sum / self.count / scale);
         if rms > 0.02 && correlation > 0.5 {
-            found.push(Warning::new(
+            warnings.push(Warning::new(
                 format!(
                     "the residuals are no noise: {:.1} % of the peak (RMS), neighbouring pixels agree to {:.0} %, and the \
                      pictures are {:.1} % {} on average",
@@ -169,7 +169,7 @@ impl Residuals {
                  with --voxel-size or more --iterations",
             ));
         }
-        found
+        warnings
     }
 }
 

@@ -40,12 +40,12 @@ pub struct Colors {
 impl Colors {
     /// Of a medium: those of a source of one shape are the same function of the ray but for factors.
     pub fn of(medium: &Medium, background: [f32; 3]) -> Self {
-        let behind = background.map(f64::from);
+        let background = background.map(f64::from);
         match &medium.source {
             // L = α color + (1 - α) background.
             Source::Grey(color) => Self {
                 losses: vec![unit(3)],
-                mix: std::array::from_fn(|c| [f64::from(color[c]) - behind[c], 0.0, 0.0]),
+                mix: std::array::from_fn(|c| [f64::from(color[c]) - background[c], 0.0, 0.0]),
             },
             // L = e color + (1 - α) background: e from the brightest.
             Source::Linear(color) => {
@@ -53,7 +53,7 @@ impl Colors {
                 let share = |c: usize| if color[c] > 0.0 { f64::from(color[c]) / f64::from(color[most]) } else { 0.0 };
                 Self {
                     losses: vec![unit(most), unit(3)],
-                    mix: std::array::from_fn(|c| [share(c), share(c) * behind[most] - behind[c], 0.0]),
+                    mix: std::array::from_fn(|c| [share(c), share(c) * background[most] - background[c], 0.0]),
                 }
             }
             Source::Transfer(_) => Self::apart(),
@@ -89,7 +89,7 @@ pub struct Request<'r> {
 
 /// What became of a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
+pub struct PoseEstimate {
     /// Where it stands now.
     pub camera: Camera,
     /// Root mean square of the colors' differences before and after; not numbers if they were not measured any more
@@ -103,7 +103,7 @@ pub struct Found {
     pub undetermined: usize,
 }
 
-/// Moves cameras to where their pictures agree with what is seen. Those of `targets` are where they begin; `tick` is
+/// Moves cameras to where their pictures agree with the renders. Those of `targets` are where they begin; `tick` is
 /// told of every camera and size of picture that is done. Once `cancel` is set they stay where they are.
 ///
 /// With a `reference`, which may be slow, the search ends on what that sees, while the renderer still says how it changes:
@@ -115,7 +115,7 @@ pub fn solve<I: Differentiable<Real = f32>>(
     request: &Request<'_>,
     cancel: &AtomicBool,
     tick: &(dyn Fn() + Sync),
-) -> Vec<Found> {
+) -> Vec<PoseEstimate> {
     let search = |group: &[Target]| Search::new(renderer, reference, group, request, cancel).run(tick);
     if request.solve_focal {
         return search(targets);
@@ -203,8 +203,8 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
         }
     }
 
-    fn run(mut self, tick: &(dyn Fn() + Sync)) -> Vec<Found> {
-        // By whom the end is has_reference.
+    fn run(mut self, tick: &(dyn Fn() + Sync)) -> Vec<PoseEstimate> {
+        // Measured by the renderer that measures the end.
         let before = self.linearised(&self.cameras, 0, self.reference);
         let measured = !self.cancelled();
         let deepest = self.pyramids.iter().map(Vec::len).max().unwrap_or(1);
@@ -217,9 +217,9 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
             after = self.descend(0, Some(reference)).or(after);
             self.pyramids.iter().for_each(|_| tick());
         }
-        let found = self.cameras.iter().zip(&before).enumerate().map(|(i, (camera, before))| {
+        let estimates = self.cameras.iter().zip(&before).enumerate().map(|(i, (camera, before))| {
             let after = after.as_ref().map(|all| &all[i]);
-            Found {
+            PoseEstimate {
                 camera: *camera,
                 rms: [
                     if measured { before.0.rms() } else { f64::NAN },
@@ -230,7 +230,7 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
                 undetermined: after.map_or(0, |(_, spectrum)| spectrum.undetermined()),
             }
         });
-        found.collect()
+        estimates.collect()
     }
 
     /// Levenberg and Marquardt's method on pictures of one size, with Nielsen's damping (1999).
@@ -259,14 +259,14 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
             }
             // Beyond that no derivative holds.
             let share = (0.2 / size).min(1.0);
-            let moved: Vec<Camera> = self
+            let trial: Vec<Camera> = self
                 .cameras
                 .iter()
                 .zip(&self.distances)
                 .zip(&poses)
                 .map(|((c, distance), step)| Frame::new(c, *distance).moved(c, &(share * step), share * focal))
                 .collect();
-            let there = self.linearised(&moved, level, reference);
+            let there = self.linearised(&trial, level, reference);
             if self.cancelled() {
                 break;
             }
@@ -275,7 +275,7 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
             if gain > 0.0 {
                 damping *= (1.0 - (2.0 * gain - 1.0).powi(3)).max(0.1);
                 (growth, failed) = (2.0, 0);
-                (self.cameras, here) = (moved, there);
+                (self.cameras, here) = (trial, there);
             } else {
                 damping *= growth;
                 growth *= 2.0;
@@ -306,15 +306,15 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
                 rays_per_edge: *rays_per_edge,
                 cancel: self.cancel,
             };
-            let asked = |i: usize| rgba[i][..3].iter().all(|v| v.is_finite());
+            let compared = |i: usize| rgba[i][..3].iter().all(|v| v.is_finite());
             let Colors { losses, mix } = self.request.colors;
-            let sums = rows.fold(asked, losses, |normal: &mut Normal, i, seen, by| {
+            let sums = rows.fold(compared, losses, |normal: &mut Normal, i, rendered, by| {
                 let by: Vec<(Pose, f64)> = by.iter().map(|by| frame.derivative(by)).collect();
                 for c in 0..3 {
                     let row = by.iter().zip(mix[c]).fold((Pose::zeros(), 0.0), |(pose, focal), (by, share)| {
                         (pose + share * by.0, focal + share * by.1)
                     });
-                    normal.add(&row, f64::from(rgba[i][c]) - seen[c]);
+                    normal.add(&row, f64::from(rgba[i][c]) - rendered[c]);
                 }
             });
             let normal: Normal = sums.into_iter().sum();

@@ -76,8 +76,8 @@ impl<'a> Silhouette<'a> {
     /// True if a ball around a world point shows nothing. The rectangle is at least a pixel wide.
     fn ball_is_empty(&self, centre: DVec3, radius: f64) -> bool {
         let Some((pixel, depth)) = self.camera.project(centre) else {
-            let behind = -self.camera.forward().dot(centre - self.camera.position());
-            return self.whole && behind > radius;
+            let distance_behind = -self.camera.forward().dot(centre - self.camera.position());
+            return self.whole && distance_behind > radius;
         };
         // Nothing is said about what lies before the near plane.
         if depth - radius < self.camera.near {
@@ -89,8 +89,8 @@ impl<'a> Silhouette<'a> {
             Projection::Perspective if depth <= 2.0 * radius => return false,
             // |(x + δx)/(z + δz) - x/z| ≤ |δ| √(1 + (x/z)²) / (z - |δ|)
             Projection::Perspective => {
-                let slope = (pixel - self.camera.centre) / self.camera.focal;
-                (1.0 + slope * slope).map(f64::sqrt) / (depth - radius)
+                let tangent = (pixel - self.camera.centre) / self.camera.focal;
+                (1.0 + tangent * tangent).map(f64::sqrt) / (depth - radius)
             }
         };
         let reach = (radius * scale * self.camera.focal).max(DVec2::splat(0.75));
@@ -111,10 +111,10 @@ impl<'a> Hull<'a> {
             observation.maps.par_iter().map(|m| Silhouette::new(m, observation.empty)).collect();
         // A picture of a part of the medium can have an empty border, too. Others tell: they see
         // something beside its frustum.
-        let seen: Vec<Ray> = observation.maps.par_iter().flat_map_iter(|m| shown(m, observation.empty)).collect();
+        let occupied: Vec<Ray> = observation.maps.par_iter().flat_map_iter(|m| shown(m, observation.empty)).collect();
         views.par_iter_mut().filter(|v| v.whole).for_each(|v| {
             let frustum = frustum(v.camera);
-            v.whole = seen.iter().all(|ray| crosses(ray, &frustum));
+            v.whole = occupied.iter().all(|ray| crosses(ray, &frustum));
         });
         Self { views, cancel: Cancel::NEVER }
     }
@@ -339,19 +339,19 @@ impl Hull<'_> {
             };
             (0..LEAF_VOXELS as i32).filter(|v| unknown(*v)).count()
         };
-        let looked: Vec<usize> = kept.par_iter().step_by(step).map(of_brick).collect();
+        let counts: Vec<usize> = kept.par_iter().step_by(step).map(of_brick).collect();
         if self.cancel.requested() {
             return Err(Error::cancelled());
         }
         // Blocks that were looked at stand for others.
         let each = extent.element_product() / count.as_dvec3().element_product();
         let total = each * kept.len() as f64;
-        let voxels: usize = looked.iter().sum();
-        let some = looked.iter().filter(|n| **n > 0).count() as f64 / looked.len().max(1) as f64;
+        let voxels: usize = counts.iter().sum();
+        let some = counts.iter().filter(|n| **n > 0).count() as f64 / counts.len().max(1) as f64;
         let own = total * some;
         Ok(Survey {
             bricks: (own.cbrt() + 1.0).powi(3).min((extent + 1.0).element_product()),
-            unknowns: total * voxels as f64 / looked.len().max(1) as f64,
+            unknowns: total * voxels as f64 / counts.len().max(1) as f64,
             longest: (bounds.size() / voxel).max_element(),
         })
     }

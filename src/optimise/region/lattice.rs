@@ -6,23 +6,23 @@ use crate::optimise::projection::observation::DepthMap;
 use crate::scene::camera::Projection;
 use glam::{DMat3, DMat4, DVec3};
 
-/// A lattice along the axes of `known` (else the world's) with voxels of edge `voxel_size`; with
-/// `known` and no size, or its own, it is that lattice.
+/// A lattice along the axes of `existing` (else the world's) with voxels of edge `voxel_size`; with
+/// `existing` and no size, or its own, it is that lattice.
 ///
 /// # Errors
-/// If `known` is no usable map.
-pub fn choose(known: Option<DMat4>, voxel_size: Option<f64>) -> Result<Affine> {
-    let (known, size) = match (known, voxel_size) {
-        (Some(known), None) => return Affine::new(known),
-        (Some(known), Some(size)) => (Affine::new(known)?, size),
+/// If `existing` is no usable map.
+pub fn choose(existing: Option<DMat4>, voxel_size: Option<f64>) -> Result<Affine> {
+    let (existing, size) = match (existing, voxel_size) {
+        (Some(existing), None) => return Affine::new(existing),
+        (Some(existing), Some(size)) => (Affine::new(existing)?, size),
         // Voxel centres lie on multiples of the size.
         (None, size) => return Affine::uniform(size.unwrap_or(1.0), DVec3::ZERO),
     };
-    let own = known.voxel_size();
+    let own = existing.voxel_size();
     if own.to_array().iter().all(|s| (s / size - 1.0).abs() < 1e-6) {
-        return Ok(known);
+        return Ok(existing);
     }
-    let m = known.matrix();
+    let m = existing.matrix();
     let axes = DMat3::from_mat4(m) * DMat3::from_diagonal(size / own);
     Affine::new(DMat4::from_mat3_translation(axes, m.w_axis.truncate()))
 }
@@ -92,14 +92,14 @@ mod tests {
 
     #[test]
     fn a_known_lattice_is_kept_or_scaled_along_its_axes() {
-        let known = DMat4::from_translation(DVec3::new(1.0, 2.0, 3.0))
+        let existing = DMat4::from_translation(DVec3::new(1.0, 2.0, 3.0))
             * DMat4::from_rotation_z(0.3)
             * DMat4::from_scale(DVec3::new(0.5, 0.5, 0.25));
-        assert_eq!(choose(Some(known), None).unwrap().matrix(), known);
-        let scaled = choose(Some(known), Some(0.1)).unwrap();
+        assert_eq!(choose(Some(existing), None).unwrap().matrix(), existing);
+        let scaled = choose(Some(existing), Some(0.1)).unwrap();
         assert!((scaled.voxel_size() - 0.1).abs().max_element() < 1e-12);
-        assert!(scaled.matrix().x_axis.truncate().cross(known.x_axis.truncate()).length() < 1e-12);
-        assert_eq!(scaled.matrix().w_axis, known.w_axis);
+        assert!(scaled.matrix().x_axis.truncate().cross(existing.x_axis.truncate()).length() < 1e-12);
+        assert_eq!(scaled.matrix().w_axis, existing.w_axis);
         let uniform = DMat4::from_scale(DVec3::splat(0.25));
         assert_eq!(choose(Some(uniform), Some(0.25 * (1.0 + 1e-9))).unwrap().matrix(), uniform);
         assert_eq!(choose(None, Some(0.5)).unwrap().to_world(DVec3::ONE), DVec3::splat(0.5));

@@ -268,8 +268,8 @@ fn descend(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> Con
     let smooth = request.smooth.unwrap_or(weiss2021::SMOOTH);
     let mut descent = weiss2021::Descent::new(&fit);
     let score = |fit: &Fit<'_>| fit.error(if fit.held_out.is_empty() { &fit.used } else { &fit.held_out });
-    let given = if request.init.is_some() { score(&fit)? } else { None };
-    let mut best = (given.unwrap_or(f64::INFINITY), fit.texels.clone());
+    let init_error = if request.init.is_some() { score(&fit)? } else { None };
+    let mut best = (init_error.unwrap_or(f64::INFINITY), fit.texels.clone());
     let (mut history, mut stopped) = (Vec::new(), false);
     for iteration in 1..=request.iterations {
         let rms = descent.step(&fit, smooth)?;
@@ -369,8 +369,8 @@ impl<'a> Fit<'a> {
     /// Extinctions by Gauss and Newton on `T = e^{-H s}`: with nothing that absorbs, the derivative of alpha
     /// is H, and one walk finds it.
     fn extinctions_from_alpha(&mut self, smooth: f64) -> Result<()> {
-        let clear: Vec<Rgbs> = self.texels.iter().map(|[r, g, b, _]| [*r, *g, *b, 0.0]).collect();
-        let lengths = rows::lengths(&self.renderer(&clear)?, &self.used, self.texels.len());
+        let non_absorbing: Vec<Rgbs> = self.texels.iter().map(|[r, g, b, _]| [*r, *g, *b, 0.0]).collect();
+        let lengths = rows::lengths(&self.renderer(&non_absorbing)?, &self.used, self.texels.len());
         let extinctions = rows::extinctions(&lengths, &self.used, self.texels.len(), smooth);
         if self.request.cancel.requested() {
             return Ok(());

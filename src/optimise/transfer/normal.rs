@@ -15,7 +15,7 @@ pub(super) struct Normal {
     /// Color by color, for every channel.
     cc: Vec<f64>,
     /// `Jᵀ r` by extinction, red, green, blue.
-    slope: [Vec<f64>; 4],
+    gradient: [Vec<f64>; 4],
     /// `Σ r²`.
     pub cost: f64,
 }
@@ -29,12 +29,12 @@ pub(super) struct Row {
     pub by_extinction: Vec<Vec4>,
     /// Of any channel by its color.
     pub by_color: Vec<f32>,
-    /// Seen less wanted.
+    /// Rendered less target values.
     pub residual: [f64; 4],
 }
 
 /// Sums over some thousand pixels, as they come. Products are added in single precision: a step that they make wrong by
-/// a millionth leads where the slope says, which is in double precision.
+/// a millionth leads where the gradient says, which is in double precision.
 #[derive(Debug, Clone)]
 pub(super) struct Sums {
     count: usize,
@@ -42,14 +42,20 @@ pub(super) struct Sums {
     mixed: Vec<Vec4>,
     /// Extinction by extinction, of each channel; on and above the diagonal.
     extinctions: Vec<Vec4>,
-    slope: [Vec<f64>; 4],
+    gradient: [Vec<f64>; 4],
     cost: f64,
 }
 
 impl Sums {
     pub fn zeros(count: usize) -> Self {
-        let (block, line) = (vec![Vec4::ZERO; count * count], || vec![0.0; count]);
-        Self { count, mixed: block.clone(), extinctions: block, slope: [line(), line(), line(), line()], cost: 0.0 }
+        let (block, vector) = (vec![Vec4::ZERO; count * count], || vec![0.0; count]);
+        Self {
+            count,
+            mixed: block.clone(),
+            extinctions: block,
+            gradient: [vector(), vector(), vector(), vector()],
+            cost: 0.0,
+        }
     }
 
     /// Adds pixels, texel by texel: those of one texel stay in the processor's nearest cache.
@@ -57,16 +63,16 @@ impl Sums {
         self.cost += rows.iter().flat_map(|row| row.residual).map(|r| r * r).sum::<f64>();
         let mut next = vec![0; rows.len()];
         for i in 0..self.count {
-            let line = i * self.count..(i + 1) * self.count;
-            let (mixed, extinctions) = (&mut self.mixed[line.clone()], &mut self.extinctions[line]);
+            let row_range = i * self.count..(i + 1) * self.count;
+            let (mixed, extinctions) = (&mut self.mixed[row_range.clone()], &mut self.extinctions[row_range]);
             for (row, a) in rows.iter().zip(&mut next) {
                 if row.texels.get(*a) != Some(&(i as u32)) {
                     continue;
                 }
                 let (own, color) = (row.by_extinction[*a], row.by_color[*a]);
-                self.slope[0][i] += own.as_dvec4().dot(DVec4::from_array(row.residual));
+                self.gradient[0][i] += own.as_dvec4().dot(DVec4::from_array(row.residual));
                 for c in 0..3 {
-                    self.slope[1 + c][i] += f64::from(color) * row.residual[c];
+                    self.gradient[1 + c][i] += f64::from(color) * row.residual[c];
                 }
                 let with_color = own.truncate().extend(color);
                 for (&j, &color) in row.texels.iter().zip(&row.by_color) {
@@ -102,13 +108,13 @@ impl Prior {
 impl Normal {
     pub fn zeros(count: usize) -> Self {
         let block = || vec![0.0; count * count];
-        let line = || vec![0.0; count];
+        let vector = || vec![0.0; count];
         Self {
             count,
             ss: block(),
             sc: [block(), block(), block()],
             cc: block(),
-            slope: [line(), line(), line(), line()],
+            gradient: [vector(), vector(), vector(), vector()],
             cost: 0.0,
         }
     }
@@ -123,7 +129,7 @@ impl Normal {
             self.cc[k] += colors;
             self.ss[k] += extinctions.as_dvec4().element_sum();
         }
-        for (sum, part) in self.slope.iter_mut().flatten().zip(sums.slope.iter().flatten()) {
+        for (sum, part) in self.gradient.iter_mut().flatten().zip(sums.gradient.iter().flatten()) {
             *sum += part;
         }
         self.cost += sums.cost;
@@ -168,18 +174,18 @@ impl Normal {
         let n = self.count;
         let channels: &[usize] = if all { &[3, 0, 1, 2] } else { &[0, 1, 2] };
         let mut x = DVector::zeros(channels.len() * n);
-        let mut slope = DVector::zeros(channels.len() * n);
+        let mut gradient = DVector::zeros(channels.len() * n);
         let mut matrix = self.matrix(all);
         for (block, &c) in channels.iter().enumerate() {
             for i in 0..n {
                 x[block * n + i] = texels[i][c] / prior.unit(c);
-                slope[block * n + i] = self.slope[(c + 1) % 4][i];
+                gradient[block * n + i] = self.gradient[(c + 1) % 4][i];
             }
             for i in 0..n - 1 {
                 let (a, b) = (block * n + i, block * n + i + 1);
                 let pull = prior.weight * (x[b] - x[a]);
-                slope[a] -= pull;
-                slope[b] += pull;
+                gradient[a] -= pull;
+                gradient[b] += pull;
                 for (i, j, v) in [(a, a, 1.0), (b, b, 1.0), (a, b, -1.0), (b, a, -1.0)] {
                     matrix[(i, j)] += v * prior.weight;
                 }
@@ -189,11 +195,11 @@ impl Normal {
         for i in 0..x.len() {
             matrix[(i, i)] += damping * matrix[(i, i)] + floor;
         }
-        let found = bounded(&matrix, &slope, &x)?;
+        let solution = bounded(&matrix, &gradient, &x)?;
         let mut out = texels.to_vec();
         for (block, &c) in channels.iter().enumerate() {
             for i in 0..n {
-                out[i][c] = found[block * n + i] * prior.unit(c);
+                out[i][c] = solution[block * n + i] * prior.unit(c);
             }
         }
         Some(out)
@@ -213,19 +219,19 @@ impl Normal {
 /// `x + argmin ½ dᵀ M d + gᵀ d` with no element below zero: those that would be are held at zero, and the
 /// rest is solved for again, on the same factors: with `Z` the columns of `M⁻¹` of those that are held since, `d + Z λ`
 /// minimises the same where `λ` makes them zero.
-pub(super) fn bounded(matrix: &DMatrix<f64>, slope: &DVector<f64>, x: &DVector<f64>) -> Option<DVector<f64>> {
-    let at_zero = |i: &usize| x[*i] <= 0.0 && slope[*i] > 0.0;
+pub(super) fn bounded(matrix: &DMatrix<f64>, gradient: &DVector<f64>, x: &DVector<f64>) -> Option<DVector<f64>> {
+    let at_zero = |i: &usize| x[*i] <= 0.0 && gradient[*i] > 0.0;
     let free: Vec<usize> = (0..x.len()).filter(|i| !at_zero(i)).collect();
     let mut out = DVector::zeros(x.len());
     // Those held move to zero, which the rest feels.
-    let moved: Vec<usize> = (0..x.len()).filter(|i| at_zero(i) && x[*i] != 0.0).collect();
+    let to_zero: Vec<usize> = (0..x.len()).filter(|i| at_zero(i) && x[*i] != 0.0).collect();
     let right = DVector::from_iterator(
         free.len(),
-        free.iter().map(|&i| -slope[i] + moved.iter().map(|&j| matrix[(i, j)] * x[j]).sum::<f64>()),
+        free.iter().map(|&i| -gradient[i] + to_zero.iter().map(|&j| matrix[(i, j)] * x[j]).sum::<f64>()),
     );
     let factors = matrix.select_rows(&free).select_columns(&free).cholesky()?;
-    let alone = factors.solve(&right);
-    let (mut step, mut held, mut columns) = (alone.clone(), Vec::new(), Vec::new());
+    let unconstrained = factors.solve(&right);
+    let (mut step, mut held, mut columns) = (unconstrained.clone(), Vec::new(), Vec::new());
     loop {
         if !step.iter().all(|d| d.is_finite()) {
             return None;
@@ -242,10 +248,10 @@ pub(super) fn bounded(matrix: &DMatrix<f64>, slope: &DVector<f64>, x: &DVector<f
         held.extend(below);
         let n = held.len();
         let pulls = DMatrix::from_fn(n, n, |i, j| columns[j][held[i]]);
-        let missing = DVector::from_fn(n, |i, _| -x[free[held[i]]] - alone[held[i]]);
+        let missing = DVector::from_fn(n, |i, _| -x[free[held[i]]] - unconstrained[held[i]]);
         // Rounding may leave it a little less than definite.
         let lambda = pulls.lu().solve(&missing)?;
-        step.copy_from(&alone);
+        step.copy_from(&unconstrained);
         for (column, lambda) in columns.iter().zip(&lambda) {
             step.axpy(*lambda, column, 1.0);
         }
@@ -261,24 +267,24 @@ pub(super) fn bounded(matrix: &DMatrix<f64>, slope: &DVector<f64>, x: &DVector<f
 mod tests {
     use super::*;
 
-    /// Where nothing is held the slope is gone, however many rounds it took and whatever was at zero before.
+    /// Where nothing is held the gradient is zero, however many rounds it took and whatever was at zero before.
     #[test]
-    fn what_is_above_zero_is_where_the_slope_vanishes() {
+    fn what_is_above_zero_is_where_the_gradient_vanishes() {
         let noise = |k: usize| ((k as f64 * 12.9898).sin() * 43_758.545_3).fract();
         let mut several = 0;
         for case in 0..40 {
             let n = 2 + case % 11;
             let factor = DMatrix::from_fn(n, n, |i, j| noise(1 + case * 977 + i * 31 + j));
             let m = &factor * factor.transpose() + DMatrix::identity(n, n) * 0.05;
-            let slope = DVector::from_fn(n, |i, _| noise(7 + case * 613 + i));
+            let gradient = DVector::from_fn(n, |i, _| noise(7 + case * 613 + i));
             let x = DVector::from_fn(n, |i, _| noise(3 + case * 389 + i).max(0.0));
-            let found = bounded(&m, &slope, &x).unwrap();
-            let left = &m * (&found - &x) + &slope;
-            assert!(found.iter().all(|v| *v >= 0.0), "{found}");
-            for i in (0..n).filter(|i| found[*i] > 0.0) {
-                assert!(left[i].abs() < 1e-9, "case {case}: {left} at {found}");
+            let solution = bounded(&m, &gradient, &x).unwrap();
+            let left = &m * (&solution - &x) + &gradient;
+            assert!(solution.iter().all(|v| *v >= 0.0), "{solution}");
+            for i in (0..n).filter(|i| solution[*i] > 0.0) {
+                assert!(left[i].abs() < 1e-9, "case {case}: {left} at {solution}");
             }
-            several += usize::from(found.iter().filter(|v| **v == 0.0).count() > 2);
+            several += usize::from(solution.iter().filter(|v| **v == 0.0).count() > 2);
         }
         assert!(several > 5, "some cases hold several");
     }
@@ -288,9 +294,9 @@ mod tests {
         // ½ |d - (2, -3, 1)|² from (1, 1, 1) with the first two coupled.
         let m = DMatrix::from_row_slice(3, 3, &[2.0, 0.5, 0.0, 0.5, 2.0, 0.0, 0.0, 0.0, 1.0]);
         let x = DVector::from_vec(vec![1.0, 1.0, 1.0]);
-        let found = bounded(&m, &DVector::from_vec(vec![-2.0, 5.0, -1.0]), &x).unwrap();
+        let solution = bounded(&m, &DVector::from_vec(vec![-2.0, 5.0, -1.0]), &x).unwrap();
         // The second is at zero: the first minimises 2 d²/2 + (-2 - 0.5) d.
-        assert_eq!(found[1], 0.0);
-        assert!((found[0] - 2.25).abs() < 1e-12 && (found[2] - 2.0).abs() < 1e-12, "{found}");
+        assert_eq!(solution[1], 0.0);
+        assert!((solution[0] - 2.25).abs() < 1e-12 && (solution[2] - 2.0).abs() < 1e-12, "{solution}");
     }
 }

@@ -1,4 +1,4 @@
-//! Rays drawn from pictures, with what they should see.
+//! Rays drawn from pictures, with their target values.
 
 use crate::cancel::Cancel;
 use crate::math::Ray;
@@ -21,8 +21,8 @@ pub(super) struct Rays {
     pub rays: Vec<Ray>,
     /// Rays a pixel.
     pub per_pixel: usize,
-    /// Red, green, blue and alpha.
-    pub wanted: Vec<[f32; 4]>,
+    /// Target red, green, blue and alpha of each pixel.
+    pub targets: Vec<[f32; 4]>,
     /// Polled between pixels by what walks the rays; sums of a walk that it stopped are incomplete.
     pub cancel: Cancel,
 }
@@ -31,10 +31,10 @@ pub(super) struct Rays {
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 impl Rays {
-    /// Draws pixels from the photos that are wanted: evenly along a Morton curve of each, beginning at
+    /// Draws pixels from the photos that `selects` accepts by number: evenly along a Morton curve of each, beginning at
     /// another place in each. Pixels that are not finite are left out.
-    pub fn draw(photos: &[Photo], wanted: impl Fn(usize) -> bool, draw: Draw) -> Self {
-        let chosen: Vec<(usize, &Photo)> = photos.iter().enumerate().filter(|(i, _)| wanted(*i)).collect();
+    pub fn draw(photos: &[Photo], selects: impl Fn(usize) -> bool, draw: Draw) -> Self {
+        let chosen: Vec<(usize, &Photo)> = photos.iter().enumerate().filter(|(i, _)| selects(*i)).collect();
         let pixels: usize = chosen.iter().map(|(_, p)| p.film.rgba.len()).sum();
         let stride = (pixels as f64 / draw.count.max(1) as f64).max(1.0);
         let n = draw.per_edge.max(1);
@@ -53,7 +53,7 @@ impl Rays {
                 }
                 let (x, y) = ((pixel % width) as f64, (pixel / width) as f64);
                 all.rays.extend((0..n * n).map(|k| photo.camera.ray(x + offset(k % n), y + offset(k / n))));
-                all.wanted.push(value);
+                all.targets.push(value);
             }
         }
         all
@@ -61,11 +61,11 @@ impl Rays {
 
     /// How many pixels there are.
     pub fn len(&self) -> usize {
-        self.wanted.len()
+        self.targets.len()
     }
 
     pub fn is_empty(&self) -> bool {
-        self.wanted.is_empty()
+        self.targets.is_empty()
     }
 
     /// The rays of one pixel.

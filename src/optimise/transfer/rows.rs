@@ -36,14 +36,14 @@ impl Scratch {
     fn derive(&mut self, dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, pixel: usize) -> [f64; 4] {
         self.jacobian.forget();
         let share = 1.0 / rays.per_pixel as f64;
-        let mut seen = [0.0; 4];
+        let mut rendered = [0.0; 4];
         for ray in rays.of(pixel) {
-            let found = dvr.table_jacobian(ray, share, &mut self.jacobian, &mut self.tape).rgba();
+            let rgba = dvr.table_jacobian(ray, share, &mut self.jacobian, &mut self.tape).rgba();
             for c in 0..4 {
-                seen[c] += share * f64::from(found[c]);
+                rendered[c] += share * f64::from(rgba[c]);
             }
         }
-        seen
+        rendered
     }
 
     /// The texels that the pixel depends on.
@@ -52,21 +52,21 @@ impl Scratch {
     }
 }
 
-/// A line of a sparse matrix: texel and value.
+/// Row of a sparse matrix: texels and values.
 pub(super) type Lengths = Vec<(u32, f32)>;
 
 /// Length of each pixel's rays in each texel (times the factor of the extinctions): derivatives of alpha where
 /// nothing absorbs.
-pub(super) fn lengths(clear: &Composited<Dvr<'_, f32>>, rays: &Rays, texels: usize) -> Vec<Lengths> {
+pub(super) fn lengths(non_absorbing: &Composited<Dvr<'_, f32>>, rays: &Rays, texels: usize) -> Vec<Lengths> {
     let of_run = |scratch: &mut Scratch, run: &Range<usize>| {
-        let line = |pixel| {
-            scratch.derive(clear, rays, pixel);
+        let of_pixel = |pixel| {
+            scratch.derive(non_absorbing, rays, pixel);
             scratch.texels().map(|(j, by)| (j, by.extinction[3] as f32)).collect()
         };
-        run.clone().map(line).collect::<Vec<Lengths>>()
+        run.clone().map(of_pixel).collect::<Vec<Lengths>>()
     };
     let runs = tiles::map(&tiles::runs(rays.len(), RUN), rays.cancel.flag(), || Scratch::new(texels), of_run);
-    // Nothing is asked of lines once the work is to stop.
+    // Nobody reads the rows once the work is to stop.
     runs.map_or_else(|| vec![Lengths::new(); rays.len()], |runs| runs.concat())
 }
 
@@ -84,27 +84,27 @@ pub(super) fn extinctions(lengths: &[Lengths], rays: &Rays, texels: usize, smoot
         let sums: Vec<(Vec<f64>, DVector<f64>)> = lengths
             .par_chunks(part)
             .enumerate()
-            .map(|(partition, lines)| {
+            .map(|(partition, rows)| {
                 // Row by row, on and above the diagonal.
-                let (mut matrix, mut slope) = (vec![0.0; texels * texels], DVector::zeros(texels));
-                for (i, line) in lines.iter().enumerate() {
-                    let depth: f64 = line.iter().map(|(j, v)| f64::from(*v) * s[*j as usize]).sum();
-                    let open = (-depth).exp();
-                    let residual = open - (1.0 - f64::from(rays.wanted[partition * part + i][3]));
-                    for (first, (j, v)) in line.iter().enumerate() {
-                        let by = open * f64::from(*v);
-                        slope[*j as usize] -= by * residual;
-                        let row = &mut matrix[*j as usize * texels..][..texels];
-                        let factor = by * open;
-                        for (k, w) in &line[first..] {
-                            row[*k as usize] += factor * f64::from(*w);
+                let (mut matrix, mut gradient) = (vec![0.0; texels * texels], DVector::zeros(texels));
+                for (i, entries) in rows.iter().enumerate() {
+                    let depth: f64 = entries.iter().map(|(j, v)| f64::from(*v) * s[*j as usize]).sum();
+                    let transmittance = (-depth).exp();
+                    let residual = transmittance - (1.0 - f64::from(rays.targets[partition * part + i][3]));
+                    for (first, (j, v)) in entries.iter().enumerate() {
+                        let by = transmittance * f64::from(*v);
+                        gradient[*j as usize] -= by * residual;
+                        let matrix_row = &mut matrix[*j as usize * texels..][..texels];
+                        let factor = by * transmittance;
+                        for (k, w) in &entries[first..] {
+                            matrix_row[*k as usize] += factor * f64::from(*w);
                         }
                     }
                 }
-                (matrix, slope)
+                (matrix, gradient)
             })
             .collect();
-        let mut slope: DVector<f64> = sums.iter().map(|s| &s.1).sum();
+        let mut gradient: DVector<f64> = sums.iter().map(|s| &s.1).sum();
         let sum = |i: usize, j: usize| sums.iter().map(|s| s.0[i.min(j) * texels + i.max(j)]).sum::<f64>();
         let mut matrix = DMatrix::from_fn(texels, texels, sum);
         let level = matrix.trace() / texels as f64;
@@ -114,8 +114,8 @@ pub(super) fn extinctions(lengths: &[Lengths], rays: &Rays, texels: usize, smoot
         let weight = smooth * level;
         for i in 0..texels - 1 {
             let pull = weight * (s[i + 1] - s[i]);
-            slope[i] -= pull;
-            slope[i + 1] += pull;
+            gradient[i] -= pull;
+            gradient[i + 1] += pull;
             matrix[(i, i)] += weight;
             matrix[(i + 1, i + 1)] += weight;
             matrix[(i, i + 1)] -= weight;
@@ -125,10 +125,10 @@ pub(super) fn extinctions(lengths: &[Lengths], rays: &Rays, texels: usize, smoot
             matrix[(i, i)] *= 1.0 + 1e-3;
             matrix[(i, i)] += 1e-9 * level;
         }
-        let Some(next) = bounded(&matrix, &slope, &s) else { break };
-        let moved = (&next - &s).amax();
+        let Some(next) = bounded(&matrix, &gradient, &s) else { break };
+        let change = (&next - &s).amax();
         s = next;
-        if moved <= 1e-3 * s.amax() {
+        if change <= 1e-3 * s.amax() {
             break;
         }
     }
@@ -161,8 +161,8 @@ fn sums(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, scale: f64, texels: usize, 
         |_| Sums::zeros(texels),
         |(scratch, rows), sums, pixels| {
             for (row, pixel) in rows.iter_mut().zip(pixels.clone()) {
-                let seen = scratch.derive(dvr, rays, pixel);
-                row.residual = std::array::from_fn(|c| seen[c] - f64::from(rays.wanted[pixel][c]));
+                let rendered = scratch.derive(dvr, rays, pixel);
+                row.residual = std::array::from_fn(|c| rendered[c] - f64::from(rays.targets[pixel][c]));
                 row.texels.clear();
                 row.by_extinction.clear();
                 row.by_color.clear();
@@ -178,24 +178,29 @@ fn sums(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, scale: f64, texels: usize, 
 }
 
 /// A pixel.
-pub(super) fn see(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, pixel: usize, tape: &mut Tape<f32>) -> [f64; 4] {
-    let mut seen = [0.0; 4];
+pub(super) fn render_pixel(
+    dvr: &Composited<Dvr<'_, f32>>,
+    rays: &Rays,
+    pixel: usize,
+    tape: &mut Tape<f32>,
+) -> [f64; 4] {
+    let mut rendered = [0.0; 4];
     for ray in rays.of(pixel) {
-        let found = dvr.pixel_on(ray, tape).rgba();
+        let rgba = dvr.pixel_on(ray, tape).rgba();
         for c in 0..4 {
-            seen[c] += f64::from(found[c]) / rays.per_pixel as f64;
+            rendered[c] += f64::from(rgba[c]) / rays.per_pixel as f64;
         }
     }
-    seen
+    rendered
 }
 
-/// Sum over all pixels of what `square` makes of seen less wanted.
+/// Sum over all pixels of `square` of the rendered less the target values.
 fn sum(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, square: impl Fn([f64; 4]) -> f64 + Sync) -> f64 {
     let part = rays.len().div_ceil(PARTITIONS).max(1);
     let of_part = |tape: &mut Tape<f32>, part: &Range<usize>| {
         let of = |pixel: usize| {
-            let seen = see(dvr, rays, pixel, tape);
-            square(std::array::from_fn(|c| seen[c] - f64::from(rays.wanted[pixel][c])))
+            let rendered = render_pixel(dvr, rays, pixel, tape);
+            square(std::array::from_fn(|c| rendered[c] - f64::from(rays.targets[pixel][c])))
         };
         part.clone().take_while(|_| !rays.cancel.requested()).map(of).sum::<f64>()
     };

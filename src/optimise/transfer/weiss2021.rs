@@ -5,7 +5,7 @@
 //! the one that, over a quarter of the volume, gives the largest optical depth seen. All begin at `u = 0`, where theirs
 //! begin at noise; of the pixels, those are used that were drawn.
 
-use super::rows::{PARTITIONS, see};
+use super::rows::{PARTITIONS, render_pixel};
 use super::{Fit, Rays};
 use crate::error::Result;
 use crate::optimise::loss::prior::TransferPrior;
@@ -34,7 +34,7 @@ pub(super) struct Descent {
 impl Descent {
     /// Begins with the texels of `fit` if these were given, else in the middle of everything.
     pub fn new(fit: &Fit<'_>) -> Self {
-        let deepest = fit.used.wanted.iter().fold(0.0_f32, |m, p| m.max(-(1.0 - p[3].clamp(0.0, OPAQUE)).ln()));
+        let deepest = fit.used.targets.iter().fold(0.0_f32, |m, p| m.max(-(1.0 - p[3].clamp(0.0, OPAQUE)).ln()));
         let quarter = 0.25 * fit.field.world_bounds().size().max_element() * fit.request.extinction;
         let unit = if deepest > 0.0 { f64::from(deepest) / quarter } else { 1.0 / quarter };
         let of = |(c, v): (usize, &f64)| match c {
@@ -81,8 +81,8 @@ impl Descent {
         let (_, prior) = TransferPrior::Smooth.of(&texels, self.unit);
         let chain = |(i, u): (usize, &f32)| {
             let (texel, c) = (i / 4, i % 4);
-            let (_, slope) = self.of(c, f64::from(*u));
-            ((by_texel[texel][c] + smooth * prior[texel][c]) * slope) as f32
+            let (_, derivative) = self.of(c, f64::from(*u));
+            ((by_texel[texel][c] + smooth * prior[texel][c]) * derivative) as f32
         };
         let gradient: Vec<f32> = self.u.iter().enumerate().map(chain).collect();
         self.adam.step_free(&mut self.u, &gradient);
@@ -90,7 +90,7 @@ impl Descent {
     }
 }
 
-/// `Σ (seen - wanted)²`, and the derivative by texel of the mean over pixels of `Σ_c |seen - wanted|`.
+/// `Σ (rendered - target)²`, and the derivative by texel of the mean over pixels of `Σ_c |rendered - target|`.
 fn absolute(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, texels: usize) -> (f64, Vec<Rgbs>) {
     let share = 1.0 / (rays.len() * rays.per_pixel) as f32;
     let parts = tiles::partitions(
@@ -99,14 +99,14 @@ fn absolute(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, texels: usize) -> (f64,
         |partition| (partition..rays.len()).step_by(PARTITIONS),
         |_| (0.0, TableGradient::of_knots(texels)),
         |(tape, shared), (square, table), pixel| {
-            let seen = see(dvr, rays, pixel, tape);
-            let off: [f64; 4] = std::array::from_fn(|c| seen[c] - f64::from(rays.wanted[pixel][c]));
+            let rendered = render_pixel(dvr, rays, pixel, tape);
+            let off: [f64; 4] = std::array::from_fn(|c| rendered[c] - f64::from(rays.targets[pixel][c]));
             *square += off.iter().map(|d| d * d).sum::<f64>();
-            let slope = |d: f64| if d == 0.0 { 0.0 } else { share * d.signum() as f32 };
-            let slope = off.map(slope);
+            let cotangent = |d: f64| if d == 0.0 { 0.0 } else { share * d.signum() as f32 };
+            let cotangent = off.map(cotangent);
             for ray in rays.of(pixel) {
                 let to = Accumulators { voxels: None, table: Some(&mut *table), ray: None, shared: &mut *shared };
-                dvr.vjp(ray, &mut |_| slope, Adjoint::Tape, to, tape);
+                dvr.vjp(ray, &mut |_| cotangent, Adjoint::Tape, to, tape);
             }
         },
     );
