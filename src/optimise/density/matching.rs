@@ -177,7 +177,7 @@ pub fn densities(
     let mut densities: Option<Bricks<f32>> = None;
     for mut level in levels.into_iter().rev() {
         let start = densities.map(|f: Bricks<f32>| f.resampled(&level.densities.topology, &level.densities.transform));
-        densities = Some(level.settle(&samples, start, cancel));
+        densities = Some(level.relax(&samples, start, cancel));
     }
     Ok(densities.unwrap_or_else(|| Bricks::zeros(topology.clone(), volume.transform)))
 }
@@ -208,10 +208,10 @@ impl Level {
             let local = IVec3::new((local >> 6) as i32, (local >> 3 & 7) as i32, (local & 7) as i32);
             let at = (8 * topology.bricks()[voxel / LEAF_VOXELS] + local).map(|v| v >> 1);
             let own = at & IVec3::splat(7);
-            let there =
+            let parent =
                 coarse.find(at.map(|v| v >> 3)) as usize * LEAF_VOXELS + (own.x << 6 | own.y << 3 | own.z) as usize;
-            targets[there] += *target;
-            count[there] += 1.0;
+            targets[parent] += *target;
+            count[parent] += 1.0;
         }
         targets.iter_mut().zip(&count).for_each(|(t, c)| *t /= c.max(1.0));
         Ok(Self {
@@ -222,7 +222,7 @@ impl Level {
     }
 
     /// Improves all voxels' densities in turn, and returns them.
-    fn settle(&mut self, samples: &Samples, start: Option<Vec<f32>>, cancel: Cancel) -> Bricks<f32> {
+    fn relax(&mut self, samples: &Samples, start: Option<Vec<f32>>, cancel: Cancel) -> Bricks<f32> {
         let neighbours = Neighbours::new(&self.densities.topology);
         let (targets, unknown) = (&self.targets, &self.unknown);
         let begin = |cost: &mut Vec<f32>, voxel: usize| match &start {
@@ -240,7 +240,9 @@ impl Level {
                 }
                 let mut all = [indices[voxel]; 7];
                 let near = neighbours.of_voxel(voxel);
-                all.iter_mut().zip(near).for_each(|(v, there)| *v = there.map_or(*v, |there| indices[there]));
+                all.iter_mut()
+                    .zip(near)
+                    .for_each(|(v, neighbour)| *v = neighbour.map_or(*v, |neighbour| indices[neighbour]));
                 all.sort_unstable();
                 all[3]
             };
@@ -267,11 +269,13 @@ impl Level {
                 }
                 let own = targets[voxel];
                 let near = neighbours.of_voxel(voxel);
-                if !near.iter().flatten().any(|there| unsettled[*there]) {
+                if !near.iter().flatten().any(|neighbour| unsettled[*neighbour]) {
                     return before[voxel];
                 }
                 beside.clear();
-                beside.extend(near.iter().flatten().map(|there| (0.5 * (own + targets[*there]), before[*there])));
+                beside.extend(
+                    near.iter().flatten().map(|neighbour| (0.5 * (own + targets[*neighbour]), before[*neighbour])),
+                );
                 samples.best(own, beside, cost)
             };
             let after: Vec<u16> = all.clone().into_par_iter().map_init(Default::default, update).collect();

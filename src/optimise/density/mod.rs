@@ -189,8 +189,8 @@ pub fn most_iterations(request: &Request) -> u64 {
     let levels = levels(&request.lattice, &request.bounds, request.init.as_ref());
     let coarse = u64::from(levels - 1) * u64::from(COARSE_ITERATIONS.min(request.iterations));
     // Each level tries one number of blur passes that it does not keep, or more.
-    let tried = if request.smoothing.is_none() { u64::from(levels * TRIAL) } else { 0 };
-    u64::from(request.iterations) + coarse + tried
+    let trial = if request.smoothing.is_none() { u64::from(levels * TRIAL) } else { 0 };
+    u64::from(request.iterations) + coarse + trial
 }
 
 /// Returns the number of levels, each of half the resolution, up to the finest. A start is used on the level of its own
@@ -285,12 +285,12 @@ impl Level {
         if !self.explore || self.held_out.is_empty() || limit <= TRIAL {
             return self.descend(start, limit, &mut watch);
         }
-        let tried = self.compare(&start, &mut watch);
-        if tried.stopped {
-            return tried;
+        let trial = self.compare(&start, &mut watch);
+        if trial.stopped {
+            return trial;
         }
-        let done = self.descend(tried.voxels.clone(), limit - TRIAL, &mut watch);
-        if done.psnr > tried.psnr { done } else { Solved { stopped: done.stopped, ..tried } }
+        let done = self.descend(trial.voxels.clone(), limit - TRIAL, &mut watch);
+        if done.psnr > trial.psnr { done } else { Solved { stopped: done.stopped, ..trial } }
     }
 
     /// Chooses the number of blur passes by the held-out views: the best depends on the smoothness of the volume, the

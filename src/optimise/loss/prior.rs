@@ -65,21 +65,21 @@ impl VolumePrior {
     }
 }
 
-/// Returns `x_there - x_here` for the neighbours below (0) and above (1) along each axis; zero where there is no brick.
-fn differences<R: Real>(x: &[R], all: &[Option<usize>; 6], here: usize, side: usize) -> [f64; 3] {
-    std::array::from_fn(|axis| all[2 * axis + side].map_or(0.0, |there| x[there].f64() - x[here].f64()))
+/// Returns `x[neighbour] - x[voxel]` for the neighbours below (0) and above (1) along each axis; zero where there is no brick.
+fn differences<R: Real>(x: &[R], all: &[Option<usize>; 6], voxel: usize, side: usize) -> [f64; 3] {
+    std::array::from_fn(|axis| all[2 * axis + side].map_or(0.0, |neighbour| x[neighbour].f64() - x[voxel].f64()))
 }
 
 fn smooth<R: Real>(weight: f64, x: &[R], neighbours: &Neighbours, gradient: &mut [R]) -> f64 {
     let of = |(brick, gradient): (usize, &mut [R])| {
         let mut sum = 0.0;
         for (i, gradient) in gradient.iter_mut().enumerate() {
-            let here = brick * LEAF_VOXELS + i;
-            let all = neighbours.of_voxel(here);
-            let [below, above] = [0, 1].map(|side| differences(x, &all, here, side));
+            let voxel = brick * LEAF_VOXELS + i;
+            let all = neighbours.of_voxel(voxel);
+            let [below, above] = [0, 1].map(|side| differences(x, &all, voxel, side));
             sum += above.iter().map(|d| d * d).sum::<f64>();
-            let pull: f64 = below.iter().chain(&above).sum();
-            *gradient -= R::of(2.0 * weight * pull);
+            let laplacian: f64 = below.iter().chain(&above).sum();
+            *gradient -= R::of(2.0 * weight * laplacian);
         }
         sum
     };
@@ -89,19 +89,19 @@ fn smooth<R: Real>(weight: f64, x: &[R], neighbours: &Neighbours, gradient: &mut
 }
 
 fn variation<R: Real>(weight: f64, x: &[R], neighbours: &Neighbours, gradient: &mut [R]) -> f64 {
-    let length = |here: usize| {
-        let [dx, dy, dz] = differences(x, &neighbours.of_voxel(here), here, 1);
+    let length = |voxel: usize| {
+        let [dx, dy, dz] = differences(x, &neighbours.of_voxel(voxel), voxel, 1);
         (dx * dx + dy * dy + dz * dz + EPSILON * EPSILON).sqrt()
     };
     let lengths: Vec<f64> = (0..x.len()).into_par_iter().map(length).collect();
-    gradient.par_iter_mut().enumerate().for_each(|(here, gradient)| {
-        let all = neighbours.of_voxel(here);
-        let [below, above] = [0, 1].map(|side| differences(x, &all, here, side));
-        let mut pull = above.iter().sum::<f64>() / lengths[here];
+    gradient.par_iter_mut().enumerate().for_each(|(voxel, gradient)| {
+        let all = neighbours.of_voxel(voxel);
+        let [below, above] = [0, 1].map(|side| differences(x, &all, voxel, side));
+        let mut divergence = above.iter().sum::<f64>() / lengths[voxel];
         for (axis, difference) in below.iter().enumerate() {
-            pull += all[2 * axis].map_or(0.0, |there| difference / lengths[there]);
+            divergence += all[2 * axis].map_or(0.0, |neighbour| difference / lengths[neighbour]);
         }
-        *gradient -= R::of(weight * pull);
+        *gradient -= R::of(weight * divergence);
     });
     weight * lengths.iter().map(|l| l - EPSILON).sum::<f64>()
 }

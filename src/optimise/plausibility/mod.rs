@@ -139,11 +139,11 @@ fn range(photo: &Photo) -> Option<Finding> {
             "check that the layer holds colors (no depth, vector or difference), and choose it with --layer",
         ));
     }
-    let odd = finite.iter().filter(|p| p[3] < -0.01 || p[3] > 1.01).count();
-    if 2 * odd > finite.len() {
+    let outliers = finite.iter().filter(|p| p[3] < -0.01 || p[3] > 1.01).count();
+    if 2 * outliers > finite.len() {
         return Some(Finding::certain(
             name,
-            format!("alpha lies outside of 0 to 1 in {odd} of {all} pixels"),
+            format!("alpha lies outside of 0 to 1 in {outliers} of {all} pixels"),
             "alpha is 1 - transmittance: check the layer, or leave its alpha out",
         ));
     }
@@ -154,10 +154,10 @@ fn range(photo: &Photo) -> Option<Finding> {
             "check the layer, and that filters and denoisers do not undershoot",
         ));
     }
-    if odd > 0 {
+    if outliers > 0 {
         return Some(Finding::doubtful(
             name,
-            format!("alpha lies outside of 0 to 1 in {odd} of {all} pixels"),
+            format!("alpha lies outside of 0 to 1 in {outliers} of {all} pixels"),
             "alpha is 1 - transmittance: clamp it, or check the layer",
         ));
     }
@@ -215,19 +215,19 @@ fn background_color(photos: &[Photo], capture: &Capture) -> Option<Finding> {
             finite(p).filter(|v| v[3].abs() < TRANSPARENT).map(|v| [v[0], v[1], v[2]]).collect()
         };
         let mut samples: Vec<[f32; 3]> = photos.par_iter().flat_map_iter(transparent).collect();
-        let shown = (100 * samples.len() >= pixels).then(|| common(&mut samples)).flatten()?;
-        return (!same(shown, stated)).then(|| {
+        let observed = (100 * samples.len() >= pixels).then(|| common(&mut samples)).flatten()?;
+        return (!same(observed, stated)).then(|| {
             Finding::certain(
                 None,
                 format!(
                     "pixels of alpha 0 show the background: theirs is {}, the capture says {}",
-                    json(shown),
+                    json(observed),
                     json(stated)
                 ),
                 format!(
                     "state \"background\": {} in transforms.json{}",
-                    json(shown),
-                    if shown == [0.0; 3] { ": the pictures were rendered with a transparent film" } else { "" }
+                    json(observed),
+                    if observed == [0.0; 3] { ": the pictures were rendered with a transparent film" } else { "" }
                 ),
             )
         });
@@ -240,18 +240,18 @@ fn background_color(photos: &[Photo], capture: &Capture) -> Option<Finding> {
         (0..w * h).filter(outer).filter(finite).map(color).collect()
     };
     let mut samples: Vec<[f32; 3]> = photos.par_iter().flat_map_iter(border).collect();
-    let shown = common(&mut samples)?;
-    if same(shown, stated) || grey(capture).is_some_and(|source| same(shown, source)) {
+    let observed = common(&mut samples)?;
+    if same(observed, stated) || grey(capture).is_some_and(|source| same(observed, source)) {
         return None;
     }
     let what = format!(
         "the borders of all pictures have the color {}, the capture's background is {}",
-        json(shown),
+        json(observed),
         json(stated)
     );
-    let remedy = format!("state \"background\": {} in transforms.json, or render with alpha", json(shown));
+    let remedy = format!("state \"background\": {} in transforms.json, or render with alpha", json(observed));
     // Between background and source a medium that fills all pictures evenly could have it.
-    let (off, transmittance) = grey(capture).map_or((0.0, 0.5), |source| between(shown, source, stated));
+    let (off, transmittance) = grey(capture).map_or((0.0, 0.5), |source| between(observed, source, stated));
     let possible = off < 0.05 && (-0.05..1.0).contains(&transmittance);
     Some(if possible { Finding::doubtful(None, what, remedy) } else { Finding::certain(None, what, remedy) })
 }
@@ -273,7 +273,7 @@ fn opacity(photos: &[Photo], capture: &Capture) -> Option<Finding> {
     let stated = grey(capture)?;
     let background = capture.background.map(f64::from);
     if !has_alpha(photos) {
-        return spread(photos, stated, background);
+        return impossible_colors(photos, stated, background);
     }
     // Σ α², Σ α (L - (1 - α) b), Σ (L - (1 - α) b)², by channel.
     let sums = |p: &Photo| {
@@ -320,21 +320,21 @@ fn opacity(photos: &[Photo], capture: &Capture) -> Option<Finding> {
 }
 
 /// Colors that a grey medium cannot have.
-fn spread(photos: &[Photo], source: [f64; 3], background: [f64; 3]) -> Option<Finding> {
+fn impossible_colors(photos: &[Photo], source: [f64; 3], background: [f64; 3]) -> Option<Finding> {
     let count = |p: &Photo| {
-        finite(p).fold([0_usize; 2], |[all, odd], v| {
+        finite(p).fold([0_usize; 2], |[all, outliers], v| {
             let (off, transmittance) = between([0, 1, 2].map(|c| f64::from(v[c])), source, background);
-            [all + 1, odd + usize::from(off > 0.1 || !(-0.1..=1.1).contains(&transmittance))]
+            [all + 1, outliers + usize::from(off > 0.1 || !(-0.1..=1.1).contains(&transmittance))]
         })
     };
     let counts: Vec<[usize; 2]> = photos.par_iter().map(count).collect();
-    let [all, odd] = counts.iter().fold([0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
-    (4 * odd > all).then(|| {
+    let [all, outliers] = counts.iter().fold([0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    (4 * outliers > all).then(|| {
         Finding::doubtful(
             None,
             format!(
                 "{} % of the pixels have colors that do not lie between background {} and emission {}",
-                100 * odd / all.max(1),
+                100 * outliers / all.max(1),
                 json(background),
                 json(source)
             ),
@@ -436,7 +436,7 @@ impl<'a> Aim<'a> {
 
     /// How far a point lies from the silhouette's middle, in its half sizes; sides at which the picture cuts the medium
     /// off say nothing. Infinite behind the camera.
-    fn miss(&self, point: DVec3) -> f64 {
+    fn offset(&self, point: DVec3) -> f64 {
         let Some((pixel, _)) = self.map.camera.project(point) else { return f64::INFINITY };
         let size = DVec2::new(self.map.width as f64, self.map.height as f64);
         let half = 0.5 * (self.high - self.low) + 1.0;
@@ -458,10 +458,10 @@ fn aims(observation: &Observation) -> Option<Finding> {
     if aims.len() < 3 {
         return None;
     }
-    let point = meeting(&aims)?;
-    let misses: Vec<f64> = aims.iter().map(|aim| aim.miss(point)).collect();
-    let wrong = misses.iter().filter(|m| **m > AIMED).count();
-    let (worst, _) = misses.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
+    let point = closest_point(&aims)?;
+    let offsets: Vec<f64> = aims.iter().map(|aim| aim.offset(point)).collect();
+    let wrong = offsets.iter().filter(|m| **m > AIMED).count();
+    let (worst, _) = offsets.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
     if wrong == 0 {
         return far(&aims, point);
     }
@@ -489,7 +489,7 @@ fn aims(observation: &Observation) -> Option<Finding> {
             point.x,
             point.y,
             point.z,
-            if misses[worst].is_finite() { "beside its silhouette" } else { "behind it" },
+            if offsets[worst].is_finite() { "beside its silhouette" } else { "behind it" },
             if wrong > 1 { format!(" ({wrong} of {} views are like that)", aims.len()) } else { String::new() }
         ),
         "correct the frame's 'transform_matrix' (camera-to-world, looking down -Z, Y up), take the view out, or give the \
@@ -521,7 +521,7 @@ fn far(aims: &[Aim<'_>], point: DVec3) -> Option<Finding> {
 
 /// The point nearest to most of the central rays: the sum of distances is least there (iteratively reweighted least
 /// squares), so that a few wrong cameras do not draw it away.
-fn meeting(aims: &[Aim<'_>]) -> Option<DVec3> {
+fn closest_point(aims: &[Aim<'_>]) -> Option<DVec3> {
     let mut weights = vec![1.0; aims.len()];
     let mut point = DVec3::ZERO;
     // Near the rays' origins numbers are small, wherever the scene lies.

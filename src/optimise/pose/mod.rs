@@ -242,19 +242,19 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
             _ => COARSE,
         };
         let error = |equations: &Equations| equations.iter().map(|(normal, _)| normal.error).sum::<f64>();
-        let mut here = self.linearised(&self.cameras, level, reference);
+        let mut current = self.linearised(&self.cameras, level, reference);
         if self.cancelled() {
             return None;
         }
-        let largest = here.iter().map(|(_, spectrum)| spectrum.largest()).fold(0.0, f64::max);
+        let largest = current.iter().map(|(_, spectrum)| spectrum.largest()).fold(0.0, f64::max);
         let (mut damping, mut growth, mut failed) = (DAMPING * largest, 2.0, 0);
         for _ in 0..self.request.iterations {
             if self.cancelled() {
                 break;
             }
-            let (poses, focal, promised) = steps(&here, damping, self.request.solve_focal);
+            let (poses, focal, predicted) = steps(&current, damping, self.request.solve_focal);
             let size = poses.iter().map(Pose::amax).fold(focal.abs(), f64::max);
-            if !(size > shortest && size.is_finite() && promised > 0.0) {
+            if !(size > shortest && size.is_finite() && predicted > 0.0) {
                 break;
             }
             // Beyond that no derivative holds.
@@ -266,16 +266,16 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
                 .zip(&poses)
                 .map(|((c, distance), step)| Frame::new(c, *distance).moved(c, &(share * step), share * focal))
                 .collect();
-            let there = self.linearised(&trial, level, reference);
+            let candidate = self.linearised(&trial, level, reference);
             if self.cancelled() {
                 break;
             }
             self.iterations += 1;
-            let gain = (error(&here) - error(&there)) / promised;
+            let gain = (error(&current) - error(&candidate)) / predicted;
             if gain > 0.0 {
                 damping *= (1.0 - (2.0 * gain - 1.0).powi(3)).max(0.1);
                 (growth, failed) = (2.0, 0);
-                (self.cameras, here) = (trial, there);
+                (self.cameras, current) = (trial, candidate);
             } else {
                 damping *= growth;
                 growth *= 2.0;
@@ -285,7 +285,7 @@ impl<'s, I: Differentiable<Real = f32>> Search<'s, I> {
                 }
             }
         }
-        Some(here)
+        Some(current)
     }
 
     fn cancelled(&self) -> bool {

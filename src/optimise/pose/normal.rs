@@ -114,24 +114,24 @@ impl Spectrum {
 
     /// Number of directions that the picture says nothing about.
     pub fn undetermined(&self) -> usize {
-        self.values.iter().filter(|v| !self.tells(**v)).count()
+        self.values.iter().filter(|v| !self.determines(**v)).count()
     }
 
-    fn tells(&self, value: f64) -> bool {
+    fn determines(&self, value: f64) -> bool {
         value > self.least && value > 0.0
     }
 
     /// Solves with damping; what the picture says nothing about stays as it is.
     fn solve(&self, right: &Pose, damping: f64) -> Pose {
         let along = self.vectors.transpose() * right;
-        let scaled = along.zip_map(&self.values, |a, v| if self.tells(v) { a / (v + damping) } else { 0.0 });
+        let scaled = along.zip_map(&self.values, |a, v| if self.determines(v) { a / (v + damping) } else { 0.0 });
         self.vectors * scaled
     }
 }
 
 /// Steps of several cameras, and of the focal length that they share if it is to be found: their normal equations
 /// are an arrow, solved by eliminating the poses (Levenberg's damping). Gives the steps, that of the focal length's
-/// logarithm, and the fall of the error that they promise.
+/// logarithm, and the decrease of the error that they predict.
 pub fn steps(equations: &[(Normal, Spectrum)], damping: f64, with_focal: bool) -> (Vec<Pose>, f64, f64) {
     let focal = if with_focal {
         let (mut matrix, mut right) = (0.0, 0.0);
@@ -145,19 +145,19 @@ pub fn steps(equations: &[(Normal, Spectrum)], damping: f64, with_focal: bool) -
     } else {
         0.0
     };
-    let mut promised = 0.0;
+    let mut predicted = 0.0;
     let poses = equations
         .iter()
         .map(|(normal, spectrum)| {
             let step = spectrum.solve(&(normal.right - focal * normal.cross), damping);
-            promised += 2.0 * (step.dot(&normal.right) + focal * normal.focal_right)
+            predicted += 2.0 * (step.dot(&normal.right) + focal * normal.focal_right)
                 - step.dot(&(normal.matrix * step))
                 - 2.0 * focal * step.dot(&normal.cross)
                 - focal * focal * normal.focal;
             step
         })
         .collect();
-    (poses, focal, promised)
+    (poses, focal, predicted)
 }
 
 #[cfg(test)]
@@ -184,13 +184,13 @@ mod tests {
                 (normal, normal.spectrum())
             })
             .collect();
-        let (poses, focal, promised) = steps(&equations, 0.0, true);
+        let (poses, focal, predicted) = steps(&equations, 0.0, true);
         assert!((focal - 0.07).abs() < 1e-12);
         for (pose, truth) in poses.iter().zip(&truth) {
             assert!((pose - truth).norm() < 1e-12);
         }
         let error: f64 = equations.iter().map(|(normal, _)| normal.error).sum();
-        assert!((promised - error).abs() < 1e-12 * error, "all of the error is explained");
+        assert!((predicted - error).abs() < 1e-12 * error, "all of the error is explained");
     }
 
     #[test]

@@ -58,7 +58,7 @@ const OPAQUE: f64 = 14.0;
 const OWN_ERROR: f64 = 0.08;
 /// Bounds of that error over the noise.
 const TRUST: std::ops::RangeInclusive<f64> = 3.0..=60.0;
-/// Noise in the transmittance from which on pictures count as noisy. Detail of a pixel's size answers to
+/// Noise in the transmittance from which on pictures count as noisy. Detail of a pixel's size responds to
 /// the estimate too, up to half of this.
 const NOISY: f64 = 8e-3;
 /// Optical depth below which a pixel is empty where some have the background's very color: a few roundings of `f32` near 1.
@@ -195,8 +195,8 @@ fn haze(transmittances: &[Vec<f64>]) -> f32 {
 }
 
 /// Standard deviation of the noise in the transmittance of pixels that show something, by a mask that
-/// smooth pictures hardly answer to (Immerkær 1996). Noise answers half as much in pictures of half the
-/// size, detail several times as much: what both answers share is no noise.
+/// smooth pictures hardly respond to (Immerkær 1996). Noise responds half as much in pictures of half the
+/// size, detail several times as much: what both responses share is no noise.
 fn noise(photos: &[Photo], transmittances: &[Vec<f64>]) -> f64 {
     let full: Vec<Picture> = photos
         .iter()
@@ -204,8 +204,8 @@ fn noise(photos: &[Photo], transmittances: &[Vec<f64>]) -> f64 {
         .map(|(p, t)| Picture { width: p.film.width, height: p.film.height, t: t.clone() })
         .collect();
     let half: Vec<Picture> = full.iter().map(Picture::halved).collect();
-    let (here, coarser) = (answer(&full), answer(&half));
-    (here * here - 0.25 * coarser * coarser).max(0.0).sqrt()
+    let (fine, coarse) = (response(&full), response(&half));
+    (fine * fine - 0.25 * coarse * coarse).max(0.0).sqrt()
 }
 
 /// Transmittances of a picture, row by row.
@@ -227,22 +227,23 @@ impl Picture {
     }
 }
 
-/// Standard deviation of white noise that the median answer of all pixels to the mask would be of.
-fn answer(pictures: &[Picture]) -> f64 {
+/// Standard deviation of white noise that the median response of all pixels to the mask would be of.
+fn response(pictures: &[Picture]) -> f64 {
     const MASK: [f64; 9] = [1.0, -2.0, 1.0, -2.0, 4.0, -2.0, 1.0, -2.0, 1.0];
     let of = |p: &Picture| -> Vec<f64> {
         let at = |x: usize, y: usize| p.t[y * p.width + x];
-        let answer = |x: usize, y: usize| (0..9).map(|k| MASK[k] * at(x + k % 3 - 1, y + k / 3 - 1)).sum::<f64>().abs();
+        let response =
+            |x: usize, y: usize| (0..9).map(|k| MASK[k] * at(x + k % 3 - 1, y + k / 3 - 1)).sum::<f64>().abs();
         let inner = (1..p.height.saturating_sub(1)).flat_map(|y| (1..p.width.saturating_sub(1)).map(move |x| (x, y)));
         let shown = inner.filter(|(x, y)| (at(*x, *y) - 1.0).abs() > f64::from(EMPTY));
-        shown.map(|(x, y)| answer(x, y)).filter(|a| a.is_finite()).collect()
+        shown.map(|(x, y)| response(x, y)).filter(|a| a.is_finite()).collect()
     };
-    let mut answers: Vec<f64> = pictures.par_iter().flat_map_iter(of).collect();
-    if answers.is_empty() {
+    let mut responses: Vec<f64> = pictures.par_iter().flat_map_iter(of).collect();
+    if responses.is_empty() {
         return 0.0;
     }
-    let middle = answers.len() / 2;
-    let (_, median, _) = answers.select_nth_unstable_by(middle, f64::total_cmp);
+    let middle = responses.len() / 2;
+    let (_, median, _) = responses.select_nth_unstable_by(middle, f64::total_cmp);
     // The squares of the mask's weights sum up to 36; half of a normal distribution lies within 0.6745 σ.
     *median / (6.0 * 0.6745)
 }

@@ -111,7 +111,8 @@ impl<'a> Hull<'a> {
             observation.maps.par_iter().map(|m| Silhouette::new(m, observation.empty)).collect();
         // A picture of a part of the medium can have an empty border, too. Others tell: they see
         // something beside its frustum.
-        let occupied: Vec<Ray> = observation.maps.par_iter().flat_map_iter(|m| shown(m, observation.empty)).collect();
+        let occupied: Vec<Ray> =
+            observation.maps.par_iter().flat_map_iter(|m| occupied_rays(m, observation.empty)).collect();
         views.par_iter_mut().filter(|v| v.whole).for_each(|v| {
             let frustum = frustum(v.camera);
             v.whole = occupied.iter().all(|ray| crosses(ray, &frustum));
@@ -361,11 +362,11 @@ impl Hull<'_> {
 const MOST_BRICKS: f64 = 1e8;
 
 /// Some of the rays of a picture that meet something.
-const SHOWN: usize = 1024;
+const OCCUPIED_RAYS: usize = 1024;
 
-fn shown(map: &DepthMap, empty: f32) -> impl Iterator<Item = Ray> {
+fn occupied_rays(map: &DepthMap, empty: f32) -> impl Iterator<Item = Ray> {
     let pixels: Vec<usize> = (0..map.depth.len()).filter(|i| map.weight[*i] > 0.0 && map.depth[*i] > empty).collect();
-    let step = pixels.len().div_ceil(SHOWN).max(1);
+    let step = pixels.len().div_ceil(OCCUPIED_RAYS).max(1);
     pixels.into_iter().step_by(step).map(|i| map.camera.ray((i % map.width) as f64 + 0.5, (i / map.width) as f64 + 0.5))
 }
 

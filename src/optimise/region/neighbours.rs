@@ -33,8 +33,8 @@ impl Neighbours {
             match (at, up) {
                 (0, false) | (7, true) => {
                     let other = self.0[brick][axis][usize::from(up)];
-                    let there = if up { i - 7 * stride } else { i + 7 * stride };
-                    (other != NONE).then(|| other as usize * LEAF_VOXELS + there)
+                    let neighbour = if up { i - 7 * stride } else { i + 7 * stride };
+                    (other != NONE).then(|| other as usize * LEAF_VOXELS + neighbour)
                 }
                 (_, true) => Some(voxel + stride),
                 (_, false) => Some(voxel - stride),

@@ -11,7 +11,7 @@ use glam::{DMat2, DMat3, DVec2};
 const FIRST: f64 = 0.2;
 /// The longest step.
 const LONGEST: f64 = 0.5;
-/// Share of the rise that the gradient promises below which a step is taken back (Armijo).
+/// Share of the rise that the gradient predicts below which a step is taken back (Armijo).
 const RISE: f64 = 1e-4;
 
 /// A value and its derivative by a step along the axes right and up.
@@ -30,7 +30,7 @@ pub struct Ascent {
     pub axes: DMat3,
     /// Axes of all viewpoints it was at, the first one included.
     pub path: Vec<DMat3>,
-    /// Value where it is, as the last climb saw it; none before.
+    /// Value where it is, as the last climb evaluated it; none before.
     pub value: Option<f64>,
     /// Number of evaluations.
     pub evaluations: u32,
@@ -46,7 +46,7 @@ impl Ascent {
 
     /// Sets out anew with a frame of the same viewpoint, turned about the line of sight: what was learnt of the
     /// curvature turns with it, path and count begin again.
-    pub fn rest(&mut self, axes: DMat3) {
+    pub fn restart(&mut self, axes: DMat3) {
         let old = DMat2::from_cols(
             DVec2::new(self.axes.x_axis.dot(axes.x_axis), self.axes.x_axis.dot(axes.y_axis)),
             DVec2::new(self.axes.y_axis.dot(axes.x_axis), self.axes.y_axis.dot(axes.y_axis)),
@@ -55,7 +55,7 @@ impl Ascent {
         *self = Self { value: self.value, curvature, ..Self::new(axes) };
     }
 
-    /// Climbs until steps are shorter than `shortest` (radians) or promise a smaller rise than `worth`, for at most
+    /// Climbs until steps are shorter than `shortest` (radians) or predict a smaller rise than `worth`, for at most
     /// `most` evaluations. `evaluate` gives nothing once the search is to stop. What was learnt of the curvature is
     /// kept for the next climb.
     pub fn climb(&mut self, [shortest, worth]: [f64; 2], most: u32, evaluate: impl Fn(&DMat3) -> Option<Evaluation>) {
@@ -64,25 +64,25 @@ impl Ascent {
             (*count < end).then(|| *count += 1)?;
             evaluate(axes).filter(|s| s.value.is_finite() && s.gradient.is_finite())
         };
-        let Some(mut here) = probe(&self.axes, &mut self.evaluations) else { return };
+        let Some(mut current) = probe(&self.axes, &mut self.evaluations) else { return };
         loop {
-            self.value = Some(here.value);
-            let mut step = self.step(here.gradient);
-            let (there, axes) = loop {
-                let promised = here.gradient.dot(step);
+            self.value = Some(current.value);
+            let mut step = self.step(current.gradient);
+            let (candidate, axes) = loop {
+                let predicted = current.gradient.dot(step);
                 // A step of nothing ends here, too.
-                if !(step.length() > shortest && promised > worth) {
+                if !(step.length() > shortest && predicted > worth) {
                     return;
                 }
                 let axes = stepped(&self.axes, step);
-                let Some(there) = probe(&axes, &mut self.evaluations) else { return };
-                if there.value >= here.value + RISE * promised {
-                    break (there, axes);
+                let Some(candidate) = probe(&axes, &mut self.evaluations) else { return };
+                if candidate.value >= current.value + RISE * predicted {
+                    break (candidate, axes);
                 }
-                step *= shrunk(here.value, promised, there.value);
+                step *= shrunk(current.value, predicted, candidate.value);
             };
-            self.learn(step, here.gradient - there.gradient);
-            (self.axes, here) = (axes, there);
+            self.update_curvature(step, current.gradient - candidate.gradient);
+            (self.axes, current) = (axes, candidate);
             self.path.push(axes);
         }
     }
@@ -96,7 +96,7 @@ impl Ascent {
     }
 
     /// Takes up what a step and the gradient's decrease along it say.
-    fn learn(&mut self, step: DVec2, decrease: DVec2) {
+    fn update_curvature(&mut self, step: DVec2, decrease: DVec2) {
         let along = step.dot(decrease);
         if along <= 1e-9 * step.length() * decrease.length() {
             // The land curves upwards here: no summit near, go on in longer steps.
@@ -111,8 +111,8 @@ impl Ascent {
 }
 
 /// Where the parabola through two values and the slope at the first has its top, as a share of the step.
-fn shrunk(here: f64, promised: f64, there: f64) -> f64 {
-    let top = 0.5 * promised / (promised + here - there);
+fn shrunk(current: f64, predicted: f64, candidate: f64) -> f64 {
+    let top = 0.5 * predicted / (predicted + current - candidate);
     if top.is_finite() { top.clamp(0.1, 0.5) } else { 0.1 }
 }
 

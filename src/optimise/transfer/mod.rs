@@ -89,7 +89,7 @@ impl Request {
         match (&self.smooth, self.held_out.is_empty()) {
             (Some(weight), _) => std::slice::from_ref(weight),
             (None, true) => &[USUAL],
-            (None, false) => &LADDER,
+            (None, false) => &PATH_WEIGHTS,
         }
     }
 
@@ -136,7 +136,7 @@ pub struct Outcome {
 }
 
 /// Weights of the prior, strongest first: each begins where the one before it ended.
-const LADDER: [f64; 7] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
+const PATH_WEIGHTS: [f64; 7] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
 /// That of pictures without held-out views.
 const USUAL: f64 = 1e-4;
 /// Times the least error: as good as the best.
@@ -170,18 +170,18 @@ pub fn reconstruct(
 fn newton(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> ControlFlow<()>) -> Result<Outcome> {
     let request = fit.request;
     let mut stages = Vec::new();
-    let first = request.smooth.unwrap_or(LADDER[0]);
+    let first = request.smooth.unwrap_or(PATH_WEIGHTS[0]);
     if request.init.is_none() {
         first_guess(&mut fit, first, &mut stages)?;
     }
     let begun = Instant::now();
-    let (history, tried, mut stopped) = ladder(&mut fit, start, watch)?;
+    let (history, candidates, mut stopped) = regularisation_path(&mut fit, start, watch)?;
     stopped |= request.cancel.requested();
     stages.push(Stage { name: "extinctions and colors".into(), seconds: begun.elapsed().as_secs_f64() });
     // The smoothest of those that are as good as the best.
-    let enough = GOOD_ENOUGH * least(&tried);
+    let enough = GOOD_ENOUGH * least(&candidates);
     let mut smooth = first;
-    if let Some((_, texels, weight)) = tried.into_iter().find(|t| t.0 <= enough) {
+    if let Some((_, texels, weight)) = candidates.into_iter().find(|t| t.0 <= enough) {
         (fit.texels, smooth) = (texels, weight);
     }
     let confidence = if stopped { Vec::new() } else { fit.confidence(smooth)? };
@@ -216,29 +216,29 @@ fn first_guess(fit: &mut Fit<'_>, smooth: f64, stages: &mut Vec<Stage>) -> Resul
 }
 
 /// A refinement: its error, its texels, and the weight of the smoothness prior.
-type Tried = (f64, Vec<Rgbs>, f64);
+type Candidate = (f64, Vec<Rgbs>, f64);
 
 /// Refines extinctions and colors with the weights of the prior in turn, strongest first; returns all steps and
 /// refinements, and whether `watch` stopped the work.
-fn ladder(
+fn regularisation_path(
     fit: &mut Fit<'_>,
     start: Instant,
     watch: &mut dyn FnMut(&Step) -> ControlFlow<()>,
-) -> Result<(Vec<Step>, Vec<Tried>, bool)> {
+) -> Result<(Vec<Step>, Vec<Candidate>, bool)> {
     let request = fit.request;
     // Held-out views without a pixel that is finite choose nothing.
     let weights = if fit.held_out.is_empty() && request.smooth.is_none() { &[USUAL] } else { request.weights() };
     let refinements = if weights.len() > 1 { REFINEMENTS } else { request.iterations };
-    let (mut history, mut tried): (Vec<Step>, Vec<Tried>) = (Vec::new(), Vec::new());
+    let (mut history, mut candidates): (Vec<Step>, Vec<Candidate>) = (Vec::new(), Vec::new());
     for &smooth in weights {
         for _ in 0..refinements {
             if history.len() as u32 >= request.iterations {
-                return Ok((history, tried, false));
+                return Ok((history, candidates, false));
             }
             let rms = fit.refine(smooth, Unknowns::All)?;
             let error = fit.error(&fit.held_out)?;
             if request.cancel.requested() {
-                return Ok((history, tried, false));
+                return Ok((history, candidates, false));
             }
             let step = Step {
                 iteration: history.len() as u32 + 1,
@@ -248,17 +248,17 @@ fn ladder(
                 held_out_psnr_db: error.map(decibels),
             };
             history.push(step);
-            tried.push((error.unwrap_or(rms * rms), fit.texels.clone(), smooth));
+            candidates.push((error.unwrap_or(rms * rms), fit.texels.clone(), smooth));
             if watch(&step).is_break() {
-                return Ok((history, tried, true));
+                return Ok((history, candidates, true));
             }
         }
         // Past the best weight less smoothing follows the noise.
-        if weights.len() > 1 && tried.last().is_some_and(|last| last.0 > 1.5 * least(&tried)) {
+        if weights.len() > 1 && candidates.last().is_some_and(|last| last.0 > 1.5 * least(&candidates)) {
             break;
         }
     }
-    Ok((history, tried, false))
+    Ok((history, candidates, false))
 }
 
 /// The paper's recipe; of all epochs, and of the start if one was given, what suits the held-out views best, or without
@@ -300,8 +300,8 @@ fn decibels(square: f64) -> f64 {
     -10.0 * square.max(1e-20).log10()
 }
 
-fn least(tried: &[Tried]) -> f64 {
-    tried.iter().fold(f64::INFINITY, |least, t| least.min(t.0))
+fn least(candidates: &[Candidate]) -> f64 {
+    candidates.iter().fold(f64::INFINITY, |least, t| least.min(t.0))
 }
 
 /// A function at the centres of so many texels.

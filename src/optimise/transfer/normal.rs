@@ -183,9 +183,9 @@ impl Normal {
             }
             for i in 0..n - 1 {
                 let (a, b) = (block * n + i, block * n + i + 1);
-                let pull = prior.weight * (x[b] - x[a]);
-                gradient[a] -= pull;
-                gradient[b] += pull;
+                let prior_derivative = prior.weight * (x[b] - x[a]);
+                gradient[a] -= prior_derivative;
+                gradient[b] += prior_derivative;
                 for (i, j, v) in [(a, a, 1.0), (b, b, 1.0), (a, b, -1.0), (b, a, -1.0)] {
                     matrix[(i, j)] += v * prior.weight;
                 }

@@ -113,9 +113,9 @@ pub(super) fn extinctions(lengths: &[Lengths], rays: &Rays, texels: usize, smoot
         }
         let weight = smooth * level;
         for i in 0..texels - 1 {
-            let pull = weight * (s[i + 1] - s[i]);
-            gradient[i] -= pull;
-            gradient[i + 1] += pull;
+            let prior_derivative = weight * (s[i + 1] - s[i]);
+            gradient[i] -= prior_derivative;
+            gradient[i + 1] += prior_derivative;
             matrix[(i, i)] += weight;
             matrix[(i + 1, i + 1)] += weight;
             matrix[(i, i + 1)] -= weight;

@@ -263,7 +263,7 @@ fn climb(
 ) {
     // Upright at first, never on the way: pixels that turn would be a step in the entropy.
     let axes = levelled(&ascent.axes);
-    ascent.rest(axes);
+    ascent.restart(axes);
     ascent.climb([pixels * radians_per_pixel(sphere), rise], most, |axes| {
         if cancel.load(Ordering::Relaxed) {
             return None;
@@ -346,13 +346,13 @@ mod tests {
         for size in [24, 70] {
             let sphere = Sphere::around(&field.outline(), [size, size], 40.0).unwrap();
             let request = Request { sphere, starts: spread(3), exact_starts: vec![DVec3::X], iterations: 2 };
-            let told = AtomicUsize::new(0);
+            let ticked = AtomicUsize::new(0);
             let tick = || {
-                told.fetch_add(1, Ordering::Relaxed);
+                ticked.fetch_add(1, Ordering::Relaxed);
             };
             let outcome = search(&dvr, &request, &AtomicBool::new(false), &tick);
             assert_eq!(outcome.paths.len(), 4);
-            assert_eq!(told.into_inner(), ticks(&request), "pictures of {size}");
+            assert_eq!(ticked.into_inner(), ticks(&request), "pictures of {size}");
         }
     }
 
