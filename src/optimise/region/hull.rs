@@ -120,7 +120,7 @@ impl<'a> Hull<'a> {
         Self { views, cancel: Cancel::NEVER }
     }
 
-    /// Stops with an error once that is asked for.
+    /// Stops with an error once that is requested.
     #[must_use]
     pub fn cancel(self, cancel: Cancel) -> Self {
         Self { cancel, ..self }

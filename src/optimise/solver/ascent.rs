@@ -23,7 +23,7 @@ pub struct Evaluation {
     pub gradient: DVec2,
 }
 
-/// A climber: where it is and what it knows.
+/// A local search: its viewpoint and its estimate of the curvature.
 #[derive(Debug, Clone)]
 pub struct Ascent {
     /// Axes of the viewpoint.
@@ -34,12 +34,12 @@ pub struct Ascent {
     pub value: Option<f64>,
     /// Number of evaluations.
     pub evaluations: u32,
-    /// Minus the inverse of the second derivatives, once two points have told of them.
+    /// Minus the inverse of the second derivatives, known once two points are evaluated.
     curvature: Option<DMat2>,
 }
 
 impl Ascent {
-    /// A climber at a viewpoint.
+    /// A search from a viewpoint.
     pub fn new(axes: DMat3) -> Self {
         Self { axes, path: vec![axes], value: None, evaluations: 0, curvature: None }
     }
@@ -110,7 +110,7 @@ impl Ascent {
     }
 }
 
-/// Where the parabola through two values and the slope at the first has its top, as a share of the step.
+/// Where the parabola through two values and the derivative at the first has its top, as a share of the step.
 fn shrunk(current: f64, predicted: f64, candidate: f64) -> f64 {
     let top = 0.5 * predicted / (predicted + current - candidate);
     if top.is_finite() { top.clamp(0.1, 0.5) } else { 0.1 }

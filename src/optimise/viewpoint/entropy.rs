@@ -76,7 +76,7 @@ pub struct Entropy {
     /// From 0 to 1.
     pub value: f64,
     /// Derivative with respect to a rotation of the camera about a centre: a vector along the axis, world axes, in
-    /// radians. Zero if it was not asked for.
+    /// radians. Zero if it was not requested.
     pub by_turn: DVec3,
     /// True if no pixel has any opacity; value and derivative are zero then.
     pub blank: bool,

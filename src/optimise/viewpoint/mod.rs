@@ -62,7 +62,7 @@ pub struct View {
 /// What became of a start.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Path {
-    /// Unit vectors from the centre to all viewpoints on the way, from the best that initial samples saw about the start.
+    /// Unit vectors from the centre to all viewpoints on the way, from the best of the initial samples about the start.
     pub directions: Vec<DVec3>,
     /// Number of evaluations, those as one with others that it met included, initial samples not.
     pub iterations: u32,
@@ -316,7 +316,7 @@ mod tests {
     use std::sync::atomic::AtomicUsize;
 
     #[test]
-    fn climbers_meet_and_the_higher_one_goes_on() {
+    fn searches_meet_and_the_higher_one_goes_on() {
         let search = |start: usize, x: f64, value: f64| {
             let mut ascent = Ascent::new(upright(DVec3::new(x, 0.0, 1.0).normalize()));
             ascent.value = Some(value);
