@@ -36,10 +36,10 @@ impl<I: Differentiable<Real = f32>> Rows<'_, I> {
         self.camera.width as usize * self.camera.height as usize
     }
 
-    /// Visits the pixels that `selects` accepts by their row-major number, with their values and the derivatives of each
-    /// of `losses` with respect to the camera; a loss is given by its derivatives with respect to red, green, blue and
-    /// alpha. Pixels are visited in runs that depend on the picture's size alone, each with a sum of its own; the sums
-    /// are returned in a fixed order, so that their total is bit-identical for any number of threads.
+    /// Visits the pixels that `selects` accepts by their row-major number, with their values and the derivatives of
+    /// each of `losses` with respect to the camera; a loss is given by its derivatives with respect to red, green, blue
+    /// and alpha. Pixels are visited in runs that depend on the picture's size alone, each with a sum of its own; the
+    /// sums are returned in a fixed order, so that their total is bit-identical for any number of threads.
     pub fn fold<A: Default + Send>(
         &self,
         selects: impl Fn(usize) -> bool + Sync,

@@ -174,8 +174,8 @@ impl<V: Voxel, T: Default> Workspace<V, T> {
     }
 }
 
-/// Adds the voxel gradients of all partitions to that of the first, in their order; `crossed_by` tells of each brick which
-/// partitions have rays through it.
+/// Adds the voxel gradients of all partitions to that of the first, in their order; `crossed_by` tells of each brick
+/// which partitions have rays through it.
 fn merge<V: Voxel>(voxels: &mut [&mut [V]], crossed_by: &[Partitions]) {
     let Some((total, others)) = voxels.split_first_mut() else { return };
     total.par_chunks_mut(BRICK).zip(crossed_by).enumerate().for_each(|(i, (total, crossed_by))| {

@@ -65,7 +65,8 @@ impl VolumePrior {
     }
 }
 
-/// Returns `x[neighbour] - x[voxel]` for the neighbours below (0) and above (1) along each axis; zero where there is no brick.
+/// Returns `x[neighbour] - x[voxel]` for the neighbours below (0) and above (1) along each axis; zero where there is no
+/// brick.
 fn differences<R: Real>(x: &[R], all: &[Option<usize>; 6], voxel: usize, side: usize) -> [f64; 3] {
     std::array::from_fn(|axis| all[2 * axis + side].map_or(0.0, |neighbour| x[neighbour].f64() - x[voxel].f64()))
 }

@@ -138,8 +138,8 @@ impl<'a> Emission<'a> {
         self.field.topology.fill_apron(&self.owned, &mut self.field.values);
     }
 
-    /// Walks the rays of every pixel of the given views once. `cotangent(pixel, rendered color)` gives the derivatives that are
-    /// propagated back, and two terms to be summed.
+    /// Walks the rays of every pixel of the given views once. `cotangent(pixel, rendered color)` gives the derivatives
+    /// that are propagated back, and two terms to be summed.
     fn walk(
         &mut self,
         x: &[f32],

@@ -118,9 +118,9 @@ impl Projector {
         tiles::map(maps, None, || (Tape::default(), vec![0.0; self.offsets.len()]), view).unwrap_or_default()
     }
 
-    /// Walks the rays of every pixel of the given views once, but for the idle ones. `cotangent(sample, depths)` maps the
-    /// optical depths along a pixel's rays to the derivative with respect to their mean that is propagated back, and to
-    /// two terms to be summed; `Aᵀ cotangent` goes to `out`.
+    /// Walks the rays of every pixel of the given views once, but for the idle ones. `cotangent(sample, depths)` maps
+    /// the optical depths along a pixel's rays to the derivative with respect to their mean that is propagated back,
+    /// and to two terms to be summed; `Aᵀ cotangent` goes to `out`.
     pub fn normal(
         &mut self,
         voxels: &[f32],

@@ -1,11 +1,11 @@
 //! Viewpoints from which a volume shows most: maxima of the opacity entropy over a sphere (Weiss & Westermann
 //! 2021, sect. 5.1).
 //!
-//! Initial samples are taken about each start, on the smallest pictures and without derivatives; searches leave from the best places
-//! that they find, first on small pictures; those that meet go on as one, on pictures twice as
-//! large each time, the higher half of them. A picture of full size would move them by less than its
-//! pixels: it is for the final pass, with the upright camera that is handed out. At that scale entropies are rough, and
-//! derivatives say little: about the highest the best of a few pictures is taken.
+//! Initial samples are taken about each start, on the smallest pictures and without derivatives; searches leave from
+//! the best places that they find, first on small pictures; those that meet go on as one, on pictures twice as large
+//! each time, the higher half of them. A picture of full size would move them by less than its pixels: it is for the
+//! final pass, with the upright camera that is handed out. At that scale entropies are rough, and derivatives say
+//! little: about the highest the best of a few pictures is taken.
 
 pub mod entropy;
 
@@ -85,8 +85,8 @@ pub struct Outcome {
     pub stopped: bool,
 }
 
-/// Climbs from every start. `tick` is told of every initial sample, and of every start and every size of picture that it
-/// has been through: as often as [`ticks`] says. Once `cancel` is set searches stay where they are.
+/// Climbs from every start. `tick` is told of every initial sample, and of every start and every size of picture that
+/// it has been through: as often as [`ticks`] says. Once `cancel` is set searches stay where they are.
 pub fn search(
     dvr: &Composited<Dvr<'_, f32>>,
     request: &Request,
