@@ -80,7 +80,15 @@ pub struct Render {
     emission_model: Option<EmissionModel>,
     #[command(flatten)]
     transfer: TransferOption,
-    #[arg(long, value_name = "Q", help = concat!("Integration along rays: ", rules!(), " (default: preintegrated with a transfer function, else exact)"))]
+    #[arg(
+        long,
+        value_name = "Q",
+        help = concat!(
+            "Integration along rays: ",
+            rules!(),
+            "; by default preintegrated with a transfer function, else exact",
+        )
+    )]
     quadrature: Option<Quadrature>,
     /// Transmittance at which rays end (0: never); the report says how far that may be off
     #[arg(long, value_name = "T", default_value_t = 1e-6, value_parser = parse::share)]

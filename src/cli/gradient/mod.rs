@@ -90,7 +90,16 @@ pub struct GradientCommand {
     emission_model: Option<EmissionModel>,
     #[command(flatten)]
     transfer: TransferOption,
-    #[arg(long, value_name = "Q", default_value = "exact", help = concat!("Integration along rays: ", rules!(), "; pre-shaded volumes have one of their own"))]
+    #[arg(
+        long,
+        value_name = "Q",
+        default_value = "exact",
+        help = concat!(
+            "Integration along rays: ",
+            rules!(),
+            "; pre-shaded volumes have one of their own",
+        )
+    )]
     quadrature: Quadrature,
     /// Forward or backward; auto goes by the number of parameters and the loss
     #[arg(long, value_enum, default_value_t = Mode::Auto)]

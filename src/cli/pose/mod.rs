@@ -56,7 +56,16 @@ pub struct Pose {
     /// Steps on each size of pictures that the search goes through, at most
     #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: u32,
-    #[arg(long, value_name = "Q", help = concat!("Integration along rays: ", rules!(), " (default: exact; with a transfer function preintegrated for the search, and at its end exact for the pictures compared with)"))]
+    #[arg(
+        long,
+        value_name = "Q",
+        help = concat!(
+            "Integration along rays: ",
+            rules!(),
+            "; by default exact; with a transfer function preintegrated for the search, and at its end exact ",
+            "for the pictures compared with",
+        )
+    )]
     quadrature: Option<Quadrature>,
     /// Layer of the pictures (default: the beauty)
     #[arg(long, value_name = "NAME")]

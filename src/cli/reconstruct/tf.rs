@@ -65,7 +65,12 @@ pub struct Tf {
     /// Most refinements (default: 14, or one for each of the 7 weights that held-out views choose from; weiss2021: 200 epochs)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: Option<u32>,
-    #[arg(long, value_name = "Q", default_value = "midpoint:0.5", help = concat!("Integration along rays: ", rules!()))]
+    #[arg(
+        long,
+        value_name = "Q",
+        default_value = "midpoint:0.5",
+        help = concat!("Integration along rays: ", rules!())
+    )]
     quadrature: Quadrature,
     /// Transfer function to begin with
     #[arg(long, value_name = "FILE")]

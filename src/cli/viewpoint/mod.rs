@@ -76,7 +76,15 @@ pub struct Viewpoint {
     background: Option<[f32; 3]>,
     #[command(flatten)]
     transfer: TransferOption,
-    #[arg(long, value_name = "Q", help = concat!("Integration along rays: ", rules!(), " (default: preintegrated with a transfer function, else exact)"))]
+    #[arg(
+        long,
+        value_name = "Q",
+        help = concat!(
+            "Integration along rays: ",
+            rules!(),
+            "; by default preintegrated with a transfer function, else exact",
+        )
+    )]
     quadrature: Option<Quadrature>,
     /// Grid to look at (default: density, else the only scalar one)
     #[arg(long, value_name = "NAME")]
