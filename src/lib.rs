@@ -3,15 +3,17 @@
 //! ```text
 //! formats ──▶ scene ──▶ render ──▶ optimise, metrics ──▶ report ──▶ cli
 //! ```
-//! Data flows along the arrows: `scene` knows no file format, `render` no command line, and `optimise` not where pixels
-//! come from; `formats`, `metrics` and `report` know no renderer. Only [`render::tiles`] distributes rays and pixels
+//! Data flows along the arrows: `scene` knows no file format, and `optimise` knows renderers through
+//! [`Differentiable`](render::differentiable::Differentiable); `formats`, `metrics` and `report` know no renderer. Only [`render::tiles`] distributes rays and pixels
 //! over threads.
 //!
 //! # Conventions
 //! - World space is right-handed, in the VDB's world units. Extinction is per world unit of length.
-//! - Index coordinates of a voxel are those of its **centre**. Affine maps are `f64`, column vectors.
+//! - Voxel (i, j, k) has its **centre** at index position (i, j, k). Affine maps are `f64` and act on column vectors.
 //! - A camera looks down -Z, +Y up, +X right. Pixel (0, 0) is top left, its centre at (0.5, 0.5).
-//! - Images are scene-linear and row-major; alpha is 1 - transmittance, color premultiplied.
+//! - Images are scene-linear and row-major; alpha is 1 - transmittance. Color holds the medium's radiance and the
+//!   attenuated background: over black it is premultiplied in the usual sense.
+//! - A name `by_x` is a derivative of the loss with respect to x.
 
 pub mod cancel;
 pub mod cli;

@@ -178,11 +178,11 @@ impl Render {
         let early_stop = EarlyStop { transmittance: self.early_stop, error_bound: renderer.left_out() };
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
-        capture.frames.par_iter().zip(&waiting).try_for_each(|(frame, waiting)| {
+        scene.cameras.par_iter().zip(&waiting).try_for_each(|(camera, waiting)| {
             let rays = self.supersample as usize;
             let film = match &self.aov[..] {
-                [] => renderer.picture(&frame.camera, rays, cancel),
-                aovs => renderer.picture_with(&frame.camera, rays, aovs, cancel),
+                [] => renderer.picture(camera, rays, cancel),
+                aovs => renderer.picture_with(camera, rays, aovs, cancel),
             };
             let film = film.ok_or_else(Error::cancelled)?;
             exr::write_picture(waiting, &film, &attributes, false)?;
@@ -274,7 +274,7 @@ impl Render {
 
     /// Plans the capture to render: cameras, model and medium from the options and, where they are silent, from `--cameras`.
     fn capture(&self, grids: &Grids, transfer: Option<Transfer>, template: Option<Capture>) -> Result<Capture> {
-        let field = &*grids.extinctions();
+        let field = &*grids.density_or_extinction();
         let cameras: Vec<Camera> = match (&template, self.views) {
             (Some(capture), _) => capture.frames.iter().map(|f| f.camera).collect(),
             (None, count) => {

@@ -69,7 +69,7 @@ impl<I: Integrator> Composited<I> {
         self.attenuated(light, light.transmittance())
     }
 
-    /// The medium over the background that shows through it with this transmittance.
+    /// Computes [`Composited::composite`] from a transmittance that is known already.
     #[inline(always)]
     fn attenuated(&self, light: &Radiance, transmittance: f64) -> Pixel<I::Real> {
         let channel = |c: usize| I::Real::of(light.rgb[c] + f64::from(self.background[c]) * transmittance);

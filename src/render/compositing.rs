@@ -5,7 +5,7 @@
 //! backward pass. A [`Backward`] then takes the tape far to near in [`backward`]; with [`Adjoint::Replay`] the tape
 //! holds the last batch alone, and the batches before it are computed a second time.
 //!
-//! Pre-integration does not come here: its segments end at nodes that are queued across bricks, and share their ends.
+//! Pre-integration has a driver of its own: its segments share their ends and cross the borders of batches.
 
 use crate::real::Real;
 use crate::render::differentiable::Adjoint;
@@ -18,7 +18,7 @@ pub(super) trait Compositing<R: Real> {
     type Entry;
 
     /// Composites the segments of a batch of spans behind those before, and with `KEEP` appends them to the tape, near
-    /// to far. Returns false if the ray ends here.
+    /// to far; without, the tape is scratch memory. Returns false if the ray ends here.
     fn composite<const KEEP: bool>(&mut self, spans: &[Span<R>], tape: &mut Vec<Self::Entry>) -> bool;
 }
 

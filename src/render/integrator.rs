@@ -23,11 +23,11 @@ impl Radiance {
     }
 }
 
-/// Computes the radiance along rays.
+/// Computes the radiance that a medium emits along rays, and its optical depth: deterministic, the background apart.
 pub trait Integrator: Sync {
     /// Floating-point type of the integrator's inner loops.
     type Real: Real;
-    /// Scratch memory of one thread, reused from ray to ray.
+    /// Scratch memory of a task, reused from ray to ray.
     type Scratch: Default + Send;
 
     /// Returns the radiance along a world ray of unit direction.

@@ -47,7 +47,7 @@ impl IndexRay {
     }
 
     /// Returns the axis of the domain's face through which the ray goes at world length `t`, its entry or exit, and the
-    /// coordinate gained along that axis per world length; `None` where the ray begins inside.
+    /// coordinate gained along that axis per world length; `None` where the ray begins inside or grazes the face.
     pub fn face(&self, domain: &Aabb, t: f64) -> Option<(usize, f64)> {
         if t <= 0.0 {
             return None;
@@ -57,11 +57,11 @@ impl IndexRay {
             (p - domain.min[axis]).abs().min((p - domain.max[axis]).abs())
         };
         let axis = (0..3).filter(|a| self.direction[*a] != 0.0).min_by(|a, b| off(*a).total_cmp(&off(*b)))?;
-        Some((axis, self.direction[axis]))
+        self.unless_grazing(axis)
     }
 
     /// Returns the axis of the face, of a cell or of the domain, that the ray crosses near world length `t`, and the
-    /// coordinate gained along that axis per world length; `None` where the ray begins inside the cell, or grazes the
+    /// coordinate gained along that axis per world length; `None` at the ray's origin and where it grazes the
     /// face.
     #[inline(always)]
     pub fn crossed(&self, domain: &Aabb, t: f64) -> Option<(usize, f64)> {
@@ -72,6 +72,13 @@ impl IndexRay {
         let off = (at - at.round()).abs().min((at - domain.min).abs()).min((at - domain.max).abs()) / d.abs();
         let off = |axis: usize| if d[axis] == 0.0 { f64::INFINITY } else { off[axis] };
         let axis = (1..3).fold(0, |nearest, axis| if off(axis) < off(nearest) { axis } else { nearest });
+        self.unless_grazing(axis)
+    }
+
+    /// Returns an axis with the coordinate gained along it per world length; `None` if the ray grazes its planes.
+    #[inline(always)]
+    fn unless_grazing(&self, axis: usize) -> Option<(usize, f64)> {
+        let d = self.direction;
         (d[axis].abs() > GRAZING * d.abs().max_element()).then_some((axis, d[axis]))
     }
 }
@@ -172,8 +179,8 @@ impl BrickWalk {
         (8.0 * f64::from(plane) - self.from[axis]) * self.per[axis]
     }
 
-    /// Sets the brick, along one axis, in which the ray is from `now` on, and its next plane. The given guess, a
-    /// position's floor, may be off by one at a face; the planes decide.
+    /// Sets the brick, along one axis, in which the ray is from `now` on, and its next plane. `brick` is a guess from a
+    /// rounded position and may be one off; the crossings of its planes decide.
     #[inline(always)]
     fn enter(&mut self, a: usize, mut brick: i32) {
         while self.crossing(a, brick + self.ahead[a]) <= self.now && self.crossing(a, brick + self.ahead[a]) < self.end

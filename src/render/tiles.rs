@@ -48,7 +48,7 @@ fn stopped(cancel: Option<&AtomicBool>) -> bool {
     cancel.is_some_and(|flag| flag.load(Ordering::Relaxed))
 }
 
-/// Applies `work` to each unit, with scratch memory per thread, and returns the results in the units' order; `None` if
+/// Applies `work` to each unit, with scratch memory for each unit at work, and returns the results in the units' order; `None` if
 /// `cancel` was set before all were done.
 pub fn map<U: Sync, S, T: Send>(
     units: &[U],
@@ -56,7 +56,7 @@ pub fn map<U: Sync, S, T: Send>(
     scratch: impl Fn() -> S + Sync + Send,
     work: impl Fn(&mut S, &U) -> T + Sync + Send,
 ) -> Option<Vec<T>> {
-    // One at a time: some units may take far longer than others.
+    // No grouping: the cost of units varies widely.
     let one = |scratch: &mut S, unit: &U| (!stopped(cancel)).then(|| work(scratch, unit));
     units.par_iter().with_max_len(1).map_init(scratch, one).collect()
 }
@@ -87,11 +87,12 @@ pub fn pixels<S, T: Send + Default + Clone>(
     (!stopped(cancel)).then_some(values)
 }
 
-/// Width and height of the tiles of [`pixels`]. Rays of a tile visit the same bricks; a band of tiles is a task, and
-/// small pictures need many tasks.
+/// Width and height of the tiles of [`pixels`]. A band of as many rows is one task; within it pixels go tile by tile, so
+/// that consecutive rays visit the same bricks. Small pictures need many tasks.
 const TILE: [usize; 2] = [16, 4];
 
-/// Sums over the units of each partition, in order: `begin` creates a partition's sum, `work` adds a unit. Returns the
+/// Sums over the units of each partition, in order, bit-identical for any number of threads if the number of partitions
+/// does not depend on it: `begin` creates a partition's sum, `work` adds a unit. Returns the
 /// sums in the partitions' order; those of work that `cancel` stopped are incomplete.
 pub fn partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
     partitions: &mut [P],
@@ -100,7 +101,7 @@ pub fn partitions<P: Send, U, I: Iterator<Item = U>, T: Send>(
     begin: impl Fn(&mut P) -> T + Sync,
     work: impl Fn(&mut P, &mut T, U) + Sync,
 ) -> Vec<T> {
-    // One at a time: some may be through long before others.
+    // No grouping: the cost of partitions varies widely.
     let all = partitions.par_iter_mut().enumerate().with_max_len(1);
     all.map(|(number, partition)| {
         let mut sum = begin(partition);

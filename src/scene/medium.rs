@@ -12,8 +12,8 @@ use std::sync::Arc;
 /// Source radiance `c` as a function of the density `d`, per color channel.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Source {
-    /// Constant radiance: `c` is independent of the density, and absorption alone is `c = 0`. The picture depends only
-    /// on the optical depth: `L = c (1 - T) + T · background`.
+    /// Constant radiance: `c` is independent of the density, and absorption alone is `c = 0`. Without scattering
+    /// the picture depends only on the optical depth: `L = c (1 - T) + T · background`.
     Grey([f32; 3]),
     /// Radiance proportional to the density, `c = color · d`.
     Linear([f32; 3]),
@@ -82,14 +82,6 @@ impl Medium {
     /// True if light is scattered at all.
     pub fn scatters(&self) -> bool {
         self.scattering.is_some_and(|scattering| scattering.albedo != [0.0; 3])
-    }
-
-    /// True if the source radiance is not zero everywhere.
-    pub fn emits(&self) -> bool {
-        match &self.source {
-            Source::Grey(c) | Source::Linear(c) => *c != [0.0; 3],
-            Source::Transfer(table) => table.peak()[..3] != [0.0; 3],
-        }
     }
 }
 

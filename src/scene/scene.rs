@@ -9,7 +9,7 @@ use crate::scene::volume::{Grids, Volume};
 /// Volumes, the light around them, and cameras.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// Volumes; where several overlap, their extinctions and emissions add.
+    /// Volumes, each with its medium.
     pub volumes: Vec<Volume>,
     /// Light behind and around the volumes.
     pub environment: Environment,

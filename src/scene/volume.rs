@@ -18,18 +18,9 @@ pub enum Grids {
     EmissionExtinction(Bricks<Vec4>),
 }
 
-/// A volume.
-#[derive(Debug, Clone)]
-pub enum Volume {
-    /// A density in a medium.
-    Density(Bricks<f32>, Medium),
-    /// A pre-shaded volume; its grids are all that is to be known of its medium.
-    PreShaded(Bricks<Vec4>),
-}
-
 impl Grids {
-    /// Returns the grid that the optical depth is made of.
-    pub fn extinctions(&self) -> Cow<'_, Bricks<f32>> {
+    /// Returns the grid that the optical depth is proportional to, or a function of: the density or the extinction.
+    pub fn density_or_extinction(&self) -> Cow<'_, Bricks<f32>> {
         match self {
             Self::Density(field) => Cow::Borrowed(field),
             Self::EmissionExtinction(volume) => Cow::Owned(volume.channel(3)),
@@ -50,6 +41,15 @@ impl Grids {
             }
         })
     }
+}
+
+/// A volume.
+#[derive(Debug, Clone)]
+pub enum Volume {
+    /// A density in a medium.
+    Density(Bricks<f32>, Medium),
+    /// A pre-shaded volume; its grids are all that is to be known of its medium.
+    PreShaded(Bricks<Vec4>),
 }
 
 /// Multiplies emissions and extinctions.

@@ -39,7 +39,7 @@ impl GradientCommand {
             Some(Model::PreShaded) => (self.pre_shaded(target.as_ref(), limits)?, None),
             model => self.density(model, target.as_ref(), limits)?,
         };
-        let outline = scene.extinctions().outline();
+        let outline = scene.density_or_extinction().outline();
         if outline.is_empty() && target.is_none() {
             return Err(Error::invalid("the grid is empty: there is nothing to place cameras around")
                 .at(&self.input)

@@ -173,7 +173,7 @@ impl Pose {
             task.provenance.input(tf, [tf.as_path()])?;
         }
 
-        let centre = self.centre(&grids.extinctions())?;
+        let centre = self.centre(&grids.density_or_extinction())?;
         let targets = self.targets(photos, &shown)?;
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(shown.transfer.is_some()));
         let scene = Scene::shown_by(&shown, grids).map_err(|e| e.at(&self.volume))?;

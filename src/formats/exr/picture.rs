@@ -111,7 +111,7 @@ pub fn picture_within(path: &Path, layer: Option<&str>, limits: Limits) -> Resul
 pub fn read_film_within(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
     let Picture { mut film, layer: chosen, channels, .. } = picture_within(path, layer, limits)?;
     let held = size_of_val(&film.rgba[..]) as u64;
-    let limits = Limits { max_memory: limits.max_memory.saturating_sub(held), ..limits };
+    let limits = Limits { max_memory: limits.max_memory.saturating_sub(held) };
     for layer in read_within(path, limits)?.layers {
         let prefix = if layer.name.is_empty() { String::new() } else { format!("{}.", layer.name) };
         let others = layer.channels.into_iter().filter(|c| layer.name != chosen || !channels.contains(&c.name));

@@ -2,7 +2,7 @@
 //!
 //! Let `x_i` be the optical depth of segment i, `c_i` its source at the mean density and `s_i q_i` what
 //! varies of its light ([`shade`](super::shade)), `T_i` the transmittance before it and `V_i` the radiance
-//! that arrives from behind it, background included, at at the eye. From the far end:
+//! that arrives from behind it, background included, at the eye. From the far end:
 //!
 //! ```text
 //! V ← T_N · background
@@ -56,10 +56,11 @@ impl<R: Precision> Dvr<'_, R> {
         if let CompiledMedium::Table(compiled, Some(tables)) = &self.compiled {
             return tables.gradient(&mut pass, loss, adjoint, compiled, &mut tape.preintegrated);
         }
-        // What is not asked for in earnest is compiled once, not for each instruction set.
+        // Rare variants are compiled once, not for each instruction set.
         if self.uniform(&pass.ray).is_some() || adjoint == Adjoint::Inversion {
             return R::stepped(&mut pass, loss, adjoint, tape);
         }
+        // Averaged weights of cells cannot be differentiated with respect to the ray.
         if let (Source::Grey(color), None) = (&self.medium.source, &pass.to.ray) {
             return pass.absorption((loss, adjoint), ExactDepth, *color, &mut tape.cells);
         }
@@ -210,6 +211,7 @@ impl<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usi
         let pass = &mut *self.pass;
         let extinction = pass.dvr.medium.extinction;
         let gradient = segment.vjp(piece, optics, slope, by);
+        // Extinction and length enter as their product alone.
         pass.to.shared.extinction += (gradient.length * segment.length()).f64() / extinction;
         if pass.to.voxels.is_some() {
             let [near, far] = segment.voxel_vjp(gradient.density);
@@ -283,7 +285,7 @@ impl<R: Real, S: SegmentDerivatives<R>, Q: Rule<R, C, Segment = S>, const C: usi
     fn step(&mut self, segment: &S, optics: &SegmentOptics<R>) {
         let source = self.segments.source(segment, optics);
         self.segments.add_jump((segment, End::Far), self.transmittance, self.incoming);
-        // Not as the tape has it: replay is to find the same.
+        // Not from the tape: replay, which has none, must agree bit for bit.
         self.depth -= optics.depth.f64();
         let before = (-self.depth).exp();
         let by = SegmentCotangent {

@@ -3,8 +3,8 @@
 //! `L = ∫ T(t) σ(t) c(t) dt + T(end) · background`, `T(t) = exp(-∫σ)`
 //! (Max 1995; Weiss & Westermann 2021, eq. 1).
 //!
-//! [`Dvr`] picks its kernel once a tile: the quadrature rule and the source are types
-//! inside the loops, so what a scene does not call for costs nothing there.
+//! [`Dvr`] picks its kernel once a ray: the quadrature rule and the source are types inside the loops, so what a scene
+//! does not call for costs nothing there.
 
 mod absorption;
 mod adjoint;
@@ -321,8 +321,8 @@ impl<'a, R: Real> Dvr<'a, R> {
         self
     }
 
-    /// Ends a ray once its transmittance is below `transmittance` (0: never); [`Composited::left_out`] bounds the
-    /// error.
+    /// Ends a ray after the batch of bricks in which its transmittance falls below `transmittance`, from 0 (never) to 1;
+    /// [`Composited::left_out`] bounds the error.
     #[must_use]
     pub fn early_stop(mut self, transmittance: f64) -> Self {
         self.depth_limit = -transmittance.ln();

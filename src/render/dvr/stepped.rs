@@ -14,7 +14,7 @@ impl<R: Real> Pass<'_, '_, R> {
     pub(super) fn stepped(&mut self, loss: Loss<'_, R>, adjoint: Adjoint, tape: &mut Tape<R>) -> Radiance {
         let dvr = self.dvr;
         let uniform = dvr.uniform(&self.ray);
-        // Depths are averages over cells: where the ray goes needs their points.
+        // Averaged weights of cells cannot be differentiated with respect to the ray.
         if let (Source::Grey(color), None, Some(rule)) = (&dvr.medium.source, &self.to.ray, uniform)
             && adjoint != Adjoint::Inversion
         {

@@ -1,4 +1,7 @@
 //! Quadrature rules: how the integrals along a ray are cut into segments and sampled.
+//!
+//! [`Quadrature`] is the choice that a user makes, [`Rule`]s and [`DepthRule`]s are the kernels behind it.
+//! Pre-integration has a walk of its own, in [`dvr`](crate::render::dvr).
 
 pub mod cells;
 mod exact;
@@ -16,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// The names of all rules, for help and errors.
+/// The names of all rules, for help and errors; a macro, for `concat!`.
 macro_rules! rules {
     () => {
         "exact, preintegrated, preintegrated:TOLERANCE (of the density, in units of the function's range), midpoint:STEP \
@@ -29,12 +32,13 @@ pub(crate) use rules;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub enum Quadrature {
-    /// Cell by cell between voxel centres, where the trilinear field along a ray is a cubic:
-    /// two-point Gauss-Legendre has no error for the optical depth.
+    /// Cell by cell between voxel centres, where the trilinear field along a ray is a cubic: two-point Gauss-Legendre has
+    /// no error for the optical depth. A source that varies takes four points in segments short enough for
+    /// [`Dvr::tolerance`](crate::render::dvr::Dvr::tolerance).
     Exact,
-    /// Pre-integration: a transfer function's cumulative tables between nodes whose distance follows the curvature of
-    /// the density, however many knots lie between; errors are of second order in the distance. The number is the
-    /// allowed error of the density between nodes, in units of the range of the function's knots. Equal to exact
+    /// Pre-integration (Engel, Kraus & Ertl 2001): between two nodes the density is taken as linear, and cumulative tables
+    /// of the transfer function give the light however many knots lie between. Nodes are spaced so that the density errs
+    /// by at most the tolerance given, in units of the range of the function's knots. Equal to exact
     /// quadrature without a transfer function.
     Preintegrated(f64),
     /// Samples in the middle of steps of constant length; order 2.
@@ -126,14 +130,14 @@ impl fmt::Display for Quadrature {
     }
 }
 
-/// Cuts spans into segments.
+/// Cuts spans into segments; `C` is the number of channels of the source, 1 or 3.
 pub trait Rule<R: Real, const C: usize>: Copy + Sync {
     /// Type of the segments.
     type Segment: Copy;
     /// Appends the segments of at most [`BATCH`](crate::render::march::BATCH) spans, near to far, with the densities in them.
     fn segments(&self, curve: &Curve<R, C>, values: &[R], spans: &[Span<R>], segments: &mut Vec<Self::Segment>);
-    /// True if the segments partition [entry, exit]; only then are boundary terms the derivatives with respect to its
-    /// ends. Else [`Rule::vjp`] returns them.
+    /// True if the result does not depend on where the interior is cut: derivatives with respect to entry and exit are
+    /// then the integrand there. Else, for samples that move with the ends, [`Rule::vjp`] returns them.
     const BOUNDED: bool;
     /// Returns the derivatives with respect to entry, exit and step (world lengths), from those with respect to a
     /// segment's length and position.
