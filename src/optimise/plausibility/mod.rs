@@ -20,9 +20,9 @@ use serde::{Deserialize, Serialize};
 /// A remark on a result that the user should know of.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Warning {
-    /// What was found, and what was expected.
+    /// Contradiction: the value found, and the value expected.
     pub what: String,
-    /// What to do about it: the setting that would fit.
+    /// Remedy: the setting that would fit.
     #[serde(rename = "do")]
     pub remedy: String,
 }
@@ -41,7 +41,7 @@ pub struct Finding {
     pub certain: bool,
     /// File of the picture that shows it; none if all do.
     pub view: Option<String>,
-    /// What was found, and the setting that would fit.
+    /// Contradiction and the setting that would fit.
     pub warning: Warning,
 }
 

@@ -126,7 +126,7 @@ impl Residuals {
         }
     }
 
-    /// What contradicts the model.
+    /// Returns a warning for each way in which the residuals contradict the model.
     pub fn warnings(&self) -> Vec<Warning> {
         let mut warnings = Vec::new();
         let scale = self.peak.max(f64::MIN_POSITIVE);

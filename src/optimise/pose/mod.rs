@@ -33,7 +33,7 @@ const PATIENCE: [u32; 2] = [6, 2];
 pub struct Colors {
     /// One a walk: derivatives with respect to red, green, blue and alpha.
     losses: Vec<[f32; 4]>,
-    /// By color, for each loss.
+    /// Weights of the losses in the derivative of each color, `mix[loss][color]`.
     mix: [[f64; 3]; 3],
 }
 
@@ -74,7 +74,7 @@ fn unit(c: usize) -> [f32; 4] {
     std::array::from_fn(|i| if i == c { 1.0 } else { 0.0 })
 }
 
-/// What is looked for.
+/// Settings of a search for poses.
 #[derive(Debug, Clone, Copy)]
 pub struct Request<'r> {
     /// How colors follow from what the renderer's walks give.
@@ -87,10 +87,10 @@ pub struct Request<'r> {
     pub solve_focal: bool,
 }
 
-/// What became of a camera.
+/// Pose that a search ended with.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseEstimate {
-    /// Where it stands now.
+    /// Camera with that pose.
     pub camera: Camera,
     /// Root mean square of the colors' differences before and after; not numbers if they were not measured any more
     /// after the search was stopped.
@@ -174,7 +174,7 @@ struct Search<'s, I> {
     pyramids: Vec<Vec<Target>>,
     /// Cameras of the full pictures, where they stand now.
     cameras: Vec<Camera>,
-    /// Their distances at first.
+    /// Distances of the cameras from the centre when the search began, in world units.
     distances: Vec<f64>,
     iterations: u32,
 }

@@ -23,7 +23,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// That of a camera that sees something at a distance.
+    /// Creates the frame of a camera whose subject is at a distance, in world units.
     pub fn new(camera: &Camera, distance: f64) -> Self {
         Self { axes: DMat3::from_mat4(camera.camera_to_world), focal: camera.focal.to_array(), distance }
     }

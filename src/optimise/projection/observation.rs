@@ -12,9 +12,9 @@ use rayon::prelude::*;
 /// A camera and its picture.
 #[derive(Debug, Clone)]
 pub struct Photo {
-    /// Where it was taken from.
+    /// Camera of the picture.
     pub camera: Camera,
-    /// The picture.
+    /// Pixels of the picture.
     pub film: Film,
     /// Named in messages: the file.
     pub name: String,
@@ -23,7 +23,7 @@ pub struct Photo {
 /// Optical depth of every pixel of a view.
 #[derive(Debug, Clone)]
 pub struct DepthMap {
-    /// Where it was taken from.
+    /// Camera of the picture.
     pub camera: Camera,
     /// Pixels in a row.
     pub width: usize,
@@ -37,7 +37,7 @@ pub struct DepthMap {
     pub name: String,
 }
 
-/// What the pictures have in common.
+/// Optical depths of all pictures, and what is common to them.
 #[derive(Debug, Clone)]
 pub struct Observation {
     /// One map a view.
@@ -145,7 +145,7 @@ pub fn stride_within(stride: usize, width: usize, height: usize) -> usize {
 }
 
 impl DepthMap {
-    /// As [`stride_within`] for this picture.
+    /// Returns the stride of [`stride_within`] for this map.
     pub fn stride_within(&self, stride: usize) -> usize {
         stride_within(stride, self.width, self.height)
     }
@@ -181,8 +181,8 @@ impl DepthMap {
     }
 }
 
-/// What counts as empty where no pixel is exactly the background: three times the spread of the
-/// brightest tenth of all pixels around 1, at least.
+/// Returns the distance from 1 up to which a transmittance counts as that of an empty pixel, where no pixel is exactly the
+/// background: three times the distance that a tenth of all pixels stay within, at least [`EMPTY`].
 fn haze(transmittances: &[Vec<f64>]) -> f32 {
     let mut distances: Vec<f64> =
         transmittances.iter().flatten().filter(|t| t.is_finite()).map(|t| (t - 1.0).abs()).collect();

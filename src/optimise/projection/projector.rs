@@ -33,7 +33,7 @@ pub struct Sample {
 /// The measured pixels of one picture, in an order in which neighbours are close in the image.
 #[derive(Debug, Clone)]
 pub struct View {
-    /// Where it was taken from.
+    /// Camera of the view.
     pub camera: Camera,
     /// Pixels whose rays cross unknowns.
     pub samples: Vec<Sample>,

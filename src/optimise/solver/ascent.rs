@@ -17,7 +17,7 @@ const RISE: f64 = 1e-4;
 /// A value and its derivative by a step along the axes right and up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Evaluation {
-    /// What is to become large.
+    /// Value of the function that is maximised.
     pub value: f64,
     /// Derivative by a rotation vector's two coordinates, per radian.
     pub gradient: DVec2,

@@ -30,7 +30,7 @@ pub trait Equations {
 /// The state of a solve.
 #[derive(Debug)]
 pub struct Solver<'a, E> {
-    /// What is solved.
+    /// Normal equations that are solved.
     pub equations: E,
     smoother: &'a mut Smoother,
     /// 1 where a voxel may be anything, by the hull.

@@ -12,7 +12,7 @@ use crate::render::differentiable::Adjoint;
 /// The mode that is requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
-    /// By the number of parameters and the loss.
+    /// Choice by the number of parameters and the loss.
     Auto,
     /// Backward: all parameters at once.
     Reverse,
@@ -38,7 +38,7 @@ pub struct Choice {
     pub reason: String,
 }
 
-/// What there is to differentiate.
+/// Number and kind of the derivatives that are requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Task {
     /// How many parameters.

@@ -21,9 +21,9 @@ const POINT: usize = 5;
 /// A difference quotient.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quotient {
-    /// What it says the derivative is.
+    /// Estimate of the derivative.
     pub value: f64,
-    /// How far rounding of the loss alone may have moved it.
+    /// Bound of the error that rounding of the loss alone makes in the estimate.
     pub rounding: f64,
 }
 

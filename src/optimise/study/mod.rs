@@ -25,13 +25,13 @@ use setting::{Setting, Units};
 pub struct Study<V> {
     /// The voxels.
     pub field: Bricks<V>,
-    /// What else there is.
+    /// Medium, cameras and quadrature.
     pub setting: Setting,
     /// The loss of the pictures.
     pub loss: Loss,
-    /// What is added to it.
+    /// Priors that are added to the loss of the pictures.
     pub priors: Vec<Weighted<Prior>>,
-    /// What these count in.
+    /// Units of the priors.
     pub units: Units,
     /// Target pictures, row-major, one per camera; none for losses that compare with nothing.
     pub targets: Vec<Vec<Rgba>>,
@@ -46,7 +46,7 @@ pub struct StudyGradient {
     pub value: f64,
     /// In the order of the parameters.
     pub derivatives: Vec<f64>,
-    /// By owned voxel, 512 a brick, and in each by the requested channels.
+    /// Derivatives by owned voxel, 512 a brick, and in each by the requested channels.
     pub by_voxel: Vec<f64>,
 }
 

@@ -38,7 +38,7 @@ impl Setting {
     }
 }
 
-/// What priors count in: these stay when voxels and functions change.
+/// Units of priors, which stay when voxels and functions change.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Units {
     /// The density that stands for 1.

@@ -16,27 +16,27 @@ use std::fmt::Debug;
 
 /// A voxel, single or double, of something whose pictures can be differentiated.
 pub trait Subject: Voxel + Debug + PartialEq + 'static {
-    /// The same in double precision.
+    /// Voxel type in double precision.
     type Double: Subject<Double = Self::Double>;
-    /// Its renderer.
+    /// Renderer of fields of such voxels.
     type Renderer<'f>: ForwardInAll + Differentiable<Voxel = Self>;
-    /// Names of the numbers it is made of; the last is what the optical depth is made of.
+    /// Names of the numbers of a voxel; the last is the one that the optical depth depends on.
     const CHANNELS: &'static [&'static str];
-    /// The renderer of a field. In double precision nothing is left out, so that differences show derivatives and not
-    /// where rays end.
+    /// Returns the renderer of a field. In double precision rays do not end early, so that differences show derivatives,
+    /// not where rays end.
     ///
     /// # Errors
     /// As [`Dvr::new`] and [`Transfer::table`](crate::scene::transfer::Transfer::table).
     fn renderer<'f>(field: &'f Bricks<Self>, setting: &Setting) -> Result<Composited<Self::Renderer<'f>>>;
-    /// True if light depends on the optical depth alone.
+    /// Returns true if the pictures depend on the optical depth alone.
     fn depth_alone(setting: &Setting) -> bool;
-    /// How rays are integrated along, in a word.
+    /// Returns the name of the quadrature.
     fn quadrature(setting: &Setting) -> String;
-    /// In double precision, exactly.
+    /// Converts the voxel to double precision, exactly.
     fn double(self) -> Self::Double;
-    /// One of its numbers.
+    /// Returns one of the numbers of the voxel.
     fn channel(self, channel: usize) -> f64;
-    /// The same with one number replaced.
+    /// Returns the voxel with one number replaced.
     #[must_use]
     fn with(self, channel: usize, value: f64) -> Self;
 }

@@ -42,7 +42,7 @@ pub enum Solver {
 }
 
 impl Solver {
-    /// What its steps are called.
+    /// Returns the name of the solver's steps.
     pub fn steps(self) -> &'static str {
         match self {
             Self::Newton => "refinements",
@@ -51,7 +51,7 @@ impl Solver {
     }
 }
 
-/// What is known, and how to go about it.
+/// Known properties of the pictures, and settings of the reconstruction.
 #[derive(Debug, Clone)]
 pub struct Request {
     /// Factor of the extinctions that the pictures were made with; it is divided out.
@@ -117,7 +117,7 @@ pub struct Step {
     pub held_out_psnr_db: Option<f64>,
 }
 
-/// What was found.
+/// Reconstructed transfer function, and how the work went.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// The function, as a texture.
@@ -137,15 +137,15 @@ pub struct Outcome {
 
 /// Weights of the prior, strongest first: each begins where the one before it ended.
 const PATH_WEIGHTS: [f64; 7] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
-/// That of pictures without held-out views.
+/// Weight of the prior without held-out views.
 const USUAL: f64 = 1e-4;
-/// Times the least error: as good as the best.
+/// Factor of the least error up to which a refinement counts as good as the best.
 const GOOD_ENOUGH: f64 = 1.02;
 /// Texels of the first guess, at most.
 const FIRST_TEXELS: usize = 64;
-/// Of the steps' damping: far more than the sums of derivatives are rounded by.
+/// Least damping of the steps: far more than the rounding of the sums of derivatives.
 const LEAST_DAMPING: f64 = 1e-6;
-/// Refinements a weight.
+/// Refinements with each weight.
 const REFINEMENTS: u32 = 1;
 
 /// Finds the texels whose pictures of `field` are most like `photos`.
@@ -310,7 +310,7 @@ fn sampled(transfer: &Transfer, domain: [f64; 2], texels: usize) -> Result<Vec<R
     Ok(Transfer::centres(domain, texels).into_iter().map(|d| table.at(d)).collect())
 }
 
-/// What a refinement changes.
+/// Unknowns that a refinement changes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Unknowns {
     Colors,
@@ -349,7 +349,7 @@ impl<'a> Fit<'a> {
         Ok(fit)
     }
 
-    /// The same function with so many texels.
+    /// Samples the current function at another number of texels.
     fn resample(&mut self, texels: usize) -> Result<()> {
         self.texels = sampled(&self.transfer(), self.request.domain, texels)?;
         Ok(())

@@ -207,12 +207,12 @@ fn sum(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays, square: impl Fn([f64; 4]) ->
     tiles::map(&tiles::runs(rays.len(), part), None, Tape::default, of_part).into_iter().flatten().sum()
 }
 
-/// `Σ` of all four channels' squared differences.
+/// Returns the sum of all four channels' squared differences over all pixels.
 pub(super) fn cost(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays) -> f64 {
     sum(dvr, rays, |d| d.iter().map(|v| v * v).sum())
 }
 
-/// The same of the colors alone.
+/// Returns the sum of the three colors' squared differences over all pixels.
 pub(super) fn color_cost(dvr: &Composited<Dvr<'_, f32>>, rays: &Rays) -> f64 {
     sum(dvr, rays, |d| d[..3].iter().map(|v| v * v).sum())
 }

@@ -24,7 +24,7 @@ const OPAQUE: f32 = 0.999;
 /// How close a color may come to 0 and 1, an extinction to 0, where a function is given to begin with.
 const CLOSE: f64 = 1e-3;
 
-/// What descends.
+/// State of the gradient descent of Weiss & Westermann (2021).
 pub(super) struct Descent {
     adam: Adam,
     u: Vec<f32>,

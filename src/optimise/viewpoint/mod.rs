@@ -37,7 +37,7 @@ const FINELY: [f64; 2] = [0.2, 5e-7];
 const ABOUT: usize = 10;
 const RING: f64 = 1.5;
 
-/// What is looked for.
+/// Search for viewpoints of largest opacity entropy.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
     /// Where cameras stand, and the size of their pictures.
@@ -59,7 +59,7 @@ pub struct View {
     pub entropy: Entropy,
 }
 
-/// What became of a start.
+/// Path of a local search from one start.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Path {
     /// Unit vectors from the centre to all viewpoints on the way, from the best of the initial samples about the start.
@@ -70,7 +70,7 @@ pub struct Path {
     pub view: usize,
 }
 
-/// What was found.
+/// Viewpoints found, and the searches that led to them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
     /// Different maxima, the best first.
