@@ -8,6 +8,7 @@
 //! once leaves (Weiss & Westermann 2021, sect. 5.3).
 
 use crate::error::{Error, Result};
+use crate::metrics::error::unit_psnr_db;
 use crate::optimise::density::{self, Outcome, Request, Stage, Step};
 use crate::optimise::projection::emission::{ColorView, Emission};
 use crate::optimise::projection::observation::{Observation, Photo};
@@ -106,7 +107,7 @@ pub fn reconstruct(
             emission.cancel = request.closing;
             let mut psnr = |views: &[ColorView]| {
                 let square = emission.error(&colors, views);
-                if request.closing.requested() { f64::NAN } else { decibels(square) }
+                if request.closing.requested() { f64::NAN } else { unit_psnr_db(square) }
             };
             return Ok(Shaded {
                 train_psnr_db: psnr(&work.train),
@@ -195,7 +196,8 @@ impl Level {
                 break;
             }
             let solution = solver.solution();
-            let psnr = (!self.held_out.is_empty()).then(|| decibels(solver.equations.error(&solution, &self.held_out)));
+            let psnr =
+                (!self.held_out.is_empty()).then(|| unit_psnr_db(solver.equations.error(&solution, &self.held_out)));
             if solver.equations.cancelled() {
                 break;
             }
@@ -250,8 +252,4 @@ fn coarser(extinctions: &Bricks<f32>, level: u32) -> Result<Bricks<f32>> {
     let mut field = Bricks::zeros(topology, lattice);
     field.topology.fill_apron(&owned, &mut field.values);
     Ok(field)
-}
-
-fn decibels(square: f64) -> f64 {
-    -10.0 * square.max(1e-20).log10()
 }

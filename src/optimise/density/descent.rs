@@ -3,6 +3,7 @@
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::math::Affine;
+use crate::metrics::error::unit_psnr_db;
 use crate::optimise::density::{Request, Stage, Step};
 use crate::optimise::gradient::pictures::{self, Gradients, PixelLoss, Target, Workspace};
 use crate::optimise::loss::prior::{VolumePrior, Weighted};
@@ -287,7 +288,7 @@ impl Fit {
         if !square.is_finite() && self.cancel.requested() {
             return Ok(f64::NAN);
         }
-        Ok(-10.0 * (square / values.max(1) as f64).max(1e-20).log10())
+        Ok(unit_psnr_db(square / values.max(1) as f64))
     }
 }
 

@@ -9,6 +9,7 @@ pub mod weiss2021;
 use crate::cancel::Cancel;
 use crate::error::{Error, Kind, Result};
 use crate::math::{Aabb, Affine};
+use crate::metrics::error::unit_psnr_db;
 use crate::optimise::loss::prior::{VolumePrior, Weighted};
 use crate::optimise::projection::depths::Depths;
 use crate::optimise::projection::observation::{DepthMap, Observation};
@@ -393,5 +394,5 @@ fn picture_psnr(views: &[View], mut measure: impl FnMut(&[View], fn(&Sample, &[f
         let transmittance = z.iter().map(|z| (-z).exp()).sum::<f64>() / z.len() as f64;
         ((-f64::from(s.depth)).exp() - transmittance).powi(2)
     });
-    -10.0 * (square / pixels).max(1e-20).log10()
+    unit_psnr_db(square / pixels)
 }

@@ -14,6 +14,7 @@ mod weiss2021;
 
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
+use crate::metrics::error::unit_psnr_db;
 use crate::optimise::density::Stage;
 use crate::optimise::projection::observation::Photo;
 use crate::render::composited::Composited;
@@ -245,7 +246,7 @@ fn regularisation_path(
                 seconds: start.elapsed().as_secs_f64(),
                 smooth,
                 rms,
-                held_out_psnr_db: error.map(decibels),
+                held_out_psnr_db: error.map(unit_psnr_db),
             };
             history.push(step);
             candidates.push((error.unwrap_or(rms * rms), fit.texels.clone(), smooth));
@@ -282,7 +283,7 @@ fn descend(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> Con
         if error < best.0 {
             best = (error, fit.texels.clone());
         }
-        let held_out_psnr_db = (!fit.held_out.is_empty()).then(|| decibels(error));
+        let held_out_psnr_db = (!fit.held_out.is_empty()).then(|| unit_psnr_db(error));
         let step = Step { iteration, seconds: start.elapsed().as_secs_f64(), smooth, rms, held_out_psnr_db };
         history.push(step);
         stopped = watch(&step).is_break();
@@ -293,11 +294,6 @@ fn descend(mut fit: Fit<'_>, start: Instant, watch: &mut dyn FnMut(&Step) -> Con
     fit.texels = best.1;
     let stages = vec![Stage { name: "Adam".into(), seconds: start.elapsed().as_secs_f64() }];
     Ok(Outcome { confidence: Vec::new(), transfer: fit.transfer(), smooth, history, stages, stopped })
-}
-
-/// PSNR of a mean squared difference, peak 1.
-fn decibels(square: f64) -> f64 {
-    -10.0 * square.max(1e-20).log10()
 }
 
 fn least(candidates: &[Candidate]) -> f64 {
