@@ -163,11 +163,20 @@ fn what_has_no_end_is_not_read() {
     let work = Work::new();
     assert!(Command::new("mkfifo").arg(work.path("fifo")).status().unwrap().success());
     for path in ["/dev/zero", "fifo"] {
-        for command in ["transfer", "info", "validate", "compare a.exr", "render @cube.vdb -o out --views 1 --tf"] {
+        for command in [
+            "transfer",
+            "info",
+            "validate",
+            "compare a.exr",
+            "diff @cube.vdb",
+            "gradient --views 1",
+            "render @cube.vdb -o out --views 1 --tf",
+        ] {
             // Words that begin with @ are fixtures, which the shell knows nothing of.
             let command = command.replace("@cube.vdb", fixture("cube.vdb").to_str().unwrap());
             std::fs::copy(fixture("exr/grey.exr"), work.path("a.exr")).unwrap();
             refused(&work, &format!("{command} {path}"), 60, &[path, "regular file"]);
         }
+        refused(&work, &format!("convert {path} out.vdb"), 60, &[path, "regular file"]);
     }
 }

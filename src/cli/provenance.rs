@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::formats::exr::Attributes;
+use crate::formats::input;
 use crate::scene::grid::MetaValue;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -46,7 +47,7 @@ impl Provenance {
         let mut hash = Sha256::new();
         let mut buffer = vec![0; 1 << 16];
         for path in files {
-            let mut file = std::fs::File::open(path).map_err(|e| Error::io(path, e))?;
+            let mut file = input::open(path)?;
             loop {
                 match file.read(&mut buffer).map_err(|e| Error::io(path, e))? {
                     0 => break,

@@ -1,6 +1,7 @@
 //! A bounds-checked reader of a file: nothing is read, skipped or allocated beyond the file's length.
 
 use crate::error::{Error, Result};
+use crate::formats::input;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -15,14 +16,10 @@ pub(super) struct Cursor {
 
 impl Cursor {
     pub(super) fn open(path: &Path) -> Result<Self> {
-        let io = |e| Error::io(path, e);
-        let file = File::open(path).map_err(io)?;
-        let meta = file.metadata().map_err(io)?;
-        if !meta.is_file() {
-            return Err(Error::invalid("not a regular file").at(path).hint("copy it into a file first"));
-        }
+        let file = input::open(path)?;
+        let length = file.metadata().map_err(|e| Error::io(path, e))?.len();
         let reader = BufReader::with_capacity(1 << 18, file);
-        Ok(Self { reader, path: path.to_path_buf(), position: 0, length: meta.len() })
+        Ok(Self { reader, path: path.to_path_buf(), position: 0, length })
     }
 
     /// The error that the file is damaged at the current position.
