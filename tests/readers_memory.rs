@@ -169,7 +169,7 @@ fn what_has_no_end_is_not_read() {
             "validate",
             "compare a.exr",
             "diff @cube.vdb",
-            "gradient --views 1",
+            "gradient --views 1 --wrt density --loss mean",
             "render @cube.vdb -o out --views 1 --tf",
         ] {
             // Words that begin with @ are fixtures, which the shell knows nothing of.
