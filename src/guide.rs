@@ -5,6 +5,7 @@
 //! | [Getting started](getting_started) | How do I install Cumulo, and what does a first reconstruction look like? |
 //! | [Captures](captures) | How do I hand over my own pictures, or pictures from Blender? |
 //! | [Transfer functions](transfer_functions) | How do densities become colors, and which file formats are read? |
+//! | [Scattering](scattering) | How do I render smoke and clouds that scatter light? |
 //! | [Reconstruction](reconstruction) | How do I find densities, transfer functions, colors, poses and viewpoints? |
 //! | [Gradients](gradients) | Which derivatives are there, and how are they checked? |
 //! | [Accuracy and cost](accuracy_and_cost) | What does accuracy cost in time and memory? |
@@ -38,6 +39,9 @@ pub mod library {}
 
 #[doc = include_str!("guide/reconstruction.md")]
 pub mod reconstruction {}
+
+#[doc = include_str!("guide/scattering.md")]
+pub mod scattering {}
 
 #[doc = include_str!("guide/transfer-functions.md")]
 pub mod transfer_functions {}

@@ -12,7 +12,7 @@ use std::path::Path;
 use work::{Work, errors, fixture};
 
 /// The pages, relative to the repository. `no_page_is_forgotten` holds this list against the folder.
-const PAGES: [&str; 8] = [
+const PAGES: [&str; 9] = [
     "README.md",
     "src/guide/accuracy-and-cost.md",
     "src/guide/captures.md",
@@ -20,6 +20,7 @@ const PAGES: [&str; 8] = [
     "src/guide/gradients.md",
     "src/guide/library.md",
     "src/guide/reconstruction.md",
+    "src/guide/scattering.md",
     "src/guide/transfer-functions.md",
 ];
 
@@ -173,6 +174,11 @@ fn library() {
 #[test]
 fn reconstruction() {
     assert!(run("src/guide/reconstruction.md") >= 10);
+}
+
+#[test]
+fn scattering() {
+    assert!(run("src/guide/scattering.md") >= 6);
 }
 
 #[test]

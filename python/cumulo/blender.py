@@ -34,7 +34,10 @@ class Settings:
     `emission` the source radiance per channel of the emission-absorption model. `unbiased` walks by
     null-collision tracking; the biased walk marches with steps of `step_rate` voxels. `pixel_filter`
     is "box", the mean over the pixel's square, or "point": exactly its centre with one sample, and
-    within 0.005 pixels of it for all but about one sample in a thousand with more."""
+    within 0.005 pixels of it for all but about one sample in a thousand with more.
+
+    The model "scattering" is a Principled Volume of `albedo` and `anisotropy`, lit by a constant `sky`
+    and by `lights`, and seen before black; light is scattered `max_bounces` times at most."""
 
     model: str = "absorption"
     density_scale: float = 1.0
@@ -47,6 +50,86 @@ class Settings:
     unbiased: bool = False
     step_rate: float = 0.3
     threads: int = 0
+    albedo: tuple = (0.0, 0.0, 0.0)
+    anisotropy: float = 0.0
+    sky: tuple = (0.0, 0.0, 0.0)
+    lights: tuple = ()
+    max_bounces: int = 1024
+
+
+@dataclasses.dataclass(frozen=True)
+class Sun:
+    """A sun seen in `direction` (from the scene), `angle` radians across, with this irradiance."""
+
+    direction: tuple
+    irradiance: tuple = (1.0, 1.0, 1.0)
+    angle: float = 0.0
+
+    def link(self):
+        data = bpy.data.lights.new("sun", "SUN")
+        data.angle = self.angle
+        _set_power(data, self.irradiance)
+        _link("sun", data, _facing(-np.asarray(self.direction, float), (0, 0, 0)))
+
+
+@dataclasses.dataclass(frozen=True)
+class Sphere:
+    """A sphere that emits outwards; Blender's point light with a radius. Seen from far away, one of
+    radius 0 and one of any radius with the same intensity are alike."""
+
+    centre: tuple
+    radius: float
+    radiance: tuple = (1.0, 1.0, 1.0)
+
+    def link(self):
+        data = bpy.data.lights.new("sphere", "POINT")
+        data.shadow_soft_size = self.radius
+        # Else what lies near the light gets less.
+        data.use_soft_falloff = False
+        # Power over the area and over pi is radiance.
+        _set_power(data, [4 * np.pi**2 * self.radius**2 * c for c in self.radiance])
+        place = np.eye(4)
+        place[:3, 3] = self.centre
+        _link("sphere", data, place)
+
+
+@dataclasses.dataclass(frozen=True)
+class Rectangle:
+    """A rectangle at `centre` that emits along `direction`; `size` is along its own x and y."""
+
+    centre: tuple
+    direction: tuple
+    size: tuple
+    radiance: tuple = (1.0, 1.0, 1.0)
+
+    def link(self):
+        data = bpy.data.lights.new("rectangle", "AREA")
+        data.shape, (data.size, data.size_y) = "RECTANGLE", self.size
+        _set_power(data, [np.pi * self.size[0] * self.size[1] * c for c in self.radiance])
+        _link("rectangle", data, self.matrix())
+
+    def matrix(self):
+        """Object to world; light leaves along -Z."""
+        return _facing(np.asarray(self.direction, float), self.centre)
+
+
+def _facing(direction, centre):
+    """A matrix whose -Z is `direction`."""
+    back = -direction / np.linalg.norm(direction)
+    side = np.cross((0.0, 1.0, 0.0) if abs(back[1]) < 0.9 else (1.0, 0.0, 0.0), back)
+    side /= np.linalg.norm(side)
+    matrix = np.eye(4)
+    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2], matrix[:3, 3] = side, np.cross(back, side), back, centre
+    return matrix
+
+
+def _set_power(data, color):
+    """Sets a light's power by channel, and hides it from the camera and from shadows."""
+    most = max(color)
+    data.energy = most
+    data.color = [c / most for c in color]
+    data.use_shadow = True
+    data.cycles.max_bounces = 1024
 
 
 @contextlib.contextmanager
@@ -81,8 +164,9 @@ def _new_scene(settings):
     # Pixels independent of each other (blue noise would tie neighbours), so that their spread tells
     # the standard error of a mean.
     cycles.sampling_pattern = "TABULATED_SOBOL"
-    cycles.max_bounces = 0
-    cycles.volume_bounces = 0
+    # Cycles counts scatterings after the first.
+    cycles.max_bounces = cycles.volume_bounces = max(0, settings.max_bounces - 1) if settings.model == "scattering" else 0
+    cycles.caustics_reflective = cycles.caustics_refractive = True
     cycles.transparent_max_bounces = 1024
     if settings.pixel_filter == "box":
         cycles.pixel_filter_type = "BOX"
@@ -112,6 +196,14 @@ def _new_scene(settings):
     image.exr_codec = "ZIP"
     image.use_exr_interleave = True
     scene.world = bpy.data.worlds.new("world")
+    if settings.model == "scattering":
+        tree = scene.world.node_tree
+        tree.nodes.clear()
+        background, surface = (tree.nodes.new(kind) for kind in ("ShaderNodeBackground", "ShaderNodeOutputWorld"))
+        background.inputs["Color"].default_value = (*settings.sky, 1)
+        tree.links.new(background.outputs[0], surface.inputs["Surface"])
+        for light in settings.lights:
+            light.link()
     return scene
 
 
@@ -136,6 +228,17 @@ def _material(settings, grid):
     tree = material.node_tree
     tree.nodes.clear()
     surface = tree.nodes.new("ShaderNodeOutputMaterial")
+    if settings.model == "scattering":
+        medium = tree.nodes.new("ShaderNodeVolumePrincipled")
+        medium.inputs["Color"].default_value = (*settings.albedo, 1)
+        medium.inputs["Anisotropy"].default_value = settings.anisotropy
+        medium.inputs["Density Attribute"].default_value = ""
+        if any(settings.emission):
+            medium.inputs["Emission Color"].default_value = (*settings.emission, 1)
+            tree.links.new(_density_nodes(tree, grid, settings.density_scale), medium.inputs["Emission Strength"])
+        tree.links.new(_density_nodes(tree, grid, settings.density_scale), medium.inputs["Density"])
+        tree.links.new(medium.outputs[0], surface.inputs["Volume"])
+        return material
     medium = tree.nodes.new("ShaderNodeVolumeAbsorption")
     medium.inputs["Color"].default_value = (0, 0, 0, 1)
     tree.links.new(_density_nodes(tree, grid, settings.density_scale), medium.inputs["Density"])
@@ -332,6 +435,8 @@ def _settings(options, capture):
 
 def _check_model(capture, model):
     """Raises ValueError where Cycles would show something else than the pictures of the capture do."""
+    if model == "scattering":
+        raise ValueError("the capture is of a medium that scatters, which only tests render here; give --model absorption")
     if model == "pre-shaded":
         raise ValueError("the capture is of a pre-shaded volume, which is not rendered here; give --model")
     if model == "emission-absorption" and capture.transfer is not None:

@@ -17,7 +17,7 @@ import tempfile
 
 import numpy as np
 
-MODELS = ("absorption", "emission-absorption", "pre-shaded")
+MODELS = ("absorption", "emission-absorption", "pre-shaded", "scattering")
 EMISSION_MODELS = ("grey", "linear")
 PIXEL_FILTERS = ("point", "box")
 PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE")

@@ -18,6 +18,7 @@ pub mod reconstruct;
 pub mod render;
 pub mod report;
 pub mod run;
+pub mod schema;
 pub mod task;
 pub mod transfer;
 pub mod try_grid;
@@ -27,6 +28,7 @@ pub mod viewpoint;
 pub mod volume;
 
 use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
 use crate::formats::vdb::{self, helper};
 use crate::process;
 use clap::{Parser, Subcommand};
@@ -71,6 +73,7 @@ enum Command {
     #[command(subcommand)]
     Reconstruct(reconstruct::Reconstruct),
     Report(report::Report),
+    Schema(schema::Schema),
     Transfer(transfer::TransferCommand),
     #[command(name = crate::formats::vdb::helper::SUBCOMMAND, hide = true)]
     TryGrid(try_grid::TryGrid),
@@ -91,6 +94,7 @@ impl Command {
             Self::Render(c) => c.memory,
             Self::Reconstruct(c) => c.memory(),
             Self::Report(c) => c.memory,
+            Self::Schema(_) => return Limits::default().max_memory,
             Self::Transfer(c) => c.memory,
             Self::TryGrid(c) => return c.max_memory,
             Self::Viewpoint(c) => c.memory,
@@ -156,6 +160,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Command::Render(c) => c.run(&output),
         Command::Reconstruct(c) => c.run(&output),
         Command::Report(c) => c.run(&output),
+        Command::Schema(c) => c.run(&output),
         Command::Transfer(c) => c.run(&output),
         Command::TryGrid(c) => Ok(c.run()),
         Command::Viewpoint(c) => c.run(&output),

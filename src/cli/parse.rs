@@ -95,6 +95,26 @@ pub fn color(text: &str) -> Result<[f32; 3], String> {
     }
 }
 
+/// Parses a vector, `x,y,z`, that is not zero.
+pub fn vector(text: &str) -> Result<DVec3, String> {
+    let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
+    let [x, y, z] = numbers[..] else {
+        return Err(format!("{} numbers, three are needed: x,y,z", numbers.len()));
+    };
+    let vector = DVec3::new(x, y, z);
+    if vector.length() > 0.0 { Ok(vector) } else { Err(format!("'{text}' has no direction")) }
+}
+
+/// Parses an albedo, `r,g,b` or one number for grey, each from 0 to 1.
+pub fn albedo(text: &str) -> Result<[f32; 3], String> {
+    let color = color(text)?;
+    if color.iter().all(|v| *v <= 1.0) {
+        Ok(color)
+    } else {
+        Err(format!("'{text}' would scatter more than arrives; give 0 to 1"))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -113,6 +133,9 @@ mod tests {
         assert_eq!(ascending("-1, 2.5").unwrap(), [-1.0, 2.5]);
         assert!(ascending("1,1").is_err() && ascending("1").is_err() && ascending("0,inf").is_err());
         assert!(positive("0").is_err() && positive("inf").is_err() && not_negative("0").is_ok());
+        assert_eq!(vector("0,-1, 2"), Ok(DVec3::new(0.0, -1.0, 2.0)));
+        assert!(vector("0,0,0").is_err() && vector("1,2").is_err());
+        assert!(albedo("0.9").is_ok() && albedo("1,0,1.01").is_err());
         assert!(share("0").is_ok() && share("0.5").is_ok() && share("1").is_err() && share("-0.1").is_err());
     }
 }

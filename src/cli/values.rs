@@ -29,6 +29,7 @@ value_enum!(Model {
     EmissionAbsorption: "emission-absorption", "`∫ T σ c dt + T · background`";
     PreShaded: "pre-shaded",
         "`∫ T e dt + T · background`, with a grid of emissions e per length beside that of extinctions";
+    Scattering: "scattering", "Light that is scattered any number of times: see --albedo";
 });
 
 value_enum!(EmissionModel {
@@ -39,6 +40,12 @@ value_enum!(EmissionModel {
 value_enum!(Aov {
     Variance: "variance", "Variance of the mean over a pixel's rays: variance.R, .G, .B and .A";
     OpticalDepth: "optical-depth", "Optical depth, the mean over a pixel's rays: optical_depth.V";
+    Direct: "direct", "Light scattered once: Volume Direct.R, .G and .B (path tracing)";
+    Indirect: "indirect", "Light scattered more often: Volume Indirect.R, .G and .B (path tracing)";
+    Albedo: "albedo", "Albedo at first collisions, by their share: Denoising Albedo.R, .G and .B (path tracing)";
+    Position: "position", "Mean position of first collisions: Position.X, .Y and .Z (path tracing)";
+    Depth: "depth", "Mean length along the viewing axis to first collisions: Depth.Z (path tracing)";
+    Halves: "halves", "Radiance of even and of odd paths: half_a.R, …, half_b.B (path tracing)";
 });
 
 value_enum!(Layout {

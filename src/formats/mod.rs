@@ -7,6 +7,7 @@ pub mod limits;
 pub mod png;
 pub mod problem;
 pub mod reading;
+pub mod scene_file;
 pub mod temporary;
 pub mod transfer;
 pub mod transforms;

@@ -97,7 +97,7 @@ mod tests {
         let field = Bricks::zeros(topology, Affine::uniform(1.0, DVec3::ZERO).unwrap());
         let volume = |medium: Medium| Volume::Density(field.clone(), medium);
         let refused = |volumes: Vec<Volume>| {
-            let scene = Scene { volumes, environment: Environment::default(), cameras: vec![] };
+            let scene = Scene { volumes, environment: Environment::default(), lights: vec![], cameras: vec![] };
             AnyRenderer::new(&scene, Quadrature::Exact).map(|_| ()).map_err(|e| e.to_string())
         };
         let dark = || volume(Medium::absorbing(1.0));

@@ -14,6 +14,25 @@ pub enum Aov {
     Variance,
     /// Optical depth, the mean over a pixel's rays, as plane `optical_depth.V`.
     OpticalDepth,
+    /// Radiance of lights that was scattered once, as planes `Volume Direct.R`, `.G` and `.B`.
+    Direct,
+    /// Radiance that was scattered more often, as planes `Volume Indirect.R`, `.G` and `.B`.
+    Indirect,
+    /// Albedo at first collisions times their share of the paths, as planes `Denoising Albedo.R`, `.G` and `.B`.
+    Albedo,
+    /// Mean position of first collisions in world space, as planes `Position.X`, `.Y` and `.Z`; 0 without any.
+    Position,
+    /// Mean length along the viewing axis to first collisions, as plane `Depth.Z`; 1e10 without any.
+    Depth,
+    /// Radiance of the paths of even and of odd number, as planes `half_a.R`, `.G`, `.B` and `half_b.R`, `.G`, `.B`.
+    Halves,
+}
+
+impl Aov {
+    /// True if the plane comes from scattered paths: direct volume rendering has no such thing.
+    pub fn of_paths(self) -> bool {
+        !matches!(self, Self::Variance | Self::OpticalDepth)
+    }
 }
 
 /// Bytes of memory per pixel while a picture with additional planes is rendered.
@@ -26,8 +45,8 @@ struct Pixel {
     depth: f32,
 }
 
-/// Renders a picture as [`picture`](super::picture()) does, and the requested planes beside RGBA. Returns `None` if
-/// `cancel` was set.
+/// Renders a picture as [`picture`](super::picture()) does, and the requested planes beside RGBA, but
+/// for those of scattered paths ([`Aov::of_paths`]). Returns `None` if `cancel` was set.
 pub fn picture_with<I: Integrator<Real = f32>>(
     renderer: &Composited<I>,
     camera: &Camera,
@@ -60,6 +79,7 @@ pub fn picture_with<I: Integrator<Real = f32>>(
                 film.planes.extend(channels.map(|(c, name)| plane(format!("variance.{name}"), &|p| p.variance[c])));
             }
             Aov::OpticalDepth => film.planes.push(plane("optical_depth.V".into(), &|p| p.depth)),
+            of_paths => debug_assert!(of_paths.of_paths(), "{of_paths:?}"),
         }
     }
     Some(film)

@@ -19,6 +19,8 @@ pub enum Model {
     /// Pre-shaded volume: `L = ∫ T e dt + T · background`, with a grid of emitted radiance e per length beside that of
     /// extinction.
     PreShaded,
+    /// Emission, absorption and scattering, by path tracing. Reconstruction does not explain such pictures.
+    Scattering,
 }
 
 /// Dependence of the source's radiance on the density.
@@ -80,13 +82,17 @@ impl Capture {
     ///
     /// # Errors
     /// If the transfer function cannot be used, or the volume is pre-shaded, so that its emission is no function of the
-    /// density.
+    /// density, or the medium scatters.
     pub fn medium(&self) -> Result<Medium> {
         let source = match (self.model, &self.transfer, self.emission_model) {
             (Model::Absorption, ..) => Source::Grey([0.0; 3]),
             (Model::PreShaded, ..) => {
                 return Err(Error::unsupported("the pictures show a pre-shaded volume, whose colors no density tells")
                     .hint("`cumulo reconstruct color` finds such volumes"));
+            }
+            (Model::Scattering, ..) => {
+                return Err(Error::unsupported("the pictures show a medium that scatters light")
+                    .hint("give pictures of absorption and emission; no other model explains scattering here"));
             }
             (_, Some(transfer), _) => Source::Transfer(Arc::new(transfer.table()?)),
             (_, None, EmissionModel::Grey) => Source::Grey(self.emission),

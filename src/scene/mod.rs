@@ -7,6 +7,7 @@ pub mod capture;
 pub mod environment;
 pub mod film;
 pub mod grid;
+pub mod light;
 pub mod medium;
 pub mod orbit;
 pub mod phase;

@@ -42,6 +42,22 @@ impl Phase {
             }
         }
     }
+
+    /// Returns the cosine of the angle between the directions of propagation before and after, drawn by a number in
+    /// [0, 1).
+    #[inline]
+    pub fn sample(self, u: f64) -> f64 {
+        let s = 2.0 * u - 1.0;
+        match self {
+            Self::Isotropic => s,
+            // The usual form divides by g; multiplied out, g cancels.
+            Self::HenyeyGreenstein(g) => {
+                let a = 1.0 + g * s;
+                let cosine = s + g * (0.5 * (s * s + 3.0) + g * (s + 0.5 * g * (s * s - 1.0)));
+                (cosine / (a * a)).clamp(-1.0, 1.0)
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -76,6 +92,24 @@ mod tests {
             }
             assert!((whole - 1.0).abs() < 1e-9 && (mean - g).abs() < 1e-9, "{phase:?}: {whole} {mean}");
         }
+    }
+
+    /// The share of cosines below one that is drawn for u is u itself.
+    #[test]
+    fn drawn_cosines_follow_the_phase_function() {
+        for g in [0.0_f64, 1e-9, 0.3, -0.3, 0.9, -0.9, 0.999] {
+            let phase = Phase::HenyeyGreenstein(g);
+            // ∫ from -1 to c of the phase function, in closed form.
+            let below = |c: f64| {
+                let term = |c: f64| (1.0 + g * g - 2.0 * g * c).sqrt().recip();
+                if g.abs() < 1e-6 { 0.5 * (c + 1.0) } else { (1.0 - g * g) / (2.0 * g) * (term(c) - term(-1.0)) }
+            };
+            for i in 0..=100 {
+                let u = f64::from(i) / 100.0;
+                assert!((below(phase.sample(u)) - u).abs() < 1e-8, "{g}: {u} {}", below(phase.sample(u)));
+            }
+        }
+        assert_eq!(Phase::Isotropic.sample(0.25), -0.5);
     }
 
     #[test]

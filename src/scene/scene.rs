@@ -4,15 +4,18 @@ use crate::error::Result;
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
 use crate::scene::environment::Environment;
+use crate::scene::light::Light;
 use crate::scene::volume::{Grids, Volume};
 
 /// Volumes, the light around them, and cameras.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Scene {
     /// Volumes, each with its medium.
     pub volumes: Vec<Volume>,
     /// Light behind and around the volumes.
     pub environment: Environment,
+    /// Further lights.
+    pub lights: Vec<Light>,
     /// Cameras, one for each picture.
     pub cameras: Vec<Camera>,
 }
@@ -26,6 +29,7 @@ impl Scene {
         Ok(Self {
             volumes: vec![grids.shown_by(capture)?],
             environment: Environment { radiance: capture.background },
+            lights: Vec::new(),
             cameras: capture.frames.iter().map(|frame| frame.camera).collect(),
         })
     }

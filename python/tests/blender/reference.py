@@ -78,7 +78,8 @@ def trilinear(values, at):
 
 
 def excess(first, second, expected, samples=None, block=8, alpha=1e-3):
-    """Judges two renders of one view by different seeds, [height, width] each, against `expected`.
+    """Judges two renders of one view by different seeds, [height, width] each, against `expected`:
+    a picture without noise, or two by different seeds as well.
 
     For every block of pixels the mean difference is divided by its standard error, taken from the
     seeds' own difference: var((a + b)/2) = (a - b)^2/4. The largest is compared with what `alpha`
@@ -89,8 +90,12 @@ def excess(first, second, expected, samples=None, block=8, alpha=1e-3):
     `samples`: per pixel, of a ray-marched picture. Its optical depth is itself an estimate, whose
     variance v lifts the mean of exp by T v/2; v is read off the noise, and that much is allowed.
     """
-    first, second, expected = (np.asarray(p, dtype=np.float64) for p in (first, second, expected))
-    error, variance = 0.5 * (first + second) - expected, 0.25 * (first - second) ** 2
+    first, second = (np.asarray(p, dtype=np.float64) for p in (first, second))
+    expected = np.asarray(expected, dtype=np.float64).reshape(-1, *first.shape)
+    error, variance = 0.5 * (first + second) - expected.mean(axis=0), 0.25 * (first - second) ** 2
+    if len(expected) == 2:
+        variance = variance + 0.25 * (expected[0] - expected[1]) ** 2
+    expected = expected.mean(axis=0)
     lift = np.zeros_like(error)
     if samples:
         # One sample's variance is 2 samples x variance of the mean of two pictures.

@@ -68,7 +68,9 @@ fn parse(json: &Path, limits: Limits) -> Result<Capture> {
     };
     Ok(Capture {
         frames,
-        model: top.named("model", &["absorption", "emission-absorption", "pre-shaded"])?.unwrap_or(Model::Absorption),
+        model: top
+            .named("model", &["absorption", "emission-absorption", "pre-shaded", "scattering"])?
+            .unwrap_or(Model::Absorption),
         background: top.color("background", "white")?.unwrap_or([1.0; 3]),
         pixel_filter: top.named("pixel_filter", &["point", "box"])?.unwrap_or(PixelFilter::Point),
         density_scale: positive("density_scale")?.unwrap_or(1.0),

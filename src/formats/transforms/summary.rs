@@ -99,6 +99,7 @@ impl fmt::Display for CaptureSummary {
                 writeln!(f, "model: emission-absorption, emission {color:?} times the density")?;
             }
             _ if self.transfer => writeln!(f, "model: emission-absorption, by a transfer function")?,
+            _ if self.model == Model::Scattering => writeln!(f, "model: scattering")?,
             _ if self.model == Model::PreShaded => writeln!(f, "model: pre-shaded")?,
             _ => writeln!(f, "model: absorption")?,
         }

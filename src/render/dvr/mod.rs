@@ -9,6 +9,7 @@
 mod absorption;
 mod adjoint;
 mod blend;
+mod free_path;
 mod inversion;
 mod jacobian;
 mod jump;
@@ -22,6 +23,8 @@ mod tape;
 
 #[doc(hidden)]
 pub use adjoint::Pass;
+pub use free_path::FreePath;
+pub(crate) use free_path::density;
 pub use jacobian::{ByKnot, TableJacobian};
 pub use tangent::Directions;
 pub use tape::Tape;
@@ -226,6 +229,42 @@ impl<R: Precision> Dvr<'_, R> {
     }
 }
 
+/// Computation of the optical depth of a part of a ray, as the unit that is compiled for each instruction set.
+struct DepthWithin<'k, 'd> {
+    dvr: &'k Dvr<'d, f32>,
+    ray: &'k Ray,
+    length: f64,
+    tape: &'k mut Tape<f32>,
+}
+
+impl pulp::NullaryFnOnce for DepthWithin<'_, '_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn call(self) -> f64 {
+        let Self { dvr, ray, length, tape } = self;
+        let Some(mut ray) = dvr.index_ray(ray) else { return 0.0 };
+        ray.leave = ray.leave.min(length);
+        match &dvr.compiled {
+            CompiledMedium::Line(_) => OpticalDepth::of(dvr, &ray, ExactDepth, &mut tape.cells),
+            CompiledMedium::Table(compiled, _) => {
+                let rule = dvr.exact_source(compiled, false);
+                let mut blend = Blend::new(dvr, compiled, rule, &mut tape.chords);
+                compositing::value(&dvr.visible, &ray, &mut blend, &mut tape.chord_entries);
+                blend.depth
+            }
+        }
+    }
+}
+
+impl Dvr<'_, f32> {
+    /// Returns the optical depth of the first `length` of a world ray of unit direction with exact quadrature. A ray that
+    /// ends early ([`Dvr::early_stop`]) has at least the depth at which it does.
+    pub fn optical_depth_within(&self, ray: &Ray, length: f64, tape: &mut Tape<f32>) -> f64 {
+        self.arch.dispatch(DepthWithin { dvr: self, ray, length, tape })
+    }
+}
+
 fn largest(color: [f32; 3]) -> f64 {
     color.into_iter().fold(0.0, |m: f64, v| m.max(v.into()))
 }
@@ -375,6 +414,11 @@ impl<'a, R: Real> Dvr<'a, R> {
     /// Returns upper bounds of the extinction, computed on first use.
     pub fn majorants(&self) -> &Majorants {
         self.majorants.get_or_init(|| Majorants::new(self.field, &self.medium))
+    }
+
+    /// Returns the bricks that rays visit.
+    pub fn visible(&self) -> &Topology {
+        &self.visible
     }
 
     /// Returns the field that is rendered.

@@ -5,6 +5,7 @@ use super::blend::Entry;
 use super::preintegrated::Scratch;
 use crate::real::Real;
 use crate::render::cell::Quartet;
+use crate::render::march::Span;
 use crate::render::segment::{Chord, Sample};
 use crate::scene::table::TableGradient;
 
@@ -13,6 +14,9 @@ use crate::scene::table::TableGradient;
 pub struct Tape<R: Real> {
     /// Cells of rays of which only the depth matters.
     pub(super) cells: Vec<Quartet<R>>,
+    /// Spans of a ray, and the integrals of the density up to the ends of their batches.
+    pub(super) spans: Vec<Span<R>>,
+    pub(super) integrals: Vec<f64>,
     /// Segments of one batch: `samples` of quadratures with a step, `chords` of exact quadrature.
     pub(super) samples: Vec<Sample<R>>,
     pub(super) chords: Vec<Chord<R>>,

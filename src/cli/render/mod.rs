@@ -1,44 +1,47 @@
 //! `cumulo render`: pictures of a volume from many sides, as a capture.
 
-use super::memory::Memory;
-use super::output::Output;
-use super::outputs;
-use super::parse::{self, DensityScale};
-use super::provenance::Provenance;
-use super::transfer::TransferOption;
-use super::{cancel, volume};
+mod capture;
+mod scattering;
+mod subject;
+
+use crate::cli::cancel;
+use crate::cli::memory::Memory;
+use crate::cli::output::Output;
+use crate::cli::outputs;
+use crate::cli::parse::{self, DensityScale};
+use crate::cli::provenance::Provenance;
+use crate::cli::transfer::TransferOption;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::exr;
-use crate::formats::limits::Limits;
 use crate::formats::transforms::{self, FILE_NAME};
 use crate::render::any_renderer::AnyRenderer;
 use crate::render::aov::{self, Aov};
+use crate::render::path::{self, Counts, PathTracer};
 use crate::render::quadrature::{Quadrature, rules};
-use crate::render::scale;
 use crate::scene::camera::Camera;
-use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
-use crate::scene::medium::Source;
-use crate::scene::orbit::{self, Layout};
-use crate::scene::scene::Scene;
-use crate::scene::transfer::Transfer;
-use crate::scene::volume::Grids;
+use crate::scene::capture::{Capture, EmissionModel, Frame, Model};
+use crate::scene::film::Film;
+use crate::scene::orbit::Layout;
+use clap::ValueEnum;
 use rayon::prelude::*;
+use scattering::{Paths, ScatteringOptions};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// Render a volume from many sides: a capture of EXR pictures and transforms.json
 ///
 /// Pictures are 32-bit float, scene-linear, alpha = 1 - transmittance. Absorption shows the background through the
-/// volume; emission-absorption adds the light of a source that is part of it.
+/// volume; emission-absorption adds the light of a source that is part of it; with --albedo light is scattered, and
+/// pictures are made by path tracing.
 #[derive(Debug, clap::Args)]
 #[command(group = clap::ArgGroup::new("from").required(true).args(["views", "cameras"]))]
 pub struct Render {
-    /// VDB to render
+    /// VDB, or scene file in JSON (`cumulo schema scene`), to render
     input: PathBuf,
     /// Folder for transforms.json and the pictures
     #[arg(long, short, value_name = "DIR")]
@@ -103,6 +106,8 @@ pub struct Render {
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
     #[command(flatten)]
+    scattering: ScatteringOptions,
+    #[command(flatten)]
     pub(in crate::cli) memory: Memory,
 }
 
@@ -113,9 +118,19 @@ struct Report {
     views: usize,
     model: Model,
     density_scale: f64,
-    quadrature: String,
-    early_stop: EarlyStop,
+    #[serde(flatten)]
+    way: Way,
     seconds: f64,
+}
+
+/// How light was integrated.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum Way {
+    /// Along straight rays.
+    Dvr { quadrature: String, early_stop: EarlyStop },
+    /// Along paths.
+    Paths { paths: Paths },
 }
 
 /// Transmittance at which rays end, and the error that this makes.
@@ -127,14 +142,42 @@ struct EarlyStop {
     error_bound: f64,
 }
 
+impl Way {
+    /// Adds what a capture records of how its pictures were made.
+    fn record(&self, scattering: &ScatteringOptions, extra: &mut Map<String, Value>) {
+        match self {
+            Self::Dvr { quadrature, early_stop } => {
+                extra.insert("quadrature".into(), json!(quadrature));
+                extra.insert("early_stop".into(), json!(early_stop));
+            }
+            Self::Paths { .. } => {
+                extra.insert("scattering".into(), scattering.record());
+            }
+        }
+    }
+}
+
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let json = self.output.join(FILE_NAME);
-        let Self { views, seconds, density_scale, quadrature, early_stop, .. } = self;
+        let Self { views, seconds, density_scale, way, .. } = self;
         writeln!(f, "{}: {views} views in {seconds:.2} s, density scale {density_scale}", json.display())?;
-        let EarlyStop { transmittance, error_bound } = early_stop;
-        write!(f, "  {quadrature}; rays end at transmittance {transmittance:e}, off by {error_bound:.1e} at most")
+        match way {
+            Way::Dvr { quadrature, early_stop: EarlyStop { transmittance, error_bound } } => {
+                write!(
+                    f,
+                    "  {quadrature}; rays end at transmittance {transmittance:e}, off by {error_bound:.1e} at most"
+                )
+            }
+            Way::Paths { paths } => write!(f, "{paths}"),
+        }
     }
+}
+
+/// The renderer of a scene.
+enum Renderer<'a> {
+    Dvr(AnyRenderer<'a>),
+    Paths(PathTracer<'a>),
 }
 
 impl Render {
@@ -151,19 +194,18 @@ impl Render {
         let template = self.cameras.as_deref().map(transforms::load).transpose()?;
         let template_pictures: Option<Vec<PathBuf>> =
             template.as_ref().map(|c| c.frames.iter().map(|f| f.picture.clone()).collect());
-        let (grids, transfer) = self.grids(template.as_ref(), limits)?;
-        provenance.input(&self.input, [self.input.as_path()])?;
-        if let Some(tf) = &self.transfer.tf {
-            provenance.input(tf, [tf.as_path()])?;
-        }
-        let capture = self.capture(&grids, transfer, template)?;
+        let (subject, transfer) = self.subject(template.as_ref(), limits, &mut provenance)?;
+        let paths = self.scattering.on() || subject.is_scene();
+        let capture = self.capture(&subject, transfer, template.as_ref())?;
         // Bytes a pixel of further planes as they are rendered, as they are kept and as they are written.
-        let planes = if self.aov.is_empty() { 0 } else { aov::PIXEL_BYTES + 2 * 4 * 5 };
+        let planes = match paths {
+            true => path::PIXEL_BYTES + 2 * 4 * 22,
+            false if self.aov.is_empty() => 0,
+            false => aov::PIXEL_BYTES + 2 * 4 * 5,
+        };
         fits(&capture, planes, limits.max_memory)?;
-        if self.aov.contains(&Aov::Variance) && self.supersample < 2 {
-            return Err(Error::invalid("--aov variance: one ray a pixel has no variance")
-                .hint("give each pixel more of them: --supersample 4"));
-        }
+        self.check_aovs(paths)?;
+        self.scattering.check(paths)?;
 
         let json = self.output.join(FILE_NAME);
         self.spare(&json, &capture, template_pictures.as_deref().unwrap_or_default(), &provenance)?;
@@ -173,28 +215,28 @@ impl Render {
         let waiting = capture.frames.iter().map(|f| batch.add(&f.picture)).collect::<Result<Vec<_>>>()?;
         let waiting_json = batch.add(&json)?;
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
-        let scene = Scene::shown_by(&capture, grids).map_err(|e| e.at(&self.input))?;
-        let renderer = AnyRenderer::new(&scene, quadrature).map_err(|e| e.at(&self.input))?.early_stop(self.early_stop);
-        let early_stop = EarlyStop { transmittance: self.early_stop, error_bound: renderer.left_out() };
+        let scene = self.scene(&capture, subject).map_err(|e| e.at(&self.input))?;
+        let renderer = match paths {
+            true => self.scattering.tracer(&scene, capture.background).map(Renderer::Paths),
+            false => AnyRenderer::new(&scene, quadrature).map(|dvr| Renderer::Dvr(dvr.early_stop(self.early_stop))),
+        };
+        let renderer = renderer.map_err(|e| e.at(&self.input))?;
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
-        scene.cameras.par_iter().zip(&waiting).try_for_each(|(camera, waiting)| {
-            let rays = self.supersample as usize;
-            let film = match &self.aov[..] {
-                [] => renderer.picture(camera, rays, cancel),
-                aovs => renderer.picture_with(camera, rays, aovs, cancel),
-            };
-            let film = film.ok_or_else(Error::cancelled)?;
+        let views: Vec<_> = scene.cameras.iter().zip(&waiting).enumerate().collect();
+        let counts = views.into_par_iter().map(|(view, (camera, waiting))| {
+            let (film, counts) = self.film(&renderer, view, camera, cancel).ok_or_else(Error::cancelled)?;
             exr::write_picture(waiting, &film, &attributes, false)?;
             bar.inc(1);
-            Ok::<_, Error>(())
-        })?;
+            Ok::<_, Error>(counts)
+        });
+        let counts = counts.try_reduce(Counts::default, |a, b| Ok(a.plus(b)))?;
         bar.finish_and_clear();
         let seconds = provenance.lap();
         let mut extra = Map::new();
         extra.insert("provenance".into(), json!(provenance));
-        extra.insert("quadrature".into(), Value::String(quadrature.to_string()));
-        extra.insert("early_stop".into(), json!(early_stop));
+        let way = self.way(&renderer, quadrature, counts);
+        way.record(&self.scattering, &mut extra);
         transforms::save_for(&json, &waiting_json, &capture, &extra)?;
         batch.commit()?;
         output.report(&Report {
@@ -202,11 +244,65 @@ impl Render {
             views: capture.frames.len(),
             model: capture.model,
             density_scale: capture.density_scale,
-            quadrature: quadrature.to_string(),
-            early_stop,
+            way,
             seconds,
         })?;
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Returns how light was integrated, with the events that were counted.
+    fn way(&self, renderer: &Renderer<'_>, quadrature: Quadrature, counts: Counts) -> Way {
+        match renderer {
+            Renderer::Dvr(dvr) => Way::Dvr {
+                quadrature: quadrature.to_string(),
+                early_stop: EarlyStop { transmittance: self.early_stop, error_bound: dvr.left_out() },
+            },
+            Renderer::Paths(_) => Way::Paths { paths: self.scattering.paths(counts) },
+        }
+    }
+
+    /// Refuses planes that the renderer does not have.
+    fn check_aovs(&self, paths: bool) -> Result<()> {
+        let name = |aov: &Aov| aov.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
+        if let Some(aov) = self.aov.iter().find(|aov| aov.of_paths() && !paths) {
+            return Err(Error::invalid(format!("--aov {}: nothing is scattered", name(aov)))
+                .hint("planes of scattered light need path tracing: give --albedo"));
+        }
+        let (rays, option) = match paths {
+            true => (self.scattering.sampling(0).samples, "--samples 16"),
+            false => (self.supersample, "--supersample 4"),
+        };
+        if rays < 2
+            && let Some(aov) = self.aov.iter().find(|aov| matches!(aov, Aov::Variance | Aov::Halves))
+        {
+            return Err(Error::invalid(format!("--aov {}: one ray a pixel has no variance", name(aov)))
+                .hint(format!("give each pixel more of them: {option}")));
+        }
+        Ok(())
+    }
+
+    /// Renders a view. Returns `None` if `cancel` was set.
+    fn film(
+        &self,
+        renderer: &Renderer<'_>,
+        view: usize,
+        camera: &Camera,
+        cancel: &AtomicBool,
+    ) -> Option<(Film, Counts)> {
+        match (renderer, &self.aov[..]) {
+            (Renderer::Paths(paths), aovs) => {
+                let picture = paths.picture(camera, self.scattering.sampling(view), aovs, cancel)?;
+                Some((picture.film, picture.counts))
+            }
+            (Renderer::Dvr(dvr), aovs) => {
+                let rays = self.supersample as usize;
+                let film = match aovs {
+                    [] => dvr.picture(camera, rays, cancel),
+                    aovs => dvr.picture_with(camera, rays, aovs, cancel),
+                };
+                Some((film?, Counts::default()))
+            }
+        }
     }
 
     /// Makes sure that the outputs replace neither inputs, the pictures of `--cameras` among them, nor files that another
@@ -243,98 +339,11 @@ impl Render {
         }
         Ok(())
     }
-
-    /// Chooses the transfer function that the pictures will show: `loaded` if it is that of `--tf`, else that of `--cameras`, else
-    /// the one that the grid carries, which is `loaded` then; none for other models.
-    fn transfer(&self, loaded: Option<Transfer>, template: Option<&Capture>) -> Option<Transfer> {
-        if self.transfer.tf.is_some() {
-            return loaded;
-        }
-        let emits = |m: Model| m == Model::EmissionAbsorption;
-        let other = self.model.is_some_and(|m| !emits(m)) || self.emission.is_some() || self.emission_model.is_some();
-        match template {
-            _ if other => None,
-            Some(capture) if self.model.is_none() || emits(capture.model) => {
-                capture.transfer.clone().filter(|_| emits(capture.model))
-            }
-            _ => loaded,
-        }
-    }
-
-    /// Reads the volume's grids, and returns them with the transfer function that the pictures will show.
-    fn grids(&self, template: Option<&Capture>, limits: Limits) -> Result<(Grids, Option<Transfer>)> {
-        if self.model.or(template.map(|c| c.model)) == Some(Model::PreShaded) && self.transfer.tf.is_none() {
-            return Ok((volume::read_pre_shaded(&self.input, self.grid.as_deref(), limits)?, None));
-        }
-        let (grid, loaded) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
-        let transfer = self.transfer(loaded, template);
-        let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
-        Ok((Grids::Density(field), transfer))
-    }
-
-    /// Plans the capture to render: cameras, model and medium from the options and, where they are silent, from `--cameras`.
-    fn capture(&self, grids: &Grids, transfer: Option<Transfer>, template: Option<Capture>) -> Result<Capture> {
-        let field = &*grids.density_or_extinction();
-        let cameras: Vec<Camera> = match (&template, self.views) {
-            (Some(capture), _) => capture.frames.iter().map(|f| f.camera).collect(),
-            (None, count) => {
-                let outline = field.outline();
-                if outline.is_empty() {
-                    return Err(Error::invalid("the grid is empty: there is nothing to place cameras around")
-                        .at(&self.input)
-                        .hint("choose another grid with --grid, or give the cameras with --cameras"));
-                }
-                let [w, h] = self.size;
-                orbit::cameras(&outline, count.unwrap_or(1) as usize, self.layout, w, h, self.fov)
-            }
-        };
-        let source = match &transfer {
-            Some(transfer) => Source::Transfer(Arc::new(transfer.table()?)),
-            None => Source::Grey([0.0; 3]),
-        };
-        let density_scale = match (self.density_scale, &template) {
-            (Some(DensityScale::Given(s)), _) => s,
-            (Some(DensityScale::Auto), _) => scale::density_scale(field, &source, &cameras).ok_or_else(|| {
-                Error::invalid("no pixel meets any density, so that no scale can be found")
-                    .at(&self.input)
-                    .hint("check the grid and the cameras, or give the scale as a number")
-            })?,
-            // A pre-shaded volume's extinctions are those of the pictures that it explains.
-            (None, Some(capture)) if matches!(grids, Grids::Density(_)) || capture.model == Model::PreShaded => {
-                capture.density_scale
-            }
-            (None, _) => 1.0,
-        };
-        let template = template.as_ref();
-        let of_volume = match grids {
-            Grids::EmissionExtinction(_) => Some(Model::PreShaded),
-            Grids::Density(_) => transfer.as_ref().map(|_| Model::EmissionAbsorption),
-        };
-        let model = self.model.or(of_volume).or(template.map(|c| c.model)).unwrap_or(Model::Absorption);
-        // The other model's background would be a surprise: white light behind a bright source.
-        let same_model = template.filter(|c| (c.model == Model::Absorption) == (model == Model::Absorption));
-        let default_background = if model == Model::Absorption { [1.0; 3] } else { [0.0; 3] };
-        let frames = cameras
-            .into_iter()
-            .enumerate()
-            .map(|(i, camera)| Frame { camera, picture: self.output.join(format!("view_{i:03}.exr")) });
-        Ok(Capture {
-            frames: frames.collect(),
-            model,
-            background: self.background.or(same_model.map(|c| c.background)).unwrap_or(default_background),
-            pixel_filter: if self.supersample > 1 { PixelFilter::Box } else { PixelFilter::Point },
-            density_scale,
-            emission: self.emission.or(template.map(|c| c.emission)).unwrap_or([1.0; 3]),
-            emission_model: self.emission_model.or(template.map(|c| c.emission_model)).unwrap_or(EmissionModel::Grey),
-            transfer,
-            lattice: Some(field.transform.matrix()),
-        })
-    }
 }
 
 /// Refuses pictures that do not fit in memory, one for each thread: pixels, samples and bytes of the file, and
 /// `plane_bytes` a pixel for further planes.
-pub(super) fn fits(capture: &Capture, plane_bytes: u64, max_memory: u64) -> Result<()> {
+pub(in crate::cli) fn fits(capture: &Capture, plane_bytes: u64, max_memory: u64) -> Result<()> {
     let at_once = rayon::current_num_threads().min(capture.frames.len()) as u64;
     let pixels = |f: &Frame| u64::from(f.camera.width) * u64::from(f.camera.height);
     match capture.frames.iter().max_by_key(|f| pixels(f)) {

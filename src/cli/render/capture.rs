@@ -1,0 +1,115 @@
+//! The capture that `cumulo render` writes: cameras, model and medium from the options and, where they are silent, from
+//! `--cameras`.
+
+use super::Render;
+use super::subject::Subject;
+use crate::cli::parse::DensityScale;
+use crate::error::{Error, Result};
+use crate::render::scale;
+use crate::scene::camera::Camera;
+use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
+use crate::scene::medium::Source;
+use crate::scene::orbit;
+use crate::scene::transfer::Transfer;
+use crate::scene::volume::Grids;
+use std::sync::Arc;
+
+impl Render {
+    /// Plans the capture to render.
+    pub(super) fn capture(
+        &self,
+        subject: &Subject,
+        transfer: Option<Transfer>,
+        template: Option<&Capture>,
+    ) -> Result<Capture> {
+        let cameras = self.views_of(subject, template)?;
+        let density_scale = self.scale(subject, transfer.as_ref(), template, &cameras)?;
+        let model = self.model_of(subject, transfer.is_some(), template)?;
+        let scatters = model == Model::Scattering;
+        let picture = |i: usize| self.output.join(format!("view_{i:03}.exr"));
+        let frames = cameras.into_iter().enumerate().map(|(i, camera)| Frame { camera, picture: picture(i) });
+        let template = template.filter(|_| !scatters);
+        // The other model's background would be a surprise: white light behind a bright source.
+        let same_model = template.filter(|c| (c.model == Model::Absorption) == (model == Model::Absorption));
+        let default_background = match (model, subject) {
+            (_, Subject::Scene(scene)) => scene.environment.radiance,
+            (Model::Absorption, _) => [1.0; 3],
+            (Model::Scattering, _) => self.scattering.sky(),
+            (Model::EmissionAbsorption | Model::PreShaded, _) => [0.0; 3],
+        };
+        let default_emission = if scatters { [0.0; 3] } else { [1.0; 3] };
+        Ok(Capture {
+            frames: frames.collect(),
+            model,
+            background: self.background.or(same_model.map(|c| c.background)).unwrap_or(default_background),
+            pixel_filter: if self.supersample > 1 || scatters { PixelFilter::Box } else { PixelFilter::Point },
+            density_scale,
+            emission: self.emission.or(template.map(|c| c.emission)).unwrap_or(default_emission),
+            emission_model: self.emission_model.or(template.map(|c| c.emission_model)).unwrap_or(EmissionModel::Grey),
+            transfer,
+            lattice: subject.lattice(),
+        })
+    }
+
+    /// Returns the cameras: those of `--cameras`, else new ones around the subject.
+    fn views_of(&self, subject: &Subject, template: Option<&Capture>) -> Result<Vec<Camera>> {
+        if let Some(capture) = template {
+            return Ok(capture.frames.iter().map(|f| f.camera).collect());
+        }
+        let outline = subject.outline();
+        if outline.is_empty() {
+            return Err(Error::invalid("the grid is empty: there is nothing to place cameras around")
+                .at(&self.input)
+                .hint("choose another grid with --grid, or give the cameras with --cameras"));
+        }
+        let [w, h] = self.size;
+        Ok(orbit::cameras(&outline, self.views.unwrap_or(1) as usize, self.layout, w, h, self.fov))
+    }
+
+    /// Returns the extinction per unit of density and length; 1 for a scene file, whose media have their own.
+    fn scale(
+        &self,
+        subject: &Subject,
+        transfer: Option<&Transfer>,
+        template: Option<&Capture>,
+        cameras: &[Camera],
+    ) -> Result<f64> {
+        let Subject::Grids(grids) = subject else { return Ok(1.0) };
+        match (self.density_scale, template) {
+            (Some(DensityScale::Given(scale)), _) => Ok(scale),
+            (Some(DensityScale::Auto), _) => {
+                let source = match transfer {
+                    Some(transfer) => Source::Transfer(Arc::new(transfer.table()?)),
+                    None => Source::Grey([0.0; 3]),
+                };
+                scale::density_scale(&grids.density_or_extinction(), &source, cameras).ok_or_else(|| {
+                    Error::invalid("no pixel meets any density, so that no scale can be found")
+                        .at(&self.input)
+                        .hint("check the grid and the cameras, or give the scale as a number")
+                })
+            }
+            // A pre-shaded volume's extinctions are those of the pictures that it explains.
+            (None, Some(capture)) if matches!(grids, Grids::Density(_)) || capture.model == Model::PreShaded => {
+                Ok(capture.density_scale)
+            }
+            (None, _) => Ok(1.0),
+        }
+    }
+
+    /// Returns the light model.
+    fn model_of(&self, subject: &Subject, by_function: bool, template: Option<&Capture>) -> Result<Model> {
+        if self.scattering.on() || subject.is_scene() {
+            return Ok(Model::Scattering);
+        }
+        let of_volume = match subject {
+            Subject::Grids(Grids::EmissionExtinction(_)) => Some(Model::PreShaded),
+            _ => by_function.then_some(Model::EmissionAbsorption),
+        };
+        match self.model.or(of_volume).or(template.map(|c| c.model)) {
+            Some(Model::Scattering) => Err(Error::invalid("the model is scattering, and no albedo is given").hint(
+                "give --albedo and the lights (a capture records them under 'scattering'), or choose another --model",
+            )),
+            model => Ok(model.unwrap_or(Model::Absorption)),
+        }
+    }
+}

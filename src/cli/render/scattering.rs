@@ -1,0 +1,183 @@
+//! Options of scattering media and their lights, and the scene that they describe.
+
+use crate::cli::parse;
+use crate::error::{Error, Result};
+use crate::render::path::{Counts, Limits, PathTracer, Sampling};
+use crate::scene::environment::Environment;
+use crate::scene::light::Light;
+use crate::scene::medium::Scattering;
+use crate::scene::phase::Phase;
+use crate::scene::scene::Scene;
+use glam::{DVec3, Vec3};
+use serde::Serialize;
+use serde_json::{Value, json};
+use std::fmt;
+
+/// A medium that scatters light is rendered by path tracing.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Scattering, by path tracing")]
+pub(super) struct ScatteringOptions {
+    /// Share of the extinction that is scattered, one number or r,g,b from 0 to 1; turns path tracing on
+    #[arg(long, value_name = "A", value_parser = parse::albedo, conflicts_with_all = ["model", "quadrature", "early_stop", "supersample"])]
+    albedo: Option<[f32; 3]>,
+    /// Mean cosine of the angle by which scattered light turns (Henyey-Greenstein): -0.999 backward to 0.999 forward
+    #[arg(long, value_name = "G", default_value_t = 0.0, value_parser = parse::number, requires = "albedo", allow_negative_numbers = true)]
+    anisotropy: f64,
+    /// Vector from the volume towards a sun
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, requires = "albedo", allow_hyphen_values = true)]
+    sun: Option<DVec3>,
+    /// Irradiance of the sun on a surface that faces it
+    #[arg(long, value_name = "R,G,B", default_value = "1", value_parser = parse::color, requires = "sun")]
+    sun_color: [f32; 3],
+    /// Angle across the sun in degrees
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.53, value_parser = parse::not_negative, requires = "sun")]
+    sun_angle: f64,
+    /// Radiance from all around, also seen behind the volume unless --background is given (default: black with a sun,
+    /// else white)
+    #[arg(long, value_name = "R,G,B", value_parser = parse::color, requires = "albedo")]
+    sky: Option<[f32; 3]>,
+    /// Paths per pixel (default: 64); twice as many halve the variance
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    samples: Option<u32>,
+    /// Seed of the random numbers (default: 0); the same seed gives the same pictures
+    #[arg(long, value_name = "S")]
+    seed: Option<u64>,
+    /// Leave out light that was scattered more often (default: no limit)
+    #[arg(long, value_name = "B")]
+    max_bounces: Option<u32>,
+}
+
+/// Paths per pixel unless stated.
+const SAMPLES: u32 = 64;
+
+impl ScatteringOptions {
+    /// Returns true if path tracing is asked for.
+    pub fn on(&self) -> bool {
+        self.albedo.is_some()
+    }
+
+    /// Returns the radiance from all around.
+    pub fn sky(&self) -> [f32; 3] {
+        self.sky.unwrap_or(if self.sun.is_some() { [0.0; 3] } else { [1.0; 3] })
+    }
+
+    /// Returns how the medium scatters; `None` without path tracing.
+    pub fn scattering(&self) -> Option<Scattering> {
+        let phase = if self.anisotropy == 0.0 { Phase::Isotropic } else { Phase::HenyeyGreenstein(self.anisotropy) };
+        self.albedo.map(|albedo| Scattering { albedo, phase })
+    }
+
+    /// Puts the environment and the lights of the options into a scene.
+    pub fn light(&self, scene: Scene) -> Scene {
+        let sun = self.sun.map(|direction| Light::Sun {
+            direction,
+            irradiance: Vec3::from_array(self.sun_color),
+            angle: self.sun_angle.to_radians(),
+        });
+        Scene { environment: Environment { radiance: self.sky() }, lights: sun.into_iter().collect(), ..scene }
+    }
+
+    /// Creates the path tracer of a scene, whose camera sees `background` behind the media.
+    ///
+    /// # Errors
+    /// If a medium or a light cannot be used.
+    pub fn tracer<'a>(&self, scene: &'a Scene, background: [f32; 3]) -> Result<PathTracer<'a>> {
+        let limits = Limits { max_bounces: self.max_bounces.unwrap_or(u32::MAX) };
+        Ok(PathTracer::new(scene)?.limits(limits).background(background))
+    }
+
+    /// Refuses options of path tracing without it.
+    ///
+    /// # Errors
+    /// If such an option is given, and `paths` is false.
+    pub fn check(&self, paths: bool) -> Result<()> {
+        let given = [
+            ("--samples", self.samples.is_some()),
+            ("--seed", self.seed.is_some()),
+            ("--max-bounces", self.max_bounces.is_some()),
+        ];
+        match given.iter().find(|(_, given)| *given && !paths) {
+            Some((option, _)) => {
+                Err(Error::invalid(format!("{option}: nothing is scattered, and no paths are traced"))
+                    .hint(format!("give --albedo or a scene file, or leave {option} out")))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Returns the paths of a view.
+    pub fn sampling(&self, view: usize) -> Sampling {
+        Sampling { samples: self.samples.unwrap_or(SAMPLES), seed: self.seed.unwrap_or(0) ^ (view as u64) << 32 }
+    }
+
+    /// Returns the options as the capture's record of how its pictures were made.
+    pub fn record(&self) -> Value {
+        json!({
+            "albedo": self.albedo,
+            "anisotropy": self.anisotropy,
+            "sky": self.sky(),
+            "sun": self.sun.map(|sun| json!({
+                "direction": sun.to_array(),
+                "irradiance": self.sun_color,
+                "angle_degrees": self.sun_angle,
+            })),
+            "samples": self.sampling(0).samples,
+            "seed": self.sampling(0).seed,
+            "max_bounces": self.max_bounces,
+        })
+    }
+
+    /// Returns the summary of the events while pictures were traced.
+    pub fn paths(&self, counts: Counts) -> Paths {
+        let each = |events: u64| events as f64 / counts.paths.max(1) as f64;
+        Paths {
+            samples: self.sampling(0).samples,
+            max_bounces: self.max_bounces,
+            paths: counts.paths,
+            collisions_per_path: each(counts.collisions),
+            lookups_per_path: each(counts.lookups),
+            shadow_rays_per_path: each(counts.shadow_rays),
+            majorant_violations: counts.violations,
+            impossible_directions: counts.impossible,
+        }
+    }
+}
+
+/// Number of events while paths were traced.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub(super) struct Paths {
+    /// Paths per pixel.
+    pub samples: u32,
+    /// Most scatterings along a path; none without a limit.
+    pub max_bounces: Option<u32>,
+    /// Paths of all pictures.
+    pub paths: u64,
+    /// Real collisions with the medium.
+    pub collisions_per_path: f64,
+    /// Densities looked up to find collisions.
+    pub lookups_per_path: f64,
+    /// Rays to lights.
+    pub shadow_rays_per_path: f64,
+    /// Extinctions above their bound; any of them biases the pictures.
+    pub majorant_violations: u64,
+    /// Directions of no density; any of them biases the pictures.
+    pub impossible_directions: u64,
+}
+
+impl fmt::Display for Paths {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let bounces = self.max_bounces.map_or("any number of".to_owned(), |most| format!("at most {most}"));
+        write!(f, "  {} paths a pixel, {bounces} scatterings; ", self.samples)?;
+        let Self { collisions_per_path, lookups_per_path, shadow_rays_per_path, .. } = self;
+        write!(f, "{collisions_per_path:.2} collisions, {lookups_per_path:.1} lookups and ")?;
+        write!(f, "{shadow_rays_per_path:.2} rays to lights a path")?;
+        if self.majorant_violations + self.impossible_directions > 0 {
+            write!(
+                f,
+                "\nwarning: {} majorants violated, {} impossible directions: the pictures are biased",
+                self.majorant_violations, self.impossible_directions
+            )?;
+        }
+        Ok(())
+    }
+}

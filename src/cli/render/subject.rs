@@ -1,0 +1,154 @@
+//! What `cumulo render` renders: the grids of one volume, or a scene file.
+
+use super::Render;
+use crate::cli::provenance::Provenance;
+use crate::cli::volume;
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
+use crate::formats::scene_file::{self, SceneVolume};
+use crate::formats::{self, Format};
+use crate::scene::capture::{Capture, EmissionModel, Model};
+use crate::scene::medium::{Medium, Source};
+use crate::scene::scene::Scene;
+use crate::scene::transfer::Transfer;
+use crate::scene::volume::{Grids, Volume};
+use glam::{DMat4, DVec3};
+use std::sync::Arc;
+
+/// Subject of the pictures.
+#[allow(clippy::large_enum_variant, reason = "there is one at a time")]
+pub(super) enum Subject {
+    /// The grids of one volume, whose medium and light the options and `--cameras` tell.
+    Grids(Grids),
+    /// A scene file.
+    Scene(Scene),
+}
+
+impl Subject {
+    /// Returns world points around all that may be seen.
+    pub fn outline(&self) -> Vec<DVec3> {
+        let outline = |volume: &Volume| match volume {
+            Volume::Density(field, _) => field.outline(),
+            Volume::PreShaded(volume) => volume.channel(3).outline(),
+        };
+        match self {
+            Self::Grids(grids) => grids.density_or_extinction().outline(),
+            Self::Scene(scene) => scene.volumes.iter().flat_map(outline).collect(),
+        }
+    }
+
+    /// True if it is rendered by path tracing whatever the options say.
+    pub fn is_scene(&self) -> bool {
+        matches!(self, Self::Scene(_))
+    }
+
+    /// Returns the index-to-world map of the volume, if there is but one.
+    pub fn lattice(&self) -> Option<DMat4> {
+        match self {
+            Self::Grids(grids) => Some(grids.density_or_extinction().transform.matrix()),
+            Self::Scene(_) => None,
+        }
+    }
+}
+
+impl Render {
+    /// Reads what is to be rendered, with the transfer function that the pictures will show.
+    pub(super) fn subject(
+        &self,
+        template: Option<&Capture>,
+        limits: Limits,
+        provenance: &mut Provenance,
+    ) -> Result<(Subject, Option<Transfer>)> {
+        if formats::sniff(&self.input)? == Format::Capture {
+            self.check_scene_file()?;
+            let (volumes, lights, environment) = scene_file::load_within(&self.input, limits)?;
+            provenance.input(&self.input, [self.input.as_path()])?;
+            let volume = |read: SceneVolume| {
+                provenance.input(&read.path, [read.path.as_path()])?;
+                let field =
+                    volume::arrange(&read.grid, read.transfer.as_ref(), limits).map_err(|e| e.at(&read.path))?;
+                Ok(Volume::Density(field, read.medium))
+            };
+            let volumes = volumes.into_iter().map(volume).collect::<Result<_>>()?;
+            return Ok((Subject::Scene(Scene { volumes, lights, environment, cameras: Vec::new() }), None));
+        }
+        let (grids, transfer) = self.grids(template, limits)?;
+        provenance.input(&self.input, [self.input.as_path()])?;
+        if let Some(tf) = &self.transfer.tf {
+            provenance.input(tf, [tf.as_path()])?;
+        }
+        Ok((Subject::Grids(grids), transfer))
+    }
+
+    /// Refuses options that a scene file states itself.
+    fn check_scene_file(&self) -> Result<()> {
+        let given = [
+            ("--model", self.model.is_some()),
+            ("--density-scale", self.density_scale.is_some()),
+            ("--emission", self.emission.is_some()),
+            ("--emission-model", self.emission_model.is_some()),
+            ("--tf", self.transfer.tf.is_some()),
+            ("--grid", self.grid.is_some()),
+            ("--quadrature", self.quadrature.is_some()),
+            ("--supersample", self.supersample > 1),
+            ("--albedo", self.scattering.on()),
+        ];
+        match given.iter().find(|(_, given)| *given) {
+            Some((option, _)) => {
+                Err(Error::invalid(format!("{option}: the scene file states its own media and lights"))
+                    .at(&self.input)
+                    .hint(format!("leave {option} out, or render the VDB itself")))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Reads the volume's grids, and returns them with the transfer function that the pictures will show.
+    fn grids(&self, template: Option<&Capture>, limits: Limits) -> Result<(Grids, Option<Transfer>)> {
+        if self.model.or(template.map(|c| c.model)) == Some(Model::PreShaded) && self.transfer.tf.is_none() {
+            return Ok((volume::read_pre_shaded(&self.input, self.grid.as_deref(), limits)?, None));
+        }
+        let (grid, loaded) = volume::read(&self.input, self.grid.as_deref(), &self.transfer, limits)?;
+        let transfer = self.transfer(loaded, template);
+        let field = volume::arrange(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&self.input))?;
+        Ok((Grids::Density(field), transfer))
+    }
+
+    /// Chooses the transfer function that the pictures will show: `loaded` if it is that of `--tf`, else that of `--cameras`, else
+    /// the one that the grid carries, which is `loaded` then; none for other models.
+    fn transfer(&self, loaded: Option<Transfer>, template: Option<&Capture>) -> Option<Transfer> {
+        if self.transfer.tf.is_some() {
+            return loaded;
+        }
+        let emits = |m: Model| m == Model::EmissionAbsorption;
+        let other = self.model.is_some_and(|m| !emits(m)) || self.emission.is_some() || self.emission_model.is_some();
+        match template {
+            _ if other => None,
+            Some(capture) if self.model.is_none() || emits(capture.model) => {
+                capture.transfer.clone().filter(|_| emits(capture.model))
+            }
+            _ => loaded,
+        }
+    }
+
+    /// Returns the scene that the pictures will show.
+    pub(super) fn scene(&self, capture: &Capture, subject: Subject) -> Result<Scene> {
+        let cameras = capture.frames.iter().map(|frame| frame.camera).collect();
+        let field = match subject {
+            Subject::Scene(scene) => return Ok(Scene { cameras, ..scene }),
+            Subject::Grids(grids) if !self.scattering.on() => return Scene::shown_by(capture, grids),
+            Subject::Grids(Grids::Density(field)) => field,
+            Subject::Grids(Grids::EmissionExtinction(_)) => {
+                return Err(Error::unsupported("a pre-shaded volume has no albedo").hint("render it without --albedo"));
+            }
+        };
+        let source = match (&capture.transfer, self.emission, capture.emission_model) {
+            (Some(transfer), ..) => Source::Transfer(Arc::new(transfer.table()?)),
+            (None, Some(color), EmissionModel::Linear) => Source::Linear(color),
+            (None, color, _) => Source::Grey(color.unwrap_or_default()),
+        };
+        let medium = Medium { scattering: self.scattering.scattering(), ..Medium::new(capture.density_scale, source) };
+        let scene = Scene { volumes: vec![Volume::Density(field, medium)], cameras, ..Scene::default() };
+        Ok(self.scattering.light(scene))
+    }
+}

@@ -1,0 +1,90 @@
+//! Reading of scene files. Every fault names the volume or light, and the key.
+
+use super::{MediumEntry, SceneFile, VolumeEntry};
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
+use crate::formats::reading::Reading;
+use crate::formats::vdb::File;
+use crate::formats::{input, transfer};
+use crate::scene::environment::Environment;
+use crate::scene::grid::Grid;
+use crate::scene::light::Light;
+use crate::scene::medium::{Medium, Scattering, Source};
+use crate::scene::transfer::Transfer;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Largest size of a file in bytes.
+const MAX_BYTES: u64 = 1 << 24;
+
+/// A volume of a scene file, read.
+#[derive(Debug, Clone)]
+pub struct SceneVolume {
+    /// VDB file.
+    pub path: PathBuf,
+    /// Densities.
+    pub grid: Grid,
+    /// Transfer function, where the medium has one.
+    pub transfer: Option<Transfer>,
+    /// Medium.
+    pub medium: Medium,
+}
+
+/// Reads a scene file with its volumes and transfer functions.
+///
+/// # Errors
+/// If a file cannot be read, a key is missing, unknown or cannot be used, or the values do not fit into `limits`. The
+/// error names the file, and the volume or light.
+pub fn load_within(path: &Path, limits: Limits) -> Result<(Vec<SceneVolume>, Vec<Light>, Environment)> {
+    let _reading = Reading::begin(path);
+    let text = input::bytes(path, MAX_BYTES, "a scene")?;
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
+    let part = |part: String| move |e: Error| e.part(part).at(path);
+    input::check_json_memory(text, limits).map_err(|e| e.at(path))?;
+    let file: SceneFile = serde_json::from_slice(text).map_err(|e| {
+        Error::invalid(format!("no scene: {e}"))
+            .at(path)
+            .hint("`cumulo schema scene` prints what a scene file may hold")
+    })?;
+    let Some(folder) = path.parent() else { return Err(Error::invalid("no file").at(path)) };
+    if file.volumes.is_empty() {
+        return Err(Error::invalid("'volumes' is empty; at least one is needed")
+            .at(path)
+            .hint("list the volumes: {\"volumes\": [{\"file\": \"smoke.vdb\"}]}"));
+    }
+    let volume = |(i, entry): (usize, &VolumeEntry)| {
+        // What lies in another file is blamed on that file.
+        let (vdb, named) = (folder.join(&entry.file), part(format!("volume {i}")));
+        let grid = File::open(&vdb, limits)?.read_fog(entry.grid.as_deref())?;
+        let load = |tf: &PathBuf| {
+            let options = transfer::Options { limits, ..transfer::Options::default() };
+            transfer::load(&folder.join(tf), &options).map(|loaded| loaded.transfer)
+        };
+        let transfer = entry.medium.transfer.as_ref().map(load).transpose()?;
+        let medium = medium(&entry.medium, transfer.as_ref()).map_err(named)?;
+        Ok(SceneVolume { path: vdb, grid, transfer, medium })
+    };
+    let volumes = file.volumes.iter().enumerate().map(volume).collect::<Result<Vec<_>>>()?;
+    let (lights, environment) = file.lighting();
+    let lights = lights.into_iter().enumerate().map(|(i, l)| l.checked().map_err(part(format!("light {i}"))));
+    if !environment.radiance.iter().all(|v| v.is_finite() && *v >= 0.0) {
+        return Err(Error::invalid(format!("radiance {:?} must be finite and not negative", environment.radiance))
+            .part("a DomeLight")
+            .at(path)
+            .hint("correct 'radiance'"));
+    }
+    Ok((volumes, lights.collect::<Result<_>>()?, environment))
+}
+
+fn medium(entry: &MediumEntry, transfer: Option<&Transfer>) -> Result<Medium> {
+    let source = match (transfer, entry.emission) {
+        (Some(_), Some(_)) => {
+            return Err(Error::invalid("'transfer' and 'emission' both tell the source's radiance")
+                .hint("leave 'emission' out: a transfer function has colors of its own"));
+        }
+        (Some(transfer), None) => Source::Transfer(Arc::new(transfer.table()?)),
+        (None, color) => Source::Grey(color.unwrap_or_default()),
+    };
+    let scattering = Some(Scattering { albedo: entry.albedo, phase: entry.phase() });
+    Medium { scattering, ..Medium::new(entry.density_scale, source) }.checked()
+}

@@ -1,0 +1,168 @@
+//! Scenes as JSON: volumes with their media, and lights, for `cumulo render`. Cameras are given beside them.
+//!
+//! ```json
+//! {
+//!   "volumes": [{"file": "smoke.vdb", "medium": {"density_scale": 2, "albedo": [0.9, 0.9, 0.9], "anisotropy": 0.3}}],
+//!   "lights": [
+//!     {"type": "DistantLight", "direction": [1, 1, 2], "irradiance": [3, 3, 3], "angle": 0.53},
+//!     {"type": "DomeLight", "radiance": [0.2, 0.3, 0.5]}
+//!   ]
+//! }
+//! ```
+//! Types of lights are named as in UsdLux. Files are found from the folder of the scene.
+
+mod load;
+
+pub use load::{SceneVolume, load_within};
+
+use crate::scene::environment::Environment;
+use crate::scene::light::Light;
+use crate::scene::phase::Phase;
+use glam::{DVec3, Vec3};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::path::PathBuf;
+
+/// A scene file.
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(title = "Cumulo scene")]
+pub struct SceneFile {
+    /// Volumes, at least one; where several overlap, their extinctions add.
+    #[schemars(length(min = 1))]
+    pub volumes: Vec<VolumeEntry>,
+    /// Lights.
+    #[serde(default)]
+    pub lights: Vec<LightEntry>,
+}
+
+/// A volume of a scene file.
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct VolumeEntry {
+    /// VDB file, found from the folder of the scene.
+    pub file: PathBuf,
+    /// Grid of densities; `density`, else the only scalar one, unless stated.
+    pub grid: Option<String>,
+    /// Medium of the volume.
+    #[serde(default)]
+    pub medium: MediumEntry,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// A medium of a scene file.
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MediumEntry {
+    /// Extinction per unit of density and world length, or factor of the transfer function's extinction.
+    #[serde(default = "one")]
+    pub density_scale: f64,
+    /// Share of the extinction that is scattered, in red, green and blue: 0 to 1.
+    #[serde(default)]
+    pub albedo: [f32; 3],
+    /// Mean cosine of the angle by which scattered light turns (Henyey-Greenstein), -0.999 to 0.999.
+    #[serde(default)]
+    pub anisotropy: f64,
+    /// Radiance of the source; of it the share of the extinction that is not scattered is emitted.
+    pub emission: Option<[f32; 3]>,
+    /// Transfer function from density to extinction and source radiance, found from the folder of the scene.
+    pub transfer: Option<PathBuf>,
+}
+
+impl Default for MediumEntry {
+    fn default() -> Self {
+        Self { density_scale: 1.0, albedo: [0.0; 3], anisotropy: 0.0, emission: None, transfer: None }
+    }
+}
+
+impl MediumEntry {
+    /// Returns the phase function.
+    pub fn phase(&self) -> Phase {
+        if self.anisotropy == 0.0 { Phase::Isotropic } else { Phase::HenyeyGreenstein(self.anisotropy) }
+    }
+}
+
+/// A light of a scene file.
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[serde(tag = "type", deny_unknown_fields)]
+pub enum LightEntry {
+    /// A light infinitely far away, such as the sun.
+    DistantLight {
+        /// Vector from the scene towards the light, of any length.
+        direction: [f64; 3],
+        /// Irradiance on a surface that faces the light.
+        irradiance: [f32; 3],
+        /// Angle across the light in degrees.
+        #[serde(default)]
+        angle: f64,
+    },
+    /// A point that sends out light in all directions.
+    PointLight {
+        /// Position in world space.
+        position: [f64; 3],
+        /// Radiant intensity, power per solid angle.
+        intensity: [f32; 3],
+    },
+    /// A sphere that emits outwards.
+    SphereLight {
+        /// Centre in world space.
+        centre: [f64; 3],
+        /// Radius in world units.
+        radius: f64,
+        /// Radiance that leaves the sphere.
+        radiance: [f32; 3],
+    },
+    /// A parallelogram that emits to one side.
+    RectLight {
+        /// Corner in world space.
+        corner: [f64; 3],
+        /// Edges from the corner; light leaves to the side of the first × the second.
+        edges: [[f64; 3]; 2],
+        /// Radiance that leaves the front.
+        radiance: [f32; 3],
+    },
+    /// Light from all around. Several of them add.
+    DomeLight {
+        /// Radiance, the same from all directions.
+        radiance: [f32; 3],
+    },
+}
+
+impl SceneFile {
+    /// Returns the lights and the environment.
+    pub fn lighting(&self) -> (Vec<Light>, Environment) {
+        let mut environment = Environment::default();
+        let point = DVec3::from_array;
+        let color = Vec3::from_array;
+        let light = |entry: &LightEntry| match *entry {
+            LightEntry::DistantLight { direction, irradiance, angle } => Some(Light::Sun {
+                direction: point(direction),
+                irradiance: color(irradiance),
+                angle: angle.to_radians(),
+            }),
+            LightEntry::PointLight { position, intensity } => {
+                Some(Light::Point { position: point(position), intensity: color(intensity) })
+            }
+            LightEntry::SphereLight { centre, radius, radiance } => {
+                Some(Light::Sphere { centre: point(centre), radius, radiance: color(radiance) })
+            }
+            LightEntry::RectLight { corner, edges, radiance } => {
+                Some(Light::Rectangle { corner: point(corner), edges: edges.map(point), radiance: color(radiance) })
+            }
+            LightEntry::DomeLight { radiance } => {
+                environment.radiance.iter_mut().zip(radiance).for_each(|(sum, v)| *sum += v);
+                None
+            }
+        };
+        let lights = self.lights.iter().filter_map(light).collect();
+        (lights, environment)
+    }
+}
+
+/// Returns the JSON schema of scene files.
+pub fn schema() -> schemars::Schema {
+    schemars::schema_for!(SceneFile)
+}

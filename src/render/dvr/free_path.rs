@@ -1,0 +1,278 @@
+//! Free paths: where along a ray light collides with the medium for the first time, given that it does.
+//!
+//! Collisions have the density `σ e^{-τ}` along the ray, τ the optical depth so far. Of a ray of transmittance T, a number
+//! u in [0, 1) has its collision where `τ = -ln(1 - u (1 - T))`: the inverse of the optical depth, which exact
+//! quadrature knows.
+
+use super::blend::Blend;
+use super::tape::Tape;
+use super::{CompiledMedium, Dvr};
+use crate::math::Ray;
+use crate::real::{LANES, Lanes};
+use crate::render::cell::{corners, gather, weights};
+use crate::render::compositing;
+use crate::render::differentiable::Adjoint;
+use crate::render::gauss;
+use crate::render::march::{BATCH, IndexRay, Span, batches};
+use crate::render::quadrature::{DepthRule, ExactDepth};
+use crate::render::segment::Chord;
+use crate::scene::bricks::slot;
+
+/// A ray with one collision.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FreePath {
+    /// Transmittance of the whole ray.
+    pub transmittance: f64,
+    /// World length from the ray's origin to the collision, and the density there; `None` where the ray meets nothing.
+    pub collision: Option<(f64, f32)>,
+}
+
+/// Drawing of a free path, as the unit that is compiled for each instruction set.
+struct Draw<'k, 'd> {
+    dvr: &'k Dvr<'d, f32>,
+    ray: &'k Ray,
+    u: f64,
+    tape: &'k mut Tape<f32>,
+}
+
+impl pulp::NullaryFnOnce for Draw<'_, '_> {
+    type Output = FreePath;
+
+    #[inline(always)]
+    fn call(self) -> FreePath {
+        let Self { dvr, ray, u, tape } = self;
+        let Some(enter) = dvr.index_ray(ray).map(|ray| ray.enter) else {
+            return FreePath { transmittance: 1.0, collision: None };
+        };
+        // From the entry on, single precision resolves positions however far the camera is.
+        let inner = Ray { origin: ray.at(enter), direction: ray.direction };
+        let Some(inner) = dvr.index_ray(&inner) else { return FreePath { transmittance: 1.0, collision: None } };
+        let mut path = match &dvr.compiled {
+            CompiledMedium::Line(_) => dvr.free_path_by_spans(&inner, u, tape),
+            CompiledMedium::Table(..) => dvr.free_path_by_chords(&inner, u, tape),
+        };
+        if let Some((distance, _)) = &mut path.collision {
+            *distance += enter;
+        }
+        path
+    }
+}
+
+/// Returns the optical depth of the collision.
+#[inline(always)]
+fn depth_of_collision(u: f64, transmittance: f64) -> f64 {
+    -(-u * (1.0 - transmittance)).ln_1p()
+}
+
+impl Dvr<'_, f32> {
+    /// Returns the transmittance of a world ray of unit direction, and the collision that a number in [0, 1) stands for
+    /// among those of the ray, with exact quadrature. A ray that ends early ([`Dvr::early_stop`]) has no collisions
+    /// behind its end.
+    pub fn free_path(&self, ray: &Ray, u: f64, tape: &mut Tape<f32>) -> FreePath {
+        self.arch.dispatch(Draw { dvr: self, ray, u, tape })
+    }
+
+    /// Extinction proportional to the density: finds the batch of spans, the span, and in it the length by Newton's
+    /// method.
+    #[inline(always)]
+    fn free_path_by_spans(&self, ray: &IndexRay, u: f64, tape: &mut Tape<f32>) -> FreePath {
+        let Tape { cells, spans, integrals, .. } = tape;
+        spans.clear();
+        integrals.clear();
+        let (values, extinction) = (&self.field.values[..], self.medium.extinction);
+        let mut integral_of = |spans: &[Span<f32>]| {
+            cells.clear();
+            ExactDepth.cells(spans, cells);
+            let sum = cells.iter().fold(<f32 as crate::real::Real>::Lanes::splat(0.0), |s, c| s + c.gather(values));
+            f64::from(sum.sum())
+        };
+        let (mut integral, limit) = (0.0, self.depth_limit / extinction);
+        batches(
+            &self.field.topology,
+            ray,
+            #[inline(always)]
+            |batch| {
+                spans.extend_from_slice(batch);
+                integral += integral_of(batch);
+                integrals.push(integral);
+                integral < limit
+            },
+        );
+        let transmittance = (-extinction * integral).exp();
+        if integral <= 0.0 {
+            return FreePath { transmittance: 1.0, collision: None };
+        }
+        let target = depth_of_collision(u, transmittance) / extinction;
+        let batch = integrals.partition_point(|end| *end <= target).min(integrals.len() - 1);
+        let mut rest = target - if batch == 0 { 0.0 } else { integrals[batch - 1] };
+        let mut found = None;
+        for span in spans[BATCH * batch..].iter().take(BATCH) {
+            let within = integral_of(std::slice::from_ref(span));
+            if within > 0.0 {
+                found = Some((span, within, rest.clamp(0.0, within)));
+                if rest < within {
+                    break;
+                }
+            }
+            rest -= within;
+        }
+        let Some((span, within, rest)) = found else { return FreePath { transmittance, collision: None } };
+        let length = inverse(f64::from(span.length), within, rest, |at| {
+            let part = Span { length: at as f32, ..*span };
+            (integral_of(std::slice::from_ref(&part)), f64::from(density(values, span, at as f32)))
+        });
+        let density = density(values, span, length as f32);
+        FreePath { transmittance, collision: Some((span.start + length, density)) }
+    }
+
+    /// Any transfer function: finds the segment, on which the extinction is a cubic.
+    #[inline(always)]
+    fn free_path_by_chords(&self, ray: &IndexRay, u: f64, tape: &mut Tape<f32>) -> FreePath {
+        let CompiledMedium::Table(compiled, _) = &self.compiled else {
+            return FreePath { transmittance: 1.0, collision: None };
+        };
+        let Tape { chords, chord_entries, .. } = tape;
+        chord_entries.clear();
+        let mut blend = Blend::new(self, compiled, self.exact_source(compiled, false), chords);
+        compositing::record(&self.visible, ray, Adjoint::Tape, &mut blend, chord_entries);
+        let transmittance = (-blend.depth).exp();
+        if blend.depth <= 0.0 {
+            return FreePath { transmittance: 1.0, collision: None };
+        }
+        let target = depth_of_collision(u, transmittance);
+        let reached = (-target).exp();
+        let number = chord_entries.partition_point(|entry| entry.transmittance >= reached).saturating_sub(1);
+        let entry = &chord_entries[number];
+        let chord: &Chord<f32> = &entry.segment;
+        let piece = compiled.curve.piece(chord.piece);
+        let extinctions =
+            chord.density.store().map(|d| f64::from(piece.extinction[0] + piece.extinction[1] * (d - piece.base)));
+        let (length, whole) = (f64::from(chord.length), f64::from(entry.optics.depth));
+        let rest = (target + entry.transmittance.ln()).clamp(0.0, whole);
+        let cubic = Cubic::through(extinctions.map(|s| s * length));
+        let share = inverse(1.0, whole, rest, |at| (cubic.integral(at), cubic.value(at).max(0.0)));
+        let density = Cubic::through(chord.density.store().map(f64::from)).value(share) as f32;
+        FreePath { transmittance, collision: Some((f64::from(chord.start) + share * length, density)) }
+    }
+}
+
+/// Returns the argument between 0 and `end` at which an ascending function, which is 0 at 0 and `whole` at the end,
+/// has the value `rest`; `value` returns the function and its derivative. Newton's method between bounds.
+#[inline(always)]
+fn inverse(end: f64, whole: f64, rest: f64, mut value: impl FnMut(f64) -> (f64, f64)) -> f64 {
+    let (mut low, mut high) = (0.0, end);
+    let mut at = end * (rest / whole);
+    for _ in 0..STEPS {
+        let (reached, slope) = value(at);
+        let missing = rest - reached;
+        if missing.abs() <= PRECISION * whole {
+            break;
+        }
+        if missing > 0.0 {
+            low = at
+        } else {
+            high = at
+        }
+        let next = at + missing / slope;
+        // A slope of 0 gives no number, or none within.
+        at = if next > low && next < high { next } else { 0.5 * (low + high) };
+    }
+    at
+}
+
+/// Error of the optical depth of a collision as a share of its span's or segment's, and the most steps to get there.
+const PRECISION: f64 = 1e-5;
+const STEPS: usize = 40;
+
+/// A polynomial of degree 3 on 0..1.
+struct Cubic([f64; LANES]);
+
+impl Cubic {
+    /// Creates the cubic with these values at the points of [`gauss::NODES`].
+    fn through(values: [f64; LANES]) -> Self {
+        let all = <f64 as crate::real::Real>::Lanes::splat;
+        Self(gauss::coefficients::<f64>(values.map(all)).map(|c| c.store()[0]))
+    }
+
+    fn value(&self, at: f64) -> f64 {
+        let [a, b, c, d] = self.0;
+        let x = 2.0 * at - 1.0;
+        a + x * (b + x * (c + x * d))
+    }
+
+    /// Returns the integral from 0.
+    fn integral(&self, at: f64) -> f64 {
+        let [a, b, c, d] = self.0;
+        let up_to = |x: f64| x * (a + x * (b / 2.0 + x * (c / 3.0 + x * d / 4.0)));
+        0.5 * (up_to(2.0 * at - 1.0) - up_to(-1.0))
+    }
+}
+
+/// Returns the interpolated density at a world length from the entry into a brick.
+#[inline(always)]
+pub(crate) fn density(values: &[f32], span: &Span<f32>, at: f32) -> f32 {
+    let (mut cell, mut local) = ([0; 3], [0.0; 3]);
+    for a in 0..3 {
+        let p = (span.entry[a] + at * span.direction[a]).clamp(0.0, 8.0);
+        let low = p.min(7.0).floor();
+        (cell[a], local[a]) = (low as usize, p - low);
+    }
+    let offset = span.base + slot(cell[0], cell[1], cell[2]);
+    gather(&weights(local), &corners(values, offset))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Affine;
+    use crate::scene::bricks::Bricks;
+    use crate::scene::medium::{Medium, Source};
+    use crate::scene::table::Table;
+    use crate::scene::topology::Topology;
+    use glam::{DVec3, IVec3};
+    use std::sync::Arc;
+
+    fn field() -> Bricks<f32> {
+        let topology = Arc::new(Topology::new((0..27).map(|i| IVec3::new(i % 3, i / 3 % 3, i / 9))).unwrap());
+        let owned: Vec<f32> =
+            (0..27 * 512).map(|i: u32| (i.wrapping_mul(2_654_435_761) >> 8) as f32 / 16_777_216.0).collect();
+        let mut field = Bricks::zeros(topology.clone(), Affine::uniform(0.25, DVec3::new(1e3, -2.0, 3.0)).unwrap());
+        topology.fill_apron(&owned, &mut field.values);
+        field
+    }
+
+    /// The optical depth up to the collision is the one that was asked for, on rays of all depths, through a line and
+    /// through a function with a step.
+    #[test]
+    fn the_collision_lies_at_its_optical_depth() {
+        let field = field();
+        let value = |s: f64| [1.0, 1.0, 1.0, s];
+        let steps = Table::new(vec![0.1, 0.4, 0.4, 0.7], vec![value(0.0), value(2.0), value(0.0), value(1.0)]).unwrap();
+        for source in [Source::Grey([0.0; 3]), Source::Transfer(Arc::new(steps))] {
+            for extinction in [1e-6, 0.1, 1.0, 100.0] {
+                let medium = Medium::new(extinction, source.clone());
+                let dvr = Dvr::new(&field, medium).unwrap().early_stop(1e-9);
+                let mut tape = Tape::default();
+                for k in 0..300 {
+                    let turn = f64::from(k) * 2.4;
+                    let from = DVec3::new(turn.cos(), turn.sin(), (0.7 * turn).sin());
+                    let centre = field.transform.to_world(DVec3::splat(12.0));
+                    let ray = Ray { origin: centre + 10.0 * from, direction: -(from + 0.1 * DVec3::Y).normalize() };
+                    let u = (f64::from(k) + 0.5) / 300.0;
+                    let path = dvr.free_path(&ray, u, &mut tape);
+                    let whole = dvr.optical_depth_within(&ray, f64::INFINITY, &mut tape);
+                    assert!((path.transmittance - (-whole).exp()).abs() < 1e-6, "{k}: {path:?}, depth {whole}");
+                    let Some((distance, density)) = path.collision else {
+                        assert_eq!(whole, 0.0);
+                        continue;
+                    };
+                    let depth = dvr.optical_depth_within(&ray, distance, &mut tape);
+                    let share = -(-depth).exp_m1() / -(-whole).exp_m1();
+                    assert!((share - u).abs() < 2e-4, "{k}: {share} instead of {u} of {whole}");
+                    let sampled = field.sample(field.transform.to_index(ray.at(distance)));
+                    assert!((density - sampled).abs() < 1e-3, "{k}: {density} {sampled}");
+                }
+            }
+        }
+    }
+}

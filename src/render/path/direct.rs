@@ -1,0 +1,81 @@
+//! Light that arrives at a point straight from its source: drawn from the lights, or met by a ray that the phase
+//! function chose, both weighted by their probabilities (multiple importance sampling; Veach & Guibas 1995).
+
+use crate::error::Result;
+use crate::math::Ray;
+use crate::scene::environment::Environment;
+use crate::scene::light::{Arrival, Light};
+use glam::{DVec3, Vec3};
+
+/// The lights of a scene.
+pub(super) struct Lighting {
+    lights: Vec<Light>,
+    /// Radiance from infinitely far away.
+    environment: Vec3,
+    /// Radiance that the camera sees behind the media.
+    pub background: Vec3,
+}
+
+/// Returns the power heuristic's weight of a direction drawn with density `own`, where another technique draws it with
+/// density `other`.
+#[inline(always)]
+fn heuristic(own: f64, other: f64) -> f64 {
+    // The ratio, since densities of narrow lights overflow when squared.
+    let ratio = other / own;
+    1.0 / (1.0 + ratio * ratio)
+}
+
+impl Lighting {
+    /// Checks the lights.
+    ///
+    /// # Errors
+    /// If a light cannot be used.
+    pub fn new(lights: &[Light], environment: Environment) -> Result<Self> {
+        let lights =
+            lights.iter().enumerate().map(|(i, light)| light.checked().map_err(|e| e.part(format!("light {}", i + 1))));
+        let environment = Vec3::from_array(environment.radiance);
+        Ok(Self { lights: lights.collect::<Result<_>>()?, environment, background: environment })
+    }
+
+    /// Returns light that arrives at a point from one of the lights, drawn by two numbers in [0, 1), with the density
+    /// among all lights. The constant environment is left to rays that meet it: no density suits it better than the
+    /// phase function's.
+    #[inline(always)]
+    pub fn sample(&self, from: DVec3, [choice, u]: [f64; 2]) -> Option<Arrival> {
+        let count = self.lights.len() as f64;
+        let scaled = choice * count;
+        let light = self.lights.get(scaled as usize)?;
+        let arrival = light.sample(from, [scaled.fract(), u])?;
+        if arrival.density.is_infinite() {
+            // A light without extent is drawn with the probability of its choice alone.
+            return Some(Arrival { radiance: arrival.radiance * count as f32, ..arrival });
+        }
+        Some(Arrival { density: arrival.density / count, ..arrival })
+    }
+
+    /// Returns the radiance of what [`Lighting::sample`] drew, over its density, weighted against the phase function
+    /// whose value for the direction is given.
+    #[inline(always)]
+    pub fn weighted(&self, arrival: &Arrival, phase: f64) -> Vec3 {
+        if arrival.density.is_infinite() {
+            return arrival.radiance * phase as f32;
+        }
+        arrival.radiance * (heuristic(arrival.density, phase) * phase / arrival.density) as f32
+    }
+
+    /// Returns the radiance that a ray meets before `reach`, weighted against drawing it from the lights; the ray's
+    /// direction was drawn with the given density.
+    #[inline(always)]
+    pub fn met(&self, ray: &Ray, reach: f64, density: f64) -> Vec3 {
+        let mut radiance = if reach.is_infinite() { self.environment } else { Vec3::ZERO };
+        let count = self.lights.len() as f64;
+        for light in &self.lights {
+            if let Some(arrival) = light.hit(ray)
+                && (arrival.distance < reach || reach.is_infinite())
+            {
+                radiance += arrival.radiance * heuristic(density, arrival.density / count) as f32;
+            }
+        }
+        radiance
+    }
+}

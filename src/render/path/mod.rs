@@ -1,0 +1,290 @@
+//! Volumetric path tracing: light that media emit, absorb and scatter any number of times.
+//!
+//! A path begins at the camera, collides with a medium ([`tracking`]), sees there the light of one light source
+//! ([`direct`]), turns by the phase function, and goes on until it escapes, is absorbed or has been scattered often
+//! enough. Its mean is the radiance
+//!
+//! `L(x, ω) = ∫ T(t) (σ_a c + σ_s ∫ p(ω·ω') L(x + tω, ω') dω') dt + T(∞) · environment`
+//!
+//! without bias (Novák et al. 2018 survey the estimators).
+//!
+//! [`PathTracer`] picks its kernel once for a scene: the kind of medium and its phase function are types inside the
+//! loops.
+
+mod direct;
+mod optics;
+mod picture;
+mod tracking;
+
+pub use picture::{PIXEL_BYTES, PathFilm, Sampling};
+
+use crate::error::{Error, Result};
+use crate::math::Ray;
+use crate::render::arch::Arch;
+use crate::render::dvr::Tape;
+use crate::render::sampler::Sampler;
+use crate::scene::light::around;
+use crate::scene::scene::Scene;
+use crate::scene::volume::Volume;
+use direct::Lighting;
+use glam::{DVec3, Vec3};
+use optics::PhaseFunction;
+use tracking::{Media, Primary};
+
+/// Number of events while paths were traced.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Paths.
+    pub paths: u64,
+    /// Real collisions with a medium.
+    pub collisions: u64,
+    /// Densities looked up on the way to collisions.
+    pub lookups: u64,
+    /// Rays to lights whose transmittance was computed.
+    pub shadow_rays: u64,
+    /// Extinctions above their majorant. Any of them biases the picture.
+    pub violations: u64,
+    /// Directions drawn whose probability density was 0 or not a number. Any of them biases the picture.
+    pub impossible: u64,
+}
+
+impl Counts {
+    /// Returns the sums of both.
+    #[must_use]
+    pub fn plus(self, o: Self) -> Self {
+        Self {
+            paths: self.paths + o.paths,
+            collisions: self.collisions + o.collisions,
+            lookups: self.lookups + o.lookups,
+            shadow_rays: self.shadow_rays + o.shadow_rays,
+            violations: self.violations + o.violations,
+            impossible: self.impossible + o.impossible,
+        }
+    }
+}
+
+/// Scratch memory of a task, reused from path to path.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    tape: Tape<f32>,
+    /// Events since the memory was made.
+    pub counts: Counts,
+}
+
+/// One path's estimate of a pixel.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct PathSample {
+    /// Radiance that was not scattered: emitted towards the camera, and from behind the media.
+    pub unscattered: Vec3,
+    /// Radiance of lights and environment that was scattered once.
+    pub direct: Vec3,
+    /// Radiance that was scattered more often, and emission that was scattered.
+    pub indirect: Vec3,
+    /// Transmittance of the camera's ray.
+    pub transmittance: f32,
+    /// First collision along the camera's ray.
+    pub first: Option<First>,
+}
+
+impl PathSample {
+    /// Returns the radiance in all.
+    pub fn radiance(&self) -> Vec3 {
+        self.unscattered + self.direct + self.indirect
+    }
+}
+
+/// First collision of a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct First {
+    /// World length from the ray's origin.
+    pub distance: f64,
+    /// Position in world space.
+    pub position: DVec3,
+    /// Share of the extinction that is scattered, by channel.
+    pub albedo: Vec3,
+    /// Weight of the collision: the opacity of the camera's ray, or an estimate of it.
+    pub share: f32,
+}
+
+/// How far paths go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Most scatterings along a path; light scattered more often is left out.
+    pub max_bounces: u32,
+}
+
+impl Default for Limits {
+    /// Paths without limit.
+    fn default() -> Self {
+        Self { max_bounces: u32::MAX }
+    }
+}
+
+/// Path tracer of a scene.
+pub struct PathTracer<'a> {
+    kernel: Box<dyn Kernel + 'a>,
+    lighting: Lighting,
+    limits: Limits,
+    arch: Arch,
+}
+
+/// A path tracing kernel compiled for a kind of media.
+trait Kernel: Sync + Send {
+    fn trace(&self, tracer: &PathTracer<'_>, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample;
+}
+
+impl<M: Media> Kernel for M {
+    fn trace(&self, tracer: &PathTracer<'_>, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample {
+        let PathTracer { lighting, limits, arch, .. } = tracer;
+        arch.dispatch(Path { media: self, lighting, limits: *limits, ray, sampler, scratch })
+    }
+}
+
+impl<'a> PathTracer<'a> {
+    /// Creates the path tracer of a scene. The camera sees the environment behind the media.
+    ///
+    /// # Errors
+    /// If a medium or a light cannot be used, or a volume is pre-shaded.
+    pub fn new(scene: &'a Scene) -> Result<Self> {
+        let densities = scene.volumes.iter().map(|volume| match volume {
+            Volume::Density(field, medium) => Ok((field, medium)),
+            Volume::PreShaded(_) => {
+                Err(Error::unsupported("a pre-shaded volume has no albedo: it emits and absorbs, and scatters nothing")
+                    .hint("render it without lights and albedo"))
+            }
+        });
+        let densities = densities.collect::<Result<Vec<_>>>()?;
+        let kernel: Box<dyn Kernel + 'a> = match &densities[..] {
+            [(field, medium)] => tracking::specialised(field, medium)?,
+            several => Box::new(several.iter().map(|(f, m)| tracking::any(f, m)).collect::<Result<Vec<_>>>()?),
+        };
+        let lighting = Lighting::new(&scene.lights, scene.environment)?;
+        Ok(Self { kernel, lighting, limits: Limits::default(), arch: Arch::default() })
+    }
+
+    /// Uses the kernel that serves any number of volumes and any medium, for comparison.
+    ///
+    /// # Errors
+    /// As [`PathTracer::new`].
+    pub fn generic(scene: &'a Scene) -> Result<Self> {
+        let mut tracer = Self::new(scene)?;
+        let of = |volume: &'a Volume| match volume {
+            Volume::Density(field, medium) => Some(tracking::any(field, medium)),
+            Volume::PreShaded(_) => None,
+        };
+        tracer.kernel = Box::new(scene.volumes.iter().filter_map(of).collect::<Result<Vec<_>>>()?);
+        Ok(tracer)
+    }
+
+    /// Sets how far paths go.
+    #[must_use]
+    pub fn limits(mut self, limits: Limits) -> Self {
+        self.limits = limits;
+        self
+    }
+
+    /// Sets what the camera sees behind the media in place of the environment.
+    #[must_use]
+    pub fn background(mut self, radiance: [f32; 3]) -> Self {
+        self.lighting.background = Vec3::from_array(radiance);
+        self
+    }
+
+    /// Sets the instruction set of the kernels.
+    #[must_use]
+    pub fn arch(mut self, arch: Arch) -> Self {
+        self.arch = arch;
+        self
+    }
+
+    /// Returns one path's estimate of the radiance along a world ray of unit direction.
+    pub fn sample(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample {
+        scratch.counts.paths += 1;
+        self.kernel.trace(self, ray, sampler, scratch)
+    }
+}
+
+/// One path, as the unit that is compiled for each instruction set.
+struct Path<'p, M> {
+    media: &'p M,
+    lighting: &'p Lighting,
+    limits: Limits,
+    ray: &'p Ray,
+    sampler: &'p mut Sampler,
+    scratch: &'p mut Scratch,
+}
+
+impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
+    type Output = PathSample;
+
+    #[inline(always)]
+    fn call(self) -> PathSample {
+        let Self { media, lighting, limits, ray, sampler, scratch } = self;
+        let Primary { transmittance, collision } = media.first(ray, sampler, scratch);
+        let unscattered = transmittance * lighting.background;
+        let mut out = PathSample { unscattered, transmittance, ..PathSample::default() };
+        let Some((mut collision, share)) = collision else { return out };
+        let (mut ray, mut weight, mut bounces) = (*ray, Vec3::splat(share), 0);
+        loop {
+            scratch.counts.collisions += 1;
+            let albedo = media.albedo(&collision);
+            if M::EMITS {
+                let emitted = weight * (Vec3::ONE - albedo) * media.source(&collision);
+                *if bounces == 0 { &mut out.unscattered } else { &mut out.indirect } += emitted;
+            }
+            let at = ray.at(collision.distance);
+            if bounces == 0 {
+                out.first = Some(First { distance: collision.distance, position: at, albedo, share });
+            }
+            weight *= albedo;
+            if bounces == limits.max_bounces || !survives(&mut weight, bounces, sampler) {
+                break;
+            }
+            bounces += 1;
+            let phase = media.phase(&collision);
+            let [u, v, of_lights, of_light] = sampler.even();
+            if let Some(arrival) = lighting.sample(at, [of_lights, of_light]) {
+                let toward = Ray { origin: at, direction: arrival.direction };
+                let scattered = phase.value(ray.direction.dot(arrival.direction));
+                scratch.counts.shadow_rays += 1;
+                let transmittance = media.transmittance(&toward, arrival.distance, scratch);
+                let seen = weight * lighting.weighted(&arrival, scattered) * transmittance;
+                *if bounces == 1 { &mut out.direct } else { &mut out.indirect } += seen;
+            }
+            let cosine = phase.sample(u);
+            let density = phase.value(cosine);
+            scratch.counts.impossible += u64::from(density.is_nan() || density <= 0.0);
+            let sine = ((1.0 - cosine) * (1.0 + cosine)).max(0.0).sqrt();
+            ray = Ray { origin: at, direction: around(ray.direction, cosine, sine, v) };
+            let next = media.collide(&ray, sampler, scratch);
+            let reach = next.map_or(f64::INFINITY, |c| c.distance);
+            *if bounces == 1 { &mut out.direct } else { &mut out.indirect } +=
+                weight * lighting.met(&ray, reach, density);
+            match next {
+                Some(next) => collision = next,
+                None => return out,
+            }
+        }
+        out
+    }
+}
+
+/// Scatterings before the first roulette, and the weight below which it is played.
+const BEFORE_ROULETTE: u32 = 3;
+const ROULETTE: f32 = 0.25;
+
+/// Ends paths that carry little with a probability, and raises the weight of the others so that the mean stays (Russian
+/// roulette; Arvo & Kirk 1990). Returns false if the path ends.
+#[inline(always)]
+fn survives(weight: &mut Vec3, bounces: u32, sampler: &mut Sampler) -> bool {
+    let most = weight.max_element();
+    if most <= 0.0 {
+        return false;
+    }
+    if bounces < BEFORE_ROULETTE || most >= ROULETTE {
+        return true;
+    }
+    let share = most / ROULETTE;
+    *weight /= share;
+    sampler.uniform() < f64::from(share)
+}

@@ -1,0 +1,183 @@
+//! Extinction and source by density, one type for each kind of medium: what a medium does not do costs nothing in the
+//! kernels that are made of them.
+
+use crate::render::curve::Curve;
+use crate::scene::medium::{Medium, Source};
+use crate::scene::phase::Phase;
+use glam::Vec3;
+
+/// Extinction and source of a medium by its density.
+pub(super) trait Optics: Sync + Send {
+    /// False if the source is black for every density.
+    const EMITS: bool;
+    /// Returns the extinction per world length.
+    fn extinction(&self, density: f32) -> f32;
+    /// Returns the radiance of the source.
+    fn source(&self, density: f32) -> Vec3;
+}
+
+/// A medium without emission, whose extinction is proportional to the density.
+pub(super) struct Dark {
+    /// Extinction per unit of density.
+    pub extinction: f32,
+}
+
+impl Optics for Dark {
+    const EMITS: bool = false;
+
+    #[inline(always)]
+    fn extinction(&self, density: f32) -> f32 {
+        self.extinction * density
+    }
+
+    #[inline(always)]
+    fn source(&self, _: f32) -> Vec3 {
+        Vec3::ZERO
+    }
+}
+
+/// A medium whose extinction is proportional to the density and whose source is `constant + slope · density`.
+pub(super) struct Emitting {
+    /// Extinction per unit of density.
+    pub extinction: f32,
+    /// Radiance of the source at density 0.
+    pub constant: Vec3,
+    /// Change of that radiance with the density.
+    pub slope: Vec3,
+}
+
+impl Optics for Emitting {
+    const EMITS: bool = true;
+
+    #[inline(always)]
+    fn extinction(&self, density: f32) -> f32 {
+        self.extinction * density
+    }
+
+    #[inline(always)]
+    fn source(&self, density: f32) -> Vec3 {
+        self.constant + self.slope * density
+    }
+}
+
+/// A medium with a transfer function.
+pub(super) struct Transfer {
+    /// Extinction and source by density.
+    pub curve: Curve<f32, 3>,
+}
+
+impl Optics for Transfer {
+    const EMITS: bool = true;
+
+    #[inline(always)]
+    fn extinction(&self, density: f32) -> f32 {
+        let piece = self.curve.piece(self.curve.find(density));
+        piece.extinction[0] + piece.extinction[1] * (density - piece.base)
+    }
+
+    #[inline(always)]
+    fn source(&self, density: f32) -> Vec3 {
+        let piece = self.curve.piece(self.curve.find(density));
+        Vec3::from_array(piece.source.map(|[at_base, slope]| at_base + slope * (density - piece.base)))
+    }
+}
+
+/// A medium of any kind, for scenes with several volumes.
+pub(super) enum Any {
+    /// See [`Dark`].
+    Dark(Dark),
+    /// See [`Emitting`].
+    Emitting(Emitting),
+    /// See [`Transfer`].
+    Transfer(Transfer),
+}
+
+impl Any {
+    /// Returns the optics of a medium.
+    pub fn new(medium: &Medium) -> Self {
+        let extinction = medium.extinction as f32;
+        let emitting = |constant, slope| match (constant, slope) {
+            (Vec3::ZERO, Vec3::ZERO) => Self::Dark(Dark { extinction }),
+            _ => Self::Emitting(Emitting { extinction, constant, slope }),
+        };
+        match &medium.source {
+            Source::Grey(color) => emitting(Vec3::from_array(*color), Vec3::ZERO),
+            Source::Linear(color) => emitting(Vec3::ZERO, Vec3::from_array(*color)),
+            Source::Transfer(table) => Self::Transfer(Transfer { curve: Curve::new(table, medium.extinction) }),
+        }
+    }
+}
+
+impl Optics for Any {
+    const EMITS: bool = true;
+
+    #[inline(always)]
+    fn extinction(&self, density: f32) -> f32 {
+        match self {
+            Self::Dark(dark) => dark.extinction(density),
+            Self::Emitting(emitting) => emitting.extinction(density),
+            Self::Transfer(transfer) => transfer.extinction(density),
+        }
+    }
+
+    #[inline(always)]
+    fn source(&self, density: f32) -> Vec3 {
+        match self {
+            Self::Dark(dark) => dark.source(density),
+            Self::Emitting(emitting) => emitting.source(density),
+            Self::Transfer(transfer) => transfer.source(density),
+        }
+    }
+}
+
+/// A phase function that kernels are compiled for.
+pub(super) trait PhaseFunction: Copy + Sync + Send {
+    /// Returns [`Phase::value`].
+    fn value(self, cosine: f64) -> f64;
+    /// Returns [`Phase::sample`].
+    fn sample(self, u: f64) -> f64;
+}
+
+/// The isotropic phase function.
+#[derive(Clone, Copy)]
+pub(super) struct Isotropic;
+
+impl PhaseFunction for Isotropic {
+    #[inline(always)]
+    fn value(self, cosine: f64) -> f64 {
+        Phase::Isotropic.value(cosine)
+    }
+
+    #[inline(always)]
+    fn sample(self, u: f64) -> f64 {
+        Phase::Isotropic.sample(u)
+    }
+}
+
+/// The Henyey-Greenstein phase function of this anisotropy.
+#[derive(Clone, Copy)]
+pub(super) struct HenyeyGreenstein(pub f64);
+
+impl PhaseFunction for HenyeyGreenstein {
+    #[inline(always)]
+    fn value(self, cosine: f64) -> f64 {
+        Phase::HenyeyGreenstein(self.0).value(cosine)
+    }
+
+    #[inline(always)]
+    fn sample(self, u: f64) -> f64 {
+        Phase::HenyeyGreenstein(self.0).sample(u)
+    }
+}
+
+impl PhaseFunction for Phase {
+    #[inline(always)]
+    fn value(self, cosine: f64) -> f64 {
+        self.value(cosine)
+    }
+
+    #[inline(always)]
+    fn sample(self, u: f64) -> f64 {
+        self.sample(u)
+    }
+}

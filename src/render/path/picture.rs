@@ -1,0 +1,144 @@
+//! Pictures by path tracing: means over the paths of each pixel, and further planes.
+
+use super::{Counts, PathSample, PathTracer, Scratch};
+use crate::render::aov::Aov;
+use crate::render::sampler::Sampler;
+use crate::render::tiles;
+use crate::scene::camera::Camera;
+use crate::scene::film::{Film, Moments, Plane};
+use glam::{DVec3, Vec3};
+use std::sync::atomic::AtomicBool;
+
+/// Which paths a picture is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sampling {
+    /// Paths per pixel, at least one.
+    pub samples: u32,
+    /// Seed of the random numbers; pictures of different seeds are independent.
+    pub seed: u64,
+}
+
+/// A picture with the number of events that it took.
+#[derive(Debug, Clone)]
+pub struct PathFilm {
+    /// Picture.
+    pub film: Film,
+    /// Events.
+    pub counts: Counts,
+}
+
+/// Bytes of memory per pixel while a picture is traced.
+pub const PIXEL_BYTES: u64 = size_of::<Pixel>() as u64;
+
+/// Length along the viewing axis where nothing is met, as Blender writes it.
+const NOWHERE: f32 = 1e10;
+
+/// Sums over a pixel's paths.
+#[derive(Debug, Clone, Default)]
+struct Pixel {
+    /// Red, green, blue and alpha.
+    rgba: [Moments; 4],
+    optical_depth: f64,
+    direct: DVec3,
+    indirect: DVec3,
+    /// Radiance of the paths of even and of odd number.
+    halves: [DVec3; 2],
+    /// Over first collisions: their weight, and weighted by it the albedo, the position, the length along the viewing
+    /// axis.
+    collided: f64,
+    albedo: DVec3,
+    position: DVec3,
+    depth: f64,
+    counts: Counts,
+}
+
+impl Pixel {
+    fn add(&mut self, number: u32, camera: &Camera, sample: &PathSample) {
+        let radiance = sample.radiance();
+        let channels = [radiance.x, radiance.y, radiance.z, 1.0 - sample.transmittance];
+        self.rgba.iter_mut().zip(channels).for_each(|(moments, v)| moments.add(v.into()));
+        self.optical_depth -= f64::from(sample.transmittance.max(f32::MIN_POSITIVE)).ln();
+        self.direct += sample.direct.as_dvec3();
+        self.indirect += sample.indirect.as_dvec3();
+        self.halves[(number % 2) as usize] += radiance.as_dvec3();
+        if let Some(first) = sample.first {
+            let share = f64::from(first.share);
+            self.collided += share;
+            self.albedo += share * first.albedo.as_dvec3();
+            self.position += share * first.position;
+            self.depth += share * (first.position - camera.position()).dot(camera.forward());
+        }
+    }
+
+    /// Returns the mean over first collisions; 0 without any.
+    fn mean_position(&self) -> Vec3 {
+        if self.collided > 0.0 { (self.position / self.collided).as_vec3() } else { Vec3::ZERO }
+    }
+}
+
+/// The channels of a layer and a pixel's value of each.
+type Layer = (&'static str, &'static [&'static str], fn(&Pixel, u32) -> [f32; 4]);
+
+/// Returns the layers of a plane, named as Blender names its passes where it has them.
+fn layers(aov: Aov) -> Vec<Layer> {
+    const RGB: &[&str] = &["R", "G", "B"];
+    const XYZ: &[&str] = &["X", "Y", "Z"];
+    fn of(v: Vec3) -> [f32; 4] {
+        v.extend(0.0).to_array()
+    }
+    fn mean(sum: DVec3, samples: u32) -> [f32; 4] {
+        of((sum / f64::from(samples.max(1))).as_vec3())
+    }
+    match aov {
+        Aov::Variance => {
+            vec![("variance", &["R", "G", "B", "A"], |p, _| p.rgba.map(|m| m.variance_of_mean() as f32))]
+        }
+        Aov::OpticalDepth => {
+            vec![("optical_depth", &["V"], |p, n| [(p.optical_depth / f64::from(n)) as f32, 0.0, 0.0, 0.0])]
+        }
+        Aov::Direct => vec![("Volume Direct", RGB, |p, n| mean(p.direct, n))],
+        Aov::Indirect => vec![("Volume Indirect", RGB, |p, n| mean(p.indirect, n))],
+        Aov::Albedo => vec![("Denoising Albedo", RGB, |p, n| mean(p.albedo, n))],
+        Aov::Position => vec![("Position", XYZ, |p, _| of(p.mean_position()))],
+        Aov::Depth => vec![("Depth", &["Z"], |p, _| {
+            let depth = if p.collided > 0.0 { (p.depth / p.collided) as f32 } else { NOWHERE };
+            [depth, 0.0, 0.0, 0.0]
+        })],
+        Aov::Halves => vec![
+            ("half_a", RGB, |p, n| mean(p.halves[0], n.div_ceil(2))),
+            ("half_b", RGB, |p, n| mean(p.halves[1], n / 2)),
+        ],
+    }
+}
+
+impl PathTracer<'_> {
+    /// Renders a picture, the mean over the paths of each pixel through points of its square, with the requested planes
+    /// beside RGBA. Returns `None` if `cancel` was set.
+    pub fn picture(&self, camera: &Camera, sampling: Sampling, aovs: &[Aov], cancel: &AtomicBool) -> Option<PathFilm> {
+        let size = [camera.width as usize, camera.height as usize];
+        let count = sampling.samples.max(1);
+        let pixel = |scratch: &mut Scratch, at: [usize; 2]| {
+            let mut pixel = Pixel::default();
+            scratch.counts = Counts::default();
+            for number in 0..count {
+                let mut sampler = Sampler::new(sampling.seed, at, number);
+                let [dx, dy, ..] = sampler.even();
+                let ray = camera.ray(at[0] as f64 + dx, at[1] as f64 + dy);
+                pixel.add(number, camera, &self.sample(&ray, &mut sampler, scratch));
+            }
+            pixel.counts = scratch.counts;
+            pixel
+        };
+        let pixels = tiles::pixels(size, Some(cancel), Scratch::default, pixel)?;
+        let mut film = Film::of(size[0], size[1], pixels.iter().map(|p| p.rgba.map(|m| m.mean() as f32)).collect());
+        film.samples = count;
+        for (layer, channels, value) in aovs.iter().flat_map(|aov| layers(*aov)) {
+            film.planes.extend(channels.iter().enumerate().map(|(c, channel)| Plane {
+                name: format!("{layer}.{channel}"),
+                samples: pixels.iter().map(|p| value(p, count)[c]).collect(),
+            }));
+        }
+        let counts = pixels.iter().fold(Counts::default(), |sum, p| sum.plus(p.counts));
+        Some(PathFilm { film, counts })
+    }
+}

@@ -1,0 +1,222 @@
+//! Delta tracking (Woodcock et al. 1965): collisions with a medium at the density `σ e^{-∫σ}` along a ray.
+//!
+//! Tentative collisions are drawn with the brick's majorant in place of the extinction; of these, the share σ over the
+//! majorant is real. Bricks in which nothing absorbs are skipped.
+
+use super::Scratch;
+use super::optics::{Any, HenyeyGreenstein, Isotropic, Optics, PhaseFunction};
+use crate::error::Result;
+use crate::math::Ray;
+use crate::render::dvr::{self, Dvr};
+use crate::render::march::{IndexRay, Span, spans};
+use crate::render::sampler::Sampler;
+use crate::scene::bricks::{BRICK, Bricks};
+use crate::scene::medium::{Medium, Scattering};
+use crate::scene::phase::Phase;
+use glam::Vec3;
+
+/// A real collision of a path with a medium.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Collision {
+    /// World length from the ray's origin.
+    pub distance: f64,
+    /// Density of the medium.
+    pub density: f32,
+    /// Number of the volume.
+    pub volume: usize,
+}
+
+/// A camera's ray: what it lets through, and a collision with the weight of all of them.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Primary {
+    /// Transmittance, or an estimate of it.
+    pub transmittance: f32,
+    /// Collision and its weight, of the same mean as 1 - transmittance.
+    pub collision: Option<(Collision, f32)>,
+}
+
+/// The volumes of a scene as paths meet them.
+pub(super) trait Media: Sync + Send {
+    /// Phase function of the media.
+    type Phase: PhaseFunction;
+    /// False if no medium emits.
+    const EMITS: bool;
+    /// Draws the next real collision along a world ray of unit direction; `None` if the ray escapes.
+    fn collide(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<Collision>;
+    /// Draws the first collision along a camera's ray.
+    fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary;
+    /// Returns the transmittance of the first `length` of a world ray of unit direction.
+    fn transmittance(&self, ray: &Ray, length: f64, scratch: &mut Scratch) -> f32;
+    /// Returns the share of the extinction that is scattered.
+    fn albedo(&self, collision: &Collision) -> Vec3;
+    /// Returns the radiance of the source, of which the share that is not scattered is emitted.
+    fn source(&self, collision: &Collision) -> Vec3;
+    /// Returns the phase function.
+    fn phase(&self, collision: &Collision) -> Self::Phase;
+}
+
+/// One volume with its medium.
+pub(super) struct One<'a, O, P> {
+    /// Computes transmittances; its medium does not scatter.
+    dvr: Dvr<'a, f32>,
+    optics: O,
+    albedo: Vec3,
+    phase: P,
+}
+
+/// Transmittance below which rays to lights end.
+const LEAST_TRANSMITTANCE: f64 = 1e-9;
+
+/// Returns the volume as kernels that are compiled for its kind of medium need it.
+pub(super) fn specialised<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<Box<dyn super::Kernel + 'a>> {
+    let One { dvr, optics, albedo, phase } = any(field, medium)?;
+    Ok(match (optics, phase) {
+        (Any::Dark(optics), Phase::Isotropic) => Box::new(One { dvr, optics, albedo, phase: Isotropic }),
+        (Any::Dark(optics), Phase::HenyeyGreenstein(g)) => {
+            Box::new(One { dvr, optics, albedo, phase: HenyeyGreenstein(g) })
+        }
+        (Any::Emitting(optics), phase) => Box::new(One { dvr, optics, albedo, phase }),
+        (Any::Transfer(optics), phase) => Box::new(One { dvr, optics, albedo, phase }),
+    })
+}
+
+/// Returns the volume for kernels that serve any medium.
+pub(super) fn any<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a, Any, Phase>> {
+    let medium = medium.clone().checked()?;
+    let Scattering { albedo, phase } =
+        medium.scattering.unwrap_or(Scattering { albedo: [0.0; 3], phase: Phase::Isotropic });
+    let optics = Any::new(&medium);
+    let dvr = Dvr::new(field, Medium { scattering: None, ..medium })?.early_stop(LEAST_TRANSMITTANCE);
+    Ok(One { dvr, optics, albedo: Vec3::from_array(albedo), phase })
+}
+
+impl<O: Optics, P> One<'_, O, P> {
+    /// Draws the collision with this volume before `limit`.
+    #[inline(always)]
+    fn collision(&self, ray: &Ray, limit: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<(f64, f32)> {
+        let field = self.dvr.field();
+        let mut ray = IndexRay::new(&field.domain, &field.transform, ray)?;
+        ray.leave = ray.leave.min(limit);
+        let (bounds, values) = (self.dvr.majorants().bricks(), &field.values[..]);
+        let (mut depth, mut found) = (sampler.exponential(), None);
+        let counts = &mut scratch.counts;
+        spans(
+            self.dvr.visible(),
+            &ray,
+            false,
+            #[inline(always)]
+            |span: Span<f32>| {
+                let majorant = bounds[span.base / BRICK];
+                // Less than this is lost in the sum.
+                let least = span.length * f32::EPSILON;
+                let mut at = 0.0_f32;
+                loop {
+                    let step = (depth / majorant).max(least);
+                    if at + step >= span.length {
+                        depth = (depth - (span.length - at) * majorant).max(0.0);
+                        return true;
+                    }
+                    at += step;
+                    let density = dvr::density(values, &span, at);
+                    let extinction = self.optics.extinction(density);
+                    counts.lookups += 1;
+                    counts.violations += u64::from(extinction > majorant * (1.0 + 4.0 * f32::EPSILON));
+                    if (sampler.uniform() as f32) * majorant < extinction {
+                        found = Some((span.start + f64::from(at), density));
+                        return false;
+                    }
+                    depth = sampler.exponential();
+                }
+            },
+        );
+        found
+    }
+}
+
+impl<O: Optics, P: PhaseFunction> Media for One<'_, O, P> {
+    type Phase = P;
+    const EMITS: bool = O::EMITS;
+
+    #[inline(always)]
+    fn collide(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<Collision> {
+        let (distance, density) = self.collision(ray, f64::INFINITY, sampler, scratch)?;
+        Some(Collision { distance, density, volume: 0 })
+    }
+
+    /// The transmittance is exact, and every ray that meets the medium collides with it.
+    #[inline(always)]
+    fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
+        let [u, ..] = sampler.even();
+        let path = self.dvr.free_path(ray, u, &mut scratch.tape);
+        let collision = path
+            .collision
+            .map(|(distance, density)| (Collision { distance, density, volume: 0 }, (1.0 - path.transmittance) as f32));
+        Primary { transmittance: path.transmittance as f32, collision }
+    }
+
+    #[inline(always)]
+    fn transmittance(&self, ray: &Ray, length: f64, scratch: &mut Scratch) -> f32 {
+        (-self.dvr.optical_depth_within(ray, length, &mut scratch.tape)).exp() as f32
+    }
+
+    #[inline(always)]
+    fn albedo(&self, _: &Collision) -> Vec3 {
+        self.albedo
+    }
+
+    #[inline(always)]
+    fn source(&self, collision: &Collision) -> Vec3 {
+        self.optics.source(collision.density)
+    }
+
+    #[inline(always)]
+    fn phase(&self, _: &Collision) -> P {
+        self.phase
+    }
+}
+
+/// Several volumes, which may overlap: their extinctions add.
+impl Media for Vec<One<'_, Any, Phase>> {
+    type Phase = Phase;
+    const EMITS: bool = true;
+
+    /// Collisions with each volume are independent, and the nearest of them is the first.
+    #[inline(always)]
+    fn collide(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<Collision> {
+        let mut nearest: Option<Collision> = None;
+        for (volume, one) in self.iter().enumerate() {
+            let limit = nearest.map_or(f64::INFINITY, |c| c.distance);
+            if let Some((distance, density)) = one.collision(ray, limit, sampler, scratch) {
+                nearest = Some(Collision { distance, density, volume });
+            }
+        }
+        nearest
+    }
+
+    #[inline(always)]
+    fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
+        let collision = self.collide(ray, sampler, scratch);
+        let transmittance = if collision.is_some() { 0.0 } else { 1.0 };
+        Primary { transmittance, collision: collision.map(|collision| (collision, 1.0)) }
+    }
+
+    #[inline(always)]
+    fn transmittance(&self, ray: &Ray, length: f64, scratch: &mut Scratch) -> f32 {
+        self.iter().map(|one| one.transmittance(ray, length, scratch)).product()
+    }
+
+    #[inline(always)]
+    fn albedo(&self, collision: &Collision) -> Vec3 {
+        self[collision.volume].albedo
+    }
+
+    #[inline(always)]
+    fn source(&self, collision: &Collision) -> Vec3 {
+        self[collision.volume].source(collision)
+    }
+
+    #[inline(always)]
+    fn phase(&self, collision: &Collision) -> Phase {
+        self[collision.volume].phase
+    }
+}

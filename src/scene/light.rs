@@ -1,0 +1,333 @@
+//! Lights: what sends light into a scene beside its environment and its emitting media.
+//!
+//! Lights are not seen by cameras and cast no shadows themselves; only media attenuate them.
+
+use crate::error::{Error, Result};
+use crate::math::Ray;
+use glam::{DVec3, Vec3};
+use std::f64::consts::{PI, TAU};
+
+/// A light, with radiances and intensities in red, green and blue.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Light {
+    /// A light infinitely far away: a disc on the sky, or a direction if its angle is 0.
+    Sun {
+        /// Unit vector towards the middle of the disc.
+        direction: DVec3,
+        /// Irradiance on a surface that faces the sun.
+        irradiance: Vec3,
+        /// Angle across the disc in radians, 0 to π.
+        angle: f64,
+    },
+    /// A point that sends out light in all directions.
+    Point {
+        /// Position in world space.
+        position: DVec3,
+        /// Radiant intensity, power per solid angle.
+        intensity: Vec3,
+    },
+    /// A sphere that emits outwards, the same in all directions.
+    Sphere {
+        /// Centre in world space.
+        centre: DVec3,
+        /// Radius in world units.
+        radius: f64,
+        /// Radiance that leaves the sphere.
+        radiance: Vec3,
+    },
+    /// A parallelogram that emits to one side, the same in all directions.
+    Rectangle {
+        /// Corner in world space.
+        corner: DVec3,
+        /// Edges from the corner. Light leaves to the side of `edges[0] × edges[1]`.
+        edges: [DVec3; 2],
+        /// Radiance that leaves the front.
+        radiance: Vec3,
+    },
+}
+
+/// Light that arrives at a point from a direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Arrival {
+    /// Unit vector towards the light.
+    pub direction: DVec3,
+    /// World length to the light; infinite for a sun.
+    pub distance: f64,
+    /// Radiance along the direction; for lights without extent, irradiance on a surface that faces them.
+    pub radiance: Vec3,
+    /// Probability density per steradian with which [`Light::sample`] takes the direction; infinite for lights without
+    /// extent, which no other direction meets.
+    pub density: f64,
+}
+
+/// The solid angle of a cone, `2π (1 - cos θ)`, from the sine of half its opening angle θ.
+fn cone(half_sine: f64) -> f64 {
+    2.0 * TAU * half_sine * half_sine
+}
+
+impl Light {
+    /// Returns the light if its numbers can be used; directions are normalised.
+    ///
+    /// # Errors
+    /// If a radiance is negative, a number is not finite, or an extent is zero or negative.
+    pub fn checked(self) -> Result<Self> {
+        let bad = |what: String, hint: &str| Err(Error::invalid(what).hint(hint));
+        let (Self::Sun { irradiance: power, .. }
+        | Self::Point { intensity: power, .. }
+        | Self::Sphere { radiance: power, .. }
+        | Self::Rectangle { radiance: power, .. }) = self;
+        if !(power.is_finite() && power.min_element() >= 0.0) {
+            return bad(format!("light of {power} must be finite and not negative"), "correct the light's color");
+        }
+        match self {
+            Self::Sun { direction, angle, .. } if !(direction.is_finite() && direction.length() > 0.0) => bad(
+                format!("sun from {direction}, {angle} rad wide, has no direction"),
+                "give a vector towards the sun",
+            ),
+            Self::Sun { angle, .. } if !(0.0..=PI).contains(&angle) => bad(
+                format!("a sun {} degrees wide is not possible", angle.to_degrees()),
+                "give an angle from 0 to 180 degrees (the sun's is 0.53)",
+            ),
+            Self::Sun { direction, irradiance, angle } => {
+                Ok(Self::Sun { direction: direction.normalize(), irradiance, angle })
+            }
+            Self::Point { position, .. } if !position.is_finite() => {
+                bad(format!("point light at {position}"), "give finite coordinates")
+            }
+            Self::Sphere { centre, radius, .. } if !(centre.is_finite() && radius > 0.0 && radius.is_finite()) => bad(
+                format!("sphere light at {centre} with radius {radius}"),
+                "give finite coordinates and a positive radius, or use a point light",
+            ),
+            Self::Rectangle { corner, edges: [u, v], .. }
+                if !(corner.is_finite() && u.cross(v).is_finite() && u.cross(v).length() > 0.0) =>
+            {
+                bad(
+                    format!("rectangle light at {corner} with edges {u} and {v}"),
+                    "give finite coordinates and edges that are neither 0 nor parallel",
+                )
+            }
+            light => Ok(light),
+        }
+    }
+
+    /// Returns light that arrives at a point, from a direction drawn by two numbers in [0, 1); `None` if none arrives.
+    #[inline]
+    pub fn sample(&self, from: DVec3, [u, v]: [f64; 2]) -> Option<Arrival> {
+        match *self {
+            Self::Sun { direction, irradiance, angle } => Some(match (0.25 * angle).sin() {
+                0.0 => Arrival { direction, distance: f64::INFINITY, radiance: irradiance, density: f64::INFINITY },
+                half_sine => Arrival {
+                    direction: in_cone(direction, half_sine, [u, v]),
+                    distance: f64::INFINITY,
+                    radiance: irradiance / disc(half_sine) as f32,
+                    density: 1.0 / cone(half_sine),
+                },
+            }),
+            Self::Point { position, intensity } => {
+                let (direction, distance) = towards(from, position)?;
+                let radiance = intensity / (distance * distance) as f32;
+                Some(Arrival { direction, distance, radiance, density: f64::INFINITY })
+            }
+            Self::Sphere { centre, radius, radiance } => {
+                let (axis, distance) = towards(from, centre)?;
+                let half_sine = half_sine_of_sphere(distance, radius)?;
+                let direction = in_cone(axis, half_sine, [u, v]);
+                // A direction on the cone's rim may miss the sphere by rounding.
+                let along = axis.dot(direction) * distance;
+                let across = (distance * distance - along * along).max(0.0);
+                let near = along - (radius * radius - across).max(0.0).sqrt();
+                Some(Arrival { direction, distance: near, radiance, density: 1.0 / cone(half_sine) })
+            }
+            Self::Rectangle { corner, edges, radiance } => {
+                let (direction, distance) = towards(from, corner + u * edges[0] + v * edges[1])?;
+                let normal = edges[0].cross(edges[1]);
+                // The area times the cosine.
+                let facing = -normal.dot(direction);
+                (facing > 0.0).then(|| Arrival { direction, distance, radiance, density: distance * distance / facing })
+            }
+        }
+    }
+
+    /// Returns the light that a ray of unit direction meets; `None` if it meets none. Lights without extent are never
+    /// met.
+    #[inline]
+    pub fn hit(&self, ray: &Ray) -> Option<Arrival> {
+        let direction = ray.direction;
+        match *self {
+            Self::Sun { direction: axis, irradiance, angle } => {
+                let half_sine = (0.25 * angle).sin();
+                // |a - b| = 2 sin(θ / 2) keeps what the cosine of a small angle loses.
+                let inside = (axis - direction).length() < 2.0 * half_sine;
+                inside.then(|| Arrival {
+                    direction,
+                    distance: f64::INFINITY,
+                    radiance: irradiance / disc(half_sine) as f32,
+                    density: 1.0 / cone(half_sine),
+                })
+            }
+            Self::Point { .. } => None,
+            Self::Sphere { centre, radius, radiance } => {
+                let to = centre - ray.origin;
+                let half_sine = half_sine_of_sphere(to.length(), radius)?;
+                let along = to.dot(direction);
+                let across = (to - along * direction).length_squared();
+                let inside = radius * radius - across;
+                (along > 0.0 && inside > 0.0).then(|| Arrival {
+                    direction,
+                    distance: along - inside.sqrt(),
+                    radiance,
+                    density: 1.0 / cone(half_sine),
+                })
+            }
+            Self::Rectangle { corner, edges: [u, v], radiance } => {
+                let normal = u.cross(v);
+                let facing = -normal.dot(direction);
+                let to = corner - ray.origin;
+                let distance = -to.dot(normal) / facing;
+                if !(facing > 0.0 && distance > 0.0) {
+                    return None;
+                }
+                let at = distance * direction - to;
+                let area = normal.length_squared();
+                let inside = |share: f64| (0.0..=1.0).contains(&(share / area));
+                (inside(at.cross(v).dot(normal)) && inside(u.cross(at).dot(normal))).then(|| Arrival {
+                    direction,
+                    distance,
+                    radiance,
+                    density: distance * distance / facing,
+                })
+            }
+        }
+    }
+}
+
+/// Returns the integral of the cosine over a disc on the sky, `π sin² θ`, from the sine of half of its radius θ.
+fn disc(half_sine: f64) -> f64 {
+    // 1 - cos θ, which the cosine of a small angle would lose.
+    let drop = 2.0 * half_sine * half_sine;
+    PI * drop * (2.0 - drop)
+}
+
+/// Returns the unit vector to a point, and the world length; `None` if both points are one.
+fn towards(from: DVec3, to: DVec3) -> Option<(DVec3, f64)> {
+    let offset = to - from;
+    let distance = offset.length();
+    (distance > 0.0).then(|| (offset / distance, distance))
+}
+
+/// Returns the sine of half of the angular radius under which a sphere is seen; `None` from inside.
+fn half_sine_of_sphere(distance: f64, radius: f64) -> Option<f64> {
+    let sine = radius / distance;
+    (sine < 1.0).then(|| {
+        let cosine = ((1.0 - sine) * (1.0 + sine)).sqrt();
+        // sin²(θ/2) = (1 - cos θ) / 2 = sin² θ / (2 (1 + cos θ)).
+        sine / (2.0 * (1.0 + cosine)).sqrt()
+    })
+}
+
+/// Returns a direction in a cone around an axis, uniform in solid angle.
+fn in_cone(axis: DVec3, half_sine: f64, [u, v]: [f64; 2]) -> DVec3 {
+    // 1 - cos θ, uniform from 0 to that of the rim.
+    let drop = 2.0 * half_sine * half_sine * u;
+    around(axis, 1.0 - drop, (drop * (2.0 - drop)).max(0.0).sqrt(), v)
+}
+
+/// Returns the unit vector at an angle to an axis that is given by its cosine and sine, turned about the axis by a share
+/// of a full turn.
+#[inline]
+pub fn around(axis: DVec3, cosine: f64, sine: f64, turn: f64) -> DVec3 {
+    let (x, y) = axis.any_orthonormal_pair();
+    let (sin, cos) = (TAU * turn).sin_cos();
+    (sine * (cos * x + sin * y) + cosine * axis).normalize()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    fn lights() -> [Light; 5] {
+        let radiance = Vec3::new(1.0, 2.0, 3.0);
+        [
+            Light::Sun { direction: DVec3::new(1.0, 2.0, 2.0), irradiance: radiance, angle: 0.3 },
+            Light::Sun { direction: DVec3::Z, irradiance: radiance, angle: 3.0 },
+            Light::Sphere { centre: DVec3::new(2.0, -1.0, 0.5), radius: 1.2, radiance },
+            Light::Sphere { centre: DVec3::new(1e4, 0.0, 0.0), radius: 1e-2, radiance },
+            Light::Rectangle {
+                corner: DVec3::new(-1.0, -2.0, 3.0),
+                edges: [DVec3::new(0.3, 2.5, 0.4), DVec3::new(2.0, 0.1, -0.5)],
+                radiance,
+            },
+        ]
+        .map(|light| light.checked().unwrap())
+    }
+
+    /// Directions drawn meet the light at the same distance, with the same radiance and density.
+    #[test]
+    fn what_is_drawn_is_met() {
+        let from = DVec3::new(0.1, 0.2, -0.3);
+        for light in lights() {
+            for i in 0..400 {
+                let u = [f64::from(i % 20), f64::from(i / 20)].map(|i| (i + 0.5) / 20.0);
+                let drawn = light.sample(from, u).unwrap();
+                let met = light.hit(&Ray { origin: from, direction: drawn.direction }).unwrap();
+                let far = drawn.distance.is_infinite() && met.distance.is_infinite();
+                assert!(far || (drawn.distance / met.distance - 1.0).abs() < 1e-6, "{light:?} {drawn:?} {met:?}");
+                assert!((drawn.density / met.density - 1.0).abs() < 1e-9, "{light:?} {drawn:?} {met:?}");
+                assert_eq!(drawn.radiance, met.radiance);
+            }
+        }
+    }
+
+    /// Densities integrate to 1 over the sphere of directions.
+    #[test]
+    fn densities_are_normalised() {
+        let from = DVec3::new(0.1, 0.2, -0.3);
+        // The tiny sphere is lost between these directions.
+        for light in lights().into_iter().filter(|light| !matches!(light, Light::Sphere { radius: 1e-2, .. })) {
+            let (steps, mut sum) = (1200, 0.0);
+            for i in 0..steps {
+                let cosine = 2.0 * (f64::from(i) + 0.5) / f64::from(steps) - 1.0;
+                for j in 0..2 * steps {
+                    let turn = (f64::from(j) + 0.5) / f64::from(2 * steps);
+                    let direction = around(DVec3::new(0.0, 0.6, 0.8), cosine, (1.0 - cosine * cosine).sqrt(), turn);
+                    let met = light.hit(&Ray { origin: from, direction });
+                    sum += met.map_or(0.0, |met| met.density);
+                }
+            }
+            let integral = sum * 2.0 * TAU / f64::from(2 * steps * steps);
+            // The rim of a shape lies between two directions.
+            assert!((integral - 1.0).abs() < 5e-3, "{light:?}: {integral}");
+        }
+    }
+
+    /// The irradiance of a sun is what was asked for, whatever its angle.
+    #[test]
+    fn a_wide_sun_is_as_bright_as_a_narrow_one() {
+        for angle in [1e-9, 0.01, 1.0, 3.1] {
+            let sun = Light::Sun { direction: DVec3::Z, irradiance: Vec3::ONE, angle };
+            let count = 400;
+            let mean = |of: &dyn Fn(Arrival) -> f64| {
+                let draws = (0..count).map(|i| [(f64::from(i) + 0.5) / f64::from(count), 0.3]);
+                draws.map(|u| of(sun.sample(DVec3::ZERO, u).unwrap())).sum::<f64>() / f64::from(count)
+            };
+            let irradiance = mean(&|a| f64::from(a.radiance.x) * a.direction.z / a.density);
+            assert!((irradiance - 1.0).abs() < 1e-5, "{angle}: {irradiance}");
+        }
+    }
+
+    #[test]
+    fn lights_that_cannot_be_are_refused() {
+        let of = |light: Light| light.checked().map(|_| ()).map_err(|e| e.to_string());
+        let sun = |direction, angle| of(Light::Sun { direction, irradiance: Vec3::ONE, angle });
+        assert_eq!(sun(DVec3::Y, 0.0), Ok(()));
+        assert!(sun(DVec3::ZERO, 0.0).unwrap_err().contains("no direction"));
+        assert!(sun(DVec3::Y, 4.0).unwrap_err().contains("not possible"));
+        let sphere = |radius| of(Light::Sphere { centre: DVec3::ZERO, radius, radiance: Vec3::ONE });
+        assert!(sphere(0.0).unwrap_err().contains("radius") && sphere(f64::NAN).is_err());
+        let flat = Light::Rectangle { corner: DVec3::ZERO, edges: [DVec3::X, DVec3::X], radiance: Vec3::ONE };
+        assert!(of(flat).unwrap_err().contains("edges"));
+        let dark = Light::Point { position: DVec3::ZERO, intensity: Vec3::new(-1.0, 0.0, 0.0) };
+        assert!(of(dark).unwrap_err().contains("not negative"));
+    }
+}

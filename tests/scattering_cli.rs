@@ -1,0 +1,135 @@
+//! `cumulo render` by path tracing: options, scene files, planes, and what is refused.
+
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+
+mod work;
+
+use cumulo::formats::exr;
+use cumulo::formats::limits::Limits;
+use serde_json::Value;
+use work::{Work, fixture};
+
+const LIT: &str = "--albedo 0.9 --anisotropy 0.3 --sun 1,1,2 --sun-color 3 --sky 0.2,0.3,0.5";
+
+/// Options and a scene file that say the same give the same pixels, which depend neither on threads nor on other views.
+#[test]
+fn options_and_scene_files_agree() {
+    let work = Work::new();
+    let one =
+        work.json(&format!("render @plume.vdb --views 2 --size 24x20 --density-scale 4 --samples 4 {LIT} -o one"));
+    assert_eq!(one["model"], "scattering");
+    assert_eq!(one["paths"]["paths"], 2 * 24 * 20 * 4);
+    assert_eq!(
+        (&one["paths"]["majorant_violations"], &one["paths"]["impossible_directions"]),
+        (&Value::from(0), &Value::from(0))
+    );
+    let record: Value = serde_json::from_slice(&std::fs::read(work.path("one/transforms.json")).unwrap()).unwrap();
+    assert_eq!(record["scattering"]["sun"]["angle_degrees"], 0.53);
+    let scene = serde_json::json!({
+        "volumes": [{"file": fixture("plume.vdb"), "medium": {
+            "density_scale": 4, "albedo": [0.9, 0.9, 0.9], "anisotropy": 0.3}}],
+        "lights": [
+            {"type": "DistantLight", "direction": [1, 1, 2], "irradiance": [3, 3, 3], "angle": 0.53},
+            {"type": "DomeLight", "radiance": [0.2, 0.3, 0.5]}],
+    });
+    std::fs::write(work.path("scene.json"), scene.to_string()).unwrap();
+    work.json("render scene.json --views 2 --size 24x20 --samples 4 --threads 1 -o two");
+    for view in ["view_000.exr", "view_001.exr"] {
+        assert_eq!(work.picture(&format!("one/{view}")), work.picture(&format!("two/{view}")), "{view}");
+    }
+    work.json(&format!(
+        "render @plume.vdb --views 2 --size 24x20 --density-scale 4 --samples 4 --seed 1 {LIT} -o three"
+    ));
+    assert_ne!(work.picture("one/view_000.exr"), work.picture("three/view_000.exr"));
+    assert!(work.json("schema scene")["properties"]["volumes"].is_object());
+}
+
+/// Planes are there by name, and add up: direct and indirect light and what is seen through the volume are the picture.
+#[test]
+fn planes_add_up() {
+    let work = Work::new();
+    let aovs = "--aov direct,indirect,albedo,position,depth,variance,halves,optical-depth";
+    work.json(&format!(
+        "render @plume.vdb --views 1 --size 24x20 --density-scale 4 --samples 16 {LIT} --background 0 {aovs} -o planes"
+    ));
+    let film = exr::read_film_within(&work.path("planes/view_000.exr"), None, Limits::default()).unwrap();
+    let plane =
+        |name: &str| film.plane(name).unwrap_or_else(|| panic!("{name} of {:?}", film.planes.iter().map(|p| &p.name)));
+    let (direct, indirect) = (plane("Volume Direct.G"), plane("Volume Indirect.G"));
+    let (a, b, variance) = (plane("half_a.G"), plane("half_b.G"), plane("variance.G"));
+    let mut seen = 0;
+    for (i, rgba) in film.rgba.iter().enumerate() {
+        assert!((direct[i] + indirect[i] - rgba[1]).abs() < 1e-5 * (1.0 + rgba[1]), "{i}");
+        assert!((0.5 * (a[i] + b[i]) - rgba[1]).abs() < 1e-5 * (1.0 + rgba[1]) && variance[i] >= 0.0, "{i}");
+        assert!((plane("Denoising Albedo.R")[i] - 0.9 * rgba[3]).abs() < 0.02, "{i}");
+        assert!(((-plane("optical_depth.V")[i]).exp() - (1.0 - rgba[3])).abs() < 0.05, "{i}");
+        if rgba[3] > 0.0 {
+            seen += 1;
+            let depth = plane("Depth.Z")[i];
+            assert!((1.0..10.0).contains(&depth), "{depth}");
+            assert!((-0.5..2.5).contains(&plane("Position.X")[i]));
+        } else {
+            assert_eq!((plane("Depth.Z")[i], plane("Position.X")[i]), (1e10, 0.0));
+        }
+    }
+    assert!(seen > 50, "{seen}");
+}
+
+#[test]
+fn what_cannot_be_scattered_is_refused_with_words() {
+    let work = Work::new();
+    let render = "render @plume.vdb --views 1 --size 8x8 -o out";
+    for (options, expected) in [
+        ("--sun 1,0,0", &["--albedo"][..]),
+        ("--albedo 1.2", &["--albedo", "0 to 1"]),
+        ("--albedo 0.5 --sun 0,0,0", &["no direction"]),
+        ("--albedo 0.5 --sun 0,0,1 --sun-angle 200", &["200", "0 to 180"]),
+        ("--albedo 0.5 --anisotropy 1", &["anisotropy", "0.999"]),
+        ("--albedo 0.5 --samples 0", &["--samples"]),
+        ("--albedo 0.5 --quadrature exact", &["--quadrature"]),
+        ("--albedo 0.5 --samples 1 --aov halves", &["halves", "--samples 16"]),
+        ("--aov depth", &["depth", "--albedo"]),
+        ("--samples 4", &["--samples", "--albedo"]),
+        ("--model scattering", &["--albedo"]),
+    ] {
+        work.refused(&format!("{render} {options}"), expected);
+    }
+    assert!(!work.path("out").exists());
+    let volume = format!(r#"{{"file": {:?}}}"#, fixture("plume.vdb"));
+    for (scene, expected) in [
+        ("{}", &["scene.json", "volumes", "cumulo schema scene"][..]),
+        (r#"{"volumes": []}"#, &["at least one"]),
+        (r#"{"volumes": [{"file": "none.vdb"}]}"#, &["none.vdb"]),
+        (r#"{"volumes": [{"file": "a.vdb", "colour": 1}]}"#, &["colour"]),
+        (&format!(r#"{{"volumes": [{volume}], "lights": [{{"type": "Lamp"}}]}}"#), &["Lamp", "DistantLight"]),
+        (
+            &format!(
+                r#"{{"volumes": [{volume}], "lights": [{{"type": "SphereLight", "centre": [0, 0, 0], "radius": 0, "radiance": [1, 1, 1]}}]}}"#
+            ),
+            &["light 0", "radius"],
+        ),
+        (
+            &format!(r#"{{"volumes": [{volume}], "lights": [{{"type": "DomeLight", "radiance": [-1, 0, 0]}}]}}"#),
+            &["DomeLight"],
+        ),
+        (
+            &format!(r#"{{"volumes": [{}, "medium": {{"albedo": [2, 0, 0]}}}}]}}"#, volume.trim_end_matches('}')),
+            &["volume 0", "albedo"],
+        ),
+    ] {
+        std::fs::write(work.path("scene.json"), scene).unwrap();
+        work.refused("render scene.json --views 1 --size 8x8 -o out", expected);
+    }
+    std::fs::write(work.path("scene.json"), format!(r#"{{"volumes": [{volume}]}}"#)).unwrap();
+    for (option, name) in
+        [("--albedo 0.5", "--albedo"), ("--density-scale 2", "--density-scale"), ("--grid density", "--grid")]
+    {
+        work.refused(
+            &format!("render scene.json --views 1 --size 8x8 -o out {option}"),
+            &[name, "states its own media"],
+        );
+    }
+    // Pictures of scattered light are not explained by absorption.
+    work.json(&format!("render @plume.vdb --views 4 --size 8x8 --samples 2 {LIT} -o lit"));
+    work.refused("reconstruct density lit -o found.vdb", &["scatters"]);
+}
