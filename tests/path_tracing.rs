@@ -12,8 +12,8 @@ use cumulo::render::path::{Limits, PathTracer, Sampling, Scratch};
 use cumulo::render::sampler::Sampler;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, Projection};
-use cumulo::scene::environment::Environment;
-use cumulo::scene::film::Moments;
+use cumulo::scene::environment::{Environment, EnvironmentMap};
+use cumulo::scene::film::{Film, Moments};
 use cumulo::scene::light::Light;
 use cumulo::scene::medium::{Medium, Scattering, Source};
 use cumulo::scene::phase::Phase;
@@ -22,6 +22,7 @@ use cumulo::scene::table::Table;
 use cumulo::scene::volume::Volume;
 use fields::{field, lumps, noise, odd, rays, unit};
 use glam::{DVec2, DVec3, Vec3};
+use std::f64::consts::PI;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -59,7 +60,7 @@ fn limit(numbers: usize) -> f64 {
     // Bisection of the two-sided tail of the normal distribution, by its continued fraction.
     let beyond = |z: f64| {
         let fraction = (1..60).rev().fold(0.0, |f, k| f64::from(k) / (z + f));
-        2.0 * (-0.5 * z * z).exp() / ((z + fraction) * (2.0 * std::f64::consts::PI).sqrt())
+        2.0 * (-0.5 * z * z).exp() / ((z + fraction) * (2.0 * PI).sqrt())
     };
     let (mut low, mut high) = (2.0, 12.0);
     for _ in 0..60 {
@@ -84,7 +85,7 @@ fn medium(extinction: f64, albedo: [f32; 3], phase: Phase) -> Medium {
 }
 
 fn scene(field: &Bricks<f32>, medium: Medium, lights: Vec<Light>, sky: [f32; 3]) -> Scene {
-    let environment = Environment { radiance: sky };
+    let environment = Environment::constant(sky);
     Scene { volumes: vec![Volume::Density(field.clone(), medium)], environment, lights, ..Scene::default() }
 }
 
@@ -110,7 +111,7 @@ fn scattered_once(
 ) -> [f64; 3] {
     let dvr = Dvr::new(field, Medium::absorbing(extinction)).unwrap().early_stop(0.0);
     let Some((enter, leave)) = field.world_bounds().clip(ray) else { return [0.0; 3] };
-    let steps = 200;
+    let steps = 120;
     let dt = (leave - enter) / f64::from(steps);
     let mut sum = DVec3::ZERO;
     for k in 0..steps {
@@ -189,13 +190,57 @@ fn light_scattered_once_is_that_of_quadrature() {
                     })
                 });
                 let expected: Vec<Estimate> = expected
-                    // Of the quadrature: 200 steps, and 400 directions of a light with extent.
+                    // Of the quadrature: 120 steps, and 400 directions of a light with extent.
                     .map(|rgb| rgb.map(|v| [v, (2e-3 * v).powi(2)]))
                     .collect();
                 assert_agree(&format!("{name}, anisotropy {g}"), &found, &expected);
             }
         }
     }
+}
+
+/// A picture of the sky with a small sun, scattered once; and a white one, in which nothing that absorbs nothing is seen.
+#[test]
+fn skies_are_those_of_their_pictures() {
+    let sky = |pixel: &dyn Fn(usize, usize) -> f32| {
+        let rgba = (0..32 * 16).map(|i| [pixel(i % 32, i / 32), 0.5 * pixel(i % 32, i / 32), 1.0, 1.0]);
+        Some(Arc::new(EnvironmentMap::new(&Film::of(32, 16, rgba.collect()), [1.0; 3]).unwrap()))
+    };
+    let (field, double) = (lumpy(unit()), field::<f64>(20, unit(), lumps(20)));
+    let phase = Phase::HenyeyGreenstein(0.6);
+    let sunny = sky(&|x, y| if (x, y) == (5, 4) { 60.0 } else { 0.1 + 0.02 * (x % 5) as f32 });
+    let mut lit = scene(&field, medium(0.2, ALBEDO, phase), vec![], [0.0; 3]);
+    lit.environment.map = sunny.clone();
+    let rays = through(&field, 3);
+    let tracer = PathTracer::new(&lit).unwrap().limits(Limits { max_bounces: 1 }).background([0.0; 3]);
+    let found: Vec<_> = rays.iter().map(|ray| estimate(&tracer, ray, 64)).collect();
+    let map = sunny.unwrap();
+    let expected = rays.iter().map(|ray| {
+        scattered_once(&double, 0.2, ALBEDO, ray, |at, dvr| {
+            let (mut sum, [turns, rises]) = (DVec3::ZERO, [96_u32, 48]);
+            for k in 0..turns * rises {
+                let (turn, rise) =
+                    ((f64::from(k % turns) + 0.5) / f64::from(turns), (f64::from(k / turns) + 0.5) / f64::from(rises));
+                let (elevation, turn) = (PI * rise, 2.0 * PI * turn);
+                let direction = DVec3::new(elevation.sin() * turn.cos(), elevation.sin() * turn.sin(), elevation.cos());
+                let area = elevation.sin() * 2.0 * PI * PI / f64::from(turns * rises);
+                let transmittance = (-dvr.optical_depth(&Ray { origin: at, direction })).exp();
+                sum += map.towards(direction).as_dvec3()
+                    * (phase.value(ray.direction.dot(direction)) * transmittance * area);
+            }
+            sum
+        })
+    });
+    // Of the quadrature over directions and along the ray.
+    let expected: Vec<Estimate> = expected.map(|rgb| rgb.map(|v| [v, (4e-3 * v).powi(2)])).collect();
+    assert_agree("a sky with a sun", &found, &expected);
+
+    let rgba = vec![[0.7, 1.0, 2.0, 1.0]; 8];
+    let mut white = scene(&field, medium(1.0, [1.0; 3], phase), vec![], [0.0; 3]);
+    white.environment.map = Some(Arc::new(EnvironmentMap::new(&Film::of(4, 2, rgba), [1.0; 3]).unwrap()));
+    let tracer = PathTracer::new(&white).unwrap();
+    let white: Vec<_> = rays.iter().map(|ray| estimate(&tracer, ray, 16)).collect();
+    assert_agree("a white picture", &white, &exact(rays.iter().map(|_| [0.7, 1.0, 2.0])));
 }
 
 /// Whatever is inside, a volume that absorbs nothing is invisible in light that is the same from everywhere.
@@ -374,9 +419,15 @@ fn hard_cases_stay_finite() {
         ("one colored", cube(1.0), medium(1.0, [1.0, 0.0, 0.5], hg(0.5)), vec![inside, sun(0.1)]),
     ];
     let shell = field::<f32>(17, unit(), |p| f64::from((p - 8.0).length() > 6.9) * (1.0 + noise(p.x.to_bits())));
+    // One voxel that sets the bound of all around it.
+    let spike = field::<f32>(9, unit(), |p| if p == DVec3::splat(4.0) { 1e9 } else { 0.1 });
     let far = field::<f32>(9, Affine::uniform(1e-4, DVec3::splat(1e3)).unwrap(), |_| 1.0);
+    let scattering = Some(Scattering { albedo: [0.9; 3], phase: Phase::Isotropic });
+    let peaked = Medium { scattering, ..Medium::new(1.0, Source::Transfer(Arc::new(peaks()))) };
     let more = [
         ("shell", shell, medium(50.0, [0.9; 3], Phase::Isotropic), vec![sun(0.1)]),
+        ("spike", spike.clone(), medium(1.0, [0.9; 3], Phase::Isotropic), vec![sun(0.1)]),
+        ("spike behind a function", spike, Medium { extinction: 1e12, ..peaked.clone() }, vec![sun(0.1)]),
         ("far from the origin", far, medium(1e4, [0.9; 3], Phase::Isotropic), vec![sun(0.1)]),
     ];
     for (name, field, medium, lights) in cases.into_iter().chain(more) {

@@ -48,7 +48,7 @@ fn options_and_scene_files_agree() {
 #[test]
 fn planes_add_up() {
     let work = Work::new();
-    let aovs = "--aov direct,indirect,albedo,position,depth,variance,halves,optical-depth";
+    let aovs = "--aov direct,indirect,albedo,normal,position,depth,variance,halves,optical-depth";
     work.json(&format!(
         "render @plume.vdb --views 1 --size 24x20 --density-scale 4 --samples 16 {LIT} --background 0 {aovs} -o planes"
     ));
@@ -67,6 +67,8 @@ fn planes_add_up() {
             seen += 1;
             let depth = plane("Depth.Z")[i];
             assert!((1.0..10.0).contains(&depth), "{depth}");
+            let normal = ["X", "Y", "Z"].map(|axis| f64::from(plane(&format!("Denoising Normal.{axis}"))[i]));
+            assert!(normal.iter().map(|v| v * v).sum::<f64>() <= 1.0 + 1e-6);
             assert!((-0.5..2.5).contains(&plane("Position.X")[i]));
         } else {
             assert_eq!((plane("Depth.Z")[i], plane("Position.X")[i]), (1e10, 0.0));

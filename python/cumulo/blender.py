@@ -37,7 +37,7 @@ class Settings:
     within 0.005 pixels of it for all but about one sample in a thousand with more.
 
     The model "scattering" is a Principled Volume of `albedo` and `anisotropy`, lit by a constant `sky`
-    and by `lights`, and seen before black; light is scattered `max_bounces` times at most."""
+    or an equirectangular EXR, `sky_file`, and by `lights`, and seen before black; light is scattered `max_bounces` times at most."""
 
     model: str = "absorption"
     density_scale: float = 1.0
@@ -53,6 +53,7 @@ class Settings:
     albedo: tuple = (0.0, 0.0, 0.0)
     anisotropy: float = 0.0
     sky: tuple = (0.0, 0.0, 0.0)
+    sky_file: str = ""
     lights: tuple = ()
     max_bounces: int = 1024
 
@@ -201,6 +202,11 @@ def _new_scene(settings):
         tree.nodes.clear()
         background, surface = (tree.nodes.new(kind) for kind in ("ShaderNodeBackground", "ShaderNodeOutputWorld"))
         background.inputs["Color"].default_value = (*settings.sky, 1)
+        if settings.sky_file:
+            texture = tree.nodes.new("ShaderNodeTexEnvironment")
+            texture.image = bpy.data.images.load(settings.sky_file)
+            texture.image.colorspace_settings.name = "Linear Rec.709"
+            tree.links.new(texture.outputs["Color"], background.inputs["Color"])
         tree.links.new(background.outputs[0], surface.inputs["Surface"])
         for light in settings.lights:
             light.link()

@@ -43,6 +43,7 @@ value_enum!(Aov {
     Direct: "direct", "Light scattered once: Volume Direct.R, .G and .B (path tracing)";
     Indirect: "indirect", "Light scattered more often: Volume Indirect.R, .G and .B (path tracing)";
     Albedo: "albedo", "Albedo at first collisions, by their share: Denoising Albedo.R, .G and .B (path tracing)";
+    Normal: "normal", "Mean direction in which the density falls: Denoising Normal.X, .Y and .Z (path tracing)";
     Position: "position", "Mean position of first collisions: Position.X, .Y and .Z (path tracing)";
     Depth: "depth", "Mean length along the viewing axis to first collisions: Depth.Z (path tracing)";
     Halves: "halves", "Radiance of even and of odd paths: half_a.R, …, half_b.B (path tracing)";

@@ -20,6 +20,9 @@ pub enum Aov {
     Indirect,
     /// Albedo at first collisions times their share of the paths, as planes `Denoising Albedo.R`, `.G` and `.B`.
     Albedo,
+    /// Mean over first collisions of the direction in which the density falls, in world space, as planes
+    /// `Denoising Normal.X`, `.Y` and `.Z`; 0 without any.
+    Normal,
     /// Mean position of first collisions in world space, as planes `Position.X`, `.Y` and `.Z`; 0 without any.
     Position,
     /// Mean length along the viewing axis to first collisions, as plane `Depth.Z`; 1e10 without any.

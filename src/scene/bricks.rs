@@ -385,6 +385,26 @@ impl<R: Real> Bricks<R> {
         filled.flat_map_iter(corners).map(|corner| self.transform.to_world(corner)).collect()
     }
 
+    /// Derivatives of the interpolated value with respect to the index coordinates; zero outside the bricks. On the face
+    /// between two cells they are those of the higher one.
+    pub fn slopes(&self, index: DVec3) -> DVec3 {
+        let cell = index.floor();
+        let at = |d: DVec3| self.sample(cell + d).f64();
+        let t = index - cell;
+        let slope = |axis: usize| {
+            let (mut sum, step) = (0.0, DVec3::AXES[axis]);
+            for corner in 0..4 {
+                let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
+                let mut from = DVec3::ZERO;
+                (from[b], from[c]) = (f64::from(corner & 1), f64::from(corner >> 1));
+                let weight = |axis: usize| if from[axis] == 1.0 { t[axis] } else { 1.0 - t[axis] };
+                sum += weight(b) * weight(c) * (at(from + step) - at(from));
+            }
+            sum
+        };
+        DVec3::new(slope(0), slope(1), slope(2))
+    }
+
     /// Trilinearly interpolated value at index coordinates; zero outside the bricks.
     pub fn sample(&self, index: DVec3) -> R {
         let base = index.floor();

@@ -28,7 +28,7 @@ impl Scene {
     pub fn shown_by(capture: &Capture, grids: Grids) -> Result<Self> {
         Ok(Self {
             volumes: vec![grids.shown_by(capture)?],
-            environment: Environment { radiance: capture.background },
+            environment: Environment::constant(capture.background),
             lights: Vec::new(),
             cameras: capture.frames.iter().map(|frame| frame.camera).collect(),
         })

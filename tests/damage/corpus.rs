@@ -26,7 +26,7 @@ pub struct Corpus {
     pub sound: PathBuf,
 }
 
-const VOLUME: [&str; 12] = [
+const VOLUME: [&str; 13] = [
     "info {}",
     "validate {}",
     "convert {} >out.vdb --half --repair",
@@ -34,6 +34,7 @@ const VOLUME: [&str; 12] = [
     "convert {} >out.vdb --crop=0,0,0,1,1,1 --prune 0.01",
     "diff {} @plume.vdb",
     "render {} --views 1 --size 8x8 -o >out",
+    "render {} --views 1 --size 6x6 --albedo 0.9 --sun 1,1,1 --samples 2 -o >out",
     "gradient {} --views 1 --size 6x6 --loss mean --wrt density,camera -o >gradient.vdb",
     "viewpoint {} --starts 1 --iterations 1 --size 8x8 -o >best.json",
     "reconstruct density @capture --init {} --resolution 8 --iterations 1 -o >found.vdb",
@@ -206,7 +207,19 @@ impl Corpus {
             record("tf-page", &["report page", "report page --reference @piecewise.tf.json"]),
         ];
 
+        let scenes = ["scene.json", "plume.vdb", "sky.exr"].map(|damaged| {
+            let files = ["scene.json", "plume.vdb", "sky.exr", "piecewise.tf.json"];
+            Sample {
+                name: format!("scene {damaged}"),
+                files: files.map(|name| (PathBuf::from("scene").join(name), read(&scene_file(name)))).into(),
+                damaged: PathBuf::from("scene").join(damaged),
+                syntax: if damaged.ends_with(".json") { Syntax::Json } else { Syntax::Binary },
+                commands: vec!["render scene/scene.json --views 1 --size 6x6 --samples 2 -o >out"],
+            }
+        });
+
         let kinds = vec![
+            ("scenes", scenes.into()),
             ("scalar volumes", scalar),
             ("other volumes", other),
             ("pictures", exr.collect()),
@@ -218,6 +231,11 @@ impl Corpus {
         ];
         Self { kinds, sound: folder.to_path_buf() }
     }
+}
+
+/// The name in the corpus of a file of the scene.
+fn scene_file(name: &str) -> String {
+    if name == "sky.exr" { "capture/view_001.exr".into() } else { name.into() }
 }
 
 /// A capture of which one file is damaged.
@@ -326,6 +344,20 @@ impl Maker {
 </ColorMaps>
 "#,
         );
+        let scene = json!({
+            "volumes": [
+                {"file": "plume.vdb", "medium": {"density_scale": 4, "albedo": [0.9, 0.8, 0.7], "anisotropy": 0.5}},
+                {"file": "plume.vdb", "grid": "density", "medium": {"transfer": "piecewise.tf.json"}},
+            ],
+            "lights": [
+                {"type": "DistantLight", "direction": [1, 1, 2], "irradiance": [3, 3, 3], "angle": 0.5},
+                {"type": "SphereLight", "centre": [3, 0, 1], "radius": 0.2, "radiance": [20, 15, 10]},
+                {"type": "RectLight", "corner": [0, 0, 4], "edges": [[0, 1, 0], [1, 0, 0]], "radiance": [4, 4, 4]},
+                {"type": "PointLight", "position": [3, 3, 3], "intensity": [4, 4, 4]},
+                {"type": "DomeLight", "radiance": [1, 1, 1], "texture": "sky.exr"},
+            ],
+        });
+        self.write("scene.json", &serde_json::to_string_pretty(&scene).unwrap());
         self.cumulo("convert plume.vdb carried.vdb --resample 0.1 --tf piecewise.tf.json");
     }
 

@@ -10,7 +10,7 @@ import reference
 from cumulo import blender
 from cumulo.blender import Rectangle, Settings, Sphere, Sun
 from cumulo.capture import Camera, Capture, look_at
-from cumulo.exr import read_exr
+from cumulo.exr import read_exr, write_exr
 
 # The plume is a box from 0 to 2.
 VIEW = Camera(look_at((3.4, 2.4, 3.1), (1, 1, 1), (0, 0, 1)), 40.0, 40.0, 16.0, 16.0, 32, 32)
@@ -43,14 +43,27 @@ SCENES = {
     "coloured albedo": scattering((0.95, 0.6, 0.2), lights=(SUN,), sky=SKY),
     "dense": scattering(0.9, lights=(SUN,), sky=SKY, density_scale=60.0),
     "thin": scattering(0.9, lights=(SUN,), sky=SKY, density_scale=0.05, samples=256),
+    "picture of a sky": scattering(0.8, anisotropy=0.3),
     "sphere light": scattering(0.8, lights=(Sphere((2.6, 2.8, 2.4), 0.4, (8.0, 6.0, 4.0)),)),
     "rectangle light": scattering(0.8, lights=(Rectangle((1.0, 1.0, 3.2), (0.2, 0.1, -1.0), (1.5, 0.8), (4.0, 5.0, 6.0)),)),
 }
 
 
+def sky(folder):
+    """A picture of a sky with a sun that is up to one side, and a dark ground."""
+    turn, rise = np.meshgrid((np.arange(64) + 0.5) / 64, (np.arange(32) + 0.5) / 32)
+    sun = 30.0 * np.exp(-((turn - 0.3) ** 2 + (rise - 0.25) ** 2) / 0.002)
+    pixels = np.stack([0.2 + sun, 0.3 + 0.3 * turn + 0.8 * sun, np.where(rise < 0.5, 0.8, 0.1) + 0.5 * sun, np.ones_like(sun)], axis=-1)
+    write_exr(folder / "sky.exr", pixels.astype(np.float32), "test", {})
+    return folder / "sky.exr"
+
+
 def scene_of(vdb, settings):
     """The scene as Cumulo reads it."""
-    lights = [{"type": "DomeLight", "radiance": list(settings.sky)}]
+    if settings.sky_file:
+        lights = [{"type": "DomeLight", "texture": settings.sky_file}]
+    else:
+        lights = [{"type": "DomeLight", "radiance": list(settings.sky)}]
     for light in settings.lights:
         if isinstance(light, Sun):
             lights.append({"type": "DistantLight", "direction": list(light.direction),
@@ -90,6 +103,8 @@ def test_scattered_light_is_that_of_cycles(fixtures, cumulo, tmp_path, subtests,
         if camera is INSIDE and name not in ("albedo 0.9, backward", "sphere light"):
             continue
         with subtests.test(name):
+            if name == "picture of a sky":
+                settings = dataclasses.replace(settings, sky_file=str(sky(tmp_path)))
             stage = blender.Stage(settings, vdb)
             theirs = [stage.film(camera, seed).astype(np.float64) for seed in (1, 2)]
             ours = [by_cumulo(cumulo, tmp_path, vdb, camera, settings, seed) for seed in (1, 2)]

@@ -199,7 +199,7 @@ impl Render {
         let capture = self.capture(&subject, transfer, template.as_ref())?;
         // Bytes a pixel of further planes as they are rendered, as they are kept and as they are written.
         let planes = match paths {
-            true => path::PIXEL_BYTES + 2 * 4 * 22,
+            true => path::PIXEL_BYTES + 2 * 4 * 25,
             false if self.aov.is_empty() => 0,
             false => aov::PIXEL_BYTES + 2 * 4 * 5,
         };
@@ -217,7 +217,7 @@ impl Render {
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
         let scene = self.scene(&capture, subject).map_err(|e| e.at(&self.input))?;
         let renderer = match paths {
-            true => self.scattering.tracer(&scene, capture.background).map(Renderer::Paths),
+            true => self.scattering.tracer(&scene, self.background).map(Renderer::Paths),
             false => AnyRenderer::new(&scene, quadrature).map(|dvr| Renderer::Dvr(dvr.early_stop(self.early_stop))),
         };
         let renderer = renderer.map_err(|e| e.at(&self.input))?;

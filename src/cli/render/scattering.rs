@@ -2,6 +2,8 @@
 
 use crate::cli::parse;
 use crate::error::{Error, Result};
+use crate::formats::limits::Limits as FileLimits;
+use crate::formats::scene_file::environment_map;
 use crate::render::path::{Counts, Limits, PathTracer, Sampling};
 use crate::scene::environment::Environment;
 use crate::scene::light::Light;
@@ -12,6 +14,30 @@ use glam::{DVec3, Vec3};
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::sync::Arc;
+
+/// Light from all around.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Sky {
+    /// Radiance that is the same from all directions.
+    Color([f32; 3]),
+    /// Equirectangular picture.
+    File(PathBuf),
+}
+
+impl FromStr for Sky {
+    type Err = String;
+
+    /// What holds a letter other than an exponent's is a file.
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        match text.chars().any(|c| c.is_alphabetic() && !"eE".contains(c)) {
+            true => Ok(Self::File(text.into())),
+            false => parse::color(text).map(Self::Color),
+        }
+    }
+}
 
 /// A medium that scatters light is rendered by path tracing.
 #[derive(Debug, clap::Args)]
@@ -32,10 +58,10 @@ pub(super) struct ScatteringOptions {
     /// Angle across the sun in degrees
     #[arg(long, value_name = "DEGREES", default_value_t = 0.53, value_parser = parse::not_negative, requires = "sun")]
     sun_angle: f64,
-    /// Radiance from all around, also seen behind the volume unless --background is given (default: black with a sun,
-    /// else white)
-    #[arg(long, value_name = "R,G,B", value_parser = parse::color, requires = "albedo")]
-    sky: Option<[f32; 3]>,
+    /// Radiance from all around, one color or an equirectangular EXR; also seen behind the volume unless --background
+    /// is given (default: black with a sun, else white)
+    #[arg(long, value_name = "R,G,B|EXR", requires = "albedo")]
+    sky: Option<Sky>,
     /// Paths per pixel (default: 64); twice as many halve the variance
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     samples: Option<u32>,
@@ -56,9 +82,22 @@ impl ScatteringOptions {
         self.albedo.is_some()
     }
 
-    /// Returns the radiance from all around.
+    /// Returns the radiance that is the same from all around.
     pub fn sky(&self) -> [f32; 3] {
-        self.sky.unwrap_or(if self.sun.is_some() { [0.0; 3] } else { [1.0; 3] })
+        match &self.sky {
+            Some(Sky::Color(color)) => *color,
+            Some(Sky::File(_)) => [0.0; 3],
+            None if self.sun.is_some() => [0.0; 3],
+            None => [1.0; 3],
+        }
+    }
+
+    /// Returns the picture of the sky, if one is given.
+    pub fn sky_file(&self) -> Option<&Path> {
+        match &self.sky {
+            Some(Sky::File(path)) => Some(path),
+            _ => None,
+        }
     }
 
     /// Returns how the medium scatters; `None` without path tracing.
@@ -68,22 +107,31 @@ impl ScatteringOptions {
     }
 
     /// Puts the environment and the lights of the options into a scene.
-    pub fn light(&self, scene: Scene) -> Scene {
+    ///
+    /// # Errors
+    /// If the picture of the sky cannot be read or used.
+    pub fn light(&self, scene: Scene, limits: FileLimits) -> Result<Scene> {
+        let map = self.sky_file().map(|path| environment_map(path, [1.0; 3], limits).map(Arc::new)).transpose()?;
         let sun = self.sun.map(|direction| Light::Sun {
             direction,
             irradiance: Vec3::from_array(self.sun_color),
             angle: self.sun_angle.to_radians(),
         });
-        Scene { environment: Environment { radiance: self.sky() }, lights: sun.into_iter().collect(), ..scene }
+        let environment = Environment { radiance: self.sky(), map };
+        Ok(Scene { environment, lights: sun.into_iter().collect(), ..scene })
     }
 
-    /// Creates the path tracer of a scene, whose camera sees `background` behind the media.
+    /// Creates the path tracer of a scene, whose camera sees `background` behind the media, or else the environment.
     ///
     /// # Errors
     /// If a medium or a light cannot be used.
-    pub fn tracer<'a>(&self, scene: &'a Scene, background: [f32; 3]) -> Result<PathTracer<'a>> {
+    pub fn tracer<'a>(&self, scene: &'a Scene, background: Option<[f32; 3]>) -> Result<PathTracer<'a>> {
         let limits = Limits { max_bounces: self.max_bounces.unwrap_or(u32::MAX) };
-        Ok(PathTracer::new(scene)?.limits(limits).background(background))
+        let tracer = PathTracer::new(scene)?.limits(limits);
+        Ok(match background {
+            Some(background) => tracer.background(background),
+            None => tracer,
+        })
     }
 
     /// Refuses options of path tracing without it.
@@ -115,7 +163,10 @@ impl ScatteringOptions {
         json!({
             "albedo": self.albedo,
             "anisotropy": self.anisotropy,
-            "sky": self.sky(),
+            "sky": match &self.sky {
+                Some(Sky::File(path)) => json!(path.to_string_lossy()),
+                _ => json!(self.sky()),
+            },
             "sun": self.sun.map(|sun| json!({
                 "direction": sun.to_array(),
                 "irradiance": self.sun_color,

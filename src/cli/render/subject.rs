@@ -5,7 +5,7 @@ use crate::cli::provenance::Provenance;
 use crate::cli::volume;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::scene_file::{self, SceneVolume};
+use crate::formats::scene_file::{self, LoadedScene, SceneVolume};
 use crate::formats::{self, Format};
 use crate::scene::capture::{Capture, EmissionModel, Model};
 use crate::scene::medium::{Medium, Source};
@@ -61,10 +61,11 @@ impl Render {
     ) -> Result<(Subject, Option<Transfer>)> {
         if formats::sniff(&self.input)? == Format::Capture {
             self.check_scene_file()?;
-            let (volumes, lights, environment) = scene_file::load_within(&self.input, limits)?;
-            provenance.input(&self.input, [self.input.as_path()])?;
+            let LoadedScene { volumes, lights, environment, files } = scene_file::load_within(&self.input, limits)?;
+            for file in [&self.input].into_iter().chain(&files) {
+                provenance.input(file, [file.as_path()])?;
+            }
             let volume = |read: SceneVolume| {
-                provenance.input(&read.path, [read.path.as_path()])?;
                 let field =
                     volume::arrange(&read.grid, read.transfer.as_ref(), limits).map_err(|e| e.at(&read.path))?;
                 Ok(Volume::Density(field, read.medium))
@@ -74,8 +75,8 @@ impl Render {
         }
         let (grids, transfer) = self.grids(template, limits)?;
         provenance.input(&self.input, [self.input.as_path()])?;
-        if let Some(tf) = &self.transfer.tf {
-            provenance.input(tf, [tf.as_path()])?;
+        for file in [self.transfer.tf.as_deref(), self.scattering.sky_file()].into_iter().flatten() {
+            provenance.input(file, [file])?;
         }
         Ok((Subject::Grids(grids), transfer))
     }
@@ -149,6 +150,6 @@ impl Render {
         };
         let medium = Medium { scattering: self.scattering.scattering(), ..Medium::new(capture.density_scale, source) };
         let scene = Scene { volumes: vec![Volume::Density(field, medium)], cameras, ..Scene::default() };
-        Ok(self.scattering.light(scene))
+        self.scattering.light(scene, self.memory.limits())
     }
 }

@@ -1,12 +1,12 @@
 //! Reading of scene files. Every fault names the volume or light, and the key.
 
-use super::{MediumEntry, SceneFile, VolumeEntry};
+use super::{LightEntry, MediumEntry, SceneFile, VolumeEntry};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
 use crate::formats::vdb::File;
-use crate::formats::{input, transfer};
-use crate::scene::environment::Environment;
+use crate::formats::{exr, input, transfer};
+use crate::scene::environment::{Environment, EnvironmentMap};
 use crate::scene::grid::Grid;
 use crate::scene::light::Light;
 use crate::scene::medium::{Medium, Scattering, Source};
@@ -30,12 +30,25 @@ pub struct SceneVolume {
     pub medium: Medium,
 }
 
+/// A scene file with all that it names, read.
+#[derive(Debug, Clone, Default)]
+pub struct LoadedScene {
+    /// Volumes.
+    pub volumes: Vec<SceneVolume>,
+    /// Lights.
+    pub lights: Vec<Light>,
+    /// Light from all around.
+    pub environment: Environment,
+    /// Files that were read beside the scene file.
+    pub files: Vec<PathBuf>,
+}
+
 /// Reads a scene file with its volumes and transfer functions.
 ///
 /// # Errors
 /// If a file cannot be read, a key is missing, unknown or cannot be used, or the values do not fit into `limits`. The
 /// error names the file, and the volume or light.
-pub fn load_within(path: &Path, limits: Limits) -> Result<(Vec<SceneVolume>, Vec<Light>, Environment)> {
+pub fn load_within(path: &Path, limits: Limits) -> Result<LoadedScene> {
     let _reading = Reading::begin(path);
     let text = input::bytes(path, MAX_BYTES, "a scene")?;
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
@@ -52,9 +65,12 @@ pub fn load_within(path: &Path, limits: Limits) -> Result<(Vec<SceneVolume>, Vec
             .at(path)
             .hint("list the volumes: {\"volumes\": [{\"file\": \"smoke.vdb\"}]}"));
     }
-    let volume = |(i, entry): (usize, &VolumeEntry)| {
+    let mut scene = LoadedScene::default();
+    let mut volume = |(i, entry): (usize, &VolumeEntry)| {
         // What lies in another file is blamed on that file.
         let (vdb, named) = (folder.join(&entry.file), part(format!("volume {i}")));
+        scene.files.push(vdb.clone());
+        scene.files.extend(entry.medium.transfer.as_ref().map(|tf| folder.join(tf)));
         let grid = File::open(&vdb, limits)?.read_fog(entry.grid.as_deref())?;
         let load = |tf: &PathBuf| {
             let options = transfer::Options { limits, ..transfer::Options::default() };
@@ -64,16 +80,55 @@ pub fn load_within(path: &Path, limits: Limits) -> Result<(Vec<SceneVolume>, Vec
         let medium = medium(&entry.medium, transfer.as_ref()).map_err(named)?;
         Ok(SceneVolume { path: vdb, grid, transfer, medium })
     };
-    let volumes = file.volumes.iter().enumerate().map(volume).collect::<Result<Vec<_>>>()?;
-    let (lights, environment) = file.lighting();
-    let lights = lights.into_iter().enumerate().map(|(i, l)| l.checked().map_err(part(format!("light {i}"))));
-    if !environment.radiance.iter().all(|v| v.is_finite() && *v >= 0.0) {
-        return Err(Error::invalid(format!("radiance {:?} must be finite and not negative", environment.radiance))
-            .part("a DomeLight")
-            .at(path)
-            .hint("correct 'radiance'"));
+    scene.volumes = file.volumes.iter().enumerate().map(&mut volume).collect::<Result<Vec<_>>>()?;
+    for (i, entry) in file.lights.iter().enumerate() {
+        let named = part(format!("light {i}"));
+        match entry {
+            LightEntry::DomeLight { radiance, texture } => {
+                let texture = texture.as_ref().map(|texture| folder.join(texture));
+                scene.files.extend(texture.clone());
+                dome(&mut scene.environment, *radiance, texture, limits, named)?;
+            }
+            entry => scene.lights.extend(entry.light().map(Light::checked).transpose().map_err(named)?),
+        }
     }
-    Ok((volumes, lights.collect::<Result<_>>()?, environment))
+    Ok(scene)
+}
+
+/// Adds light from all around to an environment.
+fn dome(
+    environment: &mut Environment,
+    radiance: [f32; 3],
+    texture: Option<PathBuf>,
+    limits: Limits,
+    named: impl FnOnce(Error) -> Error,
+) -> Result<()> {
+    if !radiance.iter().all(|v| v.is_finite() && *v >= 0.0) {
+        return Err(named(
+            Error::invalid(format!("a DomeLight's radiance {radiance:?} must be finite and not negative"))
+                .hint("correct 'radiance'"),
+        ));
+    }
+    let Some(texture) = texture else {
+        environment.radiance.iter_mut().zip(radiance).for_each(|(sum, v)| *sum += v);
+        return Ok(());
+    };
+    if environment.map.is_some() {
+        return Err(named(
+            Error::unsupported("a second DomeLight with a texture").hint("add both pictures to one beforehand"),
+        ));
+    }
+    environment.map = Some(Arc::new(environment_map(&texture, radiance, limits)?));
+    Ok(())
+}
+
+/// Reads an equirectangular EXR of the radiance from all directions, times `factor`.
+///
+/// # Errors
+/// If the picture cannot be read or used; the error names it.
+pub fn environment_map(path: &Path, factor: [f32; 3], limits: Limits) -> Result<EnvironmentMap> {
+    let film = exr::read_picture_within(path, None, limits)?;
+    EnvironmentMap::new(&film, factor).map_err(|e| e.at(path))
 }
 
 fn medium(entry: &MediumEntry, transfer: Option<&Transfer>) -> Result<Medium> {

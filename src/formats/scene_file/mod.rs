@@ -13,9 +13,8 @@
 
 mod load;
 
-pub use load::{SceneVolume, load_within};
+pub use load::{LoadedScene, SceneVolume, environment_map, load_within};
 
-use crate::scene::environment::Environment;
 use crate::scene::light::Light;
 use crate::scene::phase::Phase;
 use glam::{DVec3, Vec3};
@@ -47,6 +46,10 @@ pub struct VolumeEntry {
     /// Medium of the volume.
     #[serde(default)]
     pub medium: MediumEntry,
+}
+
+fn white() -> [f32; 3] {
+    [1.0; 3]
 }
 
 fn one() -> f64 {
@@ -124,41 +127,39 @@ pub enum LightEntry {
         /// Radiance that leaves the front.
         radiance: [f32; 3],
     },
-    /// Light from all around. Several of them add.
+    /// Light from all around. Those without a texture add.
     DomeLight {
-        /// Radiance, the same from all directions.
+        /// Radiance from all directions, or factor of the texture.
+        #[serde(default = "white")]
         radiance: [f32; 3],
+        /// Equirectangular EXR of the radiance, found from the folder of the scene: the top row is towards +Z, the middle
+        /// towards +X, and to the right it turns towards -Y.
+        texture: Option<PathBuf>,
     },
 }
 
-impl SceneFile {
-    /// Returns the lights and the environment.
-    pub fn lighting(&self) -> (Vec<Light>, Environment) {
-        let mut environment = Environment::default();
+impl LightEntry {
+    /// Returns the light; `None` for light from all around.
+    fn light(&self) -> Option<Light> {
         let point = DVec3::from_array;
         let color = Vec3::from_array;
-        let light = |entry: &LightEntry| match *entry {
-            LightEntry::DistantLight { direction, irradiance, angle } => Some(Light::Sun {
+        match *self {
+            Self::DistantLight { direction, irradiance, angle } => Some(Light::Sun {
                 direction: point(direction),
                 irradiance: color(irradiance),
                 angle: angle.to_radians(),
             }),
-            LightEntry::PointLight { position, intensity } => {
+            Self::PointLight { position, intensity } => {
                 Some(Light::Point { position: point(position), intensity: color(intensity) })
             }
-            LightEntry::SphereLight { centre, radius, radiance } => {
+            Self::SphereLight { centre, radius, radiance } => {
                 Some(Light::Sphere { centre: point(centre), radius, radiance: color(radiance) })
             }
-            LightEntry::RectLight { corner, edges, radiance } => {
+            Self::RectLight { corner, edges, radiance } => {
                 Some(Light::Rectangle { corner: point(corner), edges: edges.map(point), radiance: color(radiance) })
             }
-            LightEntry::DomeLight { radiance } => {
-                environment.radiance.iter_mut().zip(radiance).for_each(|(sum, v)| *sum += v);
-                None
-            }
-        };
-        let lights = self.lights.iter().filter_map(light).collect();
-        (lights, environment)
+            Self::DomeLight { .. } => None,
+        }
     }
 }
 

@@ -23,7 +23,8 @@ pub(super) struct Blend<'b, R: Real, S, Q, const C: usize> {
     values: &'b [R],
     curve: &'b Curve<R, C>,
     rule: Q,
-    depth_limit: f64,
+    /// Optical depth at which the ray ends.
+    pub depth_limit: f64,
     /// Segments of one batch.
     pub segments: &'b mut Vec<S>,
     /// Emitted radiance `∫ T σ c dt` by the curve's channels.

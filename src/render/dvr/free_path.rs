@@ -1,8 +1,8 @@
-//! Free paths: where along a ray light collides with the medium for the first time, given that it does.
+//! Free paths: where along a ray light collides with the medium for the first time.
 //!
-//! Collisions have the density `σ e^{-τ}` along the ray, τ the optical depth so far. Of a ray of transmittance T, a number
-//! u in [0, 1) has its collision where `τ = -ln(1 - u (1 - T))`: the inverse of the optical depth, which exact
-//! quadrature knows.
+//! Collisions have the density `σ e^{-τ}` along the ray, τ the optical depth so far: they lie at optical depths with the
+//! density `e^{-τ}`. Given that a ray of transmittance T has one, a number u in [0, 1) has it where
+//! `τ = -ln(1 - u (1 - T))`. Exact quadrature knows the inverse of the optical depth.
 
 use super::blend::Blend;
 use super::tape::Tape;
@@ -27,11 +27,41 @@ pub struct FreePath {
     pub collision: Option<(f64, f32)>,
 }
 
-/// Drawing of a free path, as the unit that is compiled for each instruction set.
+/// Which collision is wanted.
+#[derive(Debug, Clone, Copy)]
+enum Target {
+    /// The one that a number in [0, 1) stands for among those of the ray.
+    Share(f64),
+    /// The one at this optical depth.
+    Depth(f64),
+}
+
+impl Target {
+    /// Returns the optical depth at which the walk may end.
+    #[inline(always)]
+    fn limit(self, dvr: &Dvr<'_, f32>) -> f64 {
+        match self {
+            Self::Share(_) => dvr.depth_limit,
+            Self::Depth(depth) => depth,
+        }
+    }
+
+    /// Returns the optical depth of the collision, given that of the ray; `None` if it has none.
+    #[inline(always)]
+    fn depth(self, whole: f64) -> Option<f64> {
+        match self {
+            Self::Share(u) => (whole > 0.0).then(|| -(u * (-whole).exp_m1()).ln_1p()),
+            Self::Depth(depth) => (depth < whole).then_some(depth),
+        }
+    }
+}
+
+/// Search for a collision, as the unit that is compiled for each instruction set.
 struct Draw<'k, 'd> {
     dvr: &'k Dvr<'d, f32>,
     ray: &'k Ray,
-    u: f64,
+    length: f64,
+    target: Target,
     tape: &'k mut Tape<f32>,
 }
 
@@ -40,16 +70,17 @@ impl pulp::NullaryFnOnce for Draw<'_, '_> {
 
     #[inline(always)]
     fn call(self) -> FreePath {
-        let Self { dvr, ray, u, tape } = self;
+        let Self { dvr, ray, length, target, tape } = self;
         let Some(enter) = dvr.index_ray(ray).map(|ray| ray.enter) else {
             return FreePath { transmittance: 1.0, collision: None };
         };
         // From the entry on, single precision resolves positions however far the camera is.
         let inner = Ray { origin: ray.at(enter), direction: ray.direction };
-        let Some(inner) = dvr.index_ray(&inner) else { return FreePath { transmittance: 1.0, collision: None } };
+        let Some(mut inner) = dvr.index_ray(&inner) else { return FreePath { transmittance: 1.0, collision: None } };
+        inner.leave = inner.leave.min(length - enter);
         let mut path = match &dvr.compiled {
-            CompiledMedium::Line(_) => dvr.free_path_by_spans(&inner, u, tape),
-            CompiledMedium::Table(..) => dvr.free_path_by_chords(&inner, u, tape),
+            CompiledMedium::Line(_) => dvr.free_path_by_spans(&inner, target, tape),
+            CompiledMedium::Table(..) => dvr.free_path_by_chords(&inner, target, tape),
         };
         if let Some((distance, _)) = &mut path.collision {
             *distance += enter;
@@ -58,24 +89,24 @@ impl pulp::NullaryFnOnce for Draw<'_, '_> {
     }
 }
 
-/// Returns the optical depth of the collision.
-#[inline(always)]
-fn depth_of_collision(u: f64, transmittance: f64) -> f64 {
-    -(-u * (1.0 - transmittance)).ln_1p()
-}
-
 impl Dvr<'_, f32> {
     /// Returns the transmittance of a world ray of unit direction, and the collision that a number in [0, 1) stands for
     /// among those of the ray, with exact quadrature. A ray that ends early ([`Dvr::early_stop`]) has no collisions
     /// behind its end.
     pub fn free_path(&self, ray: &Ray, u: f64, tape: &mut Tape<f32>) -> FreePath {
-        self.arch.dispatch(Draw { dvr: self, ray, u, tape })
+        self.arch.dispatch(Draw { dvr: self, ray, length: f64::INFINITY, target: Target::Share(u), tape })
+    }
+
+    /// Returns the collision at an optical depth along the first `length` of a world ray of unit direction, as the world
+    /// length from the ray's origin and the density there; `None` if the ray has less.
+    pub fn collision_at(&self, ray: &Ray, depth: f64, length: f64, tape: &mut Tape<f32>) -> Option<(f64, f32)> {
+        self.arch.dispatch(Draw { dvr: self, ray, length, target: Target::Depth(depth), tape }).collision
     }
 
     /// Extinction proportional to the density: finds the batch of spans, the span, and in it the length by Newton's
     /// method.
     #[inline(always)]
-    fn free_path_by_spans(&self, ray: &IndexRay, u: f64, tape: &mut Tape<f32>) -> FreePath {
+    fn free_path_by_spans(&self, ray: &IndexRay, target: Target, tape: &mut Tape<f32>) -> FreePath {
         let Tape { cells, spans, integrals, .. } = tape;
         spans.clear();
         integrals.clear();
@@ -86,7 +117,7 @@ impl Dvr<'_, f32> {
             let sum = cells.iter().fold(<f32 as crate::real::Real>::Lanes::splat(0.0), |s, c| s + c.gather(values));
             f64::from(sum.sum())
         };
-        let (mut integral, limit) = (0.0, self.depth_limit / extinction);
+        let (mut integral, limit) = (0.0, target.limit(self) / extinction);
         batches(
             &self.field.topology,
             ray,
@@ -95,14 +126,14 @@ impl Dvr<'_, f32> {
                 spans.extend_from_slice(batch);
                 integral += integral_of(batch);
                 integrals.push(integral);
-                integral < limit
+                integral <= limit
             },
         );
         let transmittance = (-extinction * integral).exp();
-        if integral <= 0.0 {
-            return FreePath { transmittance: 1.0, collision: None };
-        }
-        let target = depth_of_collision(u, transmittance) / extinction;
+        let Some(depth) = target.depth(extinction * integral) else {
+            return FreePath { transmittance, collision: None };
+        };
+        let target = depth / extinction;
         let batch = integrals.partition_point(|end| *end <= target).min(integrals.len() - 1);
         let mut rest = target - if batch == 0 { 0.0 } else { integrals[batch - 1] };
         let mut found = None;
@@ -117,7 +148,8 @@ impl Dvr<'_, f32> {
             rest -= within;
         }
         let Some((span, within, rest)) = found else { return FreePath { transmittance, collision: None } };
-        let length = inverse(f64::from(span.length), within, rest, |at| {
+        let precision = PRECISION * within.min(1.0 / extinction);
+        let length = inverse(f64::from(span.length), (within, precision), rest, |at| {
             let part = Span { length: at as f32, ..*span };
             (integral_of(std::slice::from_ref(&part)), f64::from(density(values, span, at as f32)))
         });
@@ -127,19 +159,17 @@ impl Dvr<'_, f32> {
 
     /// Any transfer function: finds the segment, on which the extinction is a cubic.
     #[inline(always)]
-    fn free_path_by_chords(&self, ray: &IndexRay, u: f64, tape: &mut Tape<f32>) -> FreePath {
+    fn free_path_by_chords(&self, ray: &IndexRay, target: Target, tape: &mut Tape<f32>) -> FreePath {
         let CompiledMedium::Table(compiled, _) = &self.compiled else {
             return FreePath { transmittance: 1.0, collision: None };
         };
         let Tape { chords, chord_entries, .. } = tape;
         chord_entries.clear();
         let mut blend = Blend::new(self, compiled, self.exact_source(compiled, false), chords);
+        blend.depth_limit = target.limit(self).next_up();
         compositing::record(&self.visible, ray, Adjoint::Tape, &mut blend, chord_entries);
         let transmittance = (-blend.depth).exp();
-        if blend.depth <= 0.0 {
-            return FreePath { transmittance: 1.0, collision: None };
-        }
-        let target = depth_of_collision(u, transmittance);
+        let Some(target) = target.depth(blend.depth) else { return FreePath { transmittance, collision: None } };
         let reached = (-target).exp();
         let number = chord_entries.partition_point(|entry| entry.transmittance >= reached).saturating_sub(1);
         let entry = &chord_entries[number];
@@ -150,22 +180,24 @@ impl Dvr<'_, f32> {
         let (length, whole) = (f64::from(chord.length), f64::from(entry.optics.depth));
         let rest = (target + entry.transmittance.ln()).clamp(0.0, whole);
         let cubic = Cubic::through(extinctions.map(|s| s * length));
-        let share = inverse(1.0, whole, rest, |at| (cubic.integral(at), cubic.value(at).max(0.0)));
+        let share = inverse(1.0, (whole, PRECISION * whole.min(1.0)), rest, |at| {
+            (cubic.integral(at), cubic.value(at).max(0.0))
+        });
         let density = Cubic::through(chord.density.store().map(f64::from)).value(share) as f32;
         FreePath { transmittance, collision: Some((f64::from(chord.start) + share * length, density)) }
     }
 }
 
 /// Returns the argument between 0 and `end` at which an ascending function, which is 0 at 0 and `whole` at the end,
-/// has the value `rest`; `value` returns the function and its derivative. Newton's method between bounds.
+/// has the value `rest` but for `precision`; `value` returns the function and its derivative. Newton's method between bounds.
 #[inline(always)]
-fn inverse(end: f64, whole: f64, rest: f64, mut value: impl FnMut(f64) -> (f64, f64)) -> f64 {
+fn inverse(end: f64, (whole, precision): (f64, f64), rest: f64, mut value: impl FnMut(f64) -> (f64, f64)) -> f64 {
     let (mut low, mut high) = (0.0, end);
     let mut at = end * (rest / whole);
     for _ in 0..STEPS {
         let (reached, slope) = value(at);
         let missing = rest - reached;
-        if missing.abs() <= PRECISION * whole {
+        if missing.abs() <= precision {
             break;
         }
         if missing > 0.0 {
@@ -180,7 +212,8 @@ fn inverse(end: f64, whole: f64, rest: f64, mut value: impl FnMut(f64) -> (f64, 
     at
 }
 
-/// Error of the optical depth of a collision as a share of its span's or segment's, and the most steps to get there.
+/// Error of the optical depth of a collision, as a share of that of its span or segment if it is less than 1, and the most
+/// steps to get there.
 const PRECISION: f64 = 1e-5;
 const STEPS: usize = 40;
 
@@ -269,6 +302,10 @@ mod tests {
                     let depth = dvr.optical_depth_within(&ray, distance, &mut tape);
                     let share = -(-depth).exp_m1() / -(-whole).exp_m1();
                     assert!((share - u).abs() < 2e-4, "{k}: {share} instead of {u} of {whole}");
+                    let again = dvr.collision_at(&ray, depth, f64::INFINITY, &mut tape).unwrap();
+                    assert!((again.0 - distance).abs() < 1e-3, "{k}: {again:?} {path:?}");
+                    assert_eq!(dvr.collision_at(&ray, depth, 0.5 * distance, &mut tape), None);
+                    assert_eq!(dvr.collision_at(&ray, whole + 1e-3, f64::INFINITY, &mut tape), None);
                     let sampled = field.sample(field.transform.to_index(ray.at(distance)));
                     assert!((density - sampled).abs() < 1e-3, "{k}: {density} {sampled}");
                 }

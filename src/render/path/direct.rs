@@ -10,10 +10,9 @@ use glam::{DVec3, Vec3};
 /// The lights of a scene.
 pub(super) struct Lighting {
     lights: Vec<Light>,
-    /// Radiance from infinitely far away.
-    environment: Vec3,
-    /// Radiance that the camera sees behind the media.
-    pub background: Vec3,
+    environment: Environment,
+    /// Radiance that the camera sees behind the media in place of the environment.
+    pub background: Option<Vec3>,
 }
 
 /// Returns the power heuristic's weight of a direction drawn with density `own`, where another technique draws it with
@@ -31,10 +30,21 @@ impl Lighting {
     /// # Errors
     /// If a light cannot be used.
     pub fn new(lights: &[Light], environment: Environment) -> Result<Self> {
-        let lights =
-            lights.iter().enumerate().map(|(i, light)| light.checked().map_err(|e| e.part(format!("light {}", i + 1))));
-        let environment = Vec3::from_array(environment.radiance);
-        Ok(Self { lights: lights.collect::<Result<_>>()?, environment, background: environment })
+        let lights = lights.iter().enumerate();
+        let lights = lights.map(|(i, light)| light.checked().map_err(|e| e.part(format!("light {i}"))));
+        Ok(Self { lights: lights.collect::<Result<_>>()?, environment, background: None })
+    }
+
+    /// Returns the number of lights that directions are drawn from, the picture of the environment among them.
+    #[inline(always)]
+    fn count(&self) -> f64 {
+        (self.lights.len() + usize::from(self.environment.map.is_some())) as f64
+    }
+
+    /// Returns what the camera sees in a direction behind the media.
+    #[inline(always)]
+    pub fn behind(&self, direction: DVec3) -> Vec3 {
+        self.background.unwrap_or_else(|| self.environment.towards(direction))
     }
 
     /// Returns light that arrives at a point from one of the lights, drawn by two numbers in [0, 1), with the density
@@ -42,10 +52,13 @@ impl Lighting {
     /// phase function's.
     #[inline(always)]
     pub fn sample(&self, from: DVec3, [choice, u]: [f64; 2]) -> Option<Arrival> {
-        let count = self.lights.len() as f64;
+        let count = self.count();
         let scaled = choice * count;
-        let light = self.lights.get(scaled as usize)?;
-        let arrival = light.sample(from, [scaled.fract(), u])?;
+        let number = scaled as usize;
+        let arrival = match self.lights.get(number) {
+            Some(light) => light.sample(from, [scaled.fract(), u])?,
+            None => self.environment.map.as_ref()?.sample([scaled.fract(), u]),
+        };
         if arrival.density.is_infinite() {
             // A light without extent is drawn with the probability of its choice alone.
             return Some(Arrival { radiance: arrival.radiance * count as f32, ..arrival });
@@ -67,8 +80,15 @@ impl Lighting {
     /// direction was drawn with the given density.
     #[inline(always)]
     pub fn met(&self, ray: &Ray, reach: f64, density: f64) -> Vec3 {
-        let mut radiance = if reach.is_infinite() { self.environment } else { Vec3::ZERO };
-        let count = self.lights.len() as f64;
+        let count = self.count();
+        let mut radiance = Vec3::ZERO;
+        if reach.is_infinite() {
+            radiance += Vec3::from_array(self.environment.radiance);
+            if let Some(map) = &self.environment.map {
+                let share = heuristic(density, map.density(ray.direction) / count);
+                radiance += map.towards(ray.direction) * share as f32;
+            }
+        }
         for light in &self.lights {
             if let Some(arrival) = light.hit(ray)
                 && (arrival.distance < reach || reach.is_infinite())

@@ -102,6 +102,8 @@ pub struct First {
     pub position: DVec3,
     /// Share of the extinction that is scattered, by channel.
     pub albedo: Vec3,
+    /// Number of the volume.
+    pub volume: usize,
     /// Weight of the collision: the opacity of the camera's ray, or an estimate of it.
     pub share: f32,
 }
@@ -130,10 +132,16 @@ pub struct PathTracer<'a> {
 
 /// A path tracing kernel compiled for a kind of media.
 trait Kernel: Sync + Send {
+    /// Returns the unit vector in which the density of a volume falls; 0 where it is constant.
+    fn normal(&self, first: &First) -> DVec3;
     fn trace(&self, tracer: &PathTracer<'_>, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample;
 }
 
 impl<M: Media> Kernel for M {
+    fn normal(&self, first: &First) -> DVec3 {
+        Media::normal(self, first.volume, first.position)
+    }
+
     fn trace(&self, tracer: &PathTracer<'_>, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample {
         let PathTracer { lighting, limits, arch, .. } = tracer;
         arch.dispatch(Path { media: self, lighting, limits: *limits, ray, sampler, scratch })
@@ -158,7 +166,7 @@ impl<'a> PathTracer<'a> {
             [(field, medium)] => tracking::specialised(field, medium)?,
             several => Box::new(several.iter().map(|(f, m)| tracking::any(f, m)).collect::<Result<Vec<_>>>()?),
         };
-        let lighting = Lighting::new(&scene.lights, scene.environment)?;
+        let lighting = Lighting::new(&scene.lights, scene.environment.clone())?;
         Ok(Self { kernel, lighting, limits: Limits::default(), arch: Arch::default() })
     }
 
@@ -186,7 +194,7 @@ impl<'a> PathTracer<'a> {
     /// Sets what the camera sees behind the media in place of the environment.
     #[must_use]
     pub fn background(mut self, radiance: [f32; 3]) -> Self {
-        self.lighting.background = Vec3::from_array(radiance);
+        self.lighting.background = Some(Vec3::from_array(radiance));
         self
     }
 
@@ -221,7 +229,7 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
     fn call(self) -> PathSample {
         let Self { media, lighting, limits, ray, sampler, scratch } = self;
         let Primary { transmittance, collision } = media.first(ray, sampler, scratch);
-        let unscattered = transmittance * lighting.background;
+        let unscattered = transmittance * lighting.behind(ray.direction);
         let mut out = PathSample { unscattered, transmittance, ..PathSample::default() };
         let Some((mut collision, share)) = collision else { return out };
         let (mut ray, mut weight, mut bounces) = (*ray, Vec3::splat(share), 0);
@@ -234,7 +242,8 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
             }
             let at = ray.at(collision.distance);
             if bounces == 0 {
-                out.first = Some(First { distance: collision.distance, position: at, albedo, share });
+                out.first =
+                    Some(First { distance: collision.distance, position: at, albedo, volume: collision.volume, share });
             }
             weight *= albedo;
             if bounces == limits.max_bounces || !survives(&mut weight, bounces, sampler) {

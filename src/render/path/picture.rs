@@ -43,10 +43,11 @@ struct Pixel {
     indirect: DVec3,
     /// Radiance of the paths of even and of odd number.
     halves: [DVec3; 2],
-    /// Over first collisions: their weight, and weighted by it the albedo, the position, the length along the viewing
+    /// Over first collisions: their weight, and weighted by it the albedo, the normal, the position, the length along the viewing
     /// axis.
     collided: f64,
     albedo: DVec3,
+    normal: DVec3,
     position: DVec3,
     depth: f64,
     counts: Counts,
@@ -71,8 +72,8 @@ impl Pixel {
     }
 
     /// Returns the mean over first collisions; 0 without any.
-    fn mean_position(&self) -> Vec3 {
-        if self.collided > 0.0 { (self.position / self.collided).as_vec3() } else { Vec3::ZERO }
+    fn mean(&self, sum: DVec3) -> Vec3 {
+        if self.collided > 0.0 { (sum / self.collided).as_vec3() } else { Vec3::ZERO }
     }
 }
 
@@ -99,7 +100,8 @@ fn layers(aov: Aov) -> Vec<Layer> {
         Aov::Direct => vec![("Volume Direct", RGB, |p, n| mean(p.direct, n))],
         Aov::Indirect => vec![("Volume Indirect", RGB, |p, n| mean(p.indirect, n))],
         Aov::Albedo => vec![("Denoising Albedo", RGB, |p, n| mean(p.albedo, n))],
-        Aov::Position => vec![("Position", XYZ, |p, _| of(p.mean_position()))],
+        Aov::Normal => vec![("Denoising Normal", XYZ, |p, _| of(p.mean(p.normal)))],
+        Aov::Position => vec![("Position", XYZ, |p, _| of(p.mean(p.position)))],
         Aov::Depth => vec![("Depth", &["Z"], |p, _| {
             let depth = if p.collided > 0.0 { (p.depth / p.collided) as f32 } else { NOWHERE };
             [depth, 0.0, 0.0, 0.0]
@@ -117,6 +119,8 @@ impl PathTracer<'_> {
     pub fn picture(&self, camera: &Camera, sampling: Sampling, aovs: &[Aov], cancel: &AtomicBool) -> Option<PathFilm> {
         let size = [camera.width as usize, camera.height as usize];
         let count = sampling.samples.max(1);
+        // Slopes are looked up for this plane alone.
+        let normals = aovs.contains(&Aov::Normal);
         let pixel = |scratch: &mut Scratch, at: [usize; 2]| {
             let mut pixel = Pixel::default();
             scratch.counts = Counts::default();
@@ -124,7 +128,11 @@ impl PathTracer<'_> {
                 let mut sampler = Sampler::new(sampling.seed, at, number);
                 let [dx, dy, ..] = sampler.even();
                 let ray = camera.ray(at[0] as f64 + dx, at[1] as f64 + dy);
-                pixel.add(number, camera, &self.sample(&ray, &mut sampler, scratch));
+                let sample = self.sample(&ray, &mut sampler, scratch);
+                pixel.add(number, camera, &sample);
+                if let (true, Some(first)) = (normals, &sample.first) {
+                    pixel.normal += f64::from(first.share) * self.kernel.normal(first);
+                }
             }
             pixel.counts = scratch.counts;
             pixel

@@ -5,7 +5,7 @@
 
 use super::Scratch;
 use super::optics::{Any, HenyeyGreenstein, Isotropic, Optics, PhaseFunction};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::Ray;
 use crate::render::dvr::{self, Dvr};
 use crate::render::march::{IndexRay, Span, spans};
@@ -13,7 +13,7 @@ use crate::render::sampler::Sampler;
 use crate::scene::bricks::{BRICK, Bricks};
 use crate::scene::medium::{Medium, Scattering};
 use crate::scene::phase::Phase;
-use glam::Vec3;
+use glam::{DMat3, DVec3, Vec3};
 
 /// A real collision of a path with a medium.
 #[derive(Debug, Clone, Copy)]
@@ -53,6 +53,8 @@ pub(super) trait Media: Sync + Send {
     fn source(&self, collision: &Collision) -> Vec3;
     /// Returns the phase function.
     fn phase(&self, collision: &Collision) -> Self::Phase;
+    /// Returns the unit vector in which the density of a volume falls at a world position; 0 where it is constant.
+    fn normal(&self, volume: usize, position: DVec3) -> DVec3;
 }
 
 /// One volume with its medium.
@@ -64,6 +66,9 @@ pub(super) struct One<'a, O, P> {
     phase: P,
 }
 
+/// Tentative collisions to be expected in a brick above which a ray goes on by exact quadrature: a bound that one voxel
+/// sets tells nothing of the others.
+const DENSE: f32 = 256.0;
 /// Transmittance below which rays to lights end.
 const LEAST_TRANSMITTANCE: f64 = 1e-9;
 
@@ -87,6 +92,11 @@ pub(super) fn any<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a,
         medium.scattering.unwrap_or(Scattering { albedo: [0.0; 3], phase: Phase::Isotropic });
     let optics = Any::new(&medium);
     let dvr = Dvr::new(field, Medium { scattering: None, ..medium })?.early_stop(LEAST_TRANSMITTANCE);
+    let largest = dvr.majorants().largest();
+    if !largest.is_finite() {
+        return Err(Error::invalid("the extinction is too large for single precision")
+            .hint("give a smaller density scale, or correct the densities"));
+    }
     Ok(One { dvr, optics, albedo: Vec3::from_array(albedo), phase })
 }
 
@@ -94,11 +104,11 @@ impl<O: Optics, P> One<'_, O, P> {
     /// Draws the collision with this volume before `limit`.
     #[inline(always)]
     fn collision(&self, ray: &Ray, limit: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<(f64, f32)> {
-        let field = self.dvr.field();
-        let mut ray = IndexRay::new(&field.domain, &field.transform, ray)?;
+        let (field, world) = (self.dvr.field(), ray);
+        let mut ray = IndexRay::new(&field.domain, &field.transform, world)?;
         ray.leave = ray.leave.min(limit);
         let (bounds, values) = (self.dvr.majorants().bricks(), &field.values[..]);
-        let (mut depth, mut found) = (sampler.exponential(), None);
+        let (mut depth, mut found, mut dense) = (sampler.exponential(), None, None);
         let counts = &mut scratch.counts;
         spans(
             self.dvr.visible(),
@@ -107,6 +117,10 @@ impl<O: Optics, P> One<'_, O, P> {
             #[inline(always)]
             |span: Span<f32>| {
                 let majorant = bounds[span.base / BRICK];
+                if majorant * span.length > DENSE {
+                    dense = Some(span.start);
+                    return false;
+                }
                 // Less than this is lost in the sum.
                 let least = span.length * f32::EPSILON;
                 let mut at = 0.0_f32;
@@ -129,6 +143,11 @@ impl<O: Optics, P> One<'_, O, P> {
                 }
             },
         );
+        if let Some(start) = dense {
+            let rest = Ray { origin: world.at(start), direction: world.direction };
+            let found = self.dvr.collision_at(&rest, depth.into(), limit - start, &mut scratch.tape);
+            return found.map(|(distance, density)| (start + distance, density));
+        }
         found
     }
 }
@@ -172,6 +191,13 @@ impl<O: Optics, P: PhaseFunction> Media for One<'_, O, P> {
     #[inline(always)]
     fn phase(&self, _: &Collision) -> P {
         self.phase
+    }
+
+    fn normal(&self, _: usize, position: DVec3) -> DVec3 {
+        let field = self.dvr.field();
+        let slopes = field.slopes(field.transform.to_index(position));
+        // Gradients are covectors: the transpose of the inverse map takes them to world space.
+        -(DMat3::from_mat4(field.transform.inverse_matrix()).transpose() * slopes).normalize_or_zero()
     }
 }
 
@@ -218,5 +244,9 @@ impl Media for Vec<One<'_, Any, Phase>> {
     #[inline(always)]
     fn phase(&self, collision: &Collision) -> Phase {
         self[collision.volume].phase
+    }
+
+    fn normal(&self, volume: usize, position: DVec3) -> DVec3 {
+        self[volume].normal(0, position)
     }
 }
