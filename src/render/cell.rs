@@ -30,6 +30,14 @@ impl<R: Real> Quartet<R> {
         (cell(0) + cell(1)) + (cell(2) + cell(3))
     }
 
+    /// Returns the ray's length in one of the cells, in world units, and the integral of the density over it.
+    #[inline(always)]
+    pub fn cell(&self, i: usize, values: &[R]) -> [f64; 2] {
+        let (v, w) = (corners(values, self.offset[i] as usize), &self.weights[i]);
+        // Interpolation weights sum to 1.
+        [(w[0] + w[1]).sum().f64(), (w[0] * v[0] + w[1] * v[1]).sum().f64()]
+    }
+
     /// Adds `g w` to `values`: the transpose of [`Quartet::gather`].
     #[inline(always)]
     pub fn scatter(&self, values: &mut [R], g: R) {

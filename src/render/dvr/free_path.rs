@@ -9,7 +9,7 @@ use super::tape::Tape;
 use super::{CompiledMedium, Dvr};
 use crate::math::Ray;
 use crate::real::{LANES, Lanes};
-use crate::render::cell::{corners, gather, weights};
+use crate::render::cell::{Quartet, corners, gather, weights};
 use crate::render::compositing;
 use crate::render::differentiable::Adjoint;
 use crate::render::gauss;
@@ -103,8 +103,7 @@ impl Dvr<'_, f32> {
         self.arch.dispatch(Draw { dvr: self, ray, length, target: Target::Depth(depth), tape }).collision
     }
 
-    /// Extinction proportional to the density: finds the batch of spans, the span, and in it the length by Newton's
-    /// method.
+    /// Extinction proportional to the density: finds the batch of spans, the span, the cell, and in it the length.
     #[inline(always)]
     fn free_path_by_spans(&self, ray: &IndexRay, target: Target, tape: &mut Tape<f32>) -> FreePath {
         let Tape { cells, spans, integrals, .. } = tape;
@@ -140,21 +139,25 @@ impl Dvr<'_, f32> {
         for span in spans[BATCH * batch..].iter().take(BATCH) {
             let within = integral_of(std::slice::from_ref(span));
             if within > 0.0 {
-                found = Some((span, within, rest.clamp(0.0, within)));
+                found = Some((span, rest.clamp(0.0, within)));
                 if rest < within {
                     break;
                 }
             }
             rest -= within;
         }
-        let Some((span, within, rest)) = found else { return FreePath { transmittance, collision: None } };
+        let Some((span, rest)) = found else { return FreePath { transmittance, collision: None } };
+        cells.clear();
+        ExactDepth.cells(std::slice::from_ref(span), cells);
+        let (from, [length, within], rest) = cell_of(cells, values, rest);
         let precision = PRECISION * within.min(1.0 / extinction);
-        let length = inverse(f64::from(span.length), (within, precision), rest, |at| {
-            let part = Span { length: at as f32, ..*span };
-            (integral_of(std::slice::from_ref(&part)), f64::from(density(values, span, at as f32)))
+        let density = |at: f64| f64::from(density(values, span, (from + at) as f32));
+        let at = inverse(length, (within, precision), rest, |at| {
+            // Two points of Gauss suffice for a cubic.
+            let [near, far] = [0.5 - GAUSS, 0.5 + GAUSS].map(|share| density(share * at));
+            (0.5 * at * (near + far), density(at))
         });
-        let density = density(values, span, length as f32);
-        FreePath { transmittance, collision: Some((span.start + length, density)) }
+        FreePath { transmittance, collision: Some((span.start + from + at, density(at) as f32)) }
     }
 
     /// Any transfer function: finds the segment, on which the extinction is a cubic.
@@ -186,6 +189,28 @@ impl Dvr<'_, f32> {
         let density = Cubic::through(chord.density.store().map(f64::from)).value(share) as f32;
         FreePath { transmittance, collision: Some((f64::from(chord.start) + share * length, density)) }
     }
+}
+
+/// Distance of the two points of Gauss-Legendre quadrature from the middle of 0..1, `1 / (2 √3)`.
+const GAUSS: f64 = 0.288_675_134_594_812_9;
+
+/// Returns the cell of a span in which the integral of the density reaches `rest`: its world length from the span's
+/// entry, its own length and integral, and what is left of `rest` there.
+#[inline(always)]
+fn cell_of(cells: &[Quartet<f32>], values: &[f32], mut rest: f64) -> (f64, [f64; 2], f64) {
+    let (mut from, mut found) = (0.0, (0.0, [0.0; 2], 0.0));
+    for (quartet, i) in cells.iter().flat_map(|quartet| (0..LANES).map(move |i| (quartet, i))) {
+        let [length, within] = quartet.cell(i, values);
+        if within > 0.0 {
+            found = (from, [length, within], rest.clamp(0.0, within));
+            if rest < within {
+                break;
+            }
+        }
+        rest -= within;
+        from += length;
+    }
+    found
 }
 
 /// Returns the argument between 0 and `end` at which an ascending function, which is 0 at 0 and `whole` at the end,
@@ -293,13 +318,13 @@ mod tests {
                     let ray = Ray { origin: centre + 10.0 * from, direction: -(from + 0.1 * DVec3::Y).normalize() };
                     let u = (f64::from(k) + 0.5) / 300.0;
                     let path = dvr.free_path(&ray, u, &mut tape);
-                    let whole = dvr.optical_depth_within(&ray, f64::INFINITY, &mut tape);
+                    let whole = dvr.optical_depth_within(&ray, f64::INFINITY, f64::INFINITY, &mut tape);
                     assert!((path.transmittance - (-whole).exp()).abs() < 1e-6, "{k}: {path:?}, depth {whole}");
                     let Some((distance, density)) = path.collision else {
                         assert_eq!(whole, 0.0);
                         continue;
                     };
-                    let depth = dvr.optical_depth_within(&ray, distance, &mut tape);
+                    let depth = dvr.optical_depth_within(&ray, distance, f64::INFINITY, &mut tape);
                     let share = -(-depth).exp_m1() / -(-whole).exp_m1();
                     assert!((share - u).abs() < 2e-4, "{k}: {share} instead of {u} of {whole}");
                     let again = dvr.collision_at(&ray, depth, f64::INFINITY, &mut tape).unwrap();

@@ -234,6 +234,7 @@ struct DepthWithin<'k, 'd> {
     dvr: &'k Dvr<'d, f32>,
     ray: &'k Ray,
     length: f64,
+    limit: f64,
     tape: &'k mut Tape<f32>,
 }
 
@@ -242,14 +243,15 @@ impl pulp::NullaryFnOnce for DepthWithin<'_, '_> {
 
     #[inline(always)]
     fn call(self) -> f64 {
-        let Self { dvr, ray, length, tape } = self;
+        let Self { dvr, ray, length, limit, tape } = self;
         let Some(mut ray) = dvr.index_ray(ray) else { return 0.0 };
         ray.leave = ray.leave.min(length);
         match &dvr.compiled {
-            CompiledMedium::Line(_) => OpticalDepth::of(dvr, &ray, ExactDepth, &mut tape.cells),
+            CompiledMedium::Line(_) => OpticalDepth::up_to(limit, dvr, &ray, ExactDepth, &mut tape.cells),
             CompiledMedium::Table(compiled, _) => {
                 let rule = dvr.exact_source(compiled, false);
                 let mut blend = Blend::new(dvr, compiled, rule, &mut tape.chords);
+                blend.depth_limit = limit;
                 compositing::value(&dvr.visible, &ray, &mut blend, &mut tape.chord_entries);
                 blend.depth
             }
@@ -258,10 +260,10 @@ impl pulp::NullaryFnOnce for DepthWithin<'_, '_> {
 }
 
 impl Dvr<'_, f32> {
-    /// Returns the optical depth of the first `length` of a world ray of unit direction with exact quadrature. A ray that
-    /// ends early ([`Dvr::early_stop`]) has at least the depth at which it does.
-    pub fn optical_depth_within(&self, ray: &Ray, length: f64, tape: &mut Tape<f32>) -> f64 {
-        self.arch.dispatch(DepthWithin { dvr: self, ray, length, tape })
+    /// Returns the optical depth of the first `length` of a world ray of unit direction with exact quadrature, or, if that
+    /// is more than `limit`, a depth of at least `limit`.
+    pub fn optical_depth_within(&self, ray: &Ray, length: f64, limit: f64, tape: &mut Tape<f32>) -> f64 {
+        self.arch.dispatch(DepthWithin { dvr: self, ray, length, limit, tape })
     }
 }
 

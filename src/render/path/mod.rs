@@ -256,7 +256,7 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
                 let toward = Ray { origin: at, direction: arrival.direction };
                 let scattered = phase.value(ray.direction.dot(arrival.direction));
                 scratch.counts.shadow_rays += 1;
-                let transmittance = media.transmittance(&toward, arrival.distance, scratch);
+                let transmittance = media.transmittance(&toward, arrival.distance, sampler, scratch);
                 let seen = weight * lighting.weighted(&arrival, scattered) * transmittance;
                 *if bounces == 1 { &mut out.direct } else { &mut out.indirect } += seen;
             }

@@ -45,8 +45,9 @@ pub(super) trait Media: Sync + Send {
     fn collide(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<Collision>;
     /// Draws the first collision along a camera's ray.
     fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary;
-    /// Returns the transmittance of the first `length` of a world ray of unit direction.
-    fn transmittance(&self, ray: &Ray, length: f64, scratch: &mut Scratch) -> f32;
+    /// Returns an estimate of the transmittance of the first `length` of a world ray of unit direction: the exact one, or
+    /// where that is small sometimes more and else 0.
+    fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> f32;
     /// Returns the share of the extinction that is scattered.
     fn albedo(&self, collision: &Collision) -> Vec3;
     /// Returns the radiance of the source, of which the share that is not scattered is emitted.
@@ -69,8 +70,10 @@ pub(super) struct One<'a, O, P> {
 /// Tentative collisions to be expected in a brick above which a ray goes on by exact quadrature: a bound that one voxel
 /// sets tells nothing of the others.
 const DENSE: f32 = 256.0;
-/// Transmittance below which rays to lights end.
+/// Transmittance below which cameras' rays end.
 const LEAST_TRANSMITTANCE: f64 = 1e-9;
+/// Optical depth from which transmittances are drawn: that of 5 %.
+const EXACT_DEPTH: f64 = 3.0;
 
 /// Returns the volume as kernels that are compiled for its kind of medium need it.
 pub(super) fn specialised<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<Box<dyn super::Kernel + 'a>> {
@@ -174,8 +177,11 @@ impl<O: Optics, P: PhaseFunction> Media for One<'_, O, P> {
     }
 
     #[inline(always)]
-    fn transmittance(&self, ray: &Ray, length: f64, scratch: &mut Scratch) -> f32 {
-        (-self.dvr.optical_depth_within(ray, length, &mut scratch.tape)).exp() as f32
+    fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> f32 {
+        // Beyond, the ray survives with the probability of what is left: the mean stays, and the walk ends soon.
+        let limit = EXACT_DEPTH + f64::from(sampler.exponential());
+        let depth = self.dvr.optical_depth_within(ray, length, limit, &mut scratch.tape);
+        if depth < limit { (-depth.min(EXACT_DEPTH)).exp() as f32 } else { 0.0 }
     }
 
     #[inline(always)]
@@ -227,8 +233,8 @@ impl Media for Vec<One<'_, Any, Phase>> {
     }
 
     #[inline(always)]
-    fn transmittance(&self, ray: &Ray, length: f64, scratch: &mut Scratch) -> f32 {
-        self.iter().map(|one| one.transmittance(ray, length, scratch)).product()
+    fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> f32 {
+        self.iter().map(|one| one.transmittance(ray, length, sampler, scratch)).product()
     }
 
     #[inline(always)]
