@@ -201,3 +201,22 @@ fn f32_follows_f64() {
         assert!((a - b).abs() <= 4e-6 * b.max(0.1), "{a} {b}");
     }
 }
+
+/// Slopes are the difference quotients of the interpolated density, which is linear along each axis of a cell.
+#[test]
+fn slopes_are_difference_quotients() {
+    let f: Bricks<f64> = field(12, odd(), lumps(12));
+    for k in 0..500_u64 {
+        let at = DVec3::new(fields::noise(3 * k), fields::noise(3 * k + 1), fields::noise(3 * k + 2)) * 11.0;
+        let cell = at.floor();
+        // Within the cell, the whole edge is as good as a short step.
+        let quotient = |axis: usize| {
+            let (mut low, mut high) = (at, at);
+            (low[axis], high[axis]) = (cell[axis], cell[axis] + 1.0 - 1e-9);
+            (f.sample(high) - f.sample(low)) / (1.0 - 1e-9)
+        };
+        let expected = DVec3::new(quotient(0), quotient(1), quotient(2));
+        assert!((f.slopes(at) - expected).length() < 1e-6, "{at}: {} {expected}", f.slopes(at));
+    }
+    assert_eq!(f.slopes(DVec3::splat(500.0)), DVec3::ZERO);
+}

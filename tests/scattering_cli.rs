@@ -131,6 +131,7 @@ fn what_cannot_be_scattered_is_refused_with_words() {
             &[name, "states its own media"],
         );
     }
+    work.refused("info scene.json", &["scene file", "cumulo render"]);
     // Pictures of scattered light are not explained by absorption.
     work.json(&format!("render @plume.vdb --views 4 --size 8x8 --samples 2 {LIT} -o lit"));
     work.refused("reconstruct density lit -o found.vdb", &["scatters"]);

@@ -30,7 +30,7 @@ pub(super) enum Sky {
 impl FromStr for Sky {
     type Err = String;
 
-    /// What holds a letter other than an exponent's is a file.
+    /// Text with a letter other than an exponent's is the name of a file.
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         match text.chars().any(|c| c.is_alphabetic() && !"eE".contains(c)) {
             true => Ok(Self::File(text.into())),

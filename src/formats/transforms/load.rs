@@ -53,6 +53,9 @@ fn parse(json: &Path, limits: Limits) -> Result<Capture> {
         Some(other) => {
             return Err(Error::invalid(format!("'frames' is {}; a list is expected", short(other))).hint(FRAMES));
         }
+        None if root.contains_key("volumes") => {
+            return Err(Error::invalid("no key 'frames': this is a scene file").hint("`cumulo render` renders it"));
+        }
         None => return Err(Error::invalid("no key 'frames'").hint(FRAMES)),
     };
     let folder = folder(json);

@@ -7,7 +7,7 @@ use crate::render::tiles;
 use crate::scene::camera::Camera;
 use crate::scene::film::{Film, Moments, Plane};
 use glam::{DVec3, Vec3};
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Which paths a picture is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,6 +32,9 @@ pub const PIXEL_BYTES: u64 = size_of::<Pixel>() as u64;
 
 /// Length along the viewing axis where nothing is met, as Blender writes it.
 const NOWHERE: f32 = 1e10;
+
+/// Paths after which a pixel looks whether it is to stop.
+const PATHS_BETWEEN_LOOKS: u32 = 1024;
 
 /// Sums over a pixel's paths.
 #[derive(Debug, Clone, Default)]
@@ -125,6 +128,10 @@ impl PathTracer<'_> {
             let mut pixel = Pixel::default();
             scratch.counts = Counts::default();
             for number in 0..count {
+                // A pixel of many paths must not keep an interrupted program waiting.
+                if number % PATHS_BETWEEN_LOOKS == 0 && cancel.load(Ordering::Relaxed) {
+                    break;
+                }
                 let mut sampler = Sampler::new(sampling.seed, at, number);
                 let [dx, dy, ..] = sampler.even();
                 let ray = camera.ray(at[0] as f64 + dx, at[1] as f64 + dy);
