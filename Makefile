@@ -1,7 +1,7 @@
 # Every target makes what it needs: Debian packages where they are missing, Python environments, the
 # program. A second run finds it all there.
 .DEFAULT_GOAL := demo
-.PHONY: demo test fuzz check bench build setup install clean
+.PHONY: demo test fuzz soak check bench build setup install clean
 
 export CUMULO := $(CURDIR)/target/release/cumulo
 export PYTHONDONTWRITEBYTECODE := 1
@@ -44,6 +44,12 @@ fuzz: ## ten thousand damaged inputs through every command that reads them; ever
 	python/setup.sh build
 	FUZZ_INPUTS=$(FUZZ_INPUTS) cargo test --release --locked --test fuzz -- --nocapture
 	CUMULO_KILLS=$(KILLS) cargo test --release --locked --test killed -- --nocapture
+
+SOAK_SECONDS ?= 600
+
+soak: ## random hard scenes, path-traced for ten minutes
+	python/setup.sh build
+	SOAK_SECONDS=$(SOAK_SECONDS) cargo test --release --locked --test soak -- --nocapture
 
 check: ## what is worth seeing before each commit; under three minutes once built
 	python/setup.sh build

@@ -6,6 +6,7 @@
 //! | [Captures](captures) | How do I hand over my own pictures, or pictures from Blender? |
 //! | [Transfer functions](transfer_functions) | How do densities become colors, and which file formats are read? |
 //! | [Scattering](scattering) | How do I render smoke and clouds that scatter light? |
+//! | [Planning](planning) | Which effects of light are simulated, what do they cost, and what may be left out? |
 //! | [Reconstruction](reconstruction) | How do I find densities, transfer functions, colors, poses and viewpoints? |
 //! | [Gradients](gradients) | Which derivatives are there, and how are they checked? |
 //! | [Accuracy and cost](accuracy_and_cost) | What does accuracy cost in time and memory? |
@@ -36,6 +37,9 @@ pub mod gradients {}
 /// ## Reconstruct a volume from its pictures
 #[doc = concat!("```ignore\n", include_str!("../tests/examples/reconstruct.rs"), "```")]
 pub mod library {}
+
+#[doc = include_str!("guide/planning.md")]
+pub mod planning {}
 
 #[doc = include_str!("guide/reconstruction.md")]
 pub mod reconstruction {}

@@ -1,7 +1,7 @@
 //! Cumulo: volumetric assets between OpenVDB, Blender, USD and EXR, with differentiable volume rendering.
 //!
 //! ```text
-//! formats ──▶ scene ──▶ render ──▶ optimise, metrics ──▶ report ──▶ cli
+//! formats ──▶ scene ──▶ render ──▶ optimise, plan, metrics ──▶ report ──▶ cli
 //! ```
 //! Data flows along the arrows: `scene` knows no file format, and `optimise` knows renderers through
 //! [`Differentiable`](render::differentiable::Differentiable); `formats`, `metrics` and `report` know no renderer. Only [`render::tiles`] distributes rays and pixels
@@ -24,6 +24,7 @@ pub mod guide;
 pub mod math;
 pub mod metrics;
 pub mod optimise;
+pub mod plan;
 pub mod process;
 pub mod real;
 pub mod render;

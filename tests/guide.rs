@@ -12,7 +12,7 @@ use std::path::Path;
 use work::{Work, errors, fixture};
 
 /// The pages, relative to the repository. `no_page_is_forgotten` holds this list against the folder.
-const PAGES: [&str; 9] = [
+const PAGES: [&str; 10] = [
     "README.md",
     "src/guide/accuracy-and-cost.md",
     "src/guide/captures.md",
@@ -21,6 +21,7 @@ const PAGES: [&str; 9] = [
     "src/guide/library.md",
     "src/guide/reconstruction.md",
     "src/guide/scattering.md",
+    "src/guide/planning.md",
     "src/guide/transfer-functions.md",
 ];
 
@@ -174,6 +175,11 @@ fn library() {
 #[test]
 fn reconstruction() {
     assert!(run("src/guide/reconstruction.md") >= 10);
+}
+
+#[test]
+fn planning() {
+    assert!(run("src/guide/planning.md") >= 5);
 }
 
 #[test]

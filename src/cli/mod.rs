@@ -12,6 +12,7 @@ pub mod outputs;
 pub mod parse;
 pub mod paths;
 pub mod photos;
+pub mod plan;
 pub mod pose;
 pub mod provenance;
 pub mod reconstruct;
@@ -64,6 +65,7 @@ pub struct Global {
 enum Command {
     Compare(compare::Arguments),
     Info(info::Info),
+    Plan(plan::PlanCommand),
     Validate(validate::Validate),
     Convert(convert::Convert),
     Diff(diff::Diff),
@@ -91,7 +93,8 @@ impl Command {
             Self::Diff(c) => c.memory,
             Self::Pose(c) => c.memory,
             Self::Gradient(c) => c.memory,
-            Self::Render(c) => c.memory,
+            Self::Plan(c) => c.pictures.memory,
+            Self::Render(c) => c.pictures.memory,
             Self::Reconstruct(c) => c.memory(),
             Self::Report(c) => c.memory,
             Self::Schema(_) => return Limits::default().max_memory,
@@ -157,6 +160,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Command::Diff(c) => c.run(&output),
         Command::Pose(c) => c.run(&output),
         Command::Gradient(c) => c.run(&output),
+        Command::Plan(c) => c.run(&output),
         Command::Render(c) => c.run(&output),
         Command::Reconstruct(c) => c.run(&output),
         Command::Report(c) => c.run(&output),

@@ -28,15 +28,7 @@ pub struct Majorants {
 impl Majorants {
     /// Computes the bounds of a field of densities in a medium.
     pub fn new<R: Real>(field: &Bricks<R>, medium: &Medium) -> Self {
-        let bound = |low: f64, high: f64| match &medium.source {
-            Source::Transfer(table) => medium.extinction * table.bounds(low, high).1[3],
-            Source::Grey(_) | Source::Linear(_) => medium.extinction * high.max(0.0),
-        };
-        let of_brick = |values: &[R]| {
-            let range = |(low, high): (R, R), v: &R| (low.lesser(*v), high.greater(*v));
-            let (low, high) = values.iter().fold((values[0], values[0]), range);
-            rounded_up(bound(low.f64(), high.f64()))
-        };
+        let of_brick = |values: &[R]| bound(medium, values.iter().copied());
         let bricks: Vec<f32> = field.values.par_chunks(BRICK).map(of_brick).collect();
         let mut blocks: Vec<HashMap<IVec3, f32>> = Vec::new();
         let mut level: HashMap<IVec3, f32> =
@@ -54,12 +46,17 @@ impl Majorants {
             blocks.push(above.clone());
             level = above;
         }
-        Self { bricks, blocks, empty: rounded_up(bound(0.0, 0.0)) }
+        Self { bricks, blocks, empty: bound(medium, [R::ZERO]) }
     }
 
     /// Returns the bound of each brick, in the order of the field's topology.
     pub fn bricks(&self) -> &[f32] {
         &self.bricks
+    }
+
+    /// Returns the bound where there are no bricks.
+    pub fn empty(&self) -> f32 {
+        self.empty
     }
 
     /// Returns the number of levels of blocks above the bricks.
@@ -79,6 +76,17 @@ impl Majorants {
     pub fn largest(&self) -> f32 {
         self.bricks.iter().fold(self.empty, |most, bound| most.max(*bound))
     }
+}
+
+/// Returns the greatest extinction of a medium where densities are interpolated between values; 0 without any.
+pub fn bound<R: Real>(medium: &Medium, values: impl IntoIterator<Item = R>) -> f32 {
+    let mut values = values.into_iter();
+    let Some(first) = values.next() else { return 0.0 };
+    let (low, high) = values.fold((first, first), |(low, high), v| (low.lesser(v), high.greater(v)));
+    rounded_up(match &medium.source {
+        Source::Transfer(table) => medium.extinction * table.bounds(low.f64(), high.f64()).1[3],
+        Source::Grey(_) | Source::Linear(_) => medium.extinction * high.f64().max(0.0),
+    })
 }
 
 /// Returns the nearest `f32` that is not less than `v`.

@@ -1,6 +1,6 @@
 //! A density scale at which a volume's pictures neither vanish nor go black.
 
-use crate::render::dvr::{Dvr, Tape};
+use crate::render::dvr::Dvr;
 use crate::render::integrator::Integrator;
 use crate::render::tiles;
 use crate::scene::bricks::Bricks;
@@ -19,21 +19,25 @@ const PIXELS: u32 = 64;
 /// edge of each picture are sampled. `None` if no pixel meets anything.
 pub fn density_scale(field: &Bricks<f32>, source: &Source, cameras: &[Camera]) -> Option<f64> {
     let dvr = Dvr::new(field, Medium::new(1.0, source.clone())).ok()?.early_stop(0.0);
-    let of_camera = |tape: &mut Tape<f32>, camera: &Camera| {
+    let depths = depths(&dvr, cameras);
+    let depth = depths.get((depths.len().saturating_sub(1) as f64 * SHARE).round() as usize)?;
+    let scale = DEPTH / *depth;
+    scale.is_finite().then_some(scale)
+}
+
+/// Returns the optical depths that the pixels of all cameras see where they see any, in ascending order. About 64 pixels
+/// along the shorter edge of each picture are sampled.
+pub fn depths<I: Integrator>(integrator: &I, cameras: &[Camera]) -> Vec<f64> {
+    let of_camera = |scratch: &mut I::Scratch, camera: &Camera| {
         let stride = (camera.width.min(camera.height) / PIXELS).max(1);
         let rows = (stride / 2..camera.height).step_by(stride as usize);
         let pixels = rows.flat_map(|y| (stride / 2..camera.width).step_by(stride as usize).map(move |x| (x, y)));
         let ray = |(x, y)| camera.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        pixels.map(|pixel| dvr.li(&ray(pixel), tape).depth).filter(|d| *d > 0.0).collect::<Vec<_>>()
+        pixels.map(|pixel| integrator.li(&ray(pixel), scratch).depth).filter(|d| *d > 0.0).collect::<Vec<_>>()
     };
-    let mut depths = tiles::map(cameras, None, Tape::default, of_camera)?.concat();
-    if depths.is_empty() {
-        return None;
-    }
-    let at = ((depths.len() - 1) as f64 * SHARE).round() as usize;
-    let (_, depth, _) = depths.select_nth_unstable_by(at, f64::total_cmp);
-    let scale = DEPTH / *depth;
-    scale.is_finite().then_some(scale)
+    let mut depths = tiles::map(cameras, None, I::Scratch::default, of_camera).unwrap_or_default().concat();
+    depths.sort_by(f64::total_cmp);
+    depths
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::scene::film::Film;
-use crate::scene::light::Arrival;
+use crate::scene::light::{Arrival, Most};
 use glam::{DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -20,6 +20,13 @@ impl Environment {
     /// Creates an environment that is the same in all directions.
     pub fn constant(radiance: [f32; 3]) -> Self {
         Self { radiance, map: None }
+    }
+
+    /// Returns upper bounds of the light that arrives anywhere.
+    pub fn most(&self) -> Most {
+        let constant = Vec3::from_array(self.radiance);
+        let map = self.map.as_ref().map_or(Most { radiance: Vec3::ZERO, fluence: Vec3::ZERO }, |map| map.most());
+        Most { radiance: constant + map.radiance, fluence: (4.0 * PI) as f32 * constant + map.fluence }
     }
 
     /// Returns the radiance that arrives from a direction, given by a unit vector towards it.
@@ -80,6 +87,26 @@ impl EnvironmentMap {
             return Err(Error::invalid("the environment is black everywhere").hint("leave it out"));
         }
         Ok(Self { size, pixels, cells, rows, columns })
+    }
+
+    /// Returns upper bounds of the light that arrives anywhere.
+    fn most(&self) -> Most {
+        let [width, height] = self.size;
+        let pixel = TAU / width as f64 * PI / height as f64;
+        let (mut radiance, mut fluence) = (Vec3::ZERO, DVec3::ZERO);
+        for (row, pixels) in self.pixels.chunks(width).enumerate() {
+            // Interpolation carries a pixel's radiance to the centres of its neighbours, at the poles to the edge.
+            let sine = |rows: f64| (PI * rows / height as f64).sin();
+            let (top, bottom) = (row as f64 - 0.5, row as f64 + 1.5);
+            let equator = 0.5 * height as f64;
+            let widest = if top < equator && equator < bottom { 1.0 } else { sine(top).max(sine(bottom)) };
+            let spread = if row == 0 || row + 1 == height { 1.5 } else { 1.0 };
+            for v in pixels {
+                radiance = radiance.max(*v);
+                fluence += spread * widest * pixel * v.as_dvec3();
+            }
+        }
+        Most { radiance, fluence: fluence.as_vec3() * (1.0 + 1e-6) }
     }
 
     /// Returns the radiance that arrives from a direction, interpolated between the centres of pixels.

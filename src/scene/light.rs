@@ -3,7 +3,7 @@
 //! Lights are not seen by cameras and cast no shadows themselves; only media attenuate them.
 
 use crate::error::{Error, Result};
-use crate::math::Ray;
+use crate::math::{Aabb, Ray};
 use glam::{DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
 
@@ -60,6 +60,15 @@ pub struct Arrival {
     pub density: f64,
 }
 
+/// Upper bounds of the light that arrives anywhere in a box from one source.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Most {
+    /// Radiance from any direction; infinite for lights without extent.
+    pub radiance: Vec3,
+    /// Fluence rate, the integral of the radiance over all directions.
+    pub fluence: Vec3,
+}
+
 /// The solid angle of a cone, `2π (1 - cos θ)`, from the sine of half its opening angle θ.
 fn cone(half_sine: f64) -> f64 {
     2.0 * TAU * half_sine * half_sine
@@ -107,6 +116,47 @@ impl Light {
                 )
             }
             light => Ok(light),
+        }
+    }
+
+    /// Returns the kind of light in words.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Sun { .. } => "a sun",
+            Self::Point { .. } => "a point light",
+            Self::Sphere { .. } => "a sphere light",
+            Self::Rectangle { .. } => "a rectangle light",
+        }
+    }
+
+    /// Returns upper bounds of the light that arrives in a box.
+    pub fn most(&self, within: Aabb) -> Most {
+        let distance = |to: DVec3| (to.clamp(within.min, within.max) - to).length();
+        let extended =
+            |radiance: Vec3, solid_angle: f64| Most { radiance, fluence: radiance * solid_angle.min(4.0 * PI) as f32 };
+        match *self {
+            Self::Sun { irradiance, angle, .. } => match (0.25 * angle).sin() {
+                0.0 => Most { radiance: unlimited(irradiance), fluence: irradiance },
+                half_sine => extended(irradiance / disc(half_sine) as f32, cone(half_sine)),
+            },
+            Self::Point { position, intensity } => {
+                let nearest = distance(position);
+                // From nearby, infinite; from far away, the square must not round to 0.
+                let fluence = intensity * (1.0 / (nearest * nearest)) as f32;
+                let black = intensity.cmpeq(Vec3::ZERO);
+                Most { radiance: unlimited(intensity), fluence: Vec3::select(black, Vec3::ZERO, fluence) }
+            }
+            Self::Sphere { centre, radius, radiance } => {
+                let half_sine = half_sine_of_sphere(distance(centre), radius);
+                extended(radiance, half_sine.map_or(f64::INFINITY, cone))
+            }
+            Self::Rectangle { corner, edges: [u, v], radiance } => {
+                let middle = corner + 0.5 * (u + v);
+                let nearest = distance(middle) - 0.5 * (u + v).length().max((u - v).length());
+                // Seen from one side, a plane takes half of all directions at most.
+                let solid_angle = u.cross(v).length() / nearest.max(0.0).powi(2);
+                extended(radiance, solid_angle.min(TAU))
+            }
         }
     }
 
@@ -199,6 +249,11 @@ impl Light {
             }
         }
     }
+}
+
+/// Returns an infinite radiance in channels that have light.
+fn unlimited(light: Vec3) -> Vec3 {
+    Vec3::select(light.cmpeq(Vec3::ZERO), Vec3::ZERO, Vec3::INFINITY)
 }
 
 /// Returns the integral of the cosine over a disc on the sky, `π sin² θ`, from the sine of half of its radius θ.

@@ -52,6 +52,16 @@ pub enum Volume {
     PreShaded(Bricks<Vec4>),
 }
 
+impl Volume {
+    /// Returns the density and its medium; `None` for a pre-shaded volume.
+    pub fn density(&self) -> Option<(&Bricks<f32>, &Medium)> {
+        match self {
+            Self::Density(field, medium) => Some((field, medium)),
+            Self::PreShaded(_) => None,
+        }
+    }
+}
+
 /// Multiplies emissions and extinctions.
 ///
 /// # Errors

@@ -52,6 +52,13 @@ impl Work {
         serde_json::from_slice(&out.stdout).unwrap()
     }
 
+    /// Runs it, expects success and gives its text.
+    pub fn text(&self, words: &str) -> String {
+        let out = self.command(words).output().unwrap();
+        assert!(out.status.success(), "{words}: {}", errors(&out));
+        String::from_utf8(out.stdout).unwrap()
+    }
+
     /// Runs it, expects exit code 2 and that standard error holds every one of `expected`.
     pub fn refused(&self, words: &str, expected: &[&str]) {
         let out = self.command(words).output().unwrap();

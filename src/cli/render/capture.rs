@@ -1,7 +1,7 @@
 //! The capture that `cumulo render` writes: cameras, model and medium from the options and, where they are silent, from
 //! `--cameras`.
 
-use super::Render;
+use super::options::PictureOptions;
 use super::subject::Subject;
 use crate::cli::parse::DensityScale;
 use crate::error::{Error, Result};
@@ -12,12 +12,14 @@ use crate::scene::medium::Source;
 use crate::scene::orbit;
 use crate::scene::transfer::Transfer;
 use crate::scene::volume::Grids;
+use std::path::Path;
 use std::sync::Arc;
 
-impl Render {
-    /// Plans the capture to render.
-    pub(super) fn capture(
+impl PictureOptions {
+    /// Returns the capture of what the options tell, whose pictures lie in a folder.
+    pub(in crate::cli) fn capture(
         &self,
+        folder: &Path,
         subject: &Subject,
         transfer: Option<Transfer>,
         template: Option<&Capture>,
@@ -26,7 +28,7 @@ impl Render {
         let density_scale = self.scale(subject, transfer.as_ref(), template, &cameras)?;
         let model = self.model_of(subject, transfer.is_some(), template)?;
         let scatters = model == Model::Scattering;
-        let picture = |i: usize| self.output.join(format!("view_{i:03}.exr"));
+        let picture = |i: usize| folder.join(format!("view_{i:03}.exr"));
         let frames = cameras.into_iter().enumerate().map(|(i, camera)| Frame { camera, picture: picture(i) });
         let template = template.filter(|_| !scatters);
         // The other model's background would be a surprise: white light behind a bright source.

@@ -1,30 +1,33 @@
 //! `cumulo render`: pictures of a volume from many sides, as a capture.
 
 mod capture;
+mod options;
+mod planning;
+mod renderer;
 mod scattering;
 mod subject;
 
+pub(in crate::cli) use options::PictureOptions;
+pub(in crate::cli) use renderer::LeftOut;
+
 use crate::cli::cancel;
-use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::outputs;
-use crate::cli::parse::{self, DensityScale};
 use crate::cli::provenance::Provenance;
-use crate::cli::transfer::TransferOption;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::exr;
 use crate::formats::transforms::{self, FILE_NAME};
-use crate::render::any_renderer::AnyRenderer;
+use crate::plan::Plan;
 use crate::render::aov::{self, Aov};
-use crate::render::path::{self, Counts, PathTracer};
-use crate::render::quadrature::{Quadrature, rules};
+use crate::render::path::{self, Counts};
 use crate::scene::camera::Camera;
-use crate::scene::capture::{Capture, EmissionModel, Frame, Model};
+use crate::scene::capture::{Capture, Frame, Model};
 use crate::scene::film::Film;
-use crate::scene::orbit::Layout;
+use crate::scene::scene::Scene;
 use clap::ValueEnum;
 use rayon::prelude::*;
+use renderer::Renderer;
 use scattering::{Paths, ScatteringOptions};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -41,74 +44,17 @@ use std::sync::atomic::AtomicBool;
 #[derive(Debug, clap::Args)]
 #[command(group = clap::ArgGroup::new("from").required(true).args(["views", "cameras"]))]
 pub struct Render {
-    /// VDB, or scene file in JSON (`cumulo schema scene`), to render
-    input: PathBuf,
     /// Folder for transforms.json and the pictures
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
     /// Replace a capture in the folder, whoever made it (one of the very same command is replaced without)
     #[arg(long)]
     overwrite: bool,
-    /// Place this many cameras around the volume
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    views: Option<u32>,
-    /// How --views are placed: over the whole sphere, or on the horizontal circle
-    #[arg(long, value_enum, default_value_t = Layout::Sphere, conflicts_with = "cameras")]
-    layout: Layout,
-    /// Size of the pictures of --views in pixels
-    #[arg(long, value_name = "WxH", default_value = "256x256", value_parser = parse::size, conflicts_with = "cameras")]
-    size: [u32; 2],
-    /// Angle in degrees that the volume takes in the pictures of --views
-    #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = parse::angle, conflicts_with = "cameras")]
-    fov: f64,
-    /// Take cameras, and what else is not given, from a transforms.json
-    #[arg(long, value_name = "CAPTURE")]
-    cameras: Option<PathBuf>,
-    /// Model of the pictures (default: that of --cameras, emission-absorption with a transfer function, else absorption)
-    #[arg(long, value_enum, conflicts_with = "tf")]
-    model: Option<Model>,
-    /// Extinction per unit of density and length; auto makes the 99th percentile of the optical depth 3
-    /// (default: that of --cameras, else 1)
-    #[arg(long, value_name = "S|auto")]
-    density_scale: Option<DensityScale>,
-    /// Radiance behind the volume, r,g,b (default: that of --cameras, else white for absorption, black for
-    /// emission-absorption)
-    #[arg(long, value_name = "R,G,B", value_parser = parse::color)]
-    background: Option<[f32; 3]>,
-    /// Radiance of the source, r,g,b (default: that of --cameras, else white)
-    #[arg(long, value_name = "R,G,B", value_parser = parse::color, conflicts_with = "tf")]
-    emission: Option<[f32; 3]>,
-    /// How that radiance follows the density (default: that of --cameras, else grey: not at all)
-    #[arg(long, value_enum, conflicts_with = "tf")]
-    emission_model: Option<EmissionModel>,
-    #[command(flatten)]
-    transfer: TransferOption,
-    #[arg(
-        long,
-        value_name = "Q",
-        help = concat!(
-            "Integration along rays: ",
-            rules!(),
-            "; by default preintegrated with a transfer function, else exact",
-        )
-    )]
-    quadrature: Option<Quadrature>,
-    /// Transmittance at which rays end (0: never); the report says how far that may be off
-    #[arg(long, value_name = "T", default_value_t = 1e-6, value_parser = parse::share)]
-    early_stop: f64,
-    /// Rays along each edge of a pixel; more than one make it the mean over its square
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
-    supersample: u32,
     /// Planes to write beside RGBA, one or more
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     aov: Vec<Aov>,
-    /// Grid to render (default: density, else the only scalar one)
-    #[arg(long, value_name = "NAME")]
-    grid: Option<String>,
     #[command(flatten)]
-    scattering: ScatteringOptions,
-    #[command(flatten)]
-    pub(in crate::cli) memory: Memory,
+    pub(in crate::cli) pictures: PictureOptions,
 }
 
 #[derive(Debug, Serialize)]
@@ -120,6 +66,8 @@ struct Report {
     density_scale: f64,
     #[serde(flatten)]
     way: Way,
+    /// Plan of a scene that may scatter, or out of which something may be left.
+    plan: Option<Plan>,
     seconds: f64,
 }
 
@@ -144,40 +92,34 @@ struct EarlyStop {
 
 impl Way {
     /// Adds what a capture records of how its pictures were made.
-    fn record(&self, scattering: &ScatteringOptions, extra: &mut Map<String, Value>) {
-        match self {
-            Self::Dvr { quadrature, early_stop } => {
-                extra.insert("quadrature".into(), json!(quadrature));
-                extra.insert("early_stop".into(), json!(early_stop));
-            }
-            Self::Paths { .. } => {
-                extra.insert("scattering".into(), scattering.record());
-            }
+    fn record(&self, scattering: Option<&ScatteringOptions>, extra: &mut Map<String, Value>) {
+        if let Self::Dvr { quadrature, early_stop } = self {
+            extra.insert("quadrature".into(), json!(quadrature));
+            extra.insert("early_stop".into(), json!(early_stop));
         }
+        extra.extend(scattering.map(|scattering| ("scattering".to_owned(), scattering.record())));
     }
 }
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let json = self.output.join(FILE_NAME);
-        let Self { views, seconds, density_scale, way, .. } = self;
+        let Self { views, seconds, density_scale, way, plan, .. } = self;
         writeln!(f, "{}: {views} views in {seconds:.2} s, density scale {density_scale}", json.display())?;
         match way {
             Way::Dvr { quadrature, early_stop: EarlyStop { transmittance, error_bound } } => {
                 write!(
                     f,
                     "  {quadrature}; rays end at transmittance {transmittance:e}, off by {error_bound:.1e} at most"
-                )
+                )?;
             }
-            Way::Paths { paths } => write!(f, "{paths}"),
+            Way::Paths { paths } => write!(f, "{paths}")?,
+        }
+        match plan {
+            Some(plan) if plan.omitted != Some(0.0) => write!(f, "\n  {}", LeftOut(plan)),
+            _ => Ok(()),
         }
     }
-}
-
-/// The renderer of a scene.
-enum Renderer<'a> {
-    Dvr(AnyRenderer<'a>),
-    Paths(PathTracer<'a>),
 }
 
 impl Render {
@@ -190,13 +132,14 @@ impl Render {
         outputs::folder(&self.output)?;
         let cancel = cancel::listen();
         let mut provenance = Provenance::begin();
-        let limits = self.memory.limits();
-        let template = self.cameras.as_deref().map(transforms::load).transpose()?;
+        let pictures = &self.pictures;
+        let limits = pictures.memory.limits();
+        let template = pictures.cameras.as_deref().map(transforms::load).transpose()?;
         let template_pictures: Option<Vec<PathBuf>> =
             template.as_ref().map(|c| c.frames.iter().map(|f| f.picture.clone()).collect());
-        let (subject, transfer) = self.subject(template.as_ref(), limits, &mut provenance)?;
-        let paths = self.scattering.on() || subject.is_scene();
-        let capture = self.capture(&subject, transfer, template.as_ref())?;
+        let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut provenance)?;
+        let paths = pictures.scattering.on() || subject.is_scene();
+        let capture = pictures.capture(&self.output, &subject, transfer, template.as_ref())?;
         // Bytes a pixel of further planes as they are rendered, as they are kept and as they are written.
         let planes = match paths {
             true => path::PIXEL_BYTES + 2 * 4 * 25,
@@ -205,7 +148,7 @@ impl Render {
         };
         fits(&capture, planes, limits.max_memory)?;
         self.check_aovs(paths)?;
-        self.scattering.check(paths)?;
+        pictures.scattering.check(paths)?;
 
         let json = self.output.join(FILE_NAME);
         self.spare(&json, &capture, template_pictures.as_deref().unwrap_or_default(), &provenance)?;
@@ -214,13 +157,13 @@ impl Render {
         batch.make_folder(&self.output)?;
         let waiting = capture.frames.iter().map(|f| batch.add(&f.picture)).collect::<Result<Vec<_>>>()?;
         let waiting_json = batch.add(&json)?;
-        let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
-        let scene = self.scene(&capture, subject).map_err(|e| e.at(&self.input))?;
-        let renderer = match paths {
-            true => self.scattering.tracer(&scene, self.background).map(Renderer::Paths),
-            false => AnyRenderer::new(&scene, quadrature).map(|dvr| Renderer::Dvr(dvr.early_stop(self.early_stop))),
-        };
-        let renderer = renderer.map_err(|e| e.at(&self.input))?;
+        let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
+        // Rays without paths are planned by the options: their model says what is on.
+        let plan =
+            (paths || pictures.leaves_out()).then(|| pictures.plan(&scene, self.aov.iter().any(|aov| aov.of_paths())));
+        let plan = plan.transpose()?;
+        let scene = plan.iter().try_fold(scene, |scene, plan| plan.simplify(scene))?;
+        let renderer = pictures.renderer(plan.as_ref(), &scene, paths).map_err(|e| e.at(&pictures.input))?;
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
         let views: Vec<_> = scene.cameras.iter().zip(&waiting).enumerate().collect();
@@ -235,8 +178,9 @@ impl Render {
         let seconds = provenance.lap();
         let mut extra = Map::new();
         extra.insert("provenance".into(), json!(provenance));
-        let way = self.way(&renderer, quadrature, counts);
-        way.record(&self.scattering, &mut extra);
+        extra.extend(plan.iter().map(|plan| ("plan".to_owned(), json!(plan))));
+        let way = self.way(&renderer, &scene, counts);
+        way.record(paths.then_some(&pictures.scattering), &mut extra);
         transforms::save_for(&json, &waiting_json, &capture, &extra)?;
         batch.commit()?;
         output.report(&Report {
@@ -245,19 +189,20 @@ impl Render {
             model: capture.model,
             density_scale: capture.density_scale,
             way,
+            plan,
             seconds,
         })?;
         Ok(ExitCode::SUCCESS)
     }
 
     /// Returns how light was integrated, with the events that were counted.
-    fn way(&self, renderer: &Renderer<'_>, quadrature: Quadrature, counts: Counts) -> Way {
+    fn way(&self, renderer: &Renderer<'_>, scene: &Scene, counts: Counts) -> Way {
         match renderer {
-            Renderer::Dvr(dvr) => Way::Dvr {
-                quadrature: quadrature.to_string(),
-                early_stop: EarlyStop { transmittance: self.early_stop, error_bound: dvr.left_out() },
+            Renderer::Dvr { dvr, .. } => Way::Dvr {
+                quadrature: self.pictures.quadrature(scene).to_string(),
+                early_stop: EarlyStop { transmittance: self.pictures.early_stop, error_bound: dvr.left_out() },
             },
-            Renderer::Paths(_) => Way::Paths { paths: self.scattering.paths(counts) },
+            Renderer::Paths(_) => Way::Paths { paths: self.pictures.scattering.paths(counts) },
         }
     }
 
@@ -269,8 +214,8 @@ impl Render {
                 .hint("planes of scattered light need path tracing: give --albedo"));
         }
         let (rays, option) = match paths {
-            true => (self.scattering.sampling(0).samples, "--samples 16"),
-            false => (self.supersample, "--supersample 4"),
+            true => (self.pictures.scattering.samples(), "--samples 16"),
+            false => (self.pictures.supersample, "--supersample 4"),
         };
         if rays < 2
             && let Some(aov) = self.aov.iter().find(|aov| matches!(aov, Aov::Variance | Aov::Halves))
@@ -291,14 +236,13 @@ impl Render {
     ) -> Option<(Film, Counts)> {
         match (renderer, &self.aov[..]) {
             (Renderer::Paths(paths), aovs) => {
-                let picture = paths.picture(camera, self.scattering.sampling(view), aovs, cancel)?;
+                let picture = paths.picture(camera, self.pictures.scattering.sampling(view), aovs, cancel)?;
                 Some((picture.film, picture.counts))
             }
-            (Renderer::Dvr(dvr), aovs) => {
-                let rays = self.supersample as usize;
+            (Renderer::Dvr { dvr, rays_per_edge }, aovs) => {
                 let film = match aovs {
-                    [] => dvr.picture(camera, rays, cancel),
-                    aovs => dvr.picture_with(camera, rays, aovs, cancel),
+                    [] => dvr.picture(camera, *rays_per_edge, cancel),
+                    aovs => dvr.picture_with(camera, *rays_per_edge, aovs, cancel),
                 };
                 Some((film?, Counts::default()))
             }
@@ -316,7 +260,10 @@ impl Render {
     ) -> Result<()> {
         self.spare_template(template_pictures)?;
         let pictures: Vec<PathBuf> = capture.frames.iter().map(|f| f.picture.clone()).collect();
-        let inputs = [Some(&self.input), self.transfer.tf.as_ref()].into_iter().flatten().chain(template_pictures);
+        let inputs = [Some(&self.pictures.input), self.pictures.transfer.tf.as_ref()]
+            .into_iter()
+            .flatten()
+            .chain(template_pictures);
         let outputs = pictures.iter().map(PathBuf::as_path).chain([json]);
         outputs::spare(outputs, inputs.map(PathBuf::as_path))?;
         if self.overwrite { Ok(()) } else { outputs::spare_captures(json, &pictures, &provenance.command) }
@@ -324,7 +271,7 @@ impl Render {
 
     /// Refuses an output folder in which the capture of `--cameras` or its pictures lie.
     fn spare_template(&self, pictures: &[PathBuf]) -> Result<()> {
-        let Some(cameras) = &self.cameras else { return Ok(()) };
+        let Some(cameras) = &self.pictures.cameras else { return Ok(()) };
         let json = transforms::json_path(cameras);
         let folder = |path: &Path| {
             let parent = path.parent().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });

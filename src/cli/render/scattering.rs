@@ -4,7 +4,7 @@ use crate::cli::parse;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits as FileLimits;
 use crate::formats::scene_file::environment_map;
-use crate::render::path::{Counts, Limits, PathTracer, Sampling};
+use crate::render::path::{Counts, Limits, Sampling};
 use crate::scene::environment::Environment;
 use crate::scene::light::Light;
 use crate::scene::medium::Scattering;
@@ -42,7 +42,7 @@ impl FromStr for Sky {
 /// A medium that scatters light is rendered by path tracing.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Scattering, by path tracing")]
-pub(super) struct ScatteringOptions {
+pub(in crate::cli) struct ScatteringOptions {
     /// Share of the extinction that is scattered, one number or r,g,b from 0 to 1; turns path tracing on
     #[arg(long, value_name = "A", value_parser = parse::albedo, conflicts_with_all = ["model", "quadrature", "early_stop", "supersample"])]
     albedo: Option<[f32; 3]>,
@@ -121,17 +121,9 @@ impl ScatteringOptions {
         Ok(Scene { environment, lights: sun.into_iter().collect(), ..scene })
     }
 
-    /// Creates the path tracer of a scene, whose camera sees `background` behind the media, or else the environment.
-    ///
-    /// # Errors
-    /// If a medium or a light cannot be used.
-    pub fn tracer<'a>(&self, scene: &'a Scene, background: Option<[f32; 3]>) -> Result<PathTracer<'a>> {
-        let limits = Limits { max_bounces: self.max_bounces.unwrap_or(u32::MAX) };
-        let tracer = PathTracer::new(scene)?.limits(limits);
-        Ok(match background {
-            Some(background) => tracer.background(background),
-            None => tracer,
-        })
+    /// Returns how far paths go at most.
+    pub fn limits(&self) -> Limits {
+        Limits { max_bounces: self.max_bounces.unwrap_or(u32::MAX) }
     }
 
     /// Refuses options of path tracing without it.
@@ -153,9 +145,14 @@ impl ScatteringOptions {
         }
     }
 
+    /// Returns the paths per pixel.
+    pub fn samples(&self) -> u32 {
+        self.samples.unwrap_or(SAMPLES)
+    }
+
     /// Returns the paths of a view.
     pub fn sampling(&self, view: usize) -> Sampling {
-        Sampling { samples: self.samples.unwrap_or(SAMPLES), seed: self.seed.unwrap_or(0) ^ (view as u64) << 32 }
+        Sampling { samples: self.samples(), seed: self.seed.unwrap_or(0) ^ (view as u64) << 32 }
     }
 
     /// Returns the options as the capture's record of how its pictures were made.
@@ -172,7 +169,7 @@ impl ScatteringOptions {
                 "irradiance": self.sun_color,
                 "angle_degrees": self.sun_angle,
             })),
-            "samples": self.sampling(0).samples,
+            "samples": self.samples(),
             "seed": self.sampling(0).seed,
             "max_bounces": self.max_bounces,
         })
@@ -182,7 +179,7 @@ impl ScatteringOptions {
     pub fn paths(&self, counts: Counts) -> Paths {
         let each = |events: u64| events as f64 / counts.paths.max(1) as f64;
         Paths {
-            samples: self.sampling(0).samples,
+            samples: self.samples(),
             max_bounces: self.max_bounces,
             paths: counts.paths,
             collisions_per_path: each(counts.collisions),
@@ -196,7 +193,7 @@ impl ScatteringOptions {
 
 /// Number of events while paths were traced.
 #[derive(Debug, Clone, Copy, Serialize)]
-pub(super) struct Paths {
+pub(in crate::cli) struct Paths {
     /// Paths per pixel.
     pub samples: u32,
     /// Most scatterings along a path; none without a limit.

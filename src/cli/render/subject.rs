@@ -1,6 +1,6 @@
 //! What `cumulo render` renders: the grids of one volume, or a scene file.
 
-use super::Render;
+use super::options::PictureOptions;
 use crate::cli::provenance::Provenance;
 use crate::cli::volume;
 use crate::error::{Error, Result};
@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 /// Subject of the pictures.
 #[allow(clippy::large_enum_variant, reason = "there is one at a time")]
-pub(super) enum Subject {
+pub(in crate::cli) enum Subject {
     /// The grids of one volume, whose medium and light the options and `--cameras` tell.
     Grids(Grids),
     /// A scene file.
@@ -51,9 +51,9 @@ impl Subject {
     }
 }
 
-impl Render {
+impl PictureOptions {
     /// Reads what is to be rendered, with the transfer function that the pictures will show.
-    pub(super) fn subject(
+    pub(in crate::cli) fn subject(
         &self,
         template: Option<&Capture>,
         limits: Limits,
@@ -133,7 +133,7 @@ impl Render {
     }
 
     /// Returns the scene that the pictures will show.
-    pub(super) fn scene(&self, capture: &Capture, subject: Subject) -> Result<Scene> {
+    pub(in crate::cli) fn scene(&self, capture: &Capture, subject: Subject) -> Result<Scene> {
         let cameras = capture.frames.iter().map(|frame| frame.camera).collect();
         let field = match subject {
             Subject::Scene(scene) => return Ok(Scene { cameras, ..scene }),

@@ -4,7 +4,7 @@
 //! density `e^{-τ}`. Given that a ray of transmittance T has one, a number u in [0, 1) has it where
 //! `τ = -ln(1 - u (1 - T))`. Exact quadrature knows the inverse of the optical depth.
 
-use super::blend::Blend;
+use super::blend::{Blend, Entry};
 use super::tape::Tape;
 use super::{CompiledMedium, Dvr};
 use crate::math::Ray;
@@ -174,8 +174,13 @@ impl Dvr<'_, f32> {
         let transmittance = (-blend.depth).exp();
         let Some(target) = target.depth(blend.depth) else { return FreePath { transmittance, collision: None } };
         let reached = (-target).exp();
-        let number = chord_entries.partition_point(|entry| entry.transmittance >= reached).saturating_sub(1);
-        let entry = &chord_entries[number];
+        let (before, after) =
+            chord_entries.split_at(chord_entries.partition_point(|entry| entry.transmittance >= reached));
+        // By rounding, the depth may lie in a segment that has none.
+        let thick = |entry: &&Entry<f32, Chord<f32>>| entry.optics.depth > 0.0;
+        let Some(entry) = before.iter().rev().find(thick).or_else(|| after.iter().find(thick)) else {
+            return FreePath { transmittance, collision: None };
+        };
         let chord: &Chord<f32> = &entry.segment;
         let piece = compiled.curve.piece(chord.piece);
         let extinctions =
@@ -297,6 +302,34 @@ mod tests {
         let mut field = Bricks::zeros(topology.clone(), Affine::uniform(0.25, DVec3::new(1e3, -2.0, 3.0)).unwrap());
         topology.fill_apron(&owned, &mut field.values);
         field
+    }
+
+    /// Rays that leave through clear stretches have their last collision before: no number is lost to rounding.
+    #[test]
+    fn collisions_lie_where_something_is() {
+        let mut field = field();
+        let value = |s: f64| [1.0, 1.0, 1.0, s];
+        let peak = Table::new(vec![0.4, 0.5, 0.6], vec![value(0.0), value(1.0), value(0.0)]).unwrap();
+        let brick = |i: usize| (i / crate::scene::bricks::BRICK) % 3;
+        field.values.iter_mut().enumerate().for_each(|(i, v)| *v = if brick(i) == 1 { *v } else { 0.39 });
+        for (source, extinction) in [(Source::Grey([0.0; 3]), 0.3), (Source::Transfer(Arc::new(peak)), 0.3)] {
+            let dvr = Dvr::new(&field, Medium::new(extinction, source)).unwrap();
+            let mut tape = Tape::default();
+            for k in 0..2000 {
+                let turn = f64::from(k) * 2.4;
+                let from = DVec3::new(turn.cos(), turn.sin(), (0.7 * turn).sin()).normalize();
+                let ray = Ray { origin: field.transform.to_world(DVec3::splat(12.0)), direction: from };
+                for u in [0.0, 1e-12, 0.5, 1.0 - 1e-9, 1.0 - f64::EPSILON, 1.0] {
+                    let path = dvr.free_path(&ray, u, &mut tape);
+                    assert!(path.collision.is_none_or(|(t, d)| t.is_finite() && d.is_finite()), "{k} {u}: {path:?}");
+                }
+                let whole = dvr.optical_depth_within(&ray, f64::INFINITY, f64::INFINITY, &mut tape);
+                for depth in [whole.next_down(), whole * (1.0 - 1e-7), 0.0] {
+                    let found = dvr.collision_at(&ray, depth, f64::INFINITY, &mut tape);
+                    assert!(found.is_none_or(|(t, d)| t.is_finite() && d.is_finite()), "{k} {depth}: {found:?}");
+                }
+            }
+        }
     }
 
     /// The optical depth up to the collision is the one that was asked for, on rays of all depths, through a line and

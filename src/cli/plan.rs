@@ -1,0 +1,107 @@
+//! `cumulo plan`: which effects of a scene are simulated, at what cost, and what is left out.
+
+use crate::cli::cancel;
+use crate::cli::output::Output;
+use crate::cli::provenance::Provenance;
+use crate::cli::render::{LeftOut, PictureOptions};
+use crate::error::{Error, Result};
+use crate::formats::transforms;
+use crate::plan::pilot::{self, Cost};
+use crate::plan::{Integrator, Plan, State};
+use serde::Serialize;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Tell which effects `render` would simulate, what they cost, and how much radiance is left out at most
+///
+/// Takes the options of render. Effects that a scene does not call for are off and cost nothing; with --max-omitted, more
+/// of them are left out as long as the sum of their bounds stays below. Costs are those of small pictures, rendered now.
+#[derive(Debug, clap::Args)]
+pub struct PlanCommand {
+    #[command(flatten)]
+    pub(in crate::cli) pictures: PictureOptions,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    #[serde(serialize_with = "crate::cli::paths::text")]
+    input: PathBuf,
+    views: usize,
+    size: [u32; 2],
+    #[serde(flatten)]
+    plan: Plan,
+    cost: Cost,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { input, views, size: [width, height], plan, cost } = self;
+        let by = match plan.integrator {
+            Integrator::DirectVolumeRendering => "direct volume rendering",
+            Integrator::PathTracing => "path tracing",
+        };
+        writeln!(
+            f,
+            "{}: {by}, {views} view{} of {width}x{height}",
+            input.display(),
+            if *views == 1 { "" } else { "s" }
+        )?;
+        writeln!(f, "  {:<20}{:<9}{:>10}{:>12}  reason", "effect", "state", "seconds", "bound")?;
+        for planned in &plan.effects {
+            let state = match planned.state {
+                State::On => "on",
+                State::Off => "off",
+                State::Bounded => "bounded",
+            };
+            let seconds = planned.cost.map_or("-".into(), |seconds| format!("{seconds:.3}"));
+            let bound = match planned.bound {
+                Some(0.0) => "0".into(),
+                Some(bound) => format!("{bound:.2e}"),
+                None => "-".into(),
+            };
+            writeln!(f, "  {:<20}{state:<9}{seconds:>10}{bound:>12}  {}", planned.name.to_string(), planned.reason)?;
+        }
+        let depth = &plan.measured.optical_depth;
+        writeln!(
+            f,
+            "  optical depth: median {:.3}, 99 % below {:.3} on {} rays that meet the media; {:.3} at most on any ray",
+            depth.median, depth.percentile_99, depth.rays, depth.bound
+        )?;
+        writeln!(f, "  {}", LeftOut(plan))?;
+        write!(f, "  {} rays and about {:.2} s a picture", cost.paths, cost.seconds)
+    }
+}
+
+impl PlanCommand {
+    /// Reads, plans and reports.
+    ///
+    /// # Errors
+    /// If the volume or the cameras cannot be used.
+    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let cancel = cancel::listen();
+        let pictures = &self.pictures;
+        let template = pictures.cameras.as_deref().map(transforms::load).transpose()?;
+        let limits = pictures.memory.limits();
+        let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut Provenance::begin())?;
+        let paths = pictures.scattering.on() || subject.is_scene();
+        pictures.scattering.check(paths)?;
+        let capture = pictures.capture(Path::new(""), &subject, transfer, template.as_ref())?;
+        let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
+        let mut plan = pictures.plan(&scene, false)?;
+        let scene = plan.simplify(scene)?;
+        let Some(camera) = scene.cameras.first() else {
+            return Err(Error::invalid("no cameras").hint("give --views or --cameras"));
+        };
+        let samples = match plan.integrator {
+            Integrator::PathTracing => pictures.scattering.samples(),
+            Integrator::DirectVolumeRendering => (pictures.rays_per_edge(paths) as u32).pow(2),
+        };
+        let quadrature = pictures.quadrature(&scene);
+        let cost = pilot::run(&mut plan, &scene, camera, samples, quadrature, cancel)?.ok_or_else(Error::cancelled)?;
+        let size = [camera.width, camera.height];
+        let views = scene.cameras.len();
+        output.report(&Report { input: pictures.input.clone(), views, size, plan, cost })?;
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,77 @@
+//! Options of what pictures show, and from where.
+
+use super::planning::PlanningOptions;
+use super::scattering::ScatteringOptions;
+use crate::cli::memory::Memory;
+use crate::cli::parse::{self, DensityScale};
+use crate::cli::transfer::TransferOption;
+use crate::render::quadrature::{Quadrature, rules};
+use crate::scene::capture::{EmissionModel, Model};
+use crate::scene::orbit::Layout;
+use std::path::PathBuf;
+
+/// Options that pictures are made by: subject, cameras, media and light.
+#[derive(Debug, clap::Args)]
+pub struct PictureOptions {
+    /// VDB, or scene file in JSON (`cumulo schema scene`), to render
+    pub(in crate::cli) input: PathBuf,
+    /// Place this many cameras around the volume
+    #[arg(long, value_name = "N", conflicts_with = "cameras", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub(in crate::cli) views: Option<u32>,
+    /// How --views are placed: over the whole sphere, or on the horizontal circle
+    #[arg(long, value_enum, default_value_t = Layout::Sphere, conflicts_with = "cameras")]
+    pub(in crate::cli) layout: Layout,
+    /// Size of the pictures of --views in pixels
+    #[arg(long, value_name = "WxH", default_value = "256x256", value_parser = parse::size, conflicts_with = "cameras")]
+    pub(in crate::cli) size: [u32; 2],
+    /// Angle in degrees that the volume takes in the pictures of --views
+    #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = parse::angle, conflicts_with = "cameras")]
+    pub(in crate::cli) fov: f64,
+    /// Take cameras, and what else is not given, from a transforms.json
+    #[arg(long, value_name = "CAPTURE")]
+    pub(in crate::cli) cameras: Option<PathBuf>,
+    /// Model of the pictures (default: that of --cameras, emission-absorption with a transfer function, else absorption)
+    #[arg(long, value_enum, conflicts_with = "tf")]
+    pub(in crate::cli) model: Option<Model>,
+    /// Extinction per unit of density and length; auto makes the 99th percentile of the optical depth 3
+    /// (default: that of --cameras, else 1)
+    #[arg(long, value_name = "S|auto")]
+    pub(in crate::cli) density_scale: Option<DensityScale>,
+    /// Radiance behind the volume, r,g,b (default: that of --cameras, else white for absorption, black for
+    /// emission-absorption)
+    #[arg(long, value_name = "R,G,B", value_parser = parse::color)]
+    pub(in crate::cli) background: Option<[f32; 3]>,
+    /// Radiance of the source, r,g,b (default: that of --cameras, else white)
+    #[arg(long, value_name = "R,G,B", value_parser = parse::color, conflicts_with = "tf")]
+    pub(in crate::cli) emission: Option<[f32; 3]>,
+    /// How that radiance follows the density (default: that of --cameras, else grey: not at all)
+    #[arg(long, value_enum, conflicts_with = "tf")]
+    pub(in crate::cli) emission_model: Option<EmissionModel>,
+    #[command(flatten)]
+    pub(in crate::cli) transfer: TransferOption,
+    #[arg(
+        long,
+        value_name = "Q",
+        help = concat!(
+            "Integration along rays: ",
+            rules!(),
+            "; by default preintegrated with a transfer function, else exact",
+        )
+    )]
+    pub(in crate::cli) quadrature: Option<Quadrature>,
+    /// Transmittance at which rays end (0: never); the report says how far that may be off
+    #[arg(long, value_name = "T", default_value_t = 1e-6, value_parser = parse::share)]
+    pub(in crate::cli) early_stop: f64,
+    /// Rays along each edge of a pixel; more than one make it the mean over its square
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub(in crate::cli) supersample: u32,
+    /// Grid to render (default: density, else the only scalar one)
+    #[arg(long, value_name = "NAME")]
+    pub(in crate::cli) grid: Option<String>,
+    #[command(flatten)]
+    pub(in crate::cli) scattering: ScatteringOptions,
+    #[command(flatten)]
+    pub(in crate::cli) planning: PlanningOptions,
+    #[command(flatten)]
+    pub(in crate::cli) memory: Memory,
+}

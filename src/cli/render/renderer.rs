@@ -1,0 +1,102 @@
+//! The plan that follows from options, and the renderer that follows from the plan.
+
+use super::options::PictureOptions;
+use crate::error::Result;
+use crate::plan::{Effect, Integrator, Plan, Request, State};
+use crate::render::any_renderer::AnyRenderer;
+use crate::render::path::PathTracer;
+use crate::render::quadrature::Quadrature;
+use crate::scene::medium::Source;
+use crate::scene::scene::Scene;
+use crate::scene::volume::Volume;
+use std::fmt;
+
+/// The renderer of a scene.
+pub(in crate::cli) enum Renderer<'a> {
+    /// Along straight rays.
+    Dvr {
+        /// Renderer.
+        dvr: AnyRenderer<'a>,
+        /// Rays along each edge of a pixel.
+        rays_per_edge: usize,
+    },
+    /// Along paths.
+    Paths(PathTracer<'a>),
+}
+
+impl PictureOptions {
+    /// Plans the rendering of a scene. `paths` tells whether anything needs paths besides scattering.
+    ///
+    /// # Errors
+    /// If a medium or a light cannot be used, or an effect is kept by force that the scene does not have.
+    pub fn plan(&self, scene: &Scene, paths: bool) -> Result<Plan> {
+        let mut force = self.planning.force.clone();
+        if paths {
+            force.push(Effect::Scattering);
+        }
+        let request = Request {
+            max_omitted: self.planning.max_omitted,
+            force,
+            limits: self.scattering.limits(),
+            background: self.background,
+        };
+        Plan::new(scene, &scene.cameras, &request).map_err(|e| e.at(&self.input))
+    }
+
+    /// True if effects may be left out that the scene calls for.
+    pub fn leaves_out(&self) -> bool {
+        self.planning.max_omitted > 0.0 || !self.planning.force.is_empty()
+    }
+
+    /// Creates the renderer of a scene that a plan has simplified, or that is to be rendered along straight rays. `paths`
+    /// tells whether paths were asked for.
+    ///
+    /// # Errors
+    /// If a medium or a light cannot be used.
+    pub fn renderer<'a>(&self, plan: Option<&Plan>, scene: &'a Scene, paths: bool) -> Result<Renderer<'a>> {
+        let Some(plan) = plan.filter(|plan| plan.integrator == Integrator::PathTracing) else {
+            let dvr = AnyRenderer::new(scene, self.quadrature(scene))?.early_stop(self.early_stop);
+            return Ok(Renderer::Dvr { dvr, rays_per_edge: self.rays_per_edge(paths) });
+        };
+        let tracer = PathTracer::new(scene)?.limits(plan.limits);
+        Ok(Renderer::Paths(match plan.background {
+            Some(background) => tracer.background(background),
+            None => tracer,
+        }))
+    }
+
+    /// Returns the quadrature along straight rays.
+    pub fn quadrature(&self, scene: &Scene) -> Quadrature {
+        let by_function =
+            |volume: &Volume| matches!(volume, Volume::Density(_, m) if matches!(m.source, Source::Transfer(_)));
+        self.quadrature.unwrap_or(Quadrature::usual(scene.volumes.iter().any(by_function)))
+    }
+
+    /// Returns the rays along each edge of a pixel. A picture that was to be made of paths, of which none is called for, has
+    /// as many rays as paths were asked for, or more.
+    pub fn rays_per_edge(&self, paths: bool) -> usize {
+        match paths {
+            true => f64::from(self.scattering.samples()).sqrt().ceil() as usize,
+            false => self.supersample as usize,
+        }
+    }
+}
+
+/// A line of text that tells what a plan leaves out.
+pub(in crate::cli) struct LeftOut<'p>(pub &'p Plan);
+
+impl fmt::Display for LeftOut<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some(omitted) = self.0.omitted else { return write!(f, "no bound of what is left out is known") };
+        if omitted == 0.0 {
+            return write!(f, "nothing is left out");
+        }
+        write!(f, "at most {omitted:.2e} of radiance is left out:")?;
+        let missing =
+            self.0.effects.iter().filter(|e| e.state != State::On && e.bound.is_some_and(|bound| bound > 0.0));
+        for (i, effect) in missing.enumerate() {
+            write!(f, "{} {} ({})", if i == 0 { "" } else { "," }, effect.name, effect.reason)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,121 @@
+//! Upper bounds of the radiance that is scattered, by the number of scatterings.
+//!
+//! Let τ be the greatest optical depth along a ray, ϖ the greatest albedo and D the greatest radiance that one scattering
+//! makes of light straight from its source. A ray collects at most `q = ϖ (1 - e^{-τ})` of what is scattered towards it,
+//! so that light scattered n times is at most `qⁿ D`, and light scattered n times or more at most `qⁿ D / (1 - q)`
+//! (the Neumann series of the radiative transfer equation in the maximum norm). A source whose radiance is nowhere above R
+//! never makes more than R, however often it is scattered.
+
+use crate::scene::light::Most;
+use crate::scene::medium::{Medium, Source};
+use crate::scene::phase::Phase;
+use glam::{DVec3, Vec3};
+use std::f64::consts::PI;
+
+/// Bounds of what the media of a scene make of light.
+#[derive(Debug, Clone, Copy)]
+pub struct Media {
+    /// Greatest share of what is scattered towards a ray that the ray collects, by channel.
+    gain: DVec3,
+    /// 1 minus the gain.
+    loss: DVec3,
+    /// Greatest opacity along a ray.
+    opacity: f64,
+    /// Greatest value of a phase function per steradian.
+    peak: f64,
+}
+
+/// Greatest radiance of a source of light, by channel.
+#[derive(Debug, Clone, Copy)]
+pub struct Bound {
+    /// Radiance of the first order: unscattered emission, or what one scattering makes of a light.
+    pub first: DVec3,
+    /// Radiance of all orders together, infinite for lights without extent.
+    pub all: DVec3,
+}
+
+impl Media {
+    /// Creates the bounds of media through which no ray is deeper than `depth`.
+    pub fn new<'m>(media: impl Iterator<Item = &'m Medium>, depth: f64) -> Self {
+        let opacity = -(-depth).exp_m1();
+        let (mut albedo, mut peak) = (DVec3::ZERO, 0.25 / PI);
+        for scattering in media.filter_map(|medium| medium.scattering) {
+            albedo = albedo.max(Vec3::from_array(scattering.albedo).as_dvec3());
+            if let Phase::HenyeyGreenstein(g) = scattering.phase {
+                peak = f64::max(peak, scattering.phase.value(g.signum()));
+            }
+        }
+        // 1 - q without the difference of nearly equal numbers.
+        let loss = (DVec3::ONE - albedo) + albedo * (-depth).exp();
+        Self { gain: albedo * opacity, loss, opacity, peak }
+    }
+
+    /// Returns the bound of light from a source of which so much arrives at most.
+    pub fn of(&self, most: Most) -> Bound {
+        let first = most.radiance.as_dvec3().min(self.peak * most.fluence.as_dvec3());
+        Bound { first, all: most.radiance.as_dvec3() }
+    }
+
+    /// Returns the bound of the media's emission, where densities are at most `densest` in each medium.
+    pub fn emission<'m>(&self, media: impl Iterator<Item = (&'m Medium, f64)>) -> Bound {
+        let mut bound = Bound { first: DVec3::ZERO, all: DVec3::ZERO };
+        for (medium, densest) in media {
+            let source = match &medium.source {
+                Source::Grey(color) => Vec3::from_array(*color).as_dvec3(),
+                Source::Linear(color) => Vec3::from_array(*color).as_dvec3() * densest,
+                Source::Transfer(table) => DVec3::from_slice(&table.peak()),
+            };
+            let albedo = Vec3::from_array(medium.scattering.map_or([0.0; 3], |s| s.albedo)).as_dvec3();
+            let emitted = (DVec3::ONE - albedo) * source;
+            bound.first = bound.first.max(emitted * self.opacity);
+            bound.all = bound.all.max(DVec3::select(emitted.cmpgt(DVec3::ZERO), source, DVec3::ZERO));
+        }
+        bound
+    }
+
+    /// Returns the bound of what was scattered `orders` times or more.
+    pub fn orders_from(&self, bound: Bound, orders: u32) -> DVec3 {
+        let share = self.gain.powf(orders.into());
+        // Infinite light of which nothing is scattered, and 0 / 0, are nothing.
+        let nothing = bound.first.cmpeq(DVec3::ZERO) | share.cmpeq(DVec3::ZERO);
+        DVec3::select(nothing, DVec3::ZERO, (bound.first * share / self.loss).min(bound.all))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::medium::Scattering;
+
+    fn medium(albedo: f32, phase: Phase) -> Medium {
+        Medium { scattering: Some(Scattering { albedo: [albedo; 3], phase }), ..Medium::absorbing(1.0) }
+    }
+
+    /// A slab of optical depth 1: the series has known terms, and thick media without absorption keep a finite bound.
+    #[test]
+    fn orders_fall_by_the_gain() {
+        let media = Media::new([&medium(0.5, Phase::Isotropic)].into_iter(), 1.0);
+        let white = Bound { first: DVec3::ONE, all: DVec3::ONE };
+        let gain = 0.5 * (1.0 - (-1.0_f64).exp());
+        for order in [0, 1, 2, 7] {
+            let expected = (gain.powi(order as i32) / (1.0 - gain)).min(1.0);
+            assert!((media.orders_from(white, order) - expected).abs().max_element() < 1e-12);
+        }
+        let thick = Media::new([&medium(1.0, Phase::HenyeyGreenstein(0.9))].into_iter(), 1000.0);
+        assert_eq!(thick.orders_from(white, 5), DVec3::ONE);
+        let sun = thick.of(Most { radiance: Vec3::INFINITY, fluence: Vec3::ONE });
+        assert!((sun.first.x - 1.9 / (4.0 * PI * 0.01)).abs() < 1e-9);
+        assert_eq!(thick.orders_from(sun, 5), DVec3::INFINITY);
+        let dark = Bound { first: DVec3::ZERO, all: DVec3::ZERO };
+        assert_eq!(thick.orders_from(dark, 0), DVec3::ZERO);
+    }
+
+    #[test]
+    fn emission_is_what_is_not_scattered() {
+        let glowing = Medium { source: Source::Grey([2.0, 0.0, 1.0]), ..medium(0.75, Phase::Isotropic) };
+        let media = Media::new([&glowing].into_iter(), f64::INFINITY);
+        let bound = media.emission([(&glowing, 1.0)].into_iter());
+        assert_eq!((bound.first, bound.all), (DVec3::new(0.5, 0.0, 0.25), DVec3::new(2.0, 0.0, 1.0)));
+        assert_eq!(media.orders_from(bound, 0), DVec3::new(2.0, 0.0, 1.0));
+    }
+}

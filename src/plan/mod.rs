@@ -1,0 +1,159 @@
+//! Plans: which effects of a scene are simulated, which are not, and how much radiance is missing for that at most.
+//!
+//! A plan simplifies a scene: what a scene does not call for is gone from it before renderers compile their kernels for
+//! it, so that nothing asks for it while pixels are computed. A plan may also leave out what is there, as long as
+//! the sum of [upper bounds](bounds) of the missing radiance stays below a limit.
+
+mod bounds;
+mod depth;
+mod effect;
+mod measured;
+pub mod pilot;
+mod planner;
+
+pub use effect::Effect;
+pub use measured::{Depth, Measured};
+
+use crate::error::Result;
+use crate::render::path::Limits;
+use crate::scene::camera::Camera;
+use crate::scene::environment::Environment;
+use crate::scene::medium::Source;
+use crate::scene::scene::Scene;
+use crate::scene::table::Table;
+use crate::scene::volume::Volume;
+use glam::Vec3;
+use planner::Planner;
+use serde::Serialize;
+use std::sync::Arc;
+
+/// Freedom of a plan.
+#[derive(Debug, Clone, Default)]
+pub struct Request {
+    /// Radiance that may be missing in any channel of any pixel.
+    pub max_omitted: f64,
+    /// Effects that are kept whatever they add.
+    pub force: Vec<Effect>,
+    /// How far paths may go at most.
+    pub limits: Limits,
+    /// Radiance that the camera sees behind the media in place of the environment.
+    pub background: Option<[f32; 3]>,
+}
+
+/// How light is integrated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Integrator {
+    /// Along straight rays: nothing scatters.
+    DirectVolumeRendering,
+    /// Along random paths.
+    PathTracing,
+}
+
+/// Whether an effect is simulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum State {
+    /// It is.
+    On,
+    /// It is not.
+    Off,
+    /// In part.
+    Bounded,
+}
+
+/// Plan of an effect.
+#[derive(Debug, Clone, Serialize)]
+pub struct Planned {
+    /// Effect.
+    pub name: Effect,
+    /// State of the effect.
+    pub state: State,
+    /// Why.
+    pub reason: String,
+    /// Seconds a picture that it takes, as far as a [pilot] has told.
+    pub cost: Option<f64>,
+    /// Upper bound of the radiance that is left out in any channel of a pixel; for an effect that is on, of what would
+    /// be missing without it. None where nothing finite is known.
+    pub bound: Option<f64>,
+}
+
+/// Plan of a scene.
+#[derive(Debug, Clone, Serialize)]
+pub struct Plan {
+    /// How light is integrated.
+    pub integrator: Integrator,
+    /// Effects.
+    pub effects: Vec<Planned>,
+    /// Upper bound of the radiance that is left out in any channel of a pixel; none where nothing finite is known.
+    pub omitted: Option<f64>,
+    /// Measurements.
+    pub measured: Measured,
+    /// How far paths go.
+    #[serde(skip)]
+    pub limits: Limits,
+    /// Radiance that the camera sees behind the media in place of the environment.
+    #[serde(skip)]
+    pub background: Option<[f32; 3]>,
+}
+
+impl Plan {
+    /// Plans the rendering of a scene.
+    ///
+    /// # Errors
+    /// If a medium or a light cannot be used, or an effect is kept by force that the scene does not have.
+    pub fn new(scene: &Scene, cameras: &[Camera], request: &Request) -> Result<Self> {
+        Ok(Planner::new(scene, Measured::new(scene, cameras)?, request)?.plan())
+    }
+
+    /// Returns the state of an effect.
+    pub fn state(&self, effect: Effect) -> State {
+        self.effects.iter().find(|planned| planned.name == effect).map_or(State::Off, |planned| planned.state)
+    }
+
+    /// Takes out of a scene what the plan leaves out.
+    ///
+    /// # Errors
+    /// If a transfer function cannot be changed.
+    pub fn simplify(&self, mut scene: Scene) -> Result<Scene> {
+        let on = |effect| self.state(effect) != State::Off;
+        for volume in &mut scene.volumes {
+            let Volume::Density(_, medium) = volume else { continue };
+            if !on(Effect::Emission) {
+                medium.source = darkened(&medium.source, Vec3::ZERO)?;
+            }
+            if !on(Effect::Scattering)
+                && let Some(scattering) = medium.scattering.take()
+            {
+                medium.source = darkened(&medium.source, Vec3::ONE - Vec3::from_array(scattering.albedo))?;
+            }
+        }
+        let mut number = 0..;
+        scene.lights.retain(|_| number.next().is_some_and(|number| on(Effect::Light(number))));
+        match (self.integrator, self.background) {
+            // Rays end in what is behind; they know no other light.
+            (Integrator::DirectVolumeRendering, Some(background)) => {
+                scene.environment = Environment::constant(background);
+            }
+            _ if !on(Effect::Environment) => scene.environment = Environment::default(),
+            _ => {}
+        }
+        Ok(scene)
+    }
+}
+
+/// Returns a source whose radiance is multiplied by a share. Black ones keep the extinction alone where it has no function of its
+/// own.
+fn darkened(source: &Source, share: Vec3) -> Result<Source> {
+    let times = |color: &[f32; 3]| (Vec3::from_array(*color) * share).to_array();
+    Ok(match source {
+        Source::Grey(color) => Source::Grey(times(color)),
+        Source::Linear(color) => Source::Linear(times(color)),
+        Source::Transfer(table) => {
+            let share = share.as_dvec3();
+            let value = |[r, g, b, s]: &[f64; 4]| [r * share.x, g * share.y, b * share.z, *s];
+            let values = table.values().iter().map(value).collect();
+            Source::Transfer(Arc::new(Table::new(table.knots().to_vec(), values)?))
+        }
+    })
+}
