@@ -22,8 +22,8 @@ import bpy
 import numpy as np
 
 bpy.utils.expose_bundled_modules()
-import OpenImageIO as oiio  # noqa: E402  needs what was just exposed
-from cumulo.exr import read_exr  # noqa: E402
+from cumulo.exr import read_exr  # noqa: E402  needs what was just exposed
+from cumulo.sheet import blocks, srgb, write_png  # noqa: E402
 
 SUN = {"type": "DistantLight", "direction": [0.4, -0.5, 0.8], "irradiance": [3, 3, 3], "angle": 0.53}
 PANEL = {"type": "RectLight", "corner": [-0.5, -1.5, 2.0], "edges": [[0, 2, 0], [2, 0, 0]], "radiance": [4, 4, 4]}
@@ -71,12 +71,6 @@ def run(*words):
     return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout)
 
 
-def blocks(picture, edge=8):
-    """Means over blocks, of colors alone."""
-    height, width = (n // edge * edge for n in picture.shape[:2])
-    return picture[:height, :width, :3].reshape(height // edge, edge, width // edge, edge, 3).mean((1, 3))
-
-
 def study(scene, folder, a):
     """Pictures, seconds and bounds by effect."""
     variants = {effect: of for effect in ["full", *EFFECTS] if (of := without(scene, effect))}
@@ -95,12 +89,6 @@ def study(scene, folder, a):
             pictures.setdefault(effect, []).append(read_exr(out / "view_000.exr"))
     means = {effect: np.mean(of, axis=0) for effect, of in pictures.items()}
     return means, {effect: statistics.median(of) for effect, of in seconds.items()}, bounds
-
-
-def tile(picture, exposure):
-    """A picture of half the size as 8-bit sRGB."""
-    linear = np.clip(blocks(picture, 2) * exposure, 0, 1)
-    return (np.where(linear < 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055) * 255 + 0.5).astype("u1")
 
 
 def main():
@@ -127,20 +115,16 @@ def main():
         full = means["full"]
         print(f"| {name} | nothing | {seconds['full']:.2f} s | - | - |")
         for effect in (effect for effect in EFFECTS if effect in means):
-            error = np.sqrt(np.mean((blocks(means[effect]) - blocks(full)) ** 2) / np.mean(blocks(full) ** 2))
+            error = np.sqrt(np.mean((blocks(means[effect], 8) - blocks(full, 8)) ** 2) / np.mean(blocks(full, 8) ** 2))
             bound = bounds.get(effect)
             text = "-" if bound is None else f"{bound:.2g}"
             print(f"| | {effect} | {100 * seconds[effect] / seconds['full']:.0f} % | {100 * error:.1f} % | {text} |", flush=True)
         exposure = 0.8 / np.percentile(full[..., :3], 99.7)
         shown = ["full", "multiple-scattering", "anisotropy" if "anisotropy" in means else "emission", "environment", "light-0"]
         black = np.zeros_like(full)
-        rows.append(np.hstack([tile(means.get(effect, black), exposure) for effect in shown]))
+        rows.append(np.hstack([srgb(blocks(means.get(effect, black), 2), exposure) for effect in shown]))
     if a.sheet:
-        sheet = np.ascontiguousarray(np.vstack(rows))
-        out = oiio.ImageOutput.create(str(a.sheet))
-        out.open(str(a.sheet), oiio.ImageSpec(sheet.shape[1], sheet.shape[0], 3, oiio.UINT8))
-        out.write_image(sheet)
-        out.close()
+        write_png(a.sheet, np.vstack(rows))
 
 
 if __name__ == "__main__":

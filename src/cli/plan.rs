@@ -5,6 +5,7 @@ use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
 use crate::cli::render::{LeftOut, PictureOptions};
 use crate::error::{Error, Result};
+use crate::formats::sequence::Pattern;
 use crate::formats::transforms;
 use crate::plan::pilot::{self, Cost};
 use crate::plan::{Integrator, Plan, State};
@@ -19,6 +20,9 @@ use std::process::ExitCode;
 /// of them are left out as long as the sum of their bounds stays below. Costs are those of small pictures, rendered now.
 #[derive(Debug, clap::Args)]
 pub struct PlanCommand {
+    /// Frame of a sequence (default: the first)
+    #[arg(long, value_name = "N")]
+    frame: Option<u32>,
     #[command(flatten)]
     pub(in crate::cli) pictures: PictureOptions,
 }
@@ -80,7 +84,13 @@ impl PlanCommand {
     /// If the volume or the cameras cannot be used.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let cancel = cancel::listen();
-        let pictures = &self.pictures;
+        let mut pictures = self.pictures.clone();
+        pictures.frame = self.frame;
+        if let Some(pattern) = Pattern::parse(&pictures.input) {
+            let numbers = pattern.numbers()?;
+            pictures.frame = self.frame.or(numbers.first().copied());
+            pictures.input = pattern.path(pictures.frame.unwrap_or_default());
+        }
         let template = pictures.cameras.as_deref().map(transforms::load).transpose()?;
         let limits = pictures.memory.limits();
         let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut Provenance::begin())?;
@@ -101,7 +111,7 @@ impl PlanCommand {
         let cost = pilot::run(&mut plan, &scene, camera, samples, quadrature, cancel)?.ok_or_else(Error::cancelled)?;
         let size = [camera.width, camera.height];
         let views = scene.cameras.len();
-        output.report(&Report { input: pictures.input.clone(), views, size, plan, cost })?;
+        output.report(&Report { input: pictures.input, views, size, plan, cost })?;
         Ok(ExitCode::SUCCESS)
     }
 }

@@ -46,6 +46,8 @@ value_enum!(Aov {
     Normal: "normal", "Mean direction in which the density falls: Denoising Normal.X, .Y and .Z (path tracing)";
     Position: "position", "Mean position of first collisions: Position.X, .Y and .Z (path tracing)";
     Depth: "depth", "Mean length along the viewing axis to first collisions: Depth.Z (path tracing)";
+    Motion: "motion", "Pixels that first collisions move from and to the next frame: Vector.X, .Y, .Z and .W (path tracing)";
+    Samples: "samples", "Number of paths: Debug Sample Count.X (path tracing)";
     Halves: "halves", "Radiance of even and of odd paths: half_a.R, …, half_b.B (path tracing)";
 });
 

@@ -8,6 +8,7 @@ pub mod png;
 pub mod problem;
 pub mod reading;
 pub mod scene_file;
+pub mod sequence;
 pub mod temporary;
 pub mod transfer;
 pub mod transforms;

@@ -27,6 +27,12 @@ pub enum Aov {
     Position,
     /// Mean length along the viewing axis to first collisions, as plane `Depth.Z`; 1e10 without any.
     Depth,
+    /// Mean motion of first collisions in the picture, in pixels to the right and upwards, as planes `Vector.X` and `.Y` (their
+    /// place in the frame before, minus that now) and `.Z` and `.W` (their place now, minus that in the frame after), as Blender's
+    /// pass of that name; 0 where no frame is or nothing is met. The volume counts as at rest: the camera moves.
+    Motion,
+    /// Number of paths, as plane `Debug Sample Count.X`.
+    Samples,
     /// Radiance of the paths of even and of odd number, as planes `half_a.R`, `.G`, `.B` and `half_b.R`, `.G`, `.B`.
     Halves,
 }

@@ -34,7 +34,7 @@ impl PictureOptions {
         // The other model's background would be a surprise: white light behind a bright source.
         let same_model = template.filter(|c| (c.model == Model::Absorption) == (model == Model::Absorption));
         let default_background = match (model, subject) {
-            (_, Subject::Scene(scene)) => scene.environment.radiance,
+            (_, Subject::Scene { scene, .. }) => scene.environment.radiance,
             (Model::Absorption, _) => [1.0; 3],
             (Model::Scattering, _) => self.scattering.sky(),
             (Model::EmissionAbsorption | Model::PreShaded, _) => [0.0; 3],

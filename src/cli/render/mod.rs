@@ -1,6 +1,7 @@
 //! `cumulo render`: pictures of a volume from many sides, as a capture.
 
 mod capture;
+mod frames;
 mod options;
 mod planning;
 mod renderer;
@@ -17,10 +18,11 @@ use crate::cli::provenance::Provenance;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::exr;
+use crate::formats::sequence::Frames;
 use crate::formats::transforms::{self, FILE_NAME};
 use crate::plan::Plan;
 use crate::render::aov::{self, Aov};
-use crate::render::path::{self, Counts};
+use crate::render::path::{self, Counts, View};
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame, Model};
 use crate::scene::film::Film;
@@ -50,6 +52,13 @@ pub struct Render {
     /// Replace a capture in the folder, whoever made it (one of the very same command is replaced without)
     #[arg(long)]
     overwrite: bool,
+    /// Render a sequence, frame.####.exr for each number: A, A-B or A-BxSTEP (default with an input such as
+    /// smoke.####.vdb: all files that there are)
+    #[arg(long, value_name = "A-B")]
+    frames: Option<Frames>,
+    /// Skip frames that are there, made by the same command from volumes that have not changed since
+    #[arg(long, conflicts_with = "overwrite")]
+    resume: bool,
     /// Planes to write beside RGBA, one or more
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     aov: Vec<Aov>,
@@ -130,6 +139,13 @@ impl Render {
     /// capture in the folder is untouched then.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         outputs::folder(&self.output)?;
+        if self.is_sequence() {
+            return self.run_frames(output);
+        }
+        if self.resume {
+            return Err(Error::invalid("--resume: views appear together, when all are there")
+                .hint("give --frames to render a sequence, picture by picture"));
+        }
         let cancel = cancel::listen();
         let mut provenance = Provenance::begin();
         let pictures = &self.pictures;
@@ -140,13 +156,7 @@ impl Render {
         let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut provenance)?;
         let paths = pictures.scattering.on() || subject.is_scene();
         let capture = pictures.capture(&self.output, &subject, transfer, template.as_ref())?;
-        // Bytes a pixel of further planes as they are rendered, as they are kept and as they are written.
-        let planes = match paths {
-            true => path::PIXEL_BYTES + 2 * 4 * 25,
-            false if self.aov.is_empty() => 0,
-            false => aov::PIXEL_BYTES + 2 * 4 * 5,
-        };
-        fits(&capture, planes, limits.max_memory)?;
+        fits(&capture, self.plane_bytes(paths), limits.max_memory)?;
         self.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
 
@@ -158,17 +168,13 @@ impl Render {
         let waiting = capture.frames.iter().map(|f| batch.add(&f.picture)).collect::<Result<Vec<_>>>()?;
         let waiting_json = batch.add(&json)?;
         let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
-        // Rays without paths are planned by the options: their model says what is on.
-        let plan =
-            (paths || pictures.leaves_out()).then(|| pictures.plan(&scene, self.aov.iter().any(|aov| aov.of_paths())));
-        let plan = plan.transpose()?;
-        let scene = plan.iter().try_fold(scene, |scene, plan| plan.simplify(scene))?;
+        let (scene, plan) = self.planned(pictures, scene, paths)?;
         let renderer = pictures.renderer(plan.as_ref(), &scene, paths).map_err(|e| e.at(&pictures.input))?;
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
         let views: Vec<_> = scene.cameras.iter().zip(&waiting).enumerate().collect();
         let counts = views.into_par_iter().map(|(view, (camera, waiting))| {
-            let (film, counts) = self.film(&renderer, view, camera, cancel).ok_or_else(Error::cancelled)?;
+            let (film, counts) = self.film(&renderer, view, camera.into(), cancel).ok_or_else(Error::cancelled)?;
             exr::write_picture(waiting, &film, &attributes, false)?;
             bar.inc(1);
             Ok::<_, Error>(counts)
@@ -195,6 +201,25 @@ impl Render {
         Ok(ExitCode::SUCCESS)
     }
 
+    /// Plans a scene and takes out of it what the plan leaves out. Rays without paths are not planned unless something may be
+    /// left out: their model says what is on.
+    fn planned(&self, pictures: &PictureOptions, scene: Scene, paths: bool) -> Result<(Scene, Option<Plan>)> {
+        if !(paths || pictures.leaves_out()) {
+            return Ok((scene, None));
+        }
+        let plan = pictures.plan(&scene, self.aov.iter().any(|aov| aov.of_paths()))?;
+        Ok((plan.simplify(scene)?, Some(plan)))
+    }
+
+    /// Returns the bytes a pixel of further planes as they are rendered, as they are kept and as they are written.
+    fn plane_bytes(&self, paths: bool) -> u64 {
+        match paths {
+            true => path::PIXEL_BYTES + 2 * 4 * 30,
+            false if self.aov.is_empty() => 0,
+            false => aov::PIXEL_BYTES + 2 * 4 * 5,
+        }
+    }
+
     /// Returns how light was integrated, with the events that were counted.
     fn way(&self, renderer: &Renderer<'_>, scene: &Scene, counts: Counts) -> Way {
         match renderer {
@@ -213,6 +238,10 @@ impl Render {
             return Err(Error::invalid(format!("--aov {}: nothing is scattered", name(aov)))
                 .hint("planes of scattered light need path tracing: give --albedo"));
         }
+        if self.aov.contains(&Aov::Motion) && !self.is_sequence() {
+            return Err(Error::invalid("--aov motion: views are no frames")
+                .hint("give --frames to render a sequence, by the cameras of --cameras"));
+        }
         let (rays, option) = match paths {
             true => (self.pictures.scattering.samples(), "--samples 16"),
             false => (self.pictures.supersample, "--supersample 4"),
@@ -226,23 +255,23 @@ impl Render {
         Ok(())
     }
 
-    /// Renders a view. Returns `None` if `cancel` was set.
+    /// Renders a view, or a frame, of that number. Returns `None` if `cancel` was set.
     fn film(
         &self,
         renderer: &Renderer<'_>,
-        view: usize,
-        camera: &Camera,
+        number: usize,
+        view: View<'_>,
         cancel: &AtomicBool,
     ) -> Option<(Film, Counts)> {
         match (renderer, &self.aov[..]) {
             (Renderer::Paths(paths), aovs) => {
-                let picture = paths.picture(camera, self.pictures.scattering.sampling(view), aovs, cancel)?;
+                let picture = paths.picture(view, self.pictures.scattering.sampling(number), aovs, cancel)?;
                 Some((picture.film, picture.counts))
             }
             (Renderer::Dvr { dvr, rays_per_edge }, aovs) => {
                 let film = match aovs {
-                    [] => dvr.picture(camera, *rays_per_edge, cancel),
-                    aovs => dvr.picture_with(camera, *rays_per_edge, aovs, cancel),
+                    [] => dvr.picture(view.camera, *rays_per_edge, cancel),
+                    aovs => dvr.picture_with(view.camera, *rays_per_edge, aovs, cancel),
                 };
                 Some((film?, Counts::default()))
             }

@@ -11,10 +11,14 @@ use crate::scene::orbit::Layout;
 use std::path::PathBuf;
 
 /// Options that pictures are made by: subject, cameras, media and light.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct PictureOptions {
-    /// VDB, or scene file in JSON (`cumulo schema scene`), to render
+    /// VDB, or scene file in JSON (`cumulo schema scene`), to render; smoke.####.vdb, smoke.%04d.vdb and
+    /// smoke.0001-0100.vdb are sequences
     pub(in crate::cli) input: PathBuf,
+    /// Number of the frame, where a sequence is rendered.
+    #[arg(skip)]
+    pub(in crate::cli) frame: Option<u32>,
     /// Place this many cameras around the volume
     #[arg(long, value_name = "N", conflicts_with = "cameras", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub(in crate::cli) views: Option<u32>,

@@ -4,7 +4,7 @@ use crate::cli::parse;
 use crate::plan::Effect;
 
 /// Options of what may be left out of pictures.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "Planning")]
 pub(in crate::cli) struct PlanningOptions {
     /// Leave out effects as long as no channel of a pixel misses more radiance than this

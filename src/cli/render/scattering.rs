@@ -40,7 +40,7 @@ impl FromStr for Sky {
 }
 
 /// A medium that scatters light is rendered by path tracing.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "Scattering, by path tracing")]
 pub(in crate::cli) struct ScatteringOptions {
     /// Share of the extinction that is scattered, one number or r,g,b from 0 to 1; turns path tracing on

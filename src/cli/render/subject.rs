@@ -21,7 +21,12 @@ pub(in crate::cli) enum Subject {
     /// The grids of one volume, whose medium and light the options and `--cameras` tell.
     Grids(Grids),
     /// A scene file.
-    Scene(Scene),
+    Scene {
+        /// Scene.
+        scene: Scene,
+        /// True if another frame shows other volumes.
+        moving: bool,
+    },
 }
 
 impl Subject {
@@ -33,20 +38,20 @@ impl Subject {
         };
         match self {
             Self::Grids(grids) => grids.density_or_extinction().outline(),
-            Self::Scene(scene) => scene.volumes.iter().flat_map(outline).collect(),
+            Self::Scene { scene, .. } => scene.volumes.iter().flat_map(outline).collect(),
         }
     }
 
     /// True if it is rendered by path tracing whatever the options say.
     pub fn is_scene(&self) -> bool {
-        matches!(self, Self::Scene(_))
+        matches!(self, Self::Scene { .. })
     }
 
     /// Returns the index-to-world map of the volume, if there is but one.
     pub fn lattice(&self) -> Option<DMat4> {
         match self {
             Self::Grids(grids) => Some(grids.density_or_extinction().transform.matrix()),
-            Self::Scene(_) => None,
+            Self::Scene { .. } => None,
         }
     }
 }
@@ -61,7 +66,8 @@ impl PictureOptions {
     ) -> Result<(Subject, Option<Transfer>)> {
         if formats::sniff(&self.input)? == Format::Capture {
             self.check_scene_file()?;
-            let LoadedScene { volumes, lights, environment, files } = scene_file::load_within(&self.input, limits)?;
+            let LoadedScene { volumes, lights, environment, files, moving } =
+                scene_file::load_within(&self.input, self.frame, limits)?;
             for file in [&self.input].into_iter().chain(&files) {
                 provenance.input(file, [file.as_path()])?;
             }
@@ -71,7 +77,8 @@ impl PictureOptions {
                 Ok(Volume::Density(field, read.medium))
             };
             let volumes = volumes.into_iter().map(volume).collect::<Result<_>>()?;
-            return Ok((Subject::Scene(Scene { volumes, lights, environment, cameras: Vec::new() }), None));
+            let scene = Scene { volumes, lights, environment, cameras: Vec::new() };
+            return Ok((Subject::Scene { scene, moving }, None));
         }
         let (grids, transfer) = self.grids(template, limits)?;
         provenance.input(&self.input, [self.input.as_path()])?;
@@ -136,7 +143,7 @@ impl PictureOptions {
     pub(in crate::cli) fn scene(&self, capture: &Capture, subject: Subject) -> Result<Scene> {
         let cameras = capture.frames.iter().map(|frame| frame.camera).collect();
         let field = match subject {
-            Subject::Scene(scene) => return Ok(Scene { cameras, ..scene }),
+            Subject::Scene { scene, .. } => return Ok(Scene { cameras, ..scene }),
             Subject::Grids(grids) if !self.scattering.on() => return Scene::shown_by(capture, grids),
             Subject::Grids(Grids::Density(field)) => field,
             Subject::Grids(Grids::EmissionExtinction(_)) => {

@@ -4,6 +4,7 @@ use super::{LightEntry, MediumEntry, SceneFile, VolumeEntry};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
+use crate::formats::sequence::Pattern;
 use crate::formats::vdb::File;
 use crate::formats::{exr, input, transfer};
 use crate::scene::environment::{Environment, EnvironmentMap};
@@ -41,14 +42,16 @@ pub struct LoadedScene {
     pub environment: Environment,
     /// Files that were read beside the scene file.
     pub files: Vec<PathBuf>,
+    /// True if a volume is a sequence.
+    pub moving: bool,
 }
 
-/// Reads a scene file with its volumes and transfer functions.
+/// Reads a scene file with its volumes and transfer functions, sequences of volumes at a frame.
 ///
 /// # Errors
 /// If a file cannot be read, a key is missing, unknown or cannot be used, or the values do not fit into `limits`. The
 /// error names the file, and the volume or light.
-pub fn load_within(path: &Path, limits: Limits) -> Result<LoadedScene> {
+pub fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Result<LoadedScene> {
     let _reading = Reading::begin(path);
     let text = input::bytes(path, MAX_BYTES, "a scene")?;
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
@@ -68,7 +71,17 @@ pub fn load_within(path: &Path, limits: Limits) -> Result<LoadedScene> {
     let mut scene = LoadedScene::default();
     let mut volume = |(i, entry): (usize, &VolumeEntry)| {
         // What lies in another file is blamed on that file.
-        let (vdb, named) = (folder.join(&entry.file), part(format!("volume {i}")));
+        let (mut vdb, named) = (folder.join(&entry.file), part(format!("volume {i}")));
+        if let Some(pattern) = Pattern::parse(&vdb) {
+            let Some(number) = frame else {
+                return Err(named(
+                    Error::invalid(format!("{} is a sequence, and no frame is chosen", entry.file.display()))
+                        .hint("choose frames with --frames, or for `cumulo plan` one with --frame"),
+                ));
+            };
+            vdb = pattern.path(number);
+            scene.moving = true;
+        }
         scene.files.push(vdb.clone());
         scene.files.extend(entry.medium.transfer.as_ref().map(|tf| folder.join(tf)));
         let grid = File::open(&vdb, limits)?.read_fog(entry.grid.as_deref())?;

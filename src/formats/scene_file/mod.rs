@@ -39,7 +39,7 @@ pub struct SceneFile {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VolumeEntry {
-    /// VDB file, found from the folder of the scene.
+    /// VDB file, found from the folder of the scene, or a sequence such as `smoke.####.vdb`.
     pub file: PathBuf,
     /// Grid of densities; `density`, else the only scalar one, unless stated.
     pub grid: Option<String>,

@@ -16,7 +16,7 @@ mod optics;
 mod picture;
 mod tracking;
 
-pub use picture::{PIXEL_BYTES, PathFilm, Sampling};
+pub use picture::{PIXEL_BYTES, PathFilm, Sampling, View};
 
 use crate::error::{Error, Result};
 use crate::math::Ray;

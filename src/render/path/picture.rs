@@ -6,7 +6,7 @@ use crate::render::sampler::Sampler;
 use crate::render::tiles;
 use crate::scene::camera::Camera;
 use crate::scene::film::{Film, Moments, Plane};
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Which paths a picture is made of.
@@ -16,6 +16,36 @@ pub struct Sampling {
     pub samples: u32,
     /// Seed of the random numbers; pictures of different seeds are independent.
     pub seed: u64,
+}
+
+/// A camera, and where it stands in the frames before and after.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'c> {
+    /// Camera.
+    pub camera: &'c Camera,
+    /// Camera of the frame before, if there is one.
+    pub before: Option<&'c Camera>,
+    /// Camera of the frame after, if there is one.
+    pub after: Option<&'c Camera>,
+}
+
+impl<'c> From<&'c Camera> for View<'c> {
+    /// Creates the view of a picture that stands alone.
+    fn from(camera: &'c Camera) -> Self {
+        Self { camera, before: None, after: None }
+    }
+}
+
+impl View<'_> {
+    /// Returns how a world point that is seen at `now` moves in the picture: its place in the frame before minus that now, and
+    /// its place now minus that in the frame after, in pixels to the right and upwards.
+    fn motion(&self, world: DVec3, now: DVec2) -> [DVec2; 2] {
+        let from_now = |camera: Option<&Camera>| {
+            let place = camera.and_then(|camera| camera.project(world)).map_or(now, |(place, _)| place);
+            DVec2::new(place.x - now.x, now.y - place.y)
+        };
+        [from_now(self.before), -from_now(self.after)]
+    }
 }
 
 /// A picture with the number of events that it took.
@@ -53,6 +83,8 @@ struct Pixel {
     normal: DVec3,
     position: DVec3,
     depth: f64,
+    /// Motion as [`View::motion`] gives it.
+    motion: [DVec2; 2],
     counts: Counts,
 }
 
@@ -109,6 +141,12 @@ fn layers(aov: Aov) -> Vec<Layer> {
             let depth = if p.collided > 0.0 { (p.depth / p.collided) as f32 } else { NOWHERE };
             [depth, 0.0, 0.0, 0.0]
         })],
+        Aov::Motion => vec![("Vector", &["X", "Y", "Z", "W"], |p, _| {
+            let mean = |sum: DVec2| if p.collided > 0.0 { (sum / p.collided).as_vec2() } else { Vec2::ZERO };
+            let [before, after] = p.motion.map(mean);
+            [before.x, before.y, after.x, after.y]
+        })],
+        Aov::Samples => vec![("Debug Sample Count", &["X"], |_, n| [n as f32, 0.0, 0.0, 0.0])],
         Aov::Halves => vec![
             ("half_a", RGB, |p, n| mean(p.halves[0], n.div_ceil(2))),
             ("half_b", RGB, |p, n| mean(p.halves[1], n / 2)),
@@ -119,11 +157,19 @@ fn layers(aov: Aov) -> Vec<Layer> {
 impl PathTracer<'_> {
     /// Renders a picture, the mean over the paths of each pixel through points of its square, with the requested planes
     /// beside RGBA. Returns `None` if `cancel` was set.
-    pub fn picture(&self, camera: &Camera, sampling: Sampling, aovs: &[Aov], cancel: &AtomicBool) -> Option<PathFilm> {
+    pub fn picture<'c>(
+        &self,
+        view: impl Into<View<'c>>,
+        sampling: Sampling,
+        aovs: &[Aov],
+        cancel: &AtomicBool,
+    ) -> Option<PathFilm> {
+        let view = view.into();
+        let camera = view.camera;
         let size = [camera.width as usize, camera.height as usize];
         let count = sampling.samples.max(1);
-        // Slopes are looked up for this plane alone.
-        let normals = aovs.contains(&Aov::Normal);
+        // Slopes and places in other frames are looked up for these planes alone.
+        let [normals, motion] = [Aov::Normal, Aov::Motion].map(|aov| aovs.contains(&aov));
         let pixel = |scratch: &mut Scratch, at: [usize; 2]| {
             let mut pixel = Pixel::default();
             scratch.counts = Counts::default();
@@ -134,11 +180,16 @@ impl PathTracer<'_> {
                 }
                 let mut sampler = Sampler::new(sampling.seed, at, number);
                 let [dx, dy, ..] = sampler.even();
-                let ray = camera.ray(at[0] as f64 + dx, at[1] as f64 + dy);
+                let place = DVec2::new(at[0] as f64 + dx, at[1] as f64 + dy);
+                let ray = camera.ray(place.x, place.y);
                 let sample = self.sample(&ray, &mut sampler, scratch);
                 pixel.add(number, camera, &sample);
                 if let (true, Some(first)) = (normals, &sample.first) {
                     pixel.normal += f64::from(first.share) * self.kernel.normal(first);
+                }
+                if let (true, Some(first)) = (motion, &sample.first) {
+                    let moved = view.motion(first.position, place);
+                    pixel.motion.iter_mut().zip(moved).for_each(|(sum, v)| *sum += f64::from(first.share) * v);
                 }
             }
             pixel.counts = scratch.counts;

@@ -1,0 +1,331 @@
+//! Sequences: a picture for each frame, of one volume or of one for each frame. Every picture is in place as soon as it
+//! is done; one that fails does not stop the others.
+
+use super::options::PictureOptions;
+use super::scattering::Paths;
+use super::subject::Subject;
+use super::{Render, fits};
+use crate::cli::cancel;
+use crate::cli::output::Output;
+use crate::cli::outputs;
+use crate::cli::parse::DensityScale;
+use crate::cli::provenance::Provenance;
+use crate::error::{Error, Kind, Result};
+use crate::formats::atomic::Batch;
+use crate::formats::exr;
+use crate::formats::sequence::{self, Pattern};
+use crate::formats::transforms::{self, FILE_NAME};
+use crate::plan::Plan;
+use crate::render::path::{Counts, View};
+use crate::scene::camera::Camera;
+use crate::scene::capture::{Capture, Frame};
+use crate::scene::scene::Scene;
+use serde::Serialize;
+use serde_json::{Map, json};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::AtomicBool;
+
+/// A frame that could not be rendered.
+#[derive(Debug, Serialize)]
+struct Failed {
+    frame: u32,
+    error: String,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    #[serde(serialize_with = "crate::cli::paths::text")]
+    output: PathBuf,
+    rendered: usize,
+    skipped: usize,
+    failed: Vec<Failed>,
+    density_scale: f64,
+    paths: Option<Paths>,
+    seconds: f64,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { output, rendered, skipped, failed, density_scale, paths, seconds } = self;
+        write!(f, "{}: {rendered} frames in {seconds:.2} s, ", output.display())?;
+        write!(f, "{skipped} that were there, {} that failed; density scale {density_scale}", failed.len())?;
+        paths.map_or(Ok(()), |paths| write!(f, "\n{paths}"))
+    }
+}
+
+/// What is rendered in a frame, planned.
+struct Shot {
+    capture: Capture,
+    scene: Scene,
+    plan: Option<Plan>,
+    provenance: Provenance,
+    /// True if paths were asked for.
+    paths: bool,
+    /// True if another frame shows other volumes.
+    moving: bool,
+}
+
+/// Sequence at work.
+struct Sequence<'s> {
+    render: &'s Render,
+    /// Options, with what the first frame has settled.
+    pictures: PictureOptions,
+    pattern: Option<Pattern>,
+    template: Option<Capture>,
+    /// Cameras of the frames, or of all, each between those of the frames before and after.
+    cameras: Vec<[Camera; 3]>,
+    provenance: Provenance,
+    shot: Option<Shot>,
+    cancel: &'static AtomicBool,
+}
+
+impl Render {
+    /// True if frames are to be rendered, not views.
+    pub(super) fn is_sequence(&self) -> bool {
+        self.frames.is_some() || Pattern::parse(&self.pictures.input).is_some()
+    }
+
+    /// Renders the frames, writes and reports. Exit code 2 if any failed.
+    ///
+    /// # Errors
+    /// If no frame can be begun, or pictures of other commands would be replaced.
+    pub(super) fn run_frames(&self, output: &Output) -> Result<ExitCode> {
+        let mut provenance = Provenance::begin();
+        let pattern = Pattern::parse(&self.pictures.input);
+        let numbers: Vec<u32> = match (self.frames, &pattern) {
+            (Some(frames), _) => frames.numbers().collect(),
+            (None, Some(pattern)) => pattern.numbers()?,
+            (None, None) => Vec::new(),
+        };
+        let template = self.pictures.cameras.as_deref().map(transforms::load).transpose()?;
+        let cameras = template.as_ref().map(|template| self.cameras(template, &numbers)).transpose()?;
+        if self.pictures.views.is_some_and(|views| views > 1) {
+            return Err(Error::invalid("--views: a sequence has one picture for each frame")
+                .hint("give --views 1 for a camera at rest, or --cameras with one for each frame"));
+        }
+        let paths = numbers.iter().map(|number| self.output.join(format!("frame.{number:04}.exr")));
+        let frames: Vec<(u32, PathBuf)> = numbers.iter().copied().zip(paths).collect();
+        let mut sequence = Sequence {
+            render: self,
+            pictures: self.pictures.clone(),
+            pattern,
+            template,
+            cameras: cameras.unwrap_or_default(),
+            provenance: provenance.clone(),
+            shot: None,
+            cancel: cancel::listen(),
+        };
+        let json = self.output.join(FILE_NAME);
+        let kept = sequence.spare(&json, &frames)?;
+        // A folder that stays empty is removed again.
+        let mut batch = Batch::new();
+        batch.make_folder(&self.output)?;
+
+        let bar = output.progress(frames.len() as u64, "render");
+        let (mut done, mut failed, mut skipped, mut counts) = (Vec::new(), Vec::new(), 0, Counts::default());
+        for (place, (number, path)) in frames.iter().enumerate() {
+            let result = match sequence.is_done(*number, path) {
+                true => Ok(None),
+                false => sequence.frame(place, *number, path).map(Some),
+            };
+            match result {
+                Ok(None) => skipped += 1,
+                Ok(Some(of_frame)) => counts = counts.plus(of_frame),
+                Err(e) if e.kind() == Kind::Cancelled => return Err(e),
+                Err(e) => {
+                    output.note(format!("frame {number}: {e}"));
+                    failed.push(Failed { frame: *number, error: e.to_string() });
+                    bar.inc(1);
+                    continue;
+                }
+            }
+            done.push((place, path.clone()));
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        provenance.inputs.clone_from(&sequence.provenance.inputs);
+        let seconds = provenance.lap();
+        let density_scale = sequence.write(&json, &done, kept, &provenance)?;
+        if !done.is_empty() {
+            batch.commit()?;
+        }
+        let paths = (counts.paths > 0).then(|| self.pictures.scattering.paths(counts));
+        let code = if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(2) };
+        let rendered = done.len() - skipped;
+        output.report(&Report {
+            output: self.output.clone(),
+            rendered,
+            skipped,
+            failed,
+            density_scale,
+            paths,
+            seconds,
+        })?;
+        Ok(code)
+    }
+
+    /// Returns the camera of each frame, the one whose picture bears the frame's number, or the only one; before and after it
+    /// those of the numbers next to it, or itself.
+    fn cameras(&self, template: &Capture, numbers: &[u32]) -> Result<Vec<[Camera; 3]>> {
+        if let [only] = &template.frames[..] {
+            return Ok(vec![[only.camera; 3]]);
+        }
+        let of = |number: Option<u32>| {
+            let bears = |frame: &&Frame| number.is_some() && sequence::number_of(&frame.picture) == number;
+            template.frames.iter().find(bears).map(|frame| frame.camera)
+        };
+        let find = |number: &u32| {
+            let beside = |camera| [number.checked_sub(1), number.checked_add(1)].map(|n| of(n).unwrap_or(camera));
+            let between = |camera| {
+                let [before, after] = beside(camera);
+                [before, camera, after]
+            };
+            of(Some(*number)).map(between).ok_or_else(|| {
+                let known: Vec<u32> = template.frames.iter().filter_map(|f| sequence::number_of(&f.picture)).collect();
+                let range = known.iter().min().zip(known.iter().max());
+                let known = range.map_or("no numbers".into(), |(a, b)| format!("the numbers {a} to {b}"));
+                Error::invalid(format!("no camera for frame {number}: the pictures' names have {known}"))
+                    .at(self.pictures.cameras.as_deref().unwrap_or(Path::new("")))
+                    .hint("choose frames with --frames, or give one camera for all of them")
+            })
+        };
+        numbers.iter().map(find).collect()
+    }
+}
+
+impl Sequence<'_> {
+    /// Makes sure that nothing of other commands is replaced. Returns frames of an earlier run that this one leaves alone.
+    fn spare(&self, json: &Path, frames: &[(u32, PathBuf)]) -> Result<Vec<Frame>> {
+        let pictures: Vec<PathBuf> = frames.iter().map(|(_, path)| path.clone()).collect();
+        let inputs = [Some(&self.pictures.input), self.pictures.transfer.tf.as_ref(), self.pictures.cameras.as_ref()];
+        let outputs = pictures.iter().map(PathBuf::as_path).chain([json]);
+        outputs::spare(outputs, inputs.into_iter().flatten().map(PathBuf::as_path).collect::<Vec<_>>())?;
+        if !self.render.resume {
+            match self.render.overwrite {
+                true => {}
+                false => outputs::spare_captures(json, &pictures, &self.provenance.command)?,
+            }
+            return Ok(Vec::new());
+        }
+        for path in pictures.iter().filter(|path| path.exists()) {
+            let earlier = exr::header(path)?.attributes().get("cumulo:command").cloned().unwrap_or_default();
+            if settings(&earlier) != settings(&self.provenance.command) {
+                return Err(Error::invalid(format!("another command made this picture: {earlier}"))
+                    .at(path)
+                    .hint("--resume goes on with the very same command; give another folder, or --overwrite"));
+            }
+        }
+        if !json.exists() {
+            return Ok(Vec::new());
+        }
+        let other = |frame: &Frame| !pictures.contains(&frame.picture) && frame.picture.exists();
+        Ok(transforms::load(json)?.frames.into_iter().filter(other).collect())
+    }
+
+    /// True if a frame is there and no older than its volume.
+    fn is_done(&self, number: u32, path: &Path) -> bool {
+        let time = |path: &Path| std::fs::metadata(path).and_then(|data| data.modified()).ok();
+        let input = self.pattern.as_ref().map_or_else(|| self.pictures.input.clone(), |pattern| pattern.path(number));
+        self.render.resume && time(path).zip(time(&input)).is_some_and(|(picture, volume)| picture >= volume)
+    }
+
+    /// Reads and plans a frame. What the first one settles, camera and density scale, holds for all.
+    fn shot(&mut self, place: usize, number: u32) -> Result<Shot> {
+        let mut pictures = self.pictures.clone();
+        pictures.frame = Some(number);
+        if let Some(pattern) = &self.pattern {
+            pictures.input = pattern.path(number);
+        }
+        let limits = pictures.memory.limits();
+        let mut provenance = self.provenance.clone();
+        let (subject, transfer) = pictures.subject(self.template.as_ref(), limits, &mut provenance)?;
+        let moving = self.pattern.is_some() || matches!(subject, Subject::Scene { moving: true, .. });
+        let paths = pictures.scattering.on() || subject.is_scene();
+        let mut capture = pictures.capture(&self.render.output, &subject, transfer, self.template.as_ref())?;
+        self.pictures.density_scale = Some(DensityScale::Given(capture.density_scale)).filter(|_| !subject.is_scene());
+        if self.cameras.is_empty() {
+            self.cameras = capture.frames.iter().map(|frame| [frame.camera; 3]).collect();
+        }
+        let picture = self.render.output.join(format!("frame.{number:04}.exr"));
+        capture.frames = vec![Frame { camera: self.camera(place), picture }];
+        fits(&capture, self.render.plane_bytes(paths), limits.max_memory)?;
+        self.render.check_aovs(paths)?;
+        pictures.scattering.check(paths)?;
+        let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
+        let (scene, plan) = self.render.planned(&pictures, scene, paths)?;
+        Ok(Shot { capture, scene, plan, provenance, paths, moving })
+    }
+
+    fn camera(&self, place: usize) -> Camera {
+        self.cameras[place.min(self.cameras.len() - 1)][1]
+    }
+
+    /// Renders and writes a frame.
+    fn frame(&mut self, place: usize, number: u32, path: &Path) -> Result<Counts> {
+        let shot = match self.shot.take() {
+            Some(shot) if !shot.moving => shot,
+            _ => self.shot(place, number)?,
+        };
+        let shot = self.shot.insert(shot);
+        let renderer = self.pictures.renderer(shot.plan.as_ref(), &shot.scene, shot.paths)?;
+        let [before, camera, after] = &self.cameras[place.min(self.cameras.len() - 1)];
+        let view = View { camera, before: Some(before), after: Some(after) };
+        let rendered = self.render.film(&renderer, number as usize, view, self.cancel);
+        let (film, counts) = rendered.ok_or_else(Error::cancelled)?;
+        self.provenance.inputs.extend(shot.provenance.inputs.clone());
+        let mut attributes = shot.provenance.attributes();
+        attributes.insert("cumulo:frame".into(), number.to_string());
+        exr::write_picture(path, &film, &attributes, false)?;
+        Ok(counts)
+    }
+
+    /// Writes the capture of the frames that are there, and returns its density scale.
+    fn write(&self, json: &Path, done: &[(usize, PathBuf)], kept: Vec<Frame>, provenance: &Provenance) -> Result<f64> {
+        let Some(shot) = self.shot.as_ref().filter(|_| !done.is_empty()) else {
+            // Nothing was rendered now: an earlier capture stands.
+            return Ok(transforms::load(json).map_or(1.0, |capture| capture.density_scale));
+        };
+        let frame =
+            |(place, picture): &(usize, PathBuf)| Frame { camera: self.camera(*place), picture: picture.clone() };
+        let mut frames: Vec<Frame> = done.iter().map(frame).chain(kept).collect();
+        frames.sort_by(|a, b| a.picture.cmp(&b.picture));
+        let capture = Capture { frames, ..shot.capture.clone() };
+        let mut extra = Map::new();
+        extra.insert("provenance".into(), json!(provenance));
+        extra.extend(shot.plan.iter().map(|plan| ("plan".to_owned(), json!(plan))));
+        extra.extend(shot.paths.then(|| ("scattering".to_owned(), self.pictures.scattering.record())));
+        transforms::save_for(json, json, &capture, &extra)?;
+        Ok(capture.density_scale)
+    }
+}
+
+/// Returns the words of a command without the program's name and without those that choose frames or say how to work.
+fn settings(command: &str) -> Vec<&str> {
+    let mut words = command.split(' ').skip(1);
+    let mut kept = Vec::new();
+    while let Some(word) = words.next() {
+        match word {
+            "--frames" | "--threads" => {
+                words.next();
+            }
+            "--resume" | "--overwrite" | "--quiet" | "-q" | "--json" => {}
+            word if word.starts_with("--frames=") || word.starts_with("--threads=") => {}
+            word => kept.push(word),
+        }
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::settings;
+
+    #[test]
+    fn frames_and_threads_are_no_settings() {
+        let a = settings("cumulo render a.vdb --frames 1-3 --threads 2 --resume -o b");
+        assert_eq!(a, settings("/bin/cumulo render a.vdb --frames=4 -o b --json"));
+        assert_ne!(a, settings("cumulo render a.vdb -o c"));
+    }
+}

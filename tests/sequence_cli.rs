@@ -1,0 +1,122 @@
+//! `cumulo render --frames`: sequences of volumes and of cameras, resumed, in parts, with frames that fail.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is how a test fails")]
+
+mod work;
+
+use cumulo::formats::limits::Limits;
+use cumulo::formats::{exr, transforms};
+use glam::DVec3;
+use serde_json::Value;
+use work::{Work, errors, fixture};
+
+const LIT: &str = "--size 20x16 --density-scale 4 --albedo 0.9 --sun 1,1,2 --sky 0.2 --samples 4";
+
+fn frames(work: &Work, folder: &str) -> Vec<String> {
+    let json: Value =
+        serde_json::from_slice(&std::fs::read(work.path(&format!("{folder}/transforms.json"))).unwrap()).unwrap();
+    json["frames"].as_array().unwrap().iter().map(|f| f["file_path"].as_str().unwrap().to_owned()).collect()
+}
+
+/// A frame without a volume fails by name, and the rest go on; resumed, only what is missing is rendered.
+#[test]
+fn a_frame_that_fails_does_not_stop_the_others() {
+    let work = Work::new();
+    for (name, from) in [("smoke.0001.vdb", "plume.vdb"), ("smoke.0003.vdb", "blob_sheared.vdb")] {
+        std::fs::copy(fixture(from), work.path(name)).unwrap();
+    }
+    let command = "render smoke.####.vdb --frames 1-3 --views 1 --size 20x16 --density-scale auto -o out";
+    let out = work.command(command).arg("--json").output().unwrap();
+    assert_eq!(out.status.code(), Some(2), "{}", errors(&out));
+    assert!(errors(&out).contains("frame 2") && errors(&out).contains("smoke.0002.vdb"), "{}", errors(&out));
+    let report: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!((&report["rendered"], &report["failed"][0]["frame"]), (&Value::from(2), &Value::from(2)));
+    assert_eq!(frames(&work, "out"), ["frame.0001.exr", "frame.0003.exr"]);
+
+    std::fs::copy(fixture("cube.vdb"), work.path("smoke.0002.vdb")).unwrap();
+    let before = work.files("out");
+    let again = work.json(&format!("{command} --resume"));
+    assert_eq!((&again["rendered"], &again["skipped"]), (&Value::from(1), &Value::from(2)));
+    assert_eq!(frames(&work, "out"), ["frame.0001.exr", "frame.0002.exr", "frame.0003.exr"]);
+    for (path, bytes) in before.iter().filter(|(path, _)| path.extension().is_some_and(|e| e == "exr")) {
+        assert_eq!(work.files("out").get(path), Some(bytes), "{}", path.display());
+    }
+    // All frames have the first one's camera and density scale.
+    let scale = again["density_scale"].as_f64().unwrap();
+    work.json(&format!("render smoke.0003.vdb --cameras out --density-scale {scale} -o single"));
+    assert_eq!(work.picture("out/frame.0003.exr"), work.picture("single/view_002.exr"));
+
+    // A volume that has changed is rendered again; without a range, all files are frames.
+    let late = std::fs::File::options().append(true).open(work.path("smoke.0001.vdb")).unwrap();
+    late.set_modified(std::time::SystemTime::now() + std::time::Duration::from_secs(5)).unwrap();
+    let changed = work.json(&format!("{} --resume", command.replace("--frames 1-3 ", "")));
+    assert_eq!((&changed["rendered"], &changed["skipped"]), (&Value::from(1), &Value::from(2)));
+}
+
+/// Frames of one volume by the cameras of a capture are the views of the same numbers, in one run or in parts.
+#[test]
+fn cameras_are_found_by_number() {
+    let work = Work::new();
+    work.json(&format!("render @plume.vdb --views 4 {LIT} -o views"));
+    let options = LIT.replace("--size 20x16", "--cameras views");
+    let whole = work.json(&format!("render @plume.vdb --frames 1-3x2 {options} -o whole"));
+    assert_eq!((&whole["rendered"], &whole["paths"]["samples"]), (&Value::from(2), &Value::from(4)));
+    for number in [1, 3] {
+        let [frame, view] = [format!("whole/frame.000{number}.exr"), format!("views/view_00{number}.exr")];
+        assert_eq!(work.picture(&frame), work.picture(&view), "{number}");
+    }
+    work.json(&format!("render @plume.vdb --frames 0-1 {options} -o parts"));
+    work.json(&format!("render @plume.vdb --frames 2-3 {options} -o parts --resume"));
+    assert_eq!(frames(&work, "parts").len(), 4);
+    assert_eq!(work.picture("parts/frame.0003.exr"), work.picture("whole/frame.0003.exr"));
+
+    // Points of the volume go where the next camera sees them: the difference of depth and place tells.
+    work.json(&format!("render @plume.vdb --frames 1-3 {options} --aov motion,position,samples -o moved"));
+    let film = exr::read_film_within(&work.path("moved/frame.0002.exr"), None, Limits::default()).unwrap();
+    let cameras = transforms::load(&work.path("moved")).unwrap().frames;
+    let plane = |name: &str| film.plane(name).unwrap_or_else(|| panic!("{name}"));
+    assert!(plane("Debug Sample Count.X").iter().all(|n| *n == 4.0));
+    let mut seen = 0;
+    for pixel in (0..film.width * film.height).filter(|pixel| film.rgba[*pixel][3] > 0.5) {
+        let at = |layer: &str, c: &str| f64::from(plane(&format!("{layer}.{c}"))[pixel]);
+        let world = DVec3::new(at("Position", "X"), at("Position", "Y"), at("Position", "Z"));
+        let [before, now, after] = [0, 1, 2].map(|i| cameras[i].camera.project(world).unwrap().0);
+        let [back, on] = [before - now, now - after];
+        let expected = [back.x, -back.y, on.x, -on.y];
+        let found = ["X", "Y", "Z", "W"].map(|c| at("Vector", c));
+        // The mean of places is not quite the place of the mean.
+        let off = expected.iter().zip(found).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 0.1 * back.length().max(on.length()) + 0.05, "{pixel}: {expected:?} {found:?}");
+        seen += 1;
+    }
+    assert!(seen > 10, "{seen}");
+    work.refused(&format!("render @plume.vdb --views 1 {LIT} --aov motion -o no"), &["motion", "--frames"]);
+
+    work.refused(&format!("render @plume.vdb --frames 2-4 {options} -o more"), &["frame 4", "0 to 3"]);
+    let other = options.replace("0.9", "0.8");
+    work.refused(&format!("render @plume.vdb --frames 0-3 {other} -o parts --resume"), &["another command"]);
+    work.refused(&format!("render @plume.vdb --frames 0-3 {options} -o whole"), &["--overwrite"]);
+    work.refused(&format!("render @plume.vdb --frames 3-1 {options} -o whole"), &["empty"]);
+    work.refused(&format!("render @plume.vdb --views 4 --frames 1-3 {LIT} -o no"), &["--views 1"]);
+    work.refused(&format!("render @plume.vdb --views 2 {LIT} -o no --resume"), &["--frames"]);
+    work.refused(&format!("render none.####.vdb --views 1 {LIT} -o no"), &["none.0001.vdb"]);
+}
+
+/// A scene file may hold a sequence.
+#[test]
+fn scene_files_hold_sequences() {
+    let work = Work::new();
+    for (name, from) in [("s.0001.vdb", "plume.vdb"), ("s.0002.vdb", "cube.vdb")] {
+        std::fs::copy(fixture(from), work.path(name)).unwrap();
+    }
+    let scene = serde_json::json!({
+        "volumes": [{"file": "s.%04d.vdb", "medium": {"density_scale": 4, "albedo": [0.9, 0.9, 0.9]}}],
+        "lights": [{"type": "DomeLight"}],
+    });
+    std::fs::write(work.path("scene.json"), scene.to_string()).unwrap();
+    let report = work.json("render scene.json --views 1 --size 12x12 --samples 4 --frames 1-2 -o out");
+    assert_eq!(report["rendered"], 2);
+    assert_ne!(work.picture("out/frame.0001.exr"), work.picture("out/frame.0002.exr"));
+    work.refused("render scene.json --views 1 -o no", &["s.%04d.vdb", "--frames"]);
+    assert_eq!(work.json("plan scene.json --frame 2 --size 12x12")["integrator"], "path-tracing");
+}
