@@ -1,11 +1,13 @@
 //! What the parts cost. `cargo bench --bench kernels` prints a table; `python/bench.py` asks for
-//! `-- --json FILE --vdb VOLUME PEER FOLDER` and puts the rows beside those of whole reconstructions.
+//! `-- --json FILE --vdb VOLUME PEER FOLDER` and puts the rows beside those of whole reconstructions. `-- --paths` compares
+//! the specialised kernels of path tracing with the one that serves any scene.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a bench stops at the first fault and prints its figures")]
 
 mod dvr;
 #[path = "../fields/mod.rs"]
 mod fields;
+mod paths;
 mod rays;
 mod row;
 mod turns;
@@ -26,6 +28,9 @@ fn main() {
     }
     if let Some([volume, count, rule, pixels, ..]) = after(dvr::GRADIENT) {
         return dvr::gradient(Path::new(volume), threads(count), rule.parse().unwrap(), pixels.parse().unwrap());
+    }
+    if after(paths::PATHS).is_some() {
+        return print!("{}", row::table(&paths::rows()));
     }
     let mut rows = rays::rows();
     if let Some([volume, peer, folder, ..]) = after("--vdb") {

@@ -55,7 +55,7 @@ impl fmt::Display for Report {
     }
 }
 
-/// What is rendered in a frame, planned.
+/// Scene of a frame, planned.
 struct Shot {
     capture: Capture,
     scene: Scene,
@@ -123,28 +123,7 @@ impl Render {
         let mut batch = Batch::new();
         batch.make_folder(&self.output)?;
 
-        let bar = output.progress(frames.len() as u64, "render");
-        let (mut done, mut failed, mut skipped, mut counts) = (Vec::new(), Vec::new(), 0, Counts::default());
-        for (place, (number, path)) in frames.iter().enumerate() {
-            let result = match sequence.is_done(*number, path) {
-                true => Ok(None),
-                false => sequence.frame(place, *number, path).map(Some),
-            };
-            match result {
-                Ok(None) => skipped += 1,
-                Ok(Some(of_frame)) => counts = counts.plus(of_frame),
-                Err(e) if e.kind() == Kind::Cancelled => return Err(e),
-                Err(e) => {
-                    output.note(format!("frame {number}: {e}"));
-                    failed.push(Failed { frame: *number, error: e.to_string() });
-                    bar.inc(1);
-                    continue;
-                }
-            }
-            done.push((place, path.clone()));
-            bar.inc(1);
-        }
-        bar.finish_and_clear();
+        let Results { done, failed, skipped, counts } = sequence.all(&frames, output)?;
         provenance.inputs.clone_from(&sequence.provenance.inputs);
         let seconds = provenance.lap();
         let density_scale = sequence.write(&json, &done, kept, &provenance)?;
@@ -195,7 +174,47 @@ impl Render {
     }
 }
 
+/// What has become of the frames.
+#[derive(Default)]
+struct Results {
+    /// Frames that are there, by their place in the sequence.
+    done: Vec<(usize, PathBuf)>,
+    failed: Vec<Failed>,
+    skipped: usize,
+    counts: Counts,
+}
+
 impl Sequence<'_> {
+    /// Renders one frame after the other.
+    ///
+    /// # Errors
+    /// If the work is interrupted.
+    fn all(&mut self, frames: &[(u32, PathBuf)], output: &Output) -> Result<Results> {
+        let bar = output.progress(frames.len() as u64, "render");
+        let mut results = Results::default();
+        for (place, (number, path)) in frames.iter().enumerate() {
+            let result = match self.is_done(*number, path) {
+                true => Ok(None),
+                false => self.frame(place, *number, path).map(Some),
+            };
+            match result {
+                Err(e) if e.kind() == Kind::Cancelled => return Err(e),
+                Err(e) => {
+                    output.note(format!("frame {number}: {e}"));
+                    results.failed.push(Failed { frame: *number, error: e.to_string() });
+                }
+                Ok(counts) => {
+                    results.skipped += usize::from(counts.is_none());
+                    results.counts = results.counts.plus(counts.unwrap_or_default());
+                    results.done.push((place, path.clone()));
+                }
+            }
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        Ok(results)
+    }
+
     /// Makes sure that nothing of other commands is replaced. Returns frames of an earlier run that this one leaves alone.
     fn spare(&self, json: &Path, frames: &[(u32, PathBuf)]) -> Result<Vec<Frame>> {
         let pictures: Vec<PathBuf> = frames.iter().map(|(_, path)| path.clone()).collect();

@@ -78,14 +78,20 @@ const EXACT_DEPTH: f64 = 3.0;
 /// Returns the volume as kernels that are compiled for its kind of medium need it.
 pub(super) fn specialised<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<Box<dyn super::Kernel + 'a>> {
     let One { dvr, optics, albedo, phase } = any(field, medium)?;
-    Ok(match (optics, phase) {
-        (Any::Dark(optics), Phase::Isotropic) => Box::new(One { dvr, optics, albedo, phase: Isotropic }),
-        (Any::Dark(optics), Phase::HenyeyGreenstein(g)) => {
-            Box::new(One { dvr, optics, albedo, phase: HenyeyGreenstein(g) })
-        }
-        (Any::Emitting(optics), phase) => Box::new(One { dvr, optics, albedo, phase }),
-        (Any::Transfer(optics), phase) => Box::new(One { dvr, optics, albedo, phase }),
+    Ok(match optics {
+        Any::Dark(optics) => with_phase(One { dvr, optics, albedo, phase }),
+        Any::Emitting(optics) => with_phase(One { dvr, optics, albedo, phase }),
+        Any::Transfer(optics) => with_phase(One { dvr, optics, albedo, phase }),
     })
+}
+
+/// Returns the volume as a kernel that is compiled for its phase function.
+fn with_phase<'a, O: Optics + 'a>(one: One<'a, O, Phase>) -> Box<dyn super::Kernel + 'a> {
+    let One { dvr, optics, albedo, phase } = one;
+    match phase {
+        Phase::Isotropic => Box::new(One { dvr, optics, albedo, phase: Isotropic }),
+        Phase::HenyeyGreenstein(g) => Box::new(One { dvr, optics, albedo, phase: HenyeyGreenstein(g) }),
+    }
 }
 
 /// Returns the volume for kernels that serve any medium.
