@@ -62,7 +62,7 @@ fn planes_add_up() {
         assert!((direct[i] + indirect[i] - rgba[1]).abs() < 1e-5 * (1.0 + rgba[1]), "{i}");
         assert!((0.5 * (a[i] + b[i]) - rgba[1]).abs() < 1e-5 * (1.0 + rgba[1]) && variance[i] >= 0.0, "{i}");
         assert!((plane("Denoising Albedo.R")[i] - 0.9 * rgba[3]).abs() < 0.02, "{i}");
-        assert!(((-plane("optical_depth.V")[i]).exp() - (1.0 - rgba[3])).abs() < 0.05, "{i}");
+        assert!(((-plane("optical_depth.V")[i]).exp() - (1.0 - rgba[3])).abs() < 0.1, "{i}");
         if rgba[3] > 0.0 {
             seen += 1;
             let depth = plane("Depth.Z")[i];

@@ -33,7 +33,7 @@ pub enum Aov {
     Motion,
     /// Number of paths, as plane `Debug Sample Count.X`.
     Samples,
-    /// Radiance of the paths of even and of odd number, as planes `half_a.R`, `.G`, `.B` and `half_b.R`, `.G`, `.B`.
+    /// Radiance of the paths of camera rays of even and of odd number, as planes `half_a.R`, `.G`, `.B` and `half_b.R`, `.G`, `.B`.
     Halves,
 }
 

@@ -70,11 +70,11 @@ pub fn rows() -> Vec<Row> {
     let row = |(name, scene): (&'static str, Scene)| {
         let (own, generic) = (PathTracer::new(&scene).unwrap(), PathTracer::generic(&scene).unwrap());
         let picture = |tracer: &PathTracer<'_>, seed: u64| {
-            tracer.picture(&scene.cameras[0], Sampling { samples: 16, seed }, &[], &never).unwrap().film.rgba
+            tracer.picture(&scene.cameras[0], Sampling { samples: 64, seed }, &[], &never).unwrap().film.rgba
         };
         // Half of the mean square of the difference of two pictures is the variance of one.
         let variance = |tracer: &PathTracer<'_>| {
-            let squares = (0..8).flat_map(|pair| {
+            let squares = (0..4).flat_map(|pair| {
                 let [a, b] = [2 * pair, 2 * pair + 1].map(|seed| picture(tracer, seed));
                 a.into_iter().zip(b).map(|(a, b)| 0.5 * f64::from(a[1] - b[1]).powi(2)).collect::<Vec<_>>()
             });

@@ -8,7 +8,7 @@ use super::blend::{Blend, Entry};
 use super::tape::Tape;
 use super::{CompiledMedium, Dvr};
 use crate::math::Ray;
-use crate::real::{LANES, Lanes};
+use crate::real::{LANES, Lanes, Real};
 use crate::render::cell::{Quartet, corners, gather, weights};
 use crate::render::compositing;
 use crate::render::differentiable::Adjoint;
@@ -18,126 +18,132 @@ use crate::render::quadrature::{DepthRule, ExactDepth};
 use crate::render::segment::Chord;
 use crate::scene::bricks::slot;
 
-/// A ray with one collision.
+/// A ray through a medium, whose way a tape holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FreePath {
-    /// Transmittance of the whole ray.
-    pub transmittance: f64,
-    /// World length from the ray's origin to the collision, and the density there; `None` where the ray meets nothing.
-    pub collision: Option<(f64, f32)>,
+pub struct Walked {
+    /// Optical depth of the ray, or of the part of it that was walked.
+    pub depth: f64,
+    /// World length from the ray's origin to where its way begins.
+    enter: f64,
 }
 
-/// Which collision is wanted.
-#[derive(Debug, Clone, Copy)]
-enum Target {
-    /// The one that a number in [0, 1) stands for among those of the ray.
-    Share(f64),
-    /// The one at this optical depth.
-    Depth(f64),
-}
+impl Walked {
+    /// A ray that meets nothing.
+    const NOTHING: Self = Self { depth: 0.0, enter: 0.0 };
 
-impl Target {
-    /// Returns the optical depth at which the walk may end.
-    #[inline(always)]
-    fn limit(self, dvr: &Dvr<'_, f32>) -> f64 {
-        match self {
-            Self::Share(_) => dvr.depth_limit,
-            Self::Depth(depth) => depth,
-        }
+    /// Returns the optical depth of the collision that a number u in [0, 1) stands for among those of the ray; `None` if the ray
+    /// has none.
+    #[inline]
+    pub fn collision(&self, u: f64) -> Option<f64> {
+        (self.depth > 0.0).then(|| -(u * (-self.depth).exp_m1()).ln_1p())
     }
+}
 
-    /// Returns the optical depth of the collision, given that of the ray; `None` if it has none.
+/// Walk along a ray, as the unit that is compiled for each instruction set.
+struct Walk<'k, 'd> {
+    dvr: &'k Dvr<'d, f32>,
+    ray: &'k Ray,
+    length: f64,
+    limit: f64,
+    tape: &'k mut Tape<f32>,
+}
+
+impl pulp::NullaryFnOnce for Walk<'_, '_> {
+    type Output = Walked;
+
     #[inline(always)]
-    fn depth(self, whole: f64) -> Option<f64> {
-        match self {
-            Self::Share(u) => (whole > 0.0).then(|| -(u * (-whole).exp_m1()).ln_1p()),
-            Self::Depth(depth) => (depth < whole).then_some(depth),
-        }
+    fn call(self) -> Walked {
+        let Self { dvr, ray, length, limit, tape } = self;
+        let Some(enter) = dvr.index_ray(ray).map(|ray| ray.enter) else { return Walked::NOTHING };
+        // From the entry on, single precision resolves positions however far the camera is.
+        let inner = Ray { origin: ray.at(enter), direction: ray.direction };
+        let Some(mut inner) = dvr.index_ray(&inner) else { return Walked::NOTHING };
+        inner.leave = inner.leave.min(length - enter);
+        let depth = match &dvr.compiled {
+            CompiledMedium::Line(_) => dvr.walk_spans(&inner, limit, tape),
+            CompiledMedium::Table(..) => dvr.walk_chords(&inner, limit, tape),
+        };
+        Walked { depth, enter }
     }
 }
 
 /// Search for a collision, as the unit that is compiled for each instruction set.
-struct Draw<'k, 'd> {
+struct Locate<'k, 'd> {
     dvr: &'k Dvr<'d, f32>,
-    ray: &'k Ray,
-    length: f64,
-    target: Target,
+    depth: f64,
     tape: &'k mut Tape<f32>,
 }
 
-impl pulp::NullaryFnOnce for Draw<'_, '_> {
-    type Output = FreePath;
+impl pulp::NullaryFnOnce for Locate<'_, '_> {
+    type Output = Option<(f64, f32)>;
 
     #[inline(always)]
-    fn call(self) -> FreePath {
-        let Self { dvr, ray, length, target, tape } = self;
-        let Some(enter) = dvr.index_ray(ray).map(|ray| ray.enter) else {
-            return FreePath { transmittance: 1.0, collision: None };
-        };
-        // From the entry on, single precision resolves positions however far the camera is.
-        let inner = Ray { origin: ray.at(enter), direction: ray.direction };
-        let Some(mut inner) = dvr.index_ray(&inner) else { return FreePath { transmittance: 1.0, collision: None } };
-        inner.leave = inner.leave.min(length - enter);
-        let mut path = match &dvr.compiled {
-            CompiledMedium::Line(_) => dvr.free_path_by_spans(&inner, target, tape),
-            CompiledMedium::Table(..) => dvr.free_path_by_chords(&inner, target, tape),
-        };
-        if let Some((distance, _)) = &mut path.collision {
-            *distance += enter;
+    fn call(self) -> Option<(f64, f32)> {
+        let Self { dvr, depth, tape } = self;
+        match &dvr.compiled {
+            CompiledMedium::Line(_) => dvr.locate_in_spans(depth, tape),
+            CompiledMedium::Table(..) => dvr.locate_in_chords(depth, tape),
         }
-        path
     }
 }
 
 impl Dvr<'_, f32> {
-    /// Returns the transmittance of a world ray of unit direction, and the collision that a number in [0, 1) stands for
-    /// among those of the ray, with exact quadrature. A ray that ends early ([`Dvr::early_stop`]) has no collisions
-    /// behind its end.
-    pub fn free_path(&self, ray: &Ray, u: f64, tape: &mut Tape<f32>) -> FreePath {
-        self.arch.dispatch(Draw { dvr: self, ray, length: f64::INFINITY, target: Target::Share(u), tape })
+    /// Walks along a world ray of unit direction with exact quadrature, and keeps its way on the tape. A ray that ends early
+    /// ([`Dvr::early_stop`]) has no collisions behind its end.
+    pub fn walk(&self, ray: &Ray, tape: &mut Tape<f32>) -> Walked {
+        self.arch.dispatch(Walk { dvr: self, ray, length: f64::INFINITY, limit: self.depth_limit, tape })
+    }
+
+    /// Returns the point at an optical depth along the ray whose way the tape holds, as the world length from the ray's
+    /// origin and the density there; `None` if the ray meets nothing.
+    pub fn locate(&self, walked: &Walked, depth: f64, tape: &mut Tape<f32>) -> Option<(f64, f32)> {
+        if walked.depth <= 0.0 {
+            return None;
+        }
+        let found = self.arch.dispatch(Locate { dvr: self, depth, tape })?;
+        Some((walked.enter + found.0, found.1))
     }
 
     /// Returns the collision at an optical depth along the first `length` of a world ray of unit direction, as the world
     /// length from the ray's origin and the density there; `None` if the ray has less.
     pub fn collision_at(&self, ray: &Ray, depth: f64, length: f64, tape: &mut Tape<f32>) -> Option<(f64, f32)> {
-        self.arch.dispatch(Draw { dvr: self, ray, length, target: Target::Depth(depth), tape }).collision
+        let walked = self.arch.dispatch(Walk { dvr: self, ray, length, limit: depth, tape });
+        if depth < walked.depth { self.locate(&walked, depth, tape) } else { None }
     }
 
-    /// Extinction proportional to the density: finds the batch of spans, the span, the cell, and in it the length.
+    /// Extinction proportional to the density: walks batches of spans, and returns the optical depth.
     #[inline(always)]
-    fn free_path_by_spans(&self, ray: &IndexRay, target: Target, tape: &mut Tape<f32>) -> FreePath {
+    fn walk_spans(&self, ray: &IndexRay, limit: f64, tape: &mut Tape<f32>) -> f64 {
         let Tape { cells, spans, integrals, .. } = tape;
         spans.clear();
         integrals.clear();
         let (values, extinction) = (&self.field.values[..], self.medium.extinction);
-        let mut integral_of = |spans: &[Span<f32>]| {
-            cells.clear();
-            ExactDepth.cells(spans, cells);
-            let sum = cells.iter().fold(<f32 as crate::real::Real>::Lanes::splat(0.0), |s, c| s + c.gather(values));
-            f64::from(sum.sum())
-        };
-        let (mut integral, limit) = (0.0, target.limit(self) / extinction);
+        let (mut integral, limit) = (0.0, limit / extinction);
         batches(
             &self.field.topology,
             ray,
             #[inline(always)]
             |batch| {
                 spans.extend_from_slice(batch);
-                integral += integral_of(batch);
+                integral += integral_of(batch, values, cells);
                 integrals.push(integral);
                 integral <= limit
             },
         );
-        let transmittance = (-extinction * integral).exp();
-        let Some(depth) = target.depth(extinction * integral) else {
-            return FreePath { transmittance, collision: None };
-        };
+        extinction * integral
+    }
+
+    /// Extinction proportional to the density: finds the batch of spans, the span, the cell, and in it the length.
+    #[inline(always)]
+    fn locate_in_spans(&self, depth: f64, tape: &mut Tape<f32>) -> Option<(f64, f32)> {
+        let Tape { cells, spans, integrals, .. } = tape;
+        let (values, extinction) = (&self.field.values[..], self.medium.extinction);
         let target = depth / extinction;
-        let batch = integrals.partition_point(|end| *end <= target).min(integrals.len() - 1);
+        let batch = integrals.partition_point(|end| *end <= target).min(integrals.len().checked_sub(1)?);
         let mut rest = target - if batch == 0 { 0.0 } else { integrals[batch - 1] };
         let mut found = None;
         for span in spans[BATCH * batch..].iter().take(BATCH) {
-            let within = integral_of(std::slice::from_ref(span));
+            let within = integral_of(std::slice::from_ref(span), values, cells);
             if within > 0.0 {
                 found = Some((span, rest.clamp(0.0, within)));
                 if rest < within {
@@ -146,7 +152,7 @@ impl Dvr<'_, f32> {
             }
             rest -= within;
         }
-        let Some((span, rest)) = found else { return FreePath { transmittance, collision: None } };
+        let (span, rest) = found?;
         cells.clear();
         ExactDepth.cells(std::slice::from_ref(span), cells);
         let (from, [length, within], rest) = cell_of(cells, values, rest);
@@ -157,30 +163,31 @@ impl Dvr<'_, f32> {
             let [near, far] = [0.5 - GAUSS, 0.5 + GAUSS].map(|share| density(share * at));
             (0.5 * at * (near + far), density(at))
         });
-        FreePath { transmittance, collision: Some((span.start + from + at, density(at) as f32)) }
+        Some((span.start + from + at, density(at) as f32))
+    }
+
+    /// Any transfer function: records segments, and returns the optical depth.
+    #[inline(always)]
+    fn walk_chords(&self, ray: &IndexRay, limit: f64, tape: &mut Tape<f32>) -> f64 {
+        let CompiledMedium::Table(compiled, _) = &self.compiled else { return 0.0 };
+        let Tape { chords, chord_entries, .. } = tape;
+        chord_entries.clear();
+        let mut blend = Blend::new(self, compiled, self.exact_source(compiled, false), chords);
+        blend.depth_limit = limit.next_up();
+        compositing::record(&self.visible, ray, Adjoint::Tape, &mut blend, chord_entries);
+        blend.depth
     }
 
     /// Any transfer function: finds the segment, on which the extinction is a cubic.
     #[inline(always)]
-    fn free_path_by_chords(&self, ray: &IndexRay, target: Target, tape: &mut Tape<f32>) -> FreePath {
-        let CompiledMedium::Table(compiled, _) = &self.compiled else {
-            return FreePath { transmittance: 1.0, collision: None };
-        };
-        let Tape { chords, chord_entries, .. } = tape;
-        chord_entries.clear();
-        let mut blend = Blend::new(self, compiled, self.exact_source(compiled, false), chords);
-        blend.depth_limit = target.limit(self).next_up();
-        compositing::record(&self.visible, ray, Adjoint::Tape, &mut blend, chord_entries);
-        let transmittance = (-blend.depth).exp();
-        let Some(target) = target.depth(blend.depth) else { return FreePath { transmittance, collision: None } };
+    fn locate_in_chords(&self, target: f64, tape: &mut Tape<f32>) -> Option<(f64, f32)> {
+        let CompiledMedium::Table(compiled, _) = &self.compiled else { return None };
         let reached = (-target).exp();
         let (before, after) =
-            chord_entries.split_at(chord_entries.partition_point(|entry| entry.transmittance >= reached));
+            tape.chord_entries.split_at(tape.chord_entries.partition_point(|entry| entry.transmittance >= reached));
         // By rounding, the depth may lie in a segment that has none.
         let thick = |entry: &&Entry<f32, Chord<f32>>| entry.optics.depth > 0.0;
-        let Some(entry) = before.iter().rev().find(thick).or_else(|| after.iter().find(thick)) else {
-            return FreePath { transmittance, collision: None };
-        };
+        let entry = before.iter().rev().find(thick).or_else(|| after.iter().find(thick))?;
         let chord: &Chord<f32> = &entry.segment;
         let piece = compiled.curve.piece(chord.piece);
         let extinctions =
@@ -192,8 +199,17 @@ impl Dvr<'_, f32> {
             (cubic.integral(at), cubic.value(at).max(0.0))
         });
         let density = Cubic::through(chord.density.store().map(f64::from)).value(share) as f32;
-        FreePath { transmittance, collision: Some((f64::from(chord.start) + share * length, density)) }
+        Some((f64::from(chord.start) + share * length, density))
     }
+}
+
+/// Returns the integral of the density over spans.
+#[inline(always)]
+fn integral_of(spans: &[Span<f32>], values: &[f32], cells: &mut Vec<Quartet<f32>>) -> f64 {
+    cells.clear();
+    ExactDepth.cells(spans, cells);
+    let sum = cells.iter().fold(<f32 as Real>::Lanes::splat(0.0), |s, c| s + c.gather(values));
+    f64::from(sum.sum())
 }
 
 /// Distance of the two points of Gauss-Legendre quadrature from the middle of 0..1, `1 / (2 √3)`.
@@ -253,7 +269,7 @@ struct Cubic([f64; LANES]);
 impl Cubic {
     /// Creates the cubic with these values at the points of [`gauss::NODES`].
     fn through(values: [f64; LANES]) -> Self {
-        let all = <f64 as crate::real::Real>::Lanes::splat;
+        let all = <f64 as Real>::Lanes::splat;
         Self(gauss::coefficients::<f64>(values.map(all)).map(|c| c.store()[0]))
     }
 
@@ -320,8 +336,9 @@ mod tests {
                 let from = DVec3::new(turn.cos(), turn.sin(), (0.7 * turn).sin()).normalize();
                 let ray = Ray { origin: field.transform.to_world(DVec3::splat(12.0)), direction: from };
                 for u in [0.0, 1e-12, 0.5, 1.0 - 1e-9, 1.0 - f64::EPSILON, 1.0] {
-                    let path = dvr.free_path(&ray, u, &mut tape);
-                    assert!(path.collision.is_none_or(|(t, d)| t.is_finite() && d.is_finite()), "{k} {u}: {path:?}");
+                    let walked = dvr.walk(&ray, &mut tape);
+                    let found = walked.collision(u).and_then(|depth| dvr.locate(&walked, depth, &mut tape));
+                    assert!(found.is_none_or(|(t, d)| t.is_finite() && d.is_finite()), "{k} {u}: {found:?}");
                 }
                 let whole = dvr.optical_depth_within(&ray, f64::INFINITY, f64::INFINITY, &mut tape);
                 for depth in [whole.next_down(), whole * (1.0 - 1e-7), 0.0] {
@@ -350,10 +367,12 @@ mod tests {
                     let centre = field.transform.to_world(DVec3::splat(12.0));
                     let ray = Ray { origin: centre + 10.0 * from, direction: -(from + 0.1 * DVec3::Y).normalize() };
                     let u = (f64::from(k) + 0.5) / 300.0;
-                    let path = dvr.free_path(&ray, u, &mut tape);
+                    let walked = dvr.walk(&ray, &mut tape);
+                    let collision = walked.collision(u).and_then(|depth| dvr.locate(&walked, depth, &mut tape));
                     let whole = dvr.optical_depth_within(&ray, f64::INFINITY, f64::INFINITY, &mut tape);
-                    assert!((path.transmittance - (-whole).exp()).abs() < 1e-6, "{k}: {path:?}, depth {whole}");
-                    let Some((distance, density)) = path.collision else {
+                    let off = (-walked.depth).exp() - (-whole).exp();
+                    assert!(off.abs() < 1e-6, "{k}: {walked:?}, depth {whole}");
+                    let Some((distance, density)) = collision else {
                         assert_eq!(whole, 0.0);
                         continue;
                     };
@@ -361,7 +380,7 @@ mod tests {
                     let share = -(-depth).exp_m1() / -(-whole).exp_m1();
                     assert!((share - u).abs() < 2e-4, "{k}: {share} instead of {u} of {whole}");
                     let again = dvr.collision_at(&ray, depth, f64::INFINITY, &mut tape).unwrap();
-                    assert!((again.0 - distance).abs() < 1e-3, "{k}: {again:?} {path:?}");
+                    assert!((again.0 - distance).abs() < 1e-3, "{k}: {again:?} {distance}");
                     assert_eq!(dvr.collision_at(&ray, depth, 0.5 * distance, &mut tape), None);
                     assert_eq!(dvr.collision_at(&ray, whole + 1e-3, f64::INFINITY, &mut tape), None);
                     let sampled = field.sample(field.transform.to_index(ray.at(distance)));

@@ -23,7 +23,7 @@ mod tape;
 
 #[doc(hidden)]
 pub use adjoint::Pass;
-pub use free_path::FreePath;
+pub use free_path::Walked;
 pub(crate) use free_path::density;
 pub use jacobian::{ByKnot, TableJacobian};
 pub use tangent::Directions;

@@ -21,7 +21,7 @@ pub use picture::{PIXEL_BYTES, PathFilm, Sampling, View};
 use crate::error::{Error, Result};
 use crate::math::Ray;
 use crate::render::arch::Arch;
-use crate::render::dvr::Tape;
+use crate::render::dvr::{Tape, Walked};
 use crate::render::sampler::Sampler;
 use crate::scene::light::around;
 use crate::scene::scene::Scene;
@@ -67,6 +67,9 @@ impl Counts {
 #[derive(Debug, Default)]
 pub struct Scratch {
     tape: Tape<f32>,
+    /// The way of the camera's ray that was walked last.
+    camera: Tape<f32>,
+    walked: Option<Walked>,
     /// Events since the memory was made.
     pub counts: Counts,
 }
@@ -134,12 +137,18 @@ pub struct PathTracer<'a> {
 trait Kernel: Sync + Send {
     /// Returns the unit vector in which the density of a volume falls; 0 where it is constant.
     fn normal(&self, first: &First) -> DVec3;
+    /// Walks along a camera's ray, before paths are traced from it.
+    fn look(&self, ray: &Ray, scratch: &mut Scratch);
     fn trace(&self, tracer: &PathTracer<'_>, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample;
 }
 
 impl<M: Media> Kernel for M {
     fn normal(&self, first: &First) -> DVec3 {
         Media::normal(self, first.volume, first.position)
+    }
+
+    fn look(&self, ray: &Ray, scratch: &mut Scratch) {
+        Media::look(self, ray, scratch);
     }
 
     fn trace(&self, tracer: &PathTracer<'_>, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample {
@@ -207,6 +216,12 @@ impl<'a> PathTracer<'a> {
 
     /// Returns one path's estimate of the radiance along a world ray of unit direction.
     pub fn sample(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample {
+        self.kernel.look(ray, scratch);
+        self.again(ray, sampler, scratch)
+    }
+
+    /// Returns another path's estimate along the ray of the last call of [`PathTracer::sample`] with this scratch memory, for less.
+    fn again(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> PathSample {
         scratch.counts.paths += 1;
         self.kernel.trace(self, ray, sampler, scratch)
     }

@@ -63,19 +63,29 @@ pub const PIXEL_BYTES: u64 = size_of::<Pixel>() as u64;
 /// Length along the viewing axis where nothing is met, as Blender writes it.
 const NOWHERE: f32 = 1e10;
 
-/// Paths after which a pixel looks whether it is to stop.
-const PATHS_BETWEEN_LOOKS: u32 = 1024;
+/// Rays after which a pixel looks whether it is to stop.
+const RAYS_BETWEEN_LOOKS: u32 = 128;
+
+/// Most paths that begin with one camera ray.
+const MOST_PER_RAY: u32 = 16;
+
+/// Returns how many of a pixel's paths begin with one camera ray, whose way is computed once: as many as there are rays, or
+/// fewer, and each ray has as many.
+fn per_ray(paths: u32) -> u32 {
+    (1..=MOST_PER_RAY).filter(|n| paths.is_multiple_of(*n) && n * n <= paths).max().unwrap_or(1)
+}
 
 /// Sums over a pixel's paths.
 #[derive(Debug, Clone, Default)]
 struct Pixel {
-    /// Red, green, blue and alpha.
+    /// Red, green, blue and alpha, the means over the paths of each ray.
     rgba: [Moments; 4],
     optical_depth: f64,
     direct: DVec3,
     indirect: DVec3,
-    /// Radiance of the paths of even and of odd number.
+    /// Radiance of the paths of rays of even and of odd number, and their number.
     halves: [DVec3; 2],
+    half_paths: [u32; 2],
     /// Over first collisions: their weight, and weighted by it the albedo, the normal, the position, the length along the viewing
     /// axis.
     collided: f64,
@@ -89,14 +99,12 @@ struct Pixel {
 }
 
 impl Pixel {
-    fn add(&mut self, number: u32, camera: &Camera, sample: &PathSample) {
-        let radiance = sample.radiance();
-        let channels = [radiance.x, radiance.y, radiance.z, 1.0 - sample.transmittance];
-        self.rgba.iter_mut().zip(channels).for_each(|(moments, v)| moments.add(v.into()));
+    fn add(&mut self, ray: u32, camera: &Camera, sample: &PathSample) {
+        self.half_paths[(ray % 2) as usize] += 1;
         self.optical_depth -= f64::from(sample.transmittance.max(f32::MIN_POSITIVE)).ln();
         self.direct += sample.direct.as_dvec3();
         self.indirect += sample.indirect.as_dvec3();
-        self.halves[(number % 2) as usize] += radiance.as_dvec3();
+        self.halves[(ray % 2) as usize] += sample.radiance().as_dvec3();
         if let Some(first) = sample.first {
             let share = f64::from(first.share);
             self.collided += share;
@@ -148,8 +156,8 @@ fn layers(aov: Aov) -> Vec<Layer> {
         })],
         Aov::Samples => vec![("Debug Sample Count", &["X"], |_, n| [n as f32, 0.0, 0.0, 0.0])],
         Aov::Halves => vec![
-            ("half_a", RGB, |p, n| mean(p.halves[0], n.div_ceil(2))),
-            ("half_b", RGB, |p, n| mean(p.halves[1], n / 2)),
+            ("half_a", RGB, |p, _| mean(p.halves[0], p.half_paths[0])),
+            ("half_b", RGB, |p, _| mean(p.halves[1], p.half_paths[1])),
         ],
     }
 }
@@ -168,29 +176,42 @@ impl PathTracer<'_> {
         let camera = view.camera;
         let size = [camera.width as usize, camera.height as usize];
         let count = sampling.samples.max(1);
+        let each = per_ray(count);
         // Slopes and places in other frames are looked up for these planes alone.
         let [normals, motion] = [Aov::Normal, Aov::Motion].map(|aov| aovs.contains(&aov));
         let pixel = |scratch: &mut Scratch, at: [usize; 2]| {
             let mut pixel = Pixel::default();
             scratch.counts = Counts::default();
-            for number in 0..count {
+            for number in 0..count / each {
                 // A pixel of many paths must not keep an interrupted program waiting.
-                if number % PATHS_BETWEEN_LOOKS == 0 && cancel.load(Ordering::Relaxed) {
+                if number % RAYS_BETWEEN_LOOKS == 0 && cancel.load(Ordering::Relaxed) {
                     break;
                 }
-                let mut sampler = Sampler::new(sampling.seed, at, number);
-                let [dx, dy, ..] = sampler.even();
+                let [dx, dy, ..] = Sampler::new(sampling.seed, at, number).even();
                 let place = DVec2::new(at[0] as f64 + dx, at[1] as f64 + dy);
                 let ray = camera.ray(place.x, place.y);
-                let sample = self.sample(&ray, &mut sampler, scratch);
-                pixel.add(number, camera, &sample);
-                if let (true, Some(first)) = (normals, &sample.first) {
-                    pixel.normal += f64::from(first.share) * self.kernel.normal(first);
+                let mut of_ray = [0.0; 4];
+                for path in number * each..(number + 1) * each {
+                    let mut sampler = Sampler::new(sampling.seed, at, path);
+                    // The first set of numbers is that of the ray's place.
+                    sampler.even();
+                    let sample = match path % each {
+                        0 => self.sample(&ray, &mut sampler, scratch),
+                        _ => self.again(&ray, &mut sampler, scratch),
+                    };
+                    let radiance = sample.radiance();
+                    let channels = [radiance.x, radiance.y, radiance.z, 1.0 - sample.transmittance];
+                    of_ray.iter_mut().zip(channels).for_each(|(sum, v)| *sum += f64::from(v) / f64::from(each));
+                    pixel.add(number, camera, &sample);
+                    if let (true, Some(first)) = (normals, &sample.first) {
+                        pixel.normal += f64::from(first.share) * self.kernel.normal(first);
+                    }
+                    if let (true, Some(first)) = (motion, &sample.first) {
+                        let moved = view.motion(first.position, place);
+                        pixel.motion.iter_mut().zip(moved).for_each(|(sum, v)| *sum += f64::from(first.share) * v);
+                    }
                 }
-                if let (true, Some(first)) = (motion, &sample.first) {
-                    let moved = view.motion(first.position, place);
-                    pixel.motion.iter_mut().zip(moved).for_each(|(sum, v)| *sum += f64::from(first.share) * v);
-                }
+                pixel.rgba.iter_mut().zip(of_ray).for_each(|(moments, v)| moments.add(v));
             }
             pixel.counts = scratch.counts;
             pixel

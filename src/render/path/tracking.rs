@@ -43,7 +43,9 @@ pub(super) trait Media: Sync + Send {
     const EMITS: bool;
     /// Draws the next real collision along a world ray of unit direction; `None` if the ray escapes.
     fn collide(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<Collision>;
-    /// Draws the first collision along a camera's ray.
+    /// Walks along a camera's ray, before collisions are drawn on it.
+    fn look(&self, ray: &Ray, scratch: &mut Scratch);
+    /// Draws the first collision along the camera's ray that was walked last.
     fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary;
     /// Returns an estimate of the transmittance of the first `length` of a world ray of unit direction: the exact one, or
     /// where that is small sometimes more and else 0.
@@ -171,15 +173,21 @@ impl<O: Optics, P: PhaseFunction> Media for One<'_, O, P> {
         Some(Collision { distance, density, volume: 0 })
     }
 
+    #[inline(always)]
+    fn look(&self, ray: &Ray, scratch: &mut Scratch) {
+        scratch.walked = Some(self.dvr.walk(ray, &mut scratch.camera));
+    }
+
     /// The transmittance is exact, and every ray that meets the medium collides with it.
     #[inline(always)]
-    fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
+    fn first(&self, _: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
         let [u, ..] = sampler.even();
-        let path = self.dvr.free_path(ray, u, &mut scratch.tape);
-        let collision = path
-            .collision
-            .map(|(distance, density)| (Collision { distance, density, volume: 0 }, (1.0 - path.transmittance) as f32));
-        Primary { transmittance: path.transmittance as f32, collision }
+        let Some(walked) = &scratch.walked else { return Primary { transmittance: 1.0, collision: None } };
+        let transmittance = (-walked.depth).exp();
+        let found = walked.collision(u).and_then(|depth| self.dvr.locate(walked, depth, &mut scratch.camera));
+        let share = -(-walked.depth).exp_m1();
+        let collision = found.map(|(distance, density)| (Collision { distance, density, volume: 0 }, share as f32));
+        Primary { transmittance: transmittance as f32, collision }
     }
 
     #[inline(always)]
@@ -230,6 +238,10 @@ impl Media for Vec<One<'_, Any, Phase>> {
         }
         nearest
     }
+
+    /// Collisions are drawn by tracking: there is nothing to be prepared.
+    #[inline(always)]
+    fn look(&self, _: &Ray, _: &mut Scratch) {}
 
     #[inline(always)]
     fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
