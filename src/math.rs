@@ -106,6 +106,12 @@ pub struct Affine {
 }
 
 impl Affine {
+    /// True if no entry of the maps differs by more than 1e-9 of the largest.
+    pub fn is_close(&self, other: &Self) -> bool {
+        let most = self.forward.to_cols_array().iter().fold(0.0, |a: f64, v| a.max(v.abs()));
+        self.forward.abs_diff_eq(other.forward, 1e-9 * most)
+    }
+
     /// Uniform scaling by `voxel_size`, followed by a translation to `origin`.
     ///
     /// # Errors

@@ -12,6 +12,7 @@ use cumulo::render::path::{Limits, PathTracer, Sampling, Scratch};
 use cumulo::render::sampler::Sampler;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, Projection};
+use cumulo::scene::emission::{self, Emission};
 use cumulo::scene::environment::{Environment, EnvironmentMap};
 use cumulo::scene::film::{Film, Moments};
 use cumulo::scene::light::Light;
@@ -327,6 +328,91 @@ fn overlapping_volumes_add() {
         &of(PathTracer::generic(&busy).unwrap()),
         &of(PathTracer::new(&busy).unwrap()),
     );
+}
+
+/// A chromatic medium is in each channel what a medium of that channel's extinction is, whatever lights it: one channel may
+/// let all light through, and volumes may overlap.
+#[test]
+fn each_channel_of_a_chromatic_medium_is_a_medium_of_its_own() {
+    let field = lumpy(unit());
+    let busy = busy(&field);
+    let plain = medium(0.5, ALBEDO, Phase::HenyeyGreenstein(0.6));
+    let (centre, size) = (field.world_bounds().centre(), field.world_bounds().size().length());
+    let pixels = (0..32).map(|i| if i == 9 { [9.0, 6.0, 3.0, 1.0] } else { [0.1, 0.1, 0.2, 1.0] }).collect();
+    let map = Some(Arc::new(EnvironmentMap::new(&Film::of(8, 4, pixels), [1.0; 3]).unwrap()));
+    let panel = Light::Rectangle {
+        corner: centre + DVec3::new(-0.5, -0.5, 0.7) * size,
+        edges: [DVec3::Y * size, DVec3::X * size],
+        radiance: Vec3::new(1.0, 2.0, 3.0),
+    };
+    let pictured = Scene {
+        environment: Environment { radiance: [0.1, 0.0, 0.2], map },
+        ..scene(&field, plain.clone(), vec![panel], [0.0; 3])
+    };
+    let mut two = pictured.clone();
+    two.volumes.push(Volume::Density(field.clone(), Medium { extinction: 0.2, ..plain.clone() }));
+    let dense = scene(&field, Medium { extinction: 20.0, ..plain }, vec![panel], [0.5; 3]);
+    let rays = through(&field, 4);
+    for (what, scene, color) in [
+        ("all effects", busy, [0.3, 1.0, 0.6]),
+        ("picture of a sky", pictured, [1.0, 0.1, 0.0]),
+        ("two volumes", two, [0.2, 0.5, 1.0]),
+        ("dense", dense, [1.0, 0.02, 0.2]),
+    ] {
+        let with = |change: &dyn Fn(Medium) -> Medium| {
+            let mut scene = scene.clone();
+            if let Volume::Density(_, medium) = &mut scene.volumes[0] {
+                *medium = change(medium.clone());
+            }
+            let tracer = PathTracer::new(&scene).unwrap();
+            rays.iter().map(|ray| estimate(&tracer, ray, 32)).collect::<Vec<_>>()
+        };
+        let found = with(&|medium| Medium { color, ..medium });
+        let channels =
+            color.map(|share| with(&|m| Medium { extinction: m.extinction * f64::from(share.max(1e-9)), ..m }));
+        let expected: Vec<Estimate> =
+            (0..rays.len()).map(|ray| [0, 1, 2].map(|channel| channels[channel][ray][channel])).collect();
+        assert_agree(what, &found, &expected);
+    }
+}
+
+/// Chromatic media that absorb nothing are invisible in light from everywhere, however the path's channels compete.
+#[test]
+fn a_chromatic_furnace_stays_white() {
+    let field = lumpy(unit());
+    for extinction in [0.05, 1.0, 10.0] {
+        let medium = Medium { color: [1.0, 0.5, 0.1], ..medium(extinction, [1.0; 3], Phase::Isotropic) };
+        let scene = scene(&field, medium, vec![], [0.7, 1.0, 2.0]);
+        let tracer = PathTracer::new(&scene).unwrap();
+        let found: Vec<_> = through(&field, 3).iter().map(|ray| estimate(&tracer, ray, 32)).collect();
+        assert_agree(&format!("extinction {extinction}"), &found, &exact(vec![[0.7, 1.0, 2.0]; 3]));
+    }
+}
+
+/// A grid that emits beside a medium does what a source of the medium does, if it is proportional to the density; without
+/// scattering nothing is noisy.
+#[test]
+fn grids_emit_as_sources_do() {
+    let field = lumpy(unit());
+    let (albedo, color) = ([0.8, 0.5, 0.0], [1.0, 0.5, 2.0_f32]);
+    let rays = through(&field, 4);
+    for phase in [Phase::Isotropic, Phase::HenyeyGreenstein(-0.5)] {
+        for lights in [vec![], vec![Light::Sun { direction: DVec3::Z, irradiance: Vec3::ONE, angle: 0.0 }]] {
+            let medium = medium(0.5, albedo, phase);
+            let by_source = Medium { source: Source::Grey(color), ..medium.clone() };
+            let source = scene(&field, by_source, lights, [0.1; 3]);
+            let emitted = Vec3::from_array(color) * (Vec3::ONE - Vec3::from_array(albedo)) * 0.5;
+            let emission = emission::volume(&field, 0.5, &[(field.clone(), Emission::Linear(emitted))]);
+            let emission = Box::new(emission.unwrap());
+            let mut grid = source.clone();
+            grid.volumes = vec![Volume::Emissive { density: field.clone(), medium, emission }];
+            let of = |scene: &Scene| -> Vec<_> {
+                let tracer = PathTracer::new(scene).unwrap();
+                rays.iter().map(|ray| estimate(&tracer, ray, 32)).collect()
+            };
+            assert_agree(&format!("{phase:?}"), &of(&grid), &of(&source));
+        }
+    }
 }
 
 /// What a test of means must not let pass: an albedo and a phase function that are slightly off, an order of scattering

@@ -44,6 +44,39 @@ fn options_and_scene_files_agree() {
     assert!(work.json("schema scene")["properties"]["volumes"].is_object());
 }
 
+/// A grid that emits is seen as a source of the density is, by straight rays and by paths; without one extinction for all
+/// channels each has its own.
+#[test]
+fn grids_emit_and_extinctions_have_colors() {
+    let work = Work::new();
+    let render = |name: &str, medium: Value, more: &str| {
+        let scene = serde_json::json!({"volumes": [{"file": fixture("plume.vdb"), "medium": medium}]});
+        std::fs::write(work.path(&format!("{name}.json")), scene.to_string()).unwrap();
+        work.json(&format!("render {name}.json --views 1 --size 24x20 --samples 64 {more} -o {name}"));
+        work.picture(&format!("{name}/view_000.exr")).rgba
+    };
+    let grid = serde_json::json!({"grid": "density", "radiance": [6.0, 3.0, 0.6]});
+    let by_grid = render("grid", serde_json::json!({"density_scale": 3.0, "emission_grid": grid}), "");
+    let by_source = render("source", serde_json::json!({"density_scale": 3.0, "emission": [2.0, 1.0, 0.2]}), "");
+    let by_paths =
+        render("paths", serde_json::json!({"density_scale": 3.0, "emission_grid": grid}), "--force scattering");
+    assert!(by_source.iter().any(|p| p[0] > 0.3));
+    for (i, expected) in by_source.iter().enumerate() {
+        for channel in 0..4 {
+            assert!((by_grid[i][channel] - expected[channel]).abs() < 2e-3, "{i}: {:?} {expected:?}", by_grid[i]);
+            assert!((by_paths[i][channel] - expected[channel]).abs() < 0.05, "{i}: {:?} {expected:?}", by_paths[i]);
+        }
+    }
+    work.json(
+        "render @plume.vdb --views 1 --size 24x20 --density-scale 2 --samples 16 --albedo 0 --sky 1 \
+         --extinction-color 1,0.5,0 -o red",
+    );
+    let red = work.picture("red/view_000.exr").rgba;
+    for [r, g, b, _] in red {
+        assert!((b - 1.0).abs() < 1e-5 && (r - g * g).abs() < 0.02, "{r} {g} {b}");
+    }
+}
+
 /// Planes are there by name, and add up: direct and indirect light and what is seen through the volume are the picture.
 #[test]
 fn planes_add_up() {
@@ -122,6 +155,26 @@ fn what_cannot_be_scattered_is_refused_with_words() {
         std::fs::write(work.path("scene.json"), scene).unwrap();
         work.refused("render scene.json --views 1 --size 8x8 -o out", expected);
     }
+    for (medium, expected) in [
+        (r#"{"emission_grid": {"grid": "flame"}}"#, &["flame", "density"][..]),
+        (r#"{"blackbody": {}}"#, &["temperature"]),
+        (r#"{"blackbody": {"grid": "density", "kelvin": -1}}"#, &["volume 0", "-1 K"]),
+        (r#"{"emission": [1, 0, 0], "emission_grid": {"grid": "density"}}"#, &["plume.vdb", "leave 'emission'"]),
+        (r#"{"extinction_color": [0, 0, 0]}"#, &["volume 0", "extinction color"]),
+        (
+            r#"{"albedo": [1, 1, 1], "extinction_color": [1, 1, 0], "emission_grid": {"grid": "density"}}"#,
+            &["chromatic"],
+        ),
+    ] {
+        let volume = volume.trim_end_matches('}');
+        let scene = format!(r#"{{"volumes": [{volume}, "medium": {medium}}}]}}"#);
+        std::fs::write(work.path("scene.json"), scene).unwrap();
+        work.refused("render scene.json --views 1 --size 8x8 -o out", expected);
+    }
+    let emitting =
+        format!(r#"{}, "medium": {{"emission_grid": {{"grid": "density"}}}}}}"#, volume.trim_end_matches('}'));
+    std::fs::write(work.path("scene.json"), format!(r#"{{"volumes": [{emitting}, {volume}]}}"#)).unwrap();
+    work.refused("render scene.json --views 1 --size 8x8 -o out", &["overlaps"]);
     std::fs::write(work.path("scene.json"), format!(r#"{{"volumes": [{volume}]}}"#)).unwrap();
     for (option, name) in
         [("--albedo 0.5", "--albedo"), ("--density-scale 2", "--density-scale"), ("--grid density", "--grid")]

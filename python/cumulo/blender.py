@@ -37,7 +37,9 @@ class Settings:
     within 0.005 pixels of it for all but about one sample in a thousand with more.
 
     The model "scattering" is a Principled Volume of `albedo` and `anisotropy`, lit by a constant `sky`
-    or an equirectangular EXR, `sky_file`, and by `lights`, and seen before black; light is scattered `max_bounces` times at most."""
+    or an equirectangular EXR, `sky_file`, and by `lights`, and seen before black; light is scattered `max_bounces` times at most.
+    The grid `emission_grid` emits `emission` per unit, and `blackbody` is the intensity of a grid "temperature", in units of
+    `kelvin`."""
 
     model: str = "absorption"
     density_scale: float = 1.0
@@ -52,6 +54,10 @@ class Settings:
     threads: int = 0
     albedo: tuple = (0.0, 0.0, 0.0)
     anisotropy: float = 0.0
+    absorption_color: tuple = (0.0, 0.0, 0.0)
+    emission_grid: str = ""
+    blackbody: float = 0.0
+    kelvin: float = 1000.0
     sky: tuple = (0.0, 0.0, 0.0)
     sky_file: str = ""
     lights: tuple = ()
@@ -238,10 +244,15 @@ def _material(settings, grid):
         medium = tree.nodes.new("ShaderNodeVolumePrincipled")
         medium.inputs["Color"].default_value = (*settings.albedo, 1)
         medium.inputs["Anisotropy"].default_value = settings.anisotropy
+        medium.inputs["Absorption Color"].default_value = (*settings.absorption_color, 1)
         medium.inputs["Density Attribute"].default_value = ""
         if any(settings.emission):
+            emitting = (settings.emission_grid, 1.0) if settings.emission_grid else (grid, settings.density_scale)
             medium.inputs["Emission Color"].default_value = (*settings.emission, 1)
-            tree.links.new(_density_nodes(tree, grid, settings.density_scale), medium.inputs["Emission Strength"])
+            tree.links.new(_density_nodes(tree, *emitting), medium.inputs["Emission Strength"])
+        if settings.blackbody:
+            medium.inputs["Blackbody Intensity"].default_value = settings.blackbody
+            medium.inputs["Temperature"].default_value = settings.kelvin
         tree.links.new(_density_nodes(tree, grid, settings.density_scale), medium.inputs["Density"])
         tree.links.new(medium.outputs[0], surface.inputs["Volume"])
         return material
@@ -338,7 +349,9 @@ class Stage:
             self.medium = box_mesh(*box)
         else:
             self._folder = tempfile.TemporaryDirectory(prefix="cumulo-")
-            self.medium = load_volume(padding.padded_copy(vdb, grid, self._folder.name))
+            emitting = [settings.emission_grid or grid, "temperature" if settings.blackbody else grid]
+            grids = dict.fromkeys([grid, *emitting])
+            self.medium = load_volume(padding.padded_copy(vdb, grids, self._folder.name))
         self.medium.data.materials.append(_material(settings, None if vdb is None else grid))
 
     def film(self, camera, seed=None):

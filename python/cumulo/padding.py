@@ -17,8 +17,8 @@ def read_grid(path, grid):
         raise ValueError(f"{path}: OpenVDB cannot read it: {error}") from error
 
 
-def padded_copy(path, grid, folder, chunk=128, margin=2):
-    """Copies one scalar grid to a new file in `folder`, with `margin` active zero voxels around what
+def padded_copy(path, grids, folder, chunk=128, margin=2):
+    """Copies scalar grids to a new file in `folder`, each with `margin` active zero voxels around what
     is not zero; returns the new path.
 
     Cycles renders inside a mesh around the active leaves and tiles, and on their low sides that mesh
@@ -27,6 +27,13 @@ def padded_copy(path, grid, folder, chunk=128, margin=2):
     its z index the other way round. A new path each time, too: Blender keeps grids by path and never
     looks again.
     """
+    padded = pathlib.Path(folder) / f"{pathlib.Path(path).stem}.padded.vdb"
+    openvdb.write(str(padded), grids=[_padded(path, grid, chunk, margin) for grid in grids])
+    return padded
+
+
+def _padded(path, grid, chunk, margin):
+    """The copy of one grid."""
     source = read_grid(path, grid)
     if np.ndim(source.background) != 0 or source.background != 0:
         raise ValueError(f"{path}: grid {grid!r} is no fog volume: its background is {source.background}, not 0")
@@ -57,9 +64,7 @@ def padded_copy(path, grid, folder, chunk=128, margin=2):
                             block = np.ascontiguousarray(block[:, :, ::-1])
                         copy.copyFromArray(block, ijk=(x, y, 1 - z - chunk if mirrored else z))
     copy.background = 0.0
-    padded = pathlib.Path(folder) / f"{pathlib.Path(path).stem}.padded.vdb"
-    openvdb.write(str(padded), grids=[copy])
-    return padded
+    return copy
 
 
 def _widened(mask, axis, margin):

@@ -34,6 +34,18 @@ pub struct Bound {
     pub all: DVec3,
 }
 
+impl Bound {
+    /// Returns the bound with emission of this radiance along any ray, in any channel, beside it.
+    #[must_use]
+    pub fn and(self, emitted: f64) -> Self {
+        if emitted == 0.0 {
+            return self;
+        }
+        // However often it is scattered, no more than the series tells is known.
+        Self { first: self.first + emitted, all: DVec3::INFINITY }
+    }
+}
+
 impl Media {
     /// Creates the bounds of media through which no ray is deeper than `depth`.
     pub fn new<'m>(media: impl Iterator<Item = &'m Medium>, depth: f64) -> Self {

@@ -19,6 +19,8 @@ pub enum Effect {
     Environment,
     /// A light, by its number.
     Light(usize),
+    /// Extinction that differs between color channels.
+    ChromaticExtinction,
     /// Extinction and emission by a function of the density.
     TransferFunction,
     /// Several volumes, which may overlap.
@@ -26,12 +28,13 @@ pub enum Effect {
 }
 
 /// Names without a number.
-const NAMES: [(&str, Effect); 7] = [
+const NAMES: [(&str, Effect); 8] = [
     ("emission", Effect::Emission),
     ("scattering", Effect::Scattering),
     ("multiple-scattering", Effect::MultipleScattering),
     ("anisotropy", Effect::Anisotropy),
     ("environment", Effect::Environment),
+    ("chromatic-extinction", Effect::ChromaticExtinction),
     ("transfer-function", Effect::TransferFunction),
     ("overlap", Effect::Overlap),
 ];
@@ -62,7 +65,7 @@ impl FromStr for Effect {
         let light = || text.strip_prefix(LIGHT)?.parse().ok().map(Self::Light);
         let named = NAMES.iter().find(|(name, _)| *name == text).map(|(_, effect)| *effect);
         match named.or_else(light) {
-            Some(Self::Anisotropy | Self::TransferFunction | Self::Overlap) => {
+            Some(Self::Anisotropy | Self::ChromaticExtinction | Self::TransferFunction | Self::Overlap) => {
                 Err(format!("{text} is never left out where a scene calls for it"))
             }
             Some(effect) => Ok(effect),

@@ -22,7 +22,9 @@ pub struct Measured {
     pub albedo: [f32; 2],
     /// True if any color of a medium differs between channels.
     pub colored: bool,
-    /// Optical depth along rays.
+    /// True if the extinction of a medium differs between channels.
+    pub chromatic: bool,
+    /// Optical depth along rays, in the channel of most extinction.
     pub optical_depth: Depth,
     /// Share of the bricks of 8³ voxels in which the density does not change.
     pub constant_bricks: f64,
@@ -54,7 +56,7 @@ impl Measured {
         let densities: Vec<_> = scene.volumes.iter().filter_map(Volume::density).collect();
         let (mut depths, mut bound) = (Vec::new(), 0.0);
         for (field, medium) in &densities {
-            let dvr = Dvr::new(field, Medium { scattering: None, ..(*medium).clone() })?.early_stop(0.0);
+            let dvr = Dvr::new(field, medium.densest_channel())?.early_stop(0.0);
             bound += depth::most(field, medium);
             depths.push(scale::depths(&dvr, cameras));
         }
@@ -73,6 +75,7 @@ impl Measured {
             volumes: scene.volumes.len(),
             albedo: [albedos().flatten().fold(most, f32::min), most],
             colored: albedos().any(|albedo| uneven(&albedo)) || media().any(colored),
+            chromatic: media().any(Medium::is_chromatic),
             optical_depth: Depth {
                 rays: depths.len(),
                 median: at(0.5).unwrap_or_default(),

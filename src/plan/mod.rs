@@ -117,8 +117,11 @@ impl Plan {
     /// If a transfer function cannot be changed.
     pub fn simplify(&self, mut scene: Scene) -> Result<Scene> {
         let on = |effect| self.state(effect) != State::Off;
+        if !on(Effect::Emission) {
+            scene.volumes = scene.volumes.into_iter().map(Volume::without_emission).collect();
+        }
         for volume in &mut scene.volumes {
-            let Volume::Density(_, medium) = volume else { continue };
+            let (Volume::Density(_, medium) | Volume::Emissive { medium, .. }) = volume else { continue };
             if !on(Effect::Emission) {
                 medium.source = darkened(&medium.source, Vec3::ZERO)?;
             }

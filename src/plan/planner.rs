@@ -5,13 +5,14 @@ use super::{Effect, Integrator, Measured, Plan, Planned, Request, State};
 use crate::error::{Error, Result};
 use crate::math::Aabb;
 use crate::render::path::Limits;
+use crate::render::preshaded::Preshaded;
 use crate::scene::bricks::Bricks;
 use crate::scene::environment::Environment;
 use crate::scene::medium::Medium;
 use crate::scene::phase::Phase;
 use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
-use glam::DVec3;
+use glam::{DVec3, Vec4};
 
 /// Most scatterings that a limit is set to: beyond, roulette has ended nearly all paths anyway.
 const MOST_BOUNCES: u32 = 1000;
@@ -40,6 +41,11 @@ fn finite(bound: DVec3) -> Option<f64> {
     most.is_finite().then_some(most)
 }
 
+/// Returns an upper bound of the radiance that a grid emits along any ray.
+fn brightest(emission: &Bricks<Vec4>) -> f64 {
+    Preshaded::<f32>::new(emission).brightest()[1]
+}
+
 fn media(scene: &Scene) -> impl Iterator<Item = &Medium> {
     scene.volumes.iter().filter_map(Volume::density).map(|(_, medium)| medium)
 }
@@ -63,7 +69,9 @@ impl<'p> Planner<'p> {
         let of_media = Media::new(media(scene), measured.optical_depth.bound);
         Ok(Self {
             media: of_media,
-            emission: of_media.emission(fields().map(|(field, medium)| (medium, f64::from(field.range().1)))),
+            emission: of_media
+                .emission(fields().map(|(field, medium)| (medium, f64::from(field.range().1))))
+                .and(scene.volumes.iter().filter_map(Volume::emission).map(brightest).sum()),
             environment: of_media.of(scene.environment.most()),
             lights: scene.lights.iter().map(|light| of_media.of(light.most(within))).collect(),
             omitted: DVec3::ZERO,
@@ -87,7 +95,8 @@ impl<'p> Planner<'p> {
         let [density] = &self.scene.volumes[..] else { return self.finished(Integrator::PathTracing) };
         let pre_shaded = matches!(density, Volume::PreShaded(_));
         let picture = self.scene.environment.map.is_some() && self.background.is_none();
-        let straight = pre_shaded || !(scattering || picture || self.forced(Effect::Scattering));
+        let straight =
+            pre_shaded || !(scattering || picture || self.measured.chromatic || self.forced(Effect::Scattering));
         self.finished(if straight { Integrator::DirectVolumeRendering } else { Integrator::PathTracing })
     }
 
@@ -238,7 +247,9 @@ impl<'p> Planner<'p> {
         let phase = if !scattering { "nothing is scattered" } else { "all directions alike" };
         let several = self.scene.volumes.len() > 1;
         let volumes = format!("{} volume{}", self.scene.volumes.len(), if several { "s" } else { "" });
+        let extinction = if self.measured.chromatic { "differs between channels" } else { "one for all channels" };
         let kinds = [
+            (Effect::ChromaticExtinction, self.measured.chromatic, extinction.to_owned()),
             (Effect::Anisotropy, anisotropic, if anisotropic { "Henyey-Greenstein" } else { phase }.to_owned()),
             (Effect::TransferFunction, self.measured.monotonic.is_some(), function.to_owned()),
             (Effect::Overlap, several, volumes),

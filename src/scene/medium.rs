@@ -1,8 +1,8 @@
 //! Participating media: what a volume's density d does to light.
 //!
 //! The extinction coefficient is `σ_t = extinction · d` per world length, or `extinction · τ(d)` with a transfer
-//! function. Of it the albedo ϖ is scattered, `σ_s = ϖ σ_t`, and the rest absorbed, `σ_a = (1 - ϖ) σ_t`; the medium emits
-//! the radiance `σ_a c` per world length.
+//! function; a chromatic medium has a share of it in each color channel. Of it the albedo ϖ is scattered, `σ_s = ϖ σ_t`,
+//! and the rest absorbed, `σ_a = (1 - ϖ) σ_t`; the medium emits the radiance `σ_a c` per world length.
 
 use crate::error::{Error, Result};
 use crate::scene::phase::Phase;
@@ -36,6 +36,8 @@ pub struct Scattering {
 pub struct Medium {
     /// Extinction per world length and unit of density, or per unit of the transfer function's extinction.
     pub extinction: f64,
+    /// Share of that extinction by channel, 0 to 1; the largest is 1.
+    pub color: [f32; 3],
     /// Radiance of the source.
     pub source: Source,
     /// Scattering; `None` for a medium that absorbs all it does not let through.
@@ -45,7 +47,7 @@ pub struct Medium {
 impl Medium {
     /// Creates a medium that absorbs and emits.
     pub const fn new(extinction: f64, source: Source) -> Self {
-        Self { extinction, source, scattering: None }
+        Self { extinction, color: [1.0; 3], source, scattering: None }
     }
 
     /// Creates a medium that only absorbs.
@@ -53,15 +55,47 @@ impl Medium {
         Self::new(extinction, Source::Grey([0.0; 3]))
     }
 
+    /// Returns the medium with extinctions by channel in place of the one extinction, `extinction` times `by`.
+    ///
+    /// # Errors
+    /// If a factor is negative or not finite, or all are 0.
+    pub fn chromatic(self, by: [f32; 3]) -> Result<Self> {
+        let most = by.into_iter().fold(0.0, f32::max);
+        if by.iter().any(|v| !(v.is_finite() && *v >= 0.0)) || most == 0.0 {
+            return Err(Error::invalid(format!(
+                "extinction color {by:?} must be finite and not negative, and not black"
+            ))
+            .hint("it multiplies the extinction in red, green and blue: 1,1,1 leaves it as it is"));
+        }
+        Ok(Self { extinction: self.extinction * f64::from(most), color: by.map(|v| v / most), ..self })
+    }
+
+    /// True if the extinction differs between channels.
+    pub fn is_chromatic(&self) -> bool {
+        self.color != [1.0; 3]
+    }
+
+    /// Returns the medium that absorbs in every channel what this one takes from a ray in the channel of most extinction.
+    pub fn densest_channel(&self) -> Self {
+        Self { color: [1.0; 3], scattering: None, ..self.clone() }
+    }
+
     /// Returns the medium if its numbers can be used.
     ///
     /// # Errors
-    /// If the extinction is not positive and finite, a source radiance is negative or not finite, or scattering is not
-    /// physical.
+    /// If the extinction is not positive and finite, shares of channels are not as stated, a source radiance is negative or
+    /// not finite, or scattering is not physical.
     pub fn checked(self) -> Result<Self> {
         if !(self.extinction > 0.0 && self.extinction.is_finite()) {
             return Err(Error::invalid(format!("extinction {} must be positive and finite", self.extinction))
                 .hint("correct --density-scale, or the capture's density_scale"));
+        }
+        if self.color.iter().any(|v| !(0.0..=1.0).contains(v)) || !self.color.contains(&1.0) {
+            return Err(Error::invalid(format!(
+                "extinction color {:?} must have 1 as its largest channel",
+                self.color
+            ))
+            .hint("let `Medium::chromatic` take the largest into the extinction"));
         }
         if let Source::Grey(c) | Source::Linear(c) = &self.source
             && c.iter().any(|v| !(v.is_finite() && *v >= 0.0))
@@ -100,6 +134,13 @@ mod tests {
         }
         assert!(of([0.5; 3], Phase::HenyeyGreenstein(1.0)).checked().unwrap_err().to_string().contains("anisotropy"));
         assert!(Medium::absorbing(f64::NAN).checked().is_err() && Medium::absorbing(0.0).checked().is_err());
+        let red = Medium::absorbing(2.0).chromatic([0.5, 0.25, 0.0]).unwrap();
+        assert_eq!((red.extinction, red.color), (1.0, [1.0, 0.5, 0.0]));
+        assert!(red.is_chromatic() && !red.densest_channel().is_chromatic() && red.clone().checked().is_ok());
+        for color in [[0.0; 3], [1.0, -0.1, 0.0], [f32::INFINITY, 0.0, 0.0]] {
+            assert!(Medium::absorbing(1.0).chromatic(color).unwrap_err().to_string().contains("extinction color"));
+        }
+        assert!(Medium { color: [0.5; 3], ..Medium::absorbing(1.0) }.checked().is_err());
         let dark = Medium::new(1.0, Source::Linear([-1.0, 0.0, 0.0]));
         assert!(dark.checked().unwrap_err().to_string().contains("not negative"));
     }

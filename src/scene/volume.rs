@@ -50,6 +50,15 @@ pub enum Volume {
     Density(Bricks<f32>, Medium),
     /// A pre-shaded volume; its grids are all that is to be known of its medium.
     PreShaded(Bricks<Vec4>),
+    /// A density in a medium, beside which a grid emits.
+    Emissive {
+        /// Density.
+        density: Bricks<f32>,
+        /// Medium of the density.
+        medium: Medium,
+        /// The radiance emitted per world length by the grid, in red, green and blue, with the extinction per world length.
+        emission: Box<Bricks<Vec4>>,
+    },
 }
 
 impl Volume {
@@ -57,7 +66,25 @@ impl Volume {
     pub fn density(&self) -> Option<(&Bricks<f32>, &Medium)> {
         match self {
             Self::Density(field, medium) => Some((field, medium)),
+            Self::Emissive { density, medium, .. } => Some((density, medium)),
             Self::PreShaded(_) => None,
+        }
+    }
+
+    /// Returns the volume without a grid that emits beside its medium.
+    #[must_use]
+    pub fn without_emission(self) -> Self {
+        match self {
+            Self::Emissive { density, medium, .. } => Self::Density(density, medium),
+            volume => volume,
+        }
+    }
+
+    /// Returns the grid that emits beside a medium, with the extinction.
+    pub fn emission(&self) -> Option<&Bricks<Vec4>> {
+        match self {
+            Self::Emissive { emission, .. } => Some(emission.as_ref()),
+            Self::Density(..) | Self::PreShaded(_) => None,
         }
     }
 }

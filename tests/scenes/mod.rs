@@ -65,7 +65,9 @@ impl Draw {
         };
         let albedo = if self.once_in(6) { [0.0; 3] } else { self.color(0.95).to_array() };
         let phase = if self.once_in(2) { Phase::Isotropic } else { Phase::HenyeyGreenstein(1.6 * self.number() - 0.8) };
-        Medium { scattering: Some(Scattering { albedo, phase }), ..Medium::new(self.between(0.005, 0.4), source) }
+        let color = if self.once_in(5) { [1.0, self.number() as f32, self.number() as f32] } else { [1.0; 3] };
+        let scattering = Some(Scattering { albedo, phase });
+        Medium { scattering, color, ..Medium::new(self.between(0.005, 0.4), source) }
     }
 
     /// Returns a light outside of a box of that centre and diagonal.

@@ -49,6 +49,9 @@ pub(in crate::cli) struct ScatteringOptions {
     /// Mean cosine of the angle by which scattered light turns (Henyey-Greenstein): -0.999 backward to 0.999 forward
     #[arg(long, value_name = "G", default_value_t = 0.0, value_parser = parse::number, requires = "albedo", allow_negative_numbers = true)]
     anisotropy: f64,
+    /// Factors of the extinction in red, green and blue
+    #[arg(long, value_name = "R,G,B", default_value = "1", value_parser = parse::color, requires = "albedo")]
+    pub extinction_color: [f32; 3],
     /// Vector from the volume towards a sun
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, requires = "albedo", allow_hyphen_values = true)]
     sun: Option<DVec3>,
@@ -160,6 +163,7 @@ impl ScatteringOptions {
         json!({
             "albedo": self.albedo,
             "anisotropy": self.anisotropy,
+            "extinction_color": self.extinction_color,
             "sky": match &self.sky {
                 Some(Sky::File(path)) => json!(path.to_string_lossy()),
                 _ => json!(self.sky()),

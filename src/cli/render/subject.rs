@@ -7,7 +7,10 @@ use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::scene_file::{self, LoadedScene, SceneVolume};
 use crate::formats::{self, Format};
+use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, EmissionModel, Model};
+use crate::scene::emission::{self, Emission};
+use crate::scene::grid::Grid;
 use crate::scene::medium::{Medium, Source};
 use crate::scene::scene::Scene;
 use crate::scene::transfer::Transfer;
@@ -33,7 +36,7 @@ impl Subject {
     /// Returns world points around all that may be seen.
     pub fn outline(&self) -> Vec<DVec3> {
         let outline = |volume: &Volume| match volume {
-            Volume::Density(field, _) => field.outline(),
+            Volume::Density(field, _) | Volume::Emissive { density: field, .. } => field.outline(),
             Volume::PreShaded(volume) => volume.channel(3).outline(),
         };
         match self {
@@ -56,6 +59,27 @@ impl Subject {
     }
 }
 
+/// Returns a volume beside which grids emit.
+fn emissive(
+    grid: &Grid,
+    density: Bricks<f32>,
+    medium: Medium,
+    emissions: Vec<(Grid, Emission)>,
+    limits: Limits,
+) -> Result<Volume> {
+    if !matches!(medium.source, Source::Grey(color) if color == [0.0; 3]) {
+        return Err(Error::unsupported("a medium emits by its density and by grids of its own")
+            .hint("leave 'emission', or 'emission_grid' and 'blackbody', out"));
+    }
+    // Beside one number for each voxel and grid there are four for the emission with the extinction.
+    let each = limits.max_memory / (emissions.len() as u64 + 6);
+    let expanded = Bricks::from_grid(grid, each)?;
+    let field = |(grid, emission): (Grid, Emission)| Ok((Bricks::from_grid(&grid, each)?, emission));
+    let grids = emissions.into_iter().map(field).collect::<Result<Vec<_>>>()?;
+    let emission = emission::volume(&expanded, medium.extinction, &grids)?;
+    Ok(Volume::Emissive { density, medium, emission: Box::new(emission) })
+}
+
 impl PictureOptions {
     /// Reads what is to be rendered, with the transfer function that the pictures will show.
     pub(in crate::cli) fn subject(
@@ -74,7 +98,11 @@ impl PictureOptions {
             let volume = |read: SceneVolume| {
                 let field =
                     volume::arrange(&read.grid, read.transfer.as_ref(), limits).map_err(|e| e.at(&read.path))?;
-                Ok(Volume::Density(field, read.medium))
+                let medium = read.medium;
+                if read.emissions.is_empty() {
+                    return Ok(Volume::Density(field, medium));
+                }
+                emissive(&read.grid, field, medium, read.emissions, limits).map_err(|e| e.at(&read.path))
             };
             let volumes = volumes.into_iter().map(volume).collect::<Result<_>>()?;
             let scene = Scene { volumes, lights, environment, cameras: Vec::new() };
@@ -155,7 +183,8 @@ impl PictureOptions {
             (None, Some(color), EmissionModel::Linear) => Source::Linear(color),
             (None, color, _) => Source::Grey(color.unwrap_or_default()),
         };
-        let medium = Medium { scattering: self.scattering.scattering(), ..Medium::new(capture.density_scale, source) };
+        let medium = Medium::new(capture.density_scale, source).chromatic(self.scattering.extinction_color)?;
+        let medium = Medium { scattering: self.scattering.scattering(), ..medium };
         let scene = Scene { volumes: vec![Volume::Density(field, medium)], cameras, ..Scene::default() };
         self.scattering.light(scene, self.memory.limits())
     }

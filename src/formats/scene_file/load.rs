@@ -7,6 +7,7 @@ use crate::formats::reading::Reading;
 use crate::formats::sequence::Pattern;
 use crate::formats::vdb::File;
 use crate::formats::{exr, input, transfer};
+use crate::scene::emission::Emission;
 use crate::scene::environment::{Environment, EnvironmentMap};
 use crate::scene::grid::Grid;
 use crate::scene::light::Light;
@@ -29,6 +30,8 @@ pub struct SceneVolume {
     pub transfer: Option<Transfer>,
     /// Medium.
     pub medium: Medium,
+    /// Grids that emit beside the medium, on the lattice of the densities, and how.
+    pub emissions: Vec<(Grid, Emission)>,
 }
 
 /// A scene file with all that it names, read.
@@ -55,7 +58,7 @@ pub fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Result<Lo
     let _reading = Reading::begin(path);
     let text = input::bytes(path, MAX_BYTES, "a scene")?;
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
-    let part = |part: String| move |e: Error| e.part(part).at(path);
+    let part = |part: String| move |e: Error| e.part(part.clone()).at(path);
     input::check_json_memory(text, limits).map_err(|e| e.at(path))?;
     let file: SceneFile = serde_json::from_slice(text).map_err(|e| {
         Error::invalid(format!("no scene: {e}"))
@@ -84,14 +87,28 @@ pub fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Result<Lo
         }
         scene.files.push(vdb.clone());
         scene.files.extend(entry.medium.transfer.as_ref().map(|tf| folder.join(tf)));
-        let grid = File::open(&vdb, limits)?.read_fog(entry.grid.as_deref())?;
+        let opened = File::open(&vdb, limits)?;
+        let grid = opened.read_fog(entry.grid.as_deref())?;
         let load = |tf: &PathBuf| {
             let options = transfer::Options { limits, ..transfer::Options::default() };
             transfer::load(&folder.join(tf), &options).map(|loaded| loaded.transfer)
         };
         let transfer = entry.medium.transfer.as_ref().map(load).transpose()?;
-        let medium = medium(&entry.medium, transfer.as_ref()).map_err(named)?;
-        Ok(SceneVolume { path: vdb, grid, transfer, medium })
+        let medium = medium(&entry.medium, transfer.as_ref()).map_err(&named)?;
+        let emission = |(name, emission): (&str, Emission)| {
+            let emission = emission.checked().map_err(&named)?;
+            let emitting = opened.read_fog(Some(name))?;
+            if !emitting.transform.is_close(&grid.transform) {
+                let lattice = format!("its lattice is not that of grid '{}'", grid.name);
+                return Err(Error::unsupported(lattice)
+                    .hint("resample one of them with `cumulo convert --resample`")
+                    .part(format!("grid '{name}'"))
+                    .at(&vdb));
+            }
+            Ok((emitting, emission))
+        };
+        let emissions = entry.medium.emissions().map(emission).collect::<Result<_>>()?;
+        Ok(SceneVolume { path: vdb, grid, transfer, medium, emissions })
     };
     scene.volumes = file.volumes.iter().enumerate().map(&mut volume).collect::<Result<Vec<_>>>()?;
     for (i, entry) in file.lights.iter().enumerate() {
@@ -145,6 +162,10 @@ pub fn environment_map(path: &Path, factor: [f32; 3], limits: Limits) -> Result<
 }
 
 fn medium(entry: &MediumEntry, transfer: Option<&Transfer>) -> Result<Medium> {
+    if transfer.is_some() && entry.emissions().next().is_some() {
+        return Err(Error::unsupported("a medium with a transfer function emits by grids of its own")
+            .hint("leave one of 'transfer', and 'emission_grid' and 'blackbody', out"));
+    }
     let source = match (transfer, entry.emission) {
         (Some(_), Some(_)) => {
             return Err(Error::invalid("'transfer' and 'emission' both tell the source's radiance")
@@ -154,5 +175,5 @@ fn medium(entry: &MediumEntry, transfer: Option<&Transfer>) -> Result<Medium> {
         (None, color) => Source::Grey(color.unwrap_or_default()),
     };
     let scattering = Some(Scattering { albedo: entry.albedo, phase: entry.phase() });
-    Medium { scattering, ..Medium::new(entry.density_scale, source) }.checked()
+    Medium { scattering, ..Medium::new(entry.density_scale, source).chromatic(entry.extinction_color)? }.checked()
 }

@@ -15,6 +15,7 @@ mod load;
 
 pub use load::{LoadedScene, SceneVolume, environment_map, load_within};
 
+use crate::scene::emission::Emission;
 use crate::scene::light::Light;
 use crate::scene::phase::Phase;
 use glam::{DVec3, Vec3};
@@ -69,15 +70,64 @@ pub struct MediumEntry {
     /// Mean cosine of the angle by which scattered light turns (Henyey-Greenstein), -0.999 to 0.999.
     #[serde(default)]
     pub anisotropy: f64,
+    /// Factors of the extinction in red, green and blue; 1 unless stated.
+    #[serde(default = "white")]
+    pub extinction_color: [f32; 3],
     /// Radiance of the source; of it the share of the extinction that is not scattered is emitted.
     pub emission: Option<[f32; 3]>,
     /// Transfer function from density to extinction and source radiance, found from the folder of the scene.
     pub transfer: Option<PathBuf>,
+    /// Emission by a grid of its own, whatever the density.
+    pub emission_grid: Option<EmissionGridEntry>,
+    /// Emission by a grid of temperatures, whatever the density.
+    pub blackbody: Option<BlackbodyEntry>,
+}
+
+/// A grid that emits.
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct EmissionGridEntry {
+    /// Scalar grid of the same file, on the lattice of the densities.
+    pub grid: String,
+    /// Radiance emitted per world length and unit of the grid.
+    #[serde(default = "white")]
+    pub radiance: [f32; 3],
+}
+
+/// A grid of temperatures that emits as black bodies do.
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BlackbodyEntry {
+    /// Scalar grid of the same file, on the lattice of the densities; `temperature` unless stated.
+    #[serde(default = "temperature")]
+    pub grid: String,
+    /// Kelvin per unit of the grid.
+    #[serde(default = "one")]
+    pub kelvin: f64,
+    /// Factor of the emission: 1 emits per world length 1e-6 of a black body's radiance in W m⁻² sr⁻¹, as in Blender.
+    #[serde(default = "one")]
+    pub intensity: f64,
+    /// Factor of the emission in red, green and blue.
+    #[serde(default = "white")]
+    pub tint: [f32; 3],
+}
+
+fn temperature() -> String {
+    "temperature".into()
 }
 
 impl Default for MediumEntry {
     fn default() -> Self {
-        Self { density_scale: 1.0, albedo: [0.0; 3], anisotropy: 0.0, emission: None, transfer: None }
+        Self {
+            density_scale: 1.0,
+            albedo: [0.0; 3],
+            anisotropy: 0.0,
+            extinction_color: white(),
+            emission: None,
+            transfer: None,
+            emission_grid: None,
+            blackbody: None,
+        }
     }
 }
 
@@ -85,6 +135,17 @@ impl MediumEntry {
     /// Returns the phase function.
     pub fn phase(&self) -> Phase {
         if self.anisotropy == 0.0 { Phase::Isotropic } else { Phase::HenyeyGreenstein(self.anisotropy) }
+    }
+
+    /// Returns the names of the grids that emit, and how.
+    fn emissions(&self) -> impl Iterator<Item = (&str, Emission)> {
+        let grid = self.emission_grid.as_ref();
+        let linear = grid.map(|entry| (entry.grid.as_str(), Emission::Linear(Vec3::from_array(entry.radiance))));
+        let blackbody = self.blackbody.as_ref().map(|entry| {
+            let color = Vec3::from_array(entry.tint) * entry.intensity as f32;
+            (entry.grid.as_str(), Emission::Blackbody { kelvin: entry.kelvin, color })
+        });
+        linear.into_iter().chain(blackbody)
     }
 }
 

@@ -75,10 +75,7 @@ pub fn read(file: &File, extinction: Option<&str>, max_memory: u64) -> Result<Br
         ));
     }
     let transform = info.affine().map_err(place)?;
-    if !transform.matrix().abs_diff_eq(
-        extinctions.transform.matrix(),
-        1e-9 * transform.matrix().to_cols_array().iter().fold(0.0, |a: f64, v| a.max(v.abs())),
-    ) {
+    if !transform.is_close(&extinctions.transform) {
         return Err(place(Error::unsupported(format!("its lattice is not that of grid '{}'", extinctions.name)))
             .hint("resample one of them with `cumulo convert --resample`"));
     }

@@ -296,7 +296,8 @@ impl<'a, R: Real> Dvr<'a, R> {
     /// the eye.
     ///
     /// # Errors
-    /// If the medium's numbers are not usable, it scatters, or it absorbs at density zero where the field has no bricks.
+    /// If the medium's numbers are not usable, it scatters, it is chromatic, or it absorbs at density zero where the field has no
+    /// bricks.
     pub fn new(field: &'a Bricks<R>, medium: Medium) -> Result<Self> {
         let medium = medium.checked()?;
         if medium.scatters() {
@@ -304,6 +305,12 @@ impl<'a, R: Real> Dvr<'a, R> {
                 "direct volume rendering shows absorption and emission, the medium scatters",
             )
             .hint("set its albedo to 0"));
+        }
+        if medium.is_chromatic() {
+            return Err(Error::unsupported(
+                "direct volume rendering has one extinction for all channels, the medium has three",
+            )
+            .hint("path tracing renders it"));
         }
         if let Source::Transfer(table) = &medium.source
             && table.at(0.0)[3] > 0.0

@@ -77,9 +77,9 @@ impl Lighting {
     }
 
     /// Returns the radiance that a ray meets before `reach`, weighted against drawing it from the lights; the ray's
-    /// direction was drawn with the given density.
+    /// direction was drawn with the given density. `survival` tells what light from a distance is to be multiplied by.
     #[inline(always)]
-    pub fn met(&self, ray: &Ray, reach: f64, density: f64) -> Vec3 {
+    pub fn met(&self, ray: &Ray, reach: f64, density: f64, mut survival: impl FnMut(f64) -> Vec3) -> Vec3 {
         let count = self.count();
         let mut radiance = Vec3::ZERO;
         if reach.is_infinite() {
@@ -88,12 +88,16 @@ impl Lighting {
                 let share = heuristic(density, map.density(ray.direction) / count);
                 radiance += map.towards(ray.direction) * share as f32;
             }
+            if radiance != Vec3::ZERO {
+                radiance *= survival(f64::INFINITY);
+            }
         }
         for light in &self.lights {
             if let Some(arrival) = light.hit(ray)
                 && (arrival.distance < reach || reach.is_infinite())
             {
-                radiance += arrival.radiance * heuristic(density, arrival.density / count) as f32;
+                let share = heuristic(density, arrival.density / count) as f32;
+                radiance += arrival.radiance * share * survival(arrival.distance);
             }
         }
         radiance

@@ -11,25 +11,28 @@
 //! [`PathTracer`] picks its kernel once for a scene: the kind of medium and its phase function are types inside the
 //! loops.
 
+mod chromatic;
 mod direct;
+mod emissive;
+mod kernel;
 mod optics;
 mod picture;
 mod tracking;
 
 pub use picture::{PIXEL_BYTES, PathFilm, Sampling, View};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::math::Ray;
 use crate::render::arch::Arch;
 use crate::render::dvr::{Tape, Walked};
+use crate::render::preshaded;
 use crate::render::sampler::Sampler;
 use crate::scene::light::around;
 use crate::scene::scene::Scene;
-use crate::scene::volume::Volume;
 use direct::Lighting;
 use glam::{DVec3, Vec3};
 use optics::PhaseFunction;
-use tracking::{Media, Primary};
+use tracking::{Collision, Media, Primary};
 
 /// Number of events while paths were traced.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -70,6 +73,11 @@ pub struct Scratch {
     /// The way of the camera's ray that was walked last.
     camera: Tape<f32>,
     walked: Option<Walked>,
+    /// Optical depth of that ray by channel, and the radiance of the grid beside the media along it, where kernels ask for
+    /// them.
+    depths: DVec3,
+    emitted: Vec3,
+    emission: preshaded::Tape<f32>,
     /// Events since the memory was made.
     pub counts: Counts,
 }
@@ -83,7 +91,7 @@ pub struct PathSample {
     pub direct: Vec3,
     /// Radiance that was scattered more often, and emission that was scattered.
     pub indirect: Vec3,
-    /// Transmittance of the camera's ray.
+    /// Transmittance of the camera's ray, the mean of the channels.
     pub transmittance: f32,
     /// First collision along the camera's ray.
     pub first: Option<First>,
@@ -161,35 +169,20 @@ impl<'a> PathTracer<'a> {
     /// Creates the path tracer of a scene. The camera sees the environment behind the media.
     ///
     /// # Errors
-    /// If a medium or a light cannot be used, or a volume is pre-shaded.
+    /// If a medium or a light cannot be used, a volume is pre-shaded, or one emits by grids that overlaps others or is chromatic.
     pub fn new(scene: &'a Scene) -> Result<Self> {
-        let densities = scene.volumes.iter().map(|volume| match volume {
-            Volume::Density(field, medium) => Ok((field, medium)),
-            Volume::PreShaded(_) => {
-                Err(Error::unsupported("a pre-shaded volume has no albedo: it emits and absorbs, and scatters nothing")
-                    .hint("render it without lights and albedo"))
-            }
-        });
-        let densities = densities.collect::<Result<Vec<_>>>()?;
-        let kernel: Box<dyn Kernel + 'a> = match &densities[..] {
-            [(field, medium)] => tracking::specialised(field, medium)?,
-            several => Box::new(several.iter().map(|(f, m)| tracking::any(f, m)).collect::<Result<Vec<_>>>()?),
-        };
+        let kernel = kernel::specialised(scene)?;
         let lighting = Lighting::new(&scene.lights, scene.environment.clone())?;
         Ok(Self { kernel, lighting, limits: Limits::default(), arch: Arch::default() })
     }
 
-    /// Uses the kernel that serves any number of volumes and any medium, for comparison.
+    /// Uses the kernel that serves any number of volumes of one extinction for all channels, for comparison.
     ///
     /// # Errors
     /// As [`PathTracer::new`].
     pub fn generic(scene: &'a Scene) -> Result<Self> {
         let mut tracer = Self::new(scene)?;
-        let of = |volume: &'a Volume| match volume {
-            Volume::Density(field, medium) => Some(tracking::any(field, medium)),
-            Volume::PreShaded(_) => None,
-        };
-        tracer.kernel = Box::new(scene.volumes.iter().filter_map(of).collect::<Result<Vec<_>>>()?);
+        tracer.kernel = kernel::generic(scene)?;
         Ok(tracer)
     }
 
@@ -245,9 +238,12 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
         let Self { media, lighting, limits, ray, sampler, scratch } = self;
         let Primary { transmittance, collision } = media.first(ray, sampler, scratch);
         let unscattered = transmittance * lighting.behind(ray.direction);
-        let mut out = PathSample { unscattered, transmittance, ..PathSample::default() };
-        let Some((mut collision, share)) = collision else { return out };
-        let (mut ray, mut weight, mut bounces) = (*ray, Vec3::splat(share), 0);
+        let mut out = PathSample { unscattered, transmittance: mean(transmittance), ..PathSample::default() };
+        if M::GLOWS {
+            out.unscattered += scratch.emitted;
+        }
+        let Some((mut collision, mut weight)) = collision else { return out };
+        let (mut ray, mut bounces) = (*ray, 0);
         loop {
             scratch.counts.collisions += 1;
             let albedo = media.albedo(&collision);
@@ -257,8 +253,8 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
             }
             let at = ray.at(collision.distance);
             if bounces == 0 {
-                out.first =
-                    Some(First { distance: collision.distance, position: at, albedo, volume: collision.volume, share });
+                let Collision { distance, volume, .. } = collision;
+                out.first = Some(First { distance, position: at, albedo, volume, share: mean(weight) });
             }
             weight *= albedo;
             if bounces == limits.max_bounces || !survives(&mut weight, bounces, sampler) {
@@ -280,17 +276,24 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
             scratch.counts.impossible += u64::from(density.is_nan() || density <= 0.0);
             let sine = ((1.0 - cosine) * (1.0 + cosine)).max(0.0).sqrt();
             ray = Ray { origin: at, direction: around(ray.direction, cosine, sine, v) };
-            let next = media.collide(&ray, sampler, scratch);
-            let reach = next.map_or(f64::INFINITY, |c| c.distance);
-            *if bounces == 1 { &mut out.direct } else { &mut out.indirect } +=
-                weight * lighting.met(&ray, reach, density);
-            match next {
-                Some(next) => collision = next,
-                None => return out,
+            if M::GLOWS {
+                out.indirect += weight * media.emitted(&ray, scratch);
             }
+            let next = media.collide(&ray, weight, sampler, scratch);
+            let reach = next.map_or(f64::INFINITY, |(collision, _)| collision.distance);
+            let met = lighting.met(&ray, reach, density, |distance| media.survival(&ray, distance, weight, scratch));
+            *if bounces == 1 { &mut out.direct } else { &mut out.indirect } += weight * met;
+            let Some((next, factor)) = next else { return out };
+            (collision, weight) = (next, weight * factor);
         }
         out
     }
+}
+
+/// Returns the mean of the channels, exactly that of equal ones.
+#[inline(always)]
+fn mean(color: Vec3) -> f32 {
+    if color.x == color.y && color.y == color.z { color.x } else { color.element_sum() / 3.0 }
 }
 
 /// Scatterings before the first roulette, and the weight below which it is played.

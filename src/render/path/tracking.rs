@@ -4,7 +4,7 @@
 //! majorant is real. Bricks in which nothing absorbs are skipped.
 
 use super::Scratch;
-use super::optics::{Any, HenyeyGreenstein, Isotropic, Optics, PhaseFunction};
+use super::optics::{Any, Optics, PhaseFunction};
 use crate::error::{Error, Result};
 use crate::math::Ray;
 use crate::render::dvr::{self, Dvr};
@@ -29,27 +29,42 @@ pub(super) struct Collision {
 /// A camera's ray: what it lets through, and a collision with the weight of all of them.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Primary {
-    /// Transmittance, or an estimate of it.
-    pub transmittance: f32,
+    /// Transmittance, or an estimate of it, by channel.
+    pub transmittance: Vec3,
     /// Collision and its weight, of the same mean as 1 - transmittance.
-    pub collision: Option<(Collision, f32)>,
+    pub collision: Option<(Collision, Vec3)>,
 }
 
 /// The volumes of a scene as paths meet them.
 pub(super) trait Media: Sync + Send {
     /// Phase function of the media.
     type Phase: PhaseFunction;
-    /// False if no medium emits.
+    /// False if no medium emits by its source.
     const EMITS: bool;
-    /// Draws the next real collision along a world ray of unit direction; `None` if the ray escapes.
-    fn collide(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<Collision>;
+    /// True if a grid emits beside the media.
+    const GLOWS: bool = false;
+    /// Draws the next real collision along a world ray of unit direction that carries `weight`, and returns with it what the
+    /// weight is to be multiplied by; `None` if the ray escapes.
+    fn collide(
+        &self,
+        ray: &Ray,
+        weight: Vec3,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Option<(Collision, Vec3)>;
+    /// Returns what the weight of a ray is to be multiplied by that [`Media::collide`] let go on beyond a distance.
+    fn survival(&self, ray: &Ray, distance: f64, weight: Vec3, scratch: &mut Scratch) -> Vec3;
     /// Walks along a camera's ray, before collisions are drawn on it.
     fn look(&self, ray: &Ray, scratch: &mut Scratch);
+    /// Returns the radiance of the grid beside the media along a world ray of unit direction.
+    fn emitted(&self, _: &Ray, _: &mut Scratch) -> Vec3 {
+        Vec3::ZERO
+    }
     /// Draws the first collision along the camera's ray that was walked last.
     fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary;
     /// Returns an estimate of the transmittance of the first `length` of a world ray of unit direction: the exact one, or
     /// where that is small sometimes more and else 0.
-    fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> f32;
+    fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3;
     /// Returns the share of the extinction that is scattered.
     fn albedo(&self, collision: &Collision) -> Vec3;
     /// Returns the radiance of the source, of which the share that is not scattered is emitted.
@@ -63,46 +78,27 @@ pub(super) trait Media: Sync + Send {
 /// One volume with its medium.
 pub(super) struct One<'a, O, P> {
     /// Computes transmittances; its medium does not scatter.
-    dvr: Dvr<'a, f32>,
-    optics: O,
-    albedo: Vec3,
-    phase: P,
+    pub dvr: Dvr<'a, f32>,
+    pub optics: O,
+    pub albedo: Vec3,
+    pub phase: P,
 }
 
 /// Tentative collisions to be expected in a brick above which a ray goes on by exact quadrature: a bound that one voxel
 /// sets tells nothing of the others.
 const DENSE: f32 = 256.0;
 /// Transmittance below which cameras' rays end.
-const LEAST_TRANSMITTANCE: f64 = 1e-9;
+pub(super) const LEAST_TRANSMITTANCE: f64 = 1e-9;
 /// Optical depth from which transmittances are drawn: that of 5 %.
-const EXACT_DEPTH: f64 = 3.0;
+pub(super) const EXACT_DEPTH: f64 = 3.0;
 
-/// Returns the volume as kernels that are compiled for its kind of medium need it.
-pub(super) fn specialised<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<Box<dyn super::Kernel + 'a>> {
-    let One { dvr, optics, albedo, phase } = any(field, medium)?;
-    Ok(match optics {
-        Any::Dark(optics) => with_phase(One { dvr, optics, albedo, phase }),
-        Any::Emitting(optics) => with_phase(One { dvr, optics, albedo, phase }),
-        Any::Transfer(optics) => with_phase(One { dvr, optics, albedo, phase }),
-    })
-}
-
-/// Returns the volume as a kernel that is compiled for its phase function.
-fn with_phase<'a, O: Optics + 'a>(one: One<'a, O, Phase>) -> Box<dyn super::Kernel + 'a> {
-    let One { dvr, optics, albedo, phase } = one;
-    match phase {
-        Phase::Isotropic => Box::new(One { dvr, optics, albedo, phase: Isotropic }),
-        Phase::HenyeyGreenstein(g) => Box::new(One { dvr, optics, albedo, phase: HenyeyGreenstein(g) }),
-    }
-}
-
-/// Returns the volume for kernels that serve any medium.
+/// Returns the volume for kernels that serve any medium, in its channel of most extinction.
 pub(super) fn any<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a, Any, Phase>> {
     let medium = medium.clone().checked()?;
     let Scattering { albedo, phase } =
         medium.scattering.unwrap_or(Scattering { albedo: [0.0; 3], phase: Phase::Isotropic });
     let optics = Any::new(&medium);
-    let dvr = Dvr::new(field, Medium { scattering: None, ..medium })?.early_stop(LEAST_TRANSMITTANCE);
+    let dvr = Dvr::new(field, medium.densest_channel())?.early_stop(LEAST_TRANSMITTANCE);
     let largest = dvr.majorants().largest();
     if !largest.is_finite() {
         return Err(Error::invalid("the extinction is too large for single precision")
@@ -168,9 +164,14 @@ impl<O: Optics, P: PhaseFunction> Media for One<'_, O, P> {
     const EMITS: bool = O::EMITS;
 
     #[inline(always)]
-    fn collide(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<Collision> {
+    fn collide(&self, ray: &Ray, _: Vec3, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<(Collision, Vec3)> {
         let (distance, density) = self.collision(ray, f64::INFINITY, sampler, scratch)?;
-        Some(Collision { distance, density, volume: 0 })
+        Some((Collision { distance, density, volume: 0 }, Vec3::ONE))
+    }
+
+    #[inline(always)]
+    fn survival(&self, _: &Ray, _: f64, _: Vec3, _: &mut Scratch) -> Vec3 {
+        Vec3::ONE
     }
 
     #[inline(always)]
@@ -182,20 +183,21 @@ impl<O: Optics, P: PhaseFunction> Media for One<'_, O, P> {
     #[inline(always)]
     fn first(&self, _: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
         let [u, ..] = sampler.even();
-        let Some(walked) = &scratch.walked else { return Primary { transmittance: 1.0, collision: None } };
+        let Some(walked) = &scratch.walked else { return Primary { transmittance: Vec3::ONE, collision: None } };
         let transmittance = (-walked.depth).exp();
         let found = walked.collision(u).and_then(|depth| self.dvr.locate(walked, depth, &mut scratch.camera));
         let share = -(-walked.depth).exp_m1();
-        let collision = found.map(|(distance, density)| (Collision { distance, density, volume: 0 }, share as f32));
-        Primary { transmittance: transmittance as f32, collision }
+        let weight = Vec3::splat(share as f32);
+        let collision = found.map(|(distance, density)| (Collision { distance, density, volume: 0 }, weight));
+        Primary { transmittance: Vec3::splat(transmittance as f32), collision }
     }
 
     #[inline(always)]
-    fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> f32 {
+    fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
         // Beyond, the ray survives with the probability of what is left: the mean stays, and the walk ends soon.
         let limit = EXACT_DEPTH + f64::from(sampler.exponential());
         let depth = self.dvr.optical_depth_within(ray, length, limit, &mut scratch.tape);
-        if depth < limit { (-depth.min(EXACT_DEPTH)).exp() as f32 } else { 0.0 }
+        Vec3::splat(if depth < limit { (-depth.min(EXACT_DEPTH)).exp() as f32 } else { 0.0 })
     }
 
     #[inline(always)]
@@ -228,7 +230,7 @@ impl Media for Vec<One<'_, Any, Phase>> {
 
     /// Collisions with each volume are independent, and the nearest of them is the first.
     #[inline(always)]
-    fn collide(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<Collision> {
+    fn collide(&self, ray: &Ray, _: Vec3, sampler: &mut Sampler, scratch: &mut Scratch) -> Option<(Collision, Vec3)> {
         let mut nearest: Option<Collision> = None;
         for (volume, one) in self.iter().enumerate() {
             let limit = nearest.map_or(f64::INFINITY, |c| c.distance);
@@ -236,7 +238,12 @@ impl Media for Vec<One<'_, Any, Phase>> {
                 nearest = Some(Collision { distance, density, volume });
             }
         }
-        nearest
+        nearest.map(|collision| (collision, Vec3::ONE))
+    }
+
+    #[inline(always)]
+    fn survival(&self, _: &Ray, _: f64, _: Vec3, _: &mut Scratch) -> Vec3 {
+        Vec3::ONE
     }
 
     /// Collisions are drawn by tracking: there is nothing to be prepared.
@@ -245,13 +252,13 @@ impl Media for Vec<One<'_, Any, Phase>> {
 
     #[inline(always)]
     fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
-        let collision = self.collide(ray, sampler, scratch);
-        let transmittance = if collision.is_some() { 0.0 } else { 1.0 };
-        Primary { transmittance, collision: collision.map(|collision| (collision, 1.0)) }
+        let collision = self.collide(ray, Vec3::ONE, sampler, scratch);
+        let transmittance = if collision.is_some() { Vec3::ZERO } else { Vec3::ONE };
+        Primary { transmittance, collision }
     }
 
     #[inline(always)]
-    fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> f32 {
+    fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
         self.iter().map(|one| one.transmittance(ray, length, sampler, scratch)).product()
     }
 

@@ -1,0 +1,190 @@
+//! Chromatic media: extinctions that differ between color channels.
+//!
+//! All channels of a medium have one density, so that one optical depth tells the transmittance of each. A collision is
+//! drawn by the extinction of one channel, picked by the share of the weight that the path carries in it, and stands
+//! for all channels by the balance heuristic (spectral multiple importance sampling; Wilkie et al. 2014). The weights
+//! of the channels then keep their sum (Kutz et al. 2017).
+
+use super::Scratch;
+use super::optics::Any;
+use super::tracking::{Collision, EXACT_DEPTH, LEAST_TRANSMITTANCE, Media, One, Primary, any};
+use crate::error::Result;
+use crate::math::Ray;
+use crate::render::sampler::Sampler;
+use crate::scene::bricks::Bricks;
+use crate::scene::medium::Medium;
+use crate::scene::phase::Phase;
+use glam::{DVec3, Vec3};
+
+/// Volumes of which at least one is chromatic; their extinctions add.
+pub(super) struct Chromatic<'a>(Vec<Colored<'a>>);
+
+/// A volume with its extinction by channel, as a share of the largest.
+struct Colored<'a> {
+    volume: One<'a, Any, Phase>,
+    color: DVec3,
+}
+
+impl<'a> Chromatic<'a> {
+    /// Creates the kernel of these volumes.
+    ///
+    /// # Errors
+    /// If a medium cannot be used.
+    pub fn new(volumes: &[(&'a Bricks<f32>, &Medium)]) -> Result<Self> {
+        let colored = |(field, medium): &(&'a Bricks<f32>, &Medium)| {
+            let color = Vec3::from_array(medium.color).as_dvec3();
+            let mut volume = any(field, medium)?;
+            // Where the densest channel is dark, the others may not be.
+            volume.dvr = volume.dvr.early_stop(LEAST_TRANSMITTANCE.powf(1.0 / color.min_element()));
+            Ok(Colored { volume, color })
+        };
+        Ok(Self(volumes.iter().map(colored).collect::<Result<_>>()?))
+    }
+
+    /// Returns the optical depth of the first `length` of a ray by channel.
+    fn depths(&self, ray: &Ray, length: f64, scratch: &mut Scratch) -> DVec3 {
+        let depth = |one: &Colored<'_>| {
+            one.color * one.volume.dvr.optical_depth_within(ray, length, f64::INFINITY, &mut scratch.tape)
+        };
+        self.0.iter().map(depth).sum()
+    }
+}
+
+/// Returns the weight's shares by channel; alike for a weight of 0.
+fn shares(weight: Vec3) -> DVec3 {
+    let weight = weight.as_dvec3();
+    let sum = weight.element_sum();
+    if sum > 0.0 { weight / sum } else { DVec3::splat(1.0 / 3.0) }
+}
+
+/// Picks a channel with the probability of its share by a number in [0, 1).
+fn pick(shares: DVec3, u: f64) -> usize {
+    let sums = [shares.x, shares.x + shares.y];
+    match sums.iter().position(|sum| u < *sum) {
+        Some(channel) => channel,
+        // Rounding leaves no share of 0 the rest.
+        None => (0..3).rev().find(|channel| shares[*channel] > 0.0).unwrap_or(2),
+    }
+}
+
+/// Returns, by channel, `factor · e^{-depth}` over its mean by shares: what one channel's draw is worth in each.
+fn worth(factor: DVec3, depths: DVec3, shares: DVec3) -> Vec3 {
+    let drawn = shares.cmpgt(DVec3::ZERO);
+    // Only ratios matter, and they do not underflow from the least depth on.
+    let least = DVec3::select(drawn, depths, DVec3::INFINITY).min_element();
+    let values = DVec3::select(drawn, factor * (-(depths - least)).map(f64::exp), DVec3::ZERO);
+    let mean = values.dot(shares);
+    if mean > 0.0 { (values / mean).as_vec3() } else { Vec3::ZERO }
+}
+
+impl Media for Chromatic<'_> {
+    type Phase = Phase;
+    const EMITS: bool = true;
+
+    fn collide(
+        &self,
+        ray: &Ray,
+        weight: Vec3,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Option<(Collision, Vec3)> {
+        let shares = shares(weight);
+        let channel = pick(shares, sampler.uniform());
+        let mut nearest: Option<Collision> = None;
+        for (volume, one) in self.0.iter().enumerate() {
+            let depth = f64::from(sampler.exponential()) / one.color[channel];
+            let limit = nearest.map_or(f64::INFINITY, |c| c.distance);
+            let found = one.volume.dvr.collision_at(ray, depth, limit, &mut scratch.tape);
+            nearest = found.map(|(distance, density)| Collision { distance, density, volume }).or(nearest);
+        }
+        let collision = nearest?;
+        let depths = self.depths(ray, collision.distance, scratch);
+        Some((collision, worth(self.0[collision.volume].color, depths, shares)))
+    }
+
+    fn survival(&self, ray: &Ray, distance: f64, weight: Vec3, scratch: &mut Scratch) -> Vec3 {
+        worth(DVec3::ONE, self.depths(ray, distance, scratch), shares(weight))
+    }
+
+    fn look(&self, ray: &Ray, scratch: &mut Scratch) {
+        let [one] = &self.0[..] else {
+            scratch.depths = self.depths(ray, f64::INFINITY, scratch);
+            return;
+        };
+        let walked = one.volume.dvr.walk(ray, &mut scratch.camera);
+        scratch.depths = one.color * walked.depth;
+        scratch.walked = Some(walked);
+    }
+
+    /// The transmittance is exact. With one volume every ray that meets it collides with it.
+    fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
+        let depths = scratch.depths;
+        let transmittance = (-depths).map(f64::exp).as_vec3();
+        let ([one], Some(walked)) = (&self.0[..], scratch.walked) else {
+            return Primary { transmittance, collision: self.collide(ray, Vec3::ONE, sampler, scratch) };
+        };
+        let opacities = (-depths).map(|depth| -depth.exp_m1());
+        let sum = opacities.element_sum();
+        if sum <= 0.0 {
+            return Primary { transmittance, collision: None };
+        }
+        let [u, channel, ..] = sampler.even();
+        let channel = pick(opacities / sum, channel);
+        let depth = -(u * -opacities[channel]).ln_1p() / one.color[channel];
+        let found = one.volume.dvr.locate(&walked, depth, &mut scratch.camera);
+        let values = one.color * (-(depth * one.color)).map(f64::exp);
+        let weight = (values * (sum / values.element_sum())).as_vec3();
+        let collision = found.map(|(distance, density)| (Collision { distance, density, volume: 0 }, weight));
+        Primary { transmittance, collision }
+    }
+
+    fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
+        let mut product = DVec3::ONE;
+        for one in &self.0 {
+            // The clearest channel decides whether the walk ends; where it is clear, none does.
+            let clearest = one.color.min_element();
+            let limit = (EXACT_DEPTH + f64::from(sampler.exponential())) / clearest;
+            let depth = one.volume.dvr.optical_depth_within(ray, length, limit, &mut scratch.tape);
+            if depth >= limit {
+                return Vec3::ZERO;
+            }
+            let raised = (clearest * depth - EXACT_DEPTH).max(0.0);
+            product *= (DVec3::splat(raised) - one.color * depth).map(f64::exp);
+        }
+        product.as_vec3()
+    }
+
+    fn albedo(&self, collision: &Collision) -> Vec3 {
+        self.0[collision.volume].volume.albedo
+    }
+
+    fn source(&self, collision: &Collision) -> Vec3 {
+        self.0[collision.volume].volume.source(collision)
+    }
+
+    fn phase(&self, collision: &Collision) -> Phase {
+        self.0[collision.volume].volume.phase
+    }
+
+    fn normal(&self, volume: usize, position: DVec3) -> DVec3 {
+        self.0[volume].volume.normal(0, position)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is drawn by the shares has the right mean in every channel, and the weights keep their sum.
+    #[test]
+    fn draws_stand_for_all_channels() {
+        let (factor, depths) = (DVec3::new(1.0, 0.5, 0.0), DVec3::new(800.0, 400.0, 0.0));
+        let weight = Vec3::new(0.2, 0.3, 0.0);
+        let worth = worth(factor, depths, shares(weight));
+        assert!(worth.is_finite() && (worth.dot(weight) - weight.element_sum()).abs() < 1e-6, "{worth}");
+        assert_eq!(worth.z, 0.0);
+        assert_eq!(shares(Vec3::ZERO).element_sum(), 1.0);
+        let of = DVec3::new(0.5, 0.5, 0.0);
+        assert_eq!([0.0, 0.6, 1.0].map(|u| pick(of, u)), [0, 1, 1]);
+    }
+}

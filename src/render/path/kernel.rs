@@ -1,0 +1,78 @@
+//! Choice of the kernel that a scene calls for.
+
+use super::Kernel;
+use super::chromatic::Chromatic;
+use super::emissive::Emissive;
+use super::optics::{Any, HenyeyGreenstein, Isotropic, Optics};
+use super::tracking::{One, any};
+use crate::error::{Error, Result};
+use crate::scene::bricks::Bricks;
+use crate::scene::medium::Medium;
+use crate::scene::phase::Phase;
+use crate::scene::scene::Scene;
+use crate::scene::volume::Volume;
+use glam::Vec4;
+
+/// Returns the kernel that is compiled for the media of a scene.
+///
+/// # Errors
+/// If a medium cannot be used, a volume is pre-shaded, or one emits by grids that overlaps others or is chromatic.
+pub(super) fn specialised<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> {
+    let densities = scene.volumes.iter().map(|volume| {
+        volume.density().ok_or_else(|| {
+            Error::unsupported("a pre-shaded volume has no albedo: it emits and absorbs, and scatters nothing")
+                .hint("render it without lights and albedo")
+        })
+    });
+    let densities = densities.collect::<Result<Vec<_>>>()?;
+    let chromatic = densities.iter().any(|(_, medium)| medium.is_chromatic());
+    let emission = scene.volumes.iter().find_map(Volume::emission);
+    Ok(match &densities[..] {
+        [_, _, ..] if emission.is_some() => {
+            return Err(Error::unsupported("a volume that emits by grids of its own overlaps others")
+                .hint("render it alone, or put the densities into one grid"));
+        }
+        _ if chromatic && emission.is_some() => {
+            return Err(Error::unsupported("a chromatic volume emits by grids of its own")
+                .hint("give it one extinction for all channels"));
+        }
+        several if chromatic => Box::new(Chromatic::new(several)?),
+        [(field, medium)] => single(field, medium, emission)?,
+        several => Box::new(several.iter().map(|(f, m)| any(f, m)).collect::<Result<Vec<_>>>()?),
+    })
+}
+
+/// Returns the kernel that serves any number of volumes of one extinction for all channels.
+///
+/// # Errors
+/// If a medium cannot be used.
+pub(super) fn generic<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> {
+    let densities = scene.volumes.iter().filter_map(Volume::density);
+    Ok(Box::new(densities.map(|(field, medium)| any(field, medium)).collect::<Result<Vec<_>>>()?))
+}
+
+/// Returns the volume, beside which a grid may emit, as a kernel that is compiled for its kind of medium.
+fn single<'a>(
+    field: &'a Bricks<f32>,
+    medium: &Medium,
+    emission: Option<&'a Bricks<Vec4>>,
+) -> Result<Box<dyn Kernel + 'a>> {
+    let One { dvr, optics, albedo, phase } = any(field, medium)?;
+    if let Some(emission) = emission {
+        return Ok(Box::new(Emissive::new(One { dvr, optics, albedo, phase }, emission)));
+    }
+    Ok(match optics {
+        Any::Dark(optics) => with_phase(One { dvr, optics, albedo, phase }),
+        Any::Emitting(optics) => with_phase(One { dvr, optics, albedo, phase }),
+        Any::Transfer(optics) => with_phase(One { dvr, optics, albedo, phase }),
+    })
+}
+
+/// Returns the volume as a kernel that is compiled for its phase function.
+fn with_phase<'a, O: Optics + 'a>(one: One<'a, O, Phase>) -> Box<dyn Kernel + 'a> {
+    let One { dvr, optics, albedo, phase } = one;
+    match phase {
+        Phase::Isotropic => Box::new(One { dvr, optics, albedo, phase: Isotropic }),
+        Phase::HenyeyGreenstein(g) => Box::new(One { dvr, optics, albedo, phase: HenyeyGreenstein(g) }),
+    }
+}
