@@ -33,8 +33,9 @@ endif
 test: setup
 	cargo build --release --locked
 	cargo test --release --locked
-	.venvs/bpy/bin/python -m pytest python/tests --ignore python/tests/usd
+	.venvs/bpy/bin/python -m pytest python/tests --ignore python/tests/usd --ignore python/tests/mitsuba
 	.venvs/usd/bin/python -m pytest python/tests/usd
+	.venvs/mitsuba/bin/python -m pytest python/tests/mitsuba
 
 # `make fuzz FUZZ_INPUTS=500 FUZZ_SEED=7 KILLS=10` runs fewer, or others.
 FUZZ_INPUTS ?= 10000

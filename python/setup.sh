@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Makes this machine ready: Debian packages that are missing, and the Python environments under .venvs/.
 #
-#   python/setup.sh [build] [bpy] [usd] [bench]      all but bench when none is named
+#   python/setup.sh [build] [bpy] [usd] [mitsuba] [bench]      all but bench when none is named
 #
 # What is there already is left alone, so a second run does nothing; an environment counts as there
 # only when its stamp, written last, names the same requirements, so an interrupted install is redone.
@@ -104,7 +104,7 @@ make_environment() {
     printf '%s\n' "$wanted" >"$stamp"
 }
 
-[ $# -gt 0 ] || set -- build bpy usd
+[ $# -gt 0 ] || set -- build bpy usd mitsuba
 # One set-up at a time: two would tear down each other's environments.
 mkdir -p .venvs
 if command -v flock >/dev/null; then
@@ -124,11 +124,12 @@ for part in "$@"; do
         make_environment bpy 3.11 bpy
         ;;
     usd) make_environment usd 3 pxr.Usd ;;
+    mitsuba) make_environment mitsuba 3 mitsuba ;;
     bench)
         # shellcheck disable=SC2086
         install_packages $bench_packages
         make_environment bench 3 numba
         ;;
-    *) die "unknown part '$part'; give build, bpy, usd or bench" ;;
+    *) die "unknown part '$part'; give build, bpy, usd, mitsuba or bench" ;;
     esac
 done
