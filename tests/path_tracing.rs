@@ -471,7 +471,7 @@ fn camera(field: &Bricks<f32>, size: u32) -> Camera {
 fn pictures_depend_on_seed_and_pixel_alone() {
     let field = lumpy(unit());
     let scene = busy(&field);
-    let (camera, go, sampling) = (camera(&field, 24), AtomicBool::new(false), Sampling { samples: 8, seed: 5 });
+    let (camera, go, sampling) = (camera(&field, 24), AtomicBool::new(false), Sampling::new(8, 5));
     let picture = |threads: usize, arch: Arch, camera: &Camera, sampling| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let tracer = PathTracer::new(&scene).unwrap().arch(arch);
@@ -526,7 +526,7 @@ fn hard_cases_stay_finite() {
             ..outside
         };
         for camera in [outside, inside] {
-            let found = tracer.picture(&camera, Sampling { samples: 4, seed: 1 }, &[], &go).unwrap();
+            let found = tracer.picture(&camera, Sampling::new(4, 1), &[], &go).unwrap();
             assert!(found.film.rgba.iter().flatten().all(|v| v.is_finite() && *v >= 0.0), "{name}");
             assert_eq!((found.counts.violations, found.counts.impossible), (0, 0), "{name}");
         }

@@ -43,7 +43,7 @@ fn picture(
     // Pictures of different seeds are independent, the paths of one are not.
     let groups: Vec<Film> = (0..16)
         .map(|group| {
-            let sampling = Sampling { samples: 32, seed: 1000 * seed + group };
+            let sampling = Sampling::new(32, 1000 * seed + group);
             tracer.picture(camera, sampling, &[], &never).unwrap().film
         })
         .collect();

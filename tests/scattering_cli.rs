@@ -77,6 +77,29 @@ fn grids_emit_and_extinctions_have_colors() {
     }
 }
 
+/// A part of a picture has the pixels of the whole, by paths and by straight rays; a capture of parts has their cameras.
+#[test]
+fn parts_of_pictures_are_the_same() {
+    let work = Work::new();
+    for (name, options) in [("paths", format!("--samples 4 {LIT}")), ("rays", "--supersample 2".to_owned())] {
+        let render = format!("render @plume.vdb --views 2 --size 24x20 --density-scale 4 {options}");
+        work.json(&format!("{render} -o {name}"));
+        work.json(&format!("{render} --crop 9,5,12x8 -o {name}-part"));
+        let whole = work.picture(&format!("{name}/view_001.exr"));
+        let part = work.picture(&format!("{name}-part/view_001.exr"));
+        assert_eq!((part.width, part.height), (12, 8));
+        for (i, found) in part.rgba.iter().enumerate() {
+            assert_eq!(*found, whole.rgba[(5 + i / 12) * 24 + 9 + i % 12], "{name} {i}");
+        }
+        work.json(&format!("render @plume.vdb --cameras {name}-part --density-scale 4 {options} -o {name}-again"));
+        assert_eq!(work.picture(&format!("{name}-again/view_001.exr")).rgba.len(), 12 * 8);
+    }
+    let render = "render @plume.vdb --views 1 --size 24x20 -o out";
+    work.refused(&format!("{render} --crop 20,0,5x5"), &["20,0,5x5", "24x20"]);
+    work.refused(&format!("{render} --crop 4294967295,0,5x5"), &["4294967295"]);
+    work.refused(&format!("{render} --crop 1,2"), &["--crop", "64,32,128x128"]);
+}
+
 /// Planes are there by name, and add up: direct and indirect light and what is seen through the volume are the picture.
 #[test]
 fn planes_add_up() {

@@ -118,5 +118,16 @@ fn scene_files_hold_sequences() {
     assert_eq!(report["rendered"], 2);
     assert_ne!(work.picture("out/frame.0001.exr"), work.picture("out/frame.0002.exr"));
     work.refused("render scene.json --views 1 -o no", &["s.%04d.vdb", "--frames"]);
+    // A scene file for each frame moves lights, media and functions.
+    for (frame, radiance) in [(1, 1.0), (2, 3.0)] {
+        let scene = serde_json::json!({
+            "volumes": [{"file": fixture("plume.vdb"), "medium": {"albedo": [1, 1, 1]}}],
+            "lights": [{"type": "DomeLight", "radiance": [radiance, radiance, radiance]}]});
+        std::fs::write(work.path(&format!("lit.{frame:04}.json")), scene.to_string()).unwrap();
+    }
+    let report = work.json("render lit.####.json --views 1 --size 12x12 --samples 4 -o lit");
+    assert_eq!(report["rendered"], 2);
+    let [first, second] = [1, 2].map(|frame| work.picture(&format!("lit/frame.{frame:04}.exr")).rgba[0][0]);
+    assert!((second - 3.0 * first).abs() < 1e-5, "{first} {second}");
     assert_eq!(work.json("plan scene.json --frame 2 --size 12x12")["integrator"], "path-tracing");
 }

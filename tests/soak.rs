@@ -41,7 +41,7 @@ fn hard_scenes_stay_finite() {
         let scene = plan.simplify(scene).unwrap();
         let limits = Limits { max_bounces: plan.limits.max_bounces.min(200) };
         let tracer = PathTracer::new(&scene).unwrap().limits(limits);
-        let picture = tracer.picture(&scene.cameras[0], Sampling { samples: 8, seed: number }, &AOVS, &never).unwrap();
+        let picture = tracer.picture(&scene.cameras[0], Sampling::new(8, number), &AOVS, &never).unwrap();
         let values = picture.film.rgba.iter().flatten();
         assert!(values.clone().all(|v| v.is_finite() && *v >= 0.0), "scene {number}: {:?}", picture.film.rgba);
         for plane in &picture.film.planes {

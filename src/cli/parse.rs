@@ -1,6 +1,7 @@
 //! Option values that several commands share.
 
 use crate::math::Aabb;
+use crate::scene::camera::Window;
 use glam::DVec3;
 use std::str::FromStr;
 
@@ -80,6 +81,15 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
     text.split_once('x').and_then(|(w, h)| Some([side(w)?, side(h)?])).ok_or_else(|| {
         format!("'{text}' is no size; give WIDTHxHEIGHT in pixels, each from 1 to 65536, such as 256x256")
     })
+}
+
+/// Parses a part of a picture, `x,y,WIDTHxHEIGHT`.
+pub fn window(text: &str) -> Result<Window, String> {
+    let [x, y, extent] = text.split(',').collect::<Vec<_>>()[..] else {
+        return Err(format!("'{text}' is no part of a picture; give column,row,WIDTHxHEIGHT, such as 64,32,128x128"));
+    };
+    let place = |text: &str| text.trim().parse().map_err(|_| format!("'{text}' is no column or row of pixels"));
+    Ok(Window { origin: [place(x)?, place(y)?], size: size(extent)? })
 }
 
 /// Parses a scene-linear color, `r,g,b` or one number for grey, each from 0 to 1e15.

@@ -78,7 +78,7 @@ pub fn run(
     }
     let traced = |max_bounces: u32| {
         let tracer = PathTracer::new(simplified)?.limits(Limits { max_bounces });
-        let sampling = |per_edge| Sampling { samples: per_edge * per_edge, seed: 0 };
+        let sampling = |per_edge| Sampling::new(per_edge * per_edge, 0);
         Ok(rounds(&|per_edge| tracer.picture(&view, sampling(per_edge), &[], cancel).map(|_| ())))
     };
     let most = plan.limits.max_bounces;

@@ -38,6 +38,13 @@ impl<R: Real> Quartet<R> {
         [(w[0] + w[1]).sum().f64(), (w[0] * v[0] + w[1] * v[1]).sum().f64()]
     }
 
+    /// Returns the ray's length in all cells, in world units.
+    #[inline(always)]
+    pub fn length(&self) -> f64 {
+        // Interpolation weights sum to 1.
+        self.weights.iter().map(|w| (w[0] + w[1]).sum().f64()).sum()
+    }
+
     /// Adds `g w` to `values`: the transpose of [`Quartet::gather`].
     #[inline(always)]
     pub fn scatter(&self, values: &mut [R], g: R) {

@@ -61,7 +61,34 @@ impl CameraGradient {
     }
 }
 
+/// A part of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Window {
+    /// Column and row of its first pixel.
+    pub origin: [u32; 2],
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+}
+
 impl Camera {
+    /// Returns the camera of a part of the picture.
+    ///
+    /// # Errors
+    /// If the part is not within the picture.
+    pub fn cropped(self, Window { origin, size }: Window) -> Result<Self> {
+        let whole = [self.width, self.height];
+        if (0..2).any(|a| origin[a].checked_add(size[a]).is_none_or(|end| end > whole[a])) {
+            let [[x, y], [w, h]] = [origin, size];
+            return Err(Error::invalid(format!(
+                "the part {x},{y},{w}x{h} is not within a picture of {}x{} pixels",
+                whole[0], whole[1]
+            ))
+            .hint("give a part that is: column and row of its first pixel count from 0"));
+        }
+        let [x, y] = origin.map(f64::from);
+        Ok(Self { centre: self.centre - DVec2::new(x, y), width: size[0], height: size[1], ..self })
+    }
+
     /// Checks every number and normalises the columns of the motion, since files often carry a scale.
     ///
     /// # Errors

@@ -70,7 +70,7 @@ pub fn rows() -> Vec<Row> {
     let row = |(name, scene): (&'static str, Scene)| {
         let (own, generic) = (PathTracer::new(&scene).unwrap(), PathTracer::generic(&scene).unwrap());
         let picture = |tracer: &PathTracer<'_>, seed: u64| {
-            tracer.picture(&scene.cameras[0], Sampling { samples: 64, seed }, &[], &never).unwrap().film.rgba
+            tracer.picture(&scene.cameras[0], Sampling::new(64, seed), &[], &never).unwrap().film.rgba
         };
         // Half of the mean square of the difference of two pictures is the variance of one.
         let variance = |tracer: &PathTracer<'_>| {

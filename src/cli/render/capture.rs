@@ -28,6 +28,7 @@ impl PictureOptions {
         let density_scale = self.scale(subject, transfer.as_ref(), template, &cameras)?;
         let model = self.model_of(subject, transfer.is_some(), template)?;
         let scatters = model == Model::Scattering;
+        let cameras = cameras.into_iter().map(|camera| self.cropped(camera)).collect::<Result<Vec<_>>>()?;
         let picture = |i: usize| folder.join(format!("view_{i:03}.exr"));
         let frames = cameras.into_iter().enumerate().map(|(i, camera)| Frame { camera, picture: picture(i) });
         let template = template.filter(|_| !scatters);
@@ -51,6 +52,11 @@ impl PictureOptions {
             transfer,
             lattice: subject.lattice(),
         })
+    }
+
+    /// Returns the camera of the part of a picture that is rendered.
+    pub(in crate::cli) fn cropped(&self, camera: Camera) -> Result<Camera> {
+        self.crop.map_or(Ok(camera), |window| camera.cropped(window))
     }
 
     /// Returns the cameras: those of `--cameras`, else new ones around the subject.

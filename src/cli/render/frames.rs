@@ -149,7 +149,7 @@ impl Render {
     /// those of the numbers next to it, or itself.
     fn cameras(&self, template: &Capture, numbers: &[u32]) -> Result<Vec<[Camera; 3]>> {
         if let [only] = &template.frames[..] {
-            return Ok(vec![[only.camera; 3]]);
+            return Ok(vec![[self.pictures.cropped(only.camera)?; 3]]);
         }
         let of = |number: Option<u32>| {
             let bears = |frame: &&Frame| number.is_some() && sequence::number_of(&frame.picture) == number;
@@ -170,7 +170,11 @@ impl Render {
                     .hint("choose frames with --frames, or give one camera for all of them")
             })
         };
-        numbers.iter().map(find).collect()
+        let cropped = |cameras: [Camera; 3]| {
+            let [before, camera, after] = cameras.map(|camera| self.pictures.cropped(camera));
+            Ok([before?, camera?, after?])
+        };
+        numbers.iter().map(|number| find(number).and_then(cropped)).collect()
     }
 }
 

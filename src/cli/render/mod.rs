@@ -22,7 +22,7 @@ use crate::formats::sequence::Frames;
 use crate::formats::transforms::{self, FILE_NAME};
 use crate::plan::Plan;
 use crate::render::aov::{self, Aov};
-use crate::render::path::{self, Counts, View};
+use crate::render::path::{self, Counts, Sampling, View};
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame, Model};
 use crate::scene::film::Film;
@@ -265,7 +265,9 @@ impl Render {
     ) -> Option<(Film, Counts)> {
         match (renderer, &self.aov[..]) {
             (Renderer::Paths(paths), aovs) => {
-                let picture = paths.picture(view, self.pictures.scattering.sampling(number), aovs, cancel)?;
+                let origin = self.pictures.crop.map_or([0; 2], |window| window.origin);
+                let sampling = Sampling { origin, ..self.pictures.scattering.sampling(number) };
+                let picture = paths.picture(view, sampling, aovs, cancel)?;
                 Some((picture.film, picture.counts))
             }
             (Renderer::Dvr { dvr, rays_per_edge }, aovs) => {

@@ -6,6 +6,7 @@ use crate::cli::memory::Memory;
 use crate::cli::parse::{self, DensityScale};
 use crate::cli::transfer::TransferOption;
 use crate::render::quadrature::{Quadrature, rules};
+use crate::scene::camera::Window;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::orbit::Layout;
 use std::path::PathBuf;
@@ -31,6 +32,9 @@ pub struct PictureOptions {
     /// Angle in degrees that the volume takes in the pictures of --views
     #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = parse::angle, conflicts_with = "cameras")]
     pub(in crate::cli) fov: f64,
+    /// Render a part of each picture: column and row of its first pixel, and its size
+    #[arg(long, value_name = "X,Y,WxH", value_parser = parse::window)]
+    pub(in crate::cli) crop: Option<Window>,
     /// Take cameras, and what else is not given, from a transforms.json
     #[arg(long, value_name = "CAPTURE")]
     pub(in crate::cli) cameras: Option<PathBuf>,

@@ -155,7 +155,7 @@ impl ScatteringOptions {
 
     /// Returns the paths of a view.
     pub fn sampling(&self, view: usize) -> Sampling {
-        Sampling { samples: self.samples(), seed: self.seed.unwrap_or(0) ^ (view as u64) << 32 }
+        Sampling::new(self.samples(), self.seed.unwrap_or(0) ^ (view as u64) << 32)
     }
 
     /// Returns the options as the capture's record of how its pictures were made.

@@ -13,8 +13,8 @@ use crate::render::cell::{Quartet, corners, gather, weights};
 use crate::render::compositing;
 use crate::render::differentiable::Adjoint;
 use crate::render::gauss;
-use crate::render::march::{BATCH, IndexRay, Span, batches};
-use crate::render::quadrature::{DepthRule, ExactDepth};
+use crate::render::march::{IndexRay, Span, batches};
+use crate::render::quadrature::ExactDepth;
 use crate::render::segment::Chord;
 use crate::scene::bricks::slot;
 
@@ -111,11 +111,13 @@ impl Dvr<'_, f32> {
         if depth < walked.depth { self.locate(&walked, depth, tape) } else { None }
     }
 
-    /// Extinction proportional to the density: walks batches of spans, and returns the optical depth.
+    /// Extinction proportional to the density: keeps spans, their cells and the integrals, and returns the optical depth.
     #[inline(always)]
     fn walk_spans(&self, ray: &IndexRay, limit: f64, tape: &mut Tape<f32>) -> f64 {
-        let Tape { cells, spans, integrals, .. } = tape;
+        let Tape { cells, spans, span_ends, integrals, .. } = tape;
+        cells.clear();
         spans.clear();
+        span_ends.clear();
         integrals.clear();
         let (values, extinction) = (&self.field.values[..], self.medium.extinction);
         let (mut integral, limit) = (0.0, limit / extinction);
@@ -125,45 +127,44 @@ impl Dvr<'_, f32> {
             #[inline(always)]
             |batch| {
                 spans.extend_from_slice(batch);
-                integral += integral_of(batch, values, cells);
-                integrals.push(integral);
+                let from = cells.len();
+                ExactDepth.cells_by_span(batch, cells, |end| span_ends.push(end));
+                for quartet in &cells[from..] {
+                    integral += f64::from(quartet.gather(values).sum());
+                    integrals.push(integral);
+                }
                 integral <= limit
             },
         );
         extinction * integral
     }
 
-    /// Extinction proportional to the density: finds the batch of spans, the span, the cell, and in it the length.
+    /// Extinction proportional to the density: finds the quartet of cells, the cell, and in it the length.
     #[inline(always)]
     fn locate_in_spans(&self, depth: f64, tape: &mut Tape<f32>) -> Option<(f64, f32)> {
-        let Tape { cells, spans, integrals, .. } = tape;
+        let Tape { cells, spans, span_ends, integrals, .. } = tape;
         let (values, extinction) = (&self.field.values[..], self.medium.extinction);
         let target = depth / extinction;
-        let batch = integrals.partition_point(|end| *end <= target).min(integrals.len().checked_sub(1)?);
-        let mut rest = target - if batch == 0 { 0.0 } else { integrals[batch - 1] };
-        let mut found = None;
-        for span in spans[BATCH * batch..].iter().take(BATCH) {
-            let within = integral_of(std::slice::from_ref(span), values, cells);
-            if within > 0.0 {
-                found = Some((span, rest.clamp(0.0, within)));
-                if rest < within {
-                    break;
-                }
-            }
-            rest -= within;
+        let mut quartet = integrals.partition_point(|end| *end <= target).min(integrals.len().checked_sub(1)?);
+        let before = |quartet: usize| if quartet == 0 { 0.0 } else { integrals[quartet - 1] };
+        // By rounding, the depth may lie in cells that have none.
+        while quartet > 0 && integrals[quartet] <= before(quartet) {
+            quartet -= 1;
         }
-        let (span, rest) = found?;
-        cells.clear();
-        ExactDepth.cells(std::slice::from_ref(span), cells);
-        let (from, [length, within], rest) = cell_of(cells, values, rest);
+        let number = span_ends.partition_point(|end| *end <= quartet);
+        let span = spans.get(number)?;
+        let first = if number == 0 { 0 } else { span_ends[number - 1] };
+        let lengths = cells[first..quartet].iter().map(Quartet::length);
+        let (cell, from, [length, within], rest) =
+            cell_of(&cells[quartet], values, (target - before(quartet)).max(0.0));
+        let from = lengths.sum::<f64>() + from;
+        let densities = chord(values, span, cells[quartet].offset[cell], [from, length]);
+        let cubic = Cubic::through(densities.map(f64::from));
         let precision = PRECISION * within.min(1.0 / extinction);
-        let density = |at: f64| f64::from(density(values, span, (from + at) as f32));
-        let at = inverse(length, (within, precision), rest, |at| {
-            // Two points of Gauss suffice for a cubic.
-            let [near, far] = [0.5 - GAUSS, 0.5 + GAUSS].map(|share| density(share * at));
-            (0.5 * at * (near + far), density(at))
+        let share = inverse(1.0, (within, precision), rest, |at| {
+            (length * cubic.integral(at), (length * cubic.value(at)).max(0.0))
         });
-        Some((span.start + from + at, density(at) as f32))
+        Some((span.start + from + share * length, cubic.value(share).max(0.0) as f32))
     }
 
     /// Any transfer function: records segments, and returns the optical depth.
@@ -203,27 +204,15 @@ impl Dvr<'_, f32> {
     }
 }
 
-/// Returns the integral of the density over spans.
+/// Returns the number of the cell of a quartet in which the integral of the density reaches `rest`, its world length from the
+/// quartet's entry, its own length and integral, and what is left of `rest` there.
 #[inline(always)]
-fn integral_of(spans: &[Span<f32>], values: &[f32], cells: &mut Vec<Quartet<f32>>) -> f64 {
-    cells.clear();
-    ExactDepth.cells(spans, cells);
-    let sum = cells.iter().fold(<f32 as Real>::Lanes::splat(0.0), |s, c| s + c.gather(values));
-    f64::from(sum.sum())
-}
-
-/// Distance of the two points of Gauss-Legendre quadrature from the middle of 0..1, `1 / (2 √3)`.
-const GAUSS: f64 = 0.288_675_134_594_812_9;
-
-/// Returns the cell of a span in which the integral of the density reaches `rest`: its world length from the span's
-/// entry, its own length and integral, and what is left of `rest` there.
-#[inline(always)]
-fn cell_of(cells: &[Quartet<f32>], values: &[f32], mut rest: f64) -> (f64, [f64; 2], f64) {
-    let (mut from, mut found) = (0.0, (0.0, [0.0; 2], 0.0));
-    for (quartet, i) in cells.iter().flat_map(|quartet| (0..LANES).map(move |i| (quartet, i))) {
-        let [length, within] = quartet.cell(i, values);
+fn cell_of(quartet: &Quartet<f32>, values: &[f32], mut rest: f64) -> (usize, f64, [f64; 2], f64) {
+    let (mut from, mut found) = (0.0, (0, 0.0, [0.0; 2], 0.0));
+    for cell in 0..LANES {
+        let [length, within] = quartet.cell(cell, values);
         if within > 0.0 {
-            found = (from, [length, within], rest.clamp(0.0, within));
+            found = (cell, from, [length, within], rest.clamp(0.0, within));
             if rest < within {
                 break;
             }
@@ -232,6 +221,20 @@ fn cell_of(cells: &[Quartet<f32>], values: &[f32], mut rest: f64) -> (f64, [f64;
         from += length;
     }
     found
+}
+
+/// Returns the densities at the points of [`gauss::NODES`] of a chord through the cell of this offset; the chord's beginning and
+/// length are world lengths, from the span's entry.
+#[inline(always)]
+fn chord(values: &[f32], span: &Span<f32>, offset: u32, [from, length]: [f64; 2]) -> [f32; LANES] {
+    let within = offset as usize - span.base;
+    let corner = [within / slot(1, 0, 0), within % slot(1, 0, 0) / slot(0, 1, 0), within % slot(0, 1, 0)];
+    let corners = corners(values, offset as usize);
+    gauss::NODES.map(|node| {
+        let at = (from + node * length) as f32;
+        let local = |a: usize| (span.entry[a] + at * span.direction[a] - corner[a] as f32).clamp(0.0, 1.0);
+        gather(&weights([local(0), local(1), local(2)]), &corners)
+    })
 }
 
 /// Returns the argument between 0 and `end` at which an ascending function, which is 0 at 0 and `whole` at the end,

@@ -14,8 +14,10 @@ use crate::scene::table::TableGradient;
 pub struct Tape<R: Real> {
     /// Cells of rays of which only the depth matters.
     pub(super) cells: Vec<Quartet<R>>,
-    /// Spans of a ray, and the integrals of the density up to the ends of their batches.
+    /// Spans of a ray whose way is kept, how many quartets of `cells` there are up to the end of each, and the integrals of the
+    /// density up to the end of each quartet.
     pub(super) spans: Vec<Span<R>>,
+    pub(super) span_ends: Vec<usize>,
     pub(super) integrals: Vec<f64>,
     /// Segments of one batch: `samples` of quadratures with a step, `chords` of exact quadrature.
     pub(super) samples: Vec<Sample<R>>,

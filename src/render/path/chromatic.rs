@@ -121,21 +121,21 @@ impl Media for Chromatic<'_> {
         let depths = scratch.depths;
         let transmittance = (-depths).map(f64::exp).as_vec3();
         let ([one], Some(walked)) = (&self.0[..], scratch.walked) else {
-            return Primary { transmittance, collision: self.collide(ray, Vec3::ONE, sampler, scratch) };
+            return Primary { transmittance, collision: self.collide(ray, Vec3::ONE, sampler, scratch), spare: 0.0 };
         };
         let opacities = (-depths).map(|depth| -depth.exp_m1());
         let sum = opacities.element_sum();
         if sum <= 0.0 {
-            return Primary { transmittance, collision: None };
+            return Primary { transmittance, collision: None, spare: 0.0 };
         }
-        let [u, channel, ..] = sampler.even();
+        let [u, channel, spare, _] = sampler.even();
         let channel = pick(opacities / sum, channel);
         let depth = -(u * -opacities[channel]).ln_1p() / one.color[channel];
         let found = one.volume.dvr.locate(&walked, depth, &mut scratch.camera);
         let values = one.color * (-(depth * one.color)).map(f64::exp);
         let weight = (values * (sum / values.element_sum())).as_vec3();
         let collision = found.map(|(distance, density)| (Collision { distance, density, volume: 0 }, weight));
-        Primary { transmittance, collision }
+        Primary { transmittance, collision, spare }
     }
 
     fn transmittance(&self, ray: &Ray, length: f64, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3 {

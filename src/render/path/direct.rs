@@ -13,7 +13,12 @@ pub(super) struct Lighting {
     environment: Environment,
     /// Radiance that the camera sees behind the media in place of the environment.
     pub background: Option<Vec3>,
+    /// How many times as often as by chance first collisions of camera rays scatter light, at most always.
+    pub often: f64,
 }
+
+/// [`Lighting::often`] where there are lights: it has most of the gain of always, for less time where little is met.
+const OFTEN: f64 = 2.0;
 
 /// Returns the power heuristic's weight of a direction drawn with density `own`, where another technique draws it with
 /// density `other`.
@@ -32,7 +37,10 @@ impl Lighting {
     pub fn new(lights: &[Light], environment: Environment) -> Result<Self> {
         let lights = lights.iter().enumerate();
         let lights = lights.map(|(i, light)| light.checked().map_err(|e| e.part(format!("light {i}"))));
-        Ok(Self { lights: lights.collect::<Result<_>>()?, environment, background: None })
+        let lights: Vec<Light> = lights.collect::<Result<_>>()?;
+        // In light that is the same from all around, what is scattered makes up for what is dimmed, path by path, if all scatter.
+        let often = if lights.is_empty() && environment.map.is_none() { f64::INFINITY } else { OFTEN };
+        Ok(Self { lights, environment, background: None, often })
     }
 
     /// Returns the number of lights that directions are drawn from, the picture of the environment among them.

@@ -11,7 +11,6 @@ use crate::scene::medium::Medium;
 use crate::scene::phase::Phase;
 use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
-use glam::Vec4;
 
 /// Returns the kernel that is compiled for the media of a scene.
 ///
@@ -37,7 +36,7 @@ pub(super) fn specialised<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> 
                 .hint("give it one extinction for all channels"));
         }
         several if chromatic => Box::new(Chromatic::new(several)?),
-        [(field, medium)] => single(field, medium, emission)?,
+        [(field, medium)] => single(scene, field, medium)?,
         several => Box::new(several.iter().map(|(f, m)| any(f, m)).collect::<Result<Vec<_>>>()?),
     })
 }
@@ -51,16 +50,13 @@ pub(super) fn generic<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> {
     Ok(Box::new(densities.map(|(field, medium)| any(field, medium)).collect::<Result<Vec<_>>>()?))
 }
 
-/// Returns the volume, beside which a grid may emit, as a kernel that is compiled for its kind of medium.
-fn single<'a>(
-    field: &'a Bricks<f32>,
-    medium: &Medium,
-    emission: Option<&'a Bricks<Vec4>>,
-) -> Result<Box<dyn Kernel + 'a>> {
-    let One { dvr, optics, albedo, phase } = any(field, medium)?;
-    if let Some(emission) = emission {
-        return Ok(Box::new(Emissive::new(One { dvr, optics, albedo, phase }, emission)));
+/// Returns the only volume of a scene as a kernel that is compiled for its kind of medium.
+fn single<'a>(scene: &'a Scene, field: &'a Bricks<f32>, medium: &Medium) -> Result<Box<dyn Kernel + 'a>> {
+    let one = any(field, medium)?;
+    if let Some(emission) = scene.volumes.iter().find_map(Volume::emission) {
+        return Ok(Box::new(Emissive::new(one, emission)));
     }
+    let One { dvr, optics, albedo, phase } = one;
     Ok(match optics {
         Any::Dark(optics) => with_phase(One { dvr, optics, albedo, phase }),
         Any::Emitting(optics) => with_phase(One { dvr, optics, albedo, phase }),

@@ -236,7 +236,7 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
     #[inline(always)]
     fn call(self) -> PathSample {
         let Self { media, lighting, limits, ray, sampler, scratch } = self;
-        let Primary { transmittance, collision } = media.first(ray, sampler, scratch);
+        let Primary { transmittance, collision, spare } = media.first(ray, sampler, scratch);
         let unscattered = transmittance * lighting.behind(ray.direction);
         let mut out = PathSample { unscattered, transmittance: mean(transmittance), ..PathSample::default() };
         if M::GLOWS {
@@ -254,7 +254,13 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
             let at = ray.at(collision.distance);
             if bounces == 0 {
                 let Collision { distance, volume, .. } = collision;
-                out.first = Some(First { distance, position: at, albedo, volume, share: mean(weight) });
+                let share = mean(weight);
+                out.first = Some(First { distance, position: at, albedo, volume, share });
+                let chance = (lighting.often * f64::from(share)).min(1.0);
+                if spare >= chance {
+                    break;
+                }
+                weight /= chance as f32;
             }
             weight *= albedo;
             if bounces == limits.max_bounces || !survives(&mut weight, bounces, sampler) {

@@ -16,6 +16,15 @@ pub struct Sampling {
     pub samples: u32,
     /// Seed of the random numbers; pictures of different seeds are independent.
     pub seed: u64,
+    /// Column and row of the picture's first pixel in the picture that it is a part of, whose random numbers it has.
+    pub origin: [u32; 2],
+}
+
+impl Sampling {
+    /// Creates the paths of a whole picture.
+    pub fn new(samples: u32, seed: u64) -> Self {
+        Self { samples, seed, origin: [0; 2] }
+    }
 }
 
 /// A camera, and where it stands in the frames before and after.
@@ -181,18 +190,19 @@ impl PathTracer<'_> {
         let [normals, motion] = [Aov::Normal, Aov::Motion].map(|aov| aovs.contains(&aov));
         let pixel = |scratch: &mut Scratch, at: [usize; 2]| {
             let mut pixel = Pixel::default();
+            let in_whole = [0, 1].map(|axis| at[axis] + sampling.origin[axis] as usize);
             scratch.counts = Counts::default();
             for number in 0..count / each {
                 // A pixel of many paths must not keep an interrupted program waiting.
                 if number % RAYS_BETWEEN_LOOKS == 0 && cancel.load(Ordering::Relaxed) {
                     break;
                 }
-                let [dx, dy, ..] = Sampler::new(sampling.seed, at, number).even();
+                let [dx, dy, ..] = Sampler::new(sampling.seed, in_whole, number).even();
                 let place = DVec2::new(at[0] as f64 + dx, at[1] as f64 + dy);
                 let ray = camera.ray(place.x, place.y);
                 let mut of_ray = [0.0; 4];
                 for path in number * each..(number + 1) * each {
-                    let mut sampler = Sampler::new(sampling.seed, at, path);
+                    let mut sampler = Sampler::new(sampling.seed, in_whole, path);
                     // The first set of numbers is that of the ray's place.
                     sampler.even();
                     let sample = match path % each {

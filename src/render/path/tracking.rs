@@ -33,6 +33,8 @@ pub(super) struct Primary {
     pub transmittance: Vec3,
     /// Collision and its weight, of the same mean as 1 - transmittance.
     pub collision: Option<(Collision, Vec3)>,
+    /// A number in [0, 1) that is even over the samples of a pixel, for those whose weight is not 1.
+    pub spare: f64,
 }
 
 /// The volumes of a scene as paths meet them.
@@ -182,14 +184,16 @@ impl<O: Optics, P: PhaseFunction> Media for One<'_, O, P> {
     /// The transmittance is exact, and every ray that meets the medium collides with it.
     #[inline(always)]
     fn first(&self, _: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
-        let [u, ..] = sampler.even();
-        let Some(walked) = &scratch.walked else { return Primary { transmittance: Vec3::ONE, collision: None } };
+        let [u, spare, ..] = sampler.even();
+        let Some(walked) = &scratch.walked else {
+            return Primary { transmittance: Vec3::ONE, collision: None, spare };
+        };
         let transmittance = (-walked.depth).exp();
-        let found = walked.collision(u).and_then(|depth| self.dvr.locate(walked, depth, &mut scratch.camera));
         let share = -(-walked.depth).exp_m1();
+        let found = walked.collision(u).and_then(|depth| self.dvr.locate(walked, depth, &mut scratch.camera));
         let weight = Vec3::splat(share as f32);
         let collision = found.map(|(distance, density)| (Collision { distance, density, volume: 0 }, weight));
-        Primary { transmittance: Vec3::splat(transmittance as f32), collision }
+        Primary { transmittance: Vec3::splat(transmittance as f32), collision, spare }
     }
 
     #[inline(always)]
@@ -254,7 +258,7 @@ impl Media for Vec<One<'_, Any, Phase>> {
     fn first(&self, ray: &Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Primary {
         let collision = self.collide(ray, Vec3::ONE, sampler, scratch);
         let transmittance = if collision.is_some() { Vec3::ZERO } else { Vec3::ONE };
-        Primary { transmittance, collision }
+        Primary { transmittance, collision, spare: 0.0 }
     }
 
     #[inline(always)]

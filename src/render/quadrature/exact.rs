@@ -17,6 +17,15 @@ pub struct ExactDepth;
 impl<R: Real> DepthRule<R> for ExactDepth {
     #[inline(always)]
     fn cells(&self, spans: &[Span<R>], cells: &mut Vec<Quartet<R>>) {
+        self.cells_by_span(spans, cells, |_| {});
+    }
+}
+
+impl ExactDepth {
+    /// Appends the cells of at most [`BATCH`](crate::render::march::BATCH) spans of one ray, and tells after each span how many
+    /// quartets there are.
+    #[inline(always)]
+    pub fn cells_by_span<R: Real>(&self, spans: &[Span<R>], cells: &mut Vec<Quartet<R>>, mut ended: impl FnMut(usize)) {
         let at = crossings(spans);
         let all = <R::Lanes as Lanes<R>>::splat;
         let (half, third) = (all(R::of(0.5)), all(R::of(0.5 / 3.0_f64.sqrt())));
@@ -44,6 +53,7 @@ impl<R: Real> DepthRule<R> for ExactDepth {
                     weights: [[near[0], far[0]], [near[1], far[1]], [near[2], far[2]], [near[3], far[3]]],
                 });
             }
+            ended(cells.len());
         }
     }
 }
