@@ -38,6 +38,7 @@ class Settings:
 
     The model "scattering" is a Principled Volume of `albedo` and `anisotropy`, lit by a constant `sky`
     or an equirectangular EXR, `sky_file`, and by `lights`, and seen before black; light is scattered `max_bounces` times at most.
+    `function` holds pairs of a density and its share of the extinction, linear in between, for densities from 0 to 1.
     The grid `emission_grid` emits `emission` per unit, and `blackbody` is the intensity of a grid "temperature", in units of
     `kelvin`."""
 
@@ -58,6 +59,7 @@ class Settings:
     emission_grid: str = ""
     blackbody: float = 0.0
     kelvin: float = 1000.0
+    function: tuple = ()
     sky: tuple = (0.0, 0.0, 0.0)
     sky_file: str = ""
     lights: tuple = ()
@@ -233,6 +235,22 @@ def _density_nodes(tree, grid, factor):
     return scale.outputs[0]
 
 
+def _function_nodes(tree, grid, settings):
+    """Output socket of the settings' function of the grid's value, times their density scale."""
+    ramp = tree.nodes.new("ShaderNodeValToRGB")
+    stops = ramp.color_ramp.elements
+    while len(stops) < len(settings.function):
+        stops.new(0.5)
+    for stop, (density, share) in zip(stops, settings.function):
+        stop.position, stop.color = density, (share, share, share, 1)
+    tree.links.new(_density_nodes(tree, grid, 1.0), ramp.inputs["Fac"])
+    scale = tree.nodes.new("ShaderNodeMath")
+    scale.operation = "MULTIPLY"
+    scale.inputs[1].default_value = settings.density_scale
+    tree.links.new(ramp.outputs["Color"], scale.inputs[0])
+    return scale.outputs[0]
+
+
 def _material(settings, grid):
     """Grey absorption, and the emission that keeps a constant source radiance: the emission density
     is extinction times that radiance."""
@@ -253,7 +271,10 @@ def _material(settings, grid):
         if settings.blackbody:
             medium.inputs["Blackbody Intensity"].default_value = settings.blackbody
             medium.inputs["Temperature"].default_value = settings.kelvin
-        tree.links.new(_density_nodes(tree, grid, settings.density_scale), medium.inputs["Density"])
+        density = _density_nodes(tree, grid, settings.density_scale)
+        if settings.function:
+            density = _function_nodes(tree, grid, settings)
+        tree.links.new(density, medium.inputs["Density"])
         tree.links.new(medium.outputs[0], surface.inputs["Volume"])
         return material
     medium = tree.nodes.new("ShaderNodeVolumeAbsorption")

@@ -4,7 +4,7 @@ use super::Global;
 use crate::error::{Error, Result};
 use crate::optimise::plausibility::Warning;
 use crate::text::{printable_json, printable_lines};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle, TermLike};
 use serde::Serialize;
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
@@ -63,9 +63,9 @@ impl Output {
     pub fn progress(&self, length: u64, what: &'static str) -> ProgressBar {
         let terminal = std::io::stderr().is_terminal();
         let template = if terminal {
-            "{prefix} [{bar:30}] {pos}/{len} {elapsed} (ETA {eta}) {msg}"
+            "{prefix} [{bar:30}] {pos}/{len} {elapsed} (ETA {left}) {msg}"
         } else {
-            "{prefix}: {pos} of {len} after {elapsed}, {eta} to go; {msg}"
+            "{prefix}: {pos} of {len} after {elapsed}, {left} to go; {msg}"
         };
         self.bar(ProgressBar::with_draw_target(Some(length), self.target(terminal)), template, what)
     }
@@ -87,7 +87,7 @@ impl Output {
 
     fn bar(&self, bar: ProgressBar, template: &str, what: &'static str) -> ProgressBar {
         if let Ok(style) = ProgressStyle::with_template(template) {
-            bar.set_style(style.progress_chars("=> "));
+            bar.set_style(style.progress_chars("=> ").with_key("left", left));
         }
         bar.set_prefix(what);
         // A long step must not look like a hang.
@@ -96,6 +96,18 @@ impl Output {
         }
         bar
     }
+}
+
+/// Writes the time that the steps left take at the mean pace so far. (An estimate by the pace of the last seconds makes days of
+/// steps that take a minute each.)
+fn left(state: &ProgressState, out: &mut dyn std::fmt::Write) {
+    let (done, rest) = (state.pos(), state.len().unwrap_or(0).saturating_sub(state.pos()));
+    let seconds = state.elapsed().as_secs_f64() * rest as f64 / done as f64;
+    // Before the first step nothing is known; a decade is long enough.
+    let _ = match Duration::try_from_secs_f64(seconds.min(3e8)) {
+        Ok(time) if done > 0 => write!(out, "{:#}", HumanDuration(time)),
+        _ => write!(out, "unknown time"),
+    };
 }
 
 /// Progress display of a stage of unknown length.

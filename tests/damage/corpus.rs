@@ -207,14 +207,17 @@ impl Corpus {
             record("tf-page", &["report page", "report page --reference @piecewise.tf.json"]),
         ];
 
-        let scenes = ["scene.json", "plume.vdb", "sky.exr"].map(|damaged| {
-            let files = ["scene.json", "plume.vdb", "sky.exr", "piecewise.tf.json"];
+        let scenes = ["scene.json", "fire.json", "plume.vdb", "sky.exr"].map(|damaged| {
+            let files = ["scene.json", "fire.json", "plume.vdb", "sky.exr", "piecewise.tf.json"];
             Sample {
                 name: format!("scene {damaged}"),
                 files: files.map(|name| (PathBuf::from("scene").join(name), read(&scene_file(name)))).into(),
                 damaged: PathBuf::from("scene").join(damaged),
                 syntax: if damaged.ends_with(".json") { Syntax::Json } else { Syntax::Binary },
-                commands: vec!["render scene/scene.json --views 1 --size 6x6 --samples 2 -o >out"],
+                commands: match damaged {
+                    "fire.json" => vec!["render scene/fire.json --views 1 --size 6x6 --samples 2 -o >out"],
+                    _ => vec!["render scene/scene.json --views 1 --size 6x6 --samples 2 -o >out"],
+                },
             }
         });
 
@@ -346,7 +349,8 @@ impl Maker {
         );
         let scene = json!({
             "volumes": [
-                {"file": "plume.vdb", "medium": {"density_scale": 4, "albedo": [0.9, 0.8, 0.7], "anisotropy": 0.5}},
+                {"file": "plume.vdb", "medium": {
+                    "density_scale": 4, "albedo": [0.9, 0.8, 0.7], "anisotropy": 0.5, "extinction_color": [1, 0.8, 0.6]}},
                 {"file": "plume.vdb", "grid": "density", "medium": {"transfer": "piecewise.tf.json"}},
             ],
             "lights": [
@@ -358,6 +362,11 @@ impl Maker {
             ],
         });
         self.write("scene.json", &serde_json::to_string_pretty(&scene).unwrap());
+        let fire = json!({"volumes": [{"file": "plume.vdb", "medium": {
+            "albedo": [0.5, 0.5, 0.5],
+            "emission_grid": {"grid": "density", "radiance": [3, 2, 1]},
+            "blackbody": {"grid": "density", "kelvin": 1500, "intensity": 2, "tint": [1, 1, 0.5]}}}]});
+        self.write("fire.json", &serde_json::to_string_pretty(&fire).unwrap());
         self.cumulo("convert plume.vdb carried.vdb --resample 0.1 --tf piecewise.tf.json");
     }
 
