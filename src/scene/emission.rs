@@ -74,19 +74,15 @@ pub fn volume(density: &Bricks<f32>, extinction: f64, grids: &[(Bricks<f32>, Emi
         .hint("correct the temperatures, the kelvins per unit or the intensity"))
 }
 
-/// Temperature in K below which black bodies count as dark: of visible light, they send out less than 1e-9 of what one of
-/// 1000 K does.
-const DARK: f64 = 400.0;
+/// Temperature in K below which black bodies keep the color of this temperature, as in Blender.
+const COOLEST: f64 = 800.0;
 
 /// Returns what a black body of a temperature in K emits per world length: 1e-6 of its radiance `σ T⁴ / π` in W m⁻² sr⁻¹
 /// (Stefan-Boltzmann) in the color of its spectrum, whose luminance is 1. These are Blender's units. Colors outside of the
 /// gamut of Rec. 709 are moved to its border.
 pub fn blackbody(temperature: f64) -> DVec3 {
     const STEFAN_BOLTZMANN: f64 = 5.670_374_419e-8;
-    if temperature < DARK {
-        return DVec3::ZERO;
-    }
-    color(temperature) * (1e-6 * STEFAN_BOLTZMANN / PI * temperature.powi(4))
+    color(temperature.max(COOLEST)) * (1e-6 * STEFAN_BOLTZMANN / PI * temperature.powi(4))
 }
 
 /// Returns the color of Planck's spectrum in linear Rec. 709, of luminance 1.
@@ -178,7 +174,7 @@ mod tests {
         let hot = color(1e9);
         assert!(hot.is_finite() && hot.z > 1.5 && hot.x < 0.9, "{hot}");
         assert_eq!(blackbody(0.0), DVec3::ZERO);
-        assert!(blackbody(DARK).is_finite());
+        assert!((blackbody(600.0) / 16.0).abs_diff_eq(blackbody(300.0), 1e-12));
     }
 
     #[test]

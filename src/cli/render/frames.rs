@@ -178,7 +178,7 @@ impl Render {
     }
 }
 
-/// What has become of the frames.
+/// Results of the frames so far.
 #[derive(Default)]
 struct Results {
     /// Frames that are there, by their place in the sequence.

@@ -71,8 +71,8 @@ fn emissive(
         return Err(Error::unsupported("a medium emits by its density and by grids of its own")
             .hint("leave 'emission', or 'emission_grid' and 'blackbody', out"));
     }
-    // Beside one number for each voxel and grid there are four for the emission with the extinction.
-    let each = limits.max_memory / (emissions.len() as u64 + 6);
+    // Beside one number for each voxel and grid there are four for the emission with the extinction; grids may lie apart.
+    let each = limits.max_memory / (5 * (emissions.len() as u64 + 1) + 1);
     let expanded = Bricks::from_grid(grid, each)?;
     let field = |(grid, emission): (Grid, Emission)| Ok((Bricks::from_grid(&grid, each)?, emission));
     let grids = emissions.into_iter().map(field).collect::<Result<Vec<_>>>()?;

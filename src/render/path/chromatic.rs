@@ -175,7 +175,7 @@ impl Media for Chromatic<'_> {
 mod tests {
     use super::*;
 
-    /// What is drawn by the shares has the right mean in every channel, and the weights keep their sum.
+    /// Weights keep their sum where channels are drawn by their shares, however deep the medium is.
     #[test]
     fn draws_stand_for_all_channels() {
         let (factor, depths) = (DVec3::new(1.0, 0.5, 0.0), DVec3::new(800.0, 400.0, 0.0));
