@@ -56,19 +56,19 @@ fn single<'a>(scene: &'a Scene, field: &'a Bricks<f32>, medium: &Medium) -> Resu
     if let Some(emission) = scene.volumes.iter().find_map(Volume::emission) {
         return Ok(Box::new(Emissive::new(one, emission)));
     }
-    let One { dvr, optics, albedo, phase } = one;
+    let One { dvr, optics, albedo, phase, shadows } = one;
     Ok(match optics {
-        Any::Dark(optics) => with_phase(One { dvr, optics, albedo, phase }),
-        Any::Emitting(optics) => with_phase(One { dvr, optics, albedo, phase }),
-        Any::Transfer(optics) => with_phase(One { dvr, optics, albedo, phase }),
+        Any::Dark(optics) => with_phase(One { dvr, optics, albedo, phase, shadows }),
+        Any::Emitting(optics) => with_phase(One { dvr, optics, albedo, phase, shadows }),
+        Any::Transfer(optics) => with_phase(One { dvr, optics, albedo, phase, shadows }),
     })
 }
 
 /// Returns the volume as a kernel that is compiled for its phase function.
 fn with_phase<'a, O: Optics + 'a>(one: One<'a, O, Phase>) -> Box<dyn Kernel + 'a> {
-    let One { dvr, optics, albedo, phase } = one;
+    let One { dvr, optics, albedo, phase, shadows } = one;
     match phase {
-        Phase::Isotropic => Box::new(One { dvr, optics, albedo, phase: Isotropic }),
-        Phase::HenyeyGreenstein(g) => Box::new(One { dvr, optics, albedo, phase: HenyeyGreenstein(g) }),
+        Phase::Isotropic => Box::new(One { dvr, optics, albedo, phase: Isotropic, shadows }),
+        Phase::HenyeyGreenstein(g) => Box::new(One { dvr, optics, albedo, phase: HenyeyGreenstein(g), shadows }),
     }
 }
