@@ -22,7 +22,7 @@ use cumulo::scene::scene::Scene;
 use cumulo::scene::table::Table;
 use cumulo::scene::volume::Volume;
 use fields::{field, lumps, noise, odd, rays, unit};
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DMat3, DVec2, DVec3, Vec3};
 use std::f64::consts::PI;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -82,7 +82,7 @@ fn exact(values: impl IntoIterator<Item = [f64; 3]>) -> Vec<Estimate> {
 }
 
 fn medium(extinction: f64, albedo: [f32; 3], phase: Phase) -> Medium {
-    Medium { scattering: Some(Scattering { albedo, phase }), ..Medium::absorbing(extinction) }
+    Medium { scattering: Some(Scattering::new(albedo, phase)), ..Medium::absorbing(extinction) }
 }
 
 fn scene(field: &Bricks<f32>, medium: Medium, lights: Vec<Light>, sky: [f32; 3]) -> Scene {
@@ -157,8 +157,20 @@ fn light_scattered_once_is_that_of_quadrature() {
                 },
             ),
         ];
-        for g in [0.0, 0.7, -0.9] {
-            let phase = if g == 0.0 { Phase::Isotropic } else { Phase::HenyeyGreenstein(g) };
+        for (g, gradient_shading) in [(0.0, None), (0.7, None), (-0.9, None), (0.3, Some(0.05))] {
+            let phase = Phase::of_anisotropy(g);
+            let scattering = Scattering { gradient_shading, ..Scattering::new(ALBEDO, phase) };
+            let scattered = |at: DVec3, from: DVec3, to: DVec3| {
+                let index = single.transform.to_index(at);
+                let slope = |axis| 0.5 * (double.sample(index + axis) - double.sample(index - axis));
+                let inverse = DMat3::from_mat4(single.transform.inverse_matrix());
+                let gradient = inverse.transpose() * DVec3::from_array(DVec3::AXES.map(slope));
+                let (normal, ratio) =
+                    (gradient.normalize(), gradient_shading.map_or(0.0, |half| gradient.length() / half));
+                let share = ratio * ratio / (1.0 + ratio * ratio);
+                let lit = -from.dot(normal).signum() * normal.dot(to);
+                share * lit.max(0.0) / PI + (1.0 - share) * phase.value(from.dot(to))
+            };
             for (name, light) in lights {
                 let light = light.checked().unwrap();
                 let light = match light {
@@ -171,7 +183,8 @@ fn light_scattered_once_is_that_of_quadrature() {
                     light => light,
                 };
                 let rays = through(&single, 4);
-                let scene = scene(&single, medium(extinction, ALBEDO, phase), vec![light], [0.0; 3]);
+                let medium = Medium { scattering: Some(scattering), ..Medium::absorbing(extinction) };
+                let scene = scene(&single, medium, vec![light], [0.0; 3]);
                 let tracer = PathTracer::new(&scene).unwrap().limits(Limits { max_bounces: 1 });
                 let found: Vec<_> = rays.iter().map(|ray| estimate(&tracer, ray, 32)).collect();
                 let expected = rays.iter().map(|ray| {
@@ -182,7 +195,7 @@ fn light_scattered_once_is_that_of_quadrature() {
                             let u = [k % edge, k / edge].map(|i| (f64::from(i) + 0.5) / f64::from(edge));
                             let Some(arrival) = light.sample(at, u) else { continue };
                             let toward = Ray { origin: at, direction: arrival.direction };
-                            let scattered = phase.value(ray.direction.dot(arrival.direction));
+                            let scattered = scattered(at, ray.direction, arrival.direction);
                             let density = if arrival.density.is_infinite() { 1.0 } else { arrival.density };
                             let transmittance = (-dvr.optical_depth(&toward)).exp();
                             sum += arrival.radiance.as_dvec3() * scattered * transmittance / density;
@@ -194,7 +207,7 @@ fn light_scattered_once_is_that_of_quadrature() {
                     // Of the quadrature: 120 steps, and 400 directions of a light with extent.
                     .map(|rgb| rgb.map(|v| [v, (2e-3 * v).powi(2)]))
                     .collect();
-                assert_agree(&format!("{name}, anisotropy {g}"), &found, &expected);
+                assert_agree(&format!("{name}, anisotropy {g}, {gradient_shading:?}"), &found, &expected);
             }
         }
     }
@@ -248,10 +261,11 @@ fn skies_are_those_of_their_pictures() {
 #[test]
 fn a_white_furnace_stays_white() {
     let field = lumpy(unit());
-    for g in [-0.9, 0.0, 0.5, 0.9] {
+    for (g, gradient_shading) in [(-0.9, None), (0.0, None), (0.5, None), (0.9, None), (0.5, Some(0.05))] {
         for extinction in [0.01, 1.0, 10.0] {
-            let scene =
-                scene(&field, medium(extinction, [1.0; 3], Phase::HenyeyGreenstein(g)), vec![], [0.7, 1.0, 2.0]);
+            let scattering = Scattering { gradient_shading, ..Scattering::new([1.0; 3], Phase::HenyeyGreenstein(g)) };
+            let medium = Medium { scattering: Some(scattering), ..Medium::absorbing(extinction) };
+            let scene = scene(&field, medium, vec![], [0.7, 1.0, 2.0]);
             let tracer = PathTracer::new(&scene).unwrap();
             let mut scratch = Scratch::default();
             for (k, ray) in through(&field, 4).iter().enumerate() {
@@ -276,6 +290,25 @@ fn peaks() -> Table {
     Table::new(vec![0.05, 0.2, 0.3, 0.6, 0.6, 0.9], [0.0, 3.0, 0.2, 0.0, 1.0, 0.5].map(value).to_vec()).unwrap()
 }
 
+/// A half space that scatters like a surface, seen along its normal: light of irradiance E from the angle of cosine µ is
+/// scattered once as the radiance `ϖ E µ² / (π (1 + µ))`, whatever the densities by depth.
+#[test]
+fn a_wall_is_lit_by_lamberts_law() {
+    let field = field::<f32>(33, unit(), |p| p.z);
+    let ray = Ray { origin: DVec3::new(16.2, 15.7, -5.0), direction: DVec3::Z };
+    for cosine in [0.5_f64, 0.9] {
+        let direction = DVec3::new((1.0 - cosine * cosine).sqrt(), 0.0, -cosine);
+        let sun = Light::Sun { direction, irradiance: Vec3::ONE, angle: 0.0 };
+        let scattering =
+            Scattering { gradient_shading: Some(1e-4), ..Scattering::new(ALBEDO, Phase::HenyeyGreenstein(0.7)) };
+        let wall = Medium { scattering: Some(scattering), ..Medium::absorbing(2.0) };
+        let scene = scene(&field, wall, vec![sun], [0.0; 3]);
+        let tracer = PathTracer::new(&scene).unwrap().limits(Limits { max_bounces: 1 });
+        let expected = ALBEDO.map(|albedo| f64::from(albedo) * cosine * cosine / (PI * (1.0 + cosine)));
+        assert_agree("a wall", &[estimate(&tracer, &ray, 400)], &exact([expected]));
+    }
+}
+
 /// Without scattering, paths and direct volume rendering have the same mean, by the same function.
 #[test]
 fn without_scattering_it_is_direct_volume_rendering() {
@@ -296,7 +329,7 @@ fn without_scattering_it_is_direct_volume_rendering() {
 /// Scenes with all effects, for comparisons of estimators with each other.
 fn busy(field: &Bricks<f32>) -> Scene {
     let medium = Medium {
-        scattering: Some(Scattering { albedo: ALBEDO, phase: Phase::HenyeyGreenstein(0.4) }),
+        scattering: Some(Scattering::new(ALBEDO, Phase::HenyeyGreenstein(0.4))),
         ..Medium::new(0.3, Source::Transfer(Arc::new(peaks())))
     };
     let (centre, size) = (field.world_bounds().centre(), field.world_bounds().size().length());
@@ -434,7 +467,8 @@ fn biased_variants_are_found() {
         }
         scene
     };
-    let scattering = |albedo, phase| move |medium: &mut Medium| medium.scattering = Some(Scattering { albedo, phase });
+    let scattering =
+        |albedo, phase| move |medium: &mut Medium| medium.scattering = Some(Scattering::new(albedo, phase));
     let mut brighter = right.clone();
     if let Light::Sphere { radiance, .. } = &mut brighter.lights[1] {
         *radiance *= 1.2;
@@ -508,7 +542,7 @@ fn hard_cases_stay_finite() {
     // One voxel that sets the bound of all around it.
     let spike = field::<f32>(9, unit(), |p| if p == DVec3::splat(4.0) { 1e9 } else { 0.1 });
     let far = field::<f32>(9, Affine::uniform(1e-4, DVec3::splat(1e3)).unwrap(), |_| 1.0);
-    let scattering = Some(Scattering { albedo: [0.9; 3], phase: Phase::Isotropic });
+    let scattering = Some(Scattering::new([0.9; 3], Phase::Isotropic));
     let peaked = Medium { scattering, ..Medium::new(1.0, Source::Transfer(Arc::new(peaks()))) };
     let more = [
         ("shell", shell, medium(50.0, [0.9; 3], Phase::Isotropic), vec![sun(0.1)]),

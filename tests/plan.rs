@@ -130,7 +130,7 @@ fn each_bound_holds() {
 fn a_bound_that_is_too_small_is_found() {
     let mut draw = Draw(5);
     let mut scene = draw.scene();
-    let scattering = Some(Scattering { albedo: [1.0; 3], phase: Phase::Isotropic });
+    let scattering = Some(Scattering::new([1.0; 3], Phase::Isotropic));
     scene.volumes =
         vec![Volume::Density(field(20, unit(), lumps(20)), Medium { scattering, ..Medium::absorbing(0.3) })];
     scene.environment = Environment::constant([1.0; 3]);
@@ -151,7 +151,7 @@ fn what_is_not_called_for_is_off() {
             plan.effects.iter().filter(|e| e.state != State::Off).map(|e| e.name.to_string()).collect();
         (plan.integrator, on.join(" "))
     };
-    let scattering = |albedo: f32| Some(Scattering { albedo: [albedo; 3], phase: Phase::Isotropic });
+    let scattering = |albedo: f32| Some(Scattering::new([albedo; 3], Phase::Isotropic));
     let smoke = |albedo| Medium { scattering: scattering(albedo), ..Medium::absorbing(0.3) };
     let sun = Light::Sun { direction: DVec3::Z, irradiance: Vec3::ONE, angle: 0.0 };
     let white = Environment::constant([1.0; 3]);

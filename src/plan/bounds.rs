@@ -10,7 +10,7 @@ use crate::scene::light::Most;
 use crate::scene::medium::{Medium, Source};
 use crate::scene::phase::Phase;
 use glam::{DVec3, Vec3};
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_1_PI, PI};
 
 /// Bounds of what the media of a scene make of light.
 #[derive(Debug, Clone, Copy)]
@@ -56,6 +56,10 @@ impl Media {
             if let Phase::HenyeyGreenstein(g) = scattering.phase {
                 peak = f64::max(peak, scattering.phase.value(g.signum()));
             }
+            if scattering.gradient_shading.is_some() {
+                // A Lambertian surface scatters most along its normal.
+                peak = f64::max(peak, FRAC_1_PI);
+            }
         }
         // 1 - q without the difference of nearly equal numbers.
         let loss = (DVec3::ONE - albedo) + albedo * (-depth).exp();
@@ -100,7 +104,7 @@ mod tests {
     use crate::scene::medium::Scattering;
 
     fn medium(albedo: f32, phase: Phase) -> Medium {
-        Medium { scattering: Some(Scattering { albedo: [albedo; 3], phase }), ..Medium::absorbing(1.0) }
+        Medium { scattering: Some(Scattering::new([albedo; 3], phase)), ..Medium::absorbing(1.0) }
     }
 
     /// A slab of optical depth 1: the series has known terms, and thick media without absorption keep a finite bound.

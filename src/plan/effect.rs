@@ -15,6 +15,8 @@ pub enum Effect {
     MultipleScattering,
     /// Scattering that prefers some directions.
     Anisotropy,
+    /// Scattering as by surfaces where the density changes much.
+    GradientShading,
     /// Light from all around.
     Environment,
     /// A light, by its number.
@@ -28,11 +30,12 @@ pub enum Effect {
 }
 
 /// Names without a number.
-const NAMES: [(&str, Effect); 8] = [
+const NAMES: [(&str, Effect); 9] = [
     ("emission", Effect::Emission),
     ("scattering", Effect::Scattering),
     ("multiple-scattering", Effect::MultipleScattering),
     ("anisotropy", Effect::Anisotropy),
+    ("gradient-shading", Effect::GradientShading),
     ("environment", Effect::Environment),
     ("chromatic-extinction", Effect::ChromaticExtinction),
     ("transfer-function", Effect::TransferFunction),
@@ -65,9 +68,13 @@ impl FromStr for Effect {
         let light = || text.strip_prefix(LIGHT)?.parse().ok().map(Self::Light);
         let named = NAMES.iter().find(|(name, _)| *name == text).map(|(_, effect)| *effect);
         match named.or_else(light) {
-            Some(Self::Anisotropy | Self::ChromaticExtinction | Self::TransferFunction | Self::Overlap) => {
-                Err(format!("{text} is never left out where a scene calls for it"))
-            }
+            Some(
+                Self::Anisotropy
+                | Self::GradientShading
+                | Self::ChromaticExtinction
+                | Self::TransferFunction
+                | Self::Overlap,
+            ) => Err(format!("{text} is never left out where a scene calls for it")),
             Some(effect) => Ok(effect),
             None => Err("emission, scattering, multiple-scattering, environment or light-N is expected".into()),
         }

@@ -239,6 +239,9 @@ impl<'p> Planner<'p> {
         let turns =
             |m: &Medium| m.scattering.is_some_and(|s| matches!(s.phase, Phase::HenyeyGreenstein(g) if g != 0.0));
         let anisotropic = scattering && media(self.scene).any(turns);
+        let shaded = media(self.scene).find_map(|m| m.scattering?.gradient_shading).filter(|_| scattering);
+        let surfaces =
+            shaded.map_or_else(|| "no medium has surfaces".into(), |half| format!("half at a gradient of {half}"));
         let function = match self.measured.monotonic {
             Some(true) => "extinction rises with the density",
             Some(false) => "extinction falls with the density in places",
@@ -251,6 +254,7 @@ impl<'p> Planner<'p> {
         let kinds = [
             (Effect::ChromaticExtinction, self.measured.chromatic, extinction.to_owned()),
             (Effect::Anisotropy, anisotropic, if anisotropic { "Henyey-Greenstein" } else { phase }.to_owned()),
+            (Effect::GradientShading, shaded.is_some(), surfaces),
             (Effect::TransferFunction, self.measured.monotonic.is_some(), function.to_owned()),
             (Effect::Overlap, several, volumes),
         ];

@@ -106,7 +106,7 @@ mod tests {
         assert_eq!(refused(vec![dark()]), Ok(()));
         assert!(refused(vec![]).unwrap_err().contains("0 volumes"));
         assert!(refused(vec![dark(), dark()]).unwrap_err().contains("2 volumes"));
-        let scattering = Some(Scattering { albedo: [0.0, 0.5, 0.0], phase: Phase::HenyeyGreenstein(0.3) });
+        let scattering = Some(Scattering::new([0.0, 0.5, 0.0], Phase::HenyeyGreenstein(0.3)));
         assert!(
             refused(vec![volume(Medium { scattering, ..Medium::absorbing(1.0) })]).unwrap_err().contains("scatters")
         );

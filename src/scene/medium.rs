@@ -29,6 +29,17 @@ pub struct Scattering {
     pub albedo: [f32; 3],
     /// Distribution of the scattered directions.
     pub phase: Phase,
+    /// Gradient shading: the gradient of the density per world length at which half of the scattering is that of a
+    /// Lambertian surface across the gradient. Of a gradient of `r` times that much, the share is `r² / (1 + r²)`. `None`
+    /// for scattering by the phase function alone.
+    pub gradient_shading: Option<f64>,
+}
+
+impl Scattering {
+    /// Creates scattering by a phase function.
+    pub const fn new(albedo: [f32; 3], phase: Phase) -> Self {
+        Self { albedo, phase, gradient_shading: None }
+    }
 }
 
 /// A participating medium.
@@ -103,12 +114,17 @@ impl Medium {
             return Err(Error::invalid(format!("source radiance {c:?} must be finite and not negative"))
                 .hint("correct --emission, or the capture's emission"));
         }
-        if let Some(Scattering { albedo, phase }) = self.scattering {
+        if let Some(Scattering { albedo, phase, gradient_shading }) = self.scattering {
             if albedo.iter().any(|v| !(0.0..=1.0).contains(v)) {
                 return Err(Error::invalid(format!("albedo {albedo:?} must lie between 0 and 1"))
                     .hint("the albedo is the share of the extinction that is scattered; more would make light"));
             }
             phase.check()?;
+            if let Some(half) = gradient_shading.filter(|half| !(*half > 0.0 && half.is_finite())) {
+                return Err(Error::invalid(format!("gradient shading at {half} must be positive and finite")).hint(
+                    "it is the change of the density per world length at which half of the scattering is a surface's",
+                ));
+            }
         }
         Ok(self)
     }
@@ -126,7 +142,7 @@ mod tests {
 
     #[test]
     fn media_that_make_light_are_refused() {
-        let of = |albedo, phase| Medium { scattering: Some(Scattering { albedo, phase }), ..Medium::absorbing(1.0) };
+        let of = |albedo, phase| Medium { scattering: Some(Scattering::new(albedo, phase)), ..Medium::absorbing(1.0) };
         assert!(of([1.0, 0.5, 0.0], Phase::Isotropic).checked().unwrap().scatters());
         assert!(!of([0.0; 3], Phase::Isotropic).checked().unwrap().scatters());
         for albedo in [[1.01, 0.0, 0.0], [0.0, -0.1, 0.0], [0.0, 0.0, f32::NAN]] {
@@ -141,6 +157,11 @@ mod tests {
             assert!(Medium::absorbing(1.0).chromatic(color).unwrap_err().to_string().contains("extinction color"));
         }
         assert!(Medium { color: [0.5; 3], ..Medium::absorbing(1.0) }.checked().is_err());
+        let shaded = |half| Scattering { gradient_shading: Some(half), ..Scattering::new([0.5; 3], Phase::Isotropic) };
+        for half in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let medium = Medium { scattering: Some(shaded(half)), ..Medium::absorbing(1.0) };
+            assert!(medium.checked().unwrap_err().to_string().contains("gradient shading"));
+        }
         let dark = Medium::new(1.0, Source::Linear([-1.0, 0.0, 0.0]));
         assert!(dark.checked().unwrap_err().to_string().contains("not negative"));
     }

@@ -17,6 +17,11 @@ pub enum Phase {
 const MOST_ANISOTROPY: f64 = 0.999;
 
 impl Phase {
+    /// Returns the phase function of an anisotropy.
+    pub fn of_anisotropy(g: f64) -> Self {
+        if g == 0.0 { Self::Isotropic } else { Self::HenyeyGreenstein(g) }
+    }
+
     /// Checks the anisotropy.
     ///
     /// # Errors

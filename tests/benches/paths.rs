@@ -39,7 +39,7 @@ fn scenes() -> Vec<(&'static str, Scene)> {
     let panel =
         Light::Rectangle { corner: DVec3::new(0.0, 0.0, 2.0), edges: [DVec3::Y, DVec3::X], radiance: Vec3::ONE };
     let scene = |extinction: f64, albedo: f32, phase, source: &Source, lights: &[Light], sky: f32| {
-        let scattering = Some(Scattering { albedo: [albedo; 3], phase });
+        let scattering = Some(Scattering::new([albedo; 3], phase));
         let medium = Medium { scattering, ..Medium::new(extinction, source.clone()) };
         Scene {
             cameras: cameras(&field.outline(), 1, Layout::Ring, PIXELS, PIXELS, 40.0),

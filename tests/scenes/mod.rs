@@ -66,7 +66,8 @@ impl Draw {
         let albedo = if self.once_in(6) { [0.0; 3] } else { self.color(0.95).to_array() };
         let phase = if self.once_in(2) { Phase::Isotropic } else { Phase::HenyeyGreenstein(1.6 * self.number() - 0.8) };
         let color = if self.once_in(5) { [1.0, self.number() as f32, self.number() as f32] } else { [1.0; 3] };
-        let scattering = Some(Scattering { albedo, phase });
+        let gradient_shading = self.once_in(4).then(|| self.between(0.01, 1.0));
+        let scattering = Some(Scattering { gradient_shading, ..Scattering::new(albedo, phase) });
         Medium { scattering, color, ..Medium::new(self.between(0.005, 0.4), source) }
     }
 
@@ -141,6 +142,7 @@ impl Draw {
             if medium.extinction * scale < 3.0 && self.once_in(3) {
                 scattering.albedo = [1.0; 3];
             }
+            scattering.gradient_shading = self.once_in(3).then(|| self.between(1e-6, 1e6) / scale);
             if self.once_in(3) {
                 scattering.phase = Phase::HenyeyGreenstein(if self.once_in(2) { 0.999 } else { -0.999 });
             }

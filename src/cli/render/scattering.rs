@@ -49,6 +49,9 @@ pub(in crate::cli) struct ScatteringOptions {
     /// Mean cosine of the angle by which scattered light turns (Henyey-Greenstein): -0.999 backward to 0.999 forward
     #[arg(long, value_name = "G", default_value_t = 0.0, value_parser = parse::number, requires = "albedo", allow_negative_numbers = true)]
     anisotropy: f64,
+    /// Scatter like a surface where the density changes much: half of the light at a change of G per world length
+    #[arg(long, value_name = "G", value_parser = parse::positive, requires = "albedo")]
+    gradient_shading: Option<f64>,
     /// Factors of the extinction in red, green and blue
     #[arg(long, value_name = "R,G,B", default_value = "1", value_parser = parse::color, requires = "albedo")]
     pub extinction_color: [f32; 3],
@@ -105,8 +108,9 @@ impl ScatteringOptions {
 
     /// Returns how the medium scatters; `None` without path tracing.
     pub fn scattering(&self) -> Option<Scattering> {
-        let phase = if self.anisotropy == 0.0 { Phase::Isotropic } else { Phase::HenyeyGreenstein(self.anisotropy) };
-        self.albedo.map(|albedo| Scattering { albedo, phase })
+        let phase = Phase::of_anisotropy(self.anisotropy);
+        let gradient_shading = self.gradient_shading;
+        self.albedo.map(|albedo| Scattering { gradient_shading, ..Scattering::new(albedo, phase) })
     }
 
     /// Puts the environment and the lights of the options into a scene.

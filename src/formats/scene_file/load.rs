@@ -11,7 +11,7 @@ use crate::scene::emission::Emission;
 use crate::scene::environment::{Environment, EnvironmentMap};
 use crate::scene::grid::Grid;
 use crate::scene::light::Light;
-use crate::scene::medium::{Medium, Scattering, Source};
+use crate::scene::medium::{Medium, Source};
 use crate::scene::transfer::Transfer;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -174,6 +174,6 @@ fn medium(entry: &MediumEntry, transfer: Option<&Transfer>) -> Result<Medium> {
         (Some(transfer), None) => Source::Transfer(Arc::new(transfer.table()?)),
         (None, color) => Source::Grey(color.unwrap_or_default()),
     };
-    let scattering = Some(Scattering { albedo: entry.albedo, phase: entry.phase() });
+    let scattering = Some(entry.scattering());
     Medium { scattering, ..Medium::new(entry.density_scale, source).chromatic(entry.extinction_color)? }.checked()
 }

@@ -17,6 +17,7 @@ pub use load::{LoadedScene, SceneVolume, environment_map, load_within};
 
 use crate::scene::emission::Emission;
 use crate::scene::light::Light;
+use crate::scene::medium::Scattering;
 use crate::scene::phase::Phase;
 use glam::{DVec3, Vec3};
 use schemars::JsonSchema;
@@ -70,6 +71,8 @@ pub struct MediumEntry {
     /// Mean cosine of the angle by which scattered light turns (Henyey-Greenstein), -0.999 to 0.999.
     #[serde(default)]
     pub anisotropy: f64,
+    /// Gradient shading: change of the density per world length at which half of the scattering is that of a surface.
+    pub gradient_shading: Option<f64>,
     /// Factors of the extinction in red, green and blue; 1 unless stated.
     #[serde(default = "white")]
     pub extinction_color: [f32; 3],
@@ -122,6 +125,7 @@ impl Default for MediumEntry {
             density_scale: 1.0,
             albedo: [0.0; 3],
             anisotropy: 0.0,
+            gradient_shading: None,
             extinction_color: white(),
             emission: None,
             transfer: None,
@@ -132,9 +136,10 @@ impl Default for MediumEntry {
 }
 
 impl MediumEntry {
-    /// Returns the phase function.
-    pub fn phase(&self) -> Phase {
-        if self.anisotropy == 0.0 { Phase::Isotropic } else { Phase::HenyeyGreenstein(self.anisotropy) }
+    /// Returns how the medium scatters.
+    fn scattering(&self) -> Scattering {
+        let Self { albedo, anisotropy, gradient_shading, .. } = *self;
+        Scattering { gradient_shading, ..Scattering::new(albedo, Phase::of_anisotropy(anisotropy)) }
     }
 
     /// Returns the names of the grids that emit, and how.

@@ -7,13 +7,13 @@
 
 use super::Scratch;
 use super::optics::Any;
+use super::phase::{Mixed, Shaded};
 use super::tracking::{Collision, EXACT_DEPTH, LEAST_TRANSMITTANCE, Media, One, Primary, any};
 use crate::error::Result;
 use crate::math::Ray;
 use crate::render::sampler::Sampler;
 use crate::scene::bricks::Bricks;
 use crate::scene::medium::Medium;
-use crate::scene::phase::Phase;
 use glam::{DVec3, Vec3};
 
 /// Volumes of which at least one is chromatic; their extinctions add.
@@ -21,7 +21,7 @@ pub(super) struct Chromatic<'a>(Vec<Colored<'a>>);
 
 /// A volume with its extinction by channel, as a share of the largest.
 struct Colored<'a> {
-    volume: One<'a, Any, Phase>,
+    volume: One<'a, Any, Shaded>,
     color: DVec3,
 }
 
@@ -78,7 +78,7 @@ fn worth(factor: DVec3, depths: DVec3, shares: DVec3) -> Vec3 {
 }
 
 impl Media for Chromatic<'_> {
-    type Phase = Phase;
+    type Phase = Mixed;
     const EMITS: bool = true;
 
     fn collide(
@@ -162,8 +162,8 @@ impl Media for Chromatic<'_> {
         self.0[collision.volume].volume.source(collision)
     }
 
-    fn phase(&self, collision: &Collision) -> Phase {
-        self.0[collision.volume].volume.phase
+    fn phase(&self, collision: &Collision, at: DVec3) -> Mixed {
+        self.0[collision.volume].volume.phase(collision, at)
     }
 
     fn normal(&self, volume: usize, position: DVec3) -> DVec3 {

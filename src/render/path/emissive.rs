@@ -75,8 +75,8 @@ impl<M: Media> Media for Emissive<'_, M> {
     }
 
     #[inline(always)]
-    fn phase(&self, collision: &Collision) -> M::Phase {
-        self.media.phase(collision)
+    fn phase(&self, collision: &Collision, at: DVec3) -> M::Phase {
+        self.media.phase(collision, at)
     }
 
     fn normal(&self, volume: usize, position: DVec3) -> DVec3 {

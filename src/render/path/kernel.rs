@@ -3,7 +3,8 @@
 use super::Kernel;
 use super::chromatic::Chromatic;
 use super::emissive::Emissive;
-use super::optics::{Any, HenyeyGreenstein, Isotropic, Optics};
+use super::optics::{Any, Optics};
+use super::phase::{HenyeyGreenstein, Isotropic, Shaded};
 use super::tracking::{One, any};
 use crate::error::{Error, Result};
 use crate::scene::bricks::Bricks;
@@ -56,19 +57,20 @@ fn single<'a>(scene: &'a Scene, field: &'a Bricks<f32>, medium: &Medium) -> Resu
     if let Some(emission) = scene.volumes.iter().find_map(Volume::emission) {
         return Ok(Box::new(Emissive::new(one, emission)));
     }
-    let One { dvr, optics, albedo, phase, shadows } = one;
+    let One { dvr, optics, albedo, phases, shadows } = one;
     Ok(match optics {
-        Any::Dark(optics) => with_phase(One { dvr, optics, albedo, phase, shadows }),
-        Any::Emitting(optics) => with_phase(One { dvr, optics, albedo, phase, shadows }),
-        Any::Transfer(optics) => with_phase(One { dvr, optics, albedo, phase, shadows }),
+        Any::Dark(optics) => with_phase(One { dvr, optics, albedo, phases, shadows }),
+        Any::Emitting(optics) => with_phase(One { dvr, optics, albedo, phases, shadows }),
+        Any::Transfer(optics) => with_phase(One { dvr, optics, albedo, phases, shadows }),
     })
 }
 
 /// Returns the volume as a kernel that is compiled for its phase function.
-fn with_phase<'a, O: Optics + 'a>(one: One<'a, O, Phase>) -> Box<dyn Kernel + 'a> {
-    let One { dvr, optics, albedo, phase, shadows } = one;
-    match phase {
-        Phase::Isotropic => Box::new(One { dvr, optics, albedo, phase: Isotropic, shadows }),
-        Phase::HenyeyGreenstein(g) => Box::new(One { dvr, optics, albedo, phase: HenyeyGreenstein(g), shadows }),
+fn with_phase<'a, O: Optics + 'a>(one: One<'a, O, Shaded>) -> Box<dyn Kernel + 'a> {
+    let One { dvr, optics, albedo, phases, shadows } = one;
+    match phases.unshaded() {
+        Some(Phase::Isotropic) => Box::new(One { dvr, optics, albedo, phases: Isotropic, shadows }),
+        Some(Phase::HenyeyGreenstein(g)) => Box::new(One { dvr, optics, albedo, phases: HenyeyGreenstein(g), shadows }),
+        None => Box::new(One { dvr, optics, albedo, phases, shadows }),
     }
 }

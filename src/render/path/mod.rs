@@ -16,6 +16,7 @@ mod direct;
 mod emissive;
 mod kernel;
 mod optics;
+mod phase;
 mod picture;
 mod tracking;
 
@@ -27,11 +28,10 @@ use crate::render::arch::Arch;
 use crate::render::dvr::{Tape, Walked};
 use crate::render::preshaded;
 use crate::render::sampler::Sampler;
-use crate::scene::light::around;
 use crate::scene::scene::Scene;
 use direct::Lighting;
 use glam::{DVec3, Vec3};
-use optics::PhaseFunction;
+use phase::PhaseFunction;
 use tracking::{Collision, Media, Primary};
 
 /// Number of events while paths were traced.
@@ -267,21 +267,19 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
                 break;
             }
             bounces += 1;
-            let phase = media.phase(&collision);
+            let phase = media.phase(&collision, at);
             let [u, v, of_lights, of_light] = sampler.even();
             if let Some(arrival) = lighting.sample(at, [of_lights, of_light]) {
                 let toward = Ray { origin: at, direction: arrival.direction };
-                let scattered = phase.value(ray.direction.dot(arrival.direction));
+                let scattered = phase.value(ray.direction, arrival.direction);
                 scratch.counts.shadow_rays += 1;
                 let transmittance = media.transmittance(&toward, arrival.distance, sampler, scratch);
                 let seen = weight * lighting.weighted(&arrival, scattered) * transmittance;
                 *if bounces == 1 { &mut out.direct } else { &mut out.indirect } += seen;
             }
-            let cosine = phase.sample(u);
-            let density = phase.value(cosine);
+            let (direction, density) = phase.sample(ray.direction, [u, v]);
             scratch.counts.impossible += u64::from(density.is_nan() || density <= 0.0);
-            let sine = ((1.0 - cosine) * (1.0 + cosine)).max(0.0).sqrt();
-            ray = Ray { origin: at, direction: around(ray.direction, cosine, sine, v) };
+            ray = Ray { origin: at, direction };
             if M::GLOWS {
                 out.indirect += weight * media.emitted(&ray, scratch);
             }

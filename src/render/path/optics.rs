@@ -3,7 +3,6 @@
 
 use crate::render::curve::Curve;
 use crate::scene::medium::{Medium, Source};
-use crate::scene::phase::Phase;
 use glam::Vec3;
 
 /// Extinction and source of a medium by its density.
@@ -127,57 +126,5 @@ impl Optics for Any {
             Self::Emitting(emitting) => emitting.source(density),
             Self::Transfer(transfer) => transfer.source(density),
         }
-    }
-}
-
-/// A phase function that kernels are compiled for.
-pub(super) trait PhaseFunction: Copy + Sync + Send {
-    /// Returns [`Phase::value`].
-    fn value(self, cosine: f64) -> f64;
-    /// Returns [`Phase::sample`].
-    fn sample(self, u: f64) -> f64;
-}
-
-/// The isotropic phase function.
-#[derive(Clone, Copy)]
-pub(super) struct Isotropic;
-
-impl PhaseFunction for Isotropic {
-    #[inline(always)]
-    fn value(self, cosine: f64) -> f64 {
-        Phase::Isotropic.value(cosine)
-    }
-
-    #[inline(always)]
-    fn sample(self, u: f64) -> f64 {
-        Phase::Isotropic.sample(u)
-    }
-}
-
-/// The Henyey-Greenstein phase function of this anisotropy.
-#[derive(Clone, Copy)]
-pub(super) struct HenyeyGreenstein(pub f64);
-
-impl PhaseFunction for HenyeyGreenstein {
-    #[inline(always)]
-    fn value(self, cosine: f64) -> f64 {
-        Phase::HenyeyGreenstein(self.0).value(cosine)
-    }
-
-    #[inline(always)]
-    fn sample(self, u: f64) -> f64 {
-        Phase::HenyeyGreenstein(self.0).sample(u)
-    }
-}
-
-impl PhaseFunction for Phase {
-    #[inline(always)]
-    fn value(self, cosine: f64) -> f64 {
-        self.value(cosine)
-    }
-
-    #[inline(always)]
-    fn sample(self, u: f64) -> f64 {
-        self.sample(u)
     }
 }

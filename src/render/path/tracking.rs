@@ -4,7 +4,8 @@
 //! majorant is real. Their chances not to be are the factors of ratio tracking (Novák et al. 2014). Bricks in which nothing
 //! absorbs are skipped.
 
-use super::optics::{Any, Optics, PhaseFunction};
+use super::optics::{Any, Optics};
+use super::phase::{Mixed, PhaseFunction, Phases, Shaded, gradient};
 use super::{Counts, Scratch};
 use crate::error::{Error, Result};
 use crate::math::Ray;
@@ -12,10 +13,9 @@ use crate::render::dvr::{self, Dvr};
 use crate::render::march::{IndexRay, Span, spans};
 use crate::render::sampler::Sampler;
 use crate::scene::bricks::{BRICK, Bricks};
-use crate::scene::medium::{Medium, Scattering};
-use crate::scene::phase::Phase;
+use crate::scene::medium::Medium;
 use crate::scene::topology::CELLS;
-use glam::{DMat3, DVec3, Vec3};
+use glam::{DVec3, Vec3};
 
 /// A real collision of a path with a medium.
 #[derive(Debug, Clone, Copy)]
@@ -72,8 +72,8 @@ pub(super) trait Media: Sync + Send {
     fn albedo(&self, collision: &Collision) -> Vec3;
     /// Returns the radiance of the source, of which the share that is not scattered is emitted.
     fn source(&self, collision: &Collision) -> Vec3;
-    /// Returns the phase function.
-    fn phase(&self, collision: &Collision) -> Self::Phase;
+    /// Returns the phase function at the place of a collision.
+    fn phase(&self, collision: &Collision, at: DVec3) -> Self::Phase;
     /// Returns the unit vector in which the density of a volume falls at a world position; 0 where it is constant.
     fn normal(&self, volume: usize, position: DVec3) -> DVec3;
 }
@@ -84,7 +84,7 @@ pub(super) struct One<'a, O, P> {
     pub dvr: Dvr<'a, f32>,
     pub optics: O,
     pub albedo: Vec3,
-    pub phase: P,
+    pub phases: P,
     pub shadows: Shadows,
 }
 
@@ -122,10 +122,10 @@ pub(super) const EXACT_DEPTH: f64 = 3.0;
 const LEAST_RATIO: f32 = 0.05;
 
 /// Returns the volume for kernels that serve any medium, in its channel of most extinction.
-pub(super) fn any<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a, Any, Phase>> {
+pub(super) fn any<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a, Any, Shaded>> {
     let medium = medium.clone().checked()?;
-    let Scattering { albedo, phase } =
-        medium.scattering.unwrap_or(Scattering { albedo: [0.0; 3], phase: Phase::Isotropic });
+    let albedo = medium.scattering.map_or([0.0; 3], |scattering| scattering.albedo);
+    let phases = Shaded::new(medium.scattering);
     let optics = Any::new(&medium);
     let dvr = Dvr::new(field, medium.densest_channel())?.early_stop(LEAST_TRANSMITTANCE);
     let largest = dvr.majorants().largest();
@@ -134,7 +134,7 @@ pub(super) fn any<'a>(field: &'a Bricks<f32>, medium: &Medium) -> Result<One<'a,
             .hint("give a smaller density scale, or correct the densities"));
     }
     let shadows = Shadows::cheaper(&dvr, &optics);
-    Ok(One { dvr, optics, albedo: Vec3::from_array(albedo), phase, shadows })
+    Ok(One { dvr, optics, albedo: Vec3::from_array(albedo), phases, shadows })
 }
 
 impl<O: Optics, P> One<'_, O, P> {
@@ -250,8 +250,8 @@ impl<O: Optics, P> One<'_, O, P> {
     }
 }
 
-impl<O: Optics, P: PhaseFunction> Media for One<'_, O, P> {
-    type Phase = P;
+impl<O: Optics, P: Phases> Media for One<'_, O, P> {
+    type Phase = P::At;
     const EMITS: bool = O::EMITS;
 
     #[inline(always)]
@@ -304,21 +304,18 @@ impl<O: Optics, P: PhaseFunction> Media for One<'_, O, P> {
     }
 
     #[inline(always)]
-    fn phase(&self, _: &Collision) -> P {
-        self.phase
+    fn phase(&self, _: &Collision, at: DVec3) -> P::At {
+        self.phases.at(self.dvr.field(), at)
     }
 
     fn normal(&self, _: usize, position: DVec3) -> DVec3 {
-        let field = self.dvr.field();
-        let slopes = field.slopes(field.transform.to_index(position));
-        // Gradients are covectors: the transpose of the inverse map takes them to world space.
-        -(DMat3::from_mat4(field.transform.inverse_matrix()).transpose() * slopes).normalize_or_zero()
+        -gradient(self.dvr.field(), position).normalize_or_zero()
     }
 }
 
 /// Several volumes, which may overlap: their extinctions add.
-impl Media for Vec<One<'_, Any, Phase>> {
-    type Phase = Phase;
+impl Media for Vec<One<'_, Any, Shaded>> {
+    type Phase = Mixed;
     const EMITS: bool = true;
 
     /// Collisions with each volume are independent, and the nearest of them is the first.
@@ -366,8 +363,8 @@ impl Media for Vec<One<'_, Any, Phase>> {
     }
 
     #[inline(always)]
-    fn phase(&self, collision: &Collision) -> Phase {
-        self[collision.volume].phase
+    fn phase(&self, collision: &Collision, at: DVec3) -> Mixed {
+        self[collision.volume].phase(collision, at)
     }
 
     fn normal(&self, volume: usize, position: DVec3) -> DVec3 {
@@ -393,9 +390,10 @@ mod tests {
             IVec3 { x: 11, y: 4, z: 4 } => spike,
             _ => 0.5 + 0.5 * (0.4 * p.as_vec3()).dot(Vec3::new(1.0, 0.7, -0.3)).sin(),
         };
-        let owned = topology.bricks().iter().flat_map(|brick| {
-            (0..512).map(move |i| value(*brick * 8 + IVec3::new(i >> 6, (i >> 3) & 7, i & 7)))
-        });
+        let owned = topology
+            .bricks()
+            .iter()
+            .flat_map(|brick| (0..512).map(move |i| value(*brick * 8 + IVec3::new(i >> 6, (i >> 3) & 7, i & 7))));
         let owned: Vec<f32> = owned.collect();
         let mut field = Bricks::zeros(topology.clone(), Affine::uniform(1.0, DVec3::ZERO).unwrap());
         topology.fill_apron(&owned, &mut field.values);
@@ -407,7 +405,8 @@ mod tests {
     #[test]
     fn ratio_tracking_is_unbiased() {
         let points = [0.0, 3.0, 0.2, 0.0, 1.0, 0.5].map(|sigma| [0.0, 0.0, 0.0, sigma]);
-        let function = Source::Transfer(Arc::new(Table::new(vec![0.05, 0.2, 0.3, 0.6, 0.6, 0.9], points.into()).unwrap()));
+        let function =
+            Source::Transfer(Arc::new(Table::new(vec![0.05, 0.2, 0.3, 0.6, 0.6, 0.9], points.into()).unwrap()));
         let cases = [
             (Medium::absorbing(0.01), 0.3),
             (Medium::absorbing(0.2), 0.3),
@@ -431,7 +430,10 @@ mod tests {
                 }
                 let mean = sum / f64::from(draws);
                 let error = ((squares / f64::from(draws) - mean * mean) / f64::from(draws)).sqrt();
-                assert!((mean - (-depth).exp()).abs() < 4.0 * error + 1e-6, "{medium:?} {length}: {mean} ± {error}, {depth}");
+                assert!(
+                    (mean - (-depth).exp()).abs() < 4.0 * error + 1e-6,
+                    "{medium:?} {length}: {mean} ± {error}, {depth}"
+                );
             }
             assert_eq!(scratch.counts.violations, 0);
         }
