@@ -158,7 +158,7 @@ fn what_is_not_called_for_is_off() {
     use Integrator::{DirectVolumeRendering, PathTracing};
 
     let scene =
-        |albedo, lights, environment| Scene { volumes: volume(smoke(albedo)), lights, environment, cameras: vec![] };
+        |albedo, lights, environment| Scene { volumes: volume(smoke(albedo)), lights, environment, ..Scene::default() };
     let black = Environment::default;
     let no = Request::default;
     assert_eq!(states(&scene(0.0, vec![sun], black()), &no()), (DirectVolumeRendering, String::new()));

@@ -5,10 +5,13 @@
 mod work;
 
 use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::{Codec, NativeGrid, RawLeaf, write_native};
 use cumulo::formats::{exr, transforms};
+use cumulo::scene::grid::{GridClass, Leaf};
 use glam::DVec3;
 use serde_json::Value;
-use work::{Work, errors, fixture};
+use std::collections::BTreeMap;
+use work::{Work, density, errors, fixture};
 
 const LIT: &str = "--size 20x16 --density-scale 4 --albedo 0.9 --sun 1,1,2 --sky 0.2 --samples 4";
 
@@ -130,4 +133,63 @@ fn scene_files_hold_sequences() {
     let [first, second] = [1, 2].map(|frame| work.picture(&format!("lit/frame.{frame:04}.exr")).rgba[0][0]);
     assert!((second - 3.0 * first).abs() < 1e-5, "{first} {second}");
     assert_eq!(work.json("plan scene.json --frame 2 --size 12x12")["integrator"], "path-tracing");
+}
+
+/// Writes the plume with a grid `vel` of constant velocity.
+fn moving_plume(work: &Work, name: &str, velocity: [f32; 3]) {
+    let grid = density(&fixture("plume.vdb"));
+    let leaf = |leaf: &Leaf| RawLeaf {
+        origin: leaf.origin,
+        values: velocity.iter().copied().cycle().take(3 * 512).collect(),
+        active: [u64::MAX; 8],
+    };
+    let leaves: Vec<RawLeaf> = grid.leaves.iter().map(leaf).collect();
+    let vectors = NativeGrid::from_vectors("vel", GridClass::Unknown, &grid.transform, &leaves).unwrap();
+    let densities = NativeGrid::from_grid(&grid).unwrap();
+    let metadata = BTreeMap::new();
+    write_native(&work.path(name), &[&densities, &vectors], None, &metadata, Codec::default()).unwrap();
+}
+
+/// Before a camera at rest, collisions move by the velocities, from the options and from a scene file alike.
+#[test]
+fn volumes_move_by_their_velocities() {
+    let work = Work::new();
+    let velocity = [0.4_f32, -0.2, 0.6];
+    moving_plume(&work, "moving.vdb", velocity);
+    let command = "render moving.vdb --frames 1-2 --views 1 --size 20x16 --density-scale 4 --albedo 0.9 --samples 4";
+    work.json(&format!("{command} --aov motion,position --velocity vel --fps 10 -o moved"));
+    let film = exr::read_film_within(&work.path("moved/frame.0001.exr"), None, Limits::default()).unwrap();
+    let camera = transforms::load(&work.path("moved")).unwrap().frames[0].camera;
+    let step = DVec3::from_array(velocity.map(f64::from)) / 10.0;
+    let mut seen = 0;
+    for pixel in (0..film.width * film.height).filter(|pixel| film.rgba[*pixel][3] > 0.5) {
+        let at = |layer: &str, c: &str| f64::from(film.plane(&format!("{layer}.{c}")).unwrap()[pixel]);
+        let world = DVec3::new(at("Position", "X"), at("Position", "Y"), at("Position", "Z"));
+        let [before, now, after] = [world - step, world, world + step].map(|p| camera.project(p).unwrap().0);
+        let [back, on] = [before - now, now - after];
+        let expected = [back.x, -back.y, on.x, -on.y];
+        let off = expected.iter().zip(["X", "Y", "Z", "W"]).map(|(v, c)| (v - at("Vector", c)).abs());
+        assert!(off.fold(0.0, f64::max) < 0.1 * back.length() + 0.02, "{pixel}: {expected:?}");
+        seen += 1;
+    }
+    assert!(seen > 10, "{seen}");
+
+    let scene = serde_json::json!({
+        "volumes": [{"file": "moving.vdb", "medium": {"density_scale": 4, "albedo": [0.9, 0.9, 0.9]},
+                     "velocity": {"grid": "vel", "fps": 10}}],
+        "lights": [{"type": "DomeLight"}]});
+    std::fs::write(work.path("scene.json"), scene.to_string()).unwrap();
+    work.json("render scene.json --frames 1 --cameras moved --samples 4 --aov motion,position -o same");
+    let same = exr::read_film_within(&work.path("same/frame.0001.exr"), None, Limits::default()).unwrap();
+    assert_eq!(film.plane("Vector.X"), same.plane("Vector.X"));
+
+    work.refused(&format!("{command} --velocity vel -o no"), &["--velocity", "--aov motion"]);
+    for (grid, words) in [("density", ["'density'", "vec3s"]), ("speed", ["'speed'", "vel"])] {
+        let out = work.command(&format!("{command} --aov motion --velocity {grid} -o no")).output().unwrap();
+        assert_eq!(out.status.code(), Some(2));
+        assert!(words.iter().all(|word| errors(&out).contains(word)), "{}", errors(&out));
+    }
+    let out =
+        work.command("render scene.json --frames 1 --views 1 --aov motion --velocity vel -o no").output().unwrap();
+    assert!(out.status.code() == Some(2) && errors(&out).contains("scene file"), "{}", errors(&out));
 }

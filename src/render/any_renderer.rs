@@ -15,6 +15,7 @@ use std::sync::atomic::AtomicBool;
 
 /// A renderer of any kind, over the scene's environment.
 #[derive(Debug)]
+#[allow(clippy::large_enum_variant, reason = "there is one at a time")]
 pub enum AnyRenderer<'a> {
     /// Renderer of a density.
     Density(Composited<Dvr<'a, f32>>),
@@ -87,7 +88,6 @@ mod tests {
     use super::*;
     use crate::math::Affine;
     use crate::scene::bricks::{Bricks, Topology};
-    use crate::scene::environment::Environment;
     use crate::scene::medium::{Medium, Scattering};
     use crate::scene::phase::Phase;
     use glam::{DVec3, IVec3};
@@ -99,7 +99,7 @@ mod tests {
         let field = Bricks::zeros(topology, Affine::uniform(1.0, DVec3::ZERO).unwrap());
         let volume = |medium: Medium| Volume::Density(field.clone(), medium);
         let refused = |volumes: Vec<Volume>| {
-            let scene = Scene { volumes, environment: Environment::default(), lights: vec![], cameras: vec![] };
+            let scene = Scene { volumes, ..Scene::default() };
             AnyRenderer::new(&scene, Quadrature::Exact).map(|_| ()).map_err(|e| e.to_string())
         };
         let dark = || volume(Medium::absorbing(1.0));

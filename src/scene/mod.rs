@@ -20,4 +20,5 @@ pub mod statistics;
 pub mod table;
 pub mod topology;
 pub mod transfer;
+pub mod velocity;
 pub mod volume;

@@ -5,6 +5,7 @@ use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
 use crate::scene::environment::Environment;
 use crate::scene::light::Light;
+use crate::scene::velocity::Velocity;
 use crate::scene::volume::{Grids, Volume};
 
 /// Volumes, the light around them, and cameras.
@@ -16,6 +17,8 @@ pub struct Scene {
     pub environment: Environment,
     /// Further lights.
     pub lights: Vec<Light>,
+    /// Velocities of volumes, by the volume's number.
+    pub velocities: Vec<(usize, Velocity)>,
     /// Cameras, one for each picture.
     pub cameras: Vec<Camera>,
 }
@@ -30,6 +33,7 @@ impl Scene {
             volumes: vec![grids.shown_by(capture)?],
             environment: Environment::constant(capture.background),
             lights: Vec::new(),
+            velocities: Vec::new(),
             cameras: capture.frames.iter().map(|frame| frame.camera).collect(),
         })
     }

@@ -98,7 +98,7 @@ impl Draw {
         });
         let radiance = if self.once_in(2) { [0.0; 3] } else { [0.1, 0.2, self.number() as f32] };
         let camera = camera(centre + 1.2 * size * self.direction(), centre);
-        Scene { volumes, lights, environment: Environment { radiance, map }, cameras: vec![camera] }
+        Scene { volumes, lights, environment: Environment { radiance, map }, cameras: vec![camera], ..Scene::default() }
     }
 }
 

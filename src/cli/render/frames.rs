@@ -15,6 +15,7 @@ use crate::formats::atomic::Batch;
 use crate::formats::exr;
 use crate::formats::sequence::{self, Pattern};
 use crate::formats::transforms::{self, FILE_NAME};
+use crate::formats::vdb::{File, velocity};
 use crate::plan::Plan;
 use crate::render::path::{Counts, View};
 use crate::scene::camera::Camera;
@@ -265,6 +266,11 @@ impl Sequence<'_> {
         let mut provenance = self.provenance.clone();
         let (subject, transfer) = pictures.subject(self.template.as_ref(), limits, &mut provenance)?;
         let moving = self.pattern.is_some() || matches!(subject, Subject::Scene { moving: true, .. });
+        if self.render.velocity.is_some() && subject.is_scene() {
+            return Err(Error::invalid("--velocity: the scene file states the velocities of its volumes")
+                .at(&pictures.input)
+                .hint("add \"velocity\": {\"grid\": \"vel\"} to a volume of it"));
+        }
         let paths = pictures.scattering.on() || subject.is_scene();
         let mut capture = pictures.capture(&self.render.output, &subject, transfer, self.template.as_ref())?;
         self.pictures.density_scale = Some(DensityScale::Given(capture.density_scale)).filter(|_| !subject.is_scene());
@@ -276,7 +282,11 @@ impl Sequence<'_> {
         fits(&capture, self.render.plane_bytes(paths), limits.max_memory)?;
         self.render.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
-        let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
+        let mut scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
+        if let Some(name) = &self.render.velocity {
+            let (file, fps) = (File::open(&pictures.input, limits)?, self.render.fps);
+            scene.velocities = vec![(0, velocity::read(&file, name, fps, limits.max_memory)?)];
+        }
         let (scene, plan) = self.render.planned(&pictures, scene, paths)?;
         Ok(Shot { capture, scene, plan, provenance, paths, moving })
     }
@@ -294,7 +304,7 @@ impl Sequence<'_> {
         let shot = self.shot.insert(shot);
         let renderer = self.pictures.renderer(shot.plan.as_ref(), &shot.scene, shot.paths)?;
         let [before, camera, after] = &self.cameras[place.min(self.cameras.len() - 1)];
-        let view = View { camera, before: Some(before), after: Some(after) };
+        let view = View { camera, before: Some(before), after: Some(after), velocities: &shot.scene.velocities };
         let rendered = self.render.film(&renderer, number as usize, view, self.cancel);
         let (film, counts) = rendered.ok_or_else(Error::cancelled)?;
         self.provenance.inputs.extend(shot.provenance.inputs.clone());

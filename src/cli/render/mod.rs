@@ -14,6 +14,7 @@ pub(in crate::cli) use renderer::LeftOut;
 use crate::cli::cancel;
 use crate::cli::output::Output;
 use crate::cli::outputs;
+use crate::cli::parse;
 use crate::cli::provenance::Provenance;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
@@ -62,6 +63,12 @@ pub struct Render {
     /// Planes to write beside RGBA, one or more
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     aov: Vec<Aov>,
+    /// Grid of the volume's velocities in world units per second, for --aov motion
+    #[arg(long, value_name = "GRID")]
+    velocity: Option<String>,
+    /// Frames per second; 1 for velocities in world units per frame
+    #[arg(long, value_name = "F", default_value_t = 24.0, value_parser = parse::positive, requires = "velocity")]
+    fps: f64,
     #[command(flatten)]
     pub(in crate::cli) pictures: PictureOptions,
 }
@@ -241,6 +248,9 @@ impl Render {
         if self.aov.contains(&Aov::Motion) && !self.is_sequence() {
             return Err(Error::invalid("--aov motion: views are no frames")
                 .hint("give --frames to render a sequence, by the cameras of --cameras"));
+        }
+        if self.velocity.is_some() && !self.aov.contains(&Aov::Motion) {
+            return Err(Error::invalid("--velocity: no plane shows it").hint("add --aov motion"));
         }
         let (rays, option) = match paths {
             true => (self.pictures.scattering.samples(), "--samples 16"),

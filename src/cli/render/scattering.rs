@@ -167,6 +167,7 @@ impl ScatteringOptions {
         json!({
             "albedo": self.albedo,
             "anisotropy": self.anisotropy,
+            "gradient_shading": self.gradient_shading,
             "extinction_color": self.extinction_color,
             "sky": match &self.sky {
                 Some(Sky::File(path)) => json!(path.to_string_lossy()),

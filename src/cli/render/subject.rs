@@ -95,7 +95,9 @@ impl PictureOptions {
             for file in [&self.input].into_iter().chain(&files) {
                 provenance.input(file, [file.as_path()])?;
             }
-            let volume = |read: SceneVolume| {
+            let mut velocities = Vec::new();
+            let volume = |(number, read): (usize, SceneVolume)| {
+                velocities.extend(read.velocity.map(|velocity| (number, velocity)));
                 let field =
                     volume::arrange(&read.grid, read.transfer.as_ref(), limits).map_err(|e| e.at(&read.path))?;
                 let medium = read.medium;
@@ -104,8 +106,8 @@ impl PictureOptions {
                 }
                 emissive(&read.grid, field, medium, read.emissions, limits).map_err(|e| e.at(&read.path))
             };
-            let volumes = volumes.into_iter().map(volume).collect::<Result<_>>()?;
-            let scene = Scene { volumes, lights, environment, cameras: Vec::new() };
+            let volumes = volumes.into_iter().enumerate().map(volume).collect::<Result<_>>()?;
+            let scene = Scene { volumes, lights, environment, velocities, cameras: Vec::new() };
             return Ok((Subject::Scene { scene, moving }, None));
         }
         let (grids, transfer) = self.grids(template, limits)?;

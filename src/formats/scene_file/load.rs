@@ -1,11 +1,11 @@
 //! Reading of scene files. Every fault names the volume or light, and the key.
 
-use super::{LightEntry, MediumEntry, SceneFile, VolumeEntry};
+use super::{LightEntry, MediumEntry, SceneFile, VelocityEntry, VolumeEntry};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
 use crate::formats::sequence::Pattern;
-use crate::formats::vdb::File;
+use crate::formats::vdb::{self, File};
 use crate::formats::{exr, input, transfer};
 use crate::scene::emission::Emission;
 use crate::scene::environment::{Environment, EnvironmentMap};
@@ -13,6 +13,7 @@ use crate::scene::grid::Grid;
 use crate::scene::light::Light;
 use crate::scene::medium::{Medium, Source};
 use crate::scene::transfer::Transfer;
+use crate::scene::velocity::Velocity;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -32,6 +33,8 @@ pub struct SceneVolume {
     pub medium: Medium,
     /// Grids that emit beside the medium, on the lattice of the densities, and how.
     pub emissions: Vec<(Grid, Emission)>,
+    /// Velocities.
+    pub velocity: Option<Velocity>,
 }
 
 /// A scene file with all that it names, read.
@@ -108,7 +111,9 @@ pub fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Result<Lo
             Ok((emitting, emission))
         };
         let emissions = entry.medium.emissions().map(emission).collect::<Result<_>>()?;
-        Ok(SceneVolume { path: vdb, grid, transfer, medium, emissions })
+        let velocity = |of: &VelocityEntry| vdb::velocity::read(&opened, &of.grid, of.fps, limits.max_memory);
+        let velocity = entry.velocity.as_ref().map(velocity).transpose()?;
+        Ok(SceneVolume { path: vdb, grid, transfer, medium, emissions, velocity })
     };
     scene.volumes = file.volumes.iter().enumerate().map(&mut volume).collect::<Result<Vec<_>>>()?;
     for (i, entry) in file.lights.iter().enumerate() {

@@ -48,6 +48,23 @@ pub struct VolumeEntry {
     /// Medium of the volume.
     #[serde(default)]
     pub medium: MediumEntry,
+    /// Velocities, from which the plane `motion` is computed.
+    pub velocity: Option<VelocityEntry>,
+}
+
+/// A grid of velocities.
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct VelocityEntry {
+    /// Vector grid of the same file, in world units per second.
+    pub grid: String,
+    /// Frames per second; 1 for a grid in world units per frame.
+    #[serde(default = "film_rate")]
+    pub fps: f64,
+}
+
+fn film_rate() -> f64 {
+    24.0
 }
 
 fn white() -> [f32; 3] {

@@ -22,6 +22,7 @@ mod native;
 pub mod preflight;
 pub mod shaded;
 mod topology;
+pub mod velocity;
 mod write;
 
 pub use file::{CONFIDENCE, File};

@@ -1,11 +1,12 @@
 //! Pictures by path tracing: means over the paths of each pixel, and further planes.
 
-use super::{Counts, PathSample, PathTracer, Scratch};
+use super::{Counts, First, PathSample, PathTracer, Scratch};
 use crate::render::aov::Aov;
 use crate::render::sampler::Sampler;
 use crate::render::tiles;
 use crate::scene::camera::Camera;
 use crate::scene::film::{Film, Moments, Plane};
+use crate::scene::velocity::Velocity;
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -36,24 +37,28 @@ pub struct View<'c> {
     pub before: Option<&'c Camera>,
     /// Camera of the frame after, if there is one.
     pub after: Option<&'c Camera>,
+    /// Velocities of volumes, by the volume's number; others are at rest.
+    pub velocities: &'c [(usize, Velocity)],
 }
 
 impl<'c> From<&'c Camera> for View<'c> {
     /// Creates the view of a picture that stands alone.
     fn from(camera: &'c Camera) -> Self {
-        Self { camera, before: None, after: None }
+        Self { camera, before: None, after: None, velocities: &[] }
     }
 }
 
 impl View<'_> {
-    /// Returns how a world point that is seen at `now` moves in the picture: its place in the frame before minus that now, and
-    /// its place now minus that in the frame after, in pixels to the right and upwards.
-    fn motion(&self, world: DVec3, now: DVec2) -> [DVec2; 2] {
-        let from_now = |camera: Option<&Camera>| {
-            let place = camera.and_then(|camera| camera.project(world)).map_or(now, |(place, _)| place);
+    /// Returns how a collision that is seen at `now` moves in the picture with its volume: its place in the frame before minus
+    /// that now, and its place now minus that in the frame after, in pixels to the right and upwards.
+    fn motion(&self, first: &First, now: DVec2) -> [DVec2; 2] {
+        let velocity = self.velocities.iter().find(|(volume, _)| *volume == first.volume);
+        let goes = velocity.map_or(DVec3::ZERO, |(_, velocity)| velocity.per_frame(first.position));
+        let from_now = |camera: Option<&Camera>, world: DVec3| {
+            let place = camera.unwrap_or(self.camera).project(world).map_or(now, |(place, _)| place);
             DVec2::new(place.x - now.x, now.y - place.y)
         };
-        [from_now(self.before), -from_now(self.after)]
+        [from_now(self.before, first.position - goes), -from_now(self.after, first.position + goes)]
     }
 }
 
@@ -217,7 +222,7 @@ impl PathTracer<'_> {
                         pixel.normal += f64::from(first.share) * self.kernel.normal(first);
                     }
                     if let (true, Some(first)) = (motion, &sample.first) {
-                        let moved = view.motion(first.position, place);
+                        let moved = view.motion(first, place);
                         pixel.motion.iter_mut().zip(moved).for_each(|(sum, v)| *sum += f64::from(first.share) * v);
                     }
                 }
