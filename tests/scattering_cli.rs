@@ -41,6 +41,14 @@ fn options_and_scene_files_agree() {
         "render @plume.vdb --views 2 --size 24x20 --density-scale 4 --samples 4 --seed 1 {LIT} -o three"
     ));
     assert_ne!(work.picture("one/view_000.exr"), work.picture("three/view_000.exr"));
+    // Gradient shading from the options and from the scene file, and no other pictures without it.
+    let shaded = scene.to_string().replace("\"anisotropy\":0.3", "\"anisotropy\":0.3,\"gradient_shading\":2.5");
+    std::fs::write(work.path("shaded.json"), shaded).unwrap();
+    work.json("render shaded.json --views 2 --size 24x20 --samples 4 -o shaded");
+    let options = "--views 2 --size 24x20 --density-scale 4 --samples 4 --gradient-shading 2.5";
+    work.json(&format!("render @plume.vdb {options} {LIT} -o lit"));
+    assert_eq!(work.picture("shaded/view_001.exr"), work.picture("lit/view_001.exr"));
+    assert_ne!(work.picture("shaded/view_001.exr"), work.picture("one/view_001.exr"));
     assert!(work.json("schema scene")["properties"]["volumes"].is_object());
 }
 
@@ -98,6 +106,28 @@ fn parts_of_pictures_are_the_same() {
     work.refused(&format!("{render} --crop 20,0,5x5"), &["20,0,5x5", "24x20"]);
     work.refused(&format!("{render} --crop 4294967295,0,5x5"), &["4294967295"]);
     work.refused(&format!("{render} --crop 1,2"), &["--crop", "64,32,128x128"]);
+}
+
+/// Clamping takes from the scattered light what the report says, and nothing from what is seen straight.
+#[test]
+fn clamped_pictures_tell_what_they_lost() {
+    let work = Work::new();
+    let render = "render @plume.vdb --views 1 --size 24x20 --density-scale 4 --samples 16 --albedo 0.9 --sun 1,1,2";
+    assert_eq!(work.json(&format!("{render} -o whole"))["paths"]["clamp"], Value::Null);
+    let report = work.json(&format!("{render} --clamp 0.05 -o clamped"));
+    let [whole, clamped] = ["whole", "clamped"].map(|folder| work.picture(&format!("{folder}/view_000.exr")));
+    let mut lost = 0.0;
+    for (a, b) in whole.rgba.iter().zip(&clamped.rgba) {
+        assert!(a[3] == b[3] && b[..3].iter().zip(a).all(|(b, a)| b <= a && *b <= 0.050_001), "{a:?} {b:?}");
+        lost += f64::from(a[0] - b[0]) / whole.rgba.len() as f64;
+    }
+    let told = report["paths"]["clamp"]["lost_radiance"].as_f64().unwrap();
+    assert!(lost > 1e-4 && (told / lost - 1.0).abs() < 1e-3, "{told} {lost}");
+    assert!(report["paths"]["clamp"]["share_of_paths"].as_f64().unwrap() > 0.01);
+    let unlimited = work.json(&format!("{render} --clamp 1e9 -o same"));
+    assert_eq!(unlimited["paths"]["clamp"]["lost_radiance"], 0.0);
+    assert_eq!(whole, work.picture("same/view_000.exr"));
+    work.refused("render @plume.vdb --views 1 --clamp 1 -o no", &["--clamp", "--albedo"]);
 }
 
 /// Planes are there by name, and add up: direct and indirect light and what is seen through the volume are the picture.

@@ -46,6 +46,7 @@ fn scenes() -> Vec<(&'static str, Scene)> {
             volumes: vec![Volume::Density(field.clone(), medium)],
             environment: Environment::constant([sky; 3]),
             lights: lights.to_vec(),
+            ..Scene::default()
         }
     };
     vec![

@@ -77,6 +77,10 @@ pub(in crate::cli) struct ScatteringOptions {
     /// Leave out light that was scattered more often (default: no limit)
     #[arg(long, value_name = "B")]
     max_bounces: Option<u32>,
+    /// Clamp the radiance that is scattered to a path: fewer bright dots in a picture that is too dark; the report tells
+    /// how much is lost
+    #[arg(long, value_name = "L", value_parser = parse::positive)]
+    clamp: Option<f64>,
 }
 
 /// Paths per pixel unless stated.
@@ -142,6 +146,7 @@ impl ScatteringOptions {
             ("--samples", self.samples.is_some()),
             ("--seed", self.seed.is_some()),
             ("--max-bounces", self.max_bounces.is_some()),
+            ("--clamp", self.clamp.is_some()),
         ];
         match given.iter().find(|(_, given)| *given && !paths) {
             Some((option, _)) => {
@@ -159,7 +164,8 @@ impl ScatteringOptions {
 
     /// Returns the paths of a view.
     pub fn sampling(&self, view: usize) -> Sampling {
-        Sampling::new(self.samples(), self.seed.unwrap_or(0) ^ (view as u64) << 32)
+        let sampling = Sampling::new(self.samples(), self.seed.unwrap_or(0) ^ (view as u64) << 32);
+        Sampling { clamp: self.clamp.map(|most| most as f32), ..sampling }
     }
 
     /// Returns the options as the capture's record of how its pictures were made.
@@ -181,6 +187,7 @@ impl ScatteringOptions {
             "samples": self.samples(),
             "seed": self.sampling(0).seed,
             "max_bounces": self.max_bounces,
+            "clamp": self.clamp,
         })
     }
 
@@ -196,6 +203,11 @@ impl ScatteringOptions {
             shadow_rays_per_path: each(counts.shadow_rays),
             majorant_violations: counts.violations,
             impossible_directions: counts.impossible,
+            clamp: self.clamp.map(|most| Clamp {
+                most,
+                share_of_paths: each(counts.clamped),
+                lost_radiance: counts.lost / counts.paths.max(1) as f64,
+            }),
         }
     }
 }
@@ -219,6 +231,19 @@ pub(in crate::cli) struct Paths {
     pub majorant_violations: u64,
     /// Directions of no density; any of them biases the pictures.
     pub impossible_directions: u64,
+    /// Clamping, if it was asked for.
+    pub clamp: Option<Clamp>,
+}
+
+/// Effect of clamping on pictures.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub(in crate::cli) struct Clamp {
+    /// Most radiance that was scattered to a path.
+    pub most: f64,
+    /// Share of paths that were clamped.
+    pub share_of_paths: f64,
+    /// Radiance that pixels lost, on average.
+    pub lost_radiance: f64,
 }
 
 impl fmt::Display for Paths {
@@ -228,6 +253,13 @@ impl fmt::Display for Paths {
         let Self { collisions_per_path, lookups_per_path, shadow_rays_per_path, .. } = self;
         write!(f, "{collisions_per_path:.2} collisions, {lookups_per_path:.1} lookups and ")?;
         write!(f, "{shadow_rays_per_path:.2} rays to lights a path")?;
+        if let Some(Clamp { most, share_of_paths, lost_radiance }) = self.clamp {
+            let percent = 100.0 * share_of_paths;
+            write!(
+                f,
+                "\n  clamped at {most}: {percent:.2} % of the paths, pixels lost {lost_radiance:.2e} on average"
+            )?;
+        }
         if self.majorant_violations + self.impossible_directions > 0 {
             write!(
                 f,

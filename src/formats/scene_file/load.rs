@@ -100,15 +100,7 @@ pub fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Result<Lo
         let medium = medium(&entry.medium, transfer.as_ref()).map_err(&named)?;
         let emission = |(name, emission): (&str, Emission)| {
             let emission = emission.checked().map_err(&named)?;
-            let emitting = opened.read_fog(Some(name))?;
-            if !emitting.transform.is_close(&grid.transform) {
-                let lattice = format!("its lattice is not that of grid '{}'", grid.name);
-                return Err(Error::unsupported(lattice)
-                    .hint("resample one of them with `cumulo convert --resample`")
-                    .part(format!("grid '{name}'"))
-                    .at(&vdb));
-            }
-            Ok((emitting, emission))
+            Ok((emitting(&opened, name, &grid)?, emission))
         };
         let emissions = entry.medium.emissions().map(emission).collect::<Result<_>>()?;
         let velocity = |of: &VelocityEntry| vdb::velocity::read(&opened, &of.grid, of.fps, limits.max_memory);
@@ -128,6 +120,18 @@ pub fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Result<Lo
         }
     }
     Ok(scene)
+}
+
+/// Reads a grid that emits beside densities, on their lattice.
+fn emitting(file: &File, name: &str, densities: &Grid) -> Result<Grid> {
+    let emitting = file.read_fog(Some(name))?;
+    if emitting.transform.is_close(&densities.transform) {
+        return Ok(emitting);
+    }
+    Err(Error::unsupported(format!("its lattice is not that of grid '{}'", densities.name))
+        .hint("resample one of them with `cumulo convert --resample`")
+        .part(format!("grid '{name}'"))
+        .at(file.path()))
 }
 
 /// Adds light from all around to an environment.

@@ -35,7 +35,7 @@ use phase::PhaseFunction;
 use tracking::{Collision, Media, Primary};
 
 /// Number of events while paths were traced.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Counts {
     /// Paths.
     pub paths: u64,
@@ -49,6 +49,10 @@ pub struct Counts {
     pub violations: u64,
     /// Directions drawn whose probability density was 0 or not a number. Any of them biases the picture.
     pub impossible: u64,
+    /// Paths whose scattered radiance was clamped.
+    pub clamped: u64,
+    /// Radiance that they lost, the mean of the channels.
+    pub lost: f64,
 }
 
 impl Counts {
@@ -62,6 +66,8 @@ impl Counts {
             shadow_rays: self.shadow_rays + o.shadow_rays,
             violations: self.violations + o.violations,
             impossible: self.impossible + o.impossible,
+            clamped: self.clamped + o.clamped,
+            lost: self.lost + o.lost,
         }
     }
 }
@@ -101,6 +107,18 @@ impl PathSample {
     /// Returns the radiance in all.
     pub fn radiance(&self) -> Vec3 {
         self.unscattered + self.direct + self.indirect
+    }
+
+    /// Scales the scattered radiance down to at most `most` in each channel, and counts what is lost.
+    fn clamp(&mut self, most: f32, counts: &mut Counts) {
+        let scattered = self.direct + self.indirect;
+        let share = most / scattered.max_element();
+        if share < 1.0 {
+            self.direct *= share;
+            self.indirect *= share;
+            counts.clamped += 1;
+            counts.lost += f64::from(mean(scattered) * (1.0 - share));
+        }
     }
 }
 

@@ -11,7 +11,7 @@ use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Which paths a picture is made of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sampling {
     /// Paths per pixel, at least one.
     pub samples: u32,
@@ -19,12 +19,15 @@ pub struct Sampling {
     pub seed: u64,
     /// Column and row of the picture's first pixel in the picture that it is a part of, whose random numbers it has.
     pub origin: [u32; 2],
+    /// Most radiance that is scattered to a path, in each channel: less noise for a picture that is too dark. `None` for
+    /// all of it.
+    pub clamp: Option<f32>,
 }
 
 impl Sampling {
     /// Creates the paths of a whole picture.
     pub fn new(samples: u32, seed: u64) -> Self {
-        Self { samples, seed, origin: [0; 2] }
+        Self { samples, seed, origin: [0; 2], clamp: None }
     }
 }
 
@@ -210,10 +213,13 @@ impl PathTracer<'_> {
                     let mut sampler = Sampler::new(sampling.seed, in_whole, path);
                     // The first set of numbers is that of the ray's place.
                     sampler.even();
-                    let sample = match path % each {
+                    let mut sample = match path % each {
                         0 => self.sample(&ray, &mut sampler, scratch),
                         _ => self.again(&ray, &mut sampler, scratch),
                     };
+                    if let Some(most) = sampling.clamp {
+                        sample.clamp(most, &mut scratch.counts);
+                    }
                     let radiance = sample.radiance();
                     let channels = [radiance.x, radiance.y, radiance.z, 1.0 - sample.transmittance];
                     of_ray.iter_mut().zip(channels).for_each(|(sum, v)| *sum += f64::from(v) / f64::from(each));

@@ -91,9 +91,9 @@ pub(super) struct One<'a, O, P> {
 /// How the transmittance of rays to lights is estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Shadows {
-    /// By exact quadrature: without noise down to 5 %.
+    /// Exact quadrature, without noise down to 5 %.
     Quadrature,
-    /// By ratio tracking: faster where functions cut cells and where the medium is dense, and noisier.
+    /// Ratio tracking, which is faster where functions cut cells and where the medium is dense, and noisier.
     Ratio,
 }
 
