@@ -1,10 +1,12 @@
-//! What specialised kernels of path tracing save against the kernel that serves any number of volumes of any kind.
+//! What specialised kernels of path tracing save against the kernel that serves any number of volumes of any kind, what
+//! effects cost that are off, and how times grow with threads and voxels.
 
 use super::fields;
 use super::row::Row;
 use super::turns::{in_turn, median, ratio};
 use cumulo::math::Affine;
-use cumulo::render::path::{PathTracer, Sampling};
+use cumulo::plan::{Plan, Request};
+use cumulo::render::path::{PathFilm, PathTracer, Sampling};
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::environment::Environment;
 use cumulo::scene::light::Light;
@@ -15,6 +17,7 @@ use cumulo::scene::scene::Scene;
 use cumulo::scene::table::Table;
 use cumulo::scene::volume::Volume;
 use glam::{DVec3, Vec3};
+use rayon::ThreadPoolBuilder;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -24,11 +27,16 @@ pub const PATHS: &str = "--paths";
 const VOXELS: i32 = 64;
 const PIXELS: u32 = 64;
 
+/// Lumps in the unit cube.
+fn lumps(voxels: i32) -> Bricks<f32> {
+    let lattice = Affine::uniform(1.0 / f64::from(voxels), DVec3::ZERO).unwrap();
+    let lumps = fields::lumps(voxels);
+    fields::field(voxels, lattice, |p| (lumps(p) - 0.1).max(0.0))
+}
+
 /// Twelve scenes by name: kinds of media, phase functions, depths and lights.
 fn scenes() -> Vec<(&'static str, Scene)> {
-    let lattice = Affine::uniform(1.0 / f64::from(VOXELS), DVec3::ZERO).unwrap();
-    let lumps = fields::lumps(VOXELS);
-    let field: Bricks<f32> = fields::field(VOXELS, lattice, |p| (lumps(p) - 0.1).max(0.0));
+    let field = lumps(VOXELS);
     let glow = [[0.0; 4], [0.9, 0.3, 0.1, 0.4], [0.1, 0.1, 0.8, 0.1], [1.0, 1.0, 1.0, 1.0]];
     let glow = Source::Transfer(Arc::new(Table::new(vec![0.0, 0.3, 0.6, 1.0], glow.to_vec()).unwrap()));
     let (dark, grey) = (Source::Grey([0.0; 3]), Source::Grey([1.0, 0.6, 0.2]));
@@ -65,28 +73,99 @@ fn scenes() -> Vec<(&'static str, Scene)> {
     ]
 }
 
-/// Time to equal variance of the generic kernel over that of the specialised one: kernels differ in noise, too.
+/// All rows.
 pub fn rows() -> Vec<Row> {
-    let never = AtomicBool::new(false);
-    let row = |(name, scene): (&'static str, Scene)| {
-        let (own, generic) = (PathTracer::new(&scene).unwrap(), PathTracer::generic(&scene).unwrap());
-        let picture = |tracer: &PathTracer<'_>, seed: u64| {
-            tracer.picture(&scene.cameras[0], Sampling::new(64, seed), &[], &never).unwrap().film.rgba
-        };
-        // Half of the mean square of the difference of two pictures is the variance of one.
-        let variance = |tracer: &PathTracer<'_>| {
-            let squares = (0..4).flat_map(|pair| {
-                let [a, b] = [2 * pair, 2 * pair + 1].map(|seed| picture(tracer, seed));
-                a.into_iter().zip(b).map(|(a, b)| 0.5 * f64::from(a[1] - b[1]).powi(2)).collect::<Vec<_>>()
-            });
-            let squares: Vec<f64> = squares.collect();
-            squares.iter().sum::<f64>() / squares.len() as f64
-        };
-        let [noise, of_generic] = [variance(&own), variance(&generic)];
-        let [seconds, generic] = in_turn([&mut || drop(picture(&own, 1)), &mut || drop(picture(&generic, 1))]);
-        let text = |of: &[f64], variance: f64| format!("{:.1} ms, deviation {:.4}", 1e3 * median(of), variance.sqrt());
-        let gain = ratio(&generic, &seconds) * of_generic / noise;
-        Row::at_least("paths", name, text(&seconds, noise), gain, 1.0).against(text(&generic, of_generic))
+    let of_scene = |(name, scene): (&'static str, Scene)| [kernels(name, &scene), events(name, &scene)];
+    scenes().into_iter().flat_map(of_scene).chain([off_effects()]).chain(threads()).chain(resolutions()).collect()
+}
+
+fn picture(tracer: &PathTracer<'_>, scene: &Scene, seed: u64) -> PathFilm {
+    tracer.picture(&scene.cameras[0], Sampling::new(64, seed), &[], &AtomicBool::new(false)).unwrap()
+}
+
+/// What effects cost that a plan has found to be off: lights that are black. Pictures must be the same bit for bit.
+fn off_effects() -> Row {
+    let cost = |(_, scene): &(&'static str, Scene)| {
+        let mut more = scene.clone();
+        more.lights.push(Light::Point { position: DVec3::new(0.2, 1.4, 1.7), intensity: Vec3::ZERO });
+        more.lights.push(Light::Sphere { centre: DVec3::new(0.5, -1.0, 1.5), radius: 0.3, radiance: Vec3::ZERO });
+        let planned = Plan::new(&more, &more.cameras, &Request::default()).unwrap().simplify(more).unwrap();
+        let [own, with] = [scene, &planned].map(|scene| PathTracer::new(scene).unwrap());
+        assert_eq!(picture(&own, scene, 1).film, picture(&with, &planned, 1).film);
+        let [own, with] = in_turn([&mut || drop(picture(&own, scene, 1)), &mut || drop(picture(&with, &planned, 1))]);
+        ratio(&with, &own)
     };
-    scenes().into_iter().map(row).collect()
+    let costs: Vec<f64> = scenes().iter().map(cost).collect();
+    let [least, most] = [f64::min, f64::max].map(|of| costs.iter().copied().reduce(of).unwrap_or(1.0));
+    let mean = costs.iter().sum::<f64>() / costs.len() as f64;
+    Row::at_most("paths", "off effects, mean of the scenes", format!("{least:.2} to {most:.2}"), mean, 1.02)
+}
+
+/// Events of a path beside their least number: a lookup for each collision that tracking finds, and in the light of lights a
+/// ray for each scattering.
+fn events(name: &str, scene: &Scene) -> Row {
+    let counts = picture(&PathTracer::new(scene).unwrap(), scene, 1).counts;
+    let each = |events: u64| events as f64 / counts.paths as f64;
+    let text = format!(
+        "{:.2} collisions, {:.2} lookups, {:.2} rays to lights",
+        each(counts.collisions),
+        each(counts.lookups),
+        each(counts.shadow_rays)
+    );
+    Row::figure("events a path", name, text)
+}
+
+/// Two threads against one.
+fn threads() -> Vec<Row> {
+    let row = |(name, scene): &(&'static str, Scene)| {
+        let tracer = PathTracer::new(scene).unwrap();
+        let pools = [1, 2].map(|threads| ThreadPoolBuilder::new().num_threads(threads).build().unwrap());
+        let [one, two] = in_turn([&mut || drop(pools[0].install(|| picture(&tracer, scene, 1))), &mut || {
+            drop(pools[1].install(|| picture(&tracer, scene, 1)))
+        }]);
+        let text = |of: &[f64]| format!("{:.1} ms", 1e3 * median(of));
+        let work = format!("paths, {name}, 2 threads: efficiency");
+        Row::at_least("B11", work, text(&two), 0.5 * ratio(&one, &two), 0.9).against(text(&one))
+    };
+    scenes().iter().take(3).map(row).collect()
+}
+
+/// Larger volumes of the same medium: rays cross twice as many cells where there are twice as many voxels along an edge.
+fn resolutions() -> Vec<Row> {
+    let of = |voxels: i32| {
+        let (_, mut scene) = scenes().swap_remove(2);
+        if let Volume::Density(field, _) = &mut scene.volumes[0] {
+            *field = lumps(voxels);
+        }
+        scene
+    };
+    let [small, large] = [64, 256].map(of);
+    let tracers = [&small, &large].map(|scene| PathTracer::new(scene).unwrap());
+    let [few, many] =
+        in_turn([&mut || drop(picture(&tracers[0], &small, 1)), &mut || drop(picture(&tracers[1], &large, 1))]);
+    let text = |of: &[f64]| format!("{:.1} ms", 1e3 * median(of));
+    vec![
+        Row::at_most("B11", "paths, sun, 256³ against 64³ voxels", text(&many), ratio(&many, &few), 4.0)
+            .against(text(&few)),
+    ]
+}
+
+/// Time to equal variance of the generic kernel over that of the specialised one: kernels differ in noise, too.
+fn kernels(name: &str, scene: &Scene) -> Row {
+    let (own, generic) = (PathTracer::new(scene).unwrap(), PathTracer::generic(scene).unwrap());
+    let picture = |tracer: &PathTracer<'_>, seed: u64| picture(tracer, scene, seed).film.rgba;
+    // Half of the mean square of the difference of two pictures is the variance of one.
+    let variance = |tracer: &PathTracer<'_>| {
+        let squares = (0..4).flat_map(|pair| {
+            let [a, b] = [2 * pair, 2 * pair + 1].map(|seed| picture(tracer, seed));
+            a.into_iter().zip(b).map(|(a, b)| 0.5 * f64::from(a[1] - b[1]).powi(2)).collect::<Vec<_>>()
+        });
+        let squares: Vec<f64> = squares.collect();
+        squares.iter().sum::<f64>() / squares.len() as f64
+    };
+    let [noise, of_generic] = [variance(&own), variance(&generic)];
+    let [seconds, generic] = in_turn([&mut || drop(picture(&own, 1)), &mut || drop(picture(&generic, 1))]);
+    let text = |of: &[f64], variance: f64| format!("{:.1} ms, deviation {:.4}", 1e3 * median(of), variance.sqrt());
+    let gain = ratio(&generic, &seconds) * of_generic / noise;
+    Row::at_least("paths", name, text(&seconds, noise), gain, 1.0).against(text(&generic, of_generic))
 }

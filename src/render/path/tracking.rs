@@ -99,7 +99,7 @@ pub(super) enum Shadows {
 
 impl Shadows {
     /// Optical depth of bricks, by their majorants, from which ratio tracking takes less time to equal variance.
-    const DENSE_BRICK: f64 = 0.5;
+    const DENSE_BRICK: f64 = 0.35;
 
     /// Picks the cheaper one for a medium.
     fn cheaper(dvr: &Dvr<'_, f32>, optics: &Any) -> Self {
