@@ -12,7 +12,7 @@ use cumulo::render::path::{Limits, PathTracer, Sampling, Scratch};
 use cumulo::render::sampler::Sampler;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::{Camera, Projection};
-use cumulo::scene::emission::{self, Emission};
+use cumulo::scene::emission::{self, Emission, Emitted};
 use cumulo::scene::environment::{Environment, EnvironmentMap};
 use cumulo::scene::film::{Film, Moments};
 use cumulo::scene::light::Light;
@@ -309,6 +309,36 @@ fn a_wall_is_lit_by_lamberts_law() {
     }
 }
 
+/// What grids emit is the same in one volume, in several that overlap, and in each channel of chromatic ones.
+#[test]
+fn flames_overlap_and_shine_through_chromatic_media() {
+    let field = lumpy(unit());
+    let flame = fields::field::<f32>(20, unit(), |p| (-(p - DVec3::new(9.0, 8.0, 12.0)).length_squared() / 9.0).exp());
+    let emissive = |medium: Medium, share: f32| {
+        let emission = Emission::Linear(Vec3::new(1.0, 0.5, 0.25) * share);
+        let grid = emission::volume(&field, medium.extinction, &[(flame.clone(), emission)]).unwrap();
+        Volume::Emissive { density: field.clone(), medium, emission: Box::new(Emitted::new(grid)) }
+    };
+    let of_depth = |extinction| medium(extinction, ALBEDO, Phase::HenyeyGreenstein(0.3));
+    let sun = Light::Sun { direction: DVec3::Z, irradiance: Vec3::ONE, angle: 0.0 };
+    let lit = |volumes| Scene { volumes, ..scene(&field, of_depth(1.0), vec![sun], [0.1; 3]) };
+    let rays = through(&field, 4);
+    let traced = |tracer: PathTracer<'_>| rays.iter().map(|ray| estimate(&tracer, ray, 32)).collect::<Vec<_>>();
+    let of = |volumes| traced(PathTracer::new(&lit(volumes)).unwrap());
+    let whole = lit(vec![emissive(of_depth(0.5), 1.0)]);
+    let expected = traced(PathTracer::new(&whole).unwrap());
+    assert_agree("sampled", &traced(PathTracer::generic(&whole).unwrap()), &expected);
+    let halves = vec![emissive(of_depth(0.3), 0.75), emissive(of_depth(0.2), 0.25)];
+    assert_agree("two flames", &of(halves), &expected);
+    let beside = vec![Volume::Density(field.clone(), of_depth(0.3)), emissive(of_depth(0.2), 1.0)];
+    assert_agree("smoke beside", &of(beside), &expected);
+    let color = [0.3, 1.0, 0.6];
+    let channels = color.map(|share| of(vec![emissive(of_depth(0.5 * f64::from(share)), 1.0)]));
+    let expected: Vec<Estimate> =
+        (0..rays.len()).map(|ray| [0, 1, 2].map(|channel| channels[channel][ray][channel])).collect();
+    assert_agree("chromatic", &of(vec![emissive(Medium { color, ..of_depth(0.5) }, 1.0)]), &expected);
+}
+
 /// Without scattering, paths and direct volume rendering have the same mean, by the same function.
 #[test]
 fn without_scattering_it_is_direct_volume_rendering() {
@@ -436,7 +466,7 @@ fn grids_emit_as_sources_do() {
             let source = scene(&field, by_source, lights, [0.1; 3]);
             let emitted = Vec3::from_array(color) * (Vec3::ONE - Vec3::from_array(albedo)) * 0.5;
             let emission = emission::volume(&field, 0.5, &[(field.clone(), Emission::Linear(emitted))]);
-            let emission = Box::new(emission.unwrap());
+            let emission = Box::new(Emitted::new(emission.unwrap()));
             let mut grid = source.clone();
             grid.volumes = vec![Volume::Emissive { density: field.clone(), medium, emission }];
             let of = |scene: &Scene| -> Vec<_> {

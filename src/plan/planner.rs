@@ -7,12 +7,13 @@ use crate::math::Aabb;
 use crate::render::path::Limits;
 use crate::render::preshaded::Preshaded;
 use crate::scene::bricks::Bricks;
+use crate::scene::emission::Emitted;
 use crate::scene::environment::Environment;
 use crate::scene::medium::Medium;
 use crate::scene::phase::Phase;
 use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
-use glam::{DVec3, Vec4};
+use glam::DVec3;
 
 /// Most scatterings that a limit is set to: beyond, roulette has ended nearly all paths anyway.
 const MOST_BOUNCES: u32 = 1000;
@@ -42,8 +43,8 @@ fn finite(bound: DVec3) -> Option<f64> {
 }
 
 /// Returns an upper bound of the radiance that a grid emits along any ray.
-fn brightest(emission: &Bricks<Vec4>) -> f64 {
-    Preshaded::<f32>::new(emission).brightest()[1]
+fn brightest(emission: &Emitted) -> f64 {
+    Preshaded::<f32>::new(emission.grid()).brightest()[1]
 }
 
 fn media(scene: &Scene) -> impl Iterator<Item = &Medium> {

@@ -36,7 +36,9 @@ impl<'a> AnyRenderer<'a> {
             }
             [Volume::PreShaded(volume)] => Ok(Self::PreShaded(Preshaded::new(volume).over(background))),
             // All that its medium absorbs is part of the grid.
-            [Volume::Emissive { emission, .. }] => Ok(Self::PreShaded(Preshaded::new(emission).over(background))),
+            [Volume::Emissive { emission, .. }] => {
+                Ok(Self::PreShaded(Preshaded::new(emission.grid()).over(background)))
+            }
             volumes => Err(Error::unsupported(format!("the scene has {} volumes, one can be rendered", volumes.len()))
                 .hint("render them one by one")),
         }

@@ -66,6 +66,27 @@ impl<V: Voxel> Bricks<V> {
     }
 }
 
+impl<V> Bricks<V> {
+    /// Returns the places in [`Bricks::values`] of the eight voxels around index coordinates, and their weights by trilinear
+    /// interpolation; `None` outside the bricks.
+    #[inline(always)]
+    pub fn corners(&self, index: DVec3) -> Option<[(usize, f64); 8]> {
+        let base = index.floor();
+        let f = index - base;
+        let base = base.as_ivec3();
+        let brick = self.topology.find(base >> 3);
+        if brick == NONE {
+            return None;
+        }
+        let at = brick as usize * BRICK + slot((base.x & 7) as usize, (base.y & 7) as usize, (base.z & 7) as usize);
+        Some(std::array::from_fn(|corner| {
+            let pick = |bit: usize, v: f64| if corner >> bit & 1 == 1 { v } else { 1.0 - v };
+            let weight = pick(2, f.x) * pick(1, f.y) * pick(0, f.z);
+            (at + slot(corner >> 2 & 1, corner >> 1 & 1, corner & 1), weight)
+        }))
+    }
+}
+
 impl Bricks<Vec4> {
     /// One of the four values of a pre-shaded volume as a scalar field: lanes 0 to 2 are the emission in R, G and B,
     /// lane 3 the extinction.
@@ -407,19 +428,9 @@ impl<R: Real> Bricks<R> {
 
     /// Trilinearly interpolated value at index coordinates; zero outside the bricks.
     pub fn sample(&self, index: DVec3) -> R {
-        let base = index.floor();
-        let f = index - base;
-        let base = base.as_ivec3();
-        let brick = self.topology.find(IVec3::new(base.x >> 3, base.y >> 3, base.z >> 3));
-        if brick == NONE {
-            return R::ZERO;
-        }
-        let at = brick as usize * BRICK + slot((base.x & 7) as usize, (base.y & 7) as usize, (base.z & 7) as usize);
         let mut sum = R::ZERO;
-        for corner in 0..8 {
-            let pick = |bit: usize, v: f64| if corner >> bit & 1 == 1 { v } else { 1.0 - v };
-            let w = pick(2, f.x) * pick(1, f.y) * pick(0, f.z);
-            sum += R::of(w) * self.values[at + slot(corner >> 2 & 1, corner >> 1 & 1, corner & 1)];
+        for (voxel, weight) in self.corners(index).into_iter().flatten() {
+            sum += R::of(weight) * self.values[voxel];
         }
         sum
     }

@@ -5,7 +5,7 @@ use crate::scene::bricks::{BRICK, Bricks, Topology};
 use glam::{DMat3, DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 use std::f64::consts::PI;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// How the values of a grid emit light.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,6 +44,36 @@ impl Emission {
             Self::Linear(color) => *color * value,
             Self::Blackbody { kelvin, color } => *color * blackbody(kelvin * f64::from(value)).as_vec3(),
         }
+    }
+}
+
+/// Emission of a volume by grids.
+#[derive(Debug, Clone)]
+pub struct Emitted {
+    grid: Bricks<Vec4>,
+    strength: OnceLock<Bricks<f32>>,
+}
+
+impl Emitted {
+    /// Creates the emission of a volume from the radiance emitted per world length in red, green and blue, and the extinction
+    /// per world length, as [`volume`] returns them.
+    pub fn new(grid: Bricks<Vec4>) -> Self {
+        Self { grid, strength: OnceLock::new() }
+    }
+
+    /// Returns the radiance emitted per world length, in red, green and blue, with the extinction per world length.
+    pub fn grid(&self) -> &Bricks<Vec4> {
+        &self.grid
+    }
+
+    /// Returns the mean of the emitted channels; the first call computes it.
+    pub fn strength(&self) -> &Bricks<f32> {
+        self.strength.get_or_init(|| Bricks {
+            topology: self.grid.topology.clone(),
+            values: self.grid.values.par_iter().map(|v| v.truncate().element_sum() / 3.0).collect(),
+            transform: self.grid.transform,
+            domain: self.grid.domain,
+        })
     }
 }
 

@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::Capture;
+use crate::scene::emission::Emitted;
 use crate::scene::medium::Medium;
 use glam::Vec4;
 use rayon::prelude::*;
@@ -56,8 +57,8 @@ pub enum Volume {
         density: Bricks<f32>,
         /// Medium of the density.
         medium: Medium,
-        /// The radiance emitted per world length by the grid, in red, green and blue, with the extinction per world length.
-        emission: Box<Bricks<Vec4>>,
+        /// Emission by the grid.
+        emission: Box<Emitted>,
     },
 }
 
@@ -80,8 +81,8 @@ impl Volume {
         }
     }
 
-    /// Returns the grid that emits beside a medium, with the extinction.
-    pub fn emission(&self) -> Option<&Bricks<Vec4>> {
+    /// Returns the emission by a grid beside the medium.
+    pub fn emission(&self) -> Option<&Emitted> {
         match self {
             Self::Emissive { emission, .. } => Some(emission.as_ref()),
             Self::Density(..) | Self::PreShaded(_) => None,

@@ -9,7 +9,7 @@ use crate::formats::scene_file::{self, LoadedScene, SceneVolume};
 use crate::formats::{self, Format};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, EmissionModel, Model};
-use crate::scene::emission::{self, Emission};
+use crate::scene::emission::{self, Emission, Emitted};
 use crate::scene::grid::Grid;
 use crate::scene::medium::{Medium, Source};
 use crate::scene::scene::Scene;
@@ -71,13 +71,14 @@ fn emissive(
         return Err(Error::unsupported("a medium emits by its density and by grids of its own")
             .hint("leave 'emission', or 'emission_grid' and 'blackbody', out"));
     }
-    // Beside one number for each voxel and grid there are four for the emission with the extinction; grids may lie apart.
-    let each = limits.max_memory / (5 * (emissions.len() as u64 + 1) + 1);
+    // Beside one number for each voxel and grid there are four for the emission with the extinction, and one for its
+    // strength; grids may lie apart.
+    let each = limits.max_memory / (6 * (emissions.len() as u64 + 1) + 1);
     let expanded = Bricks::from_grid(grid, each)?;
     let field = |(grid, emission): (Grid, Emission)| Ok((Bricks::from_grid(&grid, each)?, emission));
     let grids = emissions.into_iter().map(field).collect::<Result<Vec<_>>>()?;
     let emission = emission::volume(&expanded, medium.extinction, &grids)?;
-    Ok(Volume::Emissive { density, medium, emission: Box::new(emission) })
+    Ok(Volume::Emissive { density, medium, emission: Box::new(Emitted::new(emission)) })
 }
 
 impl PictureOptions {

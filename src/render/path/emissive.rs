@@ -1,4 +1,4 @@
-//! Emission by grids of its own, such as fire, that needs no collisions: rays through it are integrated.
+//! Emission by a grid of the only volume, such as fire, that needs no collisions: rays through it are integrated.
 
 use super::Scratch;
 use super::tracking::{Collision, LEAST_TRANSMITTANCE, Media, Primary};
@@ -6,8 +6,8 @@ use crate::math::Ray;
 use crate::render::integrator::Integrator;
 use crate::render::preshaded::Preshaded;
 use crate::render::sampler::Sampler;
-use crate::scene::bricks::Bricks;
-use glam::{DVec3, Vec3, Vec4};
+use crate::scene::emission::Emitted;
+use glam::{DVec3, Vec3};
 
 /// A medium beside which a grid emits.
 pub(super) struct Emissive<'a, M> {
@@ -17,8 +17,13 @@ pub(super) struct Emissive<'a, M> {
 
 impl<'a, M> Emissive<'a, M> {
     /// Creates the kernel of a medium from its emission with its extinction.
-    pub fn new(media: M, emission: &'a Bricks<Vec4>) -> Self {
-        Self { media, emission: Preshaded::new(emission).early_stop(LEAST_TRANSMITTANCE) }
+    pub fn new(media: M, emission: &'a Emitted) -> Self {
+        Self { media, emission: Preshaded::new(emission.grid()).early_stop(LEAST_TRANSMITTANCE) }
+    }
+
+    #[inline(always)]
+    fn integrated(&self, ray: &Ray, scratch: &mut Scratch) -> Vec3 {
+        DVec3::from_array(self.emission.li(ray, &mut scratch.emission).rgb).as_vec3()
     }
 }
 
@@ -45,13 +50,13 @@ impl<M: Media> Media for Emissive<'_, M> {
 
     #[inline(always)]
     fn look(&self, ray: &Ray, scratch: &mut Scratch) {
-        scratch.emitted = self.emitted(ray, scratch);
+        scratch.emitted = self.integrated(ray, scratch);
         self.media.look(ray, scratch);
     }
 
     #[inline(always)]
-    fn emitted(&self, ray: &Ray, scratch: &mut Scratch) -> Vec3 {
-        DVec3::from_array(self.emission.li(ray, &mut scratch.emission).rgb).as_vec3()
+    fn emitted(&self, ray: &Ray, of_camera: bool, _: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
+        if of_camera { scratch.emitted } else { self.integrated(ray, scratch) }
     }
 
     #[inline(always)]

@@ -3,9 +3,10 @@
 use super::Kernel;
 use super::chromatic::Chromatic;
 use super::emissive::Emissive;
+use super::flames::Flames;
 use super::optics::{Any, Optics};
 use super::phase::{HenyeyGreenstein, Isotropic, Shaded};
-use super::tracking::{One, any};
+use super::tracking::{Media, One, any};
 use crate::error::{Error, Result};
 use crate::scene::bricks::Bricks;
 use crate::scene::medium::Medium;
@@ -16,7 +17,7 @@ use crate::scene::volume::Volume;
 /// Returns the kernel that is compiled for the media of a scene.
 ///
 /// # Errors
-/// If a medium cannot be used, a volume is pre-shaded, or one emits by grids that overlaps others or is chromatic.
+/// If a medium cannot be used, or a volume is pre-shaded.
 pub(super) fn specialised<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> {
     let densities = scene.volumes.iter().map(|volume| {
         volume.density().ok_or_else(|| {
@@ -25,21 +26,13 @@ pub(super) fn specialised<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> 
         })
     });
     let densities = densities.collect::<Result<Vec<_>>>()?;
-    let chromatic = densities.iter().any(|(_, medium)| medium.is_chromatic());
-    let emission = scene.volumes.iter().find_map(Volume::emission);
-    Ok(match &densities[..] {
-        [_, _, ..] if emission.is_some() => {
-            return Err(Error::unsupported("a volume that emits by grids of its own overlaps others")
-                .hint("render it alone, or put the densities into one grid"));
+    match &densities[..] {
+        several if several.iter().any(|(_, medium)| medium.is_chromatic()) => {
+            with_flames(Chromatic::new(several)?, scene)
         }
-        _ if chromatic && emission.is_some() => {
-            return Err(Error::unsupported("a chromatic volume emits by grids of its own")
-                .hint("give it one extinction for all channels"));
-        }
-        several if chromatic => Box::new(Chromatic::new(several)?),
-        [(field, medium)] => single(scene, field, medium)?,
-        several => Box::new(several.iter().map(|(f, m)| any(f, m)).collect::<Result<Vec<_>>>()?),
-    })
+        [(field, medium)] => single(scene, field, medium),
+        _ => generic(scene),
+    }
 }
 
 /// Returns the kernel that serves any number of volumes of one extinction for all channels.
@@ -48,7 +41,13 @@ pub(super) fn specialised<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> 
 /// If a medium cannot be used.
 pub(super) fn generic<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> {
     let densities = scene.volumes.iter().filter_map(Volume::density);
-    Ok(Box::new(densities.map(|(field, medium)| any(field, medium)).collect::<Result<Vec<_>>>()?))
+    with_flames(densities.map(|(field, medium)| any(field, medium)).collect::<Result<Vec<_>>>()?, scene)
+}
+
+/// Returns the kernel of media and of what the volumes of a scene emit by grids.
+fn with_flames<'a, M: Media + 'a>(media: M, scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> {
+    let emitted = scene.volumes.iter().filter_map(Volume::emission);
+    Ok(if emitted.clone().next().is_some() { Box::new(Flames::new(media, emitted)?) } else { Box::new(media) })
 }
 
 /// Returns the only volume of a scene as a kernel that is compiled for its kind of medium.

@@ -14,6 +14,7 @@
 mod chromatic;
 mod direct;
 mod emissive;
+mod flames;
 mod kernel;
 mod optics;
 mod phase;
@@ -187,7 +188,7 @@ impl<'a> PathTracer<'a> {
     /// Creates the path tracer of a scene. The camera sees the environment behind the media.
     ///
     /// # Errors
-    /// If a medium or a light cannot be used, a volume is pre-shaded, or one emits by grids that overlaps others or is chromatic.
+    /// If a medium or a light cannot be used, or a volume is pre-shaded.
     pub fn new(scene: &'a Scene) -> Result<Self> {
         let kernel = kernel::specialised(scene)?;
         let lighting = Lighting::new(&scene.lights, scene.environment.clone())?;
@@ -258,7 +259,7 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
         let unscattered = transmittance * lighting.behind(ray.direction);
         let mut out = PathSample { unscattered, transmittance: mean(transmittance), ..PathSample::default() };
         if M::GLOWS {
-            out.unscattered += scratch.emitted;
+            out.unscattered += media.emitted(ray, true, sampler, scratch);
         }
         let Some((mut collision, mut weight)) = collision else { return out };
         let (mut ray, mut bounces) = (*ray, 0);
@@ -299,7 +300,7 @@ impl<M: Media> pulp::NullaryFnOnce for Path<'_, M> {
             scratch.counts.impossible += u64::from(density.is_nan() || density <= 0.0);
             ray = Ray { origin: at, direction };
             if M::GLOWS {
-                out.indirect += weight * media.emitted(&ray, scratch);
+                out.indirect += weight * media.emitted(&ray, false, sampler, scratch);
             }
             let next = media.collide(&ray, weight, sampler, scratch);
             let reach = next.map_or(f64::INFINITY, |(collision, _)| collision.distance);

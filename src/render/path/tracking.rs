@@ -60,8 +60,9 @@ pub(super) trait Media: Sync + Send {
     fn survival(&self, ray: &Ray, distance: f64, weight: Vec3, scratch: &mut Scratch) -> Vec3;
     /// Walks along a camera's ray, before collisions are drawn on it.
     fn look(&self, ray: &Ray, scratch: &mut Scratch);
-    /// Returns the radiance of the grid beside the media along a world ray of unit direction.
-    fn emitted(&self, _: &Ray, _: &mut Scratch) -> Vec3 {
+    /// Returns an estimate of the radiance of the grids beside the media along a world ray of unit direction; `of_camera` for the
+    /// camera's ray that was walked last.
+    fn emitted(&self, _: &Ray, _of_camera: bool, _: &mut Sampler, _: &mut Scratch) -> Vec3 {
         Vec3::ZERO
     }
     /// Draws the first collision along the camera's ray that was walked last.
