@@ -4,6 +4,7 @@
 use super::fields::{field, lumps, noise, odd, unit};
 use cumulo::math::Affine;
 use cumulo::scene::camera::{Camera, Projection};
+use cumulo::scene::emission::{self, Emission, Emitted};
 use cumulo::scene::environment::{Environment, EnvironmentMap};
 use cumulo::scene::film::Film;
 use cumulo::scene::light::Light;
@@ -145,6 +146,13 @@ impl Draw {
             scattering.gradient_shading = self.once_in(3).then(|| self.between(1e-6, 1e6) / scale);
             if self.once_in(3) {
                 scattering.phase = Phase::HenyeyGreenstein(if self.once_in(2) { 0.999 } else { -0.999 });
+            }
+            if self.once_in(4) {
+                medium.source = Source::Grey([0.0; 3]);
+                let color = self.color(1.0) / scale as f32;
+                let grid = emission::volume(old, medium.extinction, &[(old.clone(), Emission::Linear(color))]);
+                let (density, medium) = (old.clone(), medium.clone());
+                *volume = Volume::Emissive { density, medium, emission: Box::new(Emitted::new(grid.unwrap())) };
             }
         }
         let bounds = scene.volumes[0].density().unwrap().0.world_bounds();

@@ -1,4 +1,4 @@
-//! Emission by a grid of the only volume, such as fire, that needs no collisions: rays through it are integrated.
+//! Media beside which grids emit, such as fire.
 
 use super::Scratch;
 use super::tracking::{Collision, LEAST_TRANSMITTANCE, Media, Primary};
@@ -9,25 +9,58 @@ use crate::render::sampler::Sampler;
 use crate::scene::emission::Emitted;
 use glam::{DVec3, Vec3};
 
-/// A medium beside which a grid emits.
-pub(super) struct Emissive<'a, M> {
-    media: M,
-    emission: Preshaded<'a, f32>,
+/// Emission by grids beside media.
+pub(super) trait Glow: Sync + Send {
+    /// Walks along a camera's ray, before paths are traced from it.
+    fn look(&self, _: &Ray, _: &mut Scratch) {}
+    /// Returns an estimate of the radiance along a world ray of unit direction through the media; `of_camera` for the camera's
+    /// ray that was walked last.
+    fn emitted(
+        &self,
+        media: &impl Media,
+        ray: &Ray,
+        of_camera: bool,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Vec3;
 }
 
-impl<'a, M> Emissive<'a, M> {
-    /// Creates the kernel of a medium from its emission with its extinction.
-    pub fn new(media: M, emission: &'a Emitted) -> Self {
-        Self { media, emission: Preshaded::new(emission.grid()).early_stop(LEAST_TRANSMITTANCE) }
+/// Emission of the only volume, with the extinction of its medium: it needs no collisions, and rays through it are integrated.
+pub(super) struct Integrated<'a>(Preshaded<'a, f32>);
+
+impl<'a> Integrated<'a> {
+    /// Creates the integrator of an emission.
+    pub fn new(emission: &'a Emitted) -> Self {
+        Self(Preshaded::new(emission.grid()).early_stop(LEAST_TRANSMITTANCE))
     }
 
     #[inline(always)]
-    fn integrated(&self, ray: &Ray, scratch: &mut Scratch) -> Vec3 {
-        DVec3::from_array(self.emission.li(ray, &mut scratch.emission).rgb).as_vec3()
+    fn radiance(&self, ray: &Ray, scratch: &mut Scratch) -> Vec3 {
+        DVec3::from_array(self.0.li(ray, &mut scratch.emission).rgb).as_vec3()
     }
 }
 
-impl<M: Media> Media for Emissive<'_, M> {
+impl Glow for Integrated<'_> {
+    #[inline(always)]
+    fn look(&self, ray: &Ray, scratch: &mut Scratch) {
+        scratch.emitted = self.radiance(ray, scratch);
+    }
+
+    #[inline(always)]
+    fn emitted(&self, _: &impl Media, ray: &Ray, of_camera: bool, _: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
+        if of_camera { scratch.emitted } else { self.radiance(ray, scratch) }
+    }
+}
+
+/// Media with the emission beside them.
+pub(super) struct Emissive<M, G> {
+    /// Media.
+    pub media: M,
+    /// Emission.
+    pub glow: G,
+}
+
+impl<M: Media, G: Glow> Media for Emissive<M, G> {
     type Phase = M::Phase;
     const EMITS: bool = M::EMITS;
     const GLOWS: bool = true;
@@ -50,13 +83,13 @@ impl<M: Media> Media for Emissive<'_, M> {
 
     #[inline(always)]
     fn look(&self, ray: &Ray, scratch: &mut Scratch) {
-        scratch.emitted = self.integrated(ray, scratch);
+        self.glow.look(ray, scratch);
         self.media.look(ray, scratch);
     }
 
     #[inline(always)]
-    fn emitted(&self, ray: &Ray, of_camera: bool, _: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
-        if of_camera { scratch.emitted } else { self.integrated(ray, scratch) }
+    fn emitted(&self, ray: &Ray, of_camera: bool, sampler: &mut Sampler, scratch: &mut Scratch) -> Vec3 {
+        self.glow.emitted(&self.media, ray, of_camera, sampler, scratch)
     }
 
     #[inline(always)]

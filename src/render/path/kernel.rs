@@ -2,7 +2,7 @@
 
 use super::Kernel;
 use super::chromatic::Chromatic;
-use super::emissive::Emissive;
+use super::emissive::{Emissive, Integrated};
 use super::flames::Flames;
 use super::optics::{Any, Optics};
 use super::phase::{HenyeyGreenstein, Isotropic, Shaded};
@@ -47,14 +47,17 @@ pub(super) fn generic<'a>(scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> {
 /// Returns the kernel of media and of what the volumes of a scene emit by grids.
 fn with_flames<'a, M: Media + 'a>(media: M, scene: &'a Scene) -> Result<Box<dyn Kernel + 'a>> {
     let emitted = scene.volumes.iter().filter_map(Volume::emission);
-    Ok(if emitted.clone().next().is_some() { Box::new(Flames::new(media, emitted)?) } else { Box::new(media) })
+    Ok(match emitted.clone().next() {
+        Some(_) => Box::new(Emissive { media, glow: Flames::new(emitted)? }),
+        None => Box::new(media),
+    })
 }
 
 /// Returns the only volume of a scene as a kernel that is compiled for its kind of medium.
 fn single<'a>(scene: &'a Scene, field: &'a Bricks<f32>, medium: &Medium) -> Result<Box<dyn Kernel + 'a>> {
     let one = any(field, medium)?;
     if let Some(emission) = scene.volumes.iter().find_map(Volume::emission) {
-        return Ok(Box::new(Emissive::new(one, emission)));
+        return Ok(Box::new(Emissive { media: one, glow: Integrated::new(emission) }));
     }
     let One { dvr, optics, albedo, phases, shadows } = one;
     Ok(match optics {
