@@ -4,7 +4,7 @@
 //! formats ──▶ scene ──▶ render ──▶ optimise, plan, metrics ──▶ report ──▶ cli
 //! ```
 //! Data flows along the arrows: `scene` knows no file format, and `optimise` knows renderers through
-//! [`Differentiable`](render::differentiable::Differentiable); `formats`, `metrics` and `report` know no renderer. Only [`render::tiles`] distributes rays and pixels
+//! [`Differentiable`](render::differentiable::Differentiable); `denoise`, `formats`, `metrics` and `report` know no renderer. Only [`render::tiles`] distributes rays and pixels
 //! over threads.
 //!
 //! # Conventions
@@ -17,6 +17,7 @@
 
 pub mod cancel;
 pub mod cli;
+pub mod denoise;
 pub mod dual;
 pub mod error;
 pub mod formats;
