@@ -33,9 +33,12 @@ pub fn distance(a: Vec3, b: Vec3) -> f32 {
     (a - b).length() / a.length().min(b.length()).max(f32::MIN_POSITIVE)
 }
 
-/// Returns the weight of a distance, `exp(-d² / h²)`.
+/// Returns the weight of a distance, `exp(-d² / h²)`; 1 for an infinite bandwidth.
 #[inline(always)]
 pub fn weight(distance: f32, bandwidth: f32) -> f32 {
+    if bandwidth.is_infinite() {
+        return 1.0;
+    }
     let ratio = distance / bandwidth;
     (-ratio * ratio).exp()
 }

@@ -10,4 +10,4 @@ pub mod feature;
 pub mod model;
 mod wrls;
 
-pub use wrls::{Denoised, Denoiser, Frame, Settings};
+pub use wrls::{Denoised, Denoiser, Feature, Frame, Settings};

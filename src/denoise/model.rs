@@ -33,7 +33,7 @@ pub fn predictor(feature: Vec3) -> Predictor {
     [1.0, feature.x, feature.y, feature.z]
 }
 
-/// What a pixel has learned.
+/// Sums over the samples of a pixel, from which its model follows.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Model {
     /// Upper triangle of the information matrix, row by row.

@@ -1,0 +1,129 @@
+//! Denoising of path-traced sequences: nearer to converged pictures, and steadier, than what goes in.
+
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+
+mod fields;
+
+use cumulo::denoise::{Denoiser, Frame, Settings};
+use cumulo::math::Affine;
+use cumulo::render::aov::Aov;
+use cumulo::render::path::{PathTracer, Sampling, View};
+use cumulo::scene::camera::{Camera, Projection};
+use cumulo::scene::environment::Environment;
+use cumulo::scene::film::Film;
+use cumulo::scene::light::Light;
+use cumulo::scene::medium::{Medium, Scattering};
+use cumulo::scene::phase::Phase;
+use cumulo::scene::scene::Scene;
+use cumulo::scene::volume::Volume;
+use glam::{DVec2, DVec3, Vec2, Vec3};
+use std::sync::atomic::AtomicBool;
+
+const WIDTH: u32 = 48;
+const HEIGHT: u32 = 36;
+const FRAMES: u32 = 24;
+/// Frames after which models have learned enough to be judged.
+const LEARNING: u32 = 12;
+
+/// A camera on a circle around the unit cube.
+fn camera(angle: f64) -> Camera {
+    let eye = DVec3::new(0.5 + 2.2 * angle.sin(), 0.5 - 2.2 * angle.cos(), 0.9);
+    Camera {
+        camera_to_world: Camera::look_at(eye, DVec3::splat(0.5), DVec3::Z),
+        projection: Projection::Perspective,
+        focal: DVec2::splat(1.6 * f64::from(WIDTH)),
+        centre: 0.5 * DVec2::new(f64::from(WIDTH), f64::from(HEIGHT)),
+        width: WIDTH,
+        height: HEIGHT,
+        near: 0.0,
+    }
+}
+
+/// A frame of two paths a pixel with its motion, and the converged one.
+struct Shot {
+    noisy: Vec<Vec3>,
+    motion: Vec<Vec2>,
+    truth: Vec<Vec3>,
+}
+
+fn colors(film: &Film) -> Vec<Vec3> {
+    film.rgba.iter().map(|[r, g, b, _]| Vec3::new(*r, *g, *b)).collect()
+}
+
+/// Lumps of smoke in sun and sky light; the camera and the sun turn by these angles from frame to frame.
+fn shots(turn: f64, sun_turns: f64, extinction: f64) -> Vec<Shot> {
+    let lumps = fields::lumps(32);
+    let lattice = Affine::uniform(1.0 / 32.0, DVec3::ZERO).unwrap();
+    let field = fields::field::<f32>(32, lattice, |p| (lumps(p) - 0.1).max(0.0));
+    let shot = |frame: u32| {
+        let angle = 0.5 + sun_turns * f64::from(frame);
+        let direction = DVec3::new(angle.cos(), -0.5 * angle.sin(), 0.8);
+        let sun = Light::Sun { direction, irradiance: Vec3::new(4.0, 3.5, 3.0), angle: 0.05 };
+        let scattering = Some(Scattering::new([0.95, 0.9, 0.8], Phase::HenyeyGreenstein(0.3)));
+        let medium = Medium { scattering, ..Medium::absorbing(extinction) };
+        let scene = Scene {
+            volumes: vec![Volume::Density(field.clone(), medium)],
+            environment: Environment::constant([0.1, 0.15, 0.3]),
+            lights: vec![sun],
+            ..Scene::default()
+        };
+        let tracer = PathTracer::new(&scene).unwrap().background([0.0; 3]);
+        let [before, camera, after] = [-1.0, 0.0, 1.0].map(|step| camera(turn * (f64::from(frame) + step)));
+        let view = View { camera: &camera, before: Some(&before), after: Some(&after), velocities: &[] };
+        let go = AtomicBool::new(false);
+        let noisy = tracer.picture(view, Sampling::new(2, frame.into()), &[Aov::Motion], &go).unwrap().film;
+        let paths = if frame < LEARNING { 1 } else { 128 };
+        let truth = tracer.picture(&camera, Sampling::new(paths, 1000 + u64::from(frame)), &[], &go).unwrap().film;
+        let [right, up] = ["Vector.X", "Vector.Y"].map(|name| noisy.plane(name).unwrap());
+        let motion = right.iter().zip(up).map(|(right, up)| Vec2::new(*right, -up)).collect();
+        Shot { noisy: colors(&noisy), motion, truth: colors(&truth) }
+    };
+    (0..FRAMES).map(shot).collect()
+}
+
+/// Mean squared error of the judged frames, and of their differences from frame to frame: flicker.
+fn errors(shots: &[Shot], frames: &[Vec<Vec3>]) -> [f64; 2] {
+    let mean = |of: &mut dyn Iterator<Item = Vec3>| {
+        let (sum, count) = of.fold((0.0, 0.0), |(s, n), v| (s + f64::from(v.length_squared()), n + 1.0));
+        sum / count
+    };
+    let judged = LEARNING as usize..FRAMES as usize;
+    let error = |frame: usize, pixel: usize| frames[frame][pixel] - shots[frame].truth[pixel];
+    let pixels = 0..(WIDTH * HEIGHT) as usize;
+    let each = judged.clone().flat_map(|frame| pixels.clone().map(move |pixel| (frame, pixel)));
+    let later = each.clone().filter(|(frame, _)| *frame > judged.start);
+    [
+        mean(&mut each.map(|(frame, pixel)| error(frame, pixel))),
+        mean(&mut later.map(|(frame, pixel)| error(frame, pixel) - error(frame - 1, pixel))),
+    ]
+}
+
+/// Of two paths a pixel, the error falls to less than half as published, and to less than a tenth with a feature that is
+/// independent of the colors: at rest, while the camera moves, while the sun moves, and in thin smoke.
+#[test]
+fn sequences_come_nearer_to_converged_ones() {
+    for (name, turn, sun_turns, extinction) in
+        [("at rest", 0.0, 0.0, 20.0), ("camera", 0.02, 0.0, 20.0), ("sun", 0.0, 0.03, 20.0), ("thin", 0.02, 0.0, 4.0)]
+    {
+        let shots = shots(turn, sun_turns, extinction);
+        let noisy: Vec<Vec<Vec3>> = shots.iter().map(|shot| shot.noisy.clone()).collect();
+        let [error, flicker] = errors(&shots, &noisy);
+        for (settings, left) in [(Settings::default(), 0.5), (Settings::unbiased(), 0.1)] {
+            let mut denoiser = Denoiser::new(settings).unwrap();
+            let denoise = |shot: &Shot| {
+                let size = [WIDTH as usize, HEIGHT as usize];
+                denoiser.denoise(&Frame { size, color: &shot.noisy, motion: Some(&shot.motion) }).unwrap().color
+            };
+            let frames: Vec<Vec<Vec3>> = shots.iter().map(denoise).collect();
+            let [now, flickers] = errors(&shots, &frames);
+            let decibels = |ratio: f64| -10.0 * ratio.log10();
+            println!(
+                "{name}, {:?}: error {:.1} dB, flicker {:.1} dB lower",
+                settings.feature,
+                decibels(now / error),
+                decibels(flickers / flicker)
+            );
+            assert!(now < left * error && flickers < left * flicker, "{name}, {settings:?}: {now} of {error}");
+        }
+    }
+}
