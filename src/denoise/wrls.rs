@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// What models predict colors from.
+/// Choice of the feature that models predict colors from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Feature {
     /// The history with the color mixed in, as published (the paper's equation 12). It shares noise with the color that is
@@ -19,7 +19,7 @@ pub enum Feature {
 /// Constants of the denoiser.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// What models predict colors from.
+    /// Choice of the feature.
     pub feature: Feature,
     /// Share of the history in the feature, α: 0 to below 1.
     pub history: f32,
