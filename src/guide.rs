@@ -6,6 +6,7 @@
 //! | [Captures](captures) | How do I hand over my own pictures, or pictures from Blender? |
 //! | [Transfer functions](transfer_functions) | How do densities become colors, and which file formats are read? |
 //! | [Scattering](scattering) | How do I render smoke and clouds that scatter light? |
+//! | [Denoising](denoising) | How do I take the noise out of a sequence, from Cumulo or from Blender? |
 //! | [Planning](planning) | Which effects of light are simulated, what do they cost, and what may be left out? |
 //! | [Reconstruction](reconstruction) | How do I find densities, transfer functions, colors, poses and viewpoints? |
 //! | [Gradients](gradients) | Which derivatives are there, and how are they checked? |
@@ -19,6 +20,9 @@ pub mod accuracy_and_cost {}
 
 #[doc = include_str!("guide/captures.md")]
 pub mod captures {}
+
+#[doc = include_str!("guide/denoising.md")]
+pub mod denoising {}
 
 #[doc = include_str!("guide/getting-started.md")]
 pub mod getting_started {}

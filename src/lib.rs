@@ -15,6 +15,7 @@
 //!   attenuated background: over black it is premultiplied in the usual sense.
 //! - A name `by_x` is a derivative of the loss with respect to x.
 
+pub mod arch;
 pub mod cancel;
 pub mod cli;
 pub mod denoise;

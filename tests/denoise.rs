@@ -4,7 +4,7 @@
 
 mod fields;
 
-use cumulo::denoise::{Denoiser, Frame, Settings};
+use cumulo::denoise::{Denoiser, Frame, Method, Settings};
 use cumulo::math::Affine;
 use cumulo::render::aov::Aov;
 use cumulo::render::path::{PathTracer, Sampling, View};
@@ -108,8 +108,8 @@ fn sequences_come_nearer_to_converged_ones() {
         let shots = shots(turn, sun_turns, extinction);
         let noisy: Vec<Vec<Vec3>> = shots.iter().map(|shot| shot.noisy.clone()).collect();
         let [error, flicker] = errors(&shots, &noisy);
-        for (settings, left) in [(Settings::default(), 0.5), (Settings::unbiased(), 0.1)] {
-            let mut denoiser = Denoiser::new(settings).unwrap();
+        for (method, left) in [(Method::Wrls, 0.5), (Method::Wrls2, 0.1)] {
+            let mut denoiser = Denoiser::new(method, Settings::default()).unwrap();
             let denoise = |shot: &Shot| {
                 let size = [WIDTH as usize, HEIGHT as usize];
                 denoiser.denoise(&Frame { size, color: &shot.noisy, motion: Some(&shot.motion) }).unwrap().color
@@ -118,12 +118,11 @@ fn sequences_come_nearer_to_converged_ones() {
             let [now, flickers] = errors(&shots, &frames);
             let decibels = |ratio: f64| -10.0 * ratio.log10();
             println!(
-                "{name}, {:?}: error {:.1} dB, flicker {:.1} dB lower",
-                settings.feature,
+                "{name}, {method:?}: error {:.1} dB, flicker {:.1} dB lower",
                 decibels(now / error),
                 decibels(flickers / flicker)
             );
-            assert!(now < left * error && flickers < left * flicker, "{name}, {settings:?}: {now} of {error}");
+            assert!(now < left * error && flickers < left * flicker, "{name}, {method:?}: {now} of {error}");
         }
     }
 }

@@ -5,6 +5,7 @@
 mod fields;
 mod work;
 
+use cumulo::arch::Arch;
 use cumulo::cancel::Cancel;
 use cumulo::optimise::density::{self, Request};
 use cumulo::optimise::gradient::pictures::{self, Gradients, Target, Workspace};
@@ -12,7 +13,6 @@ use cumulo::optimise::projection::observation::{DepthMap, Observation, Photo};
 use cumulo::optimise::projection::projector::Projector;
 use cumulo::optimise::region::hull::Hull;
 use cumulo::render;
-use cumulo::render::arch::Arch;
 use cumulo::render::composited::Composited;
 use cumulo::render::differentiable::Adjoint;
 use cumulo::render::dvr::Dvr;

@@ -12,10 +12,11 @@ use std::path::Path;
 use work::{Work, errors, fixture};
 
 /// The pages, relative to the repository. `no_page_is_forgotten` holds this list against the folder.
-const PAGES: [&str; 10] = [
+const PAGES: [&str; 11] = [
     "README.md",
     "src/guide/accuracy-and-cost.md",
     "src/guide/captures.md",
+    "src/guide/denoising.md",
     "src/guide/getting-started.md",
     "src/guide/gradients.md",
     "src/guide/library.md",
@@ -29,10 +30,12 @@ const PAGES: [&str; 10] = [
 const VOLUMES: [(&str, &str); 2] = [("smoke.vdb", "plume.vdb"), ("head.vdb", "plume.vdb")];
 
 /// Commands of other programs. They are not run here: `make demo` and `tests/examples.rs` do that.
-const OTHERS: [&str; 9] = [
+const OTHERS: [&str; 11] = [
     "make demo",
     "make demo BLENDER=1",
     "make install",
+    "make test",
+    "PYTHONPATH=python .venvs/bpy/bin/python -m cumulo.blender render smoke.vdb --capture path --frames 0-23 --albedo 0.95 --sun -1 0.6 0.7 --samples 4 -o cycles",
     "sudo apt-get install libopenvdb-dev libboost-dev libclang-dev g++",
     "cargo install --path . --locked",
     "cargo doc --open",
@@ -154,6 +157,11 @@ fn accuracy_and_cost() {
 #[test]
 fn captures() {
     assert!(run("src/guide/captures.md") >= 3);
+}
+
+#[test]
+fn denoising() {
+    assert!(run("src/guide/denoising.md") >= 6);
 }
 
 #[test]

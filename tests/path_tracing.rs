@@ -5,8 +5,8 @@
 
 mod fields;
 
+use cumulo::arch::Arch;
 use cumulo::math::{Affine, Ray};
-use cumulo::render::arch::Arch;
 use cumulo::render::dvr::Dvr;
 use cumulo::render::path::{Limits, PathTracer, Sampling, Scratch};
 use cumulo::render::sampler::Sampler;

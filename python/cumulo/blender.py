@@ -466,6 +466,16 @@ def _settings(options, capture):
     for key in ("background", "emission"):
         if key in given:
             given[key] = tuple(given[key])
+    if options.albedo is not None:
+        # Scattered light is seen before black.
+        given |= {"model": "scattering", "background": (0.0, 0.0, 0.0), "albedo": (options.albedo,) * 3}
+        given["anisotropy"] = options.anisotropy or 0.0
+        given["sky"] = tuple(options.sky or (0.0, 0.0, 0.0))
+        given["lights"] = (Sun(tuple(options.sun), (3.0, 3.0, 3.0)),) if options.sun else ()
+        if capture:
+            given.setdefault("density_scale", capture.density_scale)
+            given.setdefault("near", capture.near)
+        return Settings(**given)
     if capture:
         for key in ("model", "density_scale", "background", "emission", "near"):
             given.setdefault(key, getattr(capture, key))
@@ -486,6 +496,11 @@ def _check_model(capture, model):
             f"the capture's emission_model is {capture.emission_model!r}, and only 'grey' is rendered here;"
             " give --model absorption"
         )
+
+
+def _frames(text):
+    first, _, last = text.partition("-")
+    return int(first), int(last or first)
 
 
 def _size(text):
@@ -514,6 +529,11 @@ def main(arguments=None):
     render.add_argument("--unbiased", action="store_true", default=None, help="null-collision tracking, noisier")
     render.add_argument("--step-rate", type=float, help="steps of the biased walk, in voxels (0.3)")
     render.add_argument("--threads", type=int)
+    render.add_argument("--frames", type=_frames, metavar="A-B", help="of --capture, counted from 0 (all)")
+    render.add_argument("--albedo", type=float, help="scatter light: share of the extinction that is scattered")
+    render.add_argument("--anisotropy", type=float)
+    render.add_argument("--sun", type=float, nargs=3, metavar=("X", "Y", "Z"), help="vector from the volume towards a sun")
+    render.add_argument("--sky", type=float, nargs=3, metavar=("R", "G", "B"), help="radiance from all around")
     load = commands.add_parser("load", help="say where Blender puts a VDB, as JSON")
     load.add_argument("vdb")
     options = parser.parse_args(arguments)
@@ -523,6 +543,9 @@ def main(arguments=None):
     capture = Capture.read(options.capture) if options.capture else None
     if capture:
         views = [camera for camera, _ in capture.frames]
+        if options.frames:
+            first, last = options.frames
+            views = views[first : last + 1]
     else:
         box = padding.world_box(*padding.lattice(options.vdb, options.grid))
         views = sphere_cameras(options.views, *box, *options.size)

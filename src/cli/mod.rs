@@ -3,10 +3,12 @@
 pub mod cancel;
 pub mod compare;
 pub mod convert;
+pub mod denoise;
 pub mod diff;
 pub mod gradient;
 pub mod info;
 pub mod memory;
+pub mod motion;
 pub mod output;
 pub mod outputs;
 pub mod parse;
@@ -65,9 +67,11 @@ pub struct Global {
 enum Command {
     Compare(compare::Arguments),
     Info(info::Info),
+    Motion(motion::MotionCommand),
     Plan(plan::PlanCommand),
     Validate(validate::Validate),
     Convert(convert::Convert),
+    Denoise(denoise::Denoise),
     Diff(diff::Diff),
     Pose(pose::Pose),
     Gradient(gradient::GradientCommand),
@@ -88,8 +92,10 @@ impl Command {
         let memory = match self {
             Self::Compare(c) => c.memory,
             Self::Info(c) => c.memory,
+            Self::Motion(c) => c.memory,
             Self::Validate(c) => c.memory,
             Self::Convert(c) => c.memory,
+            Self::Denoise(c) => c.memory,
             Self::Diff(c) => c.memory,
             Self::Pose(c) => c.memory,
             Self::Gradient(c) => c.memory,
@@ -155,8 +161,10 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     match arguments.command {
         Command::Compare(a) => compare::run(&a, &output),
         Command::Info(c) => c.run(&output),
+        Command::Motion(c) => c.run(&output),
         Command::Validate(c) => c.run(&output),
         Command::Convert(c) => c.run(&output),
+        Command::Denoise(c) => c.run(&output),
         Command::Diff(c) => c.run(&output),
         Command::Pose(c) => c.run(&output),
         Command::Gradient(c) => c.run(&output),

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::{atomic, transforms};
+use crate::formats::{atomic, exr, transforms};
 use crate::scene::capture::Capture;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -18,6 +18,8 @@ pub enum Content {
     TransferFunction,
     /// PNG picture.
     Png,
+    /// OpenEXR picture.
+    Exr,
 }
 
 impl Content {
@@ -28,6 +30,7 @@ impl Content {
             Self::Capture => ("json", "a capture's JSON"),
             Self::TransferFunction => ("json", "a transfer function's JSON"),
             Self::Png => ("png", "a PNG"),
+            Self::Exr => ("exr", "an OpenEXR picture"),
         }
     }
 }
@@ -141,6 +144,43 @@ fn same_command(a: &str, b: &str) -> bool {
     words(a) == words(b)
 }
 
+/// Returns true if a picture is there that a command of the same settings wrote, which its `attribute` names.
+///
+/// # Errors
+/// If a picture is there that another command wrote, unless `overwrite` is set.
+pub fn is_own_picture(path: &Path, attribute: &str, command: &str, overwrite: bool) -> Result<bool> {
+    if !path.exists() {
+        return Ok(false);
+    }
+    let earlier = exr::header(path).ok().and_then(|header| header.attributes().remove(attribute));
+    if earlier.is_some_and(|earlier| settings(&earlier) == settings(command)) {
+        return Ok(true);
+    }
+    if overwrite {
+        return Ok(false);
+    }
+    Err(Error::invalid("a picture lies here that another command made, and would be replaced")
+        .at(path)
+        .hint("give another name, or --overwrite to replace it"))
+}
+
+/// Returns the words of a command without the program's name and without those that choose frames or say how to work.
+pub fn settings(command: &str) -> Vec<&str> {
+    let mut words = command.split(' ').skip(1);
+    let mut kept = Vec::new();
+    while let Some(word) = words.next() {
+        match word {
+            "--frames" | "--threads" => {
+                words.next();
+            }
+            "--resume" | "--overwrite" | "--quiet" | "-q" | "--json" => {}
+            word if word.starts_with("--frames=") || word.starts_with("--threads=") => {}
+            word => kept.push(word),
+        }
+    }
+    kept
+}
+
 /// Returns the paths of a capture's files: its JSON, then its pictures.
 pub fn of_capture(json: &Path, capture: &Capture) -> Vec<PathBuf> {
     std::iter::once(json.to_path_buf()).chain(capture.frames.iter().map(|f| f.picture.clone())).collect()
@@ -182,5 +222,12 @@ mod tests {
         let around = dir.path().join("x/../a.vdb");
         std::fs::create_dir(dir.path().join("x")).unwrap();
         assert!(spare([b.as_path()], [a.as_path()]).is_err() && spare([around.as_path()], [a.as_path()]).is_err());
+    }
+
+    #[test]
+    fn frames_and_threads_are_no_settings() {
+        let a = settings("cumulo render a.vdb --frames 1-3 --threads 2 --resume -o b");
+        assert_eq!(a, settings("/bin/cumulo render a.vdb --frames=4 -o b --json"));
+        assert_ne!(a, settings("cumulo render a.vdb -o c"));
     }
 }

@@ -1,13 +1,28 @@
-//! Denoising of sequences in time: weighted recursive least squares (wRLS; Iglesias-Guitian, Mane & Moon 2020).
+//! Denoising of sequences in time.
 //!
-//! Every pixel has a linear model of its color by a [feature](feature), a history of colors that needs no G-buffers. From
-//! frame to frame the models follow the motion of what they show, forget a little, and learn the new color with a weight
-//! that is small for outliers. A pixel's denoised color is what the models around it predict from its feature.
+//! A pixel's color is regressed on a feature that follows the motion: a history of colors, which needs no G-buffers. From
+//! frame to frame the models move along, forget a little, and learn the new colors.
 //!
-//! [`Denoiser`] takes a frame at a time and keeps the state of one.
+//! - [`wrls`] is weighted recursive least squares as published (Iglesias-Guitian, Mane & Moon 2020): a model for each pixel,
+//!   weights against outliers, and a blend of what the models around predict. [`model`] holds its numerics.
+//! - [`guided`] carries it further, for files: models on a grid of blocks, a feature whose noise is independent of the
+//!   color's, forgetting that adapts, and [`fused`] results of both directions of time.
+//! - [`ema`] and [`svgf`] are there to compare with.
 
+mod blocks;
+mod denoiser;
+pub mod ema;
 pub mod feature;
+pub mod frame;
+pub mod guided;
+mod lanes;
 pub mod model;
-mod wrls;
+mod settings;
+pub mod svgf;
+mod two_way;
+pub mod wrls;
 
-pub use wrls::{Denoised, Denoiser, Feature, Frame, Settings};
+pub use denoiser::{Denoiser, Method};
+pub use frame::{Denoised, Frame};
+pub use settings::Settings;
+pub use two_way::fused;

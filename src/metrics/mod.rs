@@ -4,6 +4,8 @@
 //! either picture has a NaN or infinite sample are left out and counted.
 
 pub mod error;
+pub mod flicker;
+pub mod flip;
 pub mod heatmap;
 pub mod ssim;
 pub mod volume;

@@ -8,7 +8,6 @@
 
 pub mod any_renderer;
 pub mod aov;
-pub mod arch;
 pub mod cell;
 pub mod composited;
 mod compositing;

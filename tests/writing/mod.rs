@@ -20,7 +20,7 @@ const fn writing(name: &'static str, words: &'static str, resumes: bool) -> Writ
     Writing { name, words, resumes }
 }
 
-pub const ALL: [Writing; 11] = [
+pub const ALL: [Writing; 13] = [
     writing("convert", "convert @cube.vdb out/a.vdb", false),
     writing("render", "render @cube.vdb --views 3 --size 8x8 --overwrite -o out/shots", false),
     writing(
@@ -52,6 +52,8 @@ pub const ALL: [Writing; 11] = [
     writing("transfer", "transfer in/two.tf.json -o out/again.tf.json", false),
     writing("compare", "compare in/cap/view_000.exr in/cap/view_001.exr --heatmap out/apart.png", false),
     writing("report", "report out/page", false),
+    writing("denoise", "denoise in/cap/view_%03d.exr -o out/quiet_%03d.exr", true),
+    writing("motion", "motion @cube.vdb --cameras in/cap --samples 1 -o out/motion_%03d.exr", false),
 ];
 
 /// A folder with the inputs, and `out`, empty but for what the command itself goes on from.

@@ -146,37 +146,46 @@ impl Render {
         Ok(code)
     }
 
-    /// Returns the camera of each frame, the one whose picture bears the frame's number, or the only one; before and after it
-    /// those of the numbers next to it, or itself.
+    /// Returns the cameras of the frames, cropped, as [`between`] does.
     fn cameras(&self, template: &Capture, numbers: &[u32]) -> Result<Vec<[Camera; 3]>> {
-        if let [only] = &template.frames[..] {
-            return Ok(vec![[self.pictures.cropped(only.camera)?; 3]]);
-        }
-        let of = |number: Option<u32>| {
-            let bears = |frame: &&Frame| number.is_some() && sequence::number_of(&frame.picture) == number;
-            template.frames.iter().find(bears).map(|frame| frame.camera)
-        };
-        let find = |number: &u32| {
-            let beside = |camera| [number.checked_sub(1), number.checked_add(1)].map(|n| of(n).unwrap_or(camera));
-            let between = |camera| {
-                let [before, after] = beside(camera);
-                [before, camera, after]
-            };
-            of(Some(*number)).map(between).ok_or_else(|| {
-                let known: Vec<u32> = template.frames.iter().filter_map(|f| sequence::number_of(&f.picture)).collect();
-                let range = known.iter().min().zip(known.iter().max());
-                let known = range.map_or("no numbers".into(), |(a, b)| format!("the numbers {a} to {b}"));
-                Error::invalid(format!("no camera for frame {number}: the pictures' names have {known}"))
-                    .at(self.pictures.cameras.as_deref().unwrap_or(Path::new("")))
-                    .hint("choose frames with --frames, or give one camera for all of them")
-            })
-        };
+        let path = self.pictures.cameras.as_deref().unwrap_or(Path::new(""));
         let cropped = |cameras: [Camera; 3]| {
             let [before, camera, after] = cameras.map(|camera| self.pictures.cropped(camera));
             Ok([before?, camera?, after?])
         };
-        numbers.iter().map(|number| find(number).and_then(cropped)).collect()
+        between(template, path, numbers)?.into_iter().map(cropped).collect()
     }
+}
+
+/// Returns the camera of each frame, the one whose picture bears the frame's number, or the only one; before and after it
+/// those of the numbers next to it, or itself. `path` is that of the capture.
+///
+/// # Errors
+/// If a frame has no camera.
+pub(in crate::cli) fn between(template: &Capture, path: &Path, numbers: &[u32]) -> Result<Vec<[Camera; 3]>> {
+    if let [only] = &template.frames[..] {
+        return Ok(vec![[only.camera; 3]]);
+    }
+    let of = |number: Option<u32>| {
+        let bears = |frame: &&Frame| number.is_some() && sequence::number_of(&frame.picture) == number;
+        template.frames.iter().find(bears).map(|frame| frame.camera)
+    };
+    let find = |number: &u32| {
+        let beside = |camera| [number.checked_sub(1), number.checked_add(1)].map(|n| of(n).unwrap_or(camera));
+        let between = |camera| {
+            let [before, after] = beside(camera);
+            [before, camera, after]
+        };
+        of(Some(*number)).map(between).ok_or_else(|| {
+            let known: Vec<u32> = template.frames.iter().filter_map(|f| sequence::number_of(&f.picture)).collect();
+            let range = known.iter().min().zip(known.iter().max());
+            let known = range.map_or("no numbers".into(), |(a, b)| format!("the numbers {a} to {b}"));
+            Error::invalid(format!("no camera for frame {number}: the pictures' names have {known}"))
+                .at(path)
+                .hint("choose frames with --frames, or give one camera for all of them")
+        })
+    };
+    numbers.iter().map(find).collect()
 }
 
 /// Results of the frames so far.
@@ -235,7 +244,7 @@ impl Sequence<'_> {
         }
         for path in pictures.iter().filter(|path| path.exists()) {
             let earlier = exr::header(path)?.attributes().get("cumulo:command").cloned().unwrap_or_default();
-            if settings(&earlier) != settings(&self.provenance.command) {
+            if outputs::settings(&earlier) != outputs::settings(&self.provenance.command) {
                 return Err(Error::invalid(format!("another command made this picture: {earlier}"))
                     .at(path)
                     .hint("--resume goes on with the very same command; give another folder, or --overwrite"));
@@ -331,34 +340,5 @@ impl Sequence<'_> {
         extra.extend(shot.paths.then(|| ("scattering".to_owned(), self.pictures.scattering.record())));
         transforms::save_for(json, json, &capture, &extra)?;
         Ok(capture.density_scale)
-    }
-}
-
-/// Returns the words of a command without the program's name and without those that choose frames or say how to work.
-fn settings(command: &str) -> Vec<&str> {
-    let mut words = command.split(' ').skip(1);
-    let mut kept = Vec::new();
-    while let Some(word) = words.next() {
-        match word {
-            "--frames" | "--threads" => {
-                words.next();
-            }
-            "--resume" | "--overwrite" | "--quiet" | "-q" | "--json" => {}
-            word if word.starts_with("--frames=") || word.starts_with("--threads=") => {}
-            word => kept.push(word),
-        }
-    }
-    kept
-}
-
-#[cfg(test)]
-mod tests {
-    use super::settings;
-
-    #[test]
-    fn frames_and_threads_are_no_settings() {
-        let a = settings("cumulo render a.vdb --frames 1-3 --threads 2 --resume -o b");
-        assert_eq!(a, settings("/bin/cumulo render a.vdb --frames=4 -o b --json"));
-        assert_ne!(a, settings("cumulo render a.vdb -o c"));
     }
 }

@@ -8,6 +8,7 @@ mod renderer;
 mod scattering;
 mod subject;
 
+pub(in crate::cli) use frames::between;
 pub(in crate::cli) use options::PictureOptions;
 pub(in crate::cli) use renderer::LeftOut;
 

@@ -7,7 +7,7 @@ use crate::formats::limits::Limits;
 use exr::block::UncompressedBlock;
 use exr::block::reader::ChunksReader;
 use exr::math::Vec2;
-use exr::meta::BlockDescription;
+use exr::meta::{BlockDescription, MetaData};
 use rayon::prelude::*;
 use std::collections::HashSet;
 use std::path::Path;
@@ -58,6 +58,25 @@ pub(super) fn rows(
     (held, limits): (u64, Limits),
     mut take: impl FnMut(Row<'_>),
 ) -> Result<()> {
+    let display = header.display_window;
+    let mut line = Vec::new();
+    blocks(path, reader, header, sources, (held, limits), |block, meta| {
+        cropped(block, header, sources, meta, display, &mut line, &mut take);
+    })
+}
+
+/// Hands the blocks of the parts of `sources` to `take`, unpacked, in file order.
+///
+/// # Errors
+/// The conditions are those of [`rows`].
+pub(super) fn blocks(
+    path: &Path,
+    reader: Reader,
+    header: &Header,
+    sources: &[Source],
+    (held, limits): (u64, Limits),
+    mut take: impl FnMut(&UncompressedBlock, &MetaData),
+) -> Result<()> {
     check_sampling(path, header, sources)?;
     let wanted = |part: usize| sources.iter().any(|s| s.part == part);
     let parts = || reader.headers().iter().enumerate().filter(|(i, _)| wanted(*i)).map(|(_, h)| h);
@@ -72,14 +91,12 @@ pub(super) fn rows(
     let most = CHUNKS_PER_THREAD * rayon::current_num_threads();
     let batch = usize::try_from(spare / chunk.max(1)).unwrap_or(most).clamp(1, most);
 
-    let display = header.display_window;
     let mut chunks = fault::translated(path, || {
         reader.filter_chunks(false, |_, tile, block| tile.level_index == Vec2(0, 0) && wanted(block.layer))
     })?;
     let expected = chunks.expected_chunk_count();
     let meta = chunks.meta_data().clone();
     let mut seen = HashSet::with_capacity(expected);
-    let mut line = Vec::new();
     loop {
         let batch = fault::translated(path, || chunks.by_ref().take(batch).collect::<exr::error::Result<Vec<_>>>())?;
         if batch.is_empty() {
@@ -101,7 +118,7 @@ pub(super) fn rows(
             if block.index.level != Vec2(0, 0) || !wanted(block.index.layer) || !seen.insert(at) {
                 return Err(fault::damaged("its table of chunks points to the wrong places").at(path));
             }
-            cropped(&block, header, sources, &meta, display, &mut line, &mut take);
+            take(&block, &meta);
         }
     }
     Ok(())
@@ -145,7 +162,7 @@ fn cropped(
     block: &UncompressedBlock,
     header: &Header,
     sources: &[Source],
-    meta: &exr::meta::MetaData,
+    meta: &MetaData,
     display: Window,
     samples: &mut Vec<f32>,
     take: &mut impl FnMut(Row<'_>),

@@ -14,6 +14,7 @@
 
 mod attributes;
 mod decode;
+mod document;
 mod dwa;
 mod fault;
 mod header;
@@ -23,6 +24,7 @@ mod read;
 mod summary;
 mod write;
 
+pub use document::Document;
 pub use header::{ChannelInfo, Header, LayerInfo, Part, SampleType, header};
 pub use picture::{Picture, picture, picture_within, read_film_within, read_picture, read_picture_within};
 pub use problems::{problems, problems_within};

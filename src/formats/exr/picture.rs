@@ -122,7 +122,7 @@ pub fn read_film_within(path: &Path, layer: Option<&str>, limits: Limits) -> Res
 
 /// Numbers, within the part, of the channels of a layer's picture: grey, grey and alpha, RGB, or RGBA. `None` if the
 /// channels make no picture.
-fn colors(header: &Header, layer: &LayerInfo) -> Option<Vec<usize>> {
+pub(super) fn colors(header: &Header, layer: &LayerInfo) -> Option<Vec<usize>> {
     let find = |names: [&str; 2]| {
         layer.channels.iter().copied().find(|&c| {
             let component = &header.parts[layer.part].channels[c].component;
@@ -160,7 +160,7 @@ fn last_word(name: &str) -> &str {
     name.rsplit('.').next().unwrap_or(name)
 }
 
-fn named<'a>(layers: &'a [LayerInfo], name: &str) -> Result<&'a LayerInfo> {
+pub(super) fn named<'a>(layers: &'a [LayerInfo], name: &str) -> Result<&'a LayerInfo> {
     let only = |matches: &dyn Fn(&LayerInfo) -> bool| {
         let mut found = layers.iter().filter(|l| matches(l));
         found.next().filter(|_| found.next().is_none())
@@ -176,7 +176,7 @@ fn named<'a>(layers: &'a [LayerInfo], name: &str) -> Result<&'a LayerInfo> {
         })
 }
 
-fn default<'a>(header: &Header, layers: &'a [LayerInfo]) -> Result<&'a LayerInfo> {
+pub(super) fn default<'a>(header: &Header, layers: &'a [LayerInfo]) -> Result<&'a LayerInfo> {
     let colored = |l: &&LayerInfo| colors(header, l).is_some_and(|c| c.len() >= 3);
     let grey = |l: &&LayerInfo| colors(header, l).is_some_and(|c| c.len() < 3);
     let called = |name: &str| layers.iter().filter(colored).find(|l| l.name.eq_ignore_ascii_case(name));

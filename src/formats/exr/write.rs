@@ -108,16 +108,27 @@ fn layer_attributes(attributes: &Attributes) -> Result<LayerAttributes> {
 
 /// Sorts the attributes of a file in place, since the `exr` crate writes them in the order of a randomly seeded hash
 /// map. Their total length stays, so no offset changes, and files become reproducible.
-fn sort_attributes(file: &mut [u8]) {
-    const START: usize = 8; // magic number and version
-    let mut entries: Vec<Vec<u8>> = Vec::new();
-    let mut at = START;
-    while let Some(length) = entry_length(&file[at..]) {
-        entries.push(file[at..at + length].to_vec());
-        at += length;
+pub(super) fn sort_attributes(file: &mut [u8]) {
+    let several = file.get(5).is_some_and(|flags| flags & 0x10 != 0);
+    let mut start = 8; // magic number and version
+    loop {
+        let mut entries: Vec<Vec<u8>> = Vec::new();
+        let mut at = start;
+        while let Some(length) = entry_length(&file[at..]) {
+            entries.push(file[at..at + length].to_vec());
+            at += length;
+        }
+        if entries.is_empty() {
+            return;
+        }
+        entries.sort();
+        file[start..at].copy_from_slice(&entries.concat());
+        // Each header ends with a zero, and in a file of several parts so does their list.
+        start = at + 1;
+        if !several {
+            return;
+        }
     }
-    entries.sort();
-    file[START..at].copy_from_slice(&entries.concat());
 }
 
 /// Length in bytes of the attribute at the start of `bytes`: name, type, size, value. `None` at the end of the list.

@@ -4,11 +4,11 @@
 //! The three channels see the same transmittance, and one walk along a ray serves them all. Rays are dealt
 //! to a fixed number of partitions, as those of [`projector`](crate::optimise::projection::projector).
 
+use crate::arch::Arch;
 use crate::cancel::Cancel;
 use crate::optimise::gradient::pictures::{bricks_crossed, partitions};
 use crate::optimise::projection::observation::{Photo, stride_within};
 use crate::optimise::solver::conjugate::Equations;
-use crate::render::arch::Arch;
 use crate::render::composited::Composited;
 use crate::render::order::morton;
 use crate::render::preshaded::{Preshaded, Tape};

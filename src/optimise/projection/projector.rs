@@ -4,11 +4,11 @@
 //! Rays are dealt to a fixed number of partitions, each with its own accumulator, and the partitions are added
 //! in order: the result has the same bits for any number of threads.
 
+use crate::arch::Arch;
 use crate::cancel::Cancel;
 use crate::math::Affine;
 use crate::optimise::gradient::pictures::partitions;
 use crate::optimise::projection::observation::DepthMap;
-use crate::render::arch::Arch;
 use crate::render::dvr::{Dvr, Tape};
 use crate::render::order::morton;
 use crate::render::tiles;

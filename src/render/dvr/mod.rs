@@ -29,10 +29,10 @@ pub use jacobian::{ByKnot, TableJacobian};
 pub use tangent::Directions;
 pub use tape::Tape;
 
+use crate::arch::{Arch, Plain};
 use crate::error::{Error, Result};
 use crate::math::Ray;
 use crate::real::Real;
-use crate::render::arch::{Arch, Plain};
 use crate::render::composited::Composited;
 use crate::render::compositing;
 use crate::render::curve::{Curve, Piece};

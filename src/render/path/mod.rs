@@ -23,9 +23,9 @@ mod tracking;
 
 pub use picture::{PIXEL_BYTES, PathFilm, Sampling, View};
 
+use crate::arch::Arch;
 use crate::error::Result;
 use crate::math::Ray;
-use crate::render::arch::Arch;
 use crate::render::dvr::{Tape, Walked};
 use crate::render::preshaded;
 use crate::render::sampler::Sampler;

@@ -17,10 +17,10 @@ mod tape;
 
 pub use tape::Tape;
 
+use crate::arch::Arch;
 use crate::math::Ray;
 use crate::real::Lanes;
 use crate::real::Real;
-use crate::render::arch::Arch;
 use crate::render::composited::Composited;
 use crate::render::compositing;
 use crate::render::differentiable::{Accumulators, Adjoint, Differentiable, Forward, Loss, Seeds, TangentRadiance};

@@ -1,22 +1,26 @@
-//! `cumulo compare`: how far apart two pictures are.
+//! `cumulo compare`: how far apart two pictures, or two sequences, are.
 
-use super::memory::Memory;
-use super::output::Output;
-use super::outputs::{self, Content};
+mod frames;
+
+use crate::cli::memory::Memory;
+use crate::cli::output::Output;
+use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
+use crate::formats::sequence::Pattern;
 use crate::formats::{exr, png};
-use crate::metrics::{self, Comparison, heatmap};
+use crate::metrics::{self, Comparison, flip, heatmap};
 use crate::text::printable;
 use serde::Serialize;
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Compare two EXR pictures
+/// Compare two EXR pictures, or two sequences of them
 ///
 /// Exit code 0 if they agree, 1 if they differ, 2 if they cannot be compared. Figures are of the colors in
-/// scene-linear values; psnr_db refers to white, or to the second picture's peak if that is brighter.
+/// scene-linear values; psnr_db refers to white, or to the second picture's peak if that is brighter. Of sequences,
+/// 'a.####.exr', frames of equal number are compared; flicker_psnr_db is of the changes from frame to frame.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Picture to compare
@@ -32,6 +36,9 @@ pub struct Arguments {
     /// Write the absolute difference of each pixel as a PNG in false colors
     #[arg(long, value_name = "OUT.png")]
     heatmap: Option<PathBuf>,
+    /// Compute FLIP, too, a difference as people see it (0 to 1), of display values
+    #[arg(long)]
+    flip: bool,
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
 }
@@ -42,6 +49,8 @@ struct Report {
     comparison: Comparison,
     layers: [String; 2],
     differ: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    flip: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     heatmap_scale: Option<f64>,
 }
@@ -59,6 +68,9 @@ impl fmt::Display for Report {
         writeln!(f, "max_abs   {:.6e}", c.max_abs)?;
         writeln!(f, "rms       {:.6e}", c.rms)?;
         writeln!(f, "alpha     {:.6e} (largest difference)", c.alpha_max_abs)?;
+        if let Some(flip) = self.flip {
+            writeln!(f, "flip      {flip:.6}")?;
+        }
         if c.non_finite_pixels > 0 {
             writeln!(
                 f,
@@ -77,12 +89,13 @@ impl fmt::Display for Report {
 ///
 /// # Errors
 /// If a picture cannot be read, or both films and the working memory of their comparison exceed the limits.
-fn check_memory(arguments: &Arguments, limits: Limits) -> Result<[u64; 2]> {
+fn check_memory(paths: [&Path; 2], flip: bool, limits: Limits) -> Result<[u64; 2]> {
     let (mut films, mut working) = ([0; 2], 0);
-    for (film, path) in films.iter_mut().zip([&arguments.a, &arguments.b]) {
+    for (film, path) in films.iter_mut().zip(paths) {
         let [width, height] = exr::header(path)?.display_window.size;
         *film = 16 * (width as u64).saturating_mul(height as u64);
-        working = working.max(metrics::working_memory(width, height));
+        let flip = if flip { *film / 16 * flip::PIXEL_BYTES } else { 0 };
+        working = working.max(metrics::working_memory(width, height).saturating_add(flip));
     }
     let needed = films[0].saturating_add(films[1]).saturating_add(working);
     if needed <= limits.max_memory {
@@ -94,7 +107,7 @@ fn check_memory(arguments: &Arguments, limits: Limits) -> Result<[u64; 2]> {
         mib(needed),
         mib(limits.max_memory)
     ))
-    .part(format!("{} and {}", arguments.a.display(), arguments.b.display()))
+    .part(format!("{} and {}", paths[0].display(), paths[1].display()))
     .hint("raise --max-memory, or compare smaller pictures"))
 }
 
@@ -109,13 +122,17 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
         return Err(Error::invalid(format!("--tolerance {}: a number from 0 on is expected", arguments.tolerance))
             .hint("give the largest absolute difference of a sample that still counts as agreement"));
     }
+    if let (Some(a), Some(b)) = (Pattern::parse(&arguments.a), Pattern::parse(&arguments.b)) {
+        drop(stage);
+        return frames::run(arguments, [&a, &b], output);
+    }
     if let Some(path) = &arguments.heatmap {
         outputs::file(path, Content::Png)?;
         outputs::spare([path.as_path()], [arguments.a.as_path(), arguments.b.as_path()])?;
     }
     let layer = arguments.layer.as_deref();
     let limits = arguments.memory.limits();
-    let films = check_memory(arguments, limits)?;
+    let films = check_memory([&arguments.a, &arguments.b], arguments.flip, limits)?;
     let a = exr::picture_within(&arguments.a, layer, limits)?;
     let rest = Limits { max_memory: limits.max_memory.saturating_sub(films[0]) };
     let b = exr::picture_within(&arguments.b, layer, rest)?;
@@ -127,8 +144,12 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
         png::write_rgb8(path, a.film.width, a.film.height, &rgb)?;
         heatmap_scale = Some(scale);
     }
+    let flip = arguments.flip.then(|| {
+        let [x, y] = [&a.film, &b.film].map(png::display_rgb8);
+        flip::mean(&x, &y, [a.film.width as u32, a.film.height as u32])
+    });
     let differ = !comparison.within(arguments.tolerance);
     drop(stage);
-    output.report(&Report { comparison, layers: [a.layer, b.layer], differ, heatmap_scale })?;
+    output.report(&Report { comparison, layers: [a.layer, b.layer], differ, flip, heatmap_scale })?;
     Ok(if differ { ExitCode::from(1) } else { ExitCode::SUCCESS })
 }

@@ -1,0 +1,294 @@
+//! Frames at work: one thread reads ahead, one denoises, one writes behind.
+
+use super::motion::Moved;
+use super::passes::Pass;
+use super::plan::{Plan, Step};
+use super::{COMMAND, Cuts, Denoise, Failed};
+use crate::cli::output::Output;
+use crate::cli::provenance::Provenance;
+use crate::denoise::{Denoised, Settings, fused};
+use crate::error::{Error, Kind, Result};
+use crate::formats::exr::Document;
+use glam::Vec3;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Instant;
+
+/// A sequence to denoise.
+pub struct Sequence<'s> {
+    pub numbers: &'s [u32],
+    pub inputs: &'s [PathBuf],
+    pub outputs: &'s [PathBuf],
+    pub command: &'s Denoise,
+}
+
+/// What was done.
+#[derive(Debug, Default)]
+pub struct Done {
+    pub denoised: usize,
+    pub failed: Vec<Failed>,
+    pub cuts: Vec<u32>,
+    pub filled: usize,
+    pub at_rest: bool,
+    pub seconds: f64,
+}
+
+/// Channels of a document that are denoised together.
+#[derive(Debug, Clone)]
+struct Target {
+    part: usize,
+    channels: Vec<usize>,
+}
+
+/// Colors and motion of a frame.
+#[derive(Debug)]
+pub struct Shot {
+    pub size: [usize; 2],
+    /// Colors by layer.
+    pub layers: Vec<Vec<Vec3>>,
+    pub moved: Moved,
+    filled: usize,
+    targets: Vec<Target>,
+    /// The file, if it will be written.
+    document: Option<Document>,
+}
+
+/// A picture to be written.
+struct Picture {
+    frame: usize,
+    document: Document,
+    targets: Vec<Target>,
+    denoised: Vec<Denoised>,
+}
+
+impl Sequence<'_> {
+    /// Denoises all frames.
+    ///
+    /// # Errors
+    /// If the settings cannot be used, or the work is interrupted.
+    pub fn run(
+        &self,
+        plan: &Plan,
+        settings: Settings,
+        provenance: &Provenance,
+        cancel: &AtomicBool,
+        output: &Output,
+    ) -> Result<Done> {
+        let writes = plan.reads().filter(|(_, write)| *write).count();
+        let bar = output.progress(writes as u64, "denoise");
+        let done = std::thread::scope(|scope| {
+            let (shots, read) = sync_channel(1);
+            let (pictures, write) = sync_channel::<Picture>(1);
+            scope.spawn(move || self.read(plan, &shots, cancel));
+            let bar = &bar;
+            let writer = scope.spawn(move || self.write(&write, provenance, bar));
+            let denoised = self.denoise(plan, settings, &read, &pictures, cancel, output);
+            drop((read, pictures));
+            let written = writer.join().unwrap_or_default();
+            denoised.map(|mut done| {
+                done.denoised = writes - done.failed.len() - written.len();
+                done.failed.extend(written);
+                done
+            })
+        });
+        bar.finish_and_clear();
+        let mut done = done?;
+        done.failed.sort_by_key(|failed| failed.frame);
+        for Failed { frame, error } in &done.failed {
+            output.note(format!("frame {frame}: {error}"));
+        }
+        Ok(done)
+    }
+
+    /// Reads the frames in the order of the plan.
+    fn read(&self, plan: &Plan, to: &SyncSender<Result<Shot>>, cancel: &AtomicBool) {
+        for (frame, write) in plan.reads() {
+            // The denoiser hangs up when it is interrupted.
+            if cancel.load(Ordering::Relaxed) || to.send(self.shot(frame, write)).is_err() {
+                return;
+            }
+        }
+    }
+
+    /// Reads a frame.
+    fn shot(&self, frame: usize, write: bool) -> Result<Shot> {
+        let limits = self.command.memory.limits();
+        let (path, number) = (&self.inputs[frame], self.numbers[frame]);
+        let document = Document::read(path, limits)?;
+        let targets = self.targets(&document).map_err(|e| e.at(path))?;
+        let size = document.size(targets[0].part);
+        let mut filled = 0;
+        let mut layers = Vec::new();
+        for target in &targets {
+            if document.size(target.part) != size {
+                return Err(Error::invalid("the layers have different sizes")
+                    .at(path)
+                    .hint("denoise them one after the other, with --layers"));
+            }
+            let planes: Vec<Vec<f32>> = target.channels.iter().map(|c| document.samples(target.part, *c)).collect();
+            let plane = |c: usize| &planes[c.min(planes.len() - 1)];
+            let colors = plane(0).iter().zip(plane(1)).zip(plane(2));
+            let colors: Vec<Vec3> = colors.map(|((r, g), b)| Vec3::new(*r, *g, *b)).collect();
+            filled += colors.iter().filter(|color| !color.is_finite()).count();
+            layers.push(colors);
+        }
+        let moved = self.command.motion.of(&document, size, number, limits).map_err(|e| match e.path() {
+            Some(_) => e,
+            None => e.at(path),
+        })?;
+        Ok(Shot { size, layers, moved, filled, targets, document: write.then_some(document) })
+    }
+
+    /// Returns the channels to denoise.
+    fn targets(&self, document: &Document) -> Result<Vec<Target>> {
+        let names: Vec<Option<&str>> = match &self.command.layers[..] {
+            [] => vec![None],
+            names => names.iter().map(|name| Some(name.as_str())).collect(),
+        };
+        let mut targets = Vec::new();
+        for name in names {
+            let layer = document.layer(name)?;
+            let channels = document.colors(&layer).ok_or_else(|| {
+                Error::invalid("a layer without three channels of color")
+                    .part(format!("layer '{}'", layer.name))
+                    .hint("name layers with R, G and B with --layers; `cumulo info` lists them")
+            })?;
+            targets.push(Target { part: layer.part, channels: channels.to_vec() });
+            let alpha = self.command.alpha.then(|| document.component(&layer, "A")).flatten();
+            targets.extend(alpha.map(|alpha| Target { part: layer.part, channels: vec![alpha] }));
+        }
+        Ok(targets)
+    }
+
+    /// Denoises what is read, and hands it on to be written.
+    fn denoise(
+        &self,
+        plan: &Plan,
+        settings: Settings,
+        read: &Receiver<Result<Shot>>,
+        write: &SyncSender<Picture>,
+        cancel: &AtomicBool,
+        output: &Output,
+    ) -> Result<Done> {
+        let mut done = Done { at_rest: true, ..Done::default() };
+        let mut cuts = BTreeSet::new();
+        let mut failed: BTreeMap<u32, String> = BTreeMap::new();
+        let mut passes: Option<[Pass; 2]> = None;
+        let mut kept: BTreeMap<usize, Vec<Denoised>> = BTreeMap::new();
+        let mut expected: Option<([usize; 2], usize)> = None;
+        let find_cuts = self.command.cuts == Cuts::Auto;
+        for step in &plan.steps {
+            if cancel.load(Ordering::Relaxed) {
+                return Err(Error::cancelled());
+            }
+            let (frame, forward, keep) = match *step {
+                Step::Begin => {
+                    passes.iter_mut().flatten().for_each(Pass::reset);
+                    kept.clear();
+                    continue;
+                }
+                Step::Backward => {
+                    passes.iter_mut().for_each(|[_, backward]| backward.reset());
+                    continue;
+                }
+                Step::Look { frame, keep } => (frame, false, keep),
+                Step::Denoise { frame, write } => (frame, true, write),
+            };
+            let number = self.numbers[frame];
+            let Ok(shot) = read.recv() else { return Err(Error::cancelled()) };
+            let shot = shot.and_then(|shot| {
+                let (size, layers) = *expected.get_or_insert((shot.size, shot.layers.len()));
+                if shot.size != size || shot.layers.len() != layers {
+                    let [width, height] = shot.size;
+                    return Err(Error::invalid(format!(
+                        "{width}x{height} pixels, and the frames before have {}x{}",
+                        size[0], size[1]
+                    ))
+                    .at(&self.inputs[frame])
+                    .hint("render it again in the size of the others, or denoise it on its own"));
+                }
+                Ok(shot)
+            });
+            let shot = match shot {
+                Ok(shot) => shot,
+                Err(e) if e.kind() == Kind::Cancelled => return Err(e),
+                Err(e) => {
+                    if forward && keep {
+                        failed.insert(number, e.to_string());
+                    } else if forward {
+                        output.note(format!("frame {number}, of which others learn: {e}"));
+                    }
+                    continue;
+                }
+            };
+            let started = Instant::now();
+            done.at_rest &= shot.moved.is_zero();
+            let method = self.command.method.method();
+            let [forwards, backwards] = match &mut passes {
+                Some(passes) => passes,
+                None => passes.insert([
+                    Pass::new(shot.layers.len(), method, settings, true)?,
+                    Pass::new(shot.layers.len(), method, settings, false)?,
+                ]),
+            };
+            if !forward {
+                let (denoised, _) = backwards.denoise(number, &shot, find_cuts)?;
+                if keep {
+                    kept.insert(frame, denoised);
+                }
+                done.seconds += started.elapsed().as_secs_f64();
+                continue;
+            }
+            // Its memory serves others until frames are looked at backwards again.
+            backwards.reset();
+            let (mut denoised, cut) = forwards.denoise(number, &shot, find_cuts)?;
+            if cut {
+                cuts.insert(number);
+            }
+            if let Some(backward) = kept.remove(&frame) {
+                let pairs = denoised.into_iter().zip(&backward);
+                denoised = pairs.map(|(forward, backward)| fused(forward, backward)).collect();
+            }
+            done.seconds += started.elapsed().as_secs_f64();
+            if let Some(document) = shot.document {
+                done.filled += shot.filled;
+                let picture = Picture { frame, document, targets: shot.targets, denoised };
+                if write.send(picture).is_err() {
+                    return Err(Error::cancelled());
+                }
+            }
+        }
+        done.failed = failed.into_iter().map(|(frame, error)| Failed { frame, error }).collect();
+        done.cuts = cuts.into_iter().collect();
+        Ok(done)
+    }
+
+    /// Writes the pictures that come. Returns those that cannot be written.
+    fn write(
+        &self,
+        pictures: &Receiver<Picture>,
+        provenance: &Provenance,
+        bar: &indicatif::ProgressBar,
+    ) -> Vec<Failed> {
+        let mut failed = Vec::new();
+        for Picture { frame, mut document, targets, denoised } in pictures {
+            for (target, denoised) in targets.iter().zip(&denoised) {
+                for (component, channel) in target.channels.iter().enumerate() {
+                    document.replace(target.part, *channel, denoised.color.iter().map(|color| color[component]));
+                }
+            }
+            if self.command.confidence {
+                let confidence = denoised[0].confidence.clone();
+                document.add(targets[0].part, "confidence.N", confidence);
+            }
+            document.set_attribute(COMMAND, &provenance.command);
+            if let Err(error) = document.write(&self.outputs[frame]) {
+                failed.push(Failed { frame: self.numbers[frame], error: error.to_string() });
+            }
+            bar.inc(1);
+        }
+        failed
+    }
+}

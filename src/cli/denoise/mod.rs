@@ -1,0 +1,264 @@
+//! `cumulo denoise`: sequences of noisy pictures, denoised in time.
+
+mod frames;
+mod motion;
+mod passes;
+mod plan;
+
+use super::memory::Memory;
+use super::output::Output;
+use super::outputs;
+use super::provenance::Provenance;
+use crate::cli::cancel;
+use crate::denoise::{Method, Settings};
+use crate::error::{Error, Result};
+use crate::formats::atomic::Batch;
+use crate::formats::exr;
+use crate::formats::sequence::{Frames, Pattern};
+use clap::ValueEnum;
+use motion::Motion;
+use plan::Plan;
+use serde::Serialize;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Denoise a sequence of pictures in time
+///
+/// Colors are compared along the motion of what they show, over the frames before and, with wrls2, after. All that is not
+/// denoised passes through as it is, attributes included. A frame that cannot be read is named, and the others go on.
+#[derive(Debug, clap::Args)]
+pub struct Denoise {
+    /// Noisy frames: 'in.####.exr' or in.%04d.exr
+    input: PathBuf,
+    /// Denoised frames, numbered as those that go in: 'out.####.exr'
+    #[arg(long, short, value_name = "OUT.####.exr")]
+    output: PathBuf,
+    /// Frames to write: A, A-B or A-BxSTEP (default: all that there are); those around are read to learn from
+    #[arg(long, value_name = "A-B")]
+    frames: Option<Frames>,
+    /// Way to denoise
+    #[arg(long, value_enum, default_value_t = Way::Wrls2)]
+    method: Way,
+    /// Where motion comes from: auto takes the layer Vector if there is one; layer:NAME; files:'motion.####.exr' as of
+    /// `cumulo motion`; none for pictures at rest
+    #[arg(long, value_name = "FROM", default_value = "auto")]
+    motion: Motion,
+    /// Layers of color to denoise, comma-separated (default: the beauty)
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    layers: Vec<String>,
+    /// Denoise the alpha of these layers, too
+    #[arg(long)]
+    alpha: bool,
+    /// Add the layer `confidence`: the number of samples that each pixel rests on
+    #[arg(long)]
+    confidence: bool,
+    /// Work in chunks of N frames that do not depend on each other
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    chunk: Option<u32>,
+    /// Frames before and after a chunk, or after a frame, that are read to learn from
+    #[arg(long, value_name = "M", default_value_t = 16)]
+    overlap: u32,
+    /// Skip frames that are there, made by the same command from pictures that have not changed since
+    #[arg(long)]
+    resume: bool,
+    /// Replace pictures that another command made
+    #[arg(long)]
+    overwrite: bool,
+    /// Frames at which another shot begins: auto finds them, none has none
+    #[arg(long, value_enum, default_value_t = Cuts::Auto)]
+    cuts: Cuts,
+    /// Share of the history in the feature, for wrls, rls and ema
+    #[arg(long, value_name = "ALPHA", default_value_t = Settings::default().history)]
+    history: f32,
+    /// Bandwidth of the distance between color and feature above which colors are outliers, for wrls
+    #[arg(long, value_name = "H", default_value_t = Settings::default().bandwidth)]
+    bandwidth: f32,
+    /// Share of what was learned that is kept from frame to frame, for wrls and rls
+    #[arg(long, value_name = "LAMBDA", default_value_t = Settings::default().forgetting)]
+    forgetting: f32,
+    /// Standard deviation in pixels of the weights of the models around a pixel, for wrls and rls
+    #[arg(long, value_name = "PIXELS", default_value_t = Settings::default().spread)]
+    spread: f32,
+    /// Bandwidth of the distance between the features of neighbours, for wrls and rls
+    #[arg(long, value_name = "H", default_value_t = Settings::default().likeness)]
+    likeness: f32,
+    #[command(flatten)]
+    pub(in crate::cli) memory: Memory,
+}
+
+/// Way to denoise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Way {
+    /// Guided filter in space and time, forwards and backwards
+    Wrls2,
+    /// Weighted recursive least squares as published by Iglesias-Guitian et al. 2020
+    Wrls,
+    /// The same without weights against outliers
+    Rls,
+    /// Spatiotemporal variance-guided filtering, Schied et al. 2017
+    Svgf,
+    /// Exponential moving average, clamped to the colors around
+    Ema,
+}
+
+impl Way {
+    fn method(self) -> Method {
+        match self {
+            Self::Wrls2 => Method::Wrls2,
+            Self::Wrls => Method::Wrls,
+            Self::Rls => Method::Rls,
+            Self::Svgf => Method::Svgf,
+            Self::Ema => Method::Ema,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Cuts {
+    /// Find them by how much the picture changes
+    Auto,
+    /// The sequence is one shot
+    None,
+}
+
+/// A frame that was not denoised.
+#[derive(Debug, Serialize)]
+struct Failed {
+    frame: u32,
+    error: String,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    #[serde(serialize_with = "crate::cli::paths::text")]
+    output: PathBuf,
+    method: Way,
+    denoised: usize,
+    skipped: usize,
+    failed: Vec<Failed>,
+    /// First frames of the shots after the first.
+    cuts: Vec<u32>,
+    /// Number of pixels that were not finite and have been filled in.
+    filled: usize,
+    /// True if no frame had a motion other than 0.
+    at_rest: bool,
+    seconds: f64,
+    /// Seconds of the denoising alone.
+    seconds_denoising: f64,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { output, method, denoised, skipped, failed, cuts, filled, seconds, seconds_denoising, .. } = self;
+        let way = method.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
+        write!(f, "{}: {denoised} frames by {way} in {seconds:.2} s ", output.display())?;
+        write!(f, "({seconds_denoising:.2} s of it denoising), {skipped} that were there, ")?;
+        write!(f, "{} that failed", failed.len())?;
+        if !cuts.is_empty() {
+            let list: Vec<String> = cuts.iter().map(u32::to_string).collect();
+            write!(f, "\n  shots begin at {}", list.join(", "))?;
+        }
+        if *filled > 0 {
+            write!(f, "\n  {filled} pixels that were not finite were filled in")?;
+        }
+        Ok(())
+    }
+}
+
+impl Denoise {
+    /// Reads, denoises, writes and reports. Exit code 2 if a frame failed.
+    ///
+    /// # Errors
+    /// If the sequence cannot be begun or written.
+    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let provenance = Provenance::begin();
+        let settings = self.settings()?;
+        let input = pattern(&self.input, "the noisy frames")?;
+        let to = pattern(&self.output, "the denoised frames")?;
+        let present = input.numbers()?;
+        let wanted: Vec<u32> = match self.frames {
+            Some(frames) => frames.numbers().collect(),
+            None => present.clone(),
+        };
+        let first = wanted.first().copied().unwrap_or(1);
+        // A folder that stays empty is removed again.
+        let mut batch = Batch::new();
+        if let Some(folder) = to.path(first).parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            batch.make_folder(folder)?;
+        }
+        outputs::file(&to.path(first), outputs::Content::Exr)?;
+        // Frames that were asked for and are missing fail by name.
+        let mut numbers: Vec<u32> = present.into_iter().chain(wanted.iter().copied()).collect();
+        numbers.sort_unstable();
+        numbers.dedup();
+        let inputs: Vec<PathBuf> = numbers.iter().map(|number| input.path(*number)).collect();
+        let outputs: Vec<PathBuf> = numbers.iter().map(|number| to.path(*number)).collect();
+        outputs::spare(outputs.iter().map(PathBuf::as_path), inputs.iter().map(PathBuf::as_path).collect::<Vec<_>>())?;
+        let is_wanted: Vec<bool> = numbers.iter().map(|number| wanted.binary_search(number).is_ok()).collect();
+        let mut write = is_wanted.clone();
+        for at in 0..numbers.len() {
+            write[at] = is_wanted[at] && !self.is_done(&inputs[at], &outputs[at], &provenance)?;
+        }
+        let skipped = is_wanted.iter().zip(&write).filter(|(wanted, write)| **wanted && !**write).count();
+        let sizes = inputs.iter().find_map(|input| Some(exr::header(input).ok()?.display_window.size));
+        let layers = self.layers.len().max(1) * if self.alpha { 2 } else { 1 };
+        let kept = plan::kept(sizes.map_or(0, |[width, height]| width * height * layers));
+        let plan = Plan::new(&write, self.method.method().looks_ahead(), self.chunk, self.overlap as usize, kept);
+        let sequence = frames::Sequence { numbers: &numbers, inputs: &inputs, outputs: &outputs, command: self };
+        let done = sequence.run(&plan, settings, &provenance, cancel::listen(), output)?;
+        if done.at_rest && self.motion == Motion::Auto && done.denoised > 1 {
+            output.note(
+                "the frames have no motion layer, or it is 0 everywhere: the picture counts as at rest\n  if the camera \
+                 or the volume moves, compute the motion with `cumulo motion` and give --motion files:'motion.####.exr'",
+            );
+        }
+        if done.denoised > 0 {
+            batch.commit()?;
+        }
+        let code = if done.failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(2) };
+        let seconds = provenance.clone().lap();
+        output.report(&Report {
+            output: self.output.clone(),
+            method: self.method,
+            denoised: done.denoised,
+            skipped,
+            failed: done.failed,
+            cuts: done.cuts,
+            filled: done.filled,
+            at_rest: done.at_rest,
+            seconds,
+            seconds_denoising: done.seconds,
+        })?;
+        Ok(code)
+    }
+
+    fn settings(&self) -> Result<Settings> {
+        let Self { history, bandwidth, forgetting, spread, likeness, .. } = *self;
+        // The moving average follows a little faster than its feature in the regression.
+        Settings { history, bandwidth, forgetting, spread, likeness }.checked()
+    }
+
+    /// True if a frame need not be made again.
+    ///
+    /// # Errors
+    /// If a picture that another command made would be replaced.
+    fn is_done(&self, input: &Path, output: &Path, provenance: &Provenance) -> Result<bool> {
+        let same = outputs::is_own_picture(output, COMMAND, &provenance.command, self.overwrite)?;
+        let time = |path: &Path| std::fs::metadata(path).and_then(|data| data.modified()).ok();
+        Ok(self.resume && same && time(output).zip(time(input)).is_some_and(|(out, input)| out >= input))
+    }
+}
+
+/// Attribute of a denoised picture that holds the command that made it.
+const COMMAND: &str = "cumulo:denoise";
+
+/// Returns the pattern of numbered files.
+fn pattern(path: &Path, what: &str) -> Result<Pattern> {
+    Pattern::parse(path).ok_or_else(|| {
+        Error::invalid(format!("this names no sequence, and {what} are one"))
+            .at(path)
+            .hint("give a name with the number's place, in quotes: 'frame.####.exr' or frame.%04d.exr")
+    })
+}

@@ -1,0 +1,119 @@
+//! Denoisers of a frame's layers, in one direction of time.
+
+use super::frames::Shot;
+use crate::denoise::{Denoised, Denoiser, Frame, Method, Settings};
+use crate::error::Result;
+use glam::{Vec2, Vec3};
+
+/// Number of blocks of a thumbnail along its sides.
+const THUMBNAIL: usize = 16;
+
+/// Mean colors of parts of a picture, by which cuts are found.
+pub type Thumbnail = Vec<Vec3>;
+
+/// Returns the mean colors of the finite pixels of parts of a picture.
+pub fn thumbnail(color: &[Vec3], [width, height]: [usize; 2]) -> Thumbnail {
+    let mut sums = vec![(Vec3::ZERO, 0.0_f32); THUMBNAIL * THUMBNAIL];
+    for (at, color) in color.iter().enumerate().filter(|(_, color)| color.is_finite()) {
+        let (x, y) = (at % width * THUMBNAIL / width, at / width * THUMBNAIL / height);
+        let (sum, count) = &mut sums[y * THUMBNAIL + x];
+        *sum += color.abs();
+        *count += 1.0;
+    }
+    sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect()
+}
+
+/// Share of the light of two pictures that lies elsewhere in the other, above which a cut lies between them.
+const CUT: f32 = 0.5;
+
+/// True if two pictures show different shots.
+pub fn is_cut(a: &Thumbnail, b: &Thumbnail) -> bool {
+    let pairs = || a.iter().zip(b);
+    let apart: f32 = pairs().map(|(a, b)| (*a - *b).abs().element_sum()).sum();
+    let all: f32 = pairs().map(|(a, b)| (*a + *b).element_sum()).sum();
+    apart > CUT * all
+}
+
+/// Denoisers of the layers, in one direction of time.
+#[derive(Debug)]
+pub struct Pass {
+    denoisers: Vec<Denoiser>,
+    forward: bool,
+    /// The frame before in this direction: number, thumbnail, and its motion to the frame before in the other direction.
+    last: Option<(u32, Thumbnail, Option<Vec<Vec2>>)>,
+}
+
+impl Pass {
+    /// Creates a pass over so many layers.
+    ///
+    /// # Errors
+    /// If the settings cannot be used.
+    pub fn new(layers: usize, method: Method, settings: Settings, forward: bool) -> Result<Self> {
+        let denoisers = (0..layers).map(|_| Denoiser::new(method, settings)).collect::<Result<_>>()?;
+        Ok(Self { denoisers, forward, last: None })
+    }
+
+    /// Forgets all.
+    pub fn reset(&mut self) {
+        self.denoisers.iter_mut().for_each(Denoiser::reset);
+        self.last = None;
+    }
+
+    /// Denoises the layers of the next frame. Returns true if it begins a shot.
+    ///
+    /// # Errors
+    /// If its layers contradict its size.
+    pub fn denoise(&mut self, number: u32, shot: &Shot, cuts: bool) -> Result<(Vec<Denoised>, bool)> {
+        let small = thumbnail(&shot.layers[0], shot.size);
+        let cut = cuts && self.last.as_ref().is_some_and(|(_, last, _)| is_cut(last, &small));
+        if cut {
+            self.reset();
+        }
+        // A motion spans as many frames as lie between.
+        let gap = self.last.as_ref().map_or(1, |(last, ..)| last.abs_diff(number).max(1)) as f32;
+        let (toward, away) = match self.forward {
+            true => (&shot.moved.before, &shot.moved.after),
+            false => (&shot.moved.after, &shot.moved.before),
+        };
+        let turned = || {
+            // What the last frame knows of its way here, turned round, where this one knows nothing.
+            let (.., away) = self.last.as_ref()?;
+            away.as_ref().map(|away| away.iter().map(|motion| -*motion).collect::<Vec<_>>())
+        };
+        let motion = match toward {
+            Some(motion) if gap == 1.0 => Some(motion.clone()),
+            Some(motion) => Some(motion.iter().map(|motion| *motion * gap).collect()),
+            None => turned(),
+        };
+        let layers = shot.layers.iter().zip(&mut self.denoisers);
+        let of = |(color, denoiser): (&Vec<Vec3>, &mut Denoiser)| {
+            denoiser.denoise(&Frame { size: shot.size, color, motion: motion.as_deref() })
+        };
+        let denoised = layers.map(of).collect::<Result<_>>()?;
+        let away = if shot.moved.after.is_none() || shot.moved.before.is_none() { away.clone() } else { None };
+        self.last = Some((number, small, away));
+        Ok((denoised, cut))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cuts_are_told_from_motion_and_noise() {
+        let picture = |at: f32, noise: u32| -> Vec<Vec3> {
+            let color = |i: usize| {
+                let (x, y) = ((i % 64) as f32, (i / 64) as f32);
+                let lit = (-((x - at).powi(2) + (y - 30.0).powi(2)) / 200.0).exp();
+                let random = (i as u32).wrapping_mul(0x9E37_79B9).wrapping_add(noise.wrapping_mul(0x85EB_CA6B)) >> 24;
+                Vec3::splat(lit * random as f32 / 128.0)
+            };
+            (0..64 * 60).map(color).collect()
+        };
+        let small = |at, noise| thumbnail(&picture(at, noise), [64, 60]);
+        assert!(!is_cut(&small(20.0, 1), &small(22.0, 2)));
+        assert!(is_cut(&small(20.0, 1), &small(55.0, 2)));
+        assert!(!is_cut(&vec![Vec3::ZERO; 256], &vec![Vec3::ZERO; 256]));
+    }
+}

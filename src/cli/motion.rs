@@ -1,0 +1,223 @@
+//! `cumulo motion`: how what pictures of a volume show moves from frame to frame.
+
+use super::cancel;
+use super::memory::Memory;
+use super::output::Output;
+use super::outputs::{self, Content};
+use super::parse;
+use super::provenance::Provenance;
+use super::render::between;
+use super::volume;
+use crate::error::{Error, Kind, Result};
+use crate::formats::atomic::Batch;
+use crate::formats::exr;
+use crate::formats::limits::Limits;
+use crate::formats::sequence::{Frames, Pattern, number_of};
+use crate::formats::transforms;
+use crate::formats::vdb::{File, velocity};
+use crate::render::aov::Aov;
+use crate::render::path::{PathTracer, Sampling, View};
+use crate::scene::camera::Camera;
+use crate::scene::capture::Capture;
+use crate::scene::medium::{Medium, Scattering};
+use crate::scene::phase::Phase;
+use crate::scene::scene::Scene;
+use crate::scene::volume::Volume;
+use serde::Serialize;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::AtomicBool;
+
+/// Write the motion of what pictures of a volume show, as a layer that denoisers follow
+///
+/// A pixel's motion is the mean over the first collisions of its rays with the volume. The layer `Vector` holds X and Y, the
+/// place in the frame before minus that now, and Z and W, the place now minus that in the frame after, in pixels to the
+/// right and upwards. `cumulo denoise --motion files:'motion.####.exr'` takes it.
+#[derive(Debug, clap::Args)]
+pub struct MotionCommand {
+    /// VDB of all frames, or of each: 'smoke.####.vdb'
+    input: PathBuf,
+    /// Cameras of the frames, in a transforms.json whose pictures bear the frames' numbers; or the one of all
+    #[arg(long, value_name = "CAPTURE")]
+    cameras: PathBuf,
+    /// Pictures of the motion, numbered as the frames are
+    #[arg(long, short, value_name = "OUT.####.exr")]
+    output: PathBuf,
+    /// Frames: A, A-B or A-BxSTEP (default: those of the cameras, else of the volumes)
+    #[arg(long, value_name = "A-B")]
+    frames: Option<Frames>,
+    /// Grid that pictures show (default: density, else the only scalar one)
+    #[arg(long, value_name = "NAME")]
+    grid: Option<String>,
+    /// Extinction per unit of density and length (default: that of the cameras' capture)
+    #[arg(long, value_name = "S", value_parser = parse::positive)]
+    density_scale: Option<f64>,
+    /// Grid of the volume's velocities in world units per second
+    #[arg(long, value_name = "GRID")]
+    velocity: Option<String>,
+    /// Frames per second; 1 for velocities in world units per frame
+    #[arg(long, value_name = "F", default_value_t = 24.0, value_parser = parse::positive, requires = "velocity")]
+    fps: f64,
+    /// Replace pictures that another command made
+    #[arg(long)]
+    overwrite: bool,
+    /// Rays per pixel
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    samples: u32,
+    #[command(flatten)]
+    pub(in crate::cli) memory: Memory,
+}
+
+/// A frame without motion.
+#[derive(Debug, Serialize)]
+struct Failed {
+    frame: u32,
+    error: String,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    #[serde(serialize_with = "crate::cli::paths::text")]
+    output: PathBuf,
+    frames: usize,
+    failed: Vec<Failed>,
+    /// Largest motion from the frame before, in pixels.
+    largest: f32,
+    density_scale: f64,
+    seconds: f64,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { output, frames, failed, largest, density_scale, seconds } = self;
+        write!(f, "{}: motion of {frames} frames in {seconds:.2} s, at most {largest:.2} pixels; ", output.display())?;
+        write!(f, "density scale {density_scale}, {} that failed", failed.len())
+    }
+}
+
+/// Volume of a frame.
+struct Shown {
+    path: PathBuf,
+    scene: Scene,
+}
+
+impl MotionCommand {
+    /// Reads, traces, writes and reports. Exit code 2 if a frame failed.
+    ///
+    /// # Errors
+    /// If no frame can be begun.
+    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let cancel = cancel::listen();
+        let mut provenance = Provenance::begin();
+        let capture = transforms::load(&self.cameras)?;
+        let density_scale = self.density_scale.unwrap_or(capture.density_scale);
+        let volumes = Pattern::parse(&self.input);
+        let numbers = self.numbers(&capture, volumes.as_ref())?;
+        let cameras = between(&capture, &self.cameras, &numbers)?;
+        let to = Pattern::parse(&self.output).ok_or_else(|| {
+            Error::invalid("this names no sequence, and there is a picture for each frame")
+                .at(&self.output)
+                .hint("give a name with the number's place, in quotes: 'motion.####.exr'")
+        })?;
+        let pictures: Vec<PathBuf> = numbers.iter().map(|number| to.path(*number)).collect();
+        let mut batch = Batch::new();
+        if let Some(folder) = pictures.first().and_then(|p| p.parent()).filter(|p| !p.as_os_str().is_empty()) {
+            batch.make_folder(folder)?;
+        }
+        pictures.first().map_or(Ok(()), |first| outputs::file(first, Content::Exr))?;
+        outputs::spare(pictures.iter().map(PathBuf::as_path), [self.input.as_path(), self.cameras.as_path()])?;
+        for path in &pictures {
+            outputs::is_own_picture(path, "cumulo:command", &provenance.command, self.overwrite)?;
+        }
+        let attributes = provenance.attributes();
+        let bar = output.progress(numbers.len() as u64, "motion");
+        let (mut failed, mut largest, mut shown) = (Vec::new(), 0.0_f32, None);
+        for (at, (number, path)) in numbers.iter().zip(&pictures).enumerate() {
+            let input = volumes.as_ref().map_or_else(|| self.input.clone(), |pattern| pattern.path(*number));
+            let view = &cameras[at.min(cameras.len() - 1)];
+            let result = self.frame(&input, view, density_scale, *number, &mut shown, cancel).and_then(|film| {
+                let planes = film.planes.iter().filter(|plane| ["Vector.X", "Vector.Y"].contains(&plane.name.as_str()));
+                let most = planes.flat_map(|plane| &plane.samples).fold(0.0_f32, |most, v| most.max(v.abs()));
+                exr::write_picture(path, &film, &attributes, false)?;
+                Ok(most)
+            });
+            match result {
+                Ok(most) => largest = largest.max(most),
+                Err(e) if e.kind() == Kind::Cancelled => return Err(e),
+                Err(e) => {
+                    output.note(format!("frame {number}: {e}"));
+                    failed.push(Failed { frame: *number, error: e.to_string() });
+                }
+            }
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        let frames = numbers.len() - failed.len();
+        if frames > 0 {
+            batch.commit()?;
+        }
+        let code = if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(2) };
+        let seconds = provenance.lap();
+        output.report(&Report { output: self.output.clone(), frames, failed, largest, density_scale, seconds })?;
+        Ok(code)
+    }
+
+    /// Returns the numbers of the frames.
+    fn numbers(&self, capture: &Capture, volumes: Option<&Pattern>) -> Result<Vec<u32>> {
+        if let Some(frames) = self.frames {
+            return Ok(frames.numbers().collect());
+        }
+        let mut of_cameras: Vec<u32> = capture.frames.iter().filter_map(|frame| number_of(&frame.picture)).collect();
+        match volumes {
+            _ if capture.frames.len() > 1 && of_cameras.len() == capture.frames.len() => {
+                of_cameras.sort_unstable();
+                Ok(of_cameras)
+            }
+            Some(pattern) => pattern.numbers(),
+            None => Err(Error::invalid("neither cameras nor volumes have the numbers of frames")
+                .at(&self.cameras)
+                .hint("give them with --frames A-B")),
+        }
+    }
+
+    /// Returns the motion of a frame. A volume that was read for the frame before is used again.
+    fn frame(
+        &self,
+        input: &Path,
+        [before, camera, after]: &[Camera; 3],
+        density_scale: f64,
+        number: u32,
+        shown: &mut Option<Shown>,
+        cancel: &AtomicBool,
+    ) -> Result<crate::scene::film::Film> {
+        let Shown { scene, .. } = match shown.take().filter(|shown| shown.path == input) {
+            Some(same) => shown.insert(same),
+            None => shown.insert(Shown {
+                path: input.to_owned(),
+                scene: self.scene(input, density_scale, self.memory.limits())?,
+            }),
+        };
+        let tracer = PathTracer::new(scene)?.background([0.0; 3]);
+        let view = View { camera, before: Some(before), after: Some(after), velocities: &scene.velocities };
+        let sampling = Sampling::new(self.samples, number.into());
+        let picture = tracer.picture(view, sampling, &[Aov::Motion], cancel).ok_or_else(Error::cancelled)?;
+        Ok(picture.film)
+    }
+
+    /// Returns a scene in which nothing shines: rays end where they first meet the volume.
+    fn scene(&self, input: &Path, density_scale: f64, limits: Limits) -> Result<Scene> {
+        let file = File::open(input, limits)?;
+        let grid = file.read_fog(self.grid.as_deref())?;
+        let field = volume::arrange(&grid, None, limits)?;
+        let scattering = Some(Scattering::new([0.0; 3], Phase::HenyeyGreenstein(0.0)));
+        let medium = Medium { scattering, ..Medium::absorbing(density_scale) };
+        let velocity = self.velocity.as_ref();
+        let velocity = velocity.map(|name| velocity::read(&file, name, self.fps, limits.max_memory)).transpose()?;
+        Ok(Scene {
+            volumes: vec![Volume::Density(field, medium)],
+            velocities: velocity.map(|velocity| (0, velocity)).into_iter().collect(),
+            ..Scene::default()
+        })
+    }
+}

@@ -1,0 +1,122 @@
+//! A frame, as it comes and denoised.
+
+use super::lanes::each;
+use crate::error::{Error, Result};
+use glam::{Vec2, Vec3};
+
+/// A frame.
+#[derive(Debug, Clone, Copy)]
+pub struct Frame<'f> {
+    /// Columns and rows.
+    pub size: [usize; 2],
+    /// Scene-linear colors, row by row from the top. Pixels that are not finite are filled in.
+    pub color: &'f [Vec3],
+    /// For each pixel the place of what it shows in the frame denoised before, minus its place here, in pixels to the right
+    /// and downwards; not finite where it was not seen. `None` for a picture at rest.
+    pub motion: Option<&'f [Vec2]>,
+}
+
+impl Frame<'_> {
+    /// Checks that there are as many colors, and motions, as pixels.
+    ///
+    /// # Errors
+    /// If not.
+    pub fn check(&self) -> Result<()> {
+        let [width, height] = self.size;
+        let count = width * height;
+        if count == 0 || self.color.len() != count || self.motion.is_some_and(|motion| motion.len() != count) {
+            return Err(Error::invalid(format!(
+                "{} colors and {:?} motions for {width}x{height} pixels",
+                self.color.len(),
+                self.motion.map(<[Vec2]>::len)
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// A denoised frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Denoised {
+    /// Colors, row by row from the top.
+    pub color: Vec<Vec3>,
+    /// Number of samples that each color rests on, counted by their weights and ages.
+    pub confidence: Vec<f32>,
+}
+
+/// Least share of a pixel's surroundings in the frame before that must lie in the picture to be its history.
+const LEAST_COVERED: f32 = 0.25;
+
+/// Four items of a picture around a place, and the share of each.
+#[derive(Debug, Clone, Copy)]
+pub struct Around {
+    /// Places in the picture.
+    pub at: [usize; 4],
+    /// Shares, 0 for places outside.
+    pub share: [f32; 4],
+    /// Sum of the shares.
+    pub covered: f32,
+}
+
+/// Returns what lies around a place; `None` if (nearly) none of it is in a picture of `size`.
+#[inline(always)]
+pub fn around([width, height]: [usize; 2], place: Vec2) -> Option<Around> {
+    let seen = place.x > -1.0 && place.y > -1.0 && place.x < width as f32 && place.y < height as f32;
+    // Neither huge nor missing numbers pass.
+    if !seen {
+        return None;
+    }
+    if place.x >= 0.0 && place.y >= 0.0 && place.x < (width - 1) as f32 && place.y < (height - 1) as f32 {
+        let (column, row) = (place.x as i32, place.y as i32);
+        let (x, y) = (place.x - column as f32, place.y - row as f32);
+        let (p, q) = (1.0 - x, 1.0 - y);
+        let at = row as usize * width + column as usize;
+        let share = [p * q, x * q, p * y, x * y];
+        return Some(Around { at: [at, at + 1, at + width, at + width + 1], share, covered: 1.0 });
+    }
+    // Shifted by one, so that whole numbers are cut towards zero.
+    let (column, row) = ((place.x + 1.0) as usize, (place.y + 1.0) as usize);
+    let part = Vec2::new(place.x + 1.0 - column as f32, place.y + 1.0 - row as f32);
+    let (left, right) = (column.saturating_sub(1), column.min(width - 1));
+    let (above, below) = (row.saturating_sub(1), row.min(height - 1));
+    let sides = [if column > 0 { 1.0 - part.x } else { 0.0 }, if column < width { part.x } else { 0.0 }];
+    let ends = [if row > 0 { 1.0 - part.y } else { 0.0 }, if row < height { part.y } else { 0.0 }];
+    let share = [sides[0] * ends[0], sides[1] * ends[0], sides[0] * ends[1], sides[1] * ends[1]];
+    let covered = (share[0] + share[1]) + (share[2] + share[3]);
+    let at = [above * width + left, above * width + right, below * width + left, below * width + right];
+    (covered >= LEAST_COVERED).then_some(Around { at, share, covered })
+}
+
+impl Around {
+    /// Returns the sum of the items around, each by its share.
+    #[inline(always)]
+    pub fn sum<const N: usize>(&self, items: &[[f32; N]]) -> [f32; N] {
+        if self.share[0] == 1.0 {
+            return items[self.at[0]];
+        }
+        let [i, j, k, l] = self.at;
+        let (a, b, c, d) = (&items[i], &items[j], &items[k], &items[l]);
+        let [p, q, r, s] = self.share;
+        each(|i| (p * a[i] + q * b[i]) + (r * c[i] + s * d[i]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_mixed_from_what_lies_around() {
+        let items: Vec<[f32; 2]> = (0..12).map(|i| [(i % 4) as f32, (i / 4) as f32]).collect();
+        for place in [[0.0, 0.0], [1.25, 0.5], [3.0, 2.0], [2.5, 2.0], [2.999, 1.75]] {
+            let found = around([4, 3], place.into()).map(|around| around.sum(&items));
+            let near = found.is_some_and(|found| (Vec2::from(found) - Vec2::from(place)).abs().max_element() < 1e-5);
+            assert!(near, "{place:?}: {found:?}");
+        }
+        for outside in [[-0.9, 0.0], [0.0, 2.9], [4.0, 1.0], [f32::NAN, 1.0], [1.0, f32::INFINITY], [-1e30, 0.0]] {
+            assert!(around([4, 3], outside.into()).is_none(), "{outside:?}");
+        }
+        let edge = around([4, 3], Vec2::new(-0.5, 1.0));
+        assert!(edge.is_some_and(|edge| edge.covered == 0.5 && edge.sum(&items) == [0.0, 0.5]));
+    }
+}

@@ -1,0 +1,119 @@
+//! Eight numbers side by side, which compilers turn into vectors of whatever width a machine has.
+
+use std::ops::{Add, AddAssign, Div, Mul, Sub};
+
+/// Numbers in a vector.
+pub const LANES: usize = 8;
+
+/// Eight numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[repr(align(32))]
+pub struct Lanes(pub [f32; LANES]);
+
+macro_rules! elementwise {
+    ($($op:ident $name:ident $sign:tt),*) => {$(
+        impl $op for Lanes {
+            type Output = Self;
+            #[inline(always)]
+            fn $name(self, other: Self) -> Self {
+                let mut to = self.0;
+                for i in 0..LANES {
+                    to[i] = self.0[i] $sign other.0[i];
+                }
+                Self(to)
+            }
+        }
+        impl $op<f32> for Lanes {
+            type Output = Self;
+            #[inline(always)]
+            fn $name(self, other: f32) -> Self {
+                let mut to = self.0;
+                for value in &mut to {
+                    *value = *value $sign other;
+                }
+                Self(to)
+            }
+        }
+    )*};
+}
+
+elementwise!(Add add +, Sub sub -, Mul mul *, Div div /);
+
+impl AddAssign for Lanes {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+impl Lanes {
+    /// Zeros.
+    pub const ZERO: Self = Self([0.0; LANES]);
+
+    /// Returns the eight numbers of a row from `at` on; zeros where it ends before.
+    #[inline(always)]
+    pub fn load(row: &[f32], at: usize) -> Self {
+        Self(row.get(at..).and_then(<[f32]>::first_chunk).copied().unwrap_or([0.0; LANES]))
+    }
+
+    /// Writes the numbers to a row from `at` on, if it is that long.
+    #[inline(always)]
+    pub fn store(self, row: &mut [f32], at: usize) {
+        if let Some(to) = row.get_mut(at..).and_then(<[f32]>::first_chunk_mut) {
+            *to = self.0;
+        }
+    }
+
+    /// Returns numbers that lie side by side.
+    #[inline(always)]
+    pub fn of(numbers: &[f32; LANES]) -> Self {
+        Self(*numbers)
+    }
+
+    /// Returns the greater of each pair.
+    #[inline(always)]
+    pub fn max(self, other: Self) -> Self {
+        let mut to = self.0;
+        for i in 0..LANES {
+            to[i] = if self.0[i] > other.0[i] { self.0[i] } else { other.0[i] };
+        }
+        Self(to)
+    }
+
+    /// Returns the lesser of each pair.
+    #[inline(always)]
+    pub fn min(self, other: Self) -> Self {
+        let mut to = self.0;
+        for i in 0..LANES {
+            to[i] = if self.0[i] < other.0[i] { self.0[i] } else { other.0[i] };
+        }
+        Self(to)
+    }
+
+    /// Returns the first four numbers as `a` and the last four as `b`.
+    #[inline(always)]
+    pub fn halves(a: f32, b: f32) -> Self {
+        Self([a, a, a, a, b, b, b, b])
+    }
+
+    /// Returns `then` where this is above 0, and `other` elsewhere.
+    #[inline(always)]
+    pub fn select(self, then: Self, other: Self) -> Self {
+        let mut to = self.0;
+        for i in 0..LANES {
+            to[i] = if self.0[i] > 0.0 { then.0[i] } else { other.0[i] };
+        }
+        Self(to)
+    }
+}
+
+/// Returns an array of what `of` returns for each place. (`std::array::from_fn` is not always inlined, and then compiled for
+/// the baseline.)
+#[inline(always)]
+pub fn each<T: Copy + Default, const N: usize>(mut of: impl FnMut(usize) -> T) -> [T; N] {
+    let mut to = [T::default(); N];
+    for (i, to) in to.iter_mut().enumerate() {
+        *to = of(i);
+    }
+    to
+}

@@ -1,0 +1,247 @@
+//! `cumulo denoise`, `cumulo motion`, and `cumulo compare` of sequences, as a user calls them.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is how a test fails")]
+
+mod work;
+
+use cumulo::formats::exr::{self, Document};
+use cumulo::formats::limits::Limits;
+use cumulo::scene::film::Film;
+use serde_json::Value;
+use std::path::Path;
+use work::{Work, errors, fixture};
+
+const SIZE: &str = "40x32";
+
+/// Twelve noisy frames along a ring of cameras in `noisy`, and the same with many paths in `true`.
+fn sequence() -> Work {
+    let work = Work::new();
+    std::fs::copy(fixture("plume.vdb"), work.path("smoke.vdb")).unwrap();
+    work.json(&format!("render smoke.vdb --views 180 --layout ring --size {SIZE} --density-scale auto -o path"));
+    let lit = "--frames 0-11 --cameras path --albedo 0.9 --sun 1,-1,2 --sky 0.1,0.15,0.3 --background 0,0,0";
+    work.json(&format!("render smoke.vdb {lit} --samples 2 --aov motion,halves -o noisy"));
+    work.json(&format!("render smoke.vdb {lit} --samples 256 --seed 9 -o true"));
+    work
+}
+
+fn document(path: &Path) -> Document {
+    Document::read(path, Limits::default()).unwrap()
+}
+
+/// Samples of a channel of the unnamed layer or of another.
+fn plane(document: &Document, layer: &str, component: &str) -> Vec<f32> {
+    let layer = document.layer(Some(layer)).unwrap();
+    document.samples(layer.part, document.component(&layer, component).unwrap())
+}
+
+fn colors(work: &Work, name: &str) -> Vec<[f32; 4]> {
+    exr::read_picture(&work.path(name), None).unwrap().rgba
+}
+
+fn psnr(work: &Work, folder: &str) -> [f64; 2] {
+    let out = work.command(&format!("compare {folder}/frame.####.exr true/frame.####.exr --json")).output().unwrap();
+    assert_eq!(out.status.code(), Some(1), "{}", errors(&out));
+    let report: Value = serde_json::from_slice(&out.stdout).unwrap();
+    ["psnr_db", "flicker_psnr_db"].map(|key| report[key].as_f64().unwrap())
+}
+
+/// Denoised frames are nearer to the converged ones and flicker less, by every method; all else in the files is as it was.
+#[test]
+fn noise_goes_and_all_else_passes_through() {
+    let work = sequence();
+    let before = psnr(&work, "noisy");
+    for (method, least) in
+        [("wrls2", [5.0, 14.0]), ("wrls", [1.0, 1.0]), ("rls", [0.5, 0.5]), ("svgf", [2.0, 6.0]), ("ema", [2.0, 3.0])]
+    {
+        let report = work.json(&format!(
+            "denoise noisy/frame.####.exr -o {method}/frame.####.exr --method {method} --confidence --history 0.8"
+        ));
+        assert_eq!((&report["denoised"], &report["at_rest"]), (&Value::from(12), &Value::from(false)));
+        let after = psnr(&work, method);
+        println!("{method}: {before:.2?} -> {after:.2?}");
+        assert!((0..2).all(|i| after[i] > before[i] + least[i]), "{method}: {before:?} {after:?}");
+        let [noisy, denoised] =
+            ["noisy", method].map(|folder| document(&work.path(&format!("{folder}/frame.0005.exr"))));
+        for (layer, component) in [("Vector", "X"), ("half_a", "G"), ("half_b", "B"), ("", "A")] {
+            assert_eq!(plane(&noisy, layer, component), plane(&denoised, layer, component), "{method} {layer}");
+        }
+        let (own, mut kept) = (noisy.header().attributes(), denoised.header().attributes());
+        assert!(kept.remove("cumulo:denoise").unwrap().contains("cumulo denoise"));
+        assert_eq!(own, kept);
+        assert!(plane(&denoised, "confidence", "N").iter().all(|n| *n > 0.0), "{method}");
+    }
+}
+
+/// Frames that are missing, damaged, of another size or partly missing are named, and the others go on.
+#[test]
+fn bad_frames_do_not_stop_the_others() {
+    let work = sequence();
+    std::fs::remove_file(work.path("noisy/frame.0003.exr")).unwrap();
+    let bytes = std::fs::read(work.path("noisy/frame.0005.exr")).unwrap();
+    std::fs::write(work.path("noisy/frame.0005.exr"), &bytes[..bytes.len() / 2]).unwrap();
+    let small = Film::of(8, 8, vec![[0.5, 0.5, 0.5, 1.0]; 64]);
+    exr::write_picture(&work.path("noisy/frame.0007.exr"), &small, &exr::Attributes::new(), false).unwrap();
+    let mut holes = document(&work.path("noisy/frame.0009.exr"));
+    let layer = holes.layer(None).unwrap();
+    let [red, ..] = holes.colors(&layer).unwrap();
+    let mut samples = holes.samples(layer.part, red);
+    samples[100..150].fill(f32::NAN);
+    holes.replace(layer.part, red, samples.into_iter());
+    holes.write(&work.path("noisy/frame.0009.exr")).unwrap();
+
+    let command = "denoise noisy/frame.####.exr -o out/frame.####.exr --frames 0-11 --motion none";
+    let out = work.command(command).arg("--json").output().unwrap();
+    assert_eq!(out.status.code(), Some(2), "{}", errors(&out));
+    let report: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let failed: Vec<u64> = report["failed"].as_array().unwrap().iter().map(|f| f["frame"].as_u64().unwrap()).collect();
+    assert_eq!((failed, &report["denoised"], &report["filled"]), (vec![3, 5, 7], &Value::from(9), &Value::from(50)));
+    for (number, what) in [(3, "frame.0003.exr"), (5, "frame.0005.exr"), (7, "8x8 pixels")] {
+        assert!(errors(&out).contains(&format!("frame {number}")) && errors(&out).contains(what), "{}", errors(&out));
+    }
+    for number in [0, 1, 2, 4, 6, 8, 9, 10, 11] {
+        let rgba = colors(&work, &format!("out/frame.{number:04}.exr"));
+        assert!(rgba.iter().flatten().all(|v| v.is_finite()), "{number}");
+    }
+    assert!(!work.path("out/frame.0003.exr").exists() && !work.path("out/frame.0007.exr").exists());
+}
+
+/// A range, chunks and what is resumed are near to the whole sequence; a whole one is the same for any number of threads.
+#[test]
+fn parts_agree_with_the_whole() {
+    let work = sequence();
+    let command = "denoise noisy/frame.####.exr";
+    work.json(&format!("{command} -o whole/frame.####.exr --threads 1"));
+    work.json(&format!("{command} -o again/frame.####.exr --threads 5"));
+    work.json(&format!("{command} -o chunks/frame.####.exr --chunk 4 --overlap 8"));
+    work.json(&format!("{command} -o range/frame.####.exr --frames 4-7 --overlap 8"));
+    for number in 0..12 {
+        let name = |folder: &str| format!("{folder}/frame.{number:04}.exr");
+        let whole = colors(&work, &name("whole"));
+        assert_eq!(whole, colors(&work, &name("again")), "{number}");
+        let chunk = colors(&work, &name("chunks"));
+        let square = |(p, q): (&[f32; 4], &[f32; 4])| (0..3).map(|c| f64::from(p[c] - q[c]).powi(2)).sum::<f64>();
+        let rms = (whole.iter().zip(&chunk).map(square).sum::<f64>() / (3 * whole.len()) as f64).sqrt();
+        println!("{number}: rms {rms:.5}");
+        assert!(rms < 5e-3, "{number}: {rms}");
+        match work.path(&name("range")).exists() {
+            true => assert_eq!(chunk, colors(&work, &name("range")), "{number}"),
+            false => assert!(!(4..8).contains(&number)),
+        }
+    }
+    std::fs::remove_file(work.path("chunks/frame.0006.exr")).unwrap();
+    let resumed = work.json(&format!("{command} -o chunks/frame.####.exr --chunk 4 --overlap 8 --resume"));
+    assert_eq!((&resumed["denoised"], &resumed["skipped"]), (&Value::from(1), &Value::from(11)));
+    // Another command's pictures are not replaced unless that is asked for.
+    let other = format!("{command} -o whole/frame.####.exr --method ema");
+    let out = work.command(&other).output().unwrap();
+    assert_eq!(out.status.code(), Some(2));
+    assert!(errors(&out).contains("another command") && errors(&out).contains("--overwrite"), "{}", errors(&out));
+    work.json(&format!("{other} --overwrite"));
+    // Neither are the noisy ones, by whatever name.
+    let out = work.command(&format!("{command} -o noisy/frame.%04d.exr --overwrite")).output().unwrap();
+    assert_eq!(out.status.code(), Some(2));
+    assert!(errors(&out).contains("input"), "{}", errors(&out));
+}
+
+/// Motion from the volume and the cameras is the renderer's, and denoises as well as its layer.
+#[test]
+fn motion_comes_from_volume_and_cameras() {
+    let work = sequence();
+    let scale =
+        work.json("render smoke.vdb --cameras path --frames 0 --aov optical-depth -o scale")["density_scale"].clone();
+    let report = work.json("motion smoke.vdb --cameras path --frames 0-11 --samples 64 -o motion/m.####.exr");
+    assert_eq!((&report["frames"], &report["density_scale"]), (&Value::from(12), &scale));
+    assert!(report["largest"].as_f64().unwrap() > 0.2);
+    let [own, layer] = ["motion/m.0004.exr", "noisy/frame.0004.exr"].map(|name| document(&work.path(name)));
+    let [mut apart, mut all] = [0.0, 0.0];
+    for component in ["X", "Y", "Z", "W"] {
+        for (a, b) in plane(&own, "Vector", component).iter().zip(&plane(&layer, "Vector", component)) {
+            if *b != 0.0 && *a != 0.0 {
+                apart += f64::from((a - b).abs());
+                all += f64::from(b.abs());
+            }
+        }
+    }
+    assert!(apart < 0.3 * all, "{apart} of {all}");
+    work.json("denoise noisy/frame.####.exr -o a/frame.####.exr");
+    work.json("denoise noisy/frame.####.exr -o b/frame.####.exr --motion files:motion/m.####.exr");
+    let [a, b] = ["a", "b"].map(|folder| psnr(&work, folder));
+    assert!(b[0] > a[0] - 0.5 && b[1] > a[1] - 0.5, "{a:?} {b:?}");
+    // Where there is none, the picture counts as at rest, and that is said.
+    std::fs::create_dir(work.path("plain")).unwrap();
+    for number in 0..3 {
+        let film = exr::read_picture(&work.path(&format!("noisy/frame.{number:04}.exr")), None).unwrap();
+        let to = work.path(&format!("plain/f.{number:04}.exr"));
+        exr::write_picture(&to, &film, &exr::Attributes::new(), true).unwrap();
+    }
+    let out = work.command("denoise plain/f.####.exr -o quiet/f.####.exr").output().unwrap();
+    assert_eq!(out.status.code(), Some(0), "{}", errors(&out));
+    assert!(errors(&out).contains("at rest") && errors(&out).contains("cumulo motion"), "{}", errors(&out));
+    // Half floats stay half floats.
+    let header = exr::header(&work.path("quiet/f.0001.exr")).unwrap();
+    assert!(header.parts[0].channels.iter().all(|channel| channel.sample_type == exr::SampleType::Half));
+}
+
+/// A cut resets what was learned, in both directions of time.
+#[test]
+fn cuts_are_found() {
+    let work = Work::new();
+    std::fs::create_dir(work.path("in")).unwrap();
+    for number in 0..12_usize {
+        let pixel = |i: usize| {
+            let (x, y) = (i % 32, i / 32);
+            let lit = if number < 6 { x < 12 } else { x > 20 };
+            let noise = ((i * 7919 + number * 104_729) % 97) as f32 / 48.0;
+            let v = if lit { noise * (1.0 + y as f32 / 24.0) } else { 0.0 };
+            [v, v, 0.5 * v, 1.0]
+        };
+        let film = Film::of(32, 24, (0..32 * 24).map(pixel).collect());
+        let path = work.path(&format!("in/f.{:04}.exr", number + 100));
+        exr::write_picture(&path, &film, &exr::Attributes::new(), false).unwrap();
+    }
+    let report = work.json("denoise in/f.####.exr -o out/f.####.exr");
+    assert_eq!(report["cuts"], serde_json::json!([106]));
+    for (number, dark) in [(105, 26), (106, 6)] {
+        let rgba = colors(&work, &format!("out/f.{number:04}.exr"));
+        assert!(rgba[12 * 32 + dark][0] < 0.02, "{number}: {:?}", rgba[12 * 32 + dark]);
+    }
+}
+
+/// Sequences are compared frame by frame; what does not fit says so.
+#[test]
+fn sequences_are_compared() {
+    let work = sequence();
+    let report = work.command("compare noisy/frame.####.exr noisy/frame.%04d.exr --flip --json").output().unwrap();
+    assert_eq!(report.status.code(), Some(0), "{}", errors(&report));
+    let report: Value = serde_json::from_slice(&report.stdout).unwrap();
+    assert_eq!(
+        (&report["psnr_db"], &report["flip"], &report["differ"]),
+        (&Value::Null, &Value::from(0.0), &Value::from(false))
+    );
+    std::fs::remove_file(work.path("true/frame.0004.exr")).unwrap();
+    let out = work.command("compare noisy/frame.####.exr true/frame.####.exr --flip --json").output().unwrap();
+    let report: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let frames = report["frames"].as_array().unwrap();
+    assert_eq!((out.status.code(), frames.len(), &report["left_out"]), (Some(1), 11, &serde_json::json!([4])));
+    // The first frame, and the one behind the gap, follow none.
+    let flickers: Vec<bool> = frames.iter().map(|f| f["flicker_psnr_db"].is_number()).collect();
+    assert_eq!(flickers.iter().filter(|number| **number).count(), 9);
+    assert!(frames.iter().all(|f| (0.0..1.0).contains(&f["flip"].as_f64().unwrap())));
+    for (words, what) in [
+        ("compare noisy/frame.####.exr nothing/frame.####.exr", "nothing"),
+        ("compare noisy/frame.####.exr true/frame.####.exr --heatmap a.png", "--heatmap"),
+        ("denoise noisy/frame.0001.exr -o out.####.exr", "names no sequence"),
+        ("denoise noisy/frame.####.exr -o out.exr", "names no sequence"),
+        ("denoise noisy/frame.####.exr -o out.####.png", ".png"),
+        ("denoise noisy/frame.####.exr -o out/f.####.exr --layers nonsense", "nonsense"),
+        ("denoise noisy/frame.####.exr -o out/f.####.exr --motion layer:half_a", "X and Y"),
+        ("denoise noisy/frame.####.exr -o out/f.####.exr --forgetting 1", "forgetting"),
+        ("motion smoke.vdb --cameras path -o motion.exr", "names no sequence"),
+        ("motion smoke.vdb --cameras path --frames 0-1 -o m.####.exr --grid nonsense", "nonsense"),
+    ] {
+        let out = work.command(words).output().unwrap();
+        assert_eq!(out.status.code(), Some(2), "{words}\n{}", errors(&out));
+        assert!(errors(&out).contains(what), "{words}\n{}", errors(&out));
+        assert!(!work.path("out").exists(), "{words}");
+    }
+}
