@@ -50,9 +50,13 @@ fn psnr(work: &Work, folder: &str) -> [f64; 2] {
 fn noise_goes_and_all_else_passes_through() {
     let work = sequence();
     let before = psnr(&work, "noisy");
-    for (method, least) in
-        [("wrls2", [5.0, 14.0]), ("wrls", [3.0, 9.0]), ("rls", [3.0, 7.0]), ("svgf", [-2.0, 12.0]), ("ema", [4.0, 10.0])]
-    {
+    for (method, least) in [
+        ("wrls2", [5.0, 14.0]),
+        ("wrls", [3.0, 9.0]),
+        ("rls", [3.0, 7.0]),
+        ("svgf", [-2.0, 12.0]),
+        ("ema", [4.0, 10.0]),
+    ] {
         let report = work.json(&format!(
             "denoise noisy/frame.####.exr -o {method}/frame.####.exr --method {method} --confidence --history 0.8"
         ));
@@ -227,7 +231,20 @@ fn sequences_are_compared() {
     let flickers: Vec<bool> = frames.iter().map(|f| f["flicker_psnr_db"].is_number()).collect();
     assert_eq!(flickers.iter().filter(|number| **number).count(), 9);
     assert!(frames.iter().all(|f| (0.0..1.0).contains(&f["flip"].as_f64().unwrap())));
+    // The page shows them, with what stands beside.
+    work.json("denoise noisy/frame.####.exr -o quiet/frame.####.exr");
+    let words = "compare quiet/frame.####.exr true/frame.####.exr --beside noisy/frame.####.exr --report page --json";
+    let out = work.command(words).output().unwrap();
+    let pair: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!((&pair["beside"]["psnr_db"], &pair["report"]), (&report["psnr_db"], &Value::from("page/index.html")));
+    assert!(pair["psnr_db"].as_f64() > pair["beside"]["psnr_db"].as_f64());
+    let page = std::fs::read_to_string(work.path("page/index.html")).unwrap();
+    for what in ["the furthest apart", "PSNR of the change", "relMSE", "noisy/frame.####.exr", "Provenance"] {
+        assert!(page.contains(what), "{what}");
+    }
     for (words, what) in [
+        ("compare noisy/frame.0001.exr noisy/frame.0002.exr --report page", "for sequences"),
+        ("compare noisy/frame.####.exr true/frame.####.exr --beside noisy/frame.0001.exr", "names no sequence"),
         ("compare noisy/frame.####.exr nothing/frame.####.exr", "nothing"),
         ("compare noisy/frame.####.exr true/frame.####.exr --heatmap a.png", "--heatmap"),
         ("denoise noisy/frame.0001.exr -o out.####.exr", "names no sequence"),

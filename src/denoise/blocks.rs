@@ -115,11 +115,9 @@ impl Pool {
         which: impl Iterator<Item = (usize, usize)>,
     ) -> (usize, &[Lanes]) {
         let vectors = planes.grid.stride() / LANES;
-        let mut count = 0;
-        for (plane, radius) in which {
+        for (count, (plane, radius)) in which.enumerate() {
             self.sums.resize(self.sums.len().max((count + 1) * vectors), Lanes::ZERO);
             planes.pooled(row, plane, radius, &mut self.line, &mut self.sums[count * vectors..][..vectors]);
-            count += 1;
         }
         (vectors, &self.sums)
     }

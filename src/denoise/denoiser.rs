@@ -186,10 +186,9 @@ mod tests {
             ("constant", |_, _| Vec3::new(0.8, 0.4, 0.2)),
             ("grey", |f, i| Vec3::splat(noise(f * 977 + i as u32))),
             ("black", |_, _| Vec3::ZERO),
-            (
-                "spiky",
-                |f, i| if (f as usize * 31 + i) % 997 == 0 { Vec3::splat(1e8) } else { Vec3::new(0.3, 0.2, 0.1) },
-            ),
+            ("spiky", |f, i| {
+                if (f as usize * 31 + i).is_multiple_of(997) { Vec3::splat(1e8) } else { Vec3::new(0.3, 0.2, 0.1) }
+            }),
             ("x1000", |f, i| 1000.0 * Vec3::new(noise(f + i as u32), 0.5, 0.25)),
             ("jumps", |f, i| 10_f32.powi((f / 50 % 13) as i32 * 2 - 12) * Vec3::splat(0.5 + noise(f * 61 + i as u32))),
         ];

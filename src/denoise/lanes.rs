@@ -27,11 +27,7 @@ macro_rules! elementwise {
             type Output = Self;
             #[inline(always)]
             fn $name(self, other: f32) -> Self {
-                let mut to = self.0;
-                for value in &mut to {
-                    *value = *value $sign other;
-                }
-                Self(to)
+                self $sign Self([other; LANES])
             }
         }
     )*};

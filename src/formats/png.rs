@@ -19,6 +19,15 @@ pub fn write_rgb8(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Resul
 /// # Errors
 /// If a side is 0 or exceeds 32 bits, or `rgb` does not have three bytes per pixel.
 pub fn encode_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>> {
+    encode_frames(width, height, &[rgb], 0)
+}
+
+/// Encodes pictures of equal size as the bytes of an animated sRGB PNG file that repeats without end at `rate` frames a
+/// second. Programs that know no animation show the first.
+///
+/// # Errors
+/// If a side is 0 or exceeds 32 bits, there is no picture, or one does not have three bytes per pixel.
+pub fn encode_frames(width: usize, height: usize, frames: &[&[u8]], rate: u16) -> Result<Vec<u8>> {
     let fault = |what: String| {
         Error::invalid(format!("PNG of {width}x{height}: {what}")).hint("write at least one pixel, three bytes each")
     };
@@ -30,8 +39,15 @@ pub fn encode_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>> {
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
+    if frames.len() != 1 {
+        let count = u32::try_from(frames.len()).map_err(|e| fault(e.to_string()))?;
+        encoder.set_animated(count, 0).map_err(|e| fault(e.to_string()))?;
+        encoder.set_frame_delay(1, rate).map_err(|e| fault(e.to_string()))?;
+    }
     let mut writer = encoder.write_header().map_err(|e| fault(e.to_string()))?;
-    writer.write_image_data(rgb).map_err(|e| fault(e.to_string()))?;
+    for rgb in frames {
+        writer.write_image_data(rgb).map_err(|e| fault(e.to_string()))?;
+    }
     writer.finish().map_err(|e| fault(e.to_string()))?;
     Ok(bytes)
 }
@@ -66,8 +82,16 @@ mod tests {
         let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
         let mut back = vec![0; reader.output_buffer_size().unwrap()];
         let info = reader.next_frame(&mut back).unwrap();
-        assert_eq!((info.width, info.height, back), (5, 3, rgb));
+        assert_eq!((info.width, info.height, &back), (5, 3, &rgb));
         assert!(encode_rgb8(5, 3, &[0; 44]).is_err());
+        let moving = encode_frames(5, 3, &[&rgb, &[0; 45]], 24).unwrap();
+        let mut reader = png::Decoder::new(std::io::Cursor::new(moving)).read_info().unwrap();
+        assert_eq!(reader.info().animation_control().unwrap().num_frames, 2);
+        reader.next_frame(&mut back).unwrap();
+        assert_eq!(back, rgb);
+        reader.next_frame(&mut back).unwrap();
+        assert_eq!(back, [0; 45]);
+        assert!(encode_frames(5, 3, &[], 24).is_err());
         assert!(encode_rgb8(0, 3, &[]).is_err());
     }
 }

@@ -9,10 +9,12 @@ mod plot;
 mod slices;
 mod sphere;
 mod stages;
+mod strip;
 mod views;
 
 pub use plot::{Plot, Series};
 pub use sphere::{SphereMap, Walk};
+pub use strip::StripFrame;
 pub use views::{MOST_VIEWS, ViewRow, choose};
 
 use crate::error::{Error, Result};
@@ -121,6 +123,15 @@ impl Page {
     pub fn picture(&mut self, heading: &str, film: &Film, caption: &str) -> Result<&mut Self> {
         let picture = picture::film(film, caption)?;
         Ok(self.section(heading, html! { figure.picture { (picture) figcaption.caption { (caption) } } }))
+    }
+
+    /// Adds frames of several sequences side by side, with the differences, as a moving picture of `rate` frames a second.
+    ///
+    /// # Errors
+    /// If there is no frame, or a picture has no pixels.
+    pub fn strip(&mut self, heading: &str, labels: &[&str], frames: &[StripFrame], rate: u16) -> Result<&mut Self> {
+        let body = strip::draw(labels, frames, rate)?;
+        Ok(self.section(heading, body))
     }
 
     /// Adds a table of figures. `columns` are the headings; each row begins with its name.

@@ -19,7 +19,17 @@ const COARSE: usize = 256;
 /// # Errors
 /// If the picture has no pixels.
 pub fn rgb8(width: usize, height: usize, rgb: &[u8], aspect: f64, alt: &str) -> Result<Markup> {
-    let address = format!("data:image/png;base64,{}", STANDARD.encode(png::encode_rgb8(width, height, rgb)?));
+    moving(width, height, &[rgb], 0, aspect, alt)
+}
+
+/// Image element of pictures `rgb[3 * (y * width + x) + channel]` that follow each other at `rate` a second, without end.
+/// `aspect` is the displayed width over the height.
+///
+/// # Errors
+/// If there is no picture, or one has no pixels.
+pub fn moving(width: usize, height: usize, frames: &[&[u8]], rate: u16, aspect: f64, alt: &str) -> Result<Markup> {
+    let bytes = png::encode_frames(width, height, frames, rate)?;
+    let address = format!("data:image/png;base64,{}", STANDARD.encode(bytes));
     let class = (width.max(height) < COARSE).then_some("coarse");
     let style = format!("aspect-ratio:{aspect:.4}");
     Ok(html! { img class=[class] src=(address) width=(width) height=(height) style=(style) alt=(alt); })
@@ -30,13 +40,24 @@ pub fn rgb8(width: usize, height: usize, rgb: &[u8], aspect: f64, alt: &str) -> 
 /// # Errors
 /// If the film has no pixels.
 pub fn film(film: &Film, alt: &str) -> Result<Markup> {
-    let pool = Pool::of(film.width, film.height);
+    let small = reduced(film, MOST_PIXELS);
+    rgb8(small.width, small.height, &png::display_rgb8(&small), aspect(film.width, film.height), alt)
+}
+
+/// Film of the means over square blocks of pixels, so large that no side exceeds `most` pixels.
+pub fn reduced(film: &Film, most: usize) -> Film {
+    let pool = Pool::of(film.width, film.height, most);
     let mean = |pixels: &mut dyn Iterator<Item = [f32; 4]>| {
         let (sum, n) = pixels.fold(([0.0; 4], 0.0), |(s, n), p| (std::array::from_fn(|c| s[c] + p[c]), n + 1.0_f32));
         sum.map(|v: f32| v / n)
     };
-    let small = Film::of(pool.width, pool.height, pool.apply(&film.rgba, mean));
-    rgb8(pool.width, pool.height, &png::display_rgb8(&small), aspect(film.width, film.height), alt)
+    Film::of(pool.width, pool.height, pool.apply(&film.rgba, mean))
+}
+
+/// The largest of the values (`values[y * width + x]`) in each of the blocks of [`reduced`].
+pub fn largest(width: usize, height: usize, values: &[f64], most: usize) -> Vec<f64> {
+    let pool = Pool::of(width, height, most);
+    pool.apply(values, |pixels: &mut dyn Iterator<Item = f64>| pixels.fold(0.0, f64::max))
 }
 
 /// Image element of differences (`values[y * width + x]`) in false colors. A pixel that stands for several shows the
@@ -45,8 +66,8 @@ pub fn film(film: &Film, alt: &str) -> Result<Markup> {
 /// # Errors
 /// If there are no pixels.
 pub fn differences(width: usize, height: usize, values: &[f64], scale: f64, alt: &str) -> Result<Markup> {
-    let pool = Pool::of(width, height);
-    let small = pool.apply(values, |pixels: &mut dyn Iterator<Item = f64>| pixels.fold(0.0, f64::max));
+    let pool = Pool::of(width, height, MOST_PIXELS);
+    let small = largest(width, height, values, MOST_PIXELS);
     rgb8(pool.width, pool.height, &heatmap::shade_rgb8(&small, scale), aspect(width, height), alt)
 }
 
@@ -73,8 +94,8 @@ struct Pool {
 }
 
 impl Pool {
-    fn of(width: usize, height: usize) -> Self {
-        let block = width.max(height).div_ceil(MOST_PIXELS).max(1);
+    fn of(width: usize, height: usize, most: usize) -> Self {
+        let block = width.max(height).div_ceil(most).max(1);
         Self { block, from: [width, height], width: width.div_ceil(block), height: height.div_ceil(block) }
     }
 
@@ -95,11 +116,11 @@ mod tests {
 
     #[test]
     fn blocks_at_the_border_are_smaller() {
-        let pool = Pool::of(1025, 2);
+        let pool = Pool::of(1025, 2, MOST_PIXELS);
         assert_eq!((pool.block, pool.width, pool.height), (3, 342, 1));
         let ones = vec![1; 1025 * 2];
         let sizes = pool.apply(&ones, |p| p.sum::<i32>());
         assert_eq!((sizes[0], sizes[341]), (6, 4));
-        assert_eq!(Pool::of(512, 7).block, 1);
+        assert_eq!(Pool::of(512, 7, MOST_PIXELS).block, 1);
     }
 }

@@ -1,5 +1,6 @@
 //! Line plots as SVG in the page.
 
+use super::number;
 use crate::error::{Error, Result};
 use maud::{Markup, PreEscaped, html};
 use plotters::prelude::*;
@@ -90,7 +91,7 @@ impl Plot {
             .map_err(|e| Error::invalid(format!("the plot of {} cannot be drawn: {e}", self.y)))?;
         // SVG files need the namespace, HTML does not; the page is to hold no address at all.
         let svg = svg.replacen(" xmlns=\"http://www.w3.org/2000/svg\"", "", 1);
-        let last = |i: usize| lines[i].last().map(|p| format!("{:.2}", p.1));
+        let last = |i: usize| lines[i].last().map(|p| number::short(p.1));
         Ok(html! {
             figure.plot {
                 div.wide {
@@ -166,7 +167,8 @@ fn ranges<'a>(points: impl Iterator<Item = &'a (f64, f64)>) -> Option<(Range<f64
         };
         low - room..high + room
     };
-    let x = if x0 >= 0.0 { 0.0..widen(0.0, x1, 0.02).end } else { widen(x0, x1, 0.02) };
+    // Times begin at 0; numbers of frames that lie far from it would leave the plot empty.
+    let x = if x0 >= 0.0 && x0 <= 0.5 * x1 { 0.0..widen(0.0, x1, 0.02).end } else { widen(x0, x1, 0.02) };
     Some((x, widen(y0, y1, 0.06)))
 }
 

@@ -71,9 +71,20 @@ const CARRIED: [&str; 5] = [
 
 const PICTURE: [&str; 4] = ["info {}", "validate {}", "compare {} {}", "compare {} @view.exr --heatmap >heat.png"];
 
-const CAPTURE: [&str; 6] = [
+/// Numbered, so that what works on sequences reads it, too.
+const NUMBERED: [&str; 5] = [
+    "info {}",
+    "denoise numbered.####.exr -o quiet.####.exr",
+    "denoise numbered.####.exr -o quiet.####.exr --method svgf --alpha --confidence",
+    "denoise numbered.####.exr -o quiet.####.exr --motion layer:Vector",
+    "compare numbered.####.exr numbered.####.exr --flip",
+];
+
+const CAPTURE: [&str; 8] = [
     "info capture",
     "validate capture",
+    "denoise capture/view_%03d.exr -o quiet_%03d.exr",
+    "motion @plume.vdb --cameras capture --samples 1 -o motion.####.exr",
     "render @plume.vdb --cameras capture -o >out",
     "reconstruct density capture --resolution 8 --iterations 1 -o >found.vdb",
     "pose capture --volume @plume.vdb --iterations 1 -o >posed.json",
@@ -143,9 +154,12 @@ impl Corpus {
             .filter(|path| path.extension().is_some_and(|e| e == "exr"))
             .collect();
         pictures.sort();
-        let exr = pictures.iter().map(|path| {
+        let exr = pictures.iter().flat_map(|path| {
             let name = path.file_name().unwrap().to_str().unwrap();
-            single("picture", name, std::fs::read(path).unwrap(), Syntax::Binary, &PICTURE)
+            let bytes = std::fs::read(path).unwrap();
+            let mut numbered = single("picture", "numbered.0001.exr", bytes.clone(), Syntax::Binary, &NUMBERED);
+            numbered.name = format!("numbered {name}");
+            [single("picture", name, bytes, Syntax::Binary, &PICTURE), numbered]
         });
 
         let mut captures = Vec::new();

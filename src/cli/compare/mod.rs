@@ -1,6 +1,7 @@
 //! `cumulo compare`: how far apart two pictures, or two sequences, are.
 
 mod frames;
+mod page;
 
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
@@ -36,6 +37,12 @@ pub struct Arguments {
     /// Write the absolute difference of each pixel as a PNG in false colors
     #[arg(long, value_name = "OUT.png")]
     heatmap: Option<PathBuf>,
+    /// Write a page with plots over the frames of two sequences, and both as a moving picture with their differences
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    /// Another sequence to compare with the second and to show in the report, such as the noisy one
+    #[arg(long, value_name = "C.####.exr")]
+    beside: Option<PathBuf>,
     /// Compute FLIP, too, a difference as people see it (0 to 1), of display values
     #[arg(long)]
     flip: bool,
@@ -125,6 +132,13 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
     if let (Some(a), Some(b)) = (Pattern::parse(&arguments.a), Pattern::parse(&arguments.b)) {
         drop(stage);
         return frames::run(arguments, [&a, &b], output);
+    }
+    for (option, given) in [("--report", &arguments.report), ("--beside", &arguments.beside)] {
+        if given.is_some() {
+            return Err(Error::invalid(format!("{option} is for sequences, and these are two pictures")).hint(
+                "give sequences, 'a.####.exr' and 'b.####.exr', or --heatmap for the difference of two pictures",
+            ));
+        }
     }
     if let Some(path) = &arguments.heatmap {
         outputs::file(path, Content::Png)?;

@@ -168,10 +168,10 @@ impl fmt::Display for Report {
 }
 
 impl Denoise {
-    /// Reads, denoises, writes and reports. Exit code 2 if a frame failed.
+    /// Reads, denoises, writes and reports.
     ///
     /// # Errors
-    /// If the sequence cannot be begun or written.
+    /// If the sequence cannot be begun, or a frame cannot be read or written; the others are there then.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let provenance = Provenance::begin();
         let settings = self.settings()?;
@@ -217,9 +217,8 @@ impl Denoise {
         if done.denoised > 0 {
             batch.commit()?;
         }
-        let code = if done.failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(2) };
         let seconds = provenance.clone().lap();
-        output.report(&Report {
+        let report = Report {
             output: self.output.clone(),
             method: self.method,
             denoised: done.denoised,
@@ -230,8 +229,21 @@ impl Denoise {
             at_rest: done.at_rest,
             seconds,
             seconds_denoising: done.seconds,
-        })?;
-        Ok(code)
+        };
+        output.report(&report)?;
+        let failed = report.failed.len();
+        if failed > 0 {
+            let list: Vec<String> = report.failed.iter().map(|failed| failed.frame.to_string()).collect();
+            let first = report.failed[0].error.lines().next().unwrap_or_default();
+            let all = failed + report.denoised;
+            return Err(Error::invalid(format!(
+                "{failed} of {all} frames were not denoised: {} ({first})",
+                list.join(", ")
+            ))
+            .at(&self.input)
+            .hint("render the frames above again, then repeat the command with --resume"));
+        }
+        Ok(ExitCode::SUCCESS)
     }
 
     fn settings(&self) -> Result<Settings> {

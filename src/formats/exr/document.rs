@@ -29,7 +29,7 @@ impl Document {
     /// Reads a file. Its samples, and the chunks being decoded, must fit into `limits`.
     ///
     /// # Errors
-    /// The conditions are those of [`read_within`](super::read_within).
+    /// The conditions are those of [`read_within`](super::read_within), and attributes that a file may not have.
     pub fn read(path: &Path, limits: Limits) -> Result<Self> {
         let _reading = Reading::begin(path);
         let (reader, header) = header::open(path)?;
@@ -45,7 +45,10 @@ impl Document {
         decode::blocks(path, reader, &header, &sources, (held, limits), |block, meta| {
             store(image.get_or_insert_with(|| blank(&metas)), block, meta);
         })?;
-        Ok(Self { header, image: image.unwrap_or_else(|| blank(&metas)) })
+        let image = image.unwrap_or_else(|| blank(&metas));
+        // What could not be written again is the input's fault, and is said before there is work in it.
+        fault::translated(path, || MetaData::validate(&image.write().infer_meta_data(), true))?;
+        Ok(Self { header, image })
     }
 
     /// Returns the header that the file had.
