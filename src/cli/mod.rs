@@ -5,6 +5,7 @@ pub mod compare;
 pub mod convert;
 pub mod denoise;
 pub mod diff;
+mod failed;
 pub mod gradient;
 pub mod info;
 pub mod memory;

@@ -1,6 +1,7 @@
 //! `cumulo motion`: how what pictures of a volume show moves from frame to frame.
 
 use super::cancel;
+use super::failed::Failed;
 use super::memory::Memory;
 use super::output::Output;
 use super::outputs::{self, Content};
@@ -67,13 +68,6 @@ pub struct MotionCommand {
     samples: u32,
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
-}
-
-/// A frame without motion.
-#[derive(Debug, Serialize)]
-struct Failed {
-    frame: u32,
-    error: String,
 }
 
 #[derive(Debug, Serialize)]

@@ -15,7 +15,7 @@ pub enum Method {
     Wrls2,
     /// Weighted recursive least squares as published (Iglesias-Guitian, Mane & Moon 2020).
     Wrls,
-    /// The same without weights: outliers are learned as they are.
+    /// Recursive least squares without weights: outliers are learned as they are.
     Rls,
     /// Spatiotemporal variance-guided filtering (Schied et al. 2017), without G-buffers.
     Svgf,

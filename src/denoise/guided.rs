@@ -91,7 +91,7 @@ struct Scratch {
     features: Vec<Features>,
     /// Sums of blocks that moved along, plane after plane.
     sums: Planes,
-    /// The same sums block by block.
+    /// Sums that moved along, block by block.
     blocks: Vec<Sums>,
     /// Sums of the frame.
     fresh: Vec<Sums>,
@@ -455,7 +455,7 @@ struct BandScratch {
     colors: Vec<Colors>,
 }
 
-/// What is known when a frame is learned.
+/// State and inputs when a frame is learned.
 struct Known<'k> {
     state: &'k Guided,
     frame: &'k Frame<'k>,

@@ -1,5 +1,6 @@
 //! `cumulo compare`: how far apart two pictures, or two sequences, are.
 
+mod figures;
 mod frames;
 mod page;
 

@@ -1,6 +1,6 @@
 //! The page of two sequences: plots over the frames, and the frames themselves.
 
-use super::frames::{Figures, Report, Track};
+use super::figures::{Figures, Report, Track};
 use crate::error::Result;
 use crate::report::{Page, Plot, Series, StripFrame};
 use crate::scene::film::Film;

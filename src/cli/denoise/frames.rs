@@ -1,16 +1,17 @@
 //! Frames at work: one thread reads ahead, one denoises, one writes behind.
 
-use super::motion::Moved;
-use super::passes::Pass;
+use super::passes::Directions;
 use super::plan::{Plan, Step};
-use super::{COMMAND, Cuts, Denoise, Failed};
+use super::shot::{Shot, Target};
+use super::{COMMAND, Cuts, Denoise};
+use crate::cli::failed::Failed;
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
-use crate::denoise::{Denoised, Settings, fused};
+use crate::denoise::{Denoised, Settings};
 use crate::error::{Error, Kind, Result};
 use crate::formats::exr::Document;
 use glam::Vec3;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -24,7 +25,7 @@ pub struct Sequence<'s> {
     pub command: &'s Denoise,
 }
 
-/// What was done.
+/// Outcome of a sequence.
 #[derive(Debug, Default)]
 pub struct Done {
     pub denoised: usize,
@@ -33,26 +34,6 @@ pub struct Done {
     pub filled: usize,
     pub at_rest: bool,
     pub seconds: f64,
-}
-
-/// Channels of a document that are denoised together.
-#[derive(Debug, Clone)]
-struct Target {
-    part: usize,
-    channels: Vec<usize>,
-}
-
-/// Colors and motion of a frame.
-#[derive(Debug)]
-pub struct Shot {
-    pub size: [usize; 2],
-    /// Colors by layer.
-    pub layers: Vec<Vec<Vec3>>,
-    pub moved: Moved,
-    filled: usize,
-    targets: Vec<Target>,
-    /// The file, if it will be written.
-    document: Option<Document>,
 }
 
 /// A picture to be written.
@@ -174,23 +155,19 @@ impl Sequence<'_> {
     ) -> Result<Done> {
         let mut done = Done { at_rest: true, ..Done::default() };
         let mut cuts = BTreeSet::new();
-        let mut failed: BTreeMap<u32, String> = BTreeMap::new();
-        let mut passes: Option<[Pass; 2]> = None;
-        let mut kept: BTreeMap<usize, Vec<Denoised>> = BTreeMap::new();
-        let mut expected: Option<([usize; 2], usize)> = None;
-        let find_cuts = self.command.cuts == Cuts::Auto;
+        let mut directions = Directions::new(self.command.method.method(), settings, self.command.cuts == Cuts::Auto);
+        let mut expected = None;
         for step in &plan.steps {
             if cancel.load(Ordering::Relaxed) {
                 return Err(Error::cancelled());
             }
             let (frame, forward, keep) = match *step {
                 Step::Begin => {
-                    passes.iter_mut().flatten().for_each(Pass::reset);
-                    kept.clear();
+                    directions.begin();
                     continue;
                 }
                 Step::Backward => {
-                    passes.iter_mut().for_each(|[_, backward]| backward.reset());
+                    directions.turn();
                     continue;
                 }
                 Step::Look { frame, keep } => (frame, false, keep),
@@ -198,25 +175,12 @@ impl Sequence<'_> {
             };
             let number = self.numbers[frame];
             let Ok(shot) = read.recv() else { return Err(Error::cancelled()) };
-            let shot = shot.and_then(|shot| {
-                let (size, layers) = *expected.get_or_insert((shot.size, shot.layers.len()));
-                if shot.size != size || shot.layers.len() != layers {
-                    let [width, height] = shot.size;
-                    return Err(Error::invalid(format!(
-                        "{width}x{height} pixels, and the frames before have {}x{}",
-                        size[0], size[1]
-                    ))
-                    .at(&self.inputs[frame])
-                    .hint("render it again in the size of the others, or denoise it on its own"));
-                }
-                Ok(shot)
-            });
-            let shot = match shot {
+            let shot = match shot.and_then(|shot| self.fits(frame, shot, &mut expected)) {
                 Ok(shot) => shot,
                 Err(e) if e.kind() == Kind::Cancelled => return Err(e),
                 Err(e) => {
                     if forward && keep {
-                        failed.insert(number, e.to_string());
+                        done.failed.push(Failed { frame: number, error: e.to_string() });
                     } else if forward {
                         output.note(format!("frame {number}, of which others learn: {e}"));
                     }
@@ -225,33 +189,16 @@ impl Sequence<'_> {
             };
             let started = Instant::now();
             done.at_rest &= shot.moved.is_zero();
-            let method = self.command.method.method();
-            let [forwards, backwards] = match &mut passes {
-                Some(passes) => passes,
-                None => passes.insert([
-                    Pass::new(shot.layers.len(), method, settings, true)?,
-                    Pass::new(shot.layers.len(), method, settings, false)?,
-                ]),
-            };
             if !forward {
-                let (denoised, _) = backwards.denoise(number, &shot, find_cuts)?;
-                if keep {
-                    kept.insert(frame, denoised);
-                }
+                directions.look(number, &shot, keep)?;
                 done.seconds += started.elapsed().as_secs_f64();
                 continue;
             }
-            // Its memory serves others until frames are looked at backwards again.
-            backwards.reset();
-            let (mut denoised, cut) = forwards.denoise(number, &shot, find_cuts)?;
+            let (denoised, cut) = directions.denoise(number, &shot)?;
+            done.seconds += started.elapsed().as_secs_f64();
             if cut {
                 cuts.insert(number);
             }
-            if let Some(backward) = kept.remove(&frame) {
-                let pairs = denoised.into_iter().zip(&backward);
-                denoised = pairs.map(|(forward, backward)| fused(forward, backward)).collect();
-            }
-            done.seconds += started.elapsed().as_secs_f64();
             if let Some(document) = shot.document {
                 done.filled += shot.filled;
                 let picture = Picture { frame, document, targets: shot.targets, denoised };
@@ -260,9 +207,20 @@ impl Sequence<'_> {
                 }
             }
         }
-        done.failed = failed.into_iter().map(|(frame, error)| Failed { frame, error }).collect();
         done.cuts = cuts.into_iter().collect();
         Ok(done)
+    }
+
+    /// Returns the frame if it has as many pixels and layers as the first one, which `expected` remembers.
+    fn fits(&self, frame: usize, shot: Shot, expected: &mut Option<([usize; 2], usize)>) -> Result<Shot> {
+        let (size, layers) = *expected.get_or_insert((shot.size, shot.layers.len()));
+        if shot.size == size && shot.layers.len() == layers {
+            return Ok(shot);
+        }
+        let ([width, height], [w, h]) = (shot.size, size);
+        Err(Error::invalid(format!("{width}x{height} pixels, and the frames before have {w}x{h}"))
+            .at(&self.inputs[frame])
+            .hint("render it again in the size of the others, or denoise it on its own"))
     }
 
     /// Writes the pictures that come. Returns those that cannot be written.

@@ -4,7 +4,9 @@ mod frames;
 mod motion;
 mod passes;
 mod plan;
+mod shot;
 
+use super::failed::Failed;
 use super::memory::Memory;
 use super::output::Output;
 use super::outputs;
@@ -95,7 +97,7 @@ enum Way {
     Wrls2,
     /// Weighted recursive least squares as published by Iglesias-Guitian et al. 2020
     Wrls,
-    /// The same without weights against outliers
+    /// Recursive least squares without weights against outliers
     Rls,
     /// Spatiotemporal variance-guided filtering, Schied et al. 2017
     Svgf,
@@ -123,13 +125,6 @@ enum Cuts {
     None,
 }
 
-/// A frame that was not denoised.
-#[derive(Debug, Serialize)]
-struct Failed {
-    frame: u32,
-    error: String,
-}
-
 #[derive(Debug, Serialize)]
 struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
@@ -147,6 +142,22 @@ struct Report {
     seconds: f64,
     /// Seconds of the denoising alone.
     seconds_denoising: f64,
+}
+
+impl Report {
+    /// Returns the exit code.
+    ///
+    /// # Errors
+    /// If a frame failed; the error lists them.
+    fn outcome(&self, input: &Path) -> Result<ExitCode> {
+        let [first, ..] = &self.failed[..] else { return Ok(ExitCode::SUCCESS) };
+        let (failed, all) = (self.failed.len(), self.failed.len() + self.denoised);
+        let list: Vec<String> = self.failed.iter().map(|failed| failed.frame.to_string()).collect();
+        let why = first.error.lines().next().unwrap_or_default();
+        Err(Error::invalid(format!("{failed} of {all} frames were not denoised: {} ({why})", list.join(", ")))
+            .at(input)
+            .hint("render the frames above again, then repeat the command with --resume"))
+    }
 }
 
 impl fmt::Display for Report {
@@ -231,24 +242,11 @@ impl Denoise {
             seconds_denoising: done.seconds,
         };
         output.report(&report)?;
-        let failed = report.failed.len();
-        if failed > 0 {
-            let list: Vec<String> = report.failed.iter().map(|failed| failed.frame.to_string()).collect();
-            let first = report.failed[0].error.lines().next().unwrap_or_default();
-            let all = failed + report.denoised;
-            return Err(Error::invalid(format!(
-                "{failed} of {all} frames were not denoised: {} ({first})",
-                list.join(", ")
-            ))
-            .at(&self.input)
-            .hint("render the frames above again, then repeat the command with --resume"));
-        }
-        Ok(ExitCode::SUCCESS)
+        report.outcome(&self.input)
     }
 
     fn settings(&self) -> Result<Settings> {
         let Self { history, bandwidth, forgetting, spread, likeness, .. } = *self;
-        // The moving average follows a little faster than its feature in the regression.
         Settings { history, bandwidth, forgetting, spread, likeness }.checked()
     }
 

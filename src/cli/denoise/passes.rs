@@ -1,9 +1,10 @@
 //! Denoisers of a frame's layers, in one direction of time.
 
-use super::frames::Shot;
-use crate::denoise::{Denoised, Denoiser, Frame, Method, Settings};
+use super::shot::Shot;
+use crate::denoise::{Denoised, Denoiser, Frame, Method, Settings, fused};
 use crate::error::Result;
 use glam::{Vec2, Vec3};
+use std::collections::BTreeMap;
 
 /// Number of blocks of a thumbnail along its sides.
 const THUMBNAIL: usize = 16;
@@ -93,6 +94,76 @@ impl Pass {
         let away = if shot.moved.after.is_none() || shot.moved.before.is_none() { away.clone() } else { None };
         self.last = Some((number, small, away));
         Ok((denoised, cut))
+    }
+}
+
+/// Passes in both directions of time.
+#[derive(Debug)]
+pub struct Directions {
+    method: Method,
+    settings: Settings,
+    find_cuts: bool,
+    /// Forward and backward; the number of layers is known from the first frame on.
+    passes: Option<[Pass; 2]>,
+    /// What was found backwards, by number of frame.
+    kept: BTreeMap<u32, Vec<Denoised>>,
+}
+
+impl Directions {
+    /// Creates passes that have seen nothing.
+    pub fn new(method: Method, settings: Settings, find_cuts: bool) -> Self {
+        Self { method, settings, find_cuts, passes: None, kept: BTreeMap::new() }
+    }
+
+    /// Begins a piece of work that depends on nothing before.
+    pub fn begin(&mut self) {
+        self.passes.iter_mut().flatten().for_each(Pass::reset);
+        self.kept.clear();
+    }
+
+    /// Begins to look backwards.
+    pub fn turn(&mut self) {
+        self.passes.iter_mut().for_each(|[_, backward]| backward.reset());
+    }
+
+    /// Denoises the next frame backwards.
+    ///
+    /// # Errors
+    /// If the settings cannot be used, or layers contradict their size.
+    pub fn look(&mut self, number: u32, shot: &Shot, keep: bool) -> Result<()> {
+        let cuts = self.find_cuts;
+        let (denoised, _) = self.passes(shot)?[1].denoise(number, shot, cuts)?;
+        if keep {
+            self.kept.insert(number, denoised);
+        }
+        Ok(())
+    }
+
+    /// Denoises the next frame forwards, and fuses the result with the one backwards if there is one. Returns true if it
+    /// begins a shot.
+    ///
+    /// # Errors
+    /// If the settings cannot be used, or layers contradict their size.
+    pub fn denoise(&mut self, number: u32, shot: &Shot) -> Result<(Vec<Denoised>, bool)> {
+        let cuts = self.find_cuts;
+        let [forward, backward] = self.passes(shot)?;
+        // Its memory serves others until frames are looked at backwards again.
+        backward.reset();
+        let (denoised, cut) = forward.denoise(number, shot, cuts)?;
+        let denoised = match self.kept.remove(&number) {
+            Some(backward) => denoised.into_iter().zip(&backward).map(|(f, b)| fused(f, b)).collect(),
+            None => denoised,
+        };
+        Ok((denoised, cut))
+    }
+
+    fn passes(&mut self, shot: &Shot) -> Result<&mut [Pass; 2]> {
+        let layers = shot.layers.len();
+        let pass = |forward| Pass::new(layers, self.method, self.settings, forward);
+        match &mut self.passes {
+            Some(passes) => Ok(passes),
+            empty => Ok(empty.insert([pass(true)?, pass(false)?])),
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-/// What is done with a frame that was read.
+/// Step of the work on a sequence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Step {
     /// A piece of work begins that depends on no earlier one.

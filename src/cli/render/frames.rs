@@ -6,6 +6,7 @@ use super::scattering::Paths;
 use super::subject::Subject;
 use super::{Render, fits};
 use crate::cli::cancel;
+use crate::cli::failed::Failed;
 use crate::cli::output::Output;
 use crate::cli::outputs;
 use crate::cli::parse::DensityScale;
@@ -27,13 +28,6 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
-
-/// A frame that could not be rendered.
-#[derive(Debug, Serialize)]
-struct Failed {
-    frame: u32,
-    error: String,
-}
 
 #[derive(Debug, Serialize)]
 struct Report {
