@@ -2,10 +2,11 @@
 converged references.
 
     scenarios.py FOLDER [--frames 44] [--judged 27-32] [--samples 2] [--reference 1024] [--size 240x180]
-                 [--only VOLUME-SCENARIO ...]
+                 [--only VOLUME-SCENARIO ...] [--levels 1 4 8 ...]
 
 Writes FOLDER/VOLUME-SCENARIO/noisy/frame.####.exr and reference/frame.####.exr, the latter for the judged frames only. Two
-volumes go through each scenario: a plume of smoke and a round cloud. Frames that are there are left as they are. Needs
+volumes go through each scenario: a plume of smoke and a round cloud. With `--levels` there are noisy frames of so many samples,
+too, in FOLDER/VOLUME-SCENARIO-8spp and so on, beside the same references. Frames that are there are left as they are. Needs
 numpy and OpenVDB's Python module (Debian's python3-openvdb). CUMULO is the program, `cumulo` by default.
 """
 
@@ -130,6 +131,7 @@ def main():
     p.add_argument("--reference", type=int, default=1024)
     p.add_argument("--size", default="240x180")
     p.add_argument("--only", nargs="+")
+    p.add_argument("--levels", type=int, nargs="+", default=[])
     a = p.parse_args()
     size = [int(n) for n in a.size.split("x")]
     a.folder.mkdir(parents=True, exist_ok=True)
@@ -153,6 +155,12 @@ def main():
             cameras = folder / "cameras.json"
             render(folder, folder / "noisy", a.samples, 1, cameras, "--aov", LAYERS)
             render(folder, folder / "reference", a.reference, 10_000, cameras, "--frames", a.judged)
+            for level in a.levels:
+                other = a.folder / f"{name}-{level}spp"
+                other.mkdir(exist_ok=True)
+                render(folder, other / "noisy", level, 1, cameras, "--aov", LAYERS)
+                if not (other / "reference").exists():
+                    (other / "reference").symlink_to((folder / "reference").resolve())
             print(name, flush=True)
 
 

@@ -116,8 +116,8 @@ fn parts_agree_with_the_whole() {
     let command = "denoise noisy/frame.####.exr";
     work.json(&format!("{command} -o whole/frame.####.exr --threads 1"));
     work.json(&format!("{command} -o again/frame.####.exr --threads 5"));
-    work.json(&format!("{command} -o chunks/frame.####.exr --chunk 4 --overlap 8"));
-    work.json(&format!("{command} -o range/frame.####.exr --frames 4-7 --overlap 8"));
+    work.json(&format!("{command} -o chunks/frame.####.exr --chunk 4 --overlap 3"));
+    work.json(&format!("{command} -o range/frame.####.exr --frames 4-7 --overlap 3"));
     for number in 0..12 {
         let name = |folder: &str| format!("{folder}/frame.{number:04}.exr");
         let whole = colors(&work, &name("whole"));
@@ -126,14 +126,15 @@ fn parts_agree_with_the_whole() {
         let square = |(p, q): (&[f32; 4], &[f32; 4])| (0..3).map(|c| f64::from(p[c] - q[c]).powi(2)).sum::<f64>();
         let rms = (whole.iter().zip(&chunk).map(square).sum::<f64>() / (3 * whole.len()) as f64).sqrt();
         println!("{number}: rms {rms:.5}");
-        assert!(rms < 5e-3, "{number}: {rms}");
+        // Few frames are learned from: near to the whole, and not the same.
+        assert!(rms > 0.0 && rms < 5e-3, "{number}: {rms}");
         match work.path(&name("range")).exists() {
             true => assert_eq!(chunk, colors(&work, &name("range")), "{number}"),
             false => assert!(!(4..8).contains(&number)),
         }
     }
     std::fs::remove_file(work.path("chunks/frame.0006.exr")).unwrap();
-    let resumed = work.json(&format!("{command} -o chunks/frame.####.exr --chunk 4 --overlap 8 --resume"));
+    let resumed = work.json(&format!("{command} -o chunks/frame.####.exr --chunk 4 --overlap 3 --resume"));
     assert_eq!((&resumed["denoised"], &resumed["skipped"]), (&Value::from(1), &Value::from(11)));
     // Another command's pictures are not replaced unless that is asked for.
     let other = format!("{command} -o whole/frame.####.exr --method ema");

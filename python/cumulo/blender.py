@@ -469,6 +469,7 @@ def _settings(options, capture):
     if options.albedo is not None:
         # Scattered light is seen before black.
         given |= {"model": "scattering", "background": (0.0, 0.0, 0.0), "albedo": (options.albedo,) * 3}
+        given.setdefault("emission", (0.0, 0.0, 0.0))
         given["anisotropy"] = options.anisotropy or 0.0
         given["sky"] = tuple(options.sky or (0.0, 0.0, 0.0))
         given["lights"] = (Sun(tuple(options.sun), (3.0, 3.0, 3.0)),) if options.sun else ()

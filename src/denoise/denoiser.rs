@@ -122,7 +122,7 @@ mod tests {
         let motion = vec![Vec2::new(-shift, 0.0); SIZE[0] * SIZE[1]];
         let denoise = |frame: u32| {
             let color = noisy(&truth(shift * frame as f32), frame);
-            denoiser.denoise(&Frame { size: SIZE, color: &color, motion: Some(&motion) }).unwrap()
+            denoiser.denoise(&Frame { size: SIZE, color: &color, motion: Some(&motion), alpha: None }).unwrap()
         };
         let out = (0..frames).map(denoise).last().unwrap();
         (noisy(&truth(shift * (frames - 1) as f32), frames - 1), out)
@@ -160,7 +160,10 @@ mod tests {
                 color[(50 + frame as usize * 457) % 1200] = Vec3::splat(1e9);
                 let motion: Vec<Vec2> =
                     (0..color.len()).map(|i| if i % 97 == 0 { Vec2::splat(f32::NAN) } else { Vec2::ZERO }).collect();
-                out = denoiser.denoise(&Frame { size: SIZE, color: &color, motion: Some(&motion) }).unwrap().color;
+                out = denoiser
+                    .denoise(&Frame { size: SIZE, color: &color, motion: Some(&motion), alpha: None })
+                    .unwrap()
+                    .color;
                 assert!(out.iter().all(|c| c.is_finite() && c.min_element() >= 0.0), "{method:?} {frame}");
             }
             let far = out.iter().zip(&wanted).filter(|(a, b)| (**a - **b).abs().max_element() > 0.5).count();
@@ -169,10 +172,11 @@ mod tests {
             println!("{method:?}: {far} far off");
             assert!(far <= most, "{method:?}: {far} pixels are far off");
             let all_missing = vec![Vec3::NAN; wanted.len()];
-            let filled = denoiser.denoise(&Frame { size: SIZE, color: &all_missing, motion: None }).unwrap().color;
+            let filled =
+                denoiser.denoise(&Frame { size: SIZE, color: &all_missing, motion: None, alpha: None }).unwrap().color;
             assert!(filled.iter().all(|c| c.is_finite()), "{method:?}");
             let mut fresh = Denoiser::new(method, Settings::default()).unwrap();
-            let black = fresh.denoise(&Frame { size: SIZE, color: &all_missing, motion: None }).unwrap();
+            let black = fresh.denoise(&Frame { size: SIZE, color: &all_missing, motion: None, alpha: None }).unwrap();
             assert!(black.color.iter().all(|c| *c == Vec3::ZERO) && black.confidence.iter().all(|n| *n == 0.0));
         }
     }
@@ -198,13 +202,13 @@ mod tests {
             for frame in 0..2000 {
                 let color: Vec<Vec3> = (0..SMALL[0] * SMALL[1]).map(|i| input(frame, i)).collect();
                 most = color.iter().fold(most, |most, c| most.max(c.max_element()));
-                let out = denoiser.denoise(&Frame { size: SMALL, color: &color, motion: None }).unwrap();
+                let out = denoiser.denoise(&Frame { size: SMALL, color: &color, motion: None, alpha: None }).unwrap();
                 let sane = |c: &Vec3| c.is_finite() && c.min_element() >= 0.0 && c.max_element() <= 4.0 * most;
                 assert!(out.color.iter().all(sane), "{name} {frame}: {:?}", out.color.iter().find(|c| !sane(c)));
             }
             if name == "constant" || name == "spiky" {
                 let color = vec![input(1, 0); SMALL[0] * SMALL[1]];
-                let out = denoiser.denoise(&Frame { size: SMALL, color: &color, motion: None }).unwrap();
+                let out = denoiser.denoise(&Frame { size: SMALL, color: &color, motion: None, alpha: None }).unwrap();
                 let far = out.color.iter().map(|c| (*c - color[0]).abs().max_element()).fold(0.0, f32::max);
                 assert!(far < if name == "spiky" { 30.0 } else { 1e-3 }, "{name}: {far}");
             }
@@ -228,12 +232,16 @@ mod tests {
     fn frames_of_another_size_begin_anew() {
         for method in ALL {
             let mut denoiser = Denoiser::new(method, Settings::default()).unwrap();
-            denoiser.denoise(&Frame { size: SIZE, color: &truth(0.0), motion: None }).unwrap();
+            denoiser.denoise(&Frame { size: SIZE, color: &truth(0.0), motion: None, alpha: None }).unwrap();
             let small = [Vec3::splat(0.25); 6];
-            let out = denoiser.denoise(&Frame { size: [3, 2], color: &small, motion: None }).unwrap();
+            let out = denoiser.denoise(&Frame { size: [3, 2], color: &small, motion: None, alpha: None }).unwrap();
             assert!(out.color.iter().all(|c| c.abs_diff_eq(small[0], 1e-4)), "{method:?} {:?}", out.color);
-            assert!(denoiser.denoise(&Frame { size: [3, 3], color: &small, motion: None }).is_err());
-            assert!(denoiser.denoise(&Frame { size: [3, 2], color: &small, motion: Some(&[Vec2::ZERO]) }).is_err());
+            assert!(denoiser.denoise(&Frame { size: [3, 3], color: &small, motion: None, alpha: None }).is_err());
+            assert!(
+                denoiser
+                    .denoise(&Frame { size: [3, 2], color: &small, motion: Some(&[Vec2::ZERO]), alpha: None })
+                    .is_err()
+            );
         }
         for settings in [
             Settings { history: 1.0, ..Settings::default() },

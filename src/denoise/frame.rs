@@ -14,24 +14,25 @@ pub struct Frame<'f> {
     /// For each pixel the place of what it shows in the frame denoised before, minus its place here, in pixels to the right
     /// and downwards; not finite where it was not seen. `None` for a picture at rest.
     pub motion: Option<&'f [Vec2]>,
+    /// Alpha, which guides what looks for outlines.
+    pub alpha: Option<&'f [f32]>,
 }
 
 impl Frame<'_> {
-    /// Checks that there are as many colors, and motions, as pixels.
+    /// Checks that there are as many colors, motions and alphas as pixels.
     ///
     /// # Errors
     /// If not.
     pub fn check(&self) -> Result<()> {
         let [width, height] = self.size;
         let count = width * height;
-        if count == 0 || self.color.len() != count || self.motion.is_some_and(|motion| motion.len() != count) {
-            return Err(Error::invalid(format!(
-                "{} colors and {:?} motions for {width}x{height} pixels",
-                self.color.len(),
-                self.motion.map(<[Vec2]>::len)
-            )));
+        let lengths = [Some(self.color.len()), self.motion.map(<[Vec2]>::len), self.alpha.map(<[f32]>::len)];
+        if count > 0 && lengths.into_iter().flatten().all(|length| length == count) {
+            return Ok(());
         }
-        Ok(())
+        Err(Error::invalid(format!(
+            "colors, motions and alphas number {lengths:?}, and there are {width}x{height} pixels"
+        )))
     }
 }
 

@@ -60,12 +60,6 @@ impl Lanes {
         }
     }
 
-    /// Returns numbers that lie side by side.
-    #[inline(always)]
-    pub fn of(numbers: &[f32; LANES]) -> Self {
-        Self(*numbers)
-    }
-
     /// Returns the greater of each pair.
     #[inline(always)]
     pub fn max(self, other: Self) -> Self {

@@ -11,12 +11,16 @@
 
 mod blocks;
 mod denoiser;
+mod detail;
 pub mod ema;
 pub mod feature;
 pub mod frame;
 pub mod guided;
+mod history;
 mod lanes;
+mod learning;
 pub mod model;
+mod outline;
 mod settings;
 pub mod svgf;
 mod two_way;

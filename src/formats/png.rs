@@ -2,6 +2,7 @@
 
 use super::atomic;
 use crate::error::{Error, Result};
+use crate::scene::display;
 use crate::scene::film::Film;
 use std::path::Path;
 
@@ -59,9 +60,8 @@ pub fn display_rgb8(film: &Film) -> Vec<u8> {
 }
 
 fn srgb8(linear: f32) -> u8 {
-    let v = if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
     // `as` saturates and turns NaN into 0.
-    (255.0 * v + 0.5) as u8
+    (255.0 * display::value(linear) + 0.5) as u8
 }
 
 #[cfg(test)]

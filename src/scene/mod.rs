@@ -4,6 +4,7 @@
 pub mod bricks;
 pub mod camera;
 pub mod capture;
+pub mod display;
 pub mod emission;
 pub mod environment;
 pub mod film;

@@ -1,9 +1,10 @@
 //! What the parts cost. `cargo bench --bench kernels` prints a table; `python/bench.py` asks for
 //! `-- --json FILE --vdb VOLUME PEER FOLDER` and puts the rows beside those of whole reconstructions. `-- --paths` compares
-//! the specialised kernels of path tracing with the one that serves any scene.
+//! the specialised kernels of path tracing with the one that serves any scene, `-- --denoise` is about denoisers.
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a bench stops at the first fault and prints its figures")]
 
+mod denoise;
 mod dvr;
 #[path = "../fields/mod.rs"]
 mod fields;
@@ -31,6 +32,9 @@ fn main() {
     }
     if after(paths::PATHS).is_some() {
         return print!("{}", row::table(&paths::rows()));
+    }
+    if after(denoise::DENOISE).is_some() {
+        return print!("{}", row::table(&denoise::rows()));
     }
     let mut rows = rays::rows();
     if let Some([volume, peer, folder, ..]) = after("--vdb") {

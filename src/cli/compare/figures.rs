@@ -1,11 +1,12 @@
 //! Figures of sequences against a reference.
 
+use super::space::{Space, flip};
 use crate::error::Result;
-use crate::formats::png;
 use crate::metrics::error::psnr_db;
-use crate::metrics::{self, Comparison, flicker, flip};
+use crate::metrics::{self, Comparison, flicker};
 use crate::scene::film::Film;
 use serde::Serialize;
+use std::borrow::Cow;
 use std::fmt;
 use std::path::PathBuf;
 
@@ -102,8 +103,10 @@ impl fmt::Display for Report {
 }
 
 /// Comparison of a sequence with its reference, frame by frame.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Gauge {
+    space: Space,
+    with_flip: bool,
     frames: Vec<Figures>,
     errors: Vec<f64>,
     /// Of the change to each frame, where the one before is there.
@@ -113,14 +116,20 @@ pub struct Gauge {
 }
 
 impl Gauge {
+    /// Begins a comparison of values in a space, with FLIP or without.
+    pub fn new(space: Space, with_flip: bool) -> Self {
+        Self { space, with_flip, frames: Vec::new(), errors: Vec::new(), changes: Vec::new(), peak: 0.0, before: None }
+    }
+
     /// Compares the next frame.
     ///
     /// # Errors
     /// If the films have different sizes.
-    pub fn add(&mut self, number: u32, films: [&Film; 2], with_flip: bool) -> Result<Comparison> {
-        let c = metrics::compare(films[0], films[1])?;
+    pub fn add(&mut self, number: u32, linear: [&Film; 2]) -> Result<Comparison> {
+        let films = linear.map(|film| self.space.of(film));
+        let c = metrics::compare(&films[0], &films[1])?;
         let follows = self.before.as_ref().filter(|(last, old)| last + 1 == number && old[0].width == films[0].width);
-        self.changes.push(follows.map(|(_, old)| flicker::error([&old[0], films[0]], [&old[1], films[1]])));
+        self.changes.push(follows.map(|(_, old)| flicker::error([&old[0], &films[0]], [&old[1], &films[1]])));
         self.errors.push(c.rms * c.rms);
         self.peak = self.peak.max(c.peak);
         self.frames.push(Figures {
@@ -129,13 +138,10 @@ impl Gauge {
             ssim: c.ssim,
             rel_mse: c.rel_mse,
             max_abs: c.max_abs,
-            flip: with_flip.then(|| {
-                let [a, b] = films.map(png::display_rgb8);
-                flip::mean(&a, &b, [films[0].width as u32, films[0].height as u32])
-            }),
+            flip: self.with_flip.then(|| flip(linear)),
             flicker_psnr_db: None,
         });
-        self.before = Some((number, films.map(Film::clone)));
+        self.before = Some((number, films.map(Cow::into_owned)));
         Ok(c)
     }
 

@@ -45,7 +45,8 @@ pub fn run(arguments: &Arguments, [a, b]: [&Pattern; 2], output: &Output) -> Res
         report::prepare(dir)?;
     }
     let bar = output.progress(both.len() as u64, "compare");
-    let (mut first, mut other, mut gallery) = (Gauge::default(), Gauge::default(), Gallery::new(both.len()));
+    let gauge = || Gauge::new(arguments.space(), arguments.flip);
+    let (mut first, mut other, mut gallery) = (gauge(), gauge(), Gallery::new(both.len()));
     let mut differ = false;
     for (at, number) in both.into_iter().enumerate() {
         let paths: Vec<PathBuf> = patterns.iter().map(|pattern| pattern.path(number)).collect();
@@ -54,7 +55,7 @@ pub fn run(arguments: &Arguments, [a, b]: [&Pattern; 2], output: &Output) -> Res
         let reference = films.len() - 1;
         let add = |gauge: &mut Gauge, which: usize| {
             let named = |e: Error| e.part(format!("{} and {}", paths[which].display(), paths[reference].display()));
-            gauge.add(number, [films[which], films[reference]], arguments.flip).map_err(named)
+            gauge.add(number, [films[which], films[reference]]).map_err(named)
         };
         if reference == 2 {
             add(&mut other, 0)?;
@@ -83,7 +84,7 @@ fn films(arguments: &Arguments, paths: &[PathBuf]) -> Result<Vec<Film>> {
     let limits = arguments.memory.limits();
     let [.., reference] = paths else { return Ok(Vec::new()) };
     for path in &paths[..paths.len() - 1] {
-        super::check_memory([path, reference], arguments.flip, limits)?;
+        arguments.check_memory([path, reference], limits)?;
     }
     let layer = arguments.layer.as_deref();
     paths.iter().map(|path| Ok(exr::picture_within(path, layer, limits)?.film)).collect()

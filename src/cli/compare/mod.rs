@@ -3,6 +3,7 @@
 mod figures;
 mod frames;
 mod page;
+mod space;
 
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
@@ -14,6 +15,7 @@ use crate::formats::{exr, png};
 use crate::metrics::{self, Comparison, flip, heatmap};
 use crate::text::printable;
 use serde::Serialize;
+use space::Space;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -21,7 +23,7 @@ use std::process::ExitCode;
 /// Compare two EXR pictures, or two sequences of them
 ///
 /// Exit code 0 if they agree, 1 if they differ, 2 if they cannot be compared. Figures are of the colors in
-/// scene-linear values; psnr_db refers to white, or to the second picture's peak if that is brighter. Of sequences,
+/// scene-linear values unless --display is given; psnr_db refers to white, or to the second picture's peak if that is brighter. Of sequences,
 /// 'a.####.exr', frames of equal number are compared; flicker_psnr_db is of the changes from frame to frame.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
@@ -44,11 +46,48 @@ pub struct Arguments {
     /// Another sequence to compare with the second and to show in the report, such as the noisy one
     #[arg(long, value_name = "C.####.exr")]
     beside: Option<PathBuf>,
+    /// Compare display values (sRGB, clipped to 0..1) instead of scene-linear ones
+    #[arg(long)]
+    display: bool,
     /// Compute FLIP, too, a difference as people see it (0 to 1), of display values
     #[arg(long)]
     flip: bool,
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
+}
+
+impl Arguments {
+    fn space(&self) -> Space {
+        if self.display { Space::Display } else { Space::Linear }
+    }
+
+    /// Returns the bytes of each film.
+    ///
+    /// # Errors
+    /// If a picture cannot be read, or both films and the working memory of their comparison exceed the limits.
+    fn check_memory(&self, paths: [&Path; 2], limits: Limits) -> Result<[u64; 2]> {
+        let (mut films, mut working) = ([0; 2], 0);
+        for (film, path) in films.iter_mut().zip(paths) {
+            let [width, height] = exr::header(path)?.display_window.size;
+            *film = 16 * (width as u64).saturating_mul(height as u64);
+            let flip = if self.flip { *film / 16 * flip::PIXEL_BYTES } else { 0 };
+            // Display values are copies of both pictures.
+            let copies = if self.display { 2 * *film } else { 0 };
+            working = working.max(metrics::working_memory(width, height).saturating_add(flip).saturating_add(copies));
+        }
+        let needed = films[0].saturating_add(films[1]).saturating_add(working);
+        if needed <= limits.max_memory {
+            return Ok(films);
+        }
+        let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+        Err(Error::unsupported(format!(
+            "comparing them needs {} MiB, {} MiB are allowed",
+            mib(needed),
+            mib(limits.max_memory)
+        ))
+        .part(format!("{} and {}", paths[0].display(), paths[1].display()))
+        .hint("raise --max-memory, or compare smaller pictures"))
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -93,32 +132,6 @@ impl fmt::Display for Report {
     }
 }
 
-/// Returns the bytes of each film.
-///
-/// # Errors
-/// If a picture cannot be read, or both films and the working memory of their comparison exceed the limits.
-fn check_memory(paths: [&Path; 2], flip: bool, limits: Limits) -> Result<[u64; 2]> {
-    let (mut films, mut working) = ([0; 2], 0);
-    for (film, path) in films.iter_mut().zip(paths) {
-        let [width, height] = exr::header(path)?.display_window.size;
-        *film = 16 * (width as u64).saturating_mul(height as u64);
-        let flip = if flip { *film / 16 * flip::PIXEL_BYTES } else { 0 };
-        working = working.max(metrics::working_memory(width, height).saturating_add(flip));
-    }
-    let needed = films[0].saturating_add(films[1]).saturating_add(working);
-    if needed <= limits.max_memory {
-        return Ok(films);
-    }
-    let mib = |bytes: u64| bytes.div_ceil(1 << 20);
-    Err(Error::unsupported(format!(
-        "comparing them needs {} MiB, {} MiB are allowed",
-        mib(needed),
-        mib(limits.max_memory)
-    ))
-    .part(format!("{} and {}", paths[0].display(), paths[1].display()))
-    .hint("raise --max-memory, or compare smaller pictures"))
-}
-
 /// Runs the command.
 ///
 /// # Errors
@@ -147,22 +160,20 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
     }
     let layer = arguments.layer.as_deref();
     let limits = arguments.memory.limits();
-    let films = check_memory([&arguments.a, &arguments.b], arguments.flip, limits)?;
+    let films = arguments.check_memory([&arguments.a, &arguments.b], limits)?;
     let a = exr::picture_within(&arguments.a, layer, limits)?;
     let rest = Limits { max_memory: limits.max_memory.saturating_sub(films[0]) };
     let b = exr::picture_within(&arguments.b, layer, rest)?;
-    let comparison = metrics::compare(&a.film, &b.film)
+    let shown = [&a.film, &b.film].map(|film| arguments.space().of(film));
+    let comparison = metrics::compare(&shown[0], &shown[1])
         .map_err(|e| e.part(format!("{} and {}", arguments.a.display(), arguments.b.display())))?;
     let mut heatmap_scale = None;
     if let Some(path) = &arguments.heatmap {
-        let (rgb, scale) = heatmap::difference_rgb8(&a.film, &b.film);
+        let (rgb, scale) = heatmap::difference_rgb8(&shown[0], &shown[1]);
         png::write_rgb8(path, a.film.width, a.film.height, &rgb)?;
         heatmap_scale = Some(scale);
     }
-    let flip = arguments.flip.then(|| {
-        let [x, y] = [&a.film, &b.film].map(png::display_rgb8);
-        flip::mean(&x, &y, [a.film.width as u32, a.film.height as u32])
-    });
+    let flip = arguments.flip.then(|| space::flip([&a.film, &b.film]));
     let differ = !comparison.within(arguments.tolerance);
     drop(stage);
     output.report(&Report { comparison, layers: [a.layer, b.layer], differ, flip, heatmap_scale })?;

@@ -2,8 +2,8 @@
 
 use super::passes::Directions;
 use super::plan::{Plan, Step};
-use super::shot::{Shot, Target};
-use super::{COMMAND, Cuts, Denoise};
+use super::shot::{Layer, Shot, Target};
+use super::{COMMAND, Cuts, Denoise, Guide};
 use crate::cli::failed::Failed;
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
@@ -11,8 +11,9 @@ use crate::denoise::{Denoised, Settings};
 use crate::error::{Error, Kind, Result};
 use crate::formats::exr::Document;
 use glam::Vec3;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
@@ -34,6 +35,12 @@ pub struct Done {
     pub filled: usize,
     pub at_rest: bool,
     pub seconds: f64,
+}
+
+/// Returns the channel of the beauty's alpha, if it lies in the part.
+fn beauty_alpha(document: &Document, part: usize) -> Option<usize> {
+    let beauty = document.layer(None).ok().filter(|beauty| beauty.part == part)?;
+    document.component(&beauty, "A")
 }
 
 /// A picture to be written.
@@ -102,6 +109,8 @@ impl Sequence<'_> {
         let size = document.size(targets[0].part);
         let mut filled = 0;
         let mut layers = Vec::new();
+        // Layers may have one alpha.
+        let mut alphas: BTreeMap<[usize; 2], Arc<Vec<f32>>> = BTreeMap::new();
         for target in &targets {
             if document.size(target.part) != size {
                 return Err(Error::invalid("the layers have different sizes")
@@ -113,12 +122,22 @@ impl Sequence<'_> {
             let colors = plane(0).iter().zip(plane(1)).zip(plane(2));
             let colors: Vec<Vec3> = colors.map(|((r, g), b)| Vec3::new(*r, *g, *b)).collect();
             filled += colors.iter().filter(|color| !color.is_finite()).count();
-            layers.push(colors);
+            let alpha = target.alpha.map(|channel| {
+                let samples = || Arc::new(document.samples(target.part, channel));
+                Arc::clone(alphas.entry([target.part, channel]).or_insert_with(samples))
+            });
+            layers.push(Layer { color: colors, alpha });
         }
         let moved = self.command.motion.of(&document, size, number, limits).map_err(|e| match e.path() {
             Some(_) => e,
             None => e.at(path),
         })?;
+        if let Some(alpha) = &moved.alpha {
+            let guided = layers.iter_mut().zip(&targets).filter(|(_, target)| target.channels.len() > 1);
+            guided
+                .filter(|_| self.command.guide == Guide::Alpha)
+                .for_each(|(layer, _)| layer.alpha = Some(alpha.clone()));
+        }
         Ok(Shot { size, layers, moved, filled, targets, document: write.then_some(document) })
     }
 
@@ -136,9 +155,14 @@ impl Sequence<'_> {
                     .part(format!("layer '{}'", layer.name))
                     .hint("name layers with R, G and B with --layers; `cumulo info` lists them")
             })?;
-            targets.push(Target { part: layer.part, channels: channels.to_vec() });
-            let alpha = self.command.alpha.then(|| document.component(&layer, "A")).flatten();
-            targets.extend(alpha.map(|alpha| Target { part: layer.part, channels: vec![alpha] }));
+            let own = document.component(&layer, "A");
+            let guide = match self.command.guide {
+                Guide::Alpha => own.or_else(|| beauty_alpha(document, layer.part)),
+                Guide::None => None,
+            };
+            targets.push(Target { part: layer.part, channels: channels.to_vec(), alpha: guide });
+            let alpha = own.filter(|_| self.command.alpha);
+            targets.extend(alpha.map(|alpha| Target { part: layer.part, channels: vec![alpha], alpha: None }));
         }
         Ok(targets)
     }

@@ -49,12 +49,18 @@ pub struct Denoise {
     /// Layers of color to denoise, comma-separated (default: the beauty)
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     layers: Vec<String>,
+    /// What shows the outlines that must stay sharp, for wrls2
+    #[arg(long, value_enum, default_value_t = Guide::Alpha)]
+    guide: Guide,
     /// Denoise the alpha of these layers, too
     #[arg(long)]
     alpha: bool,
     /// Add the layer `confidence`: the number of samples that each pixel rests on
     #[arg(long)]
     confidence: bool,
+    /// Frames that a frame learns from, for wrls2
+    #[arg(long, value_enum, default_value_t = Direction::Both)]
+    direction: Direction,
     /// Work in chunks of N frames that do not depend on each other
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     chunk: Option<u32>,
@@ -115,6 +121,22 @@ impl Way {
             Self::Ema => Method::Ema,
         }
     }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Direction {
+    /// Those before and after it
+    Both,
+    /// Those before it, in half the time
+    Forward,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Guide {
+    /// Alpha: of the files of the motion, else of the layer, else of the beauty; it does not count where it is noisy
+    Alpha,
+    /// The colors alone
+    None,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -216,7 +238,8 @@ impl Denoise {
         let sizes = inputs.iter().find_map(|input| Some(exr::header(input).ok()?.display_window.size));
         let layers = self.layers.len().max(1) * if self.alpha { 2 } else { 1 };
         let kept = plan::kept(sizes.map_or(0, |[width, height]| width * height * layers));
-        let plan = Plan::new(&write, self.method.method().looks_ahead(), self.chunk, self.overlap as usize, kept);
+        let two_way = self.method.method().looks_ahead() && self.direction == Direction::Both;
+        let plan = Plan::new(&write, two_way, self.chunk, self.overlap as usize, kept);
         let sequence = frames::Sequence { numbers: &numbers, inputs: &inputs, outputs: &outputs, command: self };
         let done = sequence.run(&plan, settings, &provenance, cancel::listen(), output)?;
         if done.at_rest && self.motion == Motion::Auto && done.denoised > 1 {

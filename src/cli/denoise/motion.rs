@@ -7,6 +7,7 @@ use crate::formats::limits::Limits;
 use glam::Vec2;
 use std::path::PathBuf;
 use std::str::FromStr;
+use std::sync::Arc;
 
 /// Source of the motion.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -41,6 +42,8 @@ impl FromStr for Motion {
 pub struct Moved {
     pub before: Option<Vec<Vec2>>,
     pub after: Option<Vec<Vec2>>,
+    /// Alpha of the files that the motion comes from, which has no noise.
+    pub alpha: Option<Arc<Vec<f32>>>,
 }
 
 impl Moved {
@@ -62,7 +65,12 @@ impl Motion {
             Self::Files(path) => {
                 let path = pattern(path, "the frames' motions")?.path(number);
                 let document = Document::read(&path, limits)?;
-                return of_layer(&document, "Vector", size).map_err(|e| e.at(&path));
+                let moved = of_layer(&document, "Vector", size).map_err(|e| e.at(&path))?;
+                let alpha = document.layer(None).ok().and_then(|layer| {
+                    let alpha = document.component(&layer, "A")?;
+                    (document.size(layer.part) == size).then(|| Arc::new(document.samples(layer.part, alpha)))
+                });
+                return Ok(Moved { alpha, ..moved });
             }
             Self::Layer(name) => name,
             Self::Auto => {
@@ -99,5 +107,5 @@ fn of_layer(document: &Document, name: &str, size: [usize; 2]) -> Result<Moved> 
     };
     let before = x.iter().zip(&y).map(|(x, y)| Vec2::new(*x, -y)).collect();
     let after = plane("Z").zip(plane("W")).map(|(z, w)| z.iter().zip(&w).map(|(z, w)| Vec2::new(-z, *w)).collect());
-    Ok(Moved { before: Some(before), after })
+    Ok(Moved { before: Some(before), after, alpha: None })
 }

@@ -1,9 +1,10 @@
 //! Denoisers of a frame's layers, in one direction of time.
 
-use super::shot::Shot;
+use super::shot::{Layer, Shot};
 use crate::denoise::{Denoised, Denoiser, Frame, Method, Settings, fused};
 use crate::error::Result;
 use glam::{Vec2, Vec3};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// Number of blocks of a thumbnail along its sides.
@@ -65,7 +66,7 @@ impl Pass {
     /// # Errors
     /// If its layers contradict its size.
     pub fn denoise(&mut self, number: u32, shot: &Shot, cuts: bool) -> Result<(Vec<Denoised>, bool)> {
-        let small = thumbnail(&shot.layers[0], shot.size);
+        let small = thumbnail(&shot.layers[0].color, shot.size);
         let cut = cuts && self.last.as_ref().is_some_and(|(_, last, _)| is_cut(last, &small));
         if cut {
             self.reset();
@@ -81,14 +82,15 @@ impl Pass {
             let (.., away) = self.last.as_ref()?;
             away.as_ref().map(|away| away.iter().map(|motion| -*motion).collect::<Vec<_>>())
         };
-        let motion = match toward {
-            Some(motion) if gap == 1.0 => Some(motion.clone()),
+        let motion: Option<Cow<'_, [Vec2]>> = match toward {
+            Some(motion) if gap == 1.0 => Some(motion.into()),
             Some(motion) => Some(motion.iter().map(|motion| *motion * gap).collect()),
-            None => turned(),
+            None => turned().map(Cow::Owned),
         };
         let layers = shot.layers.iter().zip(&mut self.denoisers);
-        let of = |(color, denoiser): (&Vec<Vec3>, &mut Denoiser)| {
-            denoiser.denoise(&Frame { size: shot.size, color, motion: motion.as_deref() })
+        let of = |(Layer { color, alpha }, denoiser): (&Layer, &mut Denoiser)| {
+            let alpha = alpha.as_ref().map(|alpha| &alpha[..]);
+            denoiser.denoise(&Frame { size: shot.size, color, motion: motion.as_deref(), alpha })
         };
         let denoised = layers.map(of).collect::<Result<_>>()?;
         let away = if shot.moved.after.is_none() || shot.moved.before.is_none() { away.clone() } else { None };

@@ -3,7 +3,7 @@
 use super::decode::{self, Source};
 use super::header::{self, Header, LayerInfo};
 use super::picture;
-use super::{fault, write};
+use super::{encode, fault, write};
 use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::formats::limits::Limits;
@@ -126,10 +126,7 @@ impl Document {
     /// # Errors
     /// If the operating system reports one.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let mut bytes = std::io::Cursor::new(Vec::new());
-        let written = fault::translated(path, || self.image.write().to_buffered(&mut bytes));
-        written.map_err(|e: Error| e.at(path))?;
-        let mut bytes = bytes.into_inner();
+        let mut bytes = fault::translated(path, || encode::file(&self.image)).map_err(|e: Error| e.at(path))?;
         write::sort_attributes(&mut bytes);
         atomic::write_bytes(path, &bytes)
     }

@@ -16,6 +16,7 @@ mod attributes;
 mod decode;
 mod document;
 mod dwa;
+mod encode;
 mod fault;
 mod header;
 mod picture;

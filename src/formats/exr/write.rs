@@ -1,10 +1,9 @@
 //! Writing of pictures: one part of scan lines with ZIP compression.
 
-use super::fault;
+use super::{encode, fault};
 use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::scene::film::Film;
-use exr::image::write::WritableImage;
 use exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer};
 use exr::meta::attribute::{AttributeValue, Compression, LineOrder, Text};
 use exr::meta::header::{LayerAttributes, standard_names};
@@ -47,9 +46,7 @@ fn encoded(path: &Path, film: &Film, attributes: &Attributes, half: bool) -> Res
     };
     let channels = channels(film, half)?;
     let image = Image::from_layer(Layer::new((width, height), layer_attributes(attributes)?, encoding, channels));
-    let mut bytes = std::io::Cursor::new(Vec::new());
-    fault::translated(path, || image.write().to_buffered(&mut bytes))?;
-    let mut bytes = bytes.into_inner();
+    let mut bytes = fault::translated(path, || encode::file(&image))?;
     sort_attributes(&mut bytes);
     Ok(bytes)
 }

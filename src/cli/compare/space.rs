@@ -1,0 +1,32 @@
+//! Values that are compared.
+
+use crate::formats::png;
+use crate::metrics;
+use crate::scene::display;
+use crate::scene::film::Film;
+use std::borrow::Cow;
+
+/// Space of the values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Space {
+    /// Scene-linear values.
+    Linear,
+    /// Display values: sRGB, clipped to 0..1.
+    Display,
+}
+
+impl Space {
+    /// Returns the values of a scene-linear film.
+    pub fn of(self, film: &Film) -> Cow<'_, Film> {
+        match self {
+            Self::Linear => Cow::Borrowed(film),
+            Self::Display => Cow::Owned(display::film(film)),
+        }
+    }
+}
+
+/// Returns the mean FLIP of a scene-linear picture against a reference of equal size.
+pub fn flip(films: [&Film; 2]) -> f64 {
+    let [a, b] = films.map(png::display_rgb8);
+    metrics::flip::mean(&a, &b, [films[0].width as u32, films[0].height as u32])
+}

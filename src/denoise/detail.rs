@@ -1,0 +1,79 @@
+//! Detail within opaque parts of a picture, where alpha guides nothing.
+//!
+//! There the feature is a mean over many pixels, which blurs what is finer. A mean over few pixels is mixed in as far as both
+//! differ by more than noise: of a difference d with the variance n of its noise, the share `1 - n / E[d²]` is signal (Wiener).
+
+use super::blocks::{BLOCK, Planes};
+use super::history::Features;
+use super::lanes::{LANES, Lanes};
+
+/// Mean alpha from which on detail is mixed in; it is fully so where all around is opaque.
+const LEAST_ALPHA: f32 = 0.9;
+/// Variance of the noise in the mean over few pixels, as a share of that in a pixel's color.
+const LEFT: f32 = 0.02;
+
+/// Noise of the colors, as far as it is known.
+#[derive(Debug, Clone, Copy)]
+pub struct Noise<'n> {
+    /// Sums by block.
+    pub sums: &'n Planes,
+    /// Plane of the sums of squared errors as shares of the feature's square, behind which their count lies.
+    pub plane: usize,
+    /// Root mean square of the features.
+    pub level: f32,
+}
+
+impl Noise<'_> {
+    /// Added to the squares of features, of which errors are shares.
+    #[inline(always)]
+    pub fn floor(level: f32) -> f32 {
+        (1e-2 * level).powi(2) + 1e-30
+    }
+
+    /// Returns the sum and the count of the errors in the blocks that eight pixels lie in.
+    #[inline(always)]
+    fn errors(&self, row: usize, at: usize) -> [f32; 2] {
+        [self.plane, self.plane + 1].map(|plane| {
+            let blocks = &self.sums.row(row, plane)[at * LANES / BLOCK..][..LANES / BLOCK];
+            blocks.iter().sum::<f32>()
+        })
+    }
+}
+
+/// Returns how far detail is mixed in by the mean alpha around.
+#[inline(always)]
+pub fn opaqueness(alpha: Lanes) -> Lanes {
+    ((alpha - LEAST_ALPHA) * (1.0 / (1.0 - LEAST_ALPHA))).max(Lanes::ZERO).min(Lanes([1.0; LANES]))
+}
+
+/// Mixes means over few pixels (`near`) into the features of row `y`, by `opaque`.
+#[inline(always)]
+pub fn mix(
+    y: usize,
+    features: &mut [Features],
+    near: &[Features],
+    opaque: &[Lanes],
+    noise: Noise<'_>,
+    sums: &mut Vec<[f32; 2]>,
+) {
+    let floor = Noise::floor(noise.level);
+    sums.clear();
+    for (at, (features, near)) in features.iter().zip(near).enumerate() {
+        let (mut apart, mut square) = (Lanes::ZERO, Lanes([floor; LANES]));
+        for c in 0..3 {
+            apart += (near[c] - features[c]) * (near[c] - features[c]);
+            square += features[c] * features[c];
+        }
+        let [error, count] = noise.errors(y / BLOCK, at);
+        let expected = LEFT * error / (count + 1e-3);
+        sums.push([apart.0.iter().sum::<f32>(), expected * square.0.iter().sum::<f32>()]);
+    }
+    for (at, ((features, near), opaque)) in features.iter_mut().zip(near).zip(opaque).enumerate() {
+        let around = &sums[at.saturating_sub(1)..(at + 2).min(sums.len())];
+        let [apart, expected] = around.iter().fold([0.0; 2], |[p, q], [r, s]| [p + r, q + s]);
+        let share = *opaque * (1.0 - expected / (apart + 1e-30)).max(0.0);
+        for c in 0..3 {
+            features[c] += (near[c] - features[c]) * share;
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! Alpha as a guide: whether it shows outlines better than noisy colors do.
+
+use super::frame::Frame;
+use glam::Vec3;
+
+/// Rows of which one is looked at.
+const LOOK: usize = 4;
+/// Alpha from which on a pixel counts as opaque.
+const OPAQUE: f32 = 0.999;
+/// Share of the looked-at pixels that must be empty for the background to be judged.
+const LEAST_EMPTY: f32 = 1.0 / 256.0;
+/// Weight of the prior that colors are proportional to alpha: where something shows behind, and where all is black.
+const PROPORTIONAL: [f32; 2] = [0.1, 10.0];
+/// Alphas between which a pixel and all around it lie for its noise to be told from an outline.
+const PARTIAL: [f32; 2] = [0.02, 0.98];
+/// Greatest variance of the noise as a share of `α (1 - α)`, which is that of one path that ends in the volume or does not:
+/// where alpha is partial all around, and in the whole picture, whose outlines count as noise.
+const NOISE: [f32; 2] = [0.015, 0.15];
+/// Sum of the squares of the kernel that noise is measured by.
+const KERNEL: f32 = 36.0;
+
+/// Guide that a frame has.
+#[derive(Debug, Clone, Copy)]
+pub struct Outline<'f> {
+    /// Alpha, if it tells anything: not if it is opaque everywhere, or noisy.
+    pub alpha: Option<&'f [f32]>,
+    /// Weight of the prior that colors are proportional to alpha.
+    pub proportional: f32,
+}
+
+impl<'f> Outline<'f> {
+    /// Returns the guide of a frame.
+    pub fn of(frame: &Frame<'f>) -> Self {
+        let [width, _] = frame.size;
+        let (mut empty, mut lit, mut clear, mut all) = (0, 0, 0, 0);
+        let alphas = frame.alpha.unwrap_or_default();
+        for (alphas, colors) in alphas.chunks(width).zip(frame.color.chunks(width)).step_by(LOOK) {
+            for (alpha, color) in alphas.iter().zip(colors) {
+                all += 1;
+                clear += u32::from(*alpha < OPAQUE);
+                empty += u32::from(*alpha == 0.0);
+                lit += u32::from(*alpha == 0.0 && *color != Vec3::ZERO);
+            }
+        }
+        let black = lit == 0 && empty as f32 > LEAST_EMPTY * all as f32;
+        let alpha = frame.alpha.filter(|alpha| clear > 0 && !is_noisy(alpha, width));
+        Self { alpha, proportional: PROPORTIONAL[usize::from(black)] }
+    }
+}
+
+/// True if alpha was sampled by few paths. The noise is measured by second differences in both directions (Immerkær 1996).
+fn is_noisy(alpha: &[f32], width: usize) -> bool {
+    let [mut partial, mut whole] = [[0.0_f64; 2]; 2];
+    let rows: Vec<&[f32]> = alpha.chunks(width).collect();
+    for lines in rows.windows(3).step_by(LOOK) {
+        let mut sums = [[0.0_f32; 2]; 2];
+        for ((above, here), below) in lines[0].windows(3).zip(lines[1].windows(3)).zip(lines[2].windows(3)) {
+            let second = |line: &[f32]| (line[0] + line[2]) - 2.0 * line[1];
+            let noise = ((second(above) + second(below)) - 2.0 * second(here)).powi(2) / KERNEL;
+            let own = here[1] * (1.0 - here[1]);
+            if !(noise + own).is_finite() {
+                continue;
+            }
+            let all = above.iter().chain(here).chain(below);
+            let [low, high] = all.fold([1.0_f32, 0.0], |[low, high], v| [low.min(*v), high.max(*v)]);
+            let inside = if low > PARTIAL[0] && high < PARTIAL[1] { 1.0 } else { 0.0 };
+            sums[0] = [sums[0][0] + inside * noise, sums[0][1] + inside * own];
+            sums[1] = [sums[1][0] + noise, sums[1][1] + own];
+        }
+        for (total, sum) in [&mut partial, &mut whole].into_iter().zip(sums) {
+            for (total, sum) in total.iter_mut().zip(sum) {
+                *total += f64::from(sum);
+            }
+        }
+    }
+    let exceeds = |[noise, own]: [f64; 2], most: f32| noise > f64::from(most) * own;
+    exceeds(partial, NOISE[0]) || exceeds(whole, NOISE[1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: [usize; 2] = [64, 48];
+
+    /// A ball with a soft outline, of which each pixel is `paths` paths' share if that is not 0.
+    fn ball(paths: u32) -> Vec<f32> {
+        let at = |i: usize| {
+            let (x, y) = ((i % SIZE[0]) as f32 - 32.0, (i / SIZE[0]) as f32 - 24.0);
+            let alpha = (0.5 - 0.08 * (x.hypot(y) - 14.0)).clamp(0.0, 1.0);
+            let hit = |path: u32| {
+                let h = ((i as u32 * 64 + path) ^ 0x9E37_79B9).wrapping_mul(0x85EB_CA6B);
+                let h = (h ^ (h >> 13)).wrapping_mul(0xC2B2_AE35);
+                ((h ^ (h >> 16)) as f32) < alpha * u32::MAX as f32
+            };
+            if paths == 0 { alpha } else { (0..paths).filter(|path| hit(*path)).count() as f32 / paths as f32 }
+        };
+        (0..SIZE[0] * SIZE[1]).map(at).collect()
+    }
+
+    fn outline<'f>(alpha: &'f [f32], color: &'f [Vec3]) -> Outline<'f> {
+        Outline::of(&Frame { size: SIZE, color, motion: None, alpha: Some(alpha) })
+    }
+
+    #[test]
+    fn clean_alpha_guides_and_noisy_or_opaque_alpha_does_not() {
+        let clean = ball(0);
+        let colors: Vec<Vec3> = clean.iter().map(|alpha| Vec3::splat(*alpha)).collect();
+        assert!(outline(&clean, &colors).alpha.is_some());
+        for paths in [1, 2, 4, 8, 16] {
+            assert!(outline(&ball(paths), &colors).alpha.is_none(), "{paths}");
+        }
+        // A sharp outline is no noise.
+        let sharp: Vec<f32> = clean.iter().map(|alpha| ((alpha - 0.5) * 8.0 + 0.5).clamp(0.0, 1.0)).collect();
+        assert!(outline(&sharp, &colors).alpha.is_some());
+        assert!(outline(&vec![1.0; colors.len()], &colors).alpha.is_none());
+        assert!(outline(&vec![f32::NAN; colors.len()], &colors).alpha.is_none());
+    }
+
+    #[test]
+    fn a_background_that_shows_is_no_share_of_alpha() {
+        let alpha = ball(0);
+        let over = |background: f32| -> f32 {
+            let color = |alpha: &f32| Vec3::splat(*alpha + (1.0 - alpha) * background);
+            outline(&alpha, &alpha.iter().map(color).collect::<Vec<_>>()).proportional
+        };
+        assert_eq!([over(0.2), over(0.0)], PROPORTIONAL);
+    }
+}
