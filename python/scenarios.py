@@ -2,11 +2,11 @@
 converged references.
 
     scenarios.py FOLDER [--frames 44] [--judged 27-32] [--samples 2] [--reference 1024] [--size 240x180]
-                 [--only VOLUME-SCENARIO ...] [--levels 1 4 8 ...]
+                 [--only VOLUME-SCENARIO ...] [--levels 1 4 8 ...] [--layers motion,...]
 
 Writes FOLDER/VOLUME-SCENARIO/noisy/frame.####.exr and reference/frame.####.exr, the latter for the judged frames only. Two
 volumes go through each scenario: a plume of smoke and a round cloud. With `--levels` there are noisy frames of so many samples,
-too, in FOLDER/VOLUME-SCENARIO-8spp and so on, beside the same references. Frames that are there are left as they are. Needs
+too, in FOLDER/VOLUME-SCENARIO-8spp and so on, beside the same references. `--reference 0` renders none. Frames that are there are left as they are. Needs
 numpy and OpenVDB's Python module (Debian's python3-openvdb). CUMULO is the program, `cumulo` by default.
 """
 
@@ -132,6 +132,7 @@ def main():
     p.add_argument("--size", default="240x180")
     p.add_argument("--only", nargs="+")
     p.add_argument("--levels", type=int, nargs="+", default=[])
+    p.add_argument("--layers", default=LAYERS, help="layers of the noisy frames")
     a = p.parse_args()
     size = [int(n) for n in a.size.split("x")]
     a.folder.mkdir(parents=True, exist_ok=True)
@@ -153,12 +154,14 @@ def main():
             folder.mkdir(exist_ok=True)
             write_scenes(folder, volume, scenario, a.frames, size)
             cameras = folder / "cameras.json"
-            render(folder, folder / "noisy", a.samples, 1, cameras, "--aov", LAYERS)
-            render(folder, folder / "reference", a.reference, 10_000, cameras, "--frames", a.judged)
+            render(folder, folder / "noisy", a.samples, 1, cameras, "--aov", a.layers)
+            if a.reference:
+                render(folder, folder / "reference", a.reference, 10_000, cameras, "--frames", a.judged)
             for level in a.levels:
                 other = a.folder / f"{name}-{level}spp"
                 other.mkdir(exist_ok=True)
-                render(folder, other / "noisy", level, 1, cameras, "--aov", LAYERS)
+                # One path has neither halves nor a variance.
+                render(folder, other / "noisy", level, 1, cameras, "--aov", LAYERS if level > 1 else "motion,albedo")
                 if not (other / "reference").exists():
                     (other / "reference").symlink_to((folder / "reference").resolve())
             print(name, flush=True)

@@ -101,7 +101,7 @@ fn errors(shots: &[Shot], frames: &[Vec<Vec3>]) -> [f64; 2] {
 }
 
 /// Of two paths a pixel, the error falls to less than half as published, and to less than a tenth with a feature that is
-/// independent of the colors, to less than a twentieth where alpha guides it: at rest, while the camera moves, while the sun
+/// independent of the colors, to less than a twenty-eighth where alpha guides it: at rest, while the camera moves, while the sun
 /// moves, and in thin smoke.
 #[test]
 fn sequences_come_nearer_to_converged_ones() {
@@ -112,7 +112,7 @@ fn sequences_come_nearer_to_converged_ones() {
         let noisy: Vec<Vec<Vec3>> = shots.iter().map(|shot| shot.noisy.clone()).collect();
         let [error, flicker] = errors(&shots, &noisy);
         for (method, guided, left) in
-            [(Method::Wrls, false, 0.5), (Method::Wrls2, false, 0.1), (Method::Wrls2, true, 0.05)]
+            [(Method::Wrls, false, 0.5), (Method::Wrls2, false, 0.1), (Method::Wrls2, true, 0.035)]
         {
             let mut denoiser = Denoiser::new(method, Settings::default()).unwrap();
             let denoise = |shot: &Shot| {

@@ -29,13 +29,17 @@ const PAGES: [&str; 11] = [
 /// Volumes that the pages name and the reader brings.
 const VOLUMES: [(&str, &str); 2] = [("smoke.vdb", "plume.vdb"), ("head.vdb", "plume.vdb")];
 
-/// Commands of other programs. They are not run here: `make demo` and `tests/examples.rs` do that.
-const OTHERS: [&str; 11] = [
+/// Commands that other programs run or have to precede. They are not run here: `make demo`, `tests/examples.rs` and Python's
+/// tests do that.
+const OTHERS: [&str; 13] = [
     "make demo",
     "make demo BLENDER=1",
     "make install",
     "make test",
     "PYTHONPATH=python .venvs/bpy/bin/python -m cumulo.blender render smoke.vdb --capture path --frames 0-23 --albedo 0.95 --sun -1 0.6 0.7 --samples 4 -o cycles",
+    // Of Cycles' frames: `python/tests/blender/test_denoising.py` runs them.
+    "cumulo denoise cycles/view_%03d.exr -o quiet/frame.%04d.exr --motion files:motion/frame.%04d.exr",
+    "cumulo compare quiet/frame.%04d.exr cycles/view_%03d.exr --report page",
     "sudo apt-get install libopenvdb-dev libboost-dev libclang-dev g++",
     "cargo install --path . --locked",
     "cargo doc --open",
@@ -127,9 +131,11 @@ fn run(page: &str) -> usize {
 fn command(work: &Work, page: &str, line: &str) -> bool {
     let (line, comment) = line.split_once('#').unwrap_or((line, ""));
     let line = line.trim();
-    let Some(arguments) = line.strip_prefix("cumulo ") else {
-        assert!(line.is_empty() || OTHERS.contains(&line), "{page}: `{line}` is neither run nor in the list of others");
+    if line.is_empty() || OTHERS.contains(&line) {
         return false;
+    }
+    let Some(arguments) = line.strip_prefix("cumulo ") else {
+        panic!("{page}: `{line}` is neither run nor in the list of others");
     };
     let mut words = expanded(work, arguments);
     for (subcommand, option, value, beside) in SIZES {

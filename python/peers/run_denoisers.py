@@ -1,8 +1,8 @@
 """B9: what denoisers leave of the noise of path-traced sequences, beside each other.
 
     run_denoisers.py FOLDER [--only VOLUME-SCENARIO ...] [--judged 27-32] [--methods NAME ...] [--json OUT.json]
-                     [--markdown OUT.md] [--report DIR]
-    run_denoisers.py --time [--size 1280x720] [--threads 2] [--repeats 5]
+                     [--markdown OUT.md] [--report DIR] [--figure OUT.png]
+    run_denoisers.py FOLDER/VOLUME-SCENARIO --time [--threads 2] [--repeats 5]
 
 FOLDER holds what `python/scenarios.py` rendered. Every sequence goes through `cumulo denoise` by each of its methods, through
 Open Image Denoise (OIDN) frame by frame, by colors alone and with the noisy albedo beside them, and through an
@@ -10,8 +10,8 @@ exponential moving average over OIDN's frames. `cumulo compare` computes the fig
 references. PSNR and flicker are those of display values (sRGB); `linear` ones are in the JSON, too. Denoised frames are kept in FOLDER/VOLUME-SCENARIO/METHOD, and those that are newer than the
 noisy ones are taken as they are.
 
-`--time` runs `cumulo denoise` and OIDN in turn on a sequence of noise, and prints milliseconds a frame, of denoising alone
-and from file to file. CUMULO is the program, `cumulo` by default.
+`--time` runs `cumulo denoise` and OIDN in turn on the noisy frames of a sequence, and prints milliseconds a frame, of denoising
+alone and from file to file; OIDN reads and writes colors alone. CUMULO is the program, `cumulo` by default.
 """
 
 import argparse
@@ -27,6 +27,7 @@ import time
 import numpy as np
 import OpenEXR
 import pyoidn
+from PIL import Image, ImageDraw
 
 CUMULO = os.environ.get("CUMULO", "cumulo")
 METHODS = ["wrls2", "wrls", "rls", "svgf", "ema"]
@@ -183,6 +184,25 @@ def table(rows, methods, key, digits):
     return "\n".join(lines)
 
 
+def figure(folders, path):
+    """A frame of each sequence as noise, by OIDN, by wrls2 and converged, and the errors below, 12 times enlarged."""
+    methods = {"noisy": "few paths", "oidn-albedo": "Open Image Denoise with albedo", "wrls2": "cumulo denoise", "reference": "reference"}
+    lines = []
+    for folder in folders:
+        frame = sorted((folder / "reference").glob("frame.*.exr"))[3].name
+        linear = [np.clip(colors(read(folder / method / frame)), 0, 1) for method in methods]
+        shown = [np.where(v <= 0.0031308, 12.92 * v, 1.055 * np.maximum(v, 1e-9) ** (1 / 2.4) - 0.055) for v in linear]
+        lines += [np.concatenate(shown, 1), np.concatenate([np.clip(12 * abs(v - shown[-1]), 0, 1) for v in shown], 1)]
+    picture = Image.fromarray((255 * np.concatenate(lines, 0) + 0.5).astype(np.uint8))
+    draw = ImageDraw.Draw(picture)
+    height, width = (n // d for n, d in zip(np.concatenate(lines, 0).shape, (len(lines), len(methods))))
+    for place, text in enumerate(methods.values()):
+        draw.text((place * width + 6, 4), text, fill=(230, 230, 230))
+    for row in range(1, len(lines), 2):
+        draw.text((6, row * height + 4), "errors x 12", fill=(230, 230, 230))
+    picture.quantize(128, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
 def judge(rows, peer):
     """How many sequences `wrls2` wins: in flicker, and in PSNR."""
     wins = [[of["wrls2"][k] >= of[peer][k] for of in rows.values()] for k in ("flicker_psnr_db", "psnr_db")]
@@ -216,72 +236,60 @@ def quality(a):
         a.markdown.write_text(text)
     if a.json:
         a.json.write_text(json.dumps(rows, indent=1))
-
-
-def noise_sequence(folder, width, height, frames):
-    """Noisy frames of a smooth picture."""
-    rng = np.random.default_rng(1)
-    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
-    for frame in range(frames):
-        z = x + 2 * frame
-        clean = np.stack([0.4 + 0.3 * np.sin(z / 70) * np.cos(y / 50), 0.3 + 0.2 * np.sin((z + y) / 60), 0.5 + 0 * x], -1)
-        write(folder / f"frame.{frame:04}.exr", (clean * rng.gamma(0.5, 2.0, (height, width, 1))).astype(np.float32))
+    if a.figure:
+        figure([a.folder / name for name in rows], a.figure)
 
 
 def timing(a):
     """Milliseconds a frame, in turn."""
-    width, height = map(int, a.size.split("x"))
-    frames = 24
+    noisy = sorted((a.folder / "noisy").glob("frame.*.exr"))
+    ways = {"both directions": [], "forward": ["--direction", "forward"], "as published": ["--method", "wrls"]}
+    rows = {(name, end): [] for name in [*ways, "oidn"] for end in ("alone", "file to file")}
     with tempfile.TemporaryDirectory() as name:
-        folder = pathlib.Path(name)
-        noise_sequence(folder, width, height, frames)
-        rows = {key: [] for key in ("wrls2", "wrls", "oidn", "wrls2 file to file", "wrls file to file", "oidn file to file")}
-        (folder / "out").mkdir()
+        out = pathlib.Path(name)
+        height, width, _ = colors(read(noisy[0])).shape
         oidn = Oidn(width, height, False, "high", a.threads)
         for _ in range(a.repeats):
-            for method in ("wrls2", "wrls"):
-                words = ["--method", method, "--motion", "none", "--threads", a.threads, "--overwrite"]
-                report = cumulo("denoise", folder / FRAME, "-o", folder / "out" / FRAME, *words)
-                rows[method].append(1e3 * report["seconds_denoising"] / frames)
-                rows[f"{method} file to file"].append(1e3 * report["seconds"] / frames)
+            for way, words in ways.items():
+                words = [*words, "--threads", a.threads, "--overwrite"]
+                report = cumulo("denoise", a.folder / "noisy" / FRAME, "-o", out / FRAME, *words)
+                rows[way, "alone"].append(1e3 * report["seconds_denoising"] / len(noisy))
+                rows[way, "file to file"].append(1e3 * report["seconds"] / len(noisy))
             began, alone = time.perf_counter(), 0.0
-            for frame in sorted(folder.glob("frame.*.exr"))[: a.oidn_frames]:
+            for frame in noisy[: a.oidn_frames]:
                 oidn.color[:] = colors(read(frame))
                 start = time.perf_counter()
                 oidn.execute()
                 alone += time.perf_counter() - start
-                write(folder / "out" / frame.name, oidn.output)
-            rows["oidn"].append(1e3 * alone / a.oidn_frames)
-            rows["oidn file to file"].append(1e3 * (time.perf_counter() - began) / a.oidn_frames)
-    medians = {key: statistics.median(values) for key, values in rows.items()}
-    for method in ("wrls2", "wrls"):
-        for end in ("", " file to file"):
-            ratios = [o / m for o, m in zip(rows["oidn" + end], rows[method + end])]
-            medians[f"oidn over {method}{end}"] = statistics.median(ratios)
-    print(json.dumps({"size": a.size, "threads": a.threads} | {k: round(v, 2) for k, v in medians.items()}))
+                write(out / frame.name, oidn.output)
+            rows["oidn", "alone"].append(1e3 * alone / a.oidn_frames)
+            rows["oidn", "file to file"].append(1e3 * (time.perf_counter() - began) / a.oidn_frames)
+    print(f"{width}x{height}, {a.threads} threads\n\n| way | alone, ms | file to file, ms | OIDN file to file over it |\n|---|---|---|---|")
+    for way in [*ways, "oidn"]:
+        times = [statistics.median(rows[way, end]) for end in ("alone", "file to file")]
+        ratios = [o / m for o, m in zip(rows["oidn", "file to file"], rows[way, "file to file"])]
+        print(f"| {way} | {times[0]:.0f} | {times[1]:.0f} | {statistics.median(ratios):.1f} |")
 
 
 def main():
     """Parses the command line."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("folder", type=pathlib.Path, nargs="?")
+    p.add_argument("folder", type=pathlib.Path)
     p.add_argument("--only", nargs="+")
     p.add_argument("--methods", nargs="+")
     p.add_argument("--json", type=pathlib.Path)
     p.add_argument("--markdown", type=pathlib.Path)
     p.add_argument("--report", type=pathlib.Path)
+    p.add_argument("--figure", type=pathlib.Path)
     p.add_argument("--time", action="store_true")
-    p.add_argument("--size", default="1280x720")
     p.add_argument("--threads", type=int, default=2)
     p.add_argument("--repeats", type=int, default=5)
     p.add_argument("--oidn-frames", type=int, default=6)
     a = p.parse_args()
     if a.time:
         timing(a)
-    elif a.folder:
-        quality(a)
     else:
-        p.error("give the FOLDER of scenarios.py, or --time")
+        quality(a)
 
 
 if __name__ == "__main__":

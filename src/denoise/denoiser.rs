@@ -160,10 +160,13 @@ mod tests {
                 color[(50 + frame as usize * 457) % 1200] = Vec3::splat(1e9);
                 let motion: Vec<Vec2> =
                     (0..color.len()).map(|i| if i % 97 == 0 { Vec2::splat(f32::NAN) } else { Vec2::ZERO }).collect();
-                out = denoiser
-                    .denoise(&Frame { size: SIZE, color: &color, motion: Some(&motion), alpha: None })
-                    .unwrap()
-                    .color;
+                // Neither does an alpha that is out of its range, or missing here and there.
+                let alpha: Vec<f32> = (0..color.len())
+                    .map(|i| if i % 89 == 0 { f32::NAN } else { 1.2 * ((i % SIZE[0]) as f32 / 40.0) - 0.1 })
+                    .collect();
+                let alpha = (frame % 3 > 0).then_some(&alpha[..]);
+                out =
+                    denoiser.denoise(&Frame { size: SIZE, color: &color, motion: Some(&motion), alpha }).unwrap().color;
                 assert!(out.iter().all(|c| c.is_finite() && c.min_element() >= 0.0), "{method:?} {frame}");
             }
             let far = out.iter().zip(&wanted).filter(|(a, b)| (**a - **b).abs().max_element() > 0.5).count();
@@ -225,6 +228,21 @@ mod tests {
             };
             assert_eq!(of(1), of(5), "{method:?}");
         }
+        // Of several bands of rows, with alpha.
+        let size = [20, 130];
+        let of = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut denoiser = Denoiser::new(Method::Wrls2, Settings::default()).unwrap();
+            let alpha: Vec<f32> = (0..size[0] * size[1]).map(|i| (i % 20) as f32 / 19.0).collect();
+            let mut denoise = |frame: u32| {
+                let color: Vec<Vec3> =
+                    (0..alpha.len()).map(|i| alpha[i] * Vec3::splat(noise(frame * 7919 + i as u32))).collect();
+                let motion = vec![Vec2::new(0.3, -0.2); alpha.len()];
+                denoiser.denoise(&Frame { size, color: &color, motion: Some(&motion), alpha: Some(&alpha) }).unwrap()
+            };
+            pool.install(|| (0..4).map(&mut denoise).collect::<Vec<_>>())
+        };
+        assert_eq!(of(1), of(7));
     }
 
     /// A frame of another size begins anew; frames that do not fit, and constants out of range, are refused.

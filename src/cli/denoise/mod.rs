@@ -65,7 +65,7 @@ pub struct Denoise {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     chunk: Option<u32>,
     /// Frames before and after a chunk, or after a frame, that are read to learn from
-    #[arg(long, value_name = "M", default_value_t = 16)]
+    #[arg(long, value_name = "M", default_value_t = 12)]
     overlap: u32,
     /// Skip frames that are there, made by the same command from pictures that have not changed since
     #[arg(long)]

@@ -47,7 +47,8 @@ pub fn file<'i, L: WritableLayers<'i>>(image: &'i Image<L>) -> Result<Vec<u8>> {
 #[derive(Default)]
 struct Packer {
     compressor: Option<Compressor>,
-    /// Differences of a block's bytes.
+    /// Bytes of a block in the order of the format, and their differences.
+    sorted: Vec<u8>,
     differences: Vec<u8>,
 }
 
@@ -80,7 +81,7 @@ impl Packer {
 
     /// Returns the bytes of a block in ZIP compression, or as they are if that is not shorter, as OpenEXR does.
     fn packed(&mut self, data: Vec<u8>) -> Result<Vec<u8>> {
-        differences(&data, &mut self.differences);
+        differences(&data, &mut self.sorted, &mut self.differences);
         let level = CompressionLvl::new(LEVEL).unwrap_or_default();
         let compressor = self.compressor.get_or_insert_with(|| Compressor::new(level));
         let mut packed = vec![0; compressor.zlib_compress_bound(data.len())];
@@ -90,17 +91,16 @@ impl Packer {
     }
 }
 
-/// Writes the differences of consecutive bytes to `to`, after the bytes at even places were put before those at odd ones:
-/// OpenEXR's preparation for ZIP.
-fn differences(bytes: &[u8], to: &mut Vec<u8>) {
+/// Writes the differences of consecutive bytes to `to`, after the bytes at even places were put before those at odd ones
+/// (`sorted`): OpenEXR's preparation for ZIP.
+fn differences(bytes: &[u8], sorted: &mut Vec<u8>, to: &mut Vec<u8>) {
+    sorted.clear();
+    sorted.extend(bytes.iter().step_by(2));
+    sorted.extend(bytes.iter().skip(1).step_by(2));
     to.clear();
-    let place = |start: usize| bytes[start.min(bytes.len())..].iter().step_by(2).copied();
-    let mut last = 128;
-    to.extend(place(0).chain(place(1)).map(|byte| {
-        let difference = byte.wrapping_sub(last).wrapping_add(128);
-        last = byte;
-        difference
-    }));
+    to.extend(sorted.first());
+    let pairs = sorted.iter().zip(sorted.iter().skip(1));
+    to.extend(pairs.map(|(last, byte)| byte.wrapping_sub(*last).wrapping_add(128)));
 }
 
 #[cfg(test)]
@@ -109,10 +109,10 @@ mod tests {
 
     #[test]
     fn differences_are_those_of_the_format() {
-        let mut to = Vec::new();
-        differences(&[10, 200, 11, 203, 9], &mut to);
+        let (mut sorted, mut to) = (Vec::new(), Vec::new());
+        differences(&[10, 200, 11, 203, 9], &mut sorted, &mut to);
         assert_eq!(to, [10, 129, 126, (200_u8).wrapping_sub(9).wrapping_add(128), 131]);
-        differences(&[], &mut to);
+        differences(&[], &mut sorted, &mut to);
         assert!(to.is_empty());
     }
 }
