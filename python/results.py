@@ -18,6 +18,7 @@ FIGURES = [
     ("held_out_db", "held-out views, dB", ".1f"),
     ("noise_floor_db", "noise floor, dB", ".2f"),
     ("picture_db", "picture, dB", ".0f"),
+    ("flicker_db", "flicker, dB", ".1f"),
     ("ssim", "SSIM", ".5f"),
     ("rms", "RMS", ".2f"),
     ("entropy", "entropy", ".5f"),

@@ -4,8 +4,8 @@
 //! differ by more than noise: of a difference d with the variance n of its noise, the share `1 - n / E[d²]` is signal (Wiener).
 
 use super::blocks::{BLOCK, Planes};
-use super::history::Features;
 use super::lanes::{LANES, Lanes};
+use super::vectors::Features;
 
 /// Mean alpha from which on detail is mixed in; it is fully so where all around is opaque.
 const LEAST_ALPHA: f32 = 0.9;

@@ -12,9 +12,10 @@
 use super::blocks::{BLOCK, COEFFICIENTS, Grid, Interpolated, Planes, Pool, TERMS, solve_row};
 use super::detail::Noise;
 use super::frame::{Denoised, Frame, around};
-use super::history::{BandScratch, Colors, Features, Histories, Pixel, Rows, vectors};
+use super::history::{BandScratch, Histories, Pixel, Rows};
 use super::lanes::{LANES, Lanes, each};
-use super::learning::{self, Fresh, INNOVATIONS};
+use super::learning::{self, Before, Fresh, INNOVATIONS, Lines};
+use super::vectors::{Colors, Features, vectors};
 use crate::arch::Arch;
 use crate::error::Result;
 use glam::{Vec2, Vec3};
@@ -76,7 +77,7 @@ struct Scratch {
     fresh: Vec<Fresh>,
     /// Coefficients of both models before the frame is learned.
     coefficients: Planes,
-    /// What predicts the frame.
+    /// Models that predict the frame.
     predicting: Planes,
 }
 
@@ -161,8 +162,10 @@ impl GuidedDenoiser {
         let noise = Some(noise).filter(|_| !self.state.blocks.is_empty());
         let known = Known {
             histories: Histories::new(&self.state.pixels, frame, noise, arch),
-            coefficients: Some(&*coefficients).filter(|_| !self.state.blocks.is_empty()),
-            level: self.state.level,
+            before: Before {
+                coefficients: Some(&*coefficients).filter(|_| !self.state.blocks.is_empty()),
+                level: self.state.level,
+            },
             columns: grid.columns,
         };
         let rows = pixels.par_chunks_mut(BAND * width).zip(features.par_chunks_mut(BAND * groups));
@@ -359,8 +362,7 @@ fn weight([apart, along, error, count]: [Lanes; INNOVATIONS]) -> Lanes {
 /// State and inputs when a frame is learned.
 struct Known<'k> {
     histories: Histories<'k>,
-    coefficients: Option<&'k Planes>,
-    level: f32,
+    before: Before<'k>,
     /// Blocks in a row.
     columns: usize,
 }
@@ -380,13 +382,13 @@ impl pulp::NullaryFnOnce for Learn<'_> {
     #[inline(always)]
     fn call(self) {
         let Self { known, top, rows: Rows { pixels, features, colors }, fresh, scratch } = self;
-        let Known { histories, coefficients, level, columns } = *known;
+        let Known { histories, before, columns } = *known;
         let groups = vectors(histories.frame.size[0]);
         histories.band(top, Rows { pixels, features, colors }, scratch);
         let blocks = features.chunks(BLOCK * groups).zip(colors.chunks(BLOCK * groups));
         for (row, ((features, colors), fresh)) in blocks.zip(fresh.chunks_mut(columns)).enumerate() {
             let row = top / BLOCK + row;
-            learning::sum(row, features, colors, groups, coefficients, level, histories.arch, fresh);
+            learning::sum(row, Lines { features, colors, groups }, before, histories.arch, fresh);
         }
     }
 }

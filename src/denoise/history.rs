@@ -9,6 +9,7 @@ use super::detail::{self, Noise};
 use super::frame::{Frame, around};
 use super::lanes::{LANES, Lanes, each};
 use super::outline::Outline;
+use super::vectors::{Colors, Features, vectors};
 use crate::arch::Arch;
 use glam::{Vec2, Vec3};
 
@@ -51,17 +52,6 @@ const COLOR_LIMIT: f32 = 64.0;
 /// Largest number taken from a picture, so that no product overflows.
 const LARGEST: f32 = 1e12;
 
-/// Features of eight pixels by channel.
-pub type Features = [Lanes; 3];
-
-/// Colors of eight pixels, and their weights: 1 where there is a color.
-pub type Colors = [Lanes; 4];
-
-/// Vectors in a row of pixels.
-pub fn vectors(width: usize) -> usize {
-    width.div_ceil(LANES)
-}
-
 /// Lines of numbers with margins, plane after plane, of the rows around the one at work.
 #[derive(Debug, Default)]
 struct Ring {
@@ -99,7 +89,7 @@ pub struct BandScratch {
     triples: Ring,
     /// Sums over all rows of a neighbourhood.
     sums: Vec<f32>,
-    /// What is around the pixels of a row.
+    /// Largest color around the pixels of a row.
     around: Vec<Lanes>,
     /// Means over few pixels, how opaque all around is, and sums of both.
     near: Vec<Features>,
@@ -113,6 +103,17 @@ pub struct Rows<'r> {
     pub pixels: &'r mut [Pixel],
     pub features: &'r mut [Features],
     pub colors: &'r mut [Colors],
+}
+
+/// Features of a row that alpha guides, and what they are mixed from.
+struct Guided<'g> {
+    features: &'g mut [Features],
+    /// Largest color around the pixels.
+    around: &'g mut [Lanes],
+    /// Means over small neighbourhoods.
+    near: &'g mut [Features],
+    /// Share of the small neighbourhoods that counts, by how opaque the large ones are.
+    opaque: &'g mut [Lanes],
 }
 
 /// Histories of the frame before, beside the frame that comes.
@@ -174,7 +175,8 @@ impl<'h> Histories<'h> {
             match guided {
                 true => {
                     let few = triples.row(centre);
-                    let any = self.guided(top + row, pixels, [few, sums], features, around, near, opaque);
+                    let to = Guided { features, around, near, opaque };
+                    let any = self.guided(top + row, pixels, [few, sums], to);
                     if let Some(noise) = self.noise.filter(|_| any) {
                         detail::mix(top + row, features, near, opaque, noise, apart);
                     }
@@ -263,19 +265,10 @@ impl<'h> Histories<'h> {
         alphas.max(Lanes::ZERO).min(Lanes([1.0; LANES]))
     }
 
-    /// Writes the features of a row from the sums over small and large neighbourhoods, and what is around its pixels; also
-    /// means over the small ones, and how opaque the large ones are. Returns true if any is.
+    /// Writes the features of a row from the sums over small and large neighbourhoods. Returns true if any is opaque.
     #[inline(always)]
-    fn guided(
-        &self,
-        y: usize,
-        pixels: &[f32],
-        [few, many]: [&[f32]; 2],
-        features: &mut [Features],
-        around: &mut [Lanes],
-        near: &mut [Features],
-        opaque: &mut [Lanes],
-    ) -> bool {
+    fn guided(&self, y: usize, pixels: &[f32], [few, many]: [&[f32]; 2], to: Guided<'_>) -> bool {
+        let Guided { features, around, near, opaque } = to;
         let line = pixels.len() / (PLANES + SMOOTHED - 4);
         let proportional = self.outline.proportional;
         let mut most = Lanes::ZERO;

@@ -2,8 +2,8 @@
 
 use super::blocks::{BLOCK, COEFFICIENTS, Planes, TERMS};
 use super::detail::Noise;
-use super::history::{Colors, Features};
 use super::lanes::{LANES, Lanes};
+use super::vectors::{Colors, Features};
 use crate::arch::Arch;
 
 /// Numbers of the innovations: `(a - b)²`, `(I - b)(a - b)`, `(I - b)²` and the count, of the color I and the predictions a
@@ -15,22 +15,31 @@ pub type Fresh = [f32; FRESH];
 
 const FRESH: usize = (TERMS + INNOVATIONS).next_multiple_of(LANES);
 
-/// Sums the rows of a row of blocks. `coefficients` are those of both models before the frame is learned, `None` before the
-/// first frame; `level` is the root mean square of the features.
+/// Rows of pixels to be learned.
+#[derive(Debug, Clone, Copy)]
+pub struct Lines<'l> {
+    pub features: &'l [Features],
+    pub colors: &'l [Colors],
+    /// Vectors in a row.
+    pub groups: usize,
+}
+
+/// State before the frame is learned.
+#[derive(Debug, Clone, Copy)]
+pub struct Before<'b> {
+    /// Coefficients of both models; `None` before the first frame.
+    pub coefficients: Option<&'b Planes>,
+    /// Root mean square of the features.
+    pub level: f32,
+}
+
+/// Sums the pixels of the row of blocks `row`.
 #[inline(always)]
-pub fn sum(
-    row: usize,
-    features: &[Features],
-    colors: &[Colors],
-    groups: usize,
-    coefficients: Option<&Planes>,
-    level: f32,
-    arch: Arch,
-    fresh: &mut [Fresh],
-) {
-    let floor = Lanes([Noise::floor(level); LANES]);
+pub fn sum(row: usize, lines: Lines<'_>, before: Before<'_>, arch: Arch, fresh: &mut [Fresh]) {
+    let Lines { features, colors, groups } = lines;
+    let floor = Lanes([Noise::floor(before.level); LANES]);
+    let rows = features.len() / groups;
     for (at, fresh) in fresh.chunks_mut(LANES / BLOCK).enumerate() {
-        let rows = features.len() / groups;
         let mut sums = [Lanes::ZERO; FRESH];
         for row in 0..rows {
             add_products(&mut sums, features[row * groups + at], colors[row * groups + at][3]);
@@ -38,7 +47,7 @@ pub fn sum(
         for row in 0..rows {
             add_moments(&mut sums, features[row * groups + at], &colors[row * groups + at]);
         }
-        if let Some(coefficients) = coefficients {
+        if let Some(coefficients) = before.coefficients {
             let mut beta = [Lanes::ZERO; 2 * COEFFICIENTS];
             for (plane, beta) in beta.iter_mut().enumerate() {
                 // Those of the blocks, without interpolation.

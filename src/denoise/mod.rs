@@ -24,6 +24,7 @@ mod outline;
 mod settings;
 pub mod svgf;
 mod two_way;
+mod vectors;
 pub mod wrls;
 
 pub use denoiser::{Denoiser, Method};

@@ -4,7 +4,7 @@ use super::frame::Frame;
 use glam::Vec3;
 
 /// Rows of which one is looked at.
-const LOOK: usize = 4;
+const LOOK: usize = 8;
 /// Alpha from which on a pixel counts as opaque.
 const OPAQUE: f32 = 0.999;
 /// Share of the looked-at pixels that must be empty for the background to be judged.
@@ -13,9 +13,11 @@ const LEAST_EMPTY: f32 = 1.0 / 256.0;
 const PROPORTIONAL: [f32; 2] = [0.1, 10.0];
 /// Alphas between which a pixel and all around it lie for its noise to be told from an outline.
 const PARTIAL: [f32; 2] = [0.02, 0.98];
-/// Greatest variance of the noise as a share of `α (1 - α)`, which is that of one path that ends in the volume or does not:
-/// where alpha is partial all around, and in the whole picture, whose outlines count as noise.
-const NOISE: [f32; 2] = [0.015, 0.15];
+/// Variance of the noise as a share of `α (1 - α)`, which is that of one path that ends in the volume or does not, above which
+/// few paths sampled alpha: where alpha is partial all around, and in the whole picture, whose outlines count as noise.
+const SAMPLED: [f64; 2] = [0.01, 0.15];
+/// Relative variance of alpha's noise, as a share of that of the colors, up to which alpha guides all the same.
+const CLEANER: f64 = 0.35;
 /// Sum of the squares of the kernel that noise is measured by.
 const KERNEL: f32 = 36.0;
 
@@ -43,38 +45,66 @@ impl<'f> Outline<'f> {
             }
         }
         let black = lit == 0 && empty as f32 > LEAST_EMPTY * all as f32;
-        let alpha = frame.alpha.filter(|alpha| clear > 0 && !is_noisy(alpha, width));
+        let alpha = frame.alpha.filter(|alpha| clear > 0 && !is_noisy(alpha, frame.color, width));
         Self { alpha, proportional: PROPORTIONAL[usize::from(black)] }
     }
 }
 
-/// True if alpha was sampled by few paths. The noise is measured by second differences in both directions (Immerkær 1996).
-fn is_noisy(alpha: &[f32], width: usize) -> bool {
-    let [mut partial, mut whole] = [[0.0_f64; 2]; 2];
-    let rows: Vec<&[f32]> = alpha.chunks(width).collect();
-    for lines in rows.windows(3).step_by(LOOK) {
-        let mut sums = [[0.0_f32; 2]; 2];
-        for ((above, here), below) in lines[0].windows(3).zip(lines[1].windows(3)).zip(lines[2].windows(3)) {
-            let second = |line: &[f32]| (line[0] + line[2]) - 2.0 * line[1];
-            let noise = ((second(above) + second(below)) - 2.0 * second(here)).powi(2) / KERNEL;
-            let own = here[1] * (1.0 - here[1]);
-            if !(noise + own).is_finite() {
+/// Sums over pixels.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    /// Noise of alpha and `α (1 - α)`, where alpha is partial all around, and everywhere.
+    partial: [f64; 2],
+    whole: [f64; 2],
+    /// Noise and square, of alpha and of the colors.
+    alpha: [f64; 2],
+    color: [f64; 2],
+}
+
+/// True if alpha was sampled by few paths, and is not much cleaner than the colors. Noise is measured by second differences in
+/// both directions (Immerkær 1996).
+fn is_noisy(alpha: &[f32], color: &[Vec3], width: usize) -> bool {
+    let height = alpha.len() / width;
+    let looked = || (1..height.saturating_sub(1)).step_by(LOOK);
+    let light = |at: usize| Some(color[at].element_sum().abs()).filter(|light| light.is_finite()).unwrap_or(0.0);
+    let (sum, count) = looked()
+        .flat_map(|y| y * width..(y + 1) * width)
+        .fold((0.0_f64, 0.0_f64), |(sum, count), at| (sum + f64::from(light(at)), count + 1.0));
+    // Compressed, so that a few bright pixels are not all of the noise.
+    let mean = (sum / count.max(1.0)) as f32 + f32::MIN_POSITIVE;
+    let shown = |at: usize| light(at) / (light(at) + mean);
+    let noise = |of: &dyn Fn(usize) -> f32, at: usize| {
+        let second = |at: usize| (of(at - 1) + of(at + 1)) - 2.0 * of(at);
+        ((second(at - width) + second(at + width)) - 2.0 * second(at)).powi(2) / KERNEL
+    };
+    let mut sums = Sums::default();
+    for y in looked() {
+        for at in y * width + 1..(y + 1) * width - 1 {
+            let (own, apart) = (alpha[at], noise(&|at| alpha[at], at));
+            if !(own + apart).is_finite() {
                 continue;
             }
-            let all = above.iter().chain(here).chain(below);
+            let rows = [at - width, at, at + width];
+            let all = rows.into_iter().flat_map(|at| &alpha[at - 1..at + 2]);
             let [low, high] = all.fold([1.0_f32, 0.0], |[low, high], v| [low.min(*v), high.max(*v)]);
             let inside = if low > PARTIAL[0] && high < PARTIAL[1] { 1.0 } else { 0.0 };
-            sums[0] = [sums[0][0] + inside * noise, sums[0][1] + inside * own];
-            sums[1] = [sums[1][0] + noise, sums[1][1] + own];
-        }
-        for (total, sum) in [&mut partial, &mut whole].into_iter().zip(sums) {
-            for (total, sum) in total.iter_mut().zip(sum) {
-                *total += f64::from(sum);
-            }
+            let most = own * (1.0 - own);
+            add(&mut sums.partial, [inside * apart, inside * most]);
+            add(&mut sums.whole, [apart, most]);
+            add(&mut sums.alpha, [apart, own * own]);
+            add(&mut sums.color, [noise(&shown, at), shown(at).powi(2)]);
         }
     }
-    let exceeds = |[noise, own]: [f64; 2], most: f32| noise > f64::from(most) * own;
-    exceeds(partial, NOISE[0]) || exceeds(whole, NOISE[1])
+    let exceeds = |[noise, all]: [f64; 2], share: f64| noise > share * all;
+    let is_sampled = exceeds(sums.partial, SAMPLED[0]) || exceeds(sums.whole, SAMPLED[1]);
+    let [[alpha, alphas], [color, colors]] = [sums.alpha, sums.color];
+    is_sampled && alpha * colors > CLEANER * color * alphas
+}
+
+fn add(sums: &mut [f64; 2], terms: [f32; 2]) {
+    for (sum, term) in sums.iter_mut().zip(terms) {
+        *sum += f64::from(term);
+    }
 }
 
 #[cfg(test)]
@@ -110,6 +140,10 @@ mod tests {
         for paths in [1, 2, 4, 8, 16] {
             assert!(outline(&ball(paths), &colors).alpha.is_none(), "{paths}");
         }
+        // Not so far as colors are much noisier.
+        let spikes: Vec<Vec3> =
+            colors.iter().enumerate().map(|(i, c)| *c * if i % 7 == 0 { 7.0 } else { 0.0 }).collect();
+        assert!(outline(&ball(16), &spikes).alpha.is_some());
         // A sharp outline is no noise.
         let sharp: Vec<f32> = clean.iter().map(|alpha| ((alpha - 0.5) * 8.0 + 0.5).clamp(0.0, 1.0)).collect();
         assert!(outline(&sharp, &colors).alpha.is_some());

@@ -49,7 +49,7 @@ pub struct Denoise {
     /// Layers of color to denoise, comma-separated (default: the beauty)
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     layers: Vec<String>,
-    /// What shows the outlines that must stay sharp, for wrls2
+    /// Guide to the outlines that must stay sharp, for wrls2
     #[arg(long, value_enum, default_value_t = Guide::Alpha)]
     guide: Guide,
     /// Denoise the alpha of these layers, too
@@ -125,9 +125,9 @@ impl Way {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Direction {
-    /// Those before and after it
+    /// Frames before and after the frame
     Both,
-    /// Those before it, in half the time
+    /// Frames before the frame alone, in half the time
     Forward,
 }
 

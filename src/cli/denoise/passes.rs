@@ -107,7 +107,7 @@ pub struct Directions {
     find_cuts: bool,
     /// Forward and backward; the number of layers is known from the first frame on.
     passes: Option<[Pass; 2]>,
-    /// What was found backwards, by number of frame.
+    /// Results of the backward pass, by number of frame.
     kept: BTreeMap<u32, Vec<Denoised>>,
 }
 
