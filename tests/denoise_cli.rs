@@ -31,7 +31,7 @@ fn document(path: &Path) -> Document {
 /// Samples of a channel of the unnamed layer or of another.
 fn plane(document: &Document, layer: &str, component: &str) -> Vec<f32> {
     let layer = document.layer(Some(layer)).unwrap();
-    document.samples(layer.part, document.component(&layer, component).unwrap())
+    document.samples(layer.part, document.component(&layer, component).unwrap()).into_owned()
 }
 
 fn colors(work: &Work, name: &str) -> Vec<[f32; 4]> {
@@ -88,7 +88,7 @@ fn bad_frames_do_not_stop_the_others() {
     let mut holes = document(&work.path("noisy/frame.0009.exr"));
     let layer = holes.layer(None).unwrap();
     let [red, ..] = holes.colors(&layer).unwrap();
-    let mut samples = holes.samples(layer.part, red);
+    let mut samples = holes.samples(layer.part, red).into_owned();
     samples[100..150].fill(f32::NAN);
     holes.replace(layer.part, red, samples.into_iter());
     holes.write(&work.path("noisy/frame.0009.exr")).unwrap();
@@ -172,6 +172,14 @@ fn motion_comes_from_volume_and_cameras() {
     work.json("denoise noisy/frame.####.exr -o b/frame.####.exr --motion files:motion/m.####.exr");
     let [a, b] = ["a", "b"].map(|folder| psnr(&work, folder));
     assert!(b[0] > a[0] - 0.5 && b[1] > a[1] - 0.5, "{a:?} {b:?}");
+    // The denoiser traces it as well.
+    work.json("motion smoke.vdb --cameras path --frames 0-11 -o traced/m.####.exr");
+    work.json("denoise noisy/frame.####.exr -o c/frame.####.exr --motion files:traced/m.####.exr");
+    work.json("denoise noisy/frame.####.exr -o d/frame.####.exr --motion vdb:smoke.vdb,path");
+    for number in 0..12 {
+        let [c, d] = ["c", "d"].map(|folder| colors(&work, &format!("{folder}/frame.{number:04}.exr")));
+        assert_eq!(c, d, "{number}");
+    }
     // Where there is none, the picture counts as at rest, and that is said.
     std::fs::create_dir(work.path("plain")).unwrap();
     for number in 0..3 {
@@ -253,6 +261,8 @@ fn sequences_are_compared() {
         ("denoise noisy/frame.####.exr -o out.####.png", ".png"),
         ("denoise noisy/frame.####.exr -o out/f.####.exr --layers nonsense", "nonsense"),
         ("denoise noisy/frame.####.exr -o out/f.####.exr --motion layer:half_a", "X and Y"),
+        ("denoise noisy/frame.####.exr -o out/f.####.exr --motion vdb:smoke.vdb", "transforms.json"),
+        ("denoise noisy/frame.####.exr -o out/f.####.exr --motion vdb:nothing.vdb,path", "nothing.vdb"),
         ("denoise noisy/frame.####.exr -o out/f.####.exr --forgetting 1", "forgetting"),
         ("motion smoke.vdb --cameras path -o motion.exr", "names no sequence"),
         ("motion smoke.vdb --cameras path --frames 0-1 -o m.####.exr --grid nonsense", "nonsense"),

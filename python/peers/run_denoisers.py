@@ -11,7 +11,7 @@ references. PSNR and flicker are those of display values (sRGB); `linear` ones a
 noisy ones are taken as they are.
 
 `--time` runs `cumulo denoise` and OIDN in turn on the noisy frames of a sequence, and prints milliseconds a frame, of denoising
-alone and from file to file; OIDN reads and writes colors alone. CUMULO is the program, `cumulo` by default.
+alone and from file to file; all layers pass through on both sides. CUMULO is the program, `cumulo` by default.
 """
 
 import argparse
@@ -84,7 +84,11 @@ def colors(channels, layer=""):
 
 def write(path, color):
     """Writes `[height, width, 3]`."""
-    channels = {c: np.ascontiguousarray(color[..., i]) for i, c in enumerate("RGB")}
+    write_channels(path, {c: np.ascontiguousarray(color[..., i]) for i, c in enumerate("RGB")})
+
+
+def write_channels(path, channels):
+    """Writes channels by name, each `[height, width]`."""
     OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, channels).write(str(path))
 
 
@@ -152,7 +156,7 @@ def demodulated(folder, made):
         channels = read(frame)
         albedo = colors(channels, "Denoising Albedo.")
         channels |= {c: np.where(a > 0, channels[c] / np.maximum(a, 1e-3), 0) for c, a in zip("RGB", np.moveaxis(albedo, -1, 0))}
-        OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, channels).write(str(parts / frame.name))
+        write_channels(parts / frame.name, channels)
     for layer, to in (("Denoising Albedo", "albedo"), ("", "ratio")):
         (made / to).mkdir(exist_ok=True)
         words = ["--layers", layer] if layer else []
@@ -257,11 +261,13 @@ def timing(a):
                 rows[way, "file to file"].append(1e3 * report["seconds"] / len(noisy))
             began, alone = time.perf_counter(), 0.0
             for frame in noisy[: a.oidn_frames]:
-                oidn.color[:] = colors(read(frame))
+                channels = read(frame)
+                oidn.color[:] = colors(channels)
                 start = time.perf_counter()
                 oidn.execute()
                 alone += time.perf_counter() - start
-                write(out / frame.name, oidn.output)
+                channels |= {c: np.ascontiguousarray(oidn.output[..., i]) for i, c in enumerate("RGB")}
+                write_channels(out / frame.name, channels)
             rows["oidn", "alone"].append(1e3 * alone / a.oidn_frames)
             rows["oidn", "file to file"].append(1e3 * (time.perf_counter() - began) / a.oidn_frames)
     print(f"{width}x{height}, {a.threads} threads\n\n| way | alone, ms | file to file, ms | OIDN file to file over it |\n|---|---|---|---|")

@@ -20,6 +20,7 @@ use crate::render::aov::Aov;
 use crate::render::path::{PathTracer, Sampling, View};
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
+use crate::scene::film::Film;
 use crate::scene::medium::{Medium, Scattering};
 use crate::scene::phase::Phase;
 use crate::scene::scene::Scene;
@@ -64,7 +65,7 @@ pub struct MotionCommand {
     #[arg(long)]
     overwrite: bool,
     /// Rays per pixel
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    #[arg(long, value_name = "N", default_value_t = SAMPLES, value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     samples: u32,
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
@@ -96,6 +97,104 @@ struct Shown {
     scene: Scene,
 }
 
+/// What is traced, beside volumes and cameras.
+struct Choices {
+    grid: Option<String>,
+    /// That of the cameras' capture, if `None`.
+    density_scale: Option<f64>,
+    /// Grid of velocities, and frames per second.
+    velocity: Option<(String, f64)>,
+    samples: u32,
+}
+
+/// Rays per pixel unless another number is asked for.
+const SAMPLES: u32 = 16;
+
+/// Motions traced from volumes and cameras, frame by frame.
+pub struct Tracing {
+    input: PathBuf,
+    volumes: Option<Pattern>,
+    numbers: Vec<u32>,
+    /// Cameras of the frames, or of all of them, each between those before and after.
+    cameras: Vec<[Camera; 3]>,
+    density_scale: f64,
+    choices: Choices,
+    limits: Limits,
+    /// Volume that was read last.
+    shown: Option<Shown>,
+}
+
+impl Tracing {
+    /// Prepares the motion of frames with these numbers, which show a volume, or one for each, to the cameras of a capture.
+    ///
+    /// # Errors
+    /// If the capture cannot be read, or does not fit the frames.
+    pub fn new(input: &Path, cameras: &Path, numbers: &[u32], limits: Limits) -> Result<Self> {
+        let choices = Choices { grid: None, density_scale: None, velocity: None, samples: SAMPLES };
+        Self::of(input, &transforms::load(cameras)?, cameras, numbers, choices, limits)
+    }
+
+    fn of(
+        input: &Path,
+        capture: &Capture,
+        path: &Path,
+        numbers: &[u32],
+        choices: Choices,
+        limits: Limits,
+    ) -> Result<Self> {
+        Ok(Self {
+            input: input.to_owned(),
+            volumes: Pattern::parse(input),
+            numbers: numbers.to_vec(),
+            cameras: between(capture, path, numbers)?,
+            density_scale: choices.density_scale.unwrap_or(capture.density_scale),
+            choices,
+            limits,
+            shown: None,
+        })
+    }
+
+    /// Returns the planes `Vector.X` to `Vector.W` of a frame, and alpha. A volume that was read for the frame before is used
+    /// again.
+    ///
+    /// # Errors
+    /// If the volume cannot be read, or the work is interrupted.
+    pub fn film(&mut self, number: u32, cancel: &AtomicBool) -> Result<Film> {
+        let at = self.numbers.binary_search(&number).unwrap_or(0).min(self.cameras.len() - 1);
+        let input = self.volumes.as_ref().map_or_else(|| self.input.clone(), |pattern| pattern.path(number));
+        let Shown { scene, .. } = match self.shown.take().filter(|shown| shown.path == input) {
+            Some(same) => self.shown.insert(same),
+            None => {
+                let scene = self.scene(&input)?;
+                self.shown.insert(Shown { path: input, scene })
+            }
+        };
+        let [before, camera, after] = &self.cameras[at];
+        let tracer = PathTracer::new(scene)?.background([0.0; 3]);
+        let view = View { camera, before: Some(before), after: Some(after), velocities: &scene.velocities };
+        let sampling = Sampling::new(self.choices.samples, number.into());
+        let picture = tracer.picture(view, sampling, &[Aov::Motion], cancel).ok_or_else(Error::cancelled)?;
+        Ok(picture.film)
+    }
+
+    /// Returns a scene in which nothing shines: rays end where they first meet the volume.
+    fn scene(&self, input: &Path) -> Result<Scene> {
+        let file = File::open(input, self.limits)?;
+        let grid = file.read_fog(self.choices.grid.as_deref())?;
+        let field = volume::arrange(&grid, None, self.limits)?;
+        let scattering = Some(Scattering::new([0.0; 3], Phase::HenyeyGreenstein(0.0)));
+        let medium = Medium { scattering, ..Medium::absorbing(self.density_scale) };
+        let velocity = self.choices.velocity.as_ref();
+        let velocity =
+            velocity.map(|(name, fps)| velocity::read(&file, name, *fps, self.limits.max_memory)).transpose()?;
+        Ok(Scene {
+            volumes: vec![Volume::Density(field, medium)],
+            velocities: velocity.map(|velocity| (0, velocity)).into_iter().collect(),
+            ..Scene::default()
+        })
+    }
+}
+
 impl MotionCommand {
     /// Reads, traces, writes and reports. Exit code 2 if a frame failed.
     ///
@@ -105,10 +204,16 @@ impl MotionCommand {
         let cancel = cancel::listen();
         let mut provenance = Provenance::begin();
         let capture = transforms::load(&self.cameras)?;
-        let density_scale = self.density_scale.unwrap_or(capture.density_scale);
-        let volumes = Pattern::parse(&self.input);
-        let numbers = self.numbers(&capture, volumes.as_ref())?;
-        let cameras = between(&capture, &self.cameras, &numbers)?;
+        let numbers = self.numbers(&capture)?;
+        let choices = Choices {
+            grid: self.grid.clone(),
+            density_scale: self.density_scale,
+            velocity: self.velocity.clone().map(|name| (name, self.fps)),
+            samples: self.samples,
+        };
+        let limits = self.memory.limits();
+        let mut tracing = Tracing::of(&self.input, &capture, &self.cameras, &numbers, choices, limits)?;
+        let density_scale = tracing.density_scale;
         let to = Pattern::parse(&self.output).ok_or_else(|| {
             Error::invalid("this names no sequence, and there is a picture for each frame")
                 .at(&self.output)
@@ -126,11 +231,9 @@ impl MotionCommand {
         }
         let attributes = provenance.attributes();
         let bar = output.progress(numbers.len() as u64, "motion");
-        let (mut failed, mut largest, mut shown) = (Vec::new(), 0.0_f32, None);
-        for (at, (number, path)) in numbers.iter().zip(&pictures).enumerate() {
-            let input = volumes.as_ref().map_or_else(|| self.input.clone(), |pattern| pattern.path(*number));
-            let view = &cameras[at.min(cameras.len() - 1)];
-            let result = self.frame(&input, view, density_scale, *number, &mut shown, cancel).and_then(|film| {
+        let (mut failed, mut largest) = (Vec::new(), 0.0_f32);
+        for (number, path) in numbers.iter().zip(&pictures) {
+            let result = tracing.film(*number, cancel).and_then(|film| {
                 let planes = film.planes.iter().filter(|plane| ["Vector.X", "Vector.Y"].contains(&plane.name.as_str()));
                 let most = planes.flat_map(|plane| &plane.samples).fold(0.0_f32, |most, v| most.max(v.abs()));
                 exr::write_picture(path, &film, &attributes, false)?;
@@ -158,12 +261,12 @@ impl MotionCommand {
     }
 
     /// Returns the numbers of the frames.
-    fn numbers(&self, capture: &Capture, volumes: Option<&Pattern>) -> Result<Vec<u32>> {
+    fn numbers(&self, capture: &Capture) -> Result<Vec<u32>> {
         if let Some(frames) = self.frames {
             return Ok(frames.numbers().collect());
         }
         let mut of_cameras: Vec<u32> = capture.frames.iter().filter_map(|frame| number_of(&frame.picture)).collect();
-        match volumes {
+        match Pattern::parse(&self.input) {
             _ if capture.frames.len() > 1 && of_cameras.len() == capture.frames.len() => {
                 of_cameras.sort_unstable();
                 Ok(of_cameras)
@@ -173,45 +276,5 @@ impl MotionCommand {
                 .at(&self.cameras)
                 .hint("give them with --frames A-B")),
         }
-    }
-
-    /// Returns the motion of a frame. A volume that was read for the frame before is used again.
-    fn frame(
-        &self,
-        input: &Path,
-        [before, camera, after]: &[Camera; 3],
-        density_scale: f64,
-        number: u32,
-        shown: &mut Option<Shown>,
-        cancel: &AtomicBool,
-    ) -> Result<crate::scene::film::Film> {
-        let Shown { scene, .. } = match shown.take().filter(|shown| shown.path == input) {
-            Some(same) => shown.insert(same),
-            None => shown.insert(Shown {
-                path: input.to_owned(),
-                scene: self.scene(input, density_scale, self.memory.limits())?,
-            }),
-        };
-        let tracer = PathTracer::new(scene)?.background([0.0; 3]);
-        let view = View { camera, before: Some(before), after: Some(after), velocities: &scene.velocities };
-        let sampling = Sampling::new(self.samples, number.into());
-        let picture = tracer.picture(view, sampling, &[Aov::Motion], cancel).ok_or_else(Error::cancelled)?;
-        Ok(picture.film)
-    }
-
-    /// Returns a scene in which nothing shines: rays end where they first meet the volume.
-    fn scene(&self, input: &Path, density_scale: f64, limits: Limits) -> Result<Scene> {
-        let file = File::open(input, limits)?;
-        let grid = file.read_fog(self.grid.as_deref())?;
-        let field = volume::arrange(&grid, None, limits)?;
-        let scattering = Some(Scattering::new([0.0; 3], Phase::HenyeyGreenstein(0.0)));
-        let medium = Medium { scattering, ..Medium::absorbing(density_scale) };
-        let velocity = self.velocity.as_ref();
-        let velocity = velocity.map(|name| velocity::read(&file, name, self.fps, limits.max_memory)).transpose()?;
-        Ok(Scene {
-            volumes: vec![Volume::Density(field, medium)],
-            velocities: velocity.map(|velocity| (0, velocity)).into_iter().collect(),
-            ..Scene::default()
-        })
     }
 }

@@ -2,6 +2,7 @@
 
 use super::frame::Frame;
 use glam::Vec3;
+use rayon::prelude::*;
 
 /// Rows of which one is looked at.
 const LOOK: usize = 8;
@@ -34,16 +35,16 @@ impl<'f> Outline<'f> {
     /// Returns the guide of a frame.
     pub fn of(frame: &Frame<'f>) -> Self {
         let [width, _] = frame.size;
-        let (mut empty, mut lit, mut clear, mut all) = (0, 0, 0, 0);
         let alphas = frame.alpha.unwrap_or_default();
-        for (alphas, colors) in alphas.chunks(width).zip(frame.color.chunks(width)).step_by(LOOK) {
-            for (alpha, color) in alphas.iter().zip(colors) {
-                all += 1;
-                clear += u32::from(*alpha < OPAQUE);
-                empty += u32::from(*alpha == 0.0);
-                lit += u32::from(*alpha == 0.0 && *color != Vec3::ZERO);
-            }
-        }
+        let rows = alphas.par_chunks(width).zip(frame.color.par_chunks(width)).step_by(LOOK);
+        let counts = rows.map(|(alphas, colors)| {
+            alphas.iter().zip(colors).fold([0_u32; 4], |[empty, lit, clear, all], (alpha, color)| {
+                let is_empty = *alpha == 0.0;
+                let is_lit = is_empty && *color != Vec3::ZERO;
+                [empty + u32::from(is_empty), lit + u32::from(is_lit), clear + u32::from(*alpha < OPAQUE), all + 1]
+            })
+        });
+        let [empty, lit, clear, all] = counts.reduce(|| [0; 4], |a, b| std::array::from_fn(|i| a[i] + b[i]));
         let black = lit == 0 && empty as f32 > LEAST_EMPTY * all as f32;
         let alpha = frame.alpha.filter(|alpha| clear > 0 && !is_noisy(alpha, frame.color, width));
         Self { alpha, proportional: PROPORTIONAL[usize::from(black)] }
@@ -59,6 +60,18 @@ struct Sums {
     /// Noise and square, of alpha and of the colors.
     alpha: [f64; 2],
     color: [f64; 2],
+}
+
+impl Sums {
+    fn plus(self, other: Self) -> Self {
+        let plus = |a: [f64; 2], b: [f64; 2]| [a[0] + b[0], a[1] + b[1]];
+        Self {
+            partial: plus(self.partial, other.partial),
+            whole: plus(self.whole, other.whole),
+            alpha: plus(self.alpha, other.alpha),
+            color: plus(self.color, other.color),
+        }
+    }
 }
 
 /// True if alpha was sampled by few paths, and is not much cleaner than the colors. Noise is measured by second differences in
@@ -77,8 +90,8 @@ fn is_noisy(alpha: &[f32], color: &[Vec3], width: usize) -> bool {
         let second = |at: usize| (of(at - 1) + of(at + 1)) - 2.0 * of(at);
         ((second(at - width) + second(at + width)) - 2.0 * second(at)).powi(2) / KERNEL
     };
-    let mut sums = Sums::default();
-    for y in looked() {
+    let of_row = |y: usize| {
+        let mut sums = Sums::default();
         for at in y * width + 1..(y + 1) * width - 1 {
             let (own, apart) = (alpha[at], noise(&|at| alpha[at], at));
             if !(own + apart).is_finite() {
@@ -94,7 +107,12 @@ fn is_noisy(alpha: &[f32], color: &[Vec3], width: usize) -> bool {
             add(&mut sums.alpha, [apart, own * own]);
             add(&mut sums.color, [noise(&shown, at), shown(at).powi(2)]);
         }
-    }
+        sums
+    };
+    let rows: Vec<usize> = looked().collect();
+    let sums: Vec<Sums> = rows.into_par_iter().map(of_row).collect();
+    // In order, so that the sum is the same for any number of threads.
+    let sums = sums.into_iter().fold(Sums::default(), Sums::plus);
     let exceeds = |[noise, all]: [f64; 2], share: f64| noise > share * all;
     let is_sampled = exceeds(sums.partial, SAMPLED[0]) || exceeds(sums.whole, SAMPLED[1]);
     let [[alpha, alphas], [color, colors]] = [sums.alpha, sums.color];

@@ -1,7 +1,9 @@
 //! Frames at work: one thread reads ahead, one denoises, one writes behind.
 
+use super::held::Held;
+use super::motion::{Asked, Motions};
 use super::passes::Directions;
-use super::plan::{Plan, Step};
+use super::plan::{Plan, Read, Step};
 use super::shot::{Layer, Shot, Target};
 use super::{COMMAND, Cuts, Denoise, Guide};
 use crate::cli::failed::Failed;
@@ -11,6 +13,7 @@ use crate::denoise::{Denoised, Settings};
 use crate::error::{Error, Kind, Result};
 use crate::formats::exr::Document;
 use glam::Vec3;
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -23,6 +26,8 @@ pub struct Sequence<'s> {
     pub numbers: &'s [u32],
     pub inputs: &'s [PathBuf],
     pub outputs: &'s [PathBuf],
+    /// Pixels of a frame, of all layers together.
+    pub pixels: usize,
     pub command: &'s Denoise,
 }
 
@@ -64,12 +69,13 @@ impl Sequence<'_> {
         cancel: &AtomicBool,
         output: &Output,
     ) -> Result<Done> {
-        let writes = plan.reads().filter(|(_, write)| *write).count();
+        let writes = plan.reads().filter(|read| read.write).count();
+        let motions = Motions::new(&self.command.motion, self.numbers, self.command.memory.limits())?;
         let bar = output.progress(writes as u64, "denoise");
         let done = std::thread::scope(|scope| {
             let (shots, read) = sync_channel(1);
             let (pictures, write) = sync_channel::<Picture>(1);
-            scope.spawn(move || self.read(plan, &shots, cancel));
+            scope.spawn(move || self.read(plan, motions, &shots, cancel));
             let bar = &bar;
             let writer = scope.spawn(move || self.write(&write, provenance, bar));
             let denoised = self.denoise(plan, settings, &read, &pictures, cancel, output);
@@ -91,20 +97,25 @@ impl Sequence<'_> {
     }
 
     /// Reads the frames in the order of the plan.
-    fn read(&self, plan: &Plan, to: &SyncSender<Result<Shot>>, cancel: &AtomicBool) {
-        for (frame, write) in plan.reads() {
+    fn read(&self, plan: &Plan, mut motions: Motions<'_>, to: &SyncSender<Result<Shot>>, cancel: &AtomicBool) {
+        let mut held = Held::new(self.pixels, self.command.memory.limits());
+        for read in plan.reads() {
             // The denoiser hangs up when it is interrupted.
-            if cancel.load(Ordering::Relaxed) || to.send(self.shot(frame, write)).is_err() {
+            if cancel.load(Ordering::Relaxed) || to.send(self.shot(read, &mut motions, &mut held, cancel)).is_err() {
                 return;
             }
         }
     }
 
     /// Reads a frame.
-    fn shot(&self, frame: usize, write: bool) -> Result<Shot> {
+    fn shot(&self, read: Read, motions: &mut Motions<'_>, held: &mut Held, cancel: &AtomicBool) -> Result<Shot> {
+        let Read { frame, forward, write } = read;
         let limits = self.command.memory.limits();
         let (path, number) = (&self.inputs[frame], self.numbers[frame]);
-        let document = Document::read(path, limits)?;
+        let document = match held.take(frame) {
+            Some(document) => document,
+            None => Document::read(path, limits)?,
+        };
         let targets = self.targets(&document).map_err(|e| e.at(path))?;
         let size = document.size(targets[0].part);
         let mut filled = 0;
@@ -117,18 +128,20 @@ impl Sequence<'_> {
                     .at(path)
                     .hint("denoise them one after the other, with --layers"));
             }
-            let planes: Vec<Vec<f32>> = target.channels.iter().map(|c| document.samples(target.part, *c)).collect();
+            let planes: Vec<Cow<'_, [f32]>> =
+                target.channels.iter().map(|c| document.samples(target.part, *c)).collect();
             let plane = |c: usize| &planes[c.min(planes.len() - 1)];
-            let colors = plane(0).iter().zip(plane(1)).zip(plane(2));
+            let colors = plane(0).iter().zip(plane(1).iter()).zip(plane(2).iter());
             let colors: Vec<Vec3> = colors.map(|((r, g), b)| Vec3::new(*r, *g, *b)).collect();
             filled += colors.iter().filter(|color| !color.is_finite()).count();
             let alpha = target.alpha.map(|channel| {
-                let samples = || Arc::new(document.samples(target.part, channel));
+                let samples = || Arc::new(document.samples(target.part, channel).into_owned());
                 Arc::clone(alphas.entry([target.part, channel]).or_insert_with(samples))
             });
             layers.push(Layer { color: colors, alpha });
         }
-        let moved = self.command.motion.of(&document, size, number, limits).map_err(|e| match e.path() {
+        let asked = Asked { document: &document, size, number, forward };
+        let moved = motions.of(&asked, cancel).map_err(|e| match e.path() {
             Some(_) => e,
             None => e.at(path),
         })?;
@@ -138,7 +151,13 @@ impl Sequence<'_> {
                 .filter(|_| self.command.guide == Guide::Alpha)
                 .for_each(|(layer, _)| layer.alpha = Some(alpha.clone()));
         }
-        Ok(Shot { size, layers, moved, filled, targets, document: write.then_some(document) })
+        let mut shot = Shot { size, layers, moved, filled, targets, document: None };
+        if write {
+            shot.document = Some(document);
+        } else if !forward {
+            held.insert(frame, document);
+        }
+        Ok(shot)
     }
 
     /// Returns the channels to denoise.

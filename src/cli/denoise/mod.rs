@@ -1,6 +1,7 @@
 //! `cumulo denoise`: sequences of noisy pictures, denoised in time.
 
 mod frames;
+mod held;
 mod motion;
 mod passes;
 mod plan;
@@ -42,8 +43,9 @@ pub struct Denoise {
     /// Way to denoise
     #[arg(long, value_enum, default_value_t = Way::Wrls2)]
     method: Way,
-    /// Where motion comes from: auto takes the layer Vector if there is one; layer:NAME; files:'motion.####.exr' as of
-    /// `cumulo motion`; none for pictures at rest
+    /// Where motion comes from: auto takes the layer Vector if there is one; layer:NAME; files:'motion.####.exr' of
+    /// `cumulo motion`; vdb:V.vdb,CAPTURE computes as `cumulo motion` does, from a volume, or vdb:V.####.vdb,CAPTURE, and
+    /// the capture with its cameras; none for pictures at rest
     #[arg(long, value_name = "FROM", default_value = "auto")]
     motion: Motion,
     /// Layers of color to denoise, comma-separated (default: the beauty)
@@ -237,10 +239,12 @@ impl Denoise {
         let skipped = is_wanted.iter().zip(&write).filter(|(wanted, write)| **wanted && !**write).count();
         let sizes = inputs.iter().find_map(|input| Some(exr::header(input).ok()?.display_window.size));
         let layers = self.layers.len().max(1) * if self.alpha { 2 } else { 1 };
-        let kept = plan::kept(sizes.map_or(0, |[width, height]| width * height * layers));
+        let pixels = sizes.map_or(0, |[width, height]| width * height * layers);
+        let kept = plan::kept(pixels);
         let two_way = self.method.method().looks_ahead() && self.direction == Direction::Both;
         let plan = Plan::new(&write, two_way, self.chunk, self.overlap as usize, kept);
-        let sequence = frames::Sequence { numbers: &numbers, inputs: &inputs, outputs: &outputs, command: self };
+        let sequence =
+            frames::Sequence { numbers: &numbers, inputs: &inputs, outputs: &outputs, pixels, command: self };
         let done = sequence.run(&plan, settings, &provenance, cancel::listen(), output)?;
         if done.at_rest && self.motion == Motion::Auto && done.denoised > 1 {
             output.note(

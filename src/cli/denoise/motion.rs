@@ -1,13 +1,16 @@
 //! Where the motion of a sequence comes from.
 
 use crate::cli::denoise::pattern;
+use crate::cli::motion::Tracing;
 use crate::error::{Error, Result};
-use crate::formats::exr::Document;
+use crate::formats::exr::{self, Document};
 use crate::formats::limits::Limits;
+use crate::scene::film::Film;
 use glam::Vec2;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// Source of the motion.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -18,6 +21,8 @@ pub enum Motion {
     Layer(String),
     /// Files of their own.
     Files(PathBuf),
+    /// The volume, or one for each frame, and cameras.
+    Volume { input: PathBuf, cameras: PathBuf },
     /// Pictures at rest.
     None,
 }
@@ -31,18 +36,25 @@ impl FromStr for Motion {
             None if text == "none" => Ok(Self::None),
             Some(("layer", name)) if !name.is_empty() => Ok(Self::Layer(name.to_owned())),
             Some(("files", path)) if !path.is_empty() => Ok(Self::Files(path.into())),
-            _ => Err("auto, none, layer:NAME or files:'motion.####.exr' is expected".to_owned()),
+            Some(("vdb", paths)) => match paths.rsplit_once(',') {
+                Some((input, cameras)) if !input.is_empty() && !cameras.is_empty() => {
+                    Ok(Self::Volume { input: input.into(), cameras: cameras.into() })
+                }
+                _ => Err("vdb: takes a volume and its cameras, vdb:smoke.vdb,transforms.json".to_owned()),
+            },
+            _ => Err("auto, none, layer:NAME, files:'motion.####.exr' or vdb:V.vdb,CAPTURE is expected".to_owned()),
         }
     }
 }
 
-/// Motion of a frame in pixels to the right and downwards, by pixel: the place in the frame before, and in the frame after,
-/// minus that now.
+/// Motion of a frame in pixels to the right and downwards, by pixel.
 #[derive(Debug, Clone, Default)]
 pub struct Moved {
-    pub before: Option<Vec<Vec2>>,
-    pub after: Option<Vec<Vec2>>,
-    /// Alpha of the files that the motion comes from, which has no noise.
+    /// The place in the frame denoised before minus that now; `None` if it is not known.
+    pub toward: Option<Vec<Vec2>>,
+    /// The place in the other neighbour minus that now, where `toward` is not known.
+    pub away: Option<Vec<Vec2>>,
+    /// Alpha of the files or the volume that the motion comes from, which has no noise.
     pub alpha: Option<Arc<Vec<f32>>>,
 }
 
@@ -50,62 +62,119 @@ impl Moved {
     /// True if nothing moves.
     pub fn is_zero(&self) -> bool {
         let zero = |motion: &Option<Vec<Vec2>>| motion.iter().flatten().all(|motion| *motion == Vec2::ZERO);
-        zero(&self.before) && zero(&self.after)
+        zero(&self.toward) && zero(&self.away)
     }
 }
 
-impl Motion {
-    /// Returns the motion of a frame of `size`.
+/// Motions of the frames, read or traced one after the other.
+pub struct Motions<'m> {
+    motion: &'m Motion,
+    limits: Limits,
+    tracing: Option<Tracing>,
+}
+
+/// Frame whose motion is asked for.
+pub struct Asked<'a> {
+    pub document: &'a Document,
+    pub size: [usize; 2],
+    pub number: u32,
+    /// False where the frame is denoised by those after it.
+    pub forward: bool,
+}
+
+impl<'m> Motions<'m> {
+    /// Prepares the motions of the frames with these numbers.
     ///
     /// # Errors
-    /// If the layer or file that was named is not there, or does not fit.
-    pub fn of(&self, document: &Document, size: [usize; 2], number: u32, limits: Limits) -> Result<Moved> {
-        let name = match self {
-            Self::None => return Ok(Moved::default()),
-            Self::Files(path) => {
-                let path = pattern(path, "the frames' motions")?.path(number);
-                let document = Document::read(&path, limits)?;
-                let moved = of_layer(&document, "Vector", size).map_err(|e| e.at(&path))?;
+    /// If cameras cannot be read, or do not fit the frames.
+    pub fn new(motion: &'m Motion, numbers: &[u32], limits: Limits) -> Result<Self> {
+        let tracing = match motion {
+            Motion::Volume { input, cameras } => Some(Tracing::new(input, cameras, numbers, limits)?),
+            _ => None,
+        };
+        Ok(Self { motion, limits, tracing })
+    }
+
+    /// Returns the motion of a frame.
+    ///
+    /// # Errors
+    /// If the layer, file or volume that was named is not there, or does not fit.
+    pub fn of(&mut self, asked: &Asked<'_>, cancel: &AtomicBool) -> Result<Moved> {
+        let document = asked.document;
+        let name = match self.motion {
+            Motion::None => return Ok(Moved::default()),
+            Motion::Volume { cameras, .. } => {
+                let Some(tracing) = &mut self.tracing else { return Ok(Moved::default()) };
+                let film = tracing.film(asked.number, cancel)?;
+                return of_film(&film, asked).map_err(|e| e.at(cameras));
+            }
+            Motion::Files(path) => {
+                let path = pattern(path, "the frames' motions")?.path(asked.number);
+                let document = Document::read(&path, self.limits)?;
+                let moved = of_layer(&Asked { document: &document, ..*asked }, "Vector").map_err(|e| e.at(&path))?;
                 let alpha = document.layer(None).ok().and_then(|layer| {
                     let alpha = document.component(&layer, "A")?;
-                    (document.size(layer.part) == size).then(|| Arc::new(document.samples(layer.part, alpha)))
+                    let fits = document.size(layer.part) == asked.size;
+                    fits.then(|| Arc::new(document.samples(layer.part, alpha).into_owned()))
                 });
                 return Ok(Moved { alpha, ..moved });
             }
-            Self::Layer(name) => name,
-            Self::Auto => {
-                let found = document.header().layers().into_iter().find(|layer| {
-                    let last = layer.name.rsplit('.').next().unwrap_or_default();
-                    last == "Vector" && document.component(layer, "X").is_some()
-                });
-                match found {
-                    Some(layer) => return of_layer(document, &layer.name, size),
-                    None => return Ok(Moved::default()),
-                }
+            Motion::Layer(name) => name,
+            Motion::Auto => {
+                let found = document.header().layers().into_iter().find(|layer| is_motion(document, layer));
+                return found.map_or(Ok(Moved::default()), |layer| of_layer(asked, &layer.name));
             }
         };
-        of_layer(document, name, size)
+        of_layer(asked, name)
     }
 }
 
-fn of_layer(document: &Document, name: &str, size: [usize; 2]) -> Result<Moved> {
-    let layer = document.layer(Some(name))?;
-    let plane = |component: &str| Some(document.samples(layer.part, document.component(&layer, component)?));
-    let found = document.size(layer.part);
-    if found != size {
-        return Err(Error::invalid(format!(
-            "{}x{} pixels, and the colors have {}x{}",
-            found[0], found[1], size[0], size[1]
-        ))
-        .part(format!("layer '{name}'"))
-        .hint("motion and colors must have one size"));
+/// True for the layer that Cumulo and Blender call `Vector`.
+fn is_motion(document: &Document, layer: &exr::LayerInfo) -> bool {
+    layer.name.rsplit('.').next() == Some("Vector") && document.component(layer, "X").is_some()
+}
+
+/// Returns the motion from planes of X, Y and, if they are there, Z and W.
+fn of_planes([x, y]: [&[f32]; 2], after: Option<[&[f32]; 2]>, forward: bool) -> Moved {
+    let before = || Some(x.iter().zip(y).map(|(x, y)| Vec2::new(*x, -y)).collect());
+    match after {
+        _ if forward => Moved { toward: before(), ..Moved::default() },
+        None => Moved { away: before(), ..Moved::default() },
+        Some([z, w]) => {
+            let toward = z.iter().zip(w).map(|(z, w)| Vec2::new(-z, *w)).collect();
+            Moved { toward: Some(toward), ..Moved::default() }
+        }
     }
+}
+
+/// Returns the motion of a film of `cumulo motion`.
+fn of_film(film: &Film, asked: &Asked<'_>) -> Result<Moved> {
+    fits([film.width, film.height], asked.size)?;
+    let [x, y, z, w] = ["X", "Y", "Z", "W"].map(|name| film.plane(&format!("Vector.{name}")).unwrap_or_default());
+    let alpha = film.rgba.iter().map(|pixel| pixel[3]).collect();
+    Ok(Moved { alpha: Some(Arc::new(alpha)), ..of_planes([x, y], Some([z, w]), asked.forward) })
+}
+
+fn fits(found: [usize; 2], size: [usize; 2]) -> Result<()> {
+    if found == size {
+        return Ok(());
+    }
+    let ([width, height], [w, h]) = (found, size);
+    Err(Error::invalid(format!("the motion has {width}x{height} pixels, and the colors have {w}x{h}"))
+        .hint("motion and colors must have one size"))
+}
+
+fn of_layer(asked: &Asked<'_>, name: &str) -> Result<Moved> {
+    let document = asked.document;
+    let layer = document.layer(Some(name))?;
+    let part = format!("layer '{name}'");
+    fits(document.size(layer.part), asked.size).map_err(|e| e.part(part.clone()))?;
+    let plane = |component: &str| Some(document.samples(layer.part, document.component(&layer, component)?));
     let (Some(x), Some(y)) = (plane("X"), plane("Y")) else {
         return Err(Error::invalid("no components X and Y")
-            .part(format!("layer '{name}'"))
+            .part(part)
             .hint("a motion layer has X and Y, pixels to the right and upwards to the place in the frame before"));
     };
-    let before = x.iter().zip(&y).map(|(x, y)| Vec2::new(*x, -y)).collect();
-    let after = plane("Z").zip(plane("W")).map(|(z, w)| z.iter().zip(&w).map(|(z, w)| Vec2::new(-z, *w)).collect());
-    Ok(Moved { before: Some(before), after, alpha: None })
+    let after = plane("Z").zip(plane("W"));
+    Ok(of_planes([&x, &y], after.as_ref().map(|(z, w)| [&z[..], &w[..]]), asked.forward))
 }

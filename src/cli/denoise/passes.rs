@@ -13,14 +13,20 @@ const THUMBNAIL: usize = 16;
 /// Mean colors of parts of a picture, by which cuts are found.
 pub type Thumbnail = Vec<Vec3>;
 
+/// Rows and columns of which one is looked at for a thumbnail.
+const LOOK: usize = 2;
+
 /// Returns the mean colors of the finite pixels of parts of a picture.
 pub fn thumbnail(color: &[Vec3], [width, height]: [usize; 2]) -> Thumbnail {
     let mut sums = vec![(Vec3::ZERO, 0.0_f32); THUMBNAIL * THUMBNAIL];
-    for (at, color) in color.iter().enumerate().filter(|(_, color)| color.is_finite()) {
-        let (x, y) = (at % width * THUMBNAIL / width, at / width * THUMBNAIL / height);
-        let (sum, count) = &mut sums[y * THUMBNAIL + x];
-        *sum += color.abs();
-        *count += 1.0;
+    let bins: Vec<usize> = (0..width).map(|x| x * THUMBNAIL / width).collect();
+    for (y, row) in color.chunks(width).enumerate().step_by(LOOK) {
+        let sums = &mut sums[y * THUMBNAIL / height * THUMBNAIL..][..THUMBNAIL];
+        for (color, bin) in row.iter().zip(&bins).step_by(LOOK).filter(|(color, _)| color.is_finite()) {
+            let (sum, count) = &mut sums[*bin];
+            *sum += color.abs();
+            *count += 1.0;
+        }
     }
     sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect()
 }
@@ -40,7 +46,6 @@ pub fn is_cut(a: &Thumbnail, b: &Thumbnail) -> bool {
 #[derive(Debug)]
 pub struct Pass {
     denoisers: Vec<Denoiser>,
-    forward: bool,
     /// The frame before in this direction: number, thumbnail, and its motion to the frame before in the other direction.
     last: Option<(u32, Thumbnail, Option<Vec<Vec2>>)>,
 }
@@ -50,9 +55,9 @@ impl Pass {
     ///
     /// # Errors
     /// If the settings cannot be used.
-    pub fn new(layers: usize, method: Method, settings: Settings, forward: bool) -> Result<Self> {
+    pub fn new(layers: usize, method: Method, settings: Settings) -> Result<Self> {
         let denoisers = (0..layers).map(|_| Denoiser::new(method, settings)).collect::<Result<_>>()?;
-        Ok(Self { denoisers, forward, last: None })
+        Ok(Self { denoisers, last: None })
     }
 
     /// Forgets all.
@@ -73,16 +78,12 @@ impl Pass {
         }
         // A motion spans as many frames as lie between.
         let gap = self.last.as_ref().map_or(1, |(last, ..)| last.abs_diff(number).max(1)) as f32;
-        let (toward, away) = match self.forward {
-            true => (&shot.moved.before, &shot.moved.after),
-            false => (&shot.moved.after, &shot.moved.before),
-        };
         let turned = || {
             // What the last frame knows of its way here, turned round, where this one knows nothing.
             let (.., away) = self.last.as_ref()?;
             away.as_ref().map(|away| away.iter().map(|motion| -*motion).collect::<Vec<_>>())
         };
-        let motion: Option<Cow<'_, [Vec2]>> = match toward {
+        let motion: Option<Cow<'_, [Vec2]>> = match &shot.moved.toward {
             Some(motion) if gap == 1.0 => Some(motion.into()),
             Some(motion) => Some(motion.iter().map(|motion| *motion * gap).collect()),
             None => turned().map(Cow::Owned),
@@ -93,8 +94,7 @@ impl Pass {
             denoiser.denoise(&Frame { size: shot.size, color, motion: motion.as_deref(), alpha })
         };
         let denoised = layers.map(of).collect::<Result<_>>()?;
-        let away = if shot.moved.after.is_none() || shot.moved.before.is_none() { away.clone() } else { None };
-        self.last = Some((number, small, away));
+        self.last = Some((number, small, shot.moved.away.clone()));
         Ok((denoised, cut))
     }
 }
@@ -161,10 +161,10 @@ impl Directions {
 
     fn passes(&mut self, shot: &Shot) -> Result<&mut [Pass; 2]> {
         let layers = shot.layers.len();
-        let pass = |forward| Pass::new(layers, self.method, self.settings, forward);
+        let pass = || Pass::new(layers, self.method, self.settings);
         match &mut self.passes {
             Some(passes) => Ok(passes),
-            empty => Ok(empty.insert([pass(true)?, pass(false)?])),
+            empty => Ok(empty.insert([pass()?, pass()?])),
         }
     }
 }

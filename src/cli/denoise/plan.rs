@@ -15,6 +15,15 @@ pub enum Step {
     Denoise { frame: usize, write: bool },
 }
 
+/// Frame to be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Read {
+    pub frame: usize,
+    /// False where the frame is denoised by those after it.
+    pub forward: bool,
+    pub write: bool,
+}
+
 /// Steps of a sequence.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Plan {
@@ -57,10 +66,10 @@ impl Plan {
     }
 
     /// Returns the frames in the order in which they are read.
-    pub fn reads(&self) -> impl Iterator<Item = (usize, bool)> {
+    pub fn reads(&self) -> impl Iterator<Item = Read> {
         self.steps.iter().filter_map(|step| match *step {
-            Step::Look { frame, .. } => Some((frame, false)),
-            Step::Denoise { frame, write } => Some((frame, write)),
+            Step::Look { frame, .. } => Some(Read { frame, forward: false, write: false }),
+            Step::Denoise { frame, write } => Some(Read { frame, forward: true, write }),
             Step::Begin | Step::Backward => None,
         })
     }
@@ -106,6 +115,7 @@ mod tests {
         ];
         assert_eq!(plan.steps, steps);
         let one_way = Plan::new(&[true; 3], false, None, 16, 8);
-        assert_eq!(one_way.reads().collect::<Vec<_>>(), [(0, true), (1, true), (2, true)]);
+        let reads = [0, 1, 2].map(|frame| Read { frame, forward: true, write: true });
+        assert_eq!(one_way.reads().collect::<Vec<_>>(), reads);
     }
 }

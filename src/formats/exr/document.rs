@@ -16,6 +16,7 @@ use exr::meta::header::ImageAttributes;
 use exr::meta::{BlockDescription, MetaData};
 use exr::prelude::SmallVec;
 use half::f16;
+use std::borrow::Cow;
 use std::path::Path;
 
 /// All parts of a file with their channels as they are stored, and their attributes.
@@ -84,11 +85,22 @@ impl Document {
         self.header.parts[part].data_window.size
     }
 
+    /// Returns the bytes of all samples.
+    pub fn bytes(&self) -> u64 {
+        let channels = self.image.layer_data.iter().flat_map(|layer| &layer.channel_data.list);
+        let bytes = channels.map(|channel| match &channel.sample_data {
+            FlatSamples::F16(samples) => size_of_val(&samples[..]),
+            FlatSamples::F32(samples) => size_of_val(&samples[..]),
+            FlatSamples::U32(samples) => size_of_val(&samples[..]),
+        });
+        bytes.sum::<usize>() as u64
+    }
+
     /// Returns the samples of a channel over its part's data window.
-    pub fn samples(&self, part: usize, channel: usize) -> Vec<f32> {
+    pub fn samples(&self, part: usize, channel: usize) -> Cow<'_, [f32]> {
         match &self.image.layer_data[part].channel_data.list[channel].sample_data {
             FlatSamples::F16(samples) => samples.iter().map(|v| v.to_f32()).collect(),
-            FlatSamples::F32(samples) => samples.clone(),
+            FlatSamples::F32(samples) => samples.into(),
             FlatSamples::U32(samples) => samples.iter().map(|v| *v as f32).collect(),
         }
     }

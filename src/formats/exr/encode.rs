@@ -94,9 +94,15 @@ impl Packer {
 /// Writes the differences of consecutive bytes to `to`, after the bytes at even places were put before those at odd ones
 /// (`sorted`): OpenEXR's preparation for ZIP.
 fn differences(bytes: &[u8], sorted: &mut Vec<u8>, to: &mut Vec<u8>) {
-    sorted.clear();
-    sorted.extend(bytes.iter().step_by(2));
-    sorted.extend(bytes.iter().skip(1).step_by(2));
+    sorted.resize(bytes.len(), 0);
+    let (even, odd) = sorted.split_at_mut(bytes.len().div_ceil(2));
+    let (pairs, last) = bytes.as_chunks::<2>();
+    for (([first, second], even), odd) in pairs.iter().zip(&mut *even).zip(odd) {
+        (*even, *odd) = (*first, *second);
+    }
+    if let ([byte], Some(to)) = (last, even.last_mut()) {
+        *to = *byte;
+    }
     to.clear();
     to.extend(sorted.first());
     let pairs = sorted.iter().zip(sorted.iter().skip(1));
