@@ -97,10 +97,10 @@ struct Shown {
     scene: Scene,
 }
 
-/// What is traced, beside volumes and cameras.
+/// Choices of a tracing beside its volumes and cameras.
 struct Choices {
     grid: Option<String>,
-    /// That of the cameras' capture, if `None`.
+    /// Extinction per unit of density and length; `None` for that of the capture.
     density_scale: Option<f64>,
     /// Grid of velocities, and frames per second.
     velocity: Option<(String, f64)>,
