@@ -77,3 +77,32 @@ pub fn mix(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::denoise::blocks::Grid;
+
+    /// What is left of a far mean of 1 when a near one of 1.2 is mixed in, where colors have errors of this variance.
+    fn mixed(alpha: f32, error: f32) -> f32 {
+        let mut sums = Planes::new(Grid::over([16, 4]), 2);
+        for (plane, value) in [error, 1.0].into_iter().enumerate() {
+            let stride = sums.data.len() / 2;
+            sums.data[plane * stride..][..stride].fill(value);
+        }
+        let mut features = [[Lanes([1.0; LANES]); 3]; 2];
+        let near = [[Lanes([1.2; LANES]); 3]; 2];
+        let opaque = [opaqueness(Lanes([alpha; LANES])); 2];
+        mix(0, &mut features, &near, &opaque, Noise { sums: &sums, plane: 0, level: 1.0 }, &mut Vec::new());
+        features[1][2].0[5]
+    }
+
+    #[test]
+    fn what_differs_by_more_than_noise_is_mixed_in_where_all_is_opaque() {
+        // Of d² = 0.04, a noise of 0.02 of the feature's square is half.
+        let half = mixed(1.0, 0.02 / LEFT);
+        assert!((half - 1.1).abs() < 1e-3, "{half}");
+        assert!((mixed(1.0, 0.0) - 1.2).abs() < 1e-6 && (mixed(1.0, 9.0 / LEFT) - 1.0).abs() < 1e-6);
+        assert!((mixed(0.95, 0.0) - 1.1).abs() < 1e-5 && (mixed(0.9, 0.0) - 1.0).abs() < 1e-5);
+    }
+}
