@@ -123,21 +123,19 @@ impl Pool {
     }
 }
 
-/// Solves for the models of a row of blocks from the sums in the planes from `first` on, pooled over the blocks within
-/// `radius`. Writes the coefficients plane after plane, and returns the pooled counts to `counts`.
+/// Solves for the models of a row of blocks from their sums, pooled over the blocks within `radius`. Writes the coefficients plane after plane, and returns the pooled counts to `counts`.
 #[inline(always)]
 pub fn solve_row(
     sums: &Planes,
     row: usize,
-    first: usize,
     radius: usize,
     pool: &mut Pool,
     coefficients: &mut [f32],
     counts: &mut [f32],
 ) {
     let stride = sums.grid.stride();
-    let own = (first..first + TERMS).map(|plane| (plane, radius));
-    let wide = DIAGONAL.into_iter().map(|place| (first + place, radius + 1));
+    let own = (0..TERMS).map(|plane| (plane, radius));
+    let wide = DIAGONAL.into_iter().map(|place| (place, radius + 1));
     let (vectors, pooled) = pool.sums(sums, row, own.chain(wide));
     for vector in 0..vectors {
         let mut terms = [Lanes::ZERO; TERMS];

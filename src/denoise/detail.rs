@@ -3,8 +3,9 @@
 //! There the feature is a mean over many pixels, which blurs what is finer. A mean over few pixels is mixed in as far as both
 //! differ by more than noise: of a difference d with the variance n of its noise, the share `1 - n / E[d²]` is signal (Wiener).
 
-use super::blocks::{BLOCK, Planes};
+use super::blocks::BLOCK;
 use super::lanes::{LANES, Lanes};
+use super::learning::{DISTANCES, Sums};
 use super::vectors::Features;
 
 /// Mean alpha from which on detail is mixed in; it is fully so where all around is opaque.
@@ -12,13 +13,13 @@ const LEAST_ALPHA: f32 = 0.9;
 /// Variance of the noise in the mean over few pixels, as a share of that in a pixel's color.
 const LEFT: f32 = 0.02;
 
-/// Noise of the colors, as far as it is known.
+/// Noise of the colors in a band of rows, as far as it is known.
 #[derive(Debug, Clone, Copy)]
 pub struct Noise<'n> {
-    /// Sums by block.
-    pub sums: &'n Planes,
-    /// Plane of the sums of squared errors as shares of the feature's square, behind which their count lies.
-    pub plane: usize,
+    /// Sums of the blocks, row by row.
+    pub blocks: &'n [Sums],
+    /// Blocks in a row.
+    pub columns: usize,
     /// Root mean square of the features.
     pub level: f32,
 }
@@ -33,10 +34,9 @@ impl Noise<'_> {
     /// Returns the sum and the count of the errors in the blocks that eight pixels lie in.
     #[inline(always)]
     fn errors(&self, row: usize, at: usize) -> [f32; 2] {
-        [self.plane, self.plane + 1].map(|plane| {
-            let blocks = &self.sums.row(row, plane)[at * LANES / BLOCK..][..LANES / BLOCK];
-            blocks.iter().sum::<f32>()
-        })
+        let from = at * LANES / BLOCK;
+        let blocks = &self.blocks[row * self.columns..][from..(from + LANES / BLOCK).min(self.columns)];
+        blocks.iter().fold([0.0; 2], |[error, count], sums| [error + sums[DISTANCES], count + sums[0]])
     }
 }
 
@@ -46,7 +46,7 @@ pub fn opaqueness(alpha: Lanes) -> Lanes {
     ((alpha - LEAST_ALPHA) * (1.0 / (1.0 - LEAST_ALPHA))).max(Lanes::ZERO).min(Lanes([1.0; LANES]))
 }
 
-/// Mixes means over few pixels (`near`) into the features of row `y`, by `opaque`.
+/// Mixes means over few pixels (`near`) into the features of row `y` of the band, by `opaque`.
 #[inline(always)]
 pub fn mix(
     y: usize,
@@ -81,19 +81,17 @@ pub fn mix(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::denoise::blocks::Grid;
+    use crate::denoise::learning::STATE;
 
     /// What is left of a far mean of 1 when a near one of 1.2 is mixed in, where colors have errors of this variance.
     fn mixed(alpha: f32, error: f32) -> f32 {
-        let mut sums = Planes::new(Grid::over([16, 4]), 2);
-        for (plane, value) in [error, 1.0].into_iter().enumerate() {
-            let stride = sums.data.len() / 2;
-            sums.data[plane * stride..][..stride].fill(value);
-        }
+        let mut block = [0.0; STATE];
+        [block[DISTANCES], block[0]] = [error, 1.0];
+        let noise = Noise { blocks: &[block; 4], columns: 4, level: 1.0 };
         let mut features = [[Lanes([1.0; LANES]); 3]; 2];
         let near = [[Lanes([1.2; LANES]); 3]; 2];
         let opaque = [opaqueness(Lanes([alpha; LANES])); 2];
-        mix(0, &mut features, &near, &opaque, Noise { sums: &sums, plane: 0, level: 1.0 }, &mut Vec::new());
+        mix(0, &mut features, &near, &opaque, noise, &mut Vec::new());
         features[1][2].0[5]
     }
 

@@ -1,11 +1,12 @@
 //! A frame, as it comes and denoised.
 
-use super::lanes::each;
+use super::lanes::{LANES, Lanes, each};
+use super::lookahead::Ahead;
 use crate::error::{Error, Result};
 use glam::{Vec2, Vec3};
 
 /// A frame.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Frame<'f> {
     /// Columns and rows.
     pub size: [usize; 2],
@@ -16,10 +17,12 @@ pub struct Frame<'f> {
     pub motion: Option<&'f [Vec2]>,
     /// Alpha, which guides what looks for outlines.
     pub alpha: Option<&'f [f32]>,
+    /// Histories of the pixels over the frames that follow, where they are known.
+    pub ahead: Option<&'f Ahead>,
 }
 
 impl Frame<'_> {
-    /// Checks that there are as many colors, motions and alphas as pixels.
+    /// Checks that there are as many colors, motions, alphas and histories as pixels.
     ///
     /// # Errors
     /// If not.
@@ -27,7 +30,8 @@ impl Frame<'_> {
         let [width, height] = self.size;
         let count = width * height;
         let lengths = [Some(self.color.len()), self.motion.map(<[Vec2]>::len), self.alpha.map(<[f32]>::len)];
-        if count > 0 && lengths.into_iter().flatten().all(|length| length == count) {
+        let fits = self.ahead.is_none_or(|ahead| ahead.size() == self.size);
+        if count > 0 && fits && lengths.into_iter().flatten().all(|length| length == count) {
             return Ok(());
         }
         Err(Error::invalid(format!(
@@ -37,7 +41,7 @@ impl Frame<'_> {
 }
 
 /// A denoised frame.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Denoised {
     /// Colors, row by row from the top.
     pub color: Vec<Vec3>,
@@ -99,6 +103,52 @@ impl Around {
         let (a, b, c, d) = (&items[i], &items[j], &items[k], &items[l]);
         let [p, q, r, s] = self.share;
         each(|i| (p * a[i] + q * b[i]) + (r * c[i] + s * d[i]))
+    }
+}
+
+/// Places of eight pixels in a picture, each between four of its pixels.
+#[derive(Debug, Clone, Copy)]
+pub struct Eight {
+    /// Place in the picture of the upper left one.
+    at: [i32; LANES],
+    /// Shares of the upper left, upper right, lower left and lower right one.
+    share: [Lanes; 4],
+}
+
+impl Eight {
+    /// Returns where eight pixels of a row, from `left` on, lie in the frame before; `None` if not all lie inside.
+    #[inline(always)]
+    pub fn inside([width, height]: [usize; 2], [left, y]: [usize; 2], motion: &[Vec2; LANES]) -> Option<Self> {
+        let (mut x, mut y) = (Lanes([left as f32; LANES]), Lanes([y as f32; LANES]));
+        let (across, down) = ((width as f32) - 1.0, (height as f32) - 1.0);
+        let mut inside = true;
+        for (lane, motion) in motion.iter().enumerate() {
+            x.0[lane] += lane as f32 + motion.x;
+            y.0[lane] += motion.y;
+        }
+        for lane in 0..LANES {
+            inside &= x.0[lane] >= 0.0 && x.0[lane] < across && y.0[lane] >= 0.0 && y.0[lane] < down;
+        }
+        if !inside {
+            return None;
+        }
+        let (mut at, mut p, mut q) = ([0; LANES], Lanes::ZERO, Lanes::ZERO);
+        for lane in 0..LANES {
+            let (column, row) = (x.0[lane] as i32, y.0[lane] as i32);
+            p.0[lane] = x.0[lane] - column as f32;
+            q.0[lane] = y.0[lane] - row as f32;
+            at[lane] = row * width as i32 + column;
+        }
+        let one = Lanes([1.0; LANES]);
+        let (r, s) = (one - p, one - q);
+        Some(Self { at, share: [r * s, p * s, r * q, p * q] })
+    }
+
+    /// Returns the four pixels around a place in a picture of so many columns, and their shares.
+    #[inline(always)]
+    pub fn of(&self, lane: usize, width: usize) -> ([usize; 4], [f32; 4]) {
+        let at = self.at[lane] as usize;
+        ([at, at + 1, at + width, at + width + 1], each(|corner| self.share[corner].0[lane]))
     }
 }
 

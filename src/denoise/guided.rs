@@ -1,82 +1,63 @@
 //! Regression on a reprojected history, pooled over neighbourhoods: a guided filter in space and time.
 //!
-//! The feature of a pixel is the history of its colors ([`history`](super::history)); the color of this frame is not part of
-//! it, so that the noise of both is independent. Two models of the color by the feature are learned by recursive least
-//! squares: a steady one that forgets slowly, and a quick one that forgets soon, over larger neighbourhoods. Their sums are
-//! pooled over blocks of pixels around ([`blocks`](super::blocks)), which takes the place of a blend of neighbouring models.
-//!
-//! How far a pixel trusts the quick model follows from the innovations: with the predictions a and b of both *before* the
-//! color I of this frame is learned, the error of `b + w (a - b)` is least for `w = Σ (I - b)(a - b) / Σ (a - b)²`, in which
-//! the noise of I cancels on average. The weight shrinks towards 0 by what chance alone would give (James & Stein 1961).
+//! The feature of a pixel is the history of its colors over the frames before, and over those that follow where they are known
+//! ([`Ahead`](super::Ahead)); the color of this frame is not part of it, so that the noise of both is independent. A model of
+//! the color by the feature is learned by recursive least squares. Its sums are pooled over blocks of pixels around
+//! ([`blocks`](super::blocks)), which takes the place of a blend of neighbouring models.
 
-use super::blocks::{BLOCK, COEFFICIENTS, Grid, Interpolated, Planes, Pool, TERMS, solve_row};
+use super::blocks::{BLOCK, COEFFICIENTS, Grid, Interpolated, Planes, Pool, solve_row};
 use super::detail::Noise;
 use super::frame::{Denoised, Frame, around};
-use super::history::{BandScratch, Histories, Pixel, Rows};
-use super::lanes::{LANES, Lanes, each};
-use super::learning::{self, Before, Fresh, INNOVATIONS, Lines};
+use super::history::{Histories, Past, scale_of, scale_of_first};
+use super::lanes::{LANES, Lanes};
+use super::learning::{self, Lines, STATE, Sums};
+use super::outline::Outline;
+use super::packed::Packed;
+use super::smoothing::{self, Rows, Smoothing};
 use super::vectors::{Colors, Features, vectors};
 use crate::arch::Arch;
 use crate::error::Result;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Constants of a model.
-struct Model {
-    /// Share of what was learned that is kept from frame to frame.
-    forgetting: f32,
-    /// Blocks to each side over which sums are pooled.
-    pool: usize,
-}
+/// Share of what was learned that is kept from frame to frame.
+const FORGETTING: f32 = 0.85;
 
-/// The quick and the steady model.
-const MODELS: [Model; 2] = [Model { forgetting: 0.6, pool: 2 }, Model { forgetting: 0.9, pool: 1 }];
+/// Share of what was learned that is kept where features begin or cease to rest on one side of time alone, as at both ends of a
+/// sequence: such features lag or run ahead, and models of others do not fit them.
+const FORGETTING_AT_ENDS: f32 = 0.05;
 
-/// Share of the innovations that is kept from frame to frame.
-const REMEMBERED: f32 = 0.8;
-/// Blocks to each side over which innovations are pooled.
-const INNOVATIONS_POOL: usize = 1;
-/// Number of standard errors, squared, that shrinks the weight of the quick model.
-const CHANCE: f32 = 2.0;
+/// Blocks to each side over which sums are pooled.
+const POOL: usize = 1;
 
-/// Numbers kept of a block: the sums of both models, and the innovations.
-const STATE: usize = 2 * TERMS + INNOVATIONS;
-
-/// Sums of a block.
-type Sums = [f32; STATE];
-
-/// Vectors of sums.
-const VECTORS: usize = STATE / LANES;
-
-/// Rows of pixels that a task takes.
-const BAND: usize = 10 * BLOCK;
-
-/// Planes of what predicts: the coefficients of both models as one, and the samples that they rest on.
+/// Planes of what predicts: the coefficients of the model, and the samples that it rests on.
 const PREDICTING: usize = COEFFICIENTS + 1;
 
 /// State of a sequence between frames.
 #[derive(Debug, Clone, Default)]
 struct State {
     size: [usize; 2],
-    pixels: Vec<Pixel>,
+    /// True where the features of the frame before rested on frames before and on frames that follow.
+    sides: [bool; 2],
+    past: Past,
+    /// Factor of the histories that come.
+    scale: f32,
     blocks: Vec<Sums>,
-    /// Root mean square of the feature of the frame before.
+    /// Root mean square of the feature.
     level: f32,
 }
 
 /// Memory that frames reuse.
 #[derive(Debug, Default)]
 struct Scratch {
-    pixels: Vec<Pixel>,
-    features: Vec<Features>,
-    /// Sums of blocks that moved along, plane after plane.
-    sums: Planes,
-    /// Sums that moved along, block by block.
+    /// The state that comes.
+    pixels: Vec<Packed>,
     blocks: Vec<Sums>,
-    /// Sums of the frame.
-    fresh: Vec<Fresh>,
-    /// Coefficients of both models before the frame is learned.
-    coefficients: Planes,
+    features: Vec<Features>,
+    /// Sums of the blocks, plane after plane.
+    sums: Planes,
+    /// What is known of each row of blocks.
+    rows: Vec<RowSums>,
     /// Models that predict the frame.
     predicting: Planes,
 }
@@ -94,173 +75,185 @@ impl GuidedDenoiser {
         *self = Self::default();
     }
 
-    /// Denoises the next frame. A frame of another size begins anew.
+    /// Denoises the next frame into `to`, whose memory is used again. A frame of another size begins anew.
     ///
     /// # Errors
     /// If the frame does not have as many colors, motions or alphas as pixels.
-    pub fn denoise(&mut self, frame: &Frame<'_>) -> Result<Denoised> {
+    pub fn denoise(&mut self, frame: &Frame<'_>, to: &mut Denoised) -> Result<()> {
         frame.check()?;
         let grid = Grid::over(frame.size);
         if self.state.size != frame.size {
             let blocks = grid.rows * grid.columns;
-            self.state = State { size: frame.size, ..State::default() };
+            let scale = scale_of_first(frame.color);
+            let past = Past { scale, ..Past::default() };
+            self.state = State { size: frame.size, past, scale, ..State::default() };
             self.scratch = Scratch {
-                pixels: vec![Pixel::default(); frame.color.len()],
+                pixels: vec![Packed::default(); frame.color.len()],
+                blocks: vec![[0.0; STATE]; blocks],
                 features: vec![Features::default(); frame.size[1] * vectors(frame.size[0])],
                 sums: Planes::new(grid, STATE),
-                blocks: vec![[0.0; STATE]; blocks],
-                fresh: vec![Fresh::default(); blocks],
-                coefficients: Planes::new(grid, 2 * COEFFICIENTS),
+                rows: vec![RowSums::default(); grid.rows],
                 predicting: Planes::new(grid, PREDICTING),
             };
         }
-        self.carry(frame, grid);
-        self.solve(grid);
         self.learn(frame, grid);
-        self.update(grid);
-        self.resolve(grid);
-        Ok(self.predict(frame.size, grid))
+        self.solve(grid);
+        self.predict(frame.size, grid, to);
+        Ok(())
     }
 
-    /// Moves the sums of the frame before along with the motion.
-    fn carry(&mut self, frame: &Frame<'_>, grid: Grid) {
-        let blocks = &self.state.blocks;
-        let Scratch { sums, blocks: moved, .. } = &mut self.scratch;
-        if blocks.is_empty() {
-            sums.data.fill(0.0);
-            moved.fill([0.0; STATE]);
-            return;
-        }
-        let arch = Arch::default();
-        let rows = sums.data.par_chunks_mut(STATE * grid.stride()).zip(moved.par_chunks_mut(grid.columns)).enumerate();
-        rows.for_each(|(row, (planes, moved))| arch.dispatch(Carry { frame, grid, blocks, row, moved, planes, arch }));
-    }
-
-    /// Solves for the coefficients of both models before the frame is learned. Before the first frame there are none.
-    fn solve(&mut self, grid: Grid) {
-        if self.state.blocks.is_empty() {
-            return;
-        }
-        let Scratch { sums, coefficients, .. } = &mut self.scratch;
-        let (sums, stride) = (&*sums, grid.stride());
-        let rows = coefficients.data.par_chunks_mut(2 * COEFFICIENTS * stride).enumerate();
-        rows.for_each_init(
-            || (Pool::default(), [vec![0.0; stride], vec![0.0; stride]]),
-            |(pool, counts), (row, coefficients)| {
-                Arch::default().dispatch(Solve { sums, row, pool, counts, coefficients });
-            },
-        );
-    }
-
-    /// Follows the histories, takes the features from them, and sums what is to be learned of the frame.
+    /// Follows the histories, takes the features from them, moves the sums along, and adds what is learned of the frame.
     fn learn(&mut self, frame: &Frame<'_>, grid: Grid) {
-        let [width, _] = frame.size;
+        let [width, height] = frame.size;
         let groups = vectors(width);
-        let Scratch { pixels, features, fresh, coefficients, sums, .. } = &mut self.scratch;
+        let Scratch { pixels, blocks, features, sums, rows: of_rows, .. } = &mut self.scratch;
         let arch = Arch::default();
-        let noise = Noise { sums, plane: 2 * TERMS + 2, level: self.state.level };
-        let noise = Some(noise).filter(|_| !self.state.blocks.is_empty());
-        let known = Known {
-            histories: Histories::new(&self.state.pixels, frame, noise, arch),
-            before: Before {
-                coefficients: Some(&*coefficients).filter(|_| !self.state.blocks.is_empty()),
-                level: self.state.level,
-            },
-            columns: grid.columns,
-        };
-        let rows = pixels.par_chunks_mut(BAND * width).zip(features.par_chunks_mut(BAND * groups));
-        let rows = rows.zip(fresh.par_chunks_mut(BAND / BLOCK * grid.columns)).enumerate();
-        rows.for_each_init(
-            || (BandScratch::default(), vec![Colors::default(); BAND * groups]),
-            |(scratch, colors), (band, ((pixels, features), fresh))| {
+        let outline = Outline::of(frame);
+        let State { past, scale, .. } = &self.state;
+        let histories = Histories { past, scale: *scale, frame, alpha: outline.alpha, arch };
+        let smoothing = Smoothing { histories, ahead: frame.ahead, outline };
+        let sides = [!past.pixels.is_empty(), frame.ahead.is_some_and(|ahead| ahead.frames() > 0)];
+        let kept = if sides == self.state.sides { FORGETTING } else { FORGETTING_AT_ENDS };
+        let known = Known { smoothing, blocks: &self.state.blocks, level: self.state.level, kept, grid };
+        let band = super::band_rows(height);
+        let rows = pixels.par_chunks_mut(band * width).zip(features.par_chunks_mut(band * groups));
+        let band_blocks = band / BLOCK;
+        let of_blocks = blocks
+            .par_chunks_mut(band_blocks * grid.columns)
+            .zip(sums.data.par_chunks_mut(band_blocks * STATE * grid.stride()))
+            .zip(of_rows.par_chunks_mut(band_blocks));
+        rows.zip(of_blocks).enumerate().for_each_init(
+            || (smoothing::Scratch::default(), vec![Colors::default(); band * groups]),
+            |(scratch, colors), (at, ((pixels, features), ((blocks, planes), of_rows)))| {
                 let rows = Rows { pixels, features, colors };
-                arch.dispatch(Learn { known: &known, top: band * BAND, rows, fresh, scratch });
+                arch.dispatch(Learn { known: &known, top: at * band, rows, blocks, planes, of_rows, scratch });
             },
         );
-        std::mem::swap(&mut self.state.pixels, &mut self.scratch.pixels);
-        // The next frame of a fresh state has swapped in an empty one.
-        self.scratch.pixels.resize(self.state.pixels.len(), Pixel::default());
-    }
-
-    /// Forgets a part of the sums and adds those of the frame.
-    fn update(&mut self, grid: Grid) {
-        let Scratch { sums, blocks, fresh, .. } = &mut self.scratch;
-        let arch = Arch::default();
-        let rows = sums.data.par_chunks_mut(STATE * grid.stride()).zip(fresh.par_chunks(grid.columns));
-        rows.zip(blocks.par_chunks_mut(grid.columns))
-            .for_each(|((planes, fresh), blocks)| arch.dispatch(Update { planes, fresh, blocks, arch }));
         // In order, so that the sum is the same for any number of threads.
-        let [mut power, mut count] = [0.0_f64; 2];
-        for sums in &*fresh {
-            power += f64::from(sums[4] + sums[7] + sums[9]);
-            count += f64::from(sums[0]);
+        let all = of_rows.iter().fold(RowSums::default(), |all, row| all.plus(row));
+        if all.count > 0.0 {
+            self.state.level = (all.power / all.count).sqrt() as f32;
         }
-        if count > 0.0 {
-            self.state.level = (power / count).sqrt() as f32;
-        }
-        std::mem::swap(&mut self.state.blocks, blocks);
-        blocks.resize(grid.rows * grid.columns, [0.0; STATE]);
+        self.state.sides = sides;
+        std::mem::swap(&mut self.state.past.pixels, &mut self.scratch.pixels);
+        (self.state.past.scale, self.state.scale) = (self.state.scale, scale_of(all.most));
+        std::mem::swap(&mut self.state.blocks, &mut self.scratch.blocks);
+        // The next frame of a fresh state has swapped in empty ones.
+        self.scratch.pixels.resize(self.state.past.pixels.len(), Packed::default());
+        self.scratch.blocks.resize(self.state.blocks.len(), [0.0; STATE]);
     }
 
-    /// Solves for both models after the frame was learned, and mixes them.
-    fn resolve(&mut self, grid: Grid) {
+    /// Solves for the models.
+    fn solve(&mut self, grid: Grid) {
         let Scratch { sums, predicting, .. } = &mut self.scratch;
         let (sums, stride) = (&*sums, grid.stride());
         let rows = predicting.data.par_chunks_mut(PREDICTING * stride).enumerate();
-        rows.for_each_init(
-            || (Pool::default(), [vec![0.0; stride], vec![0.0; stride]], vec![0.0; 2 * COEFFICIENTS * stride]),
-            |(pool, counts, coefficients), (row, predicting)| {
-                let arch = Arch::default();
-                arch.dispatch(Solve { sums, row, pool, counts, coefficients });
-                arch.dispatch(Mix { sums, row, pool, counts, coefficients, predicting });
-            },
-        );
+        rows.with_min_len(8).for_each_init(Pool::default, |pool, (row, predicting)| {
+            Arch::default().dispatch(Solve { sums, row, pool, predicting });
+        });
     }
 
-    /// Returns the colors that the models predict.
-    fn predict(&self, [width, height]: [usize; 2], grid: Grid) -> Denoised {
+    /// Writes the colors that the models predict.
+    fn predict(&self, [width, height]: [usize; 2], grid: Grid, Denoised { color, confidence }: &mut Denoised) {
         let scratch = &self.scratch;
-        let mut color = vec![Vec3::ZERO; width * height];
-        let mut confidence = vec![0.0; width * height];
+        color.resize(width * height, Vec3::ZERO);
+        confidence.resize(width * height, 0.0);
         let rows = color.par_chunks_mut(width).zip(confidence.par_chunks_mut(width)).enumerate();
         rows.with_min_len(8).for_each_init(Interpolated::default, |models, (row, (color, confidence))| {
             Arch::default().dispatch(Predict { scratch, grid, row, models, color, confidence });
         });
-        Denoised { color, confidence }
     }
 }
 
-/// Moves the sums of a row of blocks along.
-struct Carry<'a> {
-    frame: &'a Frame<'a>,
-    grid: Grid,
-    blocks: &'a [Sums],
-    row: usize,
-    moved: &'a mut [Sums],
-    planes: &'a mut [f32],
-    arch: Arch,
+/// What is known of a row of blocks.
+#[derive(Debug, Clone, Copy, Default)]
+struct RowSums {
+    /// Sum of the features' squares, and their count.
+    power: f64,
+    count: f64,
+    /// Largest color of the histories of its band.
+    most: f32,
 }
 
-impl pulp::NullaryFnOnce for Carry<'_> {
+impl RowSums {
+    fn plus(self, other: &Self) -> Self {
+        let (power, count) = (self.power + other.power, self.count + other.count);
+        Self { power, count, most: self.most.max(other.most) }
+    }
+}
+
+/// State and inputs when a frame is learned.
+struct Known<'k> {
+    smoothing: Smoothing<'k>,
+    /// Sums after the frame before; empty at the first frame.
+    blocks: &'k [Sums],
+    /// Root mean square of the features before.
+    level: f32,
+    /// Share of the sums that is kept.
+    kept: f32,
+    grid: Grid,
+}
+
+/// Learns a band of rows.
+struct Learn<'a> {
+    known: &'a Known<'a>,
+    top: usize,
+    rows: Rows<'a>,
+    /// Sums after this frame, block by block and plane after plane.
+    blocks: &'a mut [Sums],
+    planes: &'a mut [f32],
+    of_rows: &'a mut [RowSums],
+    scratch: &'a mut smoothing::Scratch,
+}
+
+impl pulp::NullaryFnOnce for Learn<'_> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        let Self { frame, grid, blocks, row, moved, planes, arch } = self;
-        for (column, moved) in moved.iter_mut().enumerate() {
-            let motion = match frame.motion {
-                Some(motion) => mean_motion(motion, frame.size, [column, row]),
-                None => Some(Vec2::ZERO),
-            };
-            *moved = [0.0; STATE];
-            if let Some(motion) = motion {
-                let place = Vec2::new(column as f32, row as f32) + motion / BLOCK as f32;
-                if let Some(found) = around([grid.columns, grid.rows], place) {
-                    *moved = found.sum(blocks);
-                }
+        let Self { known, top, rows: Rows { pixels, features, colors }, blocks, planes, of_rows, scratch } = self;
+        let Known { smoothing, grid, level, kept, .. } = *known;
+        let Histories { frame, arch, .. } = smoothing.histories;
+        let groups = vectors(frame.size[0]);
+        for (row, blocks) in blocks.chunks_mut(grid.columns).enumerate() {
+            carry(frame, grid, known.blocks, top / BLOCK + row, blocks);
+        }
+        let noise = Noise { blocks, columns: grid.columns, level };
+        let noise = Some(noise).filter(|_| !known.blocks.is_empty());
+        let most = smoothing.band(top, Rows { pixels, features, colors }, noise, scratch);
+        let lines = features.chunks(BLOCK * groups).zip(colors.chunks(BLOCK * groups));
+        let of_blocks = blocks.chunks_mut(grid.columns).zip(planes.chunks_mut(STATE * grid.stride())).zip(of_rows);
+        for ((features, colors), ((blocks, planes), of_row)) in lines.zip(of_blocks) {
+            learning::add(Lines { features, colors, groups }, level, kept, arch, blocks);
+            to_planes(arch, blocks, planes, grid.stride());
+            let row = RowSums { most, ..RowSums::default() };
+            *of_row = blocks.iter().fold(row, |row, sums| RowSums {
+                power: row.power + f64::from(sums[4] + sums[7] + sums[9]),
+                count: row.count + f64::from(sums[0]),
+                ..row
+            });
+        }
+    }
+}
+
+/// Moves the sums of a row of blocks along with the motion.
+#[inline(always)]
+fn carry(frame: &Frame<'_>, grid: Grid, blocks: &[Sums], row: usize, moved: &mut [Sums]) {
+    for (column, moved) in moved.iter_mut().enumerate() {
+        *moved = [0.0; STATE];
+        if blocks.is_empty() {
+            continue;
+        }
+        let motion = match frame.motion {
+            Some(motion) => mean_motion(motion, frame.size, [column, row]),
+            None => Some(Vec2::ZERO),
+        };
+        if let Some(motion) = motion {
+            let place = Vec2::new(column as f32, row as f32) + motion / BLOCK as f32;
+            if let Some(found) = around([grid.columns, grid.rows], place) {
+                *moved = found.sum(blocks);
             }
         }
-        to_planes(arch, moved, planes, grid.stride());
     }
 }
 
@@ -283,7 +276,7 @@ fn mean_motion(motion: &[Vec2], [width, height]: [usize; 2], [column, row]: [usi
 #[inline(always)]
 fn to_planes(arch: Arch, blocks: &[Sums], planes: &mut [f32], stride: usize) {
     for (at, blocks) in blocks.chunks(LANES).enumerate() {
-        for vector in 0..VECTORS {
+        for vector in 0..STATE / LANES {
             let mut rows = [[0.0; LANES]; LANES];
             for (row, block) in rows.iter_mut().zip(blocks) {
                 *row = block.as_chunks().0[vector];
@@ -295,13 +288,12 @@ fn to_planes(arch: Arch, blocks: &[Sums], planes: &mut [f32], stride: usize) {
     }
 }
 
-/// Solves for both models of a row of blocks.
+/// Solves for the models of a row of blocks.
 struct Solve<'a> {
     sums: &'a Planes,
     row: usize,
     pool: &'a mut Pool,
-    counts: &'a mut [Vec<f32>; 2],
-    coefficients: &'a mut [f32],
+    predicting: &'a mut [f32],
 }
 
 impl pulp::NullaryFnOnce for Solve<'_> {
@@ -309,125 +301,9 @@ impl pulp::NullaryFnOnce for Solve<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { sums, row, pool, counts, coefficients } = self;
-        let (first, second) = coefficients.split_at_mut(coefficients.len() / 2);
-        for (i, (coefficients, counts)) in [first, second].into_iter().zip(counts).enumerate() {
-            solve_row(sums, row, i * TERMS, MODELS[i].pool, pool, coefficients, counts);
-        }
-    }
-}
-
-/// Mixes the models of a row of blocks.
-struct Mix<'a> {
-    sums: &'a Planes,
-    row: usize,
-    pool: &'a mut Pool,
-    counts: &'a [Vec<f32>; 2],
-    coefficients: &'a [f32],
-    predicting: &'a mut [f32],
-}
-
-impl pulp::NullaryFnOnce for Mix<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self { sums, row, pool, counts: [quick, steady], coefficients, predicting } = self;
-        let stride = quick.len();
-        let (vectors, pooled) = pool.sums(sums, row, (2 * TERMS..STATE).map(|plane| (plane, INNOVATIONS_POOL)));
-        for vector in 0..vectors {
-            let at = vector * LANES;
-            let weight = weight(each(|i| pooled[i * vectors + vector]));
-            let mut mix =
-                |a: Lanes, b: Lanes, plane: usize| (b + (a - b) * weight).store(predicting, plane * stride + at);
-            for plane in 0..COEFFICIENTS {
-                let [a, b] = [plane, COEFFICIENTS + plane].map(|plane| Lanes::load(coefficients, plane * stride + at));
-                mix(a, b, plane);
-            }
-            mix(Lanes::load(quick, at), Lanes::load(steady, at), COEFFICIENTS);
-        }
-    }
-}
-
-/// Returns the weight of the quick model that follows from the innovations.
-#[inline(always)]
-fn weight([apart, along, error, count]: [Lanes; INNOVATIONS]) -> Lanes {
-    let (one, tiny) = (Lanes([1.0; LANES]), 1e-30);
-    let best = along / (apart + tiny);
-    let chance = (apart * error) * CHANCE / (count * along * along + tiny);
-    let shrunk = best * (one - chance).max(Lanes::ZERO);
-    shrunk.max(Lanes::ZERO).min(one)
-}
-
-/// State and inputs when a frame is learned.
-struct Known<'k> {
-    histories: Histories<'k>,
-    before: Before<'k>,
-    /// Blocks in a row.
-    columns: usize,
-}
-
-/// Learns a band of rows.
-struct Learn<'a> {
-    known: &'a Known<'a>,
-    top: usize,
-    rows: Rows<'a>,
-    fresh: &'a mut [Fresh],
-    scratch: &'a mut BandScratch,
-}
-
-impl pulp::NullaryFnOnce for Learn<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self { known, top, rows: Rows { pixels, features, colors }, fresh, scratch } = self;
-        let Known { histories, before, columns } = *known;
-        let groups = vectors(histories.frame.size[0]);
-        histories.band(top, Rows { pixels, features, colors }, scratch);
-        let blocks = features.chunks(BLOCK * groups).zip(colors.chunks(BLOCK * groups));
-        for (row, ((features, colors), fresh)) in blocks.zip(fresh.chunks_mut(columns)).enumerate() {
-            let row = top / BLOCK + row;
-            learning::sum(row, Lines { features, colors, groups }, before, histories.arch, fresh);
-        }
-    }
-}
-
-/// Shares of the sums of a block that are kept from frame to frame.
-const KEPT: Sums = {
-    let mut kept = [REMEMBERED; STATE];
-    let mut at = 0;
-    while at < 2 * TERMS {
-        kept[at] = MODELS[at / TERMS].forgetting;
-        at += 1;
-    }
-    kept
-};
-
-/// Forgets a part of the sums of a row of blocks, and adds others.
-struct Update<'a> {
-    planes: &'a mut [f32],
-    fresh: &'a [Fresh],
-    blocks: &'a mut [Sums],
-    arch: Arch,
-}
-
-impl pulp::NullaryFnOnce for Update<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        for (block, fresh) in self.blocks.iter_mut().zip(self.fresh) {
-            // Both models learn the same.
-            for at in 0..TERMS {
-                block[at] = KEPT[at] * block[at] + fresh[at];
-            }
-            for at in TERMS..STATE {
-                block[at] = KEPT[at] * block[at] + fresh[at - TERMS];
-            }
-        }
-        let stride = self.planes.len() / STATE;
-        to_planes(self.arch, self.blocks, self.planes, stride);
+        let Self { sums, row, pool, predicting } = self;
+        let (coefficients, counts) = predicting.split_at_mut(predicting.len() / PREDICTING * COEFFICIENTS);
+        solve_row(sums, row, POOL, pool, coefficients, counts);
     }
 }
 

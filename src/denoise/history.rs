@@ -1,45 +1,29 @@
-//! Histories of the pixels, which follow the motion, and the features that come of them.
+//! Histories of the pixels: means of their colors and alphas over the frames before, which follow the motion.
 //!
-//! A feature is the history of colors smoothed over the pixels around, without the color of this frame, so that the noise of
-//! both is independent. Where alpha is known, which has much less noise than colors, the feature follows it: within the
-//! pixels smoothed over, the history is taken as linear in the history of alpha, a guided filter (He, Sun & Tang 2013). So
-//! outlines stay sharp that smoothing alone would blur.
+//! A history does not hold the color of the frame at hand, so that the noise of both is independent. Pixels are kept in sixteen
+//! bits a number ([`packed`](super::packed)).
 
-use super::detail::{self, Noise};
-use super::frame::{Frame, around};
+use super::frame::{Eight, Frame, around};
 use super::lanes::{LANES, Lanes, each};
-use super::outline::Outline;
-use super::vectors::{Colors, Features, vectors};
+use super::packed::{self, Packed};
+use super::vectors::Colors;
 use crate::arch::Arch;
 use glam::{Vec2, Vec3};
 
-/// Numbers kept of a pixel: the history of its color and alpha, the count of its frames, and zeros up to a whole vector.
-pub type Pixel = [f32; 8];
-
 /// Numbers of a pixel that are not padding.
-const PLANES: usize = 5;
-const ALPHA: usize = 3;
-const COUNT: usize = 4;
-
-/// Planes that are smoothed: color, alpha, color times alpha, and alpha squared.
-const SMOOTHED: usize = 8;
-
-/// Greatest share of the history of colors in its next state.
-const HISTORY: f32 = 0.8;
-/// Greatest share of the history of alpha in its next state.
-const ALPHA_HISTORY: f32 = 0.5;
-
-/// Pixels to each side over which the history is smoothed: without alpha, and with it.
-const RADII: [usize; 2] = [1, 4];
-/// Rows above and below a row that its features depend on.
-const HALO: usize = 4;
-/// Rows of pixels that are held at a time.
-const RING: usize = 2 * HALO;
-/// Variance of alpha up to which features hardly follow it.
-const LEAST_VARIANCE: f32 = 1e-8;
+pub const PLANES: usize = 5;
+/// Plane of alpha.
+pub const ALPHA: usize = 3;
+/// Plane of the count of frames.
+pub const COUNT: usize = 4;
 
 /// Numbers before and after the pixels of a line.
-const MARGIN: usize = LANES;
+pub const MARGIN: usize = LANES;
+
+/// Greatest share of the history of colors in its next state.
+const HISTORY: f32 = 0.85;
+/// Greatest share of the history of alpha in its next state.
+const ALPHA_HISTORY: f32 = 0.5;
 
 /// Multiple of what is around above which a color is cut before it enters the history. That biases the feature, which need
 /// not be without bias.
@@ -52,184 +36,101 @@ const COLOR_LIMIT: f32 = 64.0;
 /// Largest number taken from a picture, so that no product overflows.
 const LARGEST: f32 = 1e12;
 
-/// Lines of numbers with margins, plane after plane, of the rows around the one at work.
-#[derive(Debug, Default)]
-struct Ring {
-    planes: usize,
-    line: usize,
-    data: Vec<f32>,
+/// Histories of all pixels after a frame.
+#[derive(Debug, Clone)]
+pub struct Past {
+    /// The history of each pixel's color and alpha, the count of its frames, and zeros up to a whole vector. Empty before the
+    /// first frame.
+    pub pixels: Vec<Packed>,
+    /// Factor of the colors, a power of two.
+    pub scale: f32,
 }
 
-impl Ring {
-    fn resize(&mut self, planes: usize, line: usize) {
-        (self.planes, self.line) = (planes, line);
-        self.data.resize(RING * planes * line, 0.0);
-    }
-
-    /// Returns the lines of a row.
-    #[inline(always)]
-    fn row(&self, row: usize) -> &[f32] {
-        let len = self.planes * self.line;
-        &self.data[row % RING * len..][..len]
-    }
-
-    #[inline(always)]
-    fn row_mut(&mut self, row: usize) -> &mut [f32] {
-        let len = self.planes * self.line;
-        &mut self.data[row % RING * len..][..len]
+impl Default for Past {
+    fn default() -> Self {
+        Self { pixels: Vec::new(), scale: 1.0 }
     }
 }
 
-/// Scratch of [`Histories::band`].
-#[derive(Debug, Default)]
-pub struct BandScratch {
-    /// Reprojected pixels, and what is smoothed besides.
-    warped: Ring,
-    /// Sums over three rows.
-    triples: Ring,
-    /// Sums over all rows of a neighbourhood.
-    sums: Vec<f32>,
-    /// Largest color around the pixels of a row.
-    around: Vec<Lanes>,
-    /// Means over few pixels, how opaque all around is, and sums of both.
-    near: Vec<Features>,
-    opaque: Vec<Lanes>,
-    apart: Vec<[f32; 2]>,
+/// Number that the largest color is scaled to, or up to half of it: what comes next may be brighter.
+const SCALED: f32 = 4096.0;
+
+/// Returns the factor of colors up to `most`.
+pub fn scale_of(most: f32) -> f32 {
+    let exponent = (most / SCALED).log2().ceil();
+    if exponent.is_finite() { exponent.clamp(-100.0, 100.0).exp2() } else { 1.0 }
 }
 
-/// Rows of a picture that are written: the next state of the histories, the features, and the colors to be learned.
-#[derive(Debug)]
-pub struct Rows<'r> {
-    pub pixels: &'r mut [Pixel],
-    pub features: &'r mut [Features],
-    pub colors: &'r mut [Colors],
-}
-
-/// Features of a row that alpha guides, and what they are mixed from.
-struct Guided<'g> {
-    features: &'g mut [Features],
-    /// Largest color around the pixels.
-    around: &'g mut [Lanes],
-    /// Means over small neighbourhoods.
-    near: &'g mut [Features],
-    /// Share of the small neighbourhoods that counts, by how opaque the large ones are.
-    opaque: &'g mut [Lanes],
+/// Returns the factor of the histories that begin with these colors.
+pub fn scale_of_first(color: &[Vec3]) -> f32 {
+    scale_of(color.iter().filter_map(|color| within(*color)).fold(0.0, |most, color| most.max(color.max_element())))
 }
 
 /// Histories of the frame before, beside the frame that comes.
 #[derive(Debug, Clone, Copy)]
 pub struct Histories<'h> {
-    /// Empty before the first frame.
-    pixels: &'h [Pixel],
+    /// Histories after the frame before.
+    pub past: &'h Past,
+    /// Factor of the colors of the histories after this frame.
+    pub scale: f32,
+    /// Frame that comes.
     pub frame: &'h Frame<'h>,
-    outline: Outline<'h>,
-    noise: Option<Noise<'h>>,
+    /// Alpha of the frame, if it counts.
+    pub alpha: Option<&'h [f32]>,
+    /// Instruction set.
     pub arch: Arch,
 }
 
-impl<'h> Histories<'h> {
-    /// Places a frame beside the histories of the one before and the noise that is known of it.
-    pub fn new(pixels: &'h [Pixel], frame: &'h Frame<'h>, noise: Option<Noise<'h>>, arch: Arch) -> Self {
-        Self { pixels, frame, outline: Outline::of(frame), noise, arch }
-    }
-
-    /// Follows the histories of a band of rows from `top` on.
+impl Histories<'_> {
+    /// Reprojects a row of pixels to lines of `line` numbers, plane after plane. Their margins repeat the outermost pixels.
     #[inline(always)]
-    pub fn band(&self, top: usize, rows: Rows<'_>, scratch: &mut BandScratch) {
-        let [width, height] = self.frame.size;
-        let groups = vectors(width);
-        let line = groups * LANES + 2 * MARGIN;
-        let guided = self.outline.alpha.is_some();
-        let smoothed = if guided { SMOOTHED } else { 3 };
-        let BandScratch { warped, triples, sums, around, near, opaque, apart } = scratch;
-        // Color times alpha and alpha squared follow the numbers of the pixels.
-        warped.resize(PLANES + SMOOTHED - 4, line);
-        triples.resize(SMOOTHED, line);
-        sums.resize(SMOOTHED * line, 0.0);
-        around.resize(groups, Lanes::ZERO);
-        near.resize(groups, Features::default());
-        opaque.resize(groups, Lanes::ZERO);
-        let count = rows.pixels.len() / width;
-        for step in 0..count + 2 * HALO {
-            let y = (top + step).saturating_sub(HALO).min(height - 1);
-            self.warp(y, warped.row_mut(step), line, guided);
-            if step < 2 {
-                continue;
-            }
-            let parts = [step - 2, step - 1, step].map(|row| warped.row(row));
-            for plane in 0..smoothed {
-                let from = plane_of(plane) * line;
-                let to = &mut triples.row_mut(step - 1)[plane * line..][..line];
-                add(parts.map(|part| &part[from..][..line]), to);
-            }
-            let Some(row) = step.checked_sub(2 * HALO) else { continue };
-            let centre = step - HALO;
-            let parts = [centre - 3, centre, centre + 3].map(|row| triples.row(row));
-            for plane in 0..smoothed {
-                let [above, here, below] = parts.map(|part| &part[plane * line..][..line]);
-                let to = &mut sums[plane * line..][..line];
-                if guided { add([above, here, below], to) } else { to.copy_from_slice(here) }
-            }
-            let features = &mut rows.features[row * groups..][..groups];
-            let pixels = warped.row(centre);
-            match guided {
-                true => {
-                    let few = triples.row(centre);
-                    let to = Guided { features, around, near, opaque };
-                    let any = self.guided(top + row, pixels, [few, sums], to);
-                    if let Some(noise) = self.noise.filter(|_| any) {
-                        detail::mix(top + row, features, near, opaque, noise, apart);
-                    }
-                }
-                false => smoothed_alone(sums, line, features, around),
-            }
-            let colors = &mut rows.colors[row * groups..][..groups];
-            self.follow(top + row, pixels, around, colors, &mut rows.pixels[row * width..][..width]);
-        }
-    }
-
-    /// Reprojects a row of pixels to lines, with the outermost ones repeated in their margins.
-    #[inline(always)]
-    fn warp(&self, y: usize, lines: &mut [f32], line: usize, guided: bool) {
+    pub fn warp(&self, y: usize, lines: &mut [f32], line: usize) {
         let [width, _] = self.frame.size;
         let motion = self.frame.motion.map(|motion| &motion[y * width..][..width]);
+        let Past { pixels, scale } = self.past;
         for left in (0..width).step_by(LANES) {
             let mut found = [[0.0; LANES]; LANES];
-            for (x, found) in (left..width).zip(&mut found) {
-                *found = self.before([x, y], motion.map_or(Vec2::ZERO, |motion| motion[x]));
+            let eight = match motion.and_then(|motion| motion.get(left..)?.first_chunk()) {
+                Some(motion) if !pixels.is_empty() => Eight::inside(self.frame.size, [left, y], motion),
+                _ => None,
+            };
+            if let Some(eight) = eight {
+                for (lane, found) in found.iter_mut().enumerate() {
+                    let (places, shares) = eight.of(lane, width);
+                    *found = packed::mean(places.map(|place| &pixels[place]), shares).0;
+                }
+            } else {
+                for (x, found) in (left..width).zip(&mut found) {
+                    *found = self.before([x, y], motion.map_or(Vec2::ZERO, |motion| motion[x]));
+                }
             }
             let planes = self.arch.transposed(&found);
             for plane in 0..PLANES {
-                Lanes(planes[plane]).store(lines, plane * line + MARGIN + left);
-            }
-            if guided {
-                for c in 0..4 {
-                    let product = Lanes(planes[c]) * Lanes(planes[ALPHA]);
-                    product.store(lines, (PLANES + c) * line + MARGIN + left);
-                }
+                let factor = if plane < ALPHA { *scale } else { 1.0 };
+                (Lanes(planes[plane]) * factor).store(lines, plane * line + MARGIN + left);
             }
         }
-        for line in lines.chunks_mut(line) {
-            let [first, last] = [line[MARGIN], line[MARGIN + width - 1]];
-            line[..MARGIN].fill(first);
-            line[MARGIN + width..].fill(last);
+        for line in lines.chunks_mut(line).take(PLANES) {
+            fill_margins(line, width);
         }
     }
 
     /// Returns a pixel as it was in the frame before, or as it is now if it was not seen.
     #[inline(always)]
-    fn before(&self, [x, y]: [usize; 2], motion: Vec2) -> Pixel {
-        if !self.pixels.is_empty() {
+    fn before(&self, [x, y]: [usize; 2], motion: Vec2) -> [f32; LANES] {
+        let Past { pixels, scale } = self.past;
+        let own = y * self.frame.size[0] + x;
+        if !pixels.is_empty() {
             if motion == Vec2::ZERO {
-                return self.pixels[y * self.frame.size[0] + x];
+                return packed::unpack(&pixels[own]).0;
             }
             if let Some(found) = around(self.frame.size, Vec2::new(x as f32, y as f32) + motion) {
-                let pixel = found.sum(self.pixels);
-                return if found.covered == 1.0 { pixel } else { each(|i| pixel[i] / found.covered) };
+                let shares = found.share.map(|share| share / found.covered);
+                return packed::mean(found.at.map(|place| &pixels[place]), shares).0;
             }
         }
-        let [r, g, b] = self.calm([x, y]).to_array();
-        let alpha = self.outline.alpha.map_or(0.0, |alpha| alpha[y * self.frame.size[0] + x]);
+        let [r, g, b] = (self.calm([x, y]) / *scale).to_array();
+        let alpha = self.alpha.map_or(0.0, |alpha| alpha[own]);
         [r, g, b, if alpha.is_finite() { alpha.clamp(0.0, 1.0) } else { 0.0 }, 0.0, 0.0, 0.0, 0.0]
     }
 
@@ -254,9 +155,9 @@ impl<'h> Histories<'h> {
 
     /// Returns the alphas of eight pixels of a row from `left` on.
     #[inline(always)]
-    fn alphas(&self, y: usize, left: usize) -> Lanes {
+    pub fn alphas(&self, y: usize, left: usize) -> Lanes {
         let [width, _] = self.frame.size;
-        let row = self.outline.alpha.map_or(&[][..], |alpha| &alpha[y * width..][..width]);
+        let row = self.alpha.map_or(&[][..], |alpha| &alpha[y * width..][..width]);
         let mut alphas = Lanes::load(row, left);
         if left + LANES > row.len() {
             alphas = Lanes(each(|lane| row.get(left + lane).copied().unwrap_or(0.0)));
@@ -265,55 +166,29 @@ impl<'h> Histories<'h> {
         alphas.max(Lanes::ZERO).min(Lanes([1.0; LANES]))
     }
 
-    /// Writes the features of a row from the sums over small and large neighbourhoods. Returns true if any is opaque.
-    #[inline(always)]
-    fn guided(&self, y: usize, pixels: &[f32], [few, many]: [&[f32]; 2], to: Guided<'_>) -> bool {
-        let Guided { features, around, near, opaque } = to;
-        let line = pixels.len() / (PLANES + SMOOTHED - 4);
-        let proportional = self.outline.proportional;
-        let mut most = Lanes::ZERO;
-        let rows = features.iter_mut().zip(around).zip(near.iter_mut().zip(opaque)).enumerate();
-        for (at, ((features, around), (near, opaque))) in rows {
-            let left = at * LANES;
-            let mut means = [Lanes::ZERO; SMOOTHED];
-            for (mean, sums) in means.iter_mut().zip(many.chunks_exact(line)) {
-                *mean = mean_of::<{ RADII[1] }>(sums, left);
-            }
-            let mut small = [Lanes::ZERO; 4];
-            for (mean, sums) in small.iter_mut().zip(few.chunks_exact(line)) {
-                *mean = mean_of::<{ RADII[0] }>(sums, left);
-            }
-            let [r, g, b, a, .., aa] = means;
-            let before = Lanes::load(pixels, ALPHA * line + MARGIN + left);
-            let count = Lanes::load(pixels, COUNT * line + MARGIN + left);
-            let alpha = mixed(before, count, self.alphas(y, left));
-            // The slope of colors on alpha; as far as alpha varies little, colors count as proportional to it.
-            let variance = (aa - a * a).max(Lanes::ZERO) + a * a * proportional + LEAST_VARIANCE;
-            for c in 0..3 {
-                let slope = (means[4 + c] - means[c] * a * (1.0 - proportional)) / variance;
-                features[c] = means[c] + slope * (alpha - a);
-                near[c] = small[c] + slope * (alpha - small[ALPHA]);
-            }
-            *opaque = detail::opaqueness(a);
-            most = most.max(*opaque);
-            *around = r.max(g).max(b).max(features[0].max(features[1]).max(features[2]));
-        }
-        most != Lanes::ZERO
-    }
-
     /// Takes a row's colors to planes, cut where they are far above what is around, and writes the next state of its
-    /// histories. The fourth plane is 1 where there is a color.
+    /// histories. The fourth plane is 1 where there is a color. Returns the greatest colors of the next state, in some order.
     #[inline(always)]
-    fn follow(&self, y: usize, lines: &[f32], around: &[Lanes], colors: &mut [Colors], pixels: &mut [Pixel]) {
+    pub fn follow(
+        &self,
+        y: usize,
+        lines: &[f32],
+        around: &[Lanes],
+        colors: &mut [Colors],
+        pixels: &mut [Packed],
+    ) -> Lanes {
+        let mut greatest = Lanes::ZERO;
+        let shrunk = self.scale.recip();
         let [width, _] = self.frame.size;
-        let line = lines.len() / (PLANES + SMOOTHED - 4);
+        let line = line_of(width);
         let row = &self.frame.color[y * width..][..width];
         let one = Lanes([1.0; LANES]);
         let groups = row.chunks(LANES).zip(pixels.chunks_mut(LANES)).zip(around.iter().zip(colors)).enumerate();
         for (at, ((row, pixels), (around, colors))) in groups {
             let (color, seen) = loaded(row);
             let most = color[0].max(color[1]).max(color[2]).max(Lanes([1e-30; LANES]));
-            let cut = |limit: f32| (*around * limit).select((*around * limit / most).min(one), one);
+            let share = *around / most;
+            let cut = |limit: f32| share.select((share * limit).min(one), one);
             let learned = cut(COLOR_LIMIT);
             *colors = [color[0] * learned, color[1] * learned, color[2] * learned, seen];
             let followed = cut(HISTORY_LIMIT);
@@ -325,27 +200,36 @@ impl<'h> Histories<'h> {
             let keep = (count / (count + 1.0)).min(Lanes([HISTORY; LANES]));
             let mut next = [[0.0; LANES]; LANES];
             for c in 0..3 {
-                next[c] = seen.select(before[c] * keep + color[c] * followed * (one - keep), before[c]).0;
+                let color = seen.select(before[c] * keep + color[c] * followed * (one - keep), before[c]);
+                greatest = greatest.max(color);
+                next[c] = (color * shrunk).0;
             }
-            next[ALPHA] = mixed(before[ALPHA], count, self.alphas(y, at * LANES)).0;
+            next[ALPHA] = with_alpha(before[ALPHA], count, self.alphas(y, at * LANES)).0;
             next[COUNT] = (count + seen).min(Lanes([64.0; LANES])).0;
             for (pixel, next) in pixels.iter_mut().zip(self.arch.transposed(&next)) {
-                *pixel = next;
+                *pixel = packed::pack(Lanes(next));
             }
         }
+        greatest
     }
 }
 
-/// Returns the line of the warped pixels that a smoothed plane is of.
-#[inline(always)]
-fn plane_of(smoothed: usize) -> usize {
-    // The count of frames is not smoothed.
-    if smoothed > ALPHA { smoothed + 1 } else { smoothed }
+/// Returns the numbers of a line of so many pixels, with its margins.
+pub fn line_of(width: usize) -> usize {
+    width.next_multiple_of(LANES) + 2 * MARGIN
 }
 
-/// Returns the history of alpha with the alpha of the frame.
+/// Repeats the outermost of a line's pixels in its margins.
 #[inline(always)]
-fn mixed(before: Lanes, count: Lanes, now: Lanes) -> Lanes {
+pub fn fill_margins(line: &mut [f32], width: usize) {
+    let [first, last] = [line[MARGIN], line[MARGIN + width - 1]];
+    line[..MARGIN].fill(first);
+    line[MARGIN + width..].fill(last);
+}
+
+/// Returns the history of alpha over so many frames with the alpha of the frame at hand.
+#[inline(always)]
+pub fn with_alpha(before: Lanes, count: Lanes, now: Lanes) -> Lanes {
     let keep = (count / (count + 1.0)).min(Lanes([ALPHA_HISTORY; LANES]));
     now + (before - now) * keep
 }
@@ -377,39 +261,4 @@ fn loaded(row: &[Vec3]) -> ([Lanes; 3], Lanes) {
 #[inline(always)]
 fn within(color: Vec3) -> Option<Vec3> {
     color.is_finite().then(|| color.clamp(Vec3::splat(-LARGEST), Vec3::splat(LARGEST)))
-}
-
-/// Writes the sums of three lines.
-#[inline(always)]
-fn add(parts: [&[f32]; 3], to: &mut [f32]) {
-    let [a, b, c] = parts.map(|part| part.as_chunks::<LANES>().0);
-    for (((a, b), c), to) in a.iter().zip(b).zip(c).zip(to.as_chunks_mut::<LANES>().0) {
-        *to = ((Lanes(*a) + Lanes(*b)) + Lanes(*c)).0;
-    }
-}
-
-/// Returns the means over the neighbourhoods of eight pixels from `left` on, from the sums of its columns.
-#[inline(always)]
-fn mean_of<const RADIUS: usize>(sums: &[f32], left: usize) -> Lanes {
-    let side = 2 * RADIUS + 1;
-    let window: &[f32; LANES + 2 * HALO] =
-        sums[MARGIN + left - HALO..].first_chunk().unwrap_or(&[0.0; LANES + 2 * HALO]);
-    let mut sum = Lanes::ZERO;
-    for step in 0..side {
-        for lane in 0..LANES {
-            sum.0[lane] += window[HALO - RADIUS + step + lane];
-        }
-    }
-    sum * (1.0 / (side * side) as f32)
-}
-
-/// Writes features that no alpha guides.
-#[inline(always)]
-fn smoothed_alone(sums: &[f32], line: usize, features: &mut [Features], around: &mut [Lanes]) {
-    for (at, (features, around)) in features.iter_mut().zip(around).enumerate() {
-        for (feature, sums) in features.iter_mut().zip(sums.chunks_exact(line)) {
-            *feature = mean_of::<{ RADII[0] }>(sums, at * LANES);
-        }
-        *around = features[0].max(features[1]).max(features[2]);
-    }
 }

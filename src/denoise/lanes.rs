@@ -80,10 +80,14 @@ impl Lanes {
         Self(to)
     }
 
-    /// Returns the first four numbers as `a` and the last four as `b`.
+    /// Returns the square roots.
     #[inline(always)]
-    pub fn halves(a: f32, b: f32) -> Self {
-        Self([a, a, a, a, b, b, b, b])
+    pub fn sqrt(self) -> Self {
+        let mut to = self.0;
+        for to in &mut to {
+            *to = to.sqrt();
+        }
+        Self(to)
     }
 
     /// Returns `then` where this is above 0, and `other` elsewhere.

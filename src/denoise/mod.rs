@@ -5,8 +5,8 @@
 //!
 //! - [`wrls`] is weighted recursive least squares as published (Iglesias-Guitian, Mane & Moon 2020): a model for each pixel,
 //!   weights against outliers, and a blend of what the models around predict. [`model`] holds its numerics.
-//! - [`guided`] carries it further, for files: models on a grid of blocks, a feature whose noise is independent of the
-//!   color's, forgetting that adapts, and [`fused`] results of both directions of time.
+//! - [`guided`] carries it further, for files: models on a grid of blocks, and a feature whose noise is independent of the
+//!   color's, from the frames before and, by a [`Lookahead`], from those that follow.
 //! - [`ema`] and [`svgf`] are there to compare with.
 
 mod blocks;
@@ -19,15 +19,26 @@ pub mod guided;
 mod history;
 mod lanes;
 mod learning;
+mod lookahead;
 pub mod model;
 mod outline;
+mod packed;
+mod ring;
 mod settings;
+mod smoothing;
 pub mod svgf;
-mod two_way;
 mod vectors;
 pub mod wrls;
 
 pub use denoiser::{Denoiser, Method};
 pub use frame::{Denoised, Frame};
+pub use lookahead::{Ahead, Lookahead};
 pub use settings::Settings;
-pub use two_way::fused;
+
+/// Rows of pixels that a task takes, of a picture of so many rows. Neighbouring bands reproject some rows twice: they are as
+/// large as leaves each thread a few. Results do not depend on it.
+fn band_rows(height: usize) -> usize {
+    const BANDS_A_THREAD: usize = 3;
+    const LEAST: usize = 8 * blocks::BLOCK;
+    height.div_ceil(BANDS_A_THREAD * rayon::current_num_threads()).max(LEAST).next_multiple_of(blocks::BLOCK)
+}

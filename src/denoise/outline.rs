@@ -147,7 +147,7 @@ mod tests {
     }
 
     fn outline<'f>(alpha: &'f [f32], color: &'f [Vec3]) -> Outline<'f> {
-        Outline::of(&Frame { size: SIZE, color, motion: None, alpha: Some(alpha) })
+        Outline::of(&Frame { size: SIZE, color, motion: None, alpha: Some(alpha), ahead: None })
     }
 
     #[test]

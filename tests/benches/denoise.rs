@@ -2,7 +2,7 @@
 
 use crate::row::Row;
 use crate::turns;
-use cumulo::denoise::{Denoiser, Frame, Method, Settings, fused};
+use cumulo::denoise::{Ahead, Denoised, Denoiser, Frame, Lookahead, Method, Settings};
 use glam::{Vec2, Vec3};
 use std::hint::black_box;
 
@@ -11,9 +11,10 @@ pub const DENOISE: &str = "--denoise";
 
 const SIZE: [usize; 2] = [1280, 720];
 
-/// Bytes of a pixel that a direction of time touches once: color, alpha, motion, the history before and after, the feature
-/// written and read, color and confidence out, and a sixteenth of a block's sums, read and written in both orders.
-const BYTES: usize = 12 + 4 + 8 + 32 + 32 + 2 * 12 + 16 + 4 * 48 * 4 / 16;
+/// Bytes of a pixel that both directions touch once. Looking ahead: color, alpha, motion, the history before and after, and what
+/// is kept of it. Denoising: the same, the feature written and read, color and confidence out, and a sixteenth of a block's sums,
+/// read, written, and read and written in planes.
+const BYTES: usize = 2 * (12 + 4 + 8 + 16 + 16 + 10) + 2 * 12 + 16 + 4 * 24 * 4 / 16;
 
 /// Colors of few paths of a smooth picture.
 fn noisy(seed: u32) -> Vec<Vec3> {
@@ -33,39 +34,48 @@ pub fn rows() -> Vec<Row> {
     let motion: Vec<Vec2> = (0..count).map(|i| Vec2::new(1.3, 0.4 + 1e-4 * (i % SIZE[0]) as f32)).collect();
     let alpha: Vec<f32> = (0..count).map(|i| 0.5 + 0.5 * ((i / SIZE[0]) as f32 / 90.0).sin()).collect();
     let denoiser = |method| Denoiser::new(method, Settings::default()).unwrap();
-    let (mut guided, mut alone, mut published) =
-        (denoiser(Method::Wrls2), denoiser(Method::Wrls2), denoiser(Method::Wrls));
+    let [mut guided, mut forward, mut alone, mut published] =
+        [Method::Wrls2, Method::Wrls2, Method::Wrls2, Method::Wrls].map(denoiser);
+    let size = SIZE;
     let mut at = 0;
-    let mut next = |denoiser: &mut Denoiser, alpha: Option<&[f32]>| {
+    let mut next = |alpha| {
         at += 1;
-        let color = &frames[at % frames.len()];
-        denoiser.denoise(&Frame { size: SIZE, color, motion: Some(&motion), alpha }).unwrap()
+        Frame { size, color: &frames[at % frames.len()], motion: Some(&motion), alpha, ahead: None }
     };
-    let other = next(&mut guided, Some(&alpha));
-    let mut forward = Some(other.clone());
-    let [from, mut to] = [vec![1_u8; count * BYTES / 2], vec![0_u8; count * BYTES / 2]];
+    let (mut lookahead, mut ahead) = (Lookahead::default(), Ahead::default());
+    lookahead.look(&next(Some(&alpha)), &mut ahead).unwrap();
+    // Memory is used again, as where results are written and frames are many.
+    let mut to: [Denoised; 4] = Default::default();
+    let [both, one, plain, paper] = &mut to;
+    let (kept, mut looked) = (ahead.clone(), ahead);
+    let [from, mut copy] = [vec![1_u8; count * BYTES / 2], vec![0_u8; count * BYTES / 2]];
     let next = std::cell::RefCell::new(&mut next);
+    let frame = |alpha| (*next.borrow_mut())(alpha);
+    let alpha = Some(&alpha[..]);
     let seconds = turns::in_turn([
-        &mut || drop(black_box((*next.borrow_mut())(&mut guided, Some(&alpha)))),
-        &mut || drop(black_box((*next.borrow_mut())(&mut alone, None))),
-        &mut || drop(black_box((*next.borrow_mut())(&mut published, None))),
-        &mut || forward = forward.take().map(|forward| fused(forward, &other)),
+        &mut || lookahead.look(&frame(alpha), &mut looked).unwrap(),
+        &mut || guided.denoise_into(&Frame { ahead: Some(&kept), ..frame(alpha) }, both).unwrap(),
+        &mut || forward.denoise_into(&frame(alpha), one).unwrap(),
+        &mut || alone.denoise_into(&frame(None), plain).unwrap(),
+        &mut || published.denoise_into(&frame(None), paper).unwrap(),
         &mut || {
-            let parts = to.chunks_mut(count * BYTES / 4).zip(from.chunks(count * BYTES / 4));
+            let parts = copy.chunks_mut(count * BYTES / 4).zip(from.chunks(count * BYTES / 4));
             std::thread::scope(|scope| {
                 for (to, from) in parts {
                     scope.spawn(|| to.copy_from_slice(from));
                 }
             });
-            black_box(&to);
+            black_box(&copy);
         },
     ]);
-    let [guided, alone, published, fusion, copy] = seconds.map(|s| turns::median(&s));
+    black_box(&to);
+    let [look, guided, forward, alone, published, copy] = seconds.map(|s| turns::median(&s));
     let ms = |seconds: f64| format!("{:.1} ms", 1e3 * seconds);
     let works = [
-        ("wrls2, one direction", guided),
-        ("wrls2, one direction, without alpha", alone),
-        ("wrls2, both directions", 2.0 * guided + fusion),
+        ("wrls2, both directions", look + guided),
+        ("wrls2, the look ahead of it", look),
+        ("wrls2, forward", forward),
+        ("wrls2, forward, without alpha", alone),
         ("wrls as published", published),
     ];
     let row = |(name, time): (&str, f64)| Row {

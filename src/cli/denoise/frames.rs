@@ -18,7 +18,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::time::Instant;
 
 /// A sequence to denoise.
@@ -56,6 +56,12 @@ struct Picture {
     denoised: Vec<Denoised>,
 }
 
+/// Where pictures go, and the memory of written ones comes back.
+struct Pictures {
+    write: SyncSender<Picture>,
+    spares: Receiver<Vec<Denoised>>,
+}
+
 impl Sequence<'_> {
     /// Denoises all frames.
     ///
@@ -75,9 +81,11 @@ impl Sequence<'_> {
         let done = std::thread::scope(|scope| {
             let (shots, read) = sync_channel(1);
             let (pictures, write) = sync_channel::<Picture>(1);
+            let (written, spares) = channel();
             scope.spawn(move || self.read(plan, motions, &shots, cancel));
             let bar = &bar;
-            let writer = scope.spawn(move || self.write(&write, provenance, bar));
+            let writer = scope.spawn(move || self.write(&write, &written, provenance, bar));
+            let pictures = Pictures { write: pictures, spares };
             let denoised = self.denoise(plan, settings, &read, &pictures, cancel, output);
             drop((read, pictures));
             let written = writer.join().unwrap_or_default();
@@ -192,7 +200,7 @@ impl Sequence<'_> {
         plan: &Plan,
         settings: Settings,
         read: &Receiver<Result<Shot>>,
-        write: &SyncSender<Picture>,
+        pictures: &Pictures,
         cancel: &AtomicBool,
         output: &Output,
     ) -> Result<Done> {
@@ -237,7 +245,8 @@ impl Sequence<'_> {
                 done.seconds += started.elapsed().as_secs_f64();
                 continue;
             }
-            let (denoised, cut) = directions.denoise(number, &shot)?;
+            let mut denoised = pictures.spares.try_recv().unwrap_or_default();
+            let cut = directions.denoise(number, &shot, &mut denoised)?;
             done.seconds += started.elapsed().as_secs_f64();
             if cut {
                 cuts.insert(number);
@@ -245,7 +254,7 @@ impl Sequence<'_> {
             if let Some(document) = shot.document {
                 done.filled += shot.filled;
                 let picture = Picture { frame, document, targets: shot.targets, denoised };
-                if write.send(picture).is_err() {
+                if pictures.write.send(picture).is_err() {
                     return Err(Error::cancelled());
                 }
             }
@@ -266,10 +275,11 @@ impl Sequence<'_> {
             .hint("render it again in the size of the others, or denoise it on its own"))
     }
 
-    /// Writes the pictures that come. Returns those that cannot be written.
+    /// Writes the pictures that come, and gives their memory back to `written`. Returns those that cannot be written.
     fn write(
         &self,
         pictures: &Receiver<Picture>,
+        written: &Sender<Vec<Denoised>>,
         provenance: &Provenance,
         bar: &indicatif::ProgressBar,
     ) -> Vec<Failed> {
@@ -288,6 +298,8 @@ impl Sequence<'_> {
             if let Err(error) = document.write(&self.outputs[frame]) {
                 failed.push(Failed { frame: self.numbers[frame], error: error.to_string() });
             }
+            // Nobody takes it behind the last frame.
+            written.send(denoised).ok();
             bar.inc(1);
         }
         failed

@@ -101,7 +101,7 @@ pub struct Denoise {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum Way {
-    /// Guided filter in space and time, forwards and backwards
+    /// Guided filter in space and time, of the frames before and after
     Wrls2,
     /// Weighted recursive least squares as published by Iglesias-Guitian et al. 2020
     Wrls,
@@ -129,7 +129,7 @@ impl Way {
 enum Direction {
     /// Frames before and after the frame
     Both,
-    /// Frames before the frame alone, in half the time
+    /// Frames before the frame alone, in two thirds of the time
     Forward,
 }
 

@@ -1,7 +1,7 @@
-//! Denoisers of a frame's layers, in one direction of time.
+//! Denoisers of a frame's layers, in both directions of time.
 
 use super::shot::{Layer, Shot};
-use crate::denoise::{Denoised, Denoiser, Frame, Method, Settings, fused};
+use crate::denoise::{Ahead, Denoised, Denoiser, Frame, Lookahead, Method, Settings};
 use crate::error::Result;
 use glam::{Vec2, Vec3};
 use std::borrow::Cow;
@@ -42,131 +42,130 @@ pub fn is_cut(a: &Thumbnail, b: &Thumbnail) -> bool {
     apart > CUT * all
 }
 
-/// Denoisers of the layers, in one direction of time.
-#[derive(Debug)]
-pub struct Pass {
-    denoisers: Vec<Denoiser>,
+/// Frames in one direction of time.
+#[derive(Debug, Default)]
+struct Course {
     /// The frame before in this direction: number, thumbnail, and its motion to the frame before in the other direction.
     last: Option<(u32, Thumbnail, Option<Vec<Vec2>>)>,
 }
 
-impl Pass {
-    /// Creates a pass over so many layers.
-    ///
-    /// # Errors
-    /// If the settings cannot be used.
-    pub fn new(layers: usize, method: Method, settings: Settings) -> Result<Self> {
-        let denoisers = (0..layers).map(|_| Denoiser::new(method, settings)).collect::<Result<_>>()?;
-        Ok(Self { denoisers, last: None })
-    }
-
-    /// Forgets all.
-    pub fn reset(&mut self) {
-        self.denoisers.iter_mut().for_each(Denoiser::reset);
-        self.last = None;
-    }
-
-    /// Denoises the layers of the next frame. Returns true if it begins a shot.
-    ///
-    /// # Errors
-    /// If its layers contradict its size.
-    pub fn denoise(&mut self, number: u32, shot: &Shot, cuts: bool) -> Result<(Vec<Denoised>, bool)> {
+impl Course {
+    /// Returns the motion of the next frame to the one before, and whether a cut lies between them.
+    fn next<'s>(&mut self, number: u32, shot: &'s Shot, find_cuts: bool) -> (Option<Cow<'s, [Vec2]>>, bool) {
         let small = thumbnail(&shot.layers[0].color, shot.size);
-        let cut = cuts && self.last.as_ref().is_some_and(|(_, last, _)| is_cut(last, &small));
-        if cut {
-            self.reset();
-        }
+        let cut = find_cuts && self.last.as_ref().is_some_and(|(_, last, _)| is_cut(last, &small));
+        let last = self.last.replace((number, small, shot.moved.away.clone())).filter(|_| !cut);
         // A motion spans as many frames as lie between.
-        let gap = self.last.as_ref().map_or(1, |(last, ..)| last.abs_diff(number).max(1)) as f32;
-        let turned = || {
-            // What the last frame knows of its way here, turned round, where this one knows nothing.
-            let (.., away) = self.last.as_ref()?;
-            away.as_ref().map(|away| away.iter().map(|motion| -*motion).collect::<Vec<_>>())
-        };
-        let motion: Option<Cow<'_, [Vec2]>> = match &shot.moved.toward {
+        let gap = last.as_ref().map_or(1, |(last, ..)| last.abs_diff(number).max(1)) as f32;
+        let motion = match &shot.moved.toward {
             Some(motion) if gap == 1.0 => Some(motion.into()),
             Some(motion) => Some(motion.iter().map(|motion| *motion * gap).collect()),
-            None => turned().map(Cow::Owned),
+            // What the last frame knows of its way here, turned round, where this one knows nothing.
+            None => last.and_then(|(.., away)| Some(away?.iter().map(|motion| -*motion).collect())),
         };
-        let layers = shot.layers.iter().zip(&mut self.denoisers);
-        let of = |(Layer { color, alpha }, denoiser): (&Layer, &mut Denoiser)| {
-            let alpha = alpha.as_ref().map(|alpha| &alpha[..]);
-            denoiser.denoise(&Frame { size: shot.size, color, motion: motion.as_deref(), alpha })
-        };
-        let denoised = layers.map(of).collect::<Result<_>>()?;
-        self.last = Some((number, small, shot.moved.away.clone()));
-        Ok((denoised, cut))
+        (motion, cut)
     }
 }
 
-/// Passes in both directions of time.
+/// Denoisers of a frame's layers, and what they see of the frames that follow.
 #[derive(Debug)]
 pub struct Directions {
     method: Method,
     settings: Settings,
     find_cuts: bool,
-    /// Forward and backward; the number of layers is known from the first frame on.
-    passes: Option<[Pass; 2]>,
-    /// Results of the backward pass, by number of frame.
-    kept: BTreeMap<u32, Vec<Denoised>>,
+    forward: Course,
+    backward: Course,
+    /// By layer; their number is known from the first frame on.
+    denoisers: Vec<Denoiser>,
+    lookaheads: Vec<Lookahead>,
+    /// What the frames that follow show of a frame's layers, by its number.
+    kept: BTreeMap<u32, Vec<Ahead>>,
+    /// Memory to be used again.
+    spare: Vec<Ahead>,
 }
 
 impl Directions {
-    /// Creates passes that have seen nothing.
+    /// Creates denoisers that have seen nothing.
     pub fn new(method: Method, settings: Settings, find_cuts: bool) -> Self {
-        Self { method, settings, find_cuts, passes: None, kept: BTreeMap::new() }
+        Self {
+            method,
+            settings,
+            find_cuts,
+            forward: Course::default(),
+            backward: Course::default(),
+            denoisers: Vec::new(),
+            lookaheads: Vec::new(),
+            kept: BTreeMap::new(),
+            spare: Vec::new(),
+        }
     }
 
     /// Begins a piece of work that depends on nothing before.
     pub fn begin(&mut self) {
-        self.passes.iter_mut().flatten().for_each(Pass::reset);
-        self.kept.clear();
+        self.denoisers.iter_mut().for_each(Denoiser::reset);
+        self.forward = Course::default();
+        self.spare.extend(std::mem::take(&mut self.kept).into_values().flatten());
+        self.turn();
     }
 
     /// Begins to look backwards.
     pub fn turn(&mut self) {
-        self.passes.iter_mut().for_each(|[_, backward]| backward.reset());
+        self.lookaheads.iter_mut().for_each(Lookahead::reset);
+        self.backward = Course::default();
     }
 
-    /// Denoises the next frame backwards.
+    /// Looks at the frame that lies before those looked at last, and keeps what those show of it if it will be denoised.
     ///
     /// # Errors
-    /// If the settings cannot be used, or layers contradict their size.
+    /// If layers contradict their size.
     pub fn look(&mut self, number: u32, shot: &Shot, keep: bool) -> Result<()> {
-        let cuts = self.find_cuts;
-        let (denoised, _) = self.passes(shot)?[1].denoise(number, shot, cuts)?;
+        let (motion, cut) = self.backward.next(number, shot, self.find_cuts);
+        if cut {
+            self.lookaheads.iter_mut().for_each(Lookahead::reset);
+        }
+        self.lookaheads.resize_with(shot.layers.len(), Lookahead::default);
+        let mut found = Vec::new();
+        for (layer, lookahead) in shot.layers.iter().zip(&mut self.lookaheads) {
+            let mut ahead = self.spare.pop().unwrap_or_default();
+            lookahead.look(&frame(shot, layer, motion.as_deref(), None), &mut ahead)?;
+            found.push(ahead);
+        }
         if keep {
-            self.kept.insert(number, denoised);
+            self.kept.insert(number, found);
+        } else {
+            self.spare.extend(found);
         }
         Ok(())
     }
 
-    /// Denoises the next frame forwards, and fuses the result with the one backwards if there is one. Returns true if it
-    /// begins a shot.
+    /// Denoises the layers of the next frame into `to`, whose memory is used again. Returns true if it begins a shot.
     ///
     /// # Errors
     /// If the settings cannot be used, or layers contradict their size.
-    pub fn denoise(&mut self, number: u32, shot: &Shot) -> Result<(Vec<Denoised>, bool)> {
-        let cuts = self.find_cuts;
-        let [forward, backward] = self.passes(shot)?;
-        // Its memory serves others until frames are looked at backwards again.
-        backward.reset();
-        let (denoised, cut) = forward.denoise(number, shot, cuts)?;
-        let denoised = match self.kept.remove(&number) {
-            Some(backward) => denoised.into_iter().zip(&backward).map(|(f, b)| fused(f, b)).collect(),
-            None => denoised,
-        };
-        Ok((denoised, cut))
-    }
-
-    fn passes(&mut self, shot: &Shot) -> Result<&mut [Pass; 2]> {
-        let layers = shot.layers.len();
-        let pass = || Pass::new(layers, self.method, self.settings);
-        match &mut self.passes {
-            Some(passes) => Ok(passes),
-            empty => Ok(empty.insert([pass()?, pass()?])),
+    pub fn denoise(&mut self, number: u32, shot: &Shot, to: &mut Vec<Denoised>) -> Result<bool> {
+        // Its memory serves others until frames are looked at again.
+        self.lookaheads.clear();
+        let (motion, cut) = self.forward.next(number, shot, self.find_cuts);
+        if cut {
+            self.denoisers.iter_mut().for_each(Denoiser::reset);
         }
+        while self.denoisers.len() < shot.layers.len() {
+            self.denoisers.push(Denoiser::new(self.method, self.settings)?);
+        }
+        to.resize_with(shot.layers.len(), Denoised::default);
+        let aheads = self.kept.remove(&number).unwrap_or_default();
+        for (i, (layer, denoiser)) in shot.layers.iter().zip(&mut self.denoisers).enumerate() {
+            denoiser.denoise_into(&frame(shot, layer, motion.as_deref(), aheads.get(i)), &mut to[i])?;
+        }
+        self.spare.extend(aheads);
+        Ok(cut)
     }
+}
+
+/// Returns a layer of a frame as it is denoised.
+fn frame<'f>(shot: &Shot, layer: &'f Layer, motion: Option<&'f [Vec2]>, ahead: Option<&'f Ahead>) -> Frame<'f> {
+    let alpha = layer.alpha.as_ref().map(|alpha| &alpha[..]);
+    Frame { size: shot.size, color: &layer.color, motion, alpha, ahead }
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! The order in which frames are read, denoised and written.
 
+use crate::denoise::Ahead;
 use std::ops::Range;
 
 /// Step of the work on a sequence.
@@ -9,9 +10,9 @@ pub enum Step {
     Begin,
     /// The frames after the next ones come, the last one first.
     Backward,
-    /// Denoise the frame by those after it; keep the result if it will be written.
+    /// Look at the frame from those after it; keep what they show of it if it will be denoised.
     Look { frame: usize, keep: bool },
-    /// Denoise the frame by those before it; write it, fused with what was kept.
+    /// Denoise the frame, by those before it and what was kept of those after it; write it if it is wanted.
     Denoise { frame: usize, write: bool },
 }
 
@@ -19,7 +20,7 @@ pub enum Step {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Read {
     pub frame: usize,
-    /// False where the frame is denoised by those after it.
+    /// False where the frame is looked at from those after it.
     pub forward: bool,
     pub write: bool,
 }
@@ -30,33 +31,31 @@ pub struct Plan {
     pub steps: Vec<Step>,
 }
 
-/// Bytes that the kept results of the backward direction may take.
-const KEPT_BYTES: usize = 256 << 20;
-/// Bytes of a pixel of a result: its color and confidence.
-const PIXEL_BYTES: usize = 16;
+/// Bytes that what is kept of the backward direction may take.
+const KEPT_BYTES: usize = 320 << 20;
 
-/// Returns how many frames of so many pixels, of all layers together, are denoised backwards before they are forwards: more take
-/// more memory and less time.
+/// Returns how many frames of so many pixels, of all layers together, are looked at backwards before they are denoised: more
+/// take more memory and less time.
 pub fn kept(pixels: usize) -> usize {
-    (KEPT_BYTES / PIXEL_BYTES / pixels.max(1)).clamp(4, 24)
+    (KEPT_BYTES / Ahead::PIXEL_BYTES / pixels.max(1)).clamp(4, 32)
 }
 
 impl Plan {
     /// Plans the frames, of which those with `write` are wanted. Runs of wanted frames, cut into chunks of `chunk` if
-    /// that is given, are denoised on their own, after `overlap` frames that come before. With `two_way`, frames are also
-    /// denoised backwards, `kept` of them at a time, from `overlap` frames behind.
+    /// that is given, are denoised on their own, after `overlap` frames that come before. With `two_way`, frames are looked at
+    /// backwards first, `kept` of them at a time, from `overlap` frames behind.
     pub fn new(write: &[bool], two_way: bool, chunk: Option<u32>, overlap: usize, kept: usize) -> Self {
         let mut steps = Vec::new();
         for run in runs(write, chunk) {
             steps.push(Step::Begin);
             let mut from = run.start.saturating_sub(overlap);
-            for start in run.clone().step_by(kept) {
-                let end = (start + kept).min(run.end);
+            while from < run.end {
+                // Frames that are only learned from are denoised as the others are, and so kept, too.
+                let end = (from + kept).max(run.start + 1).min(run.end);
                 if two_way {
                     steps.push(Step::Backward);
                     let last = (end + overlap).min(write.len());
-                    let look = (start..last).rev().map(|frame| Step::Look { frame, keep: frame < end });
-                    steps.extend(look);
+                    steps.extend((from..last).rev().map(|frame| Step::Look { frame, keep: frame < end }));
                 }
                 steps.extend((from..end).map(|frame| Step::Denoise { frame, write: frame >= run.start }));
                 from = end;
@@ -109,6 +108,7 @@ mod tests {
             Look { frame: 4, keep: false },
             Look { frame: 3, keep: true },
             Look { frame: 2, keep: true },
+            Look { frame: 1, keep: true },
             Denoise { frame: 1, write: false },
             Denoise { frame: 2, write: true },
             Denoise { frame: 3, write: true },

@@ -1,0 +1,181 @@
+//! Histories of the frames that follow a frame, found by going through a sequence backwards.
+//!
+//! A sequence on disk has a future. What it shows of a pixel is as good as its past, and where the light changes steadily
+//! the past lags behind by as much as the future runs ahead: the mean of both does neither. Only histories are followed
+//! backwards, and no model is learned, so that the look ahead costs a fraction of the denoising.
+
+use super::frame::Frame;
+use super::history::{ALPHA, COUNT, Histories, MARGIN, PLANES, Past, line_of, scale_of, scale_of_first};
+use super::lanes::{LANES, Lanes};
+use super::packed::{self, Packed};
+use super::ring::{Ring, add, mean_of};
+use super::vectors::{Colors, vectors};
+use crate::arch::Arch;
+use crate::error::Result;
+use rayon::prelude::*;
+
+/// Histories of the pixels of a frame over the frames that follow it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Ahead {
+    size: [usize; 2],
+    /// Number of frames that follow, as far as they were looked at.
+    frames: u32,
+    /// Factor of the colors, a power of two.
+    scale: f32,
+    /// Row by row, plane after plane: color, alpha and the count of frames.
+    data: Vec<Packed>,
+}
+
+impl Ahead {
+    /// Returns the number of columns and rows.
+    pub fn size(&self) -> [usize; 2] {
+        self.size
+    }
+
+    /// Returns the number of frames that the histories are taken from.
+    pub fn frames(&self) -> u32 {
+        self.frames
+    }
+
+    /// Bytes of the histories of a pixel.
+    pub const PIXEL_BYTES: usize = 2 * PLANES;
+
+    /// Writes the means of a row of these histories and those over the frames before. `before` holds lines of `line` numbers,
+    /// plane after plane, and so does `to`. The last plane is the sum of the frames.
+    ///
+    /// Each history is weighted by the square root of the other's frames. Weights as the frames would have the least noise.
+    /// Weights as the other's frames would have no lag, since a history lags in proportion to its frames.
+    #[inline(always)]
+    pub fn join(&self, y: usize, before: &[f32], line: usize, to: &mut [f32]) {
+        let groups = vectors(self.size[0]);
+        let row = &self.data[y * PLANES * groups..][..PLANES * groups];
+        let (one, limit) = (Lanes([1.0; LANES]), Lanes([MOST_FRAMES; LANES]));
+        for group in 0..groups {
+            let at = MARGIN + group * LANES;
+            let past = |plane: usize| Lanes::load(before, plane * line + at);
+            let future = |plane: usize| packed::unpack(&row[plane * groups + group]);
+            let (behind, ahead) = (past(COUNT).min(limit), future(COUNT).min(limit));
+            let both = one / (one + (ahead / behind).sqrt());
+            let share = ahead.select(behind.select(both, one), Lanes::ZERO);
+            for plane in 0..COUNT {
+                let found = if plane < ALPHA { future(plane) * self.scale } else { future(plane) };
+                (past(plane) + (found - past(plane)) * share).store(to, plane * line + at);
+            }
+            (ahead + behind).store(to, COUNT * line + at);
+        }
+    }
+}
+
+/// Frames of a history at most, where it is weighed against another: older ones hardly count.
+const MOST_FRAMES: f32 = 12.0;
+
+/// Histories that are followed backwards through a sequence.
+#[derive(Debug, Default)]
+pub struct Lookahead {
+    size: [usize; 2],
+    frames: u32,
+    past: Past,
+    next: Vec<Packed>,
+    /// Factor of the histories that come.
+    scale: f32,
+}
+
+impl Lookahead {
+    /// Forgets all, as at a cut, and frees the memory.
+    pub fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Writes to `ahead`, whose memory is used again, what the frames looked at so far show of the frame that lies before them,
+    /// and looks at it. Its motion is that to the frame looked at last. A frame of another size begins anew.
+    ///
+    /// # Errors
+    /// If the frame does not have as many colors, motions or alphas as pixels.
+    pub fn look(&mut self, frame: &Frame<'_>, ahead: &mut Ahead) -> Result<()> {
+        frame.check()?;
+        let [width, height] = frame.size;
+        if self.size != frame.size {
+            let scale = scale_of_first(frame.color);
+            let next = vec![Packed::default(); width * height];
+            *self = Self { size: frame.size, frames: 0, past: Past { scale, ..Past::default() }, next, scale };
+        }
+        let arch = Arch::default();
+        let histories = Histories { past: &self.past, scale: self.scale, frame, alpha: frame.alpha, arch };
+        let len = PLANES * vectors(width);
+        ahead.data.resize(height * len, Packed::default());
+        (ahead.size, ahead.frames, ahead.scale) = (frame.size, self.frames, self.past.scale);
+        self.frames += 1;
+        let band = super::band_rows(height);
+        let bands = ahead.data.par_chunks_mut(band * len).zip(self.next.par_chunks_mut(band * width)).enumerate();
+        let most = bands.map_init(Scratch::default, |scratch, (at, (data, pixels))| {
+            arch.dispatch(Look { histories, top: at * band, scratch, data, pixels })
+        });
+        // The largest of numbers does not depend on their order.
+        let most = most.reduce(|| 0.0, f32::max);
+        std::mem::swap(&mut self.past.pixels, &mut self.next);
+        (self.past.scale, self.scale) = (self.scale, scale_of(most));
+        // The next frame of a fresh state has swapped in an empty one.
+        self.next.resize(self.past.pixels.len(), Packed::default());
+        Ok(())
+    }
+}
+
+/// Memory that bands reuse.
+#[derive(Debug, Default)]
+struct Scratch {
+    warped: Ring,
+    sums: Vec<f32>,
+    around: Vec<Lanes>,
+    colors: Vec<Colors>,
+}
+
+/// Looks at a band of rows.
+struct Look<'a> {
+    histories: Histories<'a>,
+    top: usize,
+    scratch: &'a mut Scratch,
+    data: &'a mut [Packed],
+    pixels: &'a mut [Packed],
+}
+
+impl pulp::NullaryFnOnce for Look<'_> {
+    /// Largest color of the next state.
+    type Output = f32;
+
+    #[inline(always)]
+    fn call(self) -> f32 {
+        let Self { histories, top, scratch, data, pixels } = self;
+        let Scratch { warped, sums, around, colors } = scratch;
+        let [width, height] = histories.frame.size;
+        let (line, groups) = (line_of(width), vectors(width));
+        let shrunk = histories.past.scale.recip();
+        warped.resize(PLANES, line);
+        sums.resize(3 * line, 0.0);
+        around.resize(groups, Lanes::ZERO);
+        colors.resize(groups, Colors::default());
+        let count = pixels.len() / width;
+        let mut most = Lanes::ZERO;
+        for step in 0..count + 2 {
+            let y = (top + step).saturating_sub(1).min(height - 1);
+            histories.warp(y, warped.row_mut(step), line);
+            let Some(at) = step.checked_sub(2) else { continue };
+            let parts = [step - 2, step - 1, step].map(|row| &warped.row(row)[..3 * line]);
+            add(parts, sums);
+            for (group, around) in around.iter_mut().enumerate() {
+                let mut sums = sums.chunks_exact(line).map(|sums| mean_of::<1>(sums, group * LANES));
+                *around = [sums.next(), sums.next(), sums.next()].into_iter().flatten().fold(Lanes::ZERO, Lanes::max);
+            }
+            let lines = warped.row(step - 1);
+            let pixels = &mut pixels[at * width..][..width];
+            most = most.max(histories.follow(top + at, lines, around, colors, pixels));
+            let data = data[at * PLANES * groups..].chunks_exact_mut(groups);
+            for (plane, (to, line)) in data.zip(lines.chunks_exact(line)).enumerate() {
+                let factor = if plane < ALPHA { shrunk } else { 1.0 };
+                for (to, from) in to.iter_mut().zip(line[MARGIN..].as_chunks().0) {
+                    *to = packed::pack(Lanes(*from) * factor);
+                }
+            }
+        }
+        most.0.into_iter().fold(0.0, f32::max)
+    }
+}
