@@ -4,6 +4,7 @@ pub mod atomic;
 pub mod exr;
 pub mod input;
 pub mod limits;
+pub mod picture;
 pub mod png;
 pub mod problem;
 pub mod reading;

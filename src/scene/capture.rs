@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::scene::camera::Camera;
+use crate::scene::color_space::ColorSpace;
 use crate::scene::medium::{Medium, Source};
 use crate::scene::transfer::Transfer;
 use glam::DMat4;
@@ -75,6 +76,11 @@ pub struct Capture {
     pub transfer: Option<Transfer>,
     /// Index-to-world map of the voxel lattice of the pictured volume, where the capture states it.
     pub lattice: Option<DMat4>,
+    /// Color space of pictures with integer samples; `None` where it is not stated. Pictures with floating-point samples
+    /// are scene-linear.
+    pub color_space: Option<ColorSpace>,
+    /// Remarks about what the capture's file states and has no effect here; empty for captures from elsewhere.
+    pub remarks: Vec<String>,
 }
 
 impl Capture {

@@ -51,6 +51,8 @@ impl PictureOptions {
             emission_model: self.emission_model.or(template.map(|c| c.emission_model)).unwrap_or(EmissionModel::Grey),
             transfer,
             lattice: subject.lattice(),
+            color_space: None,
+            remarks: Vec::new(),
         })
     }
 

@@ -295,6 +295,8 @@ impl Viewpoint {
             emission_model: EmissionModel::Grey,
             transfer,
             lattice: Some(field.transform.matrix()),
+            color_space: None,
+            remarks: Vec::new(),
         })
     }
 

@@ -81,6 +81,8 @@ fn parse(json: &Path, limits: Limits) -> Result<Capture> {
         emission_model: top.named("emission_model", &["grey", "linear"])?.unwrap_or(EmissionModel::Grey),
         transfer: top.transfer()?,
         lattice: top.matrix("lattice")?,
+        color_space: None,
+        remarks: Vec::new(),
     })
 }
 
