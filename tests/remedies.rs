@@ -6,7 +6,7 @@
 use cumulo::error::{Error, Kind};
 use cumulo::formats::limits::Limits;
 use cumulo::formats::transfer::{self, Options};
-use cumulo::formats::{exr, transforms};
+use cumulo::formats::{captures, exr, transforms};
 use cumulo::text::acts;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -157,7 +157,7 @@ fn damaged_captures() {
         if let Err(error) = &loaded {
             seen.check(error, &path);
         }
-        for problem in transforms::problems(&path).unwrap() {
+        for problem in captures::problems(&path).unwrap() {
             assert!(problem.what.len() > 5 && problem.remedy.len() > 10, "{problem}");
             assert_eq!(problem.to_string().lines().count(), 2, "{problem}");
         }

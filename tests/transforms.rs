@@ -3,9 +3,10 @@
 
 #![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
-use cumulo::formats::{exr, transforms};
+use cumulo::formats::{captures, exr, transforms};
 use cumulo::scene::camera::{Camera, Projection};
 use cumulo::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
+use cumulo::scene::color_space::ColorSpace;
 use cumulo::scene::film::Film;
 use cumulo::scene::transfer::Transfer;
 use glam::{DMat4, DVec2, DVec3};
@@ -43,6 +44,8 @@ fn capture(folder: &Path) -> Capture {
         lattice: Some(
             DMat4::from_translation(DVec3::new(1e6 + 0.1, -2.5, 1.0 / 3.0)) * DMat4::from_scale(DVec3::splat(0.1)),
         ),
+        color_space: Some(ColorSpace::Srgb),
+        remarks: Vec::new(),
     }
 }
 
@@ -174,7 +177,7 @@ fn missing_and_malformed_files_are_errors() {
     let dir = tempfile::tempdir().unwrap();
     let message = transforms::load(dir.path()).unwrap_err().to_string();
     assert!(message.contains("transforms.json") && message.contains("capture"), "{message}");
-    assert!(transforms::problems(dir.path()).unwrap_err().io_kind().is_some(), "no fault of the content");
+    assert!(captures::problems(dir.path()).unwrap_err().io_kind().is_some(), "no fault of the content");
     for text in ["", "[]", "{\"frames\": [", "{\"frames\": 3}", "{}", "\u{0}"] {
         std::fs::write(dir.path().join("transforms.json"), text).unwrap();
         transforms::load(dir.path()).unwrap_err();
@@ -199,7 +202,7 @@ fn problems_are_listed_all_at_once() {
         json!({"fl_x": 50, "w": 40, "h": 30, "frames": [frame("0"), frame("1"), frame("2"), frame("3"), frame("4")]});
     let problems = |text: &Value| {
         std::fs::write(&json, text.to_string()).unwrap();
-        transforms::problems(dir.path()).unwrap()
+        captures::problems(dir.path()).unwrap()
     };
     assert_eq!(problems(&text), []);
 
@@ -230,13 +233,13 @@ fn summaries_count_views_and_sizes() {
     let dir = tempfile::tempdir().unwrap();
     let json = dir.path().join("transforms.json");
     transforms::save(&json, &capture(dir.path()), &Map::new()).unwrap();
-    let summary = transforms::summary(&json).unwrap();
+    let summary = captures::summary(&json).unwrap();
     assert_eq!((summary.frames, summary.orthographic, summary.sizes["64x52"]), (5, 1, 1));
     assert!(summary.cameras_max.iter().zip(summary.cameras_min).all(|(high, low)| *high >= low && *high <= 3.0));
     assert_eq!((summary.emission, summary.emission_model, summary.transfer), (None, None, true));
     assert!(summary.to_string().contains("by a transfer function"));
     transforms::save(&json, &Capture { transfer: None, ..capture(dir.path()) }, &Map::new()).unwrap();
-    let summary = transforms::summary(&json).unwrap();
+    let summary = captures::summary(&json).unwrap();
     assert_eq!((summary.emission, summary.emission_model), (Some([1.0, 0.2, 1e-3]), Some(EmissionModel::Linear)));
     // The lattice is a translation of a scale: each column has a single entry, whose root of a square rounds twice.
     let size = summary.lattice_voxel_size.unwrap();
@@ -249,7 +252,7 @@ fn summaries_count_views_and_sizes() {
     }
     let dark = Capture { model: Model::Absorption, lattice: None, ..capture(dir.path()) };
     transforms::save(&json, &dark, &Map::new()).unwrap();
-    let summary = transforms::summary(dir.path()).unwrap();
+    let summary = captures::summary(dir.path()).unwrap();
     assert_eq!((summary.emission, summary.emission_model, summary.lattice_voxel_size), (None, None, None));
 }
 
@@ -288,7 +291,7 @@ fn damaged_captures_are_loaded_or_refused() {
             }
             Ok(capture) => assert!(capture.frames.iter().all(|f| f.camera.checked().is_ok())),
         }
-        transforms::problems(&json).unwrap();
+        captures::problems(&json).unwrap();
     }
     assert!((100..300).contains(&refused), "{refused} of 300 refused");
 }

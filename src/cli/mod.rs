@@ -1,6 +1,7 @@
 //! The command line: each subcommand loads, works, writes and reports.
 
 pub mod cancel;
+pub mod capture;
 pub mod compare;
 pub mod convert;
 pub mod denoise;
@@ -66,6 +67,8 @@ pub struct Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    #[command(subcommand)]
+    Capture(capture::CaptureCommand),
     Compare(compare::Arguments),
     Info(info::Info),
     Motion(motion::MotionCommand),
@@ -91,6 +94,7 @@ impl Command {
     /// Memory in bytes that the whole process may take.
     fn max_memory(&self) -> u64 {
         let memory = match self {
+            Self::Capture(c) => c.memory(),
             Self::Compare(c) => c.memory,
             Self::Info(c) => c.memory,
             Self::Motion(c) => c.memory,
@@ -160,6 +164,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     process::limit_memory(arguments.command.max_memory());
     let output = Output::new(&arguments.global);
     match arguments.command {
+        Command::Capture(c) => c.run(&output),
         Command::Compare(a) => compare::run(&a, &output),
         Command::Info(c) => c.run(&output),
         Command::Motion(c) => c.run(&output),

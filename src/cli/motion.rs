@@ -11,10 +11,10 @@ use super::render::between;
 use super::volume;
 use crate::error::{Error, Kind, Result};
 use crate::formats::atomic::Batch;
+use crate::formats::captures;
 use crate::formats::exr;
 use crate::formats::limits::Limits;
 use crate::formats::sequence::{Frames, Pattern, number_of};
-use crate::formats::transforms;
 use crate::formats::vdb::{File, velocity};
 use crate::render::aov::Aov;
 use crate::render::path::{PathTracer, Sampling, View};
@@ -131,7 +131,7 @@ impl Tracing {
     /// If the capture cannot be read, or does not fit the frames.
     pub fn new(input: &Path, cameras: &Path, numbers: &[u32], limits: Limits) -> Result<Self> {
         let choices = Choices { grid: None, density_scale: None, velocity: None, samples: SAMPLES };
-        Self::of(input, &transforms::load(cameras)?, cameras, numbers, choices, limits)
+        Self::of(input, &captures::load(cameras)?, cameras, numbers, choices, limits)
     }
 
     fn of(
@@ -203,7 +203,7 @@ impl MotionCommand {
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let cancel = cancel::listen();
         let mut provenance = Provenance::begin();
-        let capture = transforms::load(&self.cameras)?;
+        let capture = captures::load(&self.cameras)?;
         let numbers = self.numbers(&capture)?;
         let choices = Choices {
             grid: self.grid.clone(),

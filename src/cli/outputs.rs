@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::{atomic, exr, transforms};
+use crate::formats::{self, atomic, exr, transforms};
 use crate::scene::capture::Capture;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -181,9 +181,10 @@ pub fn settings(command: &str) -> Vec<&str> {
     kept
 }
 
-/// Returns the paths of a capture's files: its JSON, then its pictures.
-pub fn of_capture(json: &Path, capture: &Capture) -> Vec<PathBuf> {
-    std::iter::once(json.to_path_buf()).chain(capture.frames.iter().map(|f| f.picture.clone())).collect()
+/// Returns the paths of a capture's files: those of its cameras, then its pictures.
+pub fn of_capture(path: &Path, capture: &Capture) -> Vec<PathBuf> {
+    let pictures = capture.frames.iter().map(|f| f.picture.clone());
+    formats::captures::files(path).into_iter().chain(pictures).collect()
 }
 
 #[cfg(test)]

@@ -3,6 +3,8 @@
 use crate::error::{Error, Result};
 use crate::formats::exr;
 use crate::formats::limits::Limits;
+use crate::formats::picture;
+use crate::optimise::plausibility::Warning;
 use crate::optimise::projection::observation::Photo;
 use crate::report::{MOST_VIEWS, choose};
 use crate::scene::capture::{Capture, Frame};
@@ -22,12 +24,12 @@ pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits, tick: &(dyn 
             .hint("use fewer or smaller pictures, or raise --max-memory"));
     }
     let read = |frame: &Frame| {
-        let film = colors(&frame.picture, layer, limits)?;
+        let film = picture(&frame.picture, layer, capture, limits)?;
         tick();
         let (w, h) = (frame.camera.width as usize, frame.camera.height as usize);
         if (film.width, film.height) != (w, h) {
             return Err(Error::invalid(format!(
-                "the picture has {}x{} pixels, transforms.json says {w}x{h}",
+                "the picture has {}x{} pixels, the capture says {w}x{h}",
                 film.width, film.height
             ))
             .at(&frame.picture)
@@ -38,8 +40,43 @@ pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits, tick: &(dyn 
     capture.frames.par_iter().map(read).collect()
 }
 
-/// Reads a picture, and refuses it if it holds no colors: a depth or an alpha alone would be taken for grey light.
-fn colors(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
+/// Reads a picture of a capture as the radiance that arrives.
+///
+/// # Errors
+/// If it cannot be read, holds no colors, or has integer samples of an unknown color space.
+pub fn picture(path: &Path, layer: Option<&str>, capture: &Capture, limits: Limits) -> Result<Film> {
+    if picture::kind(path)? == picture::Kind::Exr {
+        check_colors(path, layer)?;
+    }
+    let options = picture::Options { layer, color_space: capture.color_space, background: capture.background, limits };
+    Ok(picture::read(path, &options)?.film)
+}
+
+/// Returns what a report of pictures says: remarks on the capture's file, and a warning of few levels of brightness.
+pub fn remarks(capture: &Capture) -> Vec<Warning> {
+    let remark = |remark: &String| Warning::new(remark, "nothing needs to be done if this is what was meant");
+    let mut all: Vec<Warning> = capture.remarks.iter().map(remark).collect();
+    let bits = |frame: &Frame| {
+        let header = picture::header(&frame.picture).ok()?;
+        let space = capture.color_space.or(header.color_space)?;
+        Some((header.bits?, space))
+    };
+    // The coarsest of the pictures: one of 8 bits among EXRs limits what they tell together.
+    if let Some((bits, space)) = capture.frames.iter().filter_map(bits).min_by_key(|(bits, _)| *bits) {
+        let percent = 100.0 * space.largest_step(bits);
+        all.push(Warning::new(
+            format!(
+                "the pictures have integer samples of {bits} bits ({space}): the levels next to white are {percent:.2} % \
+                 apart, which limits how well thin parts of the volume are known; what is brighter than white is cut"
+            ),
+            "render scene-linear EXRs (OpenEXR, float) where accuracy counts",
+        ));
+    }
+    all
+}
+
+/// Refuses an EXR that holds no colors: a depth or an alpha alone would be taken for grey light.
+fn check_colors(path: &Path, layer: Option<&str>) -> Result<()> {
     let header = exr::header(path)?;
     let chosen = |name: &str| {
         layer.is_none_or(|wanted| {
@@ -75,7 +112,7 @@ fn colors(path: &Path, layer: Option<&str>, limits: Limits) -> Result<Film> {
             .at(path)
             .hint(hint));
     }
-    exr::read_picture_within(path, layer, limits)
+    Ok(())
 }
 
 /// Returns the numbers of the held-out views, evenly spaced: `count` of them, or without it one if there are `enough`

@@ -5,8 +5,8 @@ use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
 use crate::cli::render::{LeftOut, PictureOptions};
 use crate::error::{Error, Result};
+use crate::formats::captures;
 use crate::formats::sequence::Pattern;
-use crate::formats::transforms;
 use crate::plan::pilot::{self, Cost};
 use crate::plan::{Integrator, Plan, State};
 use serde::Serialize;
@@ -91,7 +91,7 @@ impl PlanCommand {
             pictures.frame = self.frame.or(numbers.first().copied());
             pictures.input = pattern.path(pictures.frame.unwrap_or_default());
         }
-        let template = pictures.cameras.as_deref().map(transforms::load).transpose()?;
+        let template = pictures.cameras.as_deref().map(captures::load).transpose()?;
         let limits = pictures.memory.limits();
         let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut Provenance::begin())?;
         let paths = pictures.scattering.on() || subject.is_scene();

@@ -9,13 +9,14 @@ use super::run::Run;
 use super::{photos, report};
 use crate::cancel::Cancel;
 use crate::error::{Kind, Result};
+use crate::formats::captures;
 use crate::formats::limits::Limits;
 use crate::optimise::plausibility::{self, Warning};
 use crate::optimise::projection::observation::Photo;
 use crate::process;
 use crate::scene::capture::Capture;
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -61,10 +62,12 @@ impl<'t> Task<'t> {
         let bar = output.progress(capture.frames.len() as u64, "reading pictures");
         let photos = photos::read(capture, layer, self.limits, &|| bar.inc(1))?;
         let pictures = capture.frames.iter().map(|f| f.picture.as_path());
-        self.provenance.input(json, std::iter::once(json).chain(pictures))?;
+        let files = captures::files(json);
+        self.provenance.input(json, files.iter().map(PathBuf::as_path).chain(pictures))?;
         let findings = plausibility::pictures(&photos, capture);
         bar.finish_and_clear();
-        let warnings = plausibility::refuse(findings).map_err(|e| e.at(json))?;
+        let mut warnings = plausibility::refuse(findings).map_err(|e| e.at(json))?;
+        warnings.extend(photos::remarks(capture));
         output.warn(&warnings);
         Ok((photos, warnings))
     }

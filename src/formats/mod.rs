@@ -1,6 +1,8 @@
 //! File formats, read and written. No module here knows a renderer.
 
 pub mod atomic;
+pub mod captures;
+pub mod colmap;
 pub mod exr;
 pub mod input;
 pub mod limits;
@@ -14,6 +16,7 @@ pub mod temporary;
 pub mod transfer;
 pub mod transforms;
 pub mod vdb;
+pub mod views;
 
 use crate::error::{Error, Result};
 use std::io::Read;
@@ -29,13 +32,14 @@ pub enum Format {
     NanoVdb,
     /// An OpenEXR picture.
     Exr,
-    /// A multi-view capture: a JSON object, or a folder.
+    /// A multi-view capture: a JSON object, a file of COLMAP's model, or a folder.
     Capture,
     /// A file of none of the known formats.
     Unknown,
 }
 
-/// Detects the format by the first bytes; the name's extension does not matter. A folder counts as a capture, and its
+/// Detects the format by the first bytes; the name matters for COLMAP's
+/// models alone. A folder counts as a capture, and its
 /// reader decides whether it holds one.
 ///
 /// # Errors
@@ -44,8 +48,12 @@ pub fn sniff(path: &Path) -> Result<Format> {
     if path.is_dir() {
         return Ok(Format::Capture);
     }
-    let mut start = Vec::with_capacity(64);
     let file = input::open(path)?;
+    // COLMAP's files have no magic number, but fixed names.
+    if colmap::is_model_file(path) {
+        return Ok(Format::Capture);
+    }
+    let mut start = Vec::with_capacity(64);
     file.take(64).read_to_end(&mut start).map_err(|e| Error::io(path, e))?;
     let text = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&start);
     Ok(if start.starts_with(b" BDV") {
@@ -64,5 +72,8 @@ pub fn sniff(path: &Path) -> Result<Format> {
 /// The error for a file of [`Format::Unknown`].
 pub fn unknown() -> Error {
     Error::unsupported("no file of a known kind")
-        .hint("OpenVDB and OpenEXR files are understood, and captures: a transforms.json or the folder that holds one")
+        .hint(
+        "OpenVDB and OpenEXR files are understood, and captures: a transforms.json, a model of COLMAP, or the folder that \
+         holds one",
+    )
 }

@@ -175,9 +175,8 @@ mod tests {
                     (state >> 60) > 4
                 })
                 .collect();
-            let whole = |x0: usize, y0: usize, w: usize, h: usize| {
-                (y0..y0 + h).all(|y| (x0..x0 + w).all(|x| mask[y * 7 + x]))
-            };
+            let whole =
+                |x0: usize, y0: usize, w: usize, h: usize| (y0..y0 + h).all(|y| (x0..x0 + w).all(|x| mask[y * 7 + x]));
             let mut most = 0;
             for (x, y) in (0..7).flat_map(|x| (0..6).map(move |y| (x, y))) {
                 for (w, h) in (1..=7 - x).flat_map(|w| (1..=6 - y).map(move |h| (w, h))) {
@@ -238,7 +237,12 @@ mod tests {
             let distorted = Distorted { camera, lens, crop_radius: None, film: &film };
             let (flat, picture) = distorted.undistort().unwrap();
             assert_eq!((flat.width as usize, flat.height as usize), (picture.width, picture.height));
-            assert!(picture.width * picture.height > 64 * 48 * 7 / 10, "{lens:?}: {}x{}", picture.width, picture.height);
+            assert!(
+                picture.width * picture.height > 64 * 48 * 7 / 10,
+                "{lens:?}: {}x{}",
+                picture.width,
+                picture.height
+            );
             let mut worst = 0.0_f32;
             for (y, x) in (0..picture.height).flat_map(|y| (0..picture.width).map(move |x| (y, x))) {
                 let plane = (DVec2::new(x as f64, y as f64) + 0.5 - flat.centre) / flat.focal;

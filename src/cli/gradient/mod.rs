@@ -12,8 +12,8 @@ use super::parse;
 use super::provenance::Provenance;
 use super::transfer::TransferOption;
 use crate::error::{Error, Result};
+use crate::formats::captures;
 use crate::formats::limits::Limits;
-use crate::formats::transforms;
 use crate::formats::vdb::{Codec, write_grids};
 use crate::optimise::loss::Loss;
 use crate::optimise::loss::prior::{Prior, Weighted};
@@ -218,7 +218,7 @@ impl GradientCommand {
             let _stage = output.stage("reading the volume");
             self.scene(limits)?
         };
-        let target = self.target.as_deref().map(transforms::json_path);
+        let target = self.target.as_deref().map(captures::file);
         for path in [Some(&self.input), target.as_ref(), self.transfer.tf.as_ref()].into_iter().flatten() {
             provenance.input(path, [path.as_path()])?;
         }
@@ -248,8 +248,7 @@ impl GradientCommand {
         let mut all = vec![self.input.clone()];
         all.extend(self.transfer.tf.clone());
         if let Some(target) = &self.target {
-            let json = transforms::json_path(target);
-            all.extend(outputs::of_capture(&json, &transforms::load(&json)?));
+            all.extend(outputs::of_capture(target, &captures::load(target)?));
         }
         Ok(all)
     }

@@ -4,8 +4,8 @@ use super::{GradientCommand, Wrt};
 use crate::cli::output::Output;
 use crate::cli::{photos, run, volume};
 use crate::error::{Error, Result};
+use crate::formats::captures;
 use crate::formats::limits::Limits;
-use crate::formats::transforms;
 use crate::optimise::loss::Rgba;
 use crate::optimise::plausibility::{self, Warning};
 use crate::optimise::study::Study;
@@ -32,7 +32,7 @@ pub(super) struct Setup {
 impl GradientCommand {
     /// Reads the volume, and takes what goes with it from the options and, where they are silent, from the target.
     pub(super) fn scene(&self, limits: Limits) -> Result<(Grids, Setup)> {
-        let target = self.target.as_deref().map(transforms::load).transpose()?;
+        let target = self.target.as_deref().map(captures::load).transpose()?;
         let emits = self.transfer.tf.is_some() || self.emission.is_some();
         let model = self.model.or(emits.then_some(Model::EmissionAbsorption)).or(target.as_ref().map(|c| c.model));
         let (scene, transfer) = match model {

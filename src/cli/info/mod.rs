@@ -7,9 +7,9 @@ pub(super) use volume::statistics_of;
 use super::memory::Memory;
 use super::output::Output;
 use crate::error::{Error, Result};
+use crate::formats::captures::CaptureSummary;
 use crate::formats::exr::ExrSummary;
 use crate::formats::limits::Limits;
-use crate::formats::transforms::CaptureSummary;
 use crate::formats::{self, Format};
 use crate::text::printable;
 use serde::Serialize;
@@ -22,7 +22,7 @@ use volume::Volume;
 /// Show what is in files: the grids of VDBs, the layers of EXRs, the cameras of captures
 #[derive(Debug, clap::Args)]
 pub struct Info {
-    /// OpenVDB or OpenEXR files, and captures (a transforms.json or its folder)
+    /// OpenVDB or OpenEXR files, and captures (a transforms.json, a model of COLMAP, or the folder of either)
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     #[command(flatten)]
@@ -110,7 +110,7 @@ fn content(path: &Path, limits: Limits) -> Result<Content> {
         // NanoVDB too: its refusal says how to convert it.
         Format::Vdb | Format::NanoVdb => volume::summary(path, limits).map(Content::Vdb),
         Format::Exr => formats::exr::summary_within(path, limits).map(Content::Exr),
-        Format::Capture => formats::transforms::summary_within(path, limits).map(Content::Capture),
+        Format::Capture => formats::captures::summary_within(path, limits).map(Content::Capture),
         Format::Unknown => Err(formats::unknown().at(path)),
     }
 }

@@ -10,7 +10,7 @@ use super::transfer::TransferOption;
 use super::{run, volume};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::transforms;
+use crate::formats::{captures, transforms};
 use crate::math::Aabb;
 use crate::optimise::gradient::pictures::Target;
 use crate::optimise::plausibility::Warning;
@@ -157,10 +157,10 @@ impl Pose {
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), &self.memory)?;
         let limits = task.limits;
-        let json = transforms::json_path(&self.capture);
-        let capture = transforms::load_within(&json, limits)?;
+        let json = captures::file(&self.capture);
+        let capture = captures::load_within(&json, limits)?;
         transforms::check_names(&self.output, &capture)?;
-        let inputs = outputs::of_capture(&json, &capture);
+        let inputs = outputs::of_capture(&self.capture, &capture);
         let others = std::iter::once(&self.volume).chain(&self.transfer.tf);
         outputs::spare([self.output.as_path()], inputs.iter().chain(others).map(PathBuf::as_path))?;
         let (grids, shown) = {

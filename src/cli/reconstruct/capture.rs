@@ -2,8 +2,8 @@
 
 use crate::cli::outputs;
 use crate::error::Result;
+use crate::formats::captures;
 use crate::formats::limits::Limits;
-use crate::formats::transforms;
 use crate::scene::capture::Capture;
 use std::path::{Path, PathBuf};
 
@@ -28,9 +28,9 @@ impl LoadedCapture {
         other_inputs: impl IntoIterator<Item = &'p PathBuf>,
         limits: Limits,
     ) -> Result<Self> {
-        let json = transforms::json_path(path);
-        let capture = transforms::load_within(&json, limits)?;
-        let mut inputs = outputs::of_capture(&json, &capture);
+        let json = captures::file(path);
+        let capture = captures::load_within(&json, limits)?;
+        let mut inputs = outputs::of_capture(path, &capture);
         inputs.extend(other_inputs.into_iter().cloned());
         outputs::spare([output], inputs.iter().map(PathBuf::as_path))?;
         Ok(Self { json, capture })

@@ -13,6 +13,7 @@ use crate::cli::parse::DensityScale;
 use crate::cli::provenance::Provenance;
 use crate::error::{Error, Kind, Result};
 use crate::formats::atomic::Batch;
+use crate::formats::captures;
 use crate::formats::exr;
 use crate::formats::sequence::{self, Pattern};
 use crate::formats::transforms::{self, FILE_NAME};
@@ -94,7 +95,7 @@ impl Render {
             (None, Some(pattern)) => pattern.numbers()?,
             (None, None) => Vec::new(),
         };
-        let template = self.pictures.cameras.as_deref().map(transforms::load).transpose()?;
+        let template = self.pictures.cameras.as_deref().map(captures::load).transpose()?;
         let cameras = template.as_ref().map(|template| self.cameras(template, &numbers)).transpose()?;
         if self.pictures.views.is_some_and(|views| views > 1) {
             return Err(Error::invalid("--views: a sequence has one picture for each frame")

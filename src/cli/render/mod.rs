@@ -19,6 +19,7 @@ use crate::cli::parse;
 use crate::cli::provenance::Provenance;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
+use crate::formats::captures;
 use crate::formats::exr;
 use crate::formats::sequence::Frames;
 use crate::formats::transforms::{self, FILE_NAME};
@@ -158,7 +159,7 @@ impl Render {
         let mut provenance = Provenance::begin();
         let pictures = &self.pictures;
         let limits = pictures.memory.limits();
-        let template = pictures.cameras.as_deref().map(transforms::load).transpose()?;
+        let template = pictures.cameras.as_deref().map(captures::load).transpose()?;
         let template_pictures: Option<Vec<PathBuf>> =
             template.as_ref().map(|c| c.frames.iter().map(|f| f.picture.clone()).collect());
         let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut provenance)?;
@@ -314,7 +315,7 @@ impl Render {
     /// Refuses an output folder in which the capture of `--cameras` or its pictures lie.
     fn spare_template(&self, pictures: &[PathBuf]) -> Result<()> {
         let Some(cameras) = &self.pictures.cameras else { return Ok(()) };
-        let json = transforms::json_path(cameras);
+        let json = captures::file(cameras);
         let folder = |path: &Path| {
             let parent = path.parent().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
             parent.and_then(|p| std::fs::canonicalize(p).ok())

@@ -5,16 +5,16 @@ mod volume;
 
 use super::memory::Memory;
 use super::output::Output;
-use super::outputs;
 use super::run::Run;
+use super::{outputs, photos};
 use crate::cancel::Cancel;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::transfer::Options;
 use crate::formats::vdb::File;
-use crate::formats::{self, atomic, exr, input, transforms};
+use crate::formats::{self, atomic, captures, input};
 use crate::scene::camera::Camera;
-use crate::scene::capture::Capture;
+use crate::scene::capture::{Capture, Frame};
 use crate::scene::film::Film;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -101,7 +101,7 @@ impl Report {
         let path = self.folder.join(RECORD);
         let record = read_record(&path, limits).map_err(|e| e.at(&path))?;
         let beside = match &self.beside {
-            Some((name, path)) => Some((name.clone(), transforms::load_within(path, limits)?)),
+            Some((name, path)) => Some((name.clone(), captures::load_within(path, limits)?)),
             None => None,
         };
         // What the record names may be elsewhere by now, or never have been there.
@@ -204,12 +204,9 @@ fn keep(dir: &Path, record: &Record) -> Result<()> {
 /// there is none.
 fn extra(beside: Option<&Beside>, camera: &Camera) -> Result<Option<(String, Film)>> {
     let near = 1e-6 * (1.0 + camera.position().length());
-    let same = |c: &Capture| {
-        let frame = c.frames.iter().find(|f| f.camera.camera_to_world.abs_diff_eq(camera.camera_to_world, near))?;
-        Some(frame.picture.clone())
-    };
-    match beside.and_then(|(name, capture)| Some((name.clone(), same(capture)?))) {
-        Some((name, path)) => Ok(Some((name, exr::read_picture(&path, None)?))),
-        None => Ok(None),
-    }
+    let Some((name, capture)) = beside else { return Ok(None) };
+    let stands = |f: &&Frame| f.camera.camera_to_world.abs_diff_eq(camera.camera_to_world, near);
+    let picture = |f: &Frame| photos::picture(&f.picture, None, capture, Limits::default());
+    let film = capture.frames.iter().find(stands).map(picture).transpose()?;
+    Ok(film.map(|film| (name.clone(), film)))
 }

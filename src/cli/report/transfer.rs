@@ -2,13 +2,14 @@
 
 use super::{Beside, extra};
 use crate::cancel::Cancel;
+use crate::cli::photos;
 use crate::cli::provenance::Provenance;
 use crate::cli::run;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::transfer::Options;
 use crate::formats::vdb::File;
-use crate::formats::{exr, transfer, transforms};
+use crate::formats::{captures, transfer};
 use crate::metrics;
 use crate::optimise::density::Stage;
 use crate::optimise::plausibility::Warning;
@@ -168,7 +169,7 @@ pub fn views(
     beside: Option<&Beside>,
     cancel: Cancel,
 ) -> Result<Vec<View>> {
-    let capture = transforms::load(&run.capture)?;
+    let capture = captures::load(&run.capture)?;
     let function = transfer::load(&run.output, &Options::default())?.transfer;
     let field = field(&run.volume, run.grid.as_deref(), limits)?;
     let source = Source::Transfer(Arc::new(function.table().map_err(|e| e.at(&run.output))?));
@@ -179,7 +180,7 @@ pub fn views(
     let never = AtomicBool::new(false);
     let frames = numbers.iter().filter_map(|i| Some((*i, capture.frames.get(*i)?)));
     let view = |(i, frame): (usize, &Frame)| {
-        let picture = exr::read_picture(&frame.picture, run.layer.as_deref())?;
+        let picture = photos::picture(&frame.picture, run.layer.as_deref(), &capture, limits)?;
         let flag = cancel.flag().unwrap_or(&never);
         let Some(render) = render::picture(&dvr, &frame.camera, rays, flag) else { return Ok(None) };
         let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;

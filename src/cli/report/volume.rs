@@ -2,12 +2,13 @@
 
 use super::{Beside, extra};
 use crate::cancel::Cancel;
+use crate::cli::photos;
 use crate::cli::run::{self, Run, Solver};
 use crate::cli::volume as volumes;
 use crate::error::Result;
 use crate::formats::limits::Limits;
 use crate::formats::vdb::{CONFIDENCE, File, shaded};
-use crate::formats::{exr, transfer, transforms};
+use crate::formats::{captures, transfer};
 use crate::metrics;
 use crate::metrics::volume::{self, Difference};
 use crate::render::any_renderer::AnyRenderer;
@@ -45,7 +46,7 @@ pub(super) fn page(
     cancel: Cancel,
 ) -> Result<(Page, Option<VolumeError>)> {
     let volume = Reconstruction::read(run, limits)?;
-    let rows = rows(run, &volume.capture, &volume.renderer()?, beside, cancel)?;
+    let rows = rows(run, &volume.capture, &volume.renderer()?, beside, limits, cancel)?;
     let difference = reference.map(|reference| volume.difference(reference)).transpose()?;
     let confidence = confidence(run, &run.grid, limits)?;
     let reference = reference.map(|r| bricks(r, Path::new(&r.name), limits)).transpose()?;
@@ -88,7 +89,7 @@ struct Reconstruction {
 
 impl Reconstruction {
     fn read(run: &Run, limits: Limits) -> Result<Self> {
-        let mut capture = transforms::load(&run.capture)?;
+        let mut capture = captures::load(&run.capture)?;
         let grid = File::open(&run.output, limits)?.read_fog(Some(&run.grid))?;
         let transfer = transfer::from_metadata(&grid.metadata).map_err(|e| e.at(&run.output))?;
         let field = volumes::arrange_by_voxel(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&run.output))?;
@@ -194,6 +195,7 @@ fn rows(
     capture: &Capture,
     renderer: &AnyRenderer<'_>,
     beside: Option<&Beside>,
+    limits: Limits,
     cancel: Cancel,
 ) -> Result<Vec<ViewRow>> {
     let rays = run::rays_per_edge(capture.pixel_filter);
@@ -202,7 +204,7 @@ fn rows(
     shown
         .take_while(|_| !cancel.requested())
         .map(|(i, frame)| {
-            let picture = exr::read_picture(&frame.picture, run.layer.as_deref())?;
+            let picture = photos::picture(&frame.picture, run.layer.as_deref(), capture, limits)?;
             let flag = cancel.flag().unwrap_or(&never);
             let Some(render) = renderer.picture(&frame.camera, rays, flag) else { return Ok(None) };
             let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;

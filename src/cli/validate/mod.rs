@@ -18,7 +18,8 @@ use std::process::ExitCode;
 /// Say what is wrong with files and what to do; exit code 1 if anything is
 #[derive(Debug, clap::Args)]
 pub struct Validate {
-    /// OpenVDB or OpenEXR files, and captures (a transforms.json or its folder) with their pictures
+    /// OpenVDB or OpenEXR files, and captures (a transforms.json, a model of COLMAP, or the folder of either) with their
+    /// pictures
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     #[command(flatten)]
@@ -79,7 +80,7 @@ impl Validate {
             // NanoVDB too: its refusal says how to convert it.
             Format::Vdb | Format::NanoVdb => volume::check(path, self.memory.limits(), &mut findings)?,
             Format::Exr => findings.extend(formats::exr::problems_within(path, self.memory.limits())?),
-            Format::Capture => findings.extend(formats::transforms::problems_within(path, self.memory.limits())?),
+            Format::Capture => findings.extend(formats::captures::problems_within(path, self.memory.limits())?),
             Format::Unknown => findings.refusal(formats::unknown())?,
         }
         let valid = findings.valid();

@@ -43,8 +43,9 @@ fn open(bytes: &[u8]) -> Result<(JpegDecoder<ZCursor<&[u8]>>, Header)> {
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
     decoder.decode_headers().map_err(fault)?;
     if let Some(inks @ (Components::CMYK | Components::YCCK)) = decoder.input_colorspace() {
-        return Err(Error::unsupported(format!("a JPEG of {inks:?} inks, which are no light"))
-            .hint("write the picture as RGB"));
+        return Err(
+            Error::unsupported(format!("a JPEG of {inks:?} inks, which are no light")).hint("write the picture as RGB")
+        );
     }
     let (width, height) = decoder.dimensions().ok_or_else(|| Error::invalid("a JPEG without a size"))?;
     Ok((decoder, Header { kind: Kind::Jpeg, size: [width, height], bits: Some(8), color_space: None }))

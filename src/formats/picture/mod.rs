@@ -30,6 +30,17 @@ pub enum Kind {
     Jpeg,
 }
 
+impl Kind {
+    /// Returns the name of the format.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Exr => "OpenEXR",
+            Self::Png => "PNG",
+            Self::Jpeg => "JPEG",
+        }
+    }
+}
+
 /// Size and encoding of a picture, from its header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Header {
@@ -210,7 +221,8 @@ mod tests {
 
     #[test]
     fn straight_alpha_is_composited() {
-        let options = Options { color_space: Some(ColorSpace::Linear), background: [1.0, 0.5, 0.0], ..Options::default() };
+        let options =
+            Options { color_space: Some(ColorSpace::Linear), background: [1.0, 0.5, 0.0], ..Options::default() };
         // Half red over the background, and grey with an alpha of 1/5 (51 of 255).
         let rgba = film(&samples(&[255, 0, 0, 51], 4, 8, [1, 1]), &options).unwrap().rgba[0];
         let expected = [0.2 + 0.8, 0.8 * 0.5, 0.0, 0.2];

@@ -6,25 +6,31 @@
 //! - `fl_x`, `fl_y`: focal lengths in pixels, or `camera_angle_x`, `camera_angle_y`: full angles of view in radians.
 //!   One for either axis suffices: without `fl_y`, pixels are square.
 //! - `cx`, `cy`: principal point in pixels from the top left corner; the middle unless given.
-//! - `camera_model`: `OPENCV` and `PINHOLE` (both without distortion; the default), or, as an extension,
-//!   `ORTHOGRAPHIC`: then `fl_x` and `fl_y` are pixels per world unit.
+//! - `camera_model`: `OPENCV`, `PINHOLE` and their like (the default), `OPENCV_FISHEYE` (or `is_fisheye`), or, as an
+//!   extension, `ORTHOGRAPHIC`: then `fl_x` and `fl_y` are pixels per world unit.
+//! - `k1`, `k2`, `k3`, `p1`, `p2`, and `k1` to `k4` of a fisheye: coefficients of the [lens](crate::scene::lens::Lens).
+//!   Pictures with any are undistorted before they are used. `fisheye_crop_radius` bounds what such pictures hold.
 //! - `near`, an extension: distance along the viewing axis to the near plane; 0 unless given.
-//! - `file_path`: picture, relative to the file's folder; `.exr` is appended where there is no suffix.
+//! - `file_path`: picture, relative to the file's folder; a name without suffix is that of the EXR, PNG or JPEG there.
+//! - `mask_path`: picture that is black where the view is not to be used.
 //!
 //! Extensions at the top are `background` [r, g, b], `model` (`absorption`, `emission-absorption`, `pre-shaded`),
 //! `pixel_filter` (`point`, `box`), `density_scale`, `emission` [r, g, b], `emission_model` (`grey`, `linear`),
-//! `transfer` (a [transfer function](crate::scene::transfer::Transfer)) and `lattice` (index to world, four rows).
-//! Other keys are ignored.
+//! `transfer` (a [transfer function](crate::scene::transfer::Transfer)), `lattice` (index to world, four rows) and
+//! `color_space` (`sRGB`, `linear`, `gamma 2.2`) of integer pictures. Other keys are ignored, those of well-known programs
+//! with a remark.
 
+mod files;
+mod keys;
 mod load;
+mod optics;
 mod problems;
+mod remarks;
 mod save;
-mod summary;
 
-pub use load::{load, load_within, read_object};
-pub use problems::{problems, problems_within};
+pub use load::{load, load_within, read_object, stated_within};
+pub use problems::frame_problems;
 pub use save::{check_names, save, save_for};
-pub use summary::{CaptureSummary, summary, summary_within};
 
 use std::path::{Path, PathBuf};
 

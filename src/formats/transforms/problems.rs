@@ -1,50 +1,26 @@
-//! Problems of captures, for `validate`.
+//! Faults of a capture's frames, all at once.
 
-use super::load::{self, load_within};
-use super::{folder, json_path};
+use super::{folder, json_path, load};
 use crate::error::Result;
-use crate::formats::exr;
 use crate::formats::limits::Limits;
 use crate::formats::problem::Problem;
-use crate::scene::capture::{Capture, Frame};
 use serde_json::Value;
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-
-/// Problems of a capture and its pictures, all of which are read; empty if there are none.
-///
-/// # Errors
-/// If the operating system does not let the JSON file be read. A picture that cannot be read is a problem of the
-/// capture.
-pub fn problems(path: &Path) -> Result<Vec<Problem>> {
-    problems_within(path, Limits::default())
-}
-
-/// Problems of a capture, as [`problems`] lists them; the values of its JSON, and each picture, must fit into `limits`.
-///
-/// # Errors
-/// The conditions are those of [`problems`].
-pub fn problems_within(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
-    let json = json_path(path);
-    let mut found = frame_problems(&json, limits)?;
-    // Faults of frames are listed one by one; any other fault that keeps the capture from loading is one more.
-    match load_within(path, limits) {
-        Err(error) if found.is_empty() => found.push(Problem::of(error)?),
-        Err(_) => {}
-        Ok(capture) => found.extend(picture_problems(&capture, limits)),
-    }
-    Ok(found)
-}
+use std::path::Path;
 
 /// Largest number of frames whose faults are listed; further ones are counted.
 const LISTED: usize = 100;
 
-/// Problems of all frames that cannot be used, not only of the first.
-fn frame_problems(json: &Path, limits: Limits) -> Result<Vec<Problem>> {
-    let Ok(root) = load::read_object(json, limits) else { return Ok(Vec::new()) };
+/// Problems of all frames that cannot be used as they are, not only of the first; none if the JSON cannot be read at all.
+///
+/// # Errors
+/// If the operating system reports an error.
+pub fn frame_problems(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
+    let json = json_path(path);
+    let Ok(root) = load::read_object(&json, limits) else { return Ok(Vec::new()) };
     let Some(Value::Array(frames)) = root.get("frames") else { return Ok(Vec::new()) };
-    let folder = folder(json);
-    let fault = |(i, frame)| load::frame(frame, &root, &folder).err().map(|e| e.part(format!("frame {i}")));
+    let folder = folder(&json);
+    let usable = |frame| load::frame(frame, &root, &folder).and_then(|(_, optics)| optics.direct());
+    let fault = |(i, frame)| usable(frame).err().map(|e| e.part(format!("frame {i}")));
     let mut faults = frames.iter().enumerate().filter_map(fault);
     let mut found = faults.by_ref().take(LISTED).map(Problem::of).collect::<Result<Vec<_>>>()?;
     let more = faults.count();
@@ -52,54 +28,4 @@ fn frame_problems(json: &Path, limits: Limits) -> Result<Vec<Problem>> {
         found.push(Problem::new(format!("{more} more frames cannot be used"), "correct those above first"));
     }
     Ok(found)
-}
-
-fn picture_problems(capture: &Capture, limits: Limits) -> Vec<Problem> {
-    let mut found = Vec::new();
-    let mut users: BTreeMap<&PathBuf, usize> = BTreeMap::new();
-    for (i, frame) in capture.frames.iter().enumerate() {
-        let mut add = |problem: Problem| found.push(problem.part(format!("frame {i}")));
-        if let Some(earlier) = users.insert(&frame.picture, i) {
-            add(Problem::new(
-                format!("it has the same picture as frame {earlier}, {}", frame.picture.display()),
-                "give each view a picture of its own",
-            ));
-        }
-        picture(frame, limits).into_iter().for_each(add);
-    }
-    found
-}
-
-fn picture(frame: &Frame, limits: Limits) -> Vec<Problem> {
-    let path = frame.picture.display();
-    let picture = match exr::picture_within(&frame.picture, None, limits) {
-        Ok(picture) => picture,
-        Err(error) => {
-            let missing = error.io_kind() == Some(std::io::ErrorKind::NotFound);
-            let what = if missing { "there is no such picture" } else { error.what() };
-            // The user corrects 'file_path' in the capture, not a path on the command line.
-            let remedy = match error.remedy() {
-                _ if missing => "correct 'file_path', or add the picture",
-                Some(remedy) => remedy,
-                None => "render or copy it again",
-            };
-            return vec![Problem::new(format!("{path}: {what}"), remedy)];
-        }
-    };
-    let mut found = Vec::new();
-    let (stated, actual) =
-        ([frame.camera.width as usize, frame.camera.height as usize], [picture.film.width, picture.film.height]);
-    if stated != actual {
-        found.push(Problem::new(
-            format!("its size is {}x{}, but {path} has {}x{} pixels", stated[0], stated[1], actual[0], actual[1]),
-            "correct 'w' and 'h' together with 'fl_x', 'fl_y', 'cx' and 'cy', or leave them out",
-        ));
-    }
-    if picture.non_finite > 0 {
-        found.push(Problem::new(
-            format!("{path}: NaN or infinite samples: {}", picture.non_finite),
-            "render it again, or fill the holes before it is used",
-        ));
-    }
-    found
 }

@@ -86,6 +86,9 @@ fn text(path: &Path, capture: &Capture, extra: &Map<String, Value>) -> Result<St
     if let Some(lattice) = capture.lattice {
         root.insert("lattice".into(), rows(lattice));
     }
+    if let Some(space) = capture.color_space {
+        root.insert("color_space".into(), json!(space));
+    }
     root.insert("frames".into(), Value::Array(frames));
     for (key, value) in extra {
         if root.insert(key.clone(), value.clone()).is_some() {

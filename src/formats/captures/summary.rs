@@ -1,11 +1,15 @@
 //! Summary of a capture, for `info`.
 
-use super::load_within;
+use super::stated_within;
 use crate::error::Result;
 use crate::formats::limits::Limits;
+use crate::formats::picture;
+use crate::formats::views::StatedCapture;
 use crate::math::Aabb;
 use crate::scene::camera::Projection;
 use crate::scene::capture::{EmissionModel, Model, PixelFilter};
+use crate::scene::color_space::ColorSpace;
+use crate::scene::lens::Lens;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -41,6 +45,16 @@ pub struct CaptureSummary {
     pub density_scale: f64,
     /// Voxel size along each axis of the volume's lattice, in world units, if the capture states the lattice.
     pub lattice_voxel_size: Option<[f64; 3]>,
+    /// Number of views that a lens distorts; they are undistorted by `cumulo capture convert`.
+    pub distorted: usize,
+    /// Number of views with a mask.
+    pub masked: usize,
+    /// Number of pictures of each format; those that cannot be read are left out.
+    pub formats: BTreeMap<&'static str, usize>,
+    /// Color space of integer pictures, if the capture states it.
+    pub color_space: Option<ColorSpace>,
+    /// Remarks on what the file states and has no effect here.
+    pub remarks: Vec<String>,
 }
 
 /// Reads a capture and summarises it. Pictures are not decoded.
@@ -56,7 +70,7 @@ pub fn summary(path: &Path) -> Result<CaptureSummary> {
 /// # Errors
 /// The conditions are those of [`load_within`].
 pub fn summary_within(path: &Path, limits: Limits) -> Result<CaptureSummary> {
-    let capture = load_within(path, limits)?;
+    let StatedCapture { capture, optics } = stated_within(path, limits)?;
     let mut sizes = BTreeMap::new();
     for frame in &capture.frames {
         *sizes.entry(format!("{}x{}", frame.camera.width, frame.camera.height)).or_default() += 1;
@@ -65,7 +79,16 @@ pub fn summary_within(path: &Path, limits: Limits) -> Result<CaptureSummary> {
     let emits = capture.model == Model::EmissionAbsorption;
     let transfer = emits && capture.transfer.is_some();
     let own = emits && !transfer;
+    let mut formats = BTreeMap::new();
+    for kind in capture.frames.iter().filter_map(|frame| picture::kind(&frame.picture).ok()) {
+        *formats.entry(kind.name()).or_default() += 1;
+    }
     Ok(CaptureSummary {
+        distorted: optics.iter().filter(|o| o.lens != Lens::Pinhole).count(),
+        masked: optics.iter().filter(|o| o.mask.is_some()).count(),
+        formats,
+        color_space: capture.color_space,
+        remarks: capture.remarks,
         frames: capture.frames.len(),
         sizes,
         orthographic: capture.frames.iter().filter(|f| f.camera.projection == Projection::Orthographic).count(),
@@ -110,6 +133,19 @@ impl fmt::Display for CaptureSummary {
         };
         writeln!(f, "pixels: {pixels}")?;
         writeln!(f, "density scale: {}", self.density_scale)?;
+        if !self.formats.is_empty() {
+            let formats: Vec<String> = self.formats.iter().map(|(format, n)| format!("{n} {format}")).collect();
+            write!(f, "files: {}", formats.join(", "))?;
+            let space = self.color_space.map(|space| format!(", integer samples in {space}"));
+            writeln!(f, "{}", space.unwrap_or_default())?;
+        }
+        if self.distorted > 0 {
+            writeln!(f, "lens distortion: {} view(s); `cumulo capture convert` undistorts them", self.distorted)?;
+        }
+        if self.masked > 0 {
+            writeln!(f, "masks: {} view(s)", self.masked)?;
+        }
+        self.remarks.iter().try_for_each(|remark| writeln!(f, "remark: {remark}"))?;
         if let Some([x, y, z]) = self.lattice_voxel_size {
             writeln!(f, "lattice: voxel size {x} x {y} x {z}")?;
         }

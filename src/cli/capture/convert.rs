@@ -1,0 +1,239 @@
+//! `cumulo capture convert`: any capture to one that every command takes.
+
+use super::pictures::{self, Choices, Masked, View};
+use super::placement::{Placement, moved};
+use crate::cli::memory::Memory;
+use crate::cli::output::Output;
+use crate::cli::outputs;
+use crate::cli::photos;
+use crate::cli::provenance::Provenance;
+use crate::error::Result;
+use crate::formats::atomic::Batch;
+use crate::formats::transforms::{self, FILE_NAME};
+use crate::formats::views::StatedCapture;
+use crate::formats::{captures, colmap, exr};
+use crate::optimise::plausibility::Warning;
+use crate::scene::capture::{Capture, Frame};
+use crate::scene::color_space::ColorSpace;
+use serde::Serialize;
+use serde_json::{Map, json};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Write a capture that every command takes: cameras without lens distortion and scene-linear EXRs
+///
+/// Pictures that a lens distorts are resampled, by bilinear interpolation of linear light, to a pinhole camera with the
+/// same focal lengths, and cropped to the largest rectangle in which every pixel was seen. PNG and JPEG become EXRs by
+/// their color space; straight alpha is composited over the background of the capture. EXRs in which nothing changes stay
+/// where they are.
+#[derive(Debug, clap::Args)]
+pub struct Convert {
+    /// transforms.json of instant-ngp, nerfstudio or Blender, a model of COLMAP, or the folder of either
+    input: PathBuf,
+    /// Folder to write into
+    #[arg(long, short, value_name = "DIR")]
+    output: PathBuf,
+    /// Take the pictures from this folder, by their names, or from a pattern such as renders/view_####.exr, in order
+    #[arg(long, value_name = "FOLDER|PATTERN")]
+    pictures: Option<PathBuf>,
+    /// Description of the cameras
+    #[arg(long, value_enum, default_value_t = Target::Transforms)]
+    to: Target,
+    /// Color space of PNG and JPEG pictures: sRGB, linear or 'gamma 2.2' (default: what capture or picture states)
+    #[arg(long, value_name = "NAME")]
+    color_space: Option<ColorSpace>,
+    /// Radiance behind the volume, over which straight alpha is composited (default: that of the capture, else white)
+    #[arg(long, value_name = "R,G,B", value_parser = crate::cli::parse::color)]
+    background: Option<[f32; 3]>,
+    /// What becomes of pixels under a mask
+    #[arg(long, value_enum)]
+    masked: Option<Masked>,
+    /// Layer of EXR pictures, written alone (default: pictures stay as they are)
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
+    #[command(flatten)]
+    placement: Placement,
+    /// Replace files that another command wrote
+    #[arg(long)]
+    overwrite: bool,
+    #[command(flatten)]
+    pub(in crate::cli) memory: Memory,
+}
+
+/// Description of cameras that is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Target {
+    /// A transforms.json
+    Transforms,
+    /// A text model of COLMAP in sparse/0, with the pictures in images
+    Colmap,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    #[serde(serialize_with = "crate::cli::paths::text")]
+    output: PathBuf,
+    views: usize,
+    /// Number of pictures that were written.
+    written: usize,
+    /// Number of pictures that were resampled to a pinhole camera.
+    undistorted: usize,
+    /// Number of pictures with integer samples.
+    integer: usize,
+    /// Smallest and largest width and height of the pictures in pixels.
+    sizes: [[u32; 2]; 2],
+    color_space: Option<ColorSpace>,
+    warnings: Vec<Warning>,
+    provenance: Provenance,
+}
+
+impl Convert {
+    /// Reads, converts, writes and reports.
+    ///
+    /// # Errors
+    /// If capture or pictures cannot be read or used, or files cannot be written.
+    pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
+        let mut provenance = Provenance::begin();
+        let limits = self.memory.limits();
+        outputs::folder(&self.output)?;
+        let stated = self.stated()?;
+        let choices = Choices { layer: self.layer.as_deref(), masked: self.masked, limits };
+        let views = View::all(&stated, &choices)?;
+        let files = captures::files(&self.input);
+        let inputs = files.iter().chain(stated.capture.frames.iter().map(|f| &f.picture)).map(PathBuf::as_path);
+        provenance.input(&captures::file(&self.input), inputs.clone())?;
+        let mut warnings = photos::remarks(&stated.capture);
+
+        let (folder, main) = self.places();
+        let picture = |i: usize| folder.join(format!("view_{i:03}.exr"));
+        // COLMAP names pictures by their place in one folder, so that all of them go there.
+        let written = |view: &View| self.to == Target::Colmap || view.changes(&choices);
+        let new: Vec<PathBuf> =
+            views.iter().enumerate().filter(|(_, view)| written(view)).map(|(i, _)| picture(i)).collect();
+        outputs::spare(new.iter().chain([&main]).map(PathBuf::as_path), inputs)?;
+        if !self.overwrite {
+            outputs::spare_captures(&main, &new, &provenance.command)?;
+        }
+        let mut batch = Batch::new();
+        self.folders(&folder, &main).into_iter().try_for_each(|folder| batch.make_folder(&folder))?;
+
+        let bar = output.progress(views.len() as u64, "converting");
+        let mut capture = stated.capture.clone();
+        for (i, view) in views.iter().enumerate().filter(|(_, view)| written(view)) {
+            let (camera, film) = view.convert(&stated.capture, &choices)?;
+            exr::write_picture(&batch.add(&picture(i))?, &film, &provenance.attributes(), false)?;
+            capture.frames[i] = Frame { camera, picture: picture(i) };
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        let integer: Vec<_> = views.iter().filter_map(|view| view.integer(&stated.capture)).collect();
+        if let Some(map) = self.placement.map(&capture)? {
+            capture = moved(capture, map);
+        }
+        capture.color_space = None;
+        provenance.lap();
+        self.write(&capture, &main, &folder, &provenance, &mut batch, &mut warnings)?;
+        batch.commit()?;
+        output.warn(&warnings);
+        let sides = |pick: fn(u32, u32) -> u32| {
+            let sizes = capture.frames.iter().map(|f| [f.camera.width, f.camera.height]);
+            sizes.reduce(|a, b| [pick(a[0], b[0]), pick(a[1], b[1])]).unwrap_or_default()
+        };
+        output.report(&Report {
+            output: main,
+            views: views.len(),
+            written: new.len(),
+            undistorted: views.iter().filter(|view| view.distorted()).count(),
+            integer: integer.len(),
+            sizes: [sides(u32::min), sides(u32::max)],
+            color_space: integer.first().map(|(_, space)| *space),
+            warnings,
+            provenance,
+        })?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// Reads the capture, with what the options say otherwise.
+    fn stated(&self) -> Result<StatedCapture> {
+        let mut stated = captures::stated_within(&self.input, self.memory.limits())?;
+        if let Some(from) = &self.pictures {
+            pictures::replace(&mut stated.capture, from)?;
+        }
+        stated.capture.color_space = self.color_space.or(stated.capture.color_space);
+        stated.capture.background = self.background.unwrap_or(stated.capture.background);
+        Ok(stated)
+    }
+
+    /// Returns the folder of the pictures, and the file of the cameras.
+    fn places(&self) -> (PathBuf, PathBuf) {
+        match self.to {
+            Target::Transforms => (self.output.clone(), self.output.join(FILE_NAME)),
+            Target::Colmap => (self.output.join("images"), self.output.join("sparse/0/images.txt")),
+        }
+    }
+
+    /// Returns the folders to be made, outer ones first.
+    fn folders(&self, pictures: &Path, main: &Path) -> Vec<PathBuf> {
+        let model = main.parent().unwrap_or(&self.output).to_path_buf();
+        let sparse = model.parent().unwrap_or(&self.output).to_path_buf();
+        match self.to {
+            Target::Transforms => vec![self.output.clone()],
+            Target::Colmap => vec![self.output.clone(), pictures.to_path_buf(), sparse, model],
+        }
+    }
+
+    /// Writes the cameras.
+    fn write(
+        &self,
+        capture: &Capture,
+        main: &Path,
+        pictures: &Path,
+        provenance: &Provenance,
+        batch: &mut Batch,
+        warnings: &mut Vec<Warning>,
+    ) -> Result<()> {
+        match self.to {
+            Target::Transforms => {
+                let mut extra = Map::new();
+                extra.insert("provenance".into(), json!(provenance));
+                transforms::save_for(main, &batch.add(main)?, capture, &extra)
+            }
+            Target::Colmap => {
+                let texts = colmap::save(capture, pictures).map_err(|e| e.at(main))?;
+                for (name, text) in
+                    [("images.txt", texts.images), ("cameras.txt", texts.cameras), ("points3D.txt", texts.points)]
+                {
+                    let waiting = batch.add(&main.with_file_name(name))?;
+                    crate::formats::atomic::write_bytes(&waiting, text.as_bytes())?;
+                }
+                warnings.push(Warning::new(
+                    "COLMAP's model states no light model, background, near planes or scale of densities",
+                    "keep a transforms.json beside it, which states them",
+                ));
+                Ok(())
+            }
+        }
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}: {} view(s)", self.output.display(), self.views)?;
+        let [[w0, h0], [w1, h1]] = self.sizes;
+        let sizes = if [w0, h0] == [w1, h1] { format!("{w0}x{h0}") } else { format!("{w0}x{h0} to {w1}x{h1}") };
+        writeln!(
+            f,
+            "  pictures: {sizes}; {} written, {} stay where they are",
+            self.written,
+            self.views - self.written
+        )?;
+        if self.undistorted > 0 {
+            writeln!(f, "  {} undistorted, cropped to what every pixel was seen in", self.undistorted)?;
+        }
+        if let Some(space) = self.color_space {
+            writeln!(f, "  {} of integer samples, decoded from {space}", self.integer)?;
+        }
+        crate::cli::run::write_warnings(f, &self.warnings)
+    }
+}

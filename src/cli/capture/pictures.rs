@@ -1,0 +1,161 @@
+//! The pictures of a converted capture: which are written anew, and how.
+
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
+use crate::formats::picture::{self, Header, Kind};
+use crate::formats::sequence::Pattern;
+use crate::formats::views::{Optics, StatedCapture};
+use crate::scene::camera::Camera;
+use crate::scene::capture::{Capture, Frame};
+use crate::scene::color_space::ColorSpace;
+use crate::scene::film::Film;
+use crate::scene::lens::Lens;
+use crate::scene::undistort::Distorted;
+use std::path::{Path, PathBuf};
+
+/// What becomes of pixels under a mask.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Masked {
+    /// They are used as if there were no mask
+    Used,
+    /// They become the background of the capture, as if nothing were before it
+    Background,
+}
+
+/// Choices for the pictures of a capture.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Choices<'c> {
+    pub layer: Option<&'c str>,
+    pub masked: Option<Masked>,
+    pub limits: Limits,
+}
+
+/// Takes the pictures from elsewhere: those of a folder with the same names (of any suffix), or of a pattern such as
+/// `renders/view_####.exr`, whose files stand for the views in the order of their numbers.
+///
+/// # Errors
+/// If a picture is not found, or there are fewer or more files than views.
+pub(super) fn replace(capture: &mut Capture, from: &Path) -> Result<()> {
+    if let Some(pattern) = Pattern::parse(from) {
+        let numbers = pattern.numbers()?;
+        let views = capture.frames.len();
+        if numbers.len() != views {
+            return Err(Error::invalid(format!("{} pictures for {views} views", numbers.len()))
+                .at(from)
+                .hint("give a pattern that stands for one picture a view, in the order of the views"));
+        }
+        let frames = capture.frames.iter_mut().zip(numbers);
+        frames.for_each(|(frame, number)| frame.picture = pattern.path(number));
+        return Ok(());
+    }
+    let entries = std::fs::read_dir(from).map_err(|e| Error::io(from, e))?;
+    let files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|p| p.is_file()).collect();
+    for frame in &mut capture.frames {
+        let same =
+            files.iter().filter(|file| file.file_stem() == frame.picture.file_stem() && picture::kind(file).is_ok());
+        let exact = same.clone().find(|file| file.file_name() == frame.picture.file_name());
+        let found = exact.or_else(|| same.min()).ok_or_else(|| {
+            let name = frame.picture.file_stem().unwrap_or_default().to_string_lossy();
+            Error::invalid(format!("no picture '{name}.…' lies here"))
+                .at(from)
+                .hint("the pictures have the names that the capture states; for others give a pattern with ####")
+        })?;
+        frame.picture = found.clone();
+    }
+    Ok(())
+}
+
+/// A view to be converted.
+pub(super) struct View<'v> {
+    frame: &'v Frame,
+    optics: &'v Optics,
+    header: Header,
+    number: usize,
+}
+
+impl<'v> View<'v> {
+    /// Reads the headers of all pictures, and returns their views.
+    ///
+    /// # Errors
+    /// If a picture is not there or has another size than its camera, or it is masked and `masked` does not say what
+    /// becomes of that.
+    pub fn all(stated: &'v StatedCapture, choices: &Choices) -> Result<Vec<Self>> {
+        let views = stated.capture.frames.iter().zip(&stated.optics).enumerate();
+        let view = |(number, (frame, optics)): (usize, (&'v Frame, &'v Optics))| {
+            let header = picture::header(&frame.picture)?;
+            let [w, h] = header.size;
+            if [frame.camera.width as usize, frame.camera.height as usize] != header.size {
+                return Err(Error::invalid(format!(
+                    "the picture has {w}x{h} pixels, the capture says {}x{}",
+                    frame.camera.width, frame.camera.height
+                ))
+                .at(&frame.picture)
+                .hint("give the pictures that the cameras were calibrated with, or correct 'w', 'h' and the focal lengths"));
+            }
+            if optics.mask.is_some() && choices.masked.is_none() {
+                return Err(Error::invalid("the capture has masks ('mask_path')")
+                    .part(format!("frame {number}"))
+                    .hint("say what becomes of the pixels under them: --masked background or --masked used"));
+            }
+            Ok(Self { frame, optics, header, number })
+        };
+        views.map(view).collect()
+    }
+
+    /// Returns true if the picture cannot be used as it lies there.
+    pub fn changes(&self, choices: &Choices) -> bool {
+        self.header.kind != Kind::Exr
+            || self.distorted()
+            || choices.layer.is_some()
+            || (self.optics.mask.is_some() && choices.masked == Some(Masked::Background))
+    }
+
+    /// Returns true if the picture is resampled.
+    pub fn distorted(&self) -> bool {
+        self.optics.lens != Lens::Pinhole
+    }
+
+    /// Bits of integer samples and their color space; none for EXRs.
+    pub fn integer(&self, capture: &Capture) -> Option<(u8, ColorSpace)> {
+        Some((self.header.bits?, capture.color_space.or(self.header.color_space)?))
+    }
+
+    /// Reads, masks and undistorts the picture.
+    ///
+    /// # Errors
+    /// If the picture or its mask cannot be read or used.
+    pub fn convert(&self, capture: &Capture, choices: &Choices) -> Result<(Camera, Film)> {
+        let Frame { camera, picture } = self.frame;
+        let place = |e: Error| e.at(picture).part(format!("frame {}", self.number));
+        let Choices { layer, limits, .. } = *choices;
+        let options =
+            picture::Options { layer, color_space: capture.color_space, background: capture.background, limits };
+        let mut film = picture::read(picture, &options).map_err(place)?.film;
+        if let Some(mask) = self.optics.mask.as_deref().filter(|_| choices.masked == Some(Masked::Background)) {
+            cover(&mut film, mask, capture.background, limits)?;
+        }
+        if !self.distorted() {
+            return Ok((*camera, film));
+        }
+        let Optics { lens, crop_radius, .. } = *self.optics;
+        Distorted { camera: *camera, lens, crop_radius, film: &film }.undistort().map_err(place)
+    }
+}
+
+/// Puts the background where a mask is black (below half).
+fn cover(film: &mut Film, mask: &Path, background: [f32; 3], limits: Limits) -> Result<()> {
+    let options = picture::Options { color_space: Some(ColorSpace::Linear), limits, ..picture::Options::default() };
+    let mask_film = picture::read(mask, &options)?.film;
+    if (mask_film.width, mask_film.height) != (film.width, film.height) {
+        return Err(Error::invalid(format!(
+            "the mask has {}x{} pixels, its picture {}x{}",
+            mask_film.width, mask_film.height, film.width, film.height
+        ))
+        .at(mask)
+        .hint("give a mask of the size of its picture"));
+    }
+    let [r, g, b] = background;
+    let covered = film.rgba.iter_mut().zip(&mask_film.rgba).filter(|(_, mask)| mask[0] < 0.5);
+    covered.for_each(|(pixel, _)| *pixel = [r, g, b, 0.0]);
+    Ok(())
+}
