@@ -5,7 +5,7 @@ use crate::scene::capture::Capture;
 use crate::scene::lens::Lens;
 use std::path::PathBuf;
 
-/// What lies between a view's pinhole camera and its picture.
+/// Lens and mask between a view's pinhole camera and its picture.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Optics {
     /// Lens distortion.

@@ -89,8 +89,7 @@ impl Lens {
         for i in 1..=RADII {
             let radius = most * f64::from(i) / f64::from(RADII);
             let next = mapped(radius);
-            // NaN does not grow either.
-            if !(next > last) {
+            if next.is_nan() || next <= last {
                 return valid;
             }
             (valid, last) = (radius, next);

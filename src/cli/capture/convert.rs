@@ -46,7 +46,7 @@ pub struct Convert {
     /// Radiance behind the volume, over which straight alpha is composited (default: that of the capture, else white)
     #[arg(long, value_name = "R,G,B", value_parser = crate::cli::parse::color)]
     background: Option<[f32; 3]>,
-    /// What becomes of pixels under a mask
+    /// Use of the pixels under a mask
     #[arg(long, value_enum)]
     masked: Option<Masked>,
     /// Layer of EXR pictures, written alone (default: pictures stay as they are)
@@ -104,6 +104,12 @@ impl Convert {
         let inputs = files.iter().chain(stated.capture.frames.iter().map(|f| &f.picture)).map(PathBuf::as_path);
         provenance.input(&captures::file(&self.input), inputs.clone())?;
         let mut warnings = photos::remarks(&stated.capture);
+        warnings.extend((self.to == Target::Colmap).then(|| {
+            Warning::new(
+                "COLMAP's model states no light model, background, near planes or scale of densities",
+                "keep a transforms.json beside it, which states them",
+            )
+        }));
 
         let (folder, main) = self.places();
         let picture = |i: usize| folder.join(format!("view_{i:03}.exr"));
@@ -133,7 +139,7 @@ impl Convert {
         }
         capture.color_space = None;
         provenance.lap();
-        self.write(&capture, &main, &folder, &provenance, &mut batch, &mut warnings)?;
+        self.write(&capture, &main, &folder, &provenance, &mut batch)?;
         batch.commit()?;
         output.warn(&warnings);
         let sides = |pick: fn(u32, u32) -> u32| {
@@ -191,7 +197,6 @@ impl Convert {
         pictures: &Path,
         provenance: &Provenance,
         batch: &mut Batch,
-        warnings: &mut Vec<Warning>,
     ) -> Result<()> {
         match self.to {
             Target::Transforms => {
@@ -207,10 +212,6 @@ impl Convert {
                     let waiting = batch.add(&main.with_file_name(name))?;
                     crate::formats::atomic::write_bytes(&waiting, text.as_bytes())?;
                 }
-                warnings.push(Warning::new(
-                    "COLMAP's model states no light model, background, near planes or scale of densities",
-                    "keep a transforms.json beside it, which states them",
-                ));
                 Ok(())
             }
         }

@@ -13,7 +13,7 @@ use crate::scene::lens::Lens;
 use crate::scene::undistort::Distorted;
 use std::path::{Path, PathBuf};
 
-/// What becomes of pixels under a mask.
+/// Use of the pixels under a mask.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum Masked {
     /// They are used as if there were no mask

@@ -40,7 +40,7 @@ use std::time::Instant;
 /// code 1); --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Pose {
-    /// transforms.json of the pictures, or its folder
+    /// transforms.json of the pictures, a model of COLMAP, or the folder of either
     capture: PathBuf,
     /// Volume in the pictures
     #[arg(long, value_name = "IN.vdb")]

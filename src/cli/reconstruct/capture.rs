@@ -7,10 +7,10 @@ use crate::formats::limits::Limits;
 use crate::scene::capture::Capture;
 use std::path::{Path, PathBuf};
 
-/// A capture and the path of the transforms.json that it was read from.
+/// A capture and the path of the file that its cameras were read from.
 #[derive(Debug)]
 pub(super) struct LoadedCapture {
-    /// Path of the transforms.json.
+    /// Path of the transforms.json, or of the images of COLMAP's model.
     pub json: PathBuf,
     /// Cameras, paths of the pictures, and the model that they show.
     pub capture: Capture,

@@ -30,7 +30,7 @@ use std::process::ExitCode;
 /// writes what is there (exit code 1); --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Color {
-    /// transforms.json of the pictures, or its folder
+    /// transforms.json of the pictures, a model of COLMAP, or the folder of either
     capture: PathBuf,
     /// VDB to write
     #[arg(long, short, value_name = "OUT.vdb")]

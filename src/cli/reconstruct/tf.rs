@@ -36,7 +36,7 @@ use std::time::Instant;
 /// says so. Ctrl-C writes what is there (exit code 1); --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Tf {
-    /// transforms.json of the pictures, or its folder
+    /// transforms.json of the pictures, a model of COLMAP, or the folder of either
     capture: PathBuf,
     /// The volume in the pictures
     #[arg(long, value_name = "V.vdb")]

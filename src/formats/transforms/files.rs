@@ -1,7 +1,6 @@
 //! Files that a view names.
 
-use super::keys::short;
-use super::load::missing;
+use super::keys::{missing, short};
 use crate::error::{Error, Result};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};

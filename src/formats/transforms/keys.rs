@@ -114,3 +114,8 @@ pub(super) fn short(value: &Value) -> String {
     let text = value.to_string();
     if text.chars().count() <= 60 { text } else { text.chars().take(57).chain("...".chars()).collect() }
 }
+
+/// The error that a required key is not there.
+pub(super) fn missing(key: &str, what: &str) -> Error {
+    Error::invalid(format!("no key '{key}'")).hint(format!("'{key}' is {what}"))
+}

@@ -1,6 +1,6 @@
 //! Reading of captures from JSON. Every fault names its frame and key.
 
-use super::keys::{Keys, short};
+use super::keys::{Keys, missing, short};
 use super::optics::{focal, optics};
 use super::remarks::remarks;
 use super::{files, folder, json_path};
@@ -163,8 +163,4 @@ fn rigid(camera: Camera) -> Result<Camera> {
     let unit = |c: DVec4| (c.truncate().length_squared() - 1.0).abs() < 8.0 * f64::EPSILON;
     let keep = [m.x_axis, m.y_axis, m.z_axis].into_iter().all(unit);
     Ok(if keep { Camera { camera_to_world: m, ..checked } } else { checked })
-}
-
-pub(super) fn missing(key: &str, what: &str) -> Error {
-    Error::invalid(format!("no key '{key}'")).hint(format!("'{key}' is {what}"))
 }

@@ -1,7 +1,6 @@
 //! Projection, focal lengths and lens of a view.
 
-use super::keys::{Keys, short};
-use super::load::missing;
+use super::keys::{Keys, missing, short};
 use crate::error::{Error, Result};
 use crate::scene::camera::Projection;
 use crate::scene::lens::Lens;
