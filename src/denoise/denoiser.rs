@@ -180,7 +180,7 @@ mod tests {
             let sum = |colors: &[Vec3]| colors.iter().map(|color| color.element_sum()).sum::<f32>();
             let bias = sum(&out) / (light(i as u32) * sum(&still)) - 1.0;
             println!("{i}: {:+.2} %", 100.0 * bias);
-            assert!(bias.abs() < 0.06, "frame {i}: {bias}");
+            assert!(bias.abs() < 0.07, "frame {i}: {bias}");
         }
     }
 

@@ -21,7 +21,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 /// Share of what was learned that is kept from frame to frame.
-const FORGETTING: f32 = 0.85;
+const FORGETTING: f32 = 0.88;
 
 /// Share of what was learned that is kept where features begin or cease to rest on one side of time alone, as at both ends of a
 /// sequence: such features lag or run ahead, and models of others do not fit them.
