@@ -136,6 +136,7 @@ fn info_sums_up_a_capture_by_its_folder_and_by_its_file() {
     by_folder["files"][0]["path"] = json!(capture.json());
     assert_eq!(by_file, by_folder);
     let expected = json!({"path": capture.json(), "format": "capture", "frames": 3, "sizes": {"8x6": 3},
+        "formats": {"OpenEXR": 3}, "color_space": null, "masked": 0, "distorted": 0, "remarks": [],
         "orthographic": 0, "cameras_min": [0.0, 0.0, 4.0], "cameras_max": [2.0, 0.0, 4.0],
         "model": "emission-absorption", "emission": [1.0, 0.5, 0.25], "emission_model": "linear", "transfer": false,
         "background": [1.0, 1.0, 1.0], "pixel_filter": "point", "density_scale": 1.0,
