@@ -5,7 +5,7 @@
 
 use super::blocks::BLOCK;
 use super::lanes::{LANES, Lanes};
-use super::learning::{DISTANCES, Sums};
+use super::learning::{DISTANCES, Sums, error_floor};
 use super::vectors::Features;
 
 /// Mean alpha from which on detail is mixed in; it is fully so where all around is opaque.
@@ -25,12 +25,6 @@ pub struct Noise<'n> {
 }
 
 impl Noise<'_> {
-    /// Added to the squares of features, of which errors are shares.
-    #[inline(always)]
-    pub fn floor(level: f32) -> f32 {
-        (1e-2 * level).powi(2) + 1e-30
-    }
-
     /// Returns the sum and the count of the errors in the blocks that eight pixels lie in.
     #[inline(always)]
     fn errors(&self, row: usize, at: usize) -> [f32; 2] {
@@ -56,7 +50,7 @@ pub fn mix(
     noise: Noise<'_>,
     sums: &mut Vec<[f32; 2]>,
 ) {
-    let floor = Noise::floor(noise.level);
+    let floor = error_floor(noise.level);
     sums.clear();
     for (at, (features, near)) in features.iter().zip(near).enumerate() {
         let (mut apart, mut square) = (Lanes::ZERO, Lanes([floor; LANES]));
@@ -83,7 +77,7 @@ mod tests {
     use super::*;
     use crate::denoise::learning::STATE;
 
-    /// What is left of a far mean of 1 when a near one of 1.2 is mixed in, where colors have errors of this variance.
+    /// Returns the mix of a far mean of 1 and a near mean of 1.2 under a mean alpha, where colors have errors of this variance.
     fn mixed(alpha: f32, error: f32) -> f32 {
         let mut block = [0.0; STATE];
         [block[DISTANCES], block[0]] = [error, 1.0];

@@ -2,7 +2,8 @@
 //! anti-aliasing; Karis 2014). It serves for comparison.
 
 use super::feature::{follow, neighbourhood};
-use super::frame::{Denoised, Frame, around};
+use super::frame::{Denoised, Frame};
+use super::reprojection::around;
 use crate::error::Result;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;

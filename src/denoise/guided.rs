@@ -7,12 +7,13 @@
 
 use super::blocks::{BLOCK, COEFFICIENTS, Grid, Interpolated, Planes, Pool, solve_row};
 use super::detail::Noise;
-use super::frame::{Denoised, Frame, around};
+use super::frame::{Denoised, Frame};
 use super::history::{Histories, Past, scale_of, scale_of_first};
 use super::lanes::{LANES, Lanes};
 use super::learning::{self, Lines, STATE, Sums};
 use super::outline::Outline;
 use super::packed::Packed;
+use super::reprojection::around;
 use super::smoothing::{self, Rows, Smoothing};
 use super::vectors::{Colors, Features, vectors};
 use crate::arch::Arch;
@@ -56,7 +57,7 @@ struct Scratch {
     features: Vec<Features>,
     /// Sums of the blocks, plane after plane.
     sums: Planes,
-    /// What is known of each row of blocks.
+    /// Totals of each row of blocks.
     rows: Vec<RowSums>,
     /// Models that predict the frame.
     predicting: Planes,
@@ -165,7 +166,7 @@ impl GuidedDenoiser {
     }
 }
 
-/// What is known of a row of blocks.
+/// Totals of a row of blocks.
 #[derive(Debug, Clone, Copy, Default)]
 struct RowSums {
     /// Sum of the features' squares, and their count.

@@ -3,22 +3,14 @@
 //! A history does not hold the color of the frame at hand, so that the noise of both is independent. Pixels are kept in sixteen
 //! bits a number ([`packed`](super::packed)).
 
-use super::frame::{Eight, Frame, around};
+use super::frame::Frame;
 use super::lanes::{LANES, Lanes, each};
+use super::layout::{ALPHA, COUNT, MARGIN, PLANES, fill_margins, line_of};
 use super::packed::{self, Packed};
+use super::reprojection::{Eight, around};
 use super::vectors::Colors;
 use crate::arch::Arch;
 use glam::{Vec2, Vec3};
-
-/// Numbers of a pixel that are not padding.
-pub const PLANES: usize = 5;
-/// Plane of alpha.
-pub const ALPHA: usize = 3;
-/// Plane of the count of frames.
-pub const COUNT: usize = 4;
-
-/// Numbers before and after the pixels of a line.
-pub const MARGIN: usize = LANES;
 
 /// Greatest share of the history of colors in its next state.
 const HISTORY: f32 = 0.85;
@@ -212,19 +204,6 @@ impl Histories<'_> {
         }
         greatest
     }
-}
-
-/// Returns the numbers of a line of so many pixels, with its margins.
-pub fn line_of(width: usize) -> usize {
-    width.next_multiple_of(LANES) + 2 * MARGIN
-}
-
-/// Repeats the outermost of a line's pixels in its margins.
-#[inline(always)]
-pub fn fill_margins(line: &mut [f32], width: usize) {
-    let [first, last] = [line[MARGIN], line[MARGIN + width - 1]];
-    line[..MARGIN].fill(first);
-    line[MARGIN + width..].fill(last);
 }
 
 /// Returns the history of alpha over so many frames with the alpha of the frame at hand.

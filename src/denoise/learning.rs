@@ -1,7 +1,6 @@
 //! Sums of what is to be learned of a frame, by block.
 
 use super::blocks::{BLOCK, TERMS};
-use super::detail::Noise;
 use super::lanes::{LANES, Lanes};
 use super::vectors::{Colors, Features};
 use crate::arch::Arch;
@@ -16,6 +15,13 @@ pub const DISTANCES: usize = TERMS;
 /// Numbers of a block.
 pub const STATE: usize = (TERMS + 1).next_multiple_of(LANES);
 
+/// Returns the number that is added to the squares of features before errors are taken as shares of them. `level` is the root
+/// mean square of the features.
+#[inline(always)]
+pub fn error_floor(level: f32) -> f32 {
+    (1e-2 * level).powi(2) + 1e-30
+}
+
 /// Rows of pixels to be learned.
 #[derive(Debug, Clone, Copy)]
 pub struct Lines<'l> {
@@ -29,7 +35,7 @@ pub struct Lines<'l> {
 #[inline(always)]
 pub fn add(lines: Lines<'_>, level: f32, kept: f32, arch: Arch, blocks: &mut [Sums]) {
     let Lines { features, colors, groups } = lines;
-    let floor = Lanes([Noise::floor(level); LANES]);
+    let floor = Lanes([error_floor(level); LANES]);
     let rows = features.len() / groups;
     for (at, blocks) in blocks.chunks_mut(LANES / BLOCK).enumerate() {
         let mut sums = [Lanes::ZERO; STATE];

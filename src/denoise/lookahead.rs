@@ -4,70 +4,17 @@
 //! the past lags behind by as much as the future runs ahead: the mean of both does neither. Only histories are followed
 //! backwards, and no model is learned, so that the look ahead costs a fraction of the denoising.
 
+use super::ahead::Ahead;
 use super::frame::Frame;
-use super::history::{ALPHA, COUNT, Histories, MARGIN, PLANES, Past, line_of, scale_of, scale_of_first};
+use super::history::{Histories, Past, scale_of, scale_of_first};
 use super::lanes::{LANES, Lanes};
+use super::layout::{ALPHA, MARGIN, PLANES, line_of};
 use super::packed::{self, Packed};
 use super::ring::{Ring, add, mean_of};
 use super::vectors::{Colors, vectors};
 use crate::arch::Arch;
 use crate::error::Result;
 use rayon::prelude::*;
-
-/// Histories of the pixels of a frame over the frames that follow it.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Ahead {
-    size: [usize; 2],
-    /// Number of frames that follow, as far as they were looked at.
-    frames: u32,
-    /// Factor of the colors, a power of two.
-    scale: f32,
-    /// Row by row, plane after plane: color, alpha and the count of frames.
-    data: Vec<Packed>,
-}
-
-impl Ahead {
-    /// Returns the number of columns and rows.
-    pub fn size(&self) -> [usize; 2] {
-        self.size
-    }
-
-    /// Returns the number of frames that the histories are taken from.
-    pub fn frames(&self) -> u32 {
-        self.frames
-    }
-
-    /// Bytes of the histories of a pixel.
-    pub const PIXEL_BYTES: usize = 2 * PLANES;
-
-    /// Writes the means of a row of these histories and those over the frames before. `before` holds lines of `line` numbers,
-    /// plane after plane, and so does `to`. The last plane is the sum of the frames.
-    ///
-    /// Each history is weighted by the square root of the other's frames. Weights as the frames would have the least noise.
-    /// Weights as the other's frames would have no lag, since a history lags in proportion to its frames.
-    #[inline(always)]
-    pub fn join(&self, y: usize, before: &[f32], line: usize, to: &mut [f32]) {
-        let groups = vectors(self.size[0]);
-        let row = &self.data[y * PLANES * groups..][..PLANES * groups];
-        let (one, limit) = (Lanes([1.0; LANES]), Lanes([MOST_FRAMES; LANES]));
-        for group in 0..groups {
-            let at = MARGIN + group * LANES;
-            let past = |plane: usize| Lanes::load(before, plane * line + at);
-            let future = |plane: usize| packed::unpack(&row[plane * groups + group]);
-            let (behind, ahead) = (past(COUNT).min(limit), future(COUNT).min(limit));
-            let both = one / (one + (ahead / behind).sqrt());
-            let share = ahead.select(behind.select(both, one), Lanes::ZERO);
-            for plane in 0..COUNT {
-                let found = if plane < ALPHA { future(plane) * self.scale } else { future(plane) };
-                (past(plane) + (found - past(plane)) * share).store(to, plane * line + at);
-            }
-            (ahead + behind).store(to, COUNT * line + at);
-        }
-    }
-}
-
-/// Frames of a history at most, where it is weighed against another: older ones hardly count.
-const MOST_FRAMES: f32 = 12.0;
 
 /// Histories that are followed backwards through a sequence.
 #[derive(Debug, Default)]

@@ -9,6 +9,7 @@
 //!   color's, from the frames before and, by a [`Lookahead`], from those that follow.
 //! - [`ema`] and [`svgf`] are there to compare with.
 
+mod ahead;
 mod blocks;
 mod denoiser;
 mod detail;
@@ -18,11 +19,13 @@ pub mod frame;
 pub mod guided;
 mod history;
 mod lanes;
+mod layout;
 mod learning;
 mod lookahead;
 pub mod model;
 mod outline;
 mod packed;
+mod reprojection;
 mod ring;
 mod settings;
 mod smoothing;
@@ -30,9 +33,10 @@ pub mod svgf;
 mod vectors;
 pub mod wrls;
 
+pub use ahead::Ahead;
 pub use denoiser::{Denoiser, Method};
 pub use frame::{Denoised, Frame};
-pub use lookahead::{Ahead, Lookahead};
+pub use lookahead::Lookahead;
 pub use settings::Settings;
 
 /// Rows of pixels that a task takes, of a picture of so many rows. Neighbouring bands reproject some rows twice: they are as

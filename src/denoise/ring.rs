@@ -1,7 +1,7 @@
 //! Lines of numbers of the rows around the one at work, and means over them.
 
-use super::history::MARGIN;
 use super::lanes::{LANES, Lanes};
+use super::layout::MARGIN;
 
 /// Greatest number of pixels to each side over which means are taken.
 pub const HALO: usize = 4;

@@ -4,10 +4,11 @@
 //! history is taken as linear in the history of alpha, a guided filter (He, Sun & Tang 2013). So outlines stay sharp that
 //! smoothing alone would blur.
 
+use super::ahead::Ahead;
 use super::detail::{self, Noise};
-use super::history::{ALPHA, COUNT, Histories, MARGIN, PLANES, fill_margins, line_of, with_alpha};
+use super::history::{Histories, with_alpha};
 use super::lanes::{LANES, Lanes};
-use super::lookahead::Ahead;
+use super::layout::{ALPHA, COUNT, MARGIN, PLANES, fill_margins, line_of};
 use super::outline::Outline;
 use super::packed::Packed;
 use super::ring::{HALO, Ring, add, mean_of};

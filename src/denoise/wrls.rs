@@ -1,8 +1,9 @@
 //! The denoiser: a frame at a time.
 
 use super::feature::{distance, follow, neighbourhood, weight};
-use super::frame::{Denoised, Frame, around};
+use super::frame::{Denoised, Frame};
 use super::model::{Coefficients, Model, predictor};
+use super::reprojection::around;
 use super::settings::Settings;
 use crate::error::Result;
 use glam::{Vec2, Vec3};

@@ -75,10 +75,10 @@ pub struct Directions {
     find_cuts: bool,
     forward: Course,
     backward: Course,
-    /// By layer; their number is known from the first frame on.
+    /// One denoiser a layer, from the first frame on.
     denoisers: Vec<Denoiser>,
     lookaheads: Vec<Lookahead>,
-    /// What the frames that follow show of a frame's layers, by its number.
+    /// Histories over the frames that follow, one a layer, by the frame's number.
     kept: BTreeMap<u32, Vec<Ahead>>,
     /// Memory to be used again.
     spare: Vec<Ahead>,
