@@ -17,8 +17,8 @@ def read_grid(path, grid):
         raise ValueError(f"{path}: OpenVDB cannot read it: {error}") from error
 
 
-def padded_copy(path, grids, folder, chunk=128, margin=2):
-    """Copies scalar grids to a new file in `folder`, each with `margin` active zero voxels around what
+def padded_copy(path, grids, folder, transform=None, chunk=128, margin=2):
+    """Copies scalar grids to a new file in `folder`, moved by the matrix `transform` (column vectors), each with `margin` active zero voxels around what
     is not zero; returns the new path.
 
     Cycles renders inside a mesh around the active leaves and tiles, and on their low sides that mesh
@@ -28,11 +28,11 @@ def padded_copy(path, grids, folder, chunk=128, margin=2):
     looks again.
     """
     padded = pathlib.Path(folder) / f"{pathlib.Path(path).stem}.padded.vdb"
-    openvdb.write(str(padded), grids=[_padded(path, grid, chunk, margin) for grid in grids])
+    openvdb.write(str(padded), grids=[_padded(path, grid, transform, chunk, margin) for grid in grids])
     return padded
 
 
-def _padded(path, grid, chunk, margin):
+def _padded(path, grid, transform, chunk, margin):
     """The copy of one grid."""
     source = read_grid(path, grid)
     if np.ndim(source.background) != 0 or source.background != 0:
@@ -40,6 +40,8 @@ def _padded(path, grid, chunk, margin):
     copy = openvdb.FloatGrid()
     copy.name, copy.gridClass = grid, source.gridClass
     matrix = index_to_world(source)
+    if transform is not None:
+        matrix = np.asarray(transform, dtype=np.float64) @ matrix
     mirrored = np.linalg.det(matrix[:3, :3]) < 0
     if mirrored:
         matrix[:, 2] *= -1
