@@ -3,7 +3,12 @@
 import pathlib
 
 import numpy as np
-import openvdb
+
+try:
+    import openvdb
+except ImportError:
+    # Its name before Blender 4.4.
+    import pyopenvdb as openvdb
 
 
 def read_grid(path, grid):
@@ -11,10 +16,25 @@ def read_grid(path, grid):
     try:
         return openvdb.read(str(path), grid)
     except KeyError:
-        names = [found.name for found in openvdb.readAllGridMetadata(str(path))]
-        raise ValueError(f"{path}: no grid {grid!r}; it has {', '.join(names) or 'none'}") from None
+        raise ValueError(f"{path}: no grid {grid!r}; it has {', '.join(grid_names(path)) or 'none'}") from None
     except RuntimeError as error:
         raise ValueError(f"{path}: OpenVDB cannot read it: {error}") from error
+
+
+def grid_names(path):
+    """Names of the grids of a VDB file. Raises ValueError where OpenVDB cannot read it."""
+    try:
+        return [grid.name for grid in openvdb.readAllGridMetadata(str(path))]
+    except RuntimeError as error:
+        raise ValueError(f"{path}: OpenVDB cannot read it: {error}") from error
+
+
+def moved_copy(path, grid, transform, target):
+    """Copies one grid to the new file `target`, moved by the matrix `transform` (column vectors)."""
+    source = read_grid(path, grid)
+    matrix = np.asarray(transform, dtype=np.float64) @ index_to_world(source)
+    source.transform = openvdb.createLinearTransform(matrix.T.tolist())
+    openvdb.write(str(target), grids=[source])
 
 
 def padded_copy(path, grids, folder, transform=None, chunk=128, margin=2):
