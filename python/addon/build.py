@@ -23,6 +23,8 @@ def files():
     for module in MODULES:
         found = sorted((package / module).glob("*.py")) if (package / module).is_dir() else [package / module]
         pairs |= {f"cumulo/{path.relative_to(package).as_posix()}": path for path in found}
+    # It is for the command line.
+    del pairs["cumulo/bpy_scene/__main__.py"]
     contents = {name: path.read_bytes() for name, path in pairs.items()}
     # The package's own would bring modules that the extension has no use for.
     contents["cumulo/__init__.py"] = b'"""Modules of Cumulo\'s Python package that the extension uses."""\n'

@@ -2,8 +2,8 @@
 
 import bpy
 
+from .cumulo import bpy_scene
 from .job import Job
-from .load import load_result
 from .preferences import program_path
 from .program import run
 from .settings import folder_of
@@ -33,5 +33,5 @@ class Reconstruct(Job, bpy.types.Operator):
             words += ["--resolution", self.resolution]
         report = yield from run(words)
         if self.load:
-            load_result(context.scene, output, self.like, capture)
+            bpy_scene.load(output, context.scene, self.like or None, capture)
         self.report({"INFO"}, f"{output}: {report['iterations']} iterations")

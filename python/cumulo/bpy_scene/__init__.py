@@ -1,8 +1,9 @@
 """From any scene of Blender to Cumulo: scene files, camera paths, and captures for reconstruction (needs `bpy`).
 
     from cumulo import bpy_scene
-    capture = bpy_scene.capture("shots", views=24)          # pictures of the scene's volume, for `cumulo reconstruct`
-    exported = bpy_scene.export("out", frames=range(1, 25)) # scene.json and transforms.json, for `cumulo render`
+    capture = bpy_scene.capture("shots", views=24)           # pictures of the scene's volume, for `cumulo reconstruct`
+    exported = bpy_scene.export("out", frames=range(1, 25))  # scene.json and transforms.json, for `cumulo render`
+    thing = bpy_scene.load("found.vdb", like="Smoke")        # a reconstruction beside the original
 
 What Cumulo would show as something else is refused, with the names of the object and the node.
 """
@@ -14,7 +15,8 @@ bpy.utils.expose_bundled_modules()
 from .export import Export, describe, export, frames_of  # noqa: E402  needs what was just exposed
 from .motion import motion_arguments  # noqa: E402
 from .refusal import Refused  # noqa: E402
-from .shots import capture, count_volumes, medium_of, shots  # noqa: E402
+from .results import load  # noqa: E402
+from .shots import capture, count_volumes, shots  # noqa: E402
 
 __all__ = [
     "Export",
@@ -24,7 +26,7 @@ __all__ = [
     "describe",
     "export",
     "frames_of",
-    "medium_of",
+    "load",
     "motion_arguments",
     "shots",
 ]

@@ -70,7 +70,6 @@ def export(folder, scene=None, frames=None):
     steps = {b - a for a, b in zip(frames, frames[1:])}
     if not frames or len(steps) > 1 or min(frames) < 0 or any(step < 1 for step in steps):
         raise ValueError(f"frames {frames}: numbers from 0 on in equal steps are needed")
-    folder.mkdir(parents=True, exist_ok=True)
     described, views = [], []
     with frame_kept(scene):
         for frame in frames:
@@ -78,6 +77,7 @@ def export(folder, scene=None, frames=None):
             document, camera = describe(folder, scene)
             described.append(document)
             views.append((camera, folder / f"frame.{frame:04}.exr"))
+    folder.mkdir(parents=True, exist_ok=True)
     one = all(document == described[0] for document in described)
     name = "scene.json" if one else "scene.####.json"
     for frame, document in list(zip(frames, described))[: 1 if one else None]:
@@ -89,8 +89,7 @@ def export(folder, scene=None, frames=None):
 def describe(folder, scene=None):
     """A scene file in `folder` as a dict, and the Camera, of a scene at its present frame. Raises as `export` does."""
     scene = scene or bpy.context.scene
-    if (exposure := scene.cycles.film_exposure) != 1.0:
-        raise Refused(named("scene", scene), f"its film exposure is {exposure:g}", "set it to 1 (Render Properties > Film)")
+    _check_render(scene)
     camera = camera_of(scene)
     fps = scene.render.fps / scene.render.fps_base
     volumes, lights = [], []
@@ -103,12 +102,23 @@ def describe(folder, scene=None):
                 lights.append(entry)
         else:
             volumes.append(volume_entry(placed, folder, fps))
-            check_far(scene, camera, _world_box(pathlib.Path(folder) / volumes[-1]["file"], volumes[-1]))
+            check_far(scene, camera, _world_box(os.path.normpath(pathlib.Path(folder).resolve() / volumes[-1]["file"]), volumes[-1]))
     if not volumes:
         raise Refused(named("scene", scene), "it renders no volume", "add one (Add > Volume > Import OpenVDB)")
     if dome := dome_entry(scene.world, folder):
         lights.append(dome)
     return {"volumes": volumes, "lights": lights}, camera
+
+
+def _check_render(scene):
+    """Refuses settings of the scene that change what it shows."""
+    where = named("scene", scene)
+    if (exposure := scene.cycles.film_exposure) != 1.0:
+        raise Refused(where, f"its film exposure is {exposure:g}", "set it to 1 (Render Properties > Film)")
+    if scene.render.use_simplify and scene.render.simplify_volumes != 1.0:
+        raise Refused(where, "Simplify lowers the resolution of volumes", "switch Simplify off (Render Properties)")
+    if scene.world is None:
+        raise Refused(where, "it has no world, without which Cycles shows no volumes", "add one, black if need be (World Properties)")
 
 
 def _world_box(path, entry):
@@ -143,8 +153,7 @@ def _options(scene):
     if scene.render.engine == "CYCLES":
         # Cycles counts scatterings after the first.
         options += ["--max-bounces", str(1 + min(scene.cycles.max_bounces, scene.cycles.volume_bounces))]
-    unseen = scene.world is not None and not scene.world.cycles_visibility.camera
-    if scene.render.film_transparent or unseen:
+    if scene.render.film_transparent or not scene.world.cycles_visibility.camera:
         options += ["--background", "0,0,0"]
     return tuple(options)
 

@@ -46,7 +46,9 @@ def _check(light, where, thing):
     linking = getattr(thing, "light_linking", None)
     if linking and (linking.receiver_collection or linking.blocker_collection):
         raise Refused(where, "it lights some objects alone (Light Linking)", "clear its light linking")
-    if getattr(light.cycles, "is_portal", False):
+    if light.cycles.max_bounces < 1024:
+        raise Refused(where, f"it lights {light.cycles.max_bounces} bounces at most", "set its Max Bounces to 1024 or more; the scene's bounces are kept")
+    if light.cycles.is_portal:
         raise Refused(where, "it is a portal", "disable it in renders")
 
 

@@ -65,11 +65,6 @@ def chosen(scene, name=None):
     raise Refused(named("scene", scene), f"{found_text} (all: {names})", "name the one, or disable the others in renders")
 
 
-def medium_of(scene, name):
-    """The medium of the volume object `name` as a scene file states it. Raises as `capture` does."""
-    return volume_entry(chosen(scene, name), ".", 1.0)["medium"]
-
-
 def count_volumes(scene):
     """How many volumes a render of the scene shows."""
     return sum(placed.object.type == "VOLUME" for placed in placed_objects(scene))

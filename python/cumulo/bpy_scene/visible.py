@@ -25,7 +25,10 @@ def view_layer_of(scene):
     if len(layers) != 1:
         names = ", ".join(layer.name for layer in layers) or "none"
         raise Refused(named("scene", scene), f"{len(layers)} view layers are rendered ({names})", "leave Use for Rendering on for one")
-    return layers[0]
+    layer = layers[0]
+    if layer.material_override or getattr(layer, "world_override", None):
+        raise Refused(named("view layer", layer), "it renders another material or world than the scene's", "clear its override")
+    return layer
 
 
 def evaluated(scene):

@@ -35,7 +35,7 @@ def vdb_of(placed):
     thing = placed.object
     volume, where = thing.data, named("object", thing)
     if shown := [m.name for m in thing.modifiers if m.show_render]:
-        raise Refused(where, f"the modifier {shown[0]!r} changes or makes the volume", f"remove it, or save its result as VDB: {BACKED}")
+        raise Refused(where, f"the modifier {shown[0]!r} changes or makes the volume", "remove it, or write its result as VDB, import that, and disable this object in renders")
     if volume.packed_file:
         raise Refused(where, "its VDB is packed into the .blend", "unpack it (File > External Data)")
     if not volume.filepath:

@@ -15,8 +15,6 @@ LINEAR = ("Linear Rec.709", "Linear", "Non-Color")
 def dome_entry(world, folder):
     """DomeLight of a scene file in `folder`, None for a black world. Raises Refused, naming the node, about what Cumulo
     cannot honor."""
-    if world is None:
-        return None
     # From Blender 5.0 on worlds always use nodes.
     if world.node_tree is None or (bpy.app.version < (5, 0) and not world.use_nodes):
         color = np.array(world.color)

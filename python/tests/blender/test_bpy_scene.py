@@ -320,11 +320,23 @@ def seen_sun(scene):
     sun.visible_camera, sun.matrix_world = True, Matrix(look_at((-3.2, -2.0, -1.6), (0, 0, 0)).tolist())
 
 
+def simplified(scene):
+    scene.render.use_simplify, scene.render.simplify_volumes = True, 0.5
+
+
+def overridden(scene):
+    scene.view_layers[0].material_override = bpy.data.materials["Smoke Material"]
+
+
+def few_bounces(scene):
+    scene.objects["Sun"].data.cycles.max_bounces = 0
+
+
 REFUSED = {
     "a mesh": (cloth, ["object 'box'", "a mesh is rendered", "disable it in renders"]),
     "a mesh with a medium": (foggy_box, ["object 'box'", "medium without a VDB", "Import OpenVDB"]),
     "a fluid domain": (domain, ["object 'box'", "fluid domain", "cache:", "Import OpenVDB"]),
-    "a modifier": (modifier, ["object 'Smoke'", "'Wobble'", "save its result as VDB"]),
+    "a modifier": (modifier, ["object 'Smoke'", "'Wobble'", "write its result as VDB"]),
     "no file": (lambda scene: setattr(bpy.data.volumes["Smoke"], "filepath", ""), ["object 'Smoke'", "no VDB file"]),
     "a missing file": (lambda scene: setattr(bpy.data.volumes["Smoke"], "filepath", "/none.vdb"), ["object 'Smoke'", "/none.vdb"]),
     "no material": (lambda scene: bpy.data.volumes["Smoke"].materials.clear(), ["object 'Smoke'", "no material", "Principled Volume"]),
@@ -361,6 +373,10 @@ REFUSED = {
     "motion blur": (attribute("render.use_motion_blur", True), ["scene 'Scene'", "motion blur"]),
     "a border": (attribute("render.use_border", True), ["scene 'Scene'", "border"]),
     "film exposure": (attribute("cycles.film_exposure", 2.0), ["scene 'Scene'", "exposure"]),
+    "simplification": (simplified, ["scene 'Scene'", "Simplify"]),
+    "another material": (overridden, ["view layer 'ViewLayer'", "material"]),
+    "no world": (attribute("world", None), ["scene 'Scene'", "no world"]),
+    "few bounces of a light": (few_bounces, ["light 'Sun'", "bounces"]),
     "no camera": (attribute("camera", None), ["scene 'Scene'", "no camera"]),
     "no volume": (lambda scene: bpy.data.objects.remove(scene.objects["Smoke"]), ["scene 'Scene'", "no volume"]),
 }
