@@ -8,15 +8,12 @@
 What Cumulo would show as something else is refused, with the names of the object and the node.
 """
 
-import bpy
-
-bpy.utils.expose_bundled_modules()
-
-from .export import Export, describe, export, frames_of  # noqa: E402  needs what was just exposed
-from .motion import motion_arguments  # noqa: E402
-from .refusal import Refused  # noqa: E402
-from .results import load  # noqa: E402
-from .shots import capture, count_volumes, shots  # noqa: E402
+from .. import cycles  # noqa: F401  isort: skip  exposes the modules that Blender brings
+from .export import Export, describe, export, frames_of
+from .motion import motion_arguments
+from .refusal import Refused
+from .results import load
+from .shots import capture, count_volumes, shots
 
 __all__ = [
     "Export",

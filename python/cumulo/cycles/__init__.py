@@ -2,7 +2,9 @@
 
 import bpy
 
-bpy.utils.expose_bundled_modules()
+# Blender before 4.4 has its modules in the open.
+if hasattr(bpy.utils, "expose_bundled_modules"):
+    bpy.utils.expose_bundled_modules()
 
 from .lights import Rectangle, Sphere, Sun  # noqa: E402  needs what was just exposed
 from .settings import Settings  # noqa: E402
