@@ -20,6 +20,8 @@ class Job:
     background mode it runs to its end at once. What goes wrong is a report of Blender's.
     """
 
+    # True where a step is work, not a look at a program that works.
+    works_itself = False
     # One job at a time: they share the scene and the machine.
     active = None
 
@@ -33,7 +35,7 @@ class Job:
         steps = self.steps(context)
         try:
             for _ in steps:
-                time.sleep(0 if getattr(self, "works_itself", False) else 0.5 * PAUSE)
+                time.sleep(0.0 if self.works_itself else PAUSE)
         except FAULTS as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}

@@ -9,6 +9,8 @@ import threading
 PROGRESS = re.compile(r"^(?P<what>[^:]+): (?P<done>\d+) of (?P<of>\d+) after ")
 # Seconds that the program has to end once it is told to.
 PATIENCE = 5.0
+# Lines of a message that a report of Blender's shows.
+MOST_LINES = 12
 
 
 class ProgramError(RuntimeError):
@@ -24,7 +26,14 @@ class Process:
         self.progress = (0, 0, words[1] if len(words) > 1 else "")
         try:
             self._child = subprocess.Popen(
-                self.words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8", errors="replace"
+                self.words,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                encoding="utf-8",
+                errors="replace",
+                # No console beside Blender on Windows.
+                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
             )
         except OSError as error:
             raise ProgramError(f"{self.words[0]} cannot be started: {error}") from error
@@ -76,7 +85,9 @@ class Process:
         """What the program said of its failure: from its own line on."""
         starts = [i for i, line in enumerate(self._said) if line.startswith("cumulo: ")]
         said = [line for line in self._said[starts[-1] if starts else 0 :] if line.strip()]
-        return "\n".join(said) or f"{' '.join(self.words)} ended with code {self._child.returncode}, and said nothing"
+        if len(said) > MOST_LINES:
+            said[MOST_LINES:] = [f"… {len(said) - MOST_LINES} lines more"]
+        return "\n".join(said).removeprefix("cumulo: ") or f"{' '.join(self.words)} ended with code {self._child.returncode}, and said nothing"
 
 
 def run(words):

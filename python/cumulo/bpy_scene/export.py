@@ -17,7 +17,7 @@ from .cameras import camera_of, check_far, sees
 from .lights import light_entry
 from .refusal import Refused, named
 from .visible import SURFACES, placed_objects
-from .volumes import refuse_surface, volume_entry
+from .volumes import lattice_of, refuse_surface, vdb_of, volume_entry
 from .world import dome_entry
 
 
@@ -101,8 +101,9 @@ def describe(folder, scene=None):
                 _check_unseen(placed.object, entry, camera)
                 lights.append(entry)
         else:
-            volumes.append(volume_entry(placed, folder, fps))
-            check_far(scene, camera, _world_box(os.path.normpath(pathlib.Path(folder).resolve() / volumes[-1]["file"]), volumes[-1]))
+            entry = volume_entry(placed, folder, fps)
+            check_far(scene, camera, padding.world_box(*lattice_of(placed, vdb_of(placed), entry["grid"])))
+            volumes.append(entry)
     if not volumes:
         raise Refused(named("scene", scene), "it renders no volume", "add one (Add > Volume > Import OpenVDB)")
     if dome := dome_entry(scene.world, folder):
@@ -119,11 +120,6 @@ def _check_render(scene):
         raise Refused(where, "Simplify lowers the resolution of volumes", "switch Simplify off (Render Properties)")
     if scene.world is None:
         raise Refused(where, "it has no world, without which Cycles shows no volumes", "add one, black if need be (World Properties)")
-
-
-def _world_box(path, entry):
-    matrix, box = padding.lattice(path, entry["grid"])
-    return padding.world_box(np.array(entry.get("transform", np.eye(4))) @ matrix, box)
 
 
 def _check_unseen(thing, entry, camera):

@@ -9,7 +9,7 @@ from ..cycles.stage import scene_beside
 from ..cycles.views import capture_steps, finish
 from .refusal import Refused, named
 from .visible import placed_objects
-from .volumes import vdb_of, volume_entry
+from .volumes import lattice_of, vdb_of, volume_entry
 
 
 def capture(folder, scene=None, volume=None, progress=None, **options):
@@ -44,8 +44,7 @@ def shots(folder, scene=None, volume=None, *, views=24, size=(128, 128), samples
             f"its extinction has the color {entry['medium']['extinction_color']}, which no capture states",
             "choose a black Absorption Color, or one grey color",
         )
-    matrix, box = padding.lattice(path, entry["grid"])
-    lattice = placed.matrix @ matrix
+    lattice, box = lattice_of(placed, path, entry["grid"])
     if cameras is None:
         cameras = sphere_cameras(views, *padding.world_box(lattice, box), *size)
     settings = Settings(density_scale=entry["medium"]["density_scale"], samples=samples, seed=seed, step_rate=0.5)

@@ -86,6 +86,16 @@ def volume_entry(placed, folder, fps):
     return entry
 
 
+def lattice_of(placed, path, grid):
+    """Index-to-world matrix of a grid where a Placed volume shows it, and its active index box. Raises Refused where the
+    grid is empty, or no matrix describes its lattice."""
+    try:
+        matrix, box = padding.lattice(path, grid)
+    except ValueError as error:
+        raise Refused(named("object", placed.object), str(error), "show another file, or disable it in renders") from error
+    return placed.matrix @ matrix, box
+
+
 def relative(path, folder):
     """`path` as a file in `folder` names it: relative to it, or absolute where it lies on another drive."""
     try:

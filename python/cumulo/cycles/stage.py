@@ -21,6 +21,10 @@ KINDS = ("scenes", "objects", "cameras", "lights", "volumes", "meshes", "materia
 @contextlib.contextmanager
 def quiet():
     """Blender tells of every file it saves on the process's stdout, which is for results."""
+    if sys.stdout is None:
+        # Blender without a console, on Windows.
+        yield
+        return
     sys.stdout.flush()
     saved = os.dup(1)
     with open(os.devnull, "w") as nowhere:

@@ -15,6 +15,8 @@ from cumulo.cycles.objects import box_mesh, link_object
 from cumulo.exr import read_exr, write_exr
 from mathutils import Euler, Matrix, Vector
 
+import openvdb  # isort: skip  `cumulo.cycles` brings it
+
 # Turned, stretched, and away from the origin.
 PLACE = np.array(Matrix.LocRotScale((0.3, -0.2, 0.1), Euler((0.2, 0.4, 0.6)), (1.5, 1.0, 0.8)))
 
@@ -380,6 +382,19 @@ REFUSED = {
     "no camera": (attribute("camera", None), ["scene 'Scene'", "no camera"]),
     "no volume": (lambda scene: bpy.data.objects.remove(scene.objects["Smoke"]), ["scene 'Scene'", "no volume"]),
 }
+
+
+def test_grids_without_a_lattice_or_without_voxels_are_refused(fixtures, tmp_path):
+    frustum, empty = openvdb.FloatGrid(), openvdb.FloatGrid()
+    frustum.transform = openvdb.createFrustumTransform((0, 0, 0), (7, 7, 7), 0.5, 2.0, 1.0)
+    frustum.fill((1, 1, 1), (6, 6, 6), 1.0)
+    for grid, words in ((frustum, "lies in a frustum"), (empty, "no active voxels")):
+        grid.name = "density"
+        openvdb.write(str(tmp_path / "odd.vdb"), grids=[grid])
+        scenes.smoke(tmp_path / "odd.vdb")
+        for act in (bpy_scene.export, bpy_scene.capture):
+            with pytest.raises(bpy_scene.Refused, match=f"object 'Smoke'.*{words}"):
+                act(tmp_path / "out")
 
 
 @pytest.mark.parametrize("case", REFUSED)
