@@ -76,8 +76,7 @@ fn scene_files_move_volumes() {
     let medium = serde_json::json!({"density_scale": 2, "albedo": [0.8, 0.8, 0.8],
         "emission_grid": {"grid": "density", "radiance": [0.5, 0.2, 0.1]}});
     let expected = render("placed", serde_json::json!({"file": "placed.vdb", "medium": medium}));
-    let moved =
-        render("moved", serde_json::json!({"file": fixture("plume.vdb"), "medium": medium, "transform": rows}));
+    let moved = render("moved", serde_json::json!({"file": fixture("plume.vdb"), "medium": medium, "transform": rows}));
     let still = render("still", serde_json::json!({"file": fixture("plume.vdb"), "medium": medium}));
     assert_eq!(moved, expected);
     assert_ne!(moved, still);

@@ -68,10 +68,11 @@ class Process:
         self._join()
 
     def _join(self):
-        for reader in self._readers:
-            reader.join()
-        self._child.stdout.close()
-        self._child.stderr.close()
+        for reader, pipe in zip(self._readers, (self._child.stdout, self._child.stderr)):
+            # What the program left running may hold the other end.
+            reader.join(PATIENCE)
+            if not reader.is_alive():
+                pipe.close()
 
     def report(self):
         """The report as a dict, once the program has ended. Raises ProgramError where it refused."""

@@ -47,7 +47,7 @@ def _cycles(scene, size):
     scene.render.resolution_x, scene.render.resolution_y = size
     scene.render.engine, scene.render.film_transparent = "CYCLES", True
     cycles = scene.cycles
-    cycles.samples, cycles.volume_bounces, cycles.max_bounces = 128, 2, 2
+    cycles.samples, cycles.volume_bounces, cycles.max_bounces = 64, 2, 2
     cycles.use_adaptive_sampling = cycles.use_denoising = cycles.volume_biased = False
     cycles.sample_clamp_indirect = cycles.light_sampling_threshold = 0.0
     cycles.pixel_filter_type, cycles.sampling_pattern = "BOX", "TABULATED_SOBOL"

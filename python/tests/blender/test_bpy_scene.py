@@ -21,7 +21,7 @@ import openvdb  # isort: skip  `cumulo.cycles` brings it
 PLACE = np.array(Matrix.LocRotScale((0.3, -0.2, 0.1), Euler((0.2, 0.4, 0.6)), (1.5, 1.0, 0.8)))
 
 
-def rendered(cumulo, exported, folder, *, samples=128):
+def rendered(cumulo, exported, folder, *, samples=64):
     """Two pictures of the first frame by the program, by different seeds."""
     pictures = []
     for seed in (1, 2):
