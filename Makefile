@@ -1,7 +1,7 @@
 # Every target makes what it needs: Debian packages where they are missing, Python environments, the
 # program. A second run finds it all there.
 .DEFAULT_GOAL := demo
-.PHONY: demo test fuzz soak check bench build setup install clean
+.PHONY: demo test fuzz soak check bench build setup install addon clean
 
 export CUMULO := $(CURDIR)/target/release/cumulo
 export PYTHONDONTWRITEBYTECODE := 1
@@ -68,6 +68,9 @@ PREFIX ?= /usr/local
 install: ## the program, built before by `make build` or `make demo`
 	@test -x $(CUMULO) || { echo "$(CUMULO) is missing: run 'make build' first" >&2; exit 1; }
 	install -D -m 755 $(CUMULO) $(DESTDIR)$(PREFIX)/bin/cumulo
+
+addon: ## Blender's extension: install it from target/cumulo-addon.zip
+	/usr/bin/python3 python/addon/build.py target/cumulo-addon.zip
 
 clean:
 	rm -rf target demo-out .venvs

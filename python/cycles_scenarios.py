@@ -18,6 +18,7 @@ import numpy as np
 import scenarios
 from cumulo import blender
 from cumulo.capture import Capture
+from cumulo.exr import write_exr
 
 
 def lamps(lights):
@@ -58,7 +59,7 @@ def render(folder, name, out, samples, unbiased):
             continue
         if settings != before:
             stage, before = blender.Stage(settings, folder / f"{volume}.vdb"), settings
-        blender.write_exr(picture, stage.picture(view, t), "Blender Cycles", {"samples": samples, "seed": t})
+        write_exr(picture, stage.picture(view, t), "Blender Cycles", {"samples": samples, "seed": t})
 
 
 def write_motion(folder, name, out):

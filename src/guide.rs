@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [Getting started](getting_started) | How do I install Cumulo, and what does a first reconstruction look like? |
 //! | [Captures](captures) | How do I hand over my own pictures, or pictures from Blender? |
+//! | [Blender](blender) | How do I get from a Blender scene to a render, a capture, a reconstruction, and back? |
 //! | [Transfer functions](transfer_functions) | How do densities become colors, and which file formats are read? |
 //! | [Scattering](scattering) | How do I render smoke and clouds that scatter light? |
 //! | [Denoising](denoising) | How do I take the noise out of a sequence, from Cumulo or from Blender? |
@@ -17,6 +18,9 @@
 
 #[doc = include_str!("guide/accuracy-and-cost.md")]
 pub mod accuracy_and_cost {}
+
+#[doc = include_str!("guide/blender.md")]
+pub mod blender {}
 
 #[doc = include_str!("guide/captures.md")]
 pub mod captures {}

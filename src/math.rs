@@ -155,6 +155,14 @@ impl Affine {
         Ok(Self { forward, inverse })
     }
 
+    /// Composes this map with `outer`, which maps its world further.
+    ///
+    /// # Errors
+    /// If the composition is not finite or not invertible; see [`Affine::new`].
+    pub fn then(&self, outer: &Self) -> Result<Self> {
+        Self::new(outer.forward * self.forward)
+    }
+
     /// Index-to-world matrix (column vectors).
     pub fn matrix(&self) -> DMat4 {
         self.forward

@@ -12,9 +12,10 @@ use std::path::Path;
 use work::{Work, errors, fixture};
 
 /// The pages, relative to the repository. `no_page_is_forgotten` holds this list against the folder.
-const PAGES: [&str; 11] = [
+const PAGES: [&str; 12] = [
     "README.md",
     "src/guide/accuracy-and-cost.md",
+    "src/guide/blender.md",
     "src/guide/captures.md",
     "src/guide/denoising.md",
     "src/guide/getting-started.md",
@@ -31,7 +32,7 @@ const VOLUMES: [(&str, &str); 2] = [("smoke.vdb", "plume.vdb"), ("head.vdb", "pl
 
 /// Commands that other programs run or have to precede. They are not run here: `make demo`, `tests/examples.rs` and Python's
 /// tests do that.
-const OTHERS: [&str; 13] = [
+const OTHERS: [&str; 18] = [
     "make demo",
     "make demo BLENDER=1",
     "make install",
@@ -40,6 +41,12 @@ const OTHERS: [&str; 13] = [
     // Of Cycles' frames: `python/tests/blender/test_denoising.py` runs them.
     "cumulo denoise cycles/view_%03d.exr -o quiet/frame.%04d.exr --motion files:motion/frame.%04d.exr",
     "cumulo compare quiet/frame.%04d.exr cycles/view_%03d.exr --report page",
+    // Of a Blender file: `python/tests/blender/test_guide.py` runs them.
+    "PYTHONPATH=python .venvs/bpy/bin/python -m cumulo.bpy_scene export smoke.blend --animation -o scene",
+    "cumulo render scene/scene.json --cameras scene --frames 1-3 --samples 16 -o pictures",
+    "PYTHONPATH=python .venvs/bpy/bin/python -m cumulo.bpy_scene capture smoke.blend --views 24 --size 64x64 -o shots",
+    "cumulo reconstruct density shots -o found.vdb",
+    "PYTHONPATH=python .venvs/bpy/bin/python -m cumulo.bpy_scene load found.vdb --into smoke.blend --like Smoke -o both.blend",
     "sudo apt-get install libopenvdb-dev libboost-dev libclang-dev g++",
     "cargo install --path . --locked",
     "cargo doc --open",
@@ -158,6 +165,12 @@ fn readme() {
 #[test]
 fn accuracy_and_cost() {
     assert!(run("src/guide/accuracy-and-cost.md") >= 5);
+}
+
+/// Its commands are of a Blender file.
+#[test]
+fn blender() {
+    assert_eq!(run("src/guide/blender.md"), 0);
 }
 
 #[test]

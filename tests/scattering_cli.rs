@@ -6,7 +6,11 @@ mod work;
 
 use cumulo::formats::exr;
 use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::{Codec, write_grids};
+use cumulo::math::Affine;
+use glam::DMat4;
 use serde_json::Value;
+use std::collections::BTreeMap;
 use work::{Work, fixture};
 
 const LIT: &str = "--albedo 0.9 --anisotropy 0.3 --sun 1,1,2 --sun-color 3 --sky 0.2,0.3,0.5";
@@ -50,6 +54,32 @@ fn options_and_scene_files_agree() {
     assert_eq!(work.picture("shaded/view_001.exr"), work.picture("lit/view_001.exr"));
     assert_ne!(work.picture("shaded/view_001.exr"), work.picture("one/view_001.exr"));
     assert!(work.json("schema scene")["properties"]["volumes"].is_object());
+}
+
+/// A volume that its scene file moves gives the pixels of one whose file has that place, its fire included.
+#[test]
+fn scene_files_move_volumes() {
+    let work = Work::new();
+    // A quarter turn around z, doubled and shifted; numbers that are exact in binary.
+    let rows = [[0.0, -2.0, 0.0, 3.0], [2.0, 0.0, 0.0, -1.5], [0.0, 0.0, 2.0, 0.25], [0.0, 0.0, 0.0, 1.0]];
+    let mut placed = work::density(&fixture("plume.vdb"));
+    let turn = Affine::new(DMat4::from_cols_array_2d(&rows).transpose()).unwrap();
+    placed.transform = placed.transform.then(&turn).unwrap();
+    write_grids(&work.path("placed.vdb"), &[&placed], &BTreeMap::new(), Codec::default(), false).unwrap();
+    let render = |name: &str, volume: Value| {
+        let scene = serde_json::json!({"volumes": [volume],
+            "lights": [{"type": "DistantLight", "direction": [1, 1, 2], "irradiance": [3, 3, 3]}]});
+        std::fs::write(work.path(&format!("{name}.json")), scene.to_string()).unwrap();
+        work.json(&format!("render {name}.json --views 2 --size 24x20 --samples 4 -o {name}"));
+        work.picture(&format!("{name}/view_001.exr")).rgba
+    };
+    let medium = serde_json::json!({"density_scale": 2, "albedo": [0.8, 0.8, 0.8],
+        "emission_grid": {"grid": "density", "radiance": [0.5, 0.2, 0.1]}});
+    let expected = render("placed", serde_json::json!({"file": "placed.vdb", "medium": medium}));
+    let moved = render("moved", serde_json::json!({"file": fixture("plume.vdb"), "medium": medium, "transform": rows}));
+    let still = render("still", serde_json::json!({"file": fixture("plume.vdb"), "medium": medium}));
+    assert_eq!(moved, expected);
+    assert_ne!(moved, still);
 }
 
 /// A grid that emits is seen as a source of the density is, by straight rays and by paths; without one extinction for all
@@ -203,6 +233,20 @@ fn what_cannot_be_scattered_is_refused_with_words() {
         (
             &format!(r#"{{"volumes": [{}, "medium": {{"albedo": [2, 0, 0]}}}}]}}"#, volume.trim_end_matches('}')),
             &["volume 0", "albedo"],
+        ),
+        (
+            &format!(
+                r#"{{"volumes": [{}, "transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]]}}]}}"#,
+                volume.trim_end_matches('}')
+            ),
+            &["scene.json", "volume 0", "transform is singular"],
+        ),
+        (
+            &format!(
+                r#"{{"volumes": [{}, "transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 1, 1]]}}]}}"#,
+                volume.trim_end_matches('}')
+            ),
+            &["volume 0", "perspective"],
         ),
     ] {
         std::fs::write(work.path("scene.json"), scene).unwrap();

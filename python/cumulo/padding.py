@@ -3,7 +3,12 @@
 import pathlib
 
 import numpy as np
-import openvdb
+
+try:
+    import openvdb
+except ImportError:
+    # Its name before Blender 4.4.
+    import pyopenvdb as openvdb
 
 
 def read_grid(path, grid):
@@ -11,14 +16,29 @@ def read_grid(path, grid):
     try:
         return openvdb.read(str(path), grid)
     except KeyError:
-        names = [found.name for found in openvdb.readAllGridMetadata(str(path))]
-        raise ValueError(f"{path}: no grid {grid!r}; it has {', '.join(names) or 'none'}") from None
+        raise ValueError(f"{path}: no grid {grid!r}; it has {', '.join(grid_names(path)) or 'none'}") from None
     except RuntimeError as error:
         raise ValueError(f"{path}: OpenVDB cannot read it: {error}") from error
 
 
-def padded_copy(path, grids, folder, chunk=128, margin=2):
-    """Copies scalar grids to a new file in `folder`, each with `margin` active zero voxels around what
+def grid_names(path):
+    """Names of the grids of a VDB file. Raises ValueError where OpenVDB cannot read it."""
+    try:
+        return [grid.name for grid in openvdb.readAllGridMetadata(str(path))]
+    except RuntimeError as error:
+        raise ValueError(f"{path}: OpenVDB cannot read it: {error}") from error
+
+
+def moved_copy(path, grid, transform, target):
+    """Copies one grid to the new file `target`, moved by the matrix `transform` (column vectors)."""
+    source = read_grid(path, grid)
+    matrix = np.asarray(transform, dtype=np.float64) @ index_to_world(source)
+    source.transform = openvdb.createLinearTransform(matrix.T.tolist())
+    openvdb.write(str(target), grids=[source])
+
+
+def padded_copy(path, grids, folder, transform=None, chunk=128, margin=2):
+    """Copies scalar grids to a new file in `folder`, moved by the matrix `transform` (column vectors), each with `margin` active zero voxels around what
     is not zero; returns the new path.
 
     Cycles renders inside a mesh around the active leaves and tiles, and on their low sides that mesh
@@ -28,11 +48,11 @@ def padded_copy(path, grids, folder, chunk=128, margin=2):
     looks again.
     """
     padded = pathlib.Path(folder) / f"{pathlib.Path(path).stem}.padded.vdb"
-    openvdb.write(str(padded), grids=[_padded(path, grid, chunk, margin) for grid in grids])
+    openvdb.write(str(padded), grids=[_padded(path, grid, transform, chunk, margin) for grid in grids])
     return padded
 
 
-def _padded(path, grid, chunk, margin):
+def _padded(path, grid, transform, chunk, margin):
     """The copy of one grid."""
     source = read_grid(path, grid)
     if np.ndim(source.background) != 0 or source.background != 0:
@@ -40,6 +60,8 @@ def _padded(path, grid, chunk, margin):
     copy = openvdb.FloatGrid()
     copy.name, copy.gridClass = grid, source.gridClass
     matrix = index_to_world(source)
+    if transform is not None:
+        matrix = np.asarray(transform, dtype=np.float64) @ matrix
     mirrored = np.linalg.det(matrix[:3, :3]) < 0
     if mirrored:
         matrix[:, 2] *= -1

@@ -8,7 +8,7 @@ import pytest
 
 PACKAGE = pathlib.Path(__file__).resolve().parents[1]
 # Modules that need Blender; the others must import without it.
-BLENDER = {"blender", "noise", "padding"}
+BLENDER = {"blender", "bpy_scene", "cycles", "noise", "padding"}
 MODULES = sorted(p.stem for p in (PACKAGE / "cumulo").glob("*.py") if p.stem not in BLENDER | {"__init__"})
 
 PICTURE = """

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::math::Affine;
 use crate::scene::grid::{LEAF_VOXELS, voxel_offset};
-use glam::{DVec3, IVec3, Vec3};
+use glam::{DMat3, DVec3, IVec3, Vec3};
 use std::collections::HashMap;
 
 /// Edges of the tiles of OpenVDB's standard tree, in voxels.
@@ -25,6 +25,8 @@ pub struct Velocity {
     staggered: bool,
     /// Frames per second.
     fps: f64,
+    /// Map from the vectors of the grid to those of the world.
+    linear: DMat3,
 }
 
 impl Velocity {
@@ -37,7 +39,8 @@ impl Velocity {
             return Err(Error::invalid(format!("{fps} frames per second must be positive and finite"))
                 .hint("give 24 or the like, or 1 for a grid of world units per frame"));
         }
-        let grid = Self { transform, leaves: HashMap::new(), tiles: HashMap::new(), background, staggered, fps };
+        let (leaves, tiles, linear) = (HashMap::new(), HashMap::new(), DMat3::IDENTITY);
+        let grid = Self { transform, leaves, tiles, background, staggered, fps, linear };
         grid.finite(background)
     }
 
@@ -70,6 +73,16 @@ impl Velocity {
         if value.is_finite() { Ok(self) } else { Err(not_finite()) }
     }
 
+    /// Moves the velocities by `placement`, a map from the world of the grid to another world: places, directions and
+    /// lengths.
+    ///
+    /// # Errors
+    /// If the grid's transform and the placement together are not invertible; see [`Affine::new`].
+    pub fn moved(self, placement: &Affine) -> Result<Self> {
+        let transform = self.transform.then(placement)?;
+        Ok(Self { transform, linear: DMat3::from_mat4(placement.matrix()) * self.linear, ..self })
+    }
+
     /// Returns the way in world units that the medium at a world position goes in one frame.
     pub fn per_frame(&self, world: DVec3) -> DVec3 {
         let index = self.transform.to_index(world);
@@ -77,7 +90,7 @@ impl Velocity {
             let shift = if self.staggered { 0.5 * DVec3::AXES[axis] } else { DVec3::ZERO };
             self.sample(index + shift, axis)
         };
-        DVec3::new(component(0), component(1), component(2)) / self.fps
+        self.linear * DVec3::new(component(0), component(1), component(2)) / self.fps
     }
 
     /// Returns a component by trilinear interpolation at index coordinates.
@@ -133,6 +146,25 @@ mod tests {
             let at = |index: DVec3| 24.0 * velocity.per_frame(transform.to_world(index));
             assert_eq!(at(DVec3::splat(-60.5)), DVec3::X);
             assert_eq!(at(DVec3::splat(300.0)), DVec3::Z);
+        }
+    }
+
+    /// A quarter turn around z, doubled and shifted: velocities turn and grow along.
+    #[test]
+    fn velocities_move_with_their_volume() {
+        let unit = Affine::uniform(0.5, DVec3::ONE).unwrap();
+        let values = (0..LEAF_VOXELS).flat_map(|i| [i as f32, 1.0, -2.0]).collect();
+        let still = Velocity::new(unit, Vec3::ZERO, false, 4.0).unwrap().leaf([0; 3], values).unwrap();
+        let turn = glam::DMat4::from_cols_array(&[
+            0.0, 2.0, 0.0, 0.0, -2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 5.0, 6.0, 7.0, 1.0,
+        ]);
+        let placement = Affine::new(turn).unwrap();
+        let moved = still.clone().moved(&placement).unwrap();
+        for at in [DVec3::new(1.3, 1.9, 2.2), DVec3::new(3.0, 4.1, 1.5)] {
+            let expected = turn.transform_vector3(still.per_frame(at));
+            assert!(expected.length() > 1.0);
+            let found = moved.per_frame(turn.transform_point3(at));
+            assert!((found - expected).length() < 1e-9 * expected.length(), "{found} {expected}");
         }
     }
 

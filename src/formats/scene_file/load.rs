@@ -91,7 +91,7 @@ pub fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Result<Lo
         scene.files.push(vdb.clone());
         scene.files.extend(entry.medium.transfer.as_ref().map(|tf| folder.join(tf)));
         let opened = File::open(&vdb, limits)?;
-        let grid = opened.read_fog(entry.grid.as_deref())?;
+        let mut grid = opened.read_fog(entry.grid.as_deref())?;
         let load = |tf: &PathBuf| {
             let options = transfer::Options { limits, ..transfer::Options::default() };
             transfer::load(&folder.join(tf), &options).map(|loaded| loaded.transfer)
@@ -102,9 +102,15 @@ pub fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Result<Lo
             let emission = emission.checked().map_err(&named)?;
             Ok((emitting(&opened, name, &grid)?, emission))
         };
-        let emissions = entry.medium.emissions().map(emission).collect::<Result<_>>()?;
+        let mut emissions = entry.medium.emissions().map(emission).collect::<Result<Vec<_>>>()?;
         let velocity = |of: &VelocityEntry| vdb::velocity::read(&opened, &of.grid, of.fps, limits.max_memory);
-        let velocity = entry.velocity.as_ref().map(velocity).transpose()?;
+        let mut velocity = entry.velocity.as_ref().map(velocity).transpose()?;
+        if let Some(placement) = entry.placement().map_err(&named)? {
+            for grid in emissions.iter_mut().map(|(grid, _)| grid).chain([&mut grid]) {
+                grid.transform = grid.transform.then(&placement).map_err(&named)?;
+            }
+            velocity = velocity.map(|velocity| velocity.moved(&placement)).transpose().map_err(&named)?;
+        }
         Ok(SceneVolume { path: vdb, grid, transfer, medium, emissions, velocity })
     };
     scene.volumes = file.volumes.iter().enumerate().map(&mut volume).collect::<Result<Vec<_>>>()?;

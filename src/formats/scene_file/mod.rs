@@ -15,11 +15,13 @@ mod load;
 
 pub use load::{LoadedScene, SceneVolume, environment_map, load_within};
 
+use crate::error::Result;
+use crate::math::Affine;
 use crate::scene::emission::Emission;
 use crate::scene::light::Light;
 use crate::scene::medium::Scattering;
 use crate::scene::phase::Phase;
-use glam::{DVec3, Vec3};
+use glam::{DMat4, DVec3, Vec3};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -45,6 +47,9 @@ pub struct VolumeEntry {
     pub file: PathBuf,
     /// Grid of densities; `density`, else the only scalar one, unless stated.
     pub grid: Option<String>,
+    /// Matrix from the space of the VDB file to the world, row by row, for column vectors; without one that space is the
+    /// world. It moves velocities, too. The medium stays in terms of world lengths.
+    pub transform: Option<[[f64; 4]; 4]>,
     /// Medium of the volume.
     #[serde(default)]
     pub medium: MediumEntry,
@@ -61,6 +66,13 @@ pub struct VelocityEntry {
     /// Frames per second; 1 for a grid in world units per frame.
     #[serde(default = "film_rate")]
     pub fps: f64,
+}
+
+impl VolumeEntry {
+    /// Returns the map from the space of the file to the world, if it is stated.
+    fn placement(&self) -> Result<Option<Affine>> {
+        self.transform.map(|rows| Affine::new(DMat4::from_cols_array_2d(&rows).transpose())).transpose()
+    }
 }
 
 fn film_rate() -> f64 {

@@ -1,0 +1,31 @@
+"""Blender's extension for Cumulo: volumes exported, rendered, reconstructed and denoised by the `cumulo` program."""
+
+import bpy
+
+from . import denoise, export, load, panel, preferences, reconstruct, render, settings, views
+
+CLASSES = (
+    preferences.Preferences,
+    settings.Settings,
+    export.ExportScene,
+    views.RenderViews,
+    reconstruct.Reconstruct,
+    render.Render,
+    denoise.Denoise,
+    load.LoadResult,
+    panel.Panel,
+)
+
+
+def register():
+    """Called by Blender when the extension is switched on."""
+    for each in CLASSES:
+        bpy.utils.register_class(each)
+    bpy.types.Scene.cumulo = bpy.props.PointerProperty(type=settings.Settings)
+
+
+def unregister():
+    """Called by Blender when the extension is switched off."""
+    del bpy.types.Scene.cumulo
+    for each in reversed(CLASSES):
+        bpy.utils.unregister_class(each)

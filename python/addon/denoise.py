@@ -1,0 +1,41 @@
+"""Operator: Denoise Sequence."""
+
+import bpy
+
+from .cumulo import bpy_scene
+from .job import Job
+from .preferences import program_path
+from .program import run
+from .render import show
+from .settings import folder_of
+
+
+class Denoise(Job, bpy.types.Operator):
+    """Take the noise out of the pictures of an animation, along the motion of the volume"""
+
+    bl_idname = "cumulo.denoise"
+    bl_label = "Denoise Sequence"
+
+    pictures: bpy.props.StringProperty(
+        name="Pictures", description="Noisy EXRs, frame.####.exr; empty for those of Render with Cumulo in the panel's folder", subtype="FILE_PATH"
+    )
+    folder: bpy.props.StringProperty(name="Folder", description="Folder of the result; empty for 'denoised' in the panel's", subtype="DIR_PATH")
+
+    def steps(self, context):
+        """Computes the motion of the only volume, and denoises along it; of several volumes pictures carry their own."""
+        program, scene = program_path(context), context.scene
+        panel = scene.cumulo.folder
+        pictures = folder_of(self.pictures) if self.pictures else folder_of(panel) / "render" / "frame.####.exr"
+        folder = folder_of(self.folder) if self.folder else folder_of(panel) / "denoised"
+        frames = bpy_scene.frames_of(scene)
+        words = [program, "denoise", pictures, "-o", folder / "frame.####.exr", "--overwrite"]
+        yield 0, len(frames), "export"
+        exported = bpy_scene.export(folder / "scene", scene, frames)
+        if bpy_scene.count_volumes(scene) == 1:
+            volume = bpy_scene.motion_arguments(folder / "scene", scene, frames)
+            motion = folder / "motion" / "frame.####.exr"
+            yield from run([program, "motion", *volume, "--cameras", exported.cameras, "-o", motion, "--overwrite"])
+            words += ["--motion", f"files:{motion}"]
+        report = yield from run(words)
+        show(folder / f"frame.{frames[0]:04}.exr", len(frames))
+        self.report({"INFO"}, f"{len(report['frames']) if 'frames' in report else len(frames)} pictures are in {folder}")

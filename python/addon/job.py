@@ -1,0 +1,97 @@
+"""Operators that take a while."""
+
+import time
+
+import bpy
+
+from .program import ProgramError
+
+# Seconds between two looks at a job.
+PAUSE = 0.1
+# Steps of the progress at the mouse pointer.
+SCALE = 1000
+FAULTS = (ProgramError, ValueError, OSError, RuntimeError)
+
+
+class Job:
+    """Mixin of an operator whose work is a generator, `steps(context)`, of (done, of, what).
+
+    With a window it goes on beside Blender's own events, shows its progress in the status bar, and ends on Esc. In
+    background mode it runs to its end at once. What goes wrong is a report of Blender's.
+    """
+
+    # True where a step is work, not a look at a program that works.
+    works_itself = False
+    # One job at a time: they share the scene and the machine.
+    active = None
+
+    @classmethod
+    def poll(cls, context):
+        """True while no job runs."""
+        return Job.active is None
+
+    def execute(self, context):
+        """Does all of the work, and returns when it is done."""
+        steps = self.steps(context)
+        try:
+            for _ in steps:
+                time.sleep(0.0 if self.works_itself else PAUSE)
+        except FAULTS as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        finally:
+            steps.close()
+        return {"FINISHED"}
+
+    def invoke(self, context, event):
+        """Starts the work, which `modal` goes on with; without a window `execute` does all of it."""
+        if bpy.app.background:
+            return self.execute(context)
+        return self.start(context)
+
+    def start(self, context):
+        """Starts the work beside Blender's events."""
+        manager = context.window_manager
+        self._steps = self.steps(context)
+        self._timer = manager.event_timer_add(PAUSE, window=context.window)
+        Job.active = self
+        manager.progress_begin(0, SCALE)
+        manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        """Does the next step at each tick of the timer; Esc ends the work."""
+        if event.type == "ESC" and event.value == "PRESS":
+            self._end(context)
+            self.report({"WARNING"}, f"{self.bl_label} was cancelled")
+            return {"CANCELLED"}
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        try:
+            self._show(context, *next(self._steps))
+        except StopIteration:
+            self._end(context)
+            return {"FINISHED"}
+        except FAULTS as fault:
+            self._end(context)
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        return {"RUNNING_MODAL"}
+
+    def cancel(self, context):
+        """Called by Blender when it closes the window or loads another file."""
+        self._end(context)
+
+    def _show(self, context, done, of, what):
+        share = done / of if of else 0.0
+        context.window_manager.progress_update(int(SCALE * share))
+        counted = f" {done} of {of}" if of else ""
+        context.workspace.status_text_set(f"Cumulo: {what}{counted}    Esc: cancel")
+
+    def _end(self, context):
+        """Ends the work, done or not, and takes its progress away."""
+        Job.active = None
+        self._steps.close()
+        context.window_manager.event_timer_remove(self._timer)
+        context.window_manager.progress_end()
+        context.workspace.status_text_set(None)

@@ -1,0 +1,37 @@
+"""Operator: Reconstruct."""
+
+import bpy
+
+from .cumulo import bpy_scene
+from .job import Job
+from .preferences import program_path
+from .program import run
+from .settings import folder_of
+
+
+class Reconstruct(Job, bpy.types.Operator):
+    """Find the densities that a capture shows, write them as a VDB and load it"""
+
+    bl_idname = "cumulo.reconstruct"
+    bl_label = "Reconstruct"
+
+    capture: bpy.props.StringProperty(
+        name="Capture", description="Folder or transforms.json of the views; empty for 'views' in the panel's folder", subtype="FILE_PATH"
+    )
+    output: bpy.props.StringProperty(name="Output", description="VDB to write; empty for reconstruction.vdb in the panel's folder", subtype="FILE_PATH")
+    resolution: bpy.props.IntProperty(name="Resolution", description="Voxels along the longest edge; 0 for the capture's own", min=0, max=4096)
+    like: bpy.props.StringProperty(name="Like", description="Object whose medium the result gets; empty for a grey one that absorbs")
+    load: bpy.props.BoolProperty(name="Load", description="Load the result into the scene", default=True)
+
+    def steps(self, context):
+        """Runs the program, and loads what it found."""
+        panel = context.scene.cumulo.folder
+        capture = folder_of(self.capture) if self.capture else folder_of(panel) / "views"
+        output = folder_of(self.output) if self.output else folder_of(panel) / "reconstruction.vdb"
+        words = [program_path(context), "reconstruct", "density", capture, "-o", output]
+        if self.resolution:
+            words += ["--resolution", self.resolution]
+        report = yield from run(words)
+        if self.load:
+            bpy_scene.load(output, context.scene, self.like or None, capture)
+        self.report({"INFO"}, f"{output}: {report['iterations']} iterations")

@@ -1,0 +1,51 @@
+"""Operator: Render with Cumulo."""
+
+import bpy
+
+from .cumulo import bpy_scene
+from .export import frames_to_show
+from .job import Job
+from .preferences import program_path
+from .program import run
+from .settings import folder_of
+
+# Name of the image that shows the result.
+IMAGE = "Cumulo"
+
+
+class Render(Job, bpy.types.Operator):
+    """Render the scene's volumes with Cumulo, and show the result as an image"""
+
+    bl_idname = "cumulo.render"
+    bl_label = "Render with Cumulo"
+
+    folder: bpy.props.StringProperty(name="Folder", description="Folder of the pictures; empty for 'render' in the panel's", subtype="DIR_PATH")
+    animation: bpy.props.BoolProperty(name="Animation", description="All frames of the scene, in place of the present one")
+    samples: bpy.props.IntProperty(name="Samples", description="Paths per pixel", default=64, min=1)
+
+    def steps(self, context):
+        """Exports the scene, runs the program, and loads the pictures."""
+        program, scene = program_path(context), context.scene
+        folder = folder_of(self.folder) if self.folder else folder_of(scene.cumulo.folder) / "render"
+        frames = frames_to_show(scene, self.animation)
+        yield 0, len(frames), "export"
+        exported = bpy_scene.export(folder / "scene", scene, frames)
+        words = [program, *exported.arguments(folder, self.samples), "--overwrite"]
+        if self.animation:
+            # What Denoise Sequence follows.
+            words += ["--aov", "motion"]
+        yield from run(words)
+        show(folder / f"frame.{frames[0]:04}.exr", len(frames))
+        self.report({"INFO"}, f"{len(frames)} pictures are in {folder}, and the image {IMAGE}")
+
+
+def show(path, frames):
+    """Makes the image `IMAGE` of a picture, or of a sequence that begins with it."""
+    image = bpy.data.images.get(IMAGE)
+    if image is None:
+        image = bpy.data.images.load(str(path))
+        image.name = IMAGE
+    image.filepath = str(path)
+    image.source = "SEQUENCE" if frames > 1 else "FILE"
+    image.reload()
+    return image

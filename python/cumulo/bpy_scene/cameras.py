@@ -1,0 +1,79 @@
+"""Cameras of a scene as those of captures."""
+
+import numpy as np
+
+from ..capture import Camera
+from .refusal import Refused, named
+from .visible import evaluated
+
+
+def raster(scene):
+    """Width and height of the scene's pictures in pixels."""
+    render = scene.render
+    if render.use_border:
+        raise Refused(named("scene", scene), "a border crops its pictures", "switch Render Region off; `cumulo render --crop` renders a part")
+    return tuple(max(1, size * render.resolution_percentage // 100) for size in (render.resolution_x, render.resolution_y))
+
+
+def camera_of(scene):
+    """The scene's camera at its present frame. Raises Refused about what Cumulo cannot honor."""
+    if scene.camera is None:
+        raise Refused(named("scene", scene), "it has no camera", "add one (Add > Camera)")
+    thing = scene.camera.evaluated_get(evaluated(scene))
+    where = named("camera", thing)
+    if thing.type != "CAMERA":
+        raise Refused(where, f"the scene's camera is a {thing.type.lower()}", "choose a camera")
+    data, render = thing.data, scene.render
+    if data.type not in ("PERSP", "ORTHO"):
+        raise Refused(where, f"its type is {data.type.lower()}", "make it perspective or orthographic")
+    if data.dof.use_dof:
+        raise Refused(where, "it has depth of field", "switch Depth of Field off")
+    if render.use_motion_blur:
+        raise Refused(named("scene", scene), "motion blur is on", "switch it off (Render Properties)")
+    if render.use_multiview:
+        raise Refused(named("scene", scene), "it has stereoscopic views", "switch Stereoscopy off")
+    # Blender takes no notice of a camera's scale.
+    matrix = np.array(thing.matrix_world, dtype=np.float64)
+    matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
+    if np.abs(matrix[:3, :3].T @ matrix[:3, :3] - np.eye(3)).max() > 1e-4 or np.linalg.det(matrix[:3, :3]) < 0:
+        raise Refused(where, "its matrix shears or mirrors", "clear the scale of its parents")
+    width, height = raster(scene)
+    ratio = render.pixel_aspect_y / render.pixel_aspect_x
+    across = data.sensor_fit == "HORIZONTAL" or (
+        data.sensor_fit == "AUTO" and width * render.pixel_aspect_x >= height * render.pixel_aspect_y
+    )
+    fitted = width if across else ratio * height
+    sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
+    size = (data.ortho_scale if data.type == "ORTHO" else sensor / data.lens) / fitted
+    return Camera(
+        matrix,
+        fl_x=1.0 / size,
+        fl_y=1.0 / (size * ratio),
+        cx=width / 2 - data.shift_x * fitted,
+        cy=height / 2 + data.shift_y * fitted / ratio,
+        width=width,
+        height=height,
+        orthographic=data.type == "ORTHO",
+        near=float(data.clip_start),
+    )
+
+
+def check_far(scene, camera, box):
+    """Refuses a camera whose clip end cuts off a part of the world box (low, high)."""
+    corners = np.array([[box[i >> axis & 1][axis] for axis in range(3)] for i in range(8)])
+    depth = (corners - camera.camera_to_world[:3, 3]) @ -camera.camera_to_world[:3, 2]
+    end = scene.camera.data.clip_end
+    if depth.max() > end:
+        raise Refused(named("camera", scene.camera), f"its clip end {end:g} cuts volumes off", f"raise it above {depth.max():.6g}")
+
+
+def sees(camera, centre, radius):
+    """True if a sphere may be in the camera's picture."""
+    at = (np.asarray(centre) - camera.camera_to_world[:3, 3]) @ camera.camera_to_world[:3, :3]
+    x = (np.array([0, camera.width]) - camera.cx) / camera.fl_x
+    y = (camera.cy - np.array([camera.height, 0])) / camera.fl_y
+    if camera.orthographic:
+        return bool(x[0] - radius < at[0] < x[1] + radius and y[0] - radius < at[1] < y[1] + radius and at[2] < radius)
+    # Distances to the planes through the eye and the edges of the picture, positive inside.
+    planes = np.array([(1, 0, x[0]), (-1, 0, -x[1]), (0, 1, y[0]), (0, -1, -y[1]), (0, 0, -1)])
+    return bool((planes @ at / np.linalg.norm(planes, axis=1) > -radius).all())

@@ -1,0 +1,104 @@
+"""Volumes of a scene file, of volume objects."""
+
+import os
+import pathlib
+
+import bpy
+import numpy as np
+
+from .. import padding
+from .media import KNOWN, medium_entry
+from .refusal import Refused, named
+
+BACKED = "import the VDB files that it stands for (Add > Volume > Import OpenVDB), and disable this object in renders"
+
+
+def refuse_surface(thing):
+    """Raises Refused about an object that is not a volume; nothing where it has no surface to be seen."""
+    where = named("object", thing)
+    fluid = [m for m in thing.modifiers if m.type == "FLUID" and m.fluid_type == "DOMAIN"]
+    if fluid:
+        cache = bpy.path.abspath(fluid[0].domain_settings.cache_directory)
+        raise Refused(where, f"it is a fluid domain (cache: {cache})", f"bake it with the cache format OpenVDB, then {BACKED}")
+    if thing.type == "MESH" and not thing.data.polygons:
+        return
+    if any(m and m.node_tree and (out := m.node_tree.get_output_node("CYCLES")) and out.inputs["Volume"].is_linked
+           for m in getattr(thing.data, "materials", ())):  # fmt: skip
+        raise Refused(where, f"its inside ({thing.type.lower()}) is a medium without a VDB file", BACKED)
+    raise Refused(
+        where, f"a {thing.type.lower()} is rendered, and Cumulo renders volumes alone", "disable it in renders (camera icon in the outliner)"
+    )
+
+
+def vdb_of(placed):
+    """Path of the VDB file that a volume object shows at the present frame. Raises Refused where there is none."""
+    thing = placed.object
+    volume, where = thing.data, named("object", thing)
+    if shown := [m.name for m in thing.modifiers if m.show_render]:
+        raise Refused(where, f"the modifier {shown[0]!r} changes or makes the volume", "remove it, or write its result as VDB, import that, and disable this object in renders")
+    if volume.packed_file:
+        raise Refused(where, "its VDB is packed into the .blend", "unpack it (File > External Data)")
+    if not volume.filepath:
+        raise Refused(where, "no VDB file stands behind it", BACKED)
+    volume.grids.load()
+    path = pathlib.Path(bpy.path.abspath(volume.grids.frame_filepath or volume.filepath, library=volume.library))
+    if volume.grids.error_message or not path.is_file():
+        raise Refused(where, f"{path} cannot be read: {volume.grids.error_message or 'no such file'}", "correct the path, or the sequence's frames")
+    return path.resolve()
+
+
+def _check_visibility(placed):
+    """Refuses what makes a volume visible to some rays alone."""
+    thing = placed.object
+    for attribute in ("visible_camera", "visible_shadow", "visible_volume_scatter"):
+        if not getattr(thing, attribute):
+            raise Refused(named("object", thing), f"its ray visibility {attribute} is off", "switch it on (Object > Visibility)")
+    for attribute in ("is_holdout", "is_shadow_catcher"):
+        if getattr(thing, attribute):
+            raise Refused(named("object", thing), f"its {attribute} is on", "switch it off (Object > Visibility)")
+
+
+def coefficient_scale(placed):
+    """Factor of the coefficients of a volume's material: in object space Blender divides them by the object's scale along
+    its diagonal."""
+    if placed.object.data.render.space == "WORLD":
+        return 1.0
+    return 1.0 / float(np.linalg.norm(placed.matrix[:3, :3] @ np.full(3, 3**-0.5)))
+
+
+def volume_entry(placed, folder, fps):
+    """Entry of a scene file in `folder` for a Placed volume. Raises Refused about what Cumulo cannot honor."""
+    thing = placed.object
+    path = vdb_of(placed)
+    _check_visibility(placed)
+    grids = padding.grid_names(path)
+    materials = [slot.material for slot in thing.material_slots if slot.material]
+    if not materials:
+        raise Refused(named("object", thing), "it has no material", KNOWN)
+    # Cycles renders a volume by its first material.
+    grid, medium = medium_entry(thing.material_slots[0].material or materials[0], grids, coefficient_scale(placed))
+    entry = {"file": relative(path, folder), "grid": grid, "medium": medium}
+    if not np.array_equal(placed.matrix, np.eye(4)):
+        entry["transform"] = placed.matrix.tolist()
+    velocity = thing.data.velocity_grid
+    if velocity in grids and thing.data.velocity_scale == 1.0:
+        entry["velocity"] = {"grid": velocity, "fps": fps if thing.data.velocity_unit == "SECOND" else 1.0}
+    return entry
+
+
+def lattice_of(placed, path, grid):
+    """Index-to-world matrix of a grid where a Placed volume shows it, and its active index box. Raises Refused where the
+    grid is empty, or no matrix describes its lattice."""
+    try:
+        matrix, box = padding.lattice(path, grid)
+    except ValueError as error:
+        raise Refused(named("object", placed.object), str(error), "show another file, or disable it in renders") from error
+    return placed.matrix @ matrix, box
+
+
+def relative(path, folder):
+    """`path` as a file in `folder` names it: relative to it, or absolute where it lies on another drive."""
+    try:
+        return pathlib.Path(os.path.relpath(path, pathlib.Path(folder).resolve())).as_posix()
+    except ValueError:
+        return pathlib.Path(path).as_posix()

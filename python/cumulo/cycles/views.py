@@ -1,0 +1,52 @@
+"""Captures that Cycles renders, view by view."""
+
+import dataclasses
+import pathlib
+
+import bpy
+
+from ..capture import Capture
+from ..exr import write_exr
+
+
+def capture_steps(stage, cameras, folder, lattice):
+    """Renders one view a camera into `folder` and writes its `transforms.json`; a generator of (views done, views) that
+    returns the Capture.
+
+    Each view has a seed of its own (settings.seed + its number), so that noise does not repeat. `lattice` is the
+    index-to-world matrix of the volume.
+    """
+    folder, settings = pathlib.Path(folder), stage.settings
+    folder.mkdir(parents=True, exist_ok=True)
+    software = f"Blender {bpy.app.version_string} Cycles"
+    frames = []
+    for number, camera in enumerate(cameras):
+        picture = folder / f"view_{number:03}.exr"
+        pixels = stage.picture(camera, settings.seed + number)
+        write_exr(picture, pixels, software, dataclasses.asdict(settings) | {"seed": settings.seed + number})
+        # Other keys of the frame are about the picture that it had.
+        frames.append((dataclasses.replace(camera, extra={}), picture))
+        yield number + 1, len(cameras)
+    capture = Capture(
+        frames,
+        model=settings.model,
+        background=settings.background,
+        pixel_filter=settings.pixel_filter,
+        near=settings.near,
+        density_scale=settings.density_scale,
+        emission=settings.emission,
+        lattice=lattice,
+    )
+    capture.write(folder / "transforms.json")
+    return capture
+
+
+def finish(steps, progress=None):
+    """Runs a generator of (done, of) to its end, and gives what it returns. `progress` is called with each pair."""
+    while True:
+        try:
+            done, of = next(steps)
+        except StopIteration as end:
+            return end.value
+        if progress:
+            progress(done, of)

@@ -1,0 +1,433 @@
+"""From scenes of Blender to scene files and captures: what is stated is what Cycles renders, and the rest is refused by name."""
+
+import json
+import math
+
+import bpy
+import numpy as np
+import pytest
+import reference
+import scenes
+from bpy_extras.object_utils import world_to_camera_view
+from cumulo import bpy_scene, padding
+from cumulo.capture import Capture, look_at
+from cumulo.cycles.objects import box_mesh, link_object
+from cumulo.exr import read_exr, write_exr
+from mathutils import Euler, Matrix, Vector
+
+import openvdb  # isort: skip  `cumulo.cycles` brings it
+
+# Turned, stretched, and away from the origin.
+PLACE = np.array(Matrix.LocRotScale((0.3, -0.2, 0.1), Euler((0.2, 0.4, 0.6)), (1.5, 1.0, 0.8)))
+
+
+def rendered(cumulo, exported, folder, *, samples=64):
+    """Two pictures of the first frame by the program, by different seeds."""
+    pictures = []
+    for seed in (1, 2):
+        cumulo(*exported.arguments(folder / str(seed), samples), "--seed", seed)
+        pictures.append(read_exr(folder / str(seed) / f"frame.{exported.frames[0]:04}.exr"))
+    return pictures
+
+
+def agree(first, second, block=16):
+    """True if two pairs of noisy pictures are of one mean, in all channels."""
+    return all(reference.excess(*(p[..., c] for p in first), [p[..., c] for p in second], block=block) <= 1.0 for c in range(4))
+
+
+def test_a_moved_smoke_in_sun_light_is_the_picture_of_cycles(fixtures, cumulo, tmp_path):
+    scene = scenes.smoke(fixtures / "plume.vdb", matrix=PLACE)
+    exported = bpy_scene.export(tmp_path / "scene")
+    theirs, ours = [scenes.film(scene, seed) for seed in (1, 2)], rendered(cumulo, exported, tmp_path)
+    assert ours[0][..., :3].max() > 0.1
+    assert agree(theirs, ours)
+    # A wrong density, by a tenth, would be found.
+    document = json.loads(exported.scene.read_text())
+    document["volumes"][0]["medium"]["density_scale"] *= 1.1
+    exported.scene.write_text(json.dumps(document))
+    assert not agree(theirs, rendered(cumulo, exported, tmp_path / "wrong"))
+
+
+def test_lamps_and_the_sky_are_those_of_cycles(fixtures, cumulo, tmp_path):
+    scene = scenes.smoke(fixtures / "plume.vdb", sun=0.0, anisotropy=0.0)
+    point = bpy.data.lights.new("Point", "POINT")
+    point.energy, point.color, point.shadow_soft_size, point.use_soft_falloff = 90.0, (1, 0.6, 0.3), 0.3, False
+    link_object(scene, "Point", point, look_at((-0.9, 0.5, 2.2), (0, 0, 0)))
+    area = bpy.data.lights.new("Area", "AREA")
+    area.energy, area.shape, area.size, area.size_y, area.exposure = 40.0, "RECTANGLE", 0.6, 1.5, 1.0
+    link_object(scene, "Area", area, look_at((1.2, 1.1, 3.4), (1, 1, 1)))
+    rows, columns = np.mgrid[0:16, 0:32]
+    sky = np.stack([0.1 + 0.02 * columns, 0.5 - 0.02 * rows, 0.2 + 0.2 * (columns > 20), np.ones_like(rows, float)], axis=-1)
+    write_exr(tmp_path / "sky.exr", sky.astype(np.float32), "test", {})
+    scene.world = bpy.data.worlds.new("World")
+    tree = scene.world.node_tree
+    tree.nodes.clear()
+    texture, back, out = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexEnvironment", "Background", "OutputWorld"))
+    texture.image = bpy.data.images.load(str(tmp_path / "sky.exr"))
+    texture.image.colorspace_settings.name = "Linear Rec.709"
+    back.inputs["Strength"].default_value = 0.5
+    tree.links.new(texture.outputs["Color"], back.inputs["Color"])
+    tree.links.new(back.outputs[0], out.inputs["Surface"])
+    exported = bpy_scene.export(tmp_path / "scene")
+    lights = json.loads(exported.scene.read_text())["lights"]
+    assert [light["type"] for light in lights] == ["SphereLight", "RectLight", "DomeLight"]
+    assert agree([scenes.film(scene, seed) for seed in (1, 2)], rendered(cumulo, exported, tmp_path))
+
+
+def test_three_lines_make_a_capture(fixtures, tmp_path):
+    scenes.smoke(fixtures / "plume.vdb", matrix=PLACE)
+    before = [set(getattr(bpy.data, kind).keys()) for kind in ("scenes", "objects", "materials", "cameras", "worlds")]
+    captures = [bpy_scene.capture(tmp_path / str(seed), views=2, size=(32, 32), seed=10 * seed) for seed in (1, 2)]
+    assert before == [set(getattr(bpy.data, kind).keys()) for kind in ("scenes", "objects", "materials", "cameras", "worlds")]
+    capture = Capture.read(tmp_path / "1")
+    # In object space Blender divides the density by the scale along the diagonal.
+    scale = 4.0 / np.linalg.norm(PLACE[:3, :3] @ np.full(3, 3**-0.5))
+    assert (capture.model, capture.pixel_filter) == ("absorption", "box")
+    assert capture.density_scale == pytest.approx(scale, rel=1e-6)
+    assert np.allclose(capture.lattice, PLACE @ padding.lattice(fixtures / "plume.vdb", "density")[0], atol=1e-6)
+    # The moved volume's exact integral, over 4 x 4 points a pixel.
+    padding.moved_copy(fixtures / "plume.vdb", "density", PLACE, tmp_path / "moved.vdb")
+    for view in range(2):
+        camera = capture.frames[view][0]
+        fine = [reference.optical_depth(tmp_path / "moved.vdb", "density", shifted(camera, x, y)) for x in OFFSETS for y in OFFSETS]
+        expected = np.exp(-scale * np.array(fine)).mean(axis=0)
+        pictures = [1 - read_exr(one.frames[view][1])[..., 3] for one in captures]
+        assert 0.02 < expected.min() < 0.8
+        assert reference.excess(*pictures, expected, samples=32) <= 1.0
+
+
+OFFSETS = (-0.375, -0.125, 0.125, 0.375)
+
+
+def shifted(camera, x, y):
+    """The camera with its pixels' centres elsewhere, by fractions of a pixel."""
+    import dataclasses
+
+    return dataclasses.replace(camera, cx=camera.cx - x, cy=camera.cy - y)
+
+
+@pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+def test_cameras_see_points_where_blender_does(fixtures, fit, kind):
+    scene = scenes.smoke(fixtures / "plume.vdb", size=(40, 56))
+    scene.render.pixel_aspect_x, scene.render.resolution_percentage = 1.5, 50
+    data = scene.camera.data
+    data.type, data.sensor_fit, data.lens, data.sensor_width, data.sensor_height = kind, fit, 40.0, 30.0, 20.0
+    data.shift_x, data.shift_y, data.ortho_scale = 0.1, -0.2, 3.0
+    scene.camera.scale = (2.0, 2.0, 2.0)
+    _, camera = bpy_scene.describe(".", scene)
+    assert (camera.width, camera.height) == (20, 28)
+    for point in ((0.4, 1.1, 0.3), (1.5, 0.2, 1.9), (1.0, 1.0, 1.0)):
+        at = np.linalg.inv(camera.camera_to_world) @ (*point, 1.0)
+        depth = 1.0 if kind == "ORTHO" else -at[2]
+        pixel = (camera.cx + camera.fl_x * at[0] / depth, camera.cy - camera.fl_y * at[1] / depth)
+        u, v, _ = world_to_camera_view(scene, scene.camera, Vector(point))
+        assert pixel == pytest.approx((20 * u, 28 * (1 - v)), abs=2e-3)
+
+
+def driven(factor, grid, socket, tree):
+    """Drives a socket by the grid times a factor."""
+    attribute, multiply = tree.nodes.new("ShaderNodeAttribute"), tree.nodes.new("ShaderNodeMath")
+    attribute.attribute_name, multiply.operation = grid, "MULTIPLY"
+    multiply.inputs[1].default_value = factor
+    tree.links.new(attribute.outputs["Fac"], multiply.inputs[0])
+    tree.links.new(multiply.outputs[0], socket)
+
+
+def test_media_of_node_trees(fixtures):
+    scene = scenes.smoke(fixtures / "plume.vdb")
+
+    def medium():
+        return bpy_scene.describe(".", scene)[0]["volumes"][0]["medium"]
+
+    node, tree = scenes.medium_node()
+    node.inputs["Absorption Color"].default_value = (0.25, 0.25, 0.0, 1)
+    found, color = medium(), np.array((0.9, 0.8, 0.6))
+    extinction = color + (1 - color) * (0.5, 0.5, 1.0)
+    assert found["density_scale"] == pytest.approx(4 * extinction.max())
+    assert found["extinction_color"] == pytest.approx(extinction / extinction.max())
+    assert found["albedo"] == pytest.approx(color / extinction)
+    # The grid by a link, through a reroute, and fire beside it.
+    node.inputs["Absorption Color"].default_value = (0, 0, 0, 1)
+    node.inputs["Density Attribute"].default_value = ""
+    driven(2.5, "density", node.inputs["Density"], tree)
+    driven(0.5, "density", node.inputs["Emission Strength"], tree)
+    node.inputs["Emission Color"].default_value = (1.0, 0.5, 0.25, 1)
+    node.inputs["Blackbody Intensity"].default_value, node.inputs["Temperature Attribute"].default_value = 0.5, "density"
+    found = medium()
+    assert found["density_scale"] == pytest.approx(2.5) and "extinction_color" not in found
+    assert found["emission_grid"] == {"grid": "density", "radiance": pytest.approx([0.5, 0.25, 0.125])}
+    assert found["blackbody"] == {"grid": "density", "kelvin": 1000.0, "intensity": pytest.approx(0.5), "tint": [1.0, 1.0, 1.0]}
+    # A scatterer and half an absorber, added; the scatterer takes no light that it does not scatter.
+    scatter, tree = scenes.medium_node("ShaderNodeVolumeScatter")
+    scatter.inputs["Color"].default_value, scatter.inputs["Anisotropy"].default_value = (0.5, 0.5, 0.5, 1), -0.2
+    driven(3.0, "density", scatter.inputs["Density"], tree)
+    absorb, mix, add = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("VolumeAbsorption", "MixShader", "AddShader"))
+    absorb.inputs["Color"].default_value = (0.2, 0.2, 0.2, 1)
+    driven(5.0, "density", absorb.inputs["Density"], tree)
+    mix.inputs[0].default_value = 0.5
+    output = scatter.outputs[0].links[0].to_socket
+    tree.links.new(absorb.outputs[0], mix.inputs[2])
+    tree.links.new(scatter.outputs[0], add.inputs[0])
+    tree.links.new(mix.outputs[0], add.inputs[1])
+    tree.links.new(add.outputs[0], output)
+    found = medium()
+    assert found["density_scale"] == pytest.approx(1.5 + 2.0)
+    assert (found["albedo"], found["anisotropy"]) == (pytest.approx([1.5 / 3.5] * 3), -0.2)
+
+
+def test_animations_state_each_frame(fixtures, tmp_path):
+    scene = scenes.smoke(fixtures / "plume.vdb")
+    scenes.orbit(scene, (3, 4, 5))
+    exported = bpy_scene.export(tmp_path / "still", frames=bpy_scene.frames_of(scene))
+    assert exported.scene.name == "scene.json" and exported.frames == (3, 4, 5)
+    capture = Capture.read(exported.cameras)
+    assert [picture.name for _, picture in capture.frames] == ["frame.0003.exr", "frame.0004.exr", "frame.0005.exr"]
+    turned = [camera.camera_to_world for camera, _ in capture.frames]
+    assert np.abs(turned[0] - turned[2]).max() > 0.05
+    # A driven density, a keyed place, a sequence of files: another scene in each frame.
+    node, _ = scenes.medium_node()
+    node.inputs["Density"].driver_add("default_value").driver.expression = "frame * 2"
+    thing = scene.objects["Smoke"]
+    for frame in (3, 5):
+        thing.location.x = 0.25 * frame
+        thing.keyframe_insert("location", frame=frame)
+    for curve in thing.animation_data.action.layers[0].strips[0].channelbags[0].fcurves:
+        for key in curve.keyframe_points:
+            key.interpolation = "LINEAR"
+    scene.frame_set(1)
+    exported = bpy_scene.export(tmp_path / "moving", frames=(3, 4, 5))
+    assert exported.scene.name == "scene.####.json" and scene.frame_current == 1
+    for frame in (3, 4, 5):
+        volume, = json.loads((tmp_path / "moving" / f"scene.{frame:04}.json").read_text())["volumes"]
+        assert volume["medium"]["density_scale"] == pytest.approx(2 * frame)
+        assert volume["transform"][0][3] == pytest.approx(0.25 * frame)
+
+
+def test_sequences_name_the_file_of_each_frame(fixtures, tmp_path):
+    for number in (7, 8):
+        (tmp_path / f"smoke_{number:03}.vdb").write_bytes((fixtures / "plume.vdb").read_bytes())
+    scene = scenes.smoke(tmp_path / "smoke_007.vdb")
+    volume = bpy.data.volumes["Smoke"]
+    volume.is_sequence, volume.frame_start, volume.frame_duration, volume.frame_offset = True, 1, 2, 6
+    bpy_scene.export(tmp_path / "out", frames=(1, 2))
+    for frame in (1, 2):
+        entry, = json.loads((tmp_path / "out" / f"scene.{frame:04}.json").read_text())["volumes"]
+        assert entry["file"] == f"../smoke_{frame + 6:03}.vdb"
+    with pytest.raises(bpy_scene.Refused, match="object 'Smoke'.*smoke_00[78].vdb|object 'Smoke'"):
+        (tmp_path / "smoke_008.vdb").unlink()
+        scene.frame_set(1)
+        bpy_scene.export(tmp_path / "out", frames=(1, 2))
+
+
+def light(kind, **options):
+    """A change of the scene: another light in it."""
+
+    def change(scene):
+        data = bpy.data.lights.new("Lamp", kind)
+        data.energy = 10.0
+        for name, value in options.items():
+            setattr(data, name, value)
+        link_object(scene, "Lamp", data, look_at((-3, 0, 3), (0, 0, 0)))
+
+    return change
+
+
+def attribute(path, value, root="scene"):
+    """A change of one property, `path` from the scene or the smoke."""
+
+    def change(scene):
+        thing = scene if root == "scene" else scene.objects["Smoke"]
+        *steps, name = path.split(".")
+        for step in steps:
+            thing = getattr(thing, step)
+        setattr(thing, name, value)
+
+    return change
+
+
+def material(change):
+    """A change of the material's tree, given the Principled Volume and the tree."""
+    return lambda scene: change(*scenes.medium_node())
+
+
+def linked(socket, kind, output=0):
+    """A change: a node of this kind drives a socket of the Principled Volume."""
+
+    def change(node, tree):
+        tree.links.new(tree.nodes.new(kind).outputs[output], node.inputs[socket])
+
+    return material(change)
+
+
+def value(socket, number):
+    """A change: a socket of the Principled Volume has this value."""
+
+    def change(node, tree):
+        node.inputs[socket].default_value = number
+
+    return material(change)
+
+
+def world(kind):
+    """A change: a node of this kind lights the world."""
+
+    def change(scene):
+        scene.world = bpy.data.worlds.new("Sky")
+        tree = scene.world.node_tree
+        back = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeBackground")
+        tree.links.new(tree.nodes.new(kind).outputs[0], back.inputs["Color"])
+
+    return change
+
+
+def cloth(scene):
+    box_mesh(scene, (3, 3, 3), (4, 4, 4))
+
+
+def foggy_box(scene):
+    thing = box_mesh(scene, (3, 3, 3), (4, 4, 4))
+    thing.data.materials.append(bpy.data.materials["Smoke Material"])
+
+
+def domain(scene):
+    thing = box_mesh(scene, (3, 3, 3), (4, 4, 4))
+    thing.modifiers.new("Fluid", "FLUID").fluid_type = "DOMAIN"
+
+
+def modifier(scene):
+    scene.objects["Smoke"].modifiers.new("Wobble", "VOLUME_DISPLACE")
+
+
+def two_grids(node, tree):
+    driven(1.0, "density", node.inputs["Density"], tree)
+
+
+def scatter_phase(scene):
+    node, tree = scenes.medium_node("ShaderNodeVolumeScatter")
+    node.phase = "DRAINE"
+
+
+def glass(node, tree):
+    tree.links.new(tree.nodes.new("ShaderNodeVolumeCoefficients").outputs[0], node.outputs[0].links[0].to_socket)
+
+
+def seen_lamp(scene):
+    data = bpy.data.lights.new("Lamp", "AREA")
+    link_object(scene, "Lamp", data, look_at((1, 1, 1), (4.2, 3.0, 2.6))).visible_camera = True
+
+
+def seen_sun(scene):
+    sun = scene.objects["Sun"]
+    sun.visible_camera, sun.matrix_world = True, Matrix(look_at((-3.2, -2.0, -1.6), (0, 0, 0)).tolist())
+
+
+def simplified(scene):
+    scene.render.use_simplify, scene.render.simplify_volumes = True, 0.5
+
+
+def overridden(scene):
+    scene.view_layers[0].material_override = bpy.data.materials["Smoke Material"]
+
+
+def few_bounces(scene):
+    scene.objects["Sun"].data.cycles.max_bounces = 0
+
+
+REFUSED = {
+    "a mesh": (cloth, ["object 'box'", "a mesh is rendered", "disable it in renders"]),
+    "a mesh with a medium": (foggy_box, ["object 'box'", "medium without a VDB", "Import OpenVDB"]),
+    "a fluid domain": (domain, ["object 'box'", "fluid domain", "cache:", "Import OpenVDB"]),
+    "a modifier": (modifier, ["object 'Smoke'", "'Wobble'", "write its result as VDB"]),
+    "no file": (lambda scene: setattr(bpy.data.volumes["Smoke"], "filepath", ""), ["object 'Smoke'", "no VDB file"]),
+    "a missing file": (lambda scene: setattr(bpy.data.volumes["Smoke"], "filepath", "/none.vdb"), ["object 'Smoke'", "/none.vdb"]),
+    "no material": (lambda scene: bpy.data.volumes["Smoke"].materials.clear(), ["object 'Smoke'", "no material", "Principled Volume"]),
+    "hidden from cameras": (attribute("visible_camera", False, "smoke"), ["object 'Smoke'", "visible_camera"]),
+    "hidden in the viewport": (attribute("hide_viewport", True, "smoke"), ["object 'Smoke'", "viewport"]),
+    "a spot": (light("SPOT"), ["light 'Lamp'", "no spot lights"]),
+    "a disk": (light("AREA", shape="DISK"), ["light 'Lamp'", "disk", "rectangle"]),
+    "a narrow spread": (light("AREA", spread=1.0), ["light 'Lamp'", "spread", "180°"]),
+    "soft falloff": (light("POINT", shadow_soft_size=0.5), ["light 'Lamp'", "Soft Falloff"]),
+    "no shadow": (light("SUN", use_shadow=False), ["light 'Lamp'", "Shadow"]),
+    "nodes of a light": (light("SUN", use_nodes=True), ["light 'Lamp'", "Use Nodes"]),
+    "a lamp in the picture": (seen_lamp, ["light 'Lamp'", "Camera"]),
+    "a sun in the picture": (seen_sun, ["light 'Sun'", "Camera"]),
+    "a sky texture": (world("ShaderNodeTexSky"), ["world 'Sky', node 'Sky Texture'", "bake the sky"]),
+    "an environment without a file": (world("ShaderNodeTexEnvironment"), ["world 'Sky', node 'Environment Texture'", "EXR"]),
+    "a texture of densities": (linked("Density", "ShaderNodeTexNoise"), ["material 'Smoke Material', node 'Noise Texture'", "'Density'", "bake"]),
+    "a color ramp": (linked("Density", "ShaderNodeValToRGB"), ["material 'Smoke Material', node 'Color Ramp'", "'Density'"]),
+    "a driven color": (linked("Color", "ShaderNodeAttribute"), ["node 'Attribute'", "'Color'", "Principled Volume"]),
+    "a linked anisotropy": (linked("Anisotropy", "ShaderNodeAttribute", 2), ["node 'Principled Volume'", "'Anisotropy' is linked"]),
+    "a grid that is not there": (value("Density Attribute", "soot"), ["node 'Principled Volume'", "'soot'", "the file has density"]),
+    "no grid": (value("Density Attribute", ""), ["node 'Principled Volume'", "'Density' is 4 everywhere"]),
+    "two grids": (material(two_grids), ["node 'Principled Volume'", "multiplies the grids", "clear Density Attribute"]),
+    "colors of a grid": (value("Color Attribute", "density"), ["node 'Principled Volume'", "reads colors"]),
+    "emission everywhere": (value("Emission Strength", 1.0), ["node 'Principled Volume'", "'Emission Strength' is 1 everywhere"]),
+    "no extinction": (value("Density", 0.0), ["material 'Smoke Material'", "takes no light"]),
+    "another phase function": (
+        lambda scene: (scatter_phase(scene), driven(1.0, "density", scenes.medium_node("ShaderNodeVolumeScatter")[0].inputs["Density"], scenes.medium_node("ShaderNodeVolumeScatter")[1])),
+        ["node 'Volume Scatter'", "DRAINE"],
+    ),
+    "an unknown shader": (material(glass), ["node 'Volume Coefficients'", "no medium that Cumulo knows"]),
+    "a panorama": (attribute("camera.data.type", "PANO"), ["camera 'Camera'", "pano"]),
+    "depth of field": (attribute("camera.data.dof.use_dof", True), ["camera 'Camera'", "depth of field"]),
+    "a clip end": (attribute("camera.data.clip_end", 3.0), ["camera 'Camera'", "clip end 3"]),
+    "motion blur": (attribute("render.use_motion_blur", True), ["scene 'Scene'", "motion blur"]),
+    "a border": (attribute("render.use_border", True), ["scene 'Scene'", "border"]),
+    "film exposure": (attribute("cycles.film_exposure", 2.0), ["scene 'Scene'", "exposure"]),
+    "simplification": (simplified, ["scene 'Scene'", "Simplify"]),
+    "another material": (overridden, ["view layer 'ViewLayer'", "material"]),
+    "no world": (attribute("world", None), ["scene 'Scene'", "no world"]),
+    "few bounces of a light": (few_bounces, ["light 'Sun'", "bounces"]),
+    "no camera": (attribute("camera", None), ["scene 'Scene'", "no camera"]),
+    "no volume": (lambda scene: bpy.data.objects.remove(scene.objects["Smoke"]), ["scene 'Scene'", "no volume"]),
+}
+
+
+def test_grids_without_a_lattice_or_without_voxels_are_refused(fixtures, tmp_path):
+    frustum, empty = openvdb.FloatGrid(), openvdb.FloatGrid()
+    frustum.transform = openvdb.createFrustumTransform((0, 0, 0), (7, 7, 7), 0.5, 2.0, 1.0)
+    frustum.fill((1, 1, 1), (6, 6, 6), 1.0)
+    for grid, words in ((frustum, "lies in a frustum"), (empty, "no active voxels")):
+        grid.name = "density"
+        openvdb.write(str(tmp_path / "odd.vdb"), grids=[grid])
+        scenes.smoke(tmp_path / "odd.vdb")
+        for act in (bpy_scene.export, bpy_scene.capture):
+            with pytest.raises(bpy_scene.Refused, match=f"object 'Smoke'.*{words}"):
+                act(tmp_path / "out")
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_honored_is_refused_by_name(fixtures, tmp_path, case):
+    change, words = REFUSED[case]
+    scene = scenes.smoke(fixtures / "plume.vdb")
+    change(scene)
+    with pytest.raises(bpy_scene.Refused) as refused:
+        bpy_scene.export(tmp_path / "out")
+    for word in words:
+        assert word in str(refused.value), str(refused.value)
+    assert not (tmp_path / "out" / "scene.json").exists()
+
+
+def test_captures_are_refused_where_they_would_show_another_medium(fixtures, tmp_path):
+    scene = scenes.smoke(fixtures / "plume.vdb")
+    node, _ = scenes.medium_node()
+    node.inputs["Absorption Color"].default_value = (0.5, 0.1, 0.0, 1)
+    with pytest.raises(bpy_scene.Refused, match="object 'Smoke'.*extinction has the color"):
+        bpy_scene.capture(tmp_path / "out", views=1)
+    node.inputs["Absorption Color"].default_value = (0, 0, 0, 1)
+    other = scene.objects["Smoke"].copy()
+    other.name = "Other"
+    scene.collection.objects.link(other)
+    with pytest.raises(bpy_scene.Refused, match="2 volumes are rendered .all: Smoke, Other"):
+        bpy_scene.capture(tmp_path / "out", views=1)
+    with pytest.raises(bpy_scene.Refused, match="0 volumes named 'None'"):
+        bpy_scene.capture(tmp_path / "out", volume="None", views=1)
+    assert not (tmp_path / "out").exists()
+
+
+def test_angles_of_suns_are_degrees(fixtures):
+    scene = scenes.smoke(fixtures / "plume.vdb")
+    sun, = bpy_scene.describe(".", scene)[0]["lights"]
+    assert sun["angle"] == pytest.approx(math.degrees(0.1))
+    assert np.array(sun["direction"]) == pytest.approx(np.array((0.8, -1.0, 1.6)) / np.linalg.norm((0.8, -1.0, 1.6)), abs=1e-6)
