@@ -12,7 +12,7 @@ use std::path::Path;
 use work::{Work, errors, fixture};
 
 /// The pages, relative to the repository. `no_page_is_forgotten` holds this list against the folder.
-const PAGES: [&str; 11] = [
+const PAGES: [&str; 12] = [
     "README.md",
     "src/guide/accuracy-and-cost.md",
     "src/guide/captures.md",
@@ -23,6 +23,7 @@ const PAGES: [&str; 11] = [
     "src/guide/reconstruction.md",
     "src/guide/scattering.md",
     "src/guide/planning.md",
+    "src/guide/python.md",
     "src/guide/transfer-functions.md",
 ];
 
@@ -184,6 +185,11 @@ fn gradients() {
 #[test]
 fn library() {
     assert_eq!(run("src/guide/library.md"), 0);
+}
+
+#[test]
+fn python() {
+    assert!(run("src/guide/python.md") >= 9);
 }
 
 #[test]
