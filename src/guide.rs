@@ -12,6 +12,7 @@
 //! | [Reconstruction](reconstruction) | How do I find densities, transfer functions, colors, poses and viewpoints? |
 //! | [Gradients](gradients) | Which derivatives are there, and how are they checked? |
 //! | [Accuracy and cost](accuracy_and_cost) | What does accuracy cost in time and memory? |
+//! | [Python](python) | How do I call it from Python, and test renders with pytest? |
 //! | [Library](library) | How do I call all of this from Rust? |
 //!
 //! Every command on these pages runs in the test `tests/guide.rs`.
@@ -48,6 +49,9 @@ pub mod library {}
 
 #[doc = include_str!("guide/planning.md")]
 pub mod planning {}
+
+#[doc = include_str!("guide/python.md")]
+pub mod python {}
 
 #[doc = include_str!("guide/reconstruction.md")]
 pub mod reconstruction {}

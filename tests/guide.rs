@@ -24,6 +24,7 @@ const PAGES: [&str; 12] = [
     "src/guide/reconstruction.md",
     "src/guide/scattering.md",
     "src/guide/planning.md",
+    "src/guide/python.md",
     "src/guide/transfer-functions.md",
 ];
 
@@ -197,6 +198,11 @@ fn gradients() {
 #[test]
 fn library() {
     assert_eq!(run("src/guide/library.md"), 0);
+}
+
+#[test]
+fn python() {
+    assert!(run("src/guide/python.md") >= 9);
 }
 
 #[test]

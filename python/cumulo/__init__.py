@@ -1,7 +1,56 @@
 """The Python side of Cumulo: thin over the program's `--json`.
 
-`run` calls the program, `capture` reads and writes multi-view captures, `exr` pictures and `transfer`
-transfer functions. Three modules need Blender's `bpy` or what comes with it (`pip install
-cumulo[blender]`): `blender` renders volumes with Cycles, `noise` measures how noisy its pictures are,
-`padding` surrounds volumes with the empty voxels that Cycles needs.
+    import cumulo
+    made = cumulo.render("smoke.vdb", "shots", views=32, density_scale="auto")
+    found = cumulo.reconstruct.density(made.output, "found.vdb")
+    print(found.train_psnr_db, cumulo.diff("smoke.vdb", "found.vdb").grids[0].psnr_db)
+
+Functions run one command each and return its report as a dataclass (`results`). What the program refuses
+raises `CumuloError` with its message and its hint; a check that finds a difference is a result, not an
+error. `arrays` turns grids and pictures into NumPy arrays and back, `plots` draws reports with
+matplotlib (`pip install cumulo[plots]`), `testing` is a pytest plugin for render regression tests.
+
+`capture` reads and writes multi-view captures, `exr` pictures and `transfer` transfer functions.
+Modules that need Blender's `bpy` or what comes with it (`pip install cumulo[blender]`): `blender`
+renders volumes with Cycles, `noise` measures how noisy its pictures are, `padding` surrounds volumes
+with the empty voxels that Cycles needs.
 """
+
+from . import reconstruct
+from .commands import (
+    compare,
+    compare_statistical,
+    convert,
+    convert_capture,
+    denoise,
+    diff,
+    gradient,
+    info,
+    motion,
+    plan,
+    pose,
+    render,
+    validate,
+    viewpoint,
+)
+from .run import CumuloError, program
+
+__all__ = [
+    "CumuloError",
+    "compare",
+    "compare_statistical",
+    "convert",
+    "convert_capture",
+    "denoise",
+    "diff",
+    "gradient",
+    "info",
+    "motion",
+    "plan",
+    "pose",
+    "program",
+    "reconstruct",
+    "render",
+    "validate",
+    "viewpoint",
+]

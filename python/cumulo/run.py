@@ -5,23 +5,55 @@
     print(report["grids"][0]["psnr_db"])
 """
 
+from __future__ import annotations
+
 import json
 import os
 import pathlib
 import shutil
+import signal
 import subprocess
+import threading
+from collections.abc import Callable, Sequence
+from typing import IO, Any
+
+Progress = Callable[[str], None]
+"""Receives what the program says on stderr while it works, line by line."""
+
+# Seconds that a program that was asked to stop has for it: it finishes the file it writes.
+PATIENCE = 30.0
 
 
 class CumuloError(RuntimeError):
-    """The program refused (exit code 2, or it was killed); the text is what it said on stderr."""
+    """The program refused (exit code 2), or it was killed.
 
-    def __init__(self, arguments, code, stderr):
+    `message` says what is wrong and where, `hint` what to do about it (None if the program has no
+    advice), `code` is the exit code (negative: the signal that ended it), `stderr` all that it said.
+    """
+
+    def __init__(self, arguments: Sequence[str], code: int, stderr: str) -> None:
         super().__init__(f"cumulo {' '.join(arguments)} ended with {code}:\n{stderr.strip()}")
+        self.arguments = list(arguments)
         self.code = code
         self.stderr = stderr
+        self.message, self.hint = _message_and_hint(stderr)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.arguments, self.code, self.stderr)
 
 
-def program():
+def _message_and_hint(stderr: str) -> tuple[str, str | None]:
+    """The last message, `cumulo: WHERE: WHAT`, and the indented line after it; usage errors begin with `error:`."""
+    lines = stderr.splitlines()
+    for start in reversed(range(len(lines))):
+        for prefix in ("cumulo: ", "error: "):
+            if lines[start].startswith(prefix):
+                rest = [line.strip() for line in lines[start + 1 :] if line.startswith("  ") and line.strip()]
+                return lines[start].removeprefix(prefix), " ".join(rest) or None
+    return stderr.strip(), None
+
+
+def program() -> str:
     """Path of the program: $CUMULO, else the release build of the checkout around this file, else PATH.
 
     Raises FileNotFoundError that says how to build it.
@@ -36,27 +68,92 @@ def program():
     return found
 
 
-def cumulo(*arguments, json_report=True, progress=False, threads=None):
+def call(
+    arguments: Sequence[str], *, progress: bool | Progress = False, threads: int | None = None
+) -> tuple[int, str]:
+    """Runs the program and returns its exit code, 0 or 1, and what it wrote on stdout.
+
+    `progress`: True lets the program's stderr through, a function receives its lines (of its bars one
+    line every ten seconds). An exception while it runs, KeyboardInterrupt above all, stops the program as
+    Ctrl-C does: it removes what is unfinished, or writes what it has, and is waited for.
+
+    Raises CumuloError for other exit codes, FileNotFoundError without a program.
+    """
+    environment = dict(os.environ)
+    if threads is not None:
+        environment["RAYON_NUM_THREADS"] = str(threads)
+    child = subprocess.Popen(
+        [program(), *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=None if progress is True else subprocess.PIPE,
+        text=True,
+        errors="replace",
+        env=environment,
+    )
+    said: list[str] = []
+    failed: list[BaseException] = []
+    heard = progress if callable(progress) else None
+    listener = threading.Thread(target=_listen, args=(child, said, heard, failed), daemon=True)
+    try:
+        listener.start()
+        assert child.stdout is not None
+        out = child.stdout.read()
+        code = child.wait()
+        listener.join()
+    except BaseException:
+        _stop(child)
+        raise
+    finally:
+        for stream in (child.stdout, child.stderr):
+            if stream:
+                stream.close()
+    if failed:
+        raise failed[0]
+    if code not in (0, 1):
+        raise CumuloError(list(arguments), code, "".join(said) or "(its messages stand above)")
+    return code, out
+
+
+def _listen(
+    child: subprocess.Popen[str], said: list[str], heard: Progress | None, failed: list[BaseException]
+) -> None:
+    stream: IO[str] | None = child.stderr
+    if stream is None:
+        return
+    for line in stream:
+        said.append(line)
+        if heard and not failed:
+            try:
+                heard(line.rstrip("\n"))
+            except BaseException as error:  # noqa: BLE001  raised again where the program was called
+                failed.append(error)
+                child.send_signal(signal.SIGINT)
+
+
+def _stop(child: subprocess.Popen[str]) -> None:
+    if child.poll() is None:
+        child.send_signal(signal.SIGINT)
+        try:
+            child.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
+
+
+def cumulo(
+    *arguments: object,
+    json_report: bool = True,
+    progress: bool | Progress = False,
+    threads: int | None = None,
+) -> Any:
     """Runs one command and returns its report as a dict (None with `json_report=False`).
 
-    Exit code 1 (the check found a difference) is no error: the report says what differs. `progress`
-    lets the program's stderr through. Raises CumuloError for everything else.
+    Exit code 1 (the check found a difference) is no error: the report says what differs. See `call` for
+    `progress`, cancellation and errors.
     """
     words = [str(a) for a in arguments]
     if json_report:
         words.append("--json")
-    environment = dict(os.environ)
-    if threads is not None:
-        environment["RAYON_NUM_THREADS"] = str(threads)
-    done = subprocess.run(
-        [program(), *words],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=None if progress else subprocess.PIPE,
-        text=True,
-        env=environment,
-        check=False,
-    )
-    if done.returncode not in (0, 1):
-        raise CumuloError(words, done.returncode, done.stderr or "(its messages stand above)")
-    return json.loads(done.stdout) if json_report else None
+    _, out = call(words, progress=progress, threads=threads)
+    return json.loads(out) if json_report else None

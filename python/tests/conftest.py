@@ -4,6 +4,8 @@ import pathlib
 
 import pytest
 
+pytest_plugins = ["cumulo.testing.plugin"]
+
 
 @pytest.fixture(scope="session")
 def fixtures():

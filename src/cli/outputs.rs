@@ -20,6 +20,8 @@ pub enum Content {
     Png,
     /// OpenEXR picture.
     Exr,
+    /// Array of NumPy.
+    Npy,
 }
 
 impl Content {
@@ -31,6 +33,7 @@ impl Content {
             Self::TransferFunction => ("json", "a transfer function's JSON"),
             Self::Png => ("png", "a PNG"),
             Self::Exr => ("exr", "an OpenEXR picture"),
+            Self::Npy => ("npy", "an array"),
         }
     }
 }

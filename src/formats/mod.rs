@@ -3,9 +3,11 @@
 pub mod atomic;
 pub mod captures;
 pub mod colmap;
+pub mod dense;
 pub mod exr;
 pub mod input;
 pub mod limits;
+pub mod npy;
 pub mod picture;
 pub mod png;
 pub mod problem;

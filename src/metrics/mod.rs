@@ -8,6 +8,7 @@ pub mod flicker;
 pub mod flip;
 pub mod heatmap;
 pub mod ssim;
+pub mod statistical;
 pub mod volume;
 
 use crate::error::{Error, Result};

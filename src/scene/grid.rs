@@ -22,6 +22,18 @@ pub enum GridClass {
     Unknown,
 }
 
+impl GridClass {
+    /// Name of the class as reports state it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::FogVolume => "fog volume",
+            Self::LevelSet => "level set",
+            Self::Staggered => "staggered",
+            Self::Unknown => "unknown",
+        }
+    }
+}
+
 /// Voxels along the edge of a leaf.
 pub const LEAF_DIM: i32 = 8;
 /// Voxels in a leaf.

@@ -4,6 +4,7 @@ mod figures;
 mod frames;
 mod page;
 mod space;
+mod statistical;
 
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
@@ -52,6 +53,8 @@ pub struct Arguments {
     /// Compute FLIP, too, a difference as people see it (0 to 1), of display values
     #[arg(long)]
     flip: bool,
+    #[command(flatten)]
+    statistical: statistical::Options,
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
 }
@@ -143,7 +146,16 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
         return Err(Error::invalid(format!("--tolerance {}: a number from 0 on is expected", arguments.tolerance))
             .hint("give the largest absolute difference of a sample that still counts as agreement"));
     }
-    if let (Some(a), Some(b)) = (Pattern::parse(&arguments.a), Pattern::parse(&arguments.b)) {
+    let patterns = [&arguments.a, &arguments.b].map(|path| Pattern::parse(path));
+    if arguments.statistical.asked() {
+        drop(stage);
+        if patterns.iter().any(Option::is_some) {
+            return Err(Error::invalid("--statistical: a sequence is given, and it tests two pictures")
+                .hint("test frames of it one by one"));
+        }
+        return statistical::run(arguments, output);
+    }
+    if let [Some(a), Some(b)] = patterns {
         drop(stage);
         return frames::run(arguments, [&a, &b], output);
     }

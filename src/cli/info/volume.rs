@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::formats::limits::Limits;
 use crate::formats::transfer::{METADATA_KEY, TransferSummary, from_metadata};
 use crate::formats::vdb::{File, GridInfo, NativeGrid, Transform};
-use crate::scene::grid::{GridClass, MetaValue};
+use crate::scene::grid::MetaValue;
 use crate::scene::statistics::{self, Statistics};
 use crate::text::{printable, printable_lines};
 use serde::Serialize;
@@ -119,15 +119,6 @@ fn carried(metadata: &BTreeMap<String, MetaValue>) -> Option<Carried> {
     }
 }
 
-fn class_name(class: GridClass) -> &'static str {
-    match class {
-        GridClass::FogVolume => "fog volume",
-        GridClass::LevelSet => "level set",
-        GridClass::Staggered => "staggered",
-        GridClass::Unknown => "unknown",
-    }
-}
-
 fn grid(
     info: GridInfo,
     instance_of: Option<String>,
@@ -148,7 +139,7 @@ fn grid(
         name: info.name,
         value_type: info.value_type,
         grid_type: info.grid_type,
-        class: class_name(info.class),
+        class: info.class.name(),
         half: info.half,
         instance_of,
         active_voxels: info.active_voxels,

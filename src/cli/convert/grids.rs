@@ -1,14 +1,12 @@
-//! `cumulo convert`: VDB in, VDB out, with edits in between. Grids stay native, so that nothing is
-//! lost that no edit touches.
+//! VDB in, VDB out, with edits in between. Grids stay native, so that nothing is lost that no edit touches.
 
-use super::memory::{Memory, human};
-use super::output::Output;
-use super::outputs::{self, Content};
-use super::parse::{corners, not_negative, positive};
-use super::transfer::TransferOption;
+use super::{Convert, Repair};
+use crate::cli::memory::human;
+use crate::cli::output::Output;
+use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
 use crate::formats::transfer::{METADATA_KEY, TransferSummary, to_metadata};
-use crate::formats::vdb::{Codec, File, GridInfo, NativeGrid, Transform as Placement, writable, write_native};
+use crate::formats::vdb::{File, GridInfo, NativeGrid, Transform as Placement, writable, write_native};
 use crate::math::Aabb;
 use crate::scene::grid::GridClass;
 use crate::scene::transfer::Transfer;
@@ -19,59 +17,6 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 use std::process::ExitCode;
-
-/// Copy a VDB, choosing, cropping, resampling, repairing or repacking its grids
-#[derive(Debug, clap::Args)]
-pub struct Convert {
-    /// VDB to read
-    input: PathBuf,
-    /// VDB to write
-    output: PathBuf,
-    /// Keep only this grid (repeatable)
-    #[arg(long, value_name = "NAME")]
-    grid: Vec<String>,
-    /// Rename a grid (repeatable)
-    #[arg(long, value_name = "OLD=NEW", value_parser = renaming)]
-    rename: Vec<(String, String)>,
-    /// Store real values as 16-bit floats
-    #[arg(long)]
-    half: bool,
-    /// How values are packed
-    #[arg(long, value_enum, default_value_t)]
-    codec: Codec,
-    /// Keep only what lies in this world-space box
-    #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = corners, allow_hyphen_values = true)]
-    crop: Option<Aabb>,
-    /// Resample trilinearly to cubic voxels of this edge length in world units
-    #[arg(long, value_name = "VOXEL", value_parser = positive)]
-    resample: Option<f64>,
-    /// Make blocks whose values agree within TOL constant
-    #[arg(long, value_name = "TOL", value_parser = not_negative)]
-    prune: Option<f64>,
-    /// Set NaN and infinite values, and negative densities, to zero; auto: fog volumes hold densities, other grids do not
-    #[arg(long, value_enum, value_name = "WHAT", num_args = 0..=1, require_equals = true, default_missing_value = "auto")]
-    repair: Option<Repair>,
-    #[command(flatten)]
-    transfer: TransferOption,
-    #[command(flatten)]
-    pub(in crate::cli) memory: Memory,
-}
-
-/// Kind of a grid's values, which tells which of them are faults.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Repair {
-    /// Fog volumes hold densities, other grids any values.
-    Auto,
-    /// All grids hold densities.
-    Density,
-}
-
-fn renaming(text: &str) -> Result<(String, String), String> {
-    match text.split_once('=') {
-        Some((old, new)) if !old.is_empty() && !new.is_empty() => Ok((old.into(), new.into())),
-        _ => Err(format!("'{text}' is not OLD=NEW")),
-    }
-}
 
 #[derive(Debug, Serialize)]
 struct Report {
@@ -108,7 +53,7 @@ impl Convert {
     /// # Errors
     /// If the input cannot be read, a grid is not there or cannot be edited so, or the output cannot
     /// be written; the output is untouched then.
-    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+    pub(super) fn grids(&self, output: &Output) -> Result<ExitCode> {
         let stage = output.stage("converting");
         let limits = self.memory.limits();
         outputs::file(&self.output, Content::Vdb)?;

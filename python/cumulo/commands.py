@@ -1,0 +1,133 @@
+"""The program's commands as functions.
+
+Arguments that are not named here go to the command as options: `max_bounces=4` is `--max-bounces=4`, True a
+flag, a list the option repeated, a tuple numbers joined by commas. `cumulo COMMAND --help` lists them. Every
+function takes `progress` (True: the program's messages go to stderr; a function: receives them line by line)
+and raises `CumuloError` where the program refuses.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+from . import results
+from .options import Option, Path, extent, word, words
+from .run import Progress, call
+
+R = TypeVar("R", bound=results.Report)
+
+
+def report(kind: type[R], command: Sequence[str], arguments: Sequence[Path], options: dict[str, Option],
+           progress: bool | Progress = False) -> R:  # fmt: skip
+    """Runs a command and returns its report. Positional arguments stand after `--`, so that no name is an option."""
+    positional = ["--", *(word(argument) for argument in arguments)]
+    _, out = call([*command, *words(options), "--json", *positional], progress=progress)
+    return kind.of(json.loads(out))
+
+
+def render(scene: Path, output: Path, *, views: int | None = None, size: tuple[int, int] | str | None = None,
+           density_scale: float | str | None = None, samples: int | None = None, seed: int | None = None,
+           cameras: Path | None = None, progress: bool | Progress = False, **options: Option) -> results.Rendered:  # fmt: skip
+    """Renders a volume (VDB) or a scene (JSON) from many sides into a capture in the folder `output`.
+
+    `size` is (width, height) in pixels, `density_scale` extinction per unit of density and world length or
+    "auto", `samples` paths a pixel where light scatters, `cameras` a capture whose cameras are used.
+    """
+    named = {"output": output, "views": views, "size": extent(size), "density_scale": density_scale,
+             "samples": samples, "seed": seed, "cameras": cameras}  # fmt: skip
+    return report(results.Rendered, ["render"], [scene], {**named, **options}, progress)
+
+
+def pose(capture: Path, volume: Path, output: Path, *, progress: bool | Progress = False, **options: Option) -> results.Posed:
+    """Finds where cameras stood from their pictures and the volume in them; writes the new capture's JSON."""
+    return report(results.Posed, ["pose"], [capture], {"volume": volume, "output": output, **options}, progress)
+
+
+def viewpoint(volume: Path, output: Path, *, density_scale: float | str | None = None,
+              size: tuple[int, int] | str | None = None, progress: bool | Progress = False,
+              **options: Option) -> results.Viewpoints:  # fmt: skip
+    """Finds the viewpoints from which a volume shows most; writes a capture's JSON."""
+    named = {"output": output, "density_scale": density_scale, "size": extent(size)}
+    return report(results.Viewpoints, ["viewpoint"], [volume], {**named, **options}, progress)
+
+
+def denoise(frames: Path, output: Path, *, motion: str | None = None, progress: bool | Progress = False,
+            **options: Option) -> results.Denoised:  # fmt: skip
+    """Denoises a sequence in time. Frames are named by a pattern, `in.####.exr`; `motion` says where the
+    motion is: `files:motion.####.exr`, or as `cumulo denoise --help` has it."""
+    return report(results.Denoised, ["denoise"], [frames], {"output": output, "motion": motion, **options}, progress)
+
+
+def motion(volume: Path, cameras: Path, output: Path, *, progress: bool | Progress = False,
+           **options: Option) -> results.Motion:  # fmt: skip
+    """Writes the motion, in pixels, of what pictures of a volume show, as frames `out.####.exr`."""
+    return report(results.Motion, ["motion"], [volume], {"cameras": cameras, "output": output, **options}, progress)
+
+
+def compare(a: Path, b: Path, *, tolerance: float | None = None, layer: str | None = None, heatmap: Path | None = None,
+            progress: bool | Progress = False, **options: Option) -> results.Comparison:  # fmt: skip
+    """Compares two EXR pictures, or two sequences; the second is the reference. They agree if no sample differs by
+    more than `tolerance` (scene-linear)."""
+    named = {"tolerance": tolerance, "layer": layer, "heatmap": heatmap}
+    return report(results.Comparison, ["compare"], [a, b], {**named, **options}, progress)
+
+
+def compare_statistical(a: Path, b: Path, *, repeat_a: Sequence[Path] = (), repeat_b: Sequence[Path] = (),
+                        noiseless: str | None = None, tolerance: float | None = None, false_alarm: float | None = None,
+                        tile: int | None = None, layer: str | None = None, heatmap: Path | None = None,
+                        progress: bool | Progress = False, **options: Option) -> results.Statistics:  # fmt: skip
+    """Tests whether two noisy pictures have the same expected values, within `tolerance`.
+
+    The noise of a side is known from further renders by other seeds (`repeat_a`, `repeat_b`), from its layers
+    `variance`, or `half_a` and `half_b`; `noiseless` ("a" or "b") says that a side has none. Pictures of equal
+    expected values are called different with probability `false_alarm` (default 0.001) at most. `tile` is the
+    edge of a tile in pixels (default 16).
+    """
+    named: dict[str, Option] = {
+        "statistical": True, "repeat_a": list(repeat_a), "repeat_b": list(repeat_b), "noiseless": noiseless,
+        "tolerance": tolerance, "false_alarm": false_alarm, "tile": tile, "layer": layer, "heatmap": heatmap,
+    }  # fmt: skip
+    return report(results.Statistics, ["compare"], [a, b], {**named, **options}, progress)
+
+
+def diff(a: Path, b: Path, *, progress: bool | Progress = False, **options: Option) -> results.Difference:
+    """Compares the grids of two VDBs."""
+    return report(results.Difference, ["diff"], [a, b], options, progress)
+
+
+def info(file: Path, *, progress: bool | Progress = False, **options: Option) -> results.FileInfo:
+    """Tells what is in a file: the grids of a VDB, the layers of an EXR, the cameras of a capture."""
+    return report(results.Files, ["info"], [file], options, progress).files[0]
+
+
+def validate(*files: Path, progress: bool | Progress = False, **options: Option) -> results.Validation:
+    """Tells what is wrong with files, and what to do about it."""
+    return report(results.Validation, ["validate"], files, options, progress)
+
+
+def convert(source: Path, output: Path, *, grid: str | list[str] | None = None, progress: bool | Progress = False,
+            **options: Option) -> results.Converted:  # fmt: skip
+    """Converts VDB to VDB (with edits), VDB to .npy and back, EXR to .npy and back; see `arrays` for NumPy."""
+    return report(results.Converted, ["convert"], [source, output], {"grid": grid, **options}, progress)
+
+
+def convert_capture(source: Path, output: Path, *, progress: bool | Progress = False, **options: Option) -> dict[str, Any]:
+    """Takes over a capture of another program (COLMAP, instant-ngp, nerfstudio); returns the report as a dict."""
+    found = report(results.Report, ["capture", "convert"], [source], {"output": output, **options}, progress)
+    return found.json
+
+
+def plan(scene: Path, *, views: int | None = None, size: tuple[int, int] | str | None = None,
+         progress: bool | Progress = False, **options: Option) -> results.Plan:  # fmt: skip
+    """Tells which effects `render` would simulate, what they cost and how much radiance is left out at most."""
+    return report(results.Plan, ["plan"], [scene], {"views": views, "size": extent(size), **options}, progress)
+
+
+def gradient(scene: Path, *, wrt: str, loss: str, views: int | None = None, size: tuple[int, int] | str | None = None,
+             check: bool = False, progress: bool | Progress = False, **options: Option) -> results.Gradient:  # fmt: skip
+    """Differentiates a loss on pictures of a volume with respect to `wrt` ("camera", "density", ...); `check`
+    compares the derivatives with difference quotients."""
+    named: dict[str, Option] = {"wrt": wrt, "loss": loss, "views": views, "size": extent(size), "check": check}
+    return report(results.Gradient, ["gradient"], [scene], {**named, **options}, progress)

@@ -1,0 +1,597 @@
+"""Reports of the program as dataclasses.
+
+Fields have the names of the JSON's keys. Keys that a class does not know (of a newer program) are kept in
+`extra`, and `json` is the report as it came. Paths are `pathlib.Path`; lengths are in world units,
+positions and matrices in world space, matrices row by row and acting on columns, times in seconds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import keyword
+import pathlib
+import types
+import typing
+from typing import Any, TypeVar
+
+R = TypeVar("R", bound="Report")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Report:
+    """A part of a report; `extra` holds the keys that it has no field for."""
+
+    extra: dict[str, Any] = dataclasses.field(default_factory=dict, repr=False)
+    json: dict[str, Any] = dataclasses.field(default_factory=dict, repr=False, compare=False)
+
+    @classmethod
+    def of(cls: type[R], data: dict[str, Any]) -> R:
+        """Builds the report from JSON. Raises TypeError where a key without a default is missing."""
+        hints = _hints(cls)
+        names = {key: f"{key}_" if keyword.iskeyword(key) else key for key in data}
+        known = {names[key]: _value(hints[names[key]], value) for key, value in data.items() if names[key] in hints}
+        extra = {key: value for key, value in data.items() if names[key] not in hints}
+        return cls(**known, extra=extra, json=data)
+
+
+@functools.cache
+def _hints(cls: type) -> dict[str, Any]:
+    hints = typing.get_type_hints(cls)
+    return {key: hint for key, hint in hints.items() if key not in ("extra", "json")}
+
+
+def _value(hint: Any, value: Any) -> Any:
+    """A JSON value as the type of its field."""
+    if value is None:
+        return None
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        return _value(next(a for a in arguments if a is not type(None)), value)
+    if origin is list:
+        return [_value(arguments[0], item) for item in value]
+    if origin is tuple:
+        inner = arguments[0]
+        return tuple(_value(inner, item) for item in value)
+    if isinstance(hint, type) and issubclass(hint, Report):
+        return hint.of(value)
+    if hint is pathlib.Path:
+        return pathlib.Path(value)
+    return value
+
+
+Matrix = tuple[tuple[float, ...], ...]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Caution(Report):
+    """Something that makes a result doubtful: `what`, and what to `do`."""
+
+    what: str
+    do: str
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Failed(Report):
+    """A frame without a result."""
+
+    frame: int
+    error: str
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Stage(Report):
+    """A stage of the work and the seconds that it took."""
+
+    name: str
+    seconds: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Provenance(Report):
+    """What made a file: `inputs` are SHA-256 sums by path."""
+
+    software: str
+    command: str
+    inputs: dict[str, str]
+    seconds: float | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Rendered(Report):
+    """Pictures of `cumulo.render`: `output` is the folder with the EXRs and transforms.json.
+
+    `paths` counts paths and collisions where light scatters, `plan` says which effects were simulated.
+    """
+
+    output: pathlib.Path
+    views: int
+    model: str
+    density_scale: float
+    quadrature: str | None = None
+    early_stop: dict[str, Any] | None = None
+    paths: dict[str, Any] | None = None
+    plan: dict[str, Any] | None = None
+    sky: Any = None
+    seconds: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Iteration(Report):
+    """A step of a reconstruction; `seconds` since the beginning. Volumes have a `loss` and a `level` of resolution,
+    transfer functions an `rms` of the pictures and the weight `smooth` of their prior."""
+
+    iteration: int
+    loss: float | None = None
+    rms: float | None = None
+    smooth: float | None = None
+    level: int | None = None
+    seconds: float | None = None
+    held_out_psnr_db: float | None = None
+
+    @property
+    def objective(self) -> float | None:
+        """The loss, or the RMS."""
+        return self.rms if self.loss is None else self.loss
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Reconstruction(Report):
+    """A reconstruction: a VDB of densities or of a pre-shaded volume.
+
+    PSNRs are of pictures (peak 1); `held_out` lists the views that were not fitted. `stopped`: by Ctrl-C,
+    with what there was written. `history` has the loss by iteration.
+    """
+
+    capture: pathlib.Path
+    output: pathlib.Path
+    solver: str
+    grid: str | None
+    layer: str | None
+    iterations: int
+    seconds: float
+    train_psnr_db: float | None
+    held_out_psnr_db: float | None
+    peak_memory_mb: float | None
+    stopped: bool
+    views: int
+    held_out: list[int]
+    shown: list[int]
+    voxel_size: tuple[float, ...]
+    unknowns: int
+    expected: dict[str, Any] | None = None
+    warnings: list[Caution] = dataclasses.field(default_factory=list)
+    report: pathlib.Path | None = None
+    stages: list[Stage] = dataclasses.field(default_factory=list)
+    history: list[Iteration] = dataclasses.field(default_factory=list)
+    provenance: Provenance | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TransferFunction(Report):
+    """A reconstructed transfer function (`output`, .tf.json) of `texels` texels over the densities `domain`.
+
+    `confidence` has a pair for each texel, of its extinction and its colors, from 0 to 1.
+    """
+
+    capture: pathlib.Path
+    volume: pathlib.Path
+    output: pathlib.Path
+    grid: str | None
+    solver: str
+    layer: str | None
+    texels: int
+    domain: tuple[float, ...]
+    smooth: float | None
+    iterations: int
+    seconds: float
+    train_rms: float | None
+    views: int
+    held_out: list[int]
+    shown: list[int]
+    held_out_psnr_db: float | None
+    held_out_ssim: float | None
+    quadrature: str
+    peak_memory_mb: float | None
+    stopped: bool
+    expected: dict[str, Any] | None = None
+    warnings: list[Caution] = dataclasses.field(default_factory=list)
+    report: pathlib.Path | None = None
+    confidence: list[tuple[float, ...]] = dataclasses.field(default_factory=list)
+    stages: list[Stage] = dataclasses.field(default_factory=list)
+    history: list[Iteration] = dataclasses.field(default_factory=list)
+    provenance: Provenance | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PosedCamera(Report):
+    """A camera before and after: RMS of its picture, and how far it turned (degrees) and moved (percent of its distance)."""
+
+    picture: str
+    rms_before: float
+    rms_after: float
+    rotated_degrees: float
+    moved_percent: float
+    iterations: int
+    undetermined: int
+    note: str | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Posed(Report):
+    """Corrected cameras; `output` is the new capture's JSON."""
+
+    output: pathlib.Path
+    cameras: list[PosedCamera]
+    rms_before: float
+    rms_after: float
+    iterations: int
+    focal_factor: float | None = None
+    seconds: float
+    stopped: bool = False
+    warnings: list[Caution] = dataclasses.field(default_factory=list)
+    report: pathlib.Path | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Start(Report):
+    """A local search: unit directions from the volume to the camera, and the entropy at its end."""
+
+    start: tuple[float, ...]
+    end: tuple[float, ...]
+    entropy: float
+    iterations: int
+    view: int | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Viewpoints(Report):
+    """Cameras from which a volume shows most; `output` is a capture's JSON, the best first."""
+
+    output: pathlib.Path
+    views: int
+    entropy: float
+    sampled_best_entropy: float | None = None
+    starts: list[Start]
+    blank: bool
+    stopped: bool
+    density_scale: float
+    seconds: float
+    sampled_seconds: float | None = None
+    render_seconds: float
+    equivalent_renders: float
+    report: pathlib.Path | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Denoised(Report):
+    """A denoised sequence; `output` is the pattern of its frames' names."""
+
+    output: str
+    method: str
+    denoised: int
+    skipped: int
+    failed: list[Failed]
+    cuts: list[int]
+    filled: int
+    at_rest: bool
+    seconds: float
+    seconds_denoising: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Motion(Report):
+    """Motion of a sequence; `largest` in pixels, `output` is the pattern of the frames' names."""
+
+    output: str
+    frames: int
+    failed: list[Failed]
+    largest: float
+    density_scale: float
+    seconds: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FrameFigures(Report):
+    """Figures of a frame against the reference's; None in decibels: no error, or nothing to compare with."""
+
+    frame: int
+    psnr_db: float | None
+    ssim: float
+    rel_mse: float
+    max_abs: float
+    flip: float | None = None
+    flicker_psnr_db: float | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Comparison(Report):
+    """Two pictures, or two sequences (`frames` is not empty then). Truth value: they agree.
+
+    `psnr_db` is None for identical colors.
+    """
+
+    psnr_db: float | None
+    ssim: float
+    rel_mse: float
+    max_abs: float
+    rms: float | None = None
+    alpha_max_abs: float | None = None
+    peak: float
+    size: tuple[int, ...] | None = None
+    non_finite_pixels: int | None = None
+    non_finite_differences: int | None = None
+    layers: tuple[str, ...] | None = None
+    differ: bool
+    flip: float | None = None
+    heatmap_scale: float | None = None
+    frames: list[FrameFigures] = dataclasses.field(default_factory=list)
+    flicker_psnr_db: float | None = None
+    beside: dict[str, Any] | None = None
+    left_out: list[int] = dataclasses.field(default_factory=list)
+    report: pathlib.Path | None = None
+
+    def __bool__(self) -> bool:
+        return not self.differ
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MeanTest(Report):
+    """Mean of A minus mean of B over the picture, with a 95 % interval; `t` beyond the tolerance."""
+
+    difference: float
+    interval: tuple[float, ...] | None
+    t: float | None
+    freedom: float | None
+    p: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Region(Report):
+    """A pixel or tile: its place in pixels, its mean difference and the standard error of that."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+    difference: float
+    standard_error: float
+    t: float | None
+    freedom: float | None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RegionTests(Report):
+    """Tests of all pixels or tiles: `p` is corrected for their number (Šidák)."""
+
+    count: int
+    p: float
+    worst: Region | None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SpreadTest(Report):
+    """Mean square of the differences against the mean variance."""
+
+    mean_square: float
+    mean_variance: float
+    z: float
+    p: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ChannelTests(Report):
+    """The four tests of a channel."""
+
+    channel: str
+    mean: MeanTest
+    pixels: RegionTests
+    tiles: RegionTests
+    spread: SpreadTest
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Noise(Report):
+    """Where the variances of a side come from: "none", "repeats", "variance" or "halves"."""
+
+    source: str
+    pictures: int
+    freedom: float | None
+    remark: str | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Statistics(Report):
+    """Tests whether two noisy pictures have the same expected values. Truth value: no difference was found.
+
+    `p` is corrected for all tests; below `false_alarm` the pictures differ.
+    """
+
+    size: tuple[int, ...]
+    differ: bool
+    p: float
+    false_alarm: float
+    tolerance: float
+    left_out: int
+    non_finite_differences: int
+    channels: list[ChannelTests]
+    noise: dict[str, Any]
+    heatmap_scale: float | None = None
+
+    def __bool__(self) -> bool:
+        return not self.differ
+
+    @property
+    def sides(self) -> tuple[Noise, Noise]:
+        """Noise of the two sides."""
+        return Noise.of(self.noise["a"]), Noise.of(self.noise["b"])
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GridDifference(Report):
+    """Differences of two grids of one name; PSNR is None for equal values."""
+
+    name: str
+    psnr_db: float | None
+    rms: float | None
+    max_abs: float | None
+    topology_iou: float | None
+    transform_difference: float | None
+    voxels: int | None
+    incomparable: int | None = None
+    differs_beyond_f32: bool | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Difference(Report):
+    """Two VDBs. Truth value: they are the same."""
+
+    same: bool
+    grids: list[GridDifference]
+    only_in_a: list[str]
+    only_in_b: list[str]
+    not_compared: list[Any]
+
+    def __bool__(self) -> bool:
+        return self.same
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FileInfo(Report):
+    """What is in a file; `format` is "vdb", "exr" or "capture", and `extra` holds the keys of that format:
+    `grids`, `parts` or `frames`."""
+
+    path: pathlib.Path
+    format: str
+
+    @property
+    def grids(self) -> list[dict[str, Any]]:
+        """Grids of a VDB, as the program describes them; empty for other files."""
+        return list(self.extra.get("grids", []))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Files(Report):
+    """What is in several files."""
+
+    files: list[FileInfo]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FileFindings(Report):
+    """What is wrong with a file."""
+
+    path: pathlib.Path
+    format: str | None = None
+    valid: bool
+    findings: list[dict[str, Any]]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Validation(Report):
+    """What is wrong with files. Truth value: nothing is."""
+
+    valid: bool
+    files: list[FileFindings]
+
+    def __bool__(self) -> bool:
+        return self.valid
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ArrayGrid(Report):
+    """Place of a grid's array: indices of its voxel [0, 0, 0] in the grid, and the [4][4] matrix from the array's
+    indices to the world."""
+
+    name: str
+    class_: str = ""
+    index_origin: tuple[int, ...]
+    transform: Matrix
+    background: tuple[float, ...]
+    active_voxels: int
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ArrayLayer(Report):
+    """Layer that an array was made of, with its channels in the array's order."""
+
+    name: str
+    channels: list[str]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Converted(Report):
+    """A converted file: `grids` from VDB to VDB; `shape`, `axes`, and `grid` or `layer` where an array is a side."""
+
+    input: pathlib.Path
+    output: pathlib.Path
+    bytes: int
+    grids: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    transfer: dict[str, Any] | None = None
+    warnings: list[str] = dataclasses.field(default_factory=list)
+    shape: tuple[int, ...] | None = None
+    axes: tuple[str, ...] | None = None
+    grid: ArrayGrid | None = None
+    layer: ArrayLayer | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Effect(Report):
+    """An effect: "on" or "off", why, what it costs (seconds) and how much radiance it adds at most."""
+
+    name: str
+    state: str
+    reason: str
+    cost: float | None
+    bound: float | None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Plan(Report):
+    """What `cumulo.render` would simulate: `omitted` bounds the radiance left out, `measured` is what a pilot found."""
+
+    input: pathlib.Path
+    views: int
+    size: tuple[int, ...]
+    integrator: str
+    effects: list[Effect]
+    omitted: float | None = None
+    measured: dict[str, Any] = dataclasses.field(default_factory=dict)
+    cost: dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Derivative(Report):
+    """A parameter and the loss's derivative with respect to it; `difference` is the difference quotient of a check."""
+
+    name: str
+    value: float
+    gradient: float
+    difference: float | None = None
+    rounding: float | None = None
+    relative_error: float | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Gradient(Report):
+    """A loss on pictures of a volume and its derivatives."""
+
+    input: pathlib.Path
+    loss: str
+    value: float
+    parameters: int
+    mode: str
+    adjoint: str | None = None
+    reason: str
+    precision: str
+    quadrature: str
+    views: int
+    rows: list[Derivative]
+    checked: int | None = None
+    worst_relative_error: float | None = None
+    warnings: list[Caution] = dataclasses.field(default_factory=list)
+    tolerance: float | None = None
+    output: pathlib.Path | None = None
+    report: pathlib.Path | None = None
+    seconds: float | None = None
+    provenance: Provenance | None = None

@@ -1,0 +1,124 @@
+"""`cumulo.testing` in a project of its own: a good change passes, planted regressions fail, and their page shows them."""
+
+import json
+import os
+import pathlib
+import re
+import subprocess
+import sys
+
+import pytest
+from cumulo import arrays, run
+
+PACKAGE = pathlib.Path(__file__).resolve().parents[2]
+
+# A small pipeline: frames of a rising smoke, and Cycles' picture of frame 2 as what is believed.
+SHOT = '''
+import json, os, pathlib
+import numpy as np
+from cumulo import arrays
+from cumulo.capture import Camera, Capture, look_at
+
+HERE = pathlib.Path(__file__).parent
+CAMERA = Camera(look_at((3.2, 2.2, 2.6), (1, 1, 1), (0, 0, 1)), 52.0, 52.0, 32.0, 24.0, 64, 48)
+SETTINGS = {"model": "scattering", "density_scale": 4.0, "albedo": (0.6, 0.6, 0.6), "sky": (1.0, 1.0, 1.0), "unbiased": True,
+            "background": (0, 0, 0), "emission": (0, 0, 0), "samples": int(os.environ.get("SAMPLES", 512))}
+
+def frame(number):
+    x, y, z = np.meshgrid(*3 * [np.linspace(-1, 1, 24)], indexing="ij")
+    ball = np.clip(1 - 2.2 * ((x + 0.2) ** 2 + y**2 + (z + 0.5 - 0.2 * number) ** 2), 0, 1)
+    return (ball * (1 + 0.4 * np.sin(9 * x) * np.cos(7 * y) * np.sin(8 * z))).astype(np.float32)
+
+def smoke(number=2, shift=0.0):
+    path = HERE / f"smoke.{number:04d}.{shift}.vdb"
+    if not path.exists():
+        arrays.write_volume(path, frame(number), voxel_size=2 / 23, origin=(shift * 2 / 23, 0.0, 0.0))
+    return path
+'''
+TEST = '''
+import json, os
+import cumulo
+import shot
+from cumulo import run
+from cumulo.capture import Capture
+from cumulo.testing import volume
+
+CHANGE = json.loads(os.environ.get("CHANGE", "{}"))
+
+def candidate(seed, path):
+    folder = path.with_suffix("")
+    folder.mkdir(exist_ok=True)
+    Capture([(shot.CAMERA, folder / "view.exr")]).write(folder / "cameras.json")
+    vdb = shot.smoke(CHANGE.get("frame", 2), CHANGE.get("shift", 0.0))
+    made = cumulo.render(vdb, folder / "out", cameras=folder / "cameras.json", density_scale=4.0 * CHANGE.get("density", 1.0),
+                         albedo=0.6, sky=(1, 1, 1), background=(0, 0, 0), samples=512, seed=seed + CHANGE.get("seed", 0), overwrite=True)
+    return made.output / "view_000.exr"
+
+def test_smoke(cumulo_parity):
+    reference = volume(shot.smoke(), shot.CAMERA, shot.SETTINGS, name="smoke")
+    assert cumulo_parity.statistical(reference, candidate)
+'''
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory, cumulo):
+    """The project's folder, with its reference."""
+    folder = tmp_path_factory.mktemp("project")
+    (folder / "pytest.ini").write_text("[pytest]\npythonpath = .\n")
+    (folder / "shot.py").write_text(SHOT)
+    (folder / "test_shot.py").write_text(TEST)
+    code, said = ran(folder)
+    assert code == 1 and "there is none" in said and "--cumulo-regenerate" in said, said
+    code, said = ran(folder, "--cumulo-regenerate")
+    assert code == 1 and "rendered again: smoke" in said and "passed" not in said, said
+    made = json.loads((folder / "references" / "smoke" / "reference.json").read_text())
+    assert made["renderer"] == "bpy 5.0.1" and set(made["pictures"]) == {"seed_1.exr", "seed_2.exr"}
+    assert made["inputs"].keys() == {"smoke.0002.0.0.vdb", "cumulo/blender.py", "cumulo/padding.py"}
+    return folder
+
+
+def ran(folder, *options, **environment):
+    """Exit code and output of the project's tests."""
+    command = [sys.executable, "-m", "pytest", "-p", "cumulo.testing.plugin", "-p", "no:cacheprovider", "-q", *options]
+    settings = {"PYTHONPATH": str(PACKAGE), "CUMULO": run.program(), **environment}
+    done = subprocess.run(command, cwd=folder, env={**os.environ, **settings}, capture_output=True, text=True)
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_a_good_change_passes(project):
+    for change in ({}, {"seed": 10}):
+        code, said = ran(project, CHANGE=json.dumps(change))
+        assert code == 0 and "1 passed" in said, said
+    assert not (project / "cumulo-failures").exists()
+
+
+@pytest.mark.parametrize("change", [{"density": 1.01}, {"shift": 0.5}, {"frame": 3}], ids=["density", "shift", "frame"])
+def test_planted_regressions_fail_and_their_page_shows_them(project, change):
+    code, said = ran(project, CHANGE=json.dumps(change))
+    assert code == 1 and "the expected values differ" in said, said
+    folder = project / "cumulo-failures" / "test_shot" / "test_smoke" / "smoke"
+    assert f"page: {folder / 'index.html'}" in said
+    page = (folder / "index.html").read_text()
+    for words in ("smoke differs from its reference", "test_shot.py::test_smoke", "Actual:", "bpy 5.0.1", "smoke.0002.0.0.vdb",
+                  "--cumulo-regenerate", "class=found", 'class="mark"'):  # fmt: skip
+        assert words in page, words
+    assert len(re.findall(r'src="data:image/png;base64,', page)) == 4 and "http" not in page
+    expected, actual, difference = (arrays.read_picture(folder / f"{name}.exr").values for name in ("expected", "actual", "difference"))
+    assert expected.shape == (48, 64, 4) and abs(actual - expected - difference).max() < 1e-6
+    # More density absorbs more: alpha is above the reference's.
+    if "density" in change:
+        assert 0.001 < difference[..., 3].mean() < 0.01
+    assert {p.name for p in folder.glob("*.png")} == {"expected.png", "actual.png", "difference.png", "difference_blocks.png"}
+
+
+def test_a_reference_of_other_inputs_is_no_reference(project):
+    code, said = ran(project, SAMPLES="256")
+    assert code == 1 and "settings.settings.samples: 512 then, 256 now" in said and "--cumulo-regenerate" in said, said
+    picture = project / "references" / "smoke" / "seed_1.exr"
+    kept = picture.read_bytes()
+    try:
+        picture.write_bytes(kept[:-1] + bytes([kept[-1] ^ 1]))
+        code, said = ran(project)
+        assert code == 1 and "not those that were rendered" in said, said
+    finally:
+        picture.write_bytes(kept)

@@ -1,0 +1,170 @@
+"""The typed layer over the program: reports, options, errors, progress, cancellation, arrays."""
+
+import dataclasses
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+import pathlib
+
+import cumulo as package
+import numpy as np
+import pytest
+from cumulo import arrays, options, results, run
+
+
+def unknown(report):
+    """Keys of a report and of its parts that no field knows."""
+    found = [f"{type(report).__name__}.{key}" for key in report.extra]
+    for field in dataclasses.fields(report):
+        value = getattr(report, field.name)
+        for part in value if isinstance(value, (list, tuple)) else [value]:
+            if isinstance(part, results.Report):
+                found += unknown(part)
+    return found
+
+
+@pytest.fixture(scope="module")
+def plume():
+    return pathlib.Path(__file__).resolve().parents[2] / "fixtures" / "plume.vdb"
+
+
+@pytest.fixture(scope="module")
+def shots(plume, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("commands")
+    return package.render(plume, folder / "shots", views=4, size=(32, 32), density_scale="auto")
+
+
+def test_reports_are_dataclasses_that_know_every_key(plume, shots, tmp_path):
+    found = package.reconstruct.density(shots.output, tmp_path / "found.vdb", resolution=12, iterations=2)
+    lit = package.render(plume, tmp_path / "lit", views=2, size=(24, 24), albedo=0.9, sun=(-1, 0.6, 0.7), samples=4,
+                         aov=("variance", "samples"))  # fmt: skip
+    glow = package.render(plume, tmp_path / "glow", views=4, size=(24, 24), model="emission-absorption", density_scale="auto")
+    pattern = str(lit.output / "view_%03d.exr")
+    one, two = (lit.output / f"view_00{k}.exr" for k in (0, 1))
+    reports = [
+        shots, lit, found,
+        glow, package.reconstruct.tf(glow.output, plume, tmp_path / "found.tf.json", texels=8, rays=2000),
+        package.reconstruct.color(glow.output, tmp_path / "color.vdb", resolution=8, iterations=1),
+        package.pose(shots.output, plume, tmp_path / "posed.json", iterations=1),
+        package.viewpoint(plume, tmp_path / "best.json", density_scale="auto", size=(16, 16), iterations=1),
+        package.motion(plume, shots.output, tmp_path / "motion.%04d.exr", frames="0-1"),
+        package.denoise(pattern, tmp_path / "quiet" / "f.%04d.exr"),
+        package.compare(one, two), package.compare(pattern, pattern),
+        package.compare_statistical(one, two), package.diff(plume, found.output), package.validate(plume),
+        package.convert(plume, tmp_path / "copy.vdb"), package.convert(plume, tmp_path / "copy.npy"),
+        package.plan(plume, views=1, size=(16, 16)),
+        package.gradient(plume, wrt="camera", loss="mean", views=1, size=(8, 8), check=True),
+    ]  # fmt: skip
+    assert [key for report in reports for key in unknown(report)] == []
+    assert shots.views == 4 and shots.output.is_dir() and shots.json["views"] == 4
+    assert found.history[-1].iteration == 2 and found.output == tmp_path / "found.vdb" and found.stages[0].seconds >= 0
+    assert package.info(plume).grids[0]["name"] == "density"
+
+
+def test_a_difference_is_a_result(plume, shots):
+    one, two = (shots.output / f"view_00{k}.exr" for k in (0, 1))
+    assert package.compare(one, one) and not package.compare(one, two)
+    assert package.compare(one, two, tolerance=1.0)
+    assert package.diff(plume, plume).same and package.validate(plume)
+
+
+def test_what_is_refused_is_an_exception_with_its_advice(plume, tmp_path):
+    with pytest.raises(run.CumuloError) as caught:
+        package.info(tmp_path / "nothing.vdb")
+    assert caught.value.code == 2 and "nothing.vdb: No such file" in caught.value.message
+    assert caught.value.hint.startswith("check the spelling") and "cumulo info" in str(caught.value)
+    with pytest.raises(run.CumuloError) as caught:
+        package.render(plume, tmp_path / "out", views=1, no_such_option=3)
+    assert "--no-such-option" in caught.value.message
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert (again.code, again.message, again.hint) == (2, caught.value.message, caught.value.hint)
+    # A name that begins with a dash is a name.
+    with pytest.raises(run.CumuloError, match="No such file"):
+        package.info("--help.vdb")
+
+
+def test_options_become_words():
+    made = options.words({"a_b": 1, "flag": True, "off": False, "none": None, "list": ["x", "y"], "xyz": (1, -2, 0.5)})
+    assert made == ["--a-b=1", "--flag", "--list=x", "--list=y", "--xyz=1,-2,0.5"]
+    assert options.extent((64, 48)) == "64x48" and options.extent("8x8") == "8x8"
+
+
+def test_keys_of_a_newer_program_are_kept():
+    made = results.Noise.of({"source": "halves", "pictures": 1, "freedom": None, "colour": "pink"})
+    assert made.extra == {"colour": "pink"} and made.json["colour"] == "pink" and made.freedom is None
+    with pytest.raises(TypeError, match="pictures"):
+        results.Noise.of({"source": "halves"})
+
+
+def test_progress_hears_the_program_and_may_stop_it(plume, shots, tmp_path):
+    heard = []
+    package.reconstruct.density(shots.output, tmp_path / "a.vdb", resolution=8, iterations=1, progress=heard.append)
+    assert any("unknowns" in line for line in heard), heard
+
+    def refuse(line):
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        package.reconstruct.density(shots.output, tmp_path / "b.vdb", resolution=8, iterations=1, progress=refuse)
+
+
+def test_an_interrupt_ends_the_child(plume, tmp_path):
+    """KeyboardInterrupt arrives while the program works for minutes; nothing is left of it."""
+    script = "import cumulo, sys; cumulo.render(sys.argv[1], sys.argv[2], views=1, size=(512, 512), albedo=0.99, density_scale=50, sky=(1, 1, 1), samples=4096)"
+    command = [sys.executable, "-c", script, plume, tmp_path / "out"]
+    root = str(pathlib.Path(__file__).resolve().parents[1])
+    environment = {**os.environ, "PYTHONPATH": root, "CUMULO": run.program()}
+    child = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    try:
+        deadline = time.monotonic() + 60
+        while not (programs := children(child.pid)):
+            assert time.monotonic() < deadline and child.poll() is None
+            time.sleep(0.05)
+        time.sleep(0.5)
+        # To Python alone: a terminal would reach both.
+        child.send_signal(signal.SIGINT)
+        _, said = child.communicate(timeout=60)
+    finally:
+        child.kill()
+    assert "KeyboardInterrupt" in said and not any(os.path.exists(f"/proc/{pid}") for pid in programs)
+    assert not list(tmp_path.rglob("*.exr"))
+
+
+def children(pid):
+    """Processes that a process started and that run the program."""
+    found = pathlib.Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [c for c in found if "cumulo" in os.readlink(f"/proc/{c}/exe")]
+
+
+def test_volumes_and_pictures_are_arrays(plume, shots, tmp_path):
+    smoke = arrays.read_volume(plume)
+    assert smoke.values.shape == (33, 36, 44) and smoke.values.dtype == np.float32 and smoke.name == "density"
+    assert smoke.index_origin == (8, 8, 2) and np.count_nonzero(smoke.values) == 15168
+    assert np.allclose(smoke.world([0, 0, 0]), np.array([8, 8, 2]) / 24)
+    arrays.write_volume(tmp_path / "again.vdb", smoke.values, transform=smoke.transform)
+    again = arrays.read_volume(tmp_path / "again.vdb")
+    assert np.array_equal(again.values, smoke.values) and np.allclose(again.transform, smoke.transform, rtol=1e-15)
+    field = np.arange(5 * 4 * 3 * 3, dtype=np.float32).reshape(5, 4, 3, 3) + 1
+    arrays.write_volume(tmp_path / "field.vdb", field[::-1], voxel_size=0.5, origin=(1, 2, 3), grid="vel")
+    back = arrays.read_volume(tmp_path / "field.vdb", "vel")
+    assert np.array_equal(back.values, field[::-1]) and np.allclose(back.world([1, 0, 0]), [1.5, 2, 3])
+    picture = arrays.read_picture(shots.output / "view_000.exr")
+    assert picture.values.shape == (32, 32, 4) and picture.channels == ("R", "G", "B", "A")
+    arrays.write_picture(tmp_path / "a.exr", picture.values)
+    assert package.compare(tmp_path / "a.exr", shots.output / "view_000.exr")
+    with pytest.raises(run.CumuloError, match="no layer 'Mist'"):
+        arrays.read_picture(shots.output / "view_000.exr", "Mist")
+    with pytest.raises(run.CumuloError, match="voxel-size"):
+        arrays.write_volume(tmp_path / "b.vdb", smoke.values)
+
+
+def test_two_threads_may_call_at_once(plume):
+    found = []
+    threads = [threading.Thread(target=lambda: found.append(package.info(plume).format)) for _ in range(4)]
+    [t.start() for t in threads]
+    [t.join() for t in threads]
+    assert found == ["vdb"] * 4

@@ -1,0 +1,105 @@
+"""`cumulo.testing` without Blender: references by functions, commands as candidates, the store."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from cumulo import arrays
+from cumulo.testing import Parity, Reference, ReferenceProblem, rounding
+from cumulo.testing.reference import Store, changes
+
+EXPECTED = np.linspace(0, 1, 20 * 30 * 4, dtype=np.float32).reshape(20, 30, 4)
+
+
+def noisy(seed, offset=0.0):
+    return EXPECTED + np.float32(offset) + 0.1 * np.random.default_rng(seed).standard_normal(EXPECTED.shape).astype(np.float32)
+
+
+def plain(path=None, **options):
+    return Reference("ramp", lambda seed, path: EXPECTED, renderer=None, **options)
+
+
+@pytest.fixture
+def parity(cumulo, tmp_path):
+    return Parity(Store(tmp_path / "references", tmp_path, "render"), tmp_path / "failures", tmp_path / "scratch", "a test")
+
+
+def test_exact_pictures_agree_within_the_tolerance(parity):
+    assert rounding(4, 2.0) == 2.0**-21
+    assert parity.exact(plain(), lambda seed, path: EXPECTED, tolerance=0.0)
+    assert parity.exact(plain(), lambda seed, path: EXPECTED + np.float32(1e-3), tolerance=1.1e-3)
+    with pytest.raises(pytest.fail.Exception, match="a sample differs by 1.0.*e-03"):
+        parity.exact(plain(), lambda seed, path: EXPECTED + np.float32(1e-3), tolerance=1e-4)
+    page = parity.pages[0].read_text()
+    assert "largest difference" in page and "a function" in page and "a test" in page
+    with pytest.raises(ValueError, match="tolerance"):
+        parity.exact(plain(), lambda seed, path: EXPECTED, tolerance=float("nan"))
+
+
+def test_noisy_pictures_are_tested_by_seeds_or_against_a_truth(parity):
+    reference = Reference("noisy", lambda seed, path: noisy(seed), renderer=None)
+    assert parity.statistical(reference, lambda seed, path: noisy(seed + 10))
+    assert parity.statistical(plain(), lambda seed, path: noisy(seed + 20), seeds=[1], noiseless="reference")
+    with pytest.raises(pytest.fail.Exception, match="expected values differ"):
+        parity.statistical(reference, lambda seed, path: noisy(seed + 10, 0.01))
+    assert "mean" in parity.pages[0].read_text()
+    assert parity.statistical(reference, lambda seed, path: noisy(seed + 10, 0.01), tolerance=0.01)
+    with pytest.raises(ValueError, match="noiseless"):
+        parity.statistical(reference, lambda seed, path: noisy(seed), noiseless="both")
+
+
+def test_pictures_of_other_sizes_are_refused_by_the_program(parity):
+    from cumulo import CumuloError
+
+    with pytest.raises(CumuloError, match="different sizes"):
+        parity.exact(plain(), lambda seed, path: EXPECTED[:5], tolerance=0.0)
+
+
+def test_commands_are_candidates(parity, tmp_path):
+    arrays.write_picture(tmp_path / "made.exr", EXPECTED)
+    copy = "import shutil, sys; shutil.copy(sys.argv[1], sys.argv[2])"
+    assert parity.exact(plain(), [sys.executable, "-c", copy, tmp_path / "made.exr", "{output}"], tolerance=0.0)
+    with pytest.raises(pytest.fail.Exception, match="exit code 3.*\n.*too bad"):
+        parity.exact(plain(), [sys.executable, "-c", "import sys; print('too bad', file=sys.stderr); sys.exit(3)"], tolerance=0.0)
+    with pytest.raises(pytest.fail.Exception, match="wrote no picture"):
+        parity.exact(plain(), [sys.executable, "-c", "pass"], tolerance=0.0)
+    with pytest.raises(ReferenceProblem, match="was not written"):
+        parity.exact(plain(), lambda seed, path: None, tolerance=0.0)
+
+
+def test_references_are_kept_until_something_that_they_depend_on_changes(cumulo, tmp_path):
+    calls = []
+    scene = tmp_path / "scene.txt"
+    scene.write_text("one")
+
+    def reference(**settings):
+        def render(seed, path):
+            calls.append(seed)
+            return EXPECTED
+
+        return Reference("kept", render, [scene], settings, renderer=None)
+
+    store = Store(tmp_path / "references", tmp_path)
+    with pytest.raises(ReferenceProblem, match="there is none.*\n.*--cumulo-regenerate"):
+        store.pictures(reference(a=1), [1])
+    Store(store.folder, tmp_path, regenerate=True).pictures(reference(a=1), [1, 2])
+    assert calls == [1, 2]
+    paths, made, rendered = store.pictures(reference(a=1), [2])
+    assert calls == [1, 2] and [p.name for p in paths] == ["seed_2.exr"] and not rendered
+    assert made["inputs"].keys() == {"scene.txt"} and json.loads((paths[0].parent / "reference.json").read_text()) == made
+    for problem, change in (
+        ("settings.a: 1 then, 2 now", lambda: reference(a=2)),
+        ("settings.b: absent then, 3 now", lambda: reference(a=1, b=3)),
+    ):
+        with pytest.raises(ReferenceProblem, match=problem):
+            store.pictures(change(), [1])
+    with pytest.raises(ReferenceProblem, match="seed 5"):
+        store.pictures(reference(a=1), [5])
+    scene.write_text("two")
+    with pytest.raises(ReferenceProblem, match="inputs.scene.txt"):
+        store.pictures(reference(a=1), [1])
+    # A cache renders what it lacks.
+    assert Store(store.folder, tmp_path, "render").pictures(reference(a=1), [1])[2] and calls == [1, 2, 1]
+    assert not list(store.folder.glob(".rendering-*"))
+    assert changes({"a": {"b": 1}}, {"a": {"b": 1}}) == []

@@ -1,0 +1,253 @@
+//! Tests of one channel: pixels, tiles, the mean and the spread of the differences.
+
+use super::probability::{of_smallest, quantile, two_sided, upper_normal};
+use super::{CHANNELS, ChannelTests, Estimate, MeanTest, Question, Region, RegionTests, SpreadTest};
+use crate::error::{Error, Result};
+use rayon::prelude::*;
+
+/// Confidence of the interval of the mean difference.
+const CONFIDENCE: f64 = 0.95;
+
+/// Rounding of a value in single precision, relative to it. A picture is rounded once, and so is a mean of several.
+const ROUNDING: f64 = f32::EPSILON as f64;
+
+/// Differences of a channel with their variances, pixel by pixel.
+struct Differences<'e> {
+    sides: [&'e Estimate; 2],
+    channel: usize,
+    used: &'e [bool],
+    tolerance: f64,
+}
+
+/// Sums over the pixels of a region.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    count: usize,
+    difference: f64,
+    /// Magnitude of the sum that counts as no difference.
+    allowed: f64,
+    variance: f64,
+    /// Σ(a²/(f + 2) + b²/(g + 2)).
+    uncertainty: f64,
+    /// Smallest degrees of freedom of a pixel that has noise; infinite if none has.
+    least_freedom: f64,
+}
+
+/// Student's statistic of a region.
+#[derive(Debug, Clone, Copy)]
+struct Statistic {
+    t: f64,
+    freedom: f64,
+}
+
+impl Statistic {
+    fn of(beyond: f64, variance: f64, freedom: f64) -> Self {
+        let t = if beyond == 0.0 { 0.0 } else { beyond / variance.sqrt() };
+        Self { t, freedom }
+    }
+
+    fn p(&self) -> f64 {
+        two_sided(self.t, self.freedom)
+    }
+}
+
+/// Moves a difference towards 0 by the magnitude that counts as none.
+fn beyond(difference: f64, allowed: f64) -> f64 {
+    difference.signum() * (difference.abs() - allowed).max(0.0)
+}
+
+fn finite(value: f64) -> Option<f64> {
+    Some(value).filter(|v| v.is_finite())
+}
+
+impl Sums {
+    fn statistic(&self) -> Statistic {
+        let freedom = if self.uncertainty > 0.0 {
+            (self.variance * self.variance / self.uncertainty - 2.0).max(self.least_freedom)
+        } else {
+            f64::INFINITY
+        };
+        Statistic::of(beyond(self.difference, self.allowed), self.variance, freedom)
+    }
+}
+
+impl Differences<'_> {
+    fn variances(&self, pixel: usize) -> [f64; 2] {
+        self.sides.map(|side| f64::from(side.variance[pixel][self.channel]).max(0.0))
+    }
+
+    fn difference(&self, pixel: usize) -> f64 {
+        let [a, b] = self.sides.map(|side| f64::from(side.mean[pixel][self.channel]));
+        a - b
+    }
+
+    /// Magnitude of a pixel's difference that counts as none: the tolerance, and the rounding of both values.
+    fn allowed(&self, pixel: usize) -> f64 {
+        let [a, b] = self.sides.map(|side| f64::from(side.mean[pixel][self.channel]).abs());
+        self.tolerance + ROUNDING * (a + b)
+    }
+
+    /// Smaller degrees of freedom of the sides that have noise.
+    fn freedom(&self, pixel: usize) -> f64 {
+        let with_noise = self.sides.iter().filter(|side| side.variance[pixel][self.channel] > 0.0);
+        with_noise.map(|side| side.freedom.at(pixel)).fold(f64::INFINITY, f64::min)
+    }
+
+    fn sums(&self, x: std::ops::Range<usize>, y: std::ops::Range<usize>) -> Sums {
+        let mut sums = Sums { least_freedom: f64::INFINITY, ..Sums::default() };
+        for row in y {
+            for pixel in x.clone().map(|column| row * self.sides[0].width + column).filter(|p| self.used[*p]) {
+                sums.count += 1;
+                sums.difference += self.difference(pixel);
+                sums.allowed += self.allowed(pixel);
+                for (side, variance) in self.sides.iter().zip(self.variances(pixel)) {
+                    sums.variance += variance;
+                    sums.uncertainty += variance * variance / (side.freedom.at(pixel) + 2.0);
+                }
+                sums.least_freedom = sums.least_freedom.min(self.freedom(pixel));
+            }
+        }
+        sums
+    }
+
+    /// Variance of a pixel's difference: its own, or the mean over its 3 x 3 neighbourhood if that is larger.
+    fn guarded_variance(&self, pixel: usize) -> f64 {
+        let (width, height) = (self.sides[0].width, self.sides[0].height);
+        let (x, y) = (pixel % width, pixel / width);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for row in y.saturating_sub(1)..(y + 2).min(height) {
+            for column in x.saturating_sub(1)..(x + 2).min(width) {
+                let neighbour = row * width + column;
+                if self.used[neighbour] {
+                    sum += self.variances(neighbour).iter().sum::<f64>();
+                    count += 1.0;
+                }
+            }
+        }
+        self.variances(pixel).iter().sum::<f64>().max(sum / f64::max(count, 1.0))
+    }
+
+    fn pixels(&self) -> RegionTests {
+        let width = self.sides[0].width;
+        let test = |pixel: usize| {
+            let variance = self.guarded_variance(pixel);
+            let freedom = self.freedom(pixel);
+            let found = Statistic::of(beyond(self.difference(pixel), self.allowed(pixel)), variance, freedom);
+            (found.p(), found, pixel, variance)
+        };
+        let rows = (0..self.sides[0].height).into_par_iter().map(|row| {
+            let all = (row * width..(row + 1) * width).filter(|p| self.used[*p]).map(test);
+            all.fold(None, |worst, next| smaller(worst, Some(next), |t| (t.0, t.1.t)))
+        });
+        // Collected in the order of the rows, so that the first of equal pixels wins with any number of threads.
+        let worst = rows.collect::<Vec<_>>().into_iter().fold(None, |a, b| smaller(a, b, |t| (t.0, t.1.t)));
+        let count = self.used.iter().filter(|used| **used).count();
+        let region = worst.map(|(_, found, pixel, variance)| Region {
+            x: pixel % width,
+            y: pixel / width,
+            width: 1,
+            height: 1,
+            difference: self.difference(pixel),
+            standard_error: variance.sqrt(),
+            t: finite(found.t),
+            freedom: finite(found.freedom),
+        });
+        RegionTests { count, p: of_smallest(worst.map_or(1.0, |w| w.0), count), worst: region }
+    }
+
+    fn tiles(&self, edge: usize) -> RegionTests {
+        let (width, height) = (self.sides[0].width, self.sides[0].height);
+        let (mut worst, mut count): (Option<(f64, f64, Region)>, usize) = (None, 0);
+        for y in (0..height).step_by(edge) {
+            for x in (0..width).step_by(edge) {
+                let (right, below) = (width.min(x.saturating_add(edge)), height.min(y.saturating_add(edge)));
+                let sums = self.sums(x..right, y..below);
+                if sums.count == 0 {
+                    continue;
+                }
+                count += 1;
+                let found = sums.statistic();
+                let pixels = sums.count as f64;
+                let region = Region {
+                    x,
+                    y,
+                    width: right - x,
+                    height: below - y,
+                    difference: sums.difference / pixels,
+                    standard_error: sums.variance.sqrt() / pixels,
+                    t: finite(found.t),
+                    freedom: finite(found.freedom),
+                };
+                worst = smaller(worst, Some((found.p(), found.t, region)), |w| (w.0, w.1));
+            }
+        }
+        let p = of_smallest(worst.as_ref().map_or(1.0, |w| w.0), count);
+        RegionTests { count, p, worst: worst.map(|w| w.2) }
+    }
+
+    fn mean(&self) -> MeanTest {
+        let sums = self.sums(0..self.sides[0].width, 0..self.sides[0].height);
+        let found = sums.statistic();
+        let pixels = sums.count.max(1) as f64;
+        let difference = sums.difference / pixels;
+        let reach = quantile(CONFIDENCE, found.freedom) * sums.variance.sqrt() / pixels;
+        MeanTest {
+            difference,
+            interval: reach.is_finite().then_some([difference - reach, difference + reach]),
+            t: finite(found.t),
+            freedom: finite(found.freedom),
+            p: found.p(),
+        }
+    }
+
+    fn spread(&self) -> SpreadTest {
+        let (mut square, mut variance, mut sum, mut magnitude) = (0.0, 0.0, 0.0, 0.0);
+        let mut count = 0_usize;
+        for pixel in (0..self.used.len()).filter(|p| self.used[*p]) {
+            let d2 = beyond(self.difference(pixel), self.allowed(pixel)).powi(2);
+            let v = self.variances(pixel).iter().sum::<f64>();
+            square += d2;
+            variance += v;
+            sum += d2 - v;
+            magnitude += (d2 - v) * (d2 - v);
+            count += 1;
+        }
+        let z = if magnitude > 0.0 { sum / magnitude.sqrt() } else { 0.0 };
+        let pixels = count.max(1) as f64;
+        SpreadTest { mean_square: square / pixels, mean_variance: variance / pixels, z, p: upper_normal(z) }
+    }
+}
+
+/// Returns the one of two results whose p-value is smaller, then whose |t| is larger, then the first. (`by` gives p and t.)
+fn smaller<T>(a: Option<T>, b: Option<T>, by: impl Fn(&T) -> (f64, f64)) -> Option<T> {
+    match (a, b) {
+        (Some(a), Some(b)) => {
+            let ((p, t), (q, u)) = (by(&a), by(&b));
+            Some(if q < p || (q == p && u.abs() > t.abs()) { b } else { a })
+        }
+        (a, b) => a.or(b),
+    }
+}
+
+/// Tests one channel of two pictures of equal size.
+///
+/// # Errors
+/// If the tiles have no edge.
+pub(super) fn channel(
+    sides: [&Estimate; 2],
+    used: &[bool],
+    channel: usize,
+    question: Question,
+) -> Result<ChannelTests> {
+    if question.tile == 0 {
+        return Err(Error::invalid("tiles of 0 pixels").hint("give the edge of a tile in pixels, 1 at least"));
+    }
+    let all = Differences { sides, channel, used, tolerance: question.tolerance };
+    Ok(ChannelTests {
+        channel: CHANNELS[channel],
+        mean: all.mean(),
+        pixels: all.pixels(),
+        tiles: all.tiles(question.tile),
+        spread: all.spread(),
+    })
+}
