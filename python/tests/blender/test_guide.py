@@ -40,9 +40,9 @@ def test_a_smoke_goes_through_all_commands_and_back(fixtures, cumulo, tmp_path):
             assert done.stdout == "cumulo render scene/scene.json --cameras scene/transforms.json --frames 1-3 --samples 64 " \
                 "--max-bounces 3 --background 0,0,0 -o scene/render\n"  # fmt: skip
     assert read_exr(tmp_path / "pictures/frame.0003.exr")[..., :3].max() > 0.1
-    assert len(Capture.read(tmp_path / "shots").frames) == 24
+    assert len(Capture.read(tmp_path / "shots").frames) == 16
     grid, = cumulo("diff", fixtures / "plume.vdb", tmp_path / "found.vdb")["grids"]
-    assert grid["psnr_db"] > 28
+    assert grid["psnr_db"] > 25
     with quiet():
         bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "both.blend"))
     bpy.context.view_layer.update()
