@@ -78,5 +78,9 @@ def _rendered_names(layer):
     collection = layer.collection
     if layer.exclude or collection.hide_render:
         return set()
+    if collection.objects and (layer.holdout or layer.indirect_only):
+        raise Refused(
+            named("collection", collection), "it is a holdout, or lights the others alone", "clear Holdout and Indirect Only"
+        )
     names = {thing.name_full for thing in collection.objects if not thing.hide_render}
     return names.union(*(_rendered_names(child) for child in layer.children))

@@ -22,7 +22,8 @@ def refuse_surface(thing):
         raise Refused(
             where, f"it is a fluid domain (cache: {cache})", f"bake it with the cache format OpenVDB, then {BACKED}"
         )
-    if thing.type == "MESH" and not thing.data.polygons:
+    # Modifiers make surfaces and volumes of nothing.
+    if thing.type == "MESH" and not thing.data.polygons and not thing.modifiers:
         return
     if any(m and m.node_tree and (out := m.node_tree.get_output_node("CYCLES")) and out.inputs["Volume"].is_linked
            for m in getattr(thing.data, "materials", ())):  # fmt: skip

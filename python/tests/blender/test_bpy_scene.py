@@ -314,6 +314,21 @@ def domain(scene):
     thing.modifiers.new("Fluid", "FLUID").fluid_type = "DOMAIN"
 
 
+def procedural(scene):
+    group = bpy.data.node_groups.new("Cloud", "GeometryNodeTree")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    cube, output = group.nodes.new("GeometryNodeVolumeCube"), group.nodes.new("NodeGroupOutput")
+    group.links.new(cube.outputs[0], output.inputs[0])
+    box_mesh(scene, (3, 3, 3), (4, 4, 4)).modifiers.new("Cloud", "NODES").node_group = group
+
+
+def holdout(scene):
+    collection = bpy.data.collections.new("Masks")
+    scene.collection.children.link(collection)
+    collection.objects.link(scene.objects["Smoke"])
+    scene.view_layers[0].layer_collection.children["Masks"].holdout = True
+
+
 def modifier(scene):
     scene.objects["Smoke"].modifiers.new("Wobble", "VOLUME_DISPLACE")
 
@@ -358,6 +373,8 @@ REFUSED = {
     "a mesh": (cloth, ["object 'box'", "a mesh is rendered", "disable it in renders"]),
     "a mesh with a medium": (foggy_box, ["object 'box'", "medium without a VDB", "Import OpenVDB"]),
     "a fluid domain": (domain, ["object 'box'", "fluid domain", "cache:", "Import OpenVDB"]),
+    "a procedural volume": (procedural, ["object 'box'", "mesh is rendered"]),
+    "a holdout": (holdout, ["collection 'Masks'", "Holdout"]),
     "a modifier": (modifier, ["object 'Smoke'", "'Wobble'", "write its result as VDB"]),
     "no file": (lambda scene: setattr(bpy.data.volumes["Smoke"], "filepath", ""), ["object 'Smoke'", "no VDB file"]),
     "a missing file": (
