@@ -162,9 +162,8 @@ mod tests {
         let unit = Affine::uniform(0.5, DVec3::ONE).unwrap();
         let values = (0..LEAF_VOXELS).flat_map(|i| [i as f32, 1.0, -2.0]).collect();
         let still = Velocity::new(unit, Vec3::ZERO, false, 4.0).unwrap().leaf([0; 3], values).unwrap();
-        let turn = glam::DMat4::from_cols_array(&[
-            0.0, 2.0, 0.0, 0.0, -2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 5.0, 6.0, 7.0, 1.0,
-        ]);
+        let turn =
+            DMat4::from_cols_array(&[0.0, 2.0, 0.0, 0.0, -2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 5.0, 6.0, 7.0, 1.0]);
         let moved = still.clone().placed(turn).unwrap();
         for at in [DVec3::new(1.3, 1.9, 2.2), DVec3::new(3.0, 4.1, 1.5)] {
             let expected = turn.transform_vector3(still.per_frame(at));
