@@ -45,7 +45,7 @@ const OTHERS: [&str; 18] = [
     // Of a Blender file: `python/tests/blender/test_guide.py` runs them.
     "PYTHONPATH=python .venvs/bpy/bin/python -m cumulo.bpy_scene export smoke.blend --animation -o scene",
     "cumulo render scene/scene.json --cameras scene --frames 1-3 --samples 16 -o pictures",
-    "PYTHONPATH=python .venvs/bpy/bin/python -m cumulo.bpy_scene capture smoke.blend --views 24 --size 64x64 -o shots",
+    "PYTHONPATH=python .venvs/bpy/bin/python -m cumulo.bpy_scene capture smoke.blend --views 16 --size 48x48 -o shots",
     "cumulo reconstruct density shots -o found.vdb",
     "PYTHONPATH=python .venvs/bpy/bin/python -m cumulo.bpy_scene load found.vdb --into smoke.blend --like Smoke -o both.blend",
     "sudo apt-get install libopenvdb-dev libboost-dev libclang-dev g++",

@@ -17,9 +17,13 @@ class Denoise(Job, bpy.types.Operator):
     bl_label = "Denoise Sequence"
 
     pictures: bpy.props.StringProperty(
-        name="Pictures", description="Noisy EXRs, frame.####.exr; empty for those of Render with Cumulo in the panel's folder", subtype="FILE_PATH"
+        name="Pictures",
+        description="Noisy EXRs, frame.####.exr; empty for those of Render with Cumulo in the panel's folder",
+        subtype="FILE_PATH",
     )
-    folder: bpy.props.StringProperty(name="Folder", description="Folder of the result; empty for 'denoised' in the panel's", subtype="DIR_PATH")
+    folder: bpy.props.StringProperty(
+        name="Folder", description="Folder of the result; empty for 'denoised' in the panel's", subtype="DIR_PATH"
+    )
 
     def steps(self, context):
         """Computes the motion of the only volume, and denoises along it; of several volumes pictures carry their own."""
@@ -38,4 +42,6 @@ class Denoise(Job, bpy.types.Operator):
             words += ["--motion", f"files:{motion}"]
         report = yield from run(words)
         show(folder / f"frame.{frames[0]:04}.exr", len(frames))
-        self.report({"INFO"}, f"{len(report['frames']) if 'frames' in report else len(frames)} pictures are in {folder}")
+        self.report(
+            {"INFO"}, f"{len(report['frames']) if 'frames' in report else len(frames)} pictures are in {folder}"
+        )

@@ -17,8 +17,12 @@ class ExportScene(bpy.types.Operator):
     bl_idname = "cumulo.export_scene"
     bl_label = "Export Scene"
 
-    folder: bpy.props.StringProperty(name="Folder", description="Folder to write into; empty for the panel's", subtype="DIR_PATH")
-    animation: bpy.props.BoolProperty(name="Animation", description="All frames of the scene, in place of the present one")
+    folder: bpy.props.StringProperty(
+        name="Folder", description="Folder to write into; empty for the panel's", subtype="DIR_PATH"
+    )
+    animation: bpy.props.BoolProperty(
+        name="Animation", description="All frames of the scene, in place of the present one"
+    )
 
     def execute(self, context):
         """Exports, and says how the program renders what was written."""

@@ -16,7 +16,11 @@ class LoadResult(bpy.types.Operator):
     filepath: bpy.props.StringProperty(name="File", description="VDB to load", subtype="FILE_PATH")
     filter_glob: bpy.props.StringProperty(default="*.vdb", options={"HIDDEN"})
     like: bpy.props.StringProperty(name="Like", description="Object whose medium it gets; empty for the capture's")
-    capture: bpy.props.StringProperty(name="Capture", description="Capture that it was reconstructed from; its density scale is set", subtype="FILE_PATH")
+    capture: bpy.props.StringProperty(
+        name="Capture",
+        description="Capture that it was reconstructed from; its density scale is set",
+        subtype="FILE_PATH",
+    )
 
     def execute(self, context):
         """Loads the VDB."""

@@ -42,7 +42,12 @@ class Panel(bpy.types.Panel):
             box.prop(settings, name)
         volume = settings.volume.name if settings.volume else ""
         button = box.operator("cumulo.render_views")
-        button.volume, button.views, button.size, button.samples = volume, settings.views, settings.size, settings.view_samples
+        button.volume, button.views, button.size, button.samples = (
+            volume,
+            settings.views,
+            settings.size,
+            settings.view_samples,
+        )
         button = box.operator("cumulo.reconstruct")
         button.resolution, button.like = settings.resolution, volume
         box.operator("cumulo.load_result").like = volume

@@ -34,5 +34,7 @@ def program_path(context):
         raise FileNotFoundError(f"{path} is no program; correct its path in the preferences of the extension Cumulo")
     found = shutil.which("cumulo")
     if found is None:
-        raise FileNotFoundError("No program cumulo on PATH; install it, or set its path in the preferences of the extension Cumulo")
+        raise FileNotFoundError(
+            "No program cumulo on PATH; install it, or set its path in the preferences of the extension Cumulo"
+        )
     return found

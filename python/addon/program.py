@@ -88,7 +88,10 @@ class Process:
         said = [line for line in self._said[starts[-1] if starts else 0 :] if line.strip()]
         if len(said) > MOST_LINES:
             said[MOST_LINES:] = [f"… {len(said) - MOST_LINES} lines more"]
-        return "\n".join(said).removeprefix("cumulo: ") or f"{' '.join(self.words)} ended with code {self._child.returncode}, and said nothing"
+        return (
+            "\n".join(said).removeprefix("cumulo: ")
+            or f"{' '.join(self.words)} ended with code {self._child.returncode}, and said nothing"
+        )
 
 
 def run(words):

@@ -16,11 +16,21 @@ class Reconstruct(Job, bpy.types.Operator):
     bl_label = "Reconstruct"
 
     capture: bpy.props.StringProperty(
-        name="Capture", description="Folder or transforms.json of the views; empty for 'views' in the panel's folder", subtype="FILE_PATH"
+        name="Capture",
+        description="Folder or transforms.json of the views; empty for 'views' in the panel's folder",
+        subtype="FILE_PATH",
     )
-    output: bpy.props.StringProperty(name="Output", description="VDB to write; empty for reconstruction.vdb in the panel's folder", subtype="FILE_PATH")
-    resolution: bpy.props.IntProperty(name="Resolution", description="Voxels along the longest edge; 0 for the capture's own", min=0, max=4096)
-    like: bpy.props.StringProperty(name="Like", description="Object whose medium the result gets; empty for a grey one that absorbs")
+    output: bpy.props.StringProperty(
+        name="Output",
+        description="VDB to write; empty for reconstruction.vdb in the panel's folder",
+        subtype="FILE_PATH",
+    )
+    resolution: bpy.props.IntProperty(
+        name="Resolution", description="Voxels along the longest edge; 0 for the capture's own", min=0, max=4096
+    )
+    like: bpy.props.StringProperty(
+        name="Like", description="Object whose medium the result gets; empty for a grey one that absorbs"
+    )
     load: bpy.props.BoolProperty(name="Load", description="Load the result into the scene", default=True)
 
     def steps(self, context):

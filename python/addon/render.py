@@ -19,8 +19,12 @@ class Render(Job, bpy.types.Operator):
     bl_idname = "cumulo.render"
     bl_label = "Render with Cumulo"
 
-    folder: bpy.props.StringProperty(name="Folder", description="Folder of the pictures; empty for 'render' in the panel's", subtype="DIR_PATH")
-    animation: bpy.props.BoolProperty(name="Animation", description="All frames of the scene, in place of the present one")
+    folder: bpy.props.StringProperty(
+        name="Folder", description="Folder of the pictures; empty for 'render' in the panel's", subtype="DIR_PATH"
+    )
+    animation: bpy.props.BoolProperty(
+        name="Animation", description="All frames of the scene, in place of the present one"
+    )
     samples: bpy.props.IntProperty(name="Samples", description="Paths per pixel", default=64, min=1)
 
     def steps(self, context):

@@ -13,19 +13,35 @@ class Settings(bpy.types.PropertyGroup):
     """What the buttons of the panel use."""
 
     folder: bpy.props.StringProperty(
-        name="Folder", description="Folder that scenes, pictures and volumes are written into", subtype="DIR_PATH", default="//cumulo"
+        name="Folder",
+        description="Folder that scenes, pictures and volumes are written into",
+        subtype="DIR_PATH",
+        default="//cumulo",
     )
     volume: bpy.props.PointerProperty(
-        name="Volume", description="Volume that views are rendered of; empty for the only one", type=bpy.types.Object, poll=_is_volume
+        name="Volume",
+        description="Volume that views are rendered of; empty for the only one",
+        type=bpy.types.Object,
+        poll=_is_volume,
     )
     views: bpy.props.IntProperty(name="Views", description="Cameras around the volume", default=32, min=1, max=1000)
-    size: bpy.props.IntProperty(name="Size", description="Width and height of the views in pixels", default=128, min=8, max=8192)
-    view_samples: bpy.props.IntProperty(name="Samples", description="Samples of Cycles per pixel of the views", default=32, min=1)
+    size: bpy.props.IntProperty(
+        name="Size", description="Width and height of the views in pixels", default=128, min=8, max=8192
+    )
+    view_samples: bpy.props.IntProperty(
+        name="Samples", description="Samples of Cycles per pixel of the views", default=32, min=1
+    )
     resolution: bpy.props.IntProperty(
-        name="Resolution", description="Voxels along the longest edge; 0 for those of the volume that the views show", default=0, min=0, max=4096
+        name="Resolution",
+        description="Voxels along the longest edge; 0 for those of the volume that the views show",
+        default=0,
+        min=0,
+        max=4096,
     )
     samples: bpy.props.IntProperty(name="Samples", description="Paths per pixel", default=64, min=1)
-    animation: bpy.props.BoolProperty(name="Animation", description="All frames of the scene, in place of the present one")
+    animation: bpy.props.BoolProperty(
+        name="Animation", description="All frames of the scene, in place of the present one"
+    )
 
 
 def folder_of(path):

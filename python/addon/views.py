@@ -14,7 +14,9 @@ class RenderViews(Job, bpy.types.Operator):
     bl_label = "Render Views for Reconstruction"
     works_itself = True
 
-    folder: bpy.props.StringProperty(name="Folder", description="Folder of the capture; empty for 'views' in the panel's", subtype="DIR_PATH")
+    folder: bpy.props.StringProperty(
+        name="Folder", description="Folder of the capture; empty for 'views' in the panel's", subtype="DIR_PATH"
+    )
     volume: bpy.props.StringProperty(name="Volume", description="Name of the object; empty for the only volume")
     views: bpy.props.IntProperty(name="Views", description="Cameras around the volume", default=32, min=1, max=1000)
     size: bpy.props.IntProperty(name="Size", description="Width and height in pixels", default=128, min=8, max=8192)
@@ -24,7 +26,12 @@ class RenderViews(Job, bpy.types.Operator):
         """Renders one view a step."""
         folder = folder_of(self.folder) if self.folder else folder_of(context.scene.cumulo.folder) / "views"
         shots = bpy_scene.shots(
-            folder, context.scene, self.volume or None, views=self.views, size=(self.size, self.size), samples=self.samples
+            folder,
+            context.scene,
+            self.volume or None,
+            views=self.views,
+            size=(self.size, self.size),
+            samples=self.samples,
         )
         yield 0, self.views, "views"
         for done, of in shots:

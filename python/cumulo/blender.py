@@ -11,7 +11,6 @@ clipping, view transforms.
 
 import argparse
 import json
-import pathlib
 import sys
 
 import bpy

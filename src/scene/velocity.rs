@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::math::Affine;
 use crate::scene::grid::{LEAF_VOXELS, voxel_offset};
-use glam::{DMat3, DVec3, IVec3, Vec3};
+use glam::{DMat3, DMat4, DVec3, IVec3, Vec3};
 use std::collections::HashMap;
 
 /// Edges of the tiles of OpenVDB's standard tree, in voxels.
@@ -25,8 +25,8 @@ pub struct Velocity {
     staggered: bool,
     /// Frames per second.
     fps: f64,
-    /// Map from the vectors of the grid to those of the world.
-    linear: DMat3,
+    /// Map from the grid's vectors to those of world space.
+    turned: DMat3,
 }
 
 impl Velocity {
@@ -39,8 +39,15 @@ impl Velocity {
             return Err(Error::invalid(format!("{fps} frames per second must be positive and finite"))
                 .hint("give 24 or the like, or 1 for a grid of world units per frame"));
         }
-        let (leaves, tiles, linear) = (HashMap::new(), HashMap::new(), DMat3::IDENTITY);
-        let grid = Self { transform, leaves, tiles, background, staggered, fps, linear };
+        let grid = Self {
+            transform,
+            leaves: HashMap::new(),
+            tiles: HashMap::new(),
+            background,
+            staggered,
+            fps,
+            turned: DMat3::IDENTITY,
+        };
         grid.finite(background)
     }
 
@@ -69,18 +76,18 @@ impl Velocity {
         self.finite(value)
     }
 
-    fn finite(self, value: Vec3) -> Result<Self> {
-        if value.is_finite() { Ok(self) } else { Err(not_finite()) }
-    }
-
-    /// Moves the velocities by `placement`, a map from the world of the grid to another world: places, directions and
-    /// lengths.
+    /// Returns the velocities of a volume that is placed in the world by a map of column vectors, which turns and scales
+    /// them too.
     ///
     /// # Errors
-    /// If the grid's transform and the placement together are not invertible; see [`Affine::new`].
-    pub fn moved(self, placement: &Affine) -> Result<Self> {
-        let transform = self.transform.then(placement)?;
-        Ok(Self { transform, linear: DMat3::from_mat4(placement.matrix()) * self.linear, ..self })
+    /// If the map is singular or not affine.
+    pub fn placed(self, map: DMat4) -> Result<Self> {
+        let transform = Affine::new(map * self.transform.matrix())?;
+        Ok(Self { transform, turned: DMat3::from_mat4(map) * self.turned, ..self })
+    }
+
+    fn finite(self, value: Vec3) -> Result<Self> {
+        if value.is_finite() { Ok(self) } else { Err(not_finite()) }
     }
 
     /// Returns the way in world units that the medium at a world position goes in one frame.
@@ -90,7 +97,7 @@ impl Velocity {
             let shift = if self.staggered { 0.5 * DVec3::AXES[axis] } else { DVec3::ZERO };
             self.sample(index + shift, axis)
         };
-        self.linear * DVec3::new(component(0), component(1), component(2)) / self.fps
+        self.turned * DVec3::new(component(0), component(1), component(2)) / self.fps
     }
 
     /// Returns a component by trilinear interpolation at index coordinates.
@@ -155,11 +162,9 @@ mod tests {
         let unit = Affine::uniform(0.5, DVec3::ONE).unwrap();
         let values = (0..LEAF_VOXELS).flat_map(|i| [i as f32, 1.0, -2.0]).collect();
         let still = Velocity::new(unit, Vec3::ZERO, false, 4.0).unwrap().leaf([0; 3], values).unwrap();
-        let turn = glam::DMat4::from_cols_array(&[
-            0.0, 2.0, 0.0, 0.0, -2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 5.0, 6.0, 7.0, 1.0,
-        ]);
-        let placement = Affine::new(turn).unwrap();
-        let moved = still.clone().moved(&placement).unwrap();
+        let turn =
+            DMat4::from_cols_array(&[0.0, 2.0, 0.0, 0.0, -2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 5.0, 6.0, 7.0, 1.0]);
+        let moved = still.clone().placed(turn).unwrap();
         for at in [DVec3::new(1.3, 1.9, 2.2), DVec3::new(3.0, 4.1, 1.5)] {
             let expected = turn.transform_vector3(still.per_frame(at));
             assert!(expected.length() > 1.0);

@@ -1,8 +1,8 @@
 """Blender files to and from Cumulo, on the command line (needs `bpy` 5.0.1).
 
-    python -m cumulo.bpy_scene export smoke.blend --animation -o scene
-    python -m cumulo.bpy_scene capture smoke.blend --views 24 -o shots
-    python -m cumulo.bpy_scene load found.vdb --into smoke.blend --like Smoke -o both.blend
+python -m cumulo.bpy_scene export smoke.blend --animation -o scene
+python -m cumulo.bpy_scene capture smoke.blend --views 24 -o shots
+python -m cumulo.bpy_scene load found.vdb --into smoke.blend --like Smoke -o both.blend
 """
 
 import argparse

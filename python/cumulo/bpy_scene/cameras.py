@@ -11,8 +11,14 @@ def raster(scene):
     """Width and height of the scene's pictures in pixels."""
     render = scene.render
     if render.use_border:
-        raise Refused(named("scene", scene), "a border crops its pictures", "switch Render Region off; `cumulo render --crop` renders a part")
-    return tuple(max(1, size * render.resolution_percentage // 100) for size in (render.resolution_x, render.resolution_y))
+        raise Refused(
+            named("scene", scene),
+            "a border crops its pictures",
+            "switch Render Region off; `cumulo render --crop` renders a part",
+        )
+    return tuple(
+        max(1, size * render.resolution_percentage // 100) for size in (render.resolution_x, render.resolution_y)
+    )
 
 
 def camera_of(scene):
@@ -64,7 +70,9 @@ def check_far(scene, camera, box):
     depth = (corners - camera.camera_to_world[:3, 3]) @ -camera.camera_to_world[:3, 2]
     end = scene.camera.data.clip_end
     if depth.max() > end:
-        raise Refused(named("camera", scene.camera), f"its clip end {end:g} cuts volumes off", f"raise it above {depth.max():.6g}")
+        raise Refused(
+            named("camera", scene.camera), f"its clip end {end:g} cuts volumes off", f"raise it above {depth.max():.6g}"
+        )
 
 
 def sees(camera, centre, radius):

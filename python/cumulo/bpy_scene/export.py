@@ -39,7 +39,17 @@ class Export:
         first, last = self.frames[0], self.frames[-1]
         step = self.frames[1] - first if len(self.frames) > 1 else 1
         numbers = f"{first}-{last}" + (f"x{step}" if step > 1 else "")
-        words = ["render", self.scene, "--cameras", self.cameras, "--frames", numbers, "--samples", samples, *self.options]
+        words = [
+            "render",
+            self.scene,
+            "--cameras",
+            self.cameras,
+            "--frames",
+            numbers,
+            "--samples",
+            samples,
+            *self.options,
+        ]
         return [str(word) for word in (*words, "-o", output)]
 
 
@@ -119,7 +129,11 @@ def _check_render(scene):
     if scene.render.use_simplify and scene.render.simplify_volumes != 1.0:
         raise Refused(where, "Simplify lowers the resolution of volumes", "switch Simplify off (Render Properties)")
     if scene.world is None:
-        raise Refused(where, "it has no world, without which Cycles shows no volumes", "add one, black if need be (World Properties)")
+        raise Refused(
+            where,
+            "it has no world, without which Cycles shows no volumes",
+            "add one, black if need be (World Properties)",
+        )
 
 
 def _check_unseen(thing, entry, camera):
@@ -139,7 +153,9 @@ def _check_unseen(thing, entry, camera):
         return
     if sees(camera, centre, radius):
         raise Refused(
-            named("light", thing), "the camera sees it, and Cumulo does not show lights", "switch its ray visibility Camera off (Object > Visibility)"
+            named("light", thing),
+            "the camera sees it, and Cumulo does not show lights",
+            "switch its ray visibility Camera off (Object > Visibility)",
         )
 
 

@@ -59,7 +59,9 @@ class Tree:
             color = tuple(source.default_value)[:3]
         else:
             raise self.refused(
-                source.node, f"drives the color {socket.name!r} of {socket.node.name!r}", "unlink it and choose one color"
+                source.node,
+                f"drives the color {socket.name!r} of {socket.node.name!r}",
+                "unlink it and choose one color",
             )
         if not all(math.isfinite(c) and c >= 0 for c in color):
             raise self.refused(socket.node, f"{socket.name!r} is {color}", "choose finite numbers from 0 on")
@@ -88,7 +90,9 @@ class Tree:
     def _attribute(self, node, source):
         if node.attribute_type != "GEOMETRY" or source.identifier != "Fac":
             raise self.refused(
-                node, f"output {source.name!r} of a {node.attribute_type.lower()} attribute is used", "use the output Fac of type Geometry"
+                node,
+                f"output {source.name!r} of a {node.attribute_type.lower()} attribute is used",
+                "use the output Fac of type Geometry",
             )
         if not node.attribute_name:
             raise self.refused(node, "names no attribute", "name the grid")

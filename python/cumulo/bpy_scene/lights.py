@@ -23,12 +23,21 @@ def light_entry(placed):
     position = placed.matrix[:3, 3]
     if light.type == "SUN":
         direction = axes[:, 2] / lengths[2]
-        return {"type": "DistantLight", "direction": direction.tolist(), "irradiance": power.tolist(), "angle": math.degrees(light.angle)}
+        return {
+            "type": "DistantLight",
+            "direction": direction.tolist(),
+            "irradiance": power.tolist(),
+            "angle": math.degrees(light.angle),
+        }
     if light.type == "POINT":
         return _point(light, where, position, power)
     if light.type == "AREA":
         return _area(light, where, position, axes, power)
-    raise Refused(where, f"Cumulo has no {light.type.lower()} lights", "use a sun, a point light or a rectangle, or disable it in renders")
+    raise Refused(
+        where,
+        f"Cumulo has no {light.type.lower()} lights",
+        "use a sun, a point light or a rectangle, or disable it in renders",
+    )
 
 
 def _has_extent(light):
@@ -42,12 +51,18 @@ def _check(light, where, thing):
     if not light.use_shadow:
         raise Refused(where, "it casts no shadows", "switch Shadow on")
     if not thing.visible_volume_scatter:
-        raise Refused(where, "it does not light volumes (Ray Visibility)", "switch Volume Scatter on, or disable it in renders")
+        raise Refused(
+            where, "it does not light volumes (Ray Visibility)", "switch Volume Scatter on, or disable it in renders"
+        )
     linking = getattr(thing, "light_linking", None)
     if linking and (linking.receiver_collection or linking.blocker_collection):
         raise Refused(where, "it lights some objects alone (Light Linking)", "clear its light linking")
     if light.cycles.max_bounces < 1024:
-        raise Refused(where, f"it lights {light.cycles.max_bounces} bounces at most", "set its Max Bounces to 1024 or more; the scene's bounces are kept")
+        raise Refused(
+            where,
+            f"it lights {light.cycles.max_bounces} bounces at most",
+            "set its Max Bounces to 1024 or more; the scene's bounces are kept",
+        )
     if light.cycles.is_portal:
         raise Refused(where, "it is a portal", "disable it in renders")
 
@@ -75,7 +90,11 @@ def _point(light, where, position, power):
         return {"type": "PointLight", "position": position.tolist(), "intensity": (power / (4 * np.pi)).tolist()}
     _normalized(light, where)
     if light.use_soft_falloff:
-        raise Refused(where, "its Soft Falloff makes it darker nearby than a sphere is", "switch Soft Falloff off, or make its radius 0")
+        raise Refused(
+            where,
+            "its Soft Falloff makes it darker nearby than a sphere is",
+            "switch Soft Falloff off, or make its radius 0",
+        )
     radiance = power / (4 * np.pi**2 * radius**2)
     return {"type": "SphereLight", "centre": position.tolist(), "radius": radius, "radiance": radiance.tolist()}
 

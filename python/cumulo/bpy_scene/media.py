@@ -80,7 +80,9 @@ class Reader:
         """A grid's name, if the file has it; without it, Blender takes the medium for homogeneous."""
         if name not in self.grids:
             raise self.tree.refused(
-                node, f"reads the grid {name!r}, and the file has {', '.join(self.grids) or 'none'}", "name one of these"
+                node,
+                f"reads the grid {name!r}, and the file has {', '.join(self.grids) or 'none'}",
+                "name one of these",
             )
         return name
 
@@ -99,7 +101,9 @@ class Reader:
         grid = product.grid or attribute
         if not grid:
             raise self.tree.refused(
-                node, f"{socket.name!r} is {product.factor:g} everywhere, driven by no grid", f"drive {socket.name!r} by a grid"
+                node,
+                f"{socket.name!r} is {product.factor:g} everywhere, driven by no grid",
+                f"drive {socket.name!r} by a grid",
             )
         return dataclasses.replace(product, grid=self._grid(node, grid))
 
@@ -116,7 +120,9 @@ class Reader:
     def _principled(self, node, weight):
         inputs = node.inputs
         if inputs["Color Attribute"].default_value in self.grids:
-            raise self.tree.refused(node, f"reads colors from {inputs['Color Attribute'].default_value!r}", "clear Color Attribute")
+            raise self.tree.refused(
+                node, f"reads colors from {inputs['Color Attribute'].default_value!r}", "clear Color Attribute"
+            )
         for name in ("Density Attribute", "Color Attribute", "Temperature Attribute"):
             if self.tree.source(inputs[name]):
                 raise self.tree.refused(node, f"{name!r} is linked", "unlink it and give the name itself")
@@ -139,18 +145,27 @@ class Reader:
             if temperature:
                 tint = self.tree.color(inputs["Blackbody Tint"])
                 self.medium.blackbodies.append(
-                    {"grid": temperature.grid, "kelvin": temperature.factor, "intensity": weight * intensity, "tint": list(tint)}
+                    {
+                        "grid": temperature.grid,
+                        "kelvin": temperature.factor,
+                        "intensity": weight * intensity,
+                        "tint": list(tint),
+                    }
                 )
 
     def _within_one(self, node, color):
         if max(color) > 1:
-            raise self.tree.refused(node, f"its color {tuple(color)} scatters more light than it takes", "choose 0 to 1")
+            raise self.tree.refused(
+                node, f"its color {tuple(color)} scatters more light than it takes", "choose 0 to 1"
+            )
 
     def _scatter(self, node, weight):
         if getattr(node, "phase", "HENYEY_GREENSTEIN") != "HENYEY_GREENSTEIN":
             raise self.tree.refused(node, f"its phase function is {node.phase}", "choose Henyey-Greenstein")
         if density := self._driven(node, node.inputs["Density"]):
-            self.medium.add("scattering", density.grid, weight * density.factor * np.array(self.tree.color(node.inputs["Color"])))
+            self.medium.add(
+                "scattering", density.grid, weight * density.factor * np.array(self.tree.color(node.inputs["Color"]))
+            )
             self._anisotropy(node)
 
     def _absorption(self, node, weight):
@@ -171,7 +186,9 @@ def medium_entry(material, grids, scale):
     where = named("material", material)
     driving = sorted(medium.absorbing.keys() | medium.scattering.keys())
     if len(driving) > 1:
-        raise Refused(where, f"the grids {' and '.join(driving)} both drive its extinction", "use one grid of densities")
+        raise Refused(
+            where, f"the grids {' and '.join(driving)} both drive its extinction", "use one grid of densities"
+        )
     if not driving:
         raise Refused(where, "it takes no light", "give it a density: Cumulo's media have an extinction")
     if len(medium.anisotropies) > 1:

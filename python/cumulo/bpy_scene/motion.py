@@ -22,7 +22,9 @@ def motion_arguments(folder, scene, frames):
         for frame in frames:
             scene.frame_set(frame)
             placed = chosen(scene)
-            shown.append((vdb_of(placed), placed.matrix, volume_entry(placed, folder, scene.render.fps / scene.render.fps_base)))
+            shown.append(
+                (vdb_of(placed), placed.matrix, volume_entry(placed, folder, scene.render.fps / scene.render.fps_base))
+            )
     path, matrix, entry = shown[0]
     same = all(other == path and np.array_equal(at, matrix) for other, at, _ in shown)
     options = ["--grid", entry["grid"], "--density-scale", str(entry["medium"]["density_scale"])]

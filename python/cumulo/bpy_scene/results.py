@@ -38,7 +38,11 @@ def load(path, scene=None, like=None, capture=None):
 def _medium(scene, like, capture):
     """What a scene file would state of the medium."""
     if like is None:
-        return {"density_scale": Capture.read(capture).density_scale if capture else 1.0, "albedo": (0.0, 0.0, 0.0), "anisotropy": 0.0}
+        return {
+            "density_scale": Capture.read(capture).density_scale if capture else 1.0,
+            "albedo": (0.0, 0.0, 0.0),
+            "anisotropy": 0.0,
+        }
     placed = chosen(scene, like)
     medium = volume_entry(placed, ".", 1.0)["medium"]
     if "extinction_color" in medium:

@@ -34,7 +34,9 @@ def capture(folder, scene=None, volume=None, progress=None, **options):
 def shots(folder, scene=None, volume=None, *, views=24, size=(128, 128), samples=32, seed=0, cameras=None):
     """What `capture` does, view by view: a generator of (views done, views) that returns the Capture."""
     if bpy.app.version < (5, 0):
-        raise ValueError(f"Blender {bpy.app.version_string} renders volumes half a voxel aside; Blender 5.0 or later is needed")
+        raise ValueError(
+            f"Blender {bpy.app.version_string} renders volumes half a voxel aside; Blender 5.0 or later is needed"
+        )
     placed = chosen(scene or bpy.context.scene, volume)
     path = vdb_of(placed)
     entry = volume_entry(placed, folder, 1.0)
@@ -60,8 +62,14 @@ def chosen(scene, name=None):
     if len(named_so) == 1:
         return named_so[0]
     names = ", ".join(placed.object.name for placed in found) or "none"
-    found_text = f"{len(named_so)} volumes are rendered" if name is None else f"{len(named_so)} volumes named {name!r} are rendered"
-    raise Refused(named("scene", scene), f"{found_text} (all: {names})", "name the one, or disable the others in renders")
+    found_text = (
+        f"{len(named_so)} volumes are rendered"
+        if name is None
+        else f"{len(named_so)} volumes named {name!r} are rendered"
+    )
+    raise Refused(
+        named("scene", scene), f"{found_text} (all: {names})", "name the one, or disable the others in renders"
+    )
 
 
 def count_volumes(scene):

@@ -24,10 +24,16 @@ def view_layer_of(scene):
     layers = [layer for layer in scene.view_layers if layer.use]
     if len(layers) != 1:
         names = ", ".join(layer.name for layer in layers) or "none"
-        raise Refused(named("scene", scene), f"{len(layers)} view layers are rendered ({names})", "leave Use for Rendering on for one")
+        raise Refused(
+            named("scene", scene),
+            f"{len(layers)} view layers are rendered ({names})",
+            "leave Use for Rendering on for one",
+        )
     layer = layers[0]
     if layer.material_override or getattr(layer, "world_override", None):
-        raise Refused(named("view layer", layer), "it renders another material or world than the scene's", "clear its override")
+        raise Refused(
+            named("view layer", layer), "it renders another material or world than the scene's", "clear its override"
+        )
     return layer
 
 
@@ -72,5 +78,9 @@ def _rendered_names(layer):
     collection = layer.collection
     if layer.exclude or collection.hide_render:
         return set()
+    if collection.objects and (layer.holdout or layer.indirect_only):
+        raise Refused(
+            named("collection", collection), "it is a holdout, or lights the others alone", "clear Holdout and Indirect Only"
+        )
     names = {thing.name_full for thing in collection.objects if not thing.hide_render}
     return names.union(*(_rendered_names(child) for child in layer.children))

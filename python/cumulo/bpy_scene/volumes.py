@@ -19,14 +19,19 @@ def refuse_surface(thing):
     fluid = [m for m in thing.modifiers if m.type == "FLUID" and m.fluid_type == "DOMAIN"]
     if fluid:
         cache = bpy.path.abspath(fluid[0].domain_settings.cache_directory)
-        raise Refused(where, f"it is a fluid domain (cache: {cache})", f"bake it with the cache format OpenVDB, then {BACKED}")
-    if thing.type == "MESH" and not thing.data.polygons:
+        raise Refused(
+            where, f"it is a fluid domain (cache: {cache})", f"bake it with the cache format OpenVDB, then {BACKED}"
+        )
+    # Modifiers make surfaces and volumes of nothing.
+    if thing.type == "MESH" and not thing.data.polygons and not thing.modifiers:
         return
     if any(m and m.node_tree and (out := m.node_tree.get_output_node("CYCLES")) and out.inputs["Volume"].is_linked
            for m in getattr(thing.data, "materials", ())):  # fmt: skip
         raise Refused(where, f"its inside ({thing.type.lower()}) is a medium without a VDB file", BACKED)
     raise Refused(
-        where, f"a {thing.type.lower()} is rendered, and Cumulo renders volumes alone", "disable it in renders (camera icon in the outliner)"
+        where,
+        f"a {thing.type.lower()} is rendered, and Cumulo renders volumes alone",
+        "disable it in renders (camera icon in the outliner)",
     )
 
 
@@ -35,7 +40,11 @@ def vdb_of(placed):
     thing = placed.object
     volume, where = thing.data, named("object", thing)
     if shown := [m.name for m in thing.modifiers if m.show_render]:
-        raise Refused(where, f"the modifier {shown[0]!r} changes or makes the volume", "remove it, or write its result as VDB, import that, and disable this object in renders")
+        raise Refused(
+            where,
+            f"the modifier {shown[0]!r} changes or makes the volume",
+            "remove it, or write its result as VDB, import that, and disable this object in renders",
+        )
     if volume.packed_file:
         raise Refused(where, "its VDB is packed into the .blend", "unpack it (File > External Data)")
     if not volume.filepath:
@@ -43,7 +52,11 @@ def vdb_of(placed):
     volume.grids.load()
     path = pathlib.Path(bpy.path.abspath(volume.grids.frame_filepath or volume.filepath, library=volume.library))
     if volume.grids.error_message or not path.is_file():
-        raise Refused(where, f"{path} cannot be read: {volume.grids.error_message or 'no such file'}", "correct the path, or the sequence's frames")
+        raise Refused(
+            where,
+            f"{path} cannot be read: {volume.grids.error_message or 'no such file'}",
+            "correct the path, or the sequence's frames",
+        )
     return path.resolve()
 
 
@@ -52,7 +65,9 @@ def _check_visibility(placed):
     thing = placed.object
     for attribute in ("visible_camera", "visible_shadow", "visible_volume_scatter"):
         if not getattr(thing, attribute):
-            raise Refused(named("object", thing), f"its ray visibility {attribute} is off", "switch it on (Object > Visibility)")
+            raise Refused(
+                named("object", thing), f"its ray visibility {attribute} is off", "switch it on (Object > Visibility)"
+            )
     for attribute in ("is_holdout", "is_shadow_catcher"):
         if getattr(thing, attribute):
             raise Refused(named("object", thing), f"its {attribute} is on", "switch it off (Object > Visibility)")
@@ -92,7 +107,9 @@ def lattice_of(placed, path, grid):
     try:
         matrix, box = padding.lattice(path, grid)
     except ValueError as error:
-        raise Refused(named("object", placed.object), str(error), "show another file, or disable it in renders") from error
+        raise Refused(
+            named("object", placed.object), str(error), "show another file, or disable it in renders"
+        ) from error
     return placed.matrix @ matrix, box
 
 

@@ -52,7 +52,11 @@ def _checked(world, where, entry):
 def _texture(tree, node):
     """Path of the equirectangular EXR that a node shows."""
     if node.bl_idname != "ShaderNodeTexEnvironment":
-        raise tree.refused(node, f"a {node.bl_label} lights the world", "use one color, or an Environment Texture of an EXR (bake the sky into one)")
+        raise tree.refused(
+            node,
+            f"a {node.bl_label} lights the world",
+            "use one color, or an Environment Texture of an EXR (bake the sky into one)",
+        )
     if tree.source(node.inputs["Vector"]):
         raise tree.refused(node, "its Vector is linked", "unlink it: the picture cannot be turned")
     image = node.image
@@ -64,5 +68,7 @@ def _texture(tree, node):
     if path.suffix.lower() != ".exr" or not path.is_file():
         raise tree.refused(node, f"{path} is no EXR", "save the picture as EXR")
     if image.colorspace_settings.name not in LINEAR:
-        raise tree.refused(node, f"the color space of {path} is {image.colorspace_settings.name}", "choose Linear Rec.709")
+        raise tree.refused(
+            node, f"the color space of {path} is {image.colorspace_settings.name}", "choose Linear Rec.709"
+        )
     return path.resolve()

@@ -96,7 +96,9 @@ def _prepare_cycles(cycles, settings):
     # the standard error of a mean.
     cycles.sampling_pattern = "TABULATED_SOBOL"
     # Cycles counts scatterings after the first.
-    cycles.max_bounces = cycles.volume_bounces = max(0, settings.max_bounces - 1) if settings.model == "scattering" else 0
+    cycles.max_bounces = cycles.volume_bounces = (
+        max(0, settings.max_bounces - 1) if settings.model == "scattering" else 0
+    )
     cycles.caustics_reflective = cycles.caustics_refractive = True
     cycles.transparent_max_bounces = 1024
     if settings.pixel_filter == "box":

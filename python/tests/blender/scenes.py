@@ -18,7 +18,7 @@ def smoke(vdb, *, matrix=None, density=4.0, color=(0.9, 0.8, 0.6), anisotropy=0.
     scene = empty_scene()
     volume = bpy.data.volumes.new("Smoke")
     volume.filepath = str(vdb)
-    thing = link_object(scene, "Smoke", volume, matrix)
+    link_object(scene, "Smoke", volume, matrix)
     material = bpy.data.materials.new("Smoke Material")
     tree = material.node_tree
     tree.nodes.clear()
@@ -37,7 +37,9 @@ def smoke(vdb, *, matrix=None, density=4.0, color=(0.9, 0.8, 0.6), anisotropy=0.
     scene.camera = link_object(scene, "Camera", camera, look_at(target[:3] + (3.2, 2.0, 1.6), target[:3]))
     # Without a world Cycles shows no volume at all.
     scene.world = bpy.data.worlds.new("World")
-    next(node for node in scene.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground").inputs["Color"].default_value = (0, 0, 0, 1)
+    next(node for node in scene.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground").inputs[
+        "Color"
+    ].default_value = (0, 0, 0, 1)
     scene.frame_start, scene.frame_end = 1, 1
     _cycles(scene, size)
     return scene
@@ -58,7 +60,9 @@ def orbit(scene, frames):
     scene.frame_start, scene.frame_end = frames[0], frames[-1]
     for frame in frames:
         turn = 0.05 * frame
-        scene.camera.matrix_world = _matrix(look_at((1 + 3.8 * math.cos(turn), 1 + 3.8 * math.sin(turn), 2.6), (1, 1, 1)))
+        scene.camera.matrix_world = _matrix(
+            look_at((1 + 3.8 * math.cos(turn), 1 + 3.8 * math.sin(turn), 2.6), (1, 1, 1))
+        )
         for path in ("location", "rotation_euler"):
             scene.camera.keyframe_insert(path, frame=frame)
 
@@ -90,7 +94,7 @@ def film(scene, seed=0, frame=None):
 def medium_node(kind="ShaderNodeVolumePrincipled"):
     """The node of the smoke's material, of another kind than it was if asked for, and the tree."""
     tree = bpy.data.materials["Smoke Material"].node_tree
-    node, = (node for node in tree.nodes if node.bl_idname.startswith("ShaderNodeVolume"))
+    (node,) = (node for node in tree.nodes if node.bl_idname.startswith("ShaderNodeVolume"))
     if node.bl_idname == kind:
         return node, tree
     other = tree.nodes.new(kind)

@@ -107,7 +107,10 @@ def test_a_smoke_with_a_camera_path_is_exported_and_rendered_like_cycles(addon, 
         theirs = [scenes.film(scene, seed, frame) for seed in (3, 4)]
         for channel in range(4):
             pair = [one[index][..., channel] for one in ours]
-            assert reference.excess(*(picture[..., channel] for picture in theirs), pair, block=16) <= 1.0, (frame, channel)
+            assert reference.excess(*(picture[..., channel] for picture in theirs), pair, block=16) <= 1.0, (
+                frame,
+                channel,
+            )
 
 
 def test_render_with_cumulo_shows_an_image(addon, fixtures, tmp_path):
@@ -135,14 +138,16 @@ def test_views_are_rendered_reconstructed_and_loaded_beside_the_original(addon, 
     assert (len(capture.frames), capture.density_scale) == (16, pytest.approx(4.0))
     found = tmp_path / "found.vdb"
     assert bpy.ops.cumulo.reconstruct(capture=str(tmp_path / "views"), output=str(found), like="Smoke") == {"FINISHED"}
-    grid, = cumulo("diff", fixtures / "plume.vdb", found)["grids"]
+    (grid,) = cumulo("diff", fixtures / "plume.vdb", found)["grids"]
     assert grid["psnr_db"] > 25
     # Beside the original, with its medium. Boxes are those of blocks of 8 voxels.
     thing, original = scene.objects["found"], scene.objects["Smoke"]
     bpy.context.view_layer.update()
     boxes = [np.array([one.matrix_world @ Vector(corner) for corner in one.bound_box]) for one in (thing, original)]
     assert np.abs(boxes[0].mean(axis=0) - boxes[1].mean(axis=0)).max() < 0.34
-    medium = next(node for node in thing.data.materials[0].node_tree.nodes if node.bl_idname == "ShaderNodeVolumePrincipled")
+    medium = next(
+        node for node in thing.data.materials[0].node_tree.nodes if node.bl_idname == "ShaderNodeVolumePrincipled"
+    )
     assert medium.inputs["Density"].default_value == pytest.approx(4.0)
     assert tuple(medium.inputs["Color"].default_value)[:3] == pytest.approx((0.7, 0.7, 0.7))
     # The picture of the found one in the place of the original, beside the picture of the original.
@@ -163,10 +168,15 @@ def test_a_sequence_is_denoised_along_the_motion_of_the_volume(addon, fixtures, 
     assert bpy.data.images["Cumulo"].source == "SEQUENCE"
     assert bpy.ops.cumulo.render(folder=str(tmp_path / "truth"), animation=True, samples=256) == {"FINISHED"}
     assert bpy.ops.cumulo.denoise() == {"FINISHED"}
-    assert (tmp_path / "denoised" / "scene" / "volume.vdb").is_file() and (tmp_path / "denoised" / "motion" / "frame.0001.exr").is_file()
+    assert (tmp_path / "denoised" / "scene" / "volume.vdb").is_file() and (
+        tmp_path / "denoised" / "motion" / "frame.0001.exr"
+    ).is_file()
     errors = []
     for folder in ("render", "denoised"):
-        pairs = [[read_exr(tmp_path / part / f"frame.{frame:04}.exr")[..., :3] for part in (folder, "truth")] for frame in range(1, 7)]
+        pairs = [
+            [read_exr(tmp_path / part / f"frame.{frame:04}.exr")[..., :3] for part in (folder, "truth")]
+            for frame in range(1, 7)
+        ]
         errors.append(np.sqrt(np.mean([(one - other) ** 2 for one, other in pairs])))
     assert errors[1] < 0.6 * errors[0]
 
@@ -191,7 +201,12 @@ def test_what_cannot_be_honored_is_reported_by_name(addon, fixtures, tmp_path):
         bpy.ops.cumulo.export_scene()
     scenes.medium_node()[0].inputs["Density Attribute"].default_value = "soot"
     scene.cumulo.folder = str(tmp_path)
-    for operator in (bpy.ops.cumulo.export_scene, bpy.ops.cumulo.render, bpy.ops.cumulo.render_views, bpy.ops.cumulo.denoise):
+    for operator in (
+        bpy.ops.cumulo.export_scene,
+        bpy.ops.cumulo.render,
+        bpy.ops.cumulo.render_views,
+        bpy.ops.cumulo.denoise,
+    ):
         with pytest.raises(RuntimeError, match="material 'Smoke Material', node 'Principled Volume'.*soot"):
             operator(folder=str(tmp_path / "out"))
 
@@ -243,7 +258,9 @@ def event(kind, value="PRESS"):
 def test_esc_ends_the_program_and_the_progress(addon, fixtures, tmp_path):
     scenes.smoke(fixtures / "plume.vdb")
     package = addon()
-    program = script(tmp_path, f'echo "epochs: 3 of 12 after 2s, 6s to go; 20 dB" >&2; echo $$ > {tmp_path}/pid; exec sleep 60')
+    program = script(
+        tmp_path, f'echo "epochs: 3 of 12 after 2s, 6s to go; 20 dB" >&2; echo $$ > {tmp_path}/pid; exec sleep 60'
+    )
 
     class Running(package.job.Job):
         bl_label, reports = "Reconstruct", []
@@ -301,4 +318,6 @@ def test_views_go_on_beside_events_and_leave_nothing_when_cancelled(addon, fixtu
     while (state := job.modal(window, event("TIMER"))) == {"RUNNING_MODAL"}:
         pass
     assert state == {"FINISHED"} and len(Capture.read(tmp_path / "views").frames) == 3
-    assert padding.lattice(fixtures / "plume.vdb", "density")[0] == pytest.approx(Capture.read(tmp_path / "views").lattice)
+    assert padding.lattice(fixtures / "plume.vdb", "density")[0] == pytest.approx(
+        Capture.read(tmp_path / "views").lattice
+    )

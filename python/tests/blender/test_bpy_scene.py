@@ -1,5 +1,6 @@
 """From scenes of Blender to scene files and captures: what is stated is what Cycles renders, and the rest is refused by name."""
 
+import dataclasses
 import json
 import math
 
@@ -32,7 +33,9 @@ def rendered(cumulo, exported, folder, *, samples=64):
 
 def agree(first, second, block=16):
     """True if two pairs of noisy pictures are of one mean, in all channels."""
-    return all(reference.excess(*(p[..., c] for p in first), [p[..., c] for p in second], block=block) <= 1.0 for c in range(4))
+    return all(
+        reference.excess(*(p[..., c] for p in first), [p[..., c] for p in second], block=block) <= 1.0 for c in range(4)
+    )
 
 
 def test_a_moved_smoke_in_sun_light_is_the_picture_of_cycles(fixtures, cumulo, tmp_path):
@@ -57,12 +60,16 @@ def test_lamps_and_the_sky_are_those_of_cycles(fixtures, cumulo, tmp_path):
     area.energy, area.shape, area.size, area.size_y, area.exposure = 40.0, "RECTANGLE", 0.6, 1.5, 1.0
     link_object(scene, "Area", area, look_at((1.2, 1.1, 3.4), (1, 1, 1)))
     rows, columns = np.mgrid[0:16, 0:32]
-    sky = np.stack([0.1 + 0.02 * columns, 0.5 - 0.02 * rows, 0.2 + 0.2 * (columns > 20), np.ones_like(rows, float)], axis=-1)
+    sky = np.stack(
+        [0.1 + 0.02 * columns, 0.5 - 0.02 * rows, 0.2 + 0.2 * (columns > 20), np.ones_like(rows, float)], axis=-1
+    )
     write_exr(tmp_path / "sky.exr", sky.astype(np.float32), "test", {})
     scene.world = bpy.data.worlds.new("World")
     tree = scene.world.node_tree
     tree.nodes.clear()
-    texture, back, out = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexEnvironment", "Background", "OutputWorld"))
+    texture, back, out = (
+        tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexEnvironment", "Background", "OutputWorld")
+    )
     texture.image = bpy.data.images.load(str(tmp_path / "sky.exr"))
     texture.image.colorspace_settings.name = "Linear Rec.709"
     back.inputs["Strength"].default_value = 0.5
@@ -78,7 +85,9 @@ def test_three_lines_make_a_capture(fixtures, tmp_path):
     scenes.smoke(fixtures / "plume.vdb", matrix=PLACE)
     before = [set(getattr(bpy.data, kind).keys()) for kind in ("scenes", "objects", "materials", "cameras", "worlds")]
     captures = [bpy_scene.capture(tmp_path / str(seed), views=2, size=(32, 32), seed=10 * seed) for seed in (1, 2)]
-    assert before == [set(getattr(bpy.data, kind).keys()) for kind in ("scenes", "objects", "materials", "cameras", "worlds")]
+    assert before == [
+        set(getattr(bpy.data, kind).keys()) for kind in ("scenes", "objects", "materials", "cameras", "worlds")
+    ]
     capture = Capture.read(tmp_path / "1")
     # In object space Blender divides the density by the scale along the diagonal.
     scale = 4.0 / np.linalg.norm(PLACE[:3, :3] @ np.full(3, 3**-0.5))
@@ -89,7 +98,11 @@ def test_three_lines_make_a_capture(fixtures, tmp_path):
     padding.moved_copy(fixtures / "plume.vdb", "density", PLACE, tmp_path / "moved.vdb")
     for view in range(2):
         camera = capture.frames[view][0]
-        fine = [reference.optical_depth(tmp_path / "moved.vdb", "density", shifted(camera, x, y)) for x in OFFSETS for y in OFFSETS]
+        fine = [
+            reference.optical_depth(tmp_path / "moved.vdb", "density", shifted(camera, x, y))
+            for x in OFFSETS
+            for y in OFFSETS
+        ]
         expected = np.exp(-scale * np.array(fine)).mean(axis=0)
         pictures = [1 - read_exr(one.frames[view][1])[..., 3] for one in captures]
         assert 0.02 < expected.min() < 0.8
@@ -101,8 +114,6 @@ OFFSETS = (-0.375, -0.125, 0.125, 0.375)
 
 def shifted(camera, x, y):
     """The camera with its pixels' centres elsewhere, by fractions of a pixel."""
-    import dataclasses
-
     return dataclasses.replace(camera, cx=camera.cx - x, cy=camera.cy - y)
 
 
@@ -153,11 +164,19 @@ def test_media_of_node_trees(fixtures):
     driven(2.5, "density", node.inputs["Density"], tree)
     driven(0.5, "density", node.inputs["Emission Strength"], tree)
     node.inputs["Emission Color"].default_value = (1.0, 0.5, 0.25, 1)
-    node.inputs["Blackbody Intensity"].default_value, node.inputs["Temperature Attribute"].default_value = 0.5, "density"
+    node.inputs["Blackbody Intensity"].default_value, node.inputs["Temperature Attribute"].default_value = (
+        0.5,
+        "density",
+    )
     found = medium()
     assert found["density_scale"] == pytest.approx(2.5) and "extinction_color" not in found
     assert found["emission_grid"] == {"grid": "density", "radiance": pytest.approx([0.5, 0.25, 0.125])}
-    assert found["blackbody"] == {"grid": "density", "kelvin": 1000.0, "intensity": pytest.approx(0.5), "tint": [1.0, 1.0, 1.0]}
+    assert found["blackbody"] == {
+        "grid": "density",
+        "kelvin": 1000.0,
+        "intensity": pytest.approx(0.5),
+        "tint": [1.0, 1.0, 1.0],
+    }
     # A scatterer and half an absorber, added; the scatterer takes no light that it does not scatter.
     scatter, tree = scenes.medium_node("ShaderNodeVolumeScatter")
     scatter.inputs["Color"].default_value, scatter.inputs["Anisotropy"].default_value = (0.5, 0.5, 0.5, 1), -0.2
@@ -199,7 +218,7 @@ def test_animations_state_each_frame(fixtures, tmp_path):
     exported = bpy_scene.export(tmp_path / "moving", frames=(3, 4, 5))
     assert exported.scene.name == "scene.####.json" and scene.frame_current == 1
     for frame in (3, 4, 5):
-        volume, = json.loads((tmp_path / "moving" / f"scene.{frame:04}.json").read_text())["volumes"]
+        (volume,) = json.loads((tmp_path / "moving" / f"scene.{frame:04}.json").read_text())["volumes"]
         assert volume["medium"]["density_scale"] == pytest.approx(2 * frame)
         assert volume["transform"][0][3] == pytest.approx(0.25 * frame)
 
@@ -212,7 +231,7 @@ def test_sequences_name_the_file_of_each_frame(fixtures, tmp_path):
     volume.is_sequence, volume.frame_start, volume.frame_duration, volume.frame_offset = True, 1, 2, 6
     bpy_scene.export(tmp_path / "out", frames=(1, 2))
     for frame in (1, 2):
-        entry, = json.loads((tmp_path / "out" / f"scene.{frame:04}.json").read_text())["volumes"]
+        (entry,) = json.loads((tmp_path / "out" / f"scene.{frame:04}.json").read_text())["volumes"]
         assert entry["file"] == f"../smoke_{frame + 6:03}.vdb"
     with pytest.raises(bpy_scene.Refused, match="object 'Smoke'.*smoke_00[78].vdb|object 'Smoke'"):
         (tmp_path / "smoke_008.vdb").unlink()
@@ -295,6 +314,21 @@ def domain(scene):
     thing.modifiers.new("Fluid", "FLUID").fluid_type = "DOMAIN"
 
 
+def procedural(scene):
+    group = bpy.data.node_groups.new("Cloud", "GeometryNodeTree")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    cube, output = group.nodes.new("GeometryNodeVolumeCube"), group.nodes.new("NodeGroupOutput")
+    group.links.new(cube.outputs[0], output.inputs[0])
+    box_mesh(scene, (3, 3, 3), (4, 4, 4)).modifiers.new("Cloud", "NODES").node_group = group
+
+
+def holdout(scene):
+    collection = bpy.data.collections.new("Masks")
+    scene.collection.children.link(collection)
+    collection.objects.link(scene.objects["Smoke"])
+    scene.view_layers[0].layer_collection.children["Masks"].holdout = True
+
+
 def modifier(scene):
     scene.objects["Smoke"].modifiers.new("Wobble", "VOLUME_DISPLACE")
 
@@ -306,6 +340,7 @@ def two_grids(node, tree):
 def scatter_phase(scene):
     node, tree = scenes.medium_node("ShaderNodeVolumeScatter")
     node.phase = "DRAINE"
+    driven(1.0, "density", node.inputs["Density"], tree)
 
 
 def glass(node, tree):
@@ -338,10 +373,18 @@ REFUSED = {
     "a mesh": (cloth, ["object 'box'", "a mesh is rendered", "disable it in renders"]),
     "a mesh with a medium": (foggy_box, ["object 'box'", "medium without a VDB", "Import OpenVDB"]),
     "a fluid domain": (domain, ["object 'box'", "fluid domain", "cache:", "Import OpenVDB"]),
+    "a procedural volume": (procedural, ["object 'box'", "mesh is rendered"]),
+    "a holdout": (holdout, ["collection 'Masks'", "Holdout"]),
     "a modifier": (modifier, ["object 'Smoke'", "'Wobble'", "write its result as VDB"]),
     "no file": (lambda scene: setattr(bpy.data.volumes["Smoke"], "filepath", ""), ["object 'Smoke'", "no VDB file"]),
-    "a missing file": (lambda scene: setattr(bpy.data.volumes["Smoke"], "filepath", "/none.vdb"), ["object 'Smoke'", "/none.vdb"]),
-    "no material": (lambda scene: bpy.data.volumes["Smoke"].materials.clear(), ["object 'Smoke'", "no material", "Principled Volume"]),
+    "a missing file": (
+        lambda scene: setattr(bpy.data.volumes["Smoke"], "filepath", "/none.vdb"),
+        ["object 'Smoke'", "/none.vdb"],
+    ),
+    "no material": (
+        lambda scene: bpy.data.volumes["Smoke"].materials.clear(),
+        ["object 'Smoke'", "no material", "Principled Volume"],
+    ),
     "hidden from cameras": (attribute("visible_camera", False, "smoke"), ["object 'Smoke'", "visible_camera"]),
     "hidden in the viewport": (attribute("hide_viewport", True, "smoke"), ["object 'Smoke'", "viewport"]),
     "a spot": (light("SPOT"), ["light 'Lamp'", "no spot lights"]),
@@ -353,21 +396,36 @@ REFUSED = {
     "a lamp in the picture": (seen_lamp, ["light 'Lamp'", "Camera"]),
     "a sun in the picture": (seen_sun, ["light 'Sun'", "Camera"]),
     "a sky texture": (world("ShaderNodeTexSky"), ["world 'Sky', node 'Sky Texture'", "bake the sky"]),
-    "an environment without a file": (world("ShaderNodeTexEnvironment"), ["world 'Sky', node 'Environment Texture'", "EXR"]),
-    "a texture of densities": (linked("Density", "ShaderNodeTexNoise"), ["material 'Smoke Material', node 'Noise Texture'", "'Density'", "bake"]),
-    "a color ramp": (linked("Density", "ShaderNodeValToRGB"), ["material 'Smoke Material', node 'Color Ramp'", "'Density'"]),
+    "an environment without a file": (
+        world("ShaderNodeTexEnvironment"),
+        ["world 'Sky', node 'Environment Texture'", "EXR"],
+    ),
+    "a texture of densities": (
+        linked("Density", "ShaderNodeTexNoise"),
+        ["material 'Smoke Material', node 'Noise Texture'", "'Density'", "bake"],
+    ),
+    "a color ramp": (
+        linked("Density", "ShaderNodeValToRGB"),
+        ["material 'Smoke Material', node 'Color Ramp'", "'Density'"],
+    ),
     "a driven color": (linked("Color", "ShaderNodeAttribute"), ["node 'Attribute'", "'Color'", "Principled Volume"]),
-    "a linked anisotropy": (linked("Anisotropy", "ShaderNodeAttribute", 2), ["node 'Principled Volume'", "'Anisotropy' is linked"]),
-    "a grid that is not there": (value("Density Attribute", "soot"), ["node 'Principled Volume'", "'soot'", "the file has density"]),
+    "a linked anisotropy": (
+        linked("Anisotropy", "ShaderNodeAttribute", 2),
+        ["node 'Principled Volume'", "'Anisotropy' is linked"],
+    ),
+    "a grid that is not there": (
+        value("Density Attribute", "soot"),
+        ["node 'Principled Volume'", "'soot'", "the file has density"],
+    ),
     "no grid": (value("Density Attribute", ""), ["node 'Principled Volume'", "'Density' is 4 everywhere"]),
     "two grids": (material(two_grids), ["node 'Principled Volume'", "multiplies the grids", "clear Density Attribute"]),
     "colors of a grid": (value("Color Attribute", "density"), ["node 'Principled Volume'", "reads colors"]),
-    "emission everywhere": (value("Emission Strength", 1.0), ["node 'Principled Volume'", "'Emission Strength' is 1 everywhere"]),
-    "no extinction": (value("Density", 0.0), ["material 'Smoke Material'", "takes no light"]),
-    "another phase function": (
-        lambda scene: (scatter_phase(scene), driven(1.0, "density", scenes.medium_node("ShaderNodeVolumeScatter")[0].inputs["Density"], scenes.medium_node("ShaderNodeVolumeScatter")[1])),
-        ["node 'Volume Scatter'", "DRAINE"],
+    "emission everywhere": (
+        value("Emission Strength", 1.0),
+        ["node 'Principled Volume'", "'Emission Strength' is 1 everywhere"],
     ),
+    "no extinction": (value("Density", 0.0), ["material 'Smoke Material'", "takes no light"]),
+    "another phase function": (scatter_phase, ["node 'Volume Scatter'", "DRAINE"]),
     "an unknown shader": (material(glass), ["node 'Volume Coefficients'", "no medium that Cumulo knows"]),
     "a panorama": (attribute("camera.data.type", "PANO"), ["camera 'Camera'", "pano"]),
     "depth of field": (attribute("camera.data.dof.use_dof", True), ["camera 'Camera'", "depth of field"]),
@@ -428,6 +486,8 @@ def test_captures_are_refused_where_they_would_show_another_medium(fixtures, tmp
 
 def test_angles_of_suns_are_degrees(fixtures):
     scene = scenes.smoke(fixtures / "plume.vdb")
-    sun, = bpy_scene.describe(".", scene)[0]["lights"]
+    (sun,) = bpy_scene.describe(".", scene)[0]["lights"]
     assert sun["angle"] == pytest.approx(math.degrees(0.1))
-    assert np.array(sun["direction"]) == pytest.approx(np.array((0.8, -1.0, 1.6)) / np.linalg.norm((0.8, -1.0, 1.6)), abs=1e-6)
+    assert np.array(sun["direction"]) == pytest.approx(
+        np.array((0.8, -1.0, 1.6)) / np.linalg.norm((0.8, -1.0, 1.6)), abs=1e-6
+    )

@@ -109,7 +109,7 @@ pub fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Result<Lo
             for grid in emissions.iter_mut().map(|(grid, _)| grid).chain([&mut grid]) {
                 grid.transform = grid.transform.then(&placement).map_err(&named)?;
             }
-            velocity = velocity.map(|velocity| velocity.moved(&placement)).transpose().map_err(&named)?;
+            velocity = velocity.map(|velocity| velocity.placed(placement.matrix())).transpose().map_err(&named)?;
         }
         Ok(SceneVolume { path: vdb, grid, transfer, medium, emissions, velocity })
     };
