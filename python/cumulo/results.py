@@ -8,7 +8,6 @@ positions and matrices in world space, matrices row by row and acting on columns
 from __future__ import annotations
 
 import dataclasses
-import functools
 import keyword
 import pathlib
 import types
@@ -35,10 +34,15 @@ class Report:
         return cls(**known, extra=extra, json=data)
 
 
-@functools.cache
+_HINTS: dict[type, dict[str, Any]] = {}
+
+
 def _hints(cls: type) -> dict[str, Any]:
-    hints = typing.get_type_hints(cls)
-    return {key: hint for key, hint in hints.items() if key not in ("extra", "json")}
+    """Types of a class's fields, by name."""
+    if cls not in _HINTS:
+        hints = typing.get_type_hints(cls)
+        _HINTS[cls] = {key: hint for key, hint in hints.items() if key not in ("extra", "json")}
+    return _HINTS[cls]
 
 
 def _value(hint: Any, value: Any) -> Any:
