@@ -170,7 +170,9 @@ fn wrong_use_gives_2_and_says_why() {
     fails(&[full, full, "--tile=0"], &["--tile"]);
     fails(&[full, full, "--flip"], &["--flip"]);
     fails(&["a.####.exr", "b.####.exr"], &["sequence"]);
-    fails(&[full, full, "--heatmap", full], &["input of this command"]);
+    let hidden = dir.path().join("hidden.png");
+    std::fs::hard_link(full, &hidden).unwrap();
+    fails(&[full, full, "--heatmap", hidden.to_str().unwrap()], &["input of this command"]);
     fails(&[full, full, "--max-memory=112M", "--heatmap=a.txt"], &["PNG"]);
     let run = cumulo().args(["compare", full, full, "--tile=4"]).assert().code(2);
     assert!(String::from_utf8_lossy(&run.get_output().stderr).contains("--statistical"));

@@ -51,7 +51,7 @@ class Picture:
     layer: str = ""
 
 
-def read_volume(path: Path, grid: str | None = None, **options: Option) -> Volume:
+def read_volume(path: Path, grid: str | None = None, **options: Any) -> Volume:
     """Reads a grid of a VDB: the named one, the only one, or `density`.
 
     Raises `CumuloError` if the file or the grid cannot be read, or the array would exceed `max_memory`.
@@ -66,7 +66,7 @@ def read_volume(path: Path, grid: str | None = None, **options: Option) -> Volum
 
 def write_volume(path: Path, values: npt.ArrayLike, *, voxel_size: float | None = None,
                  origin: tuple[float, float, float] | None = None, transform: npt.ArrayLike | None = None,
-                 grid: str = "density", **options: Option) -> None:  # fmt: skip
+                 grid: str = "density", **options: Any) -> None:  # fmt: skip
     """Writes an array as the only grid of a VDB; zeros become inactive.
 
     Give `voxel_size` (world units), and with it `origin`, the world position of the centre of voxel
@@ -79,7 +79,7 @@ def write_volume(path: Path, values: npt.ArrayLike, *, voxel_size: float | None 
     _through(path, values, {**place, "grid": grid, **options})
 
 
-def read_picture(path: Path, layer: str | None = None, **options: Option) -> Picture:
+def read_picture(path: Path, layer: str | None = None, **options: Any) -> Picture:
     """Reads a layer of an EXR, all of its channels (default: the beauty).
 
     Raises `CumuloError` if the file or the layer cannot be read.
@@ -92,7 +92,7 @@ def read_picture(path: Path, layer: str | None = None, **options: Option) -> Pic
     return Picture(values, tuple(made.layer.channels), made.layer.name)
 
 
-def write_picture(path: Path, values: npt.ArrayLike, **options: Option) -> None:
+def write_picture(path: Path, values: npt.ArrayLike, **options: Any) -> None:
     """Writes [row, column] or [row, column, channel] of grey, RGB or RGBA as a float EXR with R, G, B and A."""
     _through(path, values, options)
 

@@ -6,6 +6,7 @@ notebook show it.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,8 +18,17 @@ from . import arrays, results
 from .options import Path
 
 
+class Drawing(Figure):
+    """A figure that notebooks show without any magic."""
+
+    def _repr_png_(self) -> bytes:
+        png = io.BytesIO()
+        self.savefig(png, format="png")
+        return png.getvalue()
+
+
 def _figure(width: float, height: float) -> Figure:
-    return Figure(figsize=(width, height), layout="constrained")
+    return Drawing(figsize=(width, height), layout="constrained")
 
 
 def display(linear: npt.ArrayLike, exposure: float = 1.0) -> npt.NDArray[np.float64]:
@@ -60,7 +70,7 @@ def views(given: Sequence[Path | npt.ArrayLike], made: Sequence[Path | npt.Array
     grid = figure.subplots(3, len(pairs), squeeze=False)
     differences = [np.abs(a[..., :3] - b[..., :3]).max(axis=-1) for a, b in pairs]
     largest = max(float(d.max()) for d in differences) or 1.0
-    image = None
+    image: Any = None
     for column, (pair, difference) in enumerate(zip(pairs, differences)):
         for row in range(2):
             grid[row][column].imshow(display(pair[row], exposure))
@@ -97,7 +107,7 @@ def slices(volume: arrays.Volume, position: Sequence[float] = (0.5, 0.5, 0.5), c
     linear = volume.transform[:3, :3]
     upright = np.array_equal(linear, np.diag(np.diag(linear)))
     low, high = float(volume.values.min()), float(volume.values.max())
-    image = None
+    image: Any = None
     for axis, axes in enumerate(figure.subplots(1, 3)):
         index = min(int(position[axis] * volume.values.shape[axis]), volume.values.shape[axis] - 1)
         across, up = (a for a in range(3) if a != axis)

@@ -14,7 +14,7 @@ PACKAGE = pathlib.Path(__file__).resolve().parents[1]
 BLENDER = {"blender", "bpy_scene", "cycles", "noise", "padding"}
 MODULES = sorted(p.stem for p in (PACKAGE / "cumulo").glob("*.py") if p.stem not in BLENDER | {"__init__"})
 # Modules that were written with types; each function of theirs is annotated.
-TYPED = ["arrays", "commands", "options", "plots", "reconstruct", "results", "run", "testing"]
+TYPED = ["arrays", "commands", "comparisons", "options", "plots", "reconstruct", "report", "results", "run", "testing"]
 
 TUTORIAL = """
 import sys

@@ -15,13 +15,13 @@ from .. import arrays, results
 from . import pictures
 
 # Width in which pictures are shown, about, in pixels of the screen.
-SHOWN = 360
+SHOWN = 280
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #1c1c1c; max-width: 1240px; margin: 2em auto; padding: 0 1em; }
 h1 { font-size: 1.4em; } h2 { font-size: 1.1em; margin-top: 2em; }
 .verdict { border-left: 4px solid #b2182b; padding: .4em .8em; background: #fbeeee; }
-.row { display: flex; flex-wrap: wrap; gap: 1em; } figure { margin: 0; } figcaption { font-size: .85em; color: #555; max-width: 360px; }
-.picture { position: relative; } .picture img { display: block; image-rendering: pixelated; }
+.row { display: flex; flex-wrap: wrap; gap: 1em; } figure { margin: 0; } figcaption { font-size: .85em; color: #555; max-width: 280px; }
+.picture { position: relative; } .picture { border: 1px solid #ccc; width: fit-content; } .picture img { display: block; image-rendering: pixelated; }
 .mark { position: absolute; box-sizing: border-box; border: 2px solid #f5a623; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; } td, th { padding: .15em .8em; text-align: right; border-bottom: 1px solid #ddd; }
 td:first-child, th:first-child, td.text, th.text { text-align: left; } tr.found td { background: #fbeeee; font-weight: 600; }

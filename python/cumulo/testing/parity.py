@@ -8,7 +8,7 @@ import pathlib
 import shlex
 import shutil
 import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NoReturn, Union
 
 import pytest
@@ -62,7 +62,8 @@ class Parity:
             worst = min(
                 ((name, c.channel, test.p) for c in found.channels for name, test in _tests(c)), key=lambda t: t[2]
             )
-            words = f"the expected values differ: p = {found.p:.1e} of all tests, {worst[0]} of {worst[1]} most"
+            p = f"p = {found.p:.1e}" if found.p > 0 else "p below 1e-300"
+            words = f"the expected values differ, {p} of all tests; most clearly {worst[0]} of {worst[1]}"
             self._fail(reference, words, found, made, (expected, actual), candidate)
         return found
 
@@ -116,9 +117,15 @@ class Parity:
 
         folder = self.failures / reference.name
         shutil.rmtree(folder, ignore_errors=True)
-        shown = "a function" if callable(candidate) else shlex.join(str(word) for word in candidate)
+        shown = shlex.join(str(word) for word in candidate) if not callable(candidate) else _name(candidate)
         self.pages.append(page.write(folder, page.Failure(self.test, words, found, made, *pictures, shown)))
         pytest.fail(f"{reference.name}: {words}\n  see {self.pages[-1]}", pytrace=False)
+
+
+def _name(function: Any) -> str:
+    """A function as a page names it."""
+    module, name = getattr(function, "__module__", None), getattr(function, "__qualname__", None)
+    return f"the function {name} of {module}" if name else "a function"
 
 
 def _tests(channel: results.ChannelTests) -> list[tuple[str, Any]]:

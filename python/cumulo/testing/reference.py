@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import importlib
 import importlib.metadata
 import json
 import os
@@ -48,8 +49,7 @@ def volume(vdb: Path, camera: Any, settings: Any, *, grid: str = "density", name
     """
 
     def render(seed: int, path: pathlib.Path) -> Any:
-        from .. import blender
-
+        blender: Any = importlib.import_module("cumulo.blender")
         made = settings if dataclasses.is_dataclass(settings) else blender.Settings(**settings)
         return blender.Stage(made, vdb, grid).film(camera, seed)
 

@@ -15,10 +15,15 @@
 //!   (Σv)² / Σ(a²/(f + 2) + b²/(g + 2)) - 2 for the variances a and b of the sides with f and g degrees of freedom. Noise
 //!   that few pixels carry therefore counts as little evidence.
 //! - **mean**: the same for the whole picture, with a confidence interval of the difference.
-//! - **spread**: z = Σ(d² - v) / √Σ(d² - v)², one-sided, which finds differences of high frequency that no pixel shows
+//! - **spread**: z = Σ w(d² - v) / √Σ w²(d² - v)², one-sided, which finds differences of high frequency that no pixel shows
 //!   alone and that cancel in tiles, such as a shift by part of a pixel. The expected value of each term is 0 under the
-//!   null hypothesis, however the noise varies over the picture, since v is an unbiased estimate. The sum is divided by
-//!   its own magnitude, so that large terms make the test slow to speak, not quick.
+//!   null hypothesis, however the noise varies over the picture, since v is an unbiased estimate. The weight w is one over
+//!   the mean variance of the pixel's neighbours, without its own, on which d and v do not depend. The sum is divided by its
+//!   own magnitude, so that large terms make the test slow to speak, not quick.
+//!
+//! Where no sample of a region shows any noise, but the sides differ, t is infinite. The p-value is then the probability that
+//! samples all alike are divided between the sides as they are, for each of the region's pixels that differ: one third
+//! for two seeds on either side. Pictures whose values are discrete, such as the alpha of few paths, need this.
 //!
 //! With k tests in all, the pictures differ if any p-value is below 1 - (1 - α)^(1/k): if they have the same expected
 //! values, this happens with a probability of at most α, the rate of false alarms.
@@ -198,7 +203,7 @@ pub struct SpreadTest {
     pub mean_square: f64,
     /// Mean variance, which is what the mean square is expected to be.
     pub mean_variance: f64,
-    /// Σ(d² - v) / √Σ(d² - v)²; 0 without noise and differences.
+    /// Σ w(d² - v) / √Σ w²(d² - v)²; 0 without noise and differences.
     pub z: f64,
     /// Probability of a larger z.
     pub p: f64,

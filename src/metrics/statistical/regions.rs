@@ -4,9 +4,14 @@ use super::probability::{of_smallest, quantile, two_sided, upper_normal};
 use super::{CHANNELS, ChannelTests, Estimate, MeanTest, Question, Region, RegionTests, SpreadTest};
 use crate::error::{Error, Result};
 use rayon::prelude::*;
+use statrs::function::gamma::ln_gamma;
+use std::f64::consts::LN_2;
 
 /// Confidence of the interval of the mean difference.
 const CONFIDENCE: f64 = 0.95;
+
+/// Number of samples on both sides together from which on none of them can be alike by chance.
+const MANY: f64 = 1e6;
 
 /// Rounding of a value in single precision, relative to it. A picture is rounded once, and so is a mean of several.
 const ROUNDING: f64 = f32::EPSILON as f64;
@@ -14,6 +19,8 @@ const ROUNDING: f64 = f32::EPSILON as f64;
 /// Differences of a channel with their variances, pixel by pixel.
 struct Differences<'e> {
     sides: [&'e Estimate; 2],
+    /// Sides that have noise somewhere.
+    noisy: [bool; 2],
     channel: usize,
     used: &'e [bool],
     tolerance: f64,
@@ -29,25 +36,27 @@ struct Sums {
     variance: f64,
     /// Σ(a²/(f + 2) + b²/(g + 2)).
     uncertainty: f64,
-    /// Smallest degrees of freedom of a pixel that has noise; infinite if none has.
+    /// Smallest degrees of freedom of a pixel on a side with noise; infinite if none has noise.
     least_freedom: f64,
+    /// Logarithm of the probability that samples without any spread are divided between the sides as they are.
+    silent: f64,
 }
 
-/// Student's statistic of a region.
+/// Student's statistic of a region, with its two-sided probability.
 #[derive(Debug, Clone, Copy)]
 struct Statistic {
     t: f64,
     freedom: f64,
+    p: f64,
 }
 
 impl Statistic {
-    fn of(beyond: f64, variance: f64, freedom: f64) -> Self {
+    /// Statistic of a difference beyond what is allowed. Where no sample shows any noise, `silent` is the logarithm of the
+    /// probability.
+    fn of(beyond: f64, variance: f64, freedom: f64, silent: f64) -> Self {
         let t = if beyond == 0.0 { 0.0 } else { beyond / variance.sqrt() };
-        Self { t, freedom }
-    }
-
-    fn p(&self) -> f64 {
-        two_sided(self.t, self.freedom)
+        let p = if t.is_infinite() { silent.exp() } else { two_sided(t, freedom) };
+        Self { t, freedom, p }
     }
 }
 
@@ -67,7 +76,7 @@ impl Sums {
         } else {
             f64::INFINITY
         };
-        Statistic::of(beyond(self.difference, self.allowed), self.variance, freedom)
+        Statistic::of(beyond(self.difference, self.allowed), self.variance, freedom, self.silent)
     }
 }
 
@@ -87,10 +96,25 @@ impl Differences<'_> {
         self.tolerance + ROUNDING * (a + b)
     }
 
-    /// Smaller degrees of freedom of the sides that have noise.
+    /// Smaller degrees of freedom of the sides that have noise somewhere.
     fn freedom(&self, pixel: usize) -> f64 {
-        let with_noise = self.sides.iter().filter(|side| side.variance[pixel][self.channel] > 0.0);
-        with_noise.map(|side| side.freedom.at(pixel)).fold(f64::INFINITY, f64::min)
+        let sides = self.sides.iter().zip(self.noisy).filter(|(_, noisy)| *noisy);
+        sides.map(|(side, _)| side.freedom.at(pixel)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Logarithm of the probability that a pixel's samples, all alike on either side but not on both, are divided between the
+    /// sides as they are: 2 of the n over m ways to choose the m samples of one side from all n, which are equally probable
+    /// if the sides have the same distribution. A side without noise counts as having as many samples as the other.
+    fn silent(&self, pixel: usize) -> f64 {
+        let counts: [f64; 2] = std::array::from_fn(|s| {
+            let which = if self.noisy[s] { s } else { 1 - s };
+            if self.noisy[which] { self.sides[which].freedom.at(pixel) + 1.0 } else { f64::INFINITY }
+        });
+        let [m, k] = counts;
+        if m + k > MANY {
+            return f64::NEG_INFINITY;
+        }
+        (LN_2 - (ln_gamma(m + k + 1.0) - ln_gamma(m + 1.0) - ln_gamma(k + 1.0))).min(0.0)
     }
 
     fn sums(&self, x: std::ops::Range<usize>, y: std::ops::Range<usize>) -> Sums {
@@ -105,35 +129,49 @@ impl Differences<'_> {
                     sums.uncertainty += variance * variance / (side.freedom.at(pixel) + 2.0);
                 }
                 sums.least_freedom = sums.least_freedom.min(self.freedom(pixel));
+                if self.difference(pixel).abs() > self.allowed(pixel) {
+                    sums.silent += self.silent(pixel);
+                }
             }
         }
         sums
     }
 
-    /// Variance of a pixel's difference: its own, or the mean over its 3 x 3 neighbourhood if that is larger.
-    fn guarded_variance(&self, pixel: usize) -> f64 {
+    fn variance(&self, pixel: usize) -> f64 {
+        self.variances(pixel).iter().sum()
+    }
+
+    /// Sum and number of the variances around a pixel, `reach` pixels far, without its own.
+    fn around(&self, pixel: usize, reach: usize) -> (f64, f64) {
         let (width, height) = (self.sides[0].width, self.sides[0].height);
         let (x, y) = (pixel % width, pixel / width);
         let (mut sum, mut count) = (0.0, 0.0);
-        for row in y.saturating_sub(1)..(y + 2).min(height) {
-            for column in x.saturating_sub(1)..(x + 2).min(width) {
+        for row in y.saturating_sub(reach)..(y + reach + 1).min(height) {
+            for column in x.saturating_sub(reach)..(x + reach + 1).min(width) {
                 let neighbour = row * width + column;
-                if self.used[neighbour] {
-                    sum += self.variances(neighbour).iter().sum::<f64>();
+                if neighbour != pixel && self.used[neighbour] {
+                    sum += self.variance(neighbour);
                     count += 1.0;
                 }
             }
         }
-        self.variances(pixel).iter().sum::<f64>().max(sum / f64::max(count, 1.0))
+        (sum, count)
+    }
+
+    /// Variance of a pixel's difference: its own, or the mean over its 3 x 3 neighbourhood if that is larger.
+    fn guarded_variance(&self, pixel: usize) -> f64 {
+        let own = self.variance(pixel);
+        let (sum, count) = self.around(pixel, 1);
+        own.max((sum + own) / (count + 1.0))
     }
 
     fn pixels(&self) -> RegionTests {
         let width = self.sides[0].width;
         let test = |pixel: usize| {
             let variance = self.guarded_variance(pixel);
-            let freedom = self.freedom(pixel);
-            let found = Statistic::of(beyond(self.difference(pixel), self.allowed(pixel)), variance, freedom);
-            (found.p(), found, pixel, variance)
+            let beyond = beyond(self.difference(pixel), self.allowed(pixel));
+            let found = Statistic::of(beyond, variance, self.freedom(pixel), self.silent(pixel));
+            (found.p, found, pixel, variance)
         };
         let rows = (0..self.sides[0].height).into_par_iter().map(|row| {
             let all = (row * width..(row + 1) * width).filter(|p| self.used[*p]).map(test);
@@ -178,7 +216,7 @@ impl Differences<'_> {
                     t: finite(found.t),
                     freedom: finite(found.freedom),
                 };
-                worst = smaller(worst, Some((found.p(), found.t, region)), |w| (w.0, w.1));
+                worst = smaller(worst, Some((found.p, found.t, region)), |w| (w.0, w.1));
             }
         }
         let p = of_smallest(worst.as_ref().map_or(1.0, |w| w.0), count);
@@ -196,25 +234,28 @@ impl Differences<'_> {
             interval: reach.is_finite().then_some([difference - reach, difference + reach]),
             t: finite(found.t),
             freedom: finite(found.freedom),
-            p: found.p(),
+            p: found.p,
         }
     }
 
     fn spread(&self) -> SpreadTest {
-        let (mut square, mut variance, mut sum, mut magnitude) = (0.0, 0.0, 0.0, 0.0);
-        let mut count = 0_usize;
-        for pixel in (0..self.used.len()).filter(|p| self.used[*p]) {
-            let d2 = beyond(self.difference(pixel), self.allowed(pixel)).powi(2);
-            let v = self.variances(pixel).iter().sum::<f64>();
-            square += d2;
-            variance += v;
-            sum += d2 - v;
-            magnitude += (d2 - v) * (d2 - v);
-            count += 1;
-        }
-        let z = if magnitude > 0.0 { sum / magnitude.sqrt() } else { 0.0 };
-        let pixels = count.max(1) as f64;
-        SpreadTest { mean_square: square / pixels, mean_variance: variance / pixels, z, p: upper_normal(z) }
+        let pixels = || (0..self.used.len()).filter(|p| self.used[*p]);
+        let square = |pixel: usize| beyond(self.difference(pixel), self.allowed(pixel)).powi(2);
+        let count = pixels().count().max(1) as f64;
+        let mean_square = pixels().map(square).sum::<f64>() / count;
+        let mean_variance = pixels().map(|p| self.variance(p)).sum::<f64>() / count;
+        let term = |pixel: &usize| {
+            let (sum, neighbours) = self.around(*pixel, 2);
+            // With the floor, no pixel weighs more than a hundred times the mean one.
+            let scale = sum / f64::max(neighbours, 1.0) + 0.01 * mean_variance;
+            let term = square(*pixel) - self.variance(*pixel);
+            if scale > 0.0 { term / scale } else { term }
+        };
+        // Collected in order, so that the sums do not depend on the number of threads.
+        let terms: Vec<f64> = pixels().collect::<Vec<_>>().par_iter().map(term).collect();
+        let magnitude = terms.iter().map(|t| t * t).sum::<f64>().sqrt();
+        let z = if magnitude > 0.0 { terms.iter().sum::<f64>() / magnitude } else { 0.0 };
+        SpreadTest { mean_square, mean_variance, z, p: upper_normal(z) }
     }
 }
 
@@ -242,7 +283,8 @@ pub(super) fn channel(
     if question.tile == 0 {
         return Err(Error::invalid("tiles of 0 pixels").hint("give the edge of a tile in pixels, 1 at least"));
     }
-    let all = Differences { sides, channel, used, tolerance: question.tolerance };
+    let noisy = sides.map(|side| side.variance.iter().any(|v| v[channel] > 0.0));
+    let all = Differences { sides, noisy, channel, used, tolerance: question.tolerance };
     Ok(ChannelTests {
         channel: CHANNELS[channel],
         mean: all.mean(),
