@@ -1,14 +1,20 @@
 """`cumulo.testing` in a project of its own: a good change passes, planted regressions fail, and their page shows them."""
 
+import dataclasses
 import json
 import os
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
 
+import bpy
+import numpy as np
 import pytest
 from cumulo import arrays, run
+from cumulo.testing import Parity, ReferenceProblem, blend_file, rounding
+from cumulo.testing.reference import Store
 
 PACKAGE = pathlib.Path(__file__).resolve().parents[2]
 
@@ -122,3 +128,35 @@ def test_a_reference_of_other_inputs_is_no_reference(project):
         assert code == 1 and "not those that were rendered" in said, said
     finally:
         picture.write_bytes(kept)
+
+
+def test_a_blend_is_rendered_as_its_scene_is(cumulo, fixtures, tmp_path):
+    blend = tmp_path / "scene.blend"
+    shutil.copy(fixtures / "plume.vdb", tmp_path / "linked.vdb")
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.world = bpy.data.worlds.new("sky")
+    scene.world.use_nodes = True
+    scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.25, 0.5, 1.0, 1.0)
+    # Behind the camera, which looks down -Z.
+    smoke = bpy.data.volumes.new("smoke")
+    smoke.filepath = str(tmp_path / "linked.vdb")
+    for name, data, height in (("eye", bpy.data.cameras.new("eye"), 0.0), ("smoke", smoke, 50.0)):
+        thing = bpy.data.objects.new(name, data)
+        thing.location = (0, 0, height)
+        scene.collection.objects.link(thing)
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    store = Store(tmp_path / "references", tmp_path)
+    parity = Parity(dataclasses.replace(store, missing="render"), tmp_path / "failures", tmp_path / "scratch")
+    reference = blend_file(blend, camera="eye", size=(8, 6), samples=4)
+    # A constant, summed over four samples and divided.
+    sky = np.broadcast_to(np.float32((0.25, 0.5, 1.0, 1.0)), (6, 8, 4))
+    assert parity.exact(reference, lambda seed, path: sky, tolerance=rounding(8, 1.0))
+    _, made, rendered = store.pictures(blend_file(blend, camera="eye", size=(8, 6), samples=4), [1])
+    assert made["inputs"].keys() == {"scene.blend", "linked.vdb"} and not rendered
+    (tmp_path / "linked.vdb").write_bytes(b"another")
+    with pytest.raises(ReferenceProblem, match="inputs.linked.vdb"):
+        store.pictures(blend_file(blend, camera="eye", size=(8, 6), samples=4), [1])
+    with pytest.raises(ValueError, match="no camera 'nose'; the scene has eye"):
+        parity.exact(blend_file(blend, camera="nose", name="other"), lambda seed, path: sky, tolerance=0.0)
