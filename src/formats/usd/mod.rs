@@ -17,21 +17,31 @@
 
 mod attribute;
 mod camera;
+mod capture;
 mod convert;
 mod light;
 mod medium;
+mod metadata;
 mod prim;
+mod problems;
 mod read;
 mod resolver;
 pub mod scene;
 mod stage;
+mod summary;
 mod text;
 mod value;
 mod volume;
 mod xform;
 
 pub use attribute::Attribute;
+pub use capture::Views;
+pub use medium::{Overrides, ScatteringOverride};
+pub use metadata::{StageMetadata, UpAxis};
 pub use prim::Prim;
-pub use stage::{Stage, StageMetadata, UpAxis};
+pub use problems::problems;
+pub use resolver::is_stage_name;
+pub use stage::Stage;
+pub use summary::{CameraSummary, FieldSummary, LightSummary, StageSummary, VolumeSummary, summary};
 pub use value::{Asset, MOST_ELEMENTS, Value};
 pub use volume::{Field, Role};
