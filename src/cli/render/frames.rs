@@ -98,6 +98,7 @@ impl Render {
             (None, None) => Vec::new(),
         };
         let template = self.pictures.template(Some(&numbers))?;
+        self.pictures.check_cameras(template.as_ref())?;
         let cameras = template.as_ref().map(|template| self.cameras(template, &numbers)).transpose()?;
         if self.pictures.views.is_some_and(|views| views > 1) {
             return Err(Error::invalid("--views: a sequence has one picture for each frame")

@@ -164,6 +164,7 @@ impl Render {
         let pictures = &self.pictures;
         let limits = pictures.memory.limits();
         let template = pictures.template(None)?;
+        pictures.check_cameras(template.as_ref())?;
         let template_pictures: Option<Vec<PathBuf>> =
             template.as_ref().map(|c| c.frames.iter().map(|f| f.picture.clone()).collect());
         let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut provenance)?;

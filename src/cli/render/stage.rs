@@ -40,11 +40,6 @@ impl PictureOptions {
         let stage = match &self.cameras {
             Some(path) => (formats::sniff(path)? == Format::Usd).then(|| Stage::open(path, limits)),
             None if self.views.is_none() && self.shows_stage()? => Some(self.stage(limits)),
-            None if self.views.is_none() => {
-                return Err(Error::invalid("no cameras: one of --views and --cameras is required").hint(
-                    "give --views N to place cameras around the volume, or --cameras with a capture or USD stage",
-                ));
-            }
             None => None,
         };
         let Some(stage) = stage.transpose()? else {
@@ -67,6 +62,18 @@ impl PictureOptions {
         let whole = if self.cameras.is_some() { None } else { Some(self.frame.into_iter().collect()) };
         let views = Views { camera: self.camera.as_deref(), size: self.size, frames: frames.map(beside).or(whole) };
         stage.capture(&views).map(Some)
+    }
+
+    /// Refuses pictures for which no cameras are told.
+    ///
+    /// # Errors
+    /// If there is no template, and --views is not given.
+    pub(super) fn check_cameras(&self, template: Option<&Capture>) -> Result<()> {
+        if template.is_some() || self.views.is_some() {
+            return Ok(());
+        }
+        Err(Error::invalid("no cameras: one of --views and --cameras is required")
+            .hint("give --views N to place cameras around the volume, or --cameras with a capture or USD stage"))
     }
 
     /// Opens the stage that is rendered.
