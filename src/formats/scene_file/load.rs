@@ -50,6 +50,8 @@ pub struct LoadedScene {
     pub files: Vec<PathBuf>,
     /// True if a volume is a sequence.
     pub moving: bool,
+    /// Remarks on statements that have no effect, and on what is assumed.
+    pub remarks: Vec<String>,
 }
 
 /// Reads a scene file with its volumes and transfer functions, sequences of volumes at a frame.
@@ -176,7 +178,11 @@ pub fn environment_map(path: &Path, factor: [f32; 3], limits: Limits) -> Result<
     EnvironmentMap::new(&film, factor).map_err(|e| e.at(path))
 }
 
-fn medium(entry: &MediumEntry, transfer: Option<&Transfer>) -> Result<Medium> {
+/// Returns the medium that an entry describes, with its transfer function if it names one.
+///
+/// # Errors
+/// If a number cannot be used, or entries contradict each other.
+pub fn medium(entry: &MediumEntry, transfer: Option<&Transfer>) -> Result<Medium> {
     if transfer.is_some() && entry.emissions().next().is_some() {
         return Err(Error::unsupported("a medium with a transfer function emits by grids of its own")
             .hint("leave one of 'transfer', and 'emission_grid' and 'blackbody', out"));

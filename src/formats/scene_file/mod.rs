@@ -13,7 +13,7 @@
 
 mod load;
 
-pub use load::{LoadedScene, SceneVolume, environment_map, load_within};
+pub use load::{LoadedScene, SceneVolume, environment_map, load_within, medium};
 
 use crate::error::Result;
 use crate::math::Affine;

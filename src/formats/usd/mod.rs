@@ -1,0 +1,47 @@
+//! Stages of Universal Scene Description (USD): `.usda`, `.usdc`, `.usd` and `.usdz`.
+//!
+//! The crate `openusd` parses layers and composes sublayers, references, payloads, inherits and variants;
+//! [`Stage`] holds what they compose to. World space is the stage's: its units and axes as authored. Cameras, lights and
+//! volumes come from the same stage, so that nothing is turned or scaled.
+//!
+//! ```no_run
+//! # fn main() -> cumulo::error::Result<()> {
+//! use cumulo::formats::{limits::Limits, usd::Stage};
+//! let stage = Stage::open("smoke.usda".as_ref(), Limits::default())?;
+//! for volume in stage.of_type("Volume") {
+//!     println!("{} at {}", volume.path, stage.local_to_world(volume, stage.first_time())?);
+//! }
+//! # Ok(())
+//! # }
+//! ```
+
+mod attribute;
+mod camera;
+mod capture;
+mod convert;
+mod light;
+mod medium;
+mod metadata;
+mod prim;
+mod problems;
+mod read;
+mod resolver;
+pub mod scene;
+mod stage;
+mod summary;
+mod text;
+mod value;
+mod volume;
+mod xform;
+
+pub use attribute::Attribute;
+pub use capture::Views;
+pub use medium::{Overrides, ScatteringOverride};
+pub use metadata::{StageMetadata, UpAxis};
+pub use prim::Prim;
+pub use problems::problems;
+pub use resolver::is_stage_name;
+pub use stage::Stage;
+pub use summary::{CameraSummary, FieldSummary, LightSummary, StageSummary, VolumeSummary, summary};
+pub use value::{Asset, MOST_ELEMENTS, Value};
+pub use volume::{Field, Role};
