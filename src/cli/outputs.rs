@@ -20,6 +20,8 @@ pub enum Content {
     Png,
     /// OpenEXR picture.
     Exr,
+    /// USD stage as text.
+    UsdText,
 }
 
 impl Content {
@@ -31,6 +33,7 @@ impl Content {
             Self::TransferFunction => ("json", "a transfer function's JSON"),
             Self::Png => ("png", "a PNG"),
             Self::Exr => ("exr", "an OpenEXR picture"),
+            Self::UsdText => ("usda", "a USD stage as text"),
         }
     }
 }
@@ -139,7 +142,7 @@ fn written_by(json: &Path) -> Option<String> {
 
 /// Returns true if two command lines have the same words after the program's name, which may be written in several
 /// ways.
-fn same_command(a: &str, b: &str) -> bool {
+pub fn same_command(a: &str, b: &str) -> bool {
     let words = |text: &str| text.split_once(' ').map(|(_, rest)| rest.to_owned());
     words(a) == words(b)
 }

@@ -15,6 +15,7 @@ pub mod sequence;
 pub mod temporary;
 pub mod transfer;
 pub mod transforms;
+pub mod usd;
 pub mod vdb;
 pub mod views;
 

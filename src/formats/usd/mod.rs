@@ -1,0 +1,4 @@
+//! USD stages.
+
+pub mod fields;
+pub mod write;
