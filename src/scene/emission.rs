@@ -115,8 +115,8 @@ pub fn blackbody(temperature: f64) -> DVec3 {
     color(temperature.max(COOLEST)) * (1e-6 * STEFAN_BOLTZMANN / PI * temperature.powi(4))
 }
 
-/// Returns the color of Planck's spectrum in linear Rec. 709, of luminance 1.
-fn color(temperature: f64) -> DVec3 {
+/// Returns the color of Planck's spectrum at a temperature in K in linear Rec. 709, of luminance 1.
+pub fn color(temperature: f64) -> DVec3 {
     /// Second radiation constant in nm K.
     const RADIATION: f64 = 1.438_776_877e7;
     let mut xyz = DVec3::ZERO;

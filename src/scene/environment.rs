@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::scene::film::Film;
 use crate::scene::light::{Arrival, Most};
-use glam::{DVec3, Vec3};
+use glam::{DMat3, DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
@@ -39,7 +39,7 @@ impl Environment {
 
 /// An equirectangular picture of the radiance from all directions, with a distribution by which directions are drawn.
 ///
-/// The top row is towards +Z. The middle of the picture is towards +X, and directions turn from +X to -Y to the right,
+/// Unless it is turned, the top row is towards +Z. The middle of the picture is towards +X, and directions turn from +X to -Y to the right,
 /// as in Blender's *Environment Texture*.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EnvironmentMap {
@@ -48,6 +48,8 @@ pub struct EnvironmentMap {
     pixels: Vec<Vec3>,
     /// Cells of the distribution along both edges.
     cells: [usize; 2],
+    /// Rotation, or one with a reflection, from the picture's axes to those of the world.
+    axes: DMat3,
     /// Cumulative probabilities of the rows of cells; the last is 1.
     rows: Vec<f64>,
     /// Cumulative probabilities of the cells within each row; the last of each row is 1.
@@ -86,7 +88,13 @@ impl EnvironmentMap {
         if cumulate(&mut rows, all.into_iter()) <= 0.0 {
             return Err(Error::invalid("the environment is black everywhere").hint("leave it out"));
         }
-        Ok(Self { size, pixels, cells, rows, columns })
+        Ok(Self { size, pixels, cells, axes: DMat3::IDENTITY, rows, columns })
+    }
+
+    /// Returns the environment turned by a rotation of the world, or one with a reflection.
+    #[must_use]
+    pub fn turned(self, rotation: DMat3) -> Self {
+        Self { axes: rotation * self.axes, ..self }
     }
 
     /// Returns upper bounds of the light that arrives anywhere.
@@ -112,7 +120,7 @@ impl EnvironmentMap {
     /// Returns the radiance that arrives from a direction, interpolated between the centres of pixels.
     #[inline]
     pub fn towards(&self, direction: DVec3) -> Vec3 {
-        let [u, v] = coordinates(direction);
+        let [u, v] = coordinates(self.axes.transpose() * direction);
         let [width, height] = self.size;
         let (x, y) = (u * width as f64 - 0.5, (v * height as f64 - 0.5).clamp(0.0, (height - 1) as f64));
         let (left, up) = (x.floor(), y.floor());
@@ -133,6 +141,7 @@ impl EnvironmentMap {
         let (elevation, turn) = (PI * v, TAU * (0.5 - u));
         let direction =
             DVec3::new(elevation.sin() * turn.cos(), elevation.sin() * turn.sin(), elevation.cos()).normalize();
+        let direction = self.axes * direction;
         Arrival {
             direction,
             distance: f64::INFINITY,
@@ -144,6 +153,7 @@ impl EnvironmentMap {
     /// Returns the density per steradian with which a direction is drawn.
     #[inline]
     pub fn density(&self, direction: DVec3) -> f64 {
+        let direction = self.axes.transpose() * direction;
         let [u, v] = coordinates(direction);
         let place = |share: f64, axis: usize| ((share * self.cells[axis] as f64) as usize).min(self.cells[axis] - 1);
         let (column, row) = (place(u, 0), place(v, 1));

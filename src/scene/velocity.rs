@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::math::Affine;
 use crate::scene::grid::{LEAF_VOXELS, voxel_offset};
-use glam::{DVec3, IVec3, Vec3};
+use glam::{DMat3, DMat4, DVec3, IVec3, Vec3};
 use std::collections::HashMap;
 
 /// Edges of the tiles of OpenVDB's standard tree, in voxels.
@@ -25,6 +25,8 @@ pub struct Velocity {
     staggered: bool,
     /// Frames per second.
     fps: f64,
+    /// Map from the grid's vectors to those of world space.
+    turned: DMat3,
 }
 
 impl Velocity {
@@ -37,7 +39,15 @@ impl Velocity {
             return Err(Error::invalid(format!("{fps} frames per second must be positive and finite"))
                 .hint("give 24 or the like, or 1 for a grid of world units per frame"));
         }
-        let grid = Self { transform, leaves: HashMap::new(), tiles: HashMap::new(), background, staggered, fps };
+        let grid = Self {
+            transform,
+            leaves: HashMap::new(),
+            tiles: HashMap::new(),
+            background,
+            staggered,
+            fps,
+            turned: DMat3::IDENTITY,
+        };
         grid.finite(background)
     }
 
@@ -66,6 +76,16 @@ impl Velocity {
         self.finite(value)
     }
 
+    /// Returns the velocities of a volume that is placed in the world by a map of column vectors, which turns and scales
+    /// them too.
+    ///
+    /// # Errors
+    /// If the map is singular or not affine.
+    pub fn placed(self, map: DMat4) -> Result<Self> {
+        let transform = Affine::new(map * self.transform.matrix())?;
+        Ok(Self { transform, turned: DMat3::from_mat4(map) * self.turned, ..self })
+    }
+
     fn finite(self, value: Vec3) -> Result<Self> {
         if value.is_finite() { Ok(self) } else { Err(not_finite()) }
     }
@@ -77,7 +97,7 @@ impl Velocity {
             let shift = if self.staggered { 0.5 * DVec3::AXES[axis] } else { DVec3::ZERO };
             self.sample(index + shift, axis)
         };
-        DVec3::new(component(0), component(1), component(2)) / self.fps
+        self.turned * DVec3::new(component(0), component(1), component(2)) / self.fps
     }
 
     /// Returns a component by trilinear interpolation at index coordinates.

@@ -91,7 +91,7 @@ impl PictureOptions {
     ) -> Result<(Subject, Option<Transfer>)> {
         if formats::sniff(&self.input)? == Format::Capture {
             self.check_scene_file()?;
-            let LoadedScene { volumes, lights, environment, files, moving } =
+            let LoadedScene { volumes, lights, environment, files, moving, remarks: _ } =
                 scene_file::load_within(&self.input, self.frame, limits)?;
             for file in [&self.input].into_iter().chain(&files) {
                 provenance.input(file, [file.as_path()])?;

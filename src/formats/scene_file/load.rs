@@ -50,6 +50,8 @@ pub struct LoadedScene {
     pub files: Vec<PathBuf>,
     /// True if a volume is a sequence.
     pub moving: bool,
+    /// What is stated and has no effect, or is assumed, in words.
+    pub remarks: Vec<String>,
 }
 
 /// Reads a scene file alone, without the files that it names.

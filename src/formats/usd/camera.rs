@@ -1,0 +1,160 @@
+//! Cameras of stages.
+//!
+//! Apertures and focal lengths are in tenths of a stage unit, of which perspective cameras need the ratios alone. The
+//! window on the image plane is centred at the aperture's offsets. Pixels are square: pictures keep the horizontal
+//! aperture where it is the larger one, else the vertical one, as in Blender's import, and show more or less along the
+//! other edge if the picture has other proportions.
+
+use super::prim::Prim;
+use super::stage::Stage;
+use crate::error::{Error, Result};
+use crate::scene::camera::{Camera, Projection};
+use glam::{DVec2, DVec3};
+
+/// Stage units for a unit of the aperture.
+const APERTURE_UNIT: f64 = 0.1;
+
+/// Optics of a camera at a time code, in the units of the stage.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Film {
+    projection: Projection,
+    focal_length: f64,
+    aperture: DVec2,
+    offset: DVec2,
+    near: f64,
+}
+
+/// Reads the optics; attributes that are not stated have the schema's fallbacks.
+fn film(prim: &Prim, time: f64) -> Result<Film> {
+    let number = |name: &str, fallback: f64| prim.number(name, time).unwrap_or(fallback);
+    let projection = match prim.text("projection", time).as_deref() {
+        None | Some("perspective") => Projection::Perspective,
+        Some("orthographic") => Projection::Orthographic,
+        Some(other) => {
+            return Err(Error::unsupported(format!("the projection '{other}' is unknown"))
+                .hint("perspective and orthographic cameras are understood"));
+        }
+    };
+    let film = Film {
+        projection,
+        focal_length: number("focalLength", 50.0),
+        aperture: DVec2::new(number("horizontalAperture", 20.955), number("verticalAperture", 15.2908)),
+        offset: DVec2::new(number("horizontalApertureOffset", 0.0), number("verticalApertureOffset", 0.0)),
+        near: prim.tuple::<2>("clippingRange", time).unwrap_or([1.0, 1e6])[0],
+    };
+    let bad = |what: String| Err(Error::invalid(what).hint("correct the camera in the stage"));
+    if !(film.aperture.is_finite() && film.aperture.min_element() > 0.0) {
+        return bad(format!("apertures {} x {} must be positive and finite", film.aperture.x, film.aperture.y));
+    }
+    if !(film.focal_length > 0.0 && film.focal_length.is_finite()) && projection == Projection::Perspective {
+        return bad(format!("focal length {} must be positive and finite", film.focal_length));
+    }
+    Ok(film)
+}
+
+impl Stage {
+    /// Returns the cameras, in their order.
+    pub fn cameras(&self) -> impl Iterator<Item = &Prim> {
+        self.of_type("Camera")
+    }
+
+    /// Returns the camera of that path or name, or the only one.
+    ///
+    /// # Errors
+    /// If there is none, several and none is named, or none of that name; the error lists those that there are.
+    pub fn camera(&self, name: Option<&str>) -> Result<&Prim> {
+        let all: Vec<&Prim> = self.cameras().collect();
+        let listed = all.iter().take(20).map(|prim| prim.path.as_str()).collect::<Vec<_>>().join(", ");
+        let wanted = |prim: &&&Prim| name.is_some_and(|name| prim.path == name || prim.name() == name);
+        let found: Vec<&Prim> = if name.is_some() { all.iter().filter(wanted).copied().collect() } else { all.clone() };
+        match (&found[..], name) {
+            ([only], _) => Ok(*only),
+            _ if all.is_empty() => Err(Error::invalid("the stage has no camera")
+                .hint("add a camera to the stage, or give cameras with --cameras or --views")),
+            ([], Some(name)) => Err(Error::invalid(format!("no camera is '{name}'; the stage has {listed}"))
+                .hint("give the path of one of these")),
+            _ => Err(Error::invalid(format!("several cameras could be meant: {listed}"))
+                .hint("choose one by its path with --camera")),
+        }
+        .map_err(|e| e.at(&self.path))
+    }
+
+    /// Returns the size of the pictures that a camera takes: the one that Cumulo wrote with it, else `width` pixels by as
+    /// many as the apertures' proportions give.
+    ///
+    /// # Errors
+    /// If the camera's apertures cannot be used.
+    pub fn picture_size(&self, camera: &Prim, time: f64, width: u32) -> Result<[u32; 2]> {
+        if let Some([w, h]) = camera.tuple::<2>("cumulo:resolution", time) {
+            let side = |v: f64| (1.0..=65_536.0).contains(&v).then_some(v as u32);
+            if let (Some(w), Some(h)) = (side(w), side(h)) {
+                return Ok([w, h]);
+            }
+        }
+        let film = film(camera, time).map_err(|e| self.blame(e, camera))?;
+        let height = (f64::from(width) * film.aperture.y / film.aperture.x).round().clamp(1.0, 65_536.0);
+        Ok([width, height as u32])
+    }
+
+    /// Returns a camera at a time code with pictures of `size`, width and height in pixels.
+    ///
+    /// # Errors
+    /// If its projection is unknown, a number cannot be used, or its axes are sheared; the error names the stage and the
+    /// camera.
+    pub fn view(&self, camera: &Prim, time: f64, size: [u32; 2]) -> Result<Camera> {
+        let blame = |e: Error| self.blame(e, camera);
+        let Film { projection, focal_length, aperture, offset, near } = film(camera, time).map_err(blame)?;
+        let edges = DVec2::new(f64::from(size[0]), f64::from(size[1]));
+        // Pixels per unit of the image plane.
+        let pixels = if aperture.x >= aperture.y { edges.x / aperture.x } else { edges.y / aperture.y };
+        let focal = match projection {
+            Projection::Perspective => pixels * focal_length,
+            Projection::Orthographic => pixels / APERTURE_UNIT,
+        };
+        let camera_to_world = self.local_to_world(camera, time)?;
+        let view = Camera {
+            camera_to_world,
+            projection,
+            focal: DVec2::splat(focal),
+            centre: 0.5 * edges + pixels * DVec2::new(-offset.x, offset.y),
+            width: size[0],
+            height: size[1],
+            near: near.max(0.0),
+        };
+        view.checked().map_err(blame)
+    }
+
+    /// Returns what a camera states and pictures do not show: blur by its lens or shutter, an exposure, clipping.
+    pub fn camera_remarks(&self, camera: &Prim, time: f64) -> Vec<String> {
+        let number = |name: &str| camera.number(name, time).unwrap_or_default();
+        let told = [
+            (number("fStop") > 0.0, "its depth of field is not simulated: all is sharp"),
+            (number("shutter:close") > number("shutter:open"), "motion blur by its shutter is not simulated"),
+            (number("exposure") != 0.0, "its exposure has no effect: pictures are in the scene's radiance"),
+            (
+                camera.attribute("clippingPlanes").is_some_and(|a| a.values().any(has_elements)),
+                "its clipping planes have no effect",
+            ),
+        ];
+        let remark = |(on, what): (bool, &str)| on.then(|| format!("camera {}: {what}", camera.path));
+        told.into_iter().filter_map(remark).collect()
+    }
+
+    /// Returns a remark if a point lies beyond the far plane of a camera, which has no effect.
+    pub fn beyond_far_plane(&self, camera: &Prim, time: f64, view: &Camera, points: &[DVec3]) -> Option<String> {
+        let far = camera.tuple::<2>("clippingRange", time)?[1];
+        let depth = |point: &DVec3| (*point - view.position()).dot(view.forward());
+        points.iter().any(|point| depth(point) > far).then(|| {
+            format!("camera {}: its far plane at {far} has no effect, and the volumes reach beyond it", camera.path)
+        })
+    }
+
+    /// Names the stage and a prim in an error.
+    pub(super) fn blame(&self, error: Error, prim: &Prim) -> Error {
+        error.part(format!("prim {}", prim.path)).at(&self.path)
+    }
+}
+
+fn has_elements(value: &super::Value) -> bool {
+    value.list().is_some_and(|list| !list.is_empty())
+}

@@ -1,0 +1,142 @@
+//! Media of volumes: Cumulo's own attributes, or shaders that are understood.
+//!
+//! Attributes in the namespace `cumulo` of a volume's prim state its medium: `densityScale`, `albedo`, `anisotropy`,
+//! `extinctionColor`, `emission` and `transfer` are those of scene files. `emissionRadiance` makes the flame field emit,
+//! `blackbodyKelvin`, `blackbodyIntensity` and `blackbodyTint` the temperature field. Lengths are in units of the stage.
+
+use super::prim::Prim;
+use super::stage::Stage;
+use super::value::Asset;
+use crate::formats::scene_file::{BlackbodyEntry, EmissionGridEntry, MediumEntry};
+
+/// Medium of a volume.
+#[derive(Debug, Clone)]
+pub(super) struct StatedMedium {
+    /// Medium; its grids and its transfer function are named elsewhere.
+    pub entry: MediumEntry,
+    /// Transfer function's file.
+    pub transfer: Option<Asset>,
+    /// What is not understood, or assumed, in words.
+    pub remarks: Vec<String>,
+}
+
+/// Namespace of the attributes.
+const NAMESPACE: &str = "cumulo:";
+
+/// Reads the medium of a volume at a time code.
+pub(super) fn medium(stage: &Stage, volume: &Prim, time: f64) -> StatedMedium {
+    if volume.attributes.keys().any(|name| name.starts_with(NAMESPACE)) {
+        return own(volume, time);
+    }
+    let mut remarks = Vec::new();
+    let shaders = shaders(stage, volume);
+    for shader in &shaders {
+        match shaded(shader, time) {
+            Some((entry, left_out)) => {
+                remarks.extend(left_out);
+                return StatedMedium { entry, transfer: None, remarks };
+            }
+            None => remarks.push(format!(
+                "the shader {} ({}) is not understood",
+                shader.path,
+                shader.text("info:id", time).unwrap_or_else(|| "no info:id".into())
+            )),
+        }
+    }
+    remarks.push(
+        "no medium is stated that is understood: the density is the extinction per unit of the stage, and nothing is \
+         scattered; --density-scale, --albedo and the like state another"
+            .into(),
+    );
+    StatedMedium { entry: MediumEntry::default(), transfer: None, remarks }
+}
+
+/// Reads the attributes of the namespace.
+fn own(volume: &Prim, time: f64) -> StatedMedium {
+    let name = |key: &str| format!("{NAMESPACE}{key}");
+    let number = |key: &str| volume.number(&name(key), time);
+    let color = |key: &str| volume.tuple::<3>(&name(key), time).map(|v| v.map(|v| v as f32));
+    let mut entry = MediumEntry::default();
+    entry.density_scale = number("densityScale").unwrap_or(entry.density_scale);
+    entry.albedo = color("albedo").unwrap_or(entry.albedo);
+    entry.anisotropy = number("anisotropy").unwrap_or(entry.anisotropy);
+    entry.extinction_color = color("extinctionColor").unwrap_or(entry.extinction_color);
+    entry.gradient_shading = number("gradientShading");
+    entry.emission = color("emission");
+    entry.emission_grid = color("emissionRadiance").map(|radiance| EmissionGridEntry { grid: String::new(), radiance });
+    entry.blackbody = number("blackbodyKelvin").map(|kelvin| BlackbodyEntry {
+        grid: String::new(),
+        kelvin,
+        intensity: number("blackbodyIntensity").unwrap_or(1.0),
+        tint: color("blackbodyTint").unwrap_or([1.0; 3]),
+    });
+    let transfer = volume.value(&name("transfer"), time).and_then(|v| v.asset().cloned());
+    let known = [
+        "model",
+        "densityScale",
+        "albedo",
+        "anisotropy",
+        "extinctionColor",
+        "gradientShading",
+        "emission",
+        "transfer",
+        "emissionRadiance",
+        "blackbodyKelvin",
+        "blackbodyIntensity",
+        "blackbodyTint",
+    ];
+    let keys = volume.attributes.keys().filter_map(|key| key.strip_prefix(NAMESPACE));
+    let unknown = keys.filter(|key| !known.contains(key) && !key.contains(':'));
+    let remarks = unknown.map(|key| format!("the attribute '{NAMESPACE}{key}' is unknown and has no effect")).collect();
+    StatedMedium { entry, transfer: transfer.filter(|asset| !asset.authored.is_empty()), remarks }
+}
+
+/// Returns the shaders of the material that is bound to a prim or to one above it, at the material's outputs for volumes.
+fn shaders<'s>(stage: &'s Stage, volume: &'s Prim) -> Vec<&'s Prim> {
+    let bound = ["material:binding", "material:binding:full", "material:binding:preview"];
+    let binding = |prim: &'s Prim| bound.iter().find_map(|name| prim.targets(name).first());
+    let Some(material) = stage.upwards(volume).find_map(binding).and_then(|path| stage.prim(path)) else {
+        return Vec::new();
+    };
+    let outputs = material.attributes.values().filter(|a| a.name.starts_with("outputs:") && a.name.ends_with("volume"));
+    let sources = outputs.flat_map(|output| &output.connections);
+    sources.filter_map(|source| stage.prim(source.rsplit_once('.').map_or(source, |(prim, _)| prim))).collect()
+}
+
+/// Returns the medium of a shader, and what of it is left out; `None` if the shader is not understood.
+fn shaded(shader: &Prim, time: f64) -> Option<(MediumEntry, Vec<String>)> {
+    let id = shader.text("info:id", time)?;
+    let inputs = shader.attributes.values().filter(|a| a.name.starts_with("inputs:"));
+    if inputs.into_iter().any(|input| !input.connections.is_empty()) {
+        return None;
+    }
+    let number = |name: &str| shader.number(&format!("inputs:{name}"), time);
+    let color = |name: &str| shader.tuple::<3>(&format!("inputs:{name}"), time).map(|v| v.map(|v| v as f32));
+    let mut left_out = Vec::new();
+    let mut entry = MediumEntry::default();
+    match id.as_str() {
+        // Cycles and Blender: extinction is the density, albedo the color.
+        "cycles_principled_volume" | "ShaderNodeVolumePrincipled" | "principled_volume" => {
+            entry.density_scale = number("density").unwrap_or(1.0);
+            entry.albedo = color("color").unwrap_or([0.5; 3]);
+            entry.anisotropy = number("anisotropy").unwrap_or(0.0);
+            let emits = number("emission_strength").unwrap_or(0.0) != 0.0
+                || number("blackbody_intensity").unwrap_or(0.0) != 0.0;
+            left_out.extend(emits.then(|| format!("the emission of the shader {} is left out", shader.path)));
+        }
+        "arnold:standard_volume" => {
+            entry.density_scale = number("density").unwrap_or(1.0);
+            let scatter = number("scatter").unwrap_or(1.0) as f32;
+            entry.albedo = color("scatter_color").unwrap_or([0.5; 3]).map(|v| scatter * v);
+            entry.anisotropy = number("scatter_anisotropy").unwrap_or(0.0);
+            // The transmittance of a unit of depth.
+            let transparent = color("transparent").unwrap_or([(-1.0_f32).exp(); 3]);
+            entry.extinction_color = transparent.map(|v| -v.max(1e-30).ln());
+            let mode = shader.text("inputs:emission_mode", time);
+            let emits = !matches!(mode.as_deref(), None | Some("none"));
+            left_out.extend(emits.then(|| format!("the emission of the shader {} is left out", shader.path)));
+        }
+        _ => return None,
+    }
+    Some((entry, left_out))
+}

@@ -1,0 +1,143 @@
+//! Opening of layers: regular files of bounded size, and text that the parser understands.
+
+use super::text;
+use crate::error::{Error, Result};
+use crate::formats::input;
+use openusd::ar::{self, Asset, DefaultResolver, ResolvedPath, Resolver};
+use openusd::usda::parser::Parser;
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::{self, Cursor, Read};
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+/// Files and faults that were met while a stage was opened.
+#[derive(Debug, Default)]
+pub(super) struct Met {
+    /// Files of layers, packages among them.
+    pub files: BTreeSet<PathBuf>,
+    /// First fault of each layer that cannot be read.
+    pub faults: Vec<Error>,
+}
+
+/// Finds layers as the crate does, and opens them.
+pub(super) struct Bounded {
+    inner: DefaultResolver,
+    /// Largest number of bytes of a layer.
+    most: u64,
+    met: Rc<RefCell<Met>>,
+}
+
+impl Bounded {
+    pub(super) fn new(most: u64, met: Rc<RefCell<Met>>) -> Self {
+        Self { inner: DefaultResolver::new(), most, met }
+    }
+
+    fn read(&self, place: &Path) -> Result<Vec<u8>> {
+        let text = place.to_string_lossy();
+        let split =
+            if ar::is_package_relative_path(&text) { ar::split_package_relative_path_outer(&text) } else { None };
+        let file = split.as_ref().map_or_else(|| place.to_path_buf(), |(package, _)| PathBuf::from(package));
+        let bytes = match &split {
+            Some((package, inner)) => entry(Path::new(package), inner, self.most)?,
+            None => input::bytes(place, self.most, "a layer of a stage")?,
+        };
+        self.met.borrow_mut().files.insert(file);
+        if bytes.starts_with(b"PXR-USDC") {
+            return Ok(bytes);
+        }
+        let text = String::from_utf8(bytes).map_err(|e| {
+            let at = e.utf8_error().valid_up_to();
+            Error::invalid(format!("byte {at} is no text in UTF-8, and the file is no binary layer"))
+                .hint("write the stage again where it was made")
+        })?;
+        // Three times the text is taken while it is parsed, and its values afterwards.
+        let prepared = text::prepare(&text)?;
+        let mut parser = Parser::new(&prepared.text);
+        if let Err(e) = parser.parse() {
+            let line = parser.last_error_highlight().map(|at| format!("line {}: ", prepared.line(at.line)));
+            return Err(Error::invalid(format!("{}no valid USD: {e:#}", line.unwrap_or_default()))
+                .hint("correct the text there, or write the stage again where it was made"));
+        }
+        Ok(prepared.text.into_bytes())
+    }
+}
+
+/// Reads a file of a package.
+///
+/// # Errors
+/// If the package is none, has no such file, or the file has more than `most` bytes.
+pub(super) fn entry(package: &Path, inner: &str, most: u64) -> Result<Vec<u8>> {
+    let place = || format!("'{inner}'");
+    let mut archive = open_package(package)?;
+    let entry = archive.by_name(inner).map_err(|e| Error::invalid(format!("it cannot be read: {e}")).part(place()))?;
+    let mut bytes = Vec::new();
+    entry.take(most.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| {
+        Error::invalid(format!("it cannot be read: {e}")).part(place()).hint("pack the file again where it was made")
+    })?;
+    if bytes.len() as u64 > most {
+        return Err(Error::unsupported(format!("more than {most} bytes"))
+            .part(place())
+            .hint("raise --max-memory if the file is to be trusted"));
+    }
+    Ok(bytes)
+}
+
+/// Opens a package of type `.usdz`.
+///
+/// # Errors
+/// If the file cannot be opened, or is no such package.
+pub(super) fn open_package(path: &Path) -> Result<zip::ZipArchive<File>> {
+    zip::ZipArchive::new(input::open(path)?)
+        .map_err(|e| Error::invalid(format!("no valid package: {e}")).at(path).hint("copy or pack the file again"))
+}
+
+/// Returns the name of a package's root layer, its first file.
+///
+/// # Errors
+/// If the package cannot be read, or its first file is no layer.
+pub(super) fn root_layer(path: &Path) -> Result<String> {
+    let archive = open_package(path)?;
+    let name = archive.name_for_index(0).unwrap_or_default().to_owned();
+    if is_layer(Path::new(&name)) {
+        return Ok(name);
+    }
+    Err(Error::invalid(format!("its first file, '{name}', is no layer"))
+        .at(path)
+        .hint("a .usdz package begins with its root layer: pack it again with a tool for USD"))
+}
+
+/// True if a name is that of a layer.
+fn is_layer(name: &Path) -> bool {
+    name.extension().is_some_and(|suffix| ["usd", "usda", "usdc"].iter().any(|s| suffix.eq_ignore_ascii_case(s)))
+}
+
+impl Resolver for Bounded {
+    fn create_identifier(&self, path: &str, anchor: Option<&ResolvedPath>) -> String {
+        self.inner.create_identifier(path, anchor)
+    }
+
+    fn resolve(&self, path: &str) -> Option<ResolvedPath> {
+        self.inner.resolve(path)
+    }
+
+    fn resolve_for_new_asset(&self, path: &str) -> Option<ResolvedPath> {
+        self.inner.resolve_for_new_asset(path)
+    }
+
+    fn open_asset(&self, path: &ResolvedPath) -> io::Result<Box<dyn Asset>> {
+        match self.read(path) {
+            Ok(bytes) => Ok(Box::new(Cursor::new(bytes))),
+            Err(error) => {
+                let mut met = self.met.borrow_mut();
+                let error = error.at(path.to_path_buf());
+                let text = error.to_string().replace("\n  ", "; ");
+                if !met.faults.iter().any(|fault| fault.path() == error.path()) {
+                    met.faults.push(error);
+                }
+                Err(io::Error::other(text))
+            }
+        }
+    }
+}

@@ -1,0 +1,274 @@
+//! Scenes of stages: volumes with their media, lights and light from all around, at a time code.
+
+use super::light;
+use super::medium::{self, StatedMedium};
+use super::prim::Prim;
+use super::stage::Stage;
+use super::volume::{Field, Role};
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
+use crate::formats::scene_file::{self, LoadedScene, MediumEntry, SceneVolume};
+use crate::formats::transfer;
+use crate::formats::vdb::{self, File};
+use crate::math::Affine;
+use crate::scene::emission::Emission;
+use crate::scene::grid::Grid;
+use crate::scene::transfer::Transfer;
+use crate::scene::velocity::Velocity;
+use glam::{DMat4, Vec3};
+use std::path::{Path, PathBuf};
+
+/// Reads the scene of a stage at a time code. With `medium`, all volumes are of it, whatever the stage states.
+///
+/// What the stage states and pictures do not show is told by the scene's remarks.
+///
+/// # Errors
+/// If the stage has no volume that is visible, or a file, a light or a transform cannot be used. The error names the file
+/// and the prim.
+pub fn load(stage: &Stage, time: f64, limits: Limits, medium: Option<&MediumEntry>) -> Result<LoadedScene> {
+    let mut scene = LoadedScene { files: stage.layers.clone(), ..LoadedScene::default() };
+    scene.remarks.extend(stage.faults.iter().cloned());
+    scene.remarks.extend(blender(stage));
+    for prim in stage.volumes().filter(|prim| stage.is_rendered(prim, time)) {
+        let read = Reader { stage, prim, time, limits }.volume(medium, &mut scene)?;
+        scene.volumes.push(read);
+    }
+    if scene.volumes.is_empty() {
+        let hidden = stage.volumes().count();
+        let what = match hidden {
+            0 => "the stage has no prim of type Volume".to_owned(),
+            hidden => format!("none of the stage's {hidden} volumes is visible at time code {time}"),
+        };
+        return Err(Error::invalid(what)
+            .at(&stage.path)
+            .hint("export a volume with the stage, or give the VDB itself; `cumulo info` lists what a stage holds"));
+    }
+    let light::Lights { lights, environment, files, remarks } = light::lights(stage, time, limits)?;
+    scene.files.extend(files);
+    scene.remarks.extend(remarks);
+    scene.remarks.extend(surfaces(stage, time));
+    scene.lights = lights;
+    scene.environment = environment;
+    scene.moving = moves(stage);
+    Ok(scene)
+}
+
+/// Says how lights of Blender are read, where there are suns among them.
+fn blender(stage: &Stage) -> Option<String> {
+    let documentation = stage.metadata.documentation.as_deref().filter(|doc| doc.starts_with("Blender v"))?;
+    let sun = stage.of_type("DistantLight").next()?;
+    Some(format!(
+        "light {} and other suns are read as Blender writes them ({documentation}): a quarter of the strength, half of the \
+         angle",
+        sun.path
+    ))
+}
+
+/// Tells how many surfaces there are, which no picture shows.
+fn surfaces(stage: &Stage, time: f64) -> Option<String> {
+    const SHAPES: [&str; 12] = [
+        "Mesh",
+        "Points",
+        "BasisCurves",
+        "NurbsCurves",
+        "NurbsPatch",
+        "Cube",
+        "Sphere",
+        "Cylinder",
+        "Cone",
+        "Capsule",
+        "Plane",
+        "PointInstancer",
+    ];
+    let shape = |prim: &&Prim| SHAPES.contains(&prim.type_name.as_str()) && stage.is_rendered(prim, time);
+    let count = stage.prims().filter(shape).count();
+    (count > 0).then(|| format!("surfaces are not rendered: {count} prim(s), such as meshes, are left out"))
+}
+
+/// True if another time code shows another scene.
+fn moves(stage: &Stage) -> bool {
+    stage.prims().any(|prim| {
+        let counts =
+            matches!(prim.type_name.as_str(), "Volume" | "OpenVDBAsset" | "Xform" | "Scope") || light::is_light(prim);
+        counts && prim.attributes.values().any(|a| a.is_animated() && a.name != "extent")
+    })
+}
+
+/// Reads one volume.
+struct Reader<'s> {
+    stage: &'s Stage,
+    prim: &'s Prim,
+    time: f64,
+    limits: Limits,
+}
+
+impl Reader<'_> {
+    fn volume(&self, medium: Option<&MediumEntry>, scene: &mut LoadedScene) -> Result<SceneVolume> {
+        let blame = |e: Error| self.stage.blame(e, self.prim);
+        let fields = self.stage.fields(self.prim, self.time);
+        let map = self.stage.local_to_world(self.prim, self.time)?;
+        let density = self.density(&fields).map_err(blame)?;
+        let stated = medium::medium(self.stage, self.prim, self.time);
+        let StatedMedium { entry, transfer, remarks } = match medium {
+            Some(entry) => StatedMedium { entry: entry.clone(), transfer: None, remarks: Vec::new() },
+            None => stated,
+        };
+        scene.remarks.extend(remarks.into_iter().map(|what| format!("volume {}: {what}", self.prim.path)));
+        let (path, mut grid) = self.grid(density, scene)?;
+        place(&mut grid, map).map_err(blame)?;
+        let tf = transfer.map(|asset| self.stage.file(&asset)).transpose()?.or_else(|| entry.transfer.clone());
+        let transfer = tf.as_deref().map(|file| self.transfer(file)).transpose()?;
+        scene.files.extend(tf);
+        let source = entry.clone();
+        let optics = scene_file::medium(&entry, transfer.as_ref()).map_err(blame)?;
+        let emissions = self.emissions(&source, &fields, (&grid, map), scene)?;
+        let velocity = fields.iter().find(|field| field.role == Role::Velocity);
+        let velocity = velocity.and_then(|field| self.velocity(field, map, scene).transpose()).transpose()?;
+        let others = fields.iter().filter(|field| field.role == Role::Other);
+        scene
+            .remarks
+            .extend(others.map(|field| format!("volume {}: the field '{}' has no effect", self.prim.path, field.name)));
+        Ok(SceneVolume { path, grid, transfer, medium: optics, emissions, velocity })
+    }
+
+    /// Returns the field of the density.
+    fn density<'f>(&self, fields: &'f [Field]) -> Result<&'f Field> {
+        let mut dense = fields.iter().filter(|field| field.role == Role::Density);
+        // A field that is related as the density goes before others.
+        let named = fields.iter().find(|field| field.name == "density" && field.role == Role::Density);
+        match (named, dense.next(), dense.next()) {
+            (Some(field), ..) | (None, Some(field), None) => Ok(field),
+            (None, Some(first), Some(second)) => {
+                Err(Error::invalid(format!("both fields '{}' and '{}' could be the density", first.name, second.name))
+                    .hint("relate the one that is meant as field:density"))
+            }
+            (None, None, _) => {
+                let listed = fields.iter().map(|field| format!("'{}'", field.name)).collect::<Vec<_>>().join(", ");
+                let listed = if listed.is_empty() { "none".into() } else { listed };
+                Err(Error::invalid(format!("none of its fields is the density; it has {listed}"))
+                    .hint("relate the grid of densities as field:density"))
+            }
+        }
+    }
+
+    /// Opens the file of a field.
+    fn open(&self, field: &Field, scene: &mut LoadedScene) -> Result<File> {
+        let place = |e: Error| e.part(format!("prim {}", field.prim)).at(&self.stage.path);
+        if field.type_name != "OpenVDBAsset" {
+            let what = match field.type_name.as_str() {
+                "" => format!("the field '{}' of {} has no prim here", field.name, self.prim.path),
+                other => format!("fields of type {other} are not read"),
+            };
+            return Err(place(Error::unsupported(what).hint("fields of type OpenVDBAsset are read: write VDB files")));
+        }
+        let Some(asset) = &field.file else {
+            return Err(place(
+                Error::invalid(format!("no file is stated for time code {}", self.time))
+                    .hint("set the attribute 'filePath', or choose another frame with --frames"),
+            ));
+        };
+        let path = self.stage.file(asset)?;
+        if !path.exists() {
+            return Err(place(
+                Error::invalid(format!("the file of time code {} is missing: {}", self.time, path.display()))
+                    .hint("correct 'filePath', copy the file there, or choose another frame with --frames"),
+            ));
+        }
+        if !scene.files.contains(&path) {
+            scene.files.push(path.clone());
+        }
+        File::open(&path, self.limits).map_err(|e| match asset.packaged() {
+            Some((_, inner)) => e.inside(format!("'{inner}' in the package")),
+            None => e,
+        })
+    }
+
+    /// Reads the grid of a scalar field.
+    fn grid(&self, field: &Field, scene: &mut LoadedScene) -> Result<(PathBuf, Grid)> {
+        let file = self.open(field, scene)?;
+        let name = grid_name(&file, field);
+        Ok((file.path().to_path_buf(), file.read_fog(name.as_deref())?))
+    }
+
+    fn transfer(&self, file: &Path) -> Result<Transfer> {
+        let options = transfer::Options { limits: self.limits, ..transfer::Options::default() };
+        transfer::load(file, &options).map(|loaded| loaded.transfer)
+    }
+
+    /// Reads the fields that emit, on the lattice of the density.
+    fn emissions(
+        &self,
+        entry: &MediumEntry,
+        fields: &[Field],
+        (density, map): (&Grid, DMat4),
+        scene: &mut LoadedScene,
+    ) -> Result<Vec<(Grid, Emission)>> {
+        let flame = entry.emission_grid.as_ref().map(|e| Emission::Linear(Vec3::from_array(e.radiance)));
+        let hot = entry
+            .blackbody
+            .as_ref()
+            .map(|e| Emission::Blackbody { kelvin: e.kelvin, color: Vec3::from_array(e.tint) * e.intensity as f32 });
+        let mut all = Vec::new();
+        for (role, emission) in [(Role::Flame, flame), (Role::Temperature, hot)] {
+            let blame = |e: Error| self.stage.blame(e, self.prim);
+            match (fields.iter().find(|field| field.role == role), emission) {
+                (Some(field), Some(emission)) => {
+                    let emission = emission.checked().map_err(blame)?;
+                    let (path, mut grid) = self.grid(field, scene)?;
+                    place(&mut grid, map).map_err(blame)?;
+                    if !grid.transform.is_close(&density.transform) {
+                        return Err(Error::unsupported("its lattice is not that of the density")
+                            .hint("resample one of them with `cumulo convert --resample`")
+                            .part(format!("grid '{}'", grid.name))
+                            .at(path));
+                    }
+                    all.push((grid, emission));
+                }
+                (Some(field), None) => scene.remarks.push(format!(
+                    "volume {}: the field '{}' has no effect, since no emission is stated",
+                    self.prim.path, field.name
+                )),
+                (None, Some(_)) => {
+                    let what = "it is to emit by a field of flames or temperatures, and has none";
+                    return Err(blame(
+                        Error::invalid(what).hint("relate the field as field:flame or field:temperature"),
+                    ));
+                }
+                (None, None) => {}
+            }
+        }
+        Ok(all)
+    }
+
+    /// Reads velocities, per second of the stage; `None` with a remark if the grid holds no vectors.
+    fn velocity(&self, field: &Field, map: DMat4, scene: &mut LoadedScene) -> Result<Option<Velocity>> {
+        let file = self.open(field, scene)?;
+        let Some(name) = grid_name(&file, field) else { return Ok(None) };
+        if !file.find(&name)?.grid_type.contains("vec3") {
+            scene.remarks.push(format!(
+                "volume {}: the field '{}' holds no vectors, so that it has no effect",
+                self.prim.path, field.name
+            ));
+            return Ok(None);
+        }
+        let velocity = vdb::velocity::read(&file, &name, self.stage.time_codes_per_second(), self.limits.max_memory)?;
+        velocity.placed(map).map(Some).map_err(|e| self.stage.blame(e, self.prim))
+    }
+}
+
+/// Returns the name of a field's grid in a file; `None` if the field names none.
+fn grid_name(file: &File, field: &Field) -> Option<String> {
+    if field.grid.is_empty() {
+        let number = usize::try_from(field.index?).ok()?;
+        return file.entries().get(number).map(|entry| entry.name.clone());
+    }
+    let [numbered, plain] = field.grid_names();
+    let entries = file.entries();
+    Some(if entries.iter().any(|entry| entry.name == numbered) { numbered } else { plain })
+}
+
+/// Moves a grid from the space of its volume to that of the stage.
+fn place(grid: &mut Grid, map: DMat4) -> Result<()> {
+    grid.transform = Affine::new(map * grid.transform.matrix())?;
+    Ok(())
+}

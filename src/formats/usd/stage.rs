@@ -1,0 +1,212 @@
+//! Stages, composed and read as a whole.
+
+use super::prim::Prim;
+use super::resolver;
+use super::value::{Asset, Value};
+use super::{read, xform};
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
+use crate::formats::temporary::TemporaryFolder;
+use glam::DMat4;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+/// Axis that points upwards.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "UPPERCASE")]
+pub enum UpAxis {
+    /// +Y is up, which holds where a stage states nothing.
+    Y,
+    /// +Z is up.
+    Z,
+}
+
+/// Metadata of a stage.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StageMetadata {
+    /// Path of the default prim.
+    pub default_prim: Option<String>,
+    /// Axis that points upwards, if it is stated.
+    pub up_axis: Option<UpAxis>,
+    /// Length of a unit in meters, if it is stated; OpenUSD takes 0.01 otherwise.
+    pub meters_per_unit: Option<f64>,
+    /// Time codes per second, if they are stated; OpenUSD takes the frames per second or 24 otherwise.
+    pub time_codes_per_second: Option<f64>,
+    /// Frames per second, if they are stated.
+    pub frames_per_second: Option<f64>,
+    /// First time code, if it is stated.
+    pub start: Option<f64>,
+    /// Last time code, if it is stated.
+    pub end: Option<f64>,
+    /// Documentation of the root layer, where Blender states its version.
+    pub documentation: Option<String>,
+    /// Custom data of the root layer: a dictionary, if there is one.
+    pub custom_data: Option<Value>,
+}
+
+/// A composed stage.
+///
+/// Prims are those that are active, loaded, defined and not abstract, parents before their children and siblings in
+/// their order; prims within instances are listed as if there were no instancing.
+#[derive(Debug)]
+pub struct Stage {
+    /// File of the root layer, or the package.
+    pub path: PathBuf,
+    /// Metadata.
+    pub metadata: StageMetadata,
+    /// Files of all layers that were read, packages among them.
+    pub layers: Vec<PathBuf>,
+    /// Faults of the composition, in words: layers that are missing or cannot be read, targets that are missing, cycles.
+    /// What depends on them is missing from the stage.
+    pub faults: Vec<String>,
+    prims: Vec<Prim>,
+    /// Places of the prims by their paths.
+    places: BTreeMap<String, usize>,
+    /// Files that were taken out of packages.
+    unpacked: Mutex<Option<TemporaryFolder>>,
+    limits: Limits,
+}
+
+impl Stage {
+    /// Opens a stage with all that it references: `.usda`, `.usdc`, `.usd` or `.usdz`. Payloads are loaded.
+    ///
+    /// # Errors
+    /// If the root layer cannot be read or parsed, or the stage has more than a million prims or no prim at all. The error
+    /// names the file, and the line where it is known.
+    pub fn open(path: &Path, limits: Limits) -> Result<Self> {
+        let read::Composed { metadata, layers, faults, prims } = read::stage(path, limits)?;
+        let places = prims.iter().enumerate().map(|(place, prim)| (prim.path.clone(), place)).collect();
+        Ok(Self {
+            path: path.to_path_buf(),
+            metadata,
+            layers,
+            faults,
+            prims,
+            places,
+            unpacked: Mutex::new(None),
+            limits,
+        })
+    }
+
+    /// Returns the prims, parents before their children.
+    pub fn prims(&self) -> impl Iterator<Item = &Prim> {
+        self.prims.iter()
+    }
+
+    /// Returns the prims of a type.
+    pub fn of_type<'s>(&'s self, type_name: &'s str) -> impl Iterator<Item = &'s Prim> {
+        self.prims.iter().filter(move |prim| prim.type_name == type_name)
+    }
+
+    /// Returns a prim by its absolute path.
+    pub fn prim(&self, path: &str) -> Option<&Prim> {
+        self.places.get(path).map(|place| &self.prims[*place])
+    }
+
+    /// Returns a prim and its ancestors, from the prim upwards.
+    pub fn upwards<'s>(&'s self, prim: &'s Prim) -> impl Iterator<Item = &'s Prim> {
+        std::iter::successors(Some(prim), |prim| self.prim(prim.parent()?))
+    }
+
+    /// Returns the axis that points upwards: Y unless the stage states Z.
+    pub fn up_axis(&self) -> UpAxis {
+        self.metadata.up_axis.unwrap_or(UpAxis::Y)
+    }
+
+    /// Returns the length of a unit in meters: 0.01 unless the stage states another.
+    pub fn meters_per_unit(&self) -> f64 {
+        self.metadata.meters_per_unit.unwrap_or(0.01)
+    }
+
+    /// Returns the time codes per second: 24 unless the stage states time codes or frames per second.
+    pub fn time_codes_per_second(&self) -> f64 {
+        let StageMetadata { time_codes_per_second, frames_per_second, .. } = self.metadata;
+        time_codes_per_second.or(frames_per_second).unwrap_or(24.0)
+    }
+
+    /// Returns the first time code of the stage: the one that it states, else that of its earliest time sample, else 0.
+    pub fn first_time(&self) -> f64 {
+        self.metadata.start.unwrap_or_else(|| {
+            let first = self.sample_times().fold(f64::INFINITY, f64::min);
+            if first.is_finite() { first } else { 0.0 }
+        })
+    }
+
+    /// Returns the last time code of the stage: the one that it states, else that of its latest time sample, else 0.
+    pub fn last_time(&self) -> f64 {
+        self.metadata.end.unwrap_or_else(|| {
+            let last = self.sample_times().fold(f64::NEG_INFINITY, f64::max);
+            if last.is_finite() { last } else { 0.0 }
+        })
+    }
+
+    fn sample_times(&self) -> impl Iterator<Item = f64> + '_ {
+        self.prims.iter().flat_map(|prim| prim.attributes.values()).flat_map(|attribute| attribute.times())
+    }
+
+    /// Returns the map from a prim's own space to that of the stage, at a time code.
+    ///
+    /// # Errors
+    /// If an operation of the prim or of one above it cannot be used; the error names the prim.
+    pub fn local_to_world(&self, prim: &Prim, time: f64) -> Result<DMat4> {
+        let mut map = DMat4::IDENTITY;
+        for prim in self.upwards(prim) {
+            let local = xform::local(prim, time).map_err(|e| e.inside(format!("prim {}", prim.path)).at(&self.path))?;
+            map = local.matrix * map;
+            if local.resets {
+                break;
+            }
+        }
+        Ok(map)
+    }
+
+    /// True if a prim's place in the stage changes over time.
+    pub fn is_moving(&self, prim: &Prim) -> bool {
+        self.upwards(prim).any(|prim| {
+            let operations = prim.attributes.values().filter(|a| a.name.starts_with("xformOp"));
+            operations.into_iter().any(|a| a.is_animated())
+        })
+    }
+
+    /// True if a prim and all above it are visible at a time code and meant for rendering: their purpose is neither
+    /// `guide` nor `proxy`.
+    pub fn is_rendered(&self, prim: &Prim, time: f64) -> bool {
+        // The purpose nearest to the prim counts.
+        let purpose = self.upwards(prim).find_map(|prim| prim.text("purpose", time).filter(|p| p != "default"));
+        let hidden = self.upwards(prim).any(|prim| prim.text("visibility", time).is_some_and(|v| v == "invisible"));
+        !hidden && purpose.is_none_or(|purpose| purpose == "render")
+    }
+
+    /// Returns the path of an asset's file. Files in packages are written to a temporary folder first, which lives as long
+    /// as the stage.
+    ///
+    /// # Errors
+    /// If the path is empty, or a file in a package cannot be read. A file that does not exist is no error.
+    pub fn file(&self, asset: &Asset) -> Result<PathBuf> {
+        if asset.path.as_os_str().is_empty() {
+            return Err(Error::invalid(format!("the path @{}@ names no file", asset.authored)).at(&self.path));
+        }
+        let Some((package, inner)) = asset.packaged() else { return Ok(asset.path.clone()) };
+        let mut unpacked = self.unpacked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if unpacked.is_none() {
+            *unpacked = Some(TemporaryFolder::new(&std::env::temp_dir())?);
+        }
+        let Some(folder) = unpacked.as_ref() else { return Ok(asset.path.clone()) };
+        let flat = |text: &str| text.replace(['/', '\\'], "_");
+        let place = folder.path().join(flat(&asset.path.to_string_lossy()));
+        if !place.exists() {
+            let bytes = resolver::entry(package, inner, self.limits.max_memory).map_err(|e| e.at(package))?;
+            std::fs::write(&place, bytes).map_err(|e| Error::io(&place, e))?;
+        }
+        Ok(place)
+    }
+
+    /// True if the file of an asset exists.
+    pub fn exists(&self, asset: &Asset) -> bool {
+        match asset.packaged() {
+            Some((package, inner)) => resolver::open_package(package).is_ok_and(|a| a.index_for_name(inner).is_some()),
+            None => asset.path.is_file(),
+        }
+    }
+}

@@ -1,0 +1,254 @@
+//! A pass over the text of a `.usda` layer before the parser reads it.
+//!
+//! The parser of the crate `openusd` refuses time samples of type `asset`, which Blender writes for sequences of volumes,
+//! leaves escapes in strings as they are, and knows no numbers such as `.5` or `5.`. It also recurses as deep as its input
+//! is nested. This pass rewrites the former and bounds the latter.
+
+use crate::error::{Error, Result};
+
+/// Deepest nesting of brackets.
+const MOST_DEPTH: usize = 128;
+
+/// Text of a layer for the parser.
+#[derive(Debug)]
+pub(super) struct Prepared {
+    /// Text in which time samples of type `asset` are strings.
+    pub text: String,
+    /// Numbers of lines of this text, ascending, below which lines have moved down, and by how many.
+    moved: Vec<(usize, usize)>,
+}
+
+impl Prepared {
+    /// Returns the number of the line in the file, from that in the text.
+    pub fn line(&self, line: usize) -> usize {
+        line - self.moved.iter().filter(|(after, _)| line > *after).map(|(_, lines)| lines).sum::<usize>()
+    }
+}
+
+/// Rewrites the text of a layer.
+///
+/// # Errors
+/// If it is nested too deeply; the error names the line.
+pub(super) fn prepare(text: &str) -> Result<Prepared> {
+    let mut pass =
+        Pass { text, at: 0, out: String::with_capacity(text.len() + 16), open: Vec::new(), moved: Vec::new() };
+    while pass.at < text.len() {
+        pass.step()?;
+    }
+    Ok(Prepared { text: pass.out, moved: pass.moved })
+}
+
+/// A bracket that is open.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Open {
+    /// Braces of time samples.
+    Samples,
+    Other,
+}
+
+struct Pass<'t> {
+    text: &'t str,
+    /// Offset of the next byte to be read.
+    at: usize,
+    out: String,
+    open: Vec<Open>,
+    moved: Vec<(usize, usize)>,
+}
+
+impl<'t> Pass<'t> {
+    fn rest(&self) -> &'t str {
+        &self.text[self.at..]
+    }
+
+    /// Copies the next bytes, which end at a boundary of characters.
+    fn copy(&mut self, bytes: usize) {
+        self.out.push_str(&self.rest()[..bytes]);
+        self.at += bytes;
+    }
+
+    /// Reads one token, comment or character.
+    fn step(&mut self) -> Result<()> {
+        let rest = self.rest();
+        let Some(next) = rest.chars().next() else { return Ok(()) };
+        match next {
+            '#' => self.copy(rest.find(['\n', '\r']).unwrap_or(rest.len())),
+            '/' if rest.starts_with("//") => self.at += rest.find(['\n', '\r']).unwrap_or(rest.len()),
+            '/' if rest.starts_with("/*") => self.copy(rest[2..].find("*/").map_or(rest.len(), |end| end + 4)),
+            '"' | '\'' => self.string(next),
+            '@' => self.asset(),
+            '<' => self.copy(rest.find(['>', '\n']).map_or(rest.len(), |end| end + 1)),
+            '{' | '[' | '(' => self.bracket(next)?,
+            '}' | ']' | ')' => {
+                self.open.pop();
+                self.copy(1);
+            }
+            '.' | '0'..='9' => self.number(),
+            _ if next == '_' || next.is_alphabetic() => {
+                let inside = |c: char| c == '_' || c == ':' || c.is_alphanumeric();
+                self.copy(rest.find(|c| !inside(c)).unwrap_or(rest.len()));
+            }
+            _ => self.copy(next.len_utf8()),
+        }
+        Ok(())
+    }
+
+    fn bracket(&mut self, bracket: char) -> Result<()> {
+        if self.open.len() == MOST_DEPTH {
+            let line = 1 + self.text[..self.at].matches('\n').count();
+            return Err(Error::unsupported(format!("line {line}: more than {MOST_DEPTH} brackets are nested"))
+                .hint("the file may be damaged; write it again where it was made"));
+        }
+        let before = self.out.trim_end().strip_suffix('=').map(str::trim_end);
+        let samples = bracket == '{' && before.is_some_and(|before| before.ends_with(".timeSamples"));
+        self.open.push(if samples { Open::Samples } else { Open::Other });
+        self.copy(1);
+        Ok(())
+    }
+
+    /// Reads a path of a file; one that is a time sample becomes a string.
+    fn asset(&mut self) {
+        let rest = self.rest();
+        let quote = if rest.starts_with("@@@") { "@@@" } else { "@" };
+        let Some(end) = rest[quote.len()..].find(quote) else {
+            self.copy(rest.len());
+            return;
+        };
+        let content = &rest[quote.len()..quote.len() + end];
+        match (self.open.last(), raw(content)) {
+            (Some(Open::Samples), Some(string)) => {
+                self.out.push_str(&string);
+                self.at += end + 2 * quote.len();
+            }
+            _ => self.copy(end + 2 * quote.len()),
+        }
+    }
+
+    /// Reads a string; one with escapes becomes one without.
+    fn string(&mut self, quote: char) {
+        let rest = self.rest();
+        let three = quote.to_string().repeat(3);
+        let quotes = if rest.starts_with(&three) { 3 } else { 1 };
+        let mut end = None;
+        let mut characters = rest[quotes..].char_indices();
+        while let Some((at, c)) = characters.next() {
+            if c == '\\' {
+                characters.next();
+            } else if rest[quotes + at..].starts_with(&three[..quotes]) {
+                end = Some(at);
+                break;
+            }
+        }
+        let Some(end) = end else {
+            self.copy(rest.len());
+            return;
+        };
+        let content = &rest[quotes..quotes + end];
+        match content.contains('\\').then(|| raw(&unescaped(content))).flatten() {
+            Some(string) => {
+                let lines = string.matches('\n').count().saturating_sub(content.matches('\n').count());
+                self.out.push_str(&string);
+                self.at += end + 2 * quotes;
+                if lines > 0 {
+                    self.moved.push((1 + self.out.matches('\n').count() - lines, lines));
+                }
+            }
+            None => self.copy(end + 2 * quotes),
+        }
+    }
+
+    /// Reads a number; one without digits on either side of its point gets a zero there.
+    fn number(&mut self) {
+        let rest = self.rest();
+        let digits = |text: &str| text.bytes().take_while(u8::is_ascii_digit).count();
+        let whole = digits(rest);
+        let Some(fraction) = rest[whole..].strip_prefix('.') else {
+            self.copy(whole);
+            return;
+        };
+        let after = digits(fraction);
+        // A property's name is separated by a point too.
+        let property = self.out.ends_with(|c: char| c == '_' || c.is_alphanumeric());
+        if whole + after == 0 || (whole == 0 && property) {
+            self.copy(1);
+            return;
+        }
+        self.out.push_str(if whole == 0 { "0" } else { &rest[..whole] });
+        self.out.push('.');
+        self.out.push_str(if after == 0 { "0" } else { &fraction[..after] });
+        self.at += whole + 1 + after;
+    }
+}
+
+/// Returns a string literal whose characters stand for themselves; `None` if there is no such literal.
+fn raw(content: &str) -> Option<String> {
+    ["\"", "'"].into_iter().find(|quote| !content.contains(quote)).map(|quote| {
+        let quotes = quote.repeat(3);
+        format!("{quotes}{content}{quotes}")
+    })
+}
+
+/// Replaces the escapes of a string by what they stand for.
+fn unescaped(content: &str) -> String {
+    let mut out = String::with_capacity(content.len());
+    let mut characters = content.chars();
+    while let Some(c) = characters.next() {
+        match (c, characters.clone().next()) {
+            ('\\', Some(escaped)) => {
+                characters.next();
+                match escaped {
+                    'n' => out.push('\n'),
+                    't' => out.push('\t'),
+                    'r' => out.push('\r'),
+                    other => out.push(other),
+                }
+            }
+            _ => out.push(c),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    fn text(text: &str) -> String {
+        prepare(text).unwrap().text
+    }
+
+    #[test]
+    fn time_samples_of_files_become_strings() {
+        assert_eq!(
+            text("asset filePath.timeSamples = {\n 1: @./a.vdb@,\n 2: @@@b'@c@@@,\n}"),
+            "asset filePath.timeSamples = {\n 1: \"\"\"./a.vdb\"\"\",\n 2: \"\"\"b'@c\"\"\",\n}"
+        );
+        for same in ["asset a = @x.vdb@", "asset[] a.timeSamples = { 1: [@x@] }", "# {@x@", "references = @a.usda@</B>"]
+        {
+            assert_eq!(text(same), same);
+        }
+    }
+
+    #[test]
+    fn escapes_and_numbers_are_rewritten() {
+        assert_eq!(text(r#"string a = "say \"x\"""#), r#"string a = '''say "x"'''"#);
+        assert_eq!(text("(.5, 5., -.25, 1.5, 7, 5.e3)"), "(0.5, 5.0, -0.25, 1.5, 7, 5.0e3)");
+        assert_eq!(text("float a1.timeSamples = { 1.5: 2 } // note"), "float a1.timeSamples = { 1.5: 2 } ");
+        let prepared = prepare("string a = \"x\\ny\"\nfloat b\n").unwrap();
+        assert_eq!([1, 2, 3, 4].map(|line| prepared.line(line)), [1, 1, 2, 3]);
+    }
+
+    #[test]
+    fn deep_nesting_is_refused() {
+        let deep = format!("\n{}", "{".repeat(200));
+        let error = prepare(&deep).unwrap_err().to_string();
+        assert!(error.contains("line 2") && error.contains("128"), "{error}");
+    }
+
+    #[test]
+    fn unfinished_text_ends() {
+        for broken in ["\"abc", "'''a'", "@a", "@@@a@@", "<a", "/* a", "\"\\", ".", "é.5"] {
+            assert!(prepare(broken).is_ok(), "{broken}");
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! Volumes of stages: which file and grid each field is, and what it stands for.
+
+use super::prim::Prim;
+use super::stage::Stage;
+use super::value::Asset;
+
+/// Part that a field plays in its volume.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// Density.
+    Density,
+    /// Temperature, by which black bodies emit.
+    Temperature,
+    /// Emission whatever the temperature.
+    Flame,
+    /// Velocity.
+    Velocity,
+    /// None that has an effect here.
+    Other,
+}
+
+/// A field of a volume at a time code.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Field {
+    /// Name of the relationship, without `field:`.
+    pub name: String,
+    /// Path of the field's prim.
+    pub prim: String,
+    /// Type of the prim; `OpenVDBAsset` for fields that can be read.
+    pub type_name: String,
+    /// File; `None` if the prim states none at this time.
+    pub file: Option<Asset>,
+    /// Name of the grid; empty for any.
+    pub grid: String,
+    /// Number among the grids of that name.
+    pub index: Option<i64>,
+    /// Role.
+    pub role: Role,
+}
+
+impl Field {
+    /// Returns the name of the grid in its file: with its number where one is stated, as files list grids of one name.
+    pub fn grid_names(&self) -> [String; 2] {
+        [format!("{}[{}]", self.grid, self.index.unwrap_or(0)), self.grid.clone()]
+    }
+}
+
+/// Returns the role of a field by its names, that of the grid first.
+fn role(grid: &str, name: &str) -> Role {
+    let of = |name: &str| match name.to_ascii_lowercase().as_str() {
+        "density" | "smoke" | "extinction" => Role::Density,
+        "temperature" | "temp" => Role::Temperature,
+        "flame" | "flames" | "fire" | "heat" | "burn" | "emission" => Role::Flame,
+        "velocity" | "velocities" | "vel" | "v" => Role::Velocity,
+        _ => Role::Other,
+    };
+    match of(grid) {
+        Role::Other => of(name),
+        role => role,
+    }
+}
+
+impl Stage {
+    /// Returns the volumes, in their order.
+    pub fn volumes(&self) -> impl Iterator<Item = &Prim> {
+        self.of_type("Volume")
+    }
+
+    /// Returns the fields of a volume at a time code, by the names of their relationships. A volume with one field alone has
+    /// it for its density, whatever its name.
+    pub fn fields(&self, volume: &Prim, time: f64) -> Vec<Field> {
+        let targets = volume
+            .relationships
+            .iter()
+            .filter_map(|(name, targets)| Some((name.strip_prefix("field:")?, targets.first()?.as_str())));
+        let field = |(name, target): (&str, &str)| {
+            let prim = self.prim(target);
+            let value = |attribute: &str| prim?.attribute(attribute)?.held_at(time);
+            let grid = value("fieldName").and_then(|v| v.text().map(str::to_owned)).unwrap_or_default();
+            Field {
+                name: name.to_owned(),
+                prim: target.to_owned(),
+                type_name: prim.map(|prim| prim.type_name.clone()).unwrap_or_default(),
+                file: value("filePath").and_then(|v| v.asset().cloned()).filter(|file| !file.authored.is_empty()),
+                index: value("fieldIndex").and_then(|v| v.int()),
+                role: role(&grid, name),
+                grid,
+            }
+        };
+        let mut fields: Vec<Field> = targets.map(field).collect();
+        if let [only] = &mut fields[..]
+            && only.role == Role::Other
+        {
+            only.role = Role::Density;
+        }
+        fields
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn roles_follow_the_grids_names_first() {
+        assert_eq!(role("density", "temperature"), Role::Density);
+        assert_eq!(role("grid0", "Density"), Role::Density);
+        assert_eq!(role("vel", "x"), Role::Velocity);
+        assert_eq!(role("a", "b"), Role::Other);
+    }
+}
