@@ -7,6 +7,7 @@
 //! | [Transfer functions](transfer_functions) | How do densities become colors, and which file formats are read? |
 //! | [Scattering](scattering) | How do I render smoke and clouds that scatter light? |
 //! | [Denoising](denoising) | How do I take the noise out of a sequence, from Cumulo or from Blender? |
+//! | [Stages](usd_authoring) | How do I write a USD stage of my volumes, and what is wrong with one? |
 //! | [Planning](planning) | Which effects of light are simulated, what do they cost, and what may be left out? |
 //! | [Reconstruction](reconstruction) | How do I find densities, transfer functions, colors, poses and viewpoints? |
 //! | [Gradients](gradients) | Which derivatives are there, and how are they checked? |
@@ -53,3 +54,6 @@ pub mod scattering {}
 
 #[doc = include_str!("guide/transfer-functions.md")]
 pub mod transfer_functions {}
+
+#[doc = include_str!("guide/usd-authoring.md")]
+pub mod usd_authoring {}

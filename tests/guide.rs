@@ -12,7 +12,7 @@ use std::path::Path;
 use work::{Work, errors, fixture};
 
 /// The pages, relative to the repository. `no_page_is_forgotten` holds this list against the folder.
-const PAGES: [&str; 11] = [
+const PAGES: [&str; 12] = [
     "README.md",
     "src/guide/accuracy-and-cost.md",
     "src/guide/captures.md",
@@ -24,14 +24,21 @@ const PAGES: [&str; 11] = [
     "src/guide/scattering.md",
     "src/guide/planning.md",
     "src/guide/transfer-functions.md",
+    "src/guide/usd-authoring.md",
 ];
 
 /// Volumes that the pages name and the reader brings.
-const VOLUMES: [(&str, &str); 2] = [("smoke.vdb", "plume.vdb"), ("head.vdb", "plume.vdb")];
+const VOLUMES: [(&str, &str); 5] = [
+    ("smoke.vdb", "plume.vdb"),
+    ("head.vdb", "plume.vdb"),
+    ("smoke.0001.vdb", "plume.vdb"),
+    ("smoke.0002.vdb", "cube.vdb"),
+    ("smoke.0003.vdb", "plume.vdb"),
+];
 
 /// Commands that other programs run or have to precede. They are not run here: `make demo`, `tests/examples.rs` and Python's
 /// tests do that.
-const OTHERS: [&str; 13] = [
+const OTHERS: [&str; 14] = [
     "make demo",
     "make demo BLENDER=1",
     "make install",
@@ -43,6 +50,7 @@ const OTHERS: [&str; 13] = [
     "sudo apt-get install libopenvdb-dev libboost-dev libclang-dev g++",
     "cargo install --path . --locked",
     "cargo doc --open",
+    "usdview smoke.usda",
     "cargo run --release --example load_and_render -- smoke.vdb view.exr",
     "cargo run --release --example gradient_of_a_picture -- smoke.vdb",
     "cargo run --release --example reconstruct -- shots found.vdb",
@@ -204,6 +212,11 @@ fn scattering() {
 #[test]
 fn transfer_functions() {
     assert!(run("src/guide/transfer-functions.md") >= 5);
+}
+
+#[test]
+fn usd_authoring() {
+    assert!(run("src/guide/usd-authoring.md") >= 9);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! `cumulo usd`: stages written and checked.
 
 mod author;
+mod lint;
 
 use super::memory::Memory;
 use super::output::Output;
@@ -13,6 +14,8 @@ use std::process::ExitCode;
 pub enum UsdCommand {
     /// Write a stage of volumes, with their media, lights and cameras
     Author(Box<author::Author>),
+    /// Say what is wrong with stages and what to do; exit code 1 if anything is
+    Lint(lint::Lint),
 }
 
 impl UsdCommand {
@@ -20,6 +23,7 @@ impl UsdCommand {
     pub(super) fn memory(&self) -> Memory {
         match self {
             Self::Author(c) => c.memory,
+            Self::Lint(c) => c.memory,
         }
     }
 
@@ -30,6 +34,7 @@ impl UsdCommand {
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         match self {
             Self::Author(c) => c.run(output),
+            Self::Lint(c) => c.run(output),
         }
     }
 }

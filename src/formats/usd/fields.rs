@@ -18,8 +18,10 @@ pub struct Field {
     pub data_type: Option<&'static str>,
     /// Class of the grid, which `fieldClass` holds.
     pub class: &'static str,
-    /// True if the grid's transform is affine.
-    pub affine: bool,
+    /// True if real values are stored as 16-bit floats.
+    pub half: bool,
+    /// Longest edge of a voxel in world units; `None` for a transform that is not affine.
+    pub voxel: Option<f64>,
     /// World-space box around the active voxels' cells; `None` without active voxels or with a transform that is not
     /// affine.
     pub bounds: Option<Aabb>,
@@ -43,7 +45,11 @@ pub fn read(path: &Path, limits: Limits) -> Result<Vec<Field>> {
             index,
             data_type: data_type(&info.value_type),
             class: class(info.class),
-            affine: matches!(info.transform, Transform::Affine(_)),
+            half: info.half,
+            voxel: match &info.transform {
+                Transform::Affine(map) => Some(map.voxel_size().max_element()),
+                Transform::Other(_) => None,
+            },
             bounds: GridInfo::world_box(&info),
         });
     }

@@ -20,6 +20,7 @@ mod camera;
 mod convert;
 pub mod fields;
 mod light;
+pub mod lint;
 mod medium;
 mod prim;
 mod read;

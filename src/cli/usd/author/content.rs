@@ -11,12 +11,15 @@ use crate::scene::light::Light;
 use crate::scene::transfer::Transfer;
 use std::path::{Path, PathBuf};
 
+/// Name of the part of densities, by which shaders look them up.
+pub(super) const DENSITY: &str = "density";
+
 /// A volume by its file or sequence, and its medium.
 pub(super) struct Source {
     /// VDB file, or pattern of a sequence.
     pub file: PathBuf,
-    /// Grid of densities, where one is named.
-    pub density: Option<String>,
+    /// Grids that play a part, as far as they are named, by the part's name.
+    pub parts: Vec<(&'static str, String)>,
     pub medium: MediumEntry,
     /// Transfer function of the medium.
     pub transfer: Option<PathBuf>,
@@ -67,7 +70,8 @@ impl Author {
         let sky = radiance.map(|radiance| (LightEntry::DomeLight { radiance, texture: texture.clone() }, texture));
         let lights = sun.map(|sun| (sun, None)).into_iter().chain(sky).collect();
         let transfer = medium.transfer.clone();
-        let volume = Source { file: self.input.clone(), density: self.density.clone(), medium, transfer };
+        let parts = self.density.iter().map(|grid| (DENSITY, grid.clone())).collect();
+        let volume = Source { file: self.input.clone(), parts, medium, transfer };
         Ok(Content { volumes: vec![volume], lights })
     }
 
@@ -76,9 +80,9 @@ impl Author {
         let scene = scene_file::read(&self.input, limits)?;
         let folder = self.input.parent().unwrap_or(Path::new(""));
         let volume = |(i, entry): (usize, VolumeEntry)| {
-            expressible(&entry).map_err(|e| e.part(format!("volume {i}")).at(&self.input))?;
+            let parts = parts(&entry).map_err(|e| e.part(format!("volume {i}")).at(&self.input))?;
             let transfer = entry.medium.transfer.as_ref().map(|tf| folder.join(tf));
-            Ok(Source { file: folder.join(&entry.file), density: entry.grid, medium: entry.medium, transfer })
+            Ok(Source { file: folder.join(&entry.file), parts, medium: entry.medium, transfer })
         };
         let light = |entry: LightEntry| match &entry {
             LightEntry::DomeLight { texture: Some(texture), .. } => {
@@ -117,19 +121,26 @@ impl Author {
     }
 }
 
-/// Refuses what a stage has no attributes for: it would be another medium without them.
-fn expressible(entry: &VolumeEntry) -> Result<()> {
+/// Returns the grids of a volume that play a part.
+///
+/// # Errors
+/// If a grid plays two, which no stage can say.
+fn parts(entry: &VolumeEntry) -> Result<Vec<(&'static str, String)>> {
     let medium = &entry.medium;
-    let stated = [
-        ("gradient_shading", medium.gradient_shading.is_some()),
-        ("emission_grid", medium.emission_grid.is_some()),
-        ("blackbody", medium.blackbody.is_some()),
+    let named = [
+        (DENSITY, entry.grid.clone()),
+        ("flame", medium.emission_grid.as_ref().map(|e| e.grid.clone())),
+        ("temperature", medium.blackbody.as_ref().map(|e| e.grid.clone())),
+        ("velocity", entry.velocity.as_ref().map(|e| e.grid.clone())),
     ];
-    match stated.iter().find(|(_, stated)| *stated) {
-        Some((key, _)) => Err(Error::unsupported(format!("'{key}' has no place in a stage"))
-            .hint(format!("leave '{key}' out, or render the scene file itself"))),
-        None => Ok(()),
+    let parts: Vec<_> = named.into_iter().filter_map(|(part, grid)| Some((part, grid?))).collect();
+    for (i, (part, grid)) in parts.iter().enumerate() {
+        if let Some((before, _)) = parts[..i].iter().find(|(_, other)| other == grid) {
+            return Err(Error::unsupported(format!("grid '{grid}' is both {before} and {part}"))
+                .hint("a field of a stage plays one part: copy the grid under another name with `cumulo convert`"));
+        }
     }
+    Ok(parts)
 }
 
 fn check_medium(source: &Source, limits: Limits) -> Result<()> {

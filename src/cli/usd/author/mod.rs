@@ -2,7 +2,6 @@
 
 mod cameras;
 mod content;
-mod places;
 mod volumes;
 
 use crate::cli::memory::Memory;
@@ -16,6 +15,7 @@ use crate::formats::sequence::Frames;
 use crate::formats::usd::write::camera::CameraPrim;
 use crate::formats::usd::write::material;
 use crate::formats::usd::write::names::Names;
+use crate::formats::usd::write::places::relative;
 use crate::formats::usd::write::stage::{self, Stage};
 use crate::formats::usd::write::text::quoted;
 use crate::formats::usd::write::volume::VolumePrim;
@@ -190,9 +190,10 @@ impl Author {
             .collect();
         others.iter().try_for_each(|path| provenance.input(path, [path.as_path()]))?;
         outputs::spare([self.output.as_path()], inputs.iter().chain(&others).map(PathBuf::as_path))?;
-        let lights = content.lights.into_iter().map(|(light, texture)| {
-            Ok((light, texture.map(|path| places::relative(&path, &self.output)).transpose()?))
-        });
+        let lights = content
+            .lights
+            .into_iter()
+            .map(|(light, texture)| Ok((light, texture.map(|path| relative(&path, &self.output)).transpose()?)));
         let stage = self.stage(volumes, lights.collect::<Result<_>>()?, cameras, &provenance);
         atomic::write_bytes(&self.output, stage.text()?.as_bytes())?;
         provenance.lap();

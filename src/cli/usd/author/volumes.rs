@@ -1,12 +1,12 @@
 //! Volumes of a stage, read from their files.
 
-use super::content::Source;
-use super::places::relative;
+use super::content::{DENSITY, Source};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::sequence::{Frames, Pattern};
 use crate::formats::usd::fields::{self, Field};
 use crate::formats::usd::write::names::Names;
+use crate::formats::usd::write::places::relative;
 use crate::formats::usd::write::volume::{VolumeFrame, VolumePrim};
 use crate::formats::vdb::File;
 use crate::optimise::plausibility::Warning;
@@ -37,7 +37,7 @@ pub(super) fn volume(
     seen: &mut dyn FnMut(),
 ) -> Result<VolumePrim> {
     let Some((_, first)) = files.first() else { return Err(Error::invalid("no file").at(&source.file)) };
-    let density = density(source, first, limits)?;
+    let parts = parts(source, first, limits)?;
     let mut frames = Vec::with_capacity(files.len());
     for (time, path) in files {
         let wanted = |field: &Field| grids.is_empty() || grids.contains(&field.name);
@@ -46,7 +46,7 @@ pub(super) fn volume(
         seen();
     }
     let has = |name: &str| frames.iter().any(|frame| frame.fields.iter().any(|field| field.name == name));
-    for name in grids.iter().chain(&source.density) {
+    for name in grids.iter().chain(source.parts.iter().map(|(_, grid)| grid)) {
         if !has(name) {
             let found = frames[0].fields.iter().map(|field| format!("'{}'", field.name)).collect::<Vec<_>>().join(", ");
             return Err(Error::invalid(format!("no grid '{name}'; the file has {found}"))
@@ -60,18 +60,20 @@ pub(super) fn volume(
             .hint("check the export settings of the program that made it"));
     }
     let transfer = source.transfer.as_ref().map(|path| relative(path, stage)).transpose()?;
-    Ok(VolumePrim { name: name(&source.file), frames, density, medium: source.medium.clone(), transfer })
+    Ok(VolumePrim { name: name(&source.file), frames, parts, medium: source.medium.clone(), transfer })
 }
 
-/// Returns the name of the grid of densities: the one that is named, else the one that rendering takes, if there is one.
-fn density(source: &Source, first: &Path, limits: Limits) -> Result<Option<String>> {
-    if source.density.is_some() {
-        return Ok(source.density.clone());
+/// Returns the grids that play a part; the densities are those that rendering takes, unless another grid is named.
+fn parts(source: &Source, first: &Path, limits: Limits) -> Result<Vec<(&'static str, String)>> {
+    let mut parts = source.parts.clone();
+    if !parts.iter().any(|(part, _)| *part == DENSITY) {
+        let file = File::open(first, limits)?;
+        let base = |unique: String| file.entries().iter().find(|e| e.name == unique).map(|e| e.base_name.clone());
+        // A file without densities, of velocities for one, is a volume as well.
+        let density = file.density_name().ok().and_then(base).filter(|grid| !parts.iter().any(|(_, g)| g == grid));
+        parts.extend(density.map(|grid| (DENSITY, grid)));
     }
-    let file = File::open(first, limits)?;
-    let base = |unique: String| file.entries().iter().find(|e| e.name == unique).map(|e| e.base_name.clone());
-    // A file without densities, of velocities for one, is a volume as well.
-    Ok(file.density_name().ok().and_then(base))
+    Ok(parts)
 }
 
 /// Returns a name for a volume's prim: that of its file up to the first dot or the number of a frame.
@@ -97,7 +99,7 @@ pub(super) fn remarks(volume: &VolumePrim) -> Vec<Warning> {
         ));
     }
     for frame in &volume.frames {
-        for field in frame.fields.iter().filter(|field| !field.affine) {
+        for field in frame.fields.iter().filter(|field| field.voxel.is_none()) {
             all.push(Warning::new(
                 format!("{}: grid '{}' has a transform that is not affine", frame.path, field.name),
                 "its box is not part of the extent; resample it onto a linear transform for programs that need it",

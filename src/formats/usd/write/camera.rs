@@ -63,8 +63,8 @@ pub fn prim(camera: &CameraPrim, scale: Scale) -> Prim {
     let varying = |declaration: &'static str, name: &str, values: Vec<Value>| {
         let times = camera.samples.iter().map(|(time, _)| *time);
         let first = values.first().cloned().unwrap_or(Value::Blocked);
-        let samples: Option<Vec<(u32, Value)>> =
-            times.zip(&values).map(|(time, value)| Some((time?, value.clone()))).collect();
+        let samples: Option<Vec<(f64, Value)>> =
+            times.zip(&values).map(|(time, value)| Some((f64::from(time?), value.clone()))).collect();
         let content = match samples {
             Some(samples) if samples.iter().any(|(_, value)| *value != first) => Content::Samples(first, samples),
             _ => Content::Default(first),

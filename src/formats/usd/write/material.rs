@@ -45,6 +45,9 @@ impl Renderer {
             (medium.transfer.is_some() && self != Self::None, "the transfer function"),
             (medium.extinction_color != [1.0; 3] && self == Self::Cycles, "the color of the extinction"),
             (emission(medium).is_some() && self == Self::Cycles, "the emission"),
+            (medium.gradient_shading.is_some() && self != Self::None, "the gradient shading"),
+            (medium.emission_grid.is_some() && self != Self::None, "the emission by a grid"),
+            (medium.blackbody.is_some() && self != Self::None, "the emission of black bodies"),
         ];
         all.into_iter().filter(|(omitted, _)| *omitted).map(|(_, what)| what).collect()
     }

@@ -1,4 +1,4 @@
-//! The medium of a volume as attributes of its prim, in the namespace `cumulo`.
+//! The medium of a volume as attributes of its prim, in the namespace `cumulo`, which [`scene`](super::super::scene) reads.
 
 use super::text::{Property, Value};
 use crate::formats::scene_file::MediumEntry;
@@ -30,8 +30,7 @@ pub fn attributes(medium: &MediumEntry, transfer: Option<String>) -> Vec<Propert
         Property::new("custom double", "cumulo:anisotropy", Value::Number(medium.anisotropy)),
         Property::new("custom color3f", "cumulo:extinctionColor", Value::floats(medium.extinction_color)),
     ];
-    let emission =
-        medium.emission.map(|color| Property::new("custom color3f", "cumulo:emission", Value::floats(color)));
+    let emission = medium.emission.map(|value| color("cumulo:emission", value));
     let transfer = transfer.map(|path| Property::new("custom asset", "cumulo:transfer", Value::Asset(path)));
     all.extend(emission.into_iter().chain(transfer));
     all

@@ -5,6 +5,7 @@ pub mod light;
 pub mod material;
 pub mod medium;
 pub mod names;
+pub mod places;
 pub mod stage;
 pub mod text;
 pub mod volume;

@@ -97,7 +97,7 @@ pub enum Content {
     /// A value at all times.
     Default(Value),
     /// A value at times without samples, and values by time code in ascending order.
-    Samples(Value, Vec<(u32, Value)>),
+    Samples(Value, Vec<(f64, Value)>),
     /// Path of the property to which an attribute is connected.
     Connection(String),
     /// Path of the prim that a relationship targets.
@@ -182,7 +182,7 @@ pub struct Variant {
 /// A prim with what lies beneath it.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Prim {
-    /// Type: `Volume`, `Xform`.
+    /// Type: `Volume`, `Xform`; empty for an `over`, which adds opinions to a prim that another layer defines.
     pub kind: &'static str,
     /// Name, an identifier.
     pub name: String,
@@ -211,7 +211,10 @@ impl Prim {
     /// Writes the prim as lines of text, indented by so many blanks.
     pub fn write(&self, out: &mut String, indent: usize) {
         let space = " ".repeat(indent);
-        *out += &format!("{space}def {} \"{}\"", self.kind, self.name);
+        *out += &match self.kind {
+            "" => format!("{space}over \"{}\"", self.name),
+            kind => format!("{space}def {kind} \"{}\"", self.name),
+        };
         let mut metadata = self.metadata.clone();
         if !self.variants.is_empty() {
             metadata.push("variants = {".into());
@@ -265,7 +268,7 @@ mod tests {
     fn prims_are_nested() {
         let mut prim = Prim::new("Xform", "World");
         prim.set("custom double", "cumulo:densityScale", Value::Number(2.0));
-        let samples = vec![(1, Value::Int(1)), (4, Value::Blocked)];
+        let samples = vec![(1.0, Value::Int(1)), (4.0, Value::Blocked)];
         prim.properties.push(Property {
             declaration: "int",
             name: "a".into(),

@@ -10,9 +10,6 @@ use crate::formats::usd::fields::Field;
 use crate::math::Aabb;
 use std::collections::BTreeMap;
 
-/// Name of the field by which shaders look up densities.
-pub const DENSITY: &str = "density";
-
 /// A file of a volume.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VolumeFrame {
@@ -31,8 +28,9 @@ pub struct VolumePrim {
     pub name: String,
     /// Files in ascending order of their time codes.
     pub frames: Vec<VolumeFrame>,
-    /// Name of the grid of densities, which is related as `field:density`; `None` if grids keep their names.
-    pub density: Option<String>,
+    /// Grids that play a part, such as `density`, by the part's name: they are related as `field:density` and the like,
+    /// all others by their own names.
+    pub parts: Vec<(&'static str, String)>,
     /// Medium.
     pub medium: MediumEntry,
     /// Path of the medium's transfer function from the stage's folder.
@@ -64,9 +62,7 @@ impl VolumePrim {
         // The name of a variant's material is not for fields.
         let (mut names, mut relations) = (Names::default(), Names::default());
         names.take("material");
-        if self.density.is_some() {
-            relations.take(DENSITY);
-        }
+        self.parts.iter().for_each(|(part, _)| drop(relations.take(part)));
         for field in self.fields()? {
             let wanted = if field.first.index == 0 {
                 identifier(&field.first.name)
@@ -74,8 +70,8 @@ impl VolumePrim {
                 format!("{}_{}", identifier(&field.first.name), field.first.index)
             };
             let name = names.take(&wanted);
-            let dense = field.first.index == 0 && self.density.as_ref() == Some(&field.first.name);
-            let relation = if dense { DENSITY.to_owned() } else { relations.take(&wanted) };
+            let part = self.parts.iter().find(|(_, grid)| field.first.index == 0 && *grid == field.first.name);
+            let relation = part.map_or_else(|| relations.take(&wanted), |(part, _)| (*part).to_owned());
             let target = format!("{path}/{name}");
             volume.properties.push(Property::relationship("custom rel", format!("field:{relation}"), target));
             volume.children.push(field.prim(name));
@@ -91,7 +87,7 @@ impl VolumePrim {
         let boxes: Vec<_> = boxes.filter(|(_, bounds)| !bounds.is_empty()).map(|(time, b)| (time, extent(b))).collect();
         let first = boxes.first()?.1.clone();
         let moving = boxes.iter().any(|(_, value)| *value != first);
-        let samples = boxes.into_iter().filter_map(|(time, value)| Some((time?, value))).collect();
+        let samples = boxes.into_iter().filter_map(|(time, value)| Some((f64::from(time?), value))).collect();
         let content = if moving { Content::Samples(first, samples) } else { Content::Default(first) };
         Some(Property { declaration: "float3[]", name: "extent".into(), content })
     }
@@ -147,8 +143,8 @@ impl FieldPrim<'_> {
         }
         prim.set("token", "fieldClass", Value::text(self.first.class));
         let asset = |path: &Option<&str>| path.map_or(Value::Blocked, |path| Value::Asset(path.to_owned()));
-        let samples: Vec<(u32, Value)> =
-            self.paths.iter().filter_map(|(time, path)| Some(((*time)?, asset(path)))).collect();
+        let samples: Vec<(f64, Value)> =
+            self.paths.iter().filter_map(|(time, path)| Some((f64::from((*time)?), asset(path)))).collect();
         let first = self.paths.iter().find_map(|(_, path)| *path);
         let content =
             if samples.is_empty() { Content::Default(asset(&first)) } else { Content::Samples(asset(&first), samples) };
