@@ -91,7 +91,7 @@ fn frames_are_time_codes() {
         file.asset().unwrap().authored.clone()
     };
     assert_eq!([1.0, 2.0, 3.0, 4.0].map(path), [1, 2, 2, 4].map(|n| format!("./smoke.{n:04}.vdb")));
-    // Boxes of cube.vdb and slab.vdb: half a voxel around the centers of 16³ voxels of 1/8, and of 40 x 40 x 8 of 1/10.
+    // Half a voxel around the centers of 16³ voxels of 1/8, and of 40 x 40 x 8 voxels of 1/10.
     let extent = |time: f64| {
         let list = stage.prim("/World/smoke").unwrap().value("extent", time).unwrap();
         let corners = list.list().unwrap().iter().map(|v| v.tuple::<3>().unwrap()).collect::<Vec<_>>();

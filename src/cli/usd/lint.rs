@@ -17,7 +17,8 @@ use std::process::ExitCode;
 
 /// Say what is wrong with stages and what to do; exit code 1 if anything is
 ///
-/// Read are .usda, .usdc, .usd and .usdz with all that they reference, and the VDBs of their volumes. Notes do not count.
+/// Read are .usda, .usdc, .usd and .usdz with all that they reference, and the VDBs of their volumes. Notes do not
+/// count.
 #[derive(Debug, clap::Args)]
 pub struct Lint {
     /// Stages
@@ -68,7 +69,8 @@ impl Told {
 }
 
 impl Lint {
-    /// Checks the stages, writes the layer and reports; stages that cannot be read do not keep others from being reported.
+    /// Checks the stages, writes the layer and reports; a stage that cannot be read does not keep the others from being
+    /// reported.
     ///
     /// # Errors
     /// If the only stage cannot be read, or the layer cannot be written.

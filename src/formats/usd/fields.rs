@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// A grid in the words of UsdVol's schema `OpenVDBAsset`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Field {
+pub struct GridField {
     /// Name of the grid, which `fieldName` holds; several grids of a file may share it.
     pub name: String,
     /// Place among the grids of this name, which `fieldIndex` holds.
@@ -31,16 +31,16 @@ pub struct Field {
 ///
 /// # Errors
 /// If the file or one of its grids cannot be read, or does not fit into `limits`.
-pub fn read(path: &Path, limits: Limits) -> Result<Vec<Field>> {
+pub fn read(path: &Path, limits: Limits) -> Result<Vec<GridField>> {
     let file = File::open(path, limits)?;
-    let mut fields: Vec<Field> = Vec::new();
+    let mut fields: Vec<GridField> = Vec::new();
     for entry in file.entries() {
         let info = file.read(&entry.name)?.info().map_err(|e| e.at(path))?;
         if info.value_type.starts_with("ptdataidx") {
             continue;
         }
         let index = fields.iter().filter(|field| field.name == entry.base_name).count();
-        fields.push(Field {
+        fields.push(GridField {
             name: entry.base_name.clone(),
             index,
             data_type: data_type(&info.value_type),

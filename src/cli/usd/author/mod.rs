@@ -2,6 +2,7 @@
 
 mod cameras;
 mod content;
+mod report;
 mod volumes;
 
 use crate::cli::memory::Memory;
@@ -16,17 +17,14 @@ use crate::formats::usd::write::camera::CameraPrim;
 use crate::formats::usd::write::material;
 use crate::formats::usd::write::names::Names;
 use crate::formats::usd::write::places::relative;
-use crate::formats::usd::write::stage::{self, Stage};
+use crate::formats::usd::write::stage::StageText;
 use crate::formats::usd::write::text::quoted;
 use crate::formats::usd::write::volume::VolumePrim;
-use crate::formats::{atomic, captures, input};
-use crate::optimise::plausibility::Warning;
-use crate::text::printable;
+use crate::formats::{atomic, captures, input, usd};
 use clap::ValueEnum;
 use glam::DVec3;
-use serde::Serialize;
+use report::Report;
 use std::collections::BTreeMap;
-use std::fmt;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -130,29 +128,6 @@ enum Renderer {
     MaterialX,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
-    #[serde(serialize_with = "crate::cli::paths::text")]
-    output: PathBuf,
-    frames: Option<[u32; 2]>,
-    volumes: Vec<Written>,
-    cameras: usize,
-    lights: usize,
-    warnings: Vec<Warning>,
-    provenance: Provenance,
-}
-
-#[derive(Debug, Serialize)]
-struct Written {
-    /// Path of the prim.
-    prim: String,
-    files: usize,
-    /// Names of the grids.
-    fields: Vec<String>,
-    /// World-space box around all frames; none if there is nothing to be seen.
-    bounds: Option<[[f64; 3]; 2]>,
-}
-
 impl Author {
     /// Reads, writes and reports.
     ///
@@ -197,7 +172,7 @@ impl Author {
         let stage = self.stage(volumes, lights.collect::<Result<_>>()?, cameras, &provenance);
         atomic::write_bytes(&self.output, stage.text()?.as_bytes())?;
         provenance.lap();
-        let report = self.report(&stage, provenance);
+        let report = Report::of(&stage, self.output.clone(), provenance);
         output.warn(&report.warnings);
         output.report(&report)?;
         Ok(ExitCode::SUCCESS)
@@ -226,7 +201,7 @@ impl Author {
         lights: Vec<(crate::formats::scene_file::LightEntry, Option<String>)>,
         cameras: Vec<CameraPrim>,
         provenance: &Provenance,
-    ) -> Stage {
+    ) -> StageText {
         let times = volumes.iter().flat_map(|v| v.frames.iter().filter_map(|frame| frame.time));
         let views = cameras.iter().flat_map(|camera| camera.samples.iter().filter_map(|(time, _)| *time));
         let span = |times: &mut dyn Iterator<Item = u32>| {
@@ -238,10 +213,10 @@ impl Author {
         let attributes = provenance.attributes();
         let stated =
             keys.into_iter().zip(names).filter_map(|(key, name)| Some((name.into(), attributes.get(key)?.clone())));
-        Stage {
+        StageText {
             up_axis: match self.up_axis {
-                UpAxis::Y => stage::UpAxis::Y,
-                UpAxis::Z => stage::UpAxis::Z,
+                UpAxis::Y => usd::UpAxis::Y,
+                UpAxis::Z => usd::UpAxis::Z,
             },
             meters_per_unit: self.meters_per_unit,
             fps: self.fps,
@@ -261,71 +236,5 @@ impl Author {
             Renderer::Cycles => material::Renderer::Cycles,
             Renderer::MaterialX => material::Renderer::MaterialX,
         }
-    }
-
-    fn report(&self, stage: &Stage, provenance: Provenance) -> Report {
-        let mut warnings: Vec<Warning> = stage.volumes.iter().flat_map(volumes::remarks).collect();
-        for volume in &stage.volumes {
-            let omitted = stage.renderer.omits(&volume.medium);
-            if !omitted.is_empty() {
-                let what = format!(
-                    "{}: the material for {} lacks {}",
-                    volume.name,
-                    stage.renderer.name(),
-                    omitted.join(" and ")
-                );
-                warnings
-                    .push(Warning::new(what, "Cumulo reads it from the attributes; set it by hand for this renderer"));
-            }
-        }
-        let written = |volume: &VolumePrim| {
-            let bounds = volume.bounds();
-            let mut fields: Vec<String> = Vec::new();
-            for field in volume.frames.iter().flat_map(|frame| &frame.fields) {
-                if !fields.contains(&field.name) {
-                    fields.push(field.name.clone());
-                }
-            }
-            Written {
-                prim: format!("/{}/{}", stage::ROOT, volume.name),
-                files: volume.frames.len(),
-                fields,
-                bounds: (!bounds.is_empty()).then(|| [bounds.min.to_array(), bounds.max.to_array()]),
-            }
-        };
-        Report {
-            output: self.output.clone(),
-            frames: stage.frames,
-            volumes: stage.volumes.iter().map(written).collect(),
-            cameras: stage.cameras.len(),
-            lights: stage.lights.len(),
-            warnings,
-            provenance,
-        }
-    }
-}
-
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{}: {} volume(s), {} camera(s), {} light(s)",
-            self.output.display(),
-            self.volumes.len(),
-            self.cameras,
-            self.lights
-        )?;
-        match self.frames {
-            Some([first, last]) => writeln!(f, ", frames {first} to {last}")?,
-            None => writeln!(f)?,
-        }
-        for volume in &self.volumes {
-            let fields = volume.fields.iter().map(|name| printable(name)).collect::<Vec<_>>().join(", ");
-            writeln!(f, "  {}: {} file(s), fields {fields}", volume.prim, volume.files)?;
-            if let Some([low, high]) = volume.bounds {
-                writeln!(f, "    from {low:?} to {high:?}")?;
-            }
-        }
-        crate::cli::run::write_warnings(f, &self.warnings)
     }
 }

@@ -4,7 +4,7 @@ use super::content::{DENSITY, Source};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::sequence::{Frames, Pattern};
-use crate::formats::usd::fields::{self, Field};
+use crate::formats::usd::fields::{self, GridField};
 use crate::formats::usd::write::names::Names;
 use crate::formats::usd::write::places::relative;
 use crate::formats::usd::write::volume::{VolumeFrame, VolumePrim};
@@ -40,8 +40,8 @@ pub(super) fn volume(
     let parts = parts(source, first, limits)?;
     let mut frames = Vec::with_capacity(files.len());
     for (time, path) in files {
-        let wanted = |field: &Field| grids.is_empty() || grids.contains(&field.name);
-        let fields: Vec<Field> = fields::read(path, limits)?.into_iter().filter(wanted).collect();
+        let wanted = |field: &GridField| grids.is_empty() || grids.contains(&field.name);
+        let fields: Vec<GridField> = fields::read(path, limits)?.into_iter().filter(wanted).collect();
         frames.push(VolumeFrame { time: *time, path: relative(path, stage)?, fields });
         seen();
     }

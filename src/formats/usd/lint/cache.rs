@@ -2,14 +2,14 @@
 
 use crate::error::Error;
 use crate::formats::limits::Limits;
-use crate::formats::usd::fields::{self, Field};
+use crate::formats::usd::fields::{self, GridField};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Grids of files that were read, or the error that kept one from being read.
 pub(super) struct Files {
     limits: Limits,
-    read: BTreeMap<PathBuf, Result<Vec<Field>, Error>>,
+    read: BTreeMap<PathBuf, Result<Vec<GridField>, Error>>,
 }
 
 impl Files {
@@ -18,7 +18,7 @@ impl Files {
     }
 
     /// Returns the grids of a file.
-    pub(super) fn fields(&mut self, path: &Path) -> &Result<Vec<Field>, Error> {
+    pub(super) fn fields(&mut self, path: &Path) -> &Result<Vec<GridField>, Error> {
         let limits = self.limits;
         self.read.entry(path.to_path_buf()).or_insert_with(|| fields::read(path, limits))
     }

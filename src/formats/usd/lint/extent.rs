@@ -3,7 +3,7 @@
 use super::cache::Files;
 use super::field;
 use super::finding::{Finding, Fix};
-use crate::formats::usd::write::text::{Content, Property, Value as Text};
+use crate::formats::usd::write::text::{Content, Literal, Property};
 use crate::formats::usd::write::volume::extent;
 use crate::formats::usd::{Prim, Stage, Value};
 use crate::math::Aabb;
@@ -92,7 +92,7 @@ fn boxes(stage: &Stage, volume: &Prim, files: &mut Files) -> Vec<Boxed> {
 /// Returns the extent that a volume should state.
 fn property(boxes: &[Boxed]) -> Property {
     let whole = boxes.iter().fold(Aabb::EMPTY, |all, b| all.union(b.bounds));
-    let samples: Option<Vec<(f64, Text)>> = boxes.iter().map(|b| Some((b.time?, extent(b.bounds)))).collect();
+    let samples: Option<Vec<(f64, Literal)>> = boxes.iter().map(|b| Some((b.time?, extent(b.bounds)))).collect();
     let content = match samples {
         Some(samples) if boxes.iter().any(|b| b.bounds != boxes[0].bounds) => Content::Samples(extent(whole), samples),
         _ => Content::Default(extent(whole)),

@@ -3,10 +3,11 @@
 use super::cache::Files;
 use super::finding::{Finding, Fix};
 use super::paths;
-use crate::formats::usd::fields::Field;
-use crate::formats::usd::write::text::{Property, Value};
+use crate::formats::usd::fields::GridField;
+use crate::formats::usd::write::text::{Literal, Property};
 use crate::formats::usd::{Asset, Prim, Stage};
-use std::path::PathBuf;
+use std::collections::BTreeSet;
+use std::path::Path;
 
 /// Checks a field's paths and files, and what it states of the grids in them.
 pub(super) fn check(stage: &Stage, prim: &Prim, files: &mut Files, findings: &mut Vec<Finding>) {
@@ -21,31 +22,18 @@ pub(super) fn check(stage: &Stage, prim: &Prim, files: &mut Files, findings: &mu
         return;
     }
     paths::check(stage, prim, &assets, findings);
-    let mut kinds = Vec::new();
+    let mut found: Vec<Finding> = Vec::new();
     for (time, asset) in assets.iter().filter(|(_, asset)| stage.exists(asset)) {
         let Ok(path) = stage.file(asset) else { continue };
-        let found = grid(prim, *time, &path, files);
-        match found {
-            Ok(field) => findings.extend(stated(prim, time.unwrap_or_default(), &field)),
-            Err(finding) => kinds.push(*finding),
-        }
-        // One frame says enough of a fault that all have.
-        if let Some(at) = kinds.pop()
-            && !findings.iter().any(|f| f.id == at.id && f.prim == at.prim)
-        {
-            findings.push(at);
+        match grid(prim, *time, &path, files) {
+            Ok(field) => found.extend(stated(prim, time.unwrap_or_default(), &field)),
+            Err(finding) => found.push(*finding),
         }
     }
-    let mut seen = Vec::new();
-    findings.retain(|f| {
-        let repeated = f.prim.as_deref() == Some(&prim.path) && seen.contains(&f.id) && ONCE.contains(&f.id);
-        seen.push(f.id);
-        !repeated
-    });
+    // One frame says enough of a fault that all have.
+    let mut told = BTreeSet::new();
+    findings.extend(found.into_iter().filter(|finding| told.insert(finding.id)));
 }
-
-/// Findings that are told once for a field, however many frames have them.
-const ONCE: [&str; 2] = ["data-type", "grid-class"];
 
 /// Returns the files of a field by time code; one that holds at all times has none.
 pub(super) fn assets(prim: &Prim) -> Vec<(Option<f64>, Asset)> {
@@ -59,7 +47,7 @@ pub(super) fn assets(prim: &Prim) -> Vec<(Option<f64>, Asset)> {
 }
 
 /// Returns the grid that a field names in a file.
-fn grid(prim: &Prim, time: Option<f64>, path: &PathBuf, files: &mut Files) -> Result<Field, Box<Finding>> {
+fn grid(prim: &Prim, time: Option<f64>, path: &Path, files: &mut Files) -> Result<GridField, Box<Finding>> {
     let at = Some(prim.path.as_str());
     let time = time.unwrap_or_default();
     let held = |name: &str| prim.attribute(name)?.held_at(time);
@@ -75,7 +63,7 @@ fn grid(prim: &Prim, time: Option<f64>, path: &PathBuf, files: &mut Files) -> Re
     let Some(name) = held("fieldName").and_then(|v| v.text().map(str::to_owned)).filter(|name| !name.is_empty()) else {
         return problem("no-field-name", "no fieldName is stated".into(), "name the grid as fieldName");
     };
-    let same: Vec<&Field> = fields.iter().filter(|field| field.name == name).collect();
+    let same: Vec<&GridField> = fields.iter().filter(|field| field.name == name).collect();
     if same.is_empty() {
         let listed = fields.iter().map(|field| format!("'{}'", field.name)).collect::<Vec<_>>().join(", ");
         let what = format!("fieldName is '{name}', but {shown} has {listed}");
@@ -87,7 +75,7 @@ fn grid(prim: &Prim, time: Option<f64>, path: &PathBuf, files: &mut Files) -> Re
         None => {
             let what = format!("fieldIndex is {index}, but {shown} has {} grid(s) '{name}'", same.len());
             // With one grid of the name there is no choice.
-            let zero = Property::new("int", "fieldIndex", Value::Int(0));
+            let zero = Property::new("int", "fieldIndex", Literal::Int(0));
             let fix = (same.len() == 1).then(|| Fix::Property(prim.path.clone(), zero));
             let remedy = format!("give the grid's place among those of its name, 0 to {}", same.len() - 1);
             Err(Box::new(Finding::problem("grid-index", at, what, remedy).fixed_by(fix)))
@@ -96,10 +84,10 @@ fn grid(prim: &Prim, time: Option<f64>, path: &PathBuf, files: &mut Files) -> Re
 }
 
 /// Finds types and classes that are not those of the grid.
-fn stated(prim: &Prim, time: f64, field: &Field) -> Vec<Finding> {
+fn stated(prim: &Prim, time: f64, field: &GridField) -> Vec<Finding> {
     let text = |name: &str| prim.attribute(name)?.held_at(time)?.text().map(str::to_owned);
     let fix = |name: &str, value: &str| {
-        Some(Fix::Property(prim.path.clone(), Property::new("token", name, Value::text(value))))
+        Some(Fix::Property(prim.path.clone(), Property::new("token", name, Literal::text(value))))
     };
     let mut found = Vec::new();
     if let (Some(stated), Some(expected)) = (text("fieldDataType"), field.data_type)

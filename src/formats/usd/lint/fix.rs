@@ -4,7 +4,7 @@ use super::finding::{Finding, Fix};
 use crate::error::Result;
 use crate::formats::usd::Stage;
 use crate::formats::usd::write::places::relative;
-use crate::formats::usd::write::text::{Content, Prim, Property, Value, quoted};
+use crate::formats::usd::write::text::{Content, Literal, PrimText, Property, quoted};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -16,7 +16,7 @@ use std::path::Path;
 /// If a path cannot be written relative to the layer.
 pub fn layer(stage: &Stage, findings: &[Finding], place: &Path) -> Result<String> {
     let mut metadata = stated(stage);
-    let mut root = Prim::default();
+    let mut root = PrimText::default();
     for fix in findings.iter().filter_map(|finding| finding.fix.as_ref()) {
         match fix {
             Fix::Metadata(name, value) => drop(metadata.insert(name, value.clone())),
@@ -26,7 +26,7 @@ pub fn layer(stage: &Stage, findings: &[Finding], place: &Path) -> Result<String
     }
     let mut text = "#usda 1.0\n(\n".to_owned();
     metadata.iter().for_each(|(name, value)| text += &format!("    {name} = {value}\n"));
-    text += &format!("    subLayers = [\n        {}\n    ]\n)\n", Value::Asset(relative(&stage.path, place)?));
+    text += &format!("    subLayers = [\n        {}\n    ]\n)\n", Literal::Asset(relative(&stage.path, place)?));
     for prim in &root.children {
         text.push('\n');
         prim.write(&mut text, 0);
@@ -51,11 +51,11 @@ fn stated(stage: &Stage) -> BTreeMap<&'static str, String> {
 }
 
 /// Adds a property to a prim beneath `root`, with the prims above it.
-fn add(root: &mut Prim, path: &str, property: Property) {
+fn add(root: &mut PrimText, path: &str, property: Property) {
     let mut prim = root;
     for name in path.trim_start_matches('/').split('/') {
         let place = prim.children.iter().position(|child| child.name == name).unwrap_or_else(|| {
-            prim.children.push(Prim::new("", name));
+            prim.children.push(PrimText::new("", name));
             prim.children.len() - 1
         });
         prim = &mut prim.children[place];
@@ -67,9 +67,9 @@ fn add(root: &mut Prim, path: &str, property: Property) {
 /// Returns the paths of files from the layer's folder.
 fn asset(files: &[(Option<f64>, std::path::PathBuf)], place: &Path) -> Result<Property> {
     let mut samples = Vec::new();
-    let mut default = Value::Blocked;
+    let mut default = Literal::Blocked;
     for (time, path) in files {
-        let value = Value::Asset(relative(path, place)?);
+        let value = Literal::Asset(relative(path, place)?);
         match time {
             Some(time) => samples.push((*time, value)),
             None => default = value,

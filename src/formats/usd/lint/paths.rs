@@ -78,8 +78,8 @@ fn frames(stage: &Stage, prim: &Prim, assets: &[(Option<f64>, Asset)], findings:
         if time != number {
             let rate = stage.time_codes_per_second();
             let what = format!(
-                "frames {n0} and {n1} (@{}@) are {time} time codes apart: at {rate} time codes a second they are not shown \
-                 at their rate",
+                "frames {n0} and {n1} (@{}@) are {time} time codes apart: at {rate} time codes a second they are not \
+                 shown at their rate",
                 a1.authored
             );
             let remedy = "give frame N at time code N, or at a constant distance from it";

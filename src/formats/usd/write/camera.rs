@@ -3,7 +3,7 @@
 //! Focal length and apertures are in tenths of the stage's unit. Perspective cameras get a lens of 50 mm.
 
 use super::light::matrix;
-use super::text::{Content, Prim, Property, Value};
+use super::text::{Content, Literal, PrimText, Property};
 use crate::scene::camera::{Camera, Projection};
 
 /// Focal length of perspective cameras in meters.
@@ -57,13 +57,13 @@ impl Optics {
 }
 
 /// Returns the prim of a camera.
-pub fn prim(camera: &CameraPrim, scale: Scale) -> Prim {
-    let mut prim = Prim::new("Camera", camera.name.clone());
+pub fn prim(camera: &CameraPrim, scale: Scale) -> PrimText {
+    let mut prim = PrimText::new("Camera", camera.name.clone());
     let optics: Vec<Optics> = camera.samples.iter().map(|(_, camera)| Optics::of(camera, scale)).collect();
-    let varying = |declaration: &'static str, name: &str, values: Vec<Value>| {
+    let varying = |declaration: &'static str, name: &str, values: Vec<Literal>| {
         let times = camera.samples.iter().map(|(time, _)| *time);
-        let first = values.first().cloned().unwrap_or(Value::Blocked);
-        let samples: Option<Vec<(f64, Value)>> =
+        let first = values.first().cloned().unwrap_or(Literal::Blocked);
+        let samples: Option<Vec<(f64, Literal)>> =
             times.zip(&values).map(|(time, value)| Some((f64::from(time?), value.clone()))).collect();
         let content = match samples {
             Some(samples) if samples.iter().any(|(_, value)| *value != first) => Content::Samples(first, samples),
@@ -72,13 +72,13 @@ pub fn prim(camera: &CameraPrim, scale: Scale) -> Prim {
         Property { declaration, name: name.into(), content }
     };
     let numbers = |name: &str, of: &dyn Fn(&Optics) -> f64| {
-        varying("float", name, optics.iter().map(|o| Value::Single(of(o) as f32)).collect())
+        varying("float", name, optics.iter().map(|o| Literal::Single(of(o) as f32)).collect())
     };
     let projection = match camera.samples.first().map(|(_, camera)| camera.projection) {
         Some(Projection::Orthographic) => "orthographic",
         _ => "perspective",
     };
-    prim.set("token", "projection", Value::text(projection));
+    prim.set("token", "projection", Literal::text(projection));
     prim.properties.extend([
         numbers("focalLength", &|o| o.focal),
         numbers("horizontalAperture", &|o| o.aperture[0]),
@@ -88,16 +88,16 @@ pub fn prim(camera: &CameraPrim, scale: Scale) -> Prim {
         varying(
             "float2",
             "clippingRange",
-            optics.iter().map(|o| Value::floats(o.clipping.map(|v| v as f32))).collect(),
+            optics.iter().map(|o| Literal::floats(o.clipping.map(|v| v as f32))).collect(),
         ),
     ]);
     let size = |(_, camera): &(Option<u32>, Camera)| {
-        Value::Tuple(vec![Value::Int(camera.width.into()), Value::Int(camera.height.into())])
+        Literal::Tuple(vec![Literal::Int(camera.width.into()), Literal::Int(camera.height.into())])
     };
     prim.properties.push(varying("custom int2", "cumulo:resolution", camera.samples.iter().map(size).collect()));
     let maps = camera.samples.iter().map(|(_, camera)| matrix(camera.camera_to_world)).collect();
     prim.properties.push(varying("matrix4d", "xformOp:transform", maps));
-    let order = Value::Array(vec![Value::text("xformOp:transform")]);
+    let order = Literal::Array(vec![Literal::text("xformOp:transform")]);
     prim.properties.push(Property::new("uniform token[]", "xformOpOrder", order));
     prim
 }

@@ -1,27 +1,26 @@
 //! Lights as prims of UsdLux.
 //!
-//! A light of UsdLux sends out `intensity · color`; with `normalize` that is, for a `DistantLight`, the irradiance on a
-//! surface that faces it, otherwise the radiance that leaves the light.
+//! A light of UsdLux sends out `intensity · color`: without `normalize` the radiance that leaves it, with it, for a
+//! `DistantLight`, the irradiance on a surface that faces it.
 
-use super::text::{Prim, Property, Value};
+use super::text::{Literal, PrimText, Property};
 use crate::error::{Error, Result};
 use crate::formats::scene_file::LightEntry;
 use glam::{DMat4, DQuat, DVec3};
 
-/// Radius of the sphere that a point light is written as, in units of the stage; `treatAsPoint` says that it stands for a
-/// point.
+/// Radius in units of the stage of the sphere that stands for a point light, as `treatAsPoint` says.
 const POINT_RADIUS: f64 = 0.01;
 
 /// Returns the prim of a light. `texture` is the path of a dome's picture from the stage's folder.
 ///
 /// # Errors
 /// If a rectangle's edges are not at right angles, which UsdLux has no light for.
-pub fn prim(light: &LightEntry, name: String, texture: Option<String>) -> Result<Prim> {
+pub fn prim(light: &LightEntry, name: String, texture: Option<String>) -> Result<PrimText> {
     Ok(match *light {
         LightEntry::DistantLight { direction, irradiance, angle } => {
             let mut prim = emitting("DistantLight", name, irradiance);
-            prim.set("bool", "inputs:normalize", Value::Bool(true));
-            prim.set("float", "inputs:angle", Value::Number(angle));
+            prim.set("bool", "inputs:normalize", Literal::Bool(true));
+            prim.set("float", "inputs:angle", Literal::Number(angle));
             // The light shines along its -Z.
             let towards = DVec3::from_array(direction).normalize();
             placed(prim, DMat4::from_quat(DQuat::from_rotation_arc(DVec3::Z, towards)))
@@ -30,13 +29,13 @@ pub fn prim(light: &LightEntry, name: String, texture: Option<String>) -> Result
             // A sphere of radiance L has the radiant intensity L π r².
             let area = std::f64::consts::PI * POINT_RADIUS * POINT_RADIUS;
             let mut prim = emitting("SphereLight", name, intensity.map(|v| (f64::from(v) / area) as f32));
-            prim.set("float", "inputs:radius", Value::Number(POINT_RADIUS));
-            prim.set("bool", "treatAsPoint", Value::Bool(true));
+            prim.set("float", "inputs:radius", Literal::Number(POINT_RADIUS));
+            prim.set("bool", "treatAsPoint", Literal::Bool(true));
             placed(prim, DMat4::from_translation(DVec3::from_array(position)))
         }
         LightEntry::SphereLight { centre, radius, radiance } => {
             let mut prim = emitting("SphereLight", name, radiance);
-            prim.set("float", "inputs:radius", Value::Number(radius));
+            prim.set("float", "inputs:radius", Literal::Number(radius));
             placed(prim, DMat4::from_translation(DVec3::from_array(centre)))
         }
         LightEntry::RectLight { corner, edges, radiance } => {
@@ -48,8 +47,8 @@ pub fn prim(light: &LightEntry, name: String, texture: Option<String>) -> Result
                 .hint("UsdLux has rectangles, no other parallelograms: give edges at right angles"));
             }
             let mut prim = emitting("RectLight", name, radiance);
-            prim.set("float", "inputs:width", Value::Number(u.length()));
-            prim.set("float", "inputs:height", Value::Number(v.length()));
+            prim.set("float", "inputs:width", Literal::Number(u.length()));
+            prim.set("float", "inputs:height", Literal::Number(v.length()));
             // Light leaves along -Z, which is to be u × v: -u, v and -(u × v) are right-handed.
             let axes = [-u.normalize(), v.normalize(), -u.cross(v).normalize()];
             let middle = DVec3::from_array(corner) + 0.5 * (u + v);
@@ -61,8 +60,8 @@ pub fn prim(light: &LightEntry, name: String, texture: Option<String>) -> Result
         LightEntry::DomeLight { radiance, .. } => {
             let mut prim = emitting("DomeLight", name, radiance);
             let Some(texture) = texture else { return Ok(prim) };
-            prim.set("asset", "inputs:texture:file", Value::Asset(texture));
-            prim.set("token", "inputs:texture:format", Value::text("latlong"));
+            prim.set("asset", "inputs:texture:file", Literal::Asset(texture));
+            prim.set("token", "inputs:texture:format", Literal::text("latlong"));
             // In UsdLux the picture's top is +Y, its middle +Z and left of it lies +X; here they are +Z, +X and +Y.
             placed(
                 prim,
@@ -73,27 +72,27 @@ pub fn prim(light: &LightEntry, name: String, texture: Option<String>) -> Result
 }
 
 /// Returns a light that sends out so much, split into an intensity and a color whose largest channel is 1.
-fn emitting(kind: &'static str, name: String, light: [f32; 3]) -> Prim {
+fn emitting(kind: &'static str, name: String, light: [f32; 3]) -> PrimText {
     let most = light.into_iter().fold(0.0, f32::max);
     let color = if most > 0.0 { light.map(|v| v / most) } else { [1.0; 3] };
-    let mut prim = Prim::new(kind, name);
-    prim.set("float", "inputs:intensity", Value::Single(most));
-    prim.set("color3f", "inputs:color", Value::floats(color));
+    let mut prim = PrimText::new(kind, name);
+    prim.set("float", "inputs:intensity", Literal::Single(most));
+    prim.set("color3f", "inputs:color", Literal::floats(color));
     prim
 }
 
 /// Places a prim by a map that acts on column vectors.
-pub fn placed(mut prim: Prim, map: DMat4) -> Prim {
+pub fn placed(mut prim: PrimText, map: DMat4) -> PrimText {
     prim.set("matrix4d", "xformOp:transform", matrix(map));
-    let order = Value::Array(vec![Value::text("xformOp:transform")]);
+    let order = Literal::Array(vec![Literal::text("xformOp:transform")]);
     prim.properties.push(Property::new("uniform token[]", "xformOpOrder", order));
     prim
 }
 
 /// Returns a map as USD has it: rows, for row vectors.
-pub fn matrix(map: DMat4) -> Value {
+pub fn matrix(map: DMat4) -> Literal {
     // The columns of the map for column vectors are the rows of that for row vectors. -0 is no other place than 0.
-    Value::Tuple(map.to_cols_array_2d().map(|column| Value::doubles(column.map(|v| v + 0.0))).to_vec())
+    Literal::Tuple(map.to_cols_array_2d().map(|column| Literal::doubles(column.map(|v| v + 0.0))).to_vec())
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@
 //! - `cycles`: Cycles' `principled_volume`, at the output `cycles:volume`.
 //! - `materialx`: `anisotropic_vdf` and `uniform_edf` of MaterialX's PBR library, at the output `mtlx:volume`.
 
-use super::text::{Prim, Property, Value, Variant, VariantSet};
+use super::text::{Literal, PrimText, Property, Variant, VariantSet};
 use crate::formats::scene_file::MediumEntry;
 
 /// Name of the variant set.
@@ -52,8 +52,8 @@ impl Renderer {
         all.into_iter().filter(|(omitted, _)| *omitted).map(|(_, what)| what).collect()
     }
 
-    fn material(self, medium: &MediumEntry, path: &str) -> Option<Prim> {
-        let mut material = Prim::new("Material", "material");
+    fn material(self, medium: &MediumEntry, path: &str) -> Option<PrimText> {
+        let mut material = PrimText::new("Material", "material");
         let (output, from, shaders) = match self {
             Self::None => return None,
             Self::Arnold => ("outputs:arnold:volume", "outputs:out", vec![arnold(medium)]),
@@ -81,9 +81,9 @@ pub fn variants(selected: Renderer, medium: &MediumEntry, volume: &str) -> Varia
     VariantSet { name: SET, selected: selected.name(), variants: Renderer::ALL.map(variant).to_vec() }
 }
 
-fn shader(name: &str, id: &str) -> Prim {
-    let mut shader = Prim::new("Shader", name);
-    shader.set("uniform token", "info:id", Value::text(id));
+fn shader(name: &str, id: &str) -> PrimText {
+    let mut shader = PrimText::new("Shader", name);
+    shader.set("uniform token", "info:id", Literal::text(id));
     shader
 }
 
@@ -94,65 +94,65 @@ fn emission(medium: &MediumEntry) -> Option<[f32; 3]> {
     Some([emitted(0), emitted(1), emitted(2)])
 }
 
-fn arnold(medium: &MediumEntry) -> Prim {
+fn arnold(medium: &MediumEntry) -> PrimText {
     let mut shader = shader("standard_volume", "arnold:standard_volume");
-    shader.set("float", "inputs:density", Value::Number(medium.density_scale));
-    shader.set("string", "inputs:density_channel", Value::text("density"));
-    shader.set("float", "inputs:scatter", Value::Int(1));
-    shader.set("color3f", "inputs:scatter_color", Value::floats(medium.albedo));
-    shader.set("float", "inputs:scatter_anisotropy", Value::Number(medium.anisotropy));
+    shader.set("float", "inputs:density", Literal::Number(medium.density_scale));
+    shader.set("string", "inputs:density_channel", Literal::text("density"));
+    shader.set("float", "inputs:scatter", Literal::Int(1));
+    shader.set("color3f", "inputs:scatter_color", Literal::floats(medium.albedo));
+    shader.set("float", "inputs:scatter_anisotropy", Literal::Number(medium.anisotropy));
     if medium.extinction_color != [1.0; 3] {
         // Arnold states the transmittance of a unit of depth; its default, 1/e, leaves the density as it is.
         let transparent = medium.extinction_color.map(|factor| (-factor).exp());
-        shader.set("color3f", "inputs:transparent", Value::floats(transparent));
+        shader.set("color3f", "inputs:transparent", Literal::floats(transparent));
     }
     match emission(medium) {
         Some(color) => {
-            shader.set("string", "inputs:emission_mode", Value::text("density"));
-            shader.set("float", "inputs:emission", Value::Int(1));
-            shader.set("color3f", "inputs:emission_color", Value::floats(color));
+            shader.set("string", "inputs:emission_mode", Literal::text("density"));
+            shader.set("float", "inputs:emission", Literal::Int(1));
+            shader.set("color3f", "inputs:emission_color", Literal::floats(color));
         }
-        None => drop(shader.set("string", "inputs:emission_mode", Value::text("none"))),
+        None => drop(shader.set("string", "inputs:emission_mode", Literal::text("none"))),
     }
     shader.properties.push(Property::output("token", "outputs:out"));
     shader
 }
 
-fn cycles(medium: &MediumEntry) -> Prim {
+fn cycles(medium: &MediumEntry) -> PrimText {
     let mut shader = shader("principled_volume", "cycles_principled_volume");
-    shader.set("color3f", "inputs:color", Value::floats(medium.albedo));
-    shader.set("float", "inputs:density", Value::Number(medium.density_scale));
-    shader.set("string", "inputs:density_attribute", Value::text("density"));
-    shader.set("float", "inputs:anisotropy", Value::Number(medium.anisotropy));
+    shader.set("color3f", "inputs:color", Literal::floats(medium.albedo));
+    shader.set("float", "inputs:density", Literal::Number(medium.density_scale));
+    shader.set("string", "inputs:density_attribute", Literal::text("density"));
+    shader.set("float", "inputs:anisotropy", Literal::Number(medium.anisotropy));
     shader.properties.push(Property::output("token", "outputs:Volume"));
     shader
 }
 
 /// Returns the shaders of a MaterialX network, the one that ends it first.
-fn materialx(medium: &MediumEntry, path: &str) -> Vec<Prim> {
+fn materialx(medium: &MediumEntry, path: &str) -> Vec<PrimText> {
     let link = |name: &str| format!("{path}/{name}.outputs:out");
     let coefficient = |share: &dyn Fn(usize) -> f32| {
         let scale = |i: usize| medium.density_scale * f64::from(medium.extinction_color[i] * share(i));
-        Value::doubles([scale(0), scale(1), scale(2)])
+        Literal::doubles([scale(0), scale(1), scale(2)])
     };
-    let product = |name: &str, kind: &'static str, id: &str, factor: Value| {
+    let product = |name: &str, kind: &'static str, id: &str, factor: Literal| {
         let mut product = shader(name, id);
         product.set(kind, "inputs:in1", factor);
         product.properties.push(Property::connected("float", "inputs:in2", link("density")));
         product.properties.push(Property::output(kind, "outputs:out"));
         product
     };
-    let vector = |name: &str, factor: Value| product(name, "float3", "ND_multiply_vector3FA", factor);
+    let vector = |name: &str, factor: Literal| product(name, "float3", "ND_multiply_vector3FA", factor);
 
     let mut volume = shader("volume", "ND_volume");
     volume.properties.push(Property::connected("token", "inputs:vdf", link("vdf")));
     let mut vdf = shader("vdf", "ND_anisotropic_vdf");
     vdf.properties.push(Property::connected("float3", "inputs:absorption", link("absorption")));
     vdf.properties.push(Property::connected("float3", "inputs:scattering", link("scattering")));
-    vdf.set("float", "inputs:anisotropy", Value::Number(medium.anisotropy));
+    vdf.set("float", "inputs:anisotropy", Literal::Number(medium.anisotropy));
     vdf.properties.push(Property::output("token", "outputs:out"));
     let mut density = shader("density", "ND_geompropvalue_float");
-    density.set("string", "inputs:geomprop", Value::text("density"));
+    density.set("string", "inputs:geomprop", Literal::text("density"));
     density.properties.push(Property::output("float", "outputs:out"));
     let mut shaders = vec![
         vdf,
@@ -166,7 +166,7 @@ fn materialx(medium: &MediumEntry, path: &str) -> Vec<Prim> {
         edf.properties.push(Property::connected("color3f", "inputs:color", link("emission")));
         edf.properties.push(Property::output("token", "outputs:out"));
         let color = color.map(|v| f64::from(v) * medium.density_scale);
-        shaders.extend([edf, product("emission", "color3f", "ND_multiply_color3FA", Value::doubles(color))]);
+        shaders.extend([edf, product("emission", "color3f", "ND_multiply_color3FA", Literal::doubles(color))]);
     }
     volume.properties.push(Property::output("token", "outputs:out"));
     shaders.insert(0, volume);

@@ -1,6 +1,8 @@
-//! The medium of a volume as attributes of its prim, in the namespace `cumulo`, which [`scene`](super::super::scene) reads.
+//! The medium of a volume as attributes of its prim, in the namespace `cumulo`.
+//!
+//! The module [`scene`](super::super::scene) reads them.
 
-use super::text::{Property, Value};
+use super::text::{Literal, Property};
 use crate::formats::scene_file::MediumEntry;
 use crate::scene::capture::Model;
 
@@ -24,14 +26,23 @@ pub fn attributes(medium: &MediumEntry, transfer: Option<String>) -> Vec<Propert
         Model::Absorption => "absorption",
     };
     let mut all = vec![
-        Property::new("custom token", "cumulo:model", Value::text(name)),
-        Property::new("custom double", "cumulo:densityScale", Value::Number(medium.density_scale)),
-        Property::new("custom color3f", "cumulo:albedo", Value::floats(medium.albedo)),
-        Property::new("custom double", "cumulo:anisotropy", Value::Number(medium.anisotropy)),
-        Property::new("custom color3f", "cumulo:extinctionColor", Value::floats(medium.extinction_color)),
+        Property::new("custom token", "cumulo:model", Literal::text(name)),
+        Property::new("custom double", "cumulo:densityScale", Literal::Number(medium.density_scale)),
+        Property::new("custom color3f", "cumulo:albedo", Literal::floats(medium.albedo)),
+        Property::new("custom double", "cumulo:anisotropy", Literal::Number(medium.anisotropy)),
+        Property::new("custom color3f", "cumulo:extinctionColor", Literal::floats(medium.extinction_color)),
     ];
+    let number = |name: &str, value: f64| Property::new("custom double", name, Literal::Number(value));
+    let color = |name: &str, value: [f32; 3]| Property::new("custom color3f", name, Literal::floats(value));
+    all.extend(medium.gradient_shading.map(|half| number("cumulo:gradientShading", half)));
+    all.extend(medium.emission_grid.as_ref().map(|grid| color("cumulo:emissionRadiance", grid.radiance)));
+    if let Some(body) = &medium.blackbody {
+        all.push(number("cumulo:blackbodyKelvin", body.kelvin));
+        all.push(number("cumulo:blackbodyIntensity", body.intensity));
+        all.push(color("cumulo:blackbodyTint", body.tint));
+    }
     let emission = medium.emission.map(|value| color("cumulo:emission", value));
-    let transfer = transfer.map(|path| Property::new("custom asset", "cumulo:transfer", Value::Asset(path)));
+    let transfer = transfer.map(|path| Property::new("custom asset", "cumulo:transfer", Literal::Asset(path)));
     all.extend(emission.into_iter().chain(transfer));
     all
 }

@@ -2,6 +2,7 @@
 
 pub mod camera;
 pub mod light;
+mod literal;
 pub mod material;
 pub mod medium;
 pub mod names;

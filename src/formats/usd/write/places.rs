@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use std::path::{Component, Path, PathBuf};
 
-/// Returns the path of a file as a stage states it: from the stage's own folder, which the leading `./` or `../` anchors.
+/// Returns the path of a file from the folder of a stage, to which a leading `./` or `../` anchors it.
 ///
 /// # Errors
 /// If a folder does not exist, or the path is not Unicode, which USD's paths have to be.

@@ -4,28 +4,20 @@ use super::camera::{self, CameraPrim, Scale};
 use super::light;
 use super::material::Renderer;
 use super::names::Names;
-use super::text::{Prim, quoted};
+use super::text::{PrimText, quoted};
 use super::volume::VolumePrim;
 use crate::error::Result;
 use crate::formats::scene_file::LightEntry;
+use crate::formats::usd::UpAxis;
 use crate::math::Aabb;
 use std::collections::BTreeMap;
 
 /// Name of the root prim, which is the stage's default.
 pub const ROOT: &str = "World";
 
-/// Axis that points upwards.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum UpAxis {
-    /// +Y.
-    Y,
-    /// +Z.
-    Z,
-}
-
 /// A stage to be written.
 #[derive(Debug, Clone)]
-pub struct Stage {
+pub struct StageText {
     /// Axis that points upwards.
     pub up_axis: UpAxis,
     /// Meters to a unit.
@@ -46,20 +38,20 @@ pub struct Stage {
     pub provenance: BTreeMap<String, String>,
 }
 
-impl Stage {
+impl StageText {
     /// Returns the stage as the text of a `.usda` file.
     ///
     /// # Errors
     /// If a volume or a light has no form in USD.
     pub fn text(&self) -> Result<String> {
-        let mut root = Prim::new("Xform", ROOT);
+        let mut root = PrimText::new("Xform", ROOT);
         let path = format!("/{ROOT}");
         for volume in &self.volumes {
             root.children.push(volume.prim(&path, self.renderer)?);
         }
         let bounds = self.volumes.iter().fold(Aabb::EMPTY, |all, volume| all.union(volume.bounds()));
         let mut names = Names::default();
-        let lights: Vec<Prim> = self
+        let lights: Vec<PrimText> = self
             .lights
             .iter()
             .map(|(entry, texture)| light::prim(entry, names.take(kind(entry)), texture.clone()))
@@ -67,7 +59,7 @@ impl Stage {
         let cameras = self.cameras.iter().map(|camera| camera::prim(camera, self.scale(camera, bounds))).collect();
         for (name, children) in [("Lights", lights), ("Cameras", cameras)] {
             if !children.is_empty() {
-                root.children.push(Prim { children, ..Prim::new("Xform", name) });
+                root.children.push(PrimText { children, ..PrimText::new("Xform", name) });
             }
         }
         let mut text = self.header();

@@ -1,103 +1,20 @@
 //! Prims and their properties as text in the form of `.usda` files.
 //!
-//! The syntax is that of "Usda File Format" in the OpenUSD documentation, restricted to what stages here need: prims with
-//! metadata, variant sets, attributes with defaults and time samples, relationships and connections.
+//! The syntax is that of "Usda File Format" in the OpenUSD documentation, restricted to what stages here need: prims
+//! with metadata, variant sets, attributes with defaults and time samples, relationships and connections.
 
-use std::fmt::{self, Write};
+pub use super::literal::{Literal, quoted};
+use std::fmt;
 
-/// A value of an attribute or of metadata.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Value {
-    /// `bool`.
-    Bool(bool),
-    /// `int`.
-    Int(i64),
-    /// `float`, `double` or `half`. It must be finite.
-    Number(f64),
-    /// `float`, whose shortest text that reads back the same is written.
-    Single(f32),
-    /// `token` or `string`.
-    Text(String),
-    /// `asset`: a path of a file.
-    Asset(String),
-    /// A tuple, such as `float3`, `color3f` or a row of `matrix4d`.
-    Tuple(Vec<Value>),
-    /// An array.
-    Array(Vec<Value>),
-    /// No value from this time on.
-    Blocked,
-}
-
-impl Value {
-    /// Creates a tuple of doubles.
-    pub fn doubles<const N: usize>(values: [f64; N]) -> Self {
-        Self::Tuple(values.map(Self::Number).to_vec())
-    }
-
-    /// Creates a tuple of floats.
-    pub fn floats<const N: usize>(values: [f32; N]) -> Self {
-        Self::Tuple(values.map(Self::Single).to_vec())
-    }
-
-    /// Creates a token or a string.
-    pub fn text(text: impl Into<String>) -> Self {
-        Self::Text(text.into())
-    }
-}
-
-impl fmt::Display for Value {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let list = |f: &mut fmt::Formatter<'_>, values: &[Self], [open, close]: [char; 2]| {
-            f.write_char(open)?;
-            for (i, value) in values.iter().enumerate() {
-                write!(f, "{}{value}", if i > 0 { ", " } else { "" })?;
-            }
-            f.write_char(close)
-        };
-        match self {
-            Self::Bool(v) => f.write_str(if *v { "1" } else { "0" }),
-            Self::Int(v) => write!(f, "{v}"),
-            Self::Number(v) => write!(f, "{v}"),
-            Self::Single(v) => write!(f, "{v}"),
-            Self::Text(v) => f.write_str(&quoted(v)),
-            // Three signs delimit paths that have one themselves.
-            Self::Asset(v) if v.contains('@') => write!(f, "@@@{v}@@@"),
-            Self::Asset(v) => write!(f, "@{v}@"),
-            Self::Tuple(values) => list(f, values, ['(', ')']),
-            Self::Array(values) => list(f, values, ['[', ']']),
-            Self::Blocked => f.write_str("None"),
-        }
-    }
-}
-
-/// Returns text in quotes, as `.usda` files have it: quotes, backslashes and control characters are escaped.
-pub fn quoted(text: &str) -> String {
-    let mut out = String::with_capacity(text.len() + 2);
-    out.push('"');
-    for c in text.chars() {
-        match c {
-            '"' => out.push_str("\\\""),
-            '\\' => out.push_str("\\\\"),
-            '\n' => out.push_str("\\n"),
-            '\r' => out.push_str("\\r"),
-            '\t' => out.push_str("\\t"),
-            c if c.is_ascii_control() => out.push_str(&format!("\\x{:02x}", u32::from(c))),
-            c => out.push(c),
-        }
-    }
-    out.push('"');
-    out
-}
-
-/// What a property holds.
+/// Content of a property.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Content {
     /// No value: the property is only declared.
     Declared,
     /// A value at all times.
-    Default(Value),
+    Default(Literal),
     /// A value at times without samples, and values by time code in ascending order.
-    Samples(Value, Vec<(f64, Value)>),
+    Samples(Literal, Vec<(f64, Literal)>),
     /// Path of the property to which an attribute is connected.
     Connection(String),
     /// Path of the prim that a relationship targets.
@@ -117,7 +34,7 @@ pub struct Property {
 
 impl Property {
     /// Creates an attribute with one value.
-    pub fn new(declaration: &'static str, name: impl Into<String>, value: Value) -> Self {
+    pub fn new(declaration: &'static str, name: impl Into<String>, value: Literal) -> Self {
         Self { declaration, name: name.into(), content: Content::Default(value) }
     }
 
@@ -144,7 +61,7 @@ impl Property {
             Content::Declared => *out += &format!("{space}{declaration} {name}\n"),
             Content::Default(value) => *out += &line(value),
             Content::Samples(default, samples) => {
-                if *default != Value::Blocked {
+                if *default != Literal::Blocked {
                     *out += &line(default);
                 }
                 *out += &format!("{space}{declaration} {name}.timeSamples = {{\n");
@@ -168,7 +85,7 @@ pub struct VariantSet {
     pub variants: Vec<Variant>,
 }
 
-/// What a variant adds to a prim.
+/// A variant: properties and prims that it adds to a prim.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Variant {
     /// Name of the variant.
@@ -176,12 +93,12 @@ pub struct Variant {
     /// Properties.
     pub properties: Vec<Property>,
     /// Prims beneath.
-    pub children: Vec<Prim>,
+    pub children: Vec<PrimText>,
 }
 
 /// A prim with what lies beneath it.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Prim {
+pub struct PrimText {
     /// Type: `Volume`, `Xform`; empty for an `over`, which adds opinions to a prim that another layer defines.
     pub kind: &'static str,
     /// Name, an identifier.
@@ -193,17 +110,17 @@ pub struct Prim {
     /// Variant sets.
     pub variants: Vec<VariantSet>,
     /// Prims beneath.
-    pub children: Vec<Prim>,
+    pub children: Vec<PrimText>,
 }
 
-impl Prim {
+impl PrimText {
     /// Creates a prim without properties.
     pub fn new(kind: &'static str, name: impl Into<String>) -> Self {
         Self { kind, name: name.into(), ..Self::default() }
     }
 
     /// Adds an attribute with one value.
-    pub fn set(&mut self, declaration: &'static str, name: impl Into<String>, value: Value) -> &mut Self {
+    pub fn set(&mut self, declaration: &'static str, name: impl Into<String>, value: Literal) -> &mut Self {
         self.properties.push(Property::new(declaration, name, value));
         self
     }
@@ -255,26 +172,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_are_written_as_usda_has_them() {
-        let shown = |value: Value| value.to_string();
-        assert_eq!(shown(Value::floats([0.1, 1.0, -2.5])), "(0.1, 1, -2.5)");
-        assert_eq!(shown(Value::Array(vec![Value::doubles([0.1]), Value::Bool(true)])), "[(0.1), 1]");
-        assert_eq!(shown(Value::text("a \"b\" \\ \n\u{1}é")), "\"a \\\"b\\\" \\\\ \\n\\x01é\"");
-        assert_eq!(shown(Value::Asset("./a.vdb".into())), "@./a.vdb@");
-        assert_eq!(shown(Value::Asset("./a@b.vdb".into())), "@@@./a@b.vdb@@@");
-    }
-
-    #[test]
     fn prims_are_nested() {
-        let mut prim = Prim::new("Xform", "World");
-        prim.set("custom double", "cumulo:densityScale", Value::Number(2.0));
-        let samples = vec![(1.0, Value::Int(1)), (4.0, Value::Blocked)];
+        let mut prim = PrimText::new("Xform", "World");
+        prim.set("custom double", "cumulo:densityScale", Literal::Number(2.0));
+        let samples = vec![(1.0, Literal::Int(1)), (4.0, Literal::Blocked)];
         prim.properties.push(Property {
             declaration: "int",
             name: "a".into(),
-            content: Content::Samples(Value::Int(1), samples),
+            content: Content::Samples(Literal::Int(1), samples),
         });
-        prim.children.push(Prim::new("Scope", "inner"));
+        prim.children.push(PrimText::new("Scope", "inner"));
         prim.variants.push(VariantSet {
             name: "r",
             selected: "x",

@@ -3,10 +3,10 @@
 use super::material::{self, Renderer};
 use super::medium;
 use super::names::{Names, identifier};
-use super::text::{Content, Prim, Property, Value};
+use super::text::{Content, Literal, PrimText, Property};
 use crate::error::{Error, Result};
 use crate::formats::scene_file::MediumEntry;
-use crate::formats::usd::fields::Field;
+use crate::formats::usd::fields::GridField;
 use crate::math::Aabb;
 use std::collections::BTreeMap;
 
@@ -18,7 +18,7 @@ pub struct VolumeFrame {
     /// Path from the stage's folder, which starts with `./` or `../`.
     pub path: String,
     /// Fields of the file.
-    pub fields: Vec<Field>,
+    pub fields: Vec<GridField>,
 }
 
 /// A volume to be written.
@@ -39,7 +39,7 @@ pub struct VolumePrim {
 
 /// A field over all frames.
 struct FieldPrim<'a> {
-    first: &'a Field,
+    first: &'a GridField,
     /// Path by time code; `None` at times whose file has no such grid.
     paths: Vec<(Option<u32>, Option<&'a str>)>,
 }
@@ -54,9 +54,9 @@ impl VolumePrim {
     ///
     /// # Errors
     /// If the grids of one name have values of different types.
-    pub fn prim(&self, parent: &str, renderer: Renderer) -> Result<Prim> {
+    pub fn prim(&self, parent: &str, renderer: Renderer) -> Result<PrimText> {
         let path = format!("{parent}/{}", self.name);
-        let mut volume = Prim::new("Volume", self.name.clone());
+        let mut volume = PrimText::new("Volume", self.name.clone());
         volume.metadata.push("prepend apiSchemas = [\"MaterialBindingAPI\"]".into());
         volume.properties.extend(self.extent());
         // The name of a variant's material is not for fields.
@@ -131,19 +131,19 @@ impl VolumeFrame {
 }
 
 impl FieldPrim<'_> {
-    fn prim(&self, name: String) -> Prim {
-        let mut prim = Prim::new("OpenVDBAsset", name);
-        prim.set("token", "fieldName", Value::text(&self.first.name));
-        prim.set("int", "fieldIndex", Value::Int(self.first.index as i64));
+    fn prim(&self, name: String) -> PrimText {
+        let mut prim = PrimText::new("OpenVDBAsset", name);
+        prim.set("token", "fieldName", Literal::text(&self.first.name));
+        prim.set("int", "fieldIndex", Literal::Int(self.first.index as i64));
         if let Some(kind) = self.first.data_type {
-            prim.set("token", "fieldDataType", Value::text(kind));
+            prim.set("token", "fieldDataType", Literal::text(kind));
             if kind.ends_with('3') {
-                prim.set("token", "vectorDataRoleHint", Value::text("Vector"));
+                prim.set("token", "vectorDataRoleHint", Literal::text("Vector"));
             }
         }
-        prim.set("token", "fieldClass", Value::text(self.first.class));
-        let asset = |path: &Option<&str>| path.map_or(Value::Blocked, |path| Value::Asset(path.to_owned()));
-        let samples: Vec<(f64, Value)> =
+        prim.set("token", "fieldClass", Literal::text(self.first.class));
+        let asset = |path: &Option<&str>| path.map_or(Literal::Blocked, |path| Literal::Asset(path.to_owned()));
+        let samples: Vec<(f64, Literal)> =
             self.paths.iter().filter_map(|(time, path)| Some((f64::from((*time)?), asset(path)))).collect();
         let first = self.paths.iter().find_map(|(_, path)| *path);
         let content =
@@ -154,8 +154,11 @@ impl FieldPrim<'_> {
 }
 
 /// Returns a box as an extent in single precision that contains it.
-pub fn extent(bounds: Aabb) -> Value {
+pub fn extent(bounds: Aabb) -> Literal {
     let below = |v: f64| if f64::from(v as f32) > v { (v as f32).next_down() } else { v as f32 };
     let above = |v: f64| if f64::from(v as f32) < v { (v as f32).next_up() } else { v as f32 };
-    Value::Array(vec![Value::floats(bounds.min.to_array().map(below)), Value::floats(bounds.max.to_array().map(above))])
+    Literal::Array(vec![
+        Literal::floats(bounds.min.to_array().map(below)),
+        Literal::floats(bounds.max.to_array().map(above)),
+    ])
 }
