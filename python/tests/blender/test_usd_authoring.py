@@ -29,6 +29,8 @@ def test_a_sequence_lands_frame_by_frame(cumulo, fixtures, tmp_path):
     for number, name in enumerate(FRAMES, 1):
         shutil.copy(fixtures / f"{name}.vdb", tmp_path / f"smoke.{number:04}.vdb")
     cumulo("usd", "author", tmp_path / "smoke.####.vdb", "-o", tmp_path / "smoke.usda")
+    # Where Blender puts the VDBs themselves: the boxes of their blocks of 8³ voxels.
+    boxes = [blender.where(fixtures / f"{name}.vdb")["box"] for name in FRAMES]
     with blender._quiet():
         bpy.ops.wm.read_factory_settings(use_empty=True)
     volume = imported(tmp_path / "smoke.usda")
@@ -40,9 +42,34 @@ def test_a_sequence_lands_frame_by_frame(cumulo, fixtures, tmp_path):
         scene.frame_set(number)
         shown = volume.evaluated_get(bpy.context.evaluated_depsgraph_get())
         corners = np.array([shown.matrix_world @ Vector(corner) for corner in shown.bound_box])
+        assert np.allclose([corners.min(0), corners.max(0)], boxes[number - 1], atol=1e-6), name
+        # The stage's extent is that of the voxels, which lie within.
         grid, = cumulo("info", fixtures / f"{name}.vdb")["files"][0]["grids"]
-        low, high = grid["world_bounds"]["min"], grid["world_bounds"]["max"]
-        assert np.allclose([corners.min(0), corners.max(0)], [low, high], atol=1e-5), name
+        assert (corners.min(0) <= np.array(grid["world_bounds"]["min"]) + 1e-5).all()
+        assert (corners.max(0) >= np.array(grid["world_bounds"]["max"]) - 1e-5).all()
+
+
+def test_stages_of_blender_are_clean(cumulo, fixtures, tmp_path):
+    """Nothing is wrong with what Blender's exporter writes; a frame that is deleted is missed."""
+    for number, name in enumerate(FRAMES, 1):
+        shutil.copy(fixtures / f"{name}.vdb", tmp_path / f"smoke.{number:04}.vdb")
+    with blender._quiet():
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+        bpy.ops.object.volume_import(
+            filepath=str(tmp_path / "smoke.0001.vdb"), directory=str(tmp_path), align="WORLD",
+            files=[{"name": f"smoke.{number:04}.vdb"} for number in (1, 2, 3)],
+        )  # fmt: skip
+        scene = bpy.context.scene
+        scene.frame_start, scene.frame_end = 1, 3
+        for kind in ("usda", "usdc"):
+            bpy.ops.wm.usd_export(filepath=str(tmp_path / f"blender.{kind}"), export_animation=True, relative_paths=True)
+    for kind in ("usda", "usdc"):
+        report = cumulo("usd", "lint", tmp_path / f"blender.{kind}")
+        assert report["clean"] and report["stages"][0]["findings"] == [], kind
+    (tmp_path / "smoke.0002.vdb").unlink()
+    report = cumulo("usd", "lint", tmp_path / "blender.usda")
+    assert [finding["id"] for finding in report["stages"][0]["findings"]] == ["missing-frame"]
 
 
 def test_a_volume_looks_the_same(cumulo, fixtures, tmp_path):

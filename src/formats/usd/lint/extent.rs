@@ -12,6 +12,10 @@ use glam::DVec3;
 /// Sizes of volumes in meters that are plausible: from a grain to a storm.
 const PLAUSIBLE: [f64; 2] = [1e-4, 1e6];
 
+/// Longest edges of voxels by which an extent may exceed the voxels: Blender states the box of the grids' blocks of 8³,
+/// which lies askew where the grid is turned.
+const BLOCK: f64 = 8.0 * 1.732_050_8;
+
 /// Box around a volume's grids at a time code, and the longest edge of their voxels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Boxed {
@@ -39,9 +43,12 @@ pub(super) fn check(stage: &Stage, volume: &Prim, files: &mut Files, findings: &
     let expected: Vec<Boxed> = if moving { boxes.clone() } else { vec![whole] };
     for Boxed { time, bounds, voxel } in expected {
         let stated = attribute.at(time.unwrap_or_default()).as_ref().and_then(corners);
-        let tolerance = 1.01 * voxel + 1e-5 * (bounds.max.abs().max(bounds.min.abs())).max_element();
-        let off = |a: DVec3, b: DVec3| (a - b).abs().max_element();
-        let fits = stated.is_some_and(|s| off(s.min, bounds.min).max(off(s.max, bounds.max)) <= tolerance);
+        let rounding = 1e-5 * (bounds.max.abs().max(bounds.min.abs())).max_element();
+        let (inside, outside) = (voxel + rounding, BLOCK * voxel + rounding);
+        let fits = stated.is_some_and(|stated| {
+            let (low, high) = (bounds.min - stated.min, stated.max - bounds.max);
+            low.min(high).min_element() >= -inside && low.max(high).max_element() <= outside
+        });
         if fits {
             continue;
         }
