@@ -7,7 +7,6 @@ use crate::formats::usd::write::text::{Content, Literal, Property};
 use crate::formats::usd::write::volume::extent;
 use crate::formats::usd::{Prim, Stage, Value};
 use crate::math::Aabb;
-use glam::DVec3;
 
 /// Sizes of volumes in meters that are plausible: from a grain to a storm.
 const PLAUSIBLE: [f64; 2] = [1e-4, 1e6];
@@ -113,7 +112,7 @@ fn size(stage: &Stage, volume: &Prim, bounds: Aabb, time: Option<f64>, findings:
     let corners = bounds.corners().map(|corner| map.transform_point3(corner));
     let world = corners.into_iter().fold(Aabb::EMPTY, Aabb::including);
     let meters = world.size().max_element() * stage.meters_per_unit();
-    if meters < PLAUSIBLE[0] || meters > PLAUSIBLE[1] {
+    if !(PLAUSIBLE[0]..=PLAUSIBLE[1]).contains(&meters) {
         findings.push(Finding::problem(
             "implausible-size",
             Some(&volume.path),
