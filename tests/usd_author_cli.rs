@@ -170,11 +170,11 @@ fn cameras_and_lights_read_back() {
 fn scene_files_become_stages() {
     let work = Work::new();
     fs::copy(fixture("plume.vdb"), work.path("plume.vdb")).unwrap();
-    work.json("convert @kinds.vdb -o fire.vdb --rename pressure=heat");
+    work.json("convert @kinds.vdb fire.vdb --rename pressure=mass");
     let scene = serde_json::json!({
         "volumes": [
             {"file": "plume.vdb", "medium": {"density_scale": 3, "albedo": [0.5, 0.5, 0.5], "gradient_shading": 7}},
-            {"file": "fire.vdb", "grid": "heat", "medium": {"emission": [1, 0.5, 0.25]}}
+            {"file": "fire.vdb", "grid": "mass", "medium": {"emission": [1, 0.5, 0.25]}}
         ],
         "lights": [
             {"type": "PointLight", "position": [1, 2, 3], "intensity": [4, 2, 1]},
@@ -187,7 +187,7 @@ fn scene_files_become_stages() {
     let report = work.json("usd author scene.json -o scene.usda");
     assert_eq!((report["volumes"].as_array().unwrap().len(), &report["lights"]), (2, &4.into()));
     let stage = stage(&work, "scene.usda");
-    assert_eq!(stage.prim("/World/fire").unwrap().targets("field:density"), ["/World/fire/heat"]);
+    assert_eq!(stage.prim("/World/fire").unwrap().targets("field:density"), ["/World/fire/mass"]);
     assert_eq!(stage.prim("/World/plume").unwrap().number("cumulo:gradientShading", 0.0), Some(7.0));
     let lights = cumulo_lights(&stage);
     let near = |a: Vec3, b: [f32; 3]| assert!(a.abs_diff_eq(Vec3::from_array(b), 1e-5), "{a} {b:?}");
@@ -211,6 +211,12 @@ fn scene_files_become_stages() {
         }
     }
     work.refused("usd author scene.json --albedo 0.5 -o no.usda", &["scene.json", "--albedo", "leave"]);
+    let moving =
+        scene.to_string().replace(r#""grid":"mass","#, r#""grid":"mass","velocity":{"grid":"velocity","fps":30},"#);
+    assert_ne!(moving, scene.to_string());
+    fs::write(work.path("moving.json"), moving).unwrap();
+    work.refused("usd author moving.json -o no.usda", &["volume 1", "30", "--fps 30"]);
+    work.json("usd author moving.json --fps 30 -o velocity.usda");
     let slanted = scene.to_string().replace("[0,3,0]", "[1,3,0]");
     fs::write(work.path("slanted.json"), slanted).unwrap();
     work.refused("usd author slanted.json -o no.usda", &["RectLight", "right angles"]);

@@ -80,7 +80,14 @@ impl Author {
         let scene = scene_file::read(&self.input, limits)?;
         let folder = self.input.parent().unwrap_or(Path::new(""));
         let volume = |(i, entry): (usize, VolumeEntry)| {
-            let parts = parts(&entry).map_err(|e| e.part(format!("volume {i}")).at(&self.input))?;
+            let named = |e: Error| e.part(format!("volume {i}")).at(&self.input);
+            let parts = parts(&entry).map_err(named)?;
+            if let Some(fps) = entry.velocity.as_ref().map(|velocity| velocity.fps).filter(|fps| *fps != self.fps) {
+                return Err(named(
+                    Error::unsupported(format!("velocities at {fps} frames a second, in a stage of {}", self.fps))
+                        .hint(format!("a stage has one rate for both: give --fps {fps}")),
+                ));
+            }
             let transfer = entry.medium.transfer.as_ref().map(|tf| folder.join(tf));
             Ok(Source { file: folder.join(&entry.file), parts, medium: entry.medium, transfer })
         };

@@ -48,7 +48,8 @@ pub(super) fn volume(
     let has = |name: &str| frames.iter().any(|frame| frame.fields.iter().any(|field| field.name == name));
     for name in grids.iter().chain(source.parts.iter().map(|(_, grid)| grid)) {
         if !has(name) {
-            let found = frames[0].fields.iter().map(|field| format!("'{}'", field.name)).collect::<Vec<_>>().join(", ");
+            let there = fields::read(first, limits)?;
+            let found = there.iter().map(|field| format!("'{}'", field.name)).collect::<Vec<_>>().join(", ");
             return Err(Error::invalid(format!("no grid '{name}'; the file has {found}"))
                 .at(first)
                 .hint("name one of these, or leave the option out"));
