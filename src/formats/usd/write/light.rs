@@ -21,9 +21,7 @@ pub fn prim(light: &LightEntry, name: String, texture: Option<String>) -> Result
             let mut prim = emitting("DistantLight", name, irradiance);
             prim.set("bool", "inputs:normalize", Literal::Bool(true));
             prim.set("float", "inputs:angle", Literal::Number(angle));
-            // The light shines along its -Z.
-            let towards = DVec3::from_array(direction).normalize();
-            placed(prim, DMat4::from_quat(DQuat::from_rotation_arc(DVec3::Z, towards)))
+            placed(prim, turned_towards(DVec3::from_array(direction)))
         }
         LightEntry::PointLight { position, intensity } => {
             // A sphere of radiance L has the radiant intensity L π r².
@@ -81,6 +79,11 @@ fn emitting(kind: &'static str, name: String, light: [f32; 3]) -> PrimText {
     prim
 }
 
+/// Returns a rotation of a light that shines along its -Z so that it comes from a direction.
+fn turned_towards(direction: DVec3) -> DMat4 {
+    DMat4::from_quat(DQuat::from_rotation_arc(DVec3::Z, direction.normalize()))
+}
+
 /// Places a prim by a map that acts on column vectors.
 pub fn placed(mut prim: PrimText, map: DMat4) -> PrimText {
     prim.set("matrix4d", "xformOp:transform", matrix(map));
@@ -112,11 +115,14 @@ mod tests {
         let text = written(sun, None);
         assert!(text.contains("inputs:intensity = 4\n") && text.contains("(0.5, 1, 0.25)"), "{text}");
         assert!(text.contains("((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))"), "{text}");
-        let from_x = LightEntry::DistantLight { direction: [1.0, 0.0, 0.0], irradiance: [0.0; 3], angle: 0.0 };
-        let text = written(from_x, None);
-        // The third row is where +Z goes, against which the light shines.
-        assert!(text.contains("(1, 0, 0, 0), (0, 0, 0, 1))") || text.contains("(1, 0, 0.000"), "{text}");
+        let dark = LightEntry::DistantLight { direction: [1.0, 0.0, 0.0], irradiance: [0.0; 3], angle: 0.0 };
+        let text = written(dark, None);
         assert!(text.contains("inputs:intensity = 0\n") && text.contains("color = (1, 1, 1)"), "{text}");
+        for direction in [DVec3::X, DVec3::NEG_Z, DVec3::new(-1.0, 0.6, 0.7)] {
+            let map = turned_towards(direction);
+            let towards = map.transform_vector3(DVec3::Z);
+            assert!(towards.abs_diff_eq(direction.normalize(), 1e-14) && (map.determinant() - 1.0).abs() < 1e-14);
+        }
     }
 
     #[test]
