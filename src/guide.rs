@@ -6,6 +6,7 @@
 //! | [Captures](captures) | How do I hand over my own pictures, or pictures from Blender? |
 //! | [Transfer functions](transfer_functions) | How do densities become colors, and which file formats are read? |
 //! | [Scattering](scattering) | How do I render smoke and clouds that scatter light? |
+//! | [USD stages](usd) | How do I render a stage from Blender or Houdini, and what is read of it? |
 //! | [Denoising](denoising) | How do I take the noise out of a sequence, from Cumulo or from Blender? |
 //! | [Stages](usd_authoring) | How do I write a USD stage of my volumes, and what is wrong with one? |
 //! | [Planning](planning) | Which effects of light are simulated, what do they cost, and what may be left out? |
@@ -54,6 +55,9 @@ pub mod scattering {}
 
 #[doc = include_str!("guide/transfer-functions.md")]
 pub mod transfer_functions {}
+
+#[doc = include_str!("guide/usd.md")]
+pub mod usd {}
 
 #[doc = include_str!("guide/usd-authoring.md")]
 pub mod usd_authoring {}

@@ -1,7 +1,7 @@
 //! Every command of README.md and of the guide runs, and ends with the exit code that the page states.
 //!
-//! The ```` ```sh ```` fences of a page run in one folder, from top to bottom. A fence ```` ```json NAME ```` is the file of
-//! that name. A comment with the words "exit code 1" states that exit code; without it 0 is expected.
+//! The ```` ```sh ```` fences of a page run in one folder, from top to bottom. A fence ```` ```json NAME ```` or
+//! ```` ```usda NAME ```` is the file of that name. A comment with the words "exit code 1" states that exit code; without it 0 is expected.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is how a test fails")]
 
@@ -12,7 +12,7 @@ use std::path::Path;
 use work::{Work, errors, fixture};
 
 /// The pages, relative to the repository. `no_page_is_forgotten` holds this list against the folder.
-const PAGES: [&str; 12] = [
+const PAGES: [&str; 13] = [
     "README.md",
     "src/guide/accuracy-and-cost.md",
     "src/guide/captures.md",
@@ -25,6 +25,7 @@ const PAGES: [&str; 12] = [
     "src/guide/planning.md",
     "src/guide/transfer-functions.md",
     "src/guide/usd-authoring.md",
+    "src/guide/usd.md",
 ];
 
 /// Volumes that the pages name and the reader brings.
@@ -122,7 +123,9 @@ fn run(page: &str) -> usize {
     let mut count = 0;
     for fence in fences(&text) {
         match &*fence.info {
-            [kind, name] if kind == "json" => std::fs::write(work.path(name), fence.lines.join("\n")).unwrap(),
+            [kind, name] if kind == "json" || kind == "usda" => {
+                std::fs::write(work.path(name), fence.lines.join("\n")).unwrap()
+            }
             [kind] if kind == "sh" => {
                 for line in &fence.lines {
                     count += usize::from(command(&work, page, line));
@@ -217,6 +220,11 @@ fn transfer_functions() {
 #[test]
 fn usd_authoring() {
     assert!(run("src/guide/usd-authoring.md") >= 9);
+}
+
+#[test]
+fn usd() {
+    assert!(run("src/guide/usd.md") >= 6);
 }
 
 #[test]

@@ -5,7 +5,6 @@ use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
 use crate::cli::render::{LeftOut, PictureOptions};
 use crate::error::{Error, Result};
-use crate::formats::captures;
 use crate::formats::sequence::Pattern;
 use crate::plan::pilot::{self, Cost};
 use crate::plan::{Integrator, Plan, State};
@@ -91,9 +90,10 @@ impl PlanCommand {
             pictures.frame = self.frame.or(numbers.first().copied());
             pictures.input = pattern.path(pictures.frame.unwrap_or_default());
         }
-        let template = pictures.cameras.as_deref().map(captures::load).transpose()?;
+        let template = pictures.template(None)?;
         let limits = pictures.memory.limits();
         let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut Provenance::begin())?;
+        subject.remarks().iter().for_each(|remark| output.note(format!("remark: {remark}")));
         let paths = pictures.scattering.on() || subject.is_scene();
         pictures.scattering.check(paths)?;
         let capture = pictures.capture(Path::new(""), &subject, transfer, template.as_ref())?;

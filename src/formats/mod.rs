@@ -35,12 +35,14 @@ pub enum Format {
     Exr,
     /// A multi-view capture: a JSON object, a file of COLMAP's model, or a folder.
     Capture,
+    /// A stage of Universal Scene Description: text, binary or a package.
+    Usd,
     /// A file of none of the known formats.
     Unknown,
 }
 
 /// Detects the format by the first bytes; the name matters for COLMAP's
-/// models alone. A folder counts as a capture, and its
+/// models and USD's stages alone. A folder counts as a capture, and its
 /// reader decides whether it holds one.
 ///
 /// # Errors
@@ -63,6 +65,8 @@ pub fn sniff(path: &Path) -> Result<Format> {
         Format::NanoVdb
     } else if start.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
         Format::Exr
+    } else if start.starts_with(b"PXR-USDC") || text.starts_with(b"#usda") || usd::is_stage_name(path) {
+        Format::Usd
     } else if text.iter().find(|b| !b.is_ascii_whitespace()).is_some_and(|b| *b == b'{') {
         Format::Capture
     } else {
@@ -74,7 +78,7 @@ pub fn sniff(path: &Path) -> Result<Format> {
 pub fn unknown() -> Error {
     Error::unsupported("no file of a known kind")
         .hint(
-        "OpenVDB and OpenEXR files are understood, and captures: a transforms.json, a model of COLMAP, or the folder that \
-         holds one",
+        "OpenVDB and OpenEXR files and USD stages are understood, and captures: a transforms.json, a model of COLMAP, or \
+         the folder that holds one",
     )
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// Most frames of a sequence.
-const MOST_FRAMES: usize = 100_000;
+pub const MOST_FRAMES: usize = 100_000;
 
 /// Frames to work on: every `step`-th number from the first to the last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -56,6 +56,9 @@ pub struct EnvironmentMap {
     columns: Vec<f64>,
 }
 
+/// Message of the error that an environment has no light.
+pub const BLACK: &str = "the environment is black everywhere";
+
 /// Most cells of the distribution along both edges: pictures of the sky are smooth in between, but for the sun, which
 /// takes a few of them.
 const MOST_CELLS: [usize; 2] = [1024, 512];
@@ -86,7 +89,7 @@ impl EnvironmentMap {
         let all = rows.clone();
         rows.clear();
         if cumulate(&mut rows, all.into_iter()) <= 0.0 {
-            return Err(Error::invalid("the environment is black everywhere").hint("leave it out"));
+            return Err(Error::invalid(BLACK).hint("leave it out"));
         }
         Ok(Self { size, pixels, cells, axes: DMat3::IDENTITY, rows, columns })
     }

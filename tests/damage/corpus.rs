@@ -1,6 +1,7 @@
 //! Sound inputs of every kind, and the commands that read each.
 
 use super::mutate::Syntax;
+use crate::stages;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -110,6 +111,44 @@ const TRANSFER: [&str; 8] = [
     "reconstruct density @glow --tf {} --resolution 8 --iterations 1 -o >found.vdb",
     "reconstruct tf @glow --volume @plume.vdb --init {} --rays 128 --iterations 1 -o >found.tf.json",
 ];
+
+const STAGE: [&str; 4] = ["info {}", "validate {}", "plan {} --size 6x6", "render {} --size 6x6 --samples 2 -o >out"];
+
+/// A stage of a volume with a light and a camera that moves, as text, binary or package.
+fn stage(name: &str, volume: &[u8]) -> Vec<u8> {
+    let text = r#"
+def Xform "World" {
+    double3 xformOp:translate.timeSamples = { 1: (0, 0, 0), 2: (1, 0, 0) }
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    def Volume "smoke" {
+        rel field:density = </World/smoke/density>
+        custom double cumulo:densityScale = 2
+        def OpenVDBAsset "density" {
+            token fieldName = "density"
+            asset filePath = @./cube.vdb@
+        }
+    }
+    def Camera "camera" {
+        float focalLength.timeSamples = { 1: 30, 2: 50 }
+        quatf xformOp:orient = (1, 0, 0, 0)
+        double3 xformOp:translate = (0, 0, 5)
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]
+    }
+    def SphereLight "lamp" (
+        kind = "component"
+        customData = { string note = "a" }
+    ) {
+        color3f inputs:color = (1, 0.5, 0.25)
+        bool inputs:normalize = 1
+    }
+}
+"#;
+    match name {
+        "stage.usda" => format!("#usda 1.0\n{text}").into_bytes(),
+        "stage.usdc" => stages::binary(text),
+        _ => stages::package(&[("root.usdc", &stages::binary(text)), ("cube.vdb", volume)]),
+    }
+}
 
 impl Corpus {
     /// Makes the sound files with the program itself, and with OpenVDB's tools what it does not make: volumes of
@@ -235,7 +274,15 @@ impl Corpus {
             }
         });
 
+        let stages = ["stage.usda", "stage.usdc", "stage.usdz"].map(|name| {
+            let bytes = stage(name, &fixture("cube.vdb"));
+            let mut sample = single("stage", name, bytes, Syntax::Binary, &STAGE);
+            sample.files.insert("cube.vdb".into(), fixture("cube.vdb"));
+            sample
+        });
+
         let kinds = vec![
+            ("stages", stages.into()),
             ("scenes", scenes.into()),
             ("scalar volumes", scalar),
             ("other volumes", other),

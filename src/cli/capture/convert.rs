@@ -7,11 +7,12 @@ use crate::cli::output::Output;
 use crate::cli::outputs;
 use crate::cli::photos;
 use crate::cli::provenance::Provenance;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::transforms::{self, FILE_NAME};
-use crate::formats::views::StatedCapture;
-use crate::formats::{captures, colmap, exr};
+use crate::formats::usd::{Stage, Views};
+use crate::formats::views::{Optics, StatedCapture};
+use crate::formats::{self, Format, captures, colmap, exr, picture};
 use crate::optimise::plausibility::Warning;
 use crate::scene::capture::{Capture, Frame};
 use crate::scene::color_space::ColorSpace;
@@ -29,8 +30,11 @@ use std::process::ExitCode;
 /// where they are.
 #[derive(Debug, clap::Args)]
 pub struct Convert {
-    /// transforms.json of instant-ngp, nerfstudio or Blender, a model of COLMAP, or the folder of either
+    /// transforms.json of instant-ngp, nerfstudio or Blender, a model of COLMAP, the folder of either, or a USD stage
     input: PathBuf,
+    /// Camera of a USD stage, by its path (default: the only one)
+    #[arg(long, value_name = "PRIM")]
+    camera: Option<String>,
     /// Folder to write into
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
@@ -162,7 +166,14 @@ impl Convert {
 
     /// Reads the capture, with what the options say otherwise.
     fn stated(&self) -> Result<StatedCapture> {
-        let mut stated = captures::stated_within(&self.input, self.memory.limits())?;
+        let limits = self.memory.limits();
+        let mut stated = match formats::sniff(&self.input)? {
+            Format::Usd => self.stage()?,
+            _ if self.camera.is_some() => {
+                return Err(Error::invalid("--camera: this is no USD stage").at(&self.input).hint("leave it out"));
+            }
+            _ => captures::stated_within(&self.input, limits)?,
+        };
         if let Some(from) = &self.pictures {
             pictures::replace(&mut stated.capture, from)?;
         }
@@ -177,6 +188,22 @@ impl Convert {
             Target::Transforms => (self.output.clone(), self.output.join(FILE_NAME)),
             Target::Colmap => (self.output.join("images"), self.output.join("sparse/0/images.txt")),
         }
+    }
+
+    /// Reads the cameras of a USD stage, with the size of the pictures that they are given.
+    fn stage(&self) -> Result<StatedCapture> {
+        let stage = Stage::open(&self.input, self.memory.limits())?;
+        let mut views = Views { camera: self.camera.as_deref(), ..Views::default() };
+        let mut capture = stage.capture(&views)?;
+        if let Some(from) = &self.pictures {
+            pictures::replace(&mut capture, from)?;
+        }
+        if let Some(frame) = capture.frames.first() {
+            views.size = Some(picture::header(&frame.picture)?.size.map(|side| side as u32));
+        }
+        let capture = stage.capture(&views)?;
+        let optics = vec![Optics::default(); capture.frames.len()];
+        Ok(StatedCapture { capture, optics })
     }
 
     /// Returns the folders to be made, outer ones first.
@@ -210,7 +237,7 @@ impl Convert {
                     [("images.txt", texts.images), ("cameras.txt", texts.cameras), ("points3D.txt", texts.points)]
                 {
                     let waiting = batch.add(&main.with_file_name(name))?;
-                    crate::formats::atomic::write_bytes(&waiting, text.as_bytes())?;
+                    formats::atomic::write_bytes(&waiting, text.as_bytes())?;
                 }
                 Ok(())
             }

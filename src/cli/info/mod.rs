@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::formats::captures::CaptureSummary;
 use crate::formats::exr::ExrSummary;
 use crate::formats::limits::Limits;
+use crate::formats::usd::StageSummary;
 use crate::formats::{self, Format};
 use crate::text::printable;
 use serde::Serialize;
@@ -19,10 +20,10 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use volume::Volume;
 
-/// Show what is in files: the grids of VDBs, the layers of EXRs, the cameras of captures
+/// Show what is in files: grids of VDBs, layers of EXRs, cameras of captures, volumes of USD stages
 #[derive(Debug, clap::Args)]
 pub struct Info {
-    /// OpenVDB or OpenEXR files, and captures (a transforms.json, a model of COLMAP, or the folder of either)
+    /// OpenVDB or OpenEXR files, USD stages, and captures (a transforms.json, a model of COLMAP, or the folder of either)
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     #[command(flatten)]
@@ -80,6 +81,7 @@ enum Content {
     Vdb(Volume),
     Exr(ExrSummary),
     Capture(CaptureSummary),
+    Usd(StageSummary),
 }
 
 impl Info {
@@ -111,6 +113,7 @@ fn content(path: &Path, limits: Limits) -> Result<Content> {
         Format::Vdb | Format::NanoVdb => volume::summary(path, limits).map(Content::Vdb),
         Format::Exr => formats::exr::summary_within(path, limits).map(Content::Exr),
         Format::Capture => formats::captures::summary_within(path, limits).map(Content::Capture),
+        Format::Usd => formats::usd::summary(path, limits).map(Content::Usd),
         Format::Unknown => Err(formats::unknown().at(path)),
     }
 }
@@ -128,6 +131,7 @@ impl fmt::Display for Described {
             (Some(Content::Vdb(volume)), _) => volume.to_string(),
             (Some(Content::Exr(picture)), _) => picture.to_string(),
             (Some(Content::Capture(capture)), _) => capture.to_string(),
+            (Some(Content::Usd(stage)), _) => stage.to_string(),
             (None, Some(failure)) => failure.to_string(),
             (None, None) => String::new(),
         };

@@ -2,6 +2,7 @@
 //! `--cameras`.
 
 use super::options::PictureOptions;
+use super::stage::SIZE;
 use super::subject::Subject;
 use crate::cli::parse::DensityScale;
 use crate::error::{Error, Result};
@@ -72,7 +73,7 @@ impl PictureOptions {
                 .at(&self.input)
                 .hint("choose another grid with --grid, or give the cameras with --cameras"));
         }
-        let [w, h] = self.size;
+        let [w, h] = self.size.unwrap_or(SIZE);
         Ok(orbit::cameras(&outline, self.views.unwrap_or(1) as usize, self.layout, w, h, self.fov))
     }
 

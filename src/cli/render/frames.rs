@@ -4,7 +4,7 @@
 use super::options::PictureOptions;
 use super::scattering::Paths;
 use super::subject::Subject;
-use super::{Render, fits};
+use super::{Render, fits, remarks};
 use crate::cli::cancel;
 use crate::cli::failed::Failed;
 use crate::cli::output::Output;
@@ -13,7 +13,6 @@ use crate::cli::parse::DensityScale;
 use crate::cli::provenance::Provenance;
 use crate::error::{Error, Kind, Result};
 use crate::formats::atomic::Batch;
-use crate::formats::captures;
 use crate::formats::exr;
 use crate::formats::sequence::{self, Pattern};
 use crate::formats::transforms::{self, FILE_NAME};
@@ -25,6 +24,7 @@ use crate::scene::capture::{Capture, Frame};
 use crate::scene::scene::Scene;
 use serde::Serialize;
 use serde_json::{Map, json};
+use std::collections::BTreeSet;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -74,6 +74,8 @@ struct Sequence<'s> {
     cameras: Vec<[Camera; 3]>,
     provenance: Provenance,
     shot: Option<Shot>,
+    /// Remarks that were made.
+    remarks: BTreeSet<String>,
     cancel: &'static AtomicBool,
 }
 
@@ -95,7 +97,7 @@ impl Render {
             (None, Some(pattern)) => pattern.numbers()?,
             (None, None) => Vec::new(),
         };
-        let template = self.pictures.cameras.as_deref().map(captures::load).transpose()?;
+        let template = self.pictures.template(Some(&numbers))?;
         let cameras = template.as_ref().map(|template| self.cameras(template, &numbers)).transpose()?;
         if self.pictures.views.is_some_and(|views| views > 1) {
             return Err(Error::invalid("--views: a sequence has one picture for each frame")
@@ -111,6 +113,7 @@ impl Render {
             cameras: cameras.unwrap_or_default(),
             provenance: provenance.clone(),
             shot: None,
+            remarks: BTreeSet::new(),
             cancel: cancel::listen(),
         };
         let json = self.output.join(FILE_NAME);
@@ -204,7 +207,7 @@ impl Sequence<'_> {
         for (place, (number, path)) in frames.iter().enumerate() {
             let result = match self.is_done(*number, path) {
                 true => Ok(None),
-                false => self.frame(place, *number, path).map(Some),
+                false => self.frame(place, *number, path, output).map(Some),
             };
             match result {
                 Err(e) if e.kind() == Kind::Cancelled => return Err(e),
@@ -260,7 +263,7 @@ impl Sequence<'_> {
     }
 
     /// Reads and plans a frame. What the first one settles, camera and density scale, holds for all.
-    fn shot(&mut self, place: usize, number: u32) -> Result<Shot> {
+    fn shot(&mut self, place: usize, number: u32, output: &Output) -> Result<Shot> {
         let mut pictures = self.pictures.clone();
         pictures.frame = Some(number);
         if let Some(pattern) = &self.pattern {
@@ -269,6 +272,11 @@ impl Sequence<'_> {
         let limits = pictures.memory.limits();
         let mut provenance = self.provenance.clone();
         let (subject, transfer) = pictures.subject(self.template.as_ref(), limits, &mut provenance)?;
+        for remark in remarks(&subject, self.template.as_ref()) {
+            if self.remarks.insert(remark.clone()) {
+                output.note(format!("remark: {remark}"));
+            }
+        }
         let moving = self.pattern.is_some() || matches!(subject, Subject::Scene { moving: true, .. });
         if self.render.velocity.is_some() && subject.is_scene() {
             return Err(Error::invalid("--velocity: the scene file states the velocities of its volumes")
@@ -300,10 +308,10 @@ impl Sequence<'_> {
     }
 
     /// Renders and writes a frame.
-    fn frame(&mut self, place: usize, number: u32, path: &Path) -> Result<Counts> {
+    fn frame(&mut self, place: usize, number: u32, path: &Path, output: &Output) -> Result<Counts> {
         let shot = match self.shot.take() {
             Some(shot) if !shot.moving => shot,
-            _ => self.shot(place, number)?,
+            _ => self.shot(place, number, output)?,
         };
         let shot = self.shot.insert(shot);
         let renderer = self.pictures.renderer(shot.plan.as_ref(), &shot.scene, shot.paths)?;

@@ -6,6 +6,7 @@ mod options;
 mod planning;
 mod renderer;
 pub(super) mod scattering;
+mod stage;
 mod subject;
 
 pub(in crate::cli) use frames::between;
@@ -40,6 +41,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
+use subject::Subject;
 
 /// Render a volume from many sides: a capture of EXR pictures and transforms.json
 ///
@@ -47,7 +49,6 @@ use std::sync::atomic::AtomicBool;
 /// volume; emission-absorption adds the light of a source that is part of it; with --albedo light is scattered, and
 /// pictures are made by path tracing.
 #[derive(Debug, clap::Args)]
-#[command(group = clap::ArgGroup::new("from").required(true).args(["views", "cameras"]))]
 pub struct Render {
     /// Folder for transforms.json and the pictures
     #[arg(long, short, value_name = "DIR")]
@@ -86,6 +87,9 @@ struct Report {
     way: Way,
     /// Plan of a scene that may scatter, or out of which something may be left.
     plan: Option<Plan>,
+    /// Remarks on statements of a USD stage that have no effect, and on what is assumed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    remarks: Vec<String>,
     seconds: f64,
 }
 
@@ -159,10 +163,12 @@ impl Render {
         let mut provenance = Provenance::begin();
         let pictures = &self.pictures;
         let limits = pictures.memory.limits();
-        let template = pictures.cameras.as_deref().map(captures::load).transpose()?;
+        let template = pictures.template(None)?;
         let template_pictures: Option<Vec<PathBuf>> =
             template.as_ref().map(|c| c.frames.iter().map(|f| f.picture.clone()).collect());
         let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut provenance)?;
+        let remarks = remarks(&subject, template.as_ref());
+        remarks.iter().for_each(|remark| output.note(format!("remark: {remark}")));
         let paths = pictures.scattering.on() || subject.is_scene();
         let capture = pictures.capture(&self.output, &subject, transfer, template.as_ref())?;
         fits(&capture, self.plane_bytes(paths), limits.max_memory)?;
@@ -205,6 +211,7 @@ impl Render {
             density_scale: capture.density_scale,
             way,
             plan,
+            remarks,
             seconds,
         })?;
         Ok(ExitCode::SUCCESS)
@@ -329,6 +336,12 @@ impl Render {
         }
         Ok(())
     }
+}
+
+/// Returns the remarks on a subject and its cameras.
+fn remarks(subject: &Subject, template: Option<&Capture>) -> Vec<String> {
+    let cameras = template.filter(|_| subject.is_scene()).map_or(&[][..], |capture| &capture.remarks);
+    subject.remarks().iter().chain(cameras).cloned().collect()
 }
 
 /// Refuses pictures that do not fit in memory, one for each thread: pixels, samples and bytes of the file, and

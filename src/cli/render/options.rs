@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// Options that pictures are made by: subject, cameras, media and light.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PictureOptions {
-    /// VDB, or scene file in JSON (`cumulo schema scene`), to render; smoke.####.vdb, smoke.%04d.vdb and
+    /// VDB, USD stage, or scene file in JSON (`cumulo schema scene`), to render; smoke.####.vdb, smoke.%04d.vdb and
     /// smoke.0001-0100.vdb are sequences
     pub(in crate::cli) input: PathBuf,
     /// Number of the frame, where a sequence is rendered.
@@ -26,18 +26,23 @@ pub struct PictureOptions {
     /// How --views are placed: over the whole sphere, or on the horizontal circle
     #[arg(long, value_enum, default_value_t = Layout::Sphere, conflicts_with = "cameras")]
     pub(in crate::cli) layout: Layout,
-    /// Size of the pictures of --views in pixels
-    #[arg(long, value_name = "WxH", default_value = "256x256", value_parser = parse::size, conflicts_with = "cameras")]
-    pub(in crate::cli) size: [u32; 2],
+    /// Size of the pictures of --views, or of a USD stage's cameras, in pixels (default: 256x256; of a stage's camera 256
+    /// wide, in the proportions of its aperture)
+    #[arg(long, value_name = "WxH", value_parser = parse::size)]
+    pub(in crate::cli) size: Option<[u32; 2]>,
     /// Angle in degrees that the volume takes in the pictures of --views
     #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = parse::angle, conflicts_with = "cameras")]
     pub(in crate::cli) fov: f64,
     /// Render a part of each picture: column and row of its first pixel, and its size
     #[arg(long, value_name = "X,Y,WxH", value_parser = parse::window)]
     pub(in crate::cli) crop: Option<Window>,
-    /// Take cameras, and what else is not given, from a transforms.json
-    #[arg(long, value_name = "CAPTURE")]
+    /// Take cameras, and what else is not given, from a transforms.json, a model of COLMAP or a USD stage (default: the
+    /// cameras of the stage that is rendered)
+    #[arg(long, value_name = "CAPTURE|STAGE")]
     pub(in crate::cli) cameras: Option<PathBuf>,
+    /// Camera of the USD stage, by its path (default: the only one)
+    #[arg(long, value_name = "PRIM", conflicts_with = "views")]
+    pub(in crate::cli) camera: Option<String>,
     /// Model of the pictures (default: that of --cameras, emission-absorption with a transfer function, else absorption)
     #[arg(long, value_enum, conflicts_with = "tf")]
     pub(in crate::cli) model: Option<Model>,

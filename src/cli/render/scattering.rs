@@ -92,6 +92,16 @@ impl ScatteringOptions {
         self.albedo.is_some()
     }
 
+    /// True if the options state lights.
+    pub fn lights(&self) -> bool {
+        self.sun.is_some() || self.sky.is_some()
+    }
+
+    /// Returns the mean cosine of the angle by which scattered light turns.
+    pub fn anisotropy(&self) -> f64 {
+        self.anisotropy
+    }
+
     /// Returns the radiance that is the same from all around.
     pub fn sky(&self) -> [f32; 3] {
         match &self.sky {

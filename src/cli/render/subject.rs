@@ -23,12 +23,14 @@ use std::sync::Arc;
 pub(in crate::cli) enum Subject {
     /// The grids of one volume, whose medium and light the options and `--cameras` tell.
     Grids(Grids),
-    /// A scene file.
+    /// A scene file, or a USD stage.
     Scene {
         /// Scene.
         scene: Scene,
         /// True if another frame shows other volumes.
         moving: bool,
+        /// Remarks on statements that have no effect, and on what is assumed.
+        remarks: Vec<String>,
     },
 }
 
@@ -48,6 +50,14 @@ impl Subject {
     /// True if it is rendered by path tracing whatever the options say.
     pub fn is_scene(&self) -> bool {
         matches!(self, Self::Scene { .. })
+    }
+
+    /// Returns what is stated and has no effect, or is assumed, in words.
+    pub fn remarks(&self) -> &[String] {
+        match self {
+            Self::Grids(_) => &[],
+            Self::Scene { remarks, .. } => remarks,
+        }
     }
 
     /// Returns the index-to-world map of the volume, if there is but one.
@@ -89,10 +99,16 @@ impl PictureOptions {
         limits: Limits,
         provenance: &mut Provenance,
     ) -> Result<(Subject, Option<Transfer>)> {
-        if formats::sniff(&self.input)? == Format::Capture {
-            self.check_scene_file()?;
-            let LoadedScene { volumes, lights, environment, files, moving, remarks: _ } =
-                scene_file::load_within(&self.input, self.frame, limits)?;
+        let format = formats::sniff(&self.input)?;
+        if matches!(format, Format::Capture | Format::Usd) {
+            let loaded = match format {
+                Format::Usd => self.staged(limits)?,
+                _ => {
+                    self.check_scene_file()?;
+                    scene_file::load_within(&self.input, self.frame, limits)?
+                }
+            };
+            let LoadedScene { volumes, lights, environment, files, moving, remarks } = loaded;
             for file in [&self.input].into_iter().chain(&files) {
                 provenance.input(file, [file.as_path()])?;
             }
@@ -109,7 +125,7 @@ impl PictureOptions {
             };
             let volumes = volumes.into_iter().enumerate().map(volume).collect::<Result<_>>()?;
             let scene = Scene { volumes, lights, environment, velocities, cameras: Vec::new() };
-            return Ok((Subject::Scene { scene, moving }, None));
+            return Ok((Subject::Scene { scene, moving, remarks }, None));
         }
         let (grids, transfer) = self.grids(template, limits)?;
         provenance.input(&self.input, [self.input.as_path()])?;

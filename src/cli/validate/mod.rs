@@ -18,7 +18,7 @@ use std::process::ExitCode;
 /// Say what is wrong with files and what to do; exit code 1 if anything is
 #[derive(Debug, clap::Args)]
 pub struct Validate {
-    /// OpenVDB or OpenEXR files, and captures (a transforms.json, a model of COLMAP, or the folder of either) with their
+    /// OpenVDB or OpenEXR files, USD stages, and captures (a transforms.json, a model of COLMAP, or the folder of either) with their
     /// pictures
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
@@ -81,6 +81,7 @@ impl Validate {
             Format::Vdb | Format::NanoVdb => volume::check(path, self.memory.limits(), &mut findings)?,
             Format::Exr => findings.extend(formats::exr::problems_within(path, self.memory.limits())?),
             Format::Capture => findings.extend(formats::captures::problems_within(path, self.memory.limits())?),
+            Format::Usd => findings.extend(formats::usd::problems(path, self.memory.limits())?),
             Format::Unknown => findings.refusal(formats::unknown())?,
         }
         let valid = findings.valid();

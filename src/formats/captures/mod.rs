@@ -1,4 +1,4 @@
-//! Captures of any kind: a `transforms.json`, or a sparse model of COLMAP.
+//! Captures of any kind: a `transforms.json`, a sparse model of COLMAP, or the cameras of a USD stage.
 
 mod problems;
 mod summary;
@@ -8,8 +8,9 @@ pub use summary::{CaptureSummary, summary, summary_within};
 
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::views::StatedCapture;
-use crate::formats::{colmap, transforms};
+use crate::formats::usd::{Stage, Views};
+use crate::formats::views::{Optics, StatedCapture};
+use crate::formats::{Format, colmap, sniff, transforms};
 use crate::scene::capture::Capture;
 use std::path::{Path, PathBuf};
 
@@ -63,6 +64,11 @@ pub fn load_within(path: &Path, limits: Limits) -> Result<Capture> {
 /// If the file cannot be read or used, or its values do not fit into `limits`.
 pub fn stated_within(path: &Path, limits: Limits) -> Result<StatedCapture> {
     let place = file(path);
+    if sniff(&place).is_ok_and(|format| format == Format::Usd) {
+        let capture = Stage::open(&place, limits)?.capture(&Views::default())?;
+        let optics = vec![Optics::default(); capture.frames.len()];
+        return Ok(StatedCapture { capture, optics });
+    }
     if colmap::is_model_file(&place) {
         if !place.is_file() {
             return Err(Error::invalid("cameras and images of COLMAP's model are not both there")

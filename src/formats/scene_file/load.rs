@@ -50,7 +50,7 @@ pub struct LoadedScene {
     pub files: Vec<PathBuf>,
     /// True if a volume is a sequence.
     pub moving: bool,
-    /// What is stated and has no effect, or is assumed, in words.
+    /// Remarks on statements that have no effect, and on what is assumed.
     pub remarks: Vec<String>,
 }
 

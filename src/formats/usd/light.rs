@@ -10,16 +10,17 @@
 //! Blender writes and reads suns in its own way: `L` is a quarter of a sun's strength, normalized, and the angle is half
 //! of the sun's. Its color temperature is enabled though none is meant. Lights that Blender wrote are read as it does.
 
+use super::metadata::UpAxis;
 use super::prim::Prim;
-use super::stage::{Stage, UpAxis};
+use super::stage::Stage;
 use super::value::Asset;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::scene_file::environment_map;
 use crate::scene::emission;
-use crate::scene::environment::Environment;
+use crate::scene::environment::{BLACK, Environment};
 use crate::scene::light::Light;
-use glam::{DMat3, DMat4, DVec3, Vec3};
+use glam::{DMat3, DMat4, DVec3};
 use std::f64::consts::PI;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -242,9 +243,15 @@ fn dome(stage: &Stage, prim: &Prim, time: f64, dome: Dome, all: &mut Lights) -> 
         return Err(Error::unsupported("a second dome has a texture").hint("add both pictures to one beforehand"));
     }
     let file = stage.file(&asset)?;
-    let map = environment_map(&file, radiance.to_array(), dome.limits)?;
+    let map = match environment_map(&file, radiance.to_array(), dome.limits) {
+        Err(e) if e.what() == BLACK => {
+            all.remarks.push(format!("light {} is dark: its texture or color is black", prim.path));
+            return Ok(());
+        }
+        map => map?,
+    };
     all.environment.map = Some(Arc::new(map.turned(orientation(stage, prim, time, dome.map))));
-    all.files.push(file);
+    all.files.extend(asset.packaged().is_none().then_some(file));
     Ok(())
 }
 
@@ -266,14 +273,4 @@ fn orientation(stage: &Stage, prim: &Prim, time: f64, map: DMat4) -> DMat3 {
     let axes = DMat3::from_mat4(map);
     let unit = |axis: DVec3| axis.normalize_or_zero();
     DMat3::from_cols(unit(axes.x_axis), unit(axes.y_axis), unit(axes.z_axis)) * placed
-}
-
-/// Returns the light in words, with its numbers in the units of the stage.
-pub(super) fn described(light: &Light) -> String {
-    let rgb = |v: Vec3| format!("{}, {}, {}", v.x, v.y, v.z);
-    match light {
-        Light::Sun { irradiance, .. } => format!("irradiance {}", rgb(*irradiance)),
-        Light::Point { intensity, .. } => format!("radiant intensity {}", rgb(*intensity)),
-        Light::Sphere { radiance, .. } | Light::Rectangle { radiance, .. } => format!("radiance {}", rgb(*radiance)),
-    }
 }

@@ -8,6 +8,7 @@ use super::prim::Prim;
 use super::stage::Stage;
 use super::value::Asset;
 use crate::formats::scene_file::{BlackbodyEntry, EmissionGridEntry, MediumEntry};
+use std::path::PathBuf;
 
 /// Medium of a volume.
 #[derive(Debug, Clone)]
@@ -16,15 +17,70 @@ pub(super) struct StatedMedium {
     pub entry: MediumEntry,
     /// Transfer function's file.
     pub transfer: Option<Asset>,
-    /// What is not understood, or assumed, in words.
+    /// Remarks on shaders that are not understood, and on what is assumed.
     pub remarks: Vec<String>,
+}
+
+/// Properties of a medium that hold in place of those that a stage states.
+#[derive(Debug, Clone, Default)]
+pub struct Overrides {
+    /// Extinction per unit of density and length of the stage.
+    pub density_scale: Option<f64>,
+    /// Albedo, with the properties of scattering that go with it.
+    pub scattering: Option<ScatteringOverride>,
+    /// Radiance of the source.
+    pub emission: Option<[f32; 3]>,
+    /// File of a transfer function.
+    pub transfer: Option<PathBuf>,
+}
+
+/// Properties of scattering.
+#[derive(Debug, Clone, Copy)]
+pub struct ScatteringOverride {
+    /// Share of the extinction that is scattered.
+    pub albedo: [f32; 3],
+    /// Mean cosine of the angle by which scattered light turns.
+    pub anisotropy: f64,
+    /// Change of the density per length at which half of the scattering is that of a surface.
+    pub gradient_shading: Option<f64>,
+    /// Factors of the extinction.
+    pub extinction_color: [f32; 3],
+}
+
+impl Overrides {
+    /// True if nothing is replaced.
+    pub fn is_empty(&self) -> bool {
+        self.density_scale.is_none() && self.scattering.is_none() && self.emission.is_none() && self.transfer.is_none()
+    }
+
+    /// Replaces properties of a medium.
+    fn apply(&self, medium: &mut StatedMedium) {
+        let entry = &mut medium.entry;
+        entry.density_scale = self.density_scale.unwrap_or(entry.density_scale);
+        if let Some(ScatteringOverride { albedo, anisotropy, gradient_shading, extinction_color }) = self.scattering {
+            *entry = MediumEntry { albedo, anisotropy, gradient_shading, extinction_color, ..entry.clone() };
+        }
+        if self.emission.is_some() {
+            (entry.emission, medium.transfer) = (self.emission, None);
+        }
+        if let Some(transfer) = &self.transfer {
+            (entry.transfer, entry.emission, medium.transfer) = (Some(transfer.clone()), None, None);
+        }
+    }
 }
 
 /// Namespace of the attributes.
 const NAMESPACE: &str = "cumulo:";
 
-/// Reads the medium of a volume at a time code.
-pub(super) fn medium(stage: &Stage, volume: &Prim, time: f64) -> StatedMedium {
+/// Reads the medium of a volume at a time code, with properties that hold in place of the stage's.
+pub(super) fn medium(stage: &Stage, volume: &Prim, time: f64, overrides: &Overrides) -> StatedMedium {
+    let mut medium = stated(stage, volume, time, overrides.is_empty());
+    overrides.apply(&mut medium);
+    medium
+}
+
+/// Reads the medium that a stage states; `told` if a remark is to say that it states none.
+fn stated(stage: &Stage, volume: &Prim, time: f64, told: bool) -> StatedMedium {
     if volume.attributes.keys().any(|name| name.starts_with(NAMESPACE)) {
         return own(volume, time);
     }
@@ -43,11 +99,11 @@ pub(super) fn medium(stage: &Stage, volume: &Prim, time: f64) -> StatedMedium {
             )),
         }
     }
-    remarks.push(
+    let none = told.then_some(
         "no medium is stated that is understood: the density is the extinction per unit of the stage, and nothing is \
-         scattered; --density-scale, --albedo and the like state another"
-            .into(),
+         scattered; --density-scale, --albedo and the like state another",
     );
+    remarks.extend(none.map(str::to_owned));
     StatedMedium { entry: MediumEntry::default(), transfer: None, remarks }
 }
 

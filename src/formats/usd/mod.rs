@@ -17,16 +17,20 @@
 
 mod attribute;
 mod camera;
+mod capture;
 mod convert;
 pub mod fields;
 mod light;
 pub mod lint;
 mod medium;
+mod metadata;
 mod prim;
+mod problems;
 mod read;
 mod resolver;
 pub mod scene;
 mod stage;
+mod summary;
 mod text;
 mod value;
 mod volume;
@@ -34,7 +38,13 @@ pub mod write;
 mod xform;
 
 pub use attribute::Attribute;
+pub use capture::Views;
+pub use medium::{Overrides, ScatteringOverride};
+pub use metadata::{StageMetadata, UpAxis};
 pub use prim::Prim;
-pub use stage::{Stage, StageMetadata, UpAxis};
+pub use problems::problems;
+pub use resolver::is_stage_name;
+pub use stage::Stage;
+pub use summary::{CameraSummary, FieldSummary, LightSummary, StageSummary, VolumeSummary, summary};
 pub use value::{Asset, MOST_ELEMENTS, Value};
 pub use volume::{Field, Role};

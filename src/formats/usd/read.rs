@@ -5,9 +5,9 @@
 
 use super::attribute::Attribute;
 use super::convert;
+use super::metadata::{StageMetadata, UpAxis};
 use super::prim::Prim;
 use super::resolver::{self, Bounded, Met};
-use super::stage::{StageMetadata, UpAxis};
 use super::value::Value;
 use crate::error::{Error, Result};
 use crate::formats::input;
@@ -42,7 +42,7 @@ const GEOMETRY: [&str; 10] = [
     "SkelAnimation",
 ];
 
-/// What a stage composes to.
+/// Composed content of a stage.
 pub(super) struct Composed {
     pub metadata: StageMetadata,
     pub layers: Vec<PathBuf>,

@@ -113,6 +113,11 @@ fn is_layer(name: &Path) -> bool {
     name.extension().is_some_and(|suffix| ["usd", "usda", "usdc"].iter().any(|s| suffix.eq_ignore_ascii_case(s)))
 }
 
+/// True if the name of a file ends as those of stages do.
+pub fn is_stage_name(path: &Path) -> bool {
+    is_layer(path) || path.extension().is_some_and(|suffix| suffix.eq_ignore_ascii_case("usdz"))
+}
+
 impl Resolver for Bounded {
     fn create_identifier(&self, path: &str, anchor: Option<&ResolvedPath>) -> String {
         self.inner.create_identifier(path, anchor)

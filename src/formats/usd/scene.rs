@@ -1,9 +1,10 @@
 //! Scenes of stages: volumes with their media, lights and light from all around, at a time code.
 
 use super::light;
-use super::medium::{self, StatedMedium};
+use super::medium::{self, Overrides, StatedMedium};
 use super::prim::Prim;
 use super::stage::Stage;
+use super::value::Asset;
 use super::volume::{Field, Role};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -18,19 +19,19 @@ use crate::scene::velocity::Velocity;
 use glam::{DMat4, Vec3};
 use std::path::{Path, PathBuf};
 
-/// Reads the scene of a stage at a time code. With `medium`, all volumes are of it, whatever the stage states.
+/// Reads the scene of a stage at a time code, with properties of media that hold in place of those that it states.
 ///
 /// What the stage states and pictures do not show is told by the scene's remarks.
 ///
 /// # Errors
 /// If the stage has no volume that is visible, or a file, a light or a transform cannot be used. The error names the file
 /// and the prim.
-pub fn load(stage: &Stage, time: f64, limits: Limits, medium: Option<&MediumEntry>) -> Result<LoadedScene> {
+pub fn load(stage: &Stage, time: f64, limits: Limits, overrides: &Overrides) -> Result<LoadedScene> {
     let mut scene = LoadedScene { files: stage.layers.clone(), ..LoadedScene::default() };
     scene.remarks.extend(stage.faults.iter().cloned());
     scene.remarks.extend(blender(stage));
     for prim in stage.volumes().filter(|prim| stage.is_rendered(prim, time)) {
-        let read = Reader { stage, prim, time, limits }.volume(medium, &mut scene)?;
+        let read = Reader { stage, prim, time, limits }.volume(overrides, &mut scene)?;
         scene.volumes.push(read);
     }
     if scene.volumes.is_empty() {
@@ -65,7 +66,7 @@ fn blender(stage: &Stage) -> Option<String> {
 }
 
 /// Tells how many surfaces there are, which no picture shows.
-fn surfaces(stage: &Stage, time: f64) -> Option<String> {
+pub(super) fn surfaces(stage: &Stage, time: f64) -> Option<String> {
     const SHAPES: [&str; 12] = [
         "Mesh",
         "Points",
@@ -103,25 +104,24 @@ struct Reader<'s> {
 }
 
 impl Reader<'_> {
-    fn volume(&self, medium: Option<&MediumEntry>, scene: &mut LoadedScene) -> Result<SceneVolume> {
+    fn volume(&self, overrides: &Overrides, scene: &mut LoadedScene) -> Result<SceneVolume> {
         let blame = |e: Error| self.stage.blame(e, self.prim);
         let fields = self.stage.fields(self.prim, self.time);
         let map = self.stage.local_to_world(self.prim, self.time)?;
         let density = self.density(&fields).map_err(blame)?;
-        let stated = medium::medium(self.stage, self.prim, self.time);
-        let StatedMedium { entry, transfer, remarks } = match medium {
-            Some(entry) => StatedMedium { entry: entry.clone(), transfer: None, remarks: Vec::new() },
-            None => stated,
-        };
+        let StatedMedium { entry, transfer, remarks } = medium::medium(self.stage, self.prim, self.time, overrides);
         scene.remarks.extend(remarks.into_iter().map(|what| format!("volume {}: {what}", self.prim.path)));
         let (path, mut grid) = self.grid(density, scene)?;
         place(&mut grid, map).map_err(blame)?;
-        let tf = transfer.map(|asset| self.stage.file(&asset)).transpose()?.or_else(|| entry.transfer.clone());
+        let stated = transfer.as_ref().map(|asset| self.stage.file(asset)).transpose()?;
+        if let (Some(asset), Some(file)) = (&transfer, &stated) {
+            record(asset, file, scene);
+        }
+        scene.files.extend(entry.transfer.clone());
+        let tf = stated.or_else(|| entry.transfer.clone());
         let transfer = tf.as_deref().map(|file| self.transfer(file)).transpose()?;
-        scene.files.extend(tf);
-        let source = entry.clone();
         let optics = scene_file::medium(&entry, transfer.as_ref()).map_err(blame)?;
-        let emissions = self.emissions(&source, &fields, (&grid, map), scene)?;
+        let emissions = self.emissions(&entry, &fields, (&grid, map), scene)?;
         let velocity = fields.iter().find(|field| field.role == Role::Velocity);
         let velocity = velocity.and_then(|field| self.velocity(field, map, scene).transpose()).transpose()?;
         let others = fields.iter().filter(|field| field.role == Role::Other);
@@ -174,9 +174,7 @@ impl Reader<'_> {
                     .hint("correct 'filePath', copy the file there, or choose another frame with --frames"),
             ));
         }
-        if !scene.files.contains(&path) {
-            scene.files.push(path.clone());
-        }
+        record(asset, &path, scene);
         File::open(&path, self.limits).map_err(|e| match asset.packaged() {
             Some((_, inner)) => e.inside(format!("'{inner}' in the package")),
             None => e,
@@ -187,7 +185,9 @@ impl Reader<'_> {
     fn grid(&self, field: &Field, scene: &mut LoadedScene) -> Result<(PathBuf, Grid)> {
         let file = self.open(field, scene)?;
         let name = grid_name(&file, field);
-        Ok((file.path().to_path_buf(), file.read_fog(name.as_deref())?))
+        // A file of a package lies in a folder that is gone when messages name it.
+        let path = field.file.as_ref().map_or_else(PathBuf::new, |asset| asset.path.clone());
+        Ok((path, file.read_fog(name.as_deref())?))
     }
 
     fn transfer(&self, file: &Path) -> Result<Transfer> {
@@ -253,6 +253,13 @@ impl Reader<'_> {
         }
         let velocity = vdb::velocity::read(&file, &name, self.stage.time_codes_per_second(), self.limits.max_memory)?;
         velocity.placed(map).map(Some).map_err(|e| self.stage.blame(e, self.prim))
+    }
+}
+
+/// Adds a file to those that were read. Packages are among the layers, which are listed already.
+fn record(asset: &Asset, path: &Path, scene: &mut LoadedScene) {
+    if asset.packaged().is_none() && !scene.files.iter().any(|file| file == path) {
+        scene.files.push(path.to_path_buf());
     }
 }
 

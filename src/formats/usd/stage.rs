@@ -1,8 +1,9 @@
 //! Stages, composed and read as a whole.
 
+use super::metadata::{StageMetadata, UpAxis};
 use super::prim::Prim;
 use super::resolver;
-use super::value::{Asset, Value};
+use super::value::Asset;
 use super::{read, xform};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -11,39 +12,6 @@ use glam::DMat4;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-
-/// Axis that points upwards.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
-#[serde(rename_all = "UPPERCASE")]
-pub enum UpAxis {
-    /// +Y is up, which holds where a stage states nothing.
-    Y,
-    /// +Z is up.
-    Z,
-}
-
-/// Metadata of a stage.
-#[derive(Debug, Clone, PartialEq)]
-pub struct StageMetadata {
-    /// Path of the default prim.
-    pub default_prim: Option<String>,
-    /// Axis that points upwards, if it is stated.
-    pub up_axis: Option<UpAxis>,
-    /// Length of a unit in meters, if it is stated; OpenUSD takes 0.01 otherwise.
-    pub meters_per_unit: Option<f64>,
-    /// Time codes per second, if they are stated; OpenUSD takes the frames per second or 24 otherwise.
-    pub time_codes_per_second: Option<f64>,
-    /// Frames per second, if they are stated.
-    pub frames_per_second: Option<f64>,
-    /// First time code, if it is stated.
-    pub start: Option<f64>,
-    /// Last time code, if it is stated.
-    pub end: Option<f64>,
-    /// Documentation of the root layer, where Blender states its version.
-    pub documentation: Option<String>,
-    /// Custom data of the root layer: a dictionary, if there is one.
-    pub custom_data: Option<Value>,
-}
 
 /// A composed stage.
 ///

@@ -1,0 +1,118 @@
+//! USD stages as the subject of pictures, and as what states their cameras.
+
+use super::options::PictureOptions;
+use crate::cli::parse::DensityScale;
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
+use crate::formats::scene_file::LoadedScene;
+use crate::formats::sequence::Pattern;
+use crate::formats::usd::{self, Overrides, ScatteringOverride, Stage, Views};
+use crate::formats::{self, Format, captures};
+use crate::scene::capture::Capture;
+use std::path::Path;
+
+/// Size of pictures in pixels where nothing states it.
+pub(in crate::cli) const SIZE: [u32; 2] = [256, 256];
+
+impl PictureOptions {
+    /// True if a stage is to be rendered.
+    ///
+    /// # Errors
+    /// If the input cannot be read.
+    pub fn shows_stage(&self) -> Result<bool> {
+        if Pattern::parse(&self.input).is_some() {
+            return Ok(false);
+        }
+        Ok(formats::sniff(&self.input)? == Format::Usd)
+    }
+
+    /// Returns the cameras of the pictures with what else a capture tells: those of `--cameras`, or of the stage that is
+    /// rendered, at the time codes `frames`, or all of them; `None` where cameras are to be placed.
+    ///
+    /// # Errors
+    /// If there are no cameras, the capture or the stage cannot be read, or options contradict each other.
+    pub(in crate::cli) fn template(&self, frames: Option<&[u32]>) -> Result<Option<Capture>> {
+        let refused = |option: &str, remedy: &str| {
+            Err(Error::invalid(format!("{option} cannot be used here: no cameras of a USD stage are taken"))
+                .hint(remedy))
+        };
+        let limits = self.memory.limits();
+        let stage = match &self.cameras {
+            Some(path) => (formats::sniff(path)? == Format::Usd).then(|| Stage::open(path, limits)),
+            None if self.views.is_none() && self.shows_stage()? => Some(self.stage(limits)),
+            None if self.views.is_none() => {
+                return Err(Error::invalid("no cameras: one of --views and --cameras is required").hint(
+                    "give --views N to place cameras around the volume, or --cameras with a capture or USD stage",
+                ));
+            }
+            None => None,
+        };
+        let Some(stage) = stage.transpose()? else {
+            if self.camera.is_some() {
+                return refused("--camera", "leave it out, or give a stage as the input or with --cameras");
+            }
+            if self.size.is_some() && self.cameras.is_some() {
+                return refused(
+                    "--size",
+                    "it cannot be used with --cameras: the capture states the size of its pictures",
+                );
+            }
+            return self.cameras.as_deref().map(captures::load).transpose();
+        };
+        // Frames before and after tell how the camera moves.
+        let beside = |numbers: &[u32]| {
+            let around = numbers.iter().flat_map(|n| [n.saturating_sub(1), *n, n.saturating_add(1)]);
+            around.collect::<std::collections::BTreeSet<_>>().into_iter().collect()
+        };
+        let whole = if self.cameras.is_some() { None } else { Some(self.frame.into_iter().collect()) };
+        let views = Views { camera: self.camera.as_deref(), size: self.size, frames: frames.map(beside).or(whole) };
+        stage.capture(&views).map(Some)
+    }
+
+    /// Opens the stage that is rendered.
+    fn stage(&self, limits: Limits) -> Result<Stage> {
+        Stage::open(&self.input, limits)
+    }
+
+    /// Reads the stage's scene at the frame.
+    ///
+    /// # Errors
+    /// If an option has no meaning for a stage, or the stage or one of its files cannot be used.
+    pub(super) fn staged(&self, limits: Limits) -> Result<LoadedScene> {
+        let overrides = self.overrides()?;
+        let stage = self.stage(limits)?;
+        let time = self.frame.map_or_else(|| stage.first_time(), f64::from);
+        usd::scene::load(&stage, time, limits, &overrides)
+    }
+
+    /// Returns the properties of media that the options state.
+    fn overrides(&self) -> Result<Overrides> {
+        let given = [
+            ("--model", self.model.is_some()),
+            ("--density-scale auto", self.density_scale == Some(DensityScale::Auto)),
+            ("--emission-model", self.emission_model.is_some()),
+            ("--grid", self.grid.is_some()),
+            ("--quadrature", self.quadrature.is_some()),
+            ("--supersample", self.supersample > 1),
+            ("--sun and --sky", self.scattering.lights()),
+        ];
+        if let Some((option, _)) = given.iter().find(|(_, given)| *given) {
+            return Err(Error::invalid(format!("{option}: the stage states its own volumes and lights"))
+                .at(&self.input)
+                .hint(format!("leave {option} out, or render the VDB itself")));
+        }
+        let density_scale = match self.density_scale {
+            Some(DensityScale::Given(scale)) => Some(scale),
+            _ => None,
+        };
+        let extinction_color = self.scattering.extinction_color;
+        let scattering = self.scattering.scattering().map(|s| ScatteringOverride {
+            albedo: s.albedo,
+            anisotropy: self.scattering.anisotropy(),
+            gradient_shading: s.gradient_shading,
+            extinction_color,
+        });
+        let transfer = self.transfer.tf.as_deref().map(Path::to_path_buf);
+        Ok(Overrides { density_scale, scattering, emission: self.emission, transfer })
+    }
+}

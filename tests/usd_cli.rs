@@ -1,0 +1,168 @@
+//! USD stages on the command line: `info`, `validate`, `plan`, `render` by a stage's cameras, and stages as captures.
+
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+
+mod stages;
+mod work;
+
+use serde_json::{Value, json};
+use stages::{binary, package};
+use work::{Work, errors, fixture};
+
+const CAMERA: &str = "def Xform \"rig\" {\n double3 xformOp:translate.timeSamples = { 1: (1, 1, 5), 3: (1, 1, 9) }\n uniform token[] \
+                      xformOpOrder = [\"xformOp:translate\"]\n def Camera \"camera\" {\n float horizontalAperture = 36\n float \
+                      verticalAperture = 27\n float2 clippingRange = (0.1, 100)\n }\n}\n";
+
+/// A volume of the plume at frame 1 and 3, and of the cube at frame 2, in light.
+fn stage(more: &str) -> String {
+    format!(
+        "#usda 1.0\n(\n upAxis = \"Z\"\n metersPerUnit = 1\n startTimeCode = 1\n endTimeCode = 3\n)\ndef Volume \"smoke\" {{\n rel \
+         field:density = </smoke/density>\n custom double cumulo:densityScale = 4\n custom color3f cumulo:albedo = (0.9, 0.9, \
+         0.9)\n custom double cumulo:anisotropy = 0.25\n double3 xformOp:translate = (0, 0, 1)\n uniform token[] xformOpOrder = \
+         [\"xformOp:translate\"]\n def OpenVDBAsset \"density\" {{\n  token fieldName = \"density\"\n  asset filePath.timeSamples = {{ 1: \
+         @./plume.vdb@, 2: @./cube.vdb@, 3: @./plume.vdb@ }}\n }}\n}}\ndef DistantLight \"sun\" {{\n float inputs:intensity = 3\n float \
+         inputs:angle = 0.5\n bool inputs:normalize = 1\n double xformOp:rotateX = 90\n uniform token[] xformOpOrder = \
+         [\"xformOp:rotateX\"]\n}}\ndef DomeLight \"sky\" {{\n color3f inputs:color = (0.25, 0.5, 0.75)\n}}\n{CAMERA}{more}"
+    )
+}
+
+fn work(text: &str) -> Work {
+    let work = Work::new();
+    for name in ["plume.vdb", "cube.vdb"] {
+        std::fs::copy(fixture(name), work.path(name)).unwrap();
+    }
+    std::fs::write(work.path("stage.usda"), text).unwrap();
+    work
+}
+
+/// A stage gives the pictures of the scene file that says the same, at every frame.
+#[test]
+fn stages_are_rendered_as_scene_files_are() {
+    let work = work(&stage(""));
+    let options = "--size 16x12 --samples 4";
+    let report = work.json(&format!("render stage.usda {options} --frames 1-3 -o one"));
+    assert_eq!((&report["rendered"], &report["failed"]), (&json!(3), &json!([])));
+    let cameras: Value = serde_json::from_slice(&std::fs::read(work.path("one/transforms.json")).unwrap()).unwrap();
+    let z = |frame: usize| cameras["frames"][frame]["transform_matrix"][2][3].as_f64().unwrap();
+    assert_eq!([z(0), z(1), z(2)], [5.0, 7.0, 9.0]);
+    // Without the move, the same as a scene file with the cameras of the stage.
+    let text = stage("").replace("double3 xformOp:translate = (0, 0, 1)", "double3 xformOp:translate = (0, 0, 0)");
+    std::fs::write(work.path("still.usda"), text).unwrap();
+    work.json(&format!("render still.usda {options} --frames 1-2 -o still"));
+    let medium = json!({"density_scale": 4, "albedo": [0.9, 0.9, 0.9], "anisotropy": 0.25});
+    let scene = |vdb: &str| {
+        json!({"volumes": [{"file": vdb, "medium": medium}], "lights": [
+            {"type": "DistantLight", "direction": [0, -1, 0], "irradiance": [3, 3, 3], "angle": 0.5},
+            {"type": "DomeLight", "radiance": [0.25, 0.5, 0.75]}]})
+    };
+    for (number, vdb) in [(1, "plume.vdb"), (2, "cube.vdb")] {
+        std::fs::write(work.path("scene.json"), scene(vdb).to_string()).unwrap();
+        work.json(&format!("render scene.json --cameras still --frames {number} --samples 4 -o scene{number}"));
+        let name = format!("frame.{number:04}.exr");
+        let (a, b) = (work.picture(&format!("still/{name}")), work.picture(&format!("scene{number}/{name}")));
+        // The direction of the sun is off by the rounding of a turn by 90 degrees.
+        let apart =
+            a.rgba.iter().flatten().zip(b.rgba.iter().flatten()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(apart < 1e-4, "{name}: {apart}");
+        assert_ne!(a, work.picture(&format!("one/{name}")), "the volume has moved");
+    }
+    // The first time code without --frames; a size by the aperture; binaries and packages alike.
+    work.json("render stage.usda --samples 4 --size 16x12 -o first");
+    assert_eq!(work.picture("first/view_000.exr"), work.picture("one/frame.0001.exr"));
+    let body = stage("").replace("#usda 1.0\n", "").replace(
+        "asset filePath.timeSamples = { 1: @./plume.vdb@, 2: @./cube.vdb@, 3: @./plume.vdb@ }",
+        "asset filePath = @./plume.vdb@",
+    );
+    std::fs::write(work.path("stage.usdc"), binary(&body)).unwrap();
+    let vdb = std::fs::read(fixture("plume.vdb")).unwrap();
+    std::fs::write(work.path("stage.usdz"), package(&[("root.usdc", &binary(&body)), ("plume.vdb", &vdb)])).unwrap();
+    for name in ["stage.usdc", "stage.usdz"] {
+        work.json(&format!("render {name} --samples 4 --size 16x12 --overwrite -o again"));
+        assert_eq!(work.picture("again/view_000.exr"), work.picture("first/view_000.exr"), "{name}");
+    }
+    let report = work.json("plan stage.usda --size 16x12 --samples 4 --frame 2");
+    assert_eq!((&report["views"], &report["size"]), (&json!(1), &json!([16, 12])));
+    let sized = work.json("plan stage.usda --samples 1");
+    assert_eq!(sized["size"], json!([256, 192]));
+}
+
+#[test]
+fn info_lists_what_a_stage_holds() {
+    let work = work(&stage("def DiskLight \"disk\" {}\ndef Mesh \"table\" {}\n"));
+    std::fs::remove_file(work.path("cube.vdb")).unwrap();
+    let found = &work.json("info stage.usda")["files"][0];
+    assert_eq!(
+        (&found["format"], &found["up_axis"], &found["meters_per_unit"]),
+        (&json!("usd"), &json!("Z"), &json!(1.0))
+    );
+    let volume = &found["volumes"][0];
+    assert_eq!(volume["local_to_world"][2], json!([0.0, 0.0, 1.0, 1.0]));
+    let field = &volume["fields"][0];
+    assert_eq!((&field["role"], &field["samples"], &field["missing"]), (&json!("density"), &json!(3), &json!(1)));
+    assert_eq!(field["missing_files"], json!(["./cube.vdb"]));
+    assert_eq!(found["cameras"][0]["path"], "/rig/camera");
+    assert_eq!(found["lights"].as_array().unwrap().len(), 3);
+    let remarks = found["remarks"].as_array().unwrap();
+    assert!(remarks.len() == 2 && remarks[0].as_str().unwrap().contains("/disk"), "{remarks:?}");
+    let text = work.text("info stage.usda");
+    for line in [
+        "up: Z, meters per unit: 1",
+        "time codes: 1 to 3",
+        "volume /smoke",
+        "missing: 1 file(s): ./cube.vdb",
+        "camera /rig/camera",
+    ] {
+        assert!(text.contains(line), "{line}: {text}");
+    }
+    let out = work.command("validate stage.usda --json").output().unwrap();
+    let report: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!(out.status.code(), Some(1));
+    let findings = report["files"][0]["findings"].as_array().unwrap();
+    assert!(findings.len() == 1 && findings[0]["part"] == "prim /smoke/density", "{findings:?}");
+    // A frame whose file is missing fails; the others are there.
+    let out = work.command("render stage.usda --size 8x6 --samples 1 --frames 1-3 -o some").output().unwrap();
+    assert!(out.status.code() == Some(2) && errors(&out).contains("cube.vdb"), "{}", errors(&out));
+    assert!(errors(&out).contains("remark: light /disk is left out") && work.path("some/frame.0003.exr").exists());
+}
+
+/// The cameras of a stage for another volume, and with pictures as a capture for every command.
+#[test]
+fn stages_are_captures() {
+    let work = work(&stage(""));
+    let report = work.json("render plume.vdb --cameras stage.usda --size 16x12 --density-scale 4 -o shots");
+    assert_eq!(report["views"], 3);
+    for view in 0..3 {
+        std::fs::copy(work.path(&format!("shots/view_00{view}.exr")), work.path(&format!("stage.000{}.exr", view + 1)))
+            .unwrap();
+    }
+    // Pictures beside the stage, by their names.
+    work.json("reconstruct density stage.usda --resolution 8 --iterations 2 -o found.vdb");
+    work.json("capture convert stage.usda --pictures shots/view_###.exr -o capture");
+    let of = |name: &str| -> Value { serde_json::from_slice(&std::fs::read(work.path(name)).unwrap()).unwrap() };
+    let (converted, shots) = (of("capture/transforms.json"), of("shots/transforms.json"));
+    for frame in 0..3 {
+        assert_eq!(converted["frames"][frame]["transform_matrix"], shots["frames"][frame]["transform_matrix"]);
+    }
+    assert_eq!((&converted["w"], &converted["fl_x"]), (&shots["w"], &shots["fl_x"]));
+}
+
+#[test]
+fn what_contradicts_is_refused() {
+    let work = work(&stage("def Camera \"second\" {}\n"));
+    work.refused("render stage.usda -o x", &["/rig/camera, /second", "--camera"]);
+    work.refused("render stage.usda --camera /none -o x", &["/none", "/second"]);
+    work.refused("render stage.usda --camera second --sun 1,1,1 --albedo 0.5 -o x", &["--sun", "stage.usda"]);
+    work.refused("render stage.usda --camera second --density-scale auto -o x", &["auto", "stage.usda"]);
+    work.refused("render plume.vdb --views 1 --camera second -o x", &["cannot be used with"]);
+    work.refused("render plume.vdb -o x", &["--views", "required"]);
+    work.refused("render plume.vdb --cameras stage.usda -o x", &["/second"]);
+    work.refused("capture convert plume.vdb --camera a -o x", &["--camera"]);
+    std::fs::write(work.path("none.usda"), "#usda 1.0\ndef Camera \"c\" {}\n").unwrap();
+    work.refused("render none.usda -o x", &["none.usda", "no prim of type Volume"]);
+    std::fs::write(work.path("bad.usda"), "#usda 1.0\ndef Volume \"v\" {\n float x = (1\n}\n").unwrap();
+    for command in ["info bad.usda", "render bad.usda -o x", "plan bad.usda"] {
+        work.refused(command, &["bad.usda", "line 4"]);
+    }
+    let out = work.command("validate bad.usda").output().unwrap();
+    assert_eq!(out.status.code(), Some(1), "{}", errors(&out));
+}
