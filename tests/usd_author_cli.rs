@@ -6,7 +6,7 @@ mod work;
 
 use cumulo::formats::limits::Limits;
 use cumulo::formats::transforms;
-use cumulo::formats::usd::{Stage, UpAxis, scene};
+use cumulo::formats::usd::{Overrides, Stage, UpAxis, scene};
 use cumulo::scene::light::Light;
 use glam::{DVec3, Vec3};
 use std::fs;
@@ -50,7 +50,7 @@ fn a_volume_has_its_grids_medium_and_box() {
     assert_eq!(field.value("filePath", 0.0).unwrap().asset().unwrap().authored, "./plume.vdb");
 
     // Read as a scene it is the medium of the options.
-    let read = scene::load(&stage, 0.0, Limits::default(), None).unwrap();
+    let read = scene::load(&stage, 0.0, Limits::default(), &Overrides::default()).unwrap();
     let medium = &read.volumes[0].medium;
     let scattering = medium.scattering.unwrap();
     assert_eq!((medium.extinction, medium.color), (2.5, [1.0, 0.5, 0.25]));
@@ -149,7 +149,7 @@ fn cameras_and_lights_read_back() {
         assert!((ratio * 24.0 / frame.camera.focal.x - 1.0).abs() < 1e-6);
         assert_eq!(prim.tuple::<2>("cumulo:resolution", 0.0), Some([24.0, 16.0]));
     }
-    let read = scene::load(&stage, 0.0, Limits::default(), None).unwrap();
+    let read = scene::load(&stage, 0.0, Limits::default(), &Overrides::default()).unwrap();
     let [Light::Sun { direction, irradiance, angle }] = read.lights[..] else { panic!("{:?}", read.lights) };
     assert!(direction.abs_diff_eq(DVec3::new(-1.0, 0.6, 0.7).normalize(), 1e-9), "{direction}");
     assert!(irradiance.abs_diff_eq(Vec3::new(9.0, 7.4, 5.6), 1e-5), "{irradiance}");
@@ -224,7 +224,7 @@ fn scene_files_become_stages() {
 
 fn cumulo_lights(stage: &Stage) -> Vec<Light> {
     let limits = Limits::default();
-    let lights = scene::load(stage, 0.0, limits, None).unwrap().lights;
+    let lights = scene::load(stage, 0.0, limits, &Overrides::default()).unwrap().lights;
     assert_eq!(lights.len(), 3);
     lights
 }
