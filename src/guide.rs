@@ -9,6 +9,7 @@
 //! | [Scattering](scattering) | How do I render smoke and clouds that scatter light? |
 //! | [USD stages](usd) | How do I render a stage from Blender or Houdini, and what is read of it? |
 //! | [Denoising](denoising) | How do I take the noise out of a sequence, from Cumulo or from Blender? |
+//! | [Stages](usd_authoring) | How do I write a USD stage of my volumes, and what is wrong with one? |
 //! | [Planning](planning) | Which effects of light are simulated, what do they cost, and what may be left out? |
 //! | [Reconstruction](reconstruction) | How do I find densities, transfer functions, colors, poses and viewpoints? |
 //! | [Gradients](gradients) | Which derivatives are there, and how are they checked? |
@@ -65,3 +66,6 @@ pub mod transfer_functions {}
 
 #[doc = include_str!("guide/usd.md")]
 pub mod usd {}
+
+#[doc = include_str!("guide/usd-authoring.md")]
+pub mod usd_authoring {}

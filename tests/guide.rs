@@ -26,11 +26,18 @@ const PAGES: &[&str] = &[
     "src/guide/planning.md",
     "src/guide/python.md",
     "src/guide/transfer-functions.md",
+    "src/guide/usd-authoring.md",
     "src/guide/usd.md",
 ];
 
 /// Volumes that the pages name and the reader brings.
-const VOLUMES: [(&str, &str); 2] = [("smoke.vdb", "plume.vdb"), ("head.vdb", "plume.vdb")];
+const VOLUMES: [(&str, &str); 5] = [
+    ("smoke.vdb", "plume.vdb"),
+    ("head.vdb", "plume.vdb"),
+    ("smoke.0001.vdb", "plume.vdb"),
+    ("smoke.0002.vdb", "cube.vdb"),
+    ("smoke.0003.vdb", "plume.vdb"),
+];
 
 /// Commands that other programs run or have to precede. They are not run here: `make demo`, `tests/examples.rs` and Python's
 /// tests do that.
@@ -52,6 +59,7 @@ const OTHERS: &[&str] = &[
     "sudo apt-get install libopenvdb-dev libboost-dev libclang-dev g++",
     "cargo install --path . --locked",
     "cargo doc --open",
+    "usdview smoke.usda",
     "cargo run --release --example load_and_render -- smoke.vdb view.exr",
     "cargo run --release --example gradient_of_a_picture -- smoke.vdb",
     "cargo run --release --example reconstruct -- shots found.vdb",
@@ -226,6 +234,11 @@ fn scattering() {
 #[test]
 fn transfer_functions() {
     assert!(run("src/guide/transfer-functions.md") >= 5);
+}
+
+#[test]
+fn usd_authoring() {
+    assert!(run("src/guide/usd-authoring.md") >= 9);
 }
 
 #[test]

@@ -27,6 +27,7 @@ pub mod schema;
 pub mod task;
 pub mod transfer;
 pub mod try_grid;
+pub mod usd;
 pub mod validate;
 mod values;
 pub mod viewpoint;
@@ -87,6 +88,8 @@ enum Command {
     Transfer(transfer::TransferCommand),
     #[command(name = crate::formats::vdb::helper::SUBCOMMAND, hide = true)]
     TryGrid(try_grid::TryGrid),
+    #[command(subcommand)]
+    Usd(usd::UsdCommand),
     Viewpoint(viewpoint::Viewpoint),
 }
 
@@ -111,6 +114,7 @@ impl Command {
             Self::Schema(_) => return Limits::default().max_memory,
             Self::Transfer(c) => c.memory,
             Self::TryGrid(c) => return c.max_memory,
+            Self::Usd(c) => c.memory(),
             Self::Viewpoint(c) => c.memory,
         };
         memory.limits().max_memory
@@ -181,6 +185,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Command::Schema(c) => c.run(&output),
         Command::Transfer(c) => c.run(&output),
         Command::TryGrid(c) => Ok(c.run()),
+        Command::Usd(c) => c.run(&output),
         Command::Viewpoint(c) => c.run(&output),
     }
 }

@@ -22,6 +22,8 @@ pub enum Content {
     Exr,
     /// Array of NumPy.
     Npy,
+    /// USD stage as text.
+    UsdText,
 }
 
 impl Content {
@@ -34,6 +36,7 @@ impl Content {
             Self::Png => ("png", "a PNG"),
             Self::Exr => ("exr", "an OpenEXR picture"),
             Self::Npy => ("npy", "an array"),
+            Self::UsdText => ("usda", "a USD stage as text"),
         }
     }
 }
@@ -142,7 +145,7 @@ fn written_by(json: &Path) -> Option<String> {
 
 /// Returns true if two command lines have the same words after the program's name, which may be written in several
 /// ways.
-fn same_command(a: &str, b: &str) -> bool {
+pub fn same_command(a: &str, b: &str) -> bool {
     let words = |text: &str| text.split_once(' ').map(|(_, rest)| rest.to_owned());
     words(a) == words(b)
 }

@@ -48,7 +48,7 @@ struct Described {
 
 /// Error that kept one of several files from being read.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct Failure {
+pub(in crate::cli) struct Failure {
     /// Grid, layer or frame that the error concerns; none if it is the whole file.
     part: Option<String>,
     what: String,
@@ -58,7 +58,7 @@ pub(super) struct Failure {
 
 impl Failure {
     /// Creates the report's entry for an error, and prints the error on standard error.
-    pub(super) fn new(error: &Error) -> Self {
+    pub(in crate::cli) fn new(error: &Error) -> Self {
         let _ = writeln!(std::io::stderr().lock(), "cumulo: {error}");
         let (part, remedy) = (error.place().map(str::to_owned), error.remedy().map(str::to_owned));
         Self { part, what: error.what().to_owned(), remedy }

@@ -5,7 +5,7 @@ mod frames;
 mod options;
 mod planning;
 mod renderer;
-mod scattering;
+pub(super) mod scattering;
 mod stage;
 mod subject;
 

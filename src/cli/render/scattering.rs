@@ -20,7 +20,7 @@ use std::sync::Arc;
 
 /// Light from all around.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Sky {
+pub(in crate::cli) enum Sky {
     /// Radiance that is the same from all directions.
     Color([f32; 3]),
     /// Equirectangular picture.

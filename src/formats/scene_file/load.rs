@@ -54,6 +54,27 @@ pub struct LoadedScene {
     pub remarks: Vec<String>,
 }
 
+/// Reads a scene file alone, without the files that it names.
+///
+/// # Errors
+/// If the file cannot be read, a key is missing or unknown, there is no volume, or the values do not fit into `limits`.
+pub fn read(path: &Path, limits: Limits) -> Result<SceneFile> {
+    let text = input::bytes(path, MAX_BYTES, "a scene")?;
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
+    input::check_json_memory(text, limits).map_err(|e| e.at(path))?;
+    let file: SceneFile = serde_json::from_slice(text).map_err(|e| {
+        Error::invalid(format!("no scene: {e}"))
+            .at(path)
+            .hint("`cumulo schema scene` prints what a scene file may hold")
+    })?;
+    if file.volumes.is_empty() {
+        return Err(Error::invalid("'volumes' is empty; at least one is needed")
+            .at(path)
+            .hint("list the volumes: {\"volumes\": [{\"file\": \"smoke.vdb\"}]}"));
+    }
+    Ok(file)
+}
+
 /// Reads a scene file with its volumes and transfer functions, sequences of volumes at a frame.
 ///
 /// # Errors
@@ -61,21 +82,9 @@ pub struct LoadedScene {
 /// error names the file, and the volume or light.
 pub fn load_within(path: &Path, frame: Option<u32>, limits: Limits) -> Result<LoadedScene> {
     let _reading = Reading::begin(path);
-    let text = input::bytes(path, MAX_BYTES, "a scene")?;
-    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
     let part = |part: String| move |e: Error| e.part(part.clone()).at(path);
-    input::check_json_memory(text, limits).map_err(|e| e.at(path))?;
-    let file: SceneFile = serde_json::from_slice(text).map_err(|e| {
-        Error::invalid(format!("no scene: {e}"))
-            .at(path)
-            .hint("`cumulo schema scene` prints what a scene file may hold")
-    })?;
+    let file = read(path, limits)?;
     let Some(folder) = path.parent() else { return Err(Error::invalid("no file").at(path)) };
-    if file.volumes.is_empty() {
-        return Err(Error::invalid("'volumes' is empty; at least one is needed")
-            .at(path)
-            .hint("list the volumes: {\"volumes\": [{\"file\": \"smoke.vdb\"}]}"));
-    }
     let mut scene = LoadedScene::default();
     let mut volume = |(i, entry): (usize, &VolumeEntry)| {
         // What lies in another file is blamed on that file.

@@ -13,7 +13,7 @@
 
 mod load;
 
-pub use load::{LoadedScene, SceneVolume, environment_map, load_within, medium};
+pub use load::{LoadedScene, SceneVolume, environment_map, load_within, medium, read};
 
 use crate::error::Result;
 use crate::math::Affine;
@@ -235,7 +235,7 @@ pub enum LightEntry {
 
 impl LightEntry {
     /// Returns the light; `None` for light from all around.
-    fn light(&self) -> Option<Light> {
+    pub fn light(&self) -> Option<Light> {
         let point = DVec3::from_array;
         let color = Vec3::from_array;
         match *self {

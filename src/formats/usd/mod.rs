@@ -19,7 +19,9 @@ mod attribute;
 mod camera;
 mod capture;
 mod convert;
+pub mod fields;
 mod light;
+pub mod lint;
 mod medium;
 mod metadata;
 mod prim;
@@ -32,6 +34,7 @@ mod summary;
 mod text;
 mod value;
 mod volume;
+pub mod write;
 mod xform;
 
 pub use attribute::Attribute;

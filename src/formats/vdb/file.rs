@@ -172,14 +172,19 @@ impl File {
     pub fn read_fog(&self, name: Option<&str>) -> Result<Grid> {
         let name = match name {
             Some(n) => n.to_owned(),
-            None => self.default_density()?,
+            None => self.density_name()?,
         };
         let grid = self.read_grid(&name)?;
         super::require_fog(&grid).map_err(|e| e.at(&self.path))?;
         Ok(grid)
     }
 
-    fn default_density(&self) -> Result<String> {
+    /// Returns the name of the grid that is taken for the density unless one is named: `density`, else the only float or
+    /// double grid that is no confidence grid.
+    ///
+    /// # Errors
+    /// If there is no such grid or more than one; the error lists the grids.
+    pub fn density_name(&self) -> Result<String> {
         let entries = self.entries();
         if entries.iter().any(|e| e.base_name == "density") {
             return self.find("density").map(|e| e.name.clone());

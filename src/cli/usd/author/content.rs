@@ -1,0 +1,171 @@
+//! What a stage is to hold: volumes with their media, and lights, from options or from a scene file.
+
+use super::Author;
+use crate::cli::render::scattering::Sky;
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
+use crate::formats::scene_file::{self, LightEntry, MediumEntry, VolumeEntry};
+use crate::formats::transfer;
+use crate::formats::{self, Format};
+use crate::scene::light::Light;
+use crate::scene::transfer::Transfer;
+use std::path::{Path, PathBuf};
+
+/// Name of the part of densities, by which shaders look them up.
+pub(super) const DENSITY: &str = "density";
+
+/// A volume by its file or sequence, and its medium.
+pub(super) struct Source {
+    /// VDB file, or pattern of a sequence.
+    pub file: PathBuf,
+    /// Grids that play a part, as far as they are named, by the part's name.
+    pub parts: Vec<(&'static str, String)>,
+    pub medium: MediumEntry,
+    /// Transfer function of the medium.
+    pub transfer: Option<PathBuf>,
+}
+
+/// Content of a stage but its cameras.
+pub(super) struct Content {
+    pub volumes: Vec<Source>,
+    /// Lights, each with its picture.
+    pub lights: Vec<(LightEntry, Option<PathBuf>)>,
+}
+
+impl Author {
+    /// Returns the content that a scene file or the options describe.
+    ///
+    /// # Errors
+    /// If the scene file or a transfer function cannot be read, or a medium or light cannot be used.
+    pub(super) fn content(&self, limits: Limits) -> Result<Content> {
+        let is_scene = self.input.is_file() && formats::sniff(&self.input)? == Format::Capture;
+        let content = if is_scene { self.of_scene_file(limits)? } else { self.of_options()? };
+        for source in &content.volumes {
+            check_medium(source, limits)?;
+        }
+        content.lights.iter().try_for_each(|(light, _)| check_light(light))?;
+        Ok(content)
+    }
+
+    fn of_options(&self) -> Result<Content> {
+        let medium = MediumEntry {
+            density_scale: self.density_scale.unwrap_or(1.0),
+            albedo: self.albedo.unwrap_or_default(),
+            anisotropy: self.anisotropy.unwrap_or_default(),
+            extinction_color: self.extinction_color.unwrap_or([1.0; 3]),
+            emission: self.emission,
+            transfer: self.tf.clone(),
+            ..MediumEntry::default()
+        };
+        let sun = self.sun.map(|direction| LightEntry::DistantLight {
+            direction: direction.to_array(),
+            irradiance: self.sun_color,
+            angle: self.sun_angle,
+        });
+        let (radiance, texture) = match &self.sky {
+            None => (None, None),
+            Some(Sky::Color(radiance)) => (Some(*radiance), None),
+            Some(Sky::File(file)) => (Some([1.0; 3]), Some(file.clone())),
+        };
+        let sky = radiance.map(|radiance| (LightEntry::DomeLight { radiance, texture: texture.clone() }, texture));
+        let lights = sun.map(|sun| (sun, None)).into_iter().chain(sky).collect();
+        let transfer = medium.transfer.clone();
+        let parts = self.density.iter().map(|grid| (DENSITY, grid.clone())).collect();
+        let volume = Source { file: self.input.clone(), parts, medium, transfer };
+        Ok(Content { volumes: vec![volume], lights })
+    }
+
+    fn of_scene_file(&self, limits: Limits) -> Result<Content> {
+        self.check_alone()?;
+        let scene = scene_file::read(&self.input, limits)?;
+        let folder = self.input.parent().unwrap_or(Path::new(""));
+        let volume = |(i, entry): (usize, VolumeEntry)| {
+            let named = |e: Error| e.part(format!("volume {i}")).at(&self.input);
+            let parts = parts(&entry).map_err(named)?;
+            if let Some(fps) = entry.velocity.as_ref().map(|velocity| velocity.fps).filter(|fps| *fps != self.fps) {
+                return Err(named(
+                    Error::unsupported(format!("velocities at {fps} frames a second, in a stage of {}", self.fps))
+                        .hint(format!("a stage has one rate for both: give --fps {fps}")),
+                ));
+            }
+            let transfer = entry.medium.transfer.as_ref().map(|tf| folder.join(tf));
+            Ok(Source { file: folder.join(&entry.file), parts, medium: entry.medium, transfer })
+        };
+        let light = |entry: LightEntry| match &entry {
+            LightEntry::DomeLight { texture: Some(texture), .. } => {
+                let texture = folder.join(texture);
+                (entry, Some(texture))
+            }
+            _ => (entry, None),
+        };
+        Ok(Content {
+            volumes: scene.volumes.into_iter().enumerate().map(volume).collect::<Result<_>>()?,
+            lights: scene.lights.into_iter().map(light).collect(),
+        })
+    }
+
+    /// Refuses options that a scene file states itself.
+    fn check_alone(&self) -> Result<()> {
+        let given = [
+            ("--density", self.density.is_some()),
+            ("--density-scale", self.density_scale.is_some()),
+            ("--albedo", self.albedo.is_some()),
+            ("--anisotropy", self.anisotropy.is_some()),
+            ("--extinction-color", self.extinction_color.is_some()),
+            ("--emission", self.emission.is_some()),
+            ("--tf", self.tf.is_some()),
+            ("--sun", self.sun.is_some()),
+            ("--sky", self.sky.is_some()),
+        ];
+        match given.iter().find(|(_, given)| *given) {
+            Some((option, _)) => {
+                Err(Error::invalid(format!("{option}: the scene file states its own media and lights"))
+                    .at(&self.input)
+                    .hint(format!("leave {option} out, or give the VDB itself")))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// Returns the grids of a volume that play a part.
+///
+/// # Errors
+/// If a grid plays two, which no stage can say.
+fn parts(entry: &VolumeEntry) -> Result<Vec<(&'static str, String)>> {
+    let medium = &entry.medium;
+    let named = [
+        (DENSITY, entry.grid.clone()),
+        ("flame", medium.emission_grid.as_ref().map(|e| e.grid.clone())),
+        ("temperature", medium.blackbody.as_ref().map(|e| e.grid.clone())),
+        ("velocity", entry.velocity.as_ref().map(|e| e.grid.clone())),
+    ];
+    let parts: Vec<_> = named.into_iter().filter_map(|(part, grid)| Some((part, grid?))).collect();
+    for (i, (part, grid)) in parts.iter().enumerate() {
+        if let Some((before, _)) = parts[..i].iter().find(|(_, other)| other == grid) {
+            return Err(Error::unsupported(format!("grid '{grid}' is both {before} and {part}"))
+                .hint("a field of a stage plays one part: copy the grid under another name with `cumulo convert`"));
+        }
+    }
+    Ok(parts)
+}
+
+fn check_medium(source: &Source, limits: Limits) -> Result<()> {
+    let load = |path: &PathBuf| {
+        let options = transfer::Options { limits, ..transfer::Options::default() };
+        transfer::load(path, &options).map(|loaded| loaded.transfer)
+    };
+    let transfer: Option<Transfer> = source.transfer.as_ref().map(load).transpose()?;
+    let at = |e: Error| e.at(source.transfer.as_ref().unwrap_or(&source.file));
+    scene_file::medium(&source.medium, transfer.as_ref()).map(drop).map_err(at)
+}
+
+fn check_light(light: &LightEntry) -> Result<()> {
+    if let LightEntry::DomeLight { radiance, .. } = light
+        && !radiance.iter().all(|v| v.is_finite() && *v >= 0.0)
+    {
+        return Err(Error::invalid(format!("a DomeLight's radiance {radiance:?} must be finite and not negative"))
+            .hint("correct 'radiance'"));
+    }
+    light.light().map(Light::checked).transpose().map(drop)
+}
