@@ -12,8 +12,9 @@ matplotlib (`pip install cumulo[plots]`), `testing` is a pytest plugin for rende
 
 `capture` reads and writes multi-view captures, `exr` pictures and `transfer` transfer functions.
 Modules that need Blender's `bpy` or what comes with it (`pip install cumulo[blender]`): `blender`
-renders volumes with Cycles, `noise` measures how noisy its pictures are, `padding` surrounds volumes
-with the empty voxels that Cycles needs.
+renders volumes with Cycles by the parts in `cycles`, `bpy_scene` turns Blender's scenes into scene files
+and captures, `noise` measures how noisy pictures of Cycles are, `padding` surrounds volumes with the
+empty voxels that Cycles needs.
 """
 
 from . import reconstruct

@@ -56,7 +56,8 @@ def volume(vdb: Path, camera: Any, settings: Any, *, grid: str = "density", name
     # What sets the scene up is an input as well.
     here = pathlib.Path(__file__).resolve().parents[1]
     sky = _fields(settings).get("sky_file")
-    files = [vdb, here / "blender.py", here / "padding.py", *([sky] if sky else [])]
+    parts = sorted((here / "cycles").glob("*.py"))
+    files = [vdb, here / "blender.py", here / "padding.py", *parts, *([sky] if sky else [])]
     described = {"camera": plain(camera), "settings": {k: v for k, v in plain(settings).items() if k != "sky_file"}, "grid": grid}
     return Reference(name or pathlib.Path(vdb).stem, render, files, described)
 

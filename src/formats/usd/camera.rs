@@ -9,7 +9,7 @@ use super::prim::Prim;
 use super::stage::Stage;
 use crate::error::{Error, Result};
 use crate::scene::camera::{Camera, Projection};
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 
 /// Stage units for a unit of the aperture.
 const APERTURE_UNIT: f64 = 0.1;
@@ -138,15 +138,6 @@ impl Stage {
         ];
         let remark = |(on, what): (bool, &str)| on.then(|| format!("camera {}: {what}", camera.path));
         told.into_iter().filter_map(remark).collect()
-    }
-
-    /// Returns a remark if a point lies beyond the far plane of a camera, which has no effect.
-    pub fn beyond_far_plane(&self, camera: &Prim, time: f64, view: &Camera, points: &[DVec3]) -> Option<String> {
-        let far = camera.tuple::<2>("clippingRange", time)?[1];
-        let depth = |point: &DVec3| (*point - view.position()).dot(view.forward());
-        points.iter().any(|point| depth(point) > far).then(|| {
-            format!("camera {}: its far plane at {far} has no effect, and the volumes reach beyond it", camera.path)
-        })
     }
 
     /// Names the stage and a prim in an error.

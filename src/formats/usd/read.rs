@@ -142,7 +142,7 @@ impl Reader {
             "Z" => Some(UpAxis::Z),
             _ => None,
         });
-        let default_prim = field("defaultPrim").and_then(|name| name.text().map(|name| absolute(name)));
+        let default_prim = field("defaultPrim").and_then(|name| name.text().map(absolute));
         StageMetadata {
             default_prim,
             up_axis,

@@ -136,7 +136,7 @@ impl Resolver for Bounded {
             Ok(bytes) => Ok(Box::new(Cursor::new(bytes))),
             Err(error) => {
                 let mut met = self.met.borrow_mut();
-                let error = error.at(path.to_path_buf());
+                let error = error.at(path);
                 let text = error.to_string().replace("\n  ", "; ");
                 if !met.faults.iter().any(|fault| fault.path() == error.path()) {
                     met.faults.push(error);

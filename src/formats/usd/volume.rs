@@ -46,8 +46,8 @@ impl Field {
     }
 }
 
-/// Returns the role of a field by its names, that of the grid first.
-fn role(grid: &str, name: &str) -> Role {
+/// Returns the role of a field by the name of its relationship, which shaders read it by, else by the name of its grid.
+fn role(name: &str, grid: &str) -> Role {
     let of = |name: &str| match name.to_ascii_lowercase().as_str() {
         "density" | "smoke" | "extinction" => Role::Density,
         "temperature" | "temp" => Role::Temperature,
@@ -55,8 +55,8 @@ fn role(grid: &str, name: &str) -> Role {
         "velocity" | "velocities" | "vel" | "v" => Role::Velocity,
         _ => Role::Other,
     };
-    match of(grid) {
-        Role::Other => of(name),
+    match of(name) {
+        Role::Other => of(grid),
         role => role,
     }
 }
@@ -84,7 +84,7 @@ impl Stage {
                 type_name: prim.map(|prim| prim.type_name.clone()).unwrap_or_default(),
                 file: value("filePath").and_then(|v| v.asset().cloned()).filter(|file| !file.authored.is_empty()),
                 index: value("fieldIndex").and_then(|v| v.int()),
-                role: role(&grid, name),
+                role: role(name, &grid),
                 grid,
             }
         };
@@ -103,9 +103,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn roles_follow_the_grids_names_first() {
+    fn roles_follow_the_names_of_relationships_first() {
         assert_eq!(role("density", "temperature"), Role::Density);
         assert_eq!(role("grid0", "Density"), Role::Density);
+        assert_eq!(role("density", "heat"), Role::Density);
         assert_eq!(role("vel", "x"), Role::Velocity);
         assert_eq!(role("a", "b"), Role::Other);
     }
