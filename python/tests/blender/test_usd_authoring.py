@@ -10,6 +10,8 @@ import numpy as np
 import reference
 from cumulo import blender
 from cumulo.capture import Camera, Capture, look_at
+from cumulo.cycles.materials import medium_material
+from cumulo.cycles.stage import empty_scene, prepare_scene, quiet
 from cumulo.exr import read_exr
 from mathutils import Vector
 
@@ -19,7 +21,7 @@ FRAMES = ("plume", "cube", "slab")
 
 def imported(stage):
     """Imports a stage into the current scene; the volume's object."""
-    with blender._quiet():
+    with quiet():
         assert bpy.ops.wm.usd_import(filepath=str(stage)) == {"FINISHED"}
     volume, = (thing for thing in bpy.data.objects if thing.type == "VOLUME")
     return volume
@@ -31,7 +33,7 @@ def test_a_sequence_lands_frame_by_frame(cumulo, fixtures, tmp_path):
     cumulo("usd", "author", tmp_path / "smoke.####.vdb", "-o", tmp_path / "smoke.usda")
     # Where Blender puts the VDBs themselves: the boxes of their blocks of 8³ voxels.
     boxes = [blender.where(fixtures / f"{name}.vdb")["box"] for name in FRAMES]
-    with blender._quiet():
+    with quiet():
         bpy.ops.wm.read_factory_settings(use_empty=True)
     volume = imported(tmp_path / "smoke.usda")
     scene = bpy.context.scene
@@ -53,7 +55,7 @@ def test_stages_of_blender_are_clean(cumulo, fixtures, tmp_path):
     """Nothing is wrong with what Blender's exporter writes; a frame that is deleted is missed."""
     for number, name in enumerate(FRAMES, 1):
         shutil.copy(fixtures / f"{name}.vdb", tmp_path / f"smoke.{number:04}.vdb")
-    with blender._quiet():
+    with quiet():
         bpy.ops.wm.read_factory_settings(use_empty=True)
         bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
         bpy.ops.object.volume_import(
@@ -77,16 +79,17 @@ def test_a_volume_looks_the_same(cumulo, fixtures, tmp_path):
     settings = blender.Settings(density_scale=3.0, unbiased=True, samples=64)
     Capture([(VIEW, tmp_path / "view.exr")], model="absorption", density_scale=3.0).write(tmp_path / "transforms.json")
     cumulo("usd", "author", tmp_path / "plume.vdb", "--camera", tmp_path / "transforms.json", "-o", tmp_path / "plume.usda")
-    scene = blender._new_scene(settings)
+    scene = empty_scene()
+    prepare_scene(scene, settings)
     volume = imported(tmp_path / "plume.usda")
     volume.data.render.precision, volume.data.render.clipping, volume.data.render.space = "FULL", 0.0, "WORLD"
-    volume.data.materials.append(blender._material(settings, "density"))
+    volume.data.materials.append(medium_material(settings, "density"))
     scene.camera, = (thing for thing in bpy.data.objects if thing.type == "CAMERA")
     scene.render.resolution_x, scene.render.resolution_y = VIEW.width, VIEW.height
 
     def transmittance(seed):
         scene.cycles.seed = seed
-        with tempfile.TemporaryDirectory() as folder, blender._quiet():
+        with tempfile.TemporaryDirectory() as folder, quiet():
             scene.render.filepath = str(pathlib.Path(folder) / "film.exr")
             bpy.ops.render.render(write_still=True)
             return 1 - read_exr(scene.render.filepath)[..., 3]

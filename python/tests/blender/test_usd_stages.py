@@ -11,6 +11,9 @@ import reference
 from cumulo import blender, padding
 from cumulo.blender import Rectangle, Settings, Sphere, Sun
 from cumulo.capture import Camera, Capture, look_at
+from cumulo.cycles.materials import medium_material
+from cumulo.cycles.objects import place_camera
+from cumulo.cycles.stage import empty_scene, prepare_scene, quiet
 from cumulo.exr import read_exr, write_exr
 
 from pxr import Usd, UsdUtils  # noqa: E402  Blender's own, which `cumulo.blender` brings
@@ -79,9 +82,9 @@ def test_stages_of_blender(fixtures, cumulo, tmp_path, name):
         stage.scene.frame_start, stage.scene.frame_end = 1, 2
     stage.scene.frame_set(2)
     theirs = [stage.film(VIEW, seed).astype(np.float64) for seed in (1, 2)]
-    camera = blender._place_camera(VIEW, 0.01)
+    camera = place_camera(stage.scene, VIEW, 0.01)
     path = tmp_path / f"stage.{suffix}"
-    with blender._quiet():
+    with quiet():
         bpy.ops.wm.usd_export(filepath=str(path), export_animation=animated)
     bpy.data.cameras.remove(camera.data)
     if suffix == "usda" and animated:
@@ -177,21 +180,22 @@ def stages(vdb):
 def by_blender(stage, settings, meters, frame, seeds):
     """Pictures of a stage that Blender imports, its volumes of a medium as `settings` say in units of the stage."""
     in_meters = dataclasses.replace(settings, density_scale=settings.density_scale / meters)
-    scene = blender._new_scene(in_meters)
-    with blender._quiet():
+    scene = empty_scene()
+    prepare_scene(scene, in_meters)
+    with quiet():
         bpy.ops.wm.usd_import(filepath=str(stage))
     scene.camera = next(thing for thing in bpy.data.objects if thing.type == "CAMERA")
     for thing in bpy.data.objects:
         if thing.type == "VOLUME":
             thing.data.render.precision, thing.data.render.space, thing.data.render.clipping = "FULL", "WORLD", 0.0
             thing.data.materials.clear()
-            thing.data.materials.append(blender._material(in_meters, "density"))
+            thing.data.materials.append(medium_material(in_meters, "density"))
     scene.render.resolution_x, scene.render.resolution_y = WIDTH, HEIGHT
     scene.frame_set(frame or 0)
     pictures = []
     for seed in seeds:
         scene.cycles.seed = seed
-        with blender._quiet():
+        with quiet():
             scene.render.filepath = str(pathlib.Path(stage).with_name("film.exr"))
             bpy.ops.render.render(write_still=True)
         pictures.append(read_exr(scene.render.filepath).astype(np.float64))
