@@ -291,7 +291,8 @@ fn lights_of_blender_are_read_as_it_writes_them() {
     let (lights, _, remarks) = light(sun, "(\n doc = \"Blender v5.0.1\"\n)");
     let Light::Sun { irradiance, angle, .. } = lights[0] else { unreachable!() };
     assert_eq!(irradiance, Vec3::splat(3.0));
-    assert!((angle.to_degrees() - 0.53).abs() < 1e-9);
+    // Twice 0.265 in single precision.
+    assert!((angle.to_degrees() - 0.53).abs() < 1e-6);
     assert!(remarks.len() == 1 && remarks[0].contains("Blender v5.0.1"), "{remarks:?}");
     let (lights, _, _) = light(sun, "");
     let Light::Sun { irradiance, .. } = lights[0] else { unreachable!() };
@@ -470,6 +471,19 @@ fn stages_that_cannot_be_shown_say_why() {
     assert!(error.contains("deep.usda") && error.contains("nested"), "{error}");
 }
 
+/// Returns the error of the program about a stage, whose allocator reports what damaged tables ask for.
+fn refusal(stage: &Path) -> Option<String> {
+    let program = env!("CARGO_BIN_EXE_cumulo");
+    let out =
+        std::process::Command::new(program).arg("info").arg(stage).args(["--max-memory", "256M"]).output().unwrap();
+    let text = String::from_utf8(out.stderr).unwrap();
+    match out.status.code() {
+        Some(0) => None,
+        Some(2) => Some(text),
+        code => panic!("{code:?}: {text}"),
+    }
+}
+
 /// More than 200 stages that cannot be whole: each gives an error that names the file and a remedy, and none a panic.
 /// Others, with bytes turned over, may be read or not.
 #[test]
@@ -486,11 +500,12 @@ fn damaged_stages_are_refused() {
     let mut expect = |name: &str, bytes: &[u8], must: bool| {
         let path = stages.path(name);
         std::fs::write(&path, bytes).unwrap();
-        match open(&path) {
-            Ok(_) => assert!(!must, "{name} of {} bytes is read", bytes.len()),
-            Err(error) => {
-                let shown = error.to_string();
-                assert!(shown.contains(name) && error.remedy().is_some() && shown.len() < 2000, "{shown}");
+        let error = if name.ends_with("usda") { open(&path).err().map(|e| e.to_string()) } else { refusal(&path) };
+        match error {
+            None => assert!(!must, "{name} of {} bytes is read", bytes.len()),
+            Some(shown) => {
+                let lines = shown.lines().count();
+                assert!(shown.contains(name) && lines == 2 && shown.len() < 2000, "{shown}");
                 refused += 1;
             }
         }

@@ -43,9 +43,22 @@ pub enum Format {
     Unknown,
 }
 
-/// Detects the format by the first bytes; the name matters for COLMAP's
-/// models and USD's stages alone. A folder counts as a capture, and its
-/// reader decides whether it holds one.
+impl Format {
+    /// Returns the format in words, with an article.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Vdb => "an OpenVDB file",
+            Self::NanoVdb => "a NanoVDB file",
+            Self::Exr => "an OpenEXR picture",
+            Self::Capture => "a capture, a scene file or a folder",
+            Self::Usd => "a USD stage",
+            Self::Unknown => "a file of no known kind",
+        }
+    }
+}
+
+/// Detects the format by the first bytes; the name matters for COLMAP's models and USD's stages alone. A folder counts as a
+/// capture, and its reader decides whether it holds one.
 ///
 /// # Errors
 /// If the path is no regular file (a device, a FIFO, a socket), or cannot be read.

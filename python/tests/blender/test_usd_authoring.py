@@ -15,6 +15,8 @@ from cumulo.cycles.stage import empty_scene, prepare_scene, quiet
 from cumulo.exr import read_exr
 from mathutils import Vector
 
+import openvdb  # noqa: E402  Blender's own, which `cumulo.blender` brings
+
 VIEW = Camera(look_at((3.4, 2.4, 3.1), (1, 1, 1), (0, 0, 1)), 80.0, 80.0, 30.0, 26.0, 64, 48)
 FRAMES = ("plume", "cube", "slab")
 
@@ -72,6 +74,19 @@ def test_stages_of_blender_are_clean(cumulo, fixtures, tmp_path):
     (tmp_path / "smoke.0002.vdb").unlink()
     report = cumulo("usd", "lint", tmp_path / "blender.usda")
     assert [finding["id"] for finding in report["stages"][0]["findings"]] == ["missing-frame"]
+
+
+def test_grids_of_one_name_are_told_by_their_index(cumulo, tmp_path):
+    grids = []
+    for corner in ((0, 0, 0), (20, 3, -4)):
+        grid = openvdb.FloatGrid()
+        grid.name, grid.gridClass = "density", openvdb.GridClass.FOG_VOLUME
+        grid.fill(corner, tuple(c + 5 for c in corner), 1.0)
+        grids.append(grid)
+    openvdb.write(str(tmp_path / "pair.vdb"), grids=grids)
+    cumulo("usd", "author", tmp_path / "pair.vdb", "-o", tmp_path / "pair.usda")
+    report = cumulo("usd", "lint", tmp_path / "pair.usda")
+    assert report["clean"] and report["stages"][0]["findings"] == []
 
 
 def test_a_volume_looks_the_same(cumulo, fixtures, tmp_path):

@@ -38,7 +38,11 @@ impl PictureOptions {
         };
         let limits = self.memory.limits();
         let stage = match &self.cameras {
-            Some(path) => (formats::sniff(path)? == Format::Usd).then(|| Stage::open(path, limits)),
+            // Paths that cannot be read are those of captures, whose errors say what is looked for.
+            Some(path) => {
+                let is_stage = formats::sniff(path).is_ok_and(|format| format == Format::Usd);
+                is_stage.then(|| Stage::open(path, limits))
+            }
             None if self.views.is_none() && self.shows_stage()? => Some(self.stage(limits)),
             None => None,
         };

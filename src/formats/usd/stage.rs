@@ -8,6 +8,7 @@ use super::{read, xform};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::temporary::TemporaryFolder;
+use crate::formats::{Format, sniff};
 use glam::DMat4;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -43,6 +44,12 @@ impl Stage {
     /// If the root layer cannot be read or parsed, or the stage has more than a million prims or no prim at all. The error
     /// names the file, and the line where it is known.
     pub fn open(path: &Path, limits: Limits) -> Result<Self> {
+        let format = sniff(path)?;
+        if !matches!(format, Format::Usd | Format::Unknown) {
+            return Err(Error::unsupported(format!("a USD stage is expected, and this is {}", format.name()))
+                .at(path)
+                .hint("give a .usda, .usdc, .usd or .usdz; `cumulo usd author` writes a stage of a VDB"));
+        }
         let read::Composed { metadata, layers, faults, prims } = read::stage(path, limits)?;
         let places = prims.iter().enumerate().map(|(place, prim)| (prim.path.clone(), place)).collect();
         Ok(Self {

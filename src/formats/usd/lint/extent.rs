@@ -76,12 +76,13 @@ fn boxes(stage: &Stage, volume: &Prim, files: &mut Files) -> Vec<Boxed> {
     let fields: Vec<&Prim> = targets.filter_map(|target| stage.prim(target)).collect();
     let mut boxes: Vec<Boxed> = Vec::new();
     for prim in fields {
-        let name = prim.attribute("fieldName").and_then(|a| a.held_at(stage.first_time()));
-        let name = name.as_ref().and_then(Value::text).unwrap_or_default();
+        let held = |attribute: &str| prim.attribute(attribute)?.held_at(stage.first_time());
+        let name = held("fieldName").and_then(|name| name.text().map(str::to_owned)).unwrap_or_default();
+        let index = held("fieldIndex").and_then(|index| usize::try_from(index.int()?).ok()).unwrap_or_default();
         for (time, asset) in field::assets(prim).iter().filter(|(_, asset)| stage.exists(asset)) {
             let Ok(path) = stage.file(asset) else { continue };
             let Ok(grids) = files.fields(&path) else { continue };
-            let Some(grid) = grids.iter().find(|grid| grid.name == name) else { continue };
+            let Some(grid) = grids.iter().find(|grid| grid.name == name && grid.index == index) else { continue };
             let (Some(bounds), Some(voxel)) = (grid.bounds, grid.voxel) else { continue };
             match boxes.iter_mut().find(|b| b.time == *time) {
                 Some(known) => {
