@@ -134,7 +134,7 @@ impl Convert {
             (Kind::Npy, Kind::Exr) => self.array_to_picture(output),
             (from, to) => Err(Error::unsupported(format!("no conversion from {} to {}", from.name(), to.name()))
                 .at(&self.input)
-                .hint("VDB becomes VDB or .npy, EXR becomes .npy, and .npy becomes VDB or EXR")),
+                .hint("a .vdb becomes a .vdb or .npy, an .exr becomes a .npy, and a .npy becomes a .vdb or .exr")),
         }
     }
 
