@@ -56,7 +56,7 @@ pub struct Author {
     #[arg(long, value_name = "NAME")]
     density: Option<String>,
     /// Axis that points upwards; coordinates stay as they are
-    #[arg(long, value_enum, default_value_t = UpAxis::Z)]
+    #[arg(long, value_enum, ignore_case = true, default_value_t = UpAxis::Z)]
     up_axis: UpAxis,
     /// Meters to a unit; coordinates stay as they are
     #[arg(long, value_name = "M", default_value_t = 1.0, value_parser = parse::positive)]
