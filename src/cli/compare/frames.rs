@@ -71,7 +71,8 @@ pub fn run(arguments: &Arguments, [a, b]: [&Pattern; 2], output: &Output) -> Res
     let beside = beside.map(|_| other.closed());
     let mut report = Report { all: first.closed(), beside, left_out, differ, report: None };
     if let Some(dir) = &arguments.report {
-        let mut page = gallery.page([&arguments.a, &arguments.b], arguments.beside.as_deref(), &report)?;
+        let mut page =
+            gallery.page([&arguments.a, &arguments.b], arguments.beside.as_deref(), arguments.space(), &report)?;
         page.provenance(&provenance.rows());
         report.report = Some(page.write(dir)?);
     }

@@ -1,6 +1,7 @@
 //! The page of two sequences: plots over the frames, and the frames themselves.
 
 use super::figures::{Figures, Report, Track};
+use super::space::Space;
 use crate::error::Result;
 use crate::report::{Page, Plot, Series, StripFrame};
 use crate::scene::film::Film;
@@ -50,12 +51,12 @@ impl Gallery {
     ///
     /// # Errors
     /// If a picture or a plot cannot be drawn.
-    pub fn page(&self, names: [&Path; 2], beside: Option<&Path>, report: &Report) -> Result<Page> {
+    pub fn page(&self, names: [&Path; 2], beside: Option<&Path>, space: Space, report: &Report) -> Result<Page> {
         let name = |path: &Path| path.display().to_string();
         let [a, b] = names.map(name);
         let beside = beside.map(name);
         let count = report.all.frames.len();
-        let mut page = Page::new(format!("{a} beside {b}"), format!("{count} frames compared, scene-linear."));
+        let mut page = Page::new(format!("{a} beside {b}"), format!("{count} frames compared, by {}.", space.name()));
         let decibels = |v: Option<f64>| v.map_or_else(|| "identical".into(), |v| format!("{v:.2} dB"));
         let mut figures = vec![
             ("PSNR", decibels(report.all.psnr_db)),

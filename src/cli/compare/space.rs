@@ -16,6 +16,14 @@ pub enum Space {
 }
 
 impl Space {
+    /// Returns what the values are, in words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Linear => "scene-linear values",
+            Self::Display => "display values (sRGB)",
+        }
+    }
+
     /// Returns the values of a scene-linear film.
     pub fn of(self, film: &Film) -> Cow<'_, Film> {
         match self {
