@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 import pytest
 import reference
-import scenes
+import smoke_scene
 from cumulo import padding, run
 from cumulo.capture import Capture
 from cumulo.cycles.stage import quiet
@@ -78,7 +78,7 @@ def test_the_archive_is_valid_and_the_same_each_time(archive, tmp_path):
 
 
 def test_nothing_is_left_when_it_is_switched_off(addon, fixtures):
-    scenes.smoke(fixtures / "plume.vdb")
+    smoke_scene.smoke(fixtures / "plume.vdb")
     before = {name for name in dir(bpy.types) if "cumulo" in name.lower()}
     addon()
     assert {"VIEW3D_PT_cumulo", "CUMULO_OT_reconstruct"} <= set(dir(bpy.types))
@@ -92,8 +92,8 @@ def test_nothing_is_left_when_it_is_switched_off(addon, fixtures):
 
 
 def test_a_smoke_with_a_camera_path_is_exported_and_rendered_like_cycles(addon, fixtures, cumulo, tmp_path):
-    scene = scenes.smoke(fixtures / "plume.vdb")
-    scenes.orbit(scene, (4, 24))
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
+    smoke_scene.orbit(scene, (4, 24))
     scene.frame_step = 20
     addon()
     assert bpy.ops.cumulo.export_scene(folder=str(tmp_path / "scene"), animation=True) == {"FINISHED"}
@@ -104,7 +104,7 @@ def test_a_smoke_with_a_camera_path_is_exported_and_rendered_like_cycles(addon, 
                "--background", "0,0,0", "--samples", 64, "--seed", seed, "-o", out)  # fmt: skip
         ours.append([read_exr(out / f"frame.{frame:04}.exr") for frame in (4, 24)])
     for index, frame in enumerate((4, 24)):
-        theirs = [scenes.film(scene, seed, frame) for seed in (3, 4)]
+        theirs = [smoke_scene.film(scene, seed, frame) for seed in (3, 4)]
         for channel in range(4):
             pair = [one[index][..., channel] for one in ours]
             assert reference.excess(*(picture[..., channel] for picture in theirs), pair, block=16) <= 1.0, (
@@ -114,7 +114,7 @@ def test_a_smoke_with_a_camera_path_is_exported_and_rendered_like_cycles(addon, 
 
 
 def test_render_with_cumulo_shows_an_image(addon, fixtures, tmp_path):
-    scene = scenes.smoke(fixtures / "plume.vdb")
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
     addon()
     assert bpy.ops.cumulo.render(folder=str(tmp_path / "render"), samples=8) == {"FINISHED"}
     picture = read_exr(tmp_path / "render" / "frame.0001.exr")
@@ -131,7 +131,7 @@ def test_render_with_cumulo_shows_an_image(addon, fixtures, tmp_path):
 
 
 def test_views_are_rendered_reconstructed_and_loaded_beside_the_original(addon, fixtures, cumulo, tmp_path):
-    scene = scenes.smoke(fixtures / "plume.vdb", color=(0.7, 0.7, 0.7))
+    scene = smoke_scene.smoke(fixtures / "plume.vdb", color=(0.7, 0.7, 0.7))
     addon()
     assert bpy.ops.cumulo.render_views(folder=str(tmp_path / "views"), views=16, size=48, samples=16) == {"FINISHED"}
     capture = Capture.read(tmp_path / "views")
@@ -154,13 +154,13 @@ def test_views_are_rendered_reconstructed_and_loaded_beside_the_original(addon, 
     pictures = []
     for shown, hidden in ((original, thing), (thing, original)):
         shown.hide_render, hidden.hide_render = False, True
-        pictures.append(scenes.film(scene, 1))
+        pictures.append(smoke_scene.film(scene, 1))
     assert np.abs(pictures[0][..., :3].mean() / pictures[1][..., :3].mean() - 1) < 0.03
 
 
 def test_a_sequence_is_denoised_along_the_motion_of_the_volume(addon, fixtures, tmp_path):
-    scene = scenes.smoke(fixtures / "plume.vdb", matrix=scenes.place((0.2, 0, 0), 1.0))
-    scenes.orbit(scene, tuple(range(1, 7)))
+    scene = smoke_scene.smoke(fixtures / "plume.vdb", matrix=smoke_scene.place((0.2, 0, 0), 1.0))
+    smoke_scene.orbit(scene, tuple(range(1, 7)))
     scene.cycles.volume_bounces = 0
     addon()
     scene.cumulo.folder = str(tmp_path)
@@ -182,7 +182,7 @@ def test_a_sequence_is_denoised_along_the_motion_of_the_volume(addon, fixtures, 
 
 
 def test_results_are_loaded_with_a_material(addon, fixtures, tmp_path):
-    scene = scenes.smoke(fixtures / "plume.vdb")
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
     addon()
     assert bpy.ops.cumulo.load_result(filepath=str(fixtures / "cube.vdb")) == {"FINISHED"}
     assert scene.objects["cube"].data.render.space == "WORLD"
@@ -194,12 +194,12 @@ def test_results_are_loaded_with_a_material(addon, fixtures, tmp_path):
 
 
 def test_what_cannot_be_honored_is_reported_by_name(addon, fixtures, tmp_path):
-    scene = scenes.smoke(fixtures / "plume.vdb")
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
     addon()
     # Beside a .blend that is not saved there is no folder.
     with pytest.raises(RuntimeError, match="//cumulo is beside the .blend, which is not saved yet"):
         bpy.ops.cumulo.export_scene()
-    scenes.medium_node()[0].inputs["Density Attribute"].default_value = "soot"
+    smoke_scene.medium_node()[0].inputs["Density Attribute"].default_value = "soot"
     scene.cumulo.folder = str(tmp_path)
     for operator in (
         bpy.ops.cumulo.export_scene,
@@ -212,7 +212,7 @@ def test_what_cannot_be_honored_is_reported_by_name(addon, fixtures, tmp_path):
 
 
 def test_a_missing_or_failing_program_is_reported(addon, fixtures, tmp_path, monkeypatch):
-    scenes.smoke(fixtures / "plume.vdb")
+    smoke_scene.smoke(fixtures / "plume.vdb")
     addon(tmp_path / "nowhere")
     with pytest.raises(RuntimeError, match="nowhere is no program; correct its path in the preferences"):
         bpy.ops.cumulo.render(folder=str(tmp_path / "out"))
@@ -256,7 +256,7 @@ def event(kind, value="PRESS"):
 
 
 def test_esc_ends_the_program_and_the_progress(addon, fixtures, tmp_path):
-    scenes.smoke(fixtures / "plume.vdb")
+    smoke_scene.smoke(fixtures / "plume.vdb")
     package = addon()
     program = script(
         tmp_path, f'echo "epochs: 3 of 12 after 2s, 6s to go; 20 dB" >&2; echo $$ > {tmp_path}/pid; exec sleep 60'
@@ -291,7 +291,7 @@ def test_esc_ends_the_program_and_the_progress(addon, fixtures, tmp_path):
 
 
 def test_views_go_on_beside_events_and_leave_nothing_when_cancelled(addon, fixtures, tmp_path):
-    scenes.smoke(fixtures / "plume.vdb")
+    smoke_scene.smoke(fixtures / "plume.vdb")
     package = addon()
 
     class Views(package.job.Job):

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 import reference
-import scenes
+import smoke_scene
 from bpy_extras.object_utils import world_to_camera_view
 from cumulo import bpy_scene, padding
 from cumulo.capture import Capture, look_at
@@ -39,9 +39,9 @@ def agree(first, second, block=16):
 
 
 def test_a_moved_smoke_in_sun_light_is_the_picture_of_cycles(fixtures, cumulo, tmp_path):
-    scene = scenes.smoke(fixtures / "plume.vdb", matrix=PLACE)
+    scene = smoke_scene.smoke(fixtures / "plume.vdb", matrix=PLACE)
     exported = bpy_scene.export(tmp_path / "scene")
-    theirs, ours = [scenes.film(scene, seed) for seed in (1, 2)], rendered(cumulo, exported, tmp_path)
+    theirs, ours = [smoke_scene.film(scene, seed) for seed in (1, 2)], rendered(cumulo, exported, tmp_path)
     assert ours[0][..., :3].max() > 0.1
     assert agree(theirs, ours)
     # A wrong density, by a tenth, would be found.
@@ -52,7 +52,7 @@ def test_a_moved_smoke_in_sun_light_is_the_picture_of_cycles(fixtures, cumulo, t
 
 
 def test_lamps_and_the_sky_are_those_of_cycles(fixtures, cumulo, tmp_path):
-    scene = scenes.smoke(fixtures / "plume.vdb", sun=0.0, anisotropy=0.0)
+    scene = smoke_scene.smoke(fixtures / "plume.vdb", sun=0.0, anisotropy=0.0)
     point = bpy.data.lights.new("Point", "POINT")
     point.energy, point.color, point.shadow_soft_size, point.use_soft_falloff = 90.0, (1, 0.6, 0.3), 0.3, False
     link_object(scene, "Point", point, look_at((-0.9, 0.5, 2.2), (0, 0, 0)))
@@ -78,11 +78,11 @@ def test_lamps_and_the_sky_are_those_of_cycles(fixtures, cumulo, tmp_path):
     exported = bpy_scene.export(tmp_path / "scene")
     lights = json.loads(exported.scene.read_text())["lights"]
     assert [light["type"] for light in lights] == ["SphereLight", "RectLight", "DomeLight"]
-    assert agree([scenes.film(scene, seed) for seed in (1, 2)], rendered(cumulo, exported, tmp_path))
+    assert agree([smoke_scene.film(scene, seed) for seed in (1, 2)], rendered(cumulo, exported, tmp_path))
 
 
 def test_three_lines_make_a_capture(fixtures, tmp_path):
-    scenes.smoke(fixtures / "plume.vdb", matrix=PLACE)
+    smoke_scene.smoke(fixtures / "plume.vdb", matrix=PLACE)
     before = [set(getattr(bpy.data, kind).keys()) for kind in ("scenes", "objects", "materials", "cameras", "worlds")]
     captures = [bpy_scene.capture(tmp_path / str(seed), views=2, size=(32, 32), seed=10 * seed) for seed in (1, 2)]
     assert before == [
@@ -120,7 +120,7 @@ def shifted(camera, x, y):
 @pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
 def test_cameras_see_points_where_blender_does(fixtures, fit, kind):
-    scene = scenes.smoke(fixtures / "plume.vdb", size=(40, 56))
+    scene = smoke_scene.smoke(fixtures / "plume.vdb", size=(40, 56))
     scene.render.pixel_aspect_x, scene.render.resolution_percentage = 1.5, 50
     data = scene.camera.data
     data.type, data.sensor_fit, data.lens, data.sensor_width, data.sensor_height = kind, fit, 40.0, 30.0, 20.0
@@ -146,12 +146,12 @@ def driven(factor, grid, socket, tree):
 
 
 def test_media_of_node_trees(fixtures):
-    scene = scenes.smoke(fixtures / "plume.vdb")
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
 
     def medium():
         return bpy_scene.describe(".", scene)[0]["volumes"][0]["medium"]
 
-    node, tree = scenes.medium_node()
+    node, tree = smoke_scene.medium_node()
     node.inputs["Absorption Color"].default_value = (0.25, 0.25, 0.0, 1)
     found, color = medium(), np.array((0.9, 0.8, 0.6))
     extinction = color + (1 - color) * (0.5, 0.5, 1.0)
@@ -178,7 +178,7 @@ def test_media_of_node_trees(fixtures):
         "tint": [1.0, 1.0, 1.0],
     }
     # A scatterer and half an absorber, added; the scatterer takes no light that it does not scatter.
-    scatter, tree = scenes.medium_node("ShaderNodeVolumeScatter")
+    scatter, tree = smoke_scene.medium_node("ShaderNodeVolumeScatter")
     scatter.inputs["Color"].default_value, scatter.inputs["Anisotropy"].default_value = (0.5, 0.5, 0.5, 1), -0.2
     driven(3.0, "density", scatter.inputs["Density"], tree)
     absorb, mix, add = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("VolumeAbsorption", "MixShader", "AddShader"))
@@ -196,8 +196,8 @@ def test_media_of_node_trees(fixtures):
 
 
 def test_animations_state_each_frame(fixtures, tmp_path):
-    scene = scenes.smoke(fixtures / "plume.vdb")
-    scenes.orbit(scene, (3, 4, 5))
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
+    smoke_scene.orbit(scene, (3, 4, 5))
     exported = bpy_scene.export(tmp_path / "still", frames=bpy_scene.frames_of(scene))
     assert exported.scene.name == "scene.json" and exported.frames == (3, 4, 5)
     capture = Capture.read(exported.cameras)
@@ -205,7 +205,7 @@ def test_animations_state_each_frame(fixtures, tmp_path):
     turned = [camera.camera_to_world for camera, _ in capture.frames]
     assert np.abs(turned[0] - turned[2]).max() > 0.05
     # A driven density, a keyed place, a sequence of files: another scene in each frame.
-    node, _ = scenes.medium_node()
+    node, _ = smoke_scene.medium_node()
     node.inputs["Density"].driver_add("default_value").driver.expression = "frame * 2"
     thing = scene.objects["Smoke"]
     for frame in (3, 5):
@@ -226,7 +226,7 @@ def test_animations_state_each_frame(fixtures, tmp_path):
 def test_sequences_name_the_file_of_each_frame(fixtures, tmp_path):
     for number in (7, 8):
         (tmp_path / f"smoke_{number:03}.vdb").write_bytes((fixtures / "plume.vdb").read_bytes())
-    scene = scenes.smoke(tmp_path / "smoke_007.vdb")
+    scene = smoke_scene.smoke(tmp_path / "smoke_007.vdb")
     volume = bpy.data.volumes["Smoke"]
     volume.is_sequence, volume.frame_start, volume.frame_duration, volume.frame_offset = True, 1, 2, 6
     bpy_scene.export(tmp_path / "out", frames=(1, 2))
@@ -267,7 +267,7 @@ def attribute(path, value, root="scene"):
 
 def material(change):
     """A change of the material's tree, given the Principled Volume and the tree."""
-    return lambda scene: change(*scenes.medium_node())
+    return lambda scene: change(*smoke_scene.medium_node())
 
 
 def linked(socket, kind, output=0):
@@ -338,7 +338,7 @@ def two_grids(node, tree):
 
 
 def scatter_phase(scene):
-    node, tree = scenes.medium_node("ShaderNodeVolumeScatter")
+    node, tree = smoke_scene.medium_node("ShaderNodeVolumeScatter")
     node.phase = "DRAINE"
     driven(1.0, "density", node.inputs["Density"], tree)
 
@@ -449,7 +449,7 @@ def test_grids_without_a_lattice_or_without_voxels_are_refused(fixtures, tmp_pat
     for grid, words in ((frustum, "lies in a frustum"), (empty, "no active voxels")):
         grid.name = "density"
         openvdb.write(str(tmp_path / "odd.vdb"), grids=[grid])
-        scenes.smoke(tmp_path / "odd.vdb")
+        smoke_scene.smoke(tmp_path / "odd.vdb")
         for act in (bpy_scene.export, bpy_scene.capture):
             with pytest.raises(bpy_scene.Refused, match=f"object 'Smoke'.*{words}"):
                 act(tmp_path / "out")
@@ -458,7 +458,7 @@ def test_grids_without_a_lattice_or_without_voxels_are_refused(fixtures, tmp_pat
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_cannot_be_honored_is_refused_by_name(fixtures, tmp_path, case):
     change, words = REFUSED[case]
-    scene = scenes.smoke(fixtures / "plume.vdb")
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
     change(scene)
     with pytest.raises(bpy_scene.Refused) as refused:
         bpy_scene.export(tmp_path / "out")
@@ -468,8 +468,8 @@ def test_what_cannot_be_honored_is_refused_by_name(fixtures, tmp_path, case):
 
 
 def test_captures_are_refused_where_they_would_show_another_medium(fixtures, tmp_path):
-    scene = scenes.smoke(fixtures / "plume.vdb")
-    node, _ = scenes.medium_node()
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
+    node, _ = smoke_scene.medium_node()
     node.inputs["Absorption Color"].default_value = (0.5, 0.1, 0.0, 1)
     with pytest.raises(bpy_scene.Refused, match="object 'Smoke'.*extinction has the color"):
         bpy_scene.capture(tmp_path / "out", views=1)
@@ -485,7 +485,7 @@ def test_captures_are_refused_where_they_would_show_another_medium(fixtures, tmp
 
 
 def test_angles_of_suns_are_degrees(fixtures):
-    scene = scenes.smoke(fixtures / "plume.vdb")
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
     (sun,) = bpy_scene.describe(".", scene)[0]["lights"]
     assert sun["angle"] == pytest.approx(math.degrees(0.1))
     assert np.array(sun["direction"]) == pytest.approx(

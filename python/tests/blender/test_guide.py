@@ -8,7 +8,7 @@ import sys
 
 import bpy
 import numpy as np
-import scenes
+import smoke_scene
 from cumulo import run
 from cumulo.capture import Capture
 from cumulo.cycles.stage import quiet
@@ -25,8 +25,8 @@ def commands():
 
 
 def test_a_smoke_goes_through_all_commands_and_back(fixtures, cumulo, tmp_path):
-    scene = scenes.smoke(fixtures / "plume.vdb", color=(0.8, 0.8, 0.8))
-    scenes.orbit(scene, (1, 2, 3))
+    scene = smoke_scene.smoke(fixtures / "plume.vdb", color=(0.8, 0.8, 0.8))
+    smoke_scene.orbit(scene, (1, 2, 3))
     with quiet():
         bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "smoke.blend"))
     environment = dict(
@@ -55,7 +55,7 @@ def test_a_smoke_goes_through_all_commands_and_back(fixtures, cumulo, tmp_path):
 
 
 def test_commands_say_what_is_wrong(fixtures, tmp_path):
-    scene = scenes.smoke(fixtures / "plume.vdb")
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
     scene.camera.data.type = "PANO"
     with quiet():
         bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "wide.blend"))
