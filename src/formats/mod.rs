@@ -5,6 +5,7 @@ pub mod captures;
 pub mod colmap;
 pub mod dense;
 pub mod exr;
+pub mod imaging;
 pub mod input;
 pub mod limits;
 pub mod npy;

@@ -1,0 +1,63 @@
+//! A regular grid with its placement, read slice by slice.
+
+use crate::error::Result;
+use crate::math::Affine;
+use std::fmt;
+
+/// Kind of the values of an image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Values {
+    /// Real quantities, stored as floats or scaled integers.
+    Real,
+    /// Integers without a scale, up to 32 bits: labels, counts or grey values.
+    Integer,
+}
+
+/// What an image says of itself before its values.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Header {
+    /// Name of the quantity, where the file has one.
+    pub name: Option<String>,
+    /// Number of voxels along the first, second and third index axis; none is 0.
+    pub size: [usize; 3],
+    /// Number of values per voxel, 1 or 3.
+    pub components: usize,
+    /// Kind of the values.
+    pub values: Values,
+    /// Maps indices of voxel centres to the world (see the module's conventions).
+    pub index_to_world: Affine,
+    /// What the reader assumed or left out, one sentence each, for the user.
+    pub notes: Vec<String>,
+}
+
+impl Header {
+    /// Number of values in a slice, all components of all voxels with the same third index; `None` if it overflows.
+    pub fn slice_len(&self) -> Option<usize> {
+        self.size[0].checked_mul(self.size[1])?.checked_mul(self.components)
+    }
+}
+
+/// Source of an image's slices.
+pub trait Slices {
+    /// Reads the next slice in ascending order of the third index: `values[(y * size[0] + x) * components + component]`.
+    /// Scale and offset of the file are applied.
+    ///
+    /// # Errors
+    /// If the file ends early, is damaged, or cannot be read.
+    fn next_slice(&mut self, values: &mut [f64]) -> Result<()>;
+}
+
+/// An image that is being read.
+pub struct Image {
+    /// Size, placement and kind of values.
+    pub header: Header,
+    /// The slices, of which none has been read.
+    pub slices: Box<dyn Slices>,
+}
+
+impl fmt::Debug for Image {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Image").field("header", &self.header).finish_non_exhaustive()
+    }
+}
