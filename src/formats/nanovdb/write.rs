@@ -98,11 +98,12 @@ struct Nodes<'a, V> {
 }
 
 /// Sign bits of the three parts of a root's key. With these flipped, keys are in ascending order of coordinates.
-const SIGNS: u64 = 1 << 62 | 1 << 41 | 1 << 20;
+const SIGNS: u64 = 1 << 61 | 1 << 40 | 1 << 19;
 
-/// Key of the root's tile at index coordinates, which are multiples of 4096: 21 bits each of x, y and z, signs flipped.
+/// Key of the root's tile at index coordinates, which are multiples of 4096: a part of x, y and z
+/// each, with signs flipped.
 fn key([x, y, z]: [i32; 3]) -> u64 {
-    let part = |c: i32| u64::from(c.cast_unsigned() >> 12) & 0x1f_ffff;
+    let part = |c: i32| u64::from(c.cast_unsigned() >> 12);
     (part(x) << 42 | part(y) << 21 | part(z)) ^ SIGNS
 }
 
