@@ -291,12 +291,10 @@ mod tests {
             assert!(read(&whole[..n]).unwrap_err().remedy().is_some(), "{n}");
         }
         for at in 0..256 {
-            for value in [0, 0x7f, 0x80, 0xff] {
-                let mut damaged = whole.clone();
-                damaged[at] = value;
-                if let Err(error) = read(&damaged) {
-                    assert!(error.remedy().is_some(), "{error}");
-                }
+            let mut damaged = whole.clone();
+            damaged[at] = [0, 0x7f, 0x80, 0xff][at % 4];
+            if let Err(error) = read(&damaged) {
+                assert!(error.remedy().is_some(), "{error}");
             }
         }
         let cases = [(3, 4, "complex"), (3, 77, "mode 77"), (16, 2, "MAPC"), (0, 0, "columns"), (23, -1, "extended")];

@@ -36,6 +36,8 @@ const INTERCEPT: u32 = 0x0028_1052;
 const SLOPE: u32 = 0x0028_1053;
 const PIXEL_MEASURES: u32 = 0x0028_9110;
 const VALUE_TRANSFORMATION: u32 = 0x0028_9145;
+const FRAME_OFFSETS: u32 = 0x3004_000c;
+const DOSE_SCALING: u32 = 0x3004_000e;
 const SHARED_GROUPS: u32 = 0x5200_9229;
 const FRAME_GROUPS: u32 = 0x5200_9230;
 const FLOAT_PIXELS: u32 = 0x7fe0_0008;
@@ -47,7 +49,7 @@ pub const SEQUENCES: [u32; 6] =
     [SHARED_GROUPS, FRAME_GROUPS, PLANE_POSITION, PLANE_ORIENTATION, PIXEL_MEASURES, VALUE_TRANSFORMATION];
 
 /// Elements that are kept.
-const WANTED: [u32; 27] = [
+const WANTED: [u32; 29] = [
     MODALITY,
     SERIES_DESCRIPTION,
     SLICE_THICKNESS,
@@ -73,6 +75,8 @@ const WANTED: [u32; 27] = [
     SLOPE,
     PIXEL_MEASURES,
     VALUE_TRANSFORMATION,
+    FRAME_OFFSETS,
+    DOSE_SCALING,
     SHARED_GROUPS,
     FRAME_GROUPS,
 ];
@@ -156,6 +160,8 @@ pub struct File {
     pub start: u64,
     /// Position of the pixels in the data set, and how they are introduced.
     pub pixel_data: (u64, Option<u32>),
+    /// True if the frames are slices in even steps of their thickness, for want of their positions.
+    pub even: bool,
     /// True if 8-bit pixels of a big-endian file are stored in words.
     pub words: bool,
     /// What all frames share.
@@ -213,12 +219,14 @@ impl Fields<'_> {
         let pair = *self.bytes(tag)?.first_chunk::<2>()?;
         Some(if self.big { u16::from_be_bytes(pair) } else { u16::from_le_bytes(pair) })
     }
-    /// Decimal numbers, which backslashes part.
+    /// Decimal numbers, which backslashes part; none if one of them is no number.
+    fn list(text: &str) -> Option<Vec<f64>> {
+        text.split('\\').map(|part| part.trim().parse().ok().filter(|n: &f64| n.is_finite())).collect()
+    }
+    /// As many decimal numbers as the element must have.
     fn numbers<const N: usize>(&self, tag: u32) -> Result<Option<[f64; N]>> {
         let Some(text) = self.text(tag) else { return Ok(None) };
-        let parts: Vec<Option<f64>> = text.split('\\').map(|part| part.trim().parse().ok()).collect();
-        let numbers: Option<Vec<f64>> = parts.into_iter().map(|n| n.filter(|n: &f64| n.is_finite())).collect();
-        let numbers = numbers.and_then(|n| <[f64; N]>::try_from(n).ok());
+        let numbers = Self::list(&text).and_then(|n| <[f64; N]>::try_from(n).ok());
         numbers.map(Some).ok_or_else(|| {
             let shown: String = text.chars().take(40).collect();
             damaged(format!("element {} is '{shown}'; {N} numbers are expected", super::element::shown(tag)))
@@ -316,6 +324,17 @@ fn layout(fields: &Fields, head: Head) -> Result<Pixels> {
     Ok(Pixels::Integer { allocated, stored, shift: high + 1 - stored, signed })
 }
 
+/// Frames of a file that states the position of the first one alone, along the normal: at the offsets of a radiation dose,
+/// else in even steps of the thickness, if there is one. True for the latter.
+fn stepped(fields: &Fields, shared: &Frame, frames: usize, (first, normal): (DVec3, DVec3)) -> (Vec<Frame>, bool) {
+    let stated = fields.text(FRAME_OFFSETS).and_then(|text| Fields::list(&text)).filter(|list| list.len() == frames);
+    let even = stated.is_none();
+    let steps = |thickness: f64| (0..frames).map(|k| k as f64 * thickness).collect();
+    let Some(offsets) = stated.or_else(|| shared.thickness.map(steps)) else { return (Vec::new(), false) };
+    let at = |offset: &f64| Frame { position: Some(first + normal * (offset - offsets[0])), ..shared.clone() };
+    (offsets.iter().map(at).collect(), even)
+}
+
 /// Reads what a file says of its frames, without their pixels.
 ///
 /// # Errors
@@ -340,6 +359,9 @@ pub fn read(path: &Path, limits: Limits) -> Result<File> {
     };
     let none = Frame { position: None, orientation: None, spacing: None, thickness: None, rescale: (1.0, 0.0) };
     let mut shared = fields.frame(&none)?;
+    if let Some(scaling) = fields.number(DOSE_SCALING)? {
+        shared.rescale = (scaling, 0.0);
+    }
     if let Some(group) = fields.inner(SHARED_GROUPS) {
         shared = group.frame(&shared)?;
     }
@@ -348,6 +370,12 @@ pub fn read(path: &Path, limits: Limits) -> Result<File> {
     if !own.is_empty() && own.len() != frames {
         return Err(damaged(format!("{} frames are described, {frames} are stated", own.len())));
     }
+    let (own, even) = match shared.position.zip(shared.orientation) {
+        Some((position, [row, column])) if own.is_empty() && frames > 1 => {
+            stepped(&fields, &shared, frames, (position, row.cross(column)))
+        }
+        _ => (own, false),
+    };
     let name = [fields.text(MODALITY), fields.text(SERIES_DESCRIPTION)];
     let signed = matches!(pixels, Pixels::Integer { signed: true, .. });
     let padding = |v: u16| if signed { i64::from(v.cast_signed()) } else { i64::from(v) };
@@ -365,6 +393,7 @@ pub fn read(path: &Path, limits: Limits) -> Result<File> {
         syntax,
         start,
         pixel_data: (elements.position(), head.length),
+        even,
         words: syntax.big && &head.vr == b"OW",
         shared,
         own,

@@ -147,7 +147,7 @@ fn rle(packed: &[u8], file: &File) -> Result<Vec<u8>> {
                 }
                 n => {
                     let (value, rest) = runs.split_first().ok_or_else(|| damaged("a run without a value"))?;
-                    open = put(&mut std::iter::repeat_n(*value, 1 - n as isize as usize));
+                    open = put(&mut std::iter::repeat_n(*value, 1 + usize::from(n.unsigned_abs())));
                     runs = rest;
                 }
             }

@@ -45,6 +45,11 @@ pub fn gather(path: &Path, wanted: Option<&str>, limits: Limits, notes: &mut Vec
     let (folder, wanted) = if path.is_dir() {
         (path, wanted.map(str::to_owned))
     } else {
+        if !begins_as_dicom(path) {
+            return Err(Error::invalid("no DICOM file: 'DICM' is expected behind the first 128 bytes")
+                .at(path)
+                .hint("name a file of the series, or the folder in which its files lie"));
+        }
         let one = file::read(path, limits).map_err(|e| e.at(path))?;
         if one.frames > 1 || one.series.is_empty() {
             return Ok(vec![one]);
