@@ -8,7 +8,9 @@ mod generated {
 use generated::{CUMULO_VDB_IO, CUMULO_VDB_OK, CUMULO_VDB_OUT_OF_MEMORY, CUMULO_VDB_UNSUPPORTED, cumulo_vdb_status};
 pub(super) use generated::{
     cumulo_vdb_close as close, cumulo_vdb_file as RawFile, cumulo_vdb_file_meta as file_meta,
-    cumulo_vdb_grid as RawGrid, cumulo_vdb_grid_crop as grid_crop, cumulo_vdb_grid_free as grid_free,
+    cumulo_vdb_grid as RawGrid, cumulo_vdb_grid_add_tile as grid_add_tile, cumulo_vdb_grid_crop as grid_crop,
+    cumulo_vdb_grid_empty as grid_empty, cumulo_vdb_grid_read_box as grid_read_box,
+    cumulo_vdb_grid_write_box as grid_write_box, cumulo_vdb_grid_free as grid_free,
     cumulo_vdb_grid_info as grid_info, cumulo_vdb_grid_mend_meta as grid_mend_meta, cumulo_vdb_grid_meta as grid_meta,
     cumulo_vdb_grid_new as grid_new, cumulo_vdb_grid_prune as grid_prune, cumulo_vdb_grid_repair as grid_repair,
     cumulo_vdb_grid_resample as grid_resample, cumulo_vdb_grid_same as grid_same,

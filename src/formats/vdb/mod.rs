@@ -13,6 +13,7 @@
 #![allow(unsafe_code)]
 
 mod cursor;
+mod dense;
 mod ffi;
 mod file;
 pub mod helper;
@@ -25,6 +26,7 @@ mod topology;
 pub mod velocity;
 mod write;
 
+pub use dense::{DenseBox, ValueKind};
 pub use file::{CONFIDENCE, File};
 pub use native::{GridInfo, NativeGrid, RawGrid, RawLeaf, RawTile, Transform, writable};
 pub use topology::Topology;
