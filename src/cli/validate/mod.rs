@@ -1,6 +1,7 @@
 //! `cumulo validate`: faults of files, with remedies.
 
 mod findings;
+mod nano;
 mod volume;
 
 use super::info::Failure;
@@ -18,7 +19,7 @@ use std::process::ExitCode;
 /// Say what is wrong with files and what to do; exit code 1 if anything is
 #[derive(Debug, clap::Args)]
 pub struct Validate {
-    /// OpenVDB or OpenEXR files, USD stages, and captures (a transforms.json, a model of COLMAP, or the folder of either) with their
+    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, and captures (a transforms.json, a model of COLMAP, or the folder of either) with their
     /// pictures
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
@@ -77,8 +78,8 @@ impl Validate {
         let format = formats::sniff(path)?;
         let mut findings = Findings::default();
         match format {
-            // NanoVDB too: its refusal says how to convert it.
-            Format::Vdb | Format::NanoVdb => volume::check(path, self.memory.limits(), &mut findings)?,
+            Format::Vdb => volume::check(path, self.memory.limits(), &mut findings)?,
+            Format::NanoVdb => nano::check(path, self.memory.limits(), &mut findings)?,
             Format::Exr => findings.extend(formats::exr::problems_within(path, self.memory.limits())?),
             Format::Capture => findings.extend(formats::captures::problems_within(path, self.memory.limits())?),
             Format::Usd => findings.extend(formats::usd::problems(path, self.memory.limits())?),

@@ -48,7 +48,7 @@ pub(super) fn check(path: &Path, limits: Limits, findings: &mut Findings) -> Res
     Ok(())
 }
 
-fn values(native: &NativeGrid, info: &GridInfo, findings: &mut Findings) -> Result<()> {
+pub(super) fn values(native: &NativeGrid, info: &GridInfo, findings: &mut Findings) -> Result<()> {
     let name = Some(info.name.as_str());
     if let Transform::Other(kind) = &info.transform {
         findings.problem(name, format!("the transform is a {kind}, not affine"), "resample it onto a linear transform");

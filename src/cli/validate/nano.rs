@@ -1,0 +1,31 @@
+//! Faults of a NanoVDB file.
+
+use super::findings::Findings;
+use super::volume;
+use crate::error::Result;
+use crate::formats::limits::Limits;
+use crate::formats::nanovdb::File;
+use std::path::Path;
+
+/// Checks all grids of a file and their values.
+///
+/// # Errors
+/// If the operating system keeps the file from being read.
+pub(super) fn check(path: &Path, limits: Limits, findings: &mut Findings) -> Result<()> {
+    let mut file = match File::open(path, limits) {
+        Ok(file) => file,
+        Err(error) => return findings.refusal(error),
+    };
+    for index in 0..file.entries().len() {
+        let place = format!("grid '{}'", file.entries()[index].name);
+        let native = file.read(index).and_then(|read| read.into_native());
+        match native.and_then(|(native, notes)| native.info().map(|info| (native, info, notes))) {
+            Ok((native, info, notes)) => {
+                notes.iter().for_each(|n| findings.note(Some(&info.name), n, "cumulo convert makes a .vdb of it"));
+                volume::values(&native, &info, findings)?;
+            }
+            Err(error) => findings.refusal(error.part(place))?,
+        }
+    }
+    Ok(())
+}
