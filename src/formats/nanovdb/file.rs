@@ -3,7 +3,8 @@
 use super::bytes::{Bytes, DAMAGED};
 use super::layout::{self, Kind};
 use super::volume::Volume;
-use super::{decode, unpack};
+use super::decode;
+use super::unpack::{Codec, unpack};
 use crate::error::{Error, Result};
 use crate::formats::input;
 use crate::formats::limits::Limits;
@@ -24,18 +25,6 @@ const MAJOR: u32 = 32;
 const METADATA: u64 = 176;
 /// Longest name of a grid in bytes; a longer one is taken for damage.
 const MOST_NAME: u32 = 1 << 16;
-
-/// Compression of the grids of a segment.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Codec {
-    /// The grid's memory as it is.
-    None,
-    /// One zlib stream.
-    Zip,
-    /// Blosc frames of up to 1 GiB each.
-    Blosc,
-}
 
 /// A grid of the file's directory.
 #[derive(Debug, Clone, PartialEq)]
@@ -173,7 +162,7 @@ impl File {
             return Err(Error::unsupported(what).hint("raise --max-memory if the file is to be trusted"));
         }
         let stored = self.bytes(entry.position, entry.stored_bytes)?;
-        let memory = unpack::unpack(stored, entry.codec, entry.bytes)?;
+        let memory = unpack(stored, entry.codec, entry.bytes)?;
         decode::volume(Bytes(&memory), &entry.name, kind, entry.class, self.limits)
     }
 

@@ -10,15 +10,18 @@
 mod bytes;
 mod collect;
 mod decode;
+mod encode;
 mod file;
 mod layout;
 mod native;
+mod nodes;
 mod statistics;
 mod unpack;
 mod volume;
 mod write;
 
-pub use file::{Codec, Entry, File};
+pub use file::{Entry, File};
 pub use layout::Kind;
+pub use unpack::Codec;
 pub use volume::{IntegerLeaf, IntegerTile, Tree, Volume};
 pub use write::{encode, write};

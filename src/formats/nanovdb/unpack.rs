@@ -1,9 +1,20 @@
 //! Decompression of a grid's memory.
 
 use super::bytes::DAMAGED;
-use super::file::Codec;
 use crate::error::{Error, Result};
 use crate::formats::blosc;
+
+/// Compression of the grids of a segment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Codec {
+    /// The grid's memory as it is.
+    None,
+    /// One zlib stream.
+    Zip,
+    /// Blosc frames of up to 1 GiB each.
+    Blosc,
+}
 
 /// Largest ratio of zlib (1032) and of LZ4 (255), rounded up: a size beyond it is refused before it is allocated.
 const MOST_RATIO: u64 = 1040;

@@ -75,6 +75,6 @@ pub struct Volume {
     pub kind: Kind,
     /// Values.
     pub tree: Tree,
-    /// What the reader changed or doubts, one sentence each, for the user.
+    /// Remarks of the reader for the user, one sentence each: changes and doubts.
     pub notes: Vec<String>,
 }

@@ -1,7 +1,9 @@
 //! What a file says of its frames.
 
 use super::element::{Elements, Head, Item, Source, Value, damaged};
+use super::fields::{Fields, Frame};
 use super::syntax::{self, META, Syntax};
+use super::tags::{BITS_ALLOCATED, BITS_STORED, COLUMNS, DOSE_SCALING, DOUBLE_PIXELS, FLOAT_PIXELS, FRAMES, FRAME_GROUPS, FRAME_OFFSETS, HIGH_BIT, INSTANCE_NUMBER, MODALITY, PADDING, PHOTOMETRIC, PIXELS, REPRESENTATION, ROWS, SAMPLES, SERIES, SERIES_DESCRIPTION, SHARED_GROUPS, TRANSFER_SYNTAX, WANTED};
 use crate::error::{Error, Result};
 use crate::formats::input;
 use crate::formats::limits::Limits;
@@ -9,77 +11,6 @@ use glam::DVec3;
 use std::fs::File as Handle;
 use std::io::{BufReader, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
-
-const TRANSFER_SYNTAX: u32 = 0x0002_0010;
-const MODALITY: u32 = 0x0008_0060;
-const SERIES_DESCRIPTION: u32 = 0x0008_103e;
-const SLICE_THICKNESS: u32 = 0x0018_0050;
-const SPACING_BETWEEN_SLICES: u32 = 0x0018_0088;
-const SERIES: u32 = 0x0020_000e;
-const INSTANCE_NUMBER: u32 = 0x0020_0013;
-const POSITION: u32 = 0x0020_0032;
-const ORIENTATION: u32 = 0x0020_0037;
-const PLANE_POSITION: u32 = 0x0020_9113;
-const PLANE_ORIENTATION: u32 = 0x0020_9116;
-const SAMPLES: u32 = 0x0028_0002;
-const PHOTOMETRIC: u32 = 0x0028_0004;
-const FRAMES: u32 = 0x0028_0008;
-const ROWS: u32 = 0x0028_0010;
-const COLUMNS: u32 = 0x0028_0011;
-const PIXEL_SPACING: u32 = 0x0028_0030;
-const BITS_ALLOCATED: u32 = 0x0028_0100;
-const BITS_STORED: u32 = 0x0028_0101;
-const HIGH_BIT: u32 = 0x0028_0102;
-const REPRESENTATION: u32 = 0x0028_0103;
-const PADDING: u32 = 0x0028_0120;
-const INTERCEPT: u32 = 0x0028_1052;
-const SLOPE: u32 = 0x0028_1053;
-const PIXEL_MEASURES: u32 = 0x0028_9110;
-const VALUE_TRANSFORMATION: u32 = 0x0028_9145;
-const FRAME_OFFSETS: u32 = 0x3004_000c;
-const DOSE_SCALING: u32 = 0x3004_000e;
-const SHARED_GROUPS: u32 = 0x5200_9229;
-const FRAME_GROUPS: u32 = 0x5200_9230;
-const FLOAT_PIXELS: u32 = 0x7fe0_0008;
-const DOUBLE_PIXELS: u32 = 0x7fe0_0009;
-const PIXELS: u32 = 0x7fe0_0010;
-
-/// Sequences that are kept.
-pub const SEQUENCES: [u32; 6] =
-    [SHARED_GROUPS, FRAME_GROUPS, PLANE_POSITION, PLANE_ORIENTATION, PIXEL_MEASURES, VALUE_TRANSFORMATION];
-
-/// Elements that are kept.
-const WANTED: [u32; 29] = [
-    MODALITY,
-    SERIES_DESCRIPTION,
-    SLICE_THICKNESS,
-    SPACING_BETWEEN_SLICES,
-    SERIES,
-    INSTANCE_NUMBER,
-    POSITION,
-    ORIENTATION,
-    PLANE_POSITION,
-    PLANE_ORIENTATION,
-    SAMPLES,
-    PHOTOMETRIC,
-    FRAMES,
-    ROWS,
-    COLUMNS,
-    PIXEL_SPACING,
-    BITS_ALLOCATED,
-    BITS_STORED,
-    HIGH_BIT,
-    REPRESENTATION,
-    PADDING,
-    INTERCEPT,
-    SLOPE,
-    PIXEL_MEASURES,
-    VALUE_TRANSFORMATION,
-    FRAME_OFFSETS,
-    DOSE_SCALING,
-    SHARED_GROUPS,
-    FRAME_GROUPS,
-];
 
 /// Numbers of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -116,21 +47,6 @@ impl Pixels {
     }
 }
 
-/// Place and scale of a frame. What is not stated is none.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Frame {
-    /// Position of the centre of the first pixel in the patient's system, in millimetres.
-    pub position: Option<DVec3>,
-    /// Directions in which columns and rows are counted.
-    pub orientation: Option<[DVec3; 2]>,
-    /// Distances of neighboring rows and of neighboring columns.
-    pub spacing: Option<[f64; 2]>,
-    /// Distance of slices, or their thickness, if no positions tell it.
-    pub thickness: Option<f64>,
-    /// Slope and intercept that stored values are multiplied by and added to.
-    pub rescale: (f64, f64),
-}
-
 /// A file of a series.
 #[derive(Debug, Clone)]
 pub struct File {
@@ -164,9 +80,9 @@ pub struct File {
     pub even: bool,
     /// True if 8-bit pixels of a big-endian file are stored in words.
     pub words: bool,
-    /// What all frames share.
+    /// Place and scale that all frames share.
     shared: Frame,
-    /// What differs from frame to frame; empty if nothing does.
+    /// Places and scales of single frames; empty if all share them.
     own: Vec<Frame>,
 }
 
@@ -196,81 +112,6 @@ fn source(path: &Path, start: u64, syntax: Syntax) -> Result<Box<dyn Source>> {
     file.seek(SeekFrom::Start(start)).map_err(Error::system)?;
     let reader = BufReader::with_capacity(1 << 16, file);
     Ok(if syntax.deflated { Box::new(flate2::read::DeflateDecoder::new(reader)) } else { Box::new(reader) })
-}
-
-/// An item with the byte order of its numbers.
-struct Fields<'a> {
-    item: &'a Item,
-    big: bool,
-}
-
-impl Fields<'_> {
-    fn bytes(&self, tag: u32) -> Option<&[u8]> {
-        match self.item.get(&tag)? {
-            Value::Bytes(bytes) if !bytes.is_empty() => Some(bytes),
-            _ => None,
-        }
-    }
-    fn text(&self, tag: u32) -> Option<String> {
-        let text = String::from_utf8_lossy(self.bytes(tag)?).trim_matches(['\0', ' ']).to_owned();
-        (!text.is_empty()).then_some(text)
-    }
-    fn u16(&self, tag: u32) -> Option<u16> {
-        let pair = *self.bytes(tag)?.first_chunk::<2>()?;
-        Some(if self.big { u16::from_be_bytes(pair) } else { u16::from_le_bytes(pair) })
-    }
-    /// Decimal numbers, which backslashes part; none if one of them is no number.
-    fn list(text: &str) -> Option<Vec<f64>> {
-        text.split('\\').map(|part| part.trim().parse().ok().filter(|n: &f64| n.is_finite())).collect()
-    }
-    /// As many decimal numbers as the element must have.
-    fn numbers<const N: usize>(&self, tag: u32) -> Result<Option<[f64; N]>> {
-        let Some(text) = self.text(tag) else { return Ok(None) };
-        let numbers = Self::list(&text).and_then(|n| <[f64; N]>::try_from(n).ok());
-        numbers.map(Some).ok_or_else(|| {
-            let shown: String = text.chars().take(40).collect();
-            damaged(format!("element {} is '{shown}'; {N} numbers are expected", super::element::shown(tag)))
-        })
-    }
-    fn number(&self, tag: u32) -> Result<Option<f64>> {
-        Ok(self.numbers::<1>(tag)?.map(|[n]| n))
-    }
-    fn items(&self, tag: u32) -> &[Item] {
-        match self.item.get(&tag) {
-            Some(Value::Items(items)) => items,
-            _ => &[],
-        }
-    }
-    /// Fields of the only item of a sequence.
-    fn inner(&self, tag: u32) -> Option<Fields<'_>> {
-        self.items(tag).first().map(|item| Fields { item, big: self.big })
-    }
-
-    /// Fills what this item states, in itself or in the functional groups it holds.
-    fn frame(&self, before: &Frame) -> Result<Frame> {
-        let mut frame = before.clone();
-        let in_group = |group: u32| self.inner(group);
-        let vector = |[x, y, z]: [f64; 3]| DVec3::new(x, y, z);
-        for fields in [Some(Fields { item: self.item, big: self.big }), in_group(PLANE_POSITION)].into_iter().flatten() {
-            frame.position = fields.numbers(POSITION)?.map(vector).or(frame.position);
-        }
-        for fields in [Some(Fields { item: self.item, big: self.big }), in_group(PLANE_ORIENTATION)].into_iter().flatten() {
-            if let Some([a, b, c, d, e, f]) = fields.numbers::<6>(ORIENTATION)? {
-                frame.orientation = Some([DVec3::new(a, b, c), DVec3::new(d, e, f)]);
-            }
-        }
-        for fields in [Some(Fields { item: self.item, big: self.big }), in_group(PIXEL_MEASURES)].into_iter().flatten() {
-            frame.spacing = fields.numbers(PIXEL_SPACING)?.or(frame.spacing);
-            let between = fields.number(SPACING_BETWEEN_SLICES)?.map(f64::abs);
-            let thickness = between.or(fields.number(SLICE_THICKNESS)?).filter(|t| *t > 0.0);
-            frame.thickness = thickness.or(frame.thickness);
-        }
-        for fields in [Some(Fields { item: self.item, big: self.big }), in_group(VALUE_TRANSFORMATION)].into_iter().flatten() {
-            let (slope, intercept) = (fields.number(SLOPE)?, fields.number(INTERCEPT)?);
-            frame.rescale = (slope.unwrap_or(frame.rescale.0), intercept.unwrap_or(frame.rescale.1));
-        }
-        Ok(frame)
-    }
 }
 
 /// Reads the meta information: the transfer syntax, and where the data set begins.

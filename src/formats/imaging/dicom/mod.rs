@@ -10,12 +10,14 @@
 //! Source: [DICOM](https://www.dicomstandard.org/current), parts 3 (C.7.6), 5 and 10.
 
 mod element;
+mod fields;
 mod file;
 mod packing;
 mod pixels;
 mod placement;
 mod series;
 mod syntax;
+mod tags;
 
 use super::image::{Header, Image, Values};
 use super::options::Options;

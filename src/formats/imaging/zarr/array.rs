@@ -196,7 +196,7 @@ fn two(metadata: &Value) -> Result<Array> {
     })
 }
 
-/// What a list of codecs of Zarr 3 says.
+/// Content of a list of codecs of Zarr 3.
 struct Pipeline {
     order: Option<Vec<usize>>,
     endian: Endian,
