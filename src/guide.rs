@@ -6,6 +6,7 @@
 //! | [Captures](captures) | How do I hand over my own pictures, or pictures from Blender? |
 //! | [Blender](blender) | How do I get from a Blender scene to a render, a capture, a reconstruction, and back? |
 //! | [Transfer functions](transfer_functions) | How do densities become colors, and which file formats are read? |
+//! | [Medical and scientific grids](grids) | How do I get scans and simulations into OpenVDB, and grids out of it? |
 //! | [Scattering](scattering) | How do I render smoke and clouds that scatter light? |
 //! | [USD stages](usd) | How do I render a stage from Blender or Houdini, and what is read of it? |
 //! | [Denoising](denoising) | How do I take the noise out of a sequence, from Cumulo or from Blender? |
@@ -36,6 +37,9 @@ pub mod getting_started {}
 
 #[doc = include_str!("guide/gradients.md")]
 pub mod gradients {}
+
+#[doc = include_str!("guide/grids.md")]
+pub mod grids {}
 
 #[doc = include_str!("guide/library.md")]
 ///

@@ -11,7 +11,7 @@ use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// What was read and written.
+/// Report of a conversion: paths, format, lengths of axes, grids or a layer, and notes.
 #[derive(Debug, Default, Serialize)]
 pub struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
@@ -38,7 +38,7 @@ pub struct Report {
     /// Layer that was read, with its channels in the array's order.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub layer: Option<LayerPlace>,
-    /// What was assumed, or could not be held.
+    /// Assumptions of the reader, and losses of the writer.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
 }

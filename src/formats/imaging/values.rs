@@ -20,7 +20,7 @@ impl Default for Mapping {
     }
 }
 
-/// What the values of a grid are, and what a threshold took from them.
+/// Range of the values of a grid, and share of them that a threshold removed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
 pub struct Tally {
     /// Smallest finite value, the background's 0 included if a voxel has it.

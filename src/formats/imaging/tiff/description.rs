@@ -50,7 +50,7 @@ impl Order {
 pub struct Description {
     /// Distance of neighboring voxels along x, y and z, if it is stated.
     pub spacing: Option<DVec3>,
-    /// Its unit.
+    /// Unit of the spacing.
     pub unit: String,
     counts: [Option<usize>; 3],
     axes: [u8; 3],

@@ -7,6 +7,7 @@ use std::fmt;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
+use tiff::decoder::ifd::Value;
 use tiff::decoder::{Decoder, DecodingResult};
 use tiff::tags::Tag;
 use tiff::{ColorType, TiffError};
@@ -110,11 +111,15 @@ impl Pages {
         self.decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default()
     }
 
-    /// Resolution of the current page along x and y.
+    /// Resolution of the current page along x and y, in pixels per unit.
     pub fn resolution(&mut self) -> Option<[f64; 2]> {
-        let x = self.decoder.get_tag_f64(Tag::XResolution).ok()?;
-        let y = self.decoder.get_tag_f64(Tag::YResolution).unwrap_or(x);
-        Some([x, y])
+        let mut along = |tag| match self.decoder.find_tag(tag) {
+            Ok(Some(Value::Rational(n, d))) => Some(f64::from(n) / f64::from(d)),
+            Ok(Some(value)) => value.into_f64().ok(),
+            _ => None,
+        };
+        let x = along(Tag::XResolution)?;
+        Some([x, along(Tag::YResolution).unwrap_or(x)])
     }
 
     /// Reads the values of the current page, row by row, the components of a pixel together.

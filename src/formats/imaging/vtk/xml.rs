@@ -49,7 +49,7 @@ struct Array {
     place: Place,
 }
 
-/// What the tags say.
+/// Content of the tags: layout of the values, geometry, and places of the arrays.
 #[derive(Debug, Default)]
 struct Document {
     endian: Endian,

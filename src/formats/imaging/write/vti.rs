@@ -10,8 +10,8 @@ use glam::DMat3;
 use quick_xml::escape::escape;
 use std::path::Path;
 
-/// Cosine of two axes from which on they are not orthogonal: beyond what rounding of directions leaves.
-const SHEAR: f64 = 1e-9;
+/// Cosine of two axes from which on they are not orthogonal: beyond what directions in single precision leave.
+const SHEAR: f64 = 1e-6;
 
 fn type_name(sample: Sample) -> &'static str {
     match sample {
