@@ -252,7 +252,8 @@ fn a_file_stands_for_its_series_and_integers_stay() {
 #[test]
 fn uneven_missing_doubled_and_turned_slices_are_named() {
     let all = series(EXPLICIT);
-    let without = |k: usize| all.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, s)| s.clone()).collect::<Vec<_>>();
+    let without =
+        |k: usize| all.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, s)| s.clone()).collect::<Vec<_>>();
     let error = read_slices(&without(2)).unwrap_err().to_string();
     assert!(error.contains("5.000 mm apart") && error.contains("as if 1 were missing"), "{error}");
     let changed = |change: &dyn Fn(&mut Slice)| {
@@ -279,7 +280,11 @@ fn uneven_missing_doubled_and_turned_slices_are_named() {
     assert!((step - expected * DVec3::new(-1.0, -1.0, 1.0)).length() < 1e-9);
     // Two points in time: as many slices at each position.
     let mut twice = all.clone();
-    twice.extend(all.iter().map(|s| Slice { number: s.number + 100, values: s.values.iter().map(|v| v + 1).collect(), ..s.clone() }));
+    twice.extend(all.iter().map(|s| Slice {
+        number: s.number + 100,
+        values: s.values.iter().map(|v| v + 1).collect(),
+        ..s.clone()
+    }));
     let (header, values) = read_slices(&twice).unwrap();
     assert!(header.size == [4, 3, 5] && header.notes.iter().any(|n| n.contains("--time")), "{header:?}");
     assert_eq!(values[0], f64::from(all[0].values[0]) * 2.0 - 1024.0);
@@ -287,7 +292,8 @@ fn uneven_missing_doubled_and_turned_slices_are_named() {
 
 #[test]
 fn what_is_not_read_says_what_to_do() {
-    for (syntax, words) in [("1.2.840.10008.1.2.4.90", "JPEG 2000"), ("1.2.840.10008.1.2.4.80", "JPEG-LS"), ("1.2.3", "unknown")]
+    for (syntax, words) in
+        [("1.2.840.10008.1.2.4.90", "JPEG 2000"), ("1.2.840.10008.1.2.4.80", "JPEG-LS"), ("1.2.3", "unknown")]
     {
         let slice = Slice { syntax, ..series(EXPLICIT).remove(0) };
         let error = read_slices(&[slice]).unwrap_err().to_string();

@@ -71,8 +71,7 @@ fn integers() -> Volume {
         active: mask(origin),
     };
     let tile = |(origin, dim, active)| IntegerTile { origin, dim, value: -77_777_777, active };
-    let tree =
-        Tree::Integers { background: 5, leaves: ORIGINS.map(leaf).to_vec(), tiles: TILES.map(tile).to_vec() };
+    let tree = Tree::Integers { background: 5, leaves: ORIGINS.map(leaf).to_vec(), tiles: TILES.map(tile).to_vec() };
     volume("labels", Kind::Int32, tree)
 }
 

@@ -42,7 +42,8 @@ fn grids_come_back_as_they_were() {
         ("kinds.vdb", &["velocity", "label"]),
     ] {
         let source = fixture(source);
-        let all: Vec<String> = File::open(&source, Limits::default()).unwrap().entries().iter().map(|e| e.name.clone()).collect();
+        let all: Vec<String> =
+            File::open(&source, Limits::default()).unwrap().entries().iter().map(|e| e.name.clone()).collect();
         let names: Vec<&str> = if names.is_empty() { all.iter().map(String::as_str).collect() } else { names.to_vec() };
         let chosen: Vec<&str> = names.iter().flat_map(|n| ["--grid", n]).collect();
         let made = json(0, &[&["convert", text(&source), text(&nano)], &chosen[..]].concat());

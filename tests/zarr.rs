@@ -66,7 +66,8 @@ fn image(folder: &Path, version: u8) {
         "space" => json!({"name": name, "type": kind, "unit": "micrometer"}),
         _ => json!({"name": name, "type": kind}),
     };
-    let axes = json!([axis("t", "time"), axis("c", "channel"), axis("z", "space"), axis("y", "space"), axis("x", "space")]);
+    let axes =
+        json!([axis("t", "time"), axis("c", "channel"), axis("z", "space"), axis("y", "space"), axis("x", "space")]);
     let dataset = |n: usize, factor: f64| {
         json!({"path": n.to_string(), "coordinateTransformations": [
             {"type": "scale", "scale": [1, 1, 3.0 * factor, 0.5 * factor, 0.25 * factor]},
@@ -140,9 +141,24 @@ fn levels_go_by_memory_or_by_number() {
     let (header, _) = read(folder.path(), &coarse).unwrap();
     assert_eq!((header.size, header.index_to_world.voxel_size()), ([4, 3, 3], DVec3::new(1.0, 2.0, 12.0)));
     // The metadata's estimate is the larger need here; a level whose voxels do not fit is passed over.
-    assert!(read(folder.path(), &Options { level: Some(2), ..Options::default() }).unwrap_err().to_string().contains("--level 0 to 1"));
-    assert!(read(folder.path(), &Options { channel: Some(2), ..Options::default() }).unwrap_err().to_string().contains("--channel 0 to 1"));
-    assert!(read(folder.path(), &Options { time: Some(1), ..Options::default() }).unwrap_err().to_string().contains("--time 0 to 0"));
+    assert!(
+        read(folder.path(), &Options { level: Some(2), ..Options::default() })
+            .unwrap_err()
+            .to_string()
+            .contains("--level 0 to 1")
+    );
+    assert!(
+        read(folder.path(), &Options { channel: Some(2), ..Options::default() })
+            .unwrap_err()
+            .to_string()
+            .contains("--channel 0 to 1")
+    );
+    assert!(
+        read(folder.path(), &Options { time: Some(1), ..Options::default() })
+            .unwrap_err()
+            .to_string()
+            .contains("--time 0 to 0")
+    );
 }
 
 #[test]
@@ -161,10 +177,14 @@ fn paths_stay_in_the_folder() {
     for name in ["../0", "/etc", "", "a/../../0"] {
         let folder = tempfile::tempdir().unwrap();
         image(folder.path(), 2);
-        let mut attributes: Value = serde_json::from_slice(&std::fs::read(folder.path().join(".zattrs")).unwrap()).unwrap();
+        let mut attributes: Value =
+            serde_json::from_slice(&std::fs::read(folder.path().join(".zattrs")).unwrap()).unwrap();
         attributes["multiscales"][0]["datasets"][0]["path"] = json!(name);
         store(&folder.path().join(".zattrs"), &attributes);
-        assert!(read(folder.path(), &Options::default()).unwrap_err().to_string().contains("does not lie in"), "{name}");
+        assert!(
+            read(folder.path(), &Options::default()).unwrap_err().to_string().contains("does not lie in"),
+            "{name}"
+        );
     }
 }
 
@@ -194,7 +214,17 @@ fn damaged_images_are_refused() {
             let sound: Value = serde_json::from_slice(&whole).unwrap();
             let mut all = Vec::new();
             pointers(&sound, String::new(), &mut all);
-            let odd = [json!(null), json!(-1), json!(0), json!(u64::MAX), json!(1e300), json!("x"), json!([]), json!({}), json!([1, 2])];
+            let odd = [
+                json!(null),
+                json!(-1),
+                json!(0),
+                json!(u64::MAX),
+                json!(1e300),
+                json!("x"),
+                json!([]),
+                json!({}),
+                json!([1, 2]),
+            ];
             for (i, pointer) in all.iter().enumerate() {
                 // Three values each, in turn.
                 for value in odd.iter().skip(i % 3).step_by(3) {

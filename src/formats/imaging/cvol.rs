@@ -189,10 +189,18 @@ impl Fields<'_> {
         self.take().map(u32::from_le_bytes)
     }
     fn u64s(&mut self) -> Result<[u64; 3]> {
-        Ok([self.take().map(u64::from_le_bytes)?, self.take().map(u64::from_le_bytes)?, self.take().map(u64::from_le_bytes)?])
+        Ok([
+            self.take().map(u64::from_le_bytes)?,
+            self.take().map(u64::from_le_bytes)?,
+            self.take().map(u64::from_le_bytes)?,
+        ])
     }
     fn f64s(&mut self) -> Result<DVec3> {
-        Ok(DVec3::new(f64::from_le_bytes(self.take()?), f64::from_le_bytes(self.take()?), f64::from_le_bytes(self.take()?)))
+        Ok(DVec3::new(
+            f64::from_le_bytes(self.take()?),
+            f64::from_le_bytes(self.take()?),
+            f64::from_le_bytes(self.take()?),
+        ))
     }
     fn f32s(&mut self) -> Result<DVec3> {
         let mut one = || self.take().map(f32::from_le_bytes).map(f64::from);
@@ -399,7 +407,9 @@ mod tests {
 
     #[test]
     fn damage_is_named_and_never_panics() {
-        for whole in [several(false), several(true), legacy([4, 2, 2], 0, &[9; 16], true), legacy([4, 2, 2], 0, &[9; 16], false)] {
+        for whole in
+            [several(false), several(true), legacy([4, 2, 2], 0, &[9; 16], true), legacy([4, 2, 2], 0, &[9; 16], false)]
+        {
             for n in 0..whole.len() - 1 {
                 if let Err(error) = read(&whole[..n], None) {
                     assert!(error.remedy().is_some(), "{n}: {error}");

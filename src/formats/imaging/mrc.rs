@@ -163,9 +163,9 @@ pub fn open(path: &Path) -> Result<Image> {
     let packing = if input::is_gzip(&input::start(path, 2)?) { Packing::Gzip } else { Packing::Plain };
     let mut head = [0; HEADER];
     let mut reader = input::values(path, 0, packing, 0)?;
-    reader.read_exact(&mut head).map_err(|e| {
-        wrong(format!("the header of {HEADER} bytes cannot be read ({e})")).at(path)
-    })?;
+    reader
+        .read_exact(&mut head)
+        .map_err(|e| wrong(format!("the header of {HEADER} bytes cannot be read ({e})")).at(path))?;
     drop(reader);
     let place = |e: Error| e.at(path);
     let mut notes = Vec::new();
@@ -175,7 +175,8 @@ pub fn open(path: &Path) -> Result<Image> {
     if size.contains(&0) {
         return Err(place(wrong(format!("a map of {:?} columns, rows and sections", words.integers(0)))));
     }
-    let extended = u64::try_from(words.integer(23)).map_err(|_| place(wrong("the extended header has less than 0 bytes")))?;
+    let extended =
+        u64::try_from(words.integer(23)).map_err(|_| place(wrong("the extended header has less than 0 bytes")))?;
     let from = HEADER as u64 + extended;
     if packing == Packing::Plain {
         input::has(path, from, input::byte_count(size, 1, sample.bytes()))?;

@@ -43,4 +43,5 @@ impl<'a> Bytes<'a> {
 }
 
 /// Advice on a file whose parts contradict each other.
-pub(super) const DAMAGED: &str = "the file is damaged or incomplete: copy it again, or write it again where it was made";
+pub(super) const DAMAGED: &str =
+    "the file is damaged or incomplete: copy it again, or write it again where it was made";

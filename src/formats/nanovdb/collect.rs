@@ -46,11 +46,7 @@ fn scalar(kind: Kind, bytes: &[u8], i: usize) -> f32 {
 
 /// Value number `i` of integers of up to 32 bits.
 fn integer(kind: Kind, bytes: &[u8], i: usize) -> i32 {
-    if kind == Kind::Int16 {
-        i16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]).into()
-    } else {
-        i32_at(bytes, 4 * i)
-    }
+    if kind == Kind::Int16 { i16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]).into() } else { i32_at(bytes, 4 * i) }
 }
 
 /// Component number `i` of vectors.

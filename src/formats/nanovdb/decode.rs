@@ -34,7 +34,8 @@ pub(super) fn volume(memory: Bytes, name: &str, kind: Kind, class: GridClass, li
     let root = tree
         .checked_add(memory.u64(tree + 24, "the offset of the root")?)
         .ok_or_else(|| Error::invalid("the root lies outside the grid").hint(DAMAGED))?;
-    let background = memory.slice(root.saturating_add(kind.root_background() as u64), kind.value().0, "the background")?;
+    let background =
+        memory.slice(root.saturating_add(kind.root_background() as u64), kind.value().0, "the background")?;
     let mut walk = Walk { memory, kind, collector: Collector::new(kind, background, limits, memory.0.len() as u64) };
     walk.root(root)?;
     Ok(Volume { name: name.to_owned(), class, transform, kind, tree: walk.collector.finish(), notes })

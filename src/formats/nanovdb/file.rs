@@ -1,10 +1,10 @@
 //! The directory of a file: segments with a header and the metadata of their grids, or bare grids one after another.
 
 use super::bytes::{Bytes, DAMAGED};
-use super::layout::{self, Kind};
-use super::volume::Volume;
 use super::decode;
+use super::layout::{self, Kind};
 use super::unpack::{Codec, unpack};
+use super::volume::Volume;
 use crate::error::{Error, Result};
 use crate::formats::input;
 use crate::formats::limits::Limits;
@@ -108,7 +108,9 @@ impl File {
             at = file.part(at).map_err(|e| e.at(path))?;
         }
         if file.entries.is_empty() {
-            return Err(Error::invalid("the file is empty; a NanoVDB file begins with 'NanoVDB'").at(path).hint(DAMAGED));
+            return Err(Error::invalid("the file is empty; a NanoVDB file begins with 'NanoVDB'")
+                .at(path)
+                .hint(DAMAGED));
         }
         Ok(file)
     }
@@ -170,8 +172,9 @@ impl File {
     fn bytes(&mut self, at: u64, count: u64) -> Result<Vec<u8>> {
         let inside = at.checked_add(count).is_some_and(|end| end <= self.length);
         let (true, Ok(count)) = (inside, usize::try_from(count)) else {
-            return Err(Error::invalid(format!("{count} bytes at byte {at} exceed the file's {}", self.length))
-                .hint(DAMAGED));
+            return Err(
+                Error::invalid(format!("{count} bytes at byte {at} exceed the file's {}", self.length)).hint(DAMAGED)
+            );
         };
         self.source.seek(SeekFrom::Start(at)).map_err(Error::system)?;
         let mut bytes = vec![0; count];
@@ -190,15 +193,21 @@ impl File {
         }
         let known = [MAGIC, MAGIC_GRID, MAGIC_FILE].iter().any(|m| magic == m);
         if !known || start.len() < 24 {
-            let what = format!("byte {at} begins with {:02x?}; 'NanoVDB' and a digit are expected", &start[..start.len().min(8)]);
+            let what = format!(
+                "byte {at} begins with {:02x?}; 'NanoVDB' and a digit are expected",
+                &start[..start.len().min(8)]
+            );
             return Err(Error::invalid(what).hint(DAMAGED));
         }
         // Both parts began with the same word before 32.6, and differ in where the version is.
         let segment = magic == MAGIC_FILE || magic == MAGIC && version(word(8))[0] == MAJOR && word(12) >> 16 <= 2;
         let found = version(if segment { word(8) } else { word(16) });
         if found[0] != MAJOR {
-            return Err(Error::unsupported(format!("version {}.{}.{} of NanoVDB, 32 is read", found[0], found[1], found[2]))
-                .hint("write the file again with a NanoVDB of OpenVDB 9 or later (nanovdb_convert)"));
+            return Err(Error::unsupported(format!(
+                "version {}.{}.{} of NanoVDB, 32 is read",
+                found[0], found[1], found[2]
+            ))
+            .hint("write the file again with a NanoVDB of OpenVDB 9 or later (nanovdb_convert)"));
         }
         self.version = found;
         if segment { self.segment(at, word(12)) } else { self.bare(at) }
@@ -211,8 +220,10 @@ impl File {
             1 => Codec::Zip,
             2 => Codec::Blosc,
             other => {
-                return Err(Error::unsupported(format!("compression {other}; none (0), zip (1) and blosc (2) are read"))
-                    .hint(DAMAGED));
+                return Err(Error::unsupported(format!(
+                    "compression {other}; none (0), zip (1) and blosc (2) are read"
+                ))
+                .hint(DAMAGED));
             }
         };
         let mut at = at + 16;
@@ -241,7 +252,8 @@ impl File {
             entry.position = at;
             let end = at.checked_add(entry.stored_bytes).filter(|end| *end <= self.length);
             at = end.ok_or_else(|| {
-                let what = format!("the grid has {} bytes from byte {at} on, the file {}", entry.stored_bytes, self.length);
+                let what =
+                    format!("the grid has {} bytes from byte {at} on, the file {}", entry.stored_bytes, self.length);
                 Error::invalid(what).part(format!("grid '{}'", entry.name)).hint(DAMAGED)
             })?;
         }

@@ -79,9 +79,7 @@ impl Kind {
         use Kind::{
             Boolean, Double, Float, Fp4, Fp8, Fp16, FpN, Half, Int16, Int32, Int64, Mask, UInt32, Vec3d, Vec3f,
         };
-        let all = [
-            Float, Double, Int16, Int32, Int64, Vec3f, Vec3d, Mask, Half, UInt32, Boolean, Fp4, Fp8, Fp16, FpN,
-        ];
+        let all = [Float, Double, Int16, Int32, Int64, Vec3f, Vec3d, Mask, Half, UInt32, Boolean, Fp4, Fp8, Fp16, FpN];
         all.into_iter().find(|kind| *kind as u32 == number)
     }
 

@@ -39,7 +39,8 @@ impl Volume {
                 NativeGrid::from_raw(&self.name, self.class, &self.transform, background, &raw)?
             }
             Tree::Integers { background: 0, ref leaves, ref tiles } => {
-                let zeros = leaves.iter().any(|l| (0..LEAF_VOXELS).any(|i| l.values[i] == 0 && is_active(&l.active, i)));
+                let zeros =
+                    leaves.iter().any(|l| (0..LEAF_VOXELS).any(|i| l.values[i] == 0 && is_active(&l.active, i)));
                 if zeros {
                     notes.push("voxels of value 0 become inactive".into());
                 }
@@ -51,7 +52,8 @@ impl Volume {
                     let values = Box::new(std::array::from_fn(|i| l.values[i] as f32));
                     Leaf { origin: l.origin, values, active: l.active }
                 };
-                let tile = |t: IntegerTile| Tile { origin: t.origin, dim: t.dim, value: t.value as f32, active: t.active };
+                let tile =
+                    |t: IntegerTile| Tile { origin: t.origin, dim: t.dim, value: t.value as f32, active: t.active };
                 NativeGrid::from_grid(&Grid {
                     name: self.name,
                     class: self.class,

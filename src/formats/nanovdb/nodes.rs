@@ -127,7 +127,9 @@ impl<'a, V: Value> Nodes<'a, V> {
                 8 => of.lower_at(tile.origin).map(|n| (&mut of.lower[n].slots, LOWER.entry_at(tile.origin) as u64)),
                 128 => of.upper_at(tile.origin).map(|n| (&mut of.upper[n].slots, UPPER.entry_at(tile.origin) as u64)),
                 4096 => Some((&mut of.root.slots, key(tile.origin))),
-                other => return Err(Error::invalid(format!("a tile of {other} voxels' edge; 8, 128 or 4096 fit a tree"))),
+                other => {
+                    return Err(Error::invalid(format!("a tile of {other} voxels' edge; 8, 128 or 4096 fit a tree")));
+                }
             };
             let (slots, entry) = slots.ok_or_else(|| clash(tile.origin))?;
             if slots.insert(entry, Slot::Tile(tile.value, tile.active)).is_some() {

@@ -41,8 +41,9 @@ pub(super) fn unpack(stored: Vec<u8>, codec: Codec, size: u64) -> Result<Vec<u8>
             let packed = part(&stored)?.0;
             let done = libdeflater::Decompressor::new().zlib_decompress(packed, &mut memory);
             if !matches!(done, Ok(n) if n == count) {
-                return Err(Error::invalid(format!("the zlib stream does not give {size} bytes ({done:?})"))
-                    .hint(DAMAGED));
+                return Err(
+                    Error::invalid(format!("the zlib stream does not give {size} bytes ({done:?})")).hint(DAMAGED)
+                );
             }
             Ok(memory)
         }

@@ -191,7 +191,8 @@ impl Elements {
     /// Keeps or skips an element.
     fn element(&mut self, head: Head, wanted: &[u32], item: &mut Item, depth: u32) -> Result<()> {
         let keeps = wanted.contains(&head.tag);
-        let sequence = &head.vr == b"SQ" || head.length.is_none() || keeps && super::tags::SEQUENCES.contains(&head.tag);
+        let sequence =
+            &head.vr == b"SQ" || head.length.is_none() || keeps && super::tags::SEQUENCES.contains(&head.tag);
         match head.length {
             Some(length) if !keeps => self.skip(length.into()),
             None if matches!(&head.vr, b"OB" | b"OW") => self.fragments(),

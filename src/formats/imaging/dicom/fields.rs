@@ -1,7 +1,10 @@
 //! Elements as numbers and text, and the frames that they describe.
 
 use super::element::{Item, Value, damaged, shown};
-use super::tags::{INTERCEPT, ORIENTATION, PIXEL_MEASURES, PIXEL_SPACING, PLANE_ORIENTATION, PLANE_POSITION, POSITION, SLICE_THICKNESS, SLOPE, SPACING_BETWEEN_SLICES, VALUE_TRANSFORMATION};
+use super::tags::{
+    INTERCEPT, ORIENTATION, PIXEL_MEASURES, PIXEL_SPACING, PLANE_ORIENTATION, PLANE_POSITION, POSITION,
+    SLICE_THICKNESS, SLOPE, SPACING_BETWEEN_SLICES, VALUE_TRANSFORMATION,
+};
 use crate::error::Result;
 use glam::DVec3;
 
@@ -52,8 +55,8 @@ impl Fields<'_> {
         let Some(text) = self.text(tag) else { return Ok(None) };
         let numbers = Self::list(&text).and_then(|n| <[f64; N]>::try_from(n).ok());
         numbers.map(Some).ok_or_else(|| {
-            let shown: String = text.chars().take(40).collect();
-            damaged(format!("element {} is '{shown}'; {N} numbers are expected", shown(tag)))
+            let start: String = text.chars().take(40).collect();
+            damaged(format!("element {} is '{start}'; {N} numbers are expected", shown(tag)))
         })
     }
     /// One decimal number.
@@ -77,21 +80,27 @@ impl Fields<'_> {
         let mut frame = before.clone();
         let in_group = |group: u32| self.inner(group);
         let vector = |[x, y, z]: [f64; 3]| DVec3::new(x, y, z);
-        for fields in [Some(Fields { item: self.item, big: self.big }), in_group(PLANE_POSITION)].into_iter().flatten() {
+        for fields in [Some(Fields { item: self.item, big: self.big }), in_group(PLANE_POSITION)].into_iter().flatten()
+        {
             frame.position = fields.numbers(POSITION)?.map(vector).or(frame.position);
         }
-        for fields in [Some(Fields { item: self.item, big: self.big }), in_group(PLANE_ORIENTATION)].into_iter().flatten() {
+        for fields in
+            [Some(Fields { item: self.item, big: self.big }), in_group(PLANE_ORIENTATION)].into_iter().flatten()
+        {
             if let Some([a, b, c, d, e, f]) = fields.numbers::<6>(ORIENTATION)? {
                 frame.orientation = Some([DVec3::new(a, b, c), DVec3::new(d, e, f)]);
             }
         }
-        for fields in [Some(Fields { item: self.item, big: self.big }), in_group(PIXEL_MEASURES)].into_iter().flatten() {
+        for fields in [Some(Fields { item: self.item, big: self.big }), in_group(PIXEL_MEASURES)].into_iter().flatten()
+        {
             frame.spacing = fields.numbers(PIXEL_SPACING)?.or(frame.spacing);
             let between = fields.number(SPACING_BETWEEN_SLICES)?.map(f64::abs);
             let thickness = between.or(fields.number(SLICE_THICKNESS)?).filter(|t| *t > 0.0);
             frame.thickness = thickness.or(frame.thickness);
         }
-        for fields in [Some(Fields { item: self.item, big: self.big }), in_group(VALUE_TRANSFORMATION)].into_iter().flatten() {
+        for fields in
+            [Some(Fields { item: self.item, big: self.big }), in_group(VALUE_TRANSFORMATION)].into_iter().flatten()
+        {
             let (slope, intercept) = (fields.number(SLOPE)?, fields.number(INTERCEPT)?);
             frame.rescale = (slope.unwrap_or(frame.rescale.0), intercept.unwrap_or(frame.rescale.1));
         }

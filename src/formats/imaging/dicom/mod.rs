@@ -53,7 +53,9 @@ pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Image> {
         notes.push("displays show low values of this series bright (MONOCHROME1); values are kept as stored".into());
     }
     if files.iter().any(|file| file.even) {
-        notes.push("the frames do not say where they lie; they are taken for slices in even steps of their thickness".into());
+        notes.push(
+            "the frames do not say where they lie; they are taken for slices in even steps of their thickness".into(),
+        );
     }
     if let Some(padding) = first.padding {
         notes.push(format!("stored values of {padding} mark pixels outside the image; they are kept"));

@@ -73,7 +73,8 @@ impl Frames {
             fragments.iter().map(|(_, fragment)| vec![*fragment]).collect()
         } else if offsets.len() == count && offsets.is_sorted() {
             let end = |i: usize| offsets.get(i + 1).copied().unwrap_or(u64::MAX);
-            let of = |i: usize| fragments.iter().filter(|(at, _)| (offsets[i]..end(i)).contains(at)).map(|f| f.1).collect();
+            let of =
+                |i: usize| fragments.iter().filter(|(at, _)| (offsets[i]..end(i)).contains(at)).map(|f| f.1).collect();
             (0..count).map(of).collect()
         } else {
             return Err(damaged(format!("{} parts of packed pixels for {count} frames", fragments.len())));
@@ -111,7 +112,8 @@ impl Frames {
 
 /// Unpacks runs: a stream of all first bytes of the pixels, the most significant, then of all second ones, and so on.
 fn rle(packed: &[u8], file: &File) -> Result<Vec<u8>> {
-    let word = |at: usize| packed.get(4 * at..4 * at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
+    let word =
+        |at: usize| packed.get(4 * at..4 * at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
     let bytes = file.pixels.bytes();
     if word(0) != Some(bytes) {
         return Err(damaged(format!("{:?} streams of runs for pixels of {bytes} bytes", word(0))));
@@ -166,7 +168,8 @@ fn jpeg(packed: &[u8], file: &File) -> Result<Vec<u8>> {
     decoder.read_info().map_err(failed)?;
     let info = decoder.info().ok_or_else(|| damaged("the JPEG of a frame does not say how large it is"))?;
     if (usize::from(info.width), usize::from(info.height)) != (file.columns, file.rows) {
-        let what = format!("a JPEG of {} x {} pixels in a file of {} x {}", info.width, info.height, file.columns, file.rows);
+        let what =
+            format!("a JPEG of {} x {} pixels in a file of {} x {}", info.width, info.height, file.columns, file.rows);
         return Err(damaged(what));
     }
     let bytes = info.pixel_format.pixel_bytes();

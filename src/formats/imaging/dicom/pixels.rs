@@ -59,7 +59,8 @@ fn plain(file: &File, frame: usize) -> Result<Vec<u8>> {
     }
     if file.syntax.big {
         // 8-bit pixels are swapped in pairs where they are stored as words.
-        let number = if file.words && size.is_multiple_of(2) { file.pixels.bytes().max(2) } else { file.pixels.bytes() };
+        let number =
+            if file.words && size.is_multiple_of(2) { file.pixels.bytes().max(2) } else { file.pixels.bytes() };
         bytes.chunks_exact_mut(number).for_each(<[u8]>::reverse);
     }
     Ok(bytes)

@@ -43,11 +43,8 @@ fn name(files: &[File], plane: Plane) -> String {
 /// # Errors
 /// If slices differ in size or orientation, lie unevenly, are missing or doubled, or do not say how large their pixels are.
 pub fn stack(files: &[File], options: &Options, notes: &mut Vec<String>) -> Result<Stack> {
-    let planes: Vec<Plane> = files
-        .iter()
-        .enumerate()
-        .flat_map(|(file, f)| (0..f.frames).map(move |frame| Plane { file, frame }))
-        .collect();
+    let planes: Vec<Plane> =
+        files.iter().enumerate().flat_map(|(file, f)| (0..f.frames).map(move |frame| Plane { file, frame })).collect();
     let Some((first, of)) = planes.first().map(|plane| (*plane, &files[plane.file])) else {
         return Err(damaged("the series has no slices"));
     };

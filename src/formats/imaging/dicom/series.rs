@@ -70,7 +70,8 @@ pub fn gather(path: &Path, wanted: Option<&str>, limits: Limits, notes: &mut Vec
             }
         }
     }
-    let listed = |(uid, files): (&String, &Vec<File>)| format!("{uid} ({}, {} files)", files[0].description, files.len());
+    let listed =
+        |(uid, files): (&String, &Vec<File>)| format!("{uid} ({}, {} files)", files[0].description, files.len());
     let list = all.iter().map(listed).collect::<Vec<_>>().join("; ");
     let series = match (&wanted, all.len()) {
         (Some(uid), _) => all.remove(uid),
@@ -84,7 +85,10 @@ pub fn gather(path: &Path, wanted: Option<&str>, limits: Limits, notes: &mut Vec
     match (series, unread) {
         (Some(series), unread) => {
             if let Some(error) = unread {
-                notes.push(format!("{passed} files of the folder were passed over, the first because: {}", error.what()));
+                notes.push(format!(
+                    "{passed} files of the folder were passed over, the first because: {}",
+                    error.what()
+                ));
             }
             Ok(series)
         }

@@ -76,8 +76,14 @@ impl Array {
         }
         if let Some(shards) = &array.shards {
             let fits = |(shard, chunk): (&u64, &u64)| shard.is_multiple_of(*chunk);
-            if shards.shape.len() != axes || shards.shape.contains(&0) || !shards.shape.iter().zip(&array.chunk).all(fits) {
-                return Err(wrong(format!("shards of {:?} do not consist of chunks of {:?}", shards.shape, array.chunk)));
+            if shards.shape.len() != axes
+                || shards.shape.contains(&0)
+                || !shards.shape.iter().zip(&array.chunk).all(fits)
+            {
+                return Err(wrong(format!(
+                    "shards of {:?} do not consist of chunks of {:?}",
+                    shards.shape, array.chunk
+                )));
             }
         }
         Ok(array)
@@ -145,7 +151,9 @@ fn fill(value: Option<&Value>, sample: Sample) -> Result<f64> {
     };
     let text = match value {
         Value::String(text) => text.as_str(),
-        other => return other.as_f64().ok_or_else(|| wrong(format!("the fill value is {other}; a number is expected"))),
+        other => {
+            return other.as_f64().ok_or_else(|| wrong(format!("the fill value is {other}; a number is expected")));
+        }
     };
     let bits = text.strip_prefix("0x").and_then(|hex| u64::from_str_radix(hex, 16).ok());
     let number = match (text, bits, sample) {

@@ -36,7 +36,8 @@ impl Chunks {
         let size = axes.size(&array)?;
         let deep = axes.space[2].map_or(1, |axis| array.chunk[axis]);
         let depth = usize::try_from(deep).unwrap_or(usize::MAX).min(size[2]);
-        let layer = [size[0], size[1], depth].iter().try_fold(array.sample.bytes() as u64, |p, n| p.checked_mul(*n as u64));
+        let layer =
+            [size[0], size[1], depth].iter().try_fold(array.sample.bytes() as u64, |p, n| p.checked_mul(*n as u64));
         let chunk = array.chunk_bytes();
         let needed = layer.zip(chunk).and_then(|(layer, chunk)| layer.checked_add(chunk.checked_mul(3)?));
         if needed.is_none_or(|needed| needed > limits.max_memory) {
@@ -51,7 +52,8 @@ impl Chunks {
             );
             return Err(Error::unsupported(what).hint("raise --max-memory, or choose a coarser --level"));
         }
-        let chunk_bytes = chunk.and_then(|n| usize::try_from(n).ok()).ok_or_else(|| wrong("chunks too large to count"))?;
+        let chunk_bytes =
+            chunk.and_then(|n| usize::try_from(n).ok()).ok_or_else(|| wrong("chunks too large to count"))?;
         let layer = Vec::new();
         Ok(Self { folder: folder.to_path_buf(), array, axes, point, size, layer, depth, next: 0, chunk_bytes })
     }
@@ -163,7 +165,9 @@ impl Chunks {
         }
         let inside = from.checked_add(count).is_some_and(|end| end <= length) && count <= self.most();
         let (true, Ok(count)) = (inside, usize::try_from(count)) else {
-            return Err(wrong(format!("a chunk of {count} bytes at byte {from} lies outside its shard of {length} bytes")));
+            return Err(wrong(format!(
+                "a chunk of {count} bytes at byte {from} lies outside its shard of {length} bytes"
+            )));
         };
         file.seek(SeekFrom::Start(from)).map_err(Error::system)?;
         let mut packed = vec![0; count];

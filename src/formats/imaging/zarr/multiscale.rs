@@ -106,7 +106,9 @@ fn unit(multiscale: &Value, level: &Level, notes: &mut Vec<String>) {
     match &units[..] {
         [] => {}
         [one] => notes.push(format!("a unit of length is one {one}")),
-        several => notes.push(format!("the axes have different units ({}), which are not converted", several.join(", "))),
+        several => {
+            notes.push(format!("the axes have different units ({}), which are not converted", several.join(", ")))
+        }
     }
 }
 
@@ -141,7 +143,8 @@ pub(super) fn open(folder: &Path, multiscales: &[Value], options: &Options, limi
         None => levels.iter().position(fits).unwrap_or(levels.len() - 1),
     };
     if options.level.is_none() && levels.len() > 1 {
-        let size = |(n, level): (usize, &Level)| format!("{n}: {} x {} x {}", level.size[0], level.size[1], level.size[2]);
+        let size =
+            |(n, level): (usize, &Level)| format!("{n}: {} x {} x {}", level.size[0], level.size[1], level.size[2]);
         let all: Vec<String> = levels.iter().enumerate().map(size).collect();
         notes.push(format!("level {number} was read, the finest that fits; --level chooses among {}", all.join(", ")));
     }
