@@ -122,7 +122,9 @@ impl Slice {
         w.short(0x0028_0010, 3);
         w.short(0x0028_0011, 4);
         w.text(0x0028_0030, b"DS", "0.75\\0.5");
-        [(0x0028_0100, 16), (0x0028_0101, 16), (0x0028_0102, 15), (0x0028_0103, 1)].map(|(tag, v)| w.short(tag, v));
+        for (tag, v) in [(0x0028_0100, 16), (0x0028_0101, 16), (0x0028_0102, 15), (0x0028_0103, 1)] {
+            w.short(tag, v);
+        }
         if let Some((slope, intercept)) = self.rescale {
             w.text(0x0028_1052, b"DS", &intercept.to_string());
             w.text(0x0028_1053, b"DS", &slope.to_string());
