@@ -251,6 +251,9 @@ fn a_file_stands_for_its_series_and_integers_stay() {
     assert!(read(folder.path(), &wrong).unwrap_err().to_string().contains("no series 9"));
 }
 
+/// A change to a slice.
+type Change<'a> = &'a dyn Fn(&mut Slice);
+
 #[test]
 fn uneven_missing_doubled_and_turned_slices_are_named() {
     let all = series(EXPLICIT);
@@ -264,7 +267,7 @@ fn uneven_missing_doubled_and_turned_slices_are_named() {
         read_slices(&slices).unwrap_err().to_string()
     };
     let normal = oblique()[0].cross(oblique()[1]);
-    let cases: [(&dyn Fn(&mut Slice), &str); 4] = [
+    let cases: [(Change, &str); 4] = [
         (&|s| s.position += normal * 0.4, "mm apart, others"),
         (&|s| s.position += normal * 2.5, "2 slices lie at"),
         (&|s| s.position += oblique()[0] * 9.0, "in line"),

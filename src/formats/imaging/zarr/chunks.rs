@@ -118,7 +118,7 @@ impl Chunks {
         let path = self.folder.join(self.array.file(number));
         let packed = match &self.array.shards {
             None => input_of(&path, self.most())?,
-            Some(shards) => self.from_shard(&path, shards, number).map_err(|e| e.at(&path))?,
+            Some(shards) => self.part_of_shard(&path, shards, number).map_err(|e| e.at(&path))?,
         };
         let Some(packed) = packed else {
             let mut fill = Vec::new();
@@ -137,7 +137,7 @@ impl Chunks {
     }
 
     /// Packed bytes of a chunk that lies in a shard; none if it is missing.
-    fn from_shard(&self, path: &Path, shards: &Shards, number: &[u64]) -> Result<Option<Vec<u8>>> {
+    fn part_of_shard(&self, path: &Path, shards: &Shards, number: &[u64]) -> Result<Option<Vec<u8>>> {
         if !path.is_file() {
             return Ok(None);
         }
