@@ -81,6 +81,18 @@ fn scopes_are_not_moved() {
     }
 }
 
+/// Prims without a type have no visibility, scopes do.
+#[test]
+fn prims_without_a_type_hide_nothing() {
+    let stages = Stages::new();
+    for (kind, expected) in [("", true), ("Scope", false), ("Xform", false)] {
+        let stage =
+            stages.open(&format!("def {kind} \"a\" {{\n token visibility = \"invisible\"\n def Volume \"b\" {{}}\n}}"));
+        assert_eq!(stage.is_rendered(stage.prim("/a/b").unwrap(), 0.0), expected, "'{kind}'");
+        assert_eq!(stage.faults.iter().any(|f| f.contains("/a") && f.contains("visibility")), expected, "'{kind}'");
+    }
+}
+
 /// A curve over time has no value here, which is told: a fallback would be another number.
 #[test]
 fn splines_are_told() {
@@ -88,7 +100,11 @@ fn splines_are_told() {
     let stage = stages.open(
         "def SphereLight \"l\" {\n float inputs:intensity = 3\n float inputs:intensity.spline = {\n bezier,\n 1: 5; post held,\n }\n}",
     );
-    assert!(stage.faults.iter().any(|f| f.contains("/l.inputs:intensity") && f.contains("spline")), "{:?}", stage.faults);
+    assert!(
+        stage.faults.iter().any(|f| f.contains("/l.inputs:intensity") && f.contains("spline")),
+        "{:?}",
+        stage.faults
+    );
 }
 
 /// Two files of one name in different folders of a package, and paths longer than a file's name may be.
@@ -181,7 +197,10 @@ fn inputs_without_effect_are_told() {
     };
     let (lights, remarks) = light("def SphereLight \"l\" {\n float intensity = 7\n}");
     assert!(remarks.len() == 1 && remarks[0].contains("'inputs:intensity'"), "{remarks:?}");
-    assert!(matches!(lights[0], Light::Sphere { radiance, .. } if radiance == Vec3::ONE), "as OpenUSD has it: {lights:?}");
+    assert!(
+        matches!(lights[0], Light::Sphere { radiance, .. } if radiance == Vec3::ONE),
+        "as OpenUSD has it: {lights:?}"
+    );
     let (lights, remarks) = light("def SphereLight \"l\" {\n float intensity = 7\n float inputs:intensity = 7\n}");
     assert!(lights.len() == 1 && remarks.is_empty(), "{remarks:?}");
     let (lights, remarks) = light("def SphereLight \"l\" {\n float inputs:radius = 0\n}");
@@ -190,7 +209,11 @@ fn inputs_without_effect_are_told() {
     stages.write("field.usda", &volume("smoke", ""));
     let text = format!("(\n subLayers = [@./field.usda@]\n)\nover \"smoke\" {{\n {field}\n}}");
     let scene = load(&stages.open(&text)).unwrap();
-    assert!(scene.remarks.iter().any(|r| r.contains("/smoke/density") && r.contains("transform")), "{:?}", scene.remarks);
+    assert!(
+        scene.remarks.iter().any(|r| r.contains("/smoke/density") && r.contains("transform")),
+        "{:?}",
+        scene.remarks
+    );
 }
 
 /// Whatever changes above a volume or a light, or in its material, makes another scene at another time.
@@ -207,7 +230,7 @@ fn scenes_move_with_what_stands_above() {
         (smoke.clone(), false),
         (over("rig", "Camera", &format!("{moving}\n {smoke}")), true),
         (over("rig", "SkelRoot", &format!("{moving}\n {smoke}")), true),
-        (over("rig", "", &format!("{blinking}\n {smoke}")), true),
+        (over("rig", "Scope", &format!("{blinking}\n {smoke}")), true),
         (over("rig", "Camera", &format!("{moving}\n def SphereLight \"l\" {{}}")) + &smoke, true),
         (over("m", "Material", &over("s", "Shader", shader)) + &smoke, true),
         // The camera and a mesh are no part of the scene.
@@ -221,7 +244,8 @@ fn scenes_move_with_what_stands_above() {
 #[test]
 fn whole_numbers_are_held() {
     let stages = Stages::new();
-    let stage = stages.open("def \"a\" {\n int2 v.timeSamples = { 0: (0, 0), 2: (2, 4) }\n int i.timeSamples = { 0: 0, 2: 2 }\n}");
+    let stage = stages
+        .open("def \"a\" {\n int2 v.timeSamples = { 0: (0, 0), 2: (2, 4) }\n int i.timeSamples = { 0: 0, 2: 2 }\n}");
     let prim = stage.prim("/a").unwrap();
     assert_eq!((prim.tuple::<2>("v", 1.5), prim.number("i", 1.5)), (Some([0.0, 0.0]), Some(0.0)));
 }

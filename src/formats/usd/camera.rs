@@ -139,7 +139,11 @@ impl Stage {
             height: size[1],
             near: near.max(0.0),
         };
-        view.checked().map_err(blame)
+        let advised = |e: Error| match e.remedy() {
+            Some(_) => e,
+            None => e.hint("correct the camera's attributes, and scales of prims above it that shear its axes"),
+        };
+        view.checked().map_err(|e| blame(advised(e)))
     }
 
     /// Returns what a camera states and pictures do not show: blur by its lens or shutter, an exposure, clipping.

@@ -71,7 +71,7 @@ pub(super) fn is_light(prim: &Prim) -> bool {
 pub(super) fn lights(stage: &Stage, time: f64, limits: Limits) -> Result<Lights> {
     let mut all = Lights::default();
     for prim in stage.prims().filter(|prim| is_light(prim)) {
-        if stage.upwards(prim).any(|prim| prim.text("visibility", time).is_some_and(|v| v == "invisible")) {
+        if !stage.is_visible(prim, time) {
             continue;
         }
         let blame = |e: Error| stage.blame(e, prim);

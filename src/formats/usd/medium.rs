@@ -35,17 +35,17 @@ pub struct Overrides {
     pub transfer: Option<PathBuf>,
 }
 
-/// Properties of scattering.
-#[derive(Debug, Clone, Copy)]
+/// Properties of scattering; those that are `None` stay as the stage states them.
+#[derive(Debug, Clone, Copy, Default)]
 pub struct ScatteringOverride {
     /// Share of the extinction that is scattered.
     pub albedo: [f32; 3],
     /// Mean cosine of the angle by which scattered light turns.
-    pub anisotropy: f64,
+    pub anisotropy: Option<f64>,
     /// Change of the density per length at which half of the scattering is that of a surface.
     pub gradient_shading: Option<f64>,
     /// Factors of the extinction.
-    pub extinction_color: [f32; 3],
+    pub extinction_color: Option<[f32; 3]>,
 }
 
 impl Overrides {
@@ -59,7 +59,10 @@ impl Overrides {
         let entry = &mut medium.entry;
         entry.density_scale = self.density_scale.unwrap_or(entry.density_scale);
         if let Some(ScatteringOverride { albedo, anisotropy, gradient_shading, extinction_color }) = self.scattering {
-            *entry = MediumEntry { albedo, anisotropy, gradient_shading, extinction_color, ..entry.clone() };
+            entry.albedo = albedo;
+            entry.anisotropy = anisotropy.unwrap_or(entry.anisotropy);
+            entry.gradient_shading = gradient_shading.or(entry.gradient_shading);
+            entry.extinction_color = extinction_color.unwrap_or(entry.extinction_color);
         }
         if self.emission.is_some() {
             (entry.emission, medium.transfer) = (self.emission, None);
@@ -132,12 +135,8 @@ fn own(volume: &Prim, time: f64) -> Result<StatedMedium> {
         color("emissionRadiance")?.map(|radiance| EmissionGridEntry { grid: String::new(), radiance });
     let intensity = number("blackbodyIntensity")?.unwrap_or(1.0);
     let tint = color("blackbodyTint")?.unwrap_or([1.0; 3]);
-    entry.blackbody = number("blackbodyKelvin")?.map(|kelvin| BlackbodyEntry {
-        grid: String::new(),
-        kelvin,
-        intensity,
-        tint,
-    });
+    entry.blackbody =
+        number("blackbodyKelvin")?.map(|kelvin| BlackbodyEntry { grid: String::new(), kelvin, intensity, tint });
     let transfer = own_value(volume, "transfer", time, "the path of a file such as @./fire.json@", |value| {
         value.asset().cloned()
     })?;
@@ -212,7 +211,9 @@ fn shaded(shader: &Prim, time: f64) -> Option<(MediumEntry, Vec<String>)> {
             entry.albedo = color("color").unwrap_or([0.5; 3]);
             if let Some(passed) = color("absorption_color").filter(|color| *color != [0.0; 3]) {
                 // Of what is not scattered, 1 - color, the root of the absorption color is not absorbed either.
-                for (albedo, (factor, passed)) in entry.albedo.iter_mut().zip(entry.extinction_color.iter_mut().zip(passed)) {
+                for (albedo, (factor, passed)) in
+                    entry.albedo.iter_mut().zip(entry.extinction_color.iter_mut().zip(passed))
+                {
                     *factor = *albedo + (1.0 - *albedo).max(0.0) * (1.0 - passed.max(0.0).sqrt()).max(0.0);
                     *albedo = if *factor > 0.0 { *albedo / *factor } else { 0.0 };
                 }

@@ -101,11 +101,20 @@ fn faults(copier: &Copier, met: &Met, prims: &[Prim]) -> Vec<String> {
     faults.extend(
         clips.map(|prim| format!("prim {}: its value clips are not read; samples within them are missing", prim.path)),
     );
-    faults.extend(copier.splines().into_iter().map(|path| format!("attribute {path}: splines are not read; it has no value")));
-    let unused = prims.iter().filter(|prim| !xform::is_transformable(prim) && prim.attribute("xformOpOrder").is_some());
-    faults.extend(unused.map(|prim| {
-        let kind = if prim.type_name.is_empty() { "without a type" } else { "of type Scope" };
-        format!("prim {}: prims {kind} have no transform, so that its 'xformOpOrder' has no effect", prim.path)
-    }));
+    faults.extend(
+        copier.splines().into_iter().map(|path| format!("attribute {path}: splines are not read; it has no value")),
+    );
+    faults.extend(prims.iter().filter_map(without_effect));
     faults
+}
+
+/// Returns what a prim states that its type does not have, in words.
+fn without_effect(prim: &Prim) -> Option<String> {
+    let unused = |names: &[&'static str]| names.iter().copied().find(|name| prim.attribute(name).is_some());
+    let (kind, name) = match prim.type_name.as_str() {
+        "" => ("without a type", unused(&["xformOpOrder", "visibility", "purpose"])?),
+        _ if !xform::is_transformable(prim) => ("of type Scope", unused(&["xformOpOrder"])?),
+        _ => return None,
+    };
+    Some(format!("prim {}: its '{name}' has no effect, since prims {kind} have none", prim.path))
 }

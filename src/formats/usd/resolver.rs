@@ -45,8 +45,11 @@ impl Bounded {
         let bytes = match &split {
             Some((package, inner)) => entry(Path::new(package), inner, left)?,
             None if input::open(place)?.metadata().is_ok_and(|data| data.len() > left) => {
-                return Err(Error::unsupported(format!("the stage's layers have more than {} bytes together", self.most))
-                    .hint("raise --max-memory, of which layers may take a quarter, if the stage is to be trusted"));
+                return Err(Error::unsupported(format!(
+                    "the stage's layers have more than {} bytes together",
+                    self.most
+                ))
+                .hint("raise --max-memory, of which layers may take a quarter, if the stage is to be trusted"));
             }
             None => input::bytes(place, left, "a layer of a stage")?,
         };

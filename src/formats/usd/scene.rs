@@ -120,7 +120,8 @@ impl Reader<'_> {
         let fields = self.stage.fields(self.prim, self.time);
         let map = self.stage.local_to_world(self.prim, self.time)?;
         let density = self.density(&fields).map_err(blame)?;
-        let StatedMedium { entry, transfer, remarks } = medium::medium(self.stage, self.prim, self.time, overrides).map_err(blame)?;
+        let StatedMedium { entry, transfer, remarks } =
+            medium::medium(self.stage, self.prim, self.time, overrides).map_err(blame)?;
         scene.remarks.extend(remarks.into_iter().map(|what| format!("volume {}: {what}", self.prim.path)));
         let (path, mut grid) = self.grid(density, scene)?;
         place(&mut grid, map).map_err(blame)?;

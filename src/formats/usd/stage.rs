@@ -148,10 +148,15 @@ impl Stage {
     /// `guide` nor `proxy`. What lies beneath a `PointInstancer` is not rendered, since it is there for its instances alone.
     pub fn is_rendered(&self, prim: &Prim, time: f64) -> bool {
         // The purpose stated nearest to the prim counts, `default` as well.
-        let purpose = self.upwards(prim).find_map(|prim| prim.text("purpose", time));
-        let hidden = self.upwards(prim).any(|prim| prim.text("visibility", time).is_some_and(|v| v == "invisible"));
+        let purpose = self.upwards(prim).filter(|p| p.is_typed()).find_map(|prim| prim.text("purpose", time));
         let meant = purpose.is_none_or(|purpose| purpose == "render" || purpose == "default");
-        !hidden && meant && !self.is_prototype(prim)
+        meant && self.is_visible(prim, time) && !self.is_prototype(prim)
+    }
+
+    /// True if neither a prim nor one above it is made invisible at a time code. Prims without a type have no visibility.
+    pub fn is_visible(&self, prim: &Prim, time: f64) -> bool {
+        let hides = |prim: &Prim| prim.is_typed() && prim.text("visibility", time).is_some_and(|v| v == "invisible");
+        !self.upwards(prim).any(hides)
     }
 
     /// True if a prim lies beneath a `PointInstancer`, which shows it at the places of its instances alone.

@@ -99,7 +99,8 @@ impl Stage {
 
     /// Returns what keeps relationships of a volume from being fields, in words: more than one target.
     pub fn unclear_fields<'s>(&self, volume: &'s Prim) -> impl Iterator<Item = String> + 's {
-        let several = volume.relationships.iter().filter(|(name, targets)| name.starts_with("field:") && targets.len() > 1);
+        let several =
+            volume.relationships.iter().filter(|(name, targets)| name.starts_with("field:") && targets.len() > 1);
         several.map(|(name, targets)| format!("{name} has {} targets, so that it is no field", targets.len()))
     }
 }

@@ -22,7 +22,7 @@ const INVERSE: &str = "!invert!";
 
 /// True if transform operations of a prim count: prims without a type and scopes have none.
 pub(super) fn is_transformable(prim: &Prim) -> bool {
-    !matches!(prim.type_name.as_str(), "" | "Scope")
+    prim.is_typed() && prim.type_name != "Scope"
 }
 
 /// Returns the map from a prim's space to that of its parent at a time code.
