@@ -277,3 +277,15 @@ fn fields_have_one_target() {
     let error = load(&stages.open(&text)).unwrap_err().to_string();
     assert!(error.contains("field:density has 2 targets"), "{error}");
 }
+
+/// The ending of a package's name counts in capitals as well.
+#[test]
+fn packages_in_capitals_are_opened() {
+    let stages = Stages::new();
+    let text = "#usda 1.0\ndef \"p\" {\n asset a = @./x.vdb@\n}";
+    std::fs::write(stages.path("P.USDZ"), package(&[("root.usda", text.as_bytes()), ("x.vdb", b"x")])).unwrap();
+    let stage = open(&stages.path("P.USDZ")).unwrap();
+    let asset = stage.prim("/p").unwrap().value("a", 0.0).unwrap().asset().unwrap().clone();
+    assert!(stage.exists(&asset), "{asset:?}");
+    assert_eq!(std::fs::read(stage.file(&asset).unwrap()).unwrap(), b"x");
+}

@@ -47,8 +47,7 @@ pub(in crate::cli) struct ScatteringOptions {
     /// Share of the extinction that is scattered, one number or r,g,b from 0 to 1; turns path tracing on
     #[arg(long, value_name = "A", value_parser = parse::albedo, conflicts_with_all = ["model", "quadrature", "early_stop", "supersample"])]
     albedo: Option<[f32; 3]>,
-    /// Mean cosine of the angle by which scattered light turns (Henyey-Greenstein): -0.999 backward to 0.999 forward
-    /// (default: that of a stage, else 0)
+    /// Mean cosine of the scattering angle (Henyey-Greenstein), -0.999 to 0.999 (default: that of a stage, else 0)
     #[arg(long, value_name = "G", value_parser = parse::number, requires = "albedo", allow_negative_numbers = true)]
     anisotropy: Option<f64>,
     /// Scatter like a surface where the density changes much: half of the light at a change of G per world length

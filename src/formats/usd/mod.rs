@@ -28,6 +28,7 @@ mod metadata;
 mod prim;
 mod problems;
 mod read;
+mod remarks;
 mod resolver;
 pub mod scene;
 mod stage;
