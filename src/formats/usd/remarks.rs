@@ -1,5 +1,6 @@
 //! What a stage states and pictures do not show, or show otherwise, in words.
 
+use super::prim::Prim;
 use super::stage::Stage;
 
 /// Says how lights of Blender are read, where there are suns among them.
