@@ -28,7 +28,6 @@ mod metadata;
 mod prim;
 mod problems;
 mod read;
-mod remarks;
 mod resolver;
 pub mod scene;
 mod stage;

@@ -3,7 +3,6 @@
 use super::light;
 use super::medium::{self, Overrides, StatedMedium};
 use super::prim::Prim;
-use super::remarks;
 use super::stage::Stage;
 use super::value::Asset;
 use super::volume::{Field, Role};
@@ -30,8 +29,8 @@ use std::path::{Path, PathBuf};
 pub fn load(stage: &Stage, time: f64, limits: Limits, overrides: &Overrides) -> Result<LoadedScene> {
     let mut scene = LoadedScene { files: stage.layers.clone(), ..LoadedScene::default() };
     scene.remarks.extend(stage.faults.iter().cloned());
-    scene.remarks.extend(remarks::blender(stage));
-    scene.remarks.extend(remarks::prototypes(stage));
+    scene.remarks.extend(blender(stage));
+    scene.remarks.extend(prototypes(stage));
     for prim in stage.volumes().filter(|prim| stage.is_rendered(prim, time)) {
         let read = Reader { stage, prim, time, limits }.volume(overrides, &mut scene)?;
         scene.volumes.push(read);
@@ -49,11 +48,43 @@ pub fn load(stage: &Stage, time: f64, limits: Limits, overrides: &Overrides) -> 
     let light::Lights { lights, environment, files, remarks } = light::lights(stage, time, limits)?;
     scene.files.extend(files);
     scene.remarks.extend(remarks);
-    scene.remarks.extend(remarks::surfaces(stage, time));
+    scene.remarks.extend(surfaces(stage, time));
     scene.lights = lights;
     scene.environment = environment;
     scene.moving = moves(stage);
     Ok(scene)
+}
+
+/// Says how lights of Blender are read, where there are suns among them.
+fn blender(stage: &Stage) -> Option<String> {
+    let documentation = stage.metadata.documentation.as_deref().filter(|doc| doc.starts_with("Blender v"))?;
+    let sun = stage.of_type("DistantLight").next()?;
+    Some(format!(
+        "light {} and other suns are read as Blender writes them ({documentation}): a quarter of the strength, half of the \
+         angle",
+        sun.path
+    ))
+}
+
+/// Tells how many surfaces there are, which no picture shows.
+pub(super) fn surfaces(stage: &Stage, time: f64) -> Option<String> {
+    const SHAPES: [&str; 12] = [
+        "Mesh",
+        "Points",
+        "BasisCurves",
+        "NurbsCurves",
+        "NurbsPatch",
+        "Cube",
+        "Sphere",
+        "Cylinder",
+        "Cone",
+        "Capsule",
+        "Plane",
+        "PointInstancer",
+    ];
+    let shape = |prim: &&Prim| SHAPES.contains(&prim.type_name.as_str()) && stage.is_rendered(prim, time);
+    let count = stage.prims().filter(shape).count();
+    (count > 0).then(|| format!("surfaces are not rendered: {count} prim(s), such as meshes, are left out"))
 }
 
 /// True if another time code shows another scene: if a volume, a light, a field, a material or what stands above one of
@@ -65,6 +96,14 @@ fn moves(stage: &Stage) -> bool {
         let read = matches!(prim.type_name.as_str(), "OpenVDBAsset" | "Material" | "Shader" | "NodeGraph");
         (read && changes(prim)) || (shown && stage.upwards(prim).any(changes))
     })
+}
+
+/// Tells of volumes beneath a `PointInstancer`, whose instances are not shown.
+fn prototypes(stage: &Stage) -> impl Iterator<Item = String> {
+    stage
+        .volumes()
+        .filter(|volume| stage.is_prototype(volume))
+        .map(|volume| format!("volume {} is left out: instances of a PointInstancer are not rendered", volume.path))
 }
 
 /// Reads one volume.

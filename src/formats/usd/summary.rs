@@ -3,7 +3,7 @@
 use super::light;
 use super::metadata::UpAxis;
 use super::prim::Prim;
-use super::remarks;
+use super::scene;
 use super::stage::Stage;
 use super::volume::{Field, Role};
 use crate::error::Result;
@@ -126,8 +126,7 @@ pub fn summary(path: &Path, limits: Limits) -> Result<StageSummary> {
         Err(error) => remarks.push(error.to_string().replace("\n  ", "; ")),
     }
     remarks.extend(stage.cameras().flat_map(|camera| stage.camera_remarks(camera, time)));
-    remarks.extend(remarks::prototypes(&stage));
-    remarks.extend(remarks::surfaces(&stage, time));
+    remarks.extend(scene::surfaces(&stage, time));
     let lights = stage.prims().filter(|prim| light::is_light(prim));
     Ok(StageSummary {
         default_prim: stage.metadata.default_prim.clone(),
