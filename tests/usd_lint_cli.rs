@@ -112,7 +112,7 @@ const FAULTS: [(&str, &str, &str, &str, bool); 19] = [
     ("moving", "metersPerUnit = 1\n", "metersPerUnit = 0.00000001\n", "implausible-size", false),
     ("moving", "    defaultPrim = \"World\"\n", "", "default-prim", true),
     ("moving", "defaultPrim = \"World\"", "defaultPrim = \"Wolrd\"", "default-prim", true),
-    ("moving", "endTimeCode = 3", "endTimeCode = 8", "time-range", true),
+    ("moving", "endTimeCode = 3", "endTimeCode = 2", "time-range", true),
     ("moving", "framesPerSecond = 24\n", "framesPerSecond = 30\n", "frame-rate", true),
     ("moving", "                2: @./smoke.0002.vdb@,\n", "", "frame-gap", false),
     ("moving", "3: @./smoke.0003.vdb@", "3: @./smoke.0001.vdb@", "frame-number", false),
