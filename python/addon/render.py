@@ -4,7 +4,7 @@ import bpy
 
 from .cumulo import bpy_scene
 from .export import frames_to_show
-from .job import Job
+from .job import Job, labelled
 from .preferences import program_path
 from .program import run
 from .settings import folder_of
@@ -32,8 +32,7 @@ class Render(Job, bpy.types.Operator):
         program, scene = program_path(context), context.scene
         folder = folder_of(self.folder) if self.folder else folder_of(scene.cumulo.folder) / "render"
         frames = frames_to_show(scene, self.animation)
-        yield 0, len(frames), "export"
-        exported = bpy_scene.export(folder / "scene", scene, frames)
+        exported = yield from labelled("export", bpy_scene.export_steps(folder / "scene", scene, frames))
         words = [program, *exported.arguments(folder, self.samples), "--overwrite"]
         if self.animation:
             # What Denoise Sequence follows.

@@ -3,6 +3,7 @@
 import importlib
 import os
 import pathlib
+import shlex
 import stat
 import subprocess
 import sys
@@ -199,6 +200,9 @@ def test_what_cannot_be_honored_is_reported_by_name(addon, fixtures, tmp_path):
     # Beside a .blend that is not saved there is no folder.
     with pytest.raises(RuntimeError, match="//cumulo is beside the .blend, which is not saved yet"):
         bpy.ops.cumulo.export_scene()
+    scene.cumulo.folder = ""
+    with pytest.raises(RuntimeError, match="no folder is named"):
+        bpy.ops.cumulo.export_scene()
     smoke_scene.medium_node()[0].inputs["Density Attribute"].default_value = "soot"
     scene.cumulo.folder = str(tmp_path)
     for operator in (
@@ -228,6 +232,10 @@ def test_a_missing_or_failing_program_is_reported(addon, fixtures, tmp_path, mon
     # One that dies without a word.
     bpy.context.preferences.addons[NAME].preferences.program = str(script(tmp_path, "kill -9 $$"))
     with pytest.raises(RuntimeError, match="ended with code -9, and said nothing"):
+        bpy.ops.cumulo.reconstruct(capture=str(tmp_path), output=str(tmp_path / "out.vdb"))
+    # Another program of that name.
+    script(tmp_path, "echo hello")
+    with pytest.raises(RuntimeError, match="gave no report; is it a cumulo of this version"):
         bpy.ops.cumulo.reconstruct(capture=str(tmp_path), output=str(tmp_path / "out.vdb"))
 
 
@@ -277,7 +285,8 @@ def test_esc_ends_the_program_and_the_progress(addon, fixtures, tmp_path):
     end = time.monotonic() + 20
     while "Cumulo: epochs 3 of 12    Esc: cancel" not in window.status:
         assert time.monotonic() < end, window.status
-        assert job.modal(window, event("TIMER")) == {"RUNNING_MODAL"}
+        # Ticks go on to the operators of others.
+        assert job.modal(window, event("TIMER")) == {"PASS_THROUGH"}
         time.sleep(0.02)
     assert 250 in window.shown
     assert job.modal(window, event("MOUSEMOVE")) == {"PASS_THROUGH"}
@@ -288,6 +297,97 @@ def test_esc_ends_the_program_and_the_progress(addon, fixtures, tmp_path):
     with pytest.raises(ProcessLookupError):
         os.kill(child, 0)
     assert bpy.ops.cumulo.reconstruct.poll()
+
+
+def working(package, steps):
+    """A job of these steps, which keeps its reports."""
+
+    class Working(package.job.Job):
+        bl_label = "Work"
+
+        def __init__(self):
+            self.reports = []
+
+        def steps(self, context):
+            yield from steps()
+
+        def report(self, kind, text):
+            self.reports.append((kind, text))
+
+    return Working()
+
+
+def test_a_job_that_fails_in_any_way_leaves_room_for_the_next(addon, fixtures):
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
+    package = addon()
+
+    def undone():
+        thing = scene.objects["Smoke"]
+        yield 0, 1, "one"
+        bpy.data.objects.remove(thing)
+        yield 0, 1, thing.name
+
+    def wrong():
+        yield 0, 1, "one"
+        raise KeyError("iterations")
+
+    job, window = working(package, undone), Window()
+    job.start(window)
+    assert job.modal(window, event("TIMER")) == {"PASS_THROUGH"}
+    assert job.modal(window, event("TIMER")) == {"CANCELLED"}
+    ((kind, text),) = job.reports
+    assert kind == {"ERROR"} and "removed" in text and bpy.ops.cumulo.reconstruct.poll()
+    job, window = working(package, wrong), Window()
+    job.start(window)
+    job.modal(window, event("TIMER"))
+    with pytest.raises(KeyError):
+        job.modal(window, event("TIMER"))
+    assert bpy.ops.cumulo.reconstruct.poll() and window.status[-1] is None and window.shown[-1] == "end"
+
+
+def test_switching_the_extension_off_ends_its_job(addon, fixtures, tmp_path, monkeypatch):
+    smoke_scene.smoke(fixtures / "plume.vdb")
+    package = addon()
+    program = script(tmp_path, f"echo $$ > {tmp_path}/pid.new; mv {tmp_path}/pid.new {tmp_path}/pid; exec sleep 60")
+    job, window = working(package, lambda: package.program.run([program])), Window()
+    job.start(window)
+    # Blender's own window manager takes no timer of a stand-in.
+    monkeypatch.setattr(package.job.Job, "stop", staticmethod(lambda _, stop=package.job.Job.stop: stop(window)))
+    end = time.monotonic() + 20
+    while not (tmp_path / "pid").exists():
+        assert time.monotonic() < end
+        job.modal(window, event("TIMER"))
+        time.sleep(0.02)
+    bpy.ops.preferences.addon_disable(module=NAME)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "pid").read_text()), 0)
+    assert package.job.Job.active is None and window.shown[-1] == "end" and window.status[-1] is None
+    addon()
+    assert bpy.ops.cumulo.reconstruct.poll()
+
+
+def test_animations_are_exported_frame_by_frame(addon, fixtures, tmp_path):
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
+    smoke_scene.orbit(scene, (1, 2, 3))
+    package = addon()
+    job = working(package, lambda: package.export.ExportScene.steps(job, bpy.context))
+    job.folder, job.animation, window = str(tmp_path / "it's here"), True, Window()
+    job.start(window)
+    for frame in (1, 2, 3):
+        assert job.modal(window, event("TIMER")) == {"PASS_THROUGH"}
+        assert window.status[-1] == f"Cumulo: export {frame} of 3    Esc: cancel"
+    assert job.modal(window, event("TIMER")) == {"FINISHED"}
+    ((kind, text),) = job.reports
+    # As a shell takes it.
+    assert kind == {"INFO"} and shlex.split(text)[2] == str(tmp_path / "it's here" / "scene.json")
+    # Esc leaves the scene at its frame, and no file.
+    scene.frame_set(1)
+    job.folder = str(tmp_path / "cancelled")
+    job.start(window)
+    job.modal(window, event("TIMER"))
+    job.modal(window, event("TIMER"))
+    assert job.modal(window, event("ESC")) == {"CANCELLED"}
+    assert scene.frame_current == 1 and not (tmp_path / "cancelled").exists()
 
 
 def test_views_go_on_beside_events_and_leave_nothing_when_cancelled(addon, fixtures, tmp_path):
@@ -307,7 +407,7 @@ def test_views_go_on_beside_events_and_leave_nothing_when_cancelled(addon, fixtu
 
     before, window, job = len(bpy.data.scenes), Window(), Views()
     job.start(window)
-    assert job.modal(window, event("TIMER")) == {"RUNNING_MODAL"}
+    assert job.modal(window, event("TIMER")) == {"PASS_THROUGH"}
     assert window.status[-1] == "Cumulo: views 1 of 3    Esc: cancel"
     assert len(bpy.data.scenes) == before + 1
     assert job.modal(window, event("ESC")) == {"CANCELLED"}
@@ -315,7 +415,7 @@ def test_views_go_on_beside_events_and_leave_nothing_when_cancelled(addon, fixtu
     # To the end.
     job = Views()
     job.start(window)
-    while (state := job.modal(window, event("TIMER"))) == {"RUNNING_MODAL"}:
+    while (state := job.modal(window, event("TIMER"))) == {"PASS_THROUGH"}:
         pass
     assert state == {"FINISHED"} and len(Capture.read(tmp_path / "views").frames) == 3
     assert padding.lattice(fixtures / "plume.vdb", "density")[0] == pytest.approx(
