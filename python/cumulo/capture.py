@@ -91,7 +91,10 @@ class Capture:
         if path.is_dir():
             path = path / "transforms.json"
         # Windows editors put a byte order mark before the text.
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
+        try:
+            data = json.loads(path.read_text(encoding="utf-8-sig"))
+        except ValueError as error:
+            raise ValueError(f"{path}: it is no JSON: {error}") from error
         if not isinstance(data, dict) or not isinstance(data.get("frames"), list) or not data["frames"]:
             raise ValueError(f"{path}: no frames; a capture needs at least one")
         # Null counts as absent.
@@ -219,7 +222,7 @@ def _camera(matrix, keys, near, extra):
 
 def _frame(camera, picture, path):
     frame = {
-        "file_path": os.path.relpath(picture, path.parent),
+        "file_path": pathlib.Path(os.path.relpath(picture, path.parent)).as_posix(),
         "transform_matrix": camera.camera_to_world.tolist(),
         "fl_x": camera.fl_x,
         "fl_y": camera.fl_y,

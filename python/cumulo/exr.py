@@ -17,7 +17,10 @@ def read_exr(path):
         raise ValueError(f"{path}: {oiio.geterror()}")
     spec = source.spec()
     pixels = source.read_image(0, 0, 0, spec.nchannels, oiio.FLOAT)
+    fault = source.geterror()
     source.close()
+    if pixels is None:
+        raise ValueError(f"{path}: it cannot be read: {fault or 'it is damaged'}")
     by_name = {name.removeprefix("ViewLayer.").removeprefix("Combined."): i for i, name in enumerate(spec.channelnames)}
     missing = [c for c in "RGBA" if c not in by_name]
     if missing:
@@ -38,6 +41,8 @@ def write_exr(path, pixels, software, attributes):
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as folder:
         draft = pathlib.Path(folder) / path.name
         out = oiio.ImageOutput.create(str(draft))
+        if out is None:
+            raise OSError(f"{path}: cannot write the picture: {oiio.geterror()}")
         # `and` keeps the first failure's message.
         done = out.open(str(draft), spec) and out.write_image(np.ascontiguousarray(pixels)) and out.close()
         if not done:

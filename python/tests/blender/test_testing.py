@@ -154,7 +154,7 @@ def test_a_blend_is_rendered_as_its_scene_is(cumulo, fixtures, tmp_path):
     sky = np.broadcast_to(np.float32((0.25, 0.5, 1.0, 1.0)), (6, 8, 4))
     assert parity.exact(reference, lambda seed, path: sky, tolerance=rounding(8, 1.0))
     _, made, rendered = store.pictures(blend_file(blend, camera="eye", size=(8, 6), samples=4), [1])
-    assert made["inputs"].keys() == {"scene.blend", "linked.vdb"} and not rendered
+    assert made["inputs"].keys() == {"scene.blend", "linked.vdb", "cumulo/testing/blend.py"} and not rendered
     (tmp_path / "linked.vdb").write_bytes(b"another")
     with pytest.raises(ReferenceProblem, match="inputs.linked.vdb"):
         store.pictures(blend_file(blend, camera="eye", size=(8, 6), samples=4), [1])
