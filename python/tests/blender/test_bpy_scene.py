@@ -24,36 +24,37 @@ import openvdb  # isort: skip  `cumulo.cycles` brings it
 PLACE = np.array(Matrix.LocRotScale((0.3, -0.2, 0.1), Euler((0.2, 0.4, 0.6)), (1.5, 1.0, 0.8)))
 
 
-def rendered(cumulo, exported, folder, *, samples=64):
-    """Two pictures of the first frame by the program, by different seeds."""
-    pictures = []
-    for seed in (1, 2):
-        cumulo(*exported.arguments(folder / str(seed), samples), "--seed", seed)
-        pictures.append(read_exr(folder / str(seed) / f"frame.{exported.frames[0]:04}.exr"))
-    return pictures
+def rendered(cumulo, exported, folder):
+    """Function of a seed and a path that renders the first frame by the program, and returns where it is."""
+
+    def render(seed, path):
+        cumulo(*exported.arguments(folder / str(seed), 64), "--seed", seed)
+        picture = folder / str(seed) / f"frame.{exported.frames[0]:04}.exr"
+        assert read_exr(picture)[..., :3].max() > 0.1
+        return picture
+
+    return render
 
 
-def agree(first, second, block=16):
-    """True if two pairs of noisy pictures are of one mean, in all channels."""
-    return all(
-        reference.excess(*(p[..., c] for p in first), [p[..., c] for p in second], block=block) <= 1.0 for c in range(4)
-    )
+def of_cycles(name, scene, vdb):
+    """Cycles' pictures of the scene as a reference."""
+    return reference.of_cycles(f"bpy_scene_{name}", lambda seed: smoke_scene.film(scene, seed), [vdb, __file__])
 
 
-def test_a_moved_smoke_in_sun_light_is_the_picture_of_cycles(fixtures, cumulo, tmp_path):
+def test_a_moved_smoke_in_sun_light_is_the_picture_of_cycles(fixtures, cumulo, cumulo_parity, tmp_path):
     scene = smoke_scene.smoke(fixtures / "plume.vdb", matrix=PLACE)
     exported = bpy_scene.export(tmp_path / "scene")
-    theirs, ours = [smoke_scene.film(scene, seed) for seed in (1, 2)], rendered(cumulo, exported, tmp_path)
-    assert ours[0][..., :3].max() > 0.1
-    assert agree(theirs, ours)
+    moved = of_cycles("moved", scene, fixtures / "plume.vdb")
+    assert cumulo_parity.statistical(moved, rendered(cumulo, exported, tmp_path))
     # A wrong density, by a tenth, would be found.
     document = json.loads(exported.scene.read_text())
     document["volumes"][0]["medium"]["density_scale"] *= 1.1
     exported.scene.write_text(json.dumps(document))
-    assert not agree(theirs, rendered(cumulo, exported, tmp_path / "wrong"))
+    with pytest.raises(pytest.fail.Exception, match="expected values differ"):
+        cumulo_parity.statistical(moved, rendered(cumulo, exported, tmp_path / "wrong"))
 
 
-def test_lamps_and_the_sky_are_those_of_cycles(fixtures, cumulo, tmp_path):
+def test_lamps_and_the_sky_are_those_of_cycles(fixtures, cumulo, cumulo_parity, tmp_path):
     scene = smoke_scene.smoke(fixtures / "plume.vdb", sun=0.0, anisotropy=0.0)
     point = bpy.data.lights.new("Point", "POINT")
     point.energy, point.color, point.shadow_soft_size, point.use_soft_falloff = 90.0, (1, 0.6, 0.3), 0.3, False
@@ -81,7 +82,7 @@ def test_lamps_and_the_sky_are_those_of_cycles(fixtures, cumulo, tmp_path):
     exported = bpy_scene.export(tmp_path / "scene")
     lights = json.loads(exported.scene.read_text())["lights"]
     assert [light["type"] for light in lights] == ["SphereLight", "RectLight", "DomeLight"]
-    assert agree([smoke_scene.film(scene, seed) for seed in (1, 2)], rendered(cumulo, exported, tmp_path))
+    assert cumulo_parity.statistical(of_cycles("lamps", scene, fixtures / "plume.vdb"), rendered(cumulo, exported, tmp_path))
 
 
 def test_what_is_made_while_views_are_rendered_stays(fixtures, tmp_path):
