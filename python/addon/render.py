@@ -9,8 +9,9 @@ from .preferences import program_path
 from .program import run
 from .settings import folder_of
 
-# Name of the image that shows the result.
+# Name of the image that shows the result, and the property by which it is known, for others may have its name.
 IMAGE = "Cumulo"
+MARK = "cumulo_result"
 
 
 class Render(Job, bpy.types.Operator):
@@ -38,16 +39,16 @@ class Render(Job, bpy.types.Operator):
             # What Denoise Sequence follows.
             words += ["--aov", "motion"]
         yield from run(words)
-        show(folder / f"frame.{frames[0]:04}.exr", len(frames))
-        self.report({"INFO"}, f"{len(frames)} pictures are in {folder}, and the image {IMAGE}")
+        image = show(folder / f"frame.{frames[0]:04}.exr", len(frames))
+        self.report({"INFO"}, f"{len(frames)} pictures are in {folder}, and the image {image.name}")
 
 
 def show(path, frames):
-    """Makes the image `IMAGE` of a picture, or of a sequence that begins with it."""
-    image = bpy.data.images.get(IMAGE)
+    """Makes the image `IMAGE` of a picture, or of a sequence that begins with it; the one of an earlier result is reused."""
+    image = next((each for each in bpy.data.images if each.get(MARK) and each.library is None), None)
     if image is None:
         image = bpy.data.images.load(str(path))
-        image.name = IMAGE
+        image.name, image[MARK] = IMAGE, True
     image.filepath = str(path)
     image.source = "SEQUENCE" if frames > 1 else "FILE"
     image.reload()

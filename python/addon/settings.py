@@ -48,7 +48,7 @@ def folder_of(path):
     """A folder that a property names. Raises ValueError where it names none, or lies beside a .blend that is not saved
     yet."""
     if not path.strip():
-        raise ValueError("no folder is named; choose one in the panel Cumulo")
+        raise ValueError("no folder or file is named; choose one")
     if path.startswith("//") and not bpy.data.filepath:
         raise ValueError(f"{path} is beside the .blend, which is not saved yet; save it, or choose another folder")
     return pathlib.Path(bpy.path.abspath(path))

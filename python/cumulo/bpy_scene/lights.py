@@ -51,7 +51,8 @@ def _check(light, where, thing):
     """Refuses what changes a light in ways that Cumulo does not know."""
     if light.use_nodes and light.node_tree:
         raise Refused(where, "its nodes state its light", "switch Use Nodes off, and set power and color")
-    if not light.use_shadow:
+    # Before Blender 4.3 Cycles had a switch of its own.
+    if not (light.use_shadow and getattr(light.cycles, "cast_shadow", True)):
         raise Refused(where, "it casts no shadows", "switch Shadow on")
     if not thing.visible_volume_scatter:
         raise Refused(

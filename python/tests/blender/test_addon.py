@@ -120,11 +120,15 @@ def test_render_with_cumulo_shows_an_image(addon, fixtures, tmp_path):
     # Blender's rows begin at the bottom.
     pixels = np.array(image.pixels[:]).reshape(24, 32, 4)[::-1]
     assert np.allclose(pixels[..., :3], picture[..., :3], atol=1e-6)
+    # Another's image of that name is another's.
+    image.name = "Renamed"
+    foreign = bpy.data.images.new("Cumulo", 4, 4)
     # Again, over what is there; the image follows.
     scene.objects["Sun"].data.energy = 6.0
     assert bpy.ops.cumulo.render(folder=str(tmp_path / "render"), samples=8) == {"FINISHED"}
     brighter = np.array(image.pixels[:]).reshape(24, 32, 4)[::-1]
     assert brighter[..., :3].mean() == pytest.approx(2 * pixels[..., :3].mean(), rel=1e-3)
+    assert foreign.source == "GENERATED" and tuple(foreign.size) == (4, 4)
 
 
 def test_views_are_rendered_reconstructed_and_loaded_beside_the_original(addon, fixtures, cumulo, tmp_path):
@@ -197,7 +201,7 @@ def test_what_cannot_be_honored_is_reported_by_name(addon, fixtures, tmp_path):
     with pytest.raises(RuntimeError, match="//cumulo is beside the .blend, which is not saved yet"):
         bpy.ops.cumulo.export_scene()
     scene.cumulo.folder = ""
-    with pytest.raises(RuntimeError, match="no folder is named"):
+    with pytest.raises(RuntimeError, match="no folder or file is named"):
         bpy.ops.cumulo.export_scene()
     smoke_scene.medium_node()[0].inputs["Density Attribute"].default_value = "soot"
     scene.cumulo.folder = str(tmp_path)

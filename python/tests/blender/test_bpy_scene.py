@@ -97,6 +97,29 @@ def test_what_is_made_while_views_are_rendered_stays(fixtures, tmp_path):
     assert [each.name for each in bpy.data.scenes] == ["Scene"] and len(bpy.data.volumes) == len(bpy.data.cameras) == 1
 
 
+def test_a_cancelled_capture_leaves_the_one_before(fixtures, tmp_path):
+    smoke_scene.smoke(fixtures / "plume.vdb")
+    bpy_scene.capture(tmp_path, views=2, size=(8, 8), samples=1)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    shots = bpy_scene.shots(tmp_path, views=2, size=(16, 16), samples=1)
+    next(shots)
+    shots.close()
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_grid_is_read_once_for_all_frames(fixtures, tmp_path, monkeypatch):
+    vdb, read = tmp_path / "smoke.vdb", []
+    vdb.write_bytes((fixtures / "plume.vdb").read_bytes())
+    monkeypatch.setattr(padding, "read_grid", lambda *words, grid=padding.read_grid: read.append(words) or grid(*words))
+    smoke_scene.smoke(vdb)
+    bpy_scene.export(tmp_path / "out", frames=(1, 2, 3))
+    assert len(read) == 1
+    # Another file of that name is read.
+    padding.moved_copy(fixtures / "plume.vdb", "density", np.diag([2.0, 2.0, 2.0, 1.0]), vdb)
+    before, (matrix, _) = len(read), padding.lattice(vdb, "density")
+    assert len(read) == before + 1 and matrix[0, 0] == pytest.approx(2 / 24)
+
+
 def test_three_lines_make_a_capture(fixtures, tmp_path):
     smoke_scene.smoke(fixtures / "plume.vdb", matrix=PLACE)
     before = [set(getattr(bpy.data, kind).keys()) for kind in ("scenes", "objects", "materials", "cameras", "worlds")]
