@@ -97,6 +97,19 @@ def test_what_is_made_while_views_are_rendered_stays(fixtures, tmp_path):
     assert [each.name for each in bpy.data.scenes] == ["Scene"] and len(bpy.data.volumes) == len(bpy.data.cameras) == 1
 
 
+def test_an_undo_ends_the_views_and_leaves_no_scene(fixtures, tmp_path):
+    smoke_scene.smoke(fixtures / "plume.vdb")
+    bpy.ops.ed.undo_push(message="before")
+    shots = bpy_scene.shots(tmp_path, views=2, size=(8, 8), samples=1)
+    next(shots)
+    bpy.data.objects.new("Mine", None)
+    bpy.ops.ed.undo_push(message="an object")
+    bpy.ops.ed.undo()
+    with pytest.raises(ReferenceError):
+        next(shots)
+    assert [scene.name for scene in bpy.data.scenes] == ["Scene"] and not list(tmp_path.iterdir())
+
+
 def test_a_cancelled_capture_leaves_the_one_before(fixtures, tmp_path):
     smoke_scene.smoke(fixtures / "plume.vdb")
     bpy_scene.capture(tmp_path, views=2, size=(8, 8), samples=1)
