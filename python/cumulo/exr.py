@@ -1,15 +1,22 @@
 """Reads and writes EXR pictures (needs the `OpenImageIO` module, which Blender brings)."""
 
+from __future__ import annotations
+
 import json
 import os
 import pathlib
 import tempfile
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import OpenImageIO as oiio
 
+from .options import Path
 
-def read_exr(path):
+
+def read_exr(path: Path) -> npt.NDArray[np.float32]:
     """Red, green, blue and alpha of a single-part EXR, [height, width, 4] f32; of several layers the
     one named Combined."""
     source = oiio.ImageInput.open(str(path))
@@ -25,10 +32,10 @@ def read_exr(path):
     missing = [c for c in "RGBA" if c not in by_name]
     if missing:
         raise ValueError(f"{path}: no channel {', '.join(missing)} among {', '.join(spec.channelnames)}")
-    return np.ascontiguousarray(pixels[..., [by_name[c] for c in "RGBA"]])
+    return np.ascontiguousarray(pixels[..., [by_name[c] for c in "RGBA"]], dtype=np.float32)
 
 
-def write_exr(path, pixels, software, attributes):
+def write_exr(path: Path, pixels: npt.NDArray[np.float32], software: str, attributes: Mapping[str, Any]) -> None:
     """Writes [height, width, 4] f32 as one float part with channels A, B, G, R, whole or not at all;
     `attributes` go into its header as `cumulo:KEY`, in JSON."""
     path = pathlib.Path(path)
