@@ -53,7 +53,7 @@ value_enum!(Aov {
 
 value_enum!(Layout {
     Sphere: "sphere", "Over the whole sphere, by the golden angle: evenly, and no two along one line";
-    Ring: "ring", "On the horizontal circle around z";
+    Ring: "ring", "On the horizontal circle around the up axis";
 });
 
 value_enum!(Codec {

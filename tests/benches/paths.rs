@@ -12,6 +12,7 @@ use cumulo::scene::environment::Environment;
 use cumulo::scene::light::Light;
 use cumulo::scene::medium::{Medium, Scattering, Source};
 use cumulo::scene::orbit::{Layout, cameras};
+use cumulo::scene::up::Up;
 use cumulo::scene::phase::Phase;
 use cumulo::scene::scene::Scene;
 use cumulo::scene::table::Table;
@@ -50,7 +51,7 @@ fn scenes() -> Vec<(&'static str, Scene)> {
         let scattering = Some(Scattering::new([albedo; 3], phase));
         let medium = Medium { scattering, ..Medium::new(extinction, source.clone()) };
         Scene {
-            cameras: cameras(&field.outline(), 1, Layout::Ring, PIXELS, PIXELS, 40.0),
+            cameras: cameras(&field.outline(), 1, Layout::Ring, PIXELS, PIXELS, 40.0, Up::Z),
             volumes: vec![Volume::Density(field.clone(), medium)],
             environment: Environment::constant([sky; 3]),
             lights: lights.to_vec(),

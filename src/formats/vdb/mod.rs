@@ -22,6 +22,7 @@ mod native;
 pub mod preflight;
 pub mod shaded;
 mod topology;
+pub mod up;
 pub mod velocity;
 mod write;
 
