@@ -8,12 +8,13 @@ mod generated {
 use generated::{CUMULO_VDB_IO, CUMULO_VDB_OK, CUMULO_VDB_OUT_OF_MEMORY, CUMULO_VDB_UNSUPPORTED, cumulo_vdb_status};
 pub(super) use generated::{
     cumulo_vdb_close as close, cumulo_vdb_file as RawFile, cumulo_vdb_file_meta as file_meta,
-    cumulo_vdb_grid as RawGrid, cumulo_vdb_grid_crop as grid_crop, cumulo_vdb_grid_free as grid_free,
-    cumulo_vdb_grid_info as grid_info, cumulo_vdb_grid_mend_meta as grid_mend_meta, cumulo_vdb_grid_meta as grid_meta,
+    cumulo_vdb_grid as RawGrid, cumulo_vdb_grid_crop as grid_crop, cumulo_vdb_grid_component as grid_component, cumulo_vdb_grid_free as grid_free,
+    cumulo_vdb_grid_info as grid_info, cumulo_vdb_grid_mend_meta as grid_mend_meta, cumulo_vdb_grid_merge as grid_merge, cumulo_vdb_grid_meta as grid_meta,
     cumulo_vdb_grid_new as grid_new, cumulo_vdb_grid_prune as grid_prune, cumulo_vdb_grid_repair as grid_repair,
-    cumulo_vdb_grid_resample as grid_resample, cumulo_vdb_grid_same as grid_same,
+    cumulo_vdb_grid_resample as grid_resample, cumulo_vdb_grid_resample_box as grid_resample_box, cumulo_vdb_grid_same as grid_same,
     cumulo_vdb_grid_set_class as grid_set_class, cumulo_vdb_grid_set_half as grid_set_half,
-    cumulo_vdb_grid_set_matrix as grid_set_matrix, cumulo_vdb_grid_set_name as grid_set_name, cumulo_vdb_info as Info,
+    cumulo_vdb_grid_set_matrix as grid_set_matrix, cumulo_vdb_grid_set_name as grid_set_name, cumulo_vdb_grid_to_fog as grid_to_fog,
+    cumulo_vdb_grid_to_level_set as grid_to_level_set, cumulo_vdb_grid_turn_vectors as grid_turn_vectors, cumulo_vdb_info as Info,
     cumulo_vdb_layout as RawLayout, cumulo_vdb_leaves as RawLeaves, cumulo_vdb_leaves_copy as leaves_copy,
     cumulo_vdb_leaves_count as leaves_count, cumulo_vdb_leaves_free as leaves_free,
     cumulo_vdb_leaves_new as leaves_new, cumulo_vdb_load_begin as load_begin, cumulo_vdb_load_end as load_end,
