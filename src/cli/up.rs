@@ -13,7 +13,7 @@ use std::path::Path;
 /// Choice of the up axis on the command line.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum UpChoice {
-    /// What the metadata of the VDB say (Houdini and Maya: y, Blender: z), the stage's upAxis, else z
+    /// By the metadata of the VDB (Houdini and Maya: y, Blender: z) or the stage's upAxis, else z
     #[default]
     Auto,
     /// +Y, as in Houdini and Maya
@@ -27,7 +27,7 @@ pub enum UpChoice {
 pub struct ChosenUp {
     /// Axis that points upwards.
     pub axis: Up,
-    /// Where it comes from, in words.
+    /// Reason for the axis, in words.
     pub reason: String,
 }
 

@@ -29,7 +29,7 @@ impl Up {
         }
     }
 
-    /// The other of the two axes.
+    /// Returns Z for Y, and Y for Z.
     #[must_use]
     pub fn other(self) -> Self {
         match self {

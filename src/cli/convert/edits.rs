@@ -42,7 +42,7 @@ pub struct Edits {
 /// Up axis of a conversion's output.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum UpTarget {
-    /// That of the input: nothing is turned
+    /// The world lies as it did: nothing is turned
     #[default]
     Auto,
     /// +Y, as in Houdini and Maya

@@ -1,7 +1,7 @@
 //! VDB in, VDB out, with edits in between. Grids stay native, so that nothing is lost that no edit touches.
 
 use super::form::Formed;
-use super::sources::{self, Source};
+use super::sources::{self, GridSource};
 use super::turn::Turn;
 use super::{Convert, Repair};
 use crate::cli::memory::human;
@@ -74,7 +74,7 @@ impl Convert {
         let transfer = self.transfer.load(limits)?;
         let file = File::open(&self.input, limits)?;
         let names = self.chosen(&file)?;
-        let sources = sources::sources(&self.edits, &file, &names)?;
+        let sources = sources::sources(&self.edits.split, &self.edits.merge, &file, &names)?;
         let turn = Turn::of(&self.edits, &file);
         turn.iter().for_each(|turn| output.note(turn));
         let mut natives = Vec::new();
@@ -149,7 +149,7 @@ impl Convert {
         &self,
         file: &File,
         chosen: &[String],
-        sources: &[Source],
+        sources: &[GridSource],
         warnings: &mut Vec<String>,
     ) -> Result<Vec<String>> {
         let renames = self.renames(file, chosen)?;
@@ -157,7 +157,7 @@ impl Convert {
         for source in sources {
             let own = source.names(file)?;
             let rename = match source {
-                Source::Whole(name) => renames.get(name),
+                GridSource::Whole(name) => renames.get(name),
                 _ => None,
             };
             renamed.extend(own.iter().map(|_| rename));
@@ -217,7 +217,7 @@ impl Convert {
     }
 }
 
-/// What is done to a grid beyond the options of the command line.
+/// Settings of one grid beyond the options that hold for all.
 struct Settings<'s> {
     /// Name of the grid in the output.
     name: Option<String>,

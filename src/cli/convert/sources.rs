@@ -1,6 +1,5 @@
 //! Where the grids of a conversion come from: grids of the file as they are, taken apart, or put together.
 
-use super::edits::Edits;
 use crate::error::{Error, Result};
 use crate::formats::vdb::{File, NativeGrid};
 use crate::scene::grid::GridClass;
@@ -31,7 +30,7 @@ impl FromStr for Merge {
 
 /// Where one grid, or three of them, come from; names are the unique ones of the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Source {
+pub enum GridSource {
     /// A grid as it is.
     Whole(String),
     /// The components of a grid of vectors.
@@ -45,7 +44,7 @@ pub enum Source {
 ///
 /// # Errors
 /// If a grid to be split or merged is not in the file, not among the chosen, or asked for twice.
-pub fn sources(edits: &Edits, file: &File, chosen: &[String]) -> Result<Vec<Source>> {
+pub fn sources(split: &[String], merge: &[Merge], file: &File, chosen: &[String]) -> Result<Vec<GridSource>> {
     let find = |option: &str, name: &str| {
         let name = file.find(name)?.name.clone();
         if chosen.contains(&name) {
@@ -54,9 +53,9 @@ pub fn sources(edits: &Edits, file: &File, chosen: &[String]) -> Result<Vec<Sour
         Err(Error::invalid(format!("{option}: grid '{name}' is not among those of --grid"))
             .hint("name it with --grid too, or leave the option out"))
     };
-    let split = edits.split.iter().map(|name| find("--split", name)).collect::<Result<Vec<_>>>()?;
+    let split = split.iter().map(|name| find("--split", name)).collect::<Result<Vec<_>>>()?;
     let mut merges = Vec::new();
-    for merge in &edits.merge {
+    for merge in merge {
         let [x, y, z] = merge.parts.each_ref().map(|part| find("--merge", part));
         merges.push((merge.name.clone(), [x?, y?, z?]));
     }
@@ -68,24 +67,24 @@ pub fn sources(edits: &Edits, file: &File, chosen: &[String]) -> Result<Vec<Sour
         return Err(Error::invalid(format!("grid '{name}' is asked for twice by --split and --merge"))
             .hint("name each grid once: a grid that is split or merged is left out itself"));
     }
-    let mut sources: Vec<Source> = Vec::new();
+    let mut sources: Vec<GridSource> = Vec::new();
     for name in chosen {
         let merge = merges.iter().find(|(_, parts)| parts.contains(name));
         match merge {
             Some((target, parts)) => {
-                let source = Source::Merged(target.clone(), parts.clone());
+                let source = GridSource::Merged(target.clone(), parts.clone());
                 if !sources.contains(&source) {
                     sources.push(source);
                 }
             }
-            None if split.contains(name) => sources.push(Source::Split(name.clone())),
-            None => sources.push(Source::Whole(name.clone())),
+            None if split.contains(name) => sources.push(GridSource::Split(name.clone())),
+            None => sources.push(GridSource::Whole(name.clone())),
         }
     }
     Ok(sources)
 }
 
-impl Source {
+impl GridSource {
     /// Returns the names of the grids as the output will have them, before they are renamed.
     pub fn names(&self, file: &File) -> Result<Vec<String>> {
         Ok(match self {

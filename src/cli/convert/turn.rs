@@ -18,7 +18,7 @@ pub struct Turn {
     pub from: Up,
     /// Up axis of the output.
     pub to: Up,
-    /// What the axis of the input was concluded from, in words.
+    /// Reason for the axis of the input, in words.
     pub reason: String,
 }
 

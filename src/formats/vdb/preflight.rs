@@ -65,7 +65,7 @@ pub struct Preflight {
     pub library: (u32, u32),
     /// Grids in file order.
     pub entries: Vec<Entry>,
-    /// What the metadata of the file and its grids say of the up axis.
+    /// Marks of the up axis in the metadata of the file and its grids.
     pub(super) up: UpMarks,
 }
 

@@ -17,7 +17,7 @@ pub struct StatedUp {
     pub reason: String,
 }
 
-/// What the metadata of a file and its grids say of the up axis, as far as they were looked at.
+/// Marks of the up axis in the metadata of a file and its grids, as far as they were looked at.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct UpMarks {
     /// Statement of a conversion.
