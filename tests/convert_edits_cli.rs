@@ -242,5 +242,9 @@ fn names_follow_programs_and_renames_come_first() {
 fn a_crop_that_leaves_nothing_says_so() {
     let work = Work::new();
     let out = work.command("convert @plume.vdb out.vdb --crop 50,50,50,60,60,60").output().unwrap();
-    assert!(out.status.success() && errors(&out).contains("no active voxel lies in the box of --crop"), "{}", errors(&out));
+    assert!(
+        out.status.success() && errors(&out).contains("no active voxel lies in the box of --crop"),
+        "{}",
+        errors(&out)
+    );
 }

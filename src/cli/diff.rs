@@ -85,9 +85,7 @@ fn turned(a: &Loaded, b: &Loaded, difference: &Difference) -> Result<Option<Turn
     for (second_up, degrees) in [(Up::Y, 90), (Up::Z, -90)] {
         let map = map.then(&Affine::new(second_up.turn_map(second_up.other()))?)?;
         let info = GridInfo { transform: Transform::Affine(map), ..b.info.clone() };
-        let near = |box_b: Aabb| {
-            (box_a.min - box_b.min).abs().max((box_a.max - box_b.max).abs()).max_element() <= room
-        };
+        let near = |box_b: Aabb| (box_a.min - box_b.min).abs().max((box_a.max - box_b.max).abs()).max_element() <= room;
         if !info.world_box().is_some_and(near) {
             continue;
         }

@@ -4,9 +4,9 @@
 //! Slices are 8-bit PNGs with one byte a pixel: at most [`MOST_SLICES`] an axis of [`MOST_PIXELS`] squared, so that four
 //! panes along three axes are at most 9.5 MB of a page, and about a tenth of that for smoke.
 
+use super::number;
 use super::picture;
 use super::slices::{CUTS, Plane, Slice, difference, grey, largest, support};
-use super::number;
 use crate::error::Result;
 use crate::formats::png;
 use crate::metrics::heatmap;
@@ -71,9 +71,8 @@ pub fn sliders(
             let index = |i: DVec3| field.transform.to_index(volume.transform.to_world(i));
             planes.iter().map(|plane| plane.sample(|at| f64::from(field.sample(index(at))))).collect()
         };
-        let first = (0..count).min_by(|a, b| {
-            (place(*a) - centre[normal]).abs().total_cmp(&(place(*b) - centre[normal]).abs())
-        });
+        let first =
+            (0..count).min_by(|a, b| (place(*a) - centre[normal]).abs().total_cmp(&(place(*b) - centre[normal]).abs()));
         let size = volume.transform.voxel_size();
         let extent = |axis: usize| (voxels.max[axis] - voxels.min[axis] + 1.0) * size[axis];
         draw(&Along {

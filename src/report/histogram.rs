@@ -40,7 +40,8 @@ fn values(volume: &Bricks<f32>) -> impl Iterator<Item = f64> + '_ {
     let own = (0..CELLS * CELLS * CELLS).map(|i| slot(i / (CELLS * CELLS), i / CELLS % CELLS, i % CELLS));
     let own: Vec<usize> = own.collect();
     volume.values.chunks_exact(BRICK).flat_map(move |brick| {
-        let values: Vec<f64> = own.iter().map(|i| f64::from(brick[*i])).filter(|v| *v != 0.0 && v.is_finite()).collect();
+        let values: Vec<f64> =
+            own.iter().map(|i| f64::from(brick[*i])).filter(|v| *v != 0.0 && v.is_finite()).collect();
         values
     })
 }

@@ -39,12 +39,7 @@ pub(super) struct Plane {
 impl Plane {
     /// A plane through `centre` across `voxels` (a box of voxel centres), with one pixel per voxel unless a side would
     /// exceed `most` pixels.
-    pub(super) fn within(
-        (normal, right, up): (usize, usize, usize),
-        voxels: Aabb,
-        centre: DVec3,
-        most: usize,
-    ) -> Self {
+    pub(super) fn within((normal, right, up): (usize, usize, usize), voxels: Aabb, centre: DVec3, most: usize) -> Self {
         let extent = |axis: usize| voxels.max[axis] - voxels.min[axis] + 1.0;
         let step = (extent(right).max(extent(up)) / most as f64).max(1.0);
         let count = |axis: usize| (extent(axis) / step).round().max(1.0) as usize;

@@ -29,7 +29,8 @@ pub fn cameras(
     let half = (0.5 * field_of_view).to_radians();
     let distance = radius.max(f64::MIN_POSITIVE) / half.sin();
     let directions: Vec<DVec3> = (0..count).map(|i| Up::Z.turn(up) * direction(i, count, layout)).collect();
-    let eyes: Vec<_> = directions.iter().map(|d| Camera::look_at(centre + distance * *d, centre, up.vector())).collect();
+    let eyes: Vec<_> =
+        directions.iter().map(|d| Camera::look_at(centre + distance * *d, centre, up.vector())).collect();
     // All cameras share one focal length: the largest that keeps every point in every picture.
     let reach = eyes.iter().fold(DVec2::splat(f64::MIN_POSITIVE), |reach, eye| {
         let to_camera = eye.inverse();

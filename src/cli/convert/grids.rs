@@ -188,7 +188,8 @@ impl Convert {
         }
         if let Some(form) = self.edits.to {
             let budget = &*edit.budget;
-            let hint = "raise --max-memory, resample the grid to larger voxels with --resample, or take a part with --crop";
+            let hint =
+                "raise --max-memory, resample the grid to larger voxels with --resample, or take a part with --crop";
             let held = edit.info.memory;
             let room = |bytes| budget.room(held.saturating_add(bytes), "the level set", hint);
             edit.converted.formed = form.give(edit.native, &edit.info, self.edits.iso, &room)?;
@@ -283,8 +284,10 @@ impl<'e> GridEdit<'e> {
         let distances = self.info.class == GridClass::LevelSet;
         let filter = match filter {
             Some(ResampleFilter::Box) if distances => {
-                return Err(Error::unsupported("--filter box: a level set holds distances, whose means are no distances")
-                    .hint("leave --filter out, or make it a fog volume first: --to fog"));
+                return Err(Error::unsupported(
+                    "--filter box: a level set holds distances, whose means are no distances",
+                )
+                .hint("leave --filter out, or make it a fog volume first: --to fog"));
             }
             Some(filter) => filter,
             None if !distances && self.native.coarsens(voxel_size)? => ResampleFilter::Box,

@@ -30,7 +30,9 @@ impl Turn {
             (UpChoice::Y, _) => (Up::Y, "--up-from says so".into()),
             (UpChoice::Z, _) => (Up::Z, "--up-from says so".into()),
             (UpChoice::Auto, Some(stated)) => (stated.up, stated.reason.clone()),
-            (UpChoice::Auto, None) => (to.other(), "nothing in the input states it, and --up asks for the other".into()),
+            (UpChoice::Auto, None) => {
+                (to.other(), "nothing in the input states it, and --up asks for the other".into())
+            }
         };
         Some(Self { from, to, reason })
     }
@@ -45,8 +47,12 @@ impl Turn {
             return Ok(None);
         }
         if info.class == GridClass::Staggered {
-            return Err(Error::unsupported("a staggered grid cannot be turned: its components lie on faces across its axes")
-                .hint("leave it out by naming the other grids with --grid, or make it a grid of vectors at voxels' centres"));
+            return Err(Error::unsupported(
+                "a staggered grid cannot be turned: its components lie on faces across its axes",
+            )
+            .hint(
+                "leave it out by naming the other grids with --grid, or make it a grid of vectors at voxels' centres",
+            ));
         }
         let vectors = self.turn_vectors(native, info, warnings)?;
         let turn = Affine::new(self.from.turn_map(self.to))?;

@@ -151,9 +151,8 @@ impl NativeGrid {
             }
             true
         })?;
-        let neighbours = |at: [i32; 3]| {
-            (0..27).map(move |i| [at[0] + i / 9 - 1, at[1] + i / 3 % 3 - 1, at[2] + i % 3 - 1])
-        };
+        let neighbours =
+            |at: [i32; 3]| (0..27).map(move |i| [at[0] + i / 9 - 1, at[1] + i / 3 % 3 - 1, at[2] + i % 3 - 1]);
         // A leaf of which all lies inside meets the surface where a neighbour does not.
         let border = inside.iter().filter(|at| neighbours(**at).any(|n| !inside.contains(&n)));
         let mut band = HashSet::new();

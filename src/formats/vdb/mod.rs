@@ -63,10 +63,9 @@ pub fn on_terminate(end: fn(&str) -> !) {
 pub fn require_fog(grid: &Grid) -> Result<()> {
     let (what, hint) = match grid.class {
         GridClass::FogVolume | GridClass::Unknown => return Ok(()),
-        GridClass::LevelSet => (
-            "a level set (signed distances)",
-            "convert it first: cumulo convert IN.vdb OUT.vdb --to fog",
-        ),
+        GridClass::LevelSet => {
+            ("a level set (signed distances)", "convert it first: cumulo convert IN.vdb OUT.vdb --to fog")
+        }
         GridClass::Staggered => {
             ("a staggered velocity grid", "name the density with --grid; cumulo info lists the grids")
         }

@@ -13,7 +13,18 @@ pub enum VectorKind {
 
 /// Names of grids that hold vectors of world space by habit, in lower case.
 const WORLD_NAMES: [&str; 12] = [
-    "v", "vel", "velocity", "velocities", "accel", "acceleration", "force", "n", "normal", "gradient", "displacement", "rest",
+    "v",
+    "vel",
+    "velocity",
+    "velocities",
+    "accel",
+    "acceleration",
+    "force",
+    "n",
+    "normal",
+    "gradient",
+    "displacement",
+    "rest",
 ];
 /// Names of grids that hold colors by habit, in lower case.
 const COLOR_NAMES: [&str; 7] = ["cd", "color", "colour", "rgb", "emission", "albedo", "scatter"];

@@ -95,7 +95,8 @@ pub fn search(
 ) -> Outcome {
     let begun = Instant::now();
     let sampled_starts = sampled_starts(dvr, request, cancel, tick);
-    let starts: Vec<DMat3> = sampled_starts.iter().chain(&request.exact_starts).map(|d| upright(*d, request.sphere.up)).collect();
+    let starts: Vec<DMat3> =
+        sampled_starts.iter().chain(&request.exact_starts).map(|d| upright(*d, request.sphere.up)).collect();
     let mut searches: Vec<LocalSearch> = starts
         .iter()
         .enumerate()
