@@ -13,7 +13,7 @@ use std::path::Path;
 /// Choice of the up axis on the command line.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum UpChoice {
-    /// By the metadata of the VDB (Houdini and Maya: y, Blender: z) or the stage's upAxis, else z
+    /// Axis that the VDB's metadata (Houdini and Maya: y, Blender: z) or the stage's upAxis state, else z
     #[default]
     Auto,
     /// +Y, as in Houdini and Maya

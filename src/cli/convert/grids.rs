@@ -74,32 +74,10 @@ impl Convert {
         let transfer = self.transfer.load(limits)?;
         let file = File::open(&self.input, limits)?;
         let names = self.chosen(&file)?;
-        let sources = sources::sources(&self.edits.split, &self.edits.merge, &file, &names)?;
         let turn = Turn::of(&self.edits, &file);
         turn.iter().for_each(|turn| output.note(turn));
-        let mut natives = Vec::new();
-        let mut grids: Vec<ConvertedGrid> = Vec::new();
         let mut warnings = Vec::new();
-        let mut new_names = self.new_names(&file, &names, &sources, &mut warnings)?.into_iter();
-        let mut budget = Budget { held: 0, limit: limits.max_memory };
-        let in_file = names.iter().map(|name| Ok(file.find(name)?.topology.map_or(0, |t| t.memory)));
-        let in_file = in_file.sum::<Result<u64>>()?;
-        budget.room(in_file, "holding the grids", ONE_BY_ONE).map_err(|e| e.at(&self.input))?;
-        for source in &sources {
-            let origin = source.origin();
-            let place = |e: Error| e.part(format!("grid '{origin}'")).at(&self.input);
-            let room = |bytes| budget.room(bytes, "making the grids", ONE_BY_ONE);
-            for mut native in source.read(&file, &room).map_err(place)? {
-                let settings = Settings { name: new_names.next(), transfer: transfer.as_ref(), turn: turn.as_ref() };
-                let converted = self.edit(&mut native, settings, &mut budget, &mut warnings).map_err(place)?;
-                grids.push(ConvertedGrid { from: origin.clone(), ..converted });
-                natives.push(native);
-            }
-        }
-        if let (Some(form), false) = (self.edits.to, grids.iter().any(|grid| grid.formed.is_some())) {
-            let kind = form.name();
-            warnings.push(format!("--to: no grid could become a {kind}; cumulo info says what the grids are"));
-        }
+        let (natives, grids) = self.made(&file, &names, (transfer.as_ref(), turn.as_ref()), &mut warnings)?;
         warnings.iter().for_each(|warning| output.note(format!("warning: {warning}")));
         if transfer.is_some() && !grids.iter().any(|g| g.transfer) {
             return Err(Error::invalid("no grid holds scalars, which a transfer function needs")
@@ -122,6 +100,39 @@ impl Convert {
             warnings,
         })?;
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Reads the grids, makes others of them and edits all.
+    fn made(
+        &self,
+        file: &File,
+        names: &[String],
+        (transfer, turn): (Option<&Transfer>, Option<&Turn>),
+        warnings: &mut Vec<String>,
+    ) -> Result<(Vec<NativeGrid>, Vec<ConvertedGrid>)> {
+        let sources = sources::sources(&self.edits.split, &self.edits.merge, file, names)?;
+        let mut new_names = self.new_names(file, names, &sources, warnings)?.into_iter();
+        let (mut natives, mut grids): (Vec<_>, Vec<ConvertedGrid>) = (Vec::new(), Vec::new());
+        let mut budget = Budget { held: 0, limit: self.memory.limits().max_memory };
+        let in_file = names.iter().map(|name| Ok(file.find(name)?.topology.map_or(0, |t| t.memory)));
+        let in_file = in_file.sum::<Result<u64>>()?;
+        budget.room(in_file, "holding the grids", ONE_BY_ONE).map_err(|e| e.at(&self.input))?;
+        for source in &sources {
+            let origin = source.origin();
+            let place = |e: Error| e.part(format!("grid '{origin}'")).at(&self.input);
+            let room = |bytes| budget.room(bytes, "making the grids", ONE_BY_ONE);
+            for mut native in source.read(file, &room).map_err(place)? {
+                let settings = Settings { name: new_names.next(), transfer, turn };
+                let converted = self.edit(&mut native, settings, &mut budget, warnings).map_err(place)?;
+                grids.push(ConvertedGrid { from: origin.clone(), ..converted });
+                natives.push(native);
+            }
+        }
+        if let (Some(form), false) = (self.edits.to, grids.iter().any(|grid| grid.formed.is_some())) {
+            let kind = form.name();
+            warnings.push(format!("--to: no grid could become a {kind}; cumulo info says what the grids are"));
+        }
+        Ok((natives, grids))
     }
 
     fn chosen(&self, file: &File) -> Result<Vec<String>> {

@@ -107,7 +107,8 @@ impl NativeGrid {
     /// Makes a level set of the surface on which a fog volume has the value `iso`: distances in world units up to
     /// [`HALF_WIDTH`] voxels from the surface, negative where the density is `iso` or more. The surface is that of
     /// OpenVDB's `volumeToMesh`, distances are those to its quads, and the densities themselves tell the sides, so that
-    /// cavities stay cavities.
+    /// cavities stay cavities. Beyond two voxels from the surface OpenVDB seeks the nearest quad among those of neighbouring
+    /// voxels, and distances may be too large by half a voxel.
     ///
     /// # Errors
     /// If the grid holds neither floats nor doubles, its voxels are no cubes, the values outside are not below `iso`, or
