@@ -32,7 +32,7 @@ pub fn plot(quantity: &str, volume: &Bricks<f32>, reference: Option<&Bricks<f32>
         let points = counts.iter().enumerate().flat_map(step).collect();
         Series { label: (*label).into(), points, dashed: *label == "reference" }
     });
-    Some(Plot { x: quantity.into(), y: "log10 of voxels, and one".into(), series: series.collect() })
+    Some(Plot { x: quantity.into(), y: "log10 of 1 + voxels".into(), series: series.collect() })
 }
 
 /// Values of the voxels that are not zero and finite.

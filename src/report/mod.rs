@@ -110,7 +110,10 @@ impl Page {
         reference: Option<&Bricks<f32>>,
     ) -> Result<&mut Self> {
         match histogram::plot(quantity, volume, reference) {
-            Some(plot) => self.plot(heading, &plot),
+            Some(plot) => {
+                let body = plot.draw_with(false)?;
+                Ok(self.section(heading, body))
+            }
             None => Ok(self),
         }
     }

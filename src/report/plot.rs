@@ -91,8 +91,13 @@ impl Plot {
         Self { x: "seconds".into(), y: "PSNR of held-out views (dB)".into(), series }
     }
 
-    /// Markup of the plot with its legend.
+    /// Markup of the plot with its legend, which says where each line ends.
     pub(super) fn draw(&self) -> Result<Markup> {
+        self.draw_with(true)
+    }
+
+    /// Markup of the plot with its legend; `ends` adds to the legend where each line ends.
+    pub(super) fn draw_with(&self, ends: bool) -> Result<Markup> {
         let drawn = |p: &&(f64, f64)| p.0.abs() <= FARTHEST && p.1.abs() <= FARTHEST;
         let lines: Vec<Vec<(f64, f64)>> =
             self.series.iter().map(|s| s.points.iter().filter(drawn).copied().collect()).collect();
@@ -119,7 +124,8 @@ impl Plot {
                         @if let Some(last) = last(i) {
                             span.key {
                                 span class={ "swatch c" (i % PALETTE.len()) @if series.dashed { " dashed" } } {}
-                                (series.label) " " span.caption { "ends at " (last) }
+                                (series.label)
+                                @if ends { " " span.caption { "ends at " (last) } }
                             }
                         }
                     }

@@ -254,3 +254,61 @@ fn cubic(map: &Affine) -> Option<f64> {
     let equal = (0..3).all(|a| close(dot(a, a), edge * edge));
     (equal && close(dot(0, 1), 0.0) && close(dot(0, 2), 0.0) && close(dot(1, 2), 0.0)).then_some(edge)
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+    use crate::scene::grid::{Grid, GridClass, Leaf, Tile};
+    use glam::DMat4;
+    use std::collections::BTreeMap;
+
+    /// A fog volume of `n`³ leaves of a wavy density, with a tile beside them.
+    fn wavy(n: i32) -> NativeGrid {
+        let leaf = |i: i32| {
+            let origin = [i / (n * n), i / n % n, i % n].map(|c| 8 * c);
+            let values = Box::new(std::array::from_fn(|v| 0.5 + 0.5 * (v as f32 * 0.37 + i as f32).sin()));
+            Leaf { origin, values, active: [u64::MAX; 8] }
+        };
+        NativeGrid::from_grid(&Grid {
+            name: "density".into(),
+            class: GridClass::FogVolume,
+            transform: Affine::uniform(0.5, DVec3::ZERO).unwrap(),
+            background: 0.0,
+            leaves: (0..n * n * n).map(leaf).collect(),
+            tiles: vec![Tile { origin: [-128, 0, 0], dim: 128, value: 0.9, active: true }],
+            metadata: BTreeMap::new(),
+        })
+        .unwrap()
+    }
+
+    #[test]
+    fn estimates_hold_what_the_edits_make() {
+        let leaves = |grid: &NativeGrid| grid.info().map(|i| i.leaf_count * i.leaf_bytes()).unwrap();
+        for voxel in [0.5, 0.7, 2.0, 9.0, 0.3] {
+            let mut grid = wavy(4);
+            let estimate = grid.resampled_box_bytes(voxel, u64::MAX).unwrap();
+            grid.resample_box(voxel).unwrap();
+            assert!(estimate >= leaves(&grid), "{voxel}: {estimate} {}", leaves(&grid));
+        }
+        let mut grid = wavy(4);
+        let estimate = grid.level_set_bytes(0.5).unwrap();
+        grid.to_level_set(0.5).unwrap();
+        assert!(estimate >= leaves(&grid), "{estimate} {}", leaves(&grid));
+        // What does not fit is told without being counted: half a million entries take more than a mebibyte.
+        assert!(wavy(2).resampled_box_bytes(0.01, 1 << 20).unwrap() > 1 << 20);
+        assert!(wavy(2).resampled_box_bytes(1e-9, 1 << 20).unwrap() > 1 << 20);
+    }
+
+    #[test]
+    fn cubes_are_cubes_in_any_orientation() {
+        let map = |matrix: DMat4| Affine::new(matrix).unwrap();
+        let turned = DMat4::from_rotation_x(0.7) * DMat4::from_rotation_z(1.9) * DMat4::from_scale(DVec3::splat(0.25));
+        assert!((cubic(&map(turned)).unwrap() - 0.25).abs() < 1e-12);
+        assert!(cubic(&map(DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0)))).is_some(), "mirrored cubes are cubes");
+        assert_eq!(cubic(&map(DMat4::from_scale(DVec3::new(1.0, 1.0, 1.01)))), None);
+        let mut sheared = DMat4::IDENTITY;
+        sheared.y_axis.x = 0.1;
+        assert_eq!(cubic(&map(sheared)), None);
+    }
+}
