@@ -6,6 +6,7 @@
 //! | [Captures](captures) | How do I hand over my own pictures, or pictures from Blender? |
 //! | [Blender](blender) | How do I get from a Blender scene to a render, a capture, a reconstruction, and back? |
 //! | [Transfer functions](transfer_functions) | How do densities become colors, and which file formats are read? |
+//! | [Volumes](volumes) | How do I change axes, names, voxels and forms of VDB grids for another program? |
 //! | [Scattering](scattering) | How do I render smoke and clouds that scatter light? |
 //! | [USD stages](usd) | How do I render a stage from Blender or Houdini, and what is read of it? |
 //! | [Denoising](denoising) | How do I take the noise out of a sequence, from Cumulo or from Blender? |
@@ -69,3 +70,6 @@ pub mod usd {}
 
 #[doc = include_str!("guide/usd-authoring.md")]
 pub mod usd_authoring {}
+
+#[doc = include_str!("guide/volumes.md")]
+pub mod volumes {}

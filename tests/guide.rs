@@ -28,6 +28,7 @@ const PAGES: &[&str] = &[
     "src/guide/transfer-functions.md",
     "src/guide/usd-authoring.md",
     "src/guide/usd.md",
+    "src/guide/volumes.md",
 ];
 
 /// Volumes that the pages name and the reader brings.
@@ -244,6 +245,11 @@ fn usd_authoring() {
 #[test]
 fn usd() {
     assert!(run("src/guide/usd.md") >= 6);
+}
+
+#[test]
+fn volumes() {
+    assert!(run("src/guide/volumes.md") >= 10);
 }
 
 #[test]

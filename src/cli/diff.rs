@@ -3,8 +3,10 @@
 use super::memory::{Memory, human};
 use super::output::Output;
 use crate::error::{Error, Result};
-use crate::formats::vdb::{File, GridInfo, NativeGrid, RawGrid};
+use crate::formats::vdb::{File, GridInfo, NativeGrid, RawGrid, Transform};
+use crate::math::{Aabb, Affine};
 use crate::metrics::volume::{Difference, Field, compare};
+use crate::scene::up::Up;
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
@@ -16,7 +18,8 @@ use std::process::ExitCode;
     largest |A| as its peak; it is null in JSON and 'inf' in text for identical grids. Where the transforms differ, B \
     is sampled trilinearly at A's voxel centres. Differences are measured in 32-bit floats; values of wider types that agree \
     in these alone are told. Grids are paired by name; the only grids of both files are compared whatever their names, \
-    but names that differ are a difference, unless the grid is chosen with --grid.")]
+    but names that differ are a difference, unless the grid is chosen with --grid. Where scalars differ as they lie and agree \
+    after a turn by 90 degrees about x, Y-up against Z-up, the report says so.")]
 pub struct Diff {
     /// The reference
     a: PathBuf,
@@ -50,8 +53,48 @@ struct Compared {
     name_in_b: Option<String>,
     #[serde(flatten)]
     difference: Difference,
+    /// Turn of the second grid after which it agrees with the first; none if it agrees as it lies, or after no turn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    agrees_after_turn: Option<Turned>,
     /// True if the values are equal as 32-bit floats, in which differences are measured, but not in the grids' wider type.
     differs_beyond_f32: bool,
+}
+
+/// A turn of the second volume about x, and how far it is then from the first.
+#[derive(Debug, Serialize)]
+struct Turned {
+    /// Up axis of the second volume if this is a matter of up axes; the first has the other one.
+    second_up: Up,
+    /// Angle of the turn about x in degrees, 90 or -90.
+    degrees: i32,
+    rms: f64,
+    max_abs: f64,
+}
+
+/// Share of the RMS as the volumes lie that a turn may leave for them to count as equal but for the turn.
+const LEFT_BY_TURN: f64 = 0.01;
+
+/// Finds the quarter turn about x after which `b` agrees with `a`, of grids of scalars that differ. Volumes whose boxes are
+/// not brought together by it, within a voxel, are not compared.
+fn turned(a: &Loaded, b: &Loaded, difference: &Difference) -> Result<Option<Turned>> {
+    if a.raw.components != 1 || difference.rms == 0.0 {
+        return Ok(None);
+    }
+    let (Some(box_a), map) = (a.info.world_box(), b.info.affine()?) else { return Ok(None) };
+    let room = a.info.affine()?.voxel_size().max(map.voxel_size()).max_element();
+    for (second_up, degrees) in [(Up::Y, 90), (Up::Z, -90)] {
+        let map = map.then(&Affine::new(second_up.turn_map(second_up.other()))?)?;
+        let info = GridInfo { transform: Transform::Affine(map), ..b.info.clone() };
+        let near = |box_b: Aabb| (box_a.min - box_b.min).abs().max((box_a.max - box_b.max).abs()).max_element() <= room;
+        if !info.world_box().is_some_and(near) {
+            continue;
+        }
+        let Difference { rms, max_abs, .. } = compare(&a.field()?, &b.field_at(map))?;
+        if rms <= LEFT_BY_TURN * difference.rms {
+            return Ok(Some(Turned { second_up, degrees, rms, max_abs }));
+        }
+    }
+    Ok(None)
 }
 
 impl Diff {
@@ -90,7 +133,11 @@ impl Diff {
                 _ => false,
             };
             let name_in_b = (in_a != in_b).then(|| in_b.clone());
-            grids.push(Compared { name: in_a.clone(), name_in_b, difference, differs_beyond_f32 });
+            let agrees_after_turn = match difference.within(self.tolerance) {
+                true => None,
+                false => turned(&left, &right, &difference)?,
+            };
+            grids.push(Compared { name: in_a.clone(), name_in_b, difference, agrees_after_turn, differs_beyond_f32 });
         }
         let alike = |g: &Compared| {
             let named = g.name_in_b.is_none() || self.grid.is_some();
@@ -175,12 +222,17 @@ fn load(file: &File, name: &str, budget: &mut Budget) -> Result<Loaded> {
 
 impl Loaded {
     fn field(&self) -> Result<Field<'_>> {
+        Ok(self.field_at(self.info.affine()?))
+    }
+
+    /// The volume as it lies by another transform.
+    fn field_at(&self, transform: Affine) -> Field<'_> {
         let mut background = [0.0; 3];
         background.iter_mut().zip(&self.info.background).for_each(|(to, from)| *to = *from as f32);
-        let mut field = Field::new(self.raw.components, background, self.info.affine()?, self.info.index_box);
+        let mut field = Field::new(self.raw.components, background, transform, self.info.index_box);
         self.raw.leaves.iter().for_each(|l| field.add_leaf(l.origin, &l.values, &l.active));
         self.raw.tiles.iter().for_each(|t| field.add_tile(t.origin, t.dim, t.value, t.active));
-        Ok(field)
+        field
     }
 }
 
@@ -204,6 +256,15 @@ impl fmt::Display for Report {
                 d.transform_difference,
                 d.voxels
             )?;
+            if let Some(Turned { second_up, degrees, rms, .. }) = &grid.agrees_after_turn {
+                let (second, first) = (second_up.name(), second_up.other().name());
+                writeln!(
+                    f,
+                    "  equal but for a turn of the second by {degrees} degrees about x (rms {rms:.4e} then): {first}-up against \
+                     {second}-up; cumulo convert --up {} turns it",
+                    first.to_ascii_lowercase()
+                )?;
+            }
             if grid.differs_beyond_f32 {
                 writeln!(f, "  equal as 32-bit floats only")?;
             }

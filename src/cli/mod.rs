@@ -27,6 +27,7 @@ pub mod schema;
 pub mod task;
 pub mod transfer;
 pub mod try_grid;
+pub mod up;
 pub mod usd;
 pub mod validate;
 mod values;

@@ -3,7 +3,12 @@
 //! [`Kind`] names the formats. A route from one to another is an arm of [`Convert::run`], and a file of its own here.
 
 mod arrays;
+mod edits;
+mod form;
 mod grids;
+mod names;
+mod sources;
+mod turn;
 
 use super::memory::Memory;
 use super::output::Output;
@@ -43,7 +48,7 @@ pub struct Convert {
     /// Keep only what lies in this world-space box
     #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = corners, allow_hyphen_values = true)]
     crop: Option<Aabb>,
-    /// Resample trilinearly to cubic voxels of this edge length in world units
+    /// Resample to cubic voxels of this edge length in world units
     #[arg(long, value_name = "VOXEL", value_parser = positive)]
     resample: Option<f64>,
     /// Make blocks whose values agree within TOL constant
@@ -52,6 +57,8 @@ pub struct Convert {
     /// Set NaN and infinite values, and negative densities, to zero; auto: fog volumes hold densities, other grids do not
     #[arg(long, value_enum, value_name = "WHAT", num_args = 0..=1, require_equals = true, default_missing_value = "auto")]
     repair: Option<Repair>,
+    #[command(flatten)]
+    edits: edits::Edits,
     #[command(flatten)]
     arrays: arrays::Options,
     #[command(flatten)]
@@ -158,7 +165,8 @@ impl Convert {
             ("--origin", arrays.origin.is_some(), from == Npy && to == Vdb),
             ("--transform", arrays.transform.is_some(), from == Npy && to == Vdb),
         ];
-        match options.iter().find(|(_, given, applies)| *given && !applies) {
+        let of_edits = self.edits.given().map(|(name, given)| (name, given, edits));
+        match options.iter().chain(&of_edits).find(|(_, given, applies)| *given && !applies) {
             Some((name, ..)) => {
                 Err(Error::invalid(format!("{name} has no effect from {} to {}", from.name(), to.name()))
                     .hint("leave it out, or convert in two steps: edit VDBs first, then turn their grids into arrays"))

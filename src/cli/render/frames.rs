@@ -11,6 +11,7 @@ use crate::cli::output::Output;
 use crate::cli::outputs;
 use crate::cli::parse::DensityScale;
 use crate::cli::provenance::Provenance;
+use crate::cli::up::ChosenUp;
 use crate::error::{Error, Kind, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::exr;
@@ -39,12 +40,14 @@ struct Report {
     failed: Vec<Failed>,
     density_scale: f64,
     paths: Option<Paths>,
+    /// Up axis about which the camera was placed; none where it was given.
+    up: Option<ChosenUp>,
     seconds: f64,
 }
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, rendered, skipped, failed, density_scale, paths, seconds } = self;
+        let Self { output, rendered, skipped, failed, density_scale, paths, seconds, .. } = self;
         write!(f, "{}: {rendered} frames in {seconds:.2} s, ", output.display())?;
         write!(f, "{skipped} that were there, {} that failed; density scale {density_scale}", failed.len())?;
         paths.map_or(Ok(()), |paths| write!(f, "\n{paths}"))
@@ -72,6 +75,8 @@ struct Sequence<'s> {
     template: Option<Capture>,
     /// Cameras of the frames, or of all, each between those of the frames before and after.
     cameras: Vec<[Camera; 3]>,
+    /// Up axis about which the camera was placed.
+    up: Option<ChosenUp>,
     provenance: Provenance,
     shot: Option<Shot>,
     /// Remarks that were made.
@@ -112,6 +117,7 @@ impl Render {
             pattern,
             template,
             cameras: cameras.unwrap_or_default(),
+            up: None,
             provenance: provenance.clone(),
             shot: None,
             remarks: BTreeSet::new(),
@@ -140,6 +146,7 @@ impl Render {
             failed,
             density_scale,
             paths,
+            up: sequence.up,
             seconds,
         })?;
         Ok(code)
@@ -285,7 +292,12 @@ impl Sequence<'_> {
                 .hint("add \"velocity\": {\"grid\": \"vel\"} to a volume of it"));
         }
         let paths = pictures.scattering.on() || subject.is_scene();
-        let mut capture = pictures.capture(&self.render.output, &subject, transfer, self.template.as_ref())?;
+        if self.cameras.is_empty() {
+            self.up = pictures.chosen_up(self.template.as_ref())?;
+            self.up.iter().for_each(|up| output.note(up));
+        }
+        let (folder, template) = (&self.render.output, self.template.as_ref());
+        let mut capture = pictures.capture(folder, &subject, transfer, template, self.up.as_ref())?;
         self.pictures.density_scale = Some(DensityScale::Given(capture.density_scale)).filter(|_| !subject.is_scene());
         if self.cameras.is_empty() {
             self.cameras = capture.frames.iter().map(|frame| [frame.camera; 3]).collect();

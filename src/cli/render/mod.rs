@@ -18,6 +18,7 @@ use crate::cli::output::Output;
 use crate::cli::outputs;
 use crate::cli::parse;
 use crate::cli::provenance::Provenance;
+use crate::cli::up::ChosenUp;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::captures;
@@ -87,6 +88,8 @@ struct Report {
     way: Way,
     /// Plan of a scene that may scatter, or out of which something may be left.
     plan: Option<Plan>,
+    /// Up axis about which cameras were placed; none where they were given.
+    up: Option<ChosenUp>,
     /// Remarks on statements of a USD stage that have no effect, and on what is assumed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     remarks: Vec<String>,
@@ -171,7 +174,9 @@ impl Render {
         let remarks = remarks(&subject, template.as_ref());
         remarks.iter().for_each(|remark| output.note(format!("remark: {remark}")));
         let paths = pictures.scattering.on() || subject.is_scene();
-        let capture = pictures.capture(&self.output, &subject, transfer, template.as_ref())?;
+        let up = pictures.chosen_up(template.as_ref())?;
+        up.iter().for_each(|up| output.note(up));
+        let capture = pictures.capture(&self.output, &subject, transfer, template.as_ref(), up.as_ref())?;
         fits(&capture, self.plane_bytes(paths), limits.max_memory)?;
         self.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
@@ -212,6 +217,7 @@ impl Render {
             density_scale: capture.density_scale,
             way,
             plan,
+            up,
             remarks,
             seconds,
         })?;

@@ -60,7 +60,7 @@ fn values(native: &NativeGrid, info: &GridInfo, findings: &mut Findings) -> Resu
         findings.note(
             name,
             "this is a level set: distances, no density",
-            "for rendering as fog, convert it: vdb_tool -read IN.vdb -ls2fog -write OUT.vdb, or Houdini's Convert VDB",
+            "for rendering as fog, convert it: cumulo convert IN.vdb OUT.vdb --to fog",
         );
     }
     if info.components == 0 {
