@@ -10,7 +10,9 @@ use crate::scene::grid::{Grid, LEAF_VOXELS, voxel_offset};
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 use serde::Serialize;
+use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Largest number of blocks of 8³ whose voxels are compared one by one (8.6e9 voxels); more would take hours.
 const MAX_BLOCKS: usize = 1 << 24;
@@ -264,7 +266,7 @@ impl Window {
 }
 
 /// Difference of a volume B from a reference A.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Difference {
     /// PSNR in dB, `20 log10(peak / rms)` with `peak = max |A|` over active voxels; `None` if `rms` or the peak is 0.
     pub psnr_db: Option<f64>,
@@ -280,6 +282,10 @@ pub struct Difference {
     pub transform_difference: f64,
     /// Number of voxels of the domain.
     pub voxels: u64,
+    /// Number of these voxels that were compared: all of them, or the part that [`Effort`] allows.
+    pub compared: u64,
+    /// True if figures are estimates from a part of the voxels. `max_abs` is the largest difference of that part.
+    pub sampled: bool,
     /// Number of values of which one is finite and the other is not, or whose kinds of infinity differ. They are left
     /// out of `rms` and `max_abs`.
     pub incomparable: u64,
@@ -295,6 +301,34 @@ impl Difference {
             && (max_abs > 0.0 || self.topology_iou == 1.0)
     }
 }
+
+/// Bound of the work of a comparison of volumes on different lattices. (On one lattice all voxels are always compared, which
+/// takes a fraction of the time.)
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Effort {
+    /// Largest number of blocks of 8³ voxels that are compared voxel by voxel.
+    blocks: usize,
+}
+
+impl Effort {
+    /// All voxels.
+    pub const ALL: Self = Self { blocks: usize::MAX };
+
+    /// About so many voxels, one block of 8³ at least.
+    pub fn voxels(count: u64) -> Self {
+        Self { blocks: usize::try_from(count / LEAF_VOXELS as u64).unwrap_or(usize::MAX).max(1) }
+    }
+}
+
+impl Default for Effort {
+    /// 67 million voxels, which take some seconds.
+    fn default() -> Self {
+        Self { blocks: 1 << 17 }
+    }
+}
+
+/// Receives how many of how many steps of a comparison are done.
+pub type OnStep<'s> = &'s (dyn Fn(u64, u64) + Sync);
 
 #[derive(Debug, Clone, Copy, Default)]
 struct Partial {
@@ -312,6 +346,14 @@ impl Partial {
         self.both += p.both;
         self.either += p.either;
         self.incomparable += p.incomparable;
+    }
+
+    /// Has the sums stand for `factor` times as many voxels.
+    fn scale(&mut self, factor: f64) {
+        let scaled = |count: u64| (count as f64 * factor).round() as u64;
+        self.squares *= factor;
+        (self.both, self.either) = (scaled(self.both), scaled(self.either));
+        self.incomparable = scaled(self.incomparable);
     }
 
     /// Counts a pair of voxels, one of each volume, `times` times.
@@ -460,23 +502,54 @@ impl Pair<'_, '_> {
         Ok(())
     }
 
-    /// Returns the sums over the divided domain.
-    fn sum(&self) -> Partial {
+    /// Returns the sums over the divided domain, and the number of voxels that they are of. Of more blocks than `effort`
+    /// allows on different lattices, one of each group of neighbors stands for all.
+    fn sum(&self, effort: Effort, step: OnStep<'_>) -> (Partial, Option<u64>) {
+        let group = if self.same { 1 } else { self.blocks.len().div_ceil(effort.blocks) };
+        let chosen = chosen(&self.blocks, group);
+        let total = (chosen.len() + self.interpolated.len()) as u64;
+        let done = AtomicU64::new(0);
+        let tick = || {
+            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+            // One lattice takes a block in less time than a display does.
+            if done.is_multiple_of(64) || done == total {
+                step(done, total);
+            }
+        };
         let mut sum = Partial::default();
-        for blocks in self.blocks.chunks(CHUNK) {
-            let of = |window: &mut Window, origin: &[i32; 3]| self.block(window, *origin);
+        for blocks in chosen.chunks(CHUNK) {
+            let of = |window: &mut Window, origin: &[i32; 3]| {
+                tick();
+                self.block(window, *origin)
+            };
             let partials: Vec<Partial> = blocks.par_iter().map_init(Window::default, of).collect();
             partials.iter().for_each(|p| sum.add(p));
         }
+        let left_out = (group > 1).then(|| {
+            let voxels = |blocks: &[[i32; 3]]| blocks.iter().map(|origin| self.voxels_of(*origin)).sum::<u64>();
+            let (all, part) = (voxels(&self.blocks), voxels(&chosen));
+            sum.scale(all as f64 / part.max(1) as f64);
+            all - part
+        });
         for boxes in self.interpolated.chunks(CHUNK) {
             let of = |window: &mut Window, (low, high, a): &([i32; 3], [i32; 3], Constant)| {
+                tick();
                 self.cells(window, *low, *high, a)
             };
             let partials: Vec<Partial> = boxes.par_iter().map_init(Window::default, of).collect();
             partials.iter().for_each(|p| sum.add(p));
         }
         sum.add(&self.constant);
-        sum
+        (sum, left_out)
+    }
+
+    /// Returns the number of voxels of a block that lie in the domain.
+    fn voxels_of(&self, origin: [i32; 3]) -> u64 {
+        let along = |i: usize| {
+            let (low, high) = (origin[i].max(self.min[i]), origin[i].saturating_add(7).min(self.max[i]));
+            (i64::from(high) - i64::from(low) + 1).max(0) as u64
+        };
+        along(0) * along(1) * along(2)
     }
 
     /// Divides a cube of edge `1 << shift` into cubes in which both volumes are constant, boxes of interpolation, and
@@ -618,11 +691,33 @@ impl Pair<'_, '_> {
     }
 }
 
-/// Compares `b` with the reference `a`. Regions in which both are constant are compared as a whole.
+/// Returns one of each `group` of blocks in a row, at a place that a hash of the row's number tells: a regular pattern of the
+/// volume's is not mistaken for the whole.
+fn chosen(blocks: &[[i32; 3]], group: usize) -> Cow<'_, [[i32; 3]]> {
+    if group <= 1 {
+        return Cow::Borrowed(blocks);
+    }
+    let pick = |(row, blocks): (usize, &[[i32; 3]])| {
+        let hash = (row as u64).wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        blocks[(hash >> 32) as usize % blocks.len()]
+    };
+    blocks.chunks(group).enumerate().map(pick).collect::<Vec<_>>().into()
+}
+
+/// Compares all of `b` with the reference `a`, as [`compare_within`] does.
+///
+/// # Errors
+/// The conditions are those of [`compare_within`].
+pub fn compare(a: &Field<'_>, b: &Field<'_>) -> Result<Difference> {
+    compare_within(a, b, Effort::ALL, &|_, _| {})
+}
+
+/// Compares `b` with the reference `a`, with no more work than `effort` allows. Regions in which both are constant are compared
+/// as a whole. `step` is called again and again.
 ///
 /// # Errors
 /// If the components differ, or too many voxels would have to be compared.
-pub fn compare(a: &Field<'_>, b: &Field<'_>) -> Result<Difference> {
+pub fn compare_within(a: &Field<'_>, b: &Field<'_>, effort: Effort, step: OnStep<'_>) -> Result<Difference> {
     if a.components != b.components {
         return Err(Error::invalid(format!(
             "one grid has {} values a voxel, the other {}",
@@ -640,6 +735,8 @@ pub fn compare(a: &Field<'_>, b: &Field<'_>) -> Result<Difference> {
             topology_iou: 1.0,
             transform_difference: transform_difference(a, b, [0; 3], [0; 3]),
             voxels: 0,
+            compared: 0,
+            sampled: false,
             incomparable: 0,
         });
     };
@@ -660,7 +757,7 @@ pub fn compare(a: &Field<'_>, b: &Field<'_>) -> Result<Difference> {
         constant: Partial::default(),
     };
     pair.divide()?;
-    let sum = pair.sum();
+    let (sum, left_out) = pair.sum(effort, step);
     let voxels: i128 = (0..3).map(|i| i128::from(max[i]) - i128::from(min[i]) + 1).product();
     let rms = (sum.squares / (voxels as f64 * a.components as f64)).sqrt();
     let peak = a.peak();
@@ -671,6 +768,8 @@ pub fn compare(a: &Field<'_>, b: &Field<'_>) -> Result<Difference> {
         topology_iou: if sum.either == 0 { 1.0 } else { sum.both as f64 / sum.either as f64 },
         transform_difference: transform_difference(a, b, min, max),
         voxels: voxels.min(u64::MAX.into()) as u64,
+        compared: (voxels - i128::from(left_out.unwrap_or(0))).min(u64::MAX.into()) as u64,
+        sampled: left_out.is_some(),
         incomparable: sum.incomparable,
     })
 }
