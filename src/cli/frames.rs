@@ -52,15 +52,20 @@ impl FramesOption {
         self.frames
     }
 
-    /// Returns the sequences that a path names: the one of a pattern, or those of a folder that is no capture, of files
-    /// with one of `endings`. None for the path of a file.
+    /// Returns the sequences that a path names where captures are meant, too: the one of a pattern, or those of a folder
+    /// that is no capture, of files with one of `endings`. None for the path of a file or a capture.
     ///
     /// # Errors
     /// If a pattern or a folder matches no file.
     pub fn sequences(self, path: &Path, endings: &[&str]) -> Result<Vec<Sequence>> {
+        let capture = path.is_dir() && captures::file(path).exists();
+        if capture { Ok(Vec::new()) } else { self.all(path, endings) }
+    }
+
+    fn all(self, path: &Path, endings: &[&str]) -> Result<Vec<Sequence>> {
         let patterns = match Pattern::parse(path) {
             Some(pattern) => vec![pattern],
-            None if path.is_dir() && !captures::file(path).exists() => Pattern::in_folder(path, endings)?,
+            None if path.is_dir() => Pattern::in_folder(path, endings)?,
             None => Vec::new(),
         };
         let sequence = |pattern: Pattern| {
@@ -78,7 +83,7 @@ impl FramesOption {
     /// # Errors
     /// If a pattern or a folder matches no file, or a folder holds several sequences.
     pub fn sequence(self, path: &Path, endings: &[&str]) -> Result<Option<Sequence>> {
-        let mut all = self.sequences(path, endings)?;
+        let mut all = self.all(path, endings)?;
         if all.len() > 1 {
             let names: Vec<String> = all.iter().map(|s| s.pattern.name().display().to_string()).collect();
             return Err(Error::invalid(format!("the folder holds several sequences: {}", names.join(", ")))

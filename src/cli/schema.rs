@@ -18,11 +18,11 @@ pub struct Schema {
 enum Kind {
     /// Scene files of `cumulo render`
     Scene,
-    /// What `cumulo compare --json` writes
+    /// Reports of `cumulo compare --json`
     Compare,
-    /// What `cumulo diff --json` writes
+    /// Reports of `cumulo diff --json`
     Diff,
-    /// What `cumulo validate --json` writes
+    /// Reports of `cumulo validate --json`
     Validate,
 }
 

@@ -5,7 +5,8 @@ use crate::cli::photos;
 use crate::error::{Kind, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
-use crate::optimise::plausibility;
+use crate::optimise::plausibility::{self, Warning};
+use crate::scene::capture::Model;
 use std::path::Path;
 
 /// Checks a capture and its pictures. What every reconstruction checks before its work is checked too: the background against
@@ -17,6 +18,12 @@ pub(super) fn check(path: &Path, limits: Limits, findings: &mut Findings) -> Res
     findings.extend(captures::problems_within(path, limits)?);
     // Captures whose pictures cannot be read have problems already, and distorted views become pixels of a camera first.
     let Some(capture) = captures::load_within(path, limits).ok().filter(|_| findings.valid()) else { return Ok(()) };
+    if capture.model == Model::Scattering {
+        findings.warning(Warning::new(
+            "the pictures show a medium that scatters light, which no reconstruction explains",
+            "nothing needs to be done if they are only looked at; to reconstruct, render the medium without scattering",
+        ));
+    }
     match photos::read(&capture, None, limits, &|| {}) {
         Ok(photos) => {
             for finding in plausibility::pictures(&photos, &capture) {
