@@ -11,9 +11,13 @@ use work::{Work, errors};
 #[test]
 fn shells_get_their_scripts_and_manual_pages_are_written() {
     let work = Work::new();
-    for (shell, word) in
-        [("bash", "complete -F"), ("zsh", "#compdef cumulo"), ("fish", "complete -c cumulo"), ("elvish", "edit:"), ("powershell", "Register-")]
-    {
+    for (shell, word) in [
+        ("bash", "complete -F"),
+        ("zsh", "#compdef cumulo"),
+        ("fish", "complete -c cumulo"),
+        ("elvish", "edit:"),
+        ("powershell", "Register-"),
+    ] {
         let script = work.text(&format!("completions {shell}"));
         assert!(script.contains(word) && script.contains("reconstruct") && script.contains("density-scale"), "{shell}");
     }
@@ -90,6 +94,7 @@ fn errors_are_documents_too() {
     assert_eq!(failed("render @plume.vdb --views 1 --grid none -o no")["command"], "render");
     assert!(failed("diff @plume.vdb bad.vdb")["error"]["file"].as_str().unwrap().ends_with("bad.vdb"));
     let usage = failed("info");
+    assert_eq!(failed("reconstruct density")["command"], "reconstruct density");
     assert!(usage["error"]["what"].as_str().unwrap().contains("required"), "{usage}");
     assert!(failed("info a.vdb --nonsense")["error"]["what"].as_str().unwrap().contains("--nonsense"));
     let threads = work.command("info @cube.vdb --json").env("RAYON_NUM_THREADS", "abc").output().unwrap();
@@ -154,7 +159,8 @@ fn unlike_volumes_are_sampled_and_say_so() {
     let work = Work::new();
     work.json("convert @plume.vdb coarse.vdb --resample 0.09");
     let difference = |more: &str| {
-        let out = work.command(&format!("diff @plume.vdb coarse.vdb --json {more}")).stderr(Stdio::piped()).output().unwrap();
+        let out =
+            work.command(&format!("diff @plume.vdb coarse.vdb --json {more}")).stderr(Stdio::piped()).output().unwrap();
         assert_eq!(out.status.code(), Some(1), "{}", errors(&out));
         serde_json::from_slice::<Value>(&out.stdout).unwrap()["grids"][0].clone()
     };

@@ -113,9 +113,9 @@ impl FramesOption {
     /// If the option is given.
     pub fn refuse(self, path: &Path) -> Result<()> {
         match self.frames {
-            Some(_) => Err(Error::invalid("--frames: this names no sequence")
-                .at(path)
-                .hint("give a name with the number's place, in quotes, such as 'smoke.####.vdb', or leave --frames out")),
+            Some(_) => Err(Error::invalid("--frames: this names no sequence").at(path).hint(
+                "give a name with the number's place, in quotes, such as 'smoke.####.vdb', or leave --frames out",
+            )),
             None => Ok(()),
         }
     }

@@ -68,7 +68,8 @@ impl ManCommand {
 fn pages(command: &Command, name: &str, all: &mut Vec<Page>) -> Result<()> {
     let mut text = Vec::new();
     let titled = command.clone().display_name(name.to_owned());
-    Man::new(titled).title(name.to_uppercase()).render(&mut text).map_err(Error::system)?;
+    let source = concat!("cumulo ", env!("CARGO_PKG_VERSION"));
+    Man::new(titled).title(name.to_uppercase()).source(source).render(&mut text).map_err(Error::system)?;
     all.push((name.to_owned(), text));
     for sub in command.get_subcommands().filter(|sub| !sub.is_hide_set() && sub.get_name() != "help") {
         pages(sub, &format!("{name}-{}", sub.get_name()), all)?;

@@ -198,9 +198,9 @@ fn path_of(matches: &ArgMatches) -> String {
 pub fn main() -> ExitCode {
     let words: Vec<OsString> = std::env::args_os().collect();
     let json = words.iter().take_while(|word| *word != "--").any(|word| word == "--json");
-    let arguments = match Arguments::read(words) {
+    let arguments = match Arguments::read(words.clone()) {
         Ok(arguments) => arguments,
-        Err(usage) => return refused(&usage, json),
+        Err(usage) => return refused(&usage, json.then(|| named_by(&words))),
     };
     match run(arguments) {
         Ok(code) => code,
@@ -212,14 +212,26 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Prints what a command line that could not be read is told: its mistake, or the help that it asked for.
-fn refused(usage: &clap::Error, json: bool) -> ExitCode {
+/// Returns the words of the subcommand that a command line names, as far as it names one.
+fn named_by(words: &[OsString]) -> String {
+    let (mut at, mut names) = (command(), Vec::new());
+    for word in words.iter().skip(1).filter_map(|word| word.to_str()).filter(|word| !word.starts_with('-')) {
+        let Some(sub) = at.find_subcommand(word).cloned() else { break };
+        names.push(sub.get_name().to_owned());
+        at = sub;
+    }
+    names.join(" ")
+}
+
+/// Prints what a command line that could not be read is told: its mistake, or the help that it asked for. The mistake is a
+/// document of `command`, too, if there is one.
+fn refused(usage: &clap::Error, command: Option<String>) -> ExitCode {
     let _ = usage.print();
     if !usage.use_stderr() {
         return ExitCode::SUCCESS;
     }
-    if json {
-        document::begin("");
+    if let Some(command) = command {
+        document::begin(&command);
         let text = usage.render().to_string();
         let what = text.lines().next().unwrap_or_default().trim_start_matches("error: ");
         document::write(what, None, None, Some("cumulo --help, or --help behind a command, lists what can be given"));

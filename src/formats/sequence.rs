@@ -231,7 +231,8 @@ mod tests {
     #[test]
     fn folders_hold_sequences() {
         let folder = tempfile::tempdir().unwrap();
-        for name in ["s.0003.vdb", "s.0001.vdb", "v_009.exr", "v_010.exr", "s.0001.exr", "plain.vdb", "b2.vdb", "1.txt"] {
+        for name in ["s.0003.vdb", "s.0001.vdb", "v_009.exr", "v_010.exr", "s.0001.exr", "plain.vdb", "b2.vdb", "1.txt"]
+        {
             std::fs::write(folder.path().join(name), "").unwrap();
         }
         let found = Pattern::in_folder(folder.path(), &["vdb", "exr"]).unwrap();

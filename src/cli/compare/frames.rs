@@ -91,7 +91,8 @@ impl Work<'_> {
 
     /// Reads the pictures of some frames, the reference last.
     fn read(&self, numbers: &[u32], limits: Limits, output: &Output) -> Result<Results<Vec<Film>>> {
-        let (results, _) = output.keep(|silent| each(numbers, "reading", limits, silent, |n, limits| self.films(n, limits)))?;
+        let (results, _) =
+            output.keep(|silent| each(numbers, "reading", limits, silent, |n, limits| self.films(n, limits)))?;
         Ok(results)
     }
 

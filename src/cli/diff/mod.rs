@@ -129,7 +129,12 @@ impl Diff {
     }
 
     /// Compares two grids, each given by its file and name.
-    fn grids(&self, [(a, in_a), (b, in_b)]: [(&File, &String); 2], limits: Limits, output: &Output) -> Result<Compared> {
+    fn grids(
+        &self,
+        [(a, in_a), (b, in_b)]: [(&File, &String); 2],
+        limits: Limits,
+        output: &Output,
+    ) -> Result<Compared> {
         let mut budget = Budget { held: 0, limit: limits.max_memory };
         let [left, right] = {
             let _stage = output.stage("reading");

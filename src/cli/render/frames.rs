@@ -246,7 +246,8 @@ impl Sequence<'_> {
             self.cameras = vec![[camera; 3]; numbers.len()];
         }
         if self.pictures.density_scale == Some(DensityScale::Auto) {
-            self.pictures.density_scale = settled.density_scale.map(DensityScale::Given).or(self.pictures.density_scale);
+            self.pictures.density_scale =
+                settled.density_scale.map(DensityScale::Given).or(self.pictures.density_scale);
         }
         self.pictures.planning.force.extend(settled.kept);
         if !settled.frames.is_empty() {

@@ -34,7 +34,11 @@ pub(super) fn check(path: &Path, limits: Limits, findings: &mut Findings) -> Res
             }
         }
         Err(error) if error.kind() == Kind::Unsupported => {
-            findings.note(None, format!("its pixels were not compared: {}", error.what()), error.remedy().unwrap_or("-"));
+            findings.note(
+                None,
+                format!("its pixels were not compared: {}", error.what()),
+                error.remedy().unwrap_or("-"),
+            );
         }
         Err(error) => findings.refusal(error)?,
     }

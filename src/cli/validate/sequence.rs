@@ -77,7 +77,7 @@ impl Validate {
         }
         let mut findings = Findings::default();
         if !missing.is_empty() {
-            let what = format!("{} frames are missing: {}", missing.len(), list(missing.iter().copied()));
+            let what = format!("frames are missing: {}", list(missing.iter().copied()));
             findings.problem(None, what, "write them, or name the frames that are meant with --frames");
         }
         // Frames without anything were refused, and are told of by themselves.

@@ -53,7 +53,11 @@ pub(super) fn deviations(frames: &[(u32, Traits)]) -> Vec<Deviation> {
             add(true, what, "write all frames with the same settings, or rename: cumulo convert --rename");
         }
         kinds(&of).into_iter().for_each(|what| {
-            add(true, what, "write all frames with the same settings; readers of sequences take the first one's for all");
+            add(
+                true,
+                what,
+                "write all frames with the same settings; readers of sequences take the first one's for all",
+            );
         });
         if let Some((scaled, what)) = places(&of) {
             let remedy = if scaled {
@@ -103,7 +107,10 @@ fn places(of: &[(u32, &Trait)]) -> Option<(bool, String)> {
     match (&scaled[..], &moved[..]) {
         ([], []) => None,
         ([], _) => Some((false, format!("its origin moves at frames {}", list(moved.iter().copied())))),
-        _ => Some((true, format!("the size or direction of its voxels changes at frames {}", list(scaled.iter().copied())))),
+        _ => Some((
+            true,
+            format!("the size or direction of its voxels changes at frames {}", list(scaled.iter().copied())),
+        )),
     }
 }
 
