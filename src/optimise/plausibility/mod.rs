@@ -329,7 +329,7 @@ fn opacity(photos: &[Photo], capture: &Capture) -> Option<Finding> {
 
 /// True if the emissions that views imply, from their sums over the pixels, lie further apart than a fifth of `scale`.
 fn varies(views: &[[[f64; 3]; 3]], scale: f64) -> bool {
-    let of = |c: usize| views.iter().filter(|s| s[0][c] >= 1.0).map(move |s| s[1][c] / s[0][c]);
+    let of = |c: usize| views.iter().filter(move |s| s[0][c] >= 1.0).map(move |s| s[1][c] / s[0][c]);
     (0..3).any(|c| of(c).fold(f64::NEG_INFINITY, f64::max) - of(c).fold(f64::INFINITY, f64::min) > 0.2 * scale)
 }
 
