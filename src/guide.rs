@@ -15,6 +15,7 @@
 //! | [Reconstruction](reconstruction) | How do I find densities, transfer functions, colors, poses and viewpoints? |
 //! | [Gradients](gradients) | Which derivatives are there, and how are they checked? |
 //! | [Accuracy and cost](accuracy_and_cost) | What does accuracy cost in time and memory? |
+//! | [Scripts](shell) | How do I work on sequences, read exit codes and JSON, and check renders in continuous integration? |
 //! | [Python](python) | How do I call it from Python, and test renders with pytest? |
 //! | [Library](library) | How do I call all of this from Rust? |
 //!
@@ -61,6 +62,9 @@ pub mod reconstruction {}
 
 #[doc = include_str!("guide/scattering.md")]
 pub mod scattering {}
+
+#[doc = include_str!("guide/shell.md")]
+pub mod shell {}
 
 #[doc = include_str!("guide/transfer-functions.md")]
 pub mod transfer_functions {}

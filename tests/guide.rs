@@ -25,6 +25,7 @@ const PAGES: &[&str] = &[
     "src/guide/scattering.md",
     "src/guide/planning.md",
     "src/guide/python.md",
+    "src/guide/shell.md",
     "src/guide/transfer-functions.md",
     "src/guide/usd-authoring.md",
     "src/guide/usd.md",
@@ -230,6 +231,11 @@ fn planning() {
 #[test]
 fn scattering() {
     assert!(run("src/guide/scattering.md") >= 6);
+}
+
+#[test]
+fn shell() {
+    assert!(run("src/guide/shell.md") >= 20);
 }
 
 #[test]

@@ -287,7 +287,7 @@ fn an_interrupt_writes_what_is_there() {
     let child = work.start("pose c/off.json --volume a.vdb -o found.json --report page --json");
     until("the work begins", || work.path("page").exists());
     let out = interrupt(child);
-    assert_eq!(out.status.code(), Some(1), "{}", errors(&out));
+    assert_eq!(out.status.code(), Some(130), "{}", errors(&out));
     assert_eq!(serde_json::from_slice::<Value>(&out.stdout).unwrap()["stopped"], true);
     assert_eq!(transforms::load(&work.path("found.json")).unwrap().frames.len(), 6);
 }

@@ -219,7 +219,7 @@ fn an_interrupt_writes_what_is_there() {
     let child = work.start("viewpoint a.vdb --size 64x64 --samples 1000000 --report page -o b.json --json");
     until("the work begins", || work.path("page").exists());
     let out = interrupt(child);
-    assert_eq!(out.status.code(), Some(1), "{}", errors(&out));
+    assert_eq!(out.status.code(), Some(130), "{}", errors(&out));
     let report: Value = serde_json::from_slice(&out.stdout).unwrap();
     assert_eq!((&report["stopped"], &report["sampled_best_entropy"]), (&true.into(), &Value::Null));
     let capture = transforms::load(&work.path("b.json")).unwrap();

@@ -3,7 +3,7 @@
 use glam::{DMat3, DMat4, DVec3};
 
 /// Axis that points upwards: Houdini and Maya work Y-up, Blender and this program's orbits by default Z-up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, schemars::JsonSchema)]
 pub enum Up {
     /// +Y is up.
     Y,

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Options of the routes from and to arrays.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
     /// EXR to .npy: layer (default: the beauty)
     #[arg(long, value_name = "NAME")]

@@ -5,11 +5,13 @@
 mod arrays;
 mod edits;
 mod form;
+mod frames;
 mod grids;
 mod names;
 mod sources;
 mod turn;
 
+use super::frames::FramesOption;
 use super::memory::Memory;
 use super::output::Output;
 use super::parse::{corners, not_negative, positive};
@@ -27,12 +29,17 @@ use std::process::ExitCode;
 /// The names tell the formats: VDB to VDB with edits; VDB to .npy, a grid over the box of its active voxels, array[x, y, z]
 /// (of vectors array[x, y, z, component]); .npy to VDB; EXR to .npy, a layer as array[row, column, channel], row 0 at the
 /// top; .npy to EXR. Arrays are single precision, the last axis fastest; the report has the places of voxels.
-#[derive(Debug, clap::Args)]
+///
+/// Of a sequence, 'in.####.vdb' or a folder of numbered files, every frame is converted: to 'out.####.vdb', or to the same names
+/// in another folder.
+#[derive(Debug, Clone, clap::Args)]
 pub struct Convert {
     /// VDB, EXR or .npy to read
     input: PathBuf,
     /// VDB, .npy or EXR to write
     output: PathBuf,
+    #[command(flatten)]
+    frames: FramesOption,
     /// Keep only this grid (repeatable)
     #[arg(long, value_name = "NAME")]
     grid: Vec<String>,
@@ -127,6 +134,9 @@ impl Convert {
     /// If the input cannot be read, a grid is not there or cannot be edited so, no route leads from the input's format to
     /// the output's, an option belongs to another route, or the output cannot be written; the output is untouched then.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        if let Some((sequence, to)) = self.sequences()? {
+            return self.convert_frames(&sequence, &to, output);
+        }
         let route = if self.input.is_dir() {
             (Kind::Vdb, Kind::of_output(&self.output))
         } else {

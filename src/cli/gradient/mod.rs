@@ -364,6 +364,7 @@ impl GradientCommand {
         let (mut parameters, channels) = (self.parameters(study), self.channels::<V>());
         let count = parameters.len() + channels.len() * study.voxels();
         let plan = self.plan(study, count, &channels, limits)?;
+        output.detail(format!("plan: {} parameters, {}", count, plan.reason));
         let gradient = study.gradient(plan.mode, &parameters, &channels).map_err(|e| e.at(&self.input))?;
         let mut derivatives = gradient.derivatives.clone();
         for (voxel, derivative) in self.largest_by_voxel(&gradient, &channels) {

@@ -2,11 +2,12 @@
 //! is done; one that fails does not stop the others.
 
 use super::options::PictureOptions;
+use super::renderer::Chosen;
 use super::scattering::Paths;
 use super::subject::Subject;
-use super::{Render, fits, remarks};
+use super::{Render, fits, remarks, settle};
 use crate::cli::cancel;
-use crate::cli::failed::Failed;
+use crate::cli::failed::{Failed, List};
 use crate::cli::output::Output;
 use crate::cli::outputs;
 use crate::cli::parse::DensityScale;
@@ -50,7 +51,8 @@ impl fmt::Display for Report {
         let Self { output, rendered, skipped, failed, density_scale, paths, seconds, .. } = self;
         write!(f, "{}: {rendered} frames in {seconds:.2} s, ", output.display())?;
         write!(f, "{skipped} that were there, {} that failed; density scale {density_scale}", failed.len())?;
-        paths.map_or(Ok(()), |paths| write!(f, "\n{paths}"))
+        paths.map_or(Ok(()), |paths| write!(f, "\n{paths}"))?;
+        write!(f, "{}", List(failed))
     }
 }
 
@@ -125,6 +127,7 @@ impl Render {
         };
         let json = self.output.join(FILE_NAME);
         let kept = sequence.spare(&json, &frames)?;
+        sequence.settle(&json, &numbers, output)?;
         // A folder that stays empty is removed again.
         let mut batch = Batch::new();
         batch.make_folder(&self.output)?;
@@ -221,7 +224,7 @@ impl Sequence<'_> {
                 Err(e) if e.kind() == Kind::Cancelled => return Err(e),
                 Err(e) => {
                     output.note(format!("frame {number}: {e}"));
-                    results.failed.push(Failed { frame: *number, error: e.to_string() });
+                    results.failed.push(Failed::new(*number, &e));
                 }
                 Ok(counts) => {
                     results.skipped += usize::from(counts.is_none());
@@ -233,6 +236,32 @@ impl Sequence<'_> {
         }
         bar.finish_and_clear();
         Ok(results)
+    }
+
+    /// Takes what must not change from frame to frame once: that of an earlier run that is resumed, or of some frames.
+    fn settle(&mut self, json: &Path, numbers: &[u32], output: &Output) -> Result<()> {
+        let placed = self.cameras.is_empty();
+        let earlier = if self.render.resume { settle::earlier(json) } else { None };
+        let settled = match earlier {
+            Some(earlier) => earlier,
+            None => {
+                let _stage = output.stage("settling");
+                self.pictures.settle(self.pattern.as_ref(), numbers, self.template.as_ref(), placed)?
+            }
+        };
+        if let Some(camera) = settled.camera.filter(|_| placed) {
+            self.cameras = vec![[camera; 3]; numbers.len()];
+        }
+        if self.pictures.density_scale == Some(DensityScale::Auto) {
+            self.pictures.density_scale =
+                settled.density_scale.map(DensityScale::Given).or(self.pictures.density_scale);
+        }
+        self.pictures.planning.force.extend(settled.kept);
+        if !settled.frames.is_empty() {
+            let list = settled.frames.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
+            output.detail(format!("camera, scale and effects of all frames are settled by frames {list}"));
+        }
+        Ok(())
     }
 
     /// Makes sure that nothing of other commands is replaced. Returns frames of an earlier run that this one leaves alone.
@@ -313,6 +342,7 @@ impl Sequence<'_> {
             scene.velocities = vec![(0, velocity::read(&file, name, fps, limits.max_memory)?)];
         }
         let (scene, plan) = self.render.planned(&pictures, scene, paths)?;
+        plan.iter().for_each(|plan| output.detail(Chosen(plan)));
         Ok(Shot { capture, scene, plan, provenance, paths, moving })
     }
 

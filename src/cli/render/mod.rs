@@ -6,6 +6,7 @@ mod options;
 mod planning;
 mod renderer;
 pub(super) mod scattering;
+mod settle;
 mod stage;
 mod subject;
 
@@ -34,7 +35,7 @@ use crate::scene::film::Film;
 use crate::scene::scene::Scene;
 use clap::ValueEnum;
 use rayon::prelude::*;
-use renderer::Renderer;
+use renderer::{Chosen, Renderer};
 use scattering::{Paths, ScatteringOptions};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -190,6 +191,7 @@ impl Render {
         let waiting_json = batch.add(&json)?;
         let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
         let (scene, plan) = self.planned(pictures, scene, paths)?;
+        plan.iter().for_each(|plan| output.detail(Chosen(plan)));
         let renderer = pictures.renderer(plan.as_ref(), &scene, paths).map_err(|e| e.at(&pictures.input))?;
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();

@@ -39,7 +39,7 @@ use std::time::Instant;
 /// Find the viewpoints from which a volume shows most
 ///
 /// Cameras stand on a sphere around the volume and face its centre. Those from which the opacity entropy of the
-/// picture is largest are written as a capture, the best first. Ctrl-C writes what is there (exit code 1);
+/// picture is largest are written as a capture, the best first. Ctrl-C writes what is there (exit code 130);
 /// --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Viewpoint {
