@@ -1,7 +1,7 @@
 //! A grid of a VDB as an image, over the box of its active voxels.
 
-use super::report::{GridPlace, Report, array_to_world};
 use super::Convert;
+use super::report::{GridPlace, Report, array_to_world};
 use crate::cli::output::Output;
 use crate::cli::outputs;
 use crate::error::{Error, Result};

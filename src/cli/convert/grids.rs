@@ -232,6 +232,14 @@ impl<'e> GridEdit<'e> {
         if mapping.threshold.is_some() && self.info.active_voxels == 0 {
             self.warnings.push(format!("grid '{}': no value lies above the threshold", self.converted.from));
         }
+        let background = mapping.mapped(0.0);
+        if background != 0.0 {
+            self.warnings.push(format!(
+                "grid '{}': inactive voxels are background and stay 0, where an active 0 becomes {background}; to keep zeros that \
+                 mean something, give the options where the image is read",
+                self.converted.from
+            ));
+        }
         self.converted.values = Some(tally);
         Ok(())
     }

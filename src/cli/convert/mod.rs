@@ -128,7 +128,9 @@ impl Written {
     fn of(path: &Path) -> Self {
         match Target::of(path) {
             Some(target) => Self::Image(target),
-            None if path.extension().and_then(OsStr::to_str).is_some_and(|e| e.eq_ignore_ascii_case("exr")) => Self::Exr,
+            None if path.extension().and_then(OsStr::to_str).is_some_and(|e| e.eq_ignore_ascii_case("exr")) => {
+                Self::Exr
+            }
             None => Self::Vdb,
         }
     }
@@ -149,9 +151,15 @@ impl Convert {
     /// If the input cannot be read, a grid is not there or cannot be edited so, no route leads from the input's format to
     /// the output's, an option belongs to another route, or the output cannot be written; the output is untouched then.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let from = if self.images.dims.is_some() { Kind::Image(ImageFormat::Raw) } else { Kind::of_input(&self.input)? };
+        let from =
+            if self.images.dims.is_some() { Kind::Image(ImageFormat::Raw) } else { Kind::of_input(&self.input)? };
         let to = Written::of(&self.output);
-        self.check_options(from, to)?;
+        // What is no VDB after all is told by the reader of VDBs; its options do not matter then.
+        let told =
+            from != Kind::Vdb || self.input.is_dir() || matches!(sniff(&self.input)?, Format::Vdb | Format::NanoVdb);
+        if told {
+            self.check_options(from, to)?;
+        }
         match (from, to) {
             (Kind::Vdb, Written::Vdb) => self.grids(output),
             (Kind::Vdb, Written::Image(target)) => self.grid_to_image(target, output),

@@ -6,10 +6,10 @@ use super::image::{Header, Image, Slices, Values};
 use super::input::{self, Packing};
 use super::options::Options;
 use super::placement::{self, swap_lps_ras};
-use crate::formats::sample::{Endian, Sample};
 use super::stream::{self, Binary, Planar, Words};
 use super::text::{self, wrong};
 use crate::error::{Error, Result};
+use crate::formats::sample::{Endian, Sample};
 use crate::math::Affine;
 use crate::text::printable;
 use glam::{DMat4, DVec3};
@@ -33,8 +33,9 @@ impl Fields {
                     fields.insert(name.trim().to_ascii_lowercase(), value.trim().to_owned());
                 }
                 None => {
-                    return Err(Error::invalid(format!("the header's line '{}' is no field", printable(line)))
-                        .hint(AGAIN));
+                    return Err(
+                        Error::invalid(format!("the header's line '{}' is no field", printable(line))).hint(AGAIN)
+                    );
                 }
             }
         }
@@ -65,8 +66,10 @@ struct Layout {
 impl Layout {
     fn of(fields: &Fields) -> Result<Self> {
         let sizes = text::counts("sizes", fields.need("sizes")?)?;
-        let rank: usize =
-            fields.need("dimension")?.parse().map_err(|_| wrong("dimension", fields.need("dimension").unwrap_or("")))?;
+        let rank: usize = fields
+            .need("dimension")?
+            .parse()
+            .map_err(|_| wrong("dimension", fields.need("dimension").unwrap_or("")))?;
         if sizes.len() != rank || sizes.contains(&0) {
             return Err(wrong("sizes", fields.need("sizes")?));
         }
@@ -192,7 +195,8 @@ fn by_axis(fields: &Fields, layout: &Layout, columns: &mut [DVec3; 3], origin: &
         // `nan` stands where nothing is known.
         text.split_whitespace().map(|w| w.parse().map_err(|_| wrong(names[0], text))).collect()
     };
-    let (spacings, low, high) = (list(&["spacings"])?, list(&["axis mins", "axismins"])?, list(&["axis maxs", "axismaxs"])?);
+    let (spacings, low, high) =
+        (list(&["spacings"])?, list(&["axis mins", "axismins"])?, list(&["axis maxs", "axismaxs"])?);
     let centerings: Vec<&str> = fields.get(&["centers", "centerings"]).unwrap_or("").split_whitespace().collect();
     for (i, axis) in layout.space.iter().enumerate() {
         let known = |list: &[f64]| list.get(*axis).copied().filter(|v| v.is_finite());
@@ -215,13 +219,22 @@ fn sample(name: &str) -> Result<Sample> {
         "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => Sample::U16,
         "int" | "signed int" | "int32" | "int32_t" => Sample::I32,
         "uint" | "unsigned int" | "uint32" | "uint32_t" => Sample::U32,
-        "longlong" | "long long" | "long long int" | "signed long long" | "signed long long int" | "int64" | "int64_t" => Sample::I64,
+        "longlong"
+        | "long long"
+        | "long long int"
+        | "signed long long"
+        | "signed long long int"
+        | "int64"
+        | "int64_t" => Sample::I64,
         "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => Sample::U64,
         "float" => Sample::F32,
         "double" => Sample::F64,
         other => {
-            return Err(Error::unsupported(format!("values of type '{}'; integers and floats are read", printable(other)))
-                .hint("convert them to floats where the file was made"));
+            return Err(Error::unsupported(format!(
+                "values of type '{}'; integers and floats are read",
+                printable(other)
+            ))
+            .hint("convert them to floats where the file was made"));
         }
     })
 }
@@ -252,8 +265,11 @@ impl Data {
             "gz" | "gzip" => Encoding::Gzip,
             "txt" | "text" | "ascii" => Encoding::Text,
             other => {
-                return Err(Error::unsupported(format!("the encoding '{}'; raw, gzip and ascii are read", printable(other)))
-                    .hint("write the file again with one of these: unu save -f nrrd -e gzip -i IN -o OUT"));
+                return Err(Error::unsupported(format!(
+                    "the encoding '{}'; raw, gzip and ascii are read",
+                    printable(other)
+                ))
+                .hint("write the file again with one of these: unu save -f nrrd -e gzip -i IN -o OUT"));
             }
         };
         let sample = sample(fields.need("type")?)?;
@@ -266,7 +282,8 @@ impl Data {
         let whole = |names: &[&str]| -> Result<i64> {
             fields.get(names).map_or(Ok(0), |text| text.parse().map_err(|_| wrong(names[0], text)))
         };
-        let line_skip = u64::try_from(whole(&["line skip", "lineskip"])?).map_err(|_| wrong("line skip", "negative"))?;
+        let line_skip =
+            u64::try_from(whole(&["line skip", "lineskip"])?).map_err(|_| wrong("line skip", "negative"))?;
         let byte_skip = whole(&["byte skip", "byteskip"])?;
         let (files, from) = match fields.get(&["data file", "datafile"]) {
             None => (vec![path.to_path_buf()], length),
@@ -355,7 +372,10 @@ pub fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
     let slices = slices(&data, &layout, time)?;
     let values = if data.sample.is_integer() { Values::Integer } else { Values::Real };
     let components = layout.length(layout.components);
-    Ok(vec![Image { header: Header { name: None, size: layout.size(), components, values, index_to_world, notes }, slices }])
+    Ok(vec![Image {
+        header: Header { name: None, size: layout.size(), components, values, index_to_world, notes },
+        slices,
+    }])
 }
 
 fn slices(data: &Data, layout: &Layout, time: usize) -> Result<Box<dyn Slices>> {
@@ -365,7 +385,8 @@ fn slices(data: &Data, layout: &Layout, time: usize) -> Result<Box<dyn Slices>> 
     let list = layout.step(layout.list);
     // What varies faster than space, other than a voxel's components, would have to be left out value by value.
     let before: usize = layout.sizes[..layout.space[0]].iter().product();
-    let together = if layout.components.is_some_and(|a| a < layout.space[0]) { layout.length(layout.components) } else { 1 };
+    let together =
+        if layout.components.is_some_and(|a| a < layout.space[0]) { layout.length(layout.components) } else { 1 };
     if before != together {
         return Err(Error::unsupported("the points in time are the fastest axis")
             .hint("write the file with the axis of time last: unu permute"));
@@ -390,7 +411,10 @@ fn files(data: &Data, layout: &Layout, total: u64, time: usize) -> Result<Box<dy
     let count = data.files.len();
     let slowest = layout.sizes.last().copied().unwrap_or(1);
     let last = layout.space.last() == Some(&(layout.sizes.len() - 1));
-    if total % count as u64 != 0 || (last && slowest % count != 0) || !last && (layout.list.is_none() || slowest != count) {
+    if total % count as u64 != 0
+        || (last && slowest % count != 0)
+        || !last && (layout.list.is_none() || slowest != count)
+    {
         return Err(Error::unsupported(format!("{count} files for {:?} values", layout.sizes))
             .hint("each file must hold as many slices as every other, or one point in time"));
     }

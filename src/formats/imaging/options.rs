@@ -1,7 +1,7 @@
 //! What the caller says of a file that the file does not say itself, and which part of it is wanted.
 
-use crate::formats::sample::{Endian, Sample};
 use crate::error::{Error, Result};
+use crate::formats::sample::{Endian, Sample};
 use crate::math::Affine;
 use glam::{DMat4, DVec3};
 

@@ -1,8 +1,8 @@
 //! Slices of numbers that lie in a stream of bytes or words.
 
 use super::image::Slices;
-use crate::formats::sample::{Endian, Sample};
 use crate::error::{Error, Result};
+use crate::formats::sample::{Endian, Sample};
 use std::io::{ErrorKind, Read};
 
 /// Numbers that are decoded at a time.

@@ -55,12 +55,15 @@ pub fn build(
     let components = header.components;
     let kind = to.kind(image, mapping);
     if components == 3 && !mapping.is_identity() {
-        return Err(Error::invalid("the voxels are vectors, and --scale, --offset, --map and --threshold are of scalars")
-            .hint("leave these options out"));
+        return Err(Error::invalid(
+            "the voxels are vectors, and --scale, --offset, --map and --threshold are of scalars",
+        )
+        .hint("leave these options out"));
     }
     let mut native = NativeGrid::empty(kind, name, GridClass::Unknown, &header.index_to_world)?;
     let mut values = vec![0.0; header.slice_len().unwrap_or(0)];
-    let most = limits.max_memory.saturating_sub(8 * values.len() as u64) / kind.leaf_bytes();
+    // A quarter is left for the program itself, and for packing when the grid is written.
+    let most = (limits.max_memory / 4 * 3).saturating_sub(8 * values.len() as u64) / kind.leaf_bytes();
     let strides = [components, components * x, components * x * y].map(|s| s as i64);
     let (mut leaves, mut tally) = (0, Tally::default());
     for slice in 0..z {
@@ -73,7 +76,8 @@ pub fn build(
         let high = [x as i32 - 1, y as i32 - 1, slice as i32];
         leaves += native.write_box(&DenseBox { low, high, strides }, &values, most - leaves)?;
         if leaves > most {
-            return Err(limits.exceeded(leaves.saturating_mul(kind.leaf_bytes()), most)
+            return Err(limits
+                .exceeded(leaves.saturating_mul(kind.leaf_bytes()), most)
                 .instead("raise --max-memory, or make more of it background with --threshold or --map"));
         }
         progress(slice + 1, z);
@@ -103,8 +107,11 @@ fn fits(values: &[f64]) -> Result<()> {
 pub fn mapped(grid: &NativeGrid, to: GridType, mapping: &Mapping, limits: Limits) -> Result<(NativeGrid, Tally)> {
     let info = grid.info()?;
     if info.components != 1 {
-        return Err(Error::unsupported(format!("the grid holds {} values, and the mapping is of scalars", info.value_type))
-            .hint("name grids of scalars with --grid; cumulo info lists them"));
+        return Err(Error::unsupported(format!(
+            "the grid holds {} values, and the mapping is of scalars",
+            info.value_type
+        ))
+        .hint("name grids of scalars with --grid; cumulo info lists them"));
     }
     let integers = matches!(info.value_type.as_str(), "int32" | "bool") && mapping.keeps_integers();
     let kind = match to {
@@ -228,9 +235,11 @@ impl<'g> Source<'g> {
         let slice = x.saturating_mul(y).max(y.saturating_mul(z)).saturating_mul(8 * info.components as u64);
         let needed = slice.saturating_add(slice / 2).saturating_add(info.memory);
         if needed > limits.max_memory {
-            let what = format!("an array of {x} x {y} x {z} voxels needs {needed} bytes, {} are allowed", limits.max_memory);
-            return Err(Error::unsupported(what)
-                .hint("raise --max-memory, or take a part or coarser voxels first: cumulo convert --crop, --resample"));
+            let what =
+                format!("an array of {x} x {y} x {z} voxels needs {needed} bytes, {} are allowed", limits.max_memory);
+            return Err(Error::unsupported(what).hint(
+                "raise --max-memory, or take a part or coarser voxels first: cumulo convert --crop, --resample",
+            ));
         }
         let shift = DVec3::from_array(low.map(f64::from));
         let index_to_world = super::placement::shifted(&info.affine()?, shift)?;
@@ -244,7 +253,8 @@ impl<'g> Source<'g> {
     pub fn count(&self) -> Result<u64> {
         let count = self.size.iter().try_fold(self.components as u64, |p, n| p.checked_mul(*n as u64));
         count.filter(|n| *n < u64::MAX / 8).ok_or_else(|| {
-            Error::unsupported(format!("{:?} voxels are too many for a file", self.size)).hint("take a part first: cumulo convert --crop")
+            Error::unsupported(format!("{:?} voxels are too many for a file", self.size))
+                .hint("take a part first: cumulo convert --crop")
         })
     }
 

@@ -51,7 +51,9 @@ impl Scanner {
                 return Ok(None);
             }
             if n == LONGEST {
-                return Err(Error::invalid(format!("a line of more than {LONGEST} bytes at byte {}", self.at - n)).hint(AGAIN));
+                return Err(
+                    Error::invalid(format!("a line of more than {LONGEST} bytes at byte {}", self.at - n)).hint(AGAIN)
+                );
             }
             let text = String::from_utf8_lossy(&line).trim().to_owned();
             if !text.is_empty() {
@@ -185,7 +187,9 @@ impl Document {
                     cells = key == "CELL_DATA";
                     let expected = document.count(cells);
                     if count.parse() != Ok(expected) {
-                        return Err(Error::invalid(format!("'{}', and the grid has {expected}", printable(&text))).hint(AGAIN));
+                        return Err(
+                            Error::invalid(format!("'{}', and the grid has {expected}", printable(&text))).hint(AGAIN)
+                        );
                     }
                 }
                 (key, rest) => document.attribute(&mut scanner, key, rest, cells, &text)?,
@@ -244,12 +248,19 @@ impl Document {
             ("METADATA", _) => scanner.block(),
             _ => {
                 let shown: String = line.chars().take(60).collect();
-                Err(Error::invalid(format!("'{}' at byte {} is no attribute", printable(&shown), scanner.at)).hint(AGAIN))
+                Err(Error::invalid(format!("'{}' at byte {} is no attribute", printable(&shown), scanner.at))
+                    .hint(AGAIN))
             }
         }
     }
 
-    fn add(&mut self, scanner: &mut Scanner, (name, sample): (&str, Sample), components: u64, (count, cells): (u64, bool)) -> Result<()> {
+    fn add(
+        &mut self,
+        scanner: &mut Scanner,
+        (name, sample): (&str, Sample),
+        components: u64,
+        (count, cells): (u64, bool),
+    ) -> Result<()> {
         let at = scanner.at;
         scanner.pass(count.saturating_mul(components), sample)?;
         if matches!(components, 1 | 3) && count == self.count(cells) && self.arrays.len() < MOST_ARRAYS {
@@ -272,8 +283,11 @@ pub fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
     for array in document.arrays.iter().filter(|a| options.wants(&a.name)) {
         let header = document.lattice.header(&array.name, (array.sample, array.components), array.cells)?;
         let reader = input::values(path, array.at, Packing::Plain, 0)?;
-        let slices: Box<dyn Slices> =
-            if binary { Box::new(Binary::new(reader, array.sample, Endian::Big)) } else { Box::new(Words::new(reader, None)) };
+        let slices: Box<dyn Slices> = if binary {
+            Box::new(Binary::new(reader, array.sample, Endian::Big))
+        } else {
+            Box::new(Words::new(reader, None))
+        };
         images.push(Image { header, slices });
     }
     let names: Vec<String> = document.arrays.iter().map(|a| a.name.clone()).collect();

@@ -147,7 +147,8 @@ impl Document {
         self.origin = vector("Origin")?.unwrap_or(DVec3::ZERO);
         self.spacing = vector("Spacing")?;
         if let Some(text) = tag.get("Direction") {
-            let rows: [f64; 9] = text::numbers("Direction", &text)?.try_into().map_err(|_| wrong("Direction", &text))?;
+            let rows: [f64; 9] =
+                text::numbers("Direction", &text)?.try_into().map_err(|_| wrong("Direction", &text))?;
             self.directions = Some(DMat3::from_cols_array(&rows).transpose());
         }
         Ok(())
@@ -155,7 +156,8 @@ impl Document {
 
     fn array(&mut self, tag: &Tag, cells: bool) -> Result<()> {
         let name = tag.get("Name").unwrap_or_default();
-        let components = tag.get("NumberOfComponents").map_or(Ok(1), |t| t.parse().map_err(|_| wrong("NumberOfComponents", &t)))?;
+        let components =
+            tag.get("NumberOfComponents").map_or(Ok(1), |t| t.parse().map_err(|_| wrong("NumberOfComponents", &t)))?;
         let kind = tag.get("type").unwrap_or_default();
         let sample = match kind.as_str() {
             "Int8" => Some(Sample::I8),
@@ -186,7 +188,9 @@ impl Document {
             other => return Err(wrong("format", other)),
         };
         if self.arrays.len() == MOST_ARRAYS {
-            return Err(Error::unsupported(format!("more than {MOST_ARRAYS} arrays")).hint("save those that are wanted"));
+            return Err(
+                Error::unsupported(format!("more than {MOST_ARRAYS} arrays")).hint("save those that are wanted")
+            );
         }
         self.arrays.push(Array { name, sample, components, cells, place });
         Ok(())
