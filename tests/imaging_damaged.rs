@@ -143,7 +143,7 @@ fn files_that_end_early_are_refused() {
             assert!(error.remedy().is_some(), "{}: {error}", sample.name);
             count += 1;
         }
-        assert!(count >= 40, "{}: {count}", sample.name);
+        assert!(count >= 40 || bytes.len() < 60, "{}: {count}", sample.name);
         std::fs::write(dir.path().join(name), bytes).unwrap();
     }
 }

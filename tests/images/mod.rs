@@ -291,7 +291,32 @@ pub fn samples() -> Vec<Sample> {
         sample("legacy VTK, cells", vec![("c.vtk", legacy(true, true))], "", axes, 0.0),
     ];
     all.extend(xml(map, double));
+    all.extend(apart(map, double));
     all
+}
+
+/// Headers with a file for each slice, as a list or a pattern, and values as text.
+fn apart(map: DMat4, tolerance: f64) -> Vec<Sample> {
+    let slices =
+        |names: [&'static str; 3]| names.into_iter().zip(values().chunks(20).map(<[u8]>::to_vec).collect::<Vec<_>>());
+    let list = [nrrd("uchar", "raw", map, true).as_bytes(), b"data file: LIST\nn1.raw\nn2.raw\nn3.raw\n"].concat();
+    let pattern = meta_image(map, "MET_UCHAR", "", "m%02d.raw 7 9 1").into_bytes();
+    let text: String = values().iter().map(|v| format!(" {v}.0")).collect();
+    let text = [meta_image(map, "MET_FLOAT", "BinaryData = False\n", "LOCAL").as_bytes(), text.as_bytes()].concat();
+    let sample = |name, files, tolerance| Sample { name, files, options: "", map, tolerance };
+    vec![
+        sample(
+            "NRRD, list",
+            [("l.nhdr", list)].into_iter().chain(slices(["n1.raw", "n2.raw", "n3.raw"])).collect(),
+            0.0,
+        ),
+        sample(
+            "MetaImage, pattern",
+            [("p.mhd", pattern)].into_iter().chain(slices(["m07.raw", "m08.raw", "m09.raw"])).collect(),
+            tolerance,
+        ),
+        sample("MetaImage, text", vec![("t.mha", text)], tolerance),
+    ]
 }
 
 /// Every encoding of VTK's XML.

@@ -4,7 +4,7 @@ use super::{numbers, values};
 use crate::error::{Error, Result};
 use crate::formats::atomic::{self, Batch};
 use crate::formats::imaging::placement::swap_lps_ras;
-use crate::formats::imaging::volume::Source;
+use crate::formats::imaging::source::Source;
 use crate::formats::sample::Sample;
 use std::fs::File;
 use std::io::{BufWriter, Write};

@@ -3,7 +3,7 @@
 use super::{packed, values};
 use crate::error::{Error, Result};
 use crate::formats::atomic::{self, Draft};
-use crate::formats::imaging::volume::Source;
+use crate::formats::imaging::source::Source;
 use crate::formats::sample::Sample;
 use glam::{DMat3, DMat4, DQuat};
 use std::path::Path;
