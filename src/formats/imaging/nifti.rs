@@ -250,11 +250,9 @@ fn placement(fields: &Fields, notes: &mut Vec<String>) -> Result<Affine> {
         let rows = DMat4::from_cols(row(0), row(1), row(2), DVec4::W);
         return placement::checked(rows.transpose());
     }
-    let pixdim = DVec3::from_array([1, 2, 3].map(|i| match fields.pixdim(i).abs() {
-        // A size of 0 stands for an axis of one voxel.
-        size if size == 0.0 => 1.0,
-        size => size,
-    }));
+    // A size of 0 stands for an axis of one voxel.
+    let size = |i| Some(fields.pixdim(i).abs()).filter(|size| *size > 0.0).unwrap_or(1.0);
+    let pixdim = DVec3::new(size(1), size(2), size(3));
     if code(252, 344) {
         let quaternion = [0, 1, 2].map(|i| fields.real(256 + 4 * i, 352 + 8 * i));
         let origin = DVec3::from_array([0, 1, 2].map(|i| fields.real(268 + 4 * i, 376 + 8 * i)));

@@ -135,8 +135,8 @@ fn files(data: &Data, layout: &Layout, total: u64, time: usize) -> Result<Box<dy
     let count = data.files.len();
     let slowest = layout.sizes.last().copied().unwrap_or(1);
     let last = layout.space.last() == Some(&(layout.sizes.len() - 1));
-    if total % count as u64 != 0
-        || (last && slowest % count != 0)
+    if !total.is_multiple_of(count as u64)
+        || (last && !slowest.is_multiple_of(count))
         || !last && (layout.list.is_none() || slowest != count)
     {
         return Err(Error::unsupported(format!("{count} files for {:?} values", layout.sizes))
