@@ -7,11 +7,10 @@ use super::image::{Header, Image, Slices, Values};
 use super::input::{self, Packing};
 use super::placement::{self, swap_lps_ras};
 use super::stream::{Binary, Words};
-use super::text::{self, wrong};
+use super::text::{self, shown, wrong};
 use crate::error::{Error, Result};
 use crate::formats::sample::{Endian, Sample};
 use crate::math::Affine;
-use crate::text::printable;
 use glam::DVec3;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -59,11 +58,8 @@ fn sample(name: &str) -> Result<(Sample, usize)> {
         "MET_FLOAT" => Sample::F32,
         "MET_DOUBLE" => Sample::F64,
         other => {
-            return Err(Error::unsupported(format!(
-                "values of type '{}'; integers and floats are read",
-                printable(other)
-            ))
-            .hint("convert them to MET_FLOAT where the file was made"));
+            return Err(Error::unsupported(format!("values of type '{}'; integers and floats are read", shown(other)))
+                .hint("convert them to MET_FLOAT where the file was made"));
         }
     };
     Ok((sample, if array { 3 } else { 1 }))
@@ -145,7 +141,7 @@ pub fn open(path: &Path) -> Result<Vec<Image>> {
     let (sample, implied) = sample(fields.need("ElementType")?)?;
     let components = match fields.get(&["ElementNumberOfChannels"]) {
         Some(text) => text.parse().ok().filter(|n| matches!(n, 1 | 3)).ok_or_else(|| {
-            Error::unsupported(format!("{} values a voxel; 1 or 3 are read", printable(text)))
+            Error::unsupported(format!("{} values a voxel; 1 or 3 are read", shown(text)))
                 .hint("write one channel, or a vector of three, to a file of its own first")
         })?,
         None => implied,

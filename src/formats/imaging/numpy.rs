@@ -7,12 +7,12 @@ use super::image::{Header, Image, Slices, Values};
 use super::input::{self, Packing};
 use super::options::{Axes, Options};
 use super::stream::{Binary, failed};
+use super::text::shown;
 use crate::error::{Error, Result};
 use crate::formats;
 use crate::formats::limits::Limits;
 use crate::formats::npy;
 use crate::formats::sample::{Endian, Sample};
-use crate::text::printable;
 use flate2::read::DeflateDecoder;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
@@ -185,14 +185,14 @@ pub fn open_archive(path: &Path, options: &Options, limits: Limits) -> Result<Ve
             names.push(name);
             continue;
         }
-        let place = |e: Error| e.part(format!("array '{}'", printable(&name)));
+        let place = |e: Error| e.part(format!("array '{}'", shown(&name)));
         let start = start.ok_or_else(|| place(Error::invalid("its place is unknown").hint("copy the file again")))?;
         let mut reader = unpacked(path, start, length, method).map_err(place)?;
         let header = npy::Header::read(&mut reader).map_err(place)?.0;
         if options.array.is_none() && Layout::of(&header, options.axes).is_none() {
             left_out.push(format!(
                 "array '{}' of shape {:?} is no volume and was left out",
-                printable(&name),
+                shown(&name),
                 header.shape
             ));
         } else {

@@ -5,9 +5,8 @@ use crate::error::{Error, Result};
 use crate::formats::imaging::image::Slices;
 use crate::formats::imaging::input::{self, Packing};
 use crate::formats::imaging::stream::{self, Binary, Words};
-use crate::formats::imaging::text::wrong;
+use crate::formats::imaging::text::{shown, wrong};
 use crate::formats::sample::{Endian, Sample};
-use crate::text::printable;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -31,11 +30,8 @@ fn sample(name: &str) -> Result<Sample> {
         "float" => Sample::F32,
         "double" => Sample::F64,
         other => {
-            return Err(Error::unsupported(format!(
-                "values of type '{}'; integers and floats are read",
-                printable(other)
-            ))
-            .hint("convert them to floats where the file was made"));
+            return Err(Error::unsupported(format!("values of type '{}'; integers and floats are read", shown(other)))
+                .hint("convert them to floats where the file was made"));
         }
     })
 }
@@ -70,7 +66,7 @@ impl Data {
             other => {
                 return Err(Error::unsupported(format!(
                     "the encoding '{}'; raw, gzip and ascii are read",
-                    printable(other)
+                    shown(other)
                 ))
                 .hint("write the file again with one of these: unu save -f nrrd -e gzip -i IN -o OUT"));
             }

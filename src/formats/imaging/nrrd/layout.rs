@@ -4,6 +4,9 @@ use super::fields::{Fields, directions};
 use crate::error::{Error, Result};
 use crate::formats::imaging::text::{self, wrong};
 
+/// Largest number of axes in NRRD.
+const MOST_AXES: usize = 16;
+
 /// How the axes of the array are understood.
 pub struct Layout {
     /// Axes in space, fastest first.
@@ -22,7 +25,7 @@ impl Layout {
             .need("dimension")?
             .parse()
             .map_err(|_| wrong("dimension", fields.need("dimension").unwrap_or("")))?;
-        if sizes.len() != rank || sizes.contains(&0) {
+        if sizes.len() != rank || rank > MOST_AXES || sizes.contains(&0) {
             return Err(wrong("sizes", fields.need("sizes")?));
         }
         let kinds: Vec<String> = fields

@@ -10,9 +10,8 @@ use crate::formats::imaging::input::{self, Packing};
 use crate::formats::imaging::options::Options;
 use crate::formats::imaging::placement;
 use crate::formats::imaging::stream::{Binary, Words};
-use crate::formats::imaging::text::{self, wrong};
+use crate::formats::imaging::text::{self, shown, wrong};
 use crate::formats::sample::{Endian, Sample};
-use crate::text::printable;
 use glam::DVec3;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -174,7 +173,7 @@ impl Document {
         };
         let kind = scanner.need("its dataset")?;
         if !kind.to_ascii_uppercase().starts_with("DATASET STRUCTURED_POINTS") {
-            return Err(Error::unsupported(format!("'{}'; structured points are read", printable(&kind)))
+            return Err(Error::unsupported(format!("'{}'; structured points are read", shown(&kind)))
                 .hint("resample it to an image first: ParaView's filter 'Resample To Image', then save as .vti"));
         }
         let (lattice, mut line) = lattice(&mut scanner)?;
@@ -188,7 +187,7 @@ impl Document {
                     let expected = document.count(cells);
                     if count.parse() != Ok(expected) {
                         return Err(
-                            Error::invalid(format!("'{}', and the grid has {expected}", printable(&text))).hint(AGAIN)
+                            Error::invalid(format!("'{}', and the grid has {expected}", shown(&text))).hint(AGAIN)
                         );
                     }
                 }
@@ -224,7 +223,7 @@ impl Document {
             }
             ("COLOR_SCALARS", [name, components]) => {
                 let components: u64 = components.parse().map_err(|_| wrong("COLOR_SCALARS", line))?;
-                self.left_out.push(format!("colors '{}' were left out", printable(name)));
+                self.left_out.push(format!("colors '{}' were left out", shown(name)));
                 scanner.pass(count.saturating_mul(components), Sample::U8)
             }
             ("LOOKUP_TABLE", [_, entries]) => {
@@ -246,11 +245,7 @@ impl Document {
             }
             // Names of components and the like.
             ("METADATA", _) => scanner.block(),
-            _ => {
-                let shown: String = line.chars().take(60).collect();
-                Err(Error::invalid(format!("'{}' at byte {} is no attribute", printable(&shown), scanner.at))
-                    .hint(AGAIN))
-            }
+            _ => Err(Error::invalid(format!("'{}' at byte {} is no attribute", shown(line), scanner.at)).hint(AGAIN)),
         }
     }
 
@@ -267,7 +262,7 @@ impl Document {
             let name = name.replace("%20", " ");
             self.arrays.push(Array { name, sample, components: components as usize, cells, at });
         } else {
-            self.left_out.push(format!("array '{}' of {count} x {components} values was left out", printable(name)));
+            self.left_out.push(format!("array '{}' of {count} x {components} values was left out", shown(name)));
         }
         Ok(())
     }

@@ -12,10 +12,9 @@ use crate::formats::imaging::input::{self, Packing};
 use crate::formats::imaging::options::Options;
 use crate::formats::imaging::placement;
 use crate::formats::imaging::stream::{Binary, Words, failed};
-use crate::formats::imaging::text::{self, wrong};
+use crate::formats::imaging::text::{self, shown, wrong};
 use crate::formats::limits::Limits;
 use crate::formats::sample::{Endian, Sample};
-use crate::text::printable;
 use glam::{DMat3, DVec3};
 use std::io::Read;
 use std::path::Path;
@@ -122,7 +121,7 @@ impl Document {
     fn file(&mut self, tag: &Tag) -> Result<()> {
         let kind = tag.get("type").unwrap_or_default();
         if kind != "ImageData" {
-            return Err(Error::unsupported(format!("a VTK file of {}; image data are read", printable(&kind)))
+            return Err(Error::unsupported(format!("a VTK file of {}; image data are read", shown(&kind)))
                 .hint("resample it to an image first: ParaView's filter 'Resample To Image', then save as .vti"));
         }
         self.endian = match tag.get("byte_order").as_deref() {
@@ -134,7 +133,7 @@ impl Document {
             None | Some("") => false,
             Some("vtkZLibDataCompressor") => true,
             Some(other) => {
-                return Err(Error::unsupported(format!("values packed by {}; zlib is read", printable(other)))
+                return Err(Error::unsupported(format!("values packed by {}; zlib is read", shown(other)))
                     .hint("save the file again with the compressor 'ZLib', or with none"));
             }
         };
@@ -173,7 +172,7 @@ impl Document {
             _ => None,
         };
         let Some(sample) = sample.filter(|_| matches!(components, 1 | 3)) else {
-            let what = format!("array '{}' of {components} {} values was left out", printable(&name), printable(&kind));
+            let what = format!("array '{}' of {components} {} values was left out", shown(&name), shown(&kind));
             self.left_out.push(what);
             return Ok(());
         };
@@ -246,7 +245,7 @@ pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Vec<Image>
     let lattice = document.lattice()?;
     let mut images = Vec::new();
     for array in document.arrays.iter().filter(|a| options.wants(&a.name)) {
-        let place = |e: Error| e.part(format!("array '{}'", printable(&array.name)));
+        let place = |e: Error| e.part(format!("array '{}'", shown(&array.name)));
         let header = lattice.header(&array.name, (array.sample, array.components), array.cells)?;
         let slices = document.slices(array, &lattice, path, limits).map_err(place)?;
         images.push(Image { header, slices });
