@@ -190,7 +190,7 @@ fn wrong_use_says_what_to_do_and_leaves_nothing() {
         "<VTKFile type=\"ImageData\" compressor=\"vtkLZ4DataCompressor\"></VTKFile>",
     )
     .unwrap();
-    let cases: [(&str, &[&str]); 16] = [
+    let cases: [(&str, &[&str]); 18] = [
         (
             "a.bin out.vdb --dims 5,4,4 --type u16 --skip 7 --spacing 1,1,1",
             &["a.bin", "127 bytes", "make 167", "--dims"],
@@ -200,6 +200,8 @@ fn wrong_use_says_what_to_do_and_leaves_nothing() {
         ("a.bin out.vdb --dims 5,4,3 --type u17 --spacing 1,1,1", &["u17", "u16, i16"]),
         ("a.npy out.vdb", &["a.npy", "--voxel-size"]),
         ("a.nii out.vdb --spacing 1,1,1", &["--spacing has no effect from NIfTI to VDB"]),
+        ("a.nii out.vdb --array x", &["--array has no effect from NIfTI to VDB"]),
+        ("a.mha out.vdb --time 1", &["--time has no effect from MetaImage to VDB"]),
         ("a.nii out.vdb --threshold 100", &["--threshold", "no voxel is active"]),
         ("a.nii out.vdb --map 5,5", &["ascend"]),
         ("a.nii out.nrrd", &["no conversion from NIfTI to .nrrd"]),

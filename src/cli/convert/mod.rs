@@ -182,7 +182,8 @@ impl Convert {
         let exports = from == Kind::Vdb && matches!(to, Written::Image(_));
         let array = matches!(from, Kind::Image(ImageFormat::Npy | ImageFormat::Npz)) && imports
             || exports && to == Written::Image(Target::Npy);
-        let placed = imports && matches!(from, Kind::Image(format) if format.takes_placement());
+        let of_image = |has: fn(ImageFormat) -> bool| imports && matches!(from, Kind::Image(format) if has(format));
+        let placed = of_image(ImageFormat::takes_placement);
         let (images, values) = (&self.images, &self.values);
         let grids = edits || imports || exports;
         let options = [
@@ -200,8 +201,8 @@ impl Convert {
             ("--offset", values.offset.is_some(), grids),
             ("--map", values.map.is_some(), grids),
             ("--threshold", values.threshold.is_some(), grids),
-            ("--time", images.time.is_some(), imports),
-            ("--array", images.array.is_some(), imports),
+            ("--time", images.time.is_some(), of_image(ImageFormat::has_times)),
+            ("--array", images.array.is_some(), of_image(ImageFormat::has_arrays)),
             ("--as", images.grid_type.is_some(), grids),
             ("--axes", images.axes.is_some(), array),
             ("--voxel-size", images.voxel_size.is_some(), placed),
