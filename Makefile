@@ -33,9 +33,10 @@ endif
 test: setup
 	cargo build --release --locked
 	cargo test --release --locked
-	.venvs/bpy/bin/python -m pytest python/tests --ignore python/tests/usd --ignore python/tests/mitsuba
+	.venvs/bpy/bin/python -m pytest python/tests --ignore python/tests/usd --ignore python/tests/mitsuba --ignore python/tests/imaging
 	.venvs/usd/bin/python -m pytest python/tests/usd
 	.venvs/mitsuba/bin/python -m pytest python/tests/mitsuba
+	.venvs/imaging/bin/python -m pytest python/tests/imaging
 
 # `make fuzz FUZZ_INPUTS=500 FUZZ_SEED=7 KILLS=10` runs fewer, or others.
 FUZZ_INPUTS ?= 10000

@@ -6,12 +6,13 @@ use std::process::exit;
 const PACKAGES: &str = "libopenvdb-dev libboost-dev libclang-dev g++";
 
 /// Parts of the shim.
-const SOURCES: [&str; 7] = [
+const SOURCES: [&str; 8] = [
     "shim_io.cpp",
     "shim_grid.cpp",
     "shim_load.cpp",
     "shim_edit.cpp",
     "shim_box.cpp",
+    "shim_dense.cpp",
     "shim_convert.cpp",
     "shim_vectors.cpp",
 ];

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Makes this machine ready: Debian packages that are missing, and the Python environments under .venvs/.
 #
-#   python/setup.sh [build] [bpy] [usd] [mitsuba] [bench]      all but bench when none is named
+#   python/setup.sh [build] [bpy] [usd] [mitsuba] [imaging] [bench]      all but bench when none is named
 #
 # What is there already is left alone, so a second run does nothing; an environment counts as there
 # only when its stamp, written last, names the same requirements, so an interrupted install is redone.
@@ -13,6 +13,9 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 build_packages="g++ make libopenvdb-dev libboost-dev libclang-dev libopenvdb-tools python3-openvdb"
 # Blender opens these even without a display.
 bpy_packages="libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libxext6 libsm6 libice6 libgl1"
+
+# MRI of heads, as images to convert.
+imaging_packages="mricron-data"
 
 # What compares volumes, and compiles OpenVDB's side of the comparison; the MRI of a head.
 bench_packages="$build_packages python3-numpy mricron-data"
@@ -104,7 +107,7 @@ make_environment() {
     printf '%s\n' "$wanted" >"$stamp"
 }
 
-[ $# -gt 0 ] || set -- build bpy usd mitsuba
+[ $# -gt 0 ] || set -- build bpy usd mitsuba imaging
 # One set-up at a time: two would tear down each other's environments.
 mkdir -p .venvs
 if command -v flock >/dev/null; then
@@ -125,11 +128,16 @@ for part in "$@"; do
         ;;
     usd) make_environment usd 3 pxr.Usd ;;
     mitsuba) make_environment mitsuba 3 mitsuba ;;
+    imaging)
+        # shellcheck disable=SC2086
+        install_packages $imaging_packages
+        make_environment imaging 3 SimpleITK
+        ;;
     bench)
         # shellcheck disable=SC2086
         install_packages $bench_packages
         make_environment bench 3 numba
         ;;
-    *) die "unknown part '$part'; give build, bpy, usd, mitsuba or bench" ;;
+    *) die "unknown part '$part'; give build, bpy, usd, mitsuba, imaging or bench" ;;
     esac
 done

@@ -7,6 +7,7 @@
 //! | [Blender](blender) | How do I get from a Blender scene to a render, a capture, a reconstruction, and back? |
 //! | [Transfer functions](transfer_functions) | How do densities become colors, and which file formats are read? |
 //! | [Volumes](volumes) | How do I change axes, names, voxels and forms of VDB grids for another program? |
+//! | [Medical and scientific grids](grids) | How do I get scans and simulations into OpenVDB, and grids out of it? |
 //! | [Scattering](scattering) | How do I render smoke and clouds that scatter light? |
 //! | [USD stages](usd) | How do I render a stage from Blender or Houdini, and what is read of it? |
 //! | [Denoising](denoising) | How do I take the noise out of a sequence, from Cumulo or from Blender? |
@@ -38,6 +39,9 @@ pub mod getting_started {}
 
 #[doc = include_str!("guide/gradients.md")]
 pub mod gradients {}
+
+#[doc = include_str!("guide/grids.md")]
+pub mod grids {}
 
 #[doc = include_str!("guide/library.md")]
 ///

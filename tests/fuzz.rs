@@ -8,6 +8,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is how a test fails")]
 
 mod damage;
+mod images;
 mod stages;
 
 use damage::Dice;

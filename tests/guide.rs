@@ -20,6 +20,7 @@ const PAGES: &[&str] = &[
     "src/guide/denoising.md",
     "src/guide/getting-started.md",
     "src/guide/gradients.md",
+    "src/guide/grids.md",
     "src/guide/library.md",
     "src/guide/reconstruction.md",
     "src/guide/scattering.md",
@@ -205,6 +206,11 @@ fn getting_started() {
 #[test]
 fn gradients() {
     assert!(run("src/guide/gradients.md") >= 5);
+}
+
+#[test]
+fn grids() {
+    assert!(run("src/guide/grids.md") >= 13);
 }
 
 /// Its programs run in `tests/examples.rs`.

@@ -3,7 +3,6 @@
 pub mod atomic;
 pub mod captures;
 pub mod colmap;
-pub mod dense;
 pub mod exr;
 pub mod imaging;
 pub mod input;
@@ -13,6 +12,7 @@ pub mod picture;
 pub mod png;
 pub mod problem;
 pub mod reading;
+pub mod sample;
 pub mod scene_file;
 pub mod sequence;
 pub mod temporary;
@@ -95,6 +95,6 @@ pub fn unknown() -> Error {
     Error::unsupported("no file of a known kind")
         .hint(
         "OpenVDB and OpenEXR files and USD stages are understood, and captures: a transforms.json, a model of COLMAP, or \
-         the folder that holds one",
+         the folder that holds one; grids of NIfTI, NRRD, MetaImage, TIFF, VTK and NumPy become an OpenVDB file with cumulo convert",
     )
 }

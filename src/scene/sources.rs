@@ -48,7 +48,7 @@ impl<'g> Sources<'g> {
         if grid.background != 0.0 {
             let hint = if grid.background.is_finite() {
                 "set the background to 0 where the grid was made; a level set, which has its narrow band as background, is \
-                 converted to a fog volume first"
+                 converted to a fog volume first; `cumulo convert --map LOW,HIGH` makes densities of other signed values"
             } else {
                 "`cumulo convert --repair` sets the background to 0"
             };
@@ -72,7 +72,10 @@ impl<'g> Sources<'g> {
             return Err(Error::invalid(format!(
                 "{bad} values are NaN, infinite or negative; densities are finite and at least 0"
             ))
-            .hint("`cumulo convert --repair=density` sets them to 0 and says how many there were"));
+            .hint(
+                "`cumulo convert --repair=density` sets them to 0 and says how many there were; `cumulo convert --map LOW,HIGH` \
+                 makes densities of signed values, such as Hounsfield units",
+            ));
         }
         let mut tiles: [HashMap<IVec3, f32>; 3] = Default::default();
         for tile in grid.tiles.iter().filter(|t| t.value != 0.0) {

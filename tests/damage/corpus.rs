@@ -1,7 +1,7 @@
 //! Sound inputs of every kind, and the commands that read each.
 
 use super::mutate::Syntax;
-use crate::stages;
+use crate::{images, stages};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -282,6 +282,7 @@ impl Corpus {
         });
 
         let kinds = vec![
+            ("images", images::samples().iter().map(image).collect()),
             ("stages", stages.into()),
             ("scenes", scenes.into()),
             ("scalar volumes", scalar),
@@ -294,6 +295,18 @@ impl Corpus {
             ("records of runs", records),
         ];
         Self { kinds, sound: folder.to_path_buf() }
+    }
+}
+
+/// An image, whose first file is damaged.
+fn image(sample: &images::Sample) -> Sample {
+    let words = format!("convert {{}} >out.vdb {}", images::options(sample).join(" "));
+    Sample {
+        name: format!("image {}", sample.name),
+        files: sample.files.iter().map(|(name, bytes)| (PathBuf::from(name), bytes.clone())).collect(),
+        damaged: PathBuf::from(sample.files[0].0),
+        syntax: Syntax::Binary,
+        commands: vec![words.leak()],
     }
 }
 

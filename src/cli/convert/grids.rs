@@ -8,6 +8,9 @@ use crate::cli::memory::human;
 use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
+use crate::formats::imaging::values::{Mapping, Tally};
+use crate::formats::imaging::volume::{self, GridType};
+use crate::formats::limits::Limits;
 use crate::formats::transfer::{METADATA_KEY, TransferSummary, to_metadata};
 use crate::formats::vdb::up::UP_KEY;
 use crate::formats::vdb::{File, GridInfo, NativeGrid, ResampleFilter, Transform as Placement, writable, write_native};
@@ -57,6 +60,9 @@ struct ConvertedGrid {
     half_underflow: Option<u64>,
     /// True if the transfer function of `--tf` was attached to the grid.
     transfer: bool,
+    /// Values after `--scale`, `--offset`, `--map` and `--threshold`; none without these.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    values: Option<Tally>,
 }
 
 impl Convert {
@@ -206,6 +212,9 @@ impl Convert {
             edit.converted.formed = form.give(edit.native, &edit.info, self.edits.iso, &room)?;
             edit.info = edit.native.info()?;
         }
+        if self.values.any() || self.images.grid_type.is_some() {
+            edit.map(self.images.grid_type(false), &self.values.mapping())?;
+        }
         edit.hold()?;
         if let Some(repair) = self.repair {
             edit.repair(repair)?;
@@ -325,6 +334,27 @@ impl<'e> GridEdit<'e> {
         Ok(())
     }
 
+    /// Takes the values through the steps of --scale, --offset, --map and --threshold, and to the type of --as.
+    fn map(&mut self, to: GridType, mapping: &Mapping) -> Result<()> {
+        let left = Limits { max_memory: self.budget.limit.saturating_sub(self.budget.held) };
+        let (mapped, tally) = volume::mapped(self.native, to, mapping, left)?;
+        *self.native = mapped;
+        self.info = self.native.info()?;
+        if mapping.threshold.is_some() && self.info.active_voxels == 0 {
+            self.warnings.push(format!("grid '{}': no value lies above the threshold", self.converted.from));
+        }
+        let background = mapping.mapped(0.0);
+        if background != 0.0 {
+            self.warnings.push(format!(
+                "grid '{}': inactive voxels are background and stay 0, where an active 0 becomes {background}; to keep zeros that \
+                 mean something, give the options where the image is read",
+                self.converted.from
+            ));
+        }
+        self.converted.values = Some(tally);
+        Ok(())
+    }
+
     /// Counts the grid among those that stay in memory until all are written.
     fn hold(&mut self) -> Result<()> {
         self.budget.held += self.info.memory;
@@ -418,6 +448,10 @@ impl fmt::Display for Report {
             }
             if let (Some(over), Some(under)) = (grid.half_overflow, grid.half_underflow) {
                 write!(f, ", as half {over} overflow and {under} vanish")?;
+            }
+            if let Some(greatest) = grid.values.and_then(|v| v.removed_greatest) {
+                let share = 100.0 * grid.values.map_or(0.0, |v| v.removed_share);
+                write!(f, ", values up to {greatest} removed, {share:.4} % of the sum")?;
             }
             if grid.transfer {
                 write!(f, ", with the transfer function")?;

@@ -1,13 +1,17 @@
-//! `cumulo convert`: volumes and pictures from one file format to another.
+//! `cumulo convert`: volumes, images and pictures from one file format to another.
 //!
 //! [`Kind`] names the formats. A route from one to another is an arm of [`Convert::run`], and a file of its own here.
 
 mod arrays;
 mod edits;
+mod export;
 mod form;
 mod frames;
 mod grids;
+mod images;
+mod import;
 mod names;
+mod report;
 mod sources;
 mod turn;
 
@@ -17,30 +21,33 @@ use super::output::Output;
 use super::parse::{corners, not_negative, positive};
 use super::transfer::TransferOption;
 use crate::error::{Error, Result};
+use crate::formats::imaging::format::{self, Format as ImageFormat};
+use crate::formats::imaging::write::Target;
 use crate::formats::vdb::Codec;
-use crate::formats::{Format, npy, sniff};
+use crate::formats::{Format, sniff};
 use crate::math::Aabb;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Copy a VDB, choosing, cropping, resampling, repairing or repacking its grids; or turn grids and pictures into arrays
+/// Convert a VDB with edits, images of medicine and science to VDBs and back, and pictures to arrays and back
 ///
-/// The names tell the formats: VDB to VDB with edits; VDB to .npy, a grid over the box of its active voxels, array[x, y, z]
-/// (of vectors array[x, y, z, component]); .npy to VDB; EXR to .npy, a layer as array[row, column, channel], row 0 at the
-/// top; .npy to EXR. Arrays are single precision, the last axis fastest; the report has the places of voxels.
+/// Inputs are told by their content, outputs by their ending. NIfTI, NRRD, MetaImage, TIFF stacks (also folders and patterns),
+/// .vti, .vtk, .npy, .npz and raw numbers (--dims) become a VDB with a grid for each array. A grid of a VDB becomes a .nii,
+/// .nii.gz, .nrrd, .mha, .mhd, .vti or .npy over the box of its active voxels. VDB to VDB takes edits. A layer of an EXR
+/// becomes a .npy of [row, column, channel], row 0 at the top, and back. The report has the places of voxels.
 ///
 /// Of a sequence, 'in.####.vdb' or a folder of numbered files, every frame is converted: to 'out.####.vdb', or to the same names
 /// in another folder.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Convert {
-    /// VDB, EXR or .npy to read
+    /// File, folder or pattern of slices to read
     input: PathBuf,
-    /// VDB, .npy or EXR to write
+    /// VDB, image, .npy or EXR to write
     output: PathBuf,
     #[command(flatten)]
     frames: FramesOption,
-    /// Keep only this grid (repeatable)
+    /// Keep only this grid (repeatable); from an image: name of the grid
     #[arg(long, value_name = "NAME")]
     grid: Vec<String>,
     /// Rename a grid (repeatable)
@@ -64,10 +71,15 @@ pub struct Convert {
     /// Set NaN and infinite values, and negative densities, to zero; auto: fog volumes hold densities, other grids do not
     #[arg(long, value_enum, value_name = "WHAT", num_args = 0..=1, require_equals = true, default_missing_value = "auto")]
     repair: Option<Repair>,
+    /// EXR to .npy: layer (default: the beauty)
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
+    #[command(flatten)]
     #[command(flatten)]
     edits: edits::Edits,
+    values: images::ValueOptions,
     #[command(flatten)]
-    arrays: arrays::Options,
+    images: images::Options,
     #[command(flatten)]
     transfer: TransferOption,
     #[command(flatten)]
@@ -90,39 +102,58 @@ fn renaming(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// Format of a file that is converted.
+/// Format of a file that is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Vdb,
     Exr,
-    Npy,
+    Image(ImageFormat),
 }
 
 impl Kind {
-    /// Detects the format of an input by its first bytes. What is neither picture nor array goes to the reader of VDBs,
-    /// which says what it is.
+    /// Detects the format of an input by its content. What is neither picture nor image goes to the reader of VDBs, which says
+    /// what it is.
     fn of_input(path: &Path) -> Result<Self> {
-        if npy::is_npy(path)? {
-            return Ok(Self::Npy);
+        if let Some(format) = format::sniff(path)? {
+            return Ok(Self::Image(format));
         }
-        Ok(if sniff(path)? == Format::Exr { Self::Exr } else { Self::Vdb })
-    }
-
-    /// Format that an output's name asks for; that of VDBs checks the others.
-    fn of_output(path: &Path) -> Self {
-        let ending = path.extension().and_then(OsStr::to_str).unwrap_or_default().to_ascii_lowercase();
-        match ending.as_str() {
-            "npy" => Self::Npy,
-            "exr" => Self::Exr,
-            _ => Self::Vdb,
-        }
+        Ok(if !path.is_dir() && sniff(path)? == Format::Exr { Self::Exr } else { Self::Vdb })
     }
 
     fn name(self) -> &'static str {
         match self {
             Self::Vdb => "VDB",
             Self::Exr => "EXR",
-            Self::Npy => ".npy",
+            Self::Image(format) => format.name(),
+        }
+    }
+}
+
+/// Format of a file that is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Written {
+    Vdb,
+    Exr,
+    Image(Target),
+}
+
+impl Written {
+    /// Format that an output's name asks for; that of VDBs checks names of other endings.
+    fn of(path: &Path) -> Self {
+        match Target::of(path) {
+            Some(target) => Self::Image(target),
+            None if path.extension().and_then(OsStr::to_str).is_some_and(|e| e.eq_ignore_ascii_case("exr")) => {
+                Self::Exr
+            }
+            None => Self::Vdb,
+        }
+    }
+
+    fn name(self) -> String {
+        match self {
+            Self::Vdb => "VDB".into(),
+            Self::Exr => "EXR".into(),
+            Self::Image(target) => format!(".{}", target.ending()),
         }
     }
 }
@@ -137,43 +168,64 @@ impl Convert {
         if let Some((sequence, to)) = self.sequences()? {
             return self.convert_frames(&sequence, &to, output);
         }
-        let route = if self.input.is_dir() {
-            (Kind::Vdb, Kind::of_output(&self.output))
-        } else {
-            (Kind::of_input(&self.input)?, Kind::of_output(&self.output))
-        };
-        self.check_options(route)?;
-        match route {
-            (Kind::Vdb, Kind::Vdb) => self.grids(output),
-            (Kind::Vdb, Kind::Npy) => self.grid_to_array(output),
-            (Kind::Npy, Kind::Vdb) => self.array_to_grid(output),
-            (Kind::Exr, Kind::Npy) => self.layer_to_array(output),
-            (Kind::Npy, Kind::Exr) => self.array_to_picture(output),
+        let from =
+            if self.images.dims.is_some() { Kind::Image(ImageFormat::Raw) } else { Kind::of_input(&self.input)? };
+        let to = Written::of(&self.output);
+        // What is no VDB after all is told by the reader of VDBs; its options do not matter then.
+        let told =
+            from != Kind::Vdb || self.input.is_dir() || matches!(sniff(&self.input)?, Format::Vdb | Format::NanoVdb);
+        if told {
+            self.check_options(from, to)?;
+        }
+        match (from, to) {
+            (Kind::Vdb, Written::Vdb) => self.grids(output),
+            (Kind::Vdb, Written::Image(target)) => self.grid_to_image(target, output),
+            (Kind::Image(format), Written::Vdb) => self.image_to_grids(format, output),
+            (Kind::Exr, Written::Image(Target::Npy)) => self.layer_to_array(output),
+            (Kind::Image(ImageFormat::Npy), Written::Exr) => self.array_to_picture(output),
             (from, to) => Err(Error::unsupported(format!("no conversion from {} to {}", from.name(), to.name()))
                 .at(&self.input)
-                .hint("a .vdb becomes a .vdb or .npy, an .exr becomes a .npy, and a .npy becomes a .vdb or .exr")),
+                .hint(
+                    "a .vdb becomes a .vdb, .npy, .nii, .nii.gz, .nrrd, .mha, .mhd or .vti; an .exr becomes a .npy, a .npy \
+                     an .exr or .vdb, and other images a .vdb",
+                )),
         }
     }
 
     /// Refuses options that a route would ignore.
-    fn check_options(&self, (from, to): (Kind, Kind)) -> Result<()> {
-        use Kind::{Exr, Npy, Vdb};
-        let edits = from == Vdb && to == Vdb;
-        let arrays = &self.arrays;
+    fn check_options(&self, from: Kind, to: Written) -> Result<()> {
+        let edits = from == Kind::Vdb && to == Written::Vdb;
+        let imports = matches!(from, Kind::Image(_)) && to == Written::Vdb;
+        let exports = from == Kind::Vdb && matches!(to, Written::Image(_));
+        let array = matches!(from, Kind::Image(ImageFormat::Npy | ImageFormat::Npz)) && imports
+            || exports && to == Written::Image(Target::Npy);
+        let of_image = |has: fn(ImageFormat) -> bool| imports && matches!(from, Kind::Image(format) if has(format));
+        let placed = of_image(ImageFormat::takes_placement);
+        let (images, values) = (&self.images, &self.values);
+        let grids = edits || imports || exports;
         let options = [
-            ("--grid", !self.grid.is_empty(), from == Vdb || to == Vdb),
+            ("--grid", !self.grid.is_empty(), grids),
             ("--rename", !self.rename.is_empty(), edits),
             ("--crop", self.crop.is_some(), edits),
             ("--resample", self.resample.is_some(), edits),
             ("--prune", self.prune.is_some(), edits),
             ("--repair", self.repair.is_some(), edits),
             ("--tf", self.transfer.tf.is_some(), edits),
-            ("--half", self.half, to != Npy),
-            ("--codec", self.codec != Codec::default(), to == Vdb),
-            ("--layer", arrays.layer.is_some(), from == Exr),
-            ("--voxel-size", arrays.voxel_size.is_some(), from == Npy && to == Vdb),
-            ("--origin", arrays.origin.is_some(), from == Npy && to == Vdb),
-            ("--transform", arrays.transform.is_some(), from == Npy && to == Vdb),
+            ("--half", self.half, !matches!(to, Written::Image(_))),
+            ("--codec", self.codec != Codec::default(), to == Written::Vdb),
+            ("--layer", self.layer.is_some(), from == Kind::Exr),
+            ("--scale", values.scale.is_some(), grids),
+            ("--offset", values.offset.is_some(), grids),
+            ("--map", values.map.is_some(), grids),
+            ("--threshold", values.threshold.is_some(), grids),
+            ("--time", images.time.is_some(), of_image(ImageFormat::has_times)),
+            ("--array", images.array.is_some(), of_image(ImageFormat::has_arrays)),
+            ("--as", images.grid_type.is_some(), grids),
+            ("--axes", images.axes.is_some(), array),
+            ("--voxel-size", images.voxel_size.is_some(), placed),
+            ("--spacing", images.spacing.is_some(), placed),
+            ("--origin", images.origin.is_some(), placed),
+            ("--transform", images.transform.is_some(), placed),
         ];
         let of_edits = self.edits.given().map(|(name, given)| (name, given, edits));
         match options.iter().chain(&of_edits).find(|(_, given, applies)| *given && !applies) {

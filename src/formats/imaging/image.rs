@@ -10,7 +10,7 @@ use std::fmt;
 pub enum Values {
     /// Real quantities, stored as floats or scaled integers.
     Real,
-    /// Integers without a scale, up to 32 bits: labels, counts or grey values.
+    /// Integers without a scale: labels, counts or grey values. Integers of 64 bits come here, too, exact up to 2⁵³.
     Integer,
 }
 

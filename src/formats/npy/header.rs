@@ -2,8 +2,8 @@
 
 use super::MAGIC;
 use crate::error::{Error, Result};
+use crate::formats::sample::{Endian, Sample};
 use crate::text::printable;
-use half::f16;
 use std::io::Read;
 
 /// Longest header that is read; those of plain arrays have some hundred bytes.
@@ -13,88 +13,53 @@ const MOST_AXES: usize = 64;
 /// Advice on files that NumPy would not have written.
 const AGAIN: &str = "write the array again with numpy.save";
 
-/// Type of the values.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Type {
-    F16,
-    F32,
-    F64,
-    U8,
-    I8,
-    U16,
-    I16,
-    U32,
-    I32,
+/// Type of NumPy's name for it, with the order of the bytes.
+fn parse_type(descr: &str) -> Option<(Sample, Endian)> {
+    let (order, kind) = (descr.get(..1)?, descr.get(1..)?);
+    let sample = match kind {
+        "f2" => Sample::F16,
+        "f4" => Sample::F32,
+        "f8" => Sample::F64,
+        "u1" | "b1" => Sample::U8,
+        "i1" => Sample::I8,
+        "u2" => Sample::U16,
+        "i2" => Sample::I16,
+        "u4" => Sample::U32,
+        "i4" => Sample::I32,
+        "u8" => Sample::U64,
+        "i8" => Sample::I64,
+        _ => return None,
+    };
+    match order {
+        "<" | "|" | "=" => Some((sample, Endian::Little)),
+        ">" => Some((sample, Endian::Big)),
+        _ => None,
+    }
 }
 
-impl Type {
-    fn parse(descr: &str) -> Option<Self> {
-        Some(match descr {
-            "<f2" => Self::F16,
-            "<f4" => Self::F32,
-            "<f8" => Self::F64,
-            "|u1" | "|b1" => Self::U8,
-            "|i1" => Self::I8,
-            "<u2" => Self::U16,
-            "<i2" => Self::I16,
-            "<u4" => Self::U32,
-            "<i4" => Self::I32,
-            _ => return None,
-        })
-    }
-
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::F16 => "float16",
-            Self::F32 => "float32",
-            Self::F64 => "float64",
-            Self::U8 => "uint8",
-            Self::I8 => "int8",
-            Self::U16 => "uint16",
-            Self::I16 => "int16",
-            Self::U32 => "uint32",
-            Self::I32 => "int32",
-        }
-    }
-
-    pub(super) fn bytes(self) -> usize {
-        match self {
-            Self::U8 | Self::I8 => 1,
-            Self::F16 | Self::U16 | Self::I16 => 2,
-            Self::F32 | Self::U32 | Self::I32 => 4,
-            Self::F64 => 8,
-        }
-    }
-
-    /// Value of as many bytes as the type has.
-    pub(super) fn value(self, bytes: &[u8]) -> f32 {
-        match (self, bytes) {
-            (Self::U8, [a]) => f32::from(*a),
-            (Self::I8, [a]) => f32::from(i8::from_le_bytes([*a])),
-            (Self::F16, [a, b]) => f16::from_le_bytes([*a, *b]).to_f32(),
-            (Self::U16, [a, b]) => f32::from(u16::from_le_bytes([*a, *b])),
-            (Self::I16, [a, b]) => f32::from(i16::from_le_bytes([*a, *b])),
-            (Self::F32, [a, b, c, d]) => f32::from_le_bytes([*a, *b, *c, *d]),
-            (Self::U32, [a, b, c, d]) => u32::from_le_bytes([*a, *b, *c, *d]) as f32,
-            (Self::I32, [a, b, c, d]) => i32::from_le_bytes([*a, *b, *c, *d]) as f32,
-            (Self::F64, [a, b, c, d, e, f, g, h]) => f64::from_le_bytes([*a, *b, *c, *d, *e, *f, *g, *h]) as f32,
-            _ => f32::NAN,
-        }
-    }
+/// NumPy's name of a type whose least significant byte comes first.
+fn descr(sample: Sample) -> String {
+    let kind = if sample.bytes() == 1 { "|" } else { "<" };
+    let letter = if sample.is_integer() { &sample.name()[..1] } else { "f" };
+    format!("{kind}{letter}{}", sample.bytes())
 }
 
 /// Type, order and shape of an array.
 #[derive(Debug)]
-pub(super) struct Header {
-    pub kind: Type,
+pub(in crate::formats) struct Header {
+    /// Type of the values.
+    pub sample: Sample,
+    /// Order of their bytes.
+    pub endian: Endian,
     /// True if the first axis is the fastest.
     pub fortran: bool,
+    /// Lengths of the axes.
     pub shape: Vec<usize>,
 }
 
 impl Header {
     /// Reads the header, and returns the number of its bytes, too.
-    pub(super) fn read(reader: &mut impl Read) -> Result<(Self, u64)> {
+    pub(in crate::formats) fn read(reader: &mut impl Read) -> Result<(Self, u64)> {
         let mut start = [0; 8];
         let begun = reader.read_exact(&mut start);
         if begun.is_err() || !start.starts_with(MAGIC) {
@@ -121,9 +86,9 @@ impl Header {
     fn parse(text: &str) -> Result<Self> {
         let descr = after(text, "descr")?;
         let quoted = descr.strip_prefix(['\'', '"']).and_then(|rest| rest.split(['\'', '"']).next());
-        let kind = quoted.and_then(Type::parse).ok_or_else(|| {
+        let (sample, endian) = quoted.and_then(parse_type).ok_or_else(|| {
             let found = quoted.map_or_else(|| "a structured type".into(), |q| format!("type '{}'", printable(q)));
-            Error::unsupported(format!("values of {found}; floats and integers of up to 32 bits are read"))
+            Error::unsupported(format!("values of {found}; floats and integers are read"))
                 .hint("convert the array first: array.astype('<f4')")
         })?;
         let fortran = match after(text, "fortran_order")? {
@@ -137,11 +102,11 @@ impl Header {
         if shape.len() > MOST_AXES {
             return Err(wrong("shape"));
         }
-        Ok(Self { kind, fortran, shape })
+        Ok(Self { sample, endian, fortran, shape })
     }
 
     /// Number of values.
-    pub(super) fn count(&self) -> Result<usize> {
+    pub(in crate::formats) fn count(&self) -> Result<usize> {
         self.shape.iter().try_fold(1_usize, |product, n| product.checked_mul(*n)).ok_or_else(|| {
             Error::unsupported(format!("an array of shape {:?} is too large", self.shape)).hint("write a part of it")
         })
@@ -159,11 +124,11 @@ fn after<'t>(text: &'t str, key: &str) -> Result<&'t str> {
     value.map(str::trim_start).ok_or_else(|| wrong(key))
 }
 
-/// Header of an array of single precision in C order, padded so that the values begin at a multiple of 64 bytes.
-pub(super) fn written(shape: &[usize]) -> Vec<u8> {
+/// Header of an array in C order, padded so that the values begin at a multiple of 64 bytes.
+pub(in crate::formats) fn written(sample: Sample, shape: &[usize]) -> Vec<u8> {
     let axes: String = shape.iter().map(|n| format!("{n}, ")).collect();
     let axes = if shape.len() > 1 { axes.trim_end_matches(", ") } else { axes.trim_end() };
-    let mut text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({axes}), }}");
+    let mut text = format!("{{'descr': '{}', 'fortran_order': False, 'shape': ({axes}), }}", descr(sample));
     while !(text.len() + 11).is_multiple_of(64) {
         text.push(' ');
     }

@@ -1,7 +1,7 @@
 //! NumPy's `.npy` arrays, format versions 1 to 3 (NEP 1): a header that names type, order and shape, then the values.
 //!
-//! Arrays are read as `f32` from little-endian floats of 16, 32 and 64 bits and from integers of up to 32 bits, and
-//! written as little-endian `f32` in C order, the last axis fastest.
+//! [`read`] gives `f32` from floats of 16, 32 and 64 bits and from integers, in either byte order; [`write()`] writes
+//! little-endian `f32` in C order, the last axis fastest. Volumes pass through [`super::imaging`] instead.
 
 mod header;
 
@@ -10,7 +10,8 @@ use crate::formats::atomic;
 use crate::formats::input;
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
-use header::{Header, Type};
+use crate::formats::sample::{Endian, Sample};
+pub(in crate::formats) use header::{Header, written};
 use std::io::{BufReader, Read};
 use std::path::Path;
 
@@ -41,7 +42,7 @@ pub fn is_npy(path: &Path) -> Result<bool> {
 /// Reads an array. Its values as `f32` must fit into the limits.
 ///
 /// # Errors
-/// If the file cannot be read, is no `.npy`, holds another type than floats and integers of up to 32 bits, is shorter or
+/// If the file cannot be read, is no `.npy`, holds another type than floats and integers, is shorter or
 /// longer than its shape says, or does not fit.
 pub fn read(path: &Path, limits: Limits) -> Result<Array> {
     let _reading = Reading::begin(path);
@@ -58,28 +59,31 @@ pub fn read(path: &Path, limits: Limits) -> Result<Array> {
             format!("an array of shape {:?} takes {needed} bytes, {} are allowed", header.shape, limits.max_memory);
         return Err(Error::unsupported(what).at(path).hint("raise --max-memory if the file is to be trusted"));
     }
-    let expected = (count as u64).saturating_mul(header.kind.bytes() as u64).saturating_add(start);
+    let expected = (count as u64).saturating_mul(header.sample.bytes() as u64).saturating_add(start);
     if length != expected {
         return Err(Error::invalid(format!(
             "{length} bytes, and an array of shape {:?} of {} has {expected}",
             header.shape,
-            header.kind.name()
+            header.sample.name()
         ))
         .at(path)
         .hint("the file is damaged or incomplete: write it again with numpy.save"));
     }
-    let values = values(&mut reader, count, header.kind).map_err(|e| Error::io(path, e))?;
+    let values = values(&mut reader, count, (header.sample, header.endian)).map_err(|e| Error::io(path, e))?;
     let values = if header.fortran { row_major(&header.shape, &values) } else { values };
     Ok(Array { shape: header.shape, values })
 }
 
-fn values(reader: &mut impl Read, count: usize, kind: Type) -> std::io::Result<Vec<f32>> {
+fn values(reader: &mut impl Read, count: usize, (sample, endian): (Sample, Endian)) -> std::io::Result<Vec<f32>> {
     let mut values = Vec::with_capacity(count);
     let mut chunk = vec![0; CHUNK];
+    let mut numbers = Vec::with_capacity(CHUNK);
     while values.len() < count {
-        let bytes = (count - values.len()).saturating_mul(kind.bytes()).min(CHUNK);
+        let bytes = (count - values.len()).saturating_mul(sample.bytes()).min(CHUNK);
         reader.read_exact(&mut chunk[..bytes])?;
-        values.extend(chunk[..bytes].chunks_exact(kind.bytes()).map(|bytes| kind.value(bytes)));
+        numbers.clear();
+        sample.decode(endian, &chunk[..bytes], &mut numbers);
+        values.extend(numbers.iter().map(|v| *v as f32));
     }
     Ok(values)
 }
@@ -114,7 +118,7 @@ pub fn write(path: &Path, shape: &[usize], values: &[f32]) -> Result<()> {
         return Err(Error::invalid(format!("{} values do not fill an array of shape {shape:?}", values.len())).at(path));
     }
     atomic::write(path, |draft| {
-        draft.write(&header::written(shape))?;
+        draft.write(&written(Sample::F32, shape))?;
         for chunk in values.chunks(CHUNK / 4) {
             draft.write(&chunk.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>())?;
         }
@@ -180,7 +184,7 @@ mod tests {
             (good[..20].to_vec(), "header"),
             (b"no array".to_vec(), "no .npy"),
             (file("<c8", "False", "(1,)", &[0; 8]), "'<c8'"),
-            (file(">f4", "False", "(1,)", &[0; 4]), "'>f4'"),
+            (file("~f4", "False", "(1,)", &[0; 4]), "'~f4'"),
             (file("|u1", "Maybe", "(4,)", &[0; 4]), "fortran_order"),
             (file("|u1", "False", "(4, x)", &[0; 4]), "shape"),
             (file("|u1", "False", "(18446744073709551615, 2)", &[0; 4]), "too large"),

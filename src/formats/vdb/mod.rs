@@ -14,6 +14,7 @@
 
 mod cursor;
 mod edit;
+mod dense;
 mod ffi;
 mod file;
 pub mod helper;
@@ -29,6 +30,7 @@ pub mod velocity;
 mod write;
 
 pub use edit::{HALF_WIDTH, ResampleFilter};
+pub use dense::{DenseBox, ValueKind};
 pub use file::{CONFIDENCE, File};
 pub use native::{GridInfo, NativeGrid, RawGrid, RawLeaf, RawTile, Transform, writable};
 pub use topology::Topology;

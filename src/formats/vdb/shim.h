@@ -156,6 +156,21 @@ int32_t cumulo_vdb_grid_new(int32_t components, const float* background, const i
                             const float* const* values, const uint64_t* const* active, size_t leaf_count,
                             const cumulo_vdb_tile* tiles, size_t tile_count, cumulo_vdb_grid** out,
                             cumulo_vdb_status* status);
+/* An empty grid with background 0: float (kind 0), double (1), int32 (2) or vec3s (3). */
+int32_t cumulo_vdb_grid_empty(int32_t kind, cumulo_vdb_grid** out, cumulo_vdb_status* status);
+/* Values of all voxels of an inclusive box, active or not, in double precision: component `c` of voxel `low + i` lies at
+ * `sum(strides[a] * i[a]) + c`. Strides are at least the number of components; `room` counts the numbers. */
+int32_t cumulo_vdb_grid_read_box(const cumulo_vdb_grid* grid, const int32_t* low, const int32_t* high,
+                                 const int64_t* strides, double* out, size_t room, cumulo_vdb_status* status);
+/* Sets the voxels of a box whose values differ from 0 and makes them active; others stay as they are. For the types of
+ * `cumulo_vdb_grid_empty`. At most `most` leaves are made; where more are needed, `made` is `most + 1` and the box is
+ * written in part. */
+int32_t cumulo_vdb_grid_write_box(cumulo_vdb_grid* grid, const int32_t* low, const int32_t* high,
+                                  const int64_t* strides, const double* values, size_t room, uint64_t most,
+                                  uint64_t* made, cumulo_vdb_status* status);
+/* Makes a block of 8, 128 or 4096 voxels' edge active with one value, in a grid of scalars. */
+int32_t cumulo_vdb_grid_add_tile(cumulo_vdb_grid* grid, const int32_t* origin, int32_t dim, double value,
+                                 cumulo_vdb_status* status);
 int32_t cumulo_vdb_grid_set_name(cumulo_vdb_grid* grid, const char* name, cumulo_vdb_status* status);
 int32_t cumulo_vdb_grid_set_class(cumulo_vdb_grid* grid, int32_t grid_class, cumulo_vdb_status* status);
 int32_t cumulo_vdb_grid_set_half(cumulo_vdb_grid* grid, int32_t half, cumulo_vdb_status* status);

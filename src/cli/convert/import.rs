@@ -1,0 +1,110 @@
+//! Images as grids of a VDB.
+
+use super::Convert;
+use super::images::{empty, remarks};
+use super::report::{GridPlace, Report, array_to_world};
+use crate::cli::output::Output;
+use crate::cli::outputs::{self, Content};
+use crate::error::{Error, Result};
+use crate::formats::imaging::format::{self, Format};
+use crate::formats::imaging::image::Image;
+use crate::formats::imaging::options::Axes;
+use crate::formats::imaging::volume;
+use crate::formats::limits::Limits;
+use crate::formats::reading::Reading;
+use crate::formats::vdb::{NativeGrid, write_native};
+use std::collections::BTreeMap;
+use std::process::ExitCode;
+
+impl Convert {
+    /// Writes each array of an image as a grid with background 0, whose zeros are inactive.
+    pub(super) fn image_to_grids(&self, format: Format, output: &Output) -> Result<ExitCode> {
+        let limits = self.memory.limits();
+        outputs::file(&self.output, Content::Vdb)?;
+        outputs::spare([self.output.as_path()], [self.input.as_path()])?;
+        let stage = output.stage("converting");
+        let _reading = Reading::begin(&self.input);
+        let images = format::open(&self.input, format, &self.images.reading()?, limits)?;
+        let names = self.grid_names(&images)?;
+        let (mut natives, mut places, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+        let mut held = 0;
+        for (mut image, name) in images.into_iter().zip(names) {
+            notes.append(&mut image.header.notes);
+            let left = Limits { max_memory: limits.max_memory.saturating_sub(held) };
+            let (native, place) = self.image_to_grid(&mut image, format, &name, left, &stage)?;
+            held += native.info()?.memory;
+            notes.extend(remarks(&place));
+            natives.push(native);
+            places.push(place);
+        }
+        write_native(&self.output, &natives.iter().collect::<Vec<_>>(), None, &BTreeMap::new(), self.codec)?;
+        drop(stage);
+        self.report_images(output, format, places, notes)
+    }
+
+    fn image_to_grid(
+        &self,
+        image: &mut Image,
+        format: Format,
+        name: &str,
+        limits: Limits,
+        stage: &crate::cli::output::Stage,
+    ) -> Result<(NativeGrid, GridPlace)> {
+        let to = self.images.grid_type(matches!(format, Format::Npy | Format::Npz));
+        let mapping = self.values.mapping();
+        let built = volume::build(image, name, to, &mapping, limits, |done, of| stage.at(done, of));
+        let (mut native, tally) = built.map_err(|e| e.part(format!("grid '{name}'")).at(&self.input))?;
+        native.set_half(self.half)?;
+        let info = native.info()?;
+        if info.active_voxels == 0 && self.values.any() {
+            return Err(empty(name).at(&self.input));
+        }
+        let shape = image.header.size;
+        let transform = array_to_world(&image.header.index_to_world, [0; 3]);
+        Ok((native, GridPlace::new(info, shape, [0; 3], transform, tally)))
+    }
+
+    /// Names of the grids: that of --grid, those of the arrays, or `density`.
+    fn grid_names(&self, images: &[Image]) -> Result<Vec<String>> {
+        match (&self.grid[..], images) {
+            ([], _) => {
+                let own = images.iter().map(|i| i.header.name.clone().filter(|n| !n.contains('\0')));
+                Ok(own.map(|n| n.unwrap_or_else(|| "density".into())).collect())
+            }
+            ([name], [_]) => Ok(vec![name.clone()]),
+            (names, images) if names.len() == images.len() => Ok(names.to_vec()),
+            (names, images) => Err(Error::invalid(format!("{} names for {} grid(s)", names.len(), images.len()))
+                .at(&self.input)
+                .hint("give one --grid NAME for each array, in the file's order, or choose one with --array")),
+        }
+    }
+
+    fn report_images(
+        &self,
+        output: &Output,
+        format: Format,
+        grids: Vec<GridPlace>,
+        notes: Vec<String>,
+    ) -> Result<ExitCode> {
+        notes.iter().for_each(|note| output.note(format!("note: {note}")));
+        let mut report = Report::of(&self.input, &self.output)?;
+        if let [only] = &grids[..] {
+            report.shape = only.shape.to_vec();
+            report.axes = vec!["x", "y", "z"];
+            if format == Format::Npy && self.images.axes() == Axes::Zyx {
+                report.shape.reverse();
+                report.axes.reverse();
+            }
+            if only.background.len() > 1 {
+                report.shape.push(only.background.len());
+                report.axes.push("component");
+            }
+            report.grid = Some(only.clone());
+        }
+        report.format = Some(format.name());
+        report.grids = grids;
+        report.notes = notes;
+        output.report(&report)?;
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,114 @@
+//! Files with values: opened at a place, unpacked, and measured before anything is read.
+
+use super::text::shown;
+use crate::error::{Error, Result};
+use crate::formats::input;
+use flate2::read::{MultiGzDecoder, ZlibDecoder};
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+/// Bytes that are read at a time.
+const BUFFER: usize = 1 << 17;
+
+/// How values are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Packing {
+    /// As they are.
+    Plain,
+    /// A stream of gzip, with any number of members.
+    Gzip,
+    /// A stream of zlib.
+    Zlib,
+}
+
+/// Opens the values of a file that begin at byte `from`, of which `skip` unpacked bytes are left out.
+///
+/// # Errors
+/// If the file cannot be read, or ends before.
+pub fn values(path: &Path, from: u64, packing: Packing, skip: u64) -> Result<Box<dyn Read>> {
+    let mut file = input::open(path)?;
+    let plain = packing == Packing::Plain;
+    let start = if plain { from.saturating_add(skip) } else { from };
+    file.seek(SeekFrom::Start(start)).map_err(|e| Error::io(path, e))?;
+    let reader = BufReader::with_capacity(BUFFER, file);
+    let mut unpacked: Box<dyn Read> = match packing {
+        Packing::Plain => return Ok(Box::new(reader)),
+        Packing::Gzip => Box::new(MultiGzDecoder::new(reader)),
+        Packing::Zlib => Box::new(ZlibDecoder::new(reader)),
+    };
+    let skipped = std::io::copy(&mut (&mut unpacked).take(skip), &mut std::io::sink());
+    match skipped {
+        Ok(n) if n == skip => Ok(unpacked),
+        Ok(_) => Err(super::stream::failed(std::io::ErrorKind::UnexpectedEof.into(), 0).at(path)),
+        Err(e) => Err(super::stream::failed(e, 0).at(path)),
+    }
+}
+
+/// Makes sure that a file has `needed` bytes from byte `from` on.
+///
+/// # Errors
+/// If it is shorter; the error has both lengths.
+pub fn has(path: &Path, from: u64, needed: Option<u64>) -> Result<()> {
+    let length = input::open(path)?.metadata().map_err(|e| Error::io(path, e))?.len();
+    let end = needed.and_then(|n| n.checked_add(from));
+    if end.is_some_and(|end| end <= length) {
+        return Ok(());
+    }
+    let end = end.map_or_else(|| "more than 2⁶⁴".to_owned(), |end| end.to_string());
+    Err(Error::invalid(format!("the file has {length} bytes; by its header its values end at byte {end}"))
+        .at(path)
+        .hint("the file is incomplete, or its header damaged: copy it, or write it, again"))
+}
+
+/// Number of bytes of so many numbers; none if that overflows.
+pub fn byte_count(size: [usize; 3], components: usize, bytes: usize) -> Option<u64> {
+    let count = size.iter().try_fold(components as u64, |product, n| product.checked_mul(*n as u64))?;
+    count.checked_mul(bytes as u64)
+}
+
+/// True if a file begins as streams of gzip do.
+pub fn is_gzip(start: &[u8]) -> bool {
+    start.starts_with(&[0x1f, 0x8b])
+}
+
+/// First bytes of a file, at most `most`.
+///
+/// # Errors
+/// If it is no regular file, or cannot be read.
+pub fn start(path: &Path, most: u64) -> Result<Vec<u8>> {
+    let mut start = Vec::new();
+    input::open(path)?.take(most).read_to_end(&mut start).map_err(|e| Error::io(path, e))?;
+    Ok(start)
+}
+
+/// Path of a file that a header names, beside the header unless it is absolute.
+///
+/// # Errors
+/// If the name is empty.
+pub fn beside(header: &Path, name: &str) -> Result<PathBuf> {
+    if name.is_empty() {
+        return Err(Error::invalid("the header names no file of values")
+            .hint("write the name of the file with the values into the header"));
+    }
+    Ok(header.parent().unwrap_or(Path::new("")).join(name))
+}
+
+/// Lists the files that a pattern of one number stands for, such as `slice_%03d.raw`, from `first` to `last` by `step`.
+///
+/// # Errors
+/// If the pattern has no such number.
+pub fn numbered(pattern: &str, numbers: impl Iterator<Item = i64>) -> Result<Vec<String>> {
+    let split = pattern.split_once('%').and_then(|(head, rest)| {
+        let end = rest.find('d')?;
+        let digits = &rest[..end];
+        let width: usize = if digits.is_empty() { 0 } else { digits.parse().ok().filter(|w| *w < 64)? };
+        Some((head, digits.starts_with('0'), width, &rest[end + 1..]))
+    });
+    let (head, zeros, width, tail) = split.ok_or_else(|| {
+        Error::invalid(format!("'{}' is no pattern of numbered files", shown(pattern)))
+            .hint("a pattern has a number such as %03d")
+    })?;
+    Ok(numbers
+        .map(|n| if zeros { format!("{head}{n:0width$}{tail}") } else { format!("{head}{n:width$}{tail}") })
+        .collect())
+}

@@ -1,0 +1,61 @@
+//! Maps from indices to the world, as files state them.
+
+use crate::error::{Error, Result};
+use crate::math::Affine;
+use glam::{DMat4, DVec3};
+
+/// Map of images whose axes are left, posterior, superior (LPS: DICOM, ITK) to those of this crate, right, anterior,
+/// superior (RAS); and the other way round.
+pub fn swap_lps_ras(map: DMat4) -> DMat4 {
+    let mut rows = map.transpose();
+    // Subtracted from 0, so that no zero becomes negative.
+    for row in [&mut rows.x_axis, &mut rows.y_axis] {
+        *row = -*row + 0.0;
+    }
+    rows.transpose()
+}
+
+/// Map with these columns, one for each index axis, and this position of the first voxel's centre.
+///
+/// # Errors
+/// If an entry is not finite, or the columns do not span space.
+pub fn affine(columns: [DVec3; 3], origin: DVec3) -> Result<Affine> {
+    let [x, y, z] = columns.map(|c| c.extend(0.0));
+    checked(DMat4::from_cols(x, y, z, origin.extend(1.0)))
+}
+
+/// Checked map of a file.
+///
+/// # Errors
+/// If an entry is not finite, or the columns do not span space.
+pub fn checked(map: DMat4) -> Result<Affine> {
+    Affine::new(map).map_err(|e| {
+        Error::invalid(format!("the placement of the voxels cannot be used: {}", e.what()))
+            .instead("correct the spacing and the directions in the file's header, or write it again where it was made")
+    })
+}
+
+/// Moves a map so that its first voxel is another: index `shift` of `map` becomes index 0.
+///
+/// # Errors
+/// If the position overflows.
+pub fn shifted(map: &Affine, shift: DVec3) -> Result<Affine> {
+    checked(map.matrix() * DMat4::from_translation(shift))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_swap_there_and_back_and_zeros_stay_positive() {
+        let map =
+            DMat4::from_cols_array(&[2.0, 0.0, 1.0, 0.0, 0.5, 3.0, 0.0, 0.0, 0.0, 0.0, 4.0, 0.0, 7.0, -8.0, 9.0, 1.0]);
+        let swapped = swap_lps_ras(map);
+        assert_eq!(swapped.transform_point3(DVec3::ZERO), DVec3::new(-7.0, 8.0, 9.0));
+        assert_eq!(swap_lps_ras(swapped), map);
+        assert!(swapped.to_cols_array().iter().all(|v| *v != 0.0 || v.is_sign_positive()));
+        assert!(affine([DVec3::X, DVec3::X, DVec3::Z], DVec3::ZERO).unwrap_err().to_string().contains("header"));
+    }
+}

@@ -1,0 +1,157 @@
+//! Pages of a TIFF, decoded by the crate `tiff`.
+
+use crate::error::{Error, Result};
+use crate::formats::imaging::text::shown;
+use crate::formats::input;
+use crate::formats::limits::Limits;
+use std::fmt;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use tiff::decoder::ifd::Value;
+use tiff::decoder::{Decoder, DecodingResult};
+use tiff::tags::Tag;
+use tiff::{ColorType, TiffError};
+
+/// Largest number of pages.
+const MOST_PAGES: usize = 100_000;
+/// Memory that decoding may take at least: a page's tags and a strip.
+const LEAST: usize = 1 << 20;
+
+/// Size and type of a page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Kind {
+    /// Number of columns.
+    pub width: usize,
+    /// Number of rows.
+    pub height: usize,
+    /// Number of values per pixel, 1 or 3.
+    pub components: usize,
+    /// True for integers.
+    pub integer: bool,
+    bits: u8,
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let values = if self.components == 3 { "colors" } else { "values" };
+        write!(f, "{} x {} {values} of {} bits", self.width, self.height, self.bits)
+    }
+}
+
+/// Pages of a file, one of which is current.
+pub struct Pages {
+    decoder: Decoder<BufReader<File>>,
+}
+
+/// Error of the decoder: not read, or damaged.
+fn failed(error: TiffError) -> Error {
+    match error {
+        TiffError::UnsupportedError(e) => {
+            Error::unsupported(format!("this kind of TIFF is not read: {}", shown(&e.to_string())))
+                .hint("save it again without compression, as grey values of 8, 16 or 32 bits")
+        }
+        TiffError::LimitsExceeded => Error::unsupported("a page needs more memory than is allowed")
+            .hint("raise --max-memory if the file is to be trusted"),
+        TiffError::IoError(e) if e.kind() != std::io::ErrorKind::UnexpectedEof && e.raw_os_error().is_some() => {
+            Error::system(e)
+        }
+        error => Error::invalid(format!("the TIFF is damaged: {}", shown(&error.to_string())))
+            .hint("copy the file, or write it, again"),
+    }
+}
+
+impl Pages {
+    /// Opens a file at its first page.
+    pub fn open(path: &Path, limits: Limits) -> Result<Self> {
+        let mut bounds = tiff::decoder::Limits::default();
+        let most = usize::try_from(limits.max_memory / 4).unwrap_or(usize::MAX).max(LEAST);
+        (bounds.decoding_buffer_size, bounds.intermediate_buffer_size) = (most, most);
+        bounds.ifd_value_size = most.min(64 << 20);
+        let decoder = Decoder::new(BufReader::new(input::open(path)?)).map_err(failed)?;
+        Ok(Self { decoder: decoder.with_limits(bounds) })
+    }
+
+    /// Size and type of the current page.
+    pub fn kind(&mut self) -> Result<Kind> {
+        let (width, height) = self.decoder.dimensions().map_err(failed)?;
+        let color = self.decoder.colortype().map_err(failed)?;
+        let (components, bits) = match color {
+            ColorType::Gray(bits @ (8 | 16 | 32 | 64)) => (1, bits),
+            ColorType::RGB(bits @ (8 | 16 | 32 | 64)) => (3, bits),
+            other => {
+                return Err(Error::unsupported(format!(
+                    "pixels of the kind {other:?}; grey values and RGB of 8 to 64 bits are read"
+                ))
+                .hint("save the stack again as grey values of 8, 16 or 32 bits"));
+            }
+        };
+        let formats = self.decoder.find_tag_unsigned_vec::<u16>(Tag::SampleFormat).map_err(failed)?;
+        // 3 stands for floats; 1, which is the default, and 2 for integers.
+        let integer = formats.is_none_or(|f| f.first() != Some(&3));
+        Ok(Kind { width: width as usize, height: height as usize, components, integer, bits })
+    }
+
+    /// Number of pages.
+    pub fn count(&mut self) -> Result<usize> {
+        let mut count = 1;
+        while self.decoder.more_images() && count <= MOST_PAGES {
+            self.decoder.next_image().map_err(failed)?;
+            count += 1;
+        }
+        if count > MOST_PAGES {
+            return Err(Error::unsupported(format!("more than {MOST_PAGES} pages")).hint("save a part of the stack"));
+        }
+        self.go_to(0)?;
+        Ok(count)
+    }
+
+    /// Makes a page the current one.
+    pub fn go_to(&mut self, page: usize) -> Result<()> {
+        self.decoder.seek_to_image(page).map_err(failed)
+    }
+
+    /// Description of the current page, empty if there is none.
+    pub fn description(&mut self) -> String {
+        self.decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default()
+    }
+
+    /// Resolution of the current page along x and y, in pixels per unit.
+    pub fn resolution(&mut self) -> Option<[f64; 2]> {
+        let mut along = |tag| match self.decoder.find_tag(tag) {
+            Ok(Some(Value::Rational(n, d))) => Some(f64::from(n) / f64::from(d)),
+            Ok(Some(value)) => value.into_f64().ok(),
+            _ => None,
+        };
+        let x = along(Tag::XResolution)?;
+        Some([x, along(Tag::YResolution).unwrap_or(x)])
+    }
+
+    /// Reads the values of the current page, row by row, the components of a pixel together.
+    pub fn read(&mut self, values: &mut [f64]) -> Result<()> {
+        macro_rules! copied {
+            ($found:expr, $to:expr) => {{
+                let found = $found;
+                if found.len() != values.len() {
+                    let what = format!("a page has {} values, {} are expected", found.len(), values.len());
+                    return Err(Error::unsupported(what).hint("save it again with the components of a pixel together"));
+                }
+                values.iter_mut().zip(found).for_each(|(to, from)| *to = $to(from));
+            }};
+        }
+        match self.decoder.read_image().map_err(failed)? {
+            DecodingResult::U8(v) => copied!(v, f64::from),
+            DecodingResult::U16(v) => copied!(v, f64::from),
+            DecodingResult::U32(v) => copied!(v, f64::from),
+            DecodingResult::U64(v) => copied!(v, |n| n as f64),
+            DecodingResult::I8(v) => copied!(v, f64::from),
+            DecodingResult::I16(v) => copied!(v, f64::from),
+            DecodingResult::I32(v) => copied!(v, f64::from),
+            DecodingResult::I64(v) => copied!(v, |n| n as f64),
+            DecodingResult::F16(v) => copied!(v, f64::from),
+            DecodingResult::F32(v) => copied!(v, f64::from),
+            DecodingResult::F64(v) => copied!(v, |n| n),
+        }
+        Ok(())
+    }
+}
