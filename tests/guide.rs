@@ -210,7 +210,7 @@ fn gradients() {
 
 #[test]
 fn grids() {
-    assert!(run("src/guide/grids.md") >= 13);
+    assert!(run("src/guide/grids.md") >= 17);
 }
 
 /// Its programs run in `tests/examples.rs`.

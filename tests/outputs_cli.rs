@@ -112,9 +112,7 @@ fn inputs_are_never_replaced() {
 fn names_of_other_formats_are_refused() {
     let work = with_inputs();
     let before = work.files("");
-    for ending in ["nvdb", "usd"] {
-        work.refused(&format!("convert cube.vdb out.{ending}"), &["OpenVDB", ending, ".vdb"]);
-    }
+    work.refused("convert cube.vdb out.usd", &["OpenVDB", "usd", ".vdb"]);
     work.refused("convert cube.vdb out.exr", &["cube.vdb", "from VDB to EXR", ".npy"]);
     work.refused("reconstruct density cap -o o.npy", &["OpenVDB", ".npy"]);
     work.refused("render cube.vdb --views 1 -o cloud.png", &["folder", ".png"]);

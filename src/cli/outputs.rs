@@ -12,6 +12,8 @@ use std::path::{Path, PathBuf};
 pub enum Content {
     /// OpenVDB file.
     Vdb,
+    /// NanoVDB file.
+    NanoVdb,
     /// JSON of a capture.
     Capture,
     /// JSON of a transfer function.
@@ -31,6 +33,7 @@ impl Content {
     fn ending(self) -> (&'static str, &'static str) {
         match self {
             Self::Vdb => ("vdb", "an OpenVDB file"),
+            Self::NanoVdb => ("nvdb", "a NanoVDB file"),
             Self::Capture => ("json", "a capture's JSON"),
             Self::TransferFunction => ("json", "a transfer function's JSON"),
             Self::Png => ("png", "a PNG"),

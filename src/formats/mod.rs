@@ -1,12 +1,14 @@
 //! File formats, read and written. No module here knows a renderer.
 
 pub mod atomic;
+pub mod blosc;
 pub mod captures;
 pub mod colmap;
 pub mod exr;
 pub mod imaging;
 pub mod input;
 pub mod limits;
+pub mod nanovdb;
 pub mod npy;
 pub mod picture;
 pub mod png;

@@ -141,7 +141,7 @@ impl Convert {
         Ok((natives, grids))
     }
 
-    fn chosen(&self, file: &File) -> Result<Vec<String>> {
+    pub(super) fn chosen(&self, file: &File) -> Result<Vec<String>> {
         if self.grid.is_empty() {
             return Ok(file.entries().iter().map(|e| e.name.clone()).collect());
         }

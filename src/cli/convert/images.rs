@@ -18,6 +18,15 @@ pub struct Options {
     /// Number of the point in time to read, from 0 (default: the first one)
     #[arg(long, value_name = "N")]
     pub time: Option<usize>,
+    /// OME-Zarr: number of the channel to read, from 0 (default: the first one)
+    #[arg(long, value_name = "N")]
+    pub channel: Option<usize>,
+    /// OME-Zarr: number of the resolution to read, 0 for the finest (default: the finest that fits into memory)
+    #[arg(long, value_name = "N")]
+    pub level: Option<usize>,
+    /// DICOM: UID of the series to read, of a folder with several
+    #[arg(long, value_name = "UID")]
+    pub series: Option<String>,
     /// Read only this array of a file with several
     #[arg(long, value_name = "NAME")]
     pub array: Option<String>,
@@ -155,6 +164,9 @@ impl Options {
         });
         Ok(ReadOptions {
             time: self.time,
+            channel: self.channel,
+            level: self.level,
+            series: self.series.clone(),
             array: self.array.clone(),
             spacing: self.spacing.or(self.voxel_size.map(DVec3::splat)),
             origin: self.origin,

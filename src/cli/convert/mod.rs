@@ -11,6 +11,7 @@ mod grids;
 mod images;
 mod import;
 mod names;
+mod nano;
 mod report;
 mod sources;
 mod turn;
@@ -32,8 +33,9 @@ use std::process::ExitCode;
 
 /// Convert a VDB with edits, images of medicine and science to VDBs and back, and pictures to arrays and back
 ///
-/// Inputs are told by their content, outputs by their ending. NIfTI, NRRD, MetaImage, TIFF stacks (also folders and patterns),
-/// .vti, .vtk, .npy, .npz and raw numbers (--dims) become a VDB with a grid for each array. A grid of a VDB becomes a .nii,
+/// Inputs are told by their content, outputs by their ending. DICOM series (folders), NIfTI, NRRD, MetaImage, TIFF stacks (also
+/// folders and patterns), OME-Zarr, MRC, .cvol, .vti, .vtk, .npy, .npz and raw numbers (--dims) become a VDB with a grid for
+/// each array. A NanoVDB (.nvdb) becomes a VDB, and a VDB a NanoVDB. A grid of a VDB becomes a .nii,
 /// .nii.gz, .nrrd, .mha, .mhd, .vti or .npy over the box of its active voxels. VDB to VDB takes edits. A layer of an EXR
 /// becomes a .npy of [row, column, channel], row 0 at the top, and back. The report has the places of voxels.
 ///
@@ -43,7 +45,7 @@ use std::process::ExitCode;
 pub struct Convert {
     /// File, folder or pattern of slices to read
     input: PathBuf,
-    /// VDB, image, .npy or EXR to write
+    /// VDB, .nvdb, image, .npy or EXR to write
     output: PathBuf,
     #[command(flatten)]
     frames: FramesOption,
@@ -106,6 +108,7 @@ fn renaming(text: &str) -> Result<(String, String), String> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Vdb,
+    Nano,
     Exr,
     Image(ImageFormat),
 }
@@ -117,12 +120,20 @@ impl Kind {
         if let Some(format) = format::sniff(path)? {
             return Ok(Self::Image(format));
         }
-        Ok(if !path.is_dir() && sniff(path)? == Format::Exr { Self::Exr } else { Self::Vdb })
+        if path.is_dir() {
+            return Ok(Self::Vdb);
+        }
+        Ok(match sniff(path)? {
+            Format::Exr => Self::Exr,
+            Format::NanoVdb => Self::Nano,
+            _ => Self::Vdb,
+        })
     }
 
     fn name(self) -> &'static str {
         match self {
             Self::Vdb => "VDB",
+            Self::Nano => "NanoVDB",
             Self::Exr => "EXR",
             Self::Image(format) => format.name(),
         }
@@ -133,6 +144,7 @@ impl Kind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Written {
     Vdb,
+    Nano,
     Exr,
     Image(Target),
 }
@@ -142,16 +154,18 @@ impl Written {
     fn of(path: &Path) -> Self {
         match Target::of(path) {
             Some(target) => Self::Image(target),
-            None if path.extension().and_then(OsStr::to_str).is_some_and(|e| e.eq_ignore_ascii_case("exr")) => {
-                Self::Exr
-            }
-            None => Self::Vdb,
+            None => match path.extension().and_then(OsStr::to_str).unwrap_or_default().to_ascii_lowercase().as_str() {
+                "exr" => Self::Exr,
+                "nvdb" => Self::Nano,
+                _ => Self::Vdb,
+            },
         }
     }
 
     fn name(self) -> String {
         match self {
             Self::Vdb => "VDB".into(),
+            Self::Nano => ".nvdb".into(),
             Self::Exr => "EXR".into(),
             Self::Image(target) => format!(".{}", target.ending()),
         }
@@ -179,6 +193,8 @@ impl Convert {
         }
         match (from, to) {
             (Kind::Vdb, Written::Vdb) => self.grids(output),
+            (Kind::Vdb, Written::Nano) => self.grids_to_nano(output),
+            (Kind::Nano, Written::Vdb) => self.nano_to_grids(output),
             (Kind::Vdb, Written::Image(target)) => self.grid_to_image(target, output),
             (Kind::Image(format), Written::Vdb) => self.image_to_grids(format, output),
             (Kind::Exr, Written::Image(Target::Npy)) => self.layer_to_array(output),
@@ -186,8 +202,8 @@ impl Convert {
             (from, to) => Err(Error::unsupported(format!("no conversion from {} to {}", from.name(), to.name()))
                 .at(&self.input)
                 .hint(
-                    "a .vdb becomes a .vdb, .npy, .nii, .nii.gz, .nrrd, .mha, .mhd or .vti; an .exr becomes a .npy, a .npy \
-                     an .exr or .vdb, and other images a .vdb",
+                    "a .vdb becomes a .vdb, .nvdb, .npy, .nii, .nii.gz, .nrrd, .mha, .mhd or .vti; an .exr becomes a .npy, a .npy \
+                     an .exr or .vdb, and .nvdb and other images a .vdb",
                 )),
         }
     }
@@ -202,16 +218,18 @@ impl Convert {
         let of_image = |has: fn(ImageFormat) -> bool| imports && matches!(from, Kind::Image(format) if has(format));
         let placed = of_image(ImageFormat::takes_placement);
         let (images, values) = (&self.images, &self.values);
+        let nano = from == Kind::Nano && to == Written::Vdb || from == Kind::Vdb && to == Written::Nano;
         let grids = edits || imports || exports;
+        let of = |format: ImageFormat| imports && from == Kind::Image(format);
         let options = [
-            ("--grid", !self.grid.is_empty(), grids),
+            ("--grid", !self.grid.is_empty(), grids || nano),
             ("--rename", !self.rename.is_empty(), edits),
             ("--crop", self.crop.is_some(), edits),
             ("--resample", self.resample.is_some(), edits),
             ("--prune", self.prune.is_some(), edits),
             ("--repair", self.repair.is_some(), edits),
             ("--tf", self.transfer.tf.is_some(), edits),
-            ("--half", self.half, !matches!(to, Written::Image(_))),
+            ("--half", self.half, !matches!(to, Written::Image(_) | Written::Nano)),
             ("--codec", self.codec != Codec::default(), to == Written::Vdb),
             ("--layer", self.layer.is_some(), from == Kind::Exr),
             ("--scale", values.scale.is_some(), grids),
@@ -219,6 +237,9 @@ impl Convert {
             ("--map", values.map.is_some(), grids),
             ("--threshold", values.threshold.is_some(), grids),
             ("--time", images.time.is_some(), of_image(ImageFormat::has_times)),
+            ("--channel", images.channel.is_some(), of(ImageFormat::Zarr)),
+            ("--level", images.level.is_some(), of(ImageFormat::Zarr)),
+            ("--series", images.series.is_some(), of(ImageFormat::Dicom)),
             ("--array", images.array.is_some(), of_image(ImageFormat::has_arrays)),
             ("--as", images.grid_type.is_some(), grids),
             ("--axes", images.axes.is_some(), array),

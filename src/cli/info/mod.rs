@@ -1,5 +1,6 @@
 //! `cumulo info`: the content of files.
 
+mod nano;
 mod sequence;
 mod volume;
 
@@ -23,12 +24,12 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use volume::Volume;
 
-/// Show what is in files: grids of VDBs, layers of EXRs, cameras of captures, volumes of USD stages
+/// Show what is in files: grids of VDBs and NanoVDBs, layers of EXRs, cameras of captures, volumes of USD stages
 ///
 /// Of a sequence, 'smoke.####.vdb' or a folder of numbered files, each frame is shown in a line; --json has all of each.
 #[derive(Debug, clap::Args)]
 pub struct Info {
-    /// OpenVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of either), and
+    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of either), and
     /// sequences of files
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
@@ -93,6 +94,7 @@ impl fmt::Display for Failure {
 #[serde(tag = "format", rename_all = "lowercase")]
 enum Content {
     Vdb(Volume),
+    NanoVdb(nano::Summary),
     Exr(ExrSummary),
     Capture(CaptureSummary),
     Usd(StageSummary),
@@ -144,8 +146,8 @@ impl Info {
 
 fn content(path: &Path, limits: Limits) -> Result<Content> {
     match formats::sniff(path)? {
-        // NanoVDB too: its refusal says how to convert it.
-        Format::Vdb | Format::NanoVdb => volume::summary(path, limits).map(Content::Vdb),
+        Format::Vdb => volume::summary(path, limits).map(Content::Vdb),
+        Format::NanoVdb => nano::summary(path, limits).map(Content::NanoVdb),
         Format::Exr => formats::exr::summary_within(path, limits).map(Content::Exr),
         Format::Capture => formats::captures::summary_within(path, limits).map(Content::Capture),
         Format::Usd => formats::usd::summary(path, limits).map(Content::Usd),
@@ -165,6 +167,7 @@ impl fmt::Display for Described {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let text = match (&self.content, &self.error) {
             (Some(Content::Vdb(volume)), _) => volume.to_string(),
+            (Some(Content::NanoVdb(summary)), _) => summary.to_string(),
             (Some(Content::Exr(picture)), _) => picture.to_string(),
             (Some(Content::Capture(capture)), _) => capture.to_string(),
             (Some(Content::Usd(stage)), _) => stage.to_string(),

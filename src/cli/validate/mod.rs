@@ -2,6 +2,7 @@
 
 mod capture;
 mod findings;
+mod nano;
 mod sequence;
 mod traits;
 mod volume;
@@ -30,7 +31,7 @@ use traits::Traits;
 /// pixels that contradict what a capture states, do not change the exit code.
 #[derive(Debug, clap::Args)]
 pub struct Validate {
-    /// OpenVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of either) with
+    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of either) with
     /// their pictures, and sequences of files
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
@@ -132,8 +133,8 @@ impl Validate {
         let format = formats::sniff(path)?;
         let (mut findings, mut traits) = (Findings::default(), Traits::new());
         match format {
-            // NanoVDB too: its refusal says how to convert it.
-            Format::Vdb | Format::NanoVdb => traits = volume::check(path, limits, &mut findings)?,
+            Format::Vdb => traits = volume::check(path, limits, &mut findings)?,
+            Format::NanoVdb => traits = nano::check(path, limits, &mut findings)?,
             Format::Exr => findings.extend(formats::exr::problems_within(path, limits)?),
             Format::Capture => capture::check(path, limits, &mut findings)?,
             Format::Usd => findings.extend(formats::usd::problems(path, limits)?),

@@ -57,7 +57,7 @@ pub(super) fn check(path: &Path, limits: Limits, findings: &mut Findings) -> Res
 }
 
 /// Returns what a grid is compared by with that of other frames.
-fn of_grid(info: &GridInfo, statistics: Option<&Statistics>) -> Trait {
+pub(super) fn of_grid(info: &GridInfo, statistics: Option<&Statistics>) -> Trait {
     let place = match &info.transform {
         Transform::Affine(map) => Some(map.matrix()),
         Transform::Other(_) => None,
@@ -70,7 +70,7 @@ fn of_grid(info: &GridInfo, statistics: Option<&Statistics>) -> Trait {
 }
 
 /// Checks the values of a grid, and returns their statistics if there are any.
-fn values(native: &NativeGrid, info: &GridInfo, findings: &mut Findings) -> Result<Option<Statistics>> {
+pub(super) fn values(native: &NativeGrid, info: &GridInfo, findings: &mut Findings) -> Result<Option<Statistics>> {
     let name = Some(info.name.as_str());
     if let Transform::Other(kind) = &info.transform {
         findings.problem(name, format!("the transform is a {kind}, not affine"), "resample it onto a linear transform");

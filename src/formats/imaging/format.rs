@@ -2,7 +2,7 @@
 
 use super::image::{Header, Image};
 use super::options::Options;
-use super::{input, meta_image, nifti, nrrd, numpy, raw, tiff, vtk};
+use super::{cvol, dicom, input, meta_image, mrc, nifti, nrrd, numpy, raw, tiff, vtk, zarr};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
@@ -31,6 +31,14 @@ pub enum Format {
     VtkXml,
     /// VTK's legacy format.
     VtkLegacy,
+    /// A DICOM series: a folder, or a file of it.
+    Dicom,
+    /// An MRC or CCP4 map.
+    Mrc,
+    /// An OME-Zarr image or a Zarr array: a folder.
+    Zarr,
+    /// A volume of the DiffDVR and fV-SRN renderers.
+    Cvol,
     /// Numbers without a header.
     Raw,
 }
@@ -47,18 +55,22 @@ impl Format {
             Self::Tiff => "TIFF",
             Self::VtkXml => ".vti",
             Self::VtkLegacy => "legacy VTK",
+            Self::Dicom => "DICOM",
+            Self::Mrc => "MRC",
+            Self::Zarr => "Zarr",
+            Self::Cvol => ".cvol",
             Self::Raw => "raw",
         }
     }
 
     /// True if such files do not state where their voxels lie, or not always.
     pub fn takes_placement(self) -> bool {
-        matches!(self, Self::Npy | Self::Npz | Self::Tiff | Self::Raw)
+        matches!(self, Self::Npy | Self::Npz | Self::Tiff | Self::Dicom | Self::Zarr | Self::Raw)
     }
 
     /// True if such a file may hold several points in time, of which one is read.
     pub fn has_times(self) -> bool {
-        matches!(self, Self::Nifti | Self::Nrrd | Self::Tiff)
+        matches!(self, Self::Nifti | Self::Nrrd | Self::Tiff | Self::Zarr)
     }
 
     /// True if such a file may hold several named arrays.
@@ -72,8 +84,13 @@ impl Format {
 /// # Errors
 /// If the file is no regular file, or cannot be read.
 pub fn sniff(path: &Path) -> Result<Option<Format>> {
+    if zarr::is_zarr(path) {
+        return Ok(Some(Format::Zarr));
+    }
     if path.is_dir() || !path.exists() {
-        return Ok(tiff::is_stack(path).then_some(Format::Tiff));
+        let series = path.is_dir() && dicom::is_series(path);
+        let stack = || tiff::is_stack(path).then_some(Format::Tiff);
+        return Ok(if series { Some(Format::Dicom) } else { stack() });
     }
     let start = input::start(path, START)?;
     Ok(if start.starts_with(b"NRRD000") {
@@ -84,6 +101,12 @@ pub fn sniff(path: &Path) -> Result<Option<Format>> {
         Some(Format::Npz)
     } else if tiff::is_tiff(&start) {
         Some(Format::Tiff)
+    } else if dicom::is_dicom(&start) {
+        Some(Format::Dicom)
+    } else if mrc::is_mrc(&start) {
+        Some(Format::Mrc)
+    } else if cvol::is_cvol(&start) {
+        Some(Format::Cvol)
     } else if start.starts_with(b"# vtk DataFile") {
         Some(Format::VtkLegacy)
     } else if vtk::is_xml(&start) {
@@ -92,6 +115,8 @@ pub fn sniff(path: &Path) -> Result<Option<Format>> {
         Some(Format::Nifti)
     } else if meta_image::is_meta_image(&start) {
         Some(Format::MetaImage)
+    } else if mrc::is_packed_mrc(path, &start)? {
+        Some(Format::Mrc)
     } else {
         None
     })
@@ -113,6 +138,10 @@ pub fn open(path: &Path, format: Format, options: &Options, limits: Limits) -> R
         Format::Tiff => tiff::open(path, options, limits),
         Format::VtkXml => vtk::open_xml(path, options, limits),
         Format::VtkLegacy => vtk::open_legacy(path, options),
+        Format::Dicom => dicom::open(path, options, limits).map(|image| vec![image]),
+        Format::Mrc => mrc::open(path).map(|image| vec![image]),
+        Format::Zarr => zarr::open(path, options, limits).map(|image| vec![image]),
+        Format::Cvol => cvol::open(path, options),
         Format::Raw => raw::open(path, options),
     };
     let images = images.map_err(|e| e.at(path))?;

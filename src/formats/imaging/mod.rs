@@ -11,10 +11,13 @@
 //! those of DICOM, ITK and NRRD's `left-posterior-superior` have x and y negated. Units are the file's, millimetres in most
 //! medical ones. The index coordinates of a voxel are those of its centre.
 
+mod cvol;
+mod dicom;
 pub mod format;
 pub mod image;
 mod input;
 mod meta_image;
+mod mrc;
 mod nifti;
 mod nrrd;
 mod numpy;
@@ -29,3 +32,4 @@ pub mod values;
 pub mod volume;
 mod vtk;
 pub mod write;
+mod zarr;

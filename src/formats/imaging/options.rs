@@ -34,6 +34,12 @@ pub struct RawLayout {
 pub struct Options {
     /// Number of the point in time to read, from 0; the first one if none.
     pub time: Option<usize>,
+    /// Number of the channel to read, from 0, of an image with several; the first one if none.
+    pub channel: Option<usize>,
+    /// Number of the resolution to read, from 0 for the finest; the finest that fits into memory if none.
+    pub level: Option<usize>,
+    /// UID of the series to read, of a folder with several.
+    pub series: Option<String>,
     /// Name of the only array to read, of a file with several.
     pub array: Option<String>,
     /// Distance of neighboring voxels along x, y and z, for files that do not state it.

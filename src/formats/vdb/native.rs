@@ -687,6 +687,32 @@ impl NativeGrid {
         Ok(native)
     }
 
+    /// Builds a `vec3s` grid with the contents of `raw`, which has three components.
+    ///
+    /// # Errors
+    /// If a leaf has the wrong number of values, a tile's edge is not 8, 128 or 4096, [`writable`] refuses the transform, or
+    /// OpenVDB reports an error.
+    pub fn from_raw(
+        name: &str,
+        class: GridClass,
+        transform: &Affine,
+        background: [f32; 3],
+        raw: &RawGrid,
+    ) -> Result<Self> {
+        let leaves = raw.leaves.iter().map(|l| (l.origin, l.values.as_slice(), &l.active));
+        let tiles = raw.tiles.iter().map(|t| ffi::RawTile {
+            origin: t.origin,
+            dim: t.dim,
+            value: t.value,
+            active: t.active.into(),
+        });
+        let mut native = Self::build(name, &background, leaves, &tiles.collect::<Vec<_>>())?;
+        native.set_name(name)?;
+        native.set_class(class)?;
+        native.set_transform(transform)?;
+        Ok(native)
+    }
+
     /// Builds a grid of as many components as `background` has.
     fn build<'l>(
         name: &str,

@@ -146,7 +146,7 @@ fn magic_and_version(c: &mut Cursor) -> Result<u32> {
     if magic.starts_with(b"NanoVDB") {
         return Err(Error::unsupported("this is a NanoVDB file; NanoVDB is not supported yet")
             .at(path)
-            .hint("convert it to OpenVDB with nanovdb_convert IN.nvdb OUT.vdb, or in Houdini"));
+            .hint("convert it first: cumulo convert IN.nvdb OUT.vdb, or nanovdb_convert"));
     }
     if i64::from_le_bytes(magic) != MAGIC {
         return Err(Error::invalid("this is no OpenVDB file (its first bytes are not ' BDV')")

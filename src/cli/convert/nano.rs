@@ -1,0 +1,96 @@
+//! NanoVDB in and out: grids of one form become those of the other, with all voxels, tiles and states.
+
+use super::Convert;
+use super::report::{GridPlace, Report, array_to_world};
+use crate::cli::output::Output;
+use crate::cli::outputs::{self, Content};
+use crate::error::{Error, Result};
+use crate::formats::imaging::values::Tally;
+use crate::formats::limits::Limits;
+use crate::formats::nanovdb::{self, Volume};
+use crate::formats::vdb::{File, NativeGrid, write_native};
+use std::collections::BTreeMap;
+use std::process::ExitCode;
+
+impl Convert {
+    fn begin_nano(&self, content: Content) -> Result<Limits> {
+        outputs::file(&self.output, content)?;
+        outputs::spare([self.output.as_path()], [self.input.as_path()])?;
+        Ok(self.memory.limits())
+    }
+
+    /// Writes the grids of a NanoVDB as those of a VDB.
+    pub(super) fn nano_to_grids(&self, output: &Output) -> Result<ExitCode> {
+        let limits = self.begin_nano(Content::Vdb)?;
+        let stage = output.stage("converting");
+        let mut file = nanovdb::File::open(&self.input, limits)?;
+        let (mut natives, mut places, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+        for index in self.chosen_of_nano(&file)? {
+            let volume = file.read(index)?;
+            let place = format!("grid '{}'", volume.name);
+            let made = volume.into_native().map_err(|e| e.part(place.clone()).at(&self.input));
+            let (mut native, found) = made?;
+            notes.extend(found.into_iter().map(|note| format!("{place}: {note}")));
+            native.set_half(self.half)?;
+            places.push(placed(&native)?);
+            natives.push(native);
+        }
+        write_native(&self.output, &natives.iter().collect::<Vec<_>>(), None, &BTreeMap::new(), self.codec)?;
+        drop(stage);
+        self.report_nano(output, places, notes)
+    }
+
+    /// Places of the grids that are read: those that --grid names, else all.
+    fn chosen_of_nano(&self, file: &nanovdb::File) -> Result<Vec<usize>> {
+        let entries = file.entries();
+        if self.grid.is_empty() {
+            return Ok((0..entries.len()).collect());
+        }
+        let find = |name: &String| {
+            entries.iter().position(|e| e.name == *name).ok_or_else(|| {
+                let all: Vec<_> = entries.iter().map(|e| format!("'{}'", e.name)).collect();
+                Error::invalid(format!("no grid '{name}'; the file has {}", all.join(", ")))
+                    .at(&self.input)
+                    .hint("name one of these")
+            })
+        };
+        self.grid.iter().map(find).collect()
+    }
+
+    /// Writes the grids of a VDB as those of a NanoVDB.
+    pub(super) fn grids_to_nano(&self, output: &Output) -> Result<ExitCode> {
+        let limits = self.begin_nano(Content::NanoVdb)?;
+        let stage = output.stage("converting");
+        let file = File::open(&self.input, limits)?;
+        let (mut volumes, mut places, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+        for name in self.chosen(&file)? {
+            let native = file.read(&name)?;
+            let mut volume = Volume::of_native(&native, limits).map_err(|e| e.at(&self.input))?;
+            notes.append(&mut volume.notes);
+            places.push(placed(&native)?);
+            volumes.push(volume);
+        }
+        notes.extend(nanovdb::write(&self.output, &volumes, limits)?);
+        drop(stage);
+        self.report_nano(output, places, notes)
+    }
+
+    fn report_nano(&self, output: &Output, grids: Vec<GridPlace>, notes: Vec<String>) -> Result<ExitCode> {
+        notes.iter().for_each(|note| output.note(format!("note: {note}")));
+        let mut report = Report::of(&self.input, &self.output)?;
+        report.format = Some("NanoVDB");
+        report.grids = grids;
+        report.notes = notes;
+        output.report(&report)?;
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// Where a grid's active voxels lie.
+fn placed(native: &NativeGrid) -> Result<GridPlace> {
+    let info = native.info()?;
+    let transform = info.affine()?;
+    let (low, high) = info.index_box.unwrap_or(([0; 3], [-1; 3]));
+    let shape = std::array::from_fn(|a| (i64::from(high[a]) - i64::from(low[a]) + 1).unsigned_abs() as usize);
+    Ok(GridPlace::new(info, shape, low, array_to_world(&transform, low), Tally::default()))
+}

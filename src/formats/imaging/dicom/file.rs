@@ -1,0 +1,246 @@
+//! What a file says of its frames.
+
+use super::element::{Elements, Head, Item, Source, Value, damaged};
+use super::fields::{Fields, Frame};
+use super::syntax::{self, META, Syntax};
+use super::tags::{
+    BITS_ALLOCATED, BITS_STORED, COLUMNS, DOSE_SCALING, DOUBLE_PIXELS, FLOAT_PIXELS, FRAME_GROUPS, FRAME_OFFSETS,
+    FRAMES, HIGH_BIT, INSTANCE_NUMBER, MODALITY, PADDING, PHOTOMETRIC, PIXELS, REPRESENTATION, ROWS, SAMPLES, SERIES,
+    SERIES_DESCRIPTION, SHARED_GROUPS, TRANSFER_SYNTAX, WANTED,
+};
+use crate::error::{Error, Result};
+use crate::formats::input;
+use crate::formats::limits::Limits;
+use glam::DVec3;
+use std::fs::File as Handle;
+use std::io::{BufReader, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+/// Numbers of a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pixels {
+    /// Integers of `stored` bits in `allocated` bits, whose lowest is bit `shift`.
+    Integer {
+        /// 8, 16 or 32.
+        allocated: u32,
+        /// Bits of the value.
+        stored: u32,
+        /// Number of the value's lowest bit.
+        shift: u32,
+        /// True for two's complement.
+        signed: bool,
+    },
+    /// 32-bit floats.
+    Float,
+    /// 64-bit floats.
+    Double,
+}
+
+impl Pixels {
+    /// Bytes of a pixel.
+    pub fn bytes(self) -> usize {
+        match self {
+            Self::Integer { allocated, .. } => allocated as usize / 8,
+            Self::Float => 4,
+            Self::Double => 8,
+        }
+    }
+    /// True for integers.
+    pub fn is_integer(self) -> bool {
+        matches!(self, Self::Integer { .. })
+    }
+}
+
+/// A file of a series.
+#[derive(Debug, Clone)]
+pub struct File {
+    /// Path of the file.
+    pub path: PathBuf,
+    /// UID of the series.
+    pub series: String,
+    /// Modality and description of the series, for people.
+    pub description: String,
+    /// Number of the image in its series.
+    pub number: i64,
+    /// Number of rows.
+    pub rows: usize,
+    /// Number of columns.
+    pub columns: usize,
+    /// Numbers of a pixel.
+    pub pixels: Pixels,
+    /// True if low values are shown bright.
+    pub inverted: bool,
+    /// Stored value of what lies outside the image.
+    pub padding: Option<i64>,
+    /// Number of frames.
+    pub frames: usize,
+    /// Coding of the data set.
+    pub syntax: Syntax,
+    /// Position of the data set in the file.
+    pub start: u64,
+    /// Position of the pixels in the data set, and how they are introduced.
+    pub pixel_data: (u64, Option<u32>),
+    /// True if the frames are slices in even steps of their thickness, for want of their positions.
+    pub even: bool,
+    /// True if 8-bit pixels of a big-endian file are stored in words.
+    pub words: bool,
+    /// Place and scale that all frames share.
+    shared: Frame,
+    /// Places and scales of single frames; empty if all share them.
+    own: Vec<Frame>,
+}
+
+impl File {
+    /// Place and scale of a frame.
+    pub fn frame(&self, number: usize) -> &Frame {
+        self.own.get(number).unwrap_or(&self.shared)
+    }
+
+    /// Bytes of an unpacked frame.
+    pub fn frame_bytes(&self) -> usize {
+        self.rows * self.columns * self.pixels.bytes()
+    }
+
+    /// Opens the data set.
+    ///
+    /// # Errors
+    /// If the file cannot be opened.
+    pub fn source(&self) -> Result<Box<dyn Source>> {
+        source(&self.path, self.start, self.syntax)
+    }
+}
+
+/// Opens the data set that begins at byte `start`.
+fn source(path: &Path, start: u64, syntax: Syntax) -> Result<Box<dyn Source>> {
+    let mut file = input::open(path)?;
+    file.seek(SeekFrom::Start(start)).map_err(Error::system)?;
+    let reader = BufReader::with_capacity(1 << 16, file);
+    Ok(if syntax.deflated { Box::new(flate2::read::DeflateDecoder::new(reader)) } else { Box::new(reader) })
+}
+
+/// Reads the meta information: the transfer syntax, and where the data set begins.
+fn meta(path: &Path) -> Result<(Syntax, u64)> {
+    let mut file: Handle = input::open(path)?;
+    file.seek(SeekFrom::Start(132)).map_err(Error::system)?;
+    let mut elements = Elements::new(Box::new(BufReader::new(file)), META, 1 << 20);
+    let mut item = Item::new();
+    loop {
+        let start = elements.position();
+        // The data set may be coded in another way, so that its first element makes no sense here.
+        let head = elements.head();
+        match head {
+            Ok(Some(head)) if head.tag >> 16 == 2 => {
+                let value = elements.value(head)?;
+                item.insert(head.tag, Value::Bytes(value));
+            }
+            _ => {
+                let uid = Fields { item: &item, big: false }.text(TRANSFER_SYNTAX);
+                let uid = uid.ok_or_else(|| damaged("the file does not state its transfer syntax"))?;
+                return Ok((syntax::of_uid(&uid)?, 132 + start));
+            }
+        }
+    }
+}
+
+/// Layout of the pixels.
+fn layout(fields: &Fields, head: Head) -> Result<Pixels> {
+    let samples = fields.u16(SAMPLES).unwrap_or(1);
+    let photometric = fields.text(PHOTOMETRIC).unwrap_or_default();
+    if samples != 1 || !(photometric.is_empty() || photometric.starts_with("MONOCHROME")) {
+        return Err(Error::unsupported(format!("pixels of {samples} samples ({photometric}); one grey value is read"))
+            .hint("choose a series of grey values with --series"));
+    }
+    match head.tag {
+        FLOAT_PIXELS => return Ok(Pixels::Float),
+        DOUBLE_PIXELS => return Ok(Pixels::Double),
+        _ => {}
+    }
+    let allocated = u32::from(fields.u16(BITS_ALLOCATED).ok_or_else(|| damaged("the bits of a pixel are not stated"))?);
+    if !matches!(allocated, 8 | 16 | 32) {
+        return Err(Error::unsupported(format!("pixels of {allocated} bits; 8, 16 and 32 are read"))
+            .hint("convert the series to 8 or 16 bits a pixel where it was made"));
+    }
+    let stored = fields.u16(BITS_STORED).map_or(allocated, u32::from);
+    let high = fields.u16(HIGH_BIT).map_or(stored.saturating_sub(1), u32::from);
+    if stored == 0 || stored > allocated || high >= allocated || high + 1 < stored {
+        return Err(damaged(format!("{stored} bits up to bit {high} are no part of {allocated} bits")));
+    }
+    let signed = fields.u16(REPRESENTATION) == Some(1);
+    Ok(Pixels::Integer { allocated, stored, shift: high + 1 - stored, signed })
+}
+
+/// Frames of a file that states the position of the first one alone, along the normal: at the offsets of a radiation dose,
+/// else in even steps of the thickness, if there is one. True for the latter.
+fn stepped(fields: &Fields, shared: &Frame, frames: usize, (first, normal): (DVec3, DVec3)) -> (Vec<Frame>, bool) {
+    let stated = fields.text(FRAME_OFFSETS).and_then(|text| Fields::list(&text)).filter(|list| list.len() == frames);
+    let even = stated.is_none();
+    let steps = |thickness: f64| (0..frames).map(|k| k as f64 * thickness).collect();
+    let Some(offsets) = stated.or_else(|| shared.thickness.map(steps)) else { return (Vec::new(), false) };
+    let at = |offset: &f64| Frame { position: Some(first + normal * (offset - offsets[0])), ..shared.clone() };
+    (offsets.iter().map(at).collect(), even)
+}
+
+/// Reads what a file says of its frames, without their pixels.
+///
+/// # Errors
+/// If the file is no DICOM file with pixels, is damaged, or is coded in a way that is not read.
+pub fn read(path: &Path, limits: Limits) -> Result<File> {
+    let (syntax, start) = meta(path)?;
+    let mut elements = Elements::new(source(path, start, syntax)?, syntax, limits.max_memory / 4);
+    let mut item = Item::new();
+    let stops = [PIXELS, FLOAT_PIXELS, DOUBLE_PIXELS];
+    let head = elements.data_set(&WANTED, &stops, &mut item)?;
+    let head = head.ok_or_else(|| {
+        Error::invalid("the file has no pixels").hint("name a series of images; reports and structures have none")
+    })?;
+    let fields = Fields { item: &item, big: syntax.big };
+    let pixels = layout(&fields, head)?;
+    let lengths = [ROWS, COLUMNS].map(|tag| usize::from(fields.u16(tag).unwrap_or(0)));
+    let stated = fields.number(FRAMES)?;
+    // An explicit count that is no positive whole number is damage.
+    let frames = stated.map_or(Some(1), |n| (n >= 1.0 && n.fract() == 0.0 && n < 1e9).then_some(n as usize));
+    let (Some(frames), false) = (frames, lengths.contains(&0)) else {
+        return Err(damaged(format!("images of {} rows, {} columns and {stated:?} frames", lengths[0], lengths[1])));
+    };
+    let none = Frame { position: None, orientation: None, spacing: None, thickness: None, rescale: (1.0, 0.0) };
+    let mut shared = fields.frame(&none)?;
+    if let Some(scaling) = fields.number(DOSE_SCALING)? {
+        shared.rescale = (scaling, 0.0);
+    }
+    if let Some(group) = fields.inner(SHARED_GROUPS) {
+        shared = group.frame(&shared)?;
+    }
+    let groups = fields.items(FRAME_GROUPS).iter().take(frames);
+    let own = groups.map(|item| Fields { item, big: syntax.big }.frame(&shared)).collect::<Result<Vec<_>>>()?;
+    if !own.is_empty() && own.len() != frames {
+        return Err(damaged(format!("{} frames are described, {frames} are stated", own.len())));
+    }
+    let (own, even) = match shared.position.zip(shared.orientation) {
+        Some((position, [row, column])) if own.is_empty() && frames > 1 => {
+            stepped(&fields, &shared, frames, (position, row.cross(column)))
+        }
+        _ => (own, false),
+    };
+    let name = [fields.text(MODALITY), fields.text(SERIES_DESCRIPTION)];
+    let signed = matches!(pixels, Pixels::Integer { signed: true, .. });
+    let padding = |v: u16| if signed { i64::from(v.cast_signed()) } else { i64::from(v) };
+    Ok(File {
+        path: path.to_path_buf(),
+        series: fields.text(SERIES).unwrap_or_default(),
+        description: name.into_iter().flatten().collect::<Vec<_>>().join(", "),
+        number: fields.number(INSTANCE_NUMBER).ok().flatten().map_or(0, |n| n as i64),
+        rows: lengths[0],
+        columns: lengths[1],
+        pixels,
+        inverted: fields.text(PHOTOMETRIC).as_deref() == Some("MONOCHROME1"),
+        padding: fields.u16(PADDING).map(padding),
+        frames,
+        syntax,
+        start,
+        pixel_data: (elements.position(), head.length),
+        even,
+        words: syntax.big && &head.vr == b"OW",
+        shared,
+        own,
+    })
+}

@@ -1,0 +1,72 @@
+//! DICOM series: the files of a folder that belong together, or one file of many frames.
+//!
+//! Slices are sorted by their positions along the normal of the image plane, and the step from one to the next comes from
+//! these positions, so that the tilt of a gantry becomes a shear. DICOM's axes, left, posterior, superior, are brought to
+//! right, anterior, superior; units are millimetres. Rescale slope and intercept are applied, so that CT comes in
+//! Hounsfield units; windows are for displays and are not applied.
+//!
+//! Elements are read by code of this crate, which bounds what a damaged length can make it allocate.
+//!
+//! Source: [DICOM](https://www.dicomstandard.org/current), parts 3 (C.7.6), 5 and 10.
+
+mod element;
+mod fields;
+mod file;
+mod packing;
+mod pixels;
+mod placement;
+mod series;
+mod syntax;
+mod tags;
+
+use super::image::{Header, Image, Values};
+use super::options::Options;
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
+use pixels::Planes;
+use std::path::Path;
+
+/// True if a file begins as DICOM files do: `DICM` behind a preamble of 128 bytes.
+pub fn is_dicom(start: &[u8]) -> bool {
+    start.get(128..132) == Some(b"DICM")
+}
+
+/// True if a folder holds a DICOM file.
+pub fn is_series(folder: &Path) -> bool {
+    series::paths(folder).is_ok_and(|paths| paths.iter().any(|path| series::begins_as_dicom(path)))
+}
+
+/// Opens a series: that of a file, or of a folder.
+///
+/// # Errors
+/// If no file is DICOM, there are several series and the options choose none, slices are missing, doubled or differ in
+/// size or orientation, or pixels are packed in a way that is not read.
+pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Image> {
+    let mut notes = Vec::new();
+    let files = series::gather(path, options.series.as_deref(), limits, &mut notes)?;
+    let place = |e: Error| e.at(path);
+    let stack = placement::stack(&files, options, &mut notes).map_err(place)?;
+    let first = &files[stack.planes[0].file];
+    let rescaled = stack.planes.iter().any(|plane| files[plane.file].frame(plane.frame).rescale != (1.0, 0.0));
+    let whole = first.pixels.is_integer() && !rescaled;
+    if files.iter().any(|file| file.inverted) {
+        notes.push("displays show low values of this series bright (MONOCHROME1); values are kept as stored".into());
+    }
+    if files.iter().any(|file| file.even) {
+        notes.push(
+            "the frames do not say where they lie; they are taken for slices in even steps of their thickness".into(),
+        );
+    }
+    if let Some(padding) = first.padding {
+        notes.push(format!("stored values of {padding} mark pixels outside the image; they are kept"));
+    }
+    let header = Header {
+        name: None,
+        size: [first.columns, first.rows, stack.planes.len()],
+        components: 1,
+        values: if whole { Values::Integer } else { Values::Real },
+        index_to_world: stack.index_to_world,
+        notes,
+    };
+    Ok(Image { header, slices: Box::new(Planes::new(files, stack.planes)) })
+}

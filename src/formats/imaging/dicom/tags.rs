@@ -1,0 +1,73 @@
+//! Tags of the elements that are read.
+#![allow(missing_docs, reason = "the names are the standard's, shortened")]
+
+pub const TRANSFER_SYNTAX: u32 = 0x0002_0010;
+pub const MODALITY: u32 = 0x0008_0060;
+pub const SERIES_DESCRIPTION: u32 = 0x0008_103e;
+pub const SLICE_THICKNESS: u32 = 0x0018_0050;
+pub const SPACING_BETWEEN_SLICES: u32 = 0x0018_0088;
+pub const SERIES: u32 = 0x0020_000e;
+pub const INSTANCE_NUMBER: u32 = 0x0020_0013;
+pub const POSITION: u32 = 0x0020_0032;
+pub const ORIENTATION: u32 = 0x0020_0037;
+pub const PLANE_POSITION: u32 = 0x0020_9113;
+pub const PLANE_ORIENTATION: u32 = 0x0020_9116;
+pub const SAMPLES: u32 = 0x0028_0002;
+pub const PHOTOMETRIC: u32 = 0x0028_0004;
+pub const FRAMES: u32 = 0x0028_0008;
+pub const ROWS: u32 = 0x0028_0010;
+pub const COLUMNS: u32 = 0x0028_0011;
+pub const PIXEL_SPACING: u32 = 0x0028_0030;
+pub const BITS_ALLOCATED: u32 = 0x0028_0100;
+pub const BITS_STORED: u32 = 0x0028_0101;
+pub const HIGH_BIT: u32 = 0x0028_0102;
+pub const REPRESENTATION: u32 = 0x0028_0103;
+pub const PADDING: u32 = 0x0028_0120;
+pub const INTERCEPT: u32 = 0x0028_1052;
+pub const SLOPE: u32 = 0x0028_1053;
+pub const PIXEL_MEASURES: u32 = 0x0028_9110;
+pub const VALUE_TRANSFORMATION: u32 = 0x0028_9145;
+pub const FRAME_OFFSETS: u32 = 0x3004_000c;
+pub const DOSE_SCALING: u32 = 0x3004_000e;
+pub const SHARED_GROUPS: u32 = 0x5200_9229;
+pub const FRAME_GROUPS: u32 = 0x5200_9230;
+pub const FLOAT_PIXELS: u32 = 0x7fe0_0008;
+pub const DOUBLE_PIXELS: u32 = 0x7fe0_0009;
+pub const PIXELS: u32 = 0x7fe0_0010;
+
+/// Sequences that are kept.
+pub const SEQUENCES: [u32; 6] =
+    [SHARED_GROUPS, FRAME_GROUPS, PLANE_POSITION, PLANE_ORIENTATION, PIXEL_MEASURES, VALUE_TRANSFORMATION];
+
+/// Elements that are kept.
+pub const WANTED: [u32; 29] = [
+    MODALITY,
+    SERIES_DESCRIPTION,
+    SLICE_THICKNESS,
+    SPACING_BETWEEN_SLICES,
+    SERIES,
+    INSTANCE_NUMBER,
+    POSITION,
+    ORIENTATION,
+    PLANE_POSITION,
+    PLANE_ORIENTATION,
+    SAMPLES,
+    PHOTOMETRIC,
+    FRAMES,
+    ROWS,
+    COLUMNS,
+    PIXEL_SPACING,
+    BITS_ALLOCATED,
+    BITS_STORED,
+    HIGH_BIT,
+    REPRESENTATION,
+    PADDING,
+    INTERCEPT,
+    SLOPE,
+    PIXEL_MEASURES,
+    VALUE_TRANSFORMATION,
+    FRAME_OFFSETS,
+    DOSE_SCALING,
+    SHARED_GROUPS,
+    FRAME_GROUPS,
+];

@@ -1,0 +1,344 @@
+//! DICOM series land where their headers say, in every coding of the elements, and damaged ones are refused.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is how a test fails")]
+
+use cumulo::error::Result;
+use cumulo::formats::imaging::format::{Format, open, sniff};
+use cumulo::formats::imaging::image::{Header, Values};
+use cumulo::formats::imaging::options::Options;
+use cumulo::formats::limits::Limits;
+use glam::DVec3;
+use std::path::Path;
+
+const LIMITS: Limits = Limits { max_memory: 64 << 20 };
+const IMPLICIT: &str = "1.2.840.10008.1.2";
+const EXPLICIT: &str = "1.2.840.10008.1.2.1";
+const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
+const BIG: &str = "1.2.840.10008.1.2.2";
+const RLE: &str = "1.2.840.10008.1.2.5";
+
+/// Writes elements in a transfer syntax.
+struct Writer {
+    bytes: Vec<u8>,
+    explicit: bool,
+    big: bool,
+}
+
+impl Writer {
+    fn new(syntax: &str) -> Self {
+        Self { bytes: Vec::new(), explicit: syntax != IMPLICIT, big: syntax == BIG }
+    }
+    fn u16(&self, v: u16) -> [u8; 2] {
+        if self.big { v.to_be_bytes() } else { v.to_le_bytes() }
+    }
+    fn u32(&self, v: u32) -> [u8; 4] {
+        if self.big { v.to_be_bytes() } else { v.to_le_bytes() }
+    }
+    fn head(&mut self, tag: u32, vr: &[u8; 2], length: u32) {
+        let mut head = [self.u16((tag >> 16) as u16), self.u16(tag as u16)].concat();
+        if !self.explicit || tag >> 16 == 0xfffe {
+            head.extend(self.u32(length));
+        } else if matches!(vr, b"OB" | b"OW" | b"SQ" | b"UN") {
+            head.extend([vr[0], vr[1], 0, 0]);
+            head.extend(self.u32(length));
+        } else {
+            head.extend(vr);
+            head.extend(self.u16(length as u16));
+        }
+        self.bytes.extend(head);
+    }
+    fn raw(&mut self, tag: u32, vr: &[u8; 2], value: &[u8]) {
+        self.head(tag, vr, value.len() as u32);
+        self.bytes.extend(value);
+    }
+    fn text(&mut self, tag: u32, vr: &[u8; 2], text: &str) {
+        let pad = if text.len() % 2 == 1 { " " } else { "" };
+        self.raw(tag, vr, format!("{text}{pad}").as_bytes());
+    }
+    fn short(&mut self, tag: u32, v: u16) {
+        self.raw(tag, b"US", &self.u16(v));
+    }
+    /// A sequence with an item of what `fill` writes; of undefined length if `open`.
+    fn sequence(&mut self, tag: u32, open: bool, fill: impl Fn(&mut Self)) {
+        let mut inner = Self { bytes: Vec::new(), explicit: self.explicit, big: self.big };
+        fill(&mut inner);
+        let length = inner.bytes.len() as u32;
+        self.head(tag, b"SQ", if open { u32::MAX } else { length + 8 });
+        self.head(0xfffe_e000, b"  ", if open { u32::MAX } else { length });
+        self.bytes.extend(inner.bytes);
+        if open {
+            self.head(0xfffe_e00d, b"  ", 0);
+            self.head(0xfffe_e0dd, b"  ", 0);
+        }
+    }
+}
+
+/// A slice of a series, of 4 columns and 3 rows.
+#[derive(Clone)]
+struct Slice {
+    syntax: &'static str,
+    series: &'static str,
+    number: i32,
+    position: DVec3,
+    axes: [DVec3; 2],
+    rescale: Option<(f64, f64)>,
+    values: Vec<i16>,
+}
+
+fn numbers(all: &[f64]) -> String {
+    // Sixteen characters are what a decimal string has room for.
+    all.iter().map(|v| format!("{v:.10}").chars().take(16).collect::<String>()).collect::<Vec<_>>().join("\\")
+}
+
+/// Runs of one byte each: packed without any gain.
+fn rle(values: &[i16]) -> Vec<u8> {
+    let mut streams = Vec::new();
+    for byte in [1, 0] {
+        let plane: Vec<u8> = values.iter().map(|v| v.to_le_bytes()[byte]).collect();
+        let mut stream = vec![plane.len() as u8 - 2];
+        stream.extend(&plane[..plane.len() - 1]);
+        // The last value as a run of two, of which one is left over.
+        stream.extend([0xff, plane[plane.len() - 1]]);
+        streams.push(stream);
+    }
+    let mut words = vec![2_u32, 64, 64 + streams[0].len() as u32];
+    words.resize(16, 0);
+    words.iter().flat_map(|w| w.to_le_bytes()).chain(streams.concat()).collect()
+}
+
+impl Slice {
+    fn data_set(&self) -> Vec<u8> {
+        let mut w = Writer::new(self.syntax);
+        w.text(0x0008_0060, b"CS", "CT");
+        w.text(0x0008_103e, b"LO", "thorax");
+        w.text(0x0010_0010, b"PN", "A^B");
+        w.text(0x0018_0050, b"DS", "1.5");
+        w.text(0x0020_000e, b"UI", self.series);
+        w.text(0x0020_0013, b"IS", &self.number.to_string());
+        w.text(0x0020_0032, b"DS", &numbers(&self.position.to_array()));
+        w.text(0x0020_0037, b"DS", &numbers(&self.axes.map(|a| a.to_array()).concat()));
+        w.short(0x0028_0002, 1);
+        w.text(0x0028_0004, b"CS", "MONOCHROME2");
+        w.short(0x0028_0010, 3);
+        w.short(0x0028_0011, 4);
+        w.text(0x0028_0030, b"DS", "0.75\\0.5");
+        for (tag, v) in [(0x0028_0100, 16), (0x0028_0101, 16), (0x0028_0102, 15), (0x0028_0103, 1)] {
+            w.short(tag, v);
+        }
+        if let Some((slope, intercept)) = self.rescale {
+            w.text(0x0028_1052, b"DS", &intercept.to_string());
+            w.text(0x0028_1053, b"DS", &slope.to_string());
+        }
+        // Sequences that are passed over, with pixels of an icon inside.
+        for open in [false, true] {
+            w.sequence(0x0088_0200, open, |w| {
+                w.short(0x0028_0010, 99);
+                w.sequence(0x0040_a730, open, |w| w.text(0x0040_a160, b"LO", "inner"));
+                w.raw(0x7fe0_0010, b"OW", &[1, 2]);
+            });
+        }
+        if self.syntax == RLE {
+            w.head(0x7fe0_0010, b"OB", u32::MAX);
+            w.raw(0xfffe_e000, b"  ", &[]);
+            w.raw(0xfffe_e000, b"  ", &rle(&self.values));
+            w.head(0xfffe_e0dd, b"  ", 0);
+        } else {
+            let bytes: Vec<u8> = self.values.iter().flat_map(|v| w.u16(v.cast_unsigned())).collect();
+            w.raw(0x7fe0_0010, b"OW", &bytes);
+        }
+        w.bytes
+    }
+
+    fn file(&self) -> Vec<u8> {
+        let mut meta = Writer::new(EXPLICIT);
+        meta.text(0x0002_0010, b"UI", self.syntax);
+        let mut data = self.data_set();
+        if self.syntax == DEFLATED {
+            let mut packed = vec![0; data.len() + 100];
+            let level = libdeflater::CompressionLvl::default();
+            let n = libdeflater::Compressor::new(level).deflate_compress(&data, &mut packed).unwrap();
+            data = packed[..n].to_vec();
+        }
+        [&[0; 128][..], b"DICM", &meta.bytes, &data].concat()
+    }
+}
+
+/// Directions of columns and rows that no axis is parallel to.
+fn oblique() -> [DVec3; 2] {
+    let row = DVec3::new(2.0, 3.0, 6.0) / 7.0;
+    [row, DVec3::new(-6.0, -2.0, 3.0) / 7.0]
+}
+
+/// Five slices 2.5 mm apart; values are unlike in every voxel.
+fn series(syntax: &'static str) -> Vec<Slice> {
+    let axes = oblique();
+    let normal = axes[0].cross(axes[1]);
+    let slice = |k: i32| Slice {
+        syntax,
+        series: "1.2.3",
+        number: k,
+        position: DVec3::new(-100.0, 20.0, 5.5) + normal * (2.5 * f64::from(k)),
+        axes,
+        rescale: Some((2.0, -1024.0)),
+        values: (0..12).map(|i| (k * 1000 - 700 + i * 7) as i16).collect(),
+    };
+    (0..5).map(slice).collect()
+}
+
+/// Writes slices under names that say nothing of their order.
+fn write(folder: &Path, slices: &[Slice]) {
+    for (n, slice) in slices.iter().enumerate() {
+        std::fs::write(folder.join(format!("{:02}.dcm", (n * 3 + 1) % slices.len())), slice.file()).unwrap();
+    }
+    std::fs::write(folder.join("notes.txt"), "no image").unwrap();
+}
+
+fn read(path: &Path, options: &Options) -> Result<(Header, Vec<f64>)> {
+    let mut image = open(path, Format::Dicom, options, LIMITS)?.remove(0);
+    let mut values = Vec::new();
+    let mut slice = vec![0.0; image.header.slice_len().unwrap()];
+    for _ in 0..image.header.size[2] {
+        image.slices.next_slice(&mut slice)?;
+        values.extend_from_slice(&slice);
+    }
+    Ok((image.header, values))
+}
+
+fn read_slices(slices: &[Slice]) -> Result<(Header, Vec<f64>)> {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path(), slices);
+    assert_eq!(sniff(folder.path()).unwrap(), Some(Format::Dicom));
+    read(folder.path(), &Options::default())
+}
+
+#[test]
+fn corners_land_where_the_headers_say_in_every_coding() {
+    for syntax in [IMPLICIT, EXPLICIT, DEFLATED, BIG, RLE] {
+        let slices = series(syntax);
+        let (header, values) = read_slices(&slices).unwrap();
+        assert_eq!((header.size, header.values), ([4, 3, 5], Values::Real), "{syntax}");
+        let stored: Vec<f64> = slices.iter().flat_map(|s| &s.values).map(|v| f64::from(*v) * 2.0 - 1024.0).collect();
+        assert_eq!(values, stored, "{syntax}");
+        let [row, column] = oblique();
+        for corner in [[0, 0, 0], [3, 0, 0], [0, 2, 0], [3, 2, 0], [0, 0, 4], [3, 0, 4], [0, 2, 4], [3, 2, 4]] {
+            let [i, j, k] = corner.map(f64::from);
+            // Columns are 0.5 apart and rows 0.75; DICOM's x and y point left and to the back.
+            let lps = slices[0].position + row * (0.5 * i) + column * (0.75 * j) + row.cross(column) * (2.5 * k);
+            let found = header.index_to_world.to_world(DVec3::new(i, j, k));
+            // Positions and directions are written with 10 decimals, the directions count up to 3 voxels of 0.75.
+            assert!((found - lps * DVec3::new(-1.0, -1.0, 1.0)).length() < 2e-9, "{syntax} {corner:?}: {found}");
+        }
+    }
+}
+
+#[test]
+fn a_file_stands_for_its_series_and_integers_stay() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut slices = series(EXPLICIT);
+    slices.iter_mut().for_each(|s| s.rescale = None);
+    let mut other = slices[..2].to_vec();
+    other.iter_mut().for_each(|s| s.series = "1.2.4");
+    slices.extend(other);
+    write(folder.path(), &slices);
+    let error = read(folder.path(), &Options::default()).unwrap_err().to_string();
+    assert!(error.contains("1.2.3 (CT, thorax, 5 files)") && error.contains("--series"), "{error}");
+    let choice = Options { series: Some("1.2.4".into()), ..Options::default() };
+    assert_eq!(read(folder.path(), &choice).unwrap().0.size, [4, 3, 2]);
+    let of_first = folder.path().join("01.dcm");
+    let (header, _) = read(&of_first, &Options::default()).unwrap();
+    assert_eq!((header.size, header.values), ([4, 3, 5], Values::Integer));
+    let wrong = Options { series: Some("9".into()), ..Options::default() };
+    assert!(read(folder.path(), &wrong).unwrap_err().to_string().contains("no series 9"));
+}
+
+#[test]
+fn uneven_missing_doubled_and_turned_slices_are_named() {
+    let all = series(EXPLICIT);
+    let without =
+        |k: usize| all.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, s)| s.clone()).collect::<Vec<_>>();
+    let error = read_slices(&without(2)).unwrap_err().to_string();
+    assert!(error.contains("5.000 mm apart") && error.contains("as if 1 were missing"), "{error}");
+    let changed = |change: &dyn Fn(&mut Slice)| {
+        let mut slices = all.clone();
+        change(&mut slices[2]);
+        read_slices(&slices).unwrap_err().to_string()
+    };
+    let normal = oblique()[0].cross(oblique()[1]);
+    let cases: [(&dyn Fn(&mut Slice), &str); 4] = [
+        (&|s| s.position += normal * 0.4, "mm apart, others"),
+        (&|s| s.position += normal * 2.5, "2 slices lie at"),
+        (&|s| s.position += oblique()[0] * 9.0, "in line"),
+        (&|s| s.axes.swap(0, 1), "another orientation"),
+    ];
+    for (change, words) in cases {
+        let error = changed(change);
+        assert!(error.contains(words), "{error} lacks {words}");
+    }
+    // A gantry's tilt moves every slice along its rows: a shear, not a fault.
+    let mut tilted = all.clone();
+    (0..5).for_each(|k| tilted[k].position += oblique()[1] * (0.3 * k as f64));
+    let step = read_slices(&tilted).unwrap().0.index_to_world.matrix().z_axis.truncate();
+    let expected = normal * 2.5 + oblique()[1] * 0.3;
+    assert!((step - expected * DVec3::new(-1.0, -1.0, 1.0)).length() < 1e-9);
+    // Two points in time: as many slices at each position.
+    let mut twice = all.clone();
+    twice.extend(all.iter().map(|s| Slice {
+        number: s.number + 100,
+        values: s.values.iter().map(|v| v + 1).collect(),
+        ..s.clone()
+    }));
+    let (header, values) = read_slices(&twice).unwrap();
+    assert!(header.size == [4, 3, 5] && header.notes.iter().any(|n| n.contains("--time")), "{header:?}");
+    assert_eq!(values[0], f64::from(all[0].values[0]) * 2.0 - 1024.0);
+}
+
+#[test]
+fn what_is_not_read_says_what_to_do() {
+    for (syntax, words) in
+        [("1.2.840.10008.1.2.4.90", "JPEG 2000"), ("1.2.840.10008.1.2.4.80", "JPEG-LS"), ("1.2.3", "unknown")]
+    {
+        let slice = Slice { syntax, ..series(EXPLICIT).remove(0) };
+        let error = read_slices(&[slice]).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("gdcmconv --raw"), "{error}");
+    }
+}
+
+/// Reads a folder whose first file is damaged; what comes out may be an error or an image, but no panic.
+fn trial(folder: &Path, bytes: &[u8], options: &Options) -> bool {
+    std::fs::write(folder.join("a.dcm"), bytes).unwrap();
+    match read(&folder.join("a.dcm"), options) {
+        Ok(_) => false,
+        Err(error) => {
+            let text = error.to_string();
+            assert!(error.remedy().is_some() && text.contains("a.dcm"), "{text}");
+            true
+        }
+    }
+}
+
+#[test]
+fn damaged_files_are_errors_and_take_no_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = Options::default();
+    for syntax in [IMPLICIT, EXPLICIT, BIG, RLE, DEFLATED] {
+        let whole = series(syntax).remove(0).file();
+        assert!(!trial(folder.path(), &whole, &options), "{syntax}");
+        for n in (0..whole.len() - 8).step_by(9) {
+            assert!(trial(folder.path(), &whole[..n], &options), "{syntax}: cut at {n}");
+        }
+        let mut refused = 0;
+        for at in (128..whole.len()).step_by(4) {
+            let mut damaged = whole.clone();
+            damaged[at] = [0, 0x7f, 0xff][at / 4 % 3];
+            refused += usize::from(trial(folder.path(), &damaged, &options));
+        }
+        assert!(refused > 20, "{syntax}: {refused}");
+    }
+    // A length of 4 GB is refused before it is allocated: the process would otherwise grow by that.
+    let mut whole = series(IMPLICIT).remove(0).file();
+    let at = whole.windows(4).position(|w| w == [0x20, 0, 0x0e, 0]).unwrap() + 4;
+    whole[at..at + 4].copy_from_slice(&[0xf0, 0xff, 0xff, 0xff]);
+    std::fs::write(folder.path().join("a.dcm"), &whole).unwrap();
+    let error = read(&folder.path().join("a.dcm"), &options).unwrap_err().to_string();
+    assert!(error.contains("(0020,000e)"), "{error}");
+}

@@ -1,0 +1,94 @@
+//! `cumulo convert`, `info` and `validate` on NanoVDB files.
+
+#![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+
+use assert_cmd::Command;
+use cumulo::formats::limits::Limits;
+use cumulo::formats::vdb::{File, NativeGrid};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+fn cumulo(code: i32, arguments: &[&str]) -> String {
+    let run = Command::cargo_bin("cumulo").unwrap().arg("--quiet").args(arguments).assert().code(code);
+    let output = run.get_output();
+    String::from_utf8(if code == 2 { output.stderr.clone() } else { output.stdout.clone() }).unwrap()
+}
+
+fn json(code: i32, arguments: &[&str]) -> Value {
+    serde_json::from_str(&cumulo(code, &[arguments, &["--json"]].concat())).unwrap()
+}
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name)
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn grid(path: &Path, name: &str) -> NativeGrid {
+    File::open(path, Limits::default()).unwrap().read(name).unwrap()
+}
+
+#[test]
+fn grids_come_back_as_they_were() {
+    let folder = tempfile::tempdir().unwrap();
+    let [nano, back] = ["a.nvdb", "b.vdb"].map(|n| folder.path().join(n));
+    for (source, names) in [
+        ("plume.vdb", &["density"][..]),
+        ("tiles.vdb", &["density"]),
+        ("sphere_level_set.vdb", &[]),
+        ("blob_sheared.vdb", &["density"]),
+        ("kinds.vdb", &["velocity", "label"]),
+    ] {
+        let source = fixture(source);
+        let all: Vec<String> =
+            File::open(&source, Limits::default()).unwrap().entries().iter().map(|e| e.name.clone()).collect();
+        let names: Vec<&str> = if names.is_empty() { all.iter().map(String::as_str).collect() } else { names.to_vec() };
+        let chosen: Vec<&str> = names.iter().flat_map(|n| ["--grid", n]).collect();
+        let made = json(0, &[&["convert", text(&source), text(&nano)], &chosen[..]].concat());
+        assert_eq!(made["grids"].as_array().unwrap().len(), names.len());
+        json(0, &["convert", text(&nano), text(&back)]);
+        for name in names {
+            let (before, after) = (grid(&source, name), grid(&back, name));
+            assert!(before.same_values(&after).unwrap(), "{} {name}", source.display());
+            let (before, after) = (before.info().unwrap(), after.info().unwrap());
+            assert_eq!((before.transform, before.class), (after.transform, after.class));
+            assert_eq!((before.value_type, before.background), (after.value_type, after.background));
+        }
+    }
+}
+
+#[test]
+fn other_types_and_missing_grids_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let nano = folder.path().join("a.nvdb");
+    let made = json(0, &["convert", text(&fixture("kinds.vdb")), text(&nano)]);
+    let notes = made["notes"].to_string();
+    assert!(notes.contains("double values are written as floats") && notes.contains("'mask'"), "{notes}");
+    let error = cumulo(2, &["convert", text(&nano), text(&folder.path().join("b.vdb")), "--grid", "smoke"]);
+    assert!(error.contains("no grid 'smoke'") && error.contains("'velocity'"), "{error}");
+    let error = cumulo(2, &["convert", text(&nano), text(&folder.path().join("b.vdb")), "--level", "1"]);
+    assert!(error.contains("--level has no effect from NanoVDB"), "{error}");
+    let error = cumulo(2, &["convert", text(&nano), text(&folder.path().join("b.nii"))]);
+    assert!(error.contains("no conversion from NanoVDB"), "{error}");
+}
+
+#[test]
+fn info_and_validate_say_what_is_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let nano = folder.path().join("a.nvdb");
+    cumulo(0, &["convert", text(&fixture("plume.vdb")), text(&nano)]);
+    let of = &json(0, &["info", text(&nano)])["files"][0];
+    assert_eq!((&of["format"], &of["version"]), (&json!("nanovdb"), &json!("32.4.2")));
+    let voxels = grid(&fixture("plume.vdb"), "density").info().unwrap().active_voxels;
+    assert_eq!(of["grids"][0]["active_voxels"], json!(voxels));
+    assert_eq!((&of["grids"][0]["value_type"], &of["grids"][0]["codec"]), (&json!("float"), &json!("none")));
+    assert!(cumulo(0, &["info", text(&nano)]).contains("grid 'density': float, fog volume"));
+    assert_eq!(json(0, &["validate", text(&nano)])["valid"], json!(true));
+    let whole = std::fs::read(&nano).unwrap();
+    std::fs::write(&nano, &whole[..whole.len() / 2]).unwrap();
+    assert_eq!(json(1, &["validate", text(&nano)])["valid"], json!(false));
+    let error = cumulo(2, &["info", text(&nano)]);
+    assert!(error.contains("grid 'density'") && error.contains("damaged or incomplete"), "{error}");
+}
