@@ -70,7 +70,7 @@ impl Format {
 
     /// True if such a file may hold several points in time, of which one is read.
     pub fn has_times(self) -> bool {
-        matches!(self, Self::Nifti | Self::Nrrd | Self::Tiff | Self::Zarr)
+        matches!(self, Self::Nifti | Self::Nrrd | Self::Tiff | Self::Dicom | Self::Zarr)
     }
 
     /// True if such a file may hold several named arrays.
