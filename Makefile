@@ -1,7 +1,7 @@
 # Every target makes what it needs: Debian packages where they are missing, Python environments, the
 # program. A second run finds it all there.
 .DEFAULT_GOAL := demo
-.PHONY: demo test fuzz soak check bench build setup install addon clean
+.PHONY: demo test fuzz soak check bench build setup share install deb addon clean
 
 export CUMULO := $(CURDIR)/target/release/cumulo
 export PYTHONDONTWRITEBYTECODE := 1
@@ -66,9 +66,28 @@ bench: build ## our figures against the goals, and tests/benches/RESULTS.md; PEE
 # `make install PREFIX=$HOME/.local` needs no root; DESTDIR serves packagers.
 PREFIX ?= /usr/local
 
-install: ## the program, built before by `make build` or `make demo`
+# Manual pages and the scripts by which shells complete, made by the program itself.
+SHARE := target/share
+
+share:
 	@test -x $(CUMULO) || { echo "$(CUMULO) is missing: run 'make build' first" >&2; exit 1; }
+	rm -rf $(SHARE)
+	mkdir -p $(SHARE)/completions
+	$(CUMULO) man -o $(SHARE)/man1 --quiet
+	$(CUMULO) completions bash > $(SHARE)/completions/cumulo.bash
+	$(CUMULO) completions zsh > $(SHARE)/completions/_cumulo
+	$(CUMULO) completions fish > $(SHARE)/completions/cumulo.fish
+
+install: share ## the program, built before by `make build` or `make demo`, with manual pages and completions
 	install -D -m 755 $(CUMULO) $(DESTDIR)$(PREFIX)/bin/cumulo
+	install -d $(DESTDIR)$(PREFIX)/share/man/man1
+	install -m 644 $(SHARE)/man1/*.1 $(DESTDIR)$(PREFIX)/share/man/man1
+	install -D -m 644 $(SHARE)/completions/cumulo.bash $(DESTDIR)$(PREFIX)/share/bash-completion/completions/cumulo
+	install -D -m 644 $(SHARE)/completions/_cumulo $(DESTDIR)$(PREFIX)/share/zsh/site-functions/_cumulo
+	install -D -m 644 $(SHARE)/completions/cumulo.fish $(DESTDIR)$(PREFIX)/share/fish/vendor_completions.d/cumulo.fish
+
+deb: build share ## target/debian/cumulo_*.deb, for this release of Debian or Ubuntu; needs `cargo install cargo-deb`
+	cargo deb --no-build --locked
 
 addon: ## Blender's extension: install it from target/cumulo-addon.zip
 	/usr/bin/python3 python/addon/build.py target/cumulo-addon.zip

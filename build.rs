@@ -5,6 +5,18 @@ use std::process::exit;
 
 const PACKAGES: &str = "libopenvdb-dev libboost-dev libclang-dev g++";
 
+/// Parts of the shim.
+const SOURCES: [&str; 8] = [
+    "shim_io.cpp",
+    "shim_grid.cpp",
+    "shim_load.cpp",
+    "shim_edit.cpp",
+    "shim_box.cpp",
+    "shim_dense.cpp",
+    "shim_convert.cpp",
+    "shim_vectors.cpp",
+];
+
 /// A build that lacks its libraries says what to install, not that a header is missing.
 fn stop(what: &str) -> ! {
     eprintln!("cumulo: {what}\n  On Debian and Ubuntu: apt-get install {PACKAGES}");
@@ -13,7 +25,7 @@ fn stop(what: &str) -> ! {
 
 fn main() {
     let shim = Path::new("src/formats/vdb");
-    for file in ["shim.h", "shim.hpp", "shim_io.cpp", "shim_grid.cpp", "shim_load.cpp", "shim_edit.cpp", "shim_box.cpp"] {
+    for file in ["shim.h", "shim.hpp"].iter().chain(&SOURCES) {
         println!("cargo:rerun-if-changed={}", shim.join(file).display());
     }
     println!("cargo:rerun-if-changed=build.rs");
@@ -33,7 +45,7 @@ fn main() {
     // Warnings of OpenVDB's own headers are not ours to mend; never -fvisibility=hidden, which links
     // and then crashes in openvdb::initialize() as its registries get duplicated.
     build.cpp(true).std("c++17").opt_level(2).debug(false).warnings(false).flag_if_supported("-Wno-deprecated");
-    build.files(["shim_io.cpp", "shim_grid.cpp", "shim_load.cpp", "shim_edit.cpp", "shim_box.cpp"].map(|f| shim.join(f)));
+    build.files(SOURCES.map(|f| shim.join(f)));
     if let Some(dir) = &own {
         build.include(dir);
     }

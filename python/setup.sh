@@ -131,7 +131,7 @@ for part in "$@"; do
     imaging)
         # shellcheck disable=SC2086
         install_packages $imaging_packages
-        make_environment imaging 3.11 SimpleITK
+        make_environment imaging 3 SimpleITK
         ;;
     bench)
         # shellcheck disable=SC2086

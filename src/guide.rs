@@ -6,6 +6,7 @@
 //! | [Captures](captures) | How do I hand over my own pictures, or pictures from Blender? |
 //! | [Blender](blender) | How do I get from a Blender scene to a render, a capture, a reconstruction, and back? |
 //! | [Transfer functions](transfer_functions) | How do densities become colors, and which file formats are read? |
+//! | [Volumes](volumes) | How do I change axes, names, voxels and forms of VDB grids for another program? |
 //! | [Medical and scientific grids](grids) | How do I get scans and simulations into OpenVDB, and grids out of it? |
 //! | [Scattering](scattering) | How do I render smoke and clouds that scatter light? |
 //! | [USD stages](usd) | How do I render a stage from Blender or Houdini, and what is read of it? |
@@ -15,6 +16,7 @@
 //! | [Reconstruction](reconstruction) | How do I find densities, transfer functions, colors, poses and viewpoints? |
 //! | [Gradients](gradients) | Which derivatives are there, and how are they checked? |
 //! | [Accuracy and cost](accuracy_and_cost) | What does accuracy cost in time and memory? |
+//! | [Scripts](shell) | How do I work on sequences, read exit codes and JSON, and check renders in continuous integration? |
 //! | [Python](python) | How do I call it from Python, and test renders with pytest? |
 //! | [Library](library) | How do I call all of this from Rust? |
 //!
@@ -65,6 +67,9 @@ pub mod reconstruction {}
 #[doc = include_str!("guide/scattering.md")]
 pub mod scattering {}
 
+#[doc = include_str!("guide/shell.md")]
+pub mod shell {}
+
 #[doc = include_str!("guide/transfer-functions.md")]
 pub mod transfer_functions {}
 
@@ -73,3 +78,6 @@ pub mod usd {}
 
 #[doc = include_str!("guide/usd-authoring.md")]
 pub mod usd_authoring {}
+
+#[doc = include_str!("guide/volumes.md")]
+pub mod volumes {}

@@ -5,6 +5,8 @@
 use crate::formats::{reading, temporary};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::path::Path;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Least limit in bytes that [`limit_memory`] sets: stacks and heaps of the libraries' threads take some tens of
@@ -74,6 +76,16 @@ fn checked(pointer: *mut u8, size: usize) -> *mut u8 {
     pointer
 }
 
+/// Receives what ended the program, the file that was being read, its part, and the remedy.
+pub type OnEnd = fn(&str, Option<&Path>, Option<&str>, Option<&str>);
+
+static ON_END: OnceLock<OnEnd> = OnceLock::new();
+
+/// Has a function called before the program ends for want of memory, or because the native library gave up.
+pub fn on_end(hook: OnEnd) {
+    let _ = ON_END.set(hook);
+}
+
 /// Ends the program after an allocation of `size` bytes failed.
 #[cold]
 fn exhausted(size: usize) -> ! {
@@ -82,21 +94,21 @@ fn exhausted(size: usize) -> ! {
             0 => String::new(),
             bytes => format!(", {} MiB are allowed in all", bytes >> 20),
         };
-        format!("out of memory: {size} bytes more are needed{allowed}\n  {SMALLER}")
+        (format!("out of memory: {size} bytes more are needed{allowed}"), SMALLER)
     })
 }
 
 /// Ends the program with exit code 2 after the native library has thrown where no exception can be caught.
 pub fn abandon(what: &str) -> ! {
     let remedy = if what == "out of memory" { SMALLER } else { "the file may be damaged; export it again" };
-    end(|| format!("OpenVDB: {what}\n  {remedy}"))
+    end(|| (format!("OpenVDB: {what}"), remedy))
 }
 
 const SMALLER: &str = "raise --max-memory, or give smaller inputs: fewer or smaller pictures, a volume that was cropped or \
                        resampled";
 
 /// Prints an error message that names the file being read, and ends the program with exit code 2.
-fn end(what: impl FnOnce() -> String) -> ! {
+fn end(what: impl FnOnce() -> (String, &'static str)) -> ! {
     static ENDING: AtomicBool = AtomicBool::new(false);
     if ENDING.swap(true, Ordering::SeqCst) {
         // Another thread is already ending the process.
@@ -107,8 +119,12 @@ fn end(what: impl FnOnce() -> String) -> ! {
     // The message and the clean-up need memory of their own, so the limit is lifted.
     let before = getrlimit(Resource::Data);
     let _ = setrlimit(Resource::Data, Rlimit { current: before.maximum, maximum: before.maximum });
-    let file = reading::latest().map(|path| format!("{}: ", path.display())).unwrap_or_default();
-    let text = format!("cumulo: {file}{}\n", what());
+    let (path, (what, remedy)) = (reading::latest(), what());
+    if let Some(hook) = ON_END.get() {
+        hook(&what, path.as_deref(), None, Some(remedy));
+    }
+    let file = path.map(|path| format!("{}: ", path.display())).unwrap_or_default();
+    let text = format!("cumulo: {file}{what}\n  {remedy}\n");
     // The standard library's stream is avoided because this thread may hold its lock.
     let _ = rustix::io::write(rustix::stdio::stderr(), text.as_bytes());
     leave(2)

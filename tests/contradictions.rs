@@ -151,6 +151,42 @@ fn display_referred_pictures_are_warned_of() {
     warned(&work, WORDS, &["1/255", "scene-linear"]);
 }
 
+/// What every reconstruction says before its work, `validate` says of the capture alone.
+#[test]
+fn validate_compares_pictures_with_what_the_capture_states() {
+    let work = with_pictures("");
+    let checked = |code: i32| -> Value {
+        let out = work.command("validate cap --json").output().unwrap();
+        assert_eq!(out.status.code(), Some(code), "{}{}", errors(&out), String::from_utf8_lossy(&out.stdout));
+        serde_json::from_slice::<Value>(&out.stdout).unwrap()["files"][0]["findings"].clone()
+    };
+    assert_eq!(checked(0), json!([]));
+    edit(&work, |c| c["background"] = json!([0.5, 0.5, 0.5]));
+    let found = checked(1);
+    assert!(found[0]["severity"] == "problem" && found.to_string().contains("[1, 1, 1]"), "{found}");
+    edit(&work, |c| c["background"] = json!([1, 1, 1]));
+    work.edit("cap", |_, film| {
+        film.rgba.iter_mut().for_each(|p| *p = p.map(|v| (255.0 * v.powf(1.0 / 2.2)).round() / 255.0));
+    });
+    let found = checked(0);
+    assert!(found.as_array().unwrap().iter().all(|f| f["severity"] == "warning"), "{found}");
+    assert!(found.to_string().contains("display-referred"), "{found}");
+}
+
+/// Sunlit smoke that is said to absorb alone: its light depends on the view.
+#[test]
+fn scattered_light_is_called_by_its_name() {
+    let work = with_pictures("--albedo 0.95 --sun 1,1,2 --sun-color 3 --samples 64");
+    let validated = work.json("validate cap");
+    assert!(validated["files"][0]["findings"].to_string().contains("no reconstruction explains"), "{validated}");
+    edit(&work, |c| {
+        c["model"] = json!("emission-absorption");
+        c["emission"] = json!([1, 1, 1]);
+    });
+    let found = work.json("validate cap")["files"][0]["findings"].to_string();
+    assert!(found.contains("another one in each view") && found.contains("without --albedo"), "{found}");
+}
+
 /// Bright emission, stated a hundred times brighter: densities follow that are a hundred times too small.
 #[test]
 fn a_wrong_emission_is_warned_of_with_the_right_one() {

@@ -21,6 +21,7 @@ use cumulo::scene::bricks::Bricks;
 use cumulo::scene::camera::Camera;
 use cumulo::scene::medium::{Medium, Source};
 use cumulo::scene::orbit::{self, Layout};
+use cumulo::scene::up::Up;
 use fields::{field, kinds, lumps, noise, odd};
 use std::fmt::Debug;
 use std::ops::ControlFlow;
@@ -39,7 +40,7 @@ fn alike<T: PartialEq + Debug + Send>(what: &str, f: impl Fn() -> T + Sync) {
 
 fn scene() -> (Bricks<f32>, Vec<Camera>) {
     let field: Bricks<f32> = field(40, odd(), lumps(40));
-    let cameras = orbit::cameras(&field.world_bounds().corners(), 9, Layout::Sphere, 48, 40, 40.0);
+    let cameras = orbit::cameras(&field.world_bounds().corners(), 9, Layout::Sphere, 48, 40, 40.0, Up::Z);
     (field, cameras)
 }
 

@@ -26,9 +26,11 @@ const PAGES: &[&str] = &[
     "src/guide/scattering.md",
     "src/guide/planning.md",
     "src/guide/python.md",
+    "src/guide/shell.md",
     "src/guide/transfer-functions.md",
     "src/guide/usd-authoring.md",
     "src/guide/usd.md",
+    "src/guide/volumes.md",
 ];
 
 /// Volumes that the pages name and the reader brings.
@@ -238,6 +240,11 @@ fn scattering() {
 }
 
 #[test]
+fn shell() {
+    assert!(run("src/guide/shell.md") >= 20);
+}
+
+#[test]
 fn transfer_functions() {
     assert!(run("src/guide/transfer-functions.md") >= 5);
 }
@@ -250,6 +257,11 @@ fn usd_authoring() {
 #[test]
 fn usd() {
     assert!(run("src/guide/usd.md") >= 6);
+}
+
+#[test]
+fn volumes() {
+    assert!(run("src/guide/volumes.md") >= 10);
 }
 
 #[test]

@@ -7,8 +7,9 @@ mod images;
 use cumulo::formats::imaging::format;
 use cumulo::formats::imaging::image::Image;
 use cumulo::formats::imaging::options::{Axes, Options, RawLayout};
+use cumulo::formats::imaging::source::Source;
 use cumulo::formats::imaging::values::Mapping;
-use cumulo::formats::imaging::volume::{GridType, Source, build};
+use cumulo::formats::imaging::volume::{GridType, build};
 use cumulo::formats::imaging::write::{Target, write};
 use cumulo::formats::limits::Limits;
 use cumulo::formats::sample;
@@ -45,7 +46,8 @@ fn grid(image: &mut Image) -> NativeGrid {
 
 /// Largest distance of a corner of the volume from where it belongs.
 fn error(map: &Affine, expected: DMat4) -> f64 {
-    let corners = (0..8).map(|i| DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 1 { (SIZE[a] - 1) as f64 } else { 0.0 })));
+    let corners = (0..8)
+        .map(|i| DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 1 { (SIZE[a] - 1) as f64 } else { 0.0 })));
     corners.map(|c| (map.to_world(c) - expected.transform_point3(c)).length()).fold(0.0, f64::max)
 }
 
@@ -164,7 +166,8 @@ fn what_a_format_cannot_hold_is_said() {
         assert_eq!(notes.contains("sheared"), !silent, "{target:?}: {notes}");
         // The whole map comes back, from the sform or the directions.
         let image = open(&path, &Options { transform: Some(source.index_to_world), ..Options::default() });
-        let unit = if matches!(target, Target::Nifti | Target::NiftiGz) { f64::from(f32::EPSILON) } else { f64::EPSILON };
+        let unit =
+            if matches!(target, Target::Nifti | Target::NiftiGz) { f64::from(f32::EPSILON) } else { f64::EPSILON };
         assert!(error(&image.header.index_to_world, source.index_to_world.matrix()) <= 64.0 * 4.0 * unit, "{target:?}");
     }
 }

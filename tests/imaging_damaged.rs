@@ -105,8 +105,13 @@ fn damaged_images_are_read_or_refused() {
             std::fs::write(dir.path().join(name), &spoiled).unwrap();
             if let Err(error) = read(&path, &sample) {
                 let text = error.to_string();
-                let named = sample.files.iter().any(|(n, _)| text.contains(n)) || text.contains(dir.path().to_str().unwrap());
-                assert!(named && error.remedy().is_some() && text.lines().count() == 2 && text.len() < 2000, "{}, round {round}: {text}", sample.name);
+                let named =
+                    sample.files.iter().any(|(n, _)| text.contains(n)) || text.contains(dir.path().to_str().unwrap());
+                assert!(
+                    named && error.remedy().is_some() && text.lines().count() == 2 && text.len() < 2000,
+                    "{}, round {round}: {text}",
+                    sample.name
+                );
                 *refused.entry(sample.name).or_default() += 1;
             }
             std::fs::write(dir.path().join(name), bytes).unwrap();
@@ -125,14 +130,20 @@ fn files_that_end_early_are_refused() {
         let (name, bytes) = sample.files.last().unwrap();
         let mut count = 0;
         // What follows the values may be missing: blanks, tags and the directories of archives aside, a byte of a checksum.
-        let needed = if name.ends_with("vti") || name.ends_with("vtk") { bytes.len().saturating_sub(140) } else { bytes.len() - 9 };
+        let needed = if name.ends_with("vti") || name.ends_with("vtk") {
+            bytes.len().saturating_sub(140)
+        } else {
+            bytes.len() - 9
+        };
         for length in (0..needed).step_by((needed / 120).max(1)) {
             std::fs::write(dir.path().join(name), &bytes[..length]).unwrap();
-            let error = read(&path, &sample).err().unwrap_or_else(|| panic!("{}: {length} of {} bytes are read", sample.name, bytes.len()));
+            let error = read(&path, &sample)
+                .err()
+                .unwrap_or_else(|| panic!("{}: {length} of {} bytes are read", sample.name, bytes.len()));
             assert!(error.remedy().is_some(), "{}: {error}", sample.name);
             count += 1;
         }
-        assert!(count >= 40, "{}: {count}", sample.name);
+        assert!(count >= 40 || bytes.len() < 60, "{}: {count}", sample.name);
         std::fs::write(dir.path().join(name), bytes).unwrap();
     }
 }

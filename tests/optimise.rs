@@ -27,6 +27,7 @@ use cumulo::scene::film::Film;
 use cumulo::scene::grid::LEAF_VOXELS;
 use cumulo::scene::medium::Medium;
 use cumulo::scene::orbit::{self, Layout};
+use cumulo::scene::up::Up;
 use fields::{field, lumps, odd, unit};
 use glam::{DMat4, DVec2, DVec3, IVec3, Vec4};
 use std::sync::Arc;
@@ -75,7 +76,7 @@ fn photos(field: &Bricks<f32>, cameras: &[Camera], background: [f32; 3]) -> Vec<
 }
 
 fn observed(field: &Bricks<f32>, views: usize) -> Observation {
-    let cameras = orbit::cameras(&field.outline(), views, Layout::Sphere, 40, 36, 35.0);
+    let cameras = orbit::cameras(&field.outline(), views, Layout::Sphere, 40, 36, 35.0, Up::Z);
     Observation::new(&photos(field, &cameras, [1.0; 3]), [1.0; 3], [0.0; 3]).unwrap()
 }
 
@@ -169,7 +170,7 @@ fn a_close_up_of_a_part_takes_nothing_away() {
         .map(|p| if balls.iter().any(|c| (p - *c).length() < 5.0) { 0.2 } else { 0.0 })
         .collect();
     field.topology.clone().fill_apron(&owned, &mut field.values);
-    let mut cameras = orbit::cameras(&field.outline(), 8, Layout::Sphere, 40, 40, 35.0);
+    let mut cameras = orbit::cameras(&field.outline(), 8, Layout::Sphere, 40, 40, 35.0, Up::Z);
     let close = Camera {
         camera_to_world: DMat4::from_translation(DVec3::new(10.0, 8.0, 60.0)),
         focal: DVec2::splat(80.0),
@@ -184,7 +185,7 @@ fn a_close_up_of_a_part_takes_nothing_away() {
 #[test]
 fn views_of_one_direction_bound_nothing() {
     let field = ball();
-    let camera = orbit::cameras(&field.outline(), 1, Layout::Ring, 40, 36, 35.0)[0];
+    let camera = orbit::cameras(&field.outline(), 1, Layout::Ring, 40, 36, 35.0, Up::Z)[0];
     let pictures = photos(&field, &[camera, camera], [1.0; 3]);
     let observation = Observation::new(&pictures, [1.0; 3], [0.0; 3]).unwrap();
     let message = Hull::new(&observation).bounds().unwrap_err().to_string();
@@ -194,7 +195,7 @@ fn views_of_one_direction_bound_nothing() {
 #[test]
 fn what_a_near_plane_hides_is_not_carved() {
     let field = ball();
-    let mut cameras = orbit::cameras(&field.outline(), 14, Layout::Sphere, 40, 36, 35.0);
+    let mut cameras = orbit::cameras(&field.outline(), 14, Layout::Sphere, 40, 36, 35.0, Up::Z);
     // One camera begins to see behind the whole medium: its picture is empty.
     cameras[4].near = 2.0 * (cameras[4].position() - field.world_bounds().centre()).length();
     let pictures = photos(&field, &cameras, [1.0; 3]);
@@ -207,7 +208,7 @@ fn what_a_near_plane_hides_is_not_carved() {
 
 #[test]
 fn transmittance_is_read_off_any_grey_medium() {
-    let camera = orbit::cameras(&[DVec3::ZERO, DVec3::ONE], 1, Layout::Ring, 4, 1, 30.0)[0];
+    let camera = orbit::cameras(&[DVec3::ZERO, DVec3::ONE], 1, Layout::Ring, 4, 1, 30.0, Up::Z)[0];
     let (source, background) = ([0.9, 0.1, 0.4], [0.0, 0.5, 0.4]);
     let mut film = Film::new(4, 1);
     for (pixel, t) in film.rgba.iter_mut().zip([1.0_f32, 0.5, 0.01, 0.25]) {
@@ -369,7 +370,7 @@ fn what_is_held_at_zero_changes_the_rest() {
 #[test]
 fn weights_follow_the_noise() {
     let field = ball();
-    let cameras = orbit::cameras(&field.outline(), 4, Layout::Sphere, 64, 64, 35.0);
+    let cameras = orbit::cameras(&field.outline(), 4, Layout::Sphere, 64, 64, 35.0, Up::Z);
     let weight = |sigma: f32| {
         let mut photos = photos(&field, &cameras, [1.0; 3]);
         for (k, photo) in photos.iter_mut().enumerate() {

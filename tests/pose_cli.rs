@@ -17,6 +17,7 @@ use cumulo::scene::grid::Grid;
 use cumulo::scene::medium::{Medium, Source};
 use cumulo::scene::sphere::{Sphere, upright};
 use cumulo::scene::transfer::Transfer;
+use cumulo::scene::up::Up;
 use fields::{field, grid, lumps, noise, odd, tinted, unit};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde_json::{Map, Value};
@@ -139,8 +140,8 @@ fn a_shared_focal_length_is_found() {
 fn rows_are_derivatives() {
     let smooth: Bricks<f32> = field(24, odd(), |p| 0.4 * lumps(24)(p));
     let dvr = Dvr::new(&smooth, Medium::new(0.7, Source::Linear([1.0, 0.5, 0.2]))).unwrap().over([1.0; 3]);
-    let sphere = Sphere::around(&smooth.outline(), [24, 20], 35.0).unwrap();
-    let camera = sphere.camera(&upright(DVec3::new(0.3, -0.5, 0.8).normalize()));
+    let sphere = Sphere::around(&smooth.outline(), [24, 20], 35.0, Up::Z).unwrap();
+    let camera = sphere.camera(&upright(DVec3::new(0.3, -0.5, 0.8).normalize(), Up::Z));
     let frame = Frame::new(&camera, sphere.distance);
     let seen = |camera: &Camera| -> Vec<[f64; 4]> {
         let rows = Rows { renderer: &dvr, reference: None, camera, rays_per_edge: 2, cancel: &NEVER };
@@ -286,7 +287,7 @@ fn an_interrupt_writes_what_is_there() {
     let child = work.start("pose c/off.json --volume a.vdb -o found.json --report page --json");
     until("the work begins", || work.path("page").exists());
     let out = interrupt(child);
-    assert_eq!(out.status.code(), Some(1), "{}", errors(&out));
+    assert_eq!(out.status.code(), Some(130), "{}", errors(&out));
     assert_eq!(serde_json::from_slice::<Value>(&out.stdout).unwrap()["stopped"], true);
     assert_eq!(transforms::load(&work.path("found.json")).unwrap().frames.len(), 6);
 }

@@ -113,7 +113,7 @@ fn ctrl_c_writes_what_is_there() {
     // 0.05 s of it.
     until("half a second of work", || processor_seconds(child.id()) > 0.5);
     let out = interrupt(child);
-    assert_eq!(out.status.code(), Some(1), "{}", errors(&out));
+    assert_eq!(out.status.code(), Some(130), "{}", errors(&out));
     let report: Value = serde_json::from_slice(&out.stdout).unwrap();
     assert_eq!(report["stopped"], true);
     assert!(number(&report, "iterations") > 0.0, "{report}");

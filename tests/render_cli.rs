@@ -284,7 +284,7 @@ fn an_interrupted_run_leaves_the_earlier_capture() {
     let child = work.start("render @plume.vdb --views 400 --size 256x256 --supersample 4 --overwrite -o cap");
     until("the first pictures", || work.files("cap").len() > before.len());
     let out = interrupt(child);
-    assert_eq!(out.status.code(), Some(2), "{}", errors(&out));
+    assert_eq!(out.status.code(), Some(130), "{}", errors(&out));
     assert!(errors(&out).contains("stopped by the user"), "{}", errors(&out));
     assert!(work.files("cap") == before, "the capture has changed");
 }

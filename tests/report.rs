@@ -4,10 +4,11 @@
 
 use base64::Engine;
 use cumulo::math::Affine;
-use cumulo::report::{Page, Plot, Series, ViewRow};
+use cumulo::report::{Beside, MOST_SLICES, Page, Plot, Series, Thumbnail, ViewRow};
 use cumulo::scene::bricks::{BRICK, Bricks, EDGE, Topology};
 use cumulo::scene::film::Film;
 use glam::{DMat4, DVec3, IVec3};
+use sha2::{Digest, Sha256};
 use std::sync::Arc;
 
 const HOSTILE: &str = r#"</title><script>alert("1")</script><img src='x' onerror=a> & 'b' "c""#;
@@ -122,7 +123,7 @@ fn attribute<'a>(tag: &'a str, name: &str) -> Option<&'a str> {
 
 /// Every tag that is opened is closed, in order; every picture has a text and lies in the page.
 fn check(html: &str) {
-    const VOID: [&str; 4] = ["!DOCTYPE", "meta", "link", "img"];
+    const VOID: [&str; 5] = ["!DOCTYPE", "meta", "link", "img", "input"];
     let mut open = Vec::new();
     for tag in tags(html) {
         let name = name_of(tag);
@@ -131,7 +132,8 @@ fn check(html: &str) {
         } else if !VOID.contains(&name) && !tag.ends_with("/>") {
             open.push(name);
         }
-        assert!(name != "script", "{tag}");
+        // The page's own script has no attribute; its hash is in the policy.
+        assert!(name != "script" || tag == "<script>" || tag == "</script>", "{tag}");
         assert!(!tag.contains("onerror=a>"), "{tag}");
         if name == "img" {
             assert!(attribute(tag, "alt").is_some_and(|a| !a.is_empty()), "no alt: {}", &tag[tag.len() - 80..]);
@@ -141,6 +143,7 @@ fn check(html: &str) {
         }
     }
     assert!(open.is_empty(), "left open: {open:?}");
+    assert_eq!(tags(html).iter().filter(|t| name_of(t) == "script").count(), 2, "one script, opened and closed");
     for outside in ["http:", "https:", "file:", "url(", "@import", "//"] {
         // A PNG in base 64 may hold two slashes.
         let text = html.split("base64,").map(|part| part.split_once('"').map_or(part, |p| p.1));
@@ -187,7 +190,7 @@ fn hostile_names_stay_text() {
     views[0].note = HOSTILE.into();
     views[0].extra = Some((HOSTILE.into(), spot(4, 4, 0.5, 1.0)));
     let volume = ball(Affine::uniform(1.0, DVec3::ZERO).unwrap(), 1.0);
-    let series = vec![Series { label: HOSTILE.into(), points: vec![(0.0, 1.0), (1.0, 2.0)] }];
+    let series = vec![Series { label: HOSTILE.into(), points: vec![(0.0, 1.0), (1.0, 2.0)], dashed: true }];
     page.figures(&[(HOSTILE, HOSTILE)]).views(HOSTILE, &views, 2).unwrap();
     page.slices(HOSTILE, HOSTILE, &volume, Some(&volume)).unwrap();
     page.plot(HOSTILE, &Plot { x: HOSTILE.into(), y: HOSTILE.into(), series }).unwrap();
@@ -291,7 +294,10 @@ fn empty_and_odd_histories_are_no_fault() {
     let series = |points: Vec<(f64, f64)>| Plot {
         x: "x".into(),
         y: "y".into(),
-        series: vec![Series { label: "one".into(), points }],
+        series: vec![
+            Series { label: "one".into(), points: points.clone(), dashed: false },
+            Series { label: "two".into(), points, dashed: true },
+        ],
     };
     let plots = [
         vec![(0.0, 0.0)],
@@ -310,4 +316,124 @@ fn empty_and_odd_histories_are_no_fault() {
     let mut page = Page::new("t", "s");
     page.views("Views", &[], 0).unwrap().stages(&none).stages(&[("a", 0.0), ("b", f64::NAN), ("c", -1.0)]);
     check(&page.html());
+}
+
+/// The only script that runs is the one that the page was written with: the policy has its hash.
+#[test]
+fn the_policy_names_the_script_by_its_hash() {
+    let html = Page::new("t", "s").html();
+    let script = html.split("<script>").nth(1).unwrap().split("</script>").next().unwrap();
+    let hash = base64::engine::general_purpose::STANDARD.encode(Sha256::digest(script.as_bytes()));
+    let policy = format!("default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{hash}'");
+    assert!(html.contains(&policy), "{policy}");
+}
+
+#[test]
+fn warnings_are_a_banner_above_all_sections() {
+    let mut page = Page::new("t", "s");
+    page.figures(&[("Time", "1 s")]).warnings(&[("Pictures contradict each other.", "Check their exposure.")]);
+    let html = page.html();
+    check(&html);
+    let banner = html.find("id=\"warnings\"").unwrap();
+    assert!(banner < html.find("<section").unwrap() && html.contains("A warning"));
+    assert!(html.contains("Pictures contradict each other.") && html.contains("Check their exposure."));
+    let none: [(&str, &str); 0] = [];
+    assert!(!Page::new("t", "s").warnings(&none).html().contains("id=\"warnings\""));
+}
+
+/// Slices of a slider in the page: data of a pane's slices along an axis, by the text of their `alt`.
+fn slices<'a>(html: &'a str, label: &str, axis: &str) -> Vec<&'a str> {
+    let alt = format!("{label}, slice at {axis} = ");
+    let is = |tag: &&str| name_of(tag) == "img" && attribute(tag, "alt").is_some_and(|a| a.starts_with(&alt));
+    tags(html).into_iter().filter(is).filter(|tag| attribute(tag, "data-slice").is_some()).collect()
+}
+
+#[test]
+fn sliders_have_every_slice_of_every_quantity_and_show_one_without_a_script() {
+    let lattice = Affine::uniform(0.5, DVec3::ZERO).unwrap();
+    let (volume, reference) = (ball(lattice, 1.0), ball(lattice, 1.1));
+    let beside = [Beside { label: "confidence", volume: &reference, top: Some(1.0) }];
+    let mut page = Page::new("t", "s");
+    page.browse("Slice by slice", "density", &volume, Some(&reference), &beside).unwrap();
+    let html = page.html();
+    check(&html);
+    // The ball has 21 voxels that are not zero along each axis; its middle is at (20, 16, 12).
+    for (axis, middle) in [("x", 20), ("y", 16), ("z", 12)] {
+        assert!(html.contains(&format!("id=\"browse-{axis}\" data-slices=\"21\"")), "{axis}");
+        for label in ["density", "reference", "difference", "confidence"] {
+            let all = slices(&html, label, axis);
+            assert_eq!(all.len(), 21, "{label} along {axis}");
+            let shown: Vec<_> = all.iter().filter(|tag| !tag.contains(" hidden")).collect();
+            assert_eq!(shown.len(), 1, "one slice is shown without a script");
+            assert_eq!(attribute(shown[0], "data-place"), Some(&format!("{axis} = {middle}")[..]));
+        }
+    }
+    // The slider is hidden until the script finds it, and says which slices there are.
+    assert_eq!(html.matches("class=\"control\" hidden").count(), 3);
+    assert_eq!(html.matches("max=\"20\"").count(), 3);
+    let bare = Bricks::zeros(volume.topology.clone(), lattice);
+    let mut page = Page::new("t", "s");
+    page.browse("Slices", "density", &bare, None, &[]).unwrap();
+    assert!(page.html().contains("Zero everywhere"));
+}
+
+#[test]
+fn long_volumes_have_a_bound_number_of_slices() {
+    let bricks = (0..20).map(|x| IVec3::new(x, 0, 0));
+    let topology = Arc::new(Topology::new(bricks).unwrap());
+    let mut volume = Bricks::zeros(topology, Affine::uniform(1.0, DVec3::ZERO).unwrap());
+    let owned: Vec<f32> = (0..20 * 512).map(|i| 1.0 + (i as f32 * 12.9898).sin()).collect();
+    let topology = volume.topology.clone();
+    topology.fill_apron(&owned, &mut volume.values);
+    let mut page = Page::new("t", "s");
+    page.browse("Slice by slice", "density", &volume, None, &[]).unwrap();
+    let html = page.html();
+    // 160 voxels along x, of which 64 slices are shown, the first and the last among them.
+    let along_x = slices(&html, "density", "x");
+    assert_eq!(along_x.len(), MOST_SLICES);
+    let places: Vec<_> = [0, MOST_SLICES - 1].map(|i| attribute(along_x[i], "data-place").unwrap()).to_vec();
+    assert_eq!(places, ["x = 0", "x = 159"]);
+    // Slices along z are reduced to 96 pixels; one byte a pixel, and a third more in base 64, with a PNG's frame.
+    let along_z = slices(&html, "density", "z");
+    assert_eq!((along_z.len(), attribute(along_z[0], "width")), (8, Some("96")));
+    assert!(attribute(along_z[0], "src").unwrap().len() < (96 * 5 + 200) * 4 / 3);
+}
+
+#[test]
+fn histograms_count_voxels_and_dash_the_reference() {
+    let lattice = Affine::uniform(0.5, DVec3::ZERO).unwrap();
+    let (volume, reference) = (ball(lattice, 1.0), ball(lattice, 0.5));
+    let mut page = Page::new("t", "s");
+    page.histogram("Histogram of densities", "density", &volume, Some(&reference)).unwrap();
+    let html = page.html();
+    check(&html);
+    assert!(html.contains("Histogram of densities") && html.contains("reference") && html.contains("swatch c1 dashed"));
+    // Windows of two widths have a drawing each, which scale with the window.
+    assert_eq!((html.matches("<svg").count(), html.matches("viewBox").count()), (2, 2));
+    assert!(html.contains("wide-only") && html.contains("narrow-only"));
+    let bare = Bricks::zeros(volume.topology.clone(), lattice);
+    let mut page = Page::new("t", "s");
+    page.histogram("Histogram of densities", "density", &bare, None).unwrap();
+    assert!(!page.html().contains("Histogram of densities"), "nothing to count");
+}
+
+#[test]
+fn thumbnails_and_wipes_show_their_pictures() {
+    let mut page = Page::new("t", "s");
+    let film = spot(192, 96, 0.4, 2.0);
+    let all: Vec<Thumbnail> = (0..3).map(|i| Thumbnail::new(format!("view_{i}"), &film, i == 1)).collect();
+    page.thumbnails("Cameras", &all, 40).unwrap().wipe("A wipe", ["a", "b"], [&film, &film]).unwrap();
+    let html = page.html();
+    check(&html);
+    let found = pictures(&html);
+    assert_eq!(found.len(), 3 + 2);
+    assert_eq!((found[0].0, found[0].1), (96, 48), "thumbnails are reduced");
+    assert!(html.contains("3 of 40 views") && html.contains("held out"));
+    // A wipe of its own shows both halves without a script; that of a table of views waits for the script.
+    assert!(html.contains("<figure class=\"wipe\"><div class=\"frame\"><img"));
+    let mut page = Page::new("t", "s");
+    page.views("Views", &rows(3, |i| format!("view_{i}")), 3).unwrap();
+    let html = page.html();
+    check(&html);
+    assert!(html.contains("<figure class=\"wipe\" hidden>") && html.matches("<option>").count() == 3);
 }

@@ -9,6 +9,7 @@ use cumulo::formats::limits::Limits;
 use cumulo::formats::usd::{Overrides, Role, ScatteringOverride, UpAxis, Value, Views, scene};
 use cumulo::scene::camera::Projection;
 use cumulo::scene::light::Light;
+use cumulo::scene::phase::Phase;
 use glam::{DMat4, DQuat, DVec2, DVec3, Vec3};
 use stages::{Stages, binary, open, package};
 use std::f64::consts::PI;
@@ -414,11 +415,15 @@ fn media_are_read_or_told() {
         "{:?}",
         scene.remarks
     );
-    let scattering =
-        ScatteringOverride { albedo: [0.9; 3], anisotropy: 0.0, gradient_shading: None, extinction_color: [1.0; 3] };
+    let scattering = ScatteringOverride { albedo: [0.9; 3], ..ScatteringOverride::default() };
     let overrides = Overrides { density_scale: Some(7.0), scattering: Some(scattering), ..Overrides::default() };
     let scene = load("", "", &overrides);
     assert_eq!((scene.volumes[0].medium.extinction, scene.remarks.len()), (7.0, 0), "{:?}", scene.remarks);
+    // What the options leave out stays as the stage states it.
+    let scene = load(&format!("{own}\n custom color3f cumulo:extinctionColor = (1, 0.5, 0.25)"), "", &overrides);
+    let medium = &scene.volumes[0].medium;
+    assert_eq!((medium.scattering.unwrap().albedo, medium.color), ([0.9; 3], [1.0, 0.5, 0.25]));
+    assert_eq!(medium.scattering.unwrap().phase, Phase::of_anisotropy(0.25));
     // The volume's place: its own and that of its grid.
     let moved = "double3 xformOp:translate = (10, 0, 0)\n uniform token[] xformOpOrder = [\"xformOp:translate\"]";
     let (here, there) = (&load("", "", &overrides).volumes[0].grid, &load(moved, "", &overrides).volumes[0].grid);

@@ -217,9 +217,32 @@ fn scene_files_become_stages() {
     fs::write(work.path("moving.json"), moving).unwrap();
     work.refused("usd author moving.json -o no.usda", &["volume 1", "30", "--fps 30"]);
     work.json("usd author moving.json --fps 30 -o velocity.usda");
+    // A stage at rest has its rate as well, since velocities are per second.
+    let rated = Stage::open(&work.path("velocity.usda"), Limits::default()).unwrap();
+    assert_eq!((rated.metadata.start, rated.time_codes_per_second()), (None, 30.0));
     let slanted = scene.to_string().replace("[0,3,0]", "[1,3,0]");
     fs::write(work.path("slanted.json"), slanted).unwrap();
     work.refused("usd author slanted.json -o no.usda", &["RectLight", "right angles"]);
+}
+
+/// Pixels that are not square are so again when the stage is read, at the size of the pictures and at another.
+#[test]
+fn pixels_keep_their_proportions() {
+    let work = Work::new();
+    fs::copy(fixture("plume.vdb"), work.path("plume.vdb")).unwrap();
+    work.json("render plume.vdb --views 2 --size 24x16 --density-scale 1 -o shots");
+    let mut capture = transforms::load(&work.path("shots")).unwrap();
+    for frame in &mut capture.frames {
+        frame.camera.focal.y *= 1.25;
+    }
+    transforms::save(&work.path("shots/transforms.json"), &capture, &serde_json::Map::new()).unwrap();
+    work.json("usd author plume.vdb --camera shots --camera-path -o stage.usda");
+    let stage = stage(&work, "stage.usda");
+    for (size, by) in [([24, 16], 1.0), ([48, 32], 2.0)] {
+        let view = stage.view(stage.camera(None).unwrap(), 0.0, size).unwrap();
+        // Apertures are in single precision.
+        assert!((view.focal / capture.frames[0].camera.focal / by - 1.0).abs().max_element() < 1e-6, "{}", view.focal);
+    }
 }
 
 fn cumulo_lights(stage: &Stage) -> Vec<Light> {

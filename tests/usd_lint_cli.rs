@@ -112,7 +112,7 @@ const FAULTS: [(&str, &str, &str, &str, bool); 19] = [
     ("moving", "metersPerUnit = 1\n", "metersPerUnit = 0.00000001\n", "implausible-size", false),
     ("moving", "    defaultPrim = \"World\"\n", "", "default-prim", true),
     ("moving", "defaultPrim = \"World\"", "defaultPrim = \"Wolrd\"", "default-prim", true),
-    ("moving", "endTimeCode = 3", "endTimeCode = 8", "time-range", true),
+    ("moving", "endTimeCode = 3", "endTimeCode = 2", "time-range", true),
     ("moving", "framesPerSecond = 24\n", "framesPerSecond = 30\n", "frame-rate", true),
     ("moving", "                2: @./smoke.0002.vdb@,\n", "", "frame-gap", false),
     ("moving", "3: @./smoke.0003.vdb@", "3: @./smoke.0001.vdb@", "frame-number", false),
@@ -199,4 +199,36 @@ fn errors_are_not_findings() {
     let out = work.command("usd lint broken.usda moving.usda").output().unwrap();
     assert_eq!(out.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&out.stdout).contains("moving.usda: clean"));
+}
+
+/// What a layer over a stage cannot change is not fixed, and what it changes keeps the times without a file.
+#[test]
+fn fixes_have_their_effect() {
+    let work = Work::new();
+    sequence(&work);
+    let folder = work.path("").canonicalize().unwrap();
+    let text = fs::read_to_string(work.path("moving.usda")).unwrap();
+    // Frame 2 has no file, and that of frame 1 has an absolute path.
+    let blocked = text
+        .replace("2: @./smoke.0002.vdb@", "2: None")
+        .replace("1: @./smoke.0001.vdb@", &format!("1: @{}/smoke.0001.vdb@", folder.display()));
+    assert_ne!(blocked, text);
+    fs::write(work.path("blocked.usda"), blocked).unwrap();
+    let (_, problems, _) = lint(&work, "blocked.usda --fix unblocked.usda");
+    assert!(!problems.contains(&"absolute-path".to_owned()), "{problems:?}");
+    let layer = fs::read_to_string(work.path("unblocked.usda")).unwrap();
+    assert!(layer.contains("1: @./smoke.0001.vdb@") && layer.contains("2: None"), "{layer}");
+    // The prototype's prims cannot be changed through an instance of it.
+    let header = "#usda 1.0\n(\n    defaultPrim = \"a\"\n    metersPerUnit = 1\n    upAxis = \"Z\"\n)\n";
+    let still = fs::read_to_string(work.path("still.usda")).unwrap();
+    fs::write(work.path("wrong.usda"), still.replace("fieldDataType = \"double\"", "fieldDataType = \"float\""))
+        .unwrap();
+    for (instanceable, code) in [("true", 1), ("false", 0)] {
+        let prim = format!(
+            "def Xform \"a\" (\n    instanceable = {instanceable}\n    references = @./wrong.usda@\n)\n{{\n}}\n"
+        );
+        fs::write(work.path("instance.usda"), format!("{header}{prim}")).unwrap();
+        let (found, left, _) = lint(&work, "instance.usda --fix over.usda --overwrite");
+        assert_eq!((found, left.contains(&"data-type".to_owned())), (code, code == 1), "{instanceable}: {left:?}");
+    }
 }

@@ -124,7 +124,7 @@ fn level_sets_are_refused_as_fog_with_what_to_do() {
     let file = File::open(&path, Limits::default()).unwrap();
     assert_eq!(file.read_grid("surface").unwrap().class, GridClass::LevelSet);
     let text = file.read_fog(None).unwrap_err().to_string();
-    assert!(text.contains("level set") && text.contains("ls2fog") && text.contains("'surface'"), "{text}");
+    assert!(text.contains("level set") && text.contains("--to fog") && text.contains("'surface'"), "{text}");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 import bpy
 
-from . import denoise, export, load, panel, preferences, reconstruct, render, settings, views
+from . import denoise, export, job, load, panel, preferences, reconstruct, render, settings, views
 
 CLASSES = (
     preferences.Preferences,
@@ -26,6 +26,10 @@ def register():
 
 def unregister():
     """Called by Blender when the extension is switched off."""
-    del bpy.types.Scene.cumulo
-    for each in reversed(CLASSES):
-        bpy.utils.unregister_class(each)
+    try:
+        # Blender forgets an operator that runs, and leaves its program and its progress to this.
+        job.Job.stop(bpy.context)
+    finally:
+        del bpy.types.Scene.cumulo
+        for each in reversed(CLASSES):
+            bpy.utils.unregister_class(each)

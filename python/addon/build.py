@@ -10,7 +10,7 @@ import sys
 import zipfile
 
 HERE = pathlib.Path(__file__).resolve().parent
-MODULES = ("capture.py", "exr.py", "padding.py", "bpy_scene", "cycles")
+MODULES = ("capture.py", "exr.py", "options.py", "padding.py", "bpy_scene", "cycles")
 TOOLS = ("build.py", "screenshot.py")
 
 

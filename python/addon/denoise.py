@@ -3,7 +3,7 @@
 import bpy
 
 from .cumulo import bpy_scene
-from .job import Job
+from .job import Job, labelled
 from .preferences import program_path
 from .program import run
 from .render import show
@@ -33,10 +33,9 @@ class Denoise(Job, bpy.types.Operator):
         folder = folder_of(self.folder) if self.folder else folder_of(panel) / "denoised"
         frames = bpy_scene.frames_of(scene)
         words = [program, "denoise", pictures, "-o", folder / "frame.####.exr", "--overwrite"]
-        yield 0, len(frames), "export"
-        exported = bpy_scene.export(folder / "scene", scene, frames)
+        exported = yield from labelled("export", bpy_scene.export_steps(folder / "scene", scene, frames))
         if bpy_scene.count_volumes(scene) == 1:
-            volume = bpy_scene.motion_arguments(folder / "scene", scene, frames)
+            volume = yield from labelled("volume", bpy_scene.motion_steps(folder / "scene", scene, frames))
             motion = folder / "motion" / "frame.####.exr"
             yield from run([program, "motion", *volume, "--cameras", exported.cameras, "-o", motion, "--overwrite"])
             words += ["--motion", f"files:{motion}"]

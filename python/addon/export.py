@@ -3,6 +3,7 @@
 import bpy
 
 from .cumulo import bpy_scene
+from .job import Job, labelled
 from .settings import folder_of
 
 
@@ -11,7 +12,7 @@ def frames_to_show(scene, animation):
     return bpy_scene.frames_of(scene) if animation else (scene.frame_current,)
 
 
-class ExportScene(bpy.types.Operator):
+class ExportScene(Job, bpy.types.Operator):
     """Write the scene's volumes, lights, world and camera as a scene file and a camera path of Cumulo"""
 
     bl_idname = "cumulo.export_scene"
@@ -24,13 +25,10 @@ class ExportScene(bpy.types.Operator):
         name="Animation", description="All frames of the scene, in place of the present one"
     )
 
-    def execute(self, context):
-        """Exports, and says how the program renders what was written."""
-        try:
-            folder = folder_of(self.folder or context.scene.cumulo.folder)
-            exported = bpy_scene.export(folder, context.scene, frames_to_show(context.scene, self.animation))
-        except (ValueError, OSError, RuntimeError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
-        self.report({"INFO"}, f"cumulo {' '.join(exported.arguments(folder / 'render'))}")
-        return {"FINISHED"}
+    def steps(self, context):
+        """Exports one frame a step, and says how the program renders what was written."""
+        scene = context.scene
+        folder = folder_of(self.folder or scene.cumulo.folder)
+        frames = frames_to_show(scene, self.animation)
+        exported = yield from labelled("export", bpy_scene.export_steps(folder, scene, frames))
+        self.report({"INFO"}, exported.command(folder / "render"))

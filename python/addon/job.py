@@ -4,13 +4,27 @@ import time
 
 import bpy
 
-from .program import ProgramError
+from .program import ProgramError, Waiting
 
 # Seconds between two looks at a job.
 PAUSE = 0.1
 # Steps of the progress at the mouse pointer.
 SCALE = 1000
-FAULTS = (ProgramError, ValueError, OSError, RuntimeError)
+# Blender raises ReferenceError about data that an undo, or a user, removed meanwhile.
+FAULTS = (ProgramError, ValueError, OSError, RuntimeError, ReferenceError)
+
+
+def labelled(what, steps):
+    """Steps (done, of) of a generator as those of a Job, (done, of, what); returns what the generator returns."""
+    try:
+        while True:
+            try:
+                done, of = next(steps)
+            except StopIteration as end:
+                return end.value
+            yield done, of, what
+    finally:
+        steps.close()
 
 
 class Job:
@@ -20,8 +34,6 @@ class Job:
     background mode it runs to its end at once. What goes wrong is a report of Blender's.
     """
 
-    # True where a step is work, not a look at a program that works.
-    works_itself = False
     # One job at a time: they share the scene and the machine.
     active = None
 
@@ -30,12 +42,19 @@ class Job:
         """True while no job runs."""
         return Job.active is None
 
+    @staticmethod
+    def stop(context):
+        """Ends the job that runs, if there is one."""
+        if Job.active is not None:
+            Job.active._end(context)
+
     def execute(self, context):
         """Does all of the work, and returns when it is done."""
         steps = self.steps(context)
         try:
-            for _ in steps:
-                time.sleep(0.0 if self.works_itself else PAUSE)
+            for step in steps:
+                if isinstance(step, Waiting):
+                    time.sleep(PAUSE)
         except FAULTS as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
@@ -60,15 +79,14 @@ class Job:
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
-        """Does the next step at each tick of the timer; Esc ends the work."""
-        if event.type == "ESC" and event.value == "PRESS":
-            self._end(context)
-            self.report({"WARNING"}, f"{self.bl_label} was cancelled")
-            return {"CANCELLED"}
-        if event.type != "TIMER":
-            return {"PASS_THROUGH"}
+        """Does the next step at each tick of a timer; Esc ends the work."""
         try:
-            self._show(context, *next(self._steps))
+            if event.type == "ESC" and event.value == "PRESS":
+                self._end(context)
+                self.report({"WARNING"}, f"{self.bl_label} was cancelled")
+                return {"CANCELLED"}
+            if event.type == "TIMER":
+                self._show(context, *next(self._steps))
         except StopIteration:
             self._end(context)
             return {"FINISHED"}
@@ -76,7 +94,12 @@ class Job:
             self._end(context)
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
-        return {"RUNNING_MODAL"}
+        except BaseException:
+            # Blender drops an operator that fails so, and no other job could begin.
+            self._end(context)
+            raise
+        # Ticks as well: other operators wait for those of theirs.
+        return {"PASS_THROUGH"}
 
     def cancel(self, context):
         """Called by Blender when it closes the window or loads another file."""
@@ -90,8 +113,16 @@ class Job:
 
     def _end(self, context):
         """Ends the work, done or not, and takes its progress away."""
-        Job.active = None
-        self._steps.close()
-        context.window_manager.event_timer_remove(self._timer)
-        context.window_manager.progress_end()
-        context.workspace.status_text_set(None)
+        if Job.active is self:
+            Job.active = None
+        try:
+            self._steps.close()
+        finally:
+            # Where Blender ends, or loads another file, they may be gone before.
+            timer, self._timer = self._timer, None
+            manager = getattr(context, "window_manager", None)
+            if timer and manager:
+                manager.event_timer_remove(timer)
+                manager.progress_end()
+            if workspace := getattr(context, "workspace", None):
+                workspace.status_text_set(None)

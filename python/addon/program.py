@@ -80,7 +80,10 @@ class Process:
         self._join()
         if self._child.returncode not in (0, 1):
             raise ProgramError(self._message())
-        return json.loads(self._out)
+        try:
+            return json.loads(self._out)
+        except ValueError as error:
+            raise ProgramError(f"{' '.join(self.words)} gave no report; is it a cumulo of this version?") from error
 
     def _message(self):
         """What the program said of its failure: from its own line on."""
@@ -94,12 +97,16 @@ class Process:
         )
 
 
+class Waiting(tuple):
+    """A step (done, of, what) of another process, on which there is nothing to do but to wait."""
+
+
 def run(words):
-    """Runs a command: a generator of (done, of, what), which returns the report. Closing it ends the program."""
+    """Runs a command: a generator of Waiting, which returns the report. Closing it ends the program."""
     process = Process(words)
     try:
         while process.running():
-            yield process.progress
+            yield Waiting(process.progress)
         return process.report()
     finally:
         process.stop()

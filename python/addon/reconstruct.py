@@ -14,6 +14,8 @@ class Reconstruct(Job, bpy.types.Operator):
 
     bl_idname = "cumulo.reconstruct"
     bl_label = "Reconstruct"
+    # The result that it loads can be undone.
+    bl_options = {"UNDO"}
 
     capture: bpy.props.StringProperty(
         name="Capture",
@@ -35,7 +37,8 @@ class Reconstruct(Job, bpy.types.Operator):
 
     def steps(self, context):
         """Runs the program, and loads what it found."""
-        panel = context.scene.cumulo.folder
+        # By name, for the reconstruction takes a while, in which an undo makes all data anew.
+        name, panel = context.scene.name, context.scene.cumulo.folder
         capture = folder_of(self.capture) if self.capture else folder_of(panel) / "views"
         output = folder_of(self.output) if self.output else folder_of(panel) / "reconstruction.vdb"
         words = [program_path(context), "reconstruct", "density", capture, "-o", output]
@@ -43,5 +46,7 @@ class Reconstruct(Job, bpy.types.Operator):
             words += ["--resolution", self.resolution]
         report = yield from run(words)
         if self.load:
-            bpy_scene.load(output, context.scene, self.like or None, capture)
+            if name not in bpy.data.scenes:
+                raise ValueError(f"{output} is written, but the scene {name!r} is gone; load it by Load Result")
+            bpy_scene.load(output, bpy.data.scenes[name], self.like or None, capture)
         self.report({"INFO"}, f"{output}: {report['iterations']} iterations")

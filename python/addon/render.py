@@ -4,13 +4,14 @@ import bpy
 
 from .cumulo import bpy_scene
 from .export import frames_to_show
-from .job import Job
+from .job import Job, labelled
 from .preferences import program_path
 from .program import run
 from .settings import folder_of
 
-# Name of the image that shows the result.
+# Name of the image that shows the result, and the property by which it is known, for others may have its name.
 IMAGE = "Cumulo"
+MARK = "cumulo_result"
 
 
 class Render(Job, bpy.types.Operator):
@@ -32,23 +33,22 @@ class Render(Job, bpy.types.Operator):
         program, scene = program_path(context), context.scene
         folder = folder_of(self.folder) if self.folder else folder_of(scene.cumulo.folder) / "render"
         frames = frames_to_show(scene, self.animation)
-        yield 0, len(frames), "export"
-        exported = bpy_scene.export(folder / "scene", scene, frames)
+        exported = yield from labelled("export", bpy_scene.export_steps(folder / "scene", scene, frames))
         words = [program, *exported.arguments(folder, self.samples), "--overwrite"]
         if self.animation:
             # What Denoise Sequence follows.
             words += ["--aov", "motion"]
         yield from run(words)
-        show(folder / f"frame.{frames[0]:04}.exr", len(frames))
-        self.report({"INFO"}, f"{len(frames)} pictures are in {folder}, and the image {IMAGE}")
+        image = show(folder / f"frame.{frames[0]:04}.exr", len(frames))
+        self.report({"INFO"}, f"{len(frames)} pictures are in {folder}, and the image {image.name}")
 
 
 def show(path, frames):
-    """Makes the image `IMAGE` of a picture, or of a sequence that begins with it."""
-    image = bpy.data.images.get(IMAGE)
+    """Makes the image `IMAGE` of a picture, or of a sequence that begins with it; the one of an earlier result is reused."""
+    image = next((each for each in bpy.data.images if each.get(MARK) and each.library is None), None)
     if image is None:
         image = bpy.data.images.load(str(path))
-        image.name = IMAGE
+        image.name, image[MARK] = IMAGE, True
     image.filepath = str(path)
     image.source = "SEQUENCE" if frames > 1 else "FILE"
     image.reload()

@@ -45,7 +45,10 @@ class Settings(bpy.types.PropertyGroup):
 
 
 def folder_of(path):
-    """A folder that a property names. Raises ValueError where it lies beside a .blend that is not saved yet."""
+    """A folder that a property names. Raises ValueError where it names none, or lies beside a .blend that is not saved
+    yet."""
+    if not path.strip():
+        raise ValueError("no folder or file is named; choose one")
     if path.startswith("//") and not bpy.data.filepath:
         raise ValueError(f"{path} is beside the .blend, which is not saved yet; save it, or choose another folder")
     return pathlib.Path(bpy.path.abspath(path))

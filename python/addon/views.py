@@ -3,7 +3,7 @@
 import bpy
 
 from .cumulo import bpy_scene
-from .job import Job
+from .job import Job, labelled
 from .settings import folder_of
 
 
@@ -12,7 +12,6 @@ class RenderViews(Job, bpy.types.Operator):
 
     bl_idname = "cumulo.render_views"
     bl_label = "Render Views for Reconstruction"
-    works_itself = True
 
     folder: bpy.props.StringProperty(
         name="Folder", description="Folder of the capture; empty for 'views' in the panel's", subtype="DIR_PATH"
@@ -34,6 +33,5 @@ class RenderViews(Job, bpy.types.Operator):
             samples=self.samples,
         )
         yield 0, self.views, "views"
-        for done, of in shots:
-            yield done, of, "views"
+        yield from labelled("views", shots)
         self.report({"INFO"}, f"{self.views} views are in {folder}")

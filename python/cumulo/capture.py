@@ -8,15 +8,23 @@ vectors. Keys that Cumulo does not use are kept when a capture is read and writt
 change the pictures and is not understood is refused.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import json
 import math
 import os
 import pathlib
 import tempfile
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from .options import Path
+
+Matrix = npt.NDArray[np.float64]
 MODELS = ("absorption", "emission-absorption", "pre-shaded", "scattering")
 EMISSION_MODELS = ("grey", "linear")
 PIXEL_FILTERS = ("point", "box")
@@ -34,7 +42,7 @@ class Camera:
     capture. `extra` holds the keys of the frame that have no other place.
     """
 
-    camera_to_world: np.ndarray
+    camera_to_world: Matrix
     fl_x: float
     fl_y: float
     cx: float
@@ -43,9 +51,9 @@ class Camera:
     height: int
     orthographic: bool = False
     near: float | None = None
-    extra: dict = dataclasses.field(default_factory=dict)
+    extra: dict[str, Any] = dataclasses.field(default_factory=dict)
 
-    def rays(self, offsets=((0.5, 0.5),)):
+    def rays(self, offsets: npt.ArrayLike = ((0.5, 0.5),)) -> tuple[Matrix, Matrix]:
         """World origins and unit directions, each [offset, height, width, 3] in f64, through the
         points at `offsets` (x, y in 0..1) of every pixel."""
         off = np.asarray(offsets, dtype=np.float64)[:, None, None, :]
@@ -72,26 +80,29 @@ class Capture:
     voxel indices to the world. `extra` holds the keys at the top that have no other place.
     """
 
-    frames: list
+    frames: list[tuple[Camera, pathlib.Path]]
     model: str = "absorption"
-    background: tuple = (1.0, 1.0, 1.0)
+    background: tuple[float, ...] = (1.0, 1.0, 1.0)
     pixel_filter: str = "point"
     near: float = 0.0
     density_scale: float = 1.0
-    emission: tuple = (1.0, 1.0, 1.0)
-    lattice: np.ndarray | None = None
+    emission: tuple[float, ...] = (1.0, 1.0, 1.0)
+    lattice: Matrix | None = None
     emission_model: str = "grey"
-    transfer: dict | None = None
-    extra: dict = dataclasses.field(default_factory=dict)
+    transfer: dict[str, Any] | None = None
+    extra: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     @classmethod
-    def read(cls, path):
+    def read(cls, path: Path) -> Capture:
         """Reads a `transforms.json`. Raises ValueError naming the file and the frame that is wrong."""
         path = pathlib.Path(path)
         if path.is_dir():
             path = path / "transforms.json"
         # Windows editors put a byte order mark before the text.
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
+        try:
+            data = json.loads(path.read_text(encoding="utf-8-sig"))
+        except ValueError as error:
+            raise ValueError(f"{path}: it is no JSON: {error}") from error
         if not isinstance(data, dict) or not isinstance(data.get("frames"), list) or not data["frames"]:
             raise ValueError(f"{path}: no frames; a capture needs at least one")
         # Null counts as absent.
@@ -117,13 +128,13 @@ class Capture:
             raise ValueError(f"{path}: transfer is not a transfer function but {type(options['transfer']).__name__}")
         return cls(frames, **options, extra=top)
 
-    def write(self, path):
+    def write(self, path: Path) -> None:
         """Writes `transforms.json`, whole or not at all; pictures are named relative to its folder.
 
         Raises ValueError where a key of `extra` is one of the capture's own, or a number is not finite.
         """
         path = pathlib.Path(path)
-        data = {
+        data: dict[str, Any] = {
             "model": self.model,
             "background": list(self.background),
             "pixel_filter": self.pixel_filter,
@@ -145,14 +156,14 @@ class Capture:
             os.replace(draft, path)
 
 
-def _checked_extra(extra, reserved, path):
+def _checked_extra(extra: dict[str, Any], reserved: Iterable[str], path: pathlib.Path) -> dict[str, Any]:
     taken = sorted(extra.keys() & set(reserved))
     if taken:
         raise ValueError(f"{path}: extra key {taken[0]!r} is one of the capture's own; set its field instead")
     return extra
 
 
-def _read_frame(frame, shared, folder):
+def _read_frame(frame: Mapping[str, Any], shared: Mapping[str, Any], folder: pathlib.Path) -> tuple[Camera, pathlib.Path]:
     frame = {key: value for key, value in frame.items() if value is not None}
     picture = folder / frame.pop("file_path")
     # "view.0001" has no suffix that is one of a picture.
@@ -170,7 +181,7 @@ def _read_frame(frame, shared, folder):
     return _camera(matrix, keys, near, frame), picture
 
 
-def _matrix(rows, name):
+def _matrix(rows: npt.ArrayLike, name: str) -> Matrix:
     matrix = np.array(rows, dtype=np.float64)
     if matrix.shape == (3, 4):
         matrix = np.vstack([matrix, (0, 0, 0, 1)])
@@ -179,7 +190,7 @@ def _matrix(rows, name):
     return matrix
 
 
-def _camera(matrix, keys, near, extra):
+def _camera(matrix: Matrix, keys: Mapping[str, Any], near: float | None, extra: dict[str, Any]) -> Camera:
     width, height = int(keys["w"]), int(keys["h"])
     model = keys.get("camera_model", "PINHOLE")
     orthographic = model == "ORTHOGRAPHIC"
@@ -189,7 +200,7 @@ def _camera(matrix, keys, near, extra):
         if keys.get(key):
             raise ValueError(f"lens distortion ({key} is {keys[key]}); undistort the pictures first")
 
-    def focal(axis, pixels):
+    def focal(axis: str, pixels: int) -> float | None:
         if f"fl_{axis}" in keys:
             return float(keys[f"fl_{axis}"])
         if f"camera_angle_{axis}" in keys and not orthographic:
@@ -197,7 +208,9 @@ def _camera(matrix, keys, near, extra):
         return None
 
     fl_x, fl_y = focal("x", width), focal("y", height)
-    if fl_x is None and fl_y is None:
+    if fl_x is None:
+        fl_x = fl_y
+    if fl_x is None:
         raise ValueError("neither fl_x nor camera_angle_x is given")
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     # Columns of unit length are kept to the last bit, so that what was written is what is read.
@@ -205,7 +218,7 @@ def _camera(matrix, keys, near, extra):
         matrix[:3, :3] /= lengths
     return Camera(
         matrix,
-        fl_y if fl_x is None else fl_x,
+        fl_x,
         fl_x if fl_y is None else fl_y,
         float(keys.get("cx", width / 2)),
         float(keys.get("cy", height / 2)),
@@ -217,9 +230,9 @@ def _camera(matrix, keys, near, extra):
     )
 
 
-def _frame(camera, picture, path):
-    frame = {
-        "file_path": os.path.relpath(picture, path.parent),
+def _frame(camera: Camera, picture: pathlib.Path, path: pathlib.Path) -> dict[str, Any]:
+    frame: dict[str, Any] = {
+        "file_path": pathlib.Path(os.path.relpath(picture, path.parent)).as_posix(),
         "transform_matrix": camera.camera_to_world.tolist(),
         "fl_x": camera.fl_x,
         "fl_y": camera.fl_y,
@@ -235,7 +248,7 @@ def _frame(camera, picture, path):
     return frame | _checked_extra(camera.extra, frame.keys() | {"near", *INTRINSICS, *DISTORTIONS}, path)
 
 
-def look_at(eye, target, up=(0.0, 0.0, 1.0)):
+def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, up: npt.ArrayLike = (0.0, 0.0, 1.0)) -> Matrix:
     """Camera-to-world matrix of a camera at `eye` that looks at `target`."""
     eye, target, up = (np.asarray(v, dtype=np.float64) for v in (eye, target, up))
     back = (eye - target) / np.linalg.norm(eye - target)
@@ -248,7 +261,8 @@ def look_at(eye, target, up=(0.0, 0.0, 1.0)):
     return matrix
 
 
-def sphere_cameras(count, low, high, width, height, field_of_view=math.radians(40)):
+def sphere_cameras(count: int, low: npt.ArrayLike, high: npt.ArrayLike, width: int, height: int,
+                   field_of_view: float = math.radians(40)) -> list[Camera]:  # fmt: skip
     """`count` perspective cameras on a Fibonacci sphere around the world box `low`..`high`, each with
     the whole box in view."""
     low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)

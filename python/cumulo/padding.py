@@ -1,5 +1,7 @@
 """Copies of VDB grids that Cycles renders whole (needs the `openvdb` module, which Blender brings)."""
 
+import functools
+import os
 import pathlib
 
 import numpy as np
@@ -99,6 +101,19 @@ def _widened(mask, axis, margin):
 def lattice(path, grid):
     """Index-to-world matrix of a grid, [4, 4] f64 on column vectors, and its active index box
     (low, high), both inclusive. Raises ValueError where the grid has nothing in it."""
+    try:
+        state = os.stat(path)
+        stamp = (state.st_mtime_ns, state.st_size)
+    except OSError:
+        stamp = None
+    matrix, box = _lattice(str(path), grid, stamp)
+    return matrix.copy(), box
+
+
+@functools.lru_cache(maxsize=256)
+def _lattice(path, grid, stamp):
+    """The lattice of a grid in the file as it was at `stamp`: to know it, all of the grid is read, and animations ask for
+    the same one in every frame."""
     source = read_grid(path, grid)
     if not source.activeVoxelCount():
         raise ValueError(f"{path}: grid {grid!r} has no active voxels; there is nothing to see")

@@ -350,6 +350,14 @@ class ArrayGrid(Report):
     transform: Matrix
     background: tuple[float, ...]
     active_voxels: int
+    value_type: str = ""
+    shape: tuple[int, ...] = ()
+    least: float | None = None
+    greatest: float | None = None
+    non_finite: int = 0
+    removed: int = 0
+    removed_greatest: float | None = None
+    removed_share: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -362,7 +370,7 @@ class ArrayLayer(Report):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Converted(Report):
-    """A converted file: `grids` from VDB to VDB; `shape`, `axes`, and `grid` or `layer` where an array is a side."""
+    """A converted file: `grids` of a VDB that was written; `shape`, `axes`, and `grid` or `layer` of the only array."""
 
     input: pathlib.Path
     output: pathlib.Path
@@ -374,6 +382,8 @@ class Converted(Report):
     axes: tuple[str, ...] | None = None
     grid: ArrayGrid | None = None
     layer: ArrayLayer | None = None
+    format: str | None = None
+    notes: list[str] = dataclasses.field(default_factory=list)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -87,7 +87,7 @@ def call(
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=None if progress is True else subprocess.PIPE,
-        text=True,
+        encoding="utf-8",
         errors="replace",
         env=environment,
     )
@@ -103,6 +103,9 @@ def call(
         listener.join()
     except BaseException:
         _stop(child)
+        # Its pipe must not be closed under it.
+        if listener.ident is not None:
+            listener.join(PATIENCE)
         raise
     finally:
         for stream in (child.stdout, child.stderr):

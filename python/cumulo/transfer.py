@@ -5,18 +5,28 @@
     write_transfer("smoke.tf.json", transfer_from_color_ramp(ramp, domain=(0, 2), extinction=10))
 """
 
+from __future__ import annotations
+
 import json
 import os
 import pathlib
 import tempfile
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+
+from .options import Path
+
+# Position and color of a knot.
+Knot = tuple[float, tuple[float, ...]]
 
 # Curves are sampled at this many equal steps, and beside where the ramp itself has a kink or a step.
 STEPS = 256
 
 
-def transfer_from_color_ramp(ramp, domain=(0.0, 1.0), extinction=1.0, name=None):
+def transfer_from_color_ramp(ramp: Any, domain: Sequence[float] = (0.0, 1.0), extinction: float = 1.0,
+                             name: str | None = None) -> dict[str, Any]:  # fmt: skip
     """What a `bpy.types.ColorRamp` says of densities, as the dict that a `.tf.json` holds.
 
     Positions 0 and 1 stand for the two densities of `domain`. Colors are the ramp's, scene-linear in
@@ -33,13 +43,13 @@ def transfer_from_color_ramp(ramp, domain=(0.0, 1.0), extinction=1.0, name=None)
         [(1.0 - at) * low + at * high, *(max(c, 0.0) for c in color[:3]), max(color[3], 0.0) * extinction]
         for at, color in _knots(ramp)
     ]
-    document = {"format": "cumulo-transfer-function", "version": 1}
+    document: dict[str, Any] = {"format": "cumulo-transfer-function", "version": 1}
     if name is not None:
         document["name"] = name
     return document | {"transfer": {"kind": "piecewise", "points": points}}
 
 
-def write_transfer(path, document):
+def write_transfer(path: Path, document: Mapping[str, Any]) -> None:
     """Writes a `.tf.json`, whole or not at all."""
     path = pathlib.Path(path)
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as folder:
@@ -48,7 +58,7 @@ def write_transfer(path, document):
         os.replace(draft, path)
 
 
-def _knots(ramp):
+def _knots(ramp: Any) -> list[Knot]:
     """(position, color) between which the ramp is linear; two of one position are a step."""
     elements = [(element.position, tuple(element.color)) for element in ramp.elements]
     if ramp.interpolation == "CONSTANT":
@@ -69,9 +79,9 @@ def _knots(ramp):
     return _merged(knots)
 
 
-def _merged(knots):
+def _merged(knots: Sequence[Knot]) -> list[Knot]:
     """Of the knots of one place the first and the last; once, if they agree."""
-    kept = []
+    kept: list[Knot] = []
     for at, color in knots:
         if len(kept) > 1 and kept[-2][0] == at:
             kept.pop()

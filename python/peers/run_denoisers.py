@@ -1,6 +1,6 @@
 """B9: what denoisers leave of the noise of path-traced sequences, beside each other.
 
-    run_denoisers.py FOLDER [--only VOLUME-SCENARIO ...] [--judged 27-32] [--methods NAME ...] [--json OUT.json]
+    run_denoisers.py FOLDER [--only VOLUME-SCENARIO ...] [--methods NAME ...] [--json OUT.json]
                      [--markdown OUT.md] [--report DIR] [--figure OUT.png]
     run_denoisers.py FOLDER/VOLUME-SCENARIO --time [--threads 2] [--repeats 5]
 

@@ -68,6 +68,37 @@ def test_commands_are_candidates(parity, tmp_path):
         parity.exact(plain(), lambda seed, path: None, tolerance=0.0)
 
 
+def test_files_that_only_the_renderer_finds_count_wherever_they_are(cumulo, tmp_path):
+    root, elsewhere = tmp_path / "project", tmp_path / "elsewhere"
+    for folder in (root, elsewhere, elsewhere / "other"):
+        folder.mkdir()
+        (folder / "smoke.vdb").write_text(folder.name)
+    linked, named = [], [elsewhere / "smoke.vdb", elsewhere / "other" / "smoke.vdb"]
+
+    def render(seed, path):
+        linked[:] = [root / "smoke.vdb", elsewhere / "sky.exr", named[0]]
+        return EXPECTED
+
+    def reference():
+        return Reference("linked", render, named, renderer=None, discover=lambda: linked)
+
+    (elsewhere / "sky.exr").write_text("blue")
+    store = Store(root / "references", root)
+    _, made, _ = Store(store.folder, root, "render").pictures(reference(), [1])
+    assert len(made["inputs"]) == 4 and None not in made["inputs"].values(), made
+    assert not store.pictures(reference(), [1])[2]
+    for file in (root / "smoke.vdb", elsewhere / "sky.exr", *named):
+        kept = file.read_text()
+        file.write_text("another")
+        with pytest.raises(ReferenceProblem, match="it is of other inputs"):
+            store.pictures(reference(), [1])
+        file.write_text(kept)
+    manifest = root / "references" / "linked" / "reference.json"
+    manifest.write_text(json.dumps({key: value for key, value in made.items() if key == "pictures"}))
+    with pytest.raises(ReferenceProblem, match="inputs"):
+        store.pictures(reference(), [1])
+
+
 def test_references_are_kept_until_something_that_they_depend_on_changes(cumulo, tmp_path):
     calls = []
     scene = tmp_path / "scene.txt"

@@ -5,10 +5,12 @@ use crate::process;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 static STOP: AtomicBool = AtomicBool::new(false);
 static LISTENING: AtomicBool = AtomicBool::new(false);
+/// Exit code of work that was stopped: 128 plus the number of the signal, that of Ctrl-C at first.
+static CODE: AtomicU8 = AtomicU8::new(128 + SIGINT as u8);
 
 /// Handles the signals from now on. A signal ends the program at once, leaving nothing temporary behind, with the exit
 /// code that shells expect (128 plus its number); if a command [`listen`]s, the first one requests it to stop instead.
@@ -22,8 +24,10 @@ pub fn install() -> Result<()> {
     signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false))).map_err(failed)?;
     let wait = move || {
         for signal in signals.forever() {
+            let code = 128_u8.saturating_add(signal as u8);
+            CODE.store(code, Ordering::SeqCst);
             if !LISTENING.load(Ordering::SeqCst) || STOP.swap(true, Ordering::SeqCst) {
-                process::leave(128_u8.saturating_add(signal as u8));
+                process::leave(code);
             }
         }
     };
@@ -35,4 +39,9 @@ pub fn install() -> Result<()> {
 pub fn listen() -> &'static AtomicBool {
     LISTENING.store(true, Ordering::SeqCst);
     &STOP
+}
+
+/// Returns the exit code of work that a signal stopped: 130 for Ctrl-C, 143 for SIGTERM.
+pub fn code() -> u8 {
+    CODE.load(Ordering::SeqCst)
 }

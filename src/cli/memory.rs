@@ -11,6 +11,11 @@ pub struct Memory {
 }
 
 impl Memory {
+    /// Returns an option that gives these limits.
+    pub fn of(limits: Limits) -> Self {
+        Self { max_memory: Some(limits.max_memory) }
+    }
+
     /// Returns the limits for readers: `--max-memory`, else the default.
     pub fn limits(self) -> Limits {
         self.max_memory.map_or_else(Limits::default, |max_memory| Limits { max_memory })

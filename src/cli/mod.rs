@@ -3,12 +3,18 @@
 pub mod cancel;
 pub mod capture;
 pub mod compare;
+pub mod completions;
 pub mod convert;
 pub mod denoise;
 pub mod diff;
+pub mod document;
 mod failed;
+mod frames;
 pub mod gradient;
+mod help;
 pub mod info;
+mod log;
+pub mod man;
 pub mod memory;
 pub mod motion;
 pub mod output;
@@ -18,6 +24,7 @@ pub mod paths;
 pub mod photos;
 pub mod plan;
 pub mod pose;
+pub mod progress;
 pub mod provenance;
 pub mod reconstruct;
 pub mod render;
@@ -27,19 +34,21 @@ pub mod schema;
 pub mod task;
 pub mod transfer;
 pub mod try_grid;
+pub mod up;
 pub mod usd;
 pub mod validate;
 mod values;
 pub mod viewpoint;
 pub mod volume;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 use crate::formats::limits::Limits;
 use crate::formats::vdb::{self, helper};
 use crate::process;
-use clap::{Parser, Subcommand};
+use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
 use output::Output;
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
+use std::io::Write;
 use std::process::ExitCode;
 
 /// Volumes between OpenVDB, Blender, USD and EXR: inspect, render, compare and reconstruct.
@@ -50,6 +59,9 @@ pub struct Arguments {
     command: Command,
     #[command(flatten)]
     global: Global,
+    /// Words of the subcommand, such as `reconstruct density`.
+    #[arg(skip)]
+    path: String,
 }
 
 /// Options that every subcommand takes.
@@ -64,6 +76,9 @@ pub struct Global {
     /// No progress on standard error
     #[arg(long, short, global = true)]
     pub quiet: bool,
+    /// Say on standard error how long each stage took, how many threads work, and what was planned
+    #[arg(long, short, global = true, conflicts_with = "quiet")]
+    pub verbose: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -71,7 +86,9 @@ enum Command {
     #[command(subcommand)]
     Capture(capture::CaptureCommand),
     Compare(compare::Arguments),
+    Completions(completions::Completions),
     Info(info::Info),
+    Man(man::ManCommand),
     Motion(motion::MotionCommand),
     Plan(plan::PlanCommand),
     Validate(validate::Validate),
@@ -111,7 +128,7 @@ impl Command {
             Self::Render(c) => c.pictures.memory,
             Self::Reconstruct(c) => c.memory(),
             Self::Report(c) => c.memory,
-            Self::Schema(_) => return Limits::default().max_memory,
+            Self::Completions(_) | Self::Man(_) | Self::Schema(_) => return Limits::default().max_memory,
             Self::Transfer(c) => c.memory,
             Self::TryGrid(c) => return c.max_memory,
             Self::Usd(c) => c.memory(),
@@ -148,11 +165,90 @@ fn threads(option: Option<usize>, variable: Option<&OsStr>) -> Result<Option<usi
     }
 }
 
+/// Returns the program's command with its help arranged.
+fn command() -> clap::Command {
+    help::arranged(Arguments::command())
+}
+
+impl Arguments {
+    /// Reads the words of a command line, the program's name first.
+    ///
+    /// # Errors
+    /// If they are none of the program's, or ask for its help or version.
+    pub fn read(words: impl IntoIterator<Item = OsString>) -> Result<Self, clap::Error> {
+        let mut matches = command().try_get_matches_from(words)?;
+        let path = path_of(&matches);
+        let arguments = Self::from_arg_matches_mut(&mut matches)?;
+        Ok(Self { path, ..arguments })
+    }
+}
+
+/// Returns the words of the subcommand that was chosen.
+fn path_of(matches: &ArgMatches) -> String {
+    let mut words = Vec::new();
+    let mut at = matches.subcommand();
+    while let Some((name, below)) = at {
+        words.push(name);
+        at = below.subcommand();
+    }
+    words.join(" ")
+}
+
+/// Runs the program and returns its exit code: 0 success, 1 a check found something, 2 an error, and 128 with a signal's
+/// number, such as 130 of Ctrl-C, for work that was stopped. Errors are printed, as JSON too with `--json`.
+pub fn main() -> ExitCode {
+    let words: Vec<OsString> = std::env::args_os().collect();
+    let json = words.iter().take_while(|word| *word != "--").any(|word| word == "--json");
+    let arguments = match Arguments::read(words.clone()) {
+        Ok(arguments) => arguments,
+        Err(usage) => return refused(&usage, json.then(|| named_by(&words))),
+    };
+    match run(arguments) {
+        Ok(code) => code,
+        Err(error) => {
+            document::error(&error);
+            let _ = writeln!(std::io::stderr(), "cumulo: {error}");
+            ExitCode::from(if error.kind() == Kind::Cancelled { cancel::code() } else { 2 })
+        }
+    }
+}
+
+/// Returns the words of the subcommand that a command line names, as far as it names one.
+fn named_by(words: &[OsString]) -> String {
+    let (mut at, mut names) = (command(), Vec::new());
+    for word in words.iter().skip(1).filter_map(|word| word.to_str()).filter(|word| !word.starts_with('-')) {
+        let Some(sub) = at.find_subcommand(word).cloned() else { break };
+        names.push(sub.get_name().to_owned());
+        at = sub;
+    }
+    names.join(" ")
+}
+
+/// Prints what a command line that could not be read is told: its mistake, or the help that it asked for. The mistake is a
+/// document of `command`, too, if there is one.
+fn refused(usage: &clap::Error, command: Option<String>) -> ExitCode {
+    let _ = usage.print();
+    if !usage.use_stderr() {
+        return ExitCode::SUCCESS;
+    }
+    if let Some(command) = command {
+        document::begin(&command);
+        let text = usage.render().to_string();
+        let what = text.lines().next().unwrap_or_default().trim_start_matches("error: ");
+        document::write(what, None, None, Some("cumulo --help, or --help behind a command, lists what can be given"));
+    }
+    ExitCode::from(2)
+}
+
 /// Runs the command line.
 ///
 /// # Errors
 /// Those of the subcommand; the caller prints them and exits with 2.
 pub fn run(arguments: Arguments) -> Result<ExitCode> {
+    if arguments.global.json {
+        document::begin(&arguments.path);
+        process::on_end(document::write);
+    }
     // 0 stands for all cores. Threads, libraries and the helper's name come before the limit of memory, which holds for
     // what the command does.
     let count = threads(arguments.global.threads, std::env::var_os(THREADS).as_deref())?.unwrap_or(0);
@@ -165,28 +261,37 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         helper::set_program(program);
     }
     vdb::on_terminate(process::abandon);
-    process::limit_memory(arguments.command.max_memory());
-    let output = Output::new(&arguments.global);
-    match arguments.command {
-        Command::Capture(c) => c.run(&output),
-        Command::Compare(a) => compare::run(&a, &output),
-        Command::Info(c) => c.run(&output),
-        Command::Motion(c) => c.run(&output),
-        Command::Validate(c) => c.run(&output),
-        Command::Convert(c) => c.run(&output),
-        Command::Denoise(c) => c.run(&output),
-        Command::Diff(c) => c.run(&output),
-        Command::Pose(c) => c.run(&output),
-        Command::Gradient(c) => c.run(&output),
-        Command::Plan(c) => c.run(&output),
-        Command::Render(c) => c.run(&output),
-        Command::Reconstruct(c) => c.run(&output),
-        Command::Report(c) => c.run(&output),
-        Command::Schema(c) => c.run(&output),
-        Command::Transfer(c) => c.run(&output),
+    let memory = arguments.command.max_memory();
+    process::limit_memory(memory);
+    let output = Output::new(&arguments.global, &arguments.path);
+    let (version, threads) = (env!("CARGO_PKG_VERSION"), rayon::current_num_threads());
+    output.detail(format!("cumulo {version}: {threads} threads, {} of memory at most", memory::human(memory)));
+    dispatch(arguments.command, &output)
+}
+
+fn dispatch(command: Command, output: &Output) -> Result<ExitCode> {
+    match command {
+        Command::Capture(c) => c.run(output),
+        Command::Compare(a) => compare::run(&a, output),
+        Command::Completions(c) => c.run(output),
+        Command::Info(c) => c.run(output),
+        Command::Man(c) => c.run(output),
+        Command::Motion(c) => c.run(output),
+        Command::Validate(c) => c.run(output),
+        Command::Convert(c) => c.run(output),
+        Command::Denoise(c) => c.run(output),
+        Command::Diff(c) => c.run(output),
+        Command::Pose(c) => c.run(output),
+        Command::Gradient(c) => c.run(output),
+        Command::Plan(c) => c.run(output),
+        Command::Render(c) => c.run(output),
+        Command::Reconstruct(c) => c.run(output),
+        Command::Report(c) => c.run(output),
+        Command::Schema(c) => c.run(output),
+        Command::Transfer(c) => c.run(output),
         Command::TryGrid(c) => Ok(c.run()),
-        Command::Usd(c) => c.run(&output),
-        Command::Viewpoint(c) => c.run(&output),
+        Command::Usd(c) => c.run(output),
+        Command::Viewpoint(c) => c.run(output),
     }
 }
 

@@ -244,7 +244,7 @@ impl MotionCommand {
                 Err(e) if e.kind() == Kind::Cancelled => return Err(e),
                 Err(e) => {
                     output.note(format!("frame {number}: {e}"));
-                    failed.push(Failed { frame: *number, error: e.to_string() });
+                    failed.push(Failed::new(*number, &e));
                 }
             }
             bar.inc(1);

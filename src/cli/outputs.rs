@@ -45,9 +45,9 @@ impl Content {
 }
 
 /// Extensions of files, which no folder's name is meant to have.
-const FILES: [&str; 22] = [
+const FILES: [&str; 29] = [
     "vdb", "nvdb", "exr", "png", "jpg", "jpeg", "tif", "tiff", "hdr", "json", "xml", "usd", "usda", "usdc", "usdz",
-    "npy", "npz", "html", "htm", "mp4", "txt", "csv",
+    "npy", "npz", "html", "htm", "mp4", "txt", "csv", "nii", "gz", "nrrd", "mha", "mhd", "vti", "vtk",
 ];
 
 /// Checks a file that is to be written: its name, and that its folder can be written to.

@@ -4,6 +4,7 @@ use crate::cli::cancel;
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
 use crate::cli::render::{LeftOut, PictureOptions};
+use crate::cli::up::ChosenUp;
 use crate::error::{Error, Result};
 use crate::formats::sequence::Pattern;
 use crate::plan::pilot::{self, Cost};
@@ -32,6 +33,8 @@ struct Report {
     input: PathBuf,
     views: usize,
     size: [u32; 2],
+    /// Up axis about which cameras were placed; none where they were given.
+    up: Option<ChosenUp>,
     #[serde(flatten)]
     plan: Plan,
     cost: Cost,
@@ -39,7 +42,7 @@ struct Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { input, views, size: [width, height], plan, cost } = self;
+        let Self { input, views, size: [width, height], plan, cost, .. } = self;
         let by = match plan.integrator {
             Integrator::DirectVolumeRendering => "direct volume rendering",
             Integrator::PathTracing => "path tracing",
@@ -96,7 +99,9 @@ impl PlanCommand {
         subject.remarks().iter().for_each(|remark| output.note(format!("remark: {remark}")));
         let paths = pictures.scattering.on() || subject.is_scene();
         pictures.scattering.check(paths)?;
-        let capture = pictures.capture(Path::new(""), &subject, transfer, template.as_ref())?;
+        let up = pictures.chosen_up(template.as_ref())?;
+        up.iter().for_each(|up| output.note(up));
+        let capture = pictures.capture(Path::new(""), &subject, transfer, template.as_ref(), up.as_ref())?;
         let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
         let mut plan = pictures.plan(&scene, false)?;
         let scene = plan.simplify(scene)?;
@@ -111,7 +116,7 @@ impl PlanCommand {
         let cost = pilot::run(&mut plan, &scene, camera, samples, quadrature, cancel)?.ok_or_else(Error::cancelled)?;
         let size = [camera.width, camera.height];
         let views = scene.cameras.len();
-        output.report(&Report { input: pictures.input, views, size, plan, cost })?;
+        output.report(&Report { input: pictures.input, views, size, up, plan, cost })?;
         Ok(ExitCode::SUCCESS)
     }
 }

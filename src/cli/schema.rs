@@ -1,16 +1,15 @@
-//! `cumulo schema`: JSON schemas of the files that Cumulo reads.
+//! `cumulo schema`: JSON schemas of the files that Cumulo reads, and of the documents that it writes.
 
 use super::output::Output;
-use crate::error::Result;
+use super::{compare, diff, document, validate};
+use crate::error::{Error, Result};
 use crate::formats::scene_file;
-use serde::Serialize;
-use std::fmt;
 use std::process::ExitCode;
 
-/// Print the JSON schema of a kind of file
+/// Print the JSON schema of a kind of file, or of what a command writes with --json
 #[derive(Debug, clap::Args)]
 pub struct Schema {
-    /// Kind of file
+    /// Kind of file, or command
     #[arg(value_enum)]
     kind: Kind,
 }
@@ -19,28 +18,28 @@ pub struct Schema {
 enum Kind {
     /// Scene files of `cumulo render`
     Scene,
-}
-
-/// A schema, which is JSON with and without `--json`.
-#[derive(Debug, Serialize)]
-#[serde(transparent)]
-struct Report(schemars::Schema);
-
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&serde_json::to_string_pretty(&self.0).map_err(|_| fmt::Error)?)
-    }
+    /// Reports of `cumulo compare --json`
+    Compare,
+    /// Reports of `cumulo diff --json`
+    Diff,
+    /// Reports of `cumulo validate --json`
+    Validate,
 }
 
 impl Schema {
-    /// Prints the schema on standard output.
+    /// Prints the schema on standard output, with and without `--json`.
     ///
     /// # Errors
     /// If standard output cannot be written to.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        output.report(&Report(match self.kind {
+        let schema = match self.kind {
             Kind::Scene => scene_file::schema(),
-        }))?;
+            Kind::Compare => document::schema::<compare::AnyReport>(),
+            Kind::Diff => document::schema::<diff::AnyReport>(),
+            Kind::Validate => document::schema::<validate::Report>(),
+        };
+        let text = serde_json::to_string_pretty(&schema).map_err(|e| Error::invalid(e.to_string()))?;
+        output.plain(&text)?;
         Ok(ExitCode::SUCCESS)
     }
 }

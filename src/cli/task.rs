@@ -1,6 +1,7 @@
 //! The frame of a long task: its inputs, its interruption and its end.
 
 use super::cancel;
+use super::document;
 use super::memory::Memory;
 use super::output::Output;
 use super::outputs::{self, Content};
@@ -136,8 +137,10 @@ fn watch(stop: &'static AtomicBool) {
 /// Prints that nothing was written, and returns the exit code of a program that Ctrl-C ended.
 fn nothing_found() -> u8 {
     use std::io::Write;
-    let _ = writeln!(std::io::stderr(), "cumulo: stopped by the user before anything was found; nothing is written");
-    130
+    const WHAT: &str = "stopped by the user before anything was found; nothing is written";
+    document::write(WHAT, None, None, None);
+    let _ = writeln!(std::io::stderr(), "cumulo: {WHAT}");
+    cancel::code()
 }
 
 /// Separates work that was stopped before it had a result, for which it returns an exit code, from results.
@@ -152,11 +155,11 @@ pub fn ended<T>(result: Result<T>) -> Result<std::result::Result<T, ExitCode>> {
     }
 }
 
-/// Returns the exit code of a finished task, 1 if the user stopped it, and then prints a note on `--resume`.
+/// Returns the exit code of a finished task, 130 if Ctrl-C stopped it, and then prints a note on `--resume`.
 pub fn exit_code(stopped: bool, output: &Output) -> ExitCode {
     if stopped {
         output.note("stopped; what was there by then is written, and --resume goes on from it");
-        return ExitCode::from(1);
+        return ExitCode::from(cancel::code());
     }
     ExitCode::SUCCESS
 }

@@ -1,6 +1,6 @@
 //! Values of options whose types live elsewhere: their names on the command line, with a line of help for each.
 
-use crate::formats::vdb::Codec;
+use crate::formats::vdb::{Codec, ResampleFilter};
 use crate::optimise::study::ad_mode::Mode;
 use crate::render::aov::Aov;
 use crate::scene::capture::{EmissionModel, Model};
@@ -53,7 +53,12 @@ value_enum!(Aov {
 
 value_enum!(Layout {
     Sphere: "sphere", "Over the whole sphere, by the golden angle: evenly, and no two along one line";
-    Ring: "ring", "On the horizontal circle around z";
+    Ring: "ring", "On the horizontal circle around the up axis";
+});
+
+value_enum!(ResampleFilter {
+    Box: "box", "Mean over the new voxels' cells: the sum of value times volume is kept";
+    Trilinear: "trilinear", "Trilinear interpolation at the new voxels' centres";
 });
 
 value_enum!(Codec {

@@ -29,7 +29,7 @@ use std::io::Read;
 use std::path::Path;
 
 /// Format of a file, detected by its first bytes, or that of a folder.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
     /// An OpenVDB file.

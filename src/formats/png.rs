@@ -23,6 +23,46 @@ pub fn encode_rgb8(width: usize, height: usize, rgb: &[u8]) -> Result<Vec<u8>> {
     encode_frames(width, height, &[rgb], 0)
 }
 
+/// Encodes the levels `grey[y * width + x]` as the bytes of a grey 8-bit PNG file.
+///
+/// # Errors
+/// If a side is 0 or exceeds 32 bits, or `grey` does not have one byte per pixel.
+pub fn encode_grey8(width: usize, height: usize, grey: &[u8]) -> Result<Vec<u8>> {
+    encode_levels(width, height, grey, None)
+}
+
+/// Encodes the pixels `levels[y * width + x]`, each a color of the palette `rgb[3 * level + channel]`, as the bytes of an
+/// 8-bit PNG file.
+///
+/// # Errors
+/// If a side is 0 or exceeds 32 bits, `levels` does not have one byte per pixel, or `rgb` not three bytes per color.
+pub fn encode_palette8(width: usize, height: usize, levels: &[u8], rgb: &[u8]) -> Result<Vec<u8>> {
+    encode_levels(width, height, levels, Some(rgb))
+}
+
+fn encode_levels(width: usize, height: usize, levels: &[u8], palette: Option<&[u8]>) -> Result<Vec<u8>> {
+    let fault = |what: String| {
+        Error::invalid(format!("PNG of {width}x{height}: {what}")).hint("write at least one pixel, one byte each")
+    };
+    let (Ok(w), Ok(h)) = (u32::try_from(width), u32::try_from(height)) else {
+        return Err(fault("sides must fit 32 bits".into()));
+    };
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, w, h);
+    encoder.set_depth(png::BitDepth::Eight);
+    match palette {
+        None => encoder.set_color(png::ColorType::Grayscale),
+        Some(rgb) => {
+            encoder.set_color(png::ColorType::Indexed);
+            encoder.set_palette(rgb.to_vec());
+        }
+    }
+    let mut writer = encoder.write_header().map_err(|e| fault(e.to_string()))?;
+    writer.write_image_data(levels).map_err(|e| fault(e.to_string()))?;
+    writer.finish().map_err(|e| fault(e.to_string()))?;
+    Ok(bytes)
+}
+
 /// Encodes pictures of equal size as the bytes of an animated sRGB PNG file that repeats without end at `rate` frames a
 /// second. Programs that know no animation show the first.
 ///
@@ -73,6 +113,23 @@ mod tests {
         // 0.214 041 14 is sRGB 0.5, so 127.5 rounds to 128.
         let film = Film::of(2, 1, vec![[0.0, 1.0, 0.214_041_14, 1.0], [-3.0, 7.0, f32::NAN, 0.0]]);
         assert_eq!(display_rgb8(&film), [0, 255, 128, 0, 255, 0]);
+    }
+
+    #[test]
+    fn levels_decode_to_the_same() {
+        let levels: Vec<u8> = (0..15).map(|i| i * 17).collect();
+        let palette: Vec<u8> = (0..256).flat_map(|i| [i as u8, 255 - i as u8, 7]).collect();
+        for (bytes, kind) in [
+            (encode_grey8(5, 3, &levels).unwrap(), png::ColorType::Grayscale),
+            (encode_palette8(5, 3, &levels, &palette).unwrap(), png::ColorType::Indexed),
+        ] {
+            let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
+            assert_eq!(reader.info().color_type, kind);
+            let mut back = vec![0; reader.output_buffer_size().unwrap()];
+            reader.next_frame(&mut back).unwrap();
+            assert_eq!(back, levels);
+        }
+        assert!(encode_grey8(5, 3, &levels[1..]).is_err() && encode_grey8(0, 3, &[]).is_err());
     }
 
     #[test]

@@ -6,7 +6,7 @@ use serde::Serialize;
 use std::fmt;
 
 /// A fault of a file with its remedy. The file is not named, because the caller knows it.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 pub struct Problem {
     /// Place in the file: `grid 'density'`, `channel 'R'`, `frame 3`; `None` if the fault concerns the whole file.
     pub part: Option<String>,

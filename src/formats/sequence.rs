@@ -2,7 +2,7 @@
 //! and so on.
 
 use crate::error::{Error, Result};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -74,6 +74,46 @@ impl Pattern {
         Some(Self { folder, head: name[..start].into(), tail: name[end..].into(), digits, frames })
     }
 
+    /// Returns the sequences of a folder's files: those with two numbers at least, whose names end in one of `endings`. The
+    /// number is the last one before the extension.
+    ///
+    /// # Errors
+    /// If the folder cannot be read.
+    pub fn in_folder(folder: &Path, endings: &[&str]) -> Result<Vec<Self>> {
+        let entries = std::fs::read_dir(folder).map_err(|e| Error::io(folder, e))?;
+        let mut groups: BTreeMap<(String, String), BTreeSet<String>> = BTreeMap::new();
+        for name in entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok()) {
+            let Some((stem, ending)) = name.rsplit_once('.') else { continue };
+            let Some((start, end)) = last_number(stem).filter(|(start, end)| end - start <= 9) else { continue };
+            if endings.iter().any(|known| known.eq_ignore_ascii_case(ending)) {
+                let key = (name[..start].to_owned(), name[end..].to_owned());
+                groups.entry(key).or_default().insert(name[start..end].to_owned());
+            }
+        }
+        let pattern = |((head, tail), numbers): ((String, String), BTreeSet<String>)| {
+            let digits = numbers.iter().map(String::len).min().unwrap_or(1);
+            let pattern = Self { folder: folder.to_owned(), head, tail, digits, frames: None };
+            (numbers.len() > 1).then_some(pattern)
+        };
+        Ok(groups.into_iter().filter_map(pattern).collect())
+    }
+
+    /// Returns the path with the number's digits written as `#`.
+    pub fn name(&self) -> PathBuf {
+        self.folder.join(format!("{}{}{}", self.head, "#".repeat(self.digits), self.tail))
+    }
+
+    /// Returns the same names in another folder.
+    #[must_use]
+    pub fn moved(&self, folder: &Path) -> Self {
+        Self { folder: folder.to_owned(), ..self.clone() }
+    }
+
+    /// Returns the frames that the pattern itself names, as `smoke.0001-0100.vdb` does.
+    pub fn named(&self) -> Option<Frames> {
+        self.frames
+    }
+
     /// Returns the path of a frame's file.
     pub fn path(&self, number: u32) -> PathBuf {
         let Self { folder, head, tail, digits, .. } = self;
@@ -143,9 +183,15 @@ fn range(name: &str) -> Option<Place> {
 /// Returns the last number in the name of a file before its extension, as of `frame.0012.exr` or `view_012.exr`.
 pub fn number_of(path: &Path) -> Option<u32> {
     let stem = path.file_stem()?.to_str()?;
-    let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
-    let start = stem[..end].rfind(|c: char| !c.is_ascii_digit()).map_or(0, |i| i + 1);
+    let (start, end) = last_number(stem)?;
     stem[start..end].parse().ok()
+}
+
+/// Returns the start and the end of the last number in a text.
+fn last_number(text: &str) -> Option<(usize, usize)> {
+    let end = text.rfind(|c: char| c.is_ascii_digit())? + 1;
+    let start = text[..end].char_indices().rev().take_while(|(_, c)| c.is_ascii_digit()).last()?.0;
+    Some((start, end))
 }
 
 #[cfg(test)]
@@ -180,6 +226,21 @@ mod tests {
         assert_eq!(numbers("s.####.vdb").unwrap(), [1, 3, 10001]);
         assert!(numbers("u.####.vdb").unwrap_err().to_string().contains("u.0001.vdb"));
         assert_eq!(Pattern::parse(&folder.path().join("s.0001.vdb")), None);
+    }
+
+    #[test]
+    fn folders_hold_sequences() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["s.0003.vdb", "s.0001.vdb", "v_009.exr", "v_010.exr", "s.0001.exr", "plain.vdb", "b2.vdb", "1.txt"]
+        {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        let found = Pattern::in_folder(folder.path(), &["vdb", "exr"]).unwrap();
+        let names: Vec<_> = found.iter().map(|p| p.name().file_name().unwrap().to_str().unwrap().to_owned()).collect();
+        assert_eq!(names, ["s.####.vdb", "v_###.exr"]);
+        assert_eq!(found[0].numbers().unwrap(), [1, 3]);
+        assert_eq!(found[0].moved(Path::new("out")).path(7), Path::new("out/s.0007.vdb"));
+        assert!(Pattern::in_folder(&folder.path().join("none"), &["vdb"]).is_err());
     }
 
     #[test]

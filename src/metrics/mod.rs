@@ -17,10 +17,11 @@ use serde::{Serialize, Serializer};
 use std::borrow::Cow;
 
 /// Differences of a picture `a` from a reference `b` of equal size.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Comparison {
     /// Peak signal-to-noise ratio in dB; infinite for identical colors, which JSON writes as `null`.
     #[serde(serialize_with = "finite_or_null")]
+    #[schemars(with = "Option<f64>")]
     pub psnr_db: f64,
     /// Structural similarity, mean over the color channels; 1 for identical colors.
     pub ssim: f64,

@@ -46,6 +46,7 @@ mod tests {
     use crate::math::Affine;
     use crate::scene::bricks::Topology;
     use crate::scene::orbit::{self, Layout};
+    use crate::scene::up::Up;
     use glam::{DVec3, IVec3};
     use std::sync::Arc;
 
@@ -53,7 +54,7 @@ mod tests {
     fn the_thickest_paths_come_to_three() {
         let topology = Arc::new(Topology::new([IVec3::ZERO]).unwrap());
         let mut field = Bricks::zeros(topology, Affine::uniform(1.0, DVec3::ZERO).unwrap());
-        let cameras = orbit::cameras(&field.world_bounds().corners(), 4, Layout::Ring, 40, 30, 30.0);
+        let cameras = orbit::cameras(&field.world_bounds().corners(), 4, Layout::Ring, 40, 30, 30.0, Up::Z);
         assert_eq!(density_scale(&field, &Source::Grey([0.0; 3]), &cameras), None);
         field.values.fill(0.25);
         let scale = density_scale(&field, &Source::Grey([0.0; 3]), &cameras).unwrap();

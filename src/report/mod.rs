@@ -1,20 +1,28 @@
 //! A self-contained HTML page that shows the result of a command.
 //!
 //! A [`Page`] is made of sections, in the order in which they are added. Pictures, style and plots are inside the file;
-//! it loads nothing, runs nothing, and says so to the browser. Every text is escaped, because names come from files.
+//! it loads nothing, runs one script of its own that moves sliders, and says so to the browser. Without
+//! scripts it shows the same pictures at rest. Every text is escaped, because names come from files.
 
+mod browse;
+mod histogram;
 mod number;
 mod picture;
 mod plot;
+mod script;
 mod slices;
 mod sphere;
 mod stages;
 mod strip;
+mod thumbnails;
 mod views;
+mod wipe;
 
+pub use browse::{Beside, MOST_SLICES};
 pub use plot::{Plot, Series};
 pub use sphere::{SphereMap, Walk};
 pub use strip::StripFrame;
+pub use thumbnails::{MOST_THUMBNAILS, Thumbnail};
 pub use views::{MOST_VIEWS, ViewRow, choose};
 
 use crate::error::{Error, Result};
@@ -27,21 +35,20 @@ use std::path::{Path, PathBuf};
 /// File name of the page in the report's folder.
 const FILE_NAME: &str = "index.html";
 
-/// Content security policy of the page: it shows pictures and styles that it contains, and loads nothing.
-const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'";
-
 /// A report under construction.
 #[derive(Debug, Clone)]
 pub struct Page {
     title: String,
     summary: String,
+    /// Warnings, above all sections.
+    banner: Option<Markup>,
     sections: Vec<Markup>,
 }
 
 impl Page {
     /// A page with a title and a sentence beneath it that says what was done and with what result.
     pub fn new(title: impl Into<String>, summary: impl Into<String>) -> Self {
-        Self { title: title.into(), summary: summary.into(), sections: Vec::new() }
+        Self { title: title.into(), summary: summary.into(), banner: None, sections: Vec::new() }
     }
 
     /// Adds the key figures in large print, each as label and value with its unit.
@@ -58,17 +65,78 @@ impl Page {
         self
     }
 
-    /// Adds a section of warnings, each with its remedy; no section if there are none.
+    /// Puts warnings, each with its remedy, in a banner at the top of the page; no banner if there are none. Warnings of an
+    /// earlier call are replaced.
     pub fn warnings(&mut self, warnings: &[(impl AsRef<str>, impl AsRef<str>)]) -> &mut Self {
-        if warnings.is_empty() {
-            return self;
-        }
-        let body = html! {
-            ul {
-                @for (what, remedy) in warnings { li { strong { (what.as_ref()) } " " (remedy.as_ref()) } }
+        let banner = html! {
+            aside id="warnings" class="banner" aria-label="Warnings" {
+                h2 { @if warnings.len() == 1 { "A warning" } @else { (warnings.len()) " warnings" } }
+                ul {
+                    @for (what, remedy) in warnings { li { strong { (what.as_ref()) } " " (remedy.as_ref()) } }
+                }
             }
         };
-        self.section("Warnings", body)
+        self.banner = (!warnings.is_empty()).then_some(banner);
+        self
+    }
+
+    /// Adds sliders through the slices of `volume` along its index axes, with those of a reference, the differences and
+    /// other quantities at the same places. `quantity` names the values. See [`MOST_SLICES`] for how many there are.
+    ///
+    /// # Errors
+    /// If a slice cannot be encoded.
+    pub fn browse(
+        &mut self,
+        heading: &str,
+        quantity: &str,
+        volume: &Bricks<f32>,
+        reference: Option<&Bricks<f32>>,
+        beside: &[Beside<'_>],
+    ) -> Result<&mut Self> {
+        let body = browse::sliders(quantity, volume, reference, beside)?;
+        Ok(self.section(heading, body))
+    }
+
+    /// Adds a histogram of the values of a volume that are not zero, with that of a reference dashed; no section if there
+    /// are none.
+    ///
+    /// # Errors
+    /// If the plot cannot be drawn.
+    pub fn histogram(
+        &mut self,
+        heading: &str,
+        quantity: &str,
+        volume: &Bricks<f32>,
+        reference: Option<&Bricks<f32>>,
+    ) -> Result<&mut Self> {
+        match histogram::plot(quantity, volume, reference) {
+            Some(plot) => {
+                let body = plot.draw_with(false)?;
+                Ok(self.section(heading, body))
+            }
+            None => Ok(self),
+        }
+    }
+
+    /// Adds small pictures of the cameras, at most [`MOST_THUMBNAILS`]; `total` is the number of all views.
+    ///
+    /// # Errors
+    /// If a picture has no pixels.
+    pub fn thumbnails(&mut self, heading: &str, all: &[Thumbnail], total: usize) -> Result<&mut Self> {
+        if all.is_empty() {
+            return Ok(self);
+        }
+        let body = thumbnails::grid(all, total)?;
+        Ok(self.section(heading, body))
+    }
+
+    /// Adds a wipe between two pictures of one size: a slider moves the edge between them.
+    ///
+    /// # Errors
+    /// If a picture has no pixels.
+    pub fn wipe(&mut self, heading: &str, labels: [&str; 2], films: [&Film; 2]) -> Result<&mut Self> {
+        let body = wipe::of(labels, films)?;
+        Ok(self.section(heading, body))
     }
 
     /// Adds a table of views beside their re-renders and the differences, all differences in one scale.
@@ -189,7 +257,7 @@ impl Page {
                     meta charset="utf-8";
                     meta name="viewport" content="width=device-width, initial-scale=1";
                     meta name="color-scheme" content="light dark";
-                    meta http-equiv="Content-Security-Policy" content=(POLICY);
+                    meta http-equiv="Content-Security-Policy" content=(script::policy());
                     // Keeps browsers from asking the server for a favicon.
                     link rel="icon" href="data:,";
                     title { (self.title) }
@@ -198,9 +266,11 @@ impl Page {
                 body {
                     main {
                         header { h1 { (self.title) } p { (self.summary) } }
+                        @if let Some(banner) = &self.banner { (banner) }
                         @for section in &self.sections { (section) }
                     }
                     footer { "Written by cumulo " (env!("CARGO_PKG_VERSION")) }
+                    script { (PreEscaped(script::SCRIPT)) }
                 }
             }
         };

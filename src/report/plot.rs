@@ -7,8 +7,18 @@ use plotters::prelude::*;
 use std::fmt::Write;
 use std::ops::Range;
 
-/// Width and height at which plots are drawn; the page scales them.
-const SIZE: (u32, u32) = (900, 380);
+/// A plot's width and height, and its labels along x; the page scales it to its own width.
+struct Canvas {
+    size: (u32, u32),
+    labels: usize,
+}
+
+/// Canvas of windows as wide as a screen, and that of narrow ones, where text of the other would be too small to read.
+const WIDE: Canvas = Canvas { size: (900, 380), labels: 10 };
+const NARROW: Canvas = Canvas { size: (400, 320), labels: 5 };
+
+/// Length of a dash of a dashed line, and of the gap behind it, in the units of the drawing.
+const DASH: (u32, u32) = (7, 5);
 
 /// Colors of text and axes (`INK`) and of grid lines (`GRID`), on a light page and on a dark one.
 const INK: (RGBColor, &str) = (RGBColor(0x1B, 0x1E, 0x23), "#e6e8eb");
@@ -44,6 +54,8 @@ pub struct Series {
     /// Points of the line, in the order in which they are joined. Points that are not finite or exceed 1e12 are left
     /// out.
     pub points: Vec<(f64, f64)>,
+    /// True for a dashed line, such as that of a reference.
+    pub dashed: bool,
 }
 
 /// A plot of lines over a common pair of axes.
@@ -71,6 +83,7 @@ impl Plot {
                 (_, last) => series.push(Series {
                     label: if level == 0 { "finest level".into() } else { format!("level {level}") },
                     points: last.map(|(_, point)| point).into_iter().chain([(seconds, psnr)]).collect(),
+                    dashed: false,
                 }),
             }
             last = Some((level, (seconds, psnr)));
@@ -78,31 +91,41 @@ impl Plot {
         Self { x: "seconds".into(), y: "PSNR of held-out views (dB)".into(), series }
     }
 
-    /// Markup of the plot with its legend.
+    /// Markup of the plot with its legend, which says where each line ends.
     pub(super) fn draw(&self) -> Result<Markup> {
+        self.draw_with(true)
+    }
+
+    /// Markup of the plot with its legend; `ends` adds to the legend where each line ends.
+    pub(super) fn draw_with(&self, ends: bool) -> Result<Markup> {
         let drawn = |p: &&(f64, f64)| p.0.abs() <= FARTHEST && p.1.abs() <= FARTHEST;
         let lines: Vec<Vec<(f64, f64)>> =
             self.series.iter().map(|s| s.points.iter().filter(drawn).copied().collect()).collect();
         let Some((x, y)) = ranges(lines.iter().flatten()) else {
             return Ok(html! { p { "There are no points to plot." } });
         };
-        let mut svg = String::new();
-        self.paint(&lines, x, y, &mut svg)
-            .map_err(|e| Error::invalid(format!("the plot of {} cannot be drawn: {e}", self.y)))?;
-        // SVG files need the namespace, HTML does not; the page is to hold no address at all.
-        let svg = svg.replacen(" xmlns=\"http://www.w3.org/2000/svg\"", "", 1);
+        let svg = |canvas: &Canvas| {
+            let mut svg = String::new();
+            self.paint(&lines, (x.clone(), y.clone()), canvas, &mut svg)
+                .map_err(|e| Error::invalid(format!("the plot of {} cannot be drawn: {e}", self.y)))?;
+            // SVG files need the namespace, HTML does not; the page is to hold no address at all.
+            Ok::<_, Error>(svg.replacen(" xmlns=\"http://www.w3.org/2000/svg\"", "", 1))
+        };
+        let label = format!("{} over {}", self.y, self.x);
+        let canvases = [("wide-only", svg(&WIDE)?), ("narrow-only", svg(&NARROW)?)];
         let last = |i: usize| lines[i].last().map(|p| number::short(p.1));
         Ok(html! {
             figure.plot {
-                div.wide {
-                    div role="img" aria-label=(format!("{} over {}", self.y, self.x)) { (PreEscaped(svg)) }
+                @for (class, svg) in canvases {
+                    div class=(class) role="img" aria-label=(label) { (PreEscaped(svg)) }
                 }
                 figcaption {
                     @for (i, series) in self.series.iter().enumerate() {
                         @if let Some(last) = last(i) {
                             span.key {
-                                span class={ "swatch c" (i % PALETTE.len()) } {}
-                                (series.label) " " span.caption { "ends at " (last) }
+                                span class={ "swatch c" (i % PALETTE.len()) @if series.dashed { " dashed" } } {}
+                                (series.label)
+                                @if ends { " " span.caption { "ends at " (last) } }
                             }
                         }
                     }
@@ -114,11 +137,11 @@ impl Plot {
     fn paint(
         &self,
         lines: &[Vec<(f64, f64)>],
-        x: Range<f64>,
-        y: Range<f64>,
+        (x, y): (Range<f64>, Range<f64>),
+        canvas: &Canvas,
         svg: &mut String,
     ) -> std::result::Result<(), Box<dyn std::error::Error>> {
-        let area = SVGBackend::with_string(svg, SIZE).into_drawing_area();
+        let area = SVGBackend::with_string(svg, canvas.size).into_drawing_area();
         let mut chart = ChartBuilder::on(&area)
             .margin(12)
             .margin_right(24)
@@ -128,6 +151,7 @@ impl Plot {
         let text = ("sans-serif", 14).into_font().color(&INK.0);
         chart
             .configure_mesh()
+            .x_labels(canvas.labels)
             .x_desc(&self.x)
             .y_desc(&self.y)
             .label_style(text.clone())
@@ -138,6 +162,12 @@ impl Plot {
             .draw()?;
         for (i, line) in lines.iter().enumerate() {
             let color = PALETTE[i % PALETTE.len()].0;
+            if self.series[i].dashed {
+                let (dash, gap) = DASH;
+                let style = color.stroke_width(2);
+                chart.draw_series(DashedLineSeries::new(line.iter().copied(), dash, gap, style))?;
+                continue;
+            }
             chart.draw_series(LineSeries::new(line.iter().copied(), color.stroke_width(2)))?;
             // A level of one step has no line, and few points should be visible as such.
             if line.len() <= 60 {

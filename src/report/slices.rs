@@ -10,21 +10,21 @@ use glam::DVec3;
 use maud::{Markup, html};
 
 /// Slices of the table: normal, axis to the right, axis up, and the description of both.
-const CUTS: [(usize, usize, usize, &str); 3] =
+pub(super) const CUTS: [(usize, usize, usize, &str); 3] =
     [(2, 0, 1, "x to the right, y up"), (1, 0, 2, "x to the right, z up"), (0, 1, 2, "y to the right, z up")];
 
 /// Headings of the columns; without a reference only the first is shown.
 const COLUMNS: [&str; 3] = ["Volume", "Reference", "Difference"];
 
 /// A slice of a volume: values row-major from the top left.
-struct Slice {
-    width: usize,
-    height: usize,
-    values: Vec<f64>,
+pub(super) struct Slice {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) values: Vec<f64>,
 }
 
 /// Position and sampling of a slice.
-struct Plane {
+pub(super) struct Plane {
     normal: usize,
     right: usize,
     up: usize,
@@ -38,17 +38,17 @@ struct Plane {
 
 impl Plane {
     /// A plane through `centre` across `voxels` (a box of voxel centres), with one pixel per voxel unless a side would
-    /// exceed [`MOST_PIXELS`].
-    fn new((normal, right, up): (usize, usize, usize), voxels: Aabb, centre: DVec3) -> Self {
+    /// exceed `most` pixels.
+    pub(super) fn within((normal, right, up): (usize, usize, usize), voxels: Aabb, centre: DVec3, most: usize) -> Self {
         let extent = |axis: usize| voxels.max[axis] - voxels.min[axis] + 1.0;
-        let step = (extent(right).max(extent(up)) / MOST_PIXELS as f64).max(1.0);
+        let step = (extent(right).max(extent(up)) / most as f64).max(1.0);
         let count = |axis: usize| (extent(axis) / step).round().max(1.0) as usize;
         let mut origin = voxels.min;
         origin[normal] = centre[normal];
         Self { normal, right, up, origin, width: count(right), height: count(up), step }
     }
 
-    fn sample(&self, value: impl Fn(DVec3) -> f64) -> Slice {
+    pub(super) fn sample(&self, value: impl Fn(DVec3) -> f64) -> Slice {
         let at = |x: usize, y: usize| {
             let mut index = self.origin;
             // The middle of the pixel; at a step of 1 that is a voxel's centre.
@@ -66,7 +66,7 @@ pub fn table(quantity: &str, volume: &Bricks<f32>, reference: Option<&Bricks<f32
     let Some((voxels, centre)) = support(volume) else {
         return Ok(html! { p { "Zero everywhere." } });
     };
-    let planes = CUTS.map(|(normal, right, up, _)| Plane::new((normal, right, up), voxels, centre));
+    let planes = CUTS.map(|(normal, right, up, _)| Plane::within((normal, right, up), voxels, centre, MOST_PIXELS));
     let slices = |field: &Bricks<f32>| {
         let index = |i: DVec3| field.transform.to_index(volume.transform.to_world(i));
         [0, 1, 2].map(|i| planes[i].sample(|at| f64::from(field.sample(index(at)))))
@@ -130,7 +130,7 @@ pub fn table(quantity: &str, volume: &Bricks<f32>, reference: Option<&Bricks<f32
 
 /// Box of the centres of the voxels that are not zero, and the voxel nearest to their centre of mass; `None` if there
 /// are none.
-fn support(volume: &Bricks<f32>) -> Option<(Aabb, DVec3)> {
+pub(super) fn support(volume: &Bricks<f32>) -> Option<(Aabb, DVec3)> {
     let (mut voxels, mut mass, mut moment) = (Aabb::EMPTY, 0.0, DVec3::ZERO);
     for (brick, values) in volume.topology.bricks().iter().zip(volume.values.chunks_exact(BRICK)) {
         for i in 0..CELLS * CELLS * CELLS {
@@ -147,17 +147,17 @@ fn support(volume: &Bricks<f32>) -> Option<(Aabb, DVec3)> {
     (mass > 0.0).then(|| (voxels, (moment / mass).round().clamp(voxels.min, voxels.max)))
 }
 
-fn difference(a: &Slice, b: &Slice) -> Slice {
+pub(super) fn difference(a: &Slice, b: &Slice) -> Slice {
     let values = a.values.iter().zip(&b.values).map(|(a, b)| (a - b).abs()).collect();
     Slice { width: a.width, height: a.height, values }
 }
 
-fn largest<'a>(slices: impl Iterator<Item = &'a Slice>) -> f64 {
+pub(super) fn largest<'a>(slices: impl Iterator<Item = &'a Slice>) -> f64 {
     slices.flat_map(|s| &s.values).copied().filter(|v| v.is_finite()).fold(0.0, f64::max)
 }
 
 /// Grey levels from black for 0 to white for `top`, three bytes per value.
-fn grey(values: &[f64], top: f64) -> Vec<u8> {
+pub(super) fn grey(values: &[f64], top: f64) -> Vec<u8> {
     let top = if top > 0.0 { top } else { 1.0 };
     // `as` saturates and turns NaN into 0.
     values.iter().flat_map(|v| [(255.0 * v / top + 0.5) as u8; 3]).collect()

@@ -40,6 +40,11 @@ impl StripFrame {
         [self.pictures[0].width, self.pictures[0].height]
     }
 
+    /// Pictures in the order in which they were given, reduced.
+    pub fn pictures(&self) -> &[Film] {
+        &self.pictures
+    }
+
     /// All side by side, the differences last: width, height, three bytes a pixel.
     fn beside(&self, scale: f64) -> (usize, usize, Vec<u8>) {
         let [width, height] = self.size();

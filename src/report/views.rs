@@ -1,6 +1,6 @@
 //! Views beside their re-renders, as a table of pictures.
 
-use super::{number, picture};
+use super::{number, picture, wipe};
 use crate::error::{Error, Result};
 use crate::metrics::heatmap;
 use crate::scene::film::Film;
@@ -63,6 +63,7 @@ pub fn table(rows: &[ViewRow], total: usize) -> Result<Markup> {
     }
     let differences = shown.iter().map(|r| difference(r)).collect::<Result<Vec<_>>>()?;
     let (scale, largest) = scale(&differences);
+    let names: Vec<&str> = shown.iter().map(|r| r.name.as_str()).collect();
     let extra = shown.iter().any(|r| r.extra.is_some());
     let body = shown.iter().zip(&differences).map(|(r, d)| row(r, d, scale, extra)).collect::<Result<Vec<_>>>()?;
     let high = number::short(scale);
@@ -90,6 +91,7 @@ pub fn table(rows: &[ViewRow], total: usize) -> Result<Markup> {
                 tbody { @for row in &body { (row) } }
             }
         }
+        (wipe::of_table(["Given", "Re-rendered"], &names))
     })
 }
 

@@ -24,5 +24,6 @@ pub mod table;
 pub mod topology;
 pub mod transfer;
 pub mod undistort;
+pub mod up;
 pub mod velocity;
 pub mod volume;

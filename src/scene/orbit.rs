@@ -1,6 +1,7 @@
 //! Cameras placed around a volume.
 
 use crate::scene::camera::{Camera, Projection};
+use crate::scene::up::Up;
 use glam::{DVec2, DVec3};
 
 /// Distribution of views around a volume.
@@ -8,13 +9,13 @@ use glam::{DVec2, DVec3};
 pub enum Layout {
     /// Evenly over the whole sphere by the golden angle, with no two views on one line.
     Sphere,
-    /// Evenly on the horizontal circle around z.
+    /// Evenly on the horizontal circle around the up axis.
     Ring,
 }
 
 /// Places `count` perspective cameras of `width` x `height` pixels around `points` so that each sees all points.
 /// `field_of_view` is the angle in degrees that the bounding sphere of the points subtends; it sets the cameras'
-/// distance.
+/// distance. Cameras stand upright with respect to `up`, and [`Layout::Ring`] circles that axis.
 pub fn cameras(
     points: &[DVec3],
     count: usize,
@@ -22,12 +23,14 @@ pub fn cameras(
     width: u32,
     height: u32,
     field_of_view: f64,
+    up: Up,
 ) -> Vec<Camera> {
     let (centre, radius) = ball(points);
     let half = (0.5 * field_of_view).to_radians();
     let distance = radius.max(f64::MIN_POSITIVE) / half.sin();
-    let directions: Vec<DVec3> = (0..count).map(|i| direction(i, count, layout)).collect();
-    let eyes: Vec<_> = directions.iter().map(|d| Camera::look_at(centre + distance * *d, centre, DVec3::Z)).collect();
+    let directions: Vec<DVec3> = (0..count).map(|i| Up::Z.turn(up) * direction(i, count, layout)).collect();
+    let eyes: Vec<_> =
+        directions.iter().map(|d| Camera::look_at(centre + distance * *d, centre, up.vector())).collect();
     // All cameras share one focal length: the largest that keeps every point in every picture.
     let reach = eyes.iter().fold(DVec2::splat(f64::MIN_POSITIVE), |reach, eye| {
         let to_camera = eye.inverse();
@@ -72,7 +75,7 @@ pub(super) fn ball(points: &[DVec3]) -> (DVec3, f64) {
     (centre, radius)
 }
 
-/// Unit vector from the centre to view `i` of `count`.
+/// Unit vector from the centre to view `i` of `count`, in a world whose z axis is up.
 pub fn direction(i: usize, count: usize, layout: Layout) -> DVec3 {
     let i = i as f64;
     let count = count as f64;
@@ -99,11 +102,28 @@ mod tests {
     fn every_corner_is_in_every_picture() {
         let bounds = Aabb { min: DVec3::new(-3.0, 1.0, 2.0), max: DVec3::new(1.0, 2.0, 12.0) };
         for layout in [Layout::Sphere, Layout::Ring] {
-            for camera in cameras(&bounds.corners(), 17, layout, 64, 40, 40.0) {
+            for camera in cameras(&bounds.corners(), 17, layout, 64, 40, 40.0, Up::Y) {
                 for corner in bounds.corners() {
                     let (p, _) = camera.project(corner).unwrap();
                     assert!(p.min_element() > 0.9 && p.x < 63.1 && p.y < 39.1, "{layout:?} {p}");
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn a_y_up_ring_is_the_z_up_ring_turned() {
+        let bounds = Aabb { min: DVec3::new(-3.0, 1.0, 2.0), max: DVec3::new(1.0, 2.0, 12.0) };
+        let turn = Up::Z.turn_map(Up::Y);
+        let turned: Vec<DVec3> = bounds.corners().iter().map(|c| turn.transform_point3(*c)).collect();
+        for layout in [Layout::Sphere, Layout::Ring] {
+            let z_up = cameras(&bounds.corners(), 7, layout, 64, 40, 40.0, Up::Z);
+            let y_up = cameras(&turned, 7, layout, 64, 40, 40.0, Up::Y);
+            for (z, y) in z_up.iter().zip(&y_up) {
+                // Entries are below 100, and each is the same sum in another order.
+                assert!((turn * z.camera_to_world).abs_diff_eq(y.camera_to_world, 1e-12));
+                assert!((z.focal.x - y.focal.x).abs() < 1e-12 * z.focal.x);
+                assert!(y.camera_to_world.x_axis.y.abs() < 1e-12, "the horizon is level");
             }
         }
     }

@@ -7,6 +7,7 @@
 use crate::error::{Error, Result};
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::orbit::{self, Layout};
+use crate::scene::up::Up;
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
 use std::f64::consts::FRAC_PI_4;
 
@@ -24,6 +25,8 @@ pub struct Sphere {
     pub focal: f64,
     /// Width and height of the pictures in pixels.
     pub size: [u32; 2],
+    /// Axis with respect to which cameras stand upright.
+    pub up: Up,
 }
 
 impl Sphere {
@@ -32,7 +35,7 @@ impl Sphere {
     ///
     /// # Errors
     /// If there are no points.
-    pub fn around(points: &[DVec3], size: [u32; 2], field_of_view: f64) -> Result<Self> {
+    pub fn around(points: &[DVec3], size: [u32; 2], field_of_view: f64, up: Up) -> Result<Self> {
         if points.is_empty() {
             return Err(Error::invalid("the grid is empty: there is nothing to look at"));
         }
@@ -40,7 +43,7 @@ impl Sphere {
         let half = (0.5 * field_of_view).to_radians();
         let reach = (0.5 * f64::from(size[0].min(size[1])) - 1.0).max(0.5);
         let distance = radius.max(f64::MIN_POSITIVE) / half.sin();
-        Ok(Self { centre, distance, focal: reach / half.tan(), size })
+        Ok(Self { centre, distance, focal: reach / half.tan(), size, up })
     }
 
     /// Scales the pictures and the focal length by `factor`; each side keeps at least one pixel.
@@ -66,14 +69,14 @@ impl Sphere {
     }
 }
 
-/// Axes (right, up, back) of the upright camera in the given direction from the centre.
-pub fn upright(direction: DVec3) -> DMat3 {
-    DMat3::from_mat4(Camera::look_at(direction, DVec3::ZERO, DVec3::Z))
+/// Axes (right, up, back) of the camera in the given direction from the centre that stands upright with respect to `up`.
+pub fn upright(direction: DVec3, up: Up) -> DMat3 {
+    DMat3::from_mat4(Camera::look_at(direction, DVec3::ZERO, up.vector()))
 }
 
 /// Removes the roll from a viewpoint's axes. Near a pole, where the roll is undefined, the axes are returned unchanged.
-pub fn levelled(axes: &DMat3) -> DMat3 {
-    if axes.z_axis.cross(DVec3::Z).length() < POLE { *axes } else { upright(axes.z_axis.normalize()) }
+pub fn levelled(axes: &DMat3, up: Up) -> DMat3 {
+    if axes.z_axis.cross(up.vector()).length() < POLE { *axes } else { upright(axes.z_axis.normalize(), up) }
 }
 
 /// Axes after a step: a rotation vector in radians with components along `right` and `up`. The step has equal
@@ -90,21 +93,21 @@ pub fn stepped(axes: &DMat3, step: DVec2) -> DMat3 {
 /// Unit vectors to start a search from.
 /// Eight are those of Weiss & Westermann (2021), sect. 5.1: longitudes 45°, 135°, 225°, 315° at latitudes ±45°. Other
 /// counts are spread evenly.
-pub fn starts(count: usize) -> Vec<DVec3> {
+pub fn starts(count: usize, up: Up) -> Vec<DVec3> {
     if count != 8 {
-        return spread(count);
+        return spread(count, up);
     }
     let corner = |i: usize| {
         let (y, x) = (FRAC_PI_4 * (2 * (i % 4) + 1) as f64).sin_cos();
         let level = if i < 4 { FRAC_PI_4.sin() } else { -FRAC_PI_4.sin() };
         DVec3::new(x * FRAC_PI_4.cos(), y * FRAC_PI_4.cos(), level)
     };
-    (0..8).map(corner).collect()
+    (0..8).map(|i| Up::Z.turn(up) * corner(i)).collect()
 }
 
-/// Unit vectors spread evenly over the sphere: a Fibonacci lattice.
-pub fn spread(count: usize) -> Vec<DVec3> {
-    (0..count).map(|i| orbit::direction(i, count, Layout::Sphere)).collect()
+/// Unit vectors spread evenly over the sphere: a Fibonacci lattice about the up axis.
+pub fn spread(count: usize, up: Up) -> Vec<DVec3> {
+    (0..count).map(|i| Up::Z.turn(up) * orbit::direction(i, count, Layout::Sphere)).collect()
 }
 
 #[cfg(test)]
@@ -117,7 +120,7 @@ mod tests {
 
     #[test]
     fn steps_pass_over_the_pole_and_come_back() {
-        let from = upright(DVec3::new(0.3, 0.0, 1.0).normalize());
+        let from = upright(DVec3::new(0.3, 0.0, 1.0).normalize(), Up::Z);
         let step = DVec2::new(-0.6, 0.02);
         let over = stepped(&from, step);
         assert!(rigid(&over) && over.z_axis.angle_between(from.z_axis) - step.length() < 1e-12);
@@ -129,22 +132,24 @@ mod tests {
 
     #[test]
     fn frames_are_upright_but_at_the_poles() {
-        for d in spread(50).into_iter().chain([DVec3::Z, DVec3::NEG_Z]) {
-            let axes = levelled(&upright(d));
+        for d in spread(50, Up::Z).into_iter().chain([DVec3::Z, DVec3::NEG_Z]) {
+            let axes = levelled(&upright(d, Up::Z), Up::Z);
             assert!(rigid(&axes) && axes.z_axis.abs_diff_eq(d, 1e-14));
             assert!(axes.x_axis.z.abs() < 1e-14, "{d}");
         }
         let rolled = DMat3::from_rotation_z(1.0);
-        assert_eq!(levelled(&rolled), rolled);
+        assert_eq!(levelled(&rolled, Up::Z), rolled);
+        let tilted = levelled(&rolled, Up::Y);
+        assert!(tilted.x_axis.y.abs() < 1e-14 && tilted.z_axis == rolled.z_axis, "level with respect to y");
     }
 
     #[test]
     fn the_ball_fills_the_shorter_side() {
         let points = [DVec3::new(1.0, 2.0, 3.0), DVec3::new(5.0, 2.0, 3.0)];
-        let sphere = Sphere::around(&points, [80, 60], 40.0).unwrap();
+        let sphere = Sphere::around(&points, [80, 60], 40.0, Up::Z).unwrap();
         assert_eq!(sphere.centre, DVec3::new(3.0, 2.0, 3.0));
         for s in [sphere, sphere.scaled(0.25)] {
-            let camera = s.camera(&upright(DVec3::new(0.2, -0.5, 0.6).normalize()));
+            let camera = s.camera(&upright(DVec3::new(0.2, -0.5, 0.6).normalize(), Up::Z));
             // Point where a ray is tangent to a ball of radius 2.
             let (sin, cos) = 20_f64.to_radians().sin_cos();
             let m = DMat3::from_mat4(camera.camera_to_world);
@@ -153,14 +158,14 @@ mod tests {
             let margin = f64::from(s.size[1]) / 60.0;
             assert!((p - DVec2::new(0.5 * f64::from(s.size[0]), margin)).length() < 1e-9, "{p}");
         }
-        assert!(Sphere::around(&[], [8, 8], 40.0).is_err());
+        assert!(Sphere::around(&[], [8, 8], 40.0, Up::Z).is_err());
     }
 
     #[test]
     fn eight_starts_are_the_papers() {
-        let all = starts(8);
+        let all = starts(8, Up::Z);
         assert!(all.iter().all(|d| (d.length() - 1.0).abs() < 1e-15 && (d.z.abs() - 0.5_f64.sqrt()).abs() < 1e-15));
         assert!(all.iter().all(|d| (d.x.abs() - 0.5).abs() < 1e-15 && (d.y.abs() - 0.5).abs() < 1e-15));
-        assert_eq!((starts(1).len(), starts(13).len()), (1, 13));
+        assert_eq!((starts(1, Up::Z).len(), starts(13, Up::Y).len()), (1, 13));
     }
 }

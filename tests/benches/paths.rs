@@ -15,6 +15,7 @@ use cumulo::scene::orbit::{Layout, cameras};
 use cumulo::scene::phase::Phase;
 use cumulo::scene::scene::Scene;
 use cumulo::scene::table::Table;
+use cumulo::scene::up::Up;
 use cumulo::scene::volume::Volume;
 use glam::{DVec3, Vec3};
 use rayon::ThreadPoolBuilder;
@@ -50,7 +51,7 @@ fn scenes() -> Vec<(&'static str, Scene)> {
         let scattering = Some(Scattering::new([albedo; 3], phase));
         let medium = Medium { scattering, ..Medium::new(extinction, source.clone()) };
         Scene {
-            cameras: cameras(&field.outline(), 1, Layout::Ring, PIXELS, PIXELS, 40.0),
+            cameras: cameras(&field.outline(), 1, Layout::Ring, PIXELS, PIXELS, 40.0, Up::Z),
             volumes: vec![Volume::Density(field.clone(), medium)],
             environment: Environment::constant([sky; 3]),
             lights: lights.to_vec(),

@@ -15,6 +15,7 @@ use cumulo::scene::bricks::{Bricks, NONE};
 use cumulo::scene::camera::Camera;
 use cumulo::scene::medium::{Medium, Source};
 use cumulo::scene::orbit::{Layout, cameras};
+use cumulo::scene::up::Up;
 use glam::DVec3;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::hint::black_box;
@@ -36,7 +37,7 @@ impl Scene {
         let lumps = fields::lumps(VOXELS);
         let lattice = Affine::uniform(1.0, DVec3::splat(0.5)).unwrap();
         let field: Bricks<f32> = fields::field(VOXELS, lattice, |p| (lumps(p) - 0.1).max(0.0));
-        let cameras = cameras(&field.outline(), VIEWS, Layout::Sphere, PIXELS, PIXELS, 40.0);
+        let cameras = cameras(&field.outline(), VIEWS, Layout::Sphere, PIXELS, PIXELS, 40.0, Up::Z);
         Self { field, cameras }
     }
 

@@ -12,6 +12,7 @@ use cumulo::scene::bricks::Bricks;
 use cumulo::scene::grid::LEAF_VOXELS;
 use cumulo::scene::medium::Medium;
 use cumulo::scene::orbit::{self, Layout};
+use cumulo::scene::up::Up;
 use cumulo::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -26,7 +27,7 @@ pub fn run(volume: &Path) -> Result<(f64, Vec<f32>)> {
     let renderer = Dvr::new(&field, Medium::absorbing(3.0))?.over([1.0; 3]);
 
     // The loss is the mean squared difference from a picture that is grey all over.
-    let cameras = orbit::cameras(&field.outline(), 1, Layout::Sphere, 64, 64, 40.0);
+    let cameras = orbit::cameras(&field.outline(), 1, Layout::Sphere, 64, 64, 40.0, Up::Z);
     let target = vec![[0.5, 0.5, 0.5, 0.5]; 64 * 64];
     let objective = Objective { loss: Loss::L2, cameras: &cameras, targets: &[target], rays_per_edge: 1 };
     let gradient =

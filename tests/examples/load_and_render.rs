@@ -11,6 +11,7 @@ use cumulo::scene::bricks::Bricks;
 use cumulo::scene::film::Film;
 use cumulo::scene::medium::Medium;
 use cumulo::scene::orbit::{self, Layout};
+use cumulo::scene::up::Up;
 use cumulo::{Error, Result};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -26,7 +27,7 @@ pub fn run(volume: &Path, picture: &Path) -> Result<Film> {
     let field: Bricks<f32> = Bricks::from_grid(&grid, limits.max_memory)?;
 
     // One camera, 128 x 128 pixels, so far away that the volume takes 40 degrees.
-    let cameras = orbit::cameras(&field.outline(), 1, Layout::Sphere, 128, 128, 40.0);
+    let cameras = orbit::cameras(&field.outline(), 1, Layout::Sphere, 128, 128, 40.0, Up::Z);
     let renderer = Dvr::new(&field, Medium::absorbing(3.0))?.over([1.0; 3]);
     let never = AtomicBool::new(false);
     let film = render::picture(&renderer, &cameras[0], 1, &never).ok_or_else(Error::cancelled)?;

@@ -29,7 +29,9 @@ pub fn straight() -> DMat4 {
 
 /// These voxels turned about three axes.
 pub fn oblique() -> DMat4 {
-    DMat4::from_translation(DVec3::new(10.5, -20.25, 30.125)) * DMat4::from_quat(turn()) * DMat4::from_scale(DVec3::new(0.5, 0.75, 1.25))
+    DMat4::from_translation(DVec3::new(10.5, -20.25, 30.125))
+        * DMat4::from_quat(turn())
+        * DMat4::from_scale(DVec3::new(0.5, 0.75, 1.25))
 }
 
 fn turn() -> DQuat {
@@ -209,9 +211,17 @@ fn stack() -> Vec<u8> {
 }
 
 fn legacy(binary: bool, cells: bool) -> Vec<u8> {
-    let (kind, data) = if binary { ("BINARY", u16s(true)) } else { ("ASCII", values().iter().flat_map(|v| format!("{v} ").into_bytes()).collect()) };
+    let (kind, data) = if binary {
+        ("BINARY", u16s(true))
+    } else {
+        ("ASCII", values().iter().flat_map(|v| format!("{v} ").into_bytes()).collect())
+    };
     // A cell is centred half a spacing further in than its first point.
-    let (dimensions, of, origin) = if cells { ("6 5 4", "CELL_DATA", "10.25 -20.625 29.5") } else { ("5 4 3", "POINT_DATA", "10.5 -20.25 30.125") };
+    let (dimensions, of, origin) = if cells {
+        ("6 5 4", "CELL_DATA", "10.25 -20.625 29.5")
+    } else {
+        ("5 4 3", "POINT_DATA", "10.5 -20.25 30.125")
+    };
     let head = format!(
         "# vtk DataFile Version 3.0\na title\n{kind}\nDATASET STRUCTURED_POINTS\nDIMENSIONS {dimensions}\nSPACING 0.5 0.75 1.25\n\
          ORIGIN {origin}\n{of} 60\nSCALARS density unsigned_short 1\nLOOKUP_TABLE default\n"
@@ -223,7 +233,8 @@ fn legacy(binary: bool, cells: bool) -> Vec<u8> {
 fn vti(map: DMat4, attributes: &str, format: &str, inline: &str, appended: &[u8]) -> Vec<u8> {
     let linear = DMat3::from_mat4(map);
     let spacing = [linear.x_axis, linear.y_axis, linear.z_axis].map(|c| c.length());
-    let turn = DMat3::from_cols(linear.x_axis / spacing[0], linear.y_axis / spacing[1], linear.z_axis / spacing[2]).transpose();
+    let turn = DMat3::from_cols(linear.x_axis / spacing[0], linear.y_axis / spacing[1], linear.z_axis / spacing[2])
+        .transpose();
     // The first point has index (2, 0, -1).
     let origin = map.transform_point3(DVec3::new(-2.0, 0.0, 1.0));
     let list = |v: &[f64]| v.iter().map(|v| format!("{v:?}")).collect::<Vec<_>>().join(" ");
@@ -280,7 +291,32 @@ pub fn samples() -> Vec<Sample> {
         sample("legacy VTK, cells", vec![("c.vtk", legacy(true, true))], "", axes, 0.0),
     ];
     all.extend(xml(map, double));
+    all.extend(apart(map, double));
     all
+}
+
+/// Headers with a file for each slice, as a list or a pattern, and values as text.
+fn apart(map: DMat4, tolerance: f64) -> Vec<Sample> {
+    let slices =
+        |names: [&'static str; 3]| names.into_iter().zip(values().chunks(20).map(<[u8]>::to_vec).collect::<Vec<_>>());
+    let list = [nrrd("uchar", "raw", map, true).as_bytes(), b"data file: LIST\nn1.raw\nn2.raw\nn3.raw\n"].concat();
+    let pattern = meta_image(map, "MET_UCHAR", "", "m%02d.raw 7 9 1").into_bytes();
+    let text: String = values().iter().map(|v| format!(" {v}.0")).collect();
+    let text = [meta_image(map, "MET_FLOAT", "BinaryData = False\n", "LOCAL").as_bytes(), text.as_bytes()].concat();
+    let sample = |name, files, tolerance| Sample { name, files, options: "", map, tolerance };
+    vec![
+        sample(
+            "NRRD, list",
+            [("l.nhdr", list)].into_iter().chain(slices(["n1.raw", "n2.raw", "n3.raw"])).collect(),
+            0.0,
+        ),
+        sample(
+            "MetaImage, pattern",
+            [("p.mhd", pattern)].into_iter().chain(slices(["m07.raw", "m08.raw", "m09.raw"])).collect(),
+            tolerance,
+        ),
+        sample("MetaImage, text", vec![("t.mha", text)], tolerance),
+    ]
 }
 
 /// Every encoding of VTK's XML.
@@ -290,18 +326,36 @@ fn xml(map: DMat4, tolerance: f64) -> Vec<Sample> {
     let wide = [&120_u64.to_be_bytes()[..], &u16s(true)].concat();
     let (table, packed) = blocks();
     let coded = format!("{}{}", STANDARD.encode(&table), STANDARD.encode(&packed));
-    let (little, zip) = ("byte_order=\"LittleEndian\"", "byte_order=\"LittleEndian\" header_type=\"UInt32\" compressor=\"vtkZLibDataCompressor\"");
+    let (little, zip) = (
+        "byte_order=\"LittleEndian\"",
+        "byte_order=\"LittleEndian\" header_type=\"UInt32\" compressor=\"vtkZLibDataCompressor\"",
+    );
     let at = "format=\"appended\" offset=\"0\"";
-    let file = |attributes: &str, format: &str, inline: &str, behind: &[u8]| vti(map, attributes, format, inline, behind);
+    let file =
+        |attributes: &str, format: &str, inline: &str, behind: &[u8]| vti(map, attributes, format, inline, behind);
     let all: [(&'static str, &'static str, Vec<u8>); 6] = [
         (".vti, ascii", "a.vti", file(little, "format=\"ascii\"", &text, b"")),
-        (".vti, base64", "b.vti", file(little, "format=\"binary\"", &format!("\n {}\n", STANDARD.encode(&counted)), b"")),
+        (
+            ".vti, base64",
+            "b.vti",
+            file(little, "format=\"binary\"", &format!("\n {}\n", STANDARD.encode(&counted)), b""),
+        ),
         (".vti, packed", "c.vti", file(zip, "format=\"binary\"", &coded, b"")),
-        (".vti, appended", "d.vti", file("byte_order=\"BigEndian\" header_type=\"UInt64\"", at, "", &appended("raw", &wide))),
+        (
+            ".vti, appended",
+            "d.vti",
+            file("byte_order=\"BigEndian\" header_type=\"UInt64\"", at, "", &appended("raw", &wide)),
+        ),
         (".vti, appended and packed", "e.vti", file(zip, at, "", &appended("raw", &[table, packed].concat()))),
-        (".vti, appended base64", "f.vti", file(little, at, "", &appended("base64", STANDARD.encode(&counted).as_bytes()))),
+        (
+            ".vti, appended base64",
+            "f.vti",
+            file(little, at, "", &appended("base64", STANDARD.encode(&counted).as_bytes())),
+        ),
     ];
-    all.into_iter().map(|(name, path, bytes)| Sample { name, files: vec![(path, bytes)], options: "", map, tolerance }).collect()
+    all.into_iter()
+        .map(|(name, path, bytes)| Sample { name, files: vec![(path, bytes)], options: "", map, tolerance })
+        .collect()
 }
 
 /// Options of a sample with its placement filled in.

@@ -9,8 +9,8 @@ What Cumulo would show as something else is refused, with the names of the objec
 """
 
 from .. import cycles  # noqa: F401  isort: skip  exposes the modules that Blender brings
-from .export import Export, describe, export, frames_of
-from .motion import motion_arguments
+from .export import Export, describe, export, export_steps, frames_of
+from .motion import motion_arguments, motion_steps
 from .refusal import Refused
 from .results import load
 from .shots import capture, count_volumes, shots
@@ -22,8 +22,10 @@ __all__ = [
     "count_volumes",
     "describe",
     "export",
+    "export_steps",
     "frames_of",
     "load",
     "motion_arguments",
+    "motion_steps",
     "shots",
 ]

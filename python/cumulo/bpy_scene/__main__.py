@@ -69,7 +69,7 @@ def main(arguments=None):
     if options.command == "export":
         frames = frames_of(bpy.context.scene) if options.animation else options.frames
         written = export(options.output, frames=frames)
-        print("cumulo " + " ".join(written.arguments(pathlib.Path(options.output) / "render")))
+        print(written.command(pathlib.Path(options.output) / "render"))
     elif options.command == "capture":
         capture(options.output, volume=options.volume, views=options.views, size=options.size, samples=options.samples)
     else:

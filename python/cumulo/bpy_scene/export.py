@@ -6,6 +6,8 @@ import json
 import math
 import os
 import pathlib
+import shlex
+import subprocess
 import tempfile
 
 import bpy
@@ -13,11 +15,12 @@ import numpy as np
 
 from .. import padding
 from ..capture import Capture
+from ..cycles.views import finish
 from .cameras import camera_of, check_far, sees
 from .lights import light_entry
 from .refusal import Refused, named
 from .visible import SURFACES, placed_objects
-from .volumes import lattice_of, refuse_surface, vdb_of, volume_entry
+from .volumes import check_handedness, lattice_of, refuse_surface, shows_nothing, vdb_of, volume_entry
 from .world import dome_entry
 
 
@@ -52,6 +55,11 @@ class Export:
         ]
         return [str(word) for word in (*words, "-o", output)]
 
+    def command(self, output, samples=64):
+        """The command line of `arguments`, quoted for the shell of this system."""
+        words = ["cumulo", *self.arguments(output, samples)]
+        return subprocess.list2cmdline(words) if os.name == "nt" else shlex.join(words)
+
 
 @contextlib.contextmanager
 def frame_kept(scene):
@@ -72,21 +80,28 @@ def export(folder, scene=None, frames=None):
     """Writes a scene's volumes, lights and world as scene files, and its camera as `transforms.json`, into `folder`.
 
     `scene` is the present one unless given; `frames` are numbers in equal steps, by default the present frame alone.
-    Returns the Export. Raises Refused, which names the object and the node, where Cumulo would show something else than
-    Cycles, and ValueError for frames that it cannot number.
+    The present frame alone is written with its subframe. Returns the Export. Raises Refused, which names the object and the
+    node, where Cumulo would show something else than Cycles, and ValueError for frames that it cannot number.
     """
+    return finish(export_steps(folder, scene, frames))
+
+
+def export_steps(folder, scene=None, frames=None):
+    """What `export` does, frame by frame: a generator of (frames done, frames) that returns the Export."""
     scene, folder = scene or bpy.context.scene, pathlib.Path(folder)
     frames = (scene.frame_current,) if frames is None else tuple(frames)
     steps = {b - a for a, b in zip(frames, frames[1:])}
     if not frames or len(steps) > 1 or min(frames) < 0 or any(step < 1 for step in steps):
         raise ValueError(f"frames {frames}: numbers from 0 on in equal steps are needed")
+    subframe = scene.frame_subframe if frames == (scene.frame_current,) else 0.0
     described, views = [], []
     with frame_kept(scene):
         for frame in frames:
-            scene.frame_set(frame)
+            scene.frame_set(frame, subframe=subframe)
             document, camera = describe(folder, scene)
             described.append(document)
             views.append((camera, folder / f"frame.{frame:04}.exr"))
+            yield len(views), len(frames)
     folder.mkdir(parents=True, exist_ok=True)
     one = all(document == described[0] for document in described)
     name = "scene.json" if one else "scene.####.json"
@@ -110,12 +125,18 @@ def describe(folder, scene=None):
             if entry := light_entry(placed):
                 _check_unseen(placed.object, entry, camera)
                 lights.append(entry)
-        else:
+        elif not shows_nothing(placed.object):
             entry = volume_entry(placed, folder, fps)
-            check_far(scene, camera, padding.world_box(*lattice_of(placed, vdb_of(placed), entry["grid"])))
+            lattice, box = lattice_of(placed, vdb_of(placed), entry["grid"])
+            check_handedness(placed, lattice)
+            check_far(scene, camera, padding.world_box(lattice, box))
             volumes.append(entry)
     if not volumes:
-        raise Refused(named("scene", scene), "it renders no volume", "add one (Add > Volume > Import OpenVDB)")
+        raise Refused(
+            named("scene", scene),
+            f"it renders no volume at frame {scene.frame_current}",
+            "add one (Add > Volume > Import OpenVDB), or choose other frames",
+        )
     if dome := dome_entry(scene.world, folder):
         lights.append(dome)
     return {"volumes": volumes, "lights": lights}, camera
@@ -128,6 +149,8 @@ def _check_render(scene):
         raise Refused(where, f"its film exposure is {exposure:g}", "set it to 1 (Render Properties > Film)")
     if scene.render.use_simplify and scene.render.simplify_volumes != 1.0:
         raise Refused(where, "Simplify lowers the resolution of volumes", "switch Simplify off (Render Properties)")
+    if scene.cycles.use_fast_gi:
+        raise Refused(where, "Fast GI replaces light of later bounces", "switch it off (Render Properties > Light Paths)")
     if scene.world is None:
         raise Refused(
             where,

@@ -18,8 +18,11 @@ def light_entry(placed):
         return None
     axes = placed.matrix[:3, :3]
     lengths = np.linalg.norm(axes, axis=0)
-    if light.type != "SUN" and np.abs(lengths - 1).max() > 1e-4 and _has_extent(light):
-        raise Refused(where, f"it is scaled by {lengths.round(4).tolist()}", "apply its scale (Object > Apply > Scale)")
+    if light.type != "SUN" and _has_extent(light):
+        if np.abs(lengths - 1).max() > 1e-4:
+            raise Refused(where, f"it is scaled by {lengths.round(4).tolist()}", "apply its scale (Object > Apply > Scale)")
+        if np.abs(axes.T @ axes - np.eye(3)).max() > 1e-3:
+            raise Refused(where, "its matrix shears it", "clear the scale of its parents")
     position = placed.matrix[:3, 3]
     if light.type == "SUN":
         direction = axes[:, 2] / lengths[2]
@@ -48,7 +51,8 @@ def _check(light, where, thing):
     """Refuses what changes a light in ways that Cumulo does not know."""
     if light.use_nodes and light.node_tree:
         raise Refused(where, "its nodes state its light", "switch Use Nodes off, and set power and color")
-    if not light.use_shadow:
+    # Before Blender 4.3 Cycles had a switch of its own.
+    if not (light.use_shadow and getattr(light.cycles, "cast_shadow", True)):
         raise Refused(where, "it casts no shadows", "switch Shadow on")
     if not thing.visible_volume_scatter:
         raise Refused(
@@ -65,6 +69,8 @@ def _check(light, where, thing):
         )
     if light.cycles.is_portal:
         raise Refused(where, "it is a portal", "disable it in renders")
+    if not getattr(light, "normalize", True):
+        raise Refused(where, "its power is per area (Normalize is off)", "switch Normalize on, and set its power")
 
 
 def _power(light, where):
@@ -79,16 +85,10 @@ def _power(light, where):
     return power.tolist()
 
 
-def _normalized(light, where):
-    if not getattr(light, "normalize", True):
-        raise Refused(where, "its power is per area (Normalize is off)", "switch Normalize on, and set its power")
-
-
 def _point(light, where, position, power):
     radius = light.shadow_soft_size
     if radius == 0:
         return {"type": "PointLight", "position": position.tolist(), "intensity": (power / (4 * np.pi)).tolist()}
-    _normalized(light, where)
     if light.use_soft_falloff:
         raise Refused(
             where,
@@ -104,10 +104,11 @@ def _area(light, where, position, axes, power):
         raise Refused(where, f"its shape is a {light.shape.lower()}", "make it a square or a rectangle")
     if light.spread < math.pi - 1e-5:
         raise Refused(where, f"its spread is {math.degrees(light.spread):.4g}°", "make it 180°")
-    _normalized(light, where)
     width, height = light.size, light.size if light.shape == "SQUARE" else light.size_y
-    # Light leaves along -Z, which is Y x X.
+    # Light leaves along -Z, which is Y x X, and X x Y of a matrix that mirrors.
     edges = [axes[:, 1] * height, axes[:, 0] * width]
+    if np.linalg.det(axes) < 0:
+        edges.reverse()
     return {
         "type": "RectLight",
         "corner": (position - 0.5 * (edges[0] + edges[1])).tolist(),

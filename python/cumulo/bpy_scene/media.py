@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import bpy
 import numpy as np
 
 from .expressions import Tree
@@ -33,8 +34,9 @@ class Reader:
 
     def __init__(self, material, grids):
         """`grids` are the names of the grids that the file has."""
-        if material is None or material.node_tree is None:
-            raise ValueError("a material with nodes is needed")
+        # From Blender 5.0 on materials always use nodes.
+        if material.node_tree is None or (bpy.app.version < (5, 0) and not material.use_nodes):
+            raise Refused(named("material", material), "it has no nodes", KNOWN)
         self.material, self.grids = material, grids
         self.tree, self.medium = Tree("material", material), Medium()
 
@@ -44,8 +46,22 @@ class Reader:
         source = output and self.tree.source(output.inputs["Volume"])
         if not source:
             raise Refused(named("material", self.material), "nothing is linked to Volume of its output", KNOWN)
+        self._check(output)
         self._shader(source.node, 1.0)
         return self.medium
+
+    def _check(self, output):
+        """Refuses what Cycles would show besides the medium, or otherwise than it is."""
+        where, cycles = named("material", self.material), self.material.cycles
+        if self.tree.source(output.inputs["Surface"]):
+            raise Refused(where, "its surface covers the voxels' outline", "unlink Surface of its output")
+        # Before Blender 4.3 a material could say that its medium is the same everywhere.
+        if getattr(cycles, "homogeneous_volume", False):
+            raise Refused(where, "Homogeneous takes no notice of grids", "switch it off (Material Properties > Volume)")
+        if cycles.volume_interpolation != "LINEAR":
+            raise Refused(
+                where, "it interpolates voxels by cubics", "choose the interpolation Linear (Material Properties > Volume)"
+            )
 
     def _shader(self, node, weight):
         """Adds what a shader states, times `weight`."""

@@ -34,6 +34,11 @@ def view_layer_of(scene):
         raise Refused(
             named("view layer", layer), "it renders another material or world than the scene's", "clear its override"
         )
+    for filtered, what in (("use_volumes", "volumes"), ("use_sky", "the world")):
+        if not getattr(layer, filtered):
+            raise Refused(
+                named("view layer", layer), f"it leaves {what} out", "switch its filters on (View Layer Properties > Filter)"
+            )
     return layer
 
 
@@ -51,6 +56,7 @@ def placed_objects(scene):
     """
     depsgraph = evaluated(scene)
     rendered = _rendered_names(view_layer_of(scene).layer_collection)
+    inside = {thing.name_full: _names_inside(thing) for thing in scene.objects if thing.name_full in rendered}
     found, seen = [], set()
     for instance in depsgraph.object_instances:
         thing = instance.object
@@ -58,6 +64,8 @@ def placed_objects(scene):
             seen.add(thing.original.name_full)
         shown = instance.show_self and not thing.original.hide_render
         source = instance.parent.original if instance.is_instance else thing.original
+        if instance.is_instance and source.instance_type == "COLLECTION":
+            shown = shown and thing.original.name_full in inside.get(source.name_full, ())
         if shown and source.name_full in rendered and thing.type in (*SURFACES, "VOLUME", "LIGHT"):
             # References to instances end with the step of the iteration.
             kept = thing.original.evaluated_get(depsgraph)
@@ -73,11 +81,46 @@ def placed_objects(scene):
     return found
 
 
+def _names_inside(instancer):
+    """Names of the objects that a render shows by an instance of a collection, those of instances in it included; none of
+    other objects. Raises Refused where the viewport does not show one of them."""
+    if instancer.instance_type != "COLLECTION" or instancer.instance_collection is None:
+        return set()
+    rendered, shown = {}, {}
+    for found, flag in ((rendered, "hide_render"), (shown, "hide_viewport")):
+        _collect(instancer.instance_collection, flag, found, set())
+    for name, thing in rendered.items():
+        if name not in shown and (thing.type in (*SURFACES, "VOLUME", "LIGHT") or thing.instance_type != "NONE"):
+            raise Refused(
+                named("object", thing),
+                f"an instance by {instancer.name!r} is rendered, but hidden in the viewport, so that it is not evaluated",
+                "show it and its collections in the viewport, or disable it in renders",
+            )
+    return set(rendered)
+
+
+def _collect(collection, flag, found, entered):
+    """Adds to `found`, by name, the objects that an instance of a collection shows where `flag` hides none of them."""
+    if getattr(collection, flag) or collection.name_full in entered:
+        return
+    entered.add(collection.name_full)
+    for thing in collection.objects:
+        if not getattr(thing, flag):
+            found[thing.name_full] = thing
+            if thing.instance_type == "COLLECTION" and thing.instance_collection:
+                _collect(thing.instance_collection, flag, found, entered)
+    for child in collection.children:
+        _collect(child, flag, found, entered)
+
+
 def _rendered_names(layer):
     """Names of the objects that a layer collection renders, those of collections inside it included."""
     collection = layer.collection
-    if layer.exclude or collection.hide_render:
+    if collection.hide_render:
         return set()
+    if layer.exclude:
+        # What is in it is left out, and its collections are where they say so themselves.
+        return set().union(*(_rendered_names(child) for child in layer.children))
     if collection.objects and (layer.holdout or layer.indirect_only):
         raise Refused(
             named("collection", collection), "it is a holdout, or lights the others alone", "clear Holdout and Indirect Only"

@@ -49,20 +49,32 @@ def vdb_of(placed):
         raise Refused(where, "its VDB is packed into the .blend", "unpack it (File > External Data)")
     if not volume.filepath:
         raise Refused(where, "no VDB file stands behind it", BACKED)
-    volume.grids.load()
+    if shows_nothing(thing):
+        raise Refused(
+            where, "its sequence has no file at this frame", "choose the mode Extend or Repeat, or other frames"
+        )
     path = pathlib.Path(bpy.path.abspath(volume.grids.frame_filepath or volume.filepath, library=volume.library))
     if volume.grids.error_message or not path.is_file():
         raise Refused(
             where,
-            f"{path} cannot be read: {volume.grids.error_message or 'no such file'}",
+            f"{'its sequence from ' if volume.is_sequence else ''}{path} cannot be read: "
+            f"{volume.grids.error_message or 'no such file'}",
             "correct the path, or the sequence's frames",
         )
     return path.resolve()
 
 
+def shows_nothing(thing):
+    """True for a volume object that is rendered as nothing, because its sequence has no file at the present frame."""
+    volume = thing.data
+    return volume.grids.load() and volume.is_sequence and not volume.grids.frame_filepath
+
+
 def _check_visibility(placed):
-    """Refuses what makes a volume visible to some rays alone."""
+    """Refuses what makes a volume visible to some rays alone, or to none."""
     thing = placed.object
+    if np.linalg.det(placed.matrix[:3, :3]) == 0:
+        raise Refused(named("object", thing), "it is flat, by a scale of 0", "give it a size, or disable it in renders")
     for attribute in ("visible_camera", "visible_shadow", "visible_volume_scatter"):
         if not getattr(thing, attribute):
             raise Refused(
@@ -87,11 +99,11 @@ def volume_entry(placed, folder, fps):
     path = vdb_of(placed)
     _check_visibility(placed)
     grids = padding.grid_names(path)
-    materials = [slot.material for slot in thing.material_slots if slot.material]
-    if not materials:
-        raise Refused(named("object", thing), "it has no material", KNOWN)
-    # Cycles renders a volume by its first material.
-    grid, medium = medium_entry(thing.material_slots[0].material or materials[0], grids, coefficient_scale(placed))
+    # Cycles renders a volume by its first slot, and by a material of its own where that is empty.
+    material = thing.material_slots[0].material if thing.material_slots else None
+    if material is None:
+        raise Refused(named("object", thing), "it has no material in its first slot", KNOWN)
+    grid, medium = medium_entry(material, grids, coefficient_scale(placed))
     entry = {"file": relative(path, folder), "grid": grid, "medium": medium}
     if not np.array_equal(placed.matrix, np.eye(4)):
         entry["transform"] = placed.matrix.tolist()
@@ -99,6 +111,17 @@ def volume_entry(placed, folder, fps):
     if velocity in grids and thing.data.velocity_scale == 1.0:
         entry["velocity"] = {"grid": velocity, "fps": fps if thing.data.velocity_unit == "SECOND" else 1.0}
     return entry
+
+
+def check_handedness(placed, lattice):
+    """Refuses a grid that a Placed volume shows by the index-to-world matrix `lattice` if its own transform mirrors it: the
+    mesh that Cycles makes around its voxels is inside out then, and nothing is seen."""
+    if np.linalg.det(lattice[:3, :3]) * np.linalg.det(placed.matrix[:3, :3]) < 0:
+        raise Refused(
+            named("object", placed.object),
+            "the transform in its file mirrors the grid, and Cycles shows nothing of it",
+            "write the grid unmirrored, and mirror the object",
+        )
 
 
 def lattice_of(placed, path, grid):

@@ -14,9 +14,6 @@ from ..exr import read_exr
 from .materials import medium_material
 from .objects import box_mesh, load_volume, place_camera
 
-# Kinds of Blender's data that a stage adds to.
-KINDS = ("scenes", "objects", "cameras", "lights", "volumes", "meshes", "materials", "worlds")
-
 
 @contextlib.contextmanager
 def quiet():
@@ -46,14 +43,25 @@ def empty_scene():
 
 @contextlib.contextmanager
 def scene_beside():
-    """A scene beside those that there are. What Blender's data gained by then is removed at the end."""
-    kinds = [getattr(bpy.data, kind) for kind in KINDS]
-    before = {block.session_uid for kind in kinds for block in kind}
+    """A scene beside those that there are. It is removed at the end with what stands in it alone; whatever else Blender's
+    data gained meanwhile, by the user's hand or another script's, stays."""
     scene = bpy.data.scenes.new("Cumulo")
+    number = scene.session_uid
     try:
         yield scene
     finally:
-        bpy.data.batch_remove([block for kind in kinds for block in kind if block.session_uid not in before])
+        # By its number, for an undo takes the scene away, or makes it anew.
+        for found in [each for each in bpy.data.scenes if each.session_uid == number]:
+            bpy.data.batch_remove(_blocks_of(found))
+
+
+def _blocks_of(scene):
+    """A scene's data blocks: itself, its world, and the objects that stand in no other scene, with their data and materials."""
+    things = [thing for thing in scene.objects if len(thing.users_scene) == 1]
+    data = [thing.data for thing in things if thing.data]
+    materials = [material for block in data for material in getattr(block, "materials", ()) if material]
+    blocks = [scene, *things, *data, *materials, *([scene.world] if scene.world else [])]
+    return list({block.session_uid: block for block in blocks}.values())
 
 
 def prepare_scene(scene, settings):

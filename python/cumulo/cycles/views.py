@@ -1,7 +1,9 @@
 """Captures that Cycles renders, view by view."""
 
 import dataclasses
+import os
 import pathlib
+import tempfile
 
 import bpy
 
@@ -14,19 +16,23 @@ def capture_steps(stage, cameras, folder, lattice):
     returns the Capture.
 
     Each view has a seed of its own (settings.seed + its number), so that noise does not repeat. `lattice` is the
-    index-to-world matrix of the volume.
+    index-to-world matrix of the volume. Until all views are rendered a capture that is there already stays as it is.
     """
     folder, settings = pathlib.Path(folder), stage.settings
     folder.mkdir(parents=True, exist_ok=True)
     software = f"Blender {bpy.app.version_string} Cycles"
     frames = []
-    for number, camera in enumerate(cameras):
-        picture = folder / f"view_{number:03}.exr"
-        pixels = stage.picture(camera, settings.seed + number)
-        write_exr(picture, pixels, software, dataclasses.asdict(settings) | {"seed": settings.seed + number})
-        # Other keys of the frame are about the picture that it had.
-        frames.append((dataclasses.replace(camera, extra={}), picture))
-        yield number + 1, len(cameras)
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".rendering-") as drafts:
+        for number, camera in enumerate(cameras):
+            picture = folder / f"view_{number:03}.exr"
+            pixels = stage.picture(camera, settings.seed + number)
+            attributes = dataclasses.asdict(settings) | {"seed": settings.seed + number}
+            write_exr(pathlib.Path(drafts) / picture.name, pixels, software, attributes)
+            # Other keys of the frame are about the picture that it had.
+            frames.append((dataclasses.replace(camera, extra={}), picture))
+            yield number + 1, len(cameras)
+        for _, picture in frames:
+            os.replace(pathlib.Path(drafts) / picture.name, picture)
     capture = Capture(
         frames,
         model=settings.model,

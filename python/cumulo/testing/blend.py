@@ -42,6 +42,8 @@ def _unbiased(scene: bpy.types.Scene, seed: int, samples: int) -> None:
     """Means over independent samples by pixel: no denoising, no clamping, nothing that ties neighbours."""
     cycles = scene.cycles
     cycles.seed, cycles.samples, cycles.use_animated_seed = seed, samples, False
+    # Neither a view layer nor a clock may say how many.
+    cycles.use_layer_samples, cycles.time_limit, cycles.use_sample_subset = "IGNORE", 0.0, False
     cycles.use_adaptive_sampling = cycles.use_denoising = False
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
     cycles.sampling_pattern = "TABULATED_SOBOL"

@@ -57,7 +57,7 @@ def volume(vdb: Path, camera: Any, settings: Any, *, grid: str = "density", name
     here = pathlib.Path(__file__).resolve().parents[1]
     sky = _fields(settings).get("sky_file")
     parts = sorted((here / "cycles").glob("*.py"))
-    files = [vdb, here / "blender.py", here / "padding.py", *parts, *([sky] if sky else [])]
+    files = [vdb, here / "blender.py", here / "exr.py", here / "padding.py", *parts, *([sky] if sky else [])]
     described = {"camera": plain(camera), "settings": {k: v for k, v in plain(settings).items() if k != "sky_file"}, "grid": grid}
     return Reference(name or pathlib.Path(vdb).stem, render, files, described)
 
@@ -82,7 +82,9 @@ def blend_file(path: Path, *, frame: int | None = None, camera: str | None = Non
         linked[:] = blend.render(pathlib.Path(path), out, seed, frame, camera, size, samples)
 
     settings = {"frame": frame, "camera": camera, "size": size, "samples": samples}
-    return Reference(name or pathlib.Path(path).stem, render, [path, *inputs], settings, discover=lambda: linked)
+    # What sets the scene up is an input as well.
+    files = [path, pathlib.Path(__file__).resolve().with_name("blend.py"), *inputs]
+    return Reference(name or pathlib.Path(path).stem, render, files, settings, discover=lambda: linked)
 
 
 def plain(value: Any) -> Any:
@@ -162,15 +164,16 @@ class Store:
         if missing:
             return f"seed {missing[0]} was not rendered"
         # Files that only the renderer finds are checked where they were found.
-        found = [self.root / name for name in made["inputs"]] if reference.discover else []
+        own = self._files(reference, [])
+        found = [self.root / name for name in made.get("inputs", {}) if name not in own] if reference.discover else []
         now = self._described(reference, found)
         if reference.renderer and now["renderer"] is None:
             now["renderer"] = made["renderer"]
-        lines = changes({key: made[key] for key in now}, now)
+        lines = changes({key: made.get(key) for key in now}, now)
         return "it is of other inputs:\n    " + "\n    ".join(lines) if lines else None
 
     def _described(self, reference: Reference, found: Sequence[Path]) -> dict[str, Any]:
-        files = {self._name(path): path for path in [*reference.inputs, *found]}
+        files = self._files(reference, found)
         version = None
         if reference.renderer:
             try:
@@ -182,6 +185,25 @@ class Store:
             "settings": json.loads(json.dumps(plain(reference.settings))),
             "renderer": version,
         }
+
+    def _files(self, reference: Reference, found: Sequence[Path]) -> dict[str, Path]:
+        """Inputs by their names: those that the test names, and those that the renderer found."""
+        files: dict[str, Path] = {}
+        for path in reference.inputs:
+            name, number = self._name(path), 1
+            while name in files and pathlib.Path(files[name]).absolute() != pathlib.Path(path).absolute():
+                # Files of one name in several folders away from the checkout.
+                number += 1
+                name = f"{self._name(path)} ({number})"
+            files[name] = path
+        own = {pathlib.Path(path).absolute() for path in files.values()}
+        for path in found:
+            absolute = pathlib.Path(path).absolute()
+            if absolute not in own:
+                # Nobody but the renderer knows where it is, so that its name has to say it.
+                within = absolute.relative_to(self.root).as_posix() if absolute.is_relative_to(self.root) else None
+                files[within if within and within not in files else absolute.as_posix()] = absolute
+        return files
 
     def _name(self, path: Path) -> str:
         """Name of an input, which stays when the checkout moves."""

@@ -1,12 +1,24 @@
-"""A third opinion, slow and plain: exact optical depth in f64, box chords in closed form, and the
-statistics by which noisy pictures are judged."""
+"""A third opinion, slow and plain: exact optical depth in f64, box chords in closed form, and the statistics by which
+ray-marched pictures are judged; others are by `cumulo.testing`, for which pictures of Cycles are kept here."""
 
 import math
+import pathlib
 import statistics
 
 import cumulo.blender  # noqa: F401  brings `openvdb`
 import numpy as np
 import openvdb
+from cumulo.testing import Reference
+
+PACKAGE = pathlib.Path(cumulo.__file__).parent
+
+
+def of_cycles(name, film, files, **settings):
+    """Pictures of Cycles as a reference: `film(seed)` renders one, [height, width, 4]. They are kept until one of `files`
+    changes, which are the volume and the test that makes the scene, or of `settings`, or of the modules that help it."""
+    modules = [PACKAGE / f"{module}.py" for module in ("blender", "capture", "exr", "padding")]
+    modules += [*sorted((PACKAGE / "cycles").glob("*.py")), pathlib.Path(__file__).with_name("smoke_scene.py")]
+    return Reference(name, lambda seed, path: film(seed), [*files, *modules], settings)
 
 
 def box_chord(camera, low, high, matrix=None, offsets=((0.5, 0.5),), near=0.0):
@@ -78,8 +90,8 @@ def trilinear(values, at):
 
 
 def excess(first, second, expected, samples=None, block=8, alpha=1e-3):
-    """Judges two renders of one view by different seeds, [height, width] each, against `expected`:
-    a picture without noise, or two by different seeds as well.
+    """Judges two renders of one view by different seeds, [height, width] each, against `expected`,
+    a picture without noise.
 
     For every block of pixels the mean difference is divided by its standard error, taken from the
     seeds' own difference: var((a + b)/2) = (a - b)^2/4. The largest is compared with what `alpha`
@@ -91,11 +103,8 @@ def excess(first, second, expected, samples=None, block=8, alpha=1e-3):
     variance v lifts the mean of exp by T v/2; v is read off the noise, and that much is allowed.
     """
     first, second = (np.asarray(p, dtype=np.float64) for p in (first, second))
-    expected = np.asarray(expected, dtype=np.float64).reshape(-1, *first.shape)
-    error, variance = 0.5 * (first + second) - expected.mean(axis=0), 0.25 * (first - second) ** 2
-    if len(expected) == 2:
-        variance = variance + 0.25 * (expected[0] - expected[1]) ** 2
-    expected = expected.mean(axis=0)
+    expected = np.asarray(expected, dtype=np.float64)
+    error, variance = 0.5 * (first + second) - expected, 0.25 * (first - second) ** 2
     lift = np.zeros_like(error)
     if samples:
         # One sample's variance is 2 samples x variance of the mean of two pictures.

@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import math
+import pathlib
+import shlex
 
 import bpy
 import numpy as np
@@ -22,43 +24,45 @@ import openvdb  # isort: skip  `cumulo.cycles` brings it
 PLACE = np.array(Matrix.LocRotScale((0.3, -0.2, 0.1), Euler((0.2, 0.4, 0.6)), (1.5, 1.0, 0.8)))
 
 
-def rendered(cumulo, exported, folder, *, samples=64):
-    """Two pictures of the first frame by the program, by different seeds."""
-    pictures = []
-    for seed in (1, 2):
-        cumulo(*exported.arguments(folder / str(seed), samples), "--seed", seed)
-        pictures.append(read_exr(folder / str(seed) / f"frame.{exported.frames[0]:04}.exr"))
-    return pictures
+def rendered(cumulo, exported, folder):
+    """Function of a seed and a path that renders the first frame by the program, and returns where it is."""
+
+    def render(seed, path):
+        cumulo(*exported.arguments(folder / str(seed), 64), "--seed", seed)
+        picture = folder / str(seed) / f"frame.{exported.frames[0]:04}.exr"
+        assert read_exr(picture)[..., :3].max() > 0.1
+        return picture
+
+    return render
 
 
-def agree(first, second, block=16):
-    """True if two pairs of noisy pictures are of one mean, in all channels."""
-    return all(
-        reference.excess(*(p[..., c] for p in first), [p[..., c] for p in second], block=block) <= 1.0 for c in range(4)
-    )
+def of_cycles(name, scene, vdb):
+    """Cycles' pictures of the scene as a reference."""
+    return reference.of_cycles(f"bpy_scene_{name}", lambda seed: smoke_scene.film(scene, seed), [vdb, __file__])
 
 
-def test_a_moved_smoke_in_sun_light_is_the_picture_of_cycles(fixtures, cumulo, tmp_path):
+def test_a_moved_smoke_in_sun_light_is_the_picture_of_cycles(fixtures, cumulo, cumulo_parity, tmp_path):
     scene = smoke_scene.smoke(fixtures / "plume.vdb", matrix=PLACE)
     exported = bpy_scene.export(tmp_path / "scene")
-    theirs, ours = [smoke_scene.film(scene, seed) for seed in (1, 2)], rendered(cumulo, exported, tmp_path)
-    assert ours[0][..., :3].max() > 0.1
-    assert agree(theirs, ours)
+    moved = of_cycles("moved", scene, fixtures / "plume.vdb")
+    assert cumulo_parity.statistical(moved, rendered(cumulo, exported, tmp_path))
     # A wrong density, by a tenth, would be found.
     document = json.loads(exported.scene.read_text())
     document["volumes"][0]["medium"]["density_scale"] *= 1.1
     exported.scene.write_text(json.dumps(document))
-    assert not agree(theirs, rendered(cumulo, exported, tmp_path / "wrong"))
+    with pytest.raises(pytest.fail.Exception, match="expected values differ"):
+        cumulo_parity.statistical(moved, rendered(cumulo, exported, tmp_path / "wrong"))
 
 
-def test_lamps_and_the_sky_are_those_of_cycles(fixtures, cumulo, tmp_path):
+def test_lamps_and_the_sky_are_those_of_cycles(fixtures, cumulo, cumulo_parity, tmp_path):
     scene = smoke_scene.smoke(fixtures / "plume.vdb", sun=0.0, anisotropy=0.0)
     point = bpy.data.lights.new("Point", "POINT")
     point.energy, point.color, point.shadow_soft_size, point.use_soft_falloff = 90.0, (1, 0.6, 0.3), 0.3, False
     link_object(scene, "Point", point, look_at((-0.9, 0.5, 2.2), (0, 0, 0)))
     area = bpy.data.lights.new("Area", "AREA")
     area.energy, area.shape, area.size, area.size_y, area.exposure = 40.0, "RECTANGLE", 0.6, 1.5, 1.0
-    link_object(scene, "Area", area, look_at((1.2, 1.1, 3.4), (1, 1, 1)))
+    # Mirrored, it still emits along its -Z.
+    link_object(scene, "Area", area, look_at((1.2, 1.1, 3.4), (1, 1, 1)) @ np.diag([-1, 1, 1, 1]))
     rows, columns = np.mgrid[0:16, 0:32]
     sky = np.stack(
         [0.1 + 0.02 * columns, 0.5 - 0.02 * rows, 0.2 + 0.2 * (columns > 20), np.ones_like(rows, float)], axis=-1
@@ -78,7 +82,55 @@ def test_lamps_and_the_sky_are_those_of_cycles(fixtures, cumulo, tmp_path):
     exported = bpy_scene.export(tmp_path / "scene")
     lights = json.loads(exported.scene.read_text())["lights"]
     assert [light["type"] for light in lights] == ["SphereLight", "RectLight", "DomeLight"]
-    assert agree([smoke_scene.film(scene, seed) for seed in (1, 2)], rendered(cumulo, exported, tmp_path))
+    assert cumulo_parity.statistical(of_cycles("lamps", scene, fixtures / "plume.vdb"), rendered(cumulo, exported, tmp_path))
+
+
+def test_what_is_made_while_views_are_rendered_stays(fixtures, tmp_path):
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
+    shots = bpy_scene.shots(tmp_path, views=2, size=(8, 8), samples=1)
+    assert next(shots) == (1, 2)
+    material, box = bpy.data.materials.new("Mine"), box_mesh(scene, (3, 3, 3), (4, 4, 4))
+    box.name = "My box"
+    for _ in shots:
+        pass
+    assert scene.objects["My box"] == box and bpy.data.materials["Mine"] == material
+    assert [each.name for each in bpy.data.scenes] == ["Scene"] and len(bpy.data.volumes) == len(bpy.data.cameras) == 1
+
+
+def test_an_undo_ends_the_views_and_leaves_no_scene(fixtures, tmp_path):
+    smoke_scene.smoke(fixtures / "plume.vdb")
+    bpy.ops.ed.undo_push(message="before")
+    shots = bpy_scene.shots(tmp_path, views=2, size=(8, 8), samples=1)
+    next(shots)
+    bpy.data.objects.new("Mine", None)
+    bpy.ops.ed.undo_push(message="an object")
+    bpy.ops.ed.undo()
+    with pytest.raises(ReferenceError):
+        next(shots)
+    assert [scene.name for scene in bpy.data.scenes] == ["Scene"] and not list(tmp_path.iterdir())
+
+
+def test_a_cancelled_capture_leaves_the_one_before(fixtures, tmp_path):
+    smoke_scene.smoke(fixtures / "plume.vdb")
+    bpy_scene.capture(tmp_path, views=2, size=(8, 8), samples=1)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    shots = bpy_scene.shots(tmp_path, views=2, size=(16, 16), samples=1)
+    next(shots)
+    shots.close()
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_grid_is_read_once_for_all_frames(fixtures, tmp_path, monkeypatch):
+    vdb, read = tmp_path / "smoke.vdb", []
+    vdb.write_bytes((fixtures / "plume.vdb").read_bytes())
+    monkeypatch.setattr(padding, "read_grid", lambda *words, grid=padding.read_grid: read.append(words) or grid(*words))
+    smoke_scene.smoke(vdb)
+    bpy_scene.export(tmp_path / "out", frames=(1, 2, 3))
+    assert len(read) == 1
+    # Another file of that name is read.
+    padding.moved_copy(fixtures / "plume.vdb", "density", np.diag([2.0, 2.0, 2.0, 1.0]), vdb)
+    before, (matrix, _) = len(read), padding.lattice(vdb, "density")
+    assert len(read) == before + 1 and matrix[0, 0] == pytest.approx(2 / 24)
 
 
 def test_three_lines_make_a_capture(fixtures, tmp_path):
@@ -233,10 +285,68 @@ def test_sequences_name_the_file_of_each_frame(fixtures, tmp_path):
     for frame in (1, 2):
         (entry,) = json.loads((tmp_path / "out" / f"scene.{frame:04}.json").read_text())["volumes"]
         assert entry["file"] == f"../smoke_{frame + 6:03}.vdb"
-    with pytest.raises(bpy_scene.Refused, match="object 'Smoke'.*smoke_00[78].vdb|object 'Smoke'"):
-        (tmp_path / "smoke_008.vdb").unlink()
-        scene.frame_set(1)
+    (tmp_path / "smoke_008.vdb").unlink()
+    scene.frame_set(1)
+    with pytest.raises(bpy_scene.Refused, match="object 'Smoke': its sequence from .*smoke_007.vdb.*: smoke_008.vdb not found"):
         bpy_scene.export(tmp_path / "out", frames=(1, 2))
+
+
+def places(scene):
+    """Places along x of the volumes that an export states, in order."""
+    entries = bpy_scene.describe(".", scene)[0]["volumes"]
+    return sorted(round(entry.get("transform", np.eye(4).tolist())[0][3], 3) for entry in entries)
+
+
+def test_volumes_are_those_that_cycles_renders(fixtures, tmp_path):
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
+    # In a collection that a view layer includes, inside one that it excludes.
+    outer, inner = (bpy.data.collections.new(name) for name in ("Outer", "Inner"))
+    scene.collection.children.link(outer)
+    outer.children.link(inner)
+    for collection, x in ((outer, 1.0), (inner, 2.0)):
+        copy = scene.objects["Smoke"].copy()
+        copy.location.x = x
+        collection.objects.link(copy)
+    layers = scene.view_layers[0].layer_collection.children["Outer"]
+    layers.exclude, layers.children["Inner"].exclude = True, False
+    assert places(scene) == [0.0, 2.0]
+    # In an instance of a collection, unless a collection in it is disabled in renders.
+    copy = scene.objects["Smoke"].copy()
+    copy.location.x = 3.0
+    collection = instance_of(scene, copy)
+    assert places(scene) == [0.0, 2.0, 3.0]
+    collection.hide_render = True
+    assert places(scene) == [0.0, 2.0]
+    collection.hide_render = False
+    # One whose sequence has no file at the present frame is rendered as nothing.
+    copy.data = copy.data.copy()
+    copy.data.is_sequence, copy.data.frame_start, copy.data.frame_duration, copy.data.sequence_mode = True, 1, 1, "CLIP"
+    (tmp_path / "one_001.vdb").write_bytes((fixtures / "plume.vdb").read_bytes())
+    copy.data.filepath = str(tmp_path / "one_001.vdb")
+    scene.frame_set(1)
+    assert places(scene) == [0.0, 2.0, 3.0]
+    scene.frame_set(2)
+    assert places(scene) == [0.0, 2.0]
+
+
+def test_the_present_frame_is_exported_with_its_subframe(fixtures, tmp_path):
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
+    thing = scene.objects["Smoke"]
+    for frame, x in ((1, 0.0), (2, 1.0)):
+        thing.location.x = x
+        thing.keyframe_insert("location", frame=frame)
+    scene.frame_set(1, subframe=0.5)
+    for frames, x in ((None, 0.5), ((1,), 0.5), ((1, 2), 0.0)):
+        exported = bpy_scene.export(tmp_path / "out", frames=frames)
+        (volume,) = json.loads(pathlib.Path(str(exported.scene).replace("####", "0001")).read_text())["volumes"]
+        assert volume.get("transform", np.eye(4).tolist())[0][3] == pytest.approx(x, abs=1e-6)
+    assert (scene.frame_current, scene.frame_subframe) == (1, 0.5)
+
+
+def test_commands_are_quoted(fixtures, tmp_path):
+    smoke_scene.smoke(fixtures / "plume.vdb")
+    exported = bpy_scene.export(tmp_path / "a smoke; $(it)")
+    assert shlex.split(exported.command(tmp_path / "it's")) == ["cumulo", *exported.arguments(tmp_path / "it's")]
 
 
 def light(kind, **options):
@@ -369,7 +479,81 @@ def few_bounces(scene):
     scene.objects["Sun"].data.cycles.max_bounces = 0
 
 
+def left_out(name):
+    """A change: the view layer leaves this out."""
+    return lambda scene: setattr(scene.view_layers[0], name, False)
+
+
+def covered(node, tree):
+    output = node.outputs[0].links[0].to_node
+    tree.links.new(tree.nodes.new("ShaderNodeBsdfPrincipled").outputs[0], output.inputs["Surface"])
+
+
+def second_slot(scene):
+    materials = bpy.data.volumes["Smoke"].materials
+    materials.append(materials[0])
+    materials[0] = None
+
+
+def sheared_lamp(scene):
+    data = bpy.data.lights.new("Lamp", "AREA")
+    shear = np.eye(4)
+    # Columns of length 1.
+    shear[:2, 1] = 0.6, 0.8
+    parent = bpy.data.objects.new("Parent", None)
+    scene.collection.objects.link(parent)
+    thing = link_object(scene, "Lamp", data)
+    thing.parent, thing.matrix_parent_inverse = parent, Matrix(shear.tolist())
+
+
+def hidden_instance(scene):
+    instance_of(scene, scene.objects["Smoke"].copy()).hide_viewport = True
+
+
+def instance_of(scene, thing):
+    """Links an object into a collection that is not in the scene, and an instance of that; returns the collection."""
+    inner, outer = (bpy.data.collections.new(name) for name in ("Inner", "Outer"))
+    outer.children.link(inner)
+    inner.objects.link(thing)
+    place = link_object(scene, "Instance", None)
+    place.instance_type, place.instance_collection = "COLLECTION", outer
+    return inner
+
+
+def past_the_end(scene):
+    volume = bpy.data.volumes["Smoke"]
+    path = pathlib.Path(bpy.app.tempdir) / "one_001.vdb"
+    path.write_bytes(pathlib.Path(volume.filepath).read_bytes())
+    volume.filepath, volume.is_sequence = str(path), True
+    volume.frame_start, volume.frame_duration, volume.sequence_mode = 1, 1, "CLIP"
+    scene.frame_set(2)
+
+
+def mirrored_grid(scene):
+    grid = openvdb.read(bpy.data.volumes["Smoke"].filepath, "density")
+    grid.transform = openvdb.createLinearTransform(np.diag([-0.1, 0.1, 0.1, 1.0]).tolist())
+    path = pathlib.Path(bpy.app.tempdir) / "mirrored.vdb"
+    openvdb.write(str(path), grids=[grid])
+    bpy.data.volumes["Smoke"].filepath = str(path)
+
+
 REFUSED = {
+    "a surface around the medium": (material(covered), ["material 'Smoke Material'", "surface", "unlink Surface"]),
+    "an empty first slot": (second_slot, ["object 'Smoke'", "no material in its first slot"]),
+    "cubic interpolation": (
+        lambda scene: setattr(bpy.data.materials["Smoke Material"].cycles, "volume_interpolation", "CUBIC"),
+        ["material 'Smoke Material'", "cubics", "Linear"],
+    ),
+    "a sun of a power by solid angle": (light("SUN", normalize=False), ["light 'Lamp'", "Normalize"]),
+    "a point of a power by area": (light("POINT", normalize=False, shadow_soft_size=0.0), ["light 'Lamp'", "Normalize"]),
+    "a sheared lamp": (sheared_lamp, ["light 'Lamp'", "shears"]),
+    "volumes left out": (left_out("use_volumes"), ["view layer 'ViewLayer'", "leaves volumes out"]),
+    "a world left out": (left_out("use_sky"), ["view layer 'ViewLayer'", "leaves the world out"]),
+    "light of later bounces made up": (attribute("cycles.use_fast_gi", True), ["scene 'Scene'", "Fast GI"]),
+    "a flat volume": (lambda scene: setattr(scene.objects["Smoke"], "scale", (1, 0, 1)), ["object 'Smoke'", "scale of 0"]),
+    "a mirrored grid": (mirrored_grid, ["object 'Smoke'", "mirrors the grid"]),
+    "an instance hidden in the viewport": (hidden_instance, ["object 'Smoke.001'", "by 'Instance'", "viewport"]),
+    "a frame without a file": (past_the_end, ["scene 'Scene'", "no volume at frame 2"]),
     "a mesh": (cloth, ["object 'box'", "a mesh is rendered", "disable it in renders"]),
     "a mesh with a medium": (foggy_box, ["object 'box'", "medium without a VDB", "Import OpenVDB"]),
     "a fluid domain": (domain, ["object 'box'", "fluid domain", "cache:", "Import OpenVDB"]),

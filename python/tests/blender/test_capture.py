@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from cumulo.capture import Camera, Capture, look_at, sphere_cameras
+from cumulo.exr import read_exr, write_exr
 from cumulo.run import CumuloError
 
 
@@ -40,9 +41,20 @@ def test_what_is_wrong_is_named(tmp_path):
     path.write_text(json.dumps({"w": 8, "h": 8, "frames": [{"file_path": "a", "transform_matrix": np.eye(4).tolist()}]}))
     with pytest.raises(ValueError, match="frame 0.*fl_x nor camera_angle_x"):
         Capture.read(path)
+    path.write_text('{"frames": [')
+    with pytest.raises(ValueError, match="transforms.json: it is no JSON"):
+        Capture.read(path)
     path.write_text('{"frames": []}')
     with pytest.raises(ValueError, match="no frames"):
         Capture.read(path)
+
+
+def test_damaged_pictures_are_named(tmp_path):
+    write_exr(tmp_path / "a.exr", np.random.default_rng(1).random((64, 64, 4), np.float32), "test", {})
+    content = (tmp_path / "a.exr").read_bytes()
+    (tmp_path / "a.exr").write_bytes(content[: len(content) // 2])
+    with pytest.raises(ValueError, match="a.exr: it cannot be read"):
+        read_exr(tmp_path / "a.exr")
 
 
 def test_sphere_cameras_hold_the_box_in_view():

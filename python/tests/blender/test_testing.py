@@ -136,6 +136,7 @@ def test_a_blend_is_rendered_as_its_scene_is(cumulo, fixtures, tmp_path):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
+    scene.view_layers[0].samples, scene.cycles.time_limit = 1000, 3600.0
     scene.world = bpy.data.worlds.new("sky")
     scene.world.use_nodes = True
     scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.25, 0.5, 1.0, 1.0)
@@ -153,8 +154,10 @@ def test_a_blend_is_rendered_as_its_scene_is(cumulo, fixtures, tmp_path):
     # A constant, summed over four samples and divided.
     sky = np.broadcast_to(np.float32((0.25, 0.5, 1.0, 1.0)), (6, 8, 4))
     assert parity.exact(reference, lambda seed, path: sky, tolerance=rounding(8, 1.0))
+    cycles = bpy.context.scene.cycles
+    assert (cycles.samples, cycles.use_layer_samples, cycles.time_limit) == (4, "IGNORE", 0.0)
     _, made, rendered = store.pictures(blend_file(blend, camera="eye", size=(8, 6), samples=4), [1])
-    assert made["inputs"].keys() == {"scene.blend", "linked.vdb"} and not rendered
+    assert made["inputs"].keys() == {"scene.blend", "linked.vdb", "cumulo/testing/blend.py"} and not rendered
     (tmp_path / "linked.vdb").write_bytes(b"another")
     with pytest.raises(ReferenceProblem, match="inputs.linked.vdb"):
         store.pictures(blend_file(blend, camera="eye", size=(8, 6), samples=4), [1])

@@ -1,17 +1,19 @@
 //! Figures of sequences against a reference.
 
 use super::space::{Space, flip};
+use crate::cli::failed::{Failed, List};
 use crate::error::Result;
 use crate::metrics::error::psnr_db;
 use crate::metrics::{self, Comparison, flicker};
 use crate::scene::film::Film;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::fmt;
 use std::path::PathBuf;
 
 /// Figures of a frame.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, JsonSchema)]
 pub struct Figures {
     pub frame: u32,
     /// `null` for identical colors.
@@ -26,7 +28,7 @@ pub struct Figures {
 }
 
 /// Figures of a sequence against its reference.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, JsonSchema)]
 pub struct Track {
     pub frames: Vec<Figures>,
     /// Of the mean squared error over all frames, for the largest peak.
@@ -43,7 +45,7 @@ pub struct Track {
 }
 
 /// Report of a comparison of sequences.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, JsonSchema)]
 pub struct Report {
     #[serde(flatten)]
     pub all: Track,
@@ -52,6 +54,8 @@ pub struct Report {
     pub beside: Option<Track>,
     /// Frames that not all of the sequences have.
     pub left_out: Vec<u32>,
+    /// Frames that could not be read or compared.
+    pub failed: Vec<Failed>,
     pub differ: bool,
     #[serde(skip_serializing_if = "Option::is_none", serialize_with = "crate::cli::paths::text")]
     pub report: Option<PathBuf>,
@@ -98,7 +102,12 @@ impl fmt::Display for Report {
         if let Some(report) = &self.report {
             writeln!(f, "report    {}", report.display())?;
         }
-        write!(f, "{}", if self.differ { "the sequences differ" } else { "the sequences agree" })
+        let verdict = match (self.differ, self.failed.is_empty()) {
+            (true, _) => "the sequences differ",
+            (false, true) => "the sequences agree",
+            (false, false) => "the sequences agree where they could be compared",
+        };
+        write!(f, "{verdict}{}", List(&self.failed))
     }
 }
 

@@ -1,41 +1,51 @@
 //! Comparison of two sequences.
 
-use super::Arguments;
 use super::figures::{Gauge, Report};
 use super::page::Gallery;
+use super::{Arguments, ENDINGS};
+use crate::cli::failed::Failed;
+use crate::cli::frames::{Results, Sequence, common, each};
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
 use crate::cli::report;
 use crate::error::{Error, Result};
 use crate::formats::exr;
-use crate::formats::sequence::Pattern;
+use crate::formats::limits::Limits;
+use crate::metrics::Comparison;
 use crate::scene::film::Film;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Compares two sequences frame by frame.
+/// A comparison of sequences at work.
+struct Work<'w> {
+    arguments: &'w Arguments,
+    /// Sequences, of which the last is the reference and the one before it is compared; one beside it may precede both.
+    sequences: Vec<&'w Sequence>,
+    first: Gauge,
+    other: Gauge,
+    gallery: Gallery,
+    failed: Vec<Failed>,
+    differ: bool,
+}
+
+/// Compares two sequences frame by frame. A frame that cannot be read or compared does not stop the others.
 ///
 /// # Errors
-/// If they have no frame in common, a frame cannot be read or compared, or the report cannot be written.
-pub fn run(arguments: &Arguments, [a, b]: [&Pattern; 2], output: &Output) -> Result<ExitCode> {
+/// If they have no frame in common, none can be compared, or the report cannot be written.
+pub fn run(arguments: &Arguments, [a, b]: [&Sequence; 2], output: &Output) -> Result<ExitCode> {
     if arguments.heatmap.is_some() {
         return Err(Error::invalid("--heatmap: a sequence has many differences")
             .hint("compare one frame of it, or show them all with --report"));
     }
     let provenance = Provenance::begin();
     let beside = arguments.beside.as_ref().map(|path| {
-        Pattern::parse(path).ok_or_else(|| {
+        arguments.frames.sequence(path, &ENDINGS)?.ok_or_else(|| {
             Error::invalid("--beside: this names no sequence").at(path).hint("give a name such as 'noisy.####.exr'")
         })
     });
     let beside = beside.transpose()?;
-    let patterns: Vec<&Pattern> = beside.iter().chain([a, b]).collect();
-    let numbers = patterns.iter().map(|pattern| pattern.numbers()).collect::<Result<Vec<_>>>()?;
-    let mut union: Vec<u32> = numbers.concat();
-    union.sort_unstable();
-    union.dedup();
-    let (both, left_out): (Vec<u32>, Vec<u32>) =
-        union.into_iter().partition(|number| numbers.iter().all(|list| list.binary_search(number).is_ok()));
+    let sequences: Vec<&Sequence> = beside.iter().chain([a, b]).collect();
+    let (both, left_out) = common(&sequences);
     if both.is_empty() {
         return Err(Error::invalid("the sequences have no frame in common")
             .at(&arguments.a)
@@ -44,49 +54,79 @@ pub fn run(arguments: &Arguments, [a, b]: [&Pattern; 2], output: &Output) -> Res
     if let Some(dir) = &arguments.report {
         report::prepare(dir)?;
     }
-    let bar = output.progress(both.len() as u64, "compare");
     let gauge = || Gauge::new(arguments.space(), arguments.flip);
-    let (mut first, mut other, mut gallery) = (gauge(), gauge(), Gallery::new(both.len()));
-    let mut differ = false;
-    for (at, number) in both.into_iter().enumerate() {
-        let paths: Vec<PathBuf> = patterns.iter().map(|pattern| pattern.path(number)).collect();
-        let films = films(arguments, &paths)?;
-        let films: Vec<&Film> = films.iter().collect();
-        let reference = films.len() - 1;
-        let add = |gauge: &mut Gauge, which: usize| {
-            let named = |e: Error| e.part(format!("{} and {}", paths[which].display(), paths[reference].display()));
-            gauge.add(number, [films[which], films[reference]]).map_err(named)
-        };
-        if reference == 2 {
-            add(&mut other, 0)?;
-        }
-        let c = add(&mut first, reference - 1)?;
-        differ |= !c.within(arguments.tolerance);
-        if arguments.report.is_some() {
-            gallery.add(at, number, &films, c.psnr_db);
-        }
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
+    let (first, other, gallery) = (gauge(), gauge(), Gallery::new(both.len()));
+    let mut work = Work { arguments, sequences, first, other, gallery, failed: Vec::new(), differ: false };
+    work.all(&both, output)?;
+    let Work { first, other, gallery, failed, differ, .. } = work;
     let beside = beside.map(|_| other.closed());
-    let mut report = Report { all: first.closed(), beside, left_out, differ, report: None };
-    if let Some(dir) = &arguments.report {
+    let mut report = Report { all: first.closed(), beside, left_out, failed, differ, report: None };
+    if let Some(dir) = arguments.report.as_ref().filter(|_| !report.all.frames.is_empty()) {
         let mut page =
             gallery.page([&arguments.a, &arguments.b], arguments.beside.as_deref(), arguments.space(), &report)?;
         page.provenance(&provenance.rows());
         report.report = Some(page.write(dir)?);
     }
     output.report(&report)?;
-    Ok(if differ { ExitCode::from(1) } else { ExitCode::SUCCESS })
+    Ok(ExitCode::from(if report.failed.is_empty() { u8::from(differ) } else { 2 }))
 }
 
-/// Reads the pictures of a frame, of which the last is the reference.
-fn films(arguments: &Arguments, paths: &[PathBuf]) -> Result<Vec<Film>> {
-    let limits = arguments.memory.limits();
-    let [.., reference] = paths else { return Ok(Vec::new()) };
-    for path in &paths[..paths.len() - 1] {
-        arguments.check_memory([path, reference], limits)?;
+impl Work<'_> {
+    /// Reads and compares the frames, as many at a time as there are threads.
+    fn all(&mut self, numbers: &[u32], output: &Output) -> Result<()> {
+        let limits = self.arguments.memory.limits();
+        let bar = output.progress(numbers.len() as u64, "compare");
+        let mut at = 0;
+        for chunk in numbers.chunks(rayon::current_num_threads().max(1)) {
+            for (number, films) in self.read(chunk, limits, output)? {
+                if let Err(error) = films.and_then(|films| self.frame(at, number, &films)) {
+                    self.failed.push(Failed::new(number, &error));
+                }
+                at += 1;
+                bar.inc(1);
+            }
+        }
+        Ok(())
     }
-    let layer = arguments.layer.as_deref();
-    paths.iter().map(|path| Ok(exr::picture_within(path, layer, limits)?.film)).collect()
+
+    /// Reads the pictures of some frames, the reference last.
+    fn read(&self, numbers: &[u32], limits: Limits, output: &Output) -> Result<Results<Vec<Film>>> {
+        let (results, _) =
+            output.keep(|silent| each(numbers, "reading", limits, silent, |n, limits| self.films(n, limits)))?;
+        Ok(results)
+    }
+
+    fn films(&self, number: u32, limits: Limits) -> Result<Vec<Film>> {
+        let paths = self.paths(number);
+        let [.., reference] = &paths[..] else { return Ok(Vec::new()) };
+        for path in &paths[..paths.len() - 1] {
+            self.arguments.check_memory([path, reference], limits)?;
+        }
+        let layer = self.arguments.layer.as_deref();
+        paths.iter().map(|path| Ok(exr::picture_within(path, layer, limits)?.film)).collect()
+    }
+
+    fn paths(&self, number: u32) -> Vec<PathBuf> {
+        self.sequences.iter().map(|sequence| sequence.path(number)).collect()
+    }
+
+    /// Compares a frame at its place in the sequence.
+    fn frame(&mut self, at: usize, number: u32, films: &[Film]) -> Result<()> {
+        let paths = self.paths(number);
+        let reference = films.len() - 1;
+        let add = |gauge: &mut Gauge, which: usize| -> Result<Comparison> {
+            let named = |e: Error| e.part(format!("{} and {}", paths[which].display(), paths[reference].display()));
+            gauge.add(number, [&films[which], &films[reference]]).map_err(named)
+        };
+        // A frame counts in both comparisons or in none.
+        let c = add(&mut self.first, reference - 1)?;
+        if reference == 2 {
+            add(&mut self.other, 0)?;
+        }
+        self.differ |= !c.within(self.arguments.tolerance);
+        if self.arguments.report.is_some() {
+            self.gallery.add(at, number, &films.iter().collect::<Vec<_>>(), c.psnr_db);
+        }
+        Ok(())
+    }
 }

@@ -6,15 +6,16 @@ mod page;
 mod space;
 mod statistical;
 
+use crate::cli::frames::FramesOption;
 use crate::cli::memory::Memory;
 use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::sequence::Pattern;
 use crate::formats::{exr, png};
 use crate::metrics::{self, Comparison, flip, heatmap};
 use crate::text::printable;
+use schemars::JsonSchema;
 use serde::Serialize;
 use space::Space;
 use std::fmt;
@@ -25,13 +26,16 @@ use std::process::ExitCode;
 ///
 /// Exit code 0 if they agree, 1 if they differ, 2 if they cannot be compared. Figures are of the colors in
 /// scene-linear values unless --display is given; psnr_db refers to white, or to the second picture's peak if that is brighter. Of sequences,
-/// 'a.####.exr', frames of equal number are compared; flicker_psnr_db is of the changes from frame to frame.
+/// 'a.####.exr' or a folder of numbered files, frames of equal number are compared; flicker_psnr_db is of the changes from frame
+/// to frame.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Picture to compare
     a: PathBuf,
     /// Reference picture
     b: PathBuf,
+    #[command(flatten)]
+    frames: FramesOption,
     /// Layer of both files (default: the beauty)
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
@@ -58,6 +62,9 @@ pub struct Arguments {
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
 }
+
+/// Extensions of the files that a folder's sequence consists of.
+const ENDINGS: [&str; 1] = ["exr"];
 
 impl Arguments {
     fn space(&self) -> Space {
@@ -93,8 +100,17 @@ impl Arguments {
     }
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+/// Report of two pictures, or of two sequences.
+#[derive(JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "it describes documents, and none is made of it")]
+pub(in crate::cli) enum AnyReport {
+    Pictures(Report),
+    Sequences(figures::Report),
+}
+
+#[derive(Debug, Serialize, JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(flatten)]
     comparison: Comparison,
     layers: [String; 2],
@@ -146,18 +162,18 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
         return Err(Error::invalid(format!("--tolerance {}: a number from 0 on is expected", arguments.tolerance))
             .hint("give the largest absolute difference of a sample that still counts as agreement"));
     }
-    let patterns = [&arguments.a, &arguments.b].map(|path| Pattern::parse(path));
+    let sequences = arguments.frames.pair([&arguments.a, &arguments.b], &ENDINGS)?;
     if arguments.statistical.asked() {
         drop(stage);
-        if patterns.iter().any(Option::is_some) {
+        if sequences.is_some() {
             return Err(Error::invalid("--statistical: a sequence is given, and it tests two pictures")
                 .hint("test frames of it one by one"));
         }
         return statistical::run(arguments, output);
     }
-    if let [Some(a), Some(b)] = patterns {
+    if let Some([a, b]) = &sequences {
         drop(stage);
-        return frames::run(arguments, [&a, &b], output);
+        return frames::run(arguments, [a, b], output);
     }
     for (option, given) in [("--report", &arguments.report), ("--beside", &arguments.beside)] {
         if given.is_some() {

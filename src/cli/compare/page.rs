@@ -74,6 +74,9 @@ impl Gallery {
             let heading =
                 format!("Frame {number}, the furthest apart ({})", decibels(Some(*psnr).filter(|v| v.is_finite())));
             page.strip(&heading, &labels, std::slice::from_ref(frame), RATE)?;
+            if let [.., own, reference] = frame.pictures() {
+                page.wipe(&format!("Frame {number}, one over the other"), [&a, &b], [own, reference])?;
+            }
         }
         let tracks: Vec<(&str, &Track)> =
             [(&a[..], &report.all)].into_iter().chain(beside.as_deref().zip(report.beside.as_ref())).collect();
@@ -81,6 +84,7 @@ impl Gallery {
             let line = |(label, track): &(&str, &Track)| Series {
                 label: (*label).to_owned(),
                 points: track.frames.iter().filter_map(|g| Some((f64::from(g.frame), of(g)?))).collect(),
+                dashed: false,
             };
             let series: Vec<Series> = tracks.iter().map(line).collect();
             if series.iter().any(|series| !series.points.is_empty()) {

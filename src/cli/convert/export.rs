@@ -1,14 +1,15 @@
 //! A grid of a VDB as an image, over the box of its active voxels.
 
-use super::report::{GridPlace, Report, array_to_world};
 use super::Convert;
+use super::report::{GridPlace, Report, array_to_world};
 use crate::cli::output::Output;
 use crate::cli::outputs;
 use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::formats::imaging::options::Axes;
+use crate::formats::imaging::source::Source;
 use crate::formats::imaging::values::Tally;
-use crate::formats::imaging::volume::{self, Source};
+use crate::formats::imaging::volume;
 use crate::formats::imaging::write::{self, Target};
 use crate::formats::vdb::{File, NativeGrid};
 use std::process::ExitCode;

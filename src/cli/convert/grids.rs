@@ -1,5 +1,8 @@
 //! VDB in, VDB out, with edits in between. Grids stay native, so that nothing is lost that no edit touches.
 
+use super::form::Formed;
+use super::sources::{self, GridSource};
+use super::turn::Turn;
 use super::{Convert, Repair};
 use crate::cli::memory::human;
 use crate::cli::output::Output;
@@ -9,9 +12,10 @@ use crate::formats::imaging::values::{Mapping, Tally};
 use crate::formats::imaging::volume::{self, GridType};
 use crate::formats::limits::Limits;
 use crate::formats::transfer::{METADATA_KEY, TransferSummary, to_metadata};
-use crate::formats::vdb::{File, GridInfo, NativeGrid, Transform as Placement, writable, write_native};
+use crate::formats::vdb::up::UP_KEY;
+use crate::formats::vdb::{File, GridInfo, NativeGrid, ResampleFilter, Transform as Placement, writable, write_native};
 use crate::math::Aabb;
-use crate::scene::grid::GridClass;
+use crate::scene::grid::{GridClass, MetaValue};
 use crate::scene::transfer::Transfer;
 use crate::text::printable;
 use half::f16;
@@ -29,6 +33,8 @@ struct Report {
     output: PathBuf,
     bytes: u64,
     grids: Vec<ConvertedGrid>,
+    /// Turn of the world that `--up` asked for.
+    up: Option<Turn>,
     /// Transfer function that `--tf` attached to the grids.
     transfer: Option<TransferSummary>,
     /// Edits whose effect may not have been meant.
@@ -40,6 +46,12 @@ struct ConvertedGrid {
     name: String,
     from: String,
     active_voxels: u64,
+    /// Filter of `--resample`.
+    filter: Option<ResampleFilter>,
+    /// Form that `--to` gave the grid; none where it stays as it was.
+    formed: Option<Formed>,
+    /// True if `--up` turned the vectors that the grid holds; none for other grids.
+    vectors_turned: Option<bool>,
     /// Number of values that `--repair` set to zero.
     repaired: Option<u64>,
     /// Number of finite values that become infinite as 16-bit floats; none without `--half`.
@@ -68,27 +80,19 @@ impl Convert {
         let transfer = self.transfer.load(limits)?;
         let file = File::open(&self.input, limits)?;
         let names = self.chosen(&file)?;
-        let renames = self.renames(&file, &names)?;
-        let mut natives = Vec::new();
-        let mut grids = Vec::new();
+        let turn = Turn::of(&self.edits, &file);
+        turn.iter().for_each(|turn| output.note(turn));
         let mut warnings = Vec::new();
-        let mut budget = Budget { held: 0, limit: limits.max_memory };
-        let in_file = names.iter().map(|name| Ok(file.find(name)?.topology.map_or(0, |t| t.memory)));
-        let in_file = in_file.sum::<Result<u64>>()?;
-        budget.room(in_file, "holding the grids", ONE_BY_ONE).map_err(|e| e.at(&self.input))?;
-        for name in &names {
-            let mut native = file.read(name)?;
-            let converted = self.edit(&mut native, renames.get(name), transfer.as_ref(), &mut budget, &mut warnings);
-            grids.push(converted.map_err(|e| e.part(format!("grid '{name}'")).at(&self.input))?);
-            natives.push(native);
-        }
+        let (natives, grids) = self.made(&file, &names, (transfer.as_ref(), turn.as_ref()), &mut warnings)?;
         warnings.iter().for_each(|warning| output.note(format!("warning: {warning}")));
         if transfer.is_some() && !grids.iter().any(|g| g.transfer) {
             return Err(Error::invalid("no grid holds scalars, which a transfer function needs")
                 .at(&self.input)
                 .hint("leave --tf out, or choose other grids"));
         }
-        write_native(&self.output, &natives.iter().collect::<Vec<_>>(), Some(&file), &BTreeMap::new(), self.codec)?;
+        let axis = |turn: &Turn| (UP_KEY.to_owned(), MetaValue::Text(turn.to.name().into()));
+        let metadata: BTreeMap<String, MetaValue> = turn.iter().map(axis).collect();
+        write_native(&self.output, &natives.iter().collect::<Vec<_>>(), Some(&file), &metadata, self.codec)?;
         let transfer = transfer.as_ref().map(TransferSummary::of).transpose()?;
         let bytes = std::fs::metadata(&self.output).map_err(|e| Error::io(&self.output, e))?.len();
         drop(stage);
@@ -97,10 +101,44 @@ impl Convert {
             output: self.output.clone(),
             bytes,
             grids,
+            up: turn,
             transfer,
             warnings,
         })?;
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Reads the grids, makes others of them and edits all.
+    fn made(
+        &self,
+        file: &File,
+        names: &[String],
+        (transfer, turn): (Option<&Transfer>, Option<&Turn>),
+        warnings: &mut Vec<String>,
+    ) -> Result<(Vec<NativeGrid>, Vec<ConvertedGrid>)> {
+        let sources = sources::sources(&self.edits.split, &self.edits.merge, file, names)?;
+        let mut new_names = self.new_names(file, names, &sources, warnings)?.into_iter();
+        let (mut natives, mut grids): (Vec<_>, Vec<ConvertedGrid>) = (Vec::new(), Vec::new());
+        let mut budget = Budget { held: 0, limit: self.memory.limits().max_memory };
+        let in_file = names.iter().map(|name| Ok(file.find(name)?.topology.map_or(0, |t| t.memory)));
+        let in_file = in_file.sum::<Result<u64>>()?;
+        budget.room(in_file, "holding the grids", ONE_BY_ONE).map_err(|e| e.at(&self.input))?;
+        for source in &sources {
+            let origin = source.origin();
+            let place = |e: Error| e.part(format!("grid '{origin}'")).at(&self.input);
+            let room = |bytes| budget.room(bytes, "making the grids", ONE_BY_ONE);
+            for mut native in source.read(file, &room).map_err(place)? {
+                let settings = Settings { name: new_names.next(), transfer, turn };
+                let converted = self.edit(&mut native, settings, &mut budget, warnings).map_err(place)?;
+                grids.push(ConvertedGrid { from: origin.clone(), ..converted });
+                natives.push(native);
+            }
+        }
+        if let (Some(form), false) = (self.edits.to, grids.iter().any(|grid| grid.formed.is_some())) {
+            let kind = form.name();
+            warnings.push(format!("--to: no grid could become a {kind}; cumulo info says what the grids are"));
+        }
+        Ok((natives, grids))
     }
 
     pub(super) fn chosen(&self, file: &File) -> Result<Vec<String>> {
@@ -123,11 +161,35 @@ impl Convert {
         Ok(all)
     }
 
+    /// Returns the names of the output's grids: those of `--rename`, else of `--names`, else of the file.
+    fn new_names(
+        &self,
+        file: &File,
+        chosen: &[String],
+        sources: &[GridSource],
+        warnings: &mut Vec<String>,
+    ) -> Result<Vec<String>> {
+        let renames = self.renames(file, chosen)?;
+        let (mut names, mut renamed) = (Vec::new(), Vec::new());
+        for source in sources {
+            let own = source.names(file)?;
+            let rename = match source {
+                GridSource::Whole(name) => renames.get(name),
+                _ => None,
+            };
+            renamed.extend(own.iter().map(|_| rename));
+            names.extend(own.into_iter().map(|own| rename.cloned().unwrap_or(own)));
+        }
+        let Some(convention) = self.edits.names else { return Ok(names) };
+        let (given, remarks) = convention.apply(&names);
+        warnings.extend(remarks);
+        Ok(given.into_iter().zip(renamed).map(|(given, renamed)| renamed.cloned().unwrap_or(given)).collect())
+    }
+
     fn edit(
         &self,
         native: &mut NativeGrid,
-        rename: Option<&String>,
-        transfer: Option<&Transfer>,
+        settings: Settings<'_>,
         budget: &mut Budget,
         warnings: &mut Vec<String>,
     ) -> Result<ConvertedGrid> {
@@ -139,7 +201,16 @@ impl Convert {
             edit.crop(world)?;
         }
         if let Some(voxel_size) = self.resample {
-            edit.resample(voxel_size)?;
+            edit.resample(voxel_size, self.edits.filter)?;
+        }
+        if let Some(form) = self.edits.to {
+            let budget = &*edit.budget;
+            let hint =
+                "raise --max-memory, resample the grid to larger voxels with --resample, or take a part with --crop";
+            let held = edit.info.memory;
+            let room = |bytes| budget.room(held.saturating_add(bytes), "the level set", hint);
+            edit.converted.formed = form.give(edit.native, &edit.info, self.edits.iso, &room)?;
+            edit.info = edit.native.info()?;
         }
         if self.values.any() || self.images.grid_type.is_some() {
             edit.map(self.images.grid_type(false), &self.values.mapping())?;
@@ -154,13 +225,32 @@ impl Convert {
         if self.half && edit.holds_real_values() {
             edit.store_as_half()?;
         }
-        if let Some(transfer) = transfer.filter(|_| edit.info.components == 1) {
+        if let Some(transfer) = settings.transfer.filter(|_| edit.info.components == 1) {
             edit.attach(transfer)?;
         }
-        if let Some(new) = rename {
-            edit.native.set_name(new)?;
+        if let Some(turn) = settings.turn {
+            edit.converted.vectors_turned = turn.apply(edit.native, &edit.info, edit.warnings)?;
+        }
+        if let Some(new) = settings.name.filter(|new| *new != base_name(edit.native.name())) {
+            edit.native.set_name(&new)?;
         }
         edit.finish()
+    }
+}
+
+/// Settings of one grid beyond the options that hold for all.
+struct Settings<'s> {
+    /// Name of the grid in the output.
+    name: Option<String>,
+    transfer: Option<&'s Transfer>,
+    turn: Option<&'s Turn>,
+}
+
+/// Name without the number that tells grids of one name apart.
+fn base_name(name: &str) -> &str {
+    match name.rsplit_once('[') {
+        Some((base, number)) if number.ends_with(']') => base,
+        _ => name,
     }
 }
 
@@ -206,13 +296,34 @@ impl<'e> GridEdit<'e> {
         Ok(())
     }
 
-    /// Resamples to cubic voxels of that edge length in world units.
-    fn resample(&mut self, voxel_size: f64) -> Result<()> {
+    /// Resamples to cubic voxels of that edge length in world units: by the filter that is asked for, else by a box where no
+    /// voxel gets finer, and trilinearly elsewhere. Distances to a surface are interpolated, never averaged: outside their
+    /// narrow band there are none.
+    fn resample(&mut self, voxel_size: f64, filter: Option<ResampleFilter>) -> Result<()> {
         let had_voxels = self.info.active_voxels > 0;
-        let more = self.native.resampled_bytes(voxel_size, self.budget.limit)?;
+        let distances = self.info.class == GridClass::LevelSet;
+        let filter = match filter {
+            Some(ResampleFilter::Box) if distances => {
+                return Err(Error::unsupported(
+                    "--filter box: a level set holds distances, whose means are no distances",
+                )
+                .hint("leave --filter out, or make it a fog volume first: --to fog"));
+            }
+            Some(filter) => filter,
+            None if !distances && self.native.coarsens(voxel_size)? => ResampleFilter::Box,
+            None => ResampleFilter::Trilinear,
+        };
+        self.converted.filter = Some(filter);
+        let more = match filter {
+            ResampleFilter::Box => self.native.resampled_box_bytes(voxel_size, self.budget.limit)?,
+            ResampleFilter::Trilinear => self.native.resampled_bytes(voxel_size, self.budget.limit)?,
+        };
         let hint = "choose a larger voxel for --resample, take a part with --crop, or raise --max-memory";
         self.budget.room(self.info.memory.saturating_add(more), "the resampled grid", hint)?;
-        self.native.resample(voxel_size)?;
+        match filter {
+            ResampleFilter::Box => self.native.resample_box(voxel_size)?,
+            ResampleFilter::Trilinear => self.native.resample(voxel_size)?,
+        }
         self.info = self.native.info()?;
         if had_voxels && self.info.active_voxels == 0 {
             self.warnings.push(format!(
@@ -231,6 +342,14 @@ impl<'e> GridEdit<'e> {
         self.info = self.native.info()?;
         if mapping.threshold.is_some() && self.info.active_voxels == 0 {
             self.warnings.push(format!("grid '{}': no value lies above the threshold", self.converted.from));
+        }
+        let background = mapping.mapped(0.0);
+        if background != 0.0 {
+            self.warnings.push(format!(
+                "grid '{}': inactive voxels are background and stay 0, where an active 0 becomes {background}; to keep zeros that \
+                 mean something, give the options where the image is read",
+                self.converted.from
+            ));
         }
         self.converted.values = Some(tally);
         Ok(())
@@ -312,6 +431,17 @@ impl fmt::Display for Report {
             write!(f, "  '{}': {} active voxels", printable(&grid.name), grid.active_voxels)?;
             if grid.name != grid.from {
                 write!(f, ", was '{}'", printable(&grid.from))?;
+            }
+            if let Some(filter) = grid.filter {
+                let name = if filter == ResampleFilter::Box { "a box filter" } else { "trilinear interpolation" };
+                write!(f, ", resampled by {name}")?;
+            }
+            if let Some(formed) = grid.formed {
+                write!(f, ", made a {}", formed.form.name())?;
+                formed.iso.map_or(Ok(()), |iso| write!(f, " of density {iso}"))?;
+            }
+            if grid.vectors_turned == Some(true) {
+                write!(f, ", vectors turned")?;
             }
             if let Some(n) = grid.repaired {
                 write!(f, ", {n} values set to zero")?;

@@ -1,17 +1,19 @@
 //! Options of the routes from and to images: which part of a file, where its voxels lie, and what becomes of its values.
 
+use super::report::GridPlace;
 use crate::cli::parse::{ascending, number};
 use crate::error::{Error, Result};
 use crate::formats::imaging::options::{Axes, Options as ReadOptions, RawLayout};
-use crate::formats::imaging::values::{Mapping, Tally};
+use crate::formats::imaging::values::Mapping;
 use crate::formats::imaging::volume::GridType;
 use crate::formats::sample::{Endian, Sample};
 use crate::math::Affine;
+use crate::text::printable;
 use clap::ValueEnum;
 use glam::{DMat4, DVec3, DVec4};
 
 /// Options of images.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
     /// Number of the point in time to read, from 0 (default: the first one)
     #[arg(long, value_name = "N")]
@@ -90,7 +92,7 @@ pub enum ByteOrder {
 }
 
 /// Options of the values, applied in the order in which they stand here.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct ValueOptions {
     /// Multiply every value
     #[arg(long, value_name = "FACTOR", value_parser = factor, allow_hyphen_values = true)]
@@ -208,19 +210,23 @@ impl ValueOptions {
     }
 }
 
-/// Sentences about the values of a grid that the user may not expect.
-pub fn remarks(name: &str, tally: &Tally, integers: bool) -> Vec<String> {
+/// Sentences about a grid that was made of an image and may not be what the user expects.
+pub fn remarks(grid: &GridPlace) -> Vec<String> {
+    let (name, values) = (printable(&grid.name), &grid.values);
     let mut remarks = Vec::new();
-    if tally.non_finite > 0 {
-        remarks.push(format!(
-            "grid '{name}': {} values are NaN or infinite; cumulo convert --repair sets them to 0",
-            tally.non_finite
-        ));
+    if grid.active_voxels == 0 {
+        remarks.push(format!("grid '{name}': every value is 0, so that no voxel is active"));
     }
-    if integers {
+    if values.non_finite > 0 {
+        let count = values.non_finite;
+        remarks
+            .push(format!("grid '{name}': {count} values are NaN or infinite; cumulo convert --repair sets them to 0"));
+    }
+    if grid.value_type == "int32" {
         remarks.push(format!("grid '{name}' holds integers; --as float makes floats, and --map LOW,HIGH densities"));
-    } else if tally.least.is_some_and(|l| l < 0.0) {
-        remarks.push(format!("grid '{name}' has negative values; --map LOW,HIGH makes densities, which can be rendered"));
+    } else if values.least.is_some_and(|l| l < 0.0) {
+        remarks
+            .push(format!("grid '{name}' has negative values; --map LOW,HIGH makes densities, which can be rendered"));
     }
     remarks
 }

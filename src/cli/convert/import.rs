@@ -1,13 +1,13 @@
 //! Images as grids of a VDB.
 
+use super::Convert;
 use super::images::{empty, remarks};
 use super::report::{GridPlace, Report, array_to_world};
-use super::Convert;
 use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
 use crate::formats::imaging::format::{self, Format};
-use crate::formats::imaging::image::{Image, Values};
+use crate::formats::imaging::image::Image;
 use crate::formats::imaging::options::Axes;
 use crate::formats::imaging::volume;
 use crate::formats::limits::Limits;
@@ -33,7 +33,7 @@ impl Convert {
             let left = Limits { max_memory: limits.max_memory.saturating_sub(held) };
             let (native, place) = self.image_to_grid(&mut image, format, &name, left, &stage)?;
             held += native.info()?.memory;
-            notes.extend(remarks(&name, &place.values, place.value_type == "int32"));
+            notes.extend(remarks(&place));
             natives.push(native);
             places.push(place);
         }
@@ -56,7 +56,7 @@ impl Convert {
         let (mut native, tally) = built.map_err(|e| e.part(format!("grid '{name}'")).at(&self.input))?;
         native.set_half(self.half)?;
         let info = native.info()?;
-        if info.active_voxels == 0 && image.header.values == Values::Real && self.values.any() {
+        if info.active_voxels == 0 && self.values.any() {
             return Err(empty(name).at(&self.input));
         }
         let shape = image.header.size;
@@ -79,7 +79,13 @@ impl Convert {
         }
     }
 
-    fn report_images(&self, output: &Output, format: Format, grids: Vec<GridPlace>, notes: Vec<String>) -> Result<ExitCode> {
+    fn report_images(
+        &self,
+        output: &Output,
+        format: Format,
+        grids: Vec<GridPlace>,
+        notes: Vec<String>,
+    ) -> Result<ExitCode> {
         notes.iter().for_each(|note| output.note(format!("note: {note}")));
         let mut report = Report::of(&self.input, &self.output)?;
         if let [only] = &grids[..] {

@@ -3,13 +3,20 @@
 //! [`Kind`] names the formats. A route from one to another is an arm of [`Convert::run`], and a file of its own here.
 
 mod arrays;
+mod edits;
 mod export;
+mod form;
+mod frames;
 mod grids;
 mod images;
 mod import;
+mod names;
 mod nano;
 mod report;
+mod sources;
+mod turn;
 
+use super::frames::FramesOption;
 use super::memory::Memory;
 use super::output::Output;
 use super::parse::{corners, not_negative, positive};
@@ -31,12 +38,17 @@ use std::process::ExitCode;
 /// each array. A NanoVDB (.nvdb) becomes a VDB, and a VDB a NanoVDB. A grid of a VDB becomes a .nii,
 /// .nii.gz, .nrrd, .mha, .mhd, .vti or .npy over the box of its active voxels. VDB to VDB takes edits. A layer of an EXR
 /// becomes a .npy of [row, column, channel], row 0 at the top, and back. The report has the places of voxels.
-#[derive(Debug, clap::Args)]
+///
+/// Of a sequence, 'in.####.vdb' or a folder of numbered files, every frame is converted: to 'out.####.vdb', or to the same names
+/// in another folder.
+#[derive(Debug, Clone, clap::Args)]
 pub struct Convert {
     /// File, folder or pattern of slices to read
     input: PathBuf,
     /// VDB, .nvdb, image, .npy or EXR to write
     output: PathBuf,
+    #[command(flatten)]
+    frames: FramesOption,
     /// Keep only this grid (repeatable); from an image: name of the grid
     #[arg(long, value_name = "NAME")]
     grid: Vec<String>,
@@ -52,7 +64,7 @@ pub struct Convert {
     /// Keep only what lies in this world-space box
     #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = corners, allow_hyphen_values = true)]
     crop: Option<Aabb>,
-    /// Resample trilinearly to cubic voxels of this edge length in world units
+    /// Resample to cubic voxels of this edge length in world units
     #[arg(long, value_name = "VOXEL", value_parser = positive)]
     resample: Option<f64>,
     /// Make blocks whose values agree within TOL constant
@@ -65,6 +77,8 @@ pub struct Convert {
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
     #[command(flatten)]
+    #[command(flatten)]
+    edits: edits::Edits,
     values: images::ValueOptions,
     #[command(flatten)]
     images: images::Options,
@@ -165,9 +179,18 @@ impl Convert {
     /// If the input cannot be read, a grid is not there or cannot be edited so, no route leads from the input's format to
     /// the output's, an option belongs to another route, or the output cannot be written; the output is untouched then.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let from = if self.images.dims.is_some() { Kind::Image(ImageFormat::Raw) } else { Kind::of_input(&self.input)? };
+        if let Some((sequence, to)) = self.sequences()? {
+            return self.convert_frames(&sequence, &to, output);
+        }
+        let from =
+            if self.images.dims.is_some() { Kind::Image(ImageFormat::Raw) } else { Kind::of_input(&self.input)? };
         let to = Written::of(&self.output);
-        self.check_options(from, to)?;
+        // What is no VDB after all is told by the reader of VDBs; its options do not matter then.
+        let told =
+            from != Kind::Vdb || self.input.is_dir() || matches!(sniff(&self.input)?, Format::Vdb | Format::NanoVdb);
+        if told {
+            self.check_options(from, to)?;
+        }
         match (from, to) {
             (Kind::Vdb, Written::Vdb) => self.grids(output),
             (Kind::Vdb, Written::Nano) => self.grids_to_nano(output),
@@ -192,7 +215,8 @@ impl Convert {
         let exports = from == Kind::Vdb && matches!(to, Written::Image(_));
         let array = matches!(from, Kind::Image(ImageFormat::Npy | ImageFormat::Npz)) && imports
             || exports && to == Written::Image(Target::Npy);
-        let placed = imports && matches!(from, Kind::Image(format) if format.takes_placement());
+        let of_image = |has: fn(ImageFormat) -> bool| imports && matches!(from, Kind::Image(format) if has(format));
+        let placed = of_image(ImageFormat::takes_placement);
         let (images, values) = (&self.images, &self.values);
         let nano = from == Kind::Nano && to == Written::Vdb || from == Kind::Vdb && to == Written::Nano;
         let grids = edits || imports || exports;
@@ -212,11 +236,11 @@ impl Convert {
             ("--offset", values.offset.is_some(), grids),
             ("--map", values.map.is_some(), grids),
             ("--threshold", values.threshold.is_some(), grids),
-            ("--time", images.time.is_some(), imports),
+            ("--time", images.time.is_some(), of_image(ImageFormat::has_times)),
             ("--channel", images.channel.is_some(), of(ImageFormat::Zarr)),
             ("--level", images.level.is_some(), of(ImageFormat::Zarr)),
             ("--series", images.series.is_some(), of(ImageFormat::Dicom)),
-            ("--array", images.array.is_some(), imports),
+            ("--array", images.array.is_some(), of_image(ImageFormat::has_arrays)),
             ("--as", images.grid_type.is_some(), grids),
             ("--axes", images.axes.is_some(), array),
             ("--voxel-size", images.voxel_size.is_some(), placed),
@@ -224,7 +248,8 @@ impl Convert {
             ("--origin", images.origin.is_some(), placed),
             ("--transform", images.transform.is_some(), placed),
         ];
-        match options.iter().find(|(_, given, applies)| *given && !applies) {
+        let of_edits = self.edits.given().map(|(name, given)| (name, given, edits));
+        match options.iter().chain(&of_edits).find(|(_, given, applies)| *given && !applies) {
             Some((name, ..)) => {
                 Err(Error::invalid(format!("{name} has no effect from {} to {}", from.name(), to.name()))
                     .hint("leave it out, or convert in two steps: edit VDBs first, then turn their grids into arrays"))

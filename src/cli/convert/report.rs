@@ -64,7 +64,13 @@ pub struct GridPlace {
 }
 
 impl GridPlace {
-    pub fn new(info: GridInfo, shape: [usize; 3], index_origin: [i32; 3], transform: [[f64; 4]; 4], values: Tally) -> Self {
+    pub fn new(
+        info: GridInfo,
+        shape: [usize; 3],
+        index_origin: [i32; 3],
+        transform: [[f64; 4]; 4],
+        values: Tally,
+    ) -> Self {
         Self {
             name: info.name,
             class: info.class.name(),
@@ -107,7 +113,11 @@ impl fmt::Display for GridPlace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [x, y, z] = self.shape;
         let name = printable(&self.name);
-        writeln!(f, "  grid '{name}', {}, {}, {} active voxels of {x} x {y} x {z}", self.class, self.value_type, self.active_voxels)?;
+        writeln!(
+            f,
+            "  grid '{name}', {}, {}, {} active voxels of {x} x {y} x {z}",
+            self.class, self.value_type, self.active_voxels
+        )?;
         if let (Some(least), Some(greatest)) = (self.values.least, self.values.greatest) {
             writeln!(f, "  values from {least} to {greatest}")?;
         }

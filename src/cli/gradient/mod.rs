@@ -11,6 +11,7 @@ use super::outputs::{self, Content};
 use super::parse;
 use super::provenance::Provenance;
 use super::transfer::TransferOption;
+use super::up::UpChoice;
 use crate::error::{Error, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
@@ -68,6 +69,9 @@ pub struct GradientCommand {
     /// Place this many cameras around the volume
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     views: Option<u32>,
+    /// Axis that points upwards, about which --views are placed
+    #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpChoice::Auto, conflicts_with = "target")]
+    up: UpChoice,
     /// Model of the pictures (default: that of --target, emission-absorption with a transfer function or --emission, else
     /// absorption)
     #[arg(long, value_enum, conflicts_with = "tf")]
@@ -218,6 +222,8 @@ impl GradientCommand {
             let _stage = output.stage("reading the volume");
             self.scene(limits)?
         };
+        let up = setup.up.clone();
+        up.iter().for_each(|up| output.note(up));
         let target = self.target.as_deref().map(captures::file);
         for path in [Some(&self.input), target.as_ref(), self.transfer.tf.as_ref()].into_iter().flatten() {
             provenance.input(path, [path.as_path()])?;
@@ -239,7 +245,7 @@ impl GradientCommand {
             report.report = Some(page.write(dir)?);
         }
         let wrong = report.worst_relative_error.is_some_and(|worst| worst.is_nan() || worst > self.tolerance);
-        output.report(&Report { seconds: provenance.lap(), provenance: Some(provenance), ..report })?;
+        output.report(&Report { seconds: provenance.lap(), provenance: Some(provenance), up, ..report })?;
         Ok(if wrong { ExitCode::from(1) } else { ExitCode::SUCCESS })
     }
 
@@ -358,6 +364,7 @@ impl GradientCommand {
         let (mut parameters, channels) = (self.parameters(study), self.channels::<V>());
         let count = parameters.len() + channels.len() * study.voxels();
         let plan = self.plan(study, count, &channels, limits)?;
+        output.detail(format!("plan: {} parameters, {}", count, plan.reason));
         let gradient = study.gradient(plan.mode, &parameters, &channels).map_err(|e| e.at(&self.input))?;
         let mut derivatives = gradient.derivatives.clone();
         for (voxel, derivative) in self.largest_by_voxel(&gradient, &channels) {
@@ -381,6 +388,7 @@ impl GradientCommand {
             precision: if self.check { "f64" } else { "f32" },
             quadrature: V::quadrature(&study.setting),
             views: study.setting.cameras.len(),
+            up: None,
             rows: rows(study, parameters, derivatives),
             checked: None,
             worst_relative_error: None,

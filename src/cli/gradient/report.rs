@@ -2,6 +2,7 @@
 
 use crate::cli::provenance::Provenance;
 use crate::cli::run::write_warnings;
+use crate::cli::up::ChosenUp;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::study::parameter::Parameter;
 use serde::Serialize;
@@ -42,6 +43,8 @@ pub(super) struct Report {
     pub precision: &'static str,
     pub quadrature: String,
     pub views: usize,
+    /// Up axis about which cameras were placed; none where the target states them.
+    pub up: Option<ChosenUp>,
     pub rows: Vec<Row>,
     /// Number of listed parameters that have a difference quotient; none without `--check`.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -2,6 +2,7 @@
 
 use super::{GradientCommand, Wrt};
 use crate::cli::output::Output;
+use crate::cli::up::ChosenUp;
 use crate::cli::{photos, run, volume};
 use crate::error::{Error, Result};
 use crate::formats::captures;
@@ -27,6 +28,8 @@ pub(super) struct Setup {
     model: Option<Model>,
     transfer: Option<Transfer>,
     cameras: Vec<Camera>,
+    /// Up axis about which cameras were placed; none where the target states them.
+    pub up: Option<ChosenUp>,
 }
 
 impl GradientCommand {
@@ -45,14 +48,15 @@ impl GradientCommand {
                 .at(&self.input)
                 .hint("choose another grid with --grid"));
         }
-        let cameras = match (&target, self.views) {
+        let up = target.is_none().then(|| self.up.of(&self.input, limits)).transpose()?;
+        let cameras = match (&target, &up) {
             (Some(capture), _) => capture.frames.iter().map(|f| f.camera).collect(),
-            (None, count) => {
-                let [w, h] = self.size;
-                orbit::cameras(&outline, count.unwrap_or(1) as usize, Layout::Sphere, w, h, 40.0)
+            (None, up) => {
+                let ([w, h], axis) = (self.size, up.as_ref().map(|up| up.axis).unwrap_or_default());
+                orbit::cameras(&outline, self.views.unwrap_or(1) as usize, Layout::Sphere, w, h, 40.0, axis)
             }
         };
-        Ok((scene, Setup { target, model, transfer, cameras }))
+        Ok((scene, Setup { target, model, transfer, cameras, up }))
     }
 
     fn pre_shaded(&self, target: Option<&Capture>, limits: Limits) -> Result<Grids> {
@@ -119,7 +123,7 @@ impl GradientCommand {
         output: &Output,
     ) -> Result<(Study<V>, Vec<Warning>)> {
         let mut warnings = Vec::new();
-        let Setup { target, model, transfer, cameras } = setup;
+        let Setup { target, model, transfer, cameras, .. } = setup;
         let targets = match &target {
             Some(capture) if self.loss().compares() => {
                 let bar = output.progress(capture.frames.len() as u64, "reading pictures");

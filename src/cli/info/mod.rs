@@ -1,10 +1,12 @@
 //! `cumulo info`: the content of files.
 
 mod nano;
+mod sequence;
 mod volume;
 
 pub(super) use volume::statistics_of;
 
+use super::frames::FramesOption;
 use super::memory::Memory;
 use super::output::Output;
 use crate::error::{Error, Result};
@@ -14,6 +16,7 @@ use crate::formats::limits::Limits;
 use crate::formats::usd::StageSummary;
 use crate::formats::{self, Format};
 use crate::text::printable;
+use sequence::Summary;
 use serde::Serialize;
 use std::fmt;
 use std::io::Write;
@@ -22,24 +25,35 @@ use std::process::ExitCode;
 use volume::Volume;
 
 /// Show what is in files: grids of VDBs and NanoVDBs, layers of EXRs, cameras of captures, volumes of USD stages
+///
+/// Of a sequence, 'smoke.####.vdb' or a folder of numbered files, each frame is shown in a line; --json has all of each.
 #[derive(Debug, clap::Args)]
 pub struct Info {
-    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, and captures (a transforms.json, a model of COLMAP, or the folder of either)
+    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of either), and
+    /// sequences of files
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
+    #[command(flatten)]
+    frames: FramesOption,
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
 }
 
 #[derive(Debug, Serialize)]
 struct Report {
+    /// Files in the order in which they were given; those of sequences frame by frame.
     files: Vec<Described>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    sequences: Vec<Summary>,
 }
 
 #[derive(Debug, Serialize)]
 struct Described {
     #[serde(serialize_with = "crate::cli::paths::text")]
     path: PathBuf,
+    /// Number of the frame, of a file of a sequence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    frame: Option<u32>,
     #[serde(flatten)]
     content: Option<Content>,
     /// Error that kept the file from being read.
@@ -48,7 +62,7 @@ struct Described {
 }
 
 /// Error that kept one of several files from being read.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Failure {
     /// Grid, layer or frame that the error concerns; none if it is the whole file.
     part: Option<String>,
@@ -92,20 +106,41 @@ impl Info {
     /// # Errors
     /// If the only file cannot be read or is of an unknown format.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let stage = output.stage("reading");
-        let mut files = Vec::new();
+        let (mut files, mut sequences) = (Vec::new(), Vec::new());
         for path in &self.files {
-            let (content, error) = match content(path, self.memory.limits()) {
-                Ok(content) => (Some(content), None),
-                Err(error) if self.files.len() == 1 => return Err(error),
-                Err(error) => (None, Some(Failure::new(&error))),
-            };
-            files.push(Described { path: path.clone(), content, error });
+            let found = self.frames.sequences(path, &sequence::ENDINGS);
+            match found {
+                Ok(found) if !found.is_empty() => {
+                    for sequence in found {
+                        let (summary, frames) = self.sequence(&sequence, output)?;
+                        sequences.push(summary);
+                        files.extend(frames);
+                    }
+                }
+                Ok(_) | Err(_) => files.push(self.file(path, found.err(), output)?),
+            }
         }
         let failed = files.iter().any(|file| file.error.is_some());
-        drop(stage);
-        output.report(&Report { files })?;
+        output.report(&Report { files, sequences })?;
         Ok(if failed { ExitCode::from(2) } else { ExitCode::SUCCESS })
+    }
+
+    /// Describes a file, or the `error` for which its path names none.
+    ///
+    /// # Errors
+    /// If it cannot be read and is the only one.
+    fn file(&self, path: &Path, error: Option<Error>, output: &Output) -> Result<Described> {
+        let _stage = output.stage("reading");
+        let result = match error {
+            Some(error) => Err(error),
+            None => self.frames.refuse(path).and_then(|()| content(path, self.memory.limits())),
+        };
+        let (content, error) = match result {
+            Ok(content) => (Some(content), None),
+            Err(error) if self.files.len() == 1 => return Err(error),
+            Err(error) => (None, Some(Failure::new(&error))),
+        };
+        Ok(Described { path: path.to_path_buf(), frame: None, content, error })
     }
 }
 
@@ -122,7 +157,8 @@ fn content(path: &Path, limits: Limits) -> Result<Content> {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.files.iter().try_for_each(|file| write!(f, "{file}"))
+        self.files.iter().filter(|file| file.frame.is_none()).try_for_each(|file| write!(f, "{file}"))?;
+        self.sequences.iter().try_for_each(|sequence| write!(f, "{sequence}"))
     }
 }
 

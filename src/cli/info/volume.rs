@@ -65,6 +65,21 @@ struct Bounds<T> {
     max: [T; 3],
 }
 
+impl Volume {
+    /// Returns the grids in a line.
+    pub(super) fn line(&self) -> String {
+        let of = |grid: &Grid| {
+            let figures = grid.statistics.as_ref().and_then(|s| Some((s.max?, s.mean?)));
+            let figures = figures.map(|(max, mean)| format!(", max {max}, mean {mean:.6}")).unwrap_or_default();
+            format!("'{}' {} voxels{figures}", printable(&grid.name), grid.active_voxels)
+        };
+        match self.grids[..] {
+            [] => "no grids".into(),
+            _ => self.grids.iter().map(of).collect::<Vec<_>>().join("; "),
+        }
+    }
+}
+
 /// Reads all grids of a file with their values, and describes them.
 ///
 /// # Errors

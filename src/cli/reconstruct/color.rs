@@ -27,7 +27,7 @@ use std::process::ExitCode;
 /// Alpha tells the extinctions (grid 'density', per world length), the colors then tell what is emitted (grid
 /// 'emission', vec3s, radiance per world length); grids of confidences, 0 to 1, say how much the pictures tell of either
 /// in each voxel. `cumulo render --model pre-shaded` renders the result. Ctrl-C
-/// writes what is there (exit code 1); --resume goes on from it.
+/// writes what is there (exit code 130); --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Color {
     /// transforms.json of the pictures, a model of COLMAP, or the folder of either

@@ -32,7 +32,7 @@ use std::process::ExitCode;
 /// Reconstruct the density of a volume from pictures of it
 ///
 /// The pictures' density scale is divided out, so that the result stands beside the volume that was rendered. Ctrl-C
-/// writes what is there (exit code 1); --resume goes on from it.
+/// writes what is there (exit code 130); --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Density {
     /// transforms.json of the pictures, a model of COLMAP, or the folder of either

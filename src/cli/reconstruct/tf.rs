@@ -33,7 +33,7 @@ use std::time::Instant;
 /// Reconstruct the transfer function of a known volume from pictures of it
 ///
 /// The pictures' density scale is divided out. How smooth the function is, the held-out view decides, unless --smooth
-/// says so. Ctrl-C writes what is there (exit code 1); --resume goes on from it.
+/// says so. Ctrl-C writes what is there (exit code 130); --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Tf {
     /// transforms.json of the pictures, a model of COLMAP, or the folder of either

@@ -5,6 +5,7 @@ use super::options::PictureOptions;
 use super::stage::SIZE;
 use super::subject::Subject;
 use crate::cli::parse::DensityScale;
+use crate::cli::up::ChosenUp;
 use crate::error::{Error, Result};
 use crate::render::scale;
 use crate::scene::camera::Camera;
@@ -12,20 +13,32 @@ use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
 use crate::scene::medium::Source;
 use crate::scene::orbit;
 use crate::scene::transfer::Transfer;
+use crate::scene::up::Up;
 use crate::scene::volume::Grids;
 use std::path::Path;
 use std::sync::Arc;
 
 impl PictureOptions {
-    /// Returns the capture of what the options tell, whose pictures lie in a folder.
+    /// Returns the up axis about which cameras are to be placed; `None` where `template` states the cameras.
+    ///
+    /// # Errors
+    /// If the input has to be asked and cannot be read.
+    pub(in crate::cli) fn chosen_up(&self, template: Option<&Capture>) -> Result<Option<ChosenUp>> {
+        template.is_none().then(|| self.up.of(&self.input, self.memory.limits())).transpose()
+    }
+
+    /// Returns the capture of what the options tell, whose pictures lie in a folder. `up` is the axis about which cameras
+    /// are placed where `template` states none.
     pub(in crate::cli) fn capture(
         &self,
         folder: &Path,
         subject: &Subject,
         transfer: Option<Transfer>,
         template: Option<&Capture>,
+        up: Option<&ChosenUp>,
     ) -> Result<Capture> {
-        let cameras = self.views_of(subject, template)?;
+        let up = up.map_or(Up::default(), |up| up.axis);
+        let cameras = self.views_of(subject, template, up)?;
         let density_scale = self.scale(subject, transfer.as_ref(), template, &cameras)?;
         let model = self.model_of(subject, transfer.is_some(), template)?;
         let scatters = model == Model::Scattering;
@@ -63,7 +76,7 @@ impl PictureOptions {
     }
 
     /// Returns the cameras: those of `--cameras`, else new ones around the subject.
-    fn views_of(&self, subject: &Subject, template: Option<&Capture>) -> Result<Vec<Camera>> {
+    fn views_of(&self, subject: &Subject, template: Option<&Capture>, up: Up) -> Result<Vec<Camera>> {
         if let Some(capture) = template {
             return Ok(capture.frames.iter().map(|f| f.camera).collect());
         }
@@ -74,7 +87,7 @@ impl PictureOptions {
                 .hint("choose another grid with --grid, or give the cameras with --cameras"));
         }
         let [w, h] = self.size.unwrap_or(SIZE);
-        Ok(orbit::cameras(&outline, self.views.unwrap_or(1) as usize, self.layout, w, h, self.fov))
+        Ok(orbit::cameras(&outline, self.views.unwrap_or(1) as usize, self.layout, w, h, self.fov, up))
     }
 
     /// Returns the extinction per unit of density and length; 1 for a scene file, whose media have their own.

@@ -2,15 +2,17 @@
 //! is done; one that fails does not stop the others.
 
 use super::options::PictureOptions;
+use super::renderer::Chosen;
 use super::scattering::Paths;
 use super::subject::Subject;
-use super::{Render, fits, remarks};
+use super::{Render, fits, remarks, settle};
 use crate::cli::cancel;
-use crate::cli::failed::Failed;
+use crate::cli::failed::{Failed, List};
 use crate::cli::output::Output;
 use crate::cli::outputs;
 use crate::cli::parse::DensityScale;
 use crate::cli::provenance::Provenance;
+use crate::cli::up::ChosenUp;
 use crate::error::{Error, Kind, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::exr;
@@ -39,15 +41,18 @@ struct Report {
     failed: Vec<Failed>,
     density_scale: f64,
     paths: Option<Paths>,
+    /// Up axis about which the camera was placed; none where it was given.
+    up: Option<ChosenUp>,
     seconds: f64,
 }
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, rendered, skipped, failed, density_scale, paths, seconds } = self;
+        let Self { output, rendered, skipped, failed, density_scale, paths, seconds, .. } = self;
         write!(f, "{}: {rendered} frames in {seconds:.2} s, ", output.display())?;
         write!(f, "{skipped} that were there, {} that failed; density scale {density_scale}", failed.len())?;
-        paths.map_or(Ok(()), |paths| write!(f, "\n{paths}"))
+        paths.map_or(Ok(()), |paths| write!(f, "\n{paths}"))?;
+        write!(f, "{}", List(failed))
     }
 }
 
@@ -72,6 +77,8 @@ struct Sequence<'s> {
     template: Option<Capture>,
     /// Cameras of the frames, or of all, each between those of the frames before and after.
     cameras: Vec<[Camera; 3]>,
+    /// Up axis about which the camera was placed.
+    up: Option<ChosenUp>,
     provenance: Provenance,
     shot: Option<Shot>,
     /// Remarks that were made.
@@ -112,6 +119,7 @@ impl Render {
             pattern,
             template,
             cameras: cameras.unwrap_or_default(),
+            up: None,
             provenance: provenance.clone(),
             shot: None,
             remarks: BTreeSet::new(),
@@ -119,6 +127,7 @@ impl Render {
         };
         let json = self.output.join(FILE_NAME);
         let kept = sequence.spare(&json, &frames)?;
+        sequence.settle(&json, &numbers, output)?;
         // A folder that stays empty is removed again.
         let mut batch = Batch::new();
         batch.make_folder(&self.output)?;
@@ -140,6 +149,7 @@ impl Render {
             failed,
             density_scale,
             paths,
+            up: sequence.up,
             seconds,
         })?;
         Ok(code)
@@ -214,7 +224,7 @@ impl Sequence<'_> {
                 Err(e) if e.kind() == Kind::Cancelled => return Err(e),
                 Err(e) => {
                     output.note(format!("frame {number}: {e}"));
-                    results.failed.push(Failed { frame: *number, error: e.to_string() });
+                    results.failed.push(Failed::new(*number, &e));
                 }
                 Ok(counts) => {
                     results.skipped += usize::from(counts.is_none());
@@ -226,6 +236,32 @@ impl Sequence<'_> {
         }
         bar.finish_and_clear();
         Ok(results)
+    }
+
+    /// Takes what must not change from frame to frame once: that of an earlier run that is resumed, or of some frames.
+    fn settle(&mut self, json: &Path, numbers: &[u32], output: &Output) -> Result<()> {
+        let placed = self.cameras.is_empty();
+        let earlier = if self.render.resume { settle::earlier(json) } else { None };
+        let settled = match earlier {
+            Some(earlier) => earlier,
+            None => {
+                let _stage = output.stage("settling");
+                self.pictures.settle(self.pattern.as_ref(), numbers, self.template.as_ref(), placed)?
+            }
+        };
+        if let Some(camera) = settled.camera.filter(|_| placed) {
+            self.cameras = vec![[camera; 3]; numbers.len()];
+        }
+        if self.pictures.density_scale == Some(DensityScale::Auto) {
+            self.pictures.density_scale =
+                settled.density_scale.map(DensityScale::Given).or(self.pictures.density_scale);
+        }
+        self.pictures.planning.force.extend(settled.kept);
+        if !settled.frames.is_empty() {
+            let list = settled.frames.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
+            output.detail(format!("camera, scale and effects of all frames are settled by frames {list}"));
+        }
+        Ok(())
     }
 
     /// Makes sure that nothing of other commands is replaced. Returns frames of an earlier run that this one leaves alone.
@@ -285,7 +321,12 @@ impl Sequence<'_> {
                 .hint("add \"velocity\": {\"grid\": \"vel\"} to a volume of it"));
         }
         let paths = pictures.scattering.on() || subject.is_scene();
-        let mut capture = pictures.capture(&self.render.output, &subject, transfer, self.template.as_ref())?;
+        if self.cameras.is_empty() {
+            self.up = pictures.chosen_up(self.template.as_ref())?;
+            self.up.iter().for_each(|up| output.note(up));
+        }
+        let (folder, template) = (&self.render.output, self.template.as_ref());
+        let mut capture = pictures.capture(folder, &subject, transfer, template, self.up.as_ref())?;
         self.pictures.density_scale = Some(DensityScale::Given(capture.density_scale)).filter(|_| !subject.is_scene());
         if self.cameras.is_empty() {
             self.cameras = capture.frames.iter().map(|frame| [frame.camera; 3]).collect();
@@ -301,6 +342,7 @@ impl Sequence<'_> {
             scene.velocities = vec![(0, velocity::read(&file, name, fps, limits.max_memory)?)];
         }
         let (scene, plan) = self.render.planned(&pictures, scene, paths)?;
+        plan.iter().for_each(|plan| output.detail(Chosen(plan)));
         Ok(Shot { capture, scene, plan, provenance, paths, moving })
     }
 

@@ -6,6 +6,7 @@ mod options;
 mod planning;
 mod renderer;
 pub(super) mod scattering;
+mod settle;
 mod stage;
 mod subject;
 
@@ -18,6 +19,7 @@ use crate::cli::output::Output;
 use crate::cli::outputs;
 use crate::cli::parse;
 use crate::cli::provenance::Provenance;
+use crate::cli::up::ChosenUp;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::captures;
@@ -33,7 +35,7 @@ use crate::scene::film::Film;
 use crate::scene::scene::Scene;
 use clap::ValueEnum;
 use rayon::prelude::*;
-use renderer::Renderer;
+use renderer::{Chosen, Renderer};
 use scattering::{Paths, ScatteringOptions};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -87,6 +89,8 @@ struct Report {
     way: Way,
     /// Plan of a scene that may scatter, or out of which something may be left.
     plan: Option<Plan>,
+    /// Up axis about which cameras were placed; none where they were given.
+    up: Option<ChosenUp>,
     /// Remarks on statements of a USD stage that have no effect, and on what is assumed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     remarks: Vec<String>,
@@ -171,7 +175,9 @@ impl Render {
         let remarks = remarks(&subject, template.as_ref());
         remarks.iter().for_each(|remark| output.note(format!("remark: {remark}")));
         let paths = pictures.scattering.on() || subject.is_scene();
-        let capture = pictures.capture(&self.output, &subject, transfer, template.as_ref())?;
+        let up = pictures.chosen_up(template.as_ref())?;
+        up.iter().for_each(|up| output.note(up));
+        let capture = pictures.capture(&self.output, &subject, transfer, template.as_ref(), up.as_ref())?;
         fits(&capture, self.plane_bytes(paths), limits.max_memory)?;
         self.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
@@ -185,6 +191,7 @@ impl Render {
         let waiting_json = batch.add(&json)?;
         let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
         let (scene, plan) = self.planned(pictures, scene, paths)?;
+        plan.iter().for_each(|plan| output.detail(Chosen(plan)));
         let renderer = pictures.renderer(plan.as_ref(), &scene, paths).map_err(|e| e.at(&pictures.input))?;
         let bar = output.progress(capture.frames.len() as u64, "render");
         let attributes = provenance.attributes();
@@ -212,6 +219,7 @@ impl Render {
             density_scale: capture.density_scale,
             way,
             plan,
+            up,
             remarks,
             seconds,
         })?;

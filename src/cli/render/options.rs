@@ -5,6 +5,7 @@ use super::scattering::ScatteringOptions;
 use crate::cli::memory::Memory;
 use crate::cli::parse::{self, DensityScale};
 use crate::cli::transfer::TransferOption;
+use crate::cli::up::UpChoice;
 use crate::render::quadrature::{Quadrature, rules};
 use crate::scene::camera::Window;
 use crate::scene::capture::{EmissionModel, Model};
@@ -23,6 +24,9 @@ pub struct PictureOptions {
     /// Place this many cameras around the volume
     #[arg(long, value_name = "N", conflicts_with = "cameras", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub(in crate::cli) views: Option<u32>,
+    /// Axis that points upwards, about which --views are placed
+    #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpChoice::Auto, conflicts_with = "cameras")]
+    pub(in crate::cli) up: UpChoice,
     /// How --views are placed: over the whole sphere, or on the horizontal circle
     #[arg(long, value_enum, default_value_t = Layout::Sphere, conflicts_with = "cameras")]
     pub(in crate::cli) layout: Layout,

@@ -82,6 +82,30 @@ impl PictureOptions {
     }
 }
 
+/// A line of text that tells what a plan simulates, and how.
+pub(super) struct Chosen<'p>(pub &'p Plan);
+
+impl fmt::Display for Chosen<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = |state| {
+            let of = self.0.effects.iter().filter(|planned| planned.state == state);
+            of.map(|planned| planned.name.to_string()).collect::<Vec<_>>().join(", ")
+        };
+        let integrator = match self.0.integrator {
+            Integrator::DirectVolumeRendering => "direct volume rendering",
+            Integrator::PathTracing => "path tracing",
+        };
+        write!(f, "plan: {integrator}")?;
+        for (state, word) in [(State::On, "on"), (State::Bounded, "in part"), (State::Off, "off")] {
+            let names = names(state);
+            if !names.is_empty() {
+                write!(f, "; {word}: {names}")?;
+            }
+        }
+        Ok(())
+    }
+}
+
 /// A line of text that tells what a plan leaves out.
 pub(in crate::cli) struct LeftOut<'p>(pub &'p Plan);
 

@@ -4,6 +4,7 @@ use crate::cli::parse;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits as FileLimits;
 use crate::formats::scene_file::environment_map;
+use crate::formats::usd::ScatteringOverride;
 use crate::render::path::{Counts, Limits, Sampling};
 use crate::scene::environment::Environment;
 use crate::scene::light::Light;
@@ -46,15 +47,15 @@ pub(in crate::cli) struct ScatteringOptions {
     /// Share of the extinction that is scattered, one number or r,g,b from 0 to 1; turns path tracing on
     #[arg(long, value_name = "A", value_parser = parse::albedo, conflicts_with_all = ["model", "quadrature", "early_stop", "supersample"])]
     albedo: Option<[f32; 3]>,
-    /// Mean cosine of the angle by which scattered light turns (Henyey-Greenstein): -0.999 backward to 0.999 forward
-    #[arg(long, value_name = "G", default_value_t = 0.0, value_parser = parse::number, requires = "albedo", allow_negative_numbers = true)]
-    anisotropy: f64,
+    /// Mean cosine of the scattering angle (Henyey-Greenstein), -0.999 to 0.999 (default: that of a stage, else 0)
+    #[arg(long, value_name = "G", value_parser = parse::number, requires = "albedo", allow_negative_numbers = true)]
+    anisotropy: Option<f64>,
     /// Scatter like a surface where the density changes much: half of the light at a change of G per world length
     #[arg(long, value_name = "G", value_parser = parse::positive, requires = "albedo")]
     gradient_shading: Option<f64>,
-    /// Factors of the extinction in red, green and blue
-    #[arg(long, value_name = "R,G,B", default_value = "1", value_parser = parse::color, requires = "albedo")]
-    pub extinction_color: [f32; 3],
+    /// Factors of the extinction in red, green and blue (default: those of a stage, else 1)
+    #[arg(long, value_name = "R,G,B", value_parser = parse::color, requires = "albedo")]
+    extinction_color: Option<[f32; 3]>,
     /// Vector from the volume towards a sun
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, requires = "albedo", allow_hyphen_values = true)]
     sun: Option<DVec3>,
@@ -97,9 +98,15 @@ impl ScatteringOptions {
         self.sun.is_some() || self.sky.is_some()
     }
 
-    /// Returns the mean cosine of the angle by which scattered light turns.
-    pub fn anisotropy(&self) -> f64 {
-        self.anisotropy
+    /// Returns what the options state of how a stage's media scatter; `None` without an albedo.
+    pub fn overrides(&self) -> Option<ScatteringOverride> {
+        let Self { anisotropy, gradient_shading, extinction_color, .. } = *self;
+        self.albedo.map(|albedo| ScatteringOverride { albedo, anisotropy, gradient_shading, extinction_color })
+    }
+
+    /// Returns the factors of the extinction in red, green and blue.
+    pub fn extinction_color(&self) -> [f32; 3] {
+        self.extinction_color.unwrap_or([1.0; 3])
     }
 
     /// Returns the radiance that is the same from all around.
@@ -122,7 +129,7 @@ impl ScatteringOptions {
 
     /// Returns how the medium scatters; `None` without path tracing.
     pub fn scattering(&self) -> Option<Scattering> {
-        let phase = Phase::of_anisotropy(self.anisotropy);
+        let phase = Phase::of_anisotropy(self.anisotropy.unwrap_or_default());
         let gradient_shading = self.gradient_shading;
         self.albedo.map(|albedo| Scattering { gradient_shading, ..Scattering::new(albedo, phase) })
     }
@@ -182,9 +189,9 @@ impl ScatteringOptions {
     pub fn record(&self) -> Value {
         json!({
             "albedo": self.albedo,
-            "anisotropy": self.anisotropy,
+            "anisotropy": self.anisotropy.unwrap_or_default(),
             "gradient_shading": self.gradient_shading,
-            "extinction_color": self.extinction_color,
+            "extinction_color": self.extinction_color(),
             "sky": match &self.sky {
                 Some(Sky::File(path)) => json!(path.to_string_lossy()),
                 _ => json!(self.sky()),

@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::scene_file::LoadedScene;
 use crate::formats::sequence::Pattern;
-use crate::formats::usd::{self, Overrides, ScatteringOverride, Stage, Views};
+use crate::formats::usd::{self, Overrides, Stage, Views};
 use crate::formats::{self, Format, captures};
 use crate::scene::capture::Capture;
 use std::path::Path;
@@ -116,13 +116,7 @@ impl PictureOptions {
             Some(DensityScale::Given(scale)) => Some(scale),
             _ => None,
         };
-        let extinction_color = self.scattering.extinction_color;
-        let scattering = self.scattering.scattering().map(|s| ScatteringOverride {
-            albedo: s.albedo,
-            anisotropy: self.scattering.anisotropy(),
-            gradient_shading: s.gradient_shading,
-            extinction_color,
-        });
+        let scattering = self.scattering.overrides();
         let transfer = self.transfer.tf.as_deref().map(Path::to_path_buf);
         Ok(Overrides { density_scale, scattering, emission: self.emission, transfer })
     }

@@ -202,7 +202,7 @@ impl PictureOptions {
             (None, Some(color), EmissionModel::Linear) => Source::Linear(color),
             (None, color, _) => Source::Grey(color.unwrap_or_default()),
         };
-        let medium = Medium::new(capture.density_scale, source).chromatic(self.scattering.extinction_color)?;
+        let medium = Medium::new(capture.density_scale, source).chromatic(self.scattering.extinction_color())?;
         let medium = Medium { scattering: self.scattering.scattering(), ..medium };
         let scene = Scene { volumes: vec![Volume::Density(field, medium)], cameras, ..Scene::default() };
         self.scattering.light(scene, self.memory.limits())

@@ -268,6 +268,7 @@ pub fn page(
     let line = |label: &str, value: &dyn Fn(usize) -> f64| Series {
         label: label.into(),
         points: table.knots().iter().enumerate().map(|(i, k)| (*k, value(i))).collect(),
+        dashed: false,
     };
     let plot = |y: &str, series: Vec<Series>| Plot { x: "density".into(), y: y.into(), series };
     let values = table.values();
@@ -279,6 +280,7 @@ pub fn page(
         let of = |label: &str, c: usize| Series {
             label: format!("{label}, reference"),
             points: table.knots().iter().map(|k| (*k, reference.at(*k)[c])).collect(),
+            dashed: true,
         };
         extinctions.push(of("extinction", 3));
         colors.extend(channels.map(|(label, c)| of(label, c)));

@@ -15,11 +15,12 @@ use crate::render::any_renderer::AnyRenderer;
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;
-use crate::report::{Page, Plot, Series, ViewRow};
+use crate::report::{Beside as Quantity, MOST_THUMBNAILS, Page, Plot, Series, Thumbnail, ViewRow, choose};
 use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
 use crate::scene::grid::Grid;
 use glam::Vec4;
+use rayon::prelude::*;
 use serde::Serialize;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -61,18 +62,37 @@ pub(super) fn page(
     page.warnings(&run.warnings.iter().map(|w| (&w.what, &w.remedy)).collect::<Vec<_>>());
     page.views("Views", &rows, run.views)?;
     page.slices("Slices", "density", &volume.field, reference.as_ref())?;
-    if let Some(confidence) = &confidence {
-        page.slices("What the pictures say", "confidence, 0 to 1", confidence, None)?;
-    }
+    let beside = confidence.iter().map(|volume| Quantity { label: CONFIDENCE_LABEL, volume, top: Some(1.0) });
+    let heading = if confidence.is_some() { "Slice by slice, with what the pictures say" } else { "Slice by slice" };
+    page.browse(heading, "density", &volume.field, reference.as_ref(), &beside.collect::<Vec<_>>())?;
+    page.histogram("Histogram of densities", "density", &volume.field, reference.as_ref())?;
     if volume.shaded.is_some()
         && let Some(confidence) = self::confidence(run, shaded::EMISSION, limits)?
     {
-        page.slices("What they say of emissions", "confidence, 0 to 1", &confidence, None)?;
+        page.slices("What they say of emissions", CONFIDENCE_LABEL, &confidence, None)?;
     }
+    let thumbnails = thumbnails(run, &volume.capture, limits, cancel)?;
+    page.thumbnails("Cameras", &thumbnails, run.views)?;
     plots(&mut page, run)?;
     page.stages(&run.stages.iter().map(|s| (s.name.as_str(), s.seconds)).collect::<Vec<_>>());
     page.provenance(&run.provenance.rows());
     Ok((page, error))
+}
+
+/// Name of confidences on the page.
+const CONFIDENCE_LABEL: &str = "confidence, 0 to 1";
+
+/// Reads the pictures of all cameras, or as many as a page shows, evenly spaced, and reduces them.
+fn thumbnails(run: &Run, capture: &Capture, limits: Limits, cancel: Cancel) -> Result<Vec<Thumbnail>> {
+    let views = capture.frames.len();
+    let all = choose(&vec![false; views], MOST_THUMBNAILS).into_par_iter().filter(|_| !cancel.requested());
+    let thumbnail = |i: usize| {
+        let path = &capture.frames[i].picture;
+        let film = photos::picture(path, run.layer.as_deref(), capture, limits)?;
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        Ok(Thumbnail::new(name, &film, run.held_out.contains(&i)))
+    };
+    all.map(thumbnail).collect()
 }
 
 /// A reconstructed volume, read again with the capture of its pictures.
@@ -169,7 +189,7 @@ fn plots(page: &mut Page, run: &Run) -> Result<()> {
         &Plot {
             x: "seconds".into(),
             y: "log10 of the loss".into(),
-            series: vec![Series { label: "loss".into(), points }],
+            series: vec![Series { label: "loss".into(), points, dashed: false }],
         },
     )?;
     Ok(())

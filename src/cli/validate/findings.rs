@@ -1,21 +1,24 @@
 //! Findings about one file.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 use crate::formats::problem::Problem;
+use crate::optimise::plausibility::Warning;
 use serde::Serialize;
 use std::fmt;
 
 /// Severity of a finding.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 enum Severity {
     /// A fault of the file: exit code 1.
     Problem,
+    /// A contradiction that need not be a fault, but makes what is derived from the file doubtful.
+    Warning,
     /// A remark that is worth knowing; the file is fine.
     Note,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Finding {
     severity: Severity,
     #[serde(flatten)]
@@ -23,14 +26,19 @@ struct Finding {
 }
 
 /// Findings about a file, in the order in which they were made.
-#[derive(Debug, Default, Serialize)]
+#[derive(Debug, Default, Serialize, schemars::JsonSchema)]
 #[serde(transparent)]
-pub(super) struct Findings(Vec<Finding>);
+pub(super) struct Findings {
+    all: Vec<Finding>,
+    /// True if something was refused that this program does not handle, or that exceeds its limits.
+    #[serde(skip)]
+    pub unsupported: bool,
+}
 
 impl Findings {
     /// Returns true if no finding is a problem.
     pub(super) fn valid(&self) -> bool {
-        self.0.iter().all(|f| f.severity == Severity::Note)
+        self.all.iter().all(|f| f.severity != Severity::Problem)
     }
     /// Adds a problem of a grid, or of the file.
     pub(super) fn problem(&mut self, grid: Option<&str>, what: impl Into<String>, remedy: &str) {
@@ -40,16 +48,34 @@ impl Findings {
     pub(super) fn note(&mut self, grid: Option<&str>, what: impl Into<String>, remedy: &str) {
         self.add(Severity::Note, of_grid(grid, what, remedy));
     }
+    /// Adds a problem of a part of the file, or a note on it if it need not be a fault.
+    pub(super) fn of_part(&mut self, certain: bool, part: &str, what: String, remedy: &str) {
+        let severity = if certain { Severity::Problem } else { Severity::Note };
+        self.add(severity, Problem::new(what, remedy).part(part));
+    }
+    /// Returns the findings as the text of a report shows them.
+    pub(super) fn lines(&self) -> Vec<String> {
+        self.all.iter().map(ToString::to_string).collect()
+    }
+    /// Adds the warning that no content could explain the file as a problem.
+    pub(super) fn contradiction(&mut self, warning: Warning) {
+        self.add(Severity::Problem, Problem::new(warning.what, warning.remedy));
+    }
+    /// Adds a warning about the file.
+    pub(super) fn warning(&mut self, warning: Warning) {
+        self.add(Severity::Warning, Problem::new(warning.what, warning.remedy));
+    }
     /// Adds the error by which a reader refused the file or a part of it.
     ///
     /// # Errors
     /// If the error is one of the operating system, which is no finding and is handed back.
     pub(super) fn refusal(&mut self, error: Error) -> Result<()> {
+        self.unsupported |= error.kind() == Kind::Unsupported;
         self.add(Severity::Problem, Problem::of(error)?);
         Ok(())
     }
     fn add(&mut self, severity: Severity, problem: Problem) {
-        self.0.push(Finding { severity, problem });
+        self.all.push(Finding { severity, problem });
     }
 }
 
@@ -64,12 +90,19 @@ fn of_grid(grid: Option<&str>, what: impl Into<String>, remedy: &str) -> Problem
     Problem { part, ..Problem::new(what, remedy) }
 }
 
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let severity = match self.severity {
+            Severity::Problem => "problem",
+            Severity::Warning => "warning",
+            Severity::Note => "note",
+        };
+        write!(f, "{severity}: {}", self.problem)
+    }
+}
+
 impl fmt::Display for Findings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for Finding { severity, problem } in &self.0 {
-            let severity = if *severity == Severity::Problem { "problem" } else { "note" };
-            writeln!(f, "  {severity}: {}", problem.to_string().replace('\n', "\n  "))?;
-        }
-        Ok(())
+        self.all.iter().try_for_each(|finding| writeln!(f, "  {}", finding.to_string().replace('\n', "\n  ")))
     }
 }

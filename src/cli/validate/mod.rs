@@ -1,42 +1,65 @@
 //! `cumulo validate`: faults of files, with remedies.
 
+mod capture;
 mod findings;
 mod nano;
+mod sequence;
+mod traits;
 mod volume;
 
+use super::frames::FramesOption;
 use super::info::Failure;
 use super::memory::Memory;
 use super::output::Output;
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
 use crate::formats::{self, Format};
 use crate::text::printable;
 use findings::Findings;
+use schemars::JsonSchema;
+use sequence::CheckedSequence;
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use traits::Traits;
 
 /// Say what is wrong with files and what to do; exit code 1 if anything is
+///
+/// Of a sequence, 'smoke.####.vdb' or a folder of numbered files, each frame is checked, and so is the whole: frames that are
+/// missing, names, types of values and voxel sizes that change, and frames whose largest value or sum leaps. Warnings, such as
+/// pixels that contradict what a capture states, do not change the exit code.
 #[derive(Debug, clap::Args)]
 pub struct Validate {
-    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, and captures (a transforms.json, a model of COLMAP, or the folder of either) with their
-    /// pictures
+    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of either) with
+    /// their pictures, and sequences of files
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
+    #[command(flatten)]
+    frames: FramesOption,
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, JsonSchema)]
+pub(in crate::cli) struct Report {
     valid: bool,
+    /// Files in the order in which they were given; those of sequences frame by frame.
     files: Vec<Checked>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    sequences: Vec<CheckedSequence>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, JsonSchema)]
 struct Checked {
     #[serde(serialize_with = "crate::cli::paths::text")]
     path: PathBuf,
+    /// Number of the frame, of a file of a sequence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    frame: Option<u32>,
+    /// Sequence that the file belongs to, by its place among those of the report.
+    #[serde(skip)]
+    sequence: usize,
     /// Format of the file; none if it could not be read.
     format: Option<Format>,
     valid: bool,
@@ -46,53 +69,85 @@ struct Checked {
     error: Option<Failure>,
 }
 
+impl Checked {
+    /// Returns the entry of a file that could not be read.
+    fn failed(path: &Path, failure: Failure) -> Self {
+        let findings = Findings::default();
+        Self { path: path.into(), frame: None, sequence: 0, format: None, valid: false, findings, error: Some(failure) }
+    }
+
+    /// Returns what is wrong with the file, as the text of a report shows it.
+    fn lines(&self) -> Vec<String> {
+        match &self.error {
+            Some(failure) => vec![failure.to_string().trim_end().to_owned()],
+            None => self.findings.lines(),
+        }
+    }
+}
+
 impl Validate {
     /// Checks the files and reports; files that cannot be read do not keep others from being reported.
     ///
     /// # Errors
     /// If the only file cannot be read at all; faults of its content are part of the report.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let stage = output.stage("checking");
-        let mut files = Vec::new();
+        let (mut files, mut sequences) = (Vec::new(), Vec::new());
         for path in &self.files {
-            files.push(match self.check(path) {
-                Ok(checked) => checked,
-                Err(error) if self.files.len() == 1 => return Err(error),
-                Err(error) => Checked {
-                    path: path.clone(),
-                    format: None,
-                    valid: false,
-                    findings: Findings::default(),
-                    error: Some(Failure::new(&error)),
-                },
-            });
+            match self.frames.sequences(path, &sequence::ENDINGS) {
+                Ok(found) if !found.is_empty() => {
+                    for sequence in found {
+                        let (checked, frames) = self.sequence(&sequence, output)?;
+                        let place = sequences.len();
+                        files.extend(frames.into_iter().map(|file| Checked { sequence: place, ..file }));
+                        sequences.push(checked);
+                    }
+                }
+                found => files.push(self.file(path, found.err(), output)?),
+            }
         }
-        let valid = files.iter().all(|f| f.valid);
+        let valid = files.iter().all(|f| f.valid) && sequences.iter().all(|s| s.valid);
         let failed = files.iter().any(|f| f.error.is_some());
-        drop(stage);
-        output.report(&Report { valid, files })?;
+        output.report(&Report { valid, files, sequences })?;
         Ok(ExitCode::from(if failed { 2 } else { u8::from(!valid) }))
     }
 
-    fn check(&self, path: &Path) -> Result<Checked> {
+    /// Checks a file, or reports the `error` for which its path names none.
+    ///
+    /// # Errors
+    /// If it cannot be read and is the only one.
+    fn file(&self, path: &Path, error: Option<Error>, output: &Output) -> Result<Checked> {
+        let _stage = output.stage("checking");
+        let result = match error {
+            Some(error) => Err(error),
+            None => self.frames.refuse(path).and_then(|()| self.check(path, self.memory.limits())),
+        };
+        match result {
+            Ok((checked, _)) => Ok(checked),
+            Err(error) if self.files.len() == 1 => Err(error),
+            Err(error) => Ok(Checked::failed(path, Failure::new(&error))),
+        }
+    }
+
+    /// Checks a file, and returns what it is compared by if it is a frame of a sequence.
+    fn check(&self, path: &Path, limits: Limits) -> Result<(Checked, Traits)> {
         let format = formats::sniff(path)?;
-        let mut findings = Findings::default();
+        let (mut findings, mut traits) = (Findings::default(), Traits::new());
         match format {
-            Format::Vdb => volume::check(path, self.memory.limits(), &mut findings)?,
-            Format::NanoVdb => nano::check(path, self.memory.limits(), &mut findings)?,
-            Format::Exr => findings.extend(formats::exr::problems_within(path, self.memory.limits())?),
-            Format::Capture => findings.extend(formats::captures::problems_within(path, self.memory.limits())?),
-            Format::Usd => findings.extend(formats::usd::problems(path, self.memory.limits())?),
+            Format::Vdb => traits = volume::check(path, limits, &mut findings)?,
+            Format::NanoVdb => traits = nano::check(path, limits, &mut findings)?,
+            Format::Exr => findings.extend(formats::exr::problems_within(path, limits)?),
+            Format::Capture => capture::check(path, limits, &mut findings)?,
+            Format::Usd => findings.extend(formats::usd::problems(path, limits)?),
             Format::Unknown => findings.refusal(formats::unknown())?,
         }
-        let valid = findings.valid();
-        Ok(Checked { path: path.to_path_buf(), format: Some(format), valid, findings, error: None })
+        let (path, valid) = (path.to_path_buf(), findings.valid());
+        Ok((Checked { path, frame: None, sequence: 0, format: Some(format), valid, findings, error: None }, traits))
     }
 }
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for file in &self.files {
+        for file in self.files.iter().filter(|file| file.frame.is_none()) {
             if let Some(failure) = &file.error {
                 write!(f, "{}: {}", file.path.display(), failure.to_string().trim_end().replace('\n', "\n  "))?;
                 writeln!(f)?;
@@ -100,6 +155,10 @@ impl fmt::Display for Report {
             }
             let verdict = if file.valid { "valid" } else { "not valid" };
             write!(f, "{}: {verdict}\n{}", printable(&file.path.to_string_lossy()), file.findings)?;
+        }
+        for (place, checked) in self.sequences.iter().enumerate() {
+            let frames = self.files.iter().filter(|file| file.frame.is_some() && file.sequence == place);
+            sequence::write(f, checked, &frames.collect::<Vec<_>>())?;
         }
         Ok(())
     }

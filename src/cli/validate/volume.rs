@@ -1,6 +1,7 @@
 //! Faults of an OpenVDB file.
 
 use super::findings::Findings;
+use super::traits::{Trait, Traits};
 use crate::cli::info::statistics_of;
 use crate::error::Result;
 use crate::formats::limits::Limits;
@@ -12,14 +13,18 @@ use crate::scene::topology::table_entries;
 use glam::IVec3;
 use std::path::Path;
 
-/// Checks all grids of a file and their values.
+/// Checks all grids of a file and their values, and returns what frames of a sequence are compared by.
 ///
 /// # Errors
 /// If the operating system keeps the file from being read.
-pub(super) fn check(path: &Path, limits: Limits, findings: &mut Findings) -> Result<()> {
+pub(super) fn check(path: &Path, limits: Limits, findings: &mut Findings) -> Result<Traits> {
+    let mut traits = Traits::new();
     let file = match File::open(path, limits) {
         Ok(file) => file,
-        Err(error) => return findings.refusal(error),
+        Err(error) => {
+            findings.refusal(error)?;
+            return Ok(traits);
+        }
     };
     if file.entries().is_empty() {
         findings.problem(None, "the file has no grids", "check the export settings of the program that made it");
@@ -41,14 +46,31 @@ pub(super) fn check(path: &Path, limits: Limits, findings: &mut Findings) -> Res
             }
         };
         match native.info() {
-            Ok(info) => values(&native, &info, findings)?,
+            Ok(info) => {
+                let statistics = values(&native, &info, findings)?;
+                traits.insert(format!("grid '{name}'"), of_grid(&info, statistics.as_ref()));
+            }
             Err(error) => findings.refusal(error.part(format!("grid '{name}'")))?,
         }
     }
-    Ok(())
+    Ok(traits)
 }
 
-pub(super) fn values(native: &NativeGrid, info: &GridInfo, findings: &mut Findings) -> Result<()> {
+/// Returns what a grid is compared by with that of other frames.
+pub(super) fn of_grid(info: &GridInfo, statistics: Option<&Statistics>) -> Trait {
+    let place = match &info.transform {
+        Transform::Affine(map) => Some(map.matrix()),
+        Transform::Other(_) => None,
+    };
+    let figures = statistics.map(|s| {
+        let count = info.active_voxels.saturating_sub(s.nan + s.infinite);
+        [f64::from(s.max.unwrap_or_default()), s.mean.unwrap_or_default() * count as f64]
+    });
+    Trait { kind: info.value_type.clone(), place, figures }
+}
+
+/// Checks the values of a grid, and returns their statistics if there are any.
+pub(super) fn values(native: &NativeGrid, info: &GridInfo, findings: &mut Findings) -> Result<Option<Statistics>> {
     let name = Some(info.name.as_str());
     if let Transform::Other(kind) = &info.transform {
         findings.problem(name, format!("the transform is a {kind}, not affine"), "resample it onto a linear transform");
@@ -60,7 +82,7 @@ pub(super) fn values(native: &NativeGrid, info: &GridInfo, findings: &mut Findin
         findings.note(
             name,
             "this is a level set: distances, no density",
-            "for rendering as fog, convert it: vdb_tool -read IN.vdb -ls2fog -write OUT.vdb, or Houdini's Convert VDB",
+            "for rendering as fog, convert it: cumulo convert IN.vdb OUT.vdb --to fog",
         );
     }
     if info.components == 0 {
@@ -69,9 +91,10 @@ pub(super) fn values(native: &NativeGrid, info: &GridInfo, findings: &mut Findin
             format!("{} values are passed through, not looked at", info.value_type),
             "nothing needs to be done",
         );
-        return Ok(());
+        return Ok(None);
     }
-    numbers(info, &statistics_of(native)?, findings);
+    let statistics = statistics_of(native)?;
+    numbers(info, &statistics, findings);
     // Renderers interpolate between all values, active or not.
     let hidden = if scalar_density(info) { inactive_faults(native)? } else { 0 };
     if hidden > 0 {
@@ -94,7 +117,7 @@ pub(super) fn values(native: &NativeGrid, info: &GridInfo, findings: &mut Findin
     if info.components == 1 && info.class != GridClass::LevelSet {
         check_usable(native, info, findings)?;
     }
-    Ok(())
+    Ok(Some(statistics))
 }
 
 /// Finds what keeps a density from being rendered, though its values are fine.

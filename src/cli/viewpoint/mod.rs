@@ -8,6 +8,7 @@ use super::outputs::{self, Content};
 use super::parse::{self, DensityScale};
 use super::task::{Task, exit_code};
 use super::transfer::TransferOption;
+use super::up::{ChosenUp, UpChoice};
 use super::{render, volume};
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
@@ -38,7 +39,7 @@ use std::time::Instant;
 /// Find the viewpoints from which a volume shows most
 ///
 /// Cameras stand on a sphere around the volume and face its centre. Those from which the opacity entropy of the
-/// picture is largest are written as a capture, the best first. Ctrl-C writes what is there (exit code 1);
+/// picture is largest are written as a capture, the best first. Ctrl-C writes what is there (exit code 130);
 /// --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Viewpoint {
@@ -68,6 +69,9 @@ pub struct Viewpoint {
     /// Angle in degrees that the volume takes in the pictures
     #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = parse::angle)]
     fov: f64,
+    /// Axis that points upwards, with respect to which cameras stand upright
+    #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpChoice::Auto)]
+    up: UpChoice,
     /// Extinction per unit of density and length; auto makes the 99th percentile of the optical depth 3
     #[arg(long, value_name = "S|auto", default_value = "1")]
     density_scale: DensityScale,
@@ -126,6 +130,8 @@ struct Report {
     blank: bool,
     stopped: bool,
     density_scale: f64,
+    /// Axis with respect to which the cameras stand upright.
+    up: ChosenUp,
     /// Wall time of the search.
     seconds: f64,
     /// Wall time of the samples; none without `--samples`.
@@ -178,11 +184,13 @@ impl Viewpoint {
         if let Some(tf) = &self.transfer.tf {
             task.provenance.input(tf, [tf.as_path()])?;
         }
-        let around = Sphere::around(&field.outline(), self.size, self.fov)
+        let up = self.up.of(&self.input, limits)?;
+        output.note(&up);
+        let around = Sphere::around(&field.outline(), self.size, self.fov, up.axis)
             .map_err(|e| e.at(&self.input).hint("choose another grid with --grid"))?;
         let mut request = Request {
             sphere: around,
-            starts: sphere::starts(self.starts as usize),
+            starts: sphere::starts(self.starts as usize, up.axis),
             exact_starts: Vec::new(),
             iterations: self.iterations,
         };
@@ -221,7 +229,7 @@ impl Viewpoint {
                 self.output.display()
             ));
         }
-        let mut report = self.summary(&outcome, samples.as_ref(), blank, capture.density_scale);
+        let mut report = self.summary(&outcome, samples.as_ref(), blank, (capture.density_scale, up));
         if let Some(dir) = &self.report {
             let samples = samples.as_ref().map(|(all, _)| all.as_slice()).unwrap_or_default();
             let page = page::page(&self.input, &report, &outcome, samples, best, &task.provenance)?;
@@ -271,7 +279,8 @@ impl Viewpoint {
 
     /// Plans the capture to render, with the cameras of the starts.
     fn capture(&self, field: &Bricks<f32>, transfer: Option<Transfer>, request: &Request) -> Result<Capture> {
-        let cameras: Vec<Camera> = request.starts.iter().map(|d| request.sphere.camera(&sphere::upright(*d))).collect();
+        let camera = |d: &DVec3| request.sphere.camera(&sphere::upright(*d, request.sphere.up));
+        let cameras: Vec<Camera> = request.starts.iter().map(camera).collect();
         let source = match &transfer {
             Some(transfer) => Source::Transfer(Arc::new(transfer.table()?)),
             None => Source::Grey([0.0; 3]),
@@ -358,7 +367,13 @@ impl Viewpoint {
         Ok(best.filter(|_| whole))
     }
 
-    fn summary(&self, outcome: &Outcome, samples: Option<&Samples>, blank: bool, density_scale: f64) -> Report {
+    fn summary(
+        &self,
+        outcome: &Outcome,
+        samples: Option<&Samples>,
+        blank: bool,
+        (density_scale, up): (f64, ChosenUp),
+    ) -> Report {
         let starts = outcome.paths.iter().map(|path| {
             let view = &outcome.views[path.view];
             let start = path.directions.first().map_or([0.0; 3], DVec3::to_array);
@@ -374,6 +389,7 @@ impl Viewpoint {
             blank,
             stopped: outcome.stopped,
             density_scale,
+            up,
             seconds: outcome.seconds,
             sampled_seconds: samples.map(|(_, seconds)| *seconds),
             render_seconds: outcome.render_seconds,

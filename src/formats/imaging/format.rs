@@ -67,6 +67,16 @@ impl Format {
     pub fn takes_placement(self) -> bool {
         matches!(self, Self::Npy | Self::Npz | Self::Tiff | Self::Dicom | Self::Zarr | Self::Raw)
     }
+
+    /// True if such a file may hold several points in time, of which one is read.
+    pub fn has_times(self) -> bool {
+        matches!(self, Self::Nifti | Self::Nrrd | Self::Tiff | Self::Dicom | Self::Zarr)
+    }
+
+    /// True if such a file may hold several named arrays.
+    pub fn has_arrays(self) -> bool {
+        matches!(self, Self::Npz | Self::Tiff | Self::VtkXml | Self::VtkLegacy)
+    }
 }
 
 /// Detects a format by the content of a file, a folder, or the files of a pattern; none if it is none of these.

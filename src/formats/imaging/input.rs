@@ -1,5 +1,6 @@
 //! Files with values: opened at a place, unpacked, and measured before anything is read.
 
+use super::text::shown;
 use crate::error::{Error, Result};
 use crate::formats::input;
 use flate2::read::{MultiGzDecoder, ZlibDecoder};
@@ -104,7 +105,7 @@ pub fn numbered(pattern: &str, numbers: impl Iterator<Item = i64>) -> Result<Vec
         Some((head, digits.starts_with('0'), width, &rest[end + 1..]))
     });
     let (head, zeros, width, tail) = split.ok_or_else(|| {
-        Error::invalid(format!("'{}' is no pattern of numbered files", crate::text::printable(pattern)))
+        Error::invalid(format!("'{}' is no pattern of numbered files", shown(pattern)))
             .hint("a pattern has a number such as %03d")
     })?;
     Ok(numbers

@@ -6,12 +6,11 @@
 use super::image::{Header, Image, Slices, Values};
 use super::input::{self, Packing};
 use super::placement::{self, swap_lps_ras};
-use crate::formats::sample::{Endian, Sample};
 use super::stream::{Binary, Words};
-use super::text::{self, wrong};
+use super::text::{self, shown, wrong};
 use crate::error::{Error, Result};
+use crate::formats::sample::{Endian, Sample};
 use crate::math::Affine;
-use crate::text::printable;
 use glam::DVec3;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -59,7 +58,7 @@ fn sample(name: &str) -> Result<(Sample, usize)> {
         "MET_FLOAT" => Sample::F32,
         "MET_DOUBLE" => Sample::F64,
         other => {
-            return Err(Error::unsupported(format!("values of type '{}'; integers and floats are read", printable(other)))
+            return Err(Error::unsupported(format!("values of type '{}'; integers and floats are read", shown(other)))
                 .hint("convert them to MET_FLOAT where the file was made"));
         }
     };
@@ -111,9 +110,12 @@ fn files(fields: &Fields, path: &Path, length: u64, rest: &[String], slices: usi
         ["LOCAL" | "Local" | "local"] => return Ok((vec![path.to_path_buf()], length)),
         ["LIST", ..] => rest.iter().map(|l| l.trim().to_owned()).filter(|l| !l.is_empty()).collect(),
         [pattern, first, ..] if pattern.contains('%') => {
-            let number = |word: Option<&&str>, or: i64| word.map_or(Ok(or), |w| w.parse().map_err(|_| wrong("ElementDataFile", name)));
+            let number = |word: Option<&&str>, or: i64| {
+                word.map_or(Ok(or), |w| w.parse().map_err(|_| wrong("ElementDataFile", name)))
+            };
             let first = number(Some(&first), 0)?;
-            let (last, step): (i64, i64) = (number(words.get(2), first.saturating_add(slices as i64 - 1))?, number(words.get(3), 1)?);
+            let (last, step): (i64, i64) =
+                (number(words.get(2), first.saturating_add(slices as i64 - 1))?, number(words.get(3), 1)?);
             if step <= 0 || last < first || last.abs_diff(first) > 100_000 {
                 return Err(wrong("ElementDataFile", name));
             }
@@ -130,9 +132,8 @@ fn files(fields: &Fields, path: &Path, length: u64, rest: &[String], slices: usi
 /// If a field is missing or cannot be understood, the values are of a kind that is not read, or a file is too short.
 pub fn open(path: &Path) -> Result<Vec<Image>> {
     let key = |line: &str| line.split_once('=').map(|(key, value)| (key.trim().to_owned(), value.trim().to_owned()));
-    let (lines, length) = text::lines(path, |line| {
-        key(line).is_some_and(|(k, v)| k == "ElementDataFile" && !v.starts_with("LIST"))
-    })?;
+    let (lines, length) =
+        text::lines(path, |line| key(line).is_some_and(|(k, v)| k == "ElementDataFile" && !v.starts_with("LIST")))?;
     let at = lines.iter().position(|l| key(l).is_some_and(|(k, _)| k == "ElementDataFile")).unwrap_or(lines.len());
     let fields = Fields(lines.iter().take(at + 1).filter_map(|l| key(l)).collect());
     let rest = lines.get(at + 1..).unwrap_or_default();
@@ -140,7 +141,7 @@ pub fn open(path: &Path) -> Result<Vec<Image>> {
     let (sample, implied) = sample(fields.need("ElementType")?)?;
     let components = match fields.get(&["ElementNumberOfChannels"]) {
         Some(text) => text.parse().ok().filter(|n| matches!(n, 1 | 3)).ok_or_else(|| {
-            Error::unsupported(format!("{} values a voxel; 1 or 3 are read", printable(text)))
+            Error::unsupported(format!("{} values a voxel; 1 or 3 are read", shown(text)))
                 .hint("write one channel, or a vector of three, to a file of its own first")
         })?,
         None => implied,
@@ -149,7 +150,10 @@ pub fn open(path: &Path) -> Result<Vec<Image>> {
     let slices = Data::of(&fields, files, from, sample)?.slices(size, components)?;
     let values = if sample.is_integer() { Values::Integer } else { Values::Real };
     let index_to_world = placement(&fields)?;
-    Ok(vec![Image { header: Header { name: None, size, components, values, index_to_world, notes: Vec::new() }, slices }])
+    Ok(vec![Image {
+        header: Header { name: None, size, components, values, index_to_world, notes: Vec::new() },
+        slices,
+    }])
 }
 
 /// Values in one or several files.
@@ -177,7 +181,20 @@ impl Data {
         let big = fields.is_true(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"]);
         let text = fields.get(&["BinaryData"]).is_some_and(|v| v.eq_ignore_ascii_case("false"));
         let endian = if big { Endian::Big } else { Endian::Little };
-        Ok(Self { files, from, header, packing, text, sample, endian, share: 0, per_file: 0, next: 0, left: 0, now: None })
+        Ok(Self {
+            files,
+            from,
+            header,
+            packing,
+            text,
+            sample,
+            endian,
+            share: 0,
+            per_file: 0,
+            next: 0,
+            left: 0,
+            now: None,
+        })
     }
 
     fn slices(mut self, size: [usize; 3], components: usize) -> Result<Box<dyn Slices>> {

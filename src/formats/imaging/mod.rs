@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! format::sniff ──▶ format::open ──▶ image::Image ──▶ values ──▶ volume::build ──▶ a grid of OpenVDB
-//!                                    a file  ◀── write::write ◀── volume::Source ◀──┘
+//!                                    a file  ◀── write::write ◀── source::Source ◀──┘
 //! ```
 //! Each format is a module that gives [`image::Image`]s: a header and its slices in ascending order, so that a grid larger
 //! than memory can pass through.
@@ -24,6 +24,7 @@ mod numpy;
 pub mod options;
 mod placement;
 mod raw;
+pub mod source;
 mod stream;
 mod text;
 mod tiff;

@@ -7,9 +7,9 @@ use super::image::{Header, Image, Slices, Values};
 use super::input::{self, Packing};
 use super::options::Options;
 use super::placement;
-use crate::formats::sample::{Endian, Sample};
 use super::stream::{Binary, Planar};
 use crate::error::{Error, Result};
+use crate::formats::sample::{Endian, Sample};
 use crate::math::Affine;
 use flate2::read::MultiGzDecoder;
 use glam::{DMat3, DMat4, DQuat, DVec3, DVec4};
@@ -187,8 +187,11 @@ fn sizes(fields: &Fields) -> Result<([usize; 3], usize, usize)> {
         *dim = n as usize;
     }
     if !matches!(dims[5], 1 | 3) || dims[6] != 1 || dims[7] != 1 {
-        return Err(Error::unsupported(format!("{} x {} x {} values a voxel; 1 or 3 are read", dims[5], dims[6], dims[7]))
-            .hint("write one of them, or a vector of three, to a file of its own first"));
+        return Err(Error::unsupported(format!(
+            "{} x {} x {} values a voxel; 1 or 3 are read",
+            dims[5], dims[6], dims[7]
+        ))
+        .hint("write one of them, or a vector of three, to a file of its own first"));
     }
     Ok(([dims[1], dims[2], dims[3]], dims[4], dims[5]))
 }
@@ -242,21 +245,23 @@ fn single(parts: Vec<Box<dyn Slices>>) -> Result<Box<dyn Slices>> {
 fn placement(fields: &Fields, notes: &mut Vec<String>) -> Result<Affine> {
     let code = |first, second| fields.number((first, Sample::I16), (second, Sample::I32)) > 0.0;
     if code(254, 348) {
-        let row = |r: usize| DVec4::from_array([0, 1, 2, 3].map(|c| fields.real(280 + 16 * r + 4 * c, 400 + 32 * r + 8 * c)));
+        let row =
+            |r: usize| DVec4::from_array([0, 1, 2, 3].map(|c| fields.real(280 + 16 * r + 4 * c, 400 + 32 * r + 8 * c)));
         let rows = DMat4::from_cols(row(0), row(1), row(2), DVec4::W);
         return placement::checked(rows.transpose());
     }
-    let pixdim = DVec3::from_array([1, 2, 3].map(|i| match fields.pixdim(i).abs() {
-        // A size of 0 stands for an axis of one voxel.
-        size if size == 0.0 => 1.0,
-        size => size,
-    }));
+    // A size of 0 stands for an axis of one voxel.
+    let size = |i| Some(fields.pixdim(i).abs()).filter(|size| *size > 0.0).unwrap_or(1.0);
+    let pixdim = DVec3::new(size(1), size(2), size(3));
     if code(252, 344) {
         let quaternion = [0, 1, 2].map(|i| fields.real(256 + 4 * i, 352 + 8 * i));
         let origin = DVec3::from_array([0, 1, 2].map(|i| fields.real(268 + 4 * i, 376 + 8 * i)));
         let mirrored = if fields.pixdim(0) < 0.0 { -1.0 } else { 1.0 };
         let turn = rotation(quaternion);
-        return placement::affine([turn.x_axis * pixdim.x, turn.y_axis * pixdim.y, turn.z_axis * (pixdim.z * mirrored)], origin);
+        return placement::affine(
+            [turn.x_axis * pixdim.x, turn.y_axis * pixdim.y, turn.z_axis * (pixdim.z * mirrored)],
+            origin,
+        );
     }
     notes.push("the file states the voxels' sizes only; the first voxel was put at the origin, along the axes".into());
     placement::affine([DVec3::X * pixdim.x, DVec3::Y * pixdim.y, DVec3::Z * pixdim.z], DVec3::ZERO)
@@ -266,6 +271,7 @@ fn placement(fields: &Fields, notes: &mut Vec<String>) -> Result<Affine> {
 fn rotation([b, c, d]: [f64; 3]) -> DMat3 {
     let rest = 1.0 - (b * b + c * c + d * d);
     // Rounding to single precision can leave less than nothing for the real part: the others are normalized then.
-    let quaternion = if rest < 1e-7 { DQuat::from_xyzw(b, c, d, 0.0).normalize() } else { DQuat::from_xyzw(b, c, d, rest.sqrt()) };
+    let quaternion =
+        if rest < 1e-7 { DQuat::from_xyzw(b, c, d, 0.0).normalize() } else { DQuat::from_xyzw(b, c, d, rest.sqrt()) };
     DMat3::from_quat(quaternion)
 }

@@ -7,12 +7,12 @@ use super::image::{Header, Image, Slices, Values};
 use super::input::{self, Packing};
 use super::options::{Axes, Options};
 use super::stream::{Binary, failed};
+use super::text::shown;
 use crate::error::{Error, Result};
 use crate::formats;
 use crate::formats::limits::Limits;
 use crate::formats::npy;
 use crate::formats::sample::{Endian, Sample};
-use crate::text::printable;
 use flate2::read::DeflateDecoder;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
@@ -67,11 +67,8 @@ impl Layout {
             _ => return None,
         };
         let [a, b, c] = first;
-        let steps = if header.fortran {
-            [1, a, a * b, a * b * c]
-        } else {
-            [b * c * components, c * components, components, 1]
-        };
+        let steps =
+            if header.fortran { [1, a, a * b, a * b * c] } else { [b * c * components, c * components, components, 1] };
         let turned = |list: [usize; 3]| if axes == Axes::Xyz { list } else { [list[2], list[1], list[0]] };
         let [x, y, z] = turned([steps[0], steps[1], steps[2]]);
         Some(Self { size: turned(first), components, strides: [x, y, z, steps[3]] })
@@ -85,11 +82,16 @@ impl Layout {
     }
 }
 
-fn image(header: &npy::Header, reader: Box<dyn Read>, name: Option<String>, options: &Options, limits: Limits) -> Result<Image> {
+fn image(
+    header: &npy::Header,
+    reader: Box<dyn Read>,
+    name: Option<String>,
+    options: &Options,
+    limits: Limits,
+) -> Result<Image> {
     let layout = Layout::of(header, options.axes).ok_or_else(|| {
-        Error::invalid(format!("an array of shape {:?} is no volume", header.shape)).hint(
-            "[x, y, z] makes a grid of scalars, [x, y, z, 3] one of vectors; --axes zyx reads [z, y, x]",
-        )
+        Error::invalid(format!("an array of shape {:?} is no volume", header.shape))
+            .hint("[x, y, z] makes a grid of scalars, [x, y, z, 3] one of vectors; --axes zyx reads [z, y, x]")
     })?;
     let index_to_world = options.placement()?.ok_or_else(|| {
         Error::invalid("an array does not say how large its voxels are")
@@ -102,7 +104,8 @@ fn image(header: &npy::Header, reader: Box<dyn Read>, name: Option<String>, opti
         Box::new(Strided::read(binary.into_reader(), header, &layout, limits)?)
     };
     let values = if header.sample.is_integer() { Values::Integer } else { Values::Real };
-    let header = Header { name, size: layout.size, components: layout.components, values, index_to_world, notes: Vec::new() };
+    let header =
+        Header { name, size: layout.size, components: layout.components, values, index_to_world, notes: Vec::new() };
     Ok(Image { header, slices })
 }
 
@@ -121,7 +124,8 @@ impl Strided {
     fn read(mut reader: Box<dyn Read>, header: &npy::Header, layout: &Layout, limits: Limits) -> Result<Self> {
         let needed = (header.count()? as u64).saturating_mul(header.sample.bytes() as u64);
         if needed > limits.max_memory {
-            let what = format!("an array of shape {:?} takes {needed} bytes, {} are allowed", header.shape, limits.max_memory);
+            let what =
+                format!("an array of shape {:?} takes {needed} bytes, {} are allowed", header.shape, limits.max_memory);
             return Err(Error::unsupported(what)
                 .hint("raise --max-memory if the file is to be trusted; an array whose x axis is the fastest passes in slices"));
         }
@@ -165,8 +169,11 @@ pub fn open_archive(path: &Path, options: &Options, limits: Limits) -> Result<Ve
     };
     let mut archive = ZipArchive::new(BufReader::new(formats::input::open(path)?)).map_err(damaged)?;
     if archive.len() > MOST_ARRAYS {
-        return Err(Error::unsupported(format!("{} arrays in one archive, at most {MOST_ARRAYS} are read", archive.len()))
-            .hint("write those that are wanted to a file of their own"));
+        return Err(Error::unsupported(format!(
+            "{} arrays in one archive, at most {MOST_ARRAYS} are read",
+            archive.len()
+        ))
+        .hint("write those that are wanted to a file of their own"));
     }
     let (mut images, mut names, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
     for index in 0..archive.len() {
@@ -178,12 +185,16 @@ pub fn open_archive(path: &Path, options: &Options, limits: Limits) -> Result<Ve
             names.push(name);
             continue;
         }
-        let place = |e: Error| e.part(format!("array '{}'", printable(&name)));
+        let place = |e: Error| e.part(format!("array '{}'", shown(&name)));
         let start = start.ok_or_else(|| place(Error::invalid("its place is unknown").hint("copy the file again")))?;
         let mut reader = unpacked(path, start, length, method).map_err(place)?;
         let header = npy::Header::read(&mut reader).map_err(place)?.0;
         if options.array.is_none() && Layout::of(&header, options.axes).is_none() {
-            left_out.push(format!("array '{}' of shape {:?} is no volume and was left out", printable(&name), header.shape));
+            left_out.push(format!(
+                "array '{}' of shape {:?} is no volume and was left out",
+                shown(&name),
+                header.shape
+            ));
         } else {
             header.count().map_err(place)?;
             images.push(image(&header, reader, Some(name.clone()), options, limits).map_err(place)?);

@@ -1,7 +1,8 @@
 //! What the caller says of a file that the file does not say itself, and which part of it is wanted.
 
-use crate::formats::sample::{Endian, Sample};
+use super::text::shown;
 use crate::error::{Error, Result};
+use crate::formats::sample::{Endian, Sample};
 use crate::math::Affine;
 use glam::{DMat4, DVec3};
 
@@ -90,12 +91,19 @@ impl Options {
 
     /// Error that no array has the name that was asked for.
     pub(super) fn no_array(&self, names: &[String]) -> Error {
-        let names = if names.is_empty() { "none that can be read".to_owned() } else { names.join(", ") };
+        let names = if names.is_empty() { "none that can be read".to_owned() } else { listed(names) };
         match &self.array {
-            Some(wanted) => Error::invalid(format!("no array '{wanted}'; the file has {names}"))
+            Some(wanted) => Error::invalid(format!("no array '{}'; the file has {names}", shown(wanted)))
                 .hint("name one of these with --array"),
             None => Error::unsupported("the file holds no array of numbers with a voxel at each point")
                 .hint("write scalars or vectors of three with the volume where it was made"),
         }
     }
+}
+
+/// Names between commas; of many the first ones.
+fn listed(names: &[String]) -> String {
+    const MOST: usize = 12;
+    let more = if names.len() > MOST { ", and others" } else { "" };
+    format!("{}{more}", names.iter().take(MOST).map(|n| shown(n)).collect::<Vec<_>>().join(", "))
 }

@@ -50,7 +50,8 @@ mod tests {
 
     #[test]
     fn axes_swap_there_and_back_and_zeros_stay_positive() {
-        let map = DMat4::from_cols_array(&[2.0, 0.0, 1.0, 0.0, 0.5, 3.0, 0.0, 0.0, 0.0, 0.0, 4.0, 0.0, 7.0, -8.0, 9.0, 1.0]);
+        let map =
+            DMat4::from_cols_array(&[2.0, 0.0, 1.0, 0.0, 0.5, 3.0, 0.0, 0.0, 0.0, 0.0, 4.0, 0.0, 7.0, -8.0, 9.0, 1.0]);
         let swapped = swap_lps_ras(map);
         assert_eq!(swapped.transform_point3(DVec3::ZERO), DVec3::new(-7.0, 8.0, 9.0));
         assert_eq!(swap_lps_ras(swapped), map);

@@ -1,8 +1,9 @@
 //! Slices of numbers that lie in a stream of bytes or words.
 
 use super::image::Slices;
-use crate::formats::sample::{Endian, Sample};
+use super::text::shown;
 use crate::error::{Error, Result};
+use crate::formats::sample::{Endian, Sample};
 use std::io::{ErrorKind, Read};
 
 /// Numbers that are decoded at a time.
@@ -144,8 +145,7 @@ impl Words {
             return Err(failed(ErrorKind::UnexpectedEof.into(), self.done));
         }
         text.parse().map_err(|_| {
-            let shown: String = text.chars().take(40).collect();
-            Error::invalid(format!("value {} is '{shown}', which is no number", self.done))
+            Error::invalid(format!("value {} is '{}', which is no number", self.done, shown(&text)))
                 .hint("the file is damaged: copy it, or write it, again")
         })
     }

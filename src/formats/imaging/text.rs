@@ -38,10 +38,16 @@ pub fn lines(path: &Path, mut last: impl FnMut(&str) -> bool) -> Result<(Vec<Str
     }
 }
 
+/// Beginning of a text of a file, as an error or a note shows it.
+pub fn shown(text: &str) -> String {
+    let start: String = text.chars().take(60).collect();
+    let more = if start.len() < text.len() { "…" } else { "" };
+    format!("{}{more}", printable(&start))
+}
+
 /// Error that a field of a header cannot be understood.
 pub fn wrong(field: &str, text: &str) -> Error {
-    let shown: String = text.chars().take(60).collect();
-    Error::invalid(format!("the field '{}' is '{}', which cannot be understood", printable(field), printable(&shown)))
+    Error::invalid(format!("the field '{}' is '{}', which cannot be understood", shown(field), shown(text)))
         .hint("correct the file's header, or write the file again where it was made")
 }
 

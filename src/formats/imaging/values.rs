@@ -53,7 +53,7 @@ impl Mapping {
     }
 
     /// Value after scale, offset and range. What is NaN stays so.
-    fn mapped(&self, value: f64) -> f64 {
+    pub fn mapped(&self, value: f64) -> f64 {
         let value = if self.scale == 1.0 && self.offset == 0.0 { value } else { value * self.scale + self.offset };
         match self.range {
             Some([low, high]) => ((value - low) / (high - low)).clamp(0.0, 1.0),

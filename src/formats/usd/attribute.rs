@@ -34,8 +34,9 @@ impl Attribute {
         let Some((after, other)) = self.samples.get(next) else { return value.clone() };
         let share = (time - before) / (after - before);
         let turns = self.type_name.starts_with("quat");
+        let held = self.type_name.starts_with("int");
         match (value, other) {
-            (Some(value), Some(other)) if share > 0.0 => {
+            (Some(value), Some(other)) if share > 0.0 && !held => {
                 value.between(other, share, turns).or_else(|| Some(value.clone()))
             }
             (value, _) => value.clone(),

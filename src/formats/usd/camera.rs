@@ -3,7 +3,8 @@
 //! Apertures and focal lengths are in tenths of a stage unit, of which perspective cameras need the ratios alone. The
 //! window on the image plane is centred at the aperture's offsets. Pixels are square: pictures keep the horizontal
 //! aperture where it is the larger one, else the vertical one, as in Blender's import, and show more or less along the
-//! other edge if the picture has other proportions.
+//! other edge if the picture has other proportions. Cameras of captures whose pixels are not square have
+//! `cumulo:pixelAspectRatio`, the width of a pixel over its height, as settings of UsdRender do.
 
 use super::prim::Prim;
 use super::stage::Stage;
@@ -50,6 +51,19 @@ fn film(prim: &Prim, time: f64) -> Result<Film> {
         return bad(format!("focal length {} must be positive and finite", film.focal_length));
     }
     Ok(film)
+}
+
+/// Returns the width of a pixel over its height.
+///
+/// # Errors
+/// If it is not positive and finite.
+fn pixel_aspect(camera: &Prim, time: f64) -> Result<f64> {
+    let aspect = camera.number("cumulo:pixelAspectRatio", time).unwrap_or(1.0);
+    if aspect > 0.0 && aspect.is_finite() {
+        return Ok(aspect);
+    }
+    Err(Error::invalid(format!("'cumulo:pixelAspectRatio' of {aspect} must be positive and finite"))
+        .hint("correct it, or remove it for square pixels"))
 }
 
 impl Stage {
@@ -106,7 +120,11 @@ impl Stage {
         let Film { projection, focal_length, aperture, offset, near } = film(camera, time).map_err(blame)?;
         let edges = DVec2::new(f64::from(size[0]), f64::from(size[1]));
         // Pixels per unit of the image plane.
-        let pixels = if aperture.x >= aperture.y { edges.x / aperture.x } else { edges.y / aperture.y };
+        let aspect = pixel_aspect(camera, time).map_err(blame)?;
+        let pixels = match aperture.x >= aperture.y {
+            true => edges.x / aperture.x * DVec2::new(1.0, aspect),
+            false => edges.y / aperture.y * DVec2::new(1.0 / aspect, 1.0),
+        };
         let focal = match projection {
             Projection::Perspective => pixels * focal_length,
             Projection::Orthographic => pixels / APERTURE_UNIT,
@@ -115,13 +133,17 @@ impl Stage {
         let view = Camera {
             camera_to_world,
             projection,
-            focal: DVec2::splat(focal),
+            focal,
             centre: 0.5 * edges + pixels * DVec2::new(-offset.x, offset.y),
             width: size[0],
             height: size[1],
             near: near.max(0.0),
         };
-        view.checked().map_err(blame)
+        let advised = |e: Error| match e.remedy() {
+            Some(_) => e,
+            None => e.hint("correct the camera's attributes, and scales of prims above it that shear its axes"),
+        };
+        view.checked().map_err(|e| blame(advised(e)))
     }
 
     /// Returns what a camera states and pictures do not show: blur by its lens or shutter, an exposure, clipping.
@@ -130,7 +152,10 @@ impl Stage {
         let told = [
             (number("fStop") > 0.0, "its depth of field is not simulated: all is sharp"),
             (number("shutter:close") > number("shutter:open"), "motion blur by its shutter is not simulated"),
-            (number("exposure") != 0.0, "its exposure has no effect: pictures are in the scene's radiance"),
+            (
+                number("exposure") != 0.0 || camera.attributes.keys().any(|name| name.starts_with("exposure:")),
+                "its exposure has no effect: pictures are in the scene's radiance",
+            ),
             (
                 camera.attribute("clippingPlanes").is_some_and(|a| a.values().any(has_elements)),
                 "its clipping planes have no effect",

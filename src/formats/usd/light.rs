@@ -20,7 +20,7 @@ use crate::formats::scene_file::environment_map;
 use crate::scene::emission;
 use crate::scene::environment::{BLACK, Environment};
 use crate::scene::light::Light;
-use glam::{DMat3, DMat4, DVec3};
+use glam::{DMat3, DMat4, DVec3, Vec3};
 use std::f64::consts::PI;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -41,6 +41,21 @@ pub(super) struct Lights {
 /// Types of lights that shine in pictures.
 const UNDERSTOOD: [&str; 5] = ["DistantLight", "SphereLight", "RectLight", "DomeLight", "DomeLight_1"];
 
+/// Names of inputs that lights of earlier releases have without a namespace.
+const OLD_INPUTS: [&str; 11] = [
+    "intensity",
+    "exposure",
+    "color",
+    "normalize",
+    "enableColorTemperature",
+    "colorTemperature",
+    "angle",
+    "radius",
+    "width",
+    "height",
+    "texture:file",
+];
+
 /// True if a prim is a light of any type.
 pub(super) fn is_light(prim: &Prim) -> bool {
     UNDERSTOOD.contains(&prim.type_name.as_str())
@@ -56,11 +71,15 @@ pub(super) fn is_light(prim: &Prim) -> bool {
 pub(super) fn lights(stage: &Stage, time: f64, limits: Limits) -> Result<Lights> {
     let mut all = Lights::default();
     for prim in stage.prims().filter(|prim| is_light(prim)) {
-        if stage.upwards(prim).any(|prim| prim.text("visibility", time).is_some_and(|v| v == "invisible")) {
+        if !stage.is_visible(prim, time) {
             continue;
         }
         let blame = |e: Error| stage.blame(e, prim);
-        if let Some(reason) = left_out(prim, time) {
+        let left_out = match stage.is_prototype(prim) {
+            true => Some("instances of a PointInstancer are not rendered".to_owned()),
+            false => left_out(prim, time),
+        };
+        if let Some(reason) = left_out {
             all.remarks.push(format!("light {} is left out: {reason}", prim.path));
             continue;
         }
@@ -79,6 +98,8 @@ pub(super) fn lights(stage: &Stage, time: f64, limits: Limits) -> Result<Lights>
         let light = light.checked().map_err(blame)?;
         if radiance == DVec3::ZERO {
             all.remarks.push(format!("light {} is dark: its intensity or color is 0", prim.path));
+        } else if matches!(light, Light::Point { intensity, .. } if intensity == Vec3::ZERO) {
+            all.remarks.push(format!("light {} is dark: its radius is 0, and it is not normalized", prim.path));
         } else {
             all.lights.push(light);
         }
@@ -124,7 +145,13 @@ fn without_effect(prim: &Prim, time: f64) -> impl Iterator<Item = String> {
         number(name).filter(|v| *v != 1.0).map(|v| format!("the factor '{name}' of {v} for surfaces has no effect"))
     };
     let shadow = prim.bool("inputs:shadow:enable", time) == Some(false);
+    // Until release 21.02 of OpenUSD, inputs of lights had no namespace. Later ones do not read them.
+    let old = OLD_INPUTS.into_iter().find(|name| {
+        let stated = |name: &str| prim.value(name, time).is_some();
+        stated(name) && !stated(&format!("inputs:{name}"))
+    });
     [
+        old.map(|name| format!("its attribute '{name}' has no effect, as it is not named 'inputs:{name}'")),
         link("lightLink"),
         link("shadowLink"),
         factor("inputs:diffuse"),

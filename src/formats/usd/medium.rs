@@ -6,7 +6,8 @@
 
 use super::prim::Prim;
 use super::stage::Stage;
-use super::value::Asset;
+use super::value::{Asset, Value};
+use crate::error::{Error, Result};
 use crate::formats::scene_file::{BlackbodyEntry, EmissionGridEntry, MediumEntry};
 use std::path::PathBuf;
 
@@ -34,17 +35,17 @@ pub struct Overrides {
     pub transfer: Option<PathBuf>,
 }
 
-/// Properties of scattering.
-#[derive(Debug, Clone, Copy)]
+/// Properties of scattering; those that are `None` stay as the stage states them.
+#[derive(Debug, Clone, Copy, Default)]
 pub struct ScatteringOverride {
     /// Share of the extinction that is scattered.
     pub albedo: [f32; 3],
     /// Mean cosine of the angle by which scattered light turns.
-    pub anisotropy: f64,
+    pub anisotropy: Option<f64>,
     /// Change of the density per length at which half of the scattering is that of a surface.
     pub gradient_shading: Option<f64>,
     /// Factors of the extinction.
-    pub extinction_color: [f32; 3],
+    pub extinction_color: Option<[f32; 3]>,
 }
 
 impl Overrides {
@@ -58,7 +59,10 @@ impl Overrides {
         let entry = &mut medium.entry;
         entry.density_scale = self.density_scale.unwrap_or(entry.density_scale);
         if let Some(ScatteringOverride { albedo, anisotropy, gradient_shading, extinction_color }) = self.scattering {
-            *entry = MediumEntry { albedo, anisotropy, gradient_shading, extinction_color, ..entry.clone() };
+            entry.albedo = albedo;
+            entry.anisotropy = anisotropy.unwrap_or(entry.anisotropy);
+            entry.gradient_shading = gradient_shading.or(entry.gradient_shading);
+            entry.extinction_color = extinction_color.unwrap_or(entry.extinction_color);
         }
         if self.emission.is_some() {
             (entry.emission, medium.transfer) = (self.emission, None);
@@ -73,14 +77,17 @@ impl Overrides {
 const NAMESPACE: &str = "cumulo:";
 
 /// Reads the medium of a volume at a time code, with properties that hold in place of the stage's.
-pub(super) fn medium(stage: &Stage, volume: &Prim, time: f64, overrides: &Overrides) -> StatedMedium {
-    let mut medium = stated(stage, volume, time, overrides.is_empty());
+///
+/// # Errors
+/// If an attribute of the namespace has a value of another kind.
+pub(super) fn medium(stage: &Stage, volume: &Prim, time: f64, overrides: &Overrides) -> Result<StatedMedium> {
+    let mut medium = stated(stage, volume, time, overrides.is_empty())?;
     overrides.apply(&mut medium);
-    medium
+    Ok(medium)
 }
 
 /// Reads the medium that a stage states; `told` if a remark is to say that it states none.
-fn stated(stage: &Stage, volume: &Prim, time: f64, told: bool) -> StatedMedium {
+fn stated(stage: &Stage, volume: &Prim, time: f64, told: bool) -> Result<StatedMedium> {
     if volume.attributes.keys().any(|name| name.starts_with(NAMESPACE)) {
         return own(volume, time);
     }
@@ -90,7 +97,7 @@ fn stated(stage: &Stage, volume: &Prim, time: f64, told: bool) -> StatedMedium {
         match shaded(shader, time) {
             Some((entry, left_out)) => {
                 remarks.extend(left_out);
-                return StatedMedium { entry, transfer: None, remarks };
+                return Ok(StatedMedium { entry, transfer: None, remarks });
             }
             None => remarks.push(format!(
                 "the shader {} ({}) is not understood",
@@ -104,29 +111,35 @@ fn stated(stage: &Stage, volume: &Prim, time: f64, told: bool) -> StatedMedium {
          scattered; --density-scale, --albedo and the like state another",
     );
     remarks.extend(none.map(str::to_owned));
-    StatedMedium { entry: MediumEntry::default(), transfer: None, remarks }
+    Ok(StatedMedium { entry: MediumEntry::default(), transfer: None, remarks })
 }
 
 /// Reads the attributes of the namespace.
-fn own(volume: &Prim, time: f64) -> StatedMedium {
-    let name = |key: &str| format!("{NAMESPACE}{key}");
-    let number = |key: &str| volume.number(&name(key), time);
-    let color = |key: &str| volume.tuple::<3>(&name(key), time).map(|v| v.map(|v| v as f32));
+///
+/// # Errors
+/// If one has a value of another kind: a medium without it would be another one.
+fn own(volume: &Prim, time: f64) -> Result<StatedMedium> {
+    let number = |key: &str| own_value(volume, key, time, "a number such as 0.5", Value::number);
+    let color = |key: &str| {
+        let color = |value: &Value| value.tuple::<3>().map(|v| v.map(|v| v as f32));
+        own_value(volume, key, time, "three numbers such as (0.5, 0.5, 0.5)", color)
+    };
     let mut entry = MediumEntry::default();
-    entry.density_scale = number("densityScale").unwrap_or(entry.density_scale);
-    entry.albedo = color("albedo").unwrap_or(entry.albedo);
-    entry.anisotropy = number("anisotropy").unwrap_or(entry.anisotropy);
-    entry.extinction_color = color("extinctionColor").unwrap_or(entry.extinction_color);
-    entry.gradient_shading = number("gradientShading");
-    entry.emission = color("emission");
-    entry.emission_grid = color("emissionRadiance").map(|radiance| EmissionGridEntry { grid: String::new(), radiance });
-    entry.blackbody = number("blackbodyKelvin").map(|kelvin| BlackbodyEntry {
-        grid: String::new(),
-        kelvin,
-        intensity: number("blackbodyIntensity").unwrap_or(1.0),
-        tint: color("blackbodyTint").unwrap_or([1.0; 3]),
-    });
-    let transfer = volume.value(&name("transfer"), time).and_then(|v| v.asset().cloned());
+    entry.density_scale = number("densityScale")?.unwrap_or(entry.density_scale);
+    entry.albedo = color("albedo")?.unwrap_or(entry.albedo);
+    entry.anisotropy = number("anisotropy")?.unwrap_or(entry.anisotropy);
+    entry.extinction_color = color("extinctionColor")?.unwrap_or(entry.extinction_color);
+    entry.gradient_shading = number("gradientShading")?;
+    entry.emission = color("emission")?;
+    entry.emission_grid =
+        color("emissionRadiance")?.map(|radiance| EmissionGridEntry { grid: String::new(), radiance });
+    let intensity = number("blackbodyIntensity")?.unwrap_or(1.0);
+    let tint = color("blackbodyTint")?.unwrap_or([1.0; 3]);
+    entry.blackbody =
+        number("blackbodyKelvin")?.map(|kelvin| BlackbodyEntry { grid: String::new(), kelvin, intensity, tint });
+    let transfer = own_value(volume, "transfer", time, "the path of a file such as @./fire.json@", |value| {
+        value.asset().cloned()
+    })?;
     let known = [
         "model",
         "densityScale",
@@ -144,14 +157,35 @@ fn own(volume: &Prim, time: f64) -> StatedMedium {
     let keys = volume.attributes.keys().filter_map(|key| key.strip_prefix(NAMESPACE));
     let unknown = keys.filter(|key| !known.contains(key) && !key.contains(':'));
     let remarks = unknown.map(|key| format!("the attribute '{NAMESPACE}{key}' is unknown and has no effect")).collect();
-    StatedMedium { entry, transfer: transfer.filter(|asset| !asset.authored.is_empty()), remarks }
+    Ok(StatedMedium { entry, transfer: transfer.filter(|asset| !asset.authored.is_empty()), remarks })
+}
+
+/// Returns the value of an attribute of the namespace, as `read` has it; `None` if the attribute has none.
+///
+/// # Errors
+/// If it is of another kind than `expected`.
+fn own_value<T>(
+    volume: &Prim,
+    key: &str,
+    time: f64,
+    expected: &str,
+    read: impl Fn(&Value) -> Option<T>,
+) -> Result<Option<T>> {
+    let name = format!("{NAMESPACE}{key}");
+    let Some(value) = volume.value(&name, time) else { return Ok(None) };
+    let kind = volume.attribute(&name).map_or("", |attribute| attribute.type_name.as_str());
+    read(&value).map(Some).ok_or_else(|| {
+        Error::invalid(format!("the attribute '{name}' of type {kind} is not {expected}"))
+            .hint("correct its type and value, or remove it")
+    })
 }
 
 /// Returns the shaders of the material that is bound to a prim or to one above it, at the material's outputs for volumes.
 fn shaders<'s>(stage: &'s Stage, volume: &'s Prim) -> Vec<&'s Prim> {
-    let bound = ["material:binding", "material:binding:full", "material:binding:preview"];
-    let binding = |prim: &'s Prim| bound.iter().find_map(|name| prim.targets(name).first());
-    let Some(material) = stage.upwards(volume).find_map(binding).and_then(|path| stage.prim(path)) else {
+    // What is bound for full renders anywhere above goes before what is bound for all purposes, as in UsdShade.
+    let bound = ["material:binding:full", "material:binding", "material:binding:preview"];
+    let nearest = |name: &&str| stage.upwards(volume).find_map(|prim| prim.targets(name).first());
+    let Some(material) = bound.iter().find_map(nearest).and_then(|path| stage.prim(path)) else {
         return Vec::new();
     };
     let outputs = material.attributes.values().filter(|a| a.name.starts_with("outputs:") && a.name.ends_with("volume"));
@@ -175,6 +209,15 @@ fn shaded(shader: &Prim, time: f64) -> Option<(MediumEntry, Vec<String>)> {
         "cycles_principled_volume" | "ShaderNodeVolumePrincipled" | "principled_volume" => {
             entry.density_scale = number("density").unwrap_or(1.0);
             entry.albedo = color("color").unwrap_or([0.5; 3]);
+            if let Some(passed) = color("absorption_color").filter(|color| *color != [0.0; 3]) {
+                // Of what is not scattered, 1 - color, the root of the absorption color is not absorbed either.
+                for (albedo, (factor, passed)) in
+                    entry.albedo.iter_mut().zip(entry.extinction_color.iter_mut().zip(passed))
+                {
+                    *factor = *albedo + (1.0 - *albedo).max(0.0) * (1.0 - passed.max(0.0).sqrt()).max(0.0);
+                    *albedo = if *factor > 0.0 { *albedo / *factor } else { 0.0 };
+                }
+            }
             entry.anisotropy = number("anisotropy").unwrap_or(0.0);
             let emits = number("emission_strength").unwrap_or(0.0) != 0.0
                 || number("blackbody_intensity").unwrap_or(0.0) != 0.0;

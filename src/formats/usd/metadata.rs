@@ -1,6 +1,7 @@
 //! Metadata of stages.
 
 use super::value::Value;
+use crate::scene::up::Up;
 
 /// Axis that points upwards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -10,6 +11,15 @@ pub enum UpAxis {
     Y,
     /// +Z is up.
     Z,
+}
+
+impl From<UpAxis> for Up {
+    fn from(axis: UpAxis) -> Self {
+        match axis {
+            UpAxis::Y => Self::Y,
+            UpAxis::Z => Self::Z,
+        }
+    }
 }
 
 /// Metadata of a stage.

@@ -24,6 +24,11 @@ pub struct Prim {
 }
 
 impl Prim {
+    /// True if a type is stated. Prims without one have neither a transform, nor a visibility, nor a purpose.
+    pub fn is_typed(&self) -> bool {
+        !self.type_name.is_empty()
+    }
+
     /// Returns the last part of the path.
     pub fn name(&self) -> &str {
         self.path.rsplit('/').next().unwrap_or_default()

@@ -19,12 +19,14 @@ pub(super) struct Met {
     pub files: BTreeSet<PathBuf>,
     /// First fault of each layer that cannot be read.
     pub faults: Vec<Error>,
+    /// Number of bytes of all layers so far.
+    bytes: u64,
 }
 
 /// Finds layers as the crate does, and opens them.
 pub(super) struct Bounded {
     inner: DefaultResolver,
-    /// Largest number of bytes of a layer.
+    /// Largest number of bytes of all layers together.
     most: u64,
     met: Rc<RefCell<Met>>,
 }
@@ -39,11 +41,22 @@ impl Bounded {
         let split =
             if ar::is_package_relative_path(&text) { ar::split_package_relative_path_outer(&text) } else { None };
         let file = split.as_ref().map_or_else(|| place.to_path_buf(), |(package, _)| PathBuf::from(package));
+        let left = self.most.saturating_sub(self.met.borrow().bytes);
         let bytes = match &split {
-            Some((package, inner)) => entry(Path::new(package), inner, self.most)?,
-            None => input::bytes(place, self.most, "a layer of a stage")?,
+            Some((package, inner)) => entry(Path::new(package), inner, left)?,
+            None if input::open(place)?.metadata().is_ok_and(|data| data.len() > left) => {
+                return Err(Error::unsupported(format!(
+                    "the stage's layers have more than {} bytes together",
+                    self.most
+                ))
+                .hint("raise --max-memory, of which layers may take a quarter, if the stage is to be trusted"));
+            }
+            None => input::bytes(place, left, "a layer of a stage")?,
         };
-        self.met.borrow_mut().files.insert(file);
+        let mut met = self.met.borrow_mut();
+        met.bytes = met.bytes.saturating_add(bytes.len() as u64);
+        met.files.insert(file);
+        drop(met);
         if bytes.starts_with(b"PXR-USDC") {
             return Ok(bytes);
         }

@@ -30,6 +30,7 @@ pub fn load(stage: &Stage, time: f64, limits: Limits, overrides: &Overrides) -> 
     let mut scene = LoadedScene { files: stage.layers.clone(), ..LoadedScene::default() };
     scene.remarks.extend(stage.faults.iter().cloned());
     scene.remarks.extend(blender(stage));
+    scene.remarks.extend(prototypes(stage));
     for prim in stage.volumes().filter(|prim| stage.is_rendered(prim, time)) {
         let read = Reader { stage, prim, time, limits }.volume(overrides, &mut scene)?;
         scene.volumes.push(read);
@@ -86,13 +87,23 @@ pub(super) fn surfaces(stage: &Stage, time: f64) -> Option<String> {
     (count > 0).then(|| format!("surfaces are not rendered: {count} prim(s), such as meshes, are left out"))
 }
 
-/// True if another time code shows another scene.
+/// True if another time code shows another scene: if a volume, a light, a field, a material or what stands above one of
+/// them changes over time.
 fn moves(stage: &Stage) -> bool {
+    let changes = |prim: &Prim| prim.attributes.values().any(|a| a.is_animated() && a.name != "extent");
     stage.prims().any(|prim| {
-        let counts =
-            matches!(prim.type_name.as_str(), "Volume" | "OpenVDBAsset" | "Xform" | "Scope") || light::is_light(prim);
-        counts && prim.attributes.values().any(|a| a.is_animated() && a.name != "extent")
+        let shown = prim.type_name == "Volume" || light::is_light(prim);
+        let read = matches!(prim.type_name.as_str(), "OpenVDBAsset" | "Material" | "Shader" | "NodeGraph");
+        (read && changes(prim)) || (shown && stage.upwards(prim).any(changes))
     })
+}
+
+/// Tells of volumes beneath a `PointInstancer`, whose instances are not shown.
+fn prototypes(stage: &Stage) -> impl Iterator<Item = String> {
+    stage
+        .volumes()
+        .filter(|volume| stage.is_prototype(volume))
+        .map(|volume| format!("volume {} is left out: instances of a PointInstancer are not rendered", volume.path))
 }
 
 /// Reads one volume.
@@ -109,7 +120,8 @@ impl Reader<'_> {
         let fields = self.stage.fields(self.prim, self.time);
         let map = self.stage.local_to_world(self.prim, self.time)?;
         let density = self.density(&fields).map_err(blame)?;
-        let StatedMedium { entry, transfer, remarks } = medium::medium(self.stage, self.prim, self.time, overrides);
+        let StatedMedium { entry, transfer, remarks } =
+            medium::medium(self.stage, self.prim, self.time, overrides).map_err(blame)?;
         scene.remarks.extend(remarks.into_iter().map(|what| format!("volume {}: {what}", self.prim.path)));
         let (path, mut grid) = self.grid(density, scene)?;
         place(&mut grid, map).map_err(blame)?;
@@ -124,11 +136,21 @@ impl Reader<'_> {
         let emissions = self.emissions(&entry, &fields, (&grid, map), scene)?;
         let velocity = fields.iter().find(|field| field.role == Role::Velocity);
         let velocity = velocity.and_then(|field| self.velocity(field, map, scene).transpose()).transpose()?;
+        let unclear = self.stage.unclear_fields(self.prim);
+        scene.remarks.extend(unclear.map(|what| format!("volume {}: {what}", self.prim.path)));
+        scene.remarks.extend(fields.iter().filter_map(|field| self.placed_field(field)));
         let others = fields.iter().filter(|field| field.role == Role::Other);
         scene
             .remarks
             .extend(others.map(|field| format!("volume {}: the field '{}' has no effect", self.prim.path, field.name)));
         Ok(SceneVolume { path, grid, transfer, medium: optics, emissions, velocity })
+    }
+
+    /// Tells of a field that has a transform of its own.
+    fn placed_field(&self, field: &Field) -> Option<String> {
+        let order = self.stage.prim(&field.prim)?.value("xformOpOrder", self.time)?;
+        let has = !order.texts().is_empty();
+        has.then(|| format!("field {}: its own transform has no effect, its volume's counts", field.prim))
     }
 
     /// Returns the field of the density.
@@ -145,7 +167,8 @@ impl Reader<'_> {
             (None, None, _) => {
                 let listed = fields.iter().map(|field| format!("'{}'", field.name)).collect::<Vec<_>>().join(", ");
                 let listed = if listed.is_empty() { "none".into() } else { listed };
-                Err(Error::invalid(format!("none of its fields is the density; it has {listed}"))
+                let unclear: String = self.stage.unclear_fields(self.prim).map(|what| format!("; {what}")).collect();
+                Err(Error::invalid(format!("none of its fields is the density; it has {listed}{unclear}"))
                     .hint("relate the grid of densities as field:density"))
             }
         }

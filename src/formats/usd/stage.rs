@@ -3,11 +3,11 @@
 use super::metadata::{StageMetadata, UpAxis};
 use super::prim::Prim;
 use super::resolver;
+use super::unpacked::Unpacked;
 use super::value::Asset;
 use super::{read, xform};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::temporary::TemporaryFolder;
 use crate::formats::{Format, sniff};
 use glam::DMat4;
 use std::collections::BTreeMap;
@@ -33,7 +33,7 @@ pub struct Stage {
     /// Places of the prims by their paths.
     places: BTreeMap<String, usize>,
     /// Files that were taken out of packages.
-    unpacked: Mutex<Option<TemporaryFolder>>,
+    unpacked: Mutex<Unpacked>,
     limits: Limits,
 }
 
@@ -59,7 +59,7 @@ impl Stage {
             faults,
             prims,
             places,
-            unpacked: Mutex::new(None),
+            unpacked: Mutex::default(),
             limits,
         })
     }
@@ -145,12 +145,23 @@ impl Stage {
     }
 
     /// True if a prim and all above it are visible at a time code and meant for rendering: their purpose is neither
-    /// `guide` nor `proxy`.
+    /// `guide` nor `proxy`. What lies beneath a `PointInstancer` is not rendered, since it is there for its instances alone.
     pub fn is_rendered(&self, prim: &Prim, time: f64) -> bool {
-        // The purpose nearest to the prim counts.
-        let purpose = self.upwards(prim).find_map(|prim| prim.text("purpose", time).filter(|p| p != "default"));
-        let hidden = self.upwards(prim).any(|prim| prim.text("visibility", time).is_some_and(|v| v == "invisible"));
-        !hidden && purpose.is_none_or(|purpose| purpose == "render")
+        // The purpose stated nearest to the prim counts, `default` as well.
+        let purpose = self.upwards(prim).filter(|p| p.is_typed()).find_map(|prim| prim.text("purpose", time));
+        let meant = purpose.is_none_or(|purpose| purpose == "render" || purpose == "default");
+        meant && self.is_visible(prim, time) && !self.is_prototype(prim)
+    }
+
+    /// True if neither a prim nor one above it is made invisible at a time code. Prims without a type have no visibility.
+    pub fn is_visible(&self, prim: &Prim, time: f64) -> bool {
+        let hides = |prim: &Prim| prim.is_typed() && prim.text("visibility", time).is_some_and(|v| v == "invisible");
+        !self.upwards(prim).any(hides)
+    }
+
+    /// True if a prim lies beneath a `PointInstancer`, which shows it at the places of its instances alone.
+    pub fn is_prototype(&self, prim: &Prim) -> bool {
+        self.upwards(prim).skip(1).any(|prim| prim.type_name == "PointInstancer")
     }
 
     /// Returns the path of an asset's file. Files in packages are written to a temporary folder first, which lives as long
@@ -160,21 +171,13 @@ impl Stage {
     /// If the path is empty, or a file in a package cannot be read. A file that does not exist is no error.
     pub fn file(&self, asset: &Asset) -> Result<PathBuf> {
         if asset.path.as_os_str().is_empty() {
-            return Err(Error::invalid(format!("the path @{}@ names no file", asset.authored)).at(&self.path));
+            return Err(Error::invalid(format!("the path @{}@ names no file", asset.authored))
+                .at(&self.path)
+                .hint("state the path itself: variable expressions in backticks are not evaluated"));
         }
         let Some((package, inner)) = asset.packaged() else { return Ok(asset.path.clone()) };
         let mut unpacked = self.unpacked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        if unpacked.is_none() {
-            *unpacked = Some(TemporaryFolder::new(&std::env::temp_dir())?);
-        }
-        let Some(folder) = unpacked.as_ref() else { return Ok(asset.path.clone()) };
-        let flat = |text: &str| text.replace(['/', '\\'], "_");
-        let place = folder.path().join(flat(&asset.path.to_string_lossy()));
-        if !place.exists() {
-            let bytes = resolver::entry(package, inner, self.limits.max_memory).map_err(|e| e.at(package))?;
-            std::fs::write(&place, bytes).map_err(|e| Error::io(&place, e))?;
-        }
-        Ok(place)
+        unpacked.file(asset, package, inner, self.limits.max_memory)
     }
 
     /// True if the file of an asset exists.

@@ -181,10 +181,8 @@ impl<'t> Pass<'t> {
 
 /// Returns a string literal whose characters stand for themselves; `None` if there is no such literal.
 fn raw(content: &str) -> Option<String> {
-    ["\"", "'"].into_iter().find(|quote| !content.contains(quote)).map(|quote| {
-        let quotes = quote.repeat(3);
-        format!("{quotes}{content}{quotes}")
-    })
+    let fits = |quotes: &&str| !content.contains(*quotes) && !content.ends_with(&quotes[..1]);
+    ["\"\"\"", "'''"].iter().find(|quotes| fits(quotes)).map(|quotes| format!("{quotes}{content}{quotes}"))
 }
 
 /// Replaces the escapes of a string by what they stand for.
@@ -195,17 +193,33 @@ fn unescaped(content: &str) -> String {
         match (c, characters.clone().next()) {
             ('\\', Some(escaped)) => {
                 characters.next();
-                match escaped {
-                    'n' => out.push('\n'),
-                    't' => out.push('\t'),
-                    'r' => out.push('\r'),
-                    other => out.push(other),
-                }
+                out.push(match escaped {
+                    'n' => '\n',
+                    't' => '\t',
+                    'r' => '\r',
+                    'a' => '\x07',
+                    'b' => '\x08',
+                    'f' => '\x0c',
+                    'v' => '\x0b',
+                    'x' => code(&mut characters, 0, 16, 2),
+                    '0'..='7' => code(&mut characters, escaped.to_digit(8).unwrap_or_default(), 8, 2),
+                    other => other,
+                });
             }
             _ => out.push(c),
         }
     }
     out
+}
+
+/// Returns the character whose code `most` further digits to a base state at the most, after digits of the value `code`.
+fn code(characters: &mut std::str::Chars<'_>, mut code: u32, base: u32, most: usize) -> char {
+    for _ in 0..most {
+        let Some(digit) = characters.clone().next().and_then(|c| c.to_digit(base)) else { break };
+        characters.next();
+        code = code * base + digit;
+    }
+    char::from_u32(code).unwrap_or(char::REPLACEMENT_CHARACTER)
 }
 
 #[cfg(test)]
@@ -236,6 +250,14 @@ mod tests {
         assert_eq!(text("float a1.timeSamples = { 1.5: 2 } // note"), "float a1.timeSamples = { 1.5: 2 } ");
         let prepared = prepare("string a = \"x\\ny\"\nfloat b\n").unwrap();
         assert_eq!([1, 2, 3, 4].map(|line| prepared.line(line)), [1, 1, 2, 3]);
+    }
+
+    #[test]
+    fn escapes_are_those_of_openusd() {
+        assert_eq!(unescaped(r"\x41\x4 \101\7 \a\b\f\v\q\\"), "A\x04 A\x07 \x07\x08\x0c\x0bq\\");
+        // Both quotes stand for themselves between three of one kind.
+        assert_eq!(text(r#"string a = "it\'s \"x\" too""#), r#"string a = """it's "x" too""""#);
+        assert_eq!(text(r#"string a = "'\"""#), r#"string a = ''''"'''"#);
     }
 
     #[test]

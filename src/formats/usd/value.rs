@@ -47,7 +47,7 @@ impl Asset {
     /// Splits a path within a package into that of the package and that within it.
     pub fn packaged(&self) -> Option<(&Path, &str)> {
         let text = self.path.to_str()?.strip_suffix(']')?;
-        let at = text.find(".usdz[")?;
+        let at = text.to_ascii_lowercase().find(".usdz[")?;
         Some((Path::new(&text[..at + 5]), &text[at + 6..]))
     }
 }
@@ -147,6 +147,7 @@ mod tests {
     fn paths_in_packages_are_split() {
         let asset = |path: &str| Asset { authored: String::new(), path: path.into() };
         assert_eq!(asset("/a/b.usdz[c/d.vdb]").packaged(), Some((Path::new("/a/b.usdz"), "c/d.vdb")));
+        assert_eq!(asset("/a/B.USDZ[C.vdb]").packaged(), Some((Path::new("/a/B.USDZ"), "C.vdb")));
         assert_eq!(asset("/a/b[1].vdb").packaged(), None);
         assert_eq!(asset("/a/b.vdb").packaged(), None);
     }

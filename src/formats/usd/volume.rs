@@ -68,12 +68,12 @@ impl Stage {
     }
 
     /// Returns the fields of a volume at a time code, by the names of their relationships. A volume with one field alone has
-    /// it for its density, whatever its name.
+    /// it for its density, whatever its name. A relationship with several targets is no field, as in UsdVol.
     pub fn fields(&self, volume: &Prim, time: f64) -> Vec<Field> {
-        let targets = volume
-            .relationships
-            .iter()
-            .filter_map(|(name, targets)| Some((name.strip_prefix("field:")?, targets.first()?.as_str())));
+        let targets = volume.relationships.iter().filter_map(|(name, targets)| match &targets[..] {
+            [target] => Some((name.strip_prefix("field:")?, target.as_str())),
+            _ => None,
+        });
         let field = |(name, target): (&str, &str)| {
             let prim = self.prim(target);
             let value = |attribute: &str| prim?.attribute(attribute)?.held_at(time);
@@ -95,6 +95,13 @@ impl Stage {
             only.role = Role::Density;
         }
         fields
+    }
+
+    /// Returns what keeps relationships of a volume from being fields, in words: more than one target.
+    pub fn unclear_fields<'s>(&self, volume: &'s Prim) -> impl Iterator<Item = String> + 's {
+        let several =
+            volume.relationships.iter().filter(|(name, targets)| name.starts_with("field:") && targets.len() > 1);
+        several.map(|(name, targets)| format!("{name} has {} targets, so that it is no field", targets.len()))
     }
 }
 

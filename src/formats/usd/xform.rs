@@ -20,13 +20,18 @@ pub(super) struct Local {
 const RESET: &str = "!resetXformStack!";
 const INVERSE: &str = "!invert!";
 
+/// True if transform operations of a prim count: prims without a type and scopes have none.
+pub(super) fn is_transformable(prim: &Prim) -> bool {
+    prim.is_typed() && prim.type_name != "Scope"
+}
+
 /// Returns the map from a prim's space to that of its parent at a time code.
 ///
 /// # Errors
 /// If an operation is missing, unknown, has a value of another kind, or must be inverted and cannot.
 pub(super) fn local(prim: &Prim, time: f64) -> Result<Local> {
     let mut local = Local { matrix: DMat4::IDENTITY, resets: false };
-    let Some(order) = prim.value("xformOpOrder", time) else { return Ok(local) };
+    let Some(order) = prim.value("xformOpOrder", time).filter(|_| is_transformable(prim)) else { return Ok(local) };
     for name in order.texts() {
         if name == RESET {
             // What stands before it has no effect.

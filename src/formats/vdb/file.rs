@@ -6,6 +6,7 @@ use super::load;
 use super::meta::Meta;
 use super::native::NativeGrid;
 use super::preflight::{self, Entry, Preflight};
+use super::up::StatedUp;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
@@ -64,6 +65,12 @@ impl File {
     /// Grids in file order.
     pub fn entries(&self) -> &[Entry] {
         &self.preflight.entries
+    }
+
+    /// Up axis that the metadata of the file and its grids say; `None` if they say none. A conversion's own statement
+    /// comes before what is known of the program that wrote the file.
+    pub fn up(&self) -> Option<&StatedUp> {
+        self.preflight.up.conclusion()
     }
 
     pub(super) fn native_metadata(&self) -> Result<Meta> {

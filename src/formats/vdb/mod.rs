@@ -13,6 +13,7 @@
 #![allow(unsafe_code)]
 
 mod cursor;
+mod edit;
 mod dense;
 mod ffi;
 mod file;
@@ -23,9 +24,12 @@ mod native;
 pub mod preflight;
 pub mod shaded;
 mod topology;
+pub mod up;
+pub mod vector_kind;
 pub mod velocity;
 mod write;
 
+pub use edit::{HALF_WIDTH, ResampleFilter};
 pub use dense::{DenseBox, ValueKind};
 pub use file::{CONFIDENCE, File};
 pub use native::{GridInfo, NativeGrid, RawGrid, RawLeaf, RawTile, Transform, writable};
@@ -61,10 +65,9 @@ pub fn on_terminate(end: fn(&str) -> !) {
 pub fn require_fog(grid: &Grid) -> Result<()> {
     let (what, hint) = match grid.class {
         GridClass::FogVolume | GridClass::Unknown => return Ok(()),
-        GridClass::LevelSet => (
-            "a level set (signed distances)",
-            "convert it first: vdb_tool -read IN.vdb -ls2fog -write OUT.vdb, or Houdini's Convert VDB to Fog VDB",
-        ),
+        GridClass::LevelSet => {
+            ("a level set (signed distances)", "convert it first: cumulo convert IN.vdb OUT.vdb --to fog")
+        }
         GridClass::Staggered => {
             ("a staggered velocity grid", "name the density with --grid; cumulo info lists the grids")
         }

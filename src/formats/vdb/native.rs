@@ -413,16 +413,22 @@ impl NativeGrid {
     /// # Errors
     /// If the grid cannot be interpolated, its transform is not affine, or [`writable`] refuses the new one.
     pub fn resample(&mut self, voxel_size: f64) -> Result<()> {
+        let (matrix, scale) = self.resampled_lattice(voxel_size)?;
+        // SAFETY: the grid is alive, the matrix has 16 entries and the scale 3.
+        ffi::call(|s| unsafe { ffi::grid_resample(self.as_ptr(), matrix.as_ptr(), scale.as_ptr(), s) })
+            .map_err(self.place())
+    }
+
+    /// Matrix of the lattice of cubic voxels that [`NativeGrid::resample`] makes, and the factors from indices of this
+    /// lattice to that one.
+    pub(super) fn resampled_lattice(&self, voxel_size: f64) -> Result<([f64; 16], [f64; 3])> {
         let map = self.info()?.affine()?;
         let (m, scale) = (map.matrix(), (map.voxel_size() / voxel_size).to_array());
         let axis = |v: glam::DVec4| v * (voxel_size / v.length());
         let target = Affine::new(DMat4::from_cols(axis(m.x_axis), axis(m.y_axis), axis(m.z_axis), m.w_axis))
             .map_err(self.place())?;
         writable(&target).map_err(self.place())?;
-        let matrix = target.matrix().to_cols_array();
-        // SAFETY: the grid is alive, the matrix has 16 entries and the scale 3.
-        ffi::call(|s| unsafe { ffi::grid_resample(self.as_ptr(), matrix.as_ptr(), scale.as_ptr(), s) })
-            .map_err(self.place())
+        Ok((target.matrix().to_cols_array(), scale))
     }
 
     /// Estimate of the bytes that [`NativeGrid::resample`] to this voxel size needs beside the grid itself. Active

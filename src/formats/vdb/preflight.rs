@@ -6,6 +6,7 @@
 
 use super::cursor::Cursor;
 use super::topology::{Topology, ValueType, Walk};
+use super::up::UpMarks;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use std::collections::HashMap;
@@ -64,6 +65,8 @@ pub struct Preflight {
     pub library: (u32, u32),
     /// Grids in file order.
     pub entries: Vec<Entry>,
+    /// Marks of the up axis in the metadata of the file and its grids.
+    pub(super) up: UpMarks,
 }
 
 struct Descriptor {
@@ -97,7 +100,8 @@ pub(super) fn open(path: &Path, limits: &Limits) -> Result<(Preflight, std::fs::
         c.bool("compression flag")?;
     }
     c.skip(36, "unique identifier")?;
-    metadata(c)?;
+    let mut up = UpMarks::default();
+    metadata(c, &mut up)?;
     let count = c.i32("grid count")?;
     if count < 0 {
         return Err(c.damaged(format_args!("the file claims {count} grids")));
@@ -113,7 +117,7 @@ pub(super) fn open(path: &Path, limits: &Limits) -> Result<(Preflight, std::fs::
         if numbers.insert(d.entry.name.clone(), descriptors.len()).is_some() {
             return Err(c.damaged(format_args!("two grids have the unique name '{}'", d.entry.name)));
         }
-        body(c, &mut d, version, limits).map_err(|e| e.part(format!("grid '{}'", d.entry.name)))?;
+        body(c, &mut d, version, limits, &mut up).map_err(|e| e.part(format!("grid '{}'", d.entry.name)))?;
         c.seek(d.end)?;
         expected = d.end;
         descriptors.push(d);
@@ -131,7 +135,7 @@ pub(super) fn open(path: &Path, limits: &Limits) -> Result<(Preflight, std::fs::
         // The library reads the parent's tree again, with any faults in it.
         descriptors[i].entry.fully_checked = found.fully_checked;
     }
-    let preflight = Preflight { version, library, entries: descriptors.into_iter().map(|d| d.entry).collect() };
+    let preflight = Preflight { version, library, entries: descriptors.into_iter().map(|d| d.entry).collect(), up };
     Ok((preflight, cursor.into_file()))
 }
 
@@ -211,9 +215,9 @@ fn readable_name(unique: &str) -> (String, String) {
     }
 }
 
-fn body(c: &mut Cursor, d: &mut Descriptor, version: u32, limits: &Limits) -> Result<()> {
+fn body(c: &mut Cursor, d: &mut Descriptor, version: u32, limits: &Limits, up: &mut UpMarks) -> Result<()> {
     let compression = if version >= OLDEST_WALKED { c.u32("compression flags")? } else { 0 };
-    metadata(c)?;
+    metadata(c, up)?;
     transform(c)?;
     if d.entry.instance_of.is_some() {
         return at(c, d.end, "the grid's end");
@@ -256,7 +260,7 @@ fn fixed_size(type_name: &str) -> Option<usize> {
     })
 }
 
-fn metadata(c: &mut Cursor) -> Result<()> {
+fn metadata(c: &mut Cursor, up: &mut UpMarks) -> Result<()> {
     let count = c.i32("metadata count")?;
     if count < 0 {
         return Err(c.damaged(format_args!("metadata claims {count} entries")));
@@ -274,6 +278,7 @@ fn metadata(c: &mut Cursor) -> Result<()> {
         if type_name == "bool" && value[0] > 1 {
             return Err(c.damaged(format_args!("metadata '{name}' is a bool of {}", value[0])));
         }
+        up.note(&name, &type_name, &value);
     }
     Ok(())
 }

@@ -184,6 +184,24 @@ int32_t cumulo_vdb_grid_prune(cumulo_vdb_grid* grid, double tolerance, cumulo_vd
  * those of that lattice, axis by axis. */
 int32_t cumulo_vdb_grid_resample(cumulo_vdb_grid* grid, const double* matrix, const double* scale,
                                  cumulo_vdb_status* status);
+/* By a box filter: a new voxel is the mean over its cell of the old lattice's cells. Arguments are those of
+ * cumulo_vdb_grid_resample. */
+int32_t cumulo_vdb_grid_resample_box(cumulo_vdb_grid* grid, const double* matrix, const double* scale,
+                                     cumulo_vdb_status* status);
+/* Distances become densities: 0 outside, rising to 1 across the inner half of the narrow band. Float and double. */
+int32_t cumulo_vdb_grid_to_fog(cumulo_vdb_grid* grid, cumulo_vdb_status* status);
+/* Densities become signed distances in world units to the surface of the value `iso`, negative where the density is at
+ * least that; `voxel` is the edge of the cubic voxels, `half_width` that of the narrow band in voxels. Float and double. */
+int32_t cumulo_vdb_grid_to_level_set(cumulo_vdb_grid* grid, double iso, double voxel, float half_width,
+                                     cumulo_vdb_status* status);
+/* Multiplies every vector by a 3x3 matrix, given row by row, which acts on columns. */
+int32_t cumulo_vdb_grid_turn_vectors(cumulo_vdb_grid* grid, const double* rows, cumulo_vdb_status* status);
+/* A new grid of one component, 0 to 2, of a grid of vectors; and a new grid of vectors of three grids of scalars of one
+ * type, whose places are those of the first. Class and vector type are not kept. */
+int32_t cumulo_vdb_grid_component(const cumulo_vdb_grid* grid, int32_t component, cumulo_vdb_grid** out,
+                                  cumulo_vdb_status* status);
+int32_t cumulo_vdb_grid_merge(const cumulo_vdb_grid* x, const cumulo_vdb_grid* y, const cumulo_vdb_grid* z,
+                              cumulo_vdb_grid** out, cumulo_vdb_status* status);
 /* Non-finite values become zero, and negative ones too where `negative` is set; `changed` counts
  * them (voxels and tiles). */
 int32_t cumulo_vdb_grid_repair(cumulo_vdb_grid* grid, int32_t negative, uint64_t* changed, cumulo_vdb_status* status);

@@ -1,170 +1,155 @@
-// Boxes of voxels in double precision: grids of several types made from dense values and read as such.
+// Resampling by a box filter: a new voxel is the mean over its cell, so that the sum of value times volume is kept.
 #include "shim.hpp"
 
-#include <limits>
+#include <openvdb/tools/Prune.h>
+#include <tbb/parallel_for.h>
+
+#include <array>
+#include <map>
 #include <type_traits>
+#include <vector>
 
 using namespace openvdb;
 using cumulo::guarded;
 
 namespace {
 
-using WritableGrids = TypeList<FloatGrid, DoubleGrid, Int32Grid, Vec3SGrid>;
+constexpr int EDGE = 8;
+// Share of a voxel below which an overlap is rounding.
+constexpr double LEAST = 1e-9;
 
-template <typename T, typename = void> struct Numbers {
-    static constexpr int count = 1;
-    static void put(const T& v, double* out) { out[0] = double(v); }
-    static T make(const double* v) { return T(v[0]); }
-};
-template <typename T> struct Numbers<T, std::enable_if_t<VecTraits<T>::IsVec>> {
-    static constexpr int count = 3;
-    static void put(const T& v, double* out) {
-        for (int c = 0; c < 3; ++c) out[c] = double(v[c]);
-    }
-    static T make(const double* v) {
-        using E = typename VecTraits<T>::ElementType;
-        return T(E(v[0]), E(v[1]), E(v[2]));
-    }
+// Part of the old grid that a new leaf meets: a leaf, or a tile of one value.
+template <typename LeafT, typename Sum> struct Source {
+    Coord low;
+    int dim;
+    const LeafT* leaf;
+    Sum value; // of a tile, less the background
+    bool active;
 };
 
-// A box with the places of its voxels in an array.
-struct Dense {
-    CoordBBox box;
-    int64_t strides[3];
+// Length that the cells `from` to `until` of the old grid (inclusive) have in cell `to` of the new one, whose edge is 1.
+double overlap(double scale, int from, int until, int to) {
+    const double low = std::max((from - 0.5) * scale, to - 0.5);
+    const double high = std::min((until + 0.5) * scale, to + 0.5);
+    return std::max(high - low, 0.0);
+}
 
-    Dense(const int32_t* low, const int32_t* high, const int64_t* steps)
-        : box(Coord(low[0], low[1], low[2]), Coord(high[0], high[1], high[2])), strides{steps[0], steps[1], steps[2]} {}
-
-    // Throws unless every voxel has a place among `room` numbers.
-    void check(size_t room, int components) const {
-        if (box.empty()) throw std::out_of_range("an empty box");
-        __int128 last = components;
-        for (int a = 0; a < 3; ++a) {
-            if (strides[a] < components) throw std::out_of_range("a stride");
-            last += __int128(strides[a]) * (int64_t(box.max()[a]) - box.min()[a]);
+// Cells of a new leaf along one axis that a run of old cells meets, with the lengths that they have in common.
+struct Run {
+    int first = 0, last = -1;
+    std::array<double, EDGE> length{};
+    Run(double scale, int from, int until, int leaf) {
+        for (int j = 0; j < EDGE; ++j) {
+            length[j] = overlap(scale, from, until, leaf + j);
+            if (length[j] <= LEAST * std::min(scale, 1.0)) continue;
+            if (last < 0) first = j;
+            last = j;
         }
-        if (last > __int128(room)) throw std::out_of_range("room for the box's values");
     }
-    size_t at(const Coord& c) const {
-        int64_t place = 0;
-        for (int a = 0; a < 3; ++a) place += strides[a] * (int64_t(c[a]) - box.min()[a]);
-        return size_t(place);
-    }
-    // Calls `body` with every part of the box that lies in one leaf.
-    template <typename Body> void parts(Body&& body) const {
-        const auto low = [](int32_t v) { return v & ~7; };
-        for (int64_t x = low(box.min()[0]); x <= box.max()[0]; x += 8) {
-            for (int64_t y = low(box.min()[1]); y <= box.max()[1]; y += 8) {
-                for (int64_t z = low(box.min()[2]); z <= box.max()[2]; z += 8) {
-                    const Coord origin{int32_t(x), int32_t(y), int32_t(z)};
-                    CoordBBox part(origin, origin.offsetBy(7));
-                    part.intersect(box);
-                    if (!body(part)) return;
+};
+
+template <typename Sum> struct Cells {
+    std::vector<Sum> sum = std::vector<Sum>(EDGE * EDGE * EDGE, Sum(0.0));
+    std::vector<bool> active = std::vector<bool>(EDGE * EDGE * EDGE, false);
+    void add(const Run& x, const Run& y, const Run& z, const Sum& value, bool on) {
+        for (int i = x.first; i <= x.last; ++i) {
+            for (int j = y.first; j <= y.last; ++j) {
+                for (int k = z.first; k <= z.last; ++k) {
+                    const int at = (i * EDGE + j) * EDGE + k;
+                    sum[at] += value * (x.length[i] * y.length[j] * z.length[k]);
+                    active[at] = active[at] || on;
                 }
             }
         }
     }
-    template <typename Body> static void voxels(const CoordBBox& part, Body&& body) {
-        for (int x = part.min()[0]; x <= part.max()[0]; ++x) {
-            for (int y = part.min()[1]; y <= part.max()[1]; ++y) {
-                for (int z = part.min()[2]; z <= part.max()[2]; ++z) body(Coord(x, y, z));
+};
+
+int leaf_of(double cell) { return int(std::floor((cell + 0.5) / EDGE)) * EDGE; }
+
+template <typename GridT> typename GridT::Ptr resampled(const GridT& in, const double* matrix, const double* scale) {
+    using LeafT = typename GridT::TreeType::LeafNodeType;
+    using V = typename GridT::ValueType;
+    using Sum = std::conditional_t<VecTraits<V>::IsVec, Vec3d, double>;
+    using Part = Source<LeafT, Sum>;
+    const Sum background = Sum(in.background());
+    // New leaves with what they meet, in the order of the tree.
+    std::map<Coord, std::vector<Part>> reached;
+    const auto reach = [&](const Part& part) {
+        Coord low, high;
+        for (int a = 0; a < 3; ++a) {
+            low[a] = leaf_of((part.low[a] - 0.5) * scale[a]);
+            high[a] = leaf_of((part.low[a] + part.dim - 0.5) * scale[a]);
+        }
+        for (int x = low[0]; x <= high[0]; x += EDGE) {
+            for (int y = low[1]; y <= high[1]; y += EDGE) {
+                for (int z = low[2]; z <= high[2]; z += EDGE) reached[Coord(x, y, z)].push_back(part);
             }
         }
+    };
+    for (auto leaf = in.tree().cbeginLeaf(); leaf; ++leaf) reach({leaf->origin(), EDGE, &*leaf, Sum(0.0), false});
+    auto tile = in.tree().cbeginValueAll();
+    tile.setMaxDepth(GridT::TreeType::ValueAllCIter::LEAF_DEPTH - 1);
+    for (; tile; ++tile) {
+        if (!tile.isValueOn() && *tile == in.background()) continue;
+        const CoordBBox box = tile.getBoundingBox();
+        reach({box.min(), box.max()[0] - box.min()[0] + 1, nullptr, Sum(*tile) - background, tile.isValueOn()});
     }
-};
+    std::vector<const std::pair<const Coord, std::vector<Part>>*> jobs;
+    for (const auto& job : reached) jobs.push_back(&job);
+    std::vector<std::unique_ptr<LeafT>> leaves(jobs.size());
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, jobs.size()), [&](const tbb::blocked_range<size_t>& range) {
+        for (size_t n = range.begin(); n != range.end(); ++n) {
+            const Coord& at = jobs[n]->first;
+            Cells<Sum> cells;
+            for (const Part& part : jobs[n]->second) {
+                const auto run = [&](int axis, int from, int until) { return Run(scale[axis], from, until, at[axis]); };
+                const Coord& low = part.low;
+                if (!part.leaf) {
+                    const int end = part.dim - 1;
+                    cells.add(run(0, low[0], low[0] + end), run(1, low[1], low[1] + end), run(2, low[2], low[2] + end),
+                              part.value, part.active);
+                    continue;
+                }
+                std::vector<Run> runs[3];
+                for (int a = 0; a < 3; ++a) {
+                    for (int i = 0; i < EDGE; ++i) runs[a].push_back(run(a, low[a] + i, low[a] + i));
+                }
+                for (Index i = 0; i < LeafT::SIZE; ++i) {
+                    const V value = part.leaf->getValue(i);
+                    const bool on = part.leaf->isValueOn(i);
+                    if (!on && value == in.background()) continue;
+                    cells.add(runs[0][i >> 6], runs[1][i >> 3 & 7], runs[2][i & 7], Sum(value) - background, on);
+                }
+            }
+            auto leaf = std::make_unique<LeafT>(at, in.background());
+            for (Index i = 0; i < LeafT::SIZE; ++i) {
+                leaf->setValueOnly(i, V(cells.sum[i] + background));
+                leaf->setActiveState(i, cells.active[i]);
+            }
+            leaves[n] = std::move(leaf);
+        }
+    });
+    typename GridT::Ptr out = GridT::create(in.background());
+    tree::ValueAccessor<typename GridT::TreeType> accessor(out->tree());
+    for (auto& leaf : leaves) accessor.addLeaf(leaf.release());
+    tools::prune(out->tree());
+    static_cast<MetaMap&>(*out) = static_cast<const MetaMap&>(in);
+    out->setTransform(cumulo::linear_transform(matrix));
+    return out;
+}
 
 } // namespace
 
-extern "C" {
-
-int32_t cumulo_vdb_grid_empty(int32_t kind, cumulo_vdb_grid** out, cumulo_vdb_status* status) {
+extern "C" int32_t cumulo_vdb_grid_resample_box(cumulo_vdb_grid* handle, const double* matrix, const double* scale,
+                                                cumulo_vdb_status* status) {
     return guarded(status, [&] {
-        initialize();
-        auto handle = std::make_unique<cumulo_vdb_grid>();
-        switch (kind) {
-        case 0: handle->grid = FloatGrid::create(); break;
-        case 1: handle->grid = DoubleGrid::create(); break;
-        case 2: handle->grid = Int32Grid::create(); break;
-        case 3: handle->grid = Vec3SGrid::create(); break;
-        default: throw std::out_of_range("kind of grid");
+        GridBase::Ptr made;
+        handle->grid->apply<TypeList<FloatGrid, DoubleGrid, Vec3SGrid, Vec3DGrid>>(
+            [&](const auto& grid) { made = resampled(grid, matrix, scale); });
+        if (!made) {
+            throw cumulo::Unsupported("grids of type " + handle->grid->type() +
+                                      " cannot be resampled (only float, double, vec3s and vec3d can be averaged)");
         }
-        *out = handle.release();
+        handle->grid = made;
     });
 }
-
-int32_t cumulo_vdb_grid_read_box(const cumulo_vdb_grid* handle, const int32_t* low, const int32_t* high,
-                                 const int64_t* strides, double* out, size_t room, cumulo_vdb_status* status) {
-    return guarded(status, [&] {
-        const Dense dense(low, high, strides);
-        const bool known = handle->grid->apply<cumulo::ReadableGrids>([&](const auto& grid) {
-            using GridT = std::decay_t<decltype(grid)>;
-            using N = Numbers<typename GridT::ValueType>;
-            dense.check(room, N::count);
-            tree::ValueAccessor<const typename GridT::TreeType> accessor(grid.tree());
-            dense.parts([&](const CoordBBox& part) {
-                if (const auto* leaf = accessor.probeConstLeaf(part.min())) {
-                    Dense::voxels(part, [&](const Coord& c) { N::put(leaf->getValue(c), out + dense.at(c)); });
-                } else {
-                    // A tile, or the background: constant in the part.
-                    const auto value = accessor.getValue(part.min());
-                    Dense::voxels(part, [&](const Coord& c) { N::put(value, out + dense.at(c)); });
-                }
-                return true;
-            });
-        });
-        if (!known) throw cumulo::Unsupported("grids of type " + handle->grid->type() + " have no values to read");
-    });
-}
-
-int32_t cumulo_vdb_grid_write_box(cumulo_vdb_grid* handle, const int32_t* low, const int32_t* high,
-                                  const int64_t* strides, const double* values, size_t room, uint64_t most,
-                                  uint64_t* made, cumulo_vdb_status* status) {
-    return guarded(status, [&] {
-        *made = 0;
-        const Dense dense(low, high, strides);
-        const bool known = handle->grid->apply<WritableGrids>([&](auto& grid) {
-            using GridT = std::decay_t<decltype(grid)>;
-            using LeafT = typename GridT::TreeType::LeafNodeType;
-            using V = typename GridT::ValueType;
-            using N = Numbers<V>;
-            dense.check(room, N::count);
-            tree::ValueAccessor<typename GridT::TreeType> accessor(grid.tree());
-            const V zero = zeroVal<V>();
-            dense.parts([&](const CoordBBox& part) {
-                bool any = false;
-                Dense::voxels(part, [&](const Coord& c) { any = any || !(N::make(values + dense.at(c)) == zero); });
-                if (!any) return true;
-                LeafT* leaf = accessor.probeLeaf(part.min());
-                if (!leaf) {
-                    if (*made >= most) {
-                        *made = most + 1;
-                        return false;
-                    }
-                    ++*made;
-                    leaf = accessor.touchLeaf(part.min());
-                }
-                Dense::voxels(part, [&](const Coord& c) {
-                    const V value = N::make(values + dense.at(c));
-                    if (!(value == zero)) leaf->setValueOn(c, value);
-                });
-                return true;
-            });
-        });
-        if (!known) throw cumulo::Unsupported("grids of type " + handle->grid->type() + " are not made from arrays");
-    });
-}
-
-int32_t cumulo_vdb_grid_add_tile(cumulo_vdb_grid* handle, const int32_t* origin, int32_t dim, double value,
-                                 cumulo_vdb_status* status) {
-    return guarded(status, [&] {
-        const Index level = dim == 8 ? 1 : dim == 128 ? 2 : dim == 4096 ? 3 : 0;
-        if (level == 0) throw cumulo::Unsupported("a tile's edge must be 8, 128 or 4096 voxels");
-        const bool known = handle->grid->apply<TypeList<FloatGrid, DoubleGrid, Int32Grid>>([&](auto& grid) {
-            using V = typename std::decay_t<decltype(grid)>::ValueType;
-            grid.tree().addTile(level, Coord(origin[0], origin[1], origin[2]), V(value), true);
-        });
-        if (!known) throw cumulo::Unsupported("grids of type " + handle->grid->type() + " are not made from tiles");
-    });
-}
-
-} // extern "C"

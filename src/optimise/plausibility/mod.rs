@@ -299,11 +299,14 @@ fn opacity(photos: &[Photo], capture: &Capture) -> Option<Finding> {
     if apart < 0.1 * scale {
         return None;
     }
+    let varies = varies(&all, implied.into_iter().fold(0.0, f64::max));
     let left = |c: usize| (total(2, c) - implied[c] * total(1, c)).max(0.0) / total(0, c);
     let explained = (0..3).map(left).fold(0.0, f64::max).sqrt() < 0.1 * scale && implied.iter().all(|v| *v > -0.05);
+    let explained = explained && !varies;
     let what = format!(
-        "alpha and colors contradict each other: together they imply the emission {}, the capture says {}",
+        "alpha and colors contradict each other: together they imply the emission {}{}, the capture says {}",
         json(implied),
+        if varies { ", which is another one in each view" } else { "" },
         if capture.model == Model::Absorption { "absorption alone".to_owned() } else { json(stated) },
     );
     let remedy = if explained {
@@ -311,12 +314,23 @@ fn opacity(photos: &[Photo], capture: &Capture) -> Option<Finding> {
             "state \"model\": \"emission-absorption\" and \"emission\": {} in transforms.json: densities follow from it",
             json(implied.map(|v| v.max(0.0)))
         )
+    } else if varies {
+        "light that depends on the view is scattered, which neither absorption nor emission explains: render the medium \
+         without scattering (in Cycles with Absorption and Emission alone, here without --albedo), or leave alpha out if it \
+         is a mask and not 1 - transmittance"
+            .into()
     } else {
         "check model, emission and background in transforms.json; if alpha is a mask and not 1 - transmittance, leave it \
          out of the pictures"
             .into()
     };
     Some(Finding::doubtful(None, what, remedy))
+}
+
+/// True if the emissions that views imply, from their sums over the pixels, lie further apart than a fifth of `scale`.
+fn varies(views: &[[[f64; 3]; 3]], scale: f64) -> bool {
+    let of = |c: usize| views.iter().filter(move |s| s[0][c] >= 1.0).map(move |s| s[1][c] / s[0][c]);
+    (0..3).any(|c| of(c).fold(f64::NEG_INFINITY, f64::max) - of(c).fold(f64::INFINITY, f64::min) > 0.2 * scale)
 }
 
 /// Colors that a grey medium cannot have.

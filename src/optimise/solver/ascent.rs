@@ -120,6 +120,7 @@ fn shrunk(current: f64, predicted: f64, candidate: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::scene::sphere::upright;
+    use crate::scene::up::Up;
     use glam::DVec3;
 
     /// A hill on the sphere: its top at the direction to which a quadratic form is largest.
@@ -134,7 +135,7 @@ mod tests {
     #[test]
     fn the_top_is_found_in_few_steps_even_at_a_pole() {
         for from in [DVec3::new(1.0, 0.3, 0.2), DVec3::new(-0.2, 1.0, -0.1), DVec3::new(0.5, 0.5, 0.7)] {
-            let mut ascent = Ascent::new(upright(from.normalize()));
+            let mut ascent = Ascent::new(upright(from.normalize(), Up::Z));
             ascent.climb([1e-7, 0.0], 60, |axes| Some(hill(axes)));
             assert!(ascent.axes.z_axis.cross(DVec3::Z).length() < 1e-6, "{:?}", ascent.axes.z_axis);
             assert!(ascent.evaluations < 25, "{}", ascent.evaluations);
@@ -149,7 +150,7 @@ mod tests {
         ascent.climb([1e-3, 0.0], 9, |_| None);
         ascent.climb([1e-3, 0.0], 9, |_| Some(Evaluation { value: f64::NAN, gradient: DVec2::ONE }));
         assert_eq!((ascent.evaluations, ascent.path.len()), (3, 1));
-        let mut limited = Ascent::new(upright(DVec3::new(1.0, 0.3, 0.2).normalize()));
+        let mut limited = Ascent::new(upright(DVec3::new(1.0, 0.3, 0.2).normalize(), Up::Z));
         limited.climb([0.0; 2], 4, |axes| Some(hill(axes)));
         assert_eq!(limited.evaluations, 4);
     }

@@ -95,7 +95,8 @@ pub fn search(
 ) -> Outcome {
     let begun = Instant::now();
     let sampled_starts = sampled_starts(dvr, request, cancel, tick);
-    let starts: Vec<DMat3> = sampled_starts.iter().chain(&request.exact_starts).map(|d| upright(*d)).collect();
+    let starts: Vec<DMat3> =
+        sampled_starts.iter().chain(&request.exact_starts).map(|d| upright(*d, request.sphere.up)).collect();
     let mut searches: Vec<LocalSearch> = starts
         .iter()
         .enumerate()
@@ -129,7 +130,7 @@ pub fn search(
     let mut views: Vec<(&LocalSearch, View)> = Vec::new();
     for (number, search) in searches.iter().enumerate() {
         let about = if number < HIGHEST && !cancel.load(Ordering::Relaxed) { ABOUT } else { 0 };
-        let places = about_a_place(&search.ascent.axes, about, RING * radians_per_pixel(&request.sphere));
+        let places = about_a_place(&search.ascent.axes, about, &request.sphere);
         pictures += places.len();
         let candidates = places.iter().map(|axes| {
             let entropy = entropy_at(dvr, &request.sphere, axes, cancel);
@@ -155,10 +156,12 @@ pub fn search(
     Outcome { views, paths, seconds: begun.elapsed().as_secs_f64(), render_seconds, stopped }
 }
 
-/// A viewpoint, and so many evenly about it, all upright.
-fn about_a_place(axes: &DMat3, count: usize, distance: f64) -> Vec<DMat3> {
+/// A viewpoint, and so many evenly about it, [`RING`] pixels away, all upright.
+fn about_a_place(axes: &DMat3, count: usize, sphere: &Sphere) -> Vec<DMat3> {
+    let distance = RING * radians_per_pixel(sphere);
     let turn = |i: usize| distance * DVec2::from_angle(std::f64::consts::TAU * i as f64 / count as f64);
-    std::iter::once(*axes).chain((0..count).map(|i| stepped(axes, turn(i)))).map(|axes| levelled(&axes)).collect()
+    let places = std::iter::once(*axes).chain((0..count).map(|i| stepped(axes, turn(i))));
+    places.map(|axes| levelled(&axes, sphere.up)).collect()
 }
 
 /// How often a search that is not stopped tells of what it has done.
@@ -170,7 +173,7 @@ pub fn ticks(request: &Request) -> usize {
 /// Directions of the initial samples.
 fn initial_samples(request: &Request) -> Vec<DVec3> {
     let halved = sizes(&request.sphere).next().is_some_and(|level| level > 0);
-    spread(INITIAL_SAMPLES[usize::from(!halved)] * request.starts.len())
+    spread(INITIAL_SAMPLES[usize::from(!halved)] * request.starts.len(), request.sphere.up)
 }
 
 /// For each of the starts, the best of it and of those initial samples' viewpoints that lie nearest to it.
@@ -210,7 +213,7 @@ pub fn sample(
     cancel: &AtomicBool,
     tick: &(dyn Fn() + Sync),
 ) -> Option<Vec<(DVec3, f64)>> {
-    entropies_of(dvr, sphere, &spread(count), cancel, tick)
+    entropies_of(dvr, sphere, &spread(count, sphere.up), cancel, tick)
 }
 
 /// Entropies of upright views, with their directions.
@@ -226,7 +229,7 @@ fn entropies_of(
             return None;
         }
         tick();
-        let value = entropy_at(dvr, sphere, &upright(*direction), cancel).value;
+        let value = entropy_at(dvr, sphere, &upright(*direction, sphere.up), cancel).value;
         (!cancel.load(Ordering::Relaxed)).then_some((*direction, value))
     };
     directions.par_iter().map(of).collect()
@@ -262,7 +265,7 @@ fn climb(
     cancel: &AtomicBool,
 ) {
     // Upright at first, never on the way: pixels that turn would be a step in the entropy.
-    let axes = levelled(&ascent.axes);
+    let axes = levelled(&ascent.axes, sphere.up);
     ascent.restart(axes);
     ascent.climb([pixels * radians_per_pixel(sphere), rise], most, |axes| {
         if cancel.load(Ordering::Relaxed) {
@@ -311,6 +314,7 @@ mod tests {
     use crate::math::Affine;
     use crate::scene::bricks::{Bricks, Topology};
     use crate::scene::medium::Medium;
+    use crate::scene::up::Up;
     use glam::IVec3;
     use std::sync::Arc;
     use std::sync::atomic::AtomicUsize;
@@ -318,7 +322,7 @@ mod tests {
     #[test]
     fn searches_meet_and_the_higher_one_goes_on() {
         let search = |start: usize, x: f64, value: f64| {
-            let mut ascent = Ascent::new(upright(DVec3::new(x, 0.0, 1.0).normalize()));
+            let mut ascent = Ascent::new(upright(DVec3::new(x, 0.0, 1.0).normalize(), Up::Z));
             ascent.value = Some(value);
             LocalSearch { ascent, starts: vec![start] }
         };
@@ -344,8 +348,8 @@ mod tests {
         field.values.iter_mut().enumerate().for_each(|(i, v)| *v = (i % 7) as f32);
         let dvr = Dvr::new(&field, Medium::absorbing(0.1)).unwrap().over([1.0; 3]);
         for size in [24, 70] {
-            let sphere = Sphere::around(&field.outline(), [size, size], 40.0).unwrap();
-            let request = Request { sphere, starts: spread(3), exact_starts: vec![DVec3::X], iterations: 2 };
+            let sphere = Sphere::around(&field.outline(), [size, size], 40.0, Up::Z).unwrap();
+            let request = Request { sphere, starts: spread(3, Up::Z), exact_starts: vec![DVec3::X], iterations: 2 };
             let ticked = AtomicUsize::new(0);
             let tick = || {
                 ticked.fetch_add(1, Ordering::Relaxed);
@@ -358,7 +362,8 @@ mod tests {
 
     #[test]
     fn large_pictures_are_halved() {
-        let of = |size: [u32; 2]| sizes(&Sphere { centre: DVec3::ZERO, distance: 1.0, focal: 1.0, size }).collect();
+        let sphere = |size| Sphere { centre: DVec3::ZERO, distance: 1.0, focal: 1.0, size, up: Up::Z };
+        let of = |size: [u32; 2]| sizes(&sphere(size)).collect();
         let all: [Vec<i32>; 5] = [of([256, 256]), of([32, 900]), of([63, 63]), of([64, 400]), of([1, 1])];
         assert_eq!(all, [vec![3, 2, 1], vec![0], vec![0], vec![1], vec![0]]);
     }

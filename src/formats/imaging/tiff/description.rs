@@ -71,9 +71,11 @@ impl Description {
         let count = |key| get(key).and_then(|v| v.parse().ok()).filter(|n: &usize| *n > 0);
         let unit = get("unit").map(|u| u.replace("\\u00B5", "µ")).filter(|u| !u.is_empty() && u != "pixel");
         let pixel = resolution.filter(|r| r.iter().all(|r| r.is_finite() && *r > 0.0)).map(|[x, y]| (1.0 / x, 1.0 / y));
-        let depth = get("spacing").and_then(|v| v.parse().ok()).filter(|d: &f64| d.is_finite() && *d != 0.0).map(f64::abs);
+        let depth =
+            get("spacing").and_then(|v| v.parse().ok()).filter(|d: &f64| d.is_finite() && *d != 0.0).map(f64::abs);
         // Without a unit the numbers are pixels.
-        let spacing = pixel.filter(|_| unit.is_some() || depth.is_some()).map(|(x, y)| DVec3::new(x, y, depth.unwrap_or(1.0)));
+        let spacing =
+            pixel.filter(|_| unit.is_some() || depth.is_some()).map(|(x, y)| DVec3::new(x, y, depth.unwrap_or(1.0)));
         let counts = [count("channels"), count("slices"), count("frames")];
         let unit = unit.unwrap_or_else(|| "pixel".into());
         Self { spacing, unit, counts, axes: *b"CZT" }
@@ -95,9 +97,9 @@ impl Description {
         let number = |key| get(key).and_then(|v| v.parse::<f64>().ok()).filter(|v| v.is_finite() && *v > 0.0);
         let count = |key| get(key).and_then(|v| v.parse().ok()).filter(|n: &usize| *n > 0);
         let unit = get("PhysicalSizeXUnit").unwrap_or_else(|| "µm".into());
-        let spacing = number("PhysicalSizeX").zip(number("PhysicalSizeY")).map(|(x, y)| {
-            DVec3::new(x, y, number("PhysicalSizeZ").unwrap_or(1.0))
-        });
+        let spacing = number("PhysicalSizeX")
+            .zip(number("PhysicalSizeY"))
+            .map(|(x, y)| DVec3::new(x, y, number("PhysicalSizeZ").unwrap_or(1.0)));
         let order = get("DimensionOrder").unwrap_or_default();
         let axes = order.strip_prefix("XY").and_then(|o| <[u8; 3]>::try_from(o.as_bytes()).ok()).unwrap_or(*b"CZT");
         Some(Self { spacing, unit, counts: [count("SizeC"), count("SizeZ"), count("SizeT")], axes })

@@ -13,8 +13,9 @@ pub fn is_stack(path: &Path) -> bool {
         return false;
     }
     let any = |folder: &Path, wanted: &dyn Fn(&str) -> bool| {
-        std::fs::read_dir(folder)
-            .is_ok_and(|entries| entries.flatten().any(|e| e.file_name().to_str().is_some_and(|n| is_tiff_name(n) && wanted(n))))
+        std::fs::read_dir(folder).is_ok_and(|entries| {
+            entries.flatten().any(|e| e.file_name().to_str().is_some_and(|n| is_tiff_name(n) && wanted(n)))
+        })
     };
     if path.is_dir() {
         return any(path, &|_| true);
@@ -45,11 +46,15 @@ pub fn files(path: &Path) -> Result<Vec<PathBuf>> {
         let wanted = name.to_str().filter(|n| is_tiff_name(n) && pattern.as_ref().is_none_or(|p| p.matches(n)));
         names.extend(wanted.filter(|n| !n.starts_with('.')).map(str::to_owned));
         if names.len() > MOST_FILES {
-            return Err(Error::unsupported(format!("more than {MOST_FILES} slices")).at(path).hint("name a part of them"));
+            return Err(Error::unsupported(format!("more than {MOST_FILES} slices"))
+                .at(path)
+                .hint("name a part of them"));
         }
     }
     if names.is_empty() {
-        return Err(Error::invalid("no TIFF is there").at(path).hint("name a folder of .tif files, or a pattern such as 'a/s*.tif'"));
+        return Err(Error::invalid("no TIFF is there")
+            .at(path)
+            .hint("name a folder of .tif files, or a pattern such as 'a/s*.tif'"));
     }
     names.sort_by(|a, b| natural(a, b));
     Ok(names.iter().map(|name| folder.join(name)).collect())
@@ -121,7 +126,9 @@ mod tests {
         let mut names = ["s10.tif", "s9.tif", "s009b.tif", "a2.tif", "s1.tif", "s"];
         names.sort_by(|a, b| natural(a, b));
         assert_eq!(names, ["a2.tif", "s", "s1.tif", "s9.tif", "s009b.tif", "s10.tif"]);
-        for (pattern, yes, no) in [("a/s*.tif", "sx1.tif", "t1.tif"), ("s##.tif", "s007.tif", "sx.tif"), ("s%03d.tif", "s1.tif", "s.tif")] {
+        for (pattern, yes, no) in
+            [("a/s*.tif", "sx1.tif", "t1.tif"), ("s##.tif", "s007.tif", "sx.tif"), ("s%03d.tif", "s1.tif", "s.tif")]
+        {
             let (_, pattern) = Pattern::parse(Path::new(pattern)).unwrap();
             assert!(pattern.matches(yes) && !pattern.matches(no), "{pattern:?}");
         }

@@ -1,6 +1,7 @@
 //! Pages of a TIFF, decoded by the crate `tiff`.
 
 use crate::error::{Error, Result};
+use crate::formats::imaging::text::shown;
 use crate::formats::input;
 use crate::formats::limits::Limits;
 use std::fmt;
@@ -46,15 +47,17 @@ pub struct Pages {
 /// Error of the decoder: not read, or damaged.
 fn failed(error: TiffError) -> Error {
     match error {
-        TiffError::UnsupportedError(e) => Error::unsupported(format!("this kind of TIFF is not read: {e}"))
-            .hint("save it again without compression, as grey values of 8, 16 or 32 bits"),
-        TiffError::LimitsExceeded => {
-            Error::unsupported("a page needs more memory than is allowed").hint("raise --max-memory if the file is to be trusted")
+        TiffError::UnsupportedError(e) => {
+            Error::unsupported(format!("this kind of TIFF is not read: {}", shown(&e.to_string())))
+                .hint("save it again without compression, as grey values of 8, 16 or 32 bits")
         }
+        TiffError::LimitsExceeded => Error::unsupported("a page needs more memory than is allowed")
+            .hint("raise --max-memory if the file is to be trusted"),
         TiffError::IoError(e) if e.kind() != std::io::ErrorKind::UnexpectedEof && e.raw_os_error().is_some() => {
             Error::system(e)
         }
-        error => Error::invalid(format!("the TIFF is damaged: {error}")).hint("copy the file, or write it, again"),
+        error => Error::invalid(format!("the TIFF is damaged: {}", shown(&error.to_string())))
+            .hint("copy the file, or write it, again"),
     }
 }
 
@@ -77,8 +80,10 @@ impl Pages {
             ColorType::Gray(bits @ (8 | 16 | 32 | 64)) => (1, bits),
             ColorType::RGB(bits @ (8 | 16 | 32 | 64)) => (3, bits),
             other => {
-                return Err(Error::unsupported(format!("pixels of the kind {other:?}; grey values and RGB of 8 to 64 bits are read"))
-                    .hint("save the stack again as grey values of 8, 16 or 32 bits"));
+                return Err(Error::unsupported(format!(
+                    "pixels of the kind {other:?}; grey values and RGB of 8 to 64 bits are read"
+                ))
+                .hint("save the stack again as grey values of 8, 16 or 32 bits"));
             }
         };
         let formats = self.decoder.find_tag_unsigned_vec::<u16>(Tag::SampleFormat).map_err(failed)?;

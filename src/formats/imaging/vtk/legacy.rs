@@ -10,9 +10,8 @@ use crate::formats::imaging::input::{self, Packing};
 use crate::formats::imaging::options::Options;
 use crate::formats::imaging::placement;
 use crate::formats::imaging::stream::{Binary, Words};
-use crate::formats::imaging::text::{self, wrong};
+use crate::formats::imaging::text::{self, shown, wrong};
 use crate::formats::sample::{Endian, Sample};
-use crate::text::printable;
 use glam::DVec3;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -51,7 +50,9 @@ impl Scanner {
                 return Ok(None);
             }
             if n == LONGEST {
-                return Err(Error::invalid(format!("a line of more than {LONGEST} bytes at byte {}", self.at - n)).hint(AGAIN));
+                return Err(
+                    Error::invalid(format!("a line of more than {LONGEST} bytes at byte {}", self.at - n)).hint(AGAIN)
+                );
             }
             let text = String::from_utf8_lossy(&line).trim().to_owned();
             if !text.is_empty() {
@@ -172,7 +173,7 @@ impl Document {
         };
         let kind = scanner.need("its dataset")?;
         if !kind.to_ascii_uppercase().starts_with("DATASET STRUCTURED_POINTS") {
-            return Err(Error::unsupported(format!("'{}'; structured points are read", printable(&kind)))
+            return Err(Error::unsupported(format!("'{}'; structured points are read", shown(&kind)))
                 .hint("resample it to an image first: ParaView's filter 'Resample To Image', then save as .vti"));
         }
         let (lattice, mut line) = lattice(&mut scanner)?;
@@ -185,7 +186,9 @@ impl Document {
                     cells = key == "CELL_DATA";
                     let expected = document.count(cells);
                     if count.parse() != Ok(expected) {
-                        return Err(Error::invalid(format!("'{}', and the grid has {expected}", printable(&text))).hint(AGAIN));
+                        return Err(
+                            Error::invalid(format!("'{}', and the grid has {expected}", shown(&text))).hint(AGAIN)
+                        );
                     }
                 }
                 (key, rest) => document.attribute(&mut scanner, key, rest, cells, &text)?,
@@ -220,7 +223,7 @@ impl Document {
             }
             ("COLOR_SCALARS", [name, components]) => {
                 let components: u64 = components.parse().map_err(|_| wrong("COLOR_SCALARS", line))?;
-                self.left_out.push(format!("colors '{}' were left out", printable(name)));
+                self.left_out.push(format!("colors '{}' were left out", shown(name)));
                 scanner.pass(count.saturating_mul(components), Sample::U8)
             }
             ("LOOKUP_TABLE", [_, entries]) => {
@@ -242,21 +245,24 @@ impl Document {
             }
             // Names of components and the like.
             ("METADATA", _) => scanner.block(),
-            _ => {
-                let shown: String = line.chars().take(60).collect();
-                Err(Error::invalid(format!("'{}' at byte {} is no attribute", printable(&shown), scanner.at)).hint(AGAIN))
-            }
+            _ => Err(Error::invalid(format!("'{}' at byte {} is no attribute", shown(line), scanner.at)).hint(AGAIN)),
         }
     }
 
-    fn add(&mut self, scanner: &mut Scanner, (name, sample): (&str, Sample), components: u64, (count, cells): (u64, bool)) -> Result<()> {
+    fn add(
+        &mut self,
+        scanner: &mut Scanner,
+        (name, sample): (&str, Sample),
+        components: u64,
+        (count, cells): (u64, bool),
+    ) -> Result<()> {
         let at = scanner.at;
         scanner.pass(count.saturating_mul(components), sample)?;
         if matches!(components, 1 | 3) && count == self.count(cells) && self.arrays.len() < MOST_ARRAYS {
             let name = name.replace("%20", " ");
             self.arrays.push(Array { name, sample, components: components as usize, cells, at });
         } else {
-            self.left_out.push(format!("array '{}' of {count} x {components} values was left out", printable(name)));
+            self.left_out.push(format!("array '{}' of {count} x {components} values was left out", shown(name)));
         }
         Ok(())
     }
@@ -272,8 +278,11 @@ pub fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
     for array in document.arrays.iter().filter(|a| options.wants(&a.name)) {
         let header = document.lattice.header(&array.name, (array.sample, array.components), array.cells)?;
         let reader = input::values(path, array.at, Packing::Plain, 0)?;
-        let slices: Box<dyn Slices> =
-            if binary { Box::new(Binary::new(reader, array.sample, Endian::Big)) } else { Box::new(Words::new(reader, None)) };
+        let slices: Box<dyn Slices> = if binary {
+            Box::new(Binary::new(reader, array.sample, Endian::Big))
+        } else {
+            Box::new(Words::new(reader, None))
+        };
         images.push(Image { header, slices });
     }
     let names: Vec<String> = document.arrays.iter().map(|a| a.name.clone()).collect();

@@ -12,10 +12,9 @@ use crate::formats::imaging::input::{self, Packing};
 use crate::formats::imaging::options::Options;
 use crate::formats::imaging::placement;
 use crate::formats::imaging::stream::{Binary, Words, failed};
-use crate::formats::imaging::text::{self, wrong};
+use crate::formats::imaging::text::{self, shown, wrong};
 use crate::formats::limits::Limits;
 use crate::formats::sample::{Endian, Sample};
-use crate::text::printable;
 use glam::{DMat3, DVec3};
 use std::io::Read;
 use std::path::Path;
@@ -122,7 +121,7 @@ impl Document {
     fn file(&mut self, tag: &Tag) -> Result<()> {
         let kind = tag.get("type").unwrap_or_default();
         if kind != "ImageData" {
-            return Err(Error::unsupported(format!("a VTK file of {}; image data are read", printable(&kind)))
+            return Err(Error::unsupported(format!("a VTK file of {}; image data are read", shown(&kind)))
                 .hint("resample it to an image first: ParaView's filter 'Resample To Image', then save as .vti"));
         }
         self.endian = match tag.get("byte_order").as_deref() {
@@ -134,7 +133,7 @@ impl Document {
             None | Some("") => false,
             Some("vtkZLibDataCompressor") => true,
             Some(other) => {
-                return Err(Error::unsupported(format!("values packed by {}; zlib is read", printable(other)))
+                return Err(Error::unsupported(format!("values packed by {}; zlib is read", shown(other)))
                     .hint("save the file again with the compressor 'ZLib', or with none"));
             }
         };
@@ -147,7 +146,8 @@ impl Document {
         self.origin = vector("Origin")?.unwrap_or(DVec3::ZERO);
         self.spacing = vector("Spacing")?;
         if let Some(text) = tag.get("Direction") {
-            let rows: [f64; 9] = text::numbers("Direction", &text)?.try_into().map_err(|_| wrong("Direction", &text))?;
+            let rows: [f64; 9] =
+                text::numbers("Direction", &text)?.try_into().map_err(|_| wrong("Direction", &text))?;
             self.directions = Some(DMat3::from_cols_array(&rows).transpose());
         }
         Ok(())
@@ -155,7 +155,8 @@ impl Document {
 
     fn array(&mut self, tag: &Tag, cells: bool) -> Result<()> {
         let name = tag.get("Name").unwrap_or_default();
-        let components = tag.get("NumberOfComponents").map_or(Ok(1), |t| t.parse().map_err(|_| wrong("NumberOfComponents", &t)))?;
+        let components =
+            tag.get("NumberOfComponents").map_or(Ok(1), |t| t.parse().map_err(|_| wrong("NumberOfComponents", &t)))?;
         let kind = tag.get("type").unwrap_or_default();
         let sample = match kind.as_str() {
             "Int8" => Some(Sample::I8),
@@ -171,7 +172,7 @@ impl Document {
             _ => None,
         };
         let Some(sample) = sample.filter(|_| matches!(components, 1 | 3)) else {
-            let what = format!("array '{}' of {components} {} values was left out", printable(&name), printable(&kind));
+            let what = format!("array '{}' of {components} {} values was left out", shown(&name), shown(&kind));
             self.left_out.push(what);
             return Ok(());
         };
@@ -186,7 +187,9 @@ impl Document {
             other => return Err(wrong("format", other)),
         };
         if self.arrays.len() == MOST_ARRAYS {
-            return Err(Error::unsupported(format!("more than {MOST_ARRAYS} arrays")).hint("save those that are wanted"));
+            return Err(
+                Error::unsupported(format!("more than {MOST_ARRAYS} arrays")).hint("save those that are wanted")
+            );
         }
         self.arrays.push(Array { name, sample, components, cells, place });
         Ok(())
@@ -242,7 +245,7 @@ pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Vec<Image>
     let lattice = document.lattice()?;
     let mut images = Vec::new();
     for array in document.arrays.iter().filter(|a| options.wants(&a.name)) {
-        let place = |e: Error| e.part(format!("array '{}'", printable(&array.name)));
+        let place = |e: Error| e.part(format!("array '{}'", shown(&array.name)));
         let header = lattice.header(&array.name, (array.sample, array.components), array.cells)?;
         let slices = document.slices(array, &lattice, path, limits).map_err(place)?;
         images.push(Image { header, slices });

@@ -4,7 +4,7 @@ use super::{numbers, values};
 use crate::error::{Error, Result};
 use crate::formats::atomic::{self, Batch};
 use crate::formats::imaging::placement::swap_lps_ras;
-use crate::formats::imaging::volume::Source;
+use crate::formats::imaging::source::Source;
 use crate::formats::sample::Sample;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -35,12 +35,19 @@ fn header(source: &Source, data: &str) -> (String, Vec<String>) {
     let (a, b, c) = (columns[0] / spacing[0], columns[1] / spacing[1], columns[2] / spacing[2]);
     let sheared = [a.dot(b), b.dot(c), a.dot(c)].iter().any(|cosine| cosine.abs() > 1e-6);
     let notes = if sheared {
-        vec!["the voxels are sheared: the directions are written as they are, and some programs expect right angles".into()]
+        vec![
+            "the voxels are sheared: the directions are written as they are, and some programs expect right angles"
+                .into(),
+        ]
     } else {
         Vec::new()
     };
     let [x, y, z] = source.size;
-    let channels = if source.components > 1 { format!("ElementNumberOfChannels = {}\n", source.components) } else { String::new() };
+    let channels = if source.components > 1 {
+        format!("ElementNumberOfChannels = {}\n", source.components)
+    } else {
+        String::new()
+    };
     let text = format!(
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\n\
          TransformMatrix = {}\nOffset = {}\nCenterOfRotation = 0 0 0\nElementSpacing = {}\nDimSize = {x} {y} {z}\n{channels}\

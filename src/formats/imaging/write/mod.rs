@@ -7,7 +7,7 @@ mod nrrd;
 mod vti;
 
 use super::options::Axes;
-use super::volume::Source;
+use super::source::Source;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Draft;
 use std::ffi::OsStr;

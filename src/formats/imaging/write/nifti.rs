@@ -3,7 +3,7 @@
 use super::{packed, values};
 use crate::error::{Error, Result};
 use crate::formats::atomic::{self, Draft};
-use crate::formats::imaging::volume::Source;
+use crate::formats::imaging::source::Source;
 use crate::formats::sample::Sample;
 use glam::{DMat3, DMat4, DQuat};
 use std::path::Path;
@@ -23,7 +23,8 @@ impl Qform {
     fn of(map: DMat4) -> Self {
         let linear = DMat3::from_mat4(map);
         let pixdim = [linear.x_axis, linear.y_axis, linear.z_axis].map(|c| c.length());
-        let mut turn = DMat3::from_cols(linear.x_axis / pixdim[0], linear.y_axis / pixdim[1], linear.z_axis / pixdim[2]);
+        let mut turn =
+            DMat3::from_cols(linear.x_axis / pixdim[0], linear.y_axis / pixdim[1], linear.z_axis / pixdim[2]);
         let pairs = [(turn.x_axis, turn.y_axis), (turn.y_axis, turn.z_axis), (turn.x_axis, turn.z_axis)];
         let exists = pairs.iter().all(|(a, b)| a.dot(*b).abs() < SHEAR);
         let mirrored = if turn.determinant() < 0.0 { -1.0 } else { 1.0 };
@@ -76,7 +77,15 @@ fn header(source: &Source) -> Result<(Vec<u8>, Vec<String>)> {
     let rows: Vec<f64> = (0..3).flat_map(|r| map.row(r).to_array()).collect();
     let origin = map.w_axis.truncate().to_array();
     let pixdim = [qform.mirrored, qform.pixdim[0], qform.pixdim[1], qform.pixdim[2], 1.0, 1.0, 1.0, 1.0];
-    let fields = Fields { dims, code: code(source.sample), bits: 8 * source.sample.bytes() as i16, vectors, pixdim, rows, origin };
+    let fields = Fields {
+        dims,
+        code: code(source.sample),
+        bits: 8 * source.sample.bytes() as i16,
+        vectors,
+        pixdim,
+        rows,
+        origin,
+    };
     Ok((if second { fields.second(&qform) } else { fields.first(&qform) }, notes))
 }
 

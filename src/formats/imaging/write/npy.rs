@@ -4,7 +4,7 @@ use super::values;
 use crate::error::Result;
 use crate::formats::atomic;
 use crate::formats::imaging::options::Axes;
-use crate::formats::imaging::volume::Source;
+use crate::formats::imaging::source::Source;
 use crate::formats::npy;
 use std::path::Path;
 

@@ -4,7 +4,7 @@ use super::{number, packed, values};
 use crate::error::Result;
 use crate::formats::atomic;
 use crate::formats::imaging::placement::swap_lps_ras;
-use crate::formats::imaging::volume::Source;
+use crate::formats::imaging::source::Source;
 use crate::formats::sample::Sample;
 use glam::DVec4;
 use std::path::Path;

@@ -3,7 +3,7 @@
 use super::{numbers, values};
 use crate::error::{Error, Result};
 use crate::formats::atomic;
-use crate::formats::imaging::volume::Source;
+use crate::formats::imaging::source::Source;
 use crate::formats::sample::Sample;
 use crate::text::printable;
 use glam::DMat3;

@@ -20,8 +20,9 @@ pub enum Fix {
     Metadata(&'static str, String),
     /// A property of a prim.
     Property(String, Property),
-    /// Files of an attribute of a prim by time code, a single one without; they are written relative to the new layer.
-    Files(String, Vec<(Option<f64>, std::path::PathBuf)>),
+    /// Files of an attribute of a prim by time code, a single one without, and `None` at times that have none; they are
+    /// written relative to the new layer.
+    Files(String, Vec<(Option<f64>, Option<std::path::PathBuf>)>),
 }
 
 /// A finding about a stage.

@@ -65,11 +65,14 @@ fn add(root: &mut PrimText, path: &str, property: Property) {
 }
 
 /// Returns the paths of files from the layer's folder.
-fn asset(files: &[(Option<f64>, std::path::PathBuf)], place: &Path) -> Result<Property> {
+fn asset(files: &[(Option<f64>, Option<std::path::PathBuf>)], place: &Path) -> Result<Property> {
     let mut samples = Vec::new();
     let mut default = Literal::Blocked;
     for (time, path) in files {
-        let value = Literal::Asset(relative(path, place)?);
+        let value = match path {
+            Some(path) => Literal::Asset(relative(path, place)?),
+            None => Literal::Blocked,
+        };
         match time {
             Some(time) => samples.push((*time, value)),
             None => default = value,

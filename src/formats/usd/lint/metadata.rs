@@ -58,16 +58,21 @@ fn default_prim(stage: &Stage, findings: &mut Vec<Finding>) {
     findings.push(Finding::problem("default-prim", None, what, remedy).fixed_by(fix));
 }
 
-/// Compares the stage's times with those of the files of its volumes.
+/// Compares the stage's times with those of the files of its volumes. A shot may be longer than a volume's files, whose first
+/// and last hold then.
 fn times(stage: &Stage, findings: &mut Vec<Finding>) {
     let times = || sampled(stage).flat_map(|(_, attribute)| attribute.times());
     let (first, last) = (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
     if !first.is_finite() || first == last {
         return;
     }
-    let ends = [("startTimeCode", stage.metadata.start, first), ("endTimeCode", stage.metadata.end, last)];
-    for (name, stated, expected) in ends {
-        if stated == Some(expected) {
+    let (start, end) = (stage.metadata.start, stage.metadata.end);
+    let ends = [
+        ("startTimeCode", start, first, start.is_some_and(|start| start <= first)),
+        ("endTimeCode", end, last, end.is_some_and(|end| end >= last)),
+    ];
+    for (name, stated, expected, covers) in ends {
+        if covers {
             continue;
         }
         let stated = stated.map_or("not stated".to_owned(), |stated| format!("{stated}"));

@@ -36,6 +36,12 @@ pub fn findings(stage: &Stage, limits: Limits) -> Vec<Finding> {
     for prim in stage.volumes() {
         extent::check(stage, prim, &mut files, &mut findings);
     }
+    for finding in &mut findings {
+        // Within an instance, opinions of a layer over the stage have no effect.
+        if finding.prim.as_deref().and_then(|path| stage.prim(path)).is_some_and(|prim| prim.instanced) {
+            finding.fix = None;
+        }
+    }
     findings
 }
 

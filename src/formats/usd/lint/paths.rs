@@ -3,6 +3,7 @@
 use super::finding::{Finding, Fix};
 use crate::formats::sequence::number_of;
 use crate::formats::usd::{Asset, Prim, Stage};
+use std::cmp::Ordering;
 use std::path::Path;
 
 /// Checks the files that a field names, by time code.
@@ -28,9 +29,13 @@ pub(super) fn check(stage: &Stage, prim: &Prim, assets: &[(Option<f64>, Asset)],
     if let Some((_, asset)) = assets.iter().find(|(_, asset)| absolute(asset)) {
         let what = format!("the path @{}@ is absolute: the stage cannot be moved", asset.authored);
         let files = assets.iter().map(|(time, asset)| {
-            (asset.packaged().is_none() && stage.exists(asset)).then(|| (*time, asset.path.clone()))
+            (asset.packaged().is_none() && stage.exists(asset)).then(|| (*time, Some(asset.path.clone())))
         });
-        let fix = files.collect::<Option<Vec<_>>>().map(|files| Fix::Files(prim.path.clone(), files));
+        let samples = prim.attribute("filePath").map(|a| a.samples.as_slice()).unwrap_or_default();
+        let blocked = samples.iter().filter(|(_, value)| value.is_none()).map(|(time, _)| Some((Some(*time), None)));
+        let mut fix = files.chain(blocked).collect::<Option<Vec<_>>>();
+        fix.iter_mut().for_each(|files| files.sort_by(|(a, _), (b, _)| a.partial_cmp(b).unwrap_or(Ordering::Equal)));
+        let fix = fix.map(|files| Fix::Files(prim.path.clone(), files));
         let remedy = "write it from the stage's folder, such as ./smoke.vdb";
         findings.push(Finding::problem("absolute-path", at, what, remedy).fixed_by(fix));
     } else if let Some((_, asset)) = assets.iter().find(|(_, asset)| !asset.authored.starts_with('.')) {

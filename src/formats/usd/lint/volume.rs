@@ -23,6 +23,10 @@ pub(super) fn check(stage: &Stage, findings: &mut Vec<Finding>) {
                 "relate its OpenVDBAsset prims, such as rel field:density = </World/smoke/density>",
             ));
         }
+        for what in stage.unclear_fields(volume) {
+            let remedy = "leave one target, the prim that names the file";
+            findings.push(Finding::problem("field-type", Some(&volume.path), what, remedy));
+        }
         for (name, target) in &fields {
             let Some(prim) = stage.prim(target) else { continue };
             if !FIELDS.contains(&prim.type_name.as_str()) {

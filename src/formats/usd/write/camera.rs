@@ -95,6 +95,12 @@ pub fn prim(camera: &CameraPrim, scale: Scale) -> PrimText {
         Literal::Tuple(vec![Literal::Int(camera.width.into()), Literal::Int(camera.height.into())])
     };
     prim.properties.push(varying("custom int2", "cumulo:resolution", camera.samples.iter().map(size).collect()));
+    // A pixel of focal lengths x and y is 1 / x wide and 1 / y high.
+    let aspects: Vec<f64> = camera.samples.iter().map(|(_, camera)| camera.focal.y / camera.focal.x).collect();
+    if aspects.iter().any(|aspect| *aspect != 1.0) {
+        let aspects = aspects.into_iter().map(Literal::Number).collect();
+        prim.properties.push(varying("custom double", "cumulo:pixelAspectRatio", aspects));
+    }
     let maps = camera.samples.iter().map(|(_, camera)| matrix(camera.camera_to_world)).collect();
     prim.properties.push(varying("matrix4d", "xformOp:transform", maps));
     let order = Literal::Array(vec![Literal::text("xformOp:transform")]);

@@ -72,8 +72,9 @@ impl StageText {
         lines.push(format!("upAxis = \"{:?}\"", self.up_axis));
         if let Some([first, last]) = self.frames {
             lines.extend([format!("startTimeCode = {first}"), format!("endTimeCode = {last}")]);
-            lines.extend([format!("timeCodesPerSecond = {}", self.fps), format!("framesPerSecond = {}", self.fps)]);
         }
+        // Velocities of a stage at rest are per second as well.
+        lines.extend([format!("timeCodesPerSecond = {}", self.fps), format!("framesPerSecond = {}", self.fps)]);
         lines.extend(["customLayerData = {".into(), "    dictionary cumulo = {".into()]);
         let entry = |(key, value): (&String, &String)| format!("        string {} = {}", quoted(key), quoted(value));
         lines.extend(self.provenance.iter().map(entry));

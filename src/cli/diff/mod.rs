@@ -1,22 +1,31 @@
 //! `cumulo diff`: how far the grids of two VDB files are apart.
 
+mod frames;
+mod turn;
+
+use super::frames::FramesOption;
 use super::memory::{Memory, human};
 use super::output::Output;
 use crate::error::{Error, Result};
+use crate::formats::limits::Limits;
 use crate::formats::vdb::{File, GridInfo, NativeGrid, RawGrid};
-use crate::metrics::volume::{Difference, Field, compare};
+use crate::math::Affine;
+use crate::metrics::volume::{Difference, Effort, Field, compare_within};
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use turn::Turned;
 
-/// Compare the grids of two VDBs; exit code 1 if they differ
+/// Compare the grids of two VDBs, or of two sequences of them; exit code 1 if they differ
 #[derive(Debug, clap::Args)]
 #[command(after_help = "PSNR is taken over the union of the two boxes of active voxels on A's lattice, with the \
     largest |A| as its peak; it is null in JSON and 'inf' in text for identical grids. Where the transforms differ, B \
-    is sampled trilinearly at A's voxel centres. Differences are measured in 32-bit floats; values of wider types that agree \
+    is sampled trilinearly at A's voxel centers, of which --voxels are compared, evenly spread, if there are more. Differences are measured in 32-bit floats; values of wider types that agree \
     in these alone are told. Grids are paired by name; the only grids of both files are compared whatever their names, \
-    but names that differ are a difference, unless the grid is chosen with --grid.")]
+    but names that differ are a difference, unless the grid is chosen with --grid. Where scalars differ as they lie and agree \
+    after a turn by 90 degrees about x, Y-up against Z-up, the report says so.")]
 pub struct Diff {
     /// The reference
     a: PathBuf,
@@ -28,12 +37,34 @@ pub struct Diff {
     /// Largest absolute difference that counts as equal
     #[arg(long, value_name = "MAX_ABS", default_value_t = 0.0)]
     tolerance: f64,
+    /// Voxels to compare where the transforms differ: a number such as 1e8, or all (default: 6.7e7)
+    #[arg(long, value_name = "N|all", value_parser = voxels)]
+    voxels: Option<Effort>,
+    #[command(flatten)]
+    frames: FramesOption,
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+/// Report of two files, or of two sequences.
+#[derive(JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "it describes documents, and none is made of it")]
+pub(in crate::cli) enum AnyReport {
+    Files(Report),
+    Sequences(frames::Sequences),
+}
+
+/// Parses a number of voxels, or `all`.
+fn voxels(text: &str) -> Result<Effort, String> {
+    if text == "all" {
+        return Ok(Effort::ALL);
+    }
+    super::parse::positive(text).map(|voxels| Effort::voxels(voxels as u64))
+}
+
+#[derive(Debug, Serialize, JsonSchema)]
+pub(in crate::cli) struct Report {
     same: bool,
     grids: Vec<Compared>,
     only_in_a: Vec<String>,
@@ -42,7 +73,7 @@ struct Report {
     not_compared: Vec<String>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, JsonSchema)]
 struct Compared {
     name: String,
     /// Name of the grid in the second file, if it differs from the name in the first.
@@ -50,6 +81,9 @@ struct Compared {
     name_in_b: Option<String>,
     #[serde(flatten)]
     difference: Difference,
+    /// Turn of the second grid after which it agrees with the first; none if it agrees as it lies, or after no turn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    agrees_after_turn: Option<Turned>,
     /// True if the values are equal as 32-bit floats, in which differences are measured, but not in the grids' wider type.
     differs_beyond_f32: bool,
 }
@@ -60,46 +94,80 @@ impl Diff {
     /// # Errors
     /// If a file cannot be read, a grid is not there, or two grids cannot be compared.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let stage = output.stage("comparing");
         if self.tolerance.is_nan() || self.tolerance < 0.0 {
             return Err(Error::invalid(format!("--tolerance {}: zero or more is needed", self.tolerance)));
         }
-        let a = File::open(&self.a, self.memory.limits())?;
-        let b = File::open(&self.b, self.memory.limits())?;
+        if let Some(sequences) = self.frames.pair([&self.a, &self.b], &["vdb"])? {
+            return self.frames(&sequences, output);
+        }
+        let report = self.compared([&self.a, &self.b], self.memory.limits(), output)?;
+        output.report(&report)?;
+        Ok(if report.same { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    }
+
+    /// Compares two files.
+    ///
+    /// # Errors
+    /// If a file cannot be read, a grid is not there, or two grids cannot be compared.
+    fn compared(&self, paths: [&Path; 2], limits: Limits, output: &Output) -> Result<Report> {
+        let reading = output.stage("reading");
+        let [a, b] = [File::open(paths[0], limits)?, File::open(paths[1], limits)?];
         let pairs = self.pairs(&a, &b)?;
         let alone = |from: &File, pick: fn(&(String, String)) -> &String| {
             let names = from.entries().iter().map(|e| e.name.clone());
             if self.grid.is_some() { vec![] } else { names.filter(|n| !pairs.iter().any(|p| pick(p) == n)).collect() }
         };
         let (only_in_a, only_in_b): (Vec<_>, Vec<_>) = (alone(&a, |p| &p.0), alone(&b, |p| &p.1));
+        drop(reading);
         let (mut grids, mut not_compared) = (Vec::new(), Vec::new());
         for (in_a, in_b) in &pairs {
             if self.grid.is_none() && [(&a, in_a), (&b, in_b)].iter().any(|(f, n)| is_points(f, n)) {
                 not_compared.push(in_a.clone());
                 continue;
             }
-            let mut budget = Budget { held: 0, limit: self.memory.limits().max_memory };
-            let (left, right) = (load(&a, in_a, &mut budget)?, load(&b, in_b, &mut budget)?);
-            let difference =
-                compare(&left.field()?, &right.field()?).map_err(|e| e.at(&self.b).part(format!("grid '{in_b}'")))?;
-            // `same_values` is stricter than wanted where nodes differ and voxels do not.
-            let differs_beyond_f32 = match (&left.wide, &right.wide) {
-                (Some(a), Some(b)) if left.info.value_type == right.info.value_type => {
-                    difference.within(0.0) && difference.topology_iou == 1.0 && !a.same_values(b)?
-                }
-                _ => false,
-            };
-            let name_in_b = (in_a != in_b).then(|| in_b.clone());
-            grids.push(Compared { name: in_a.clone(), name_in_b, difference, differs_beyond_f32 });
+            grids.push(self.grids([(&a, in_a), (&b, in_b)], limits, output)?);
         }
         let alike = |g: &Compared| {
             let named = g.name_in_b.is_none() || self.grid.is_some();
             named && g.difference.within(self.tolerance) && !(self.tolerance == 0.0 && g.differs_beyond_f32)
         };
         let same = only_in_a.is_empty() && only_in_b.is_empty() && grids.iter().all(alike);
-        drop(stage);
-        output.report(&Report { same, grids, only_in_a, only_in_b, not_compared })?;
-        Ok(if same { ExitCode::SUCCESS } else { ExitCode::from(1) })
+        Ok(Report { same, grids, only_in_a, only_in_b, not_compared })
+    }
+
+    /// Compares two grids, each given by its file and name.
+    fn grids(
+        &self,
+        [(a, in_a), (b, in_b)]: [(&File, &String); 2],
+        limits: Limits,
+        output: &Output,
+    ) -> Result<Compared> {
+        let mut budget = Budget { held: 0, limit: limits.max_memory };
+        let [left, right] = {
+            let _stage = output.stage("reading");
+            [load(a, in_a, &mut budget)?, load(b, in_b, &mut budget)?]
+        };
+        let bar = output.progress(0, "comparing");
+        let show = |done: u64, of: u64| {
+            bar.set_length(of);
+            bar.set_position(done);
+        };
+        let effort = self.voxels.unwrap_or_default();
+        let difference = compare_within(&left.field()?, &right.field()?, effort, &show)
+            .map_err(|e| e.at(b.path()).part(format!("grid '{in_b}'")))?;
+        // `same_values` is stricter than wanted where nodes differ and voxels do not.
+        let differs_beyond_f32 = match (&left.wide, &right.wide) {
+            (Some(a), Some(b)) if left.info.value_type == right.info.value_type => {
+                difference.within(0.0) && difference.topology_iou == 1.0 && !a.same_values(b)?
+            }
+            _ => false,
+        };
+        let name_in_b = (in_a != in_b).then(|| in_b.clone());
+        let agrees_after_turn = match difference.within(self.tolerance) {
+            true => None,
+            false => turn::turned(&left, &right, &difference, effort)?,
+        };
+        Ok(Compared { name: in_a.clone(), name_in_b, difference, agrees_after_turn, differs_beyond_f32 })
     }
 
     /// Pairs the names to compare, in the first and in the second file: equal ones, or the only one on each side.
@@ -175,12 +243,17 @@ fn load(file: &File, name: &str, budget: &mut Budget) -> Result<Loaded> {
 
 impl Loaded {
     fn field(&self) -> Result<Field<'_>> {
+        Ok(self.field_at(self.info.affine()?))
+    }
+
+    /// The volume as it lies by another transform.
+    fn field_at(&self, transform: Affine) -> Field<'_> {
         let mut background = [0.0; 3];
         background.iter_mut().zip(&self.info.background).for_each(|(to, from)| *to = *from as f32);
-        let mut field = Field::new(self.raw.components, background, self.info.affine()?, self.info.index_box);
+        let mut field = Field::new(self.raw.components, background, transform, self.info.index_box);
         self.raw.leaves.iter().for_each(|l| field.add_leaf(l.origin, &l.values, &l.active));
         self.raw.tiles.iter().for_each(|t| field.add_tile(t.origin, t.dim, t.value, t.active));
-        Ok(field)
+        field
     }
 }
 
@@ -204,6 +277,22 @@ impl fmt::Display for Report {
                 d.transform_difference,
                 d.voxels
             )?;
+            if let Some(Turned { second_up, degrees, rms, .. }) = &grid.agrees_after_turn {
+                let (second, first) = (second_up.name(), second_up.other().name());
+                writeln!(
+                    f,
+                    "  equal but for a turn of the second by {degrees} degrees about x (rms {rms:.4e} then): {first}-up against \
+                     {second}-up; cumulo convert --up {} turns it",
+                    first.to_ascii_lowercase()
+                )?;
+            }
+            if d.sampled {
+                writeln!(
+                    f,
+                    "  figures are of {} voxels, evenly spread: the transforms differ; --voxels all compares all of them",
+                    d.compared
+                )?;
+            }
             if grid.differs_beyond_f32 {
                 writeln!(f, "  equal as 32-bit floats only")?;
             }

@@ -1,0 +1,27 @@
+//! `cumulo completions`: scripts by which shells complete the program's commands and options.
+
+use super::output::Output;
+use crate::error::Result;
+use clap_complete::Shell;
+use std::process::ExitCode;
+
+/// Print the script by which a shell completes commands and options
+#[derive(Debug, clap::Args)]
+pub struct Completions {
+    /// Shell that will read the script
+    #[arg(value_enum)]
+    shell: Shell,
+}
+
+impl Completions {
+    /// Prints the script on standard output, with and without `--json`.
+    ///
+    /// # Errors
+    /// If standard output cannot be written to.
+    pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let mut script = Vec::new();
+        clap_complete::generate(self.shell, &mut super::command(), "cumulo", &mut script);
+        output.plain(&String::from_utf8_lossy(&script))?;
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,119 @@
+//! Sequences: every frame is converted as a file of its own.
+
+use super::Convert;
+use crate::cli::failed::{Failed, List};
+use crate::cli::frames::{FramesOption, Sequence, each, parted};
+use crate::cli::memory::Memory;
+use crate::cli::output::{Kept, Output};
+use crate::error::{Error, Result};
+use crate::formats::sequence::Pattern;
+use serde::Serialize;
+use std::ffi::OsStr;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Extensions of the files that are converted one by one. (Slices of other formats make up one volume.)
+const ENDINGS: [&str; 4] = ["vdb", "nvdb", "exr", "npy"];
+
+#[derive(Debug, Serialize)]
+struct Report {
+    #[serde(serialize_with = "crate::cli::paths::text")]
+    input: PathBuf,
+    #[serde(serialize_with = "crate::cli::paths::text")]
+    output: PathBuf,
+    /// Number of frames that were converted.
+    converted: usize,
+    /// Bytes of all files that were written.
+    bytes: u64,
+    frames: Vec<Frame>,
+    failed: Vec<Failed>,
+}
+
+/// A frame that was converted.
+#[derive(Debug, Serialize)]
+struct Frame {
+    frame: u32,
+    /// Report of the conversion of the frame's file.
+    report: Option<Kept>,
+    #[serde(skip)]
+    bytes: u64,
+}
+
+impl Convert {
+    /// Returns the sequence to be converted and the names of its results; none for a file.
+    ///
+    /// # Errors
+    /// If the output names no sequence, or the input is none.
+    pub(super) fn sequences(&self) -> Result<Option<(Sequence, Pattern)>> {
+        let ending = self.input.extension().and_then(OsStr::to_str).unwrap_or_default();
+        let of_files = ENDINGS.iter().any(|known| known.eq_ignore_ascii_case(ending)) || self.input.is_dir();
+        let Some(sequence) = self.frames.sequence(&self.input, &ENDINGS)?.filter(|_| of_files) else {
+            return self.frames.refuse(&self.input).map(|()| None);
+        };
+        let to = match Pattern::parse(&self.output) {
+            Some(pattern) => pattern,
+            None if self.output.is_dir() || self.output.extension().is_none() => sequence.pattern.moved(&self.output),
+            None => {
+                return Err(Error::invalid("a sequence becomes a sequence, and this is the name of one file")
+                    .at(&self.output)
+                    .hint("give a name with the number's place, in quotes, such as 'out.####.vdb', or a folder"));
+            }
+        };
+        Ok(Some((sequence, to)))
+    }
+
+    /// Converts the frames, several at a time. Exit code 2 if one failed.
+    ///
+    /// # Errors
+    /// If the results would replace the sequence itself, or their folder cannot be made.
+    pub(super) fn convert_frames(&self, sequence: &Sequence, to: &Pattern, output: &Output) -> Result<ExitCode> {
+        if let Some(number) = sequence.numbers.iter().find(|n| sequence.path(**n) == to.path(**n)) {
+            return Err(Error::invalid("the results would replace the sequence itself")
+                .at(to.path(*number))
+                .hint("inputs are never replaced: give other names, or another folder"));
+        }
+        make_folder(&to.path(0))?;
+        let work = |number: u32, limits| {
+            let (input, path) = (sequence.path(number), to.path(number));
+            let frames = FramesOption::default();
+            let one = Self { input, output: path.clone(), frames, memory: Memory::of(limits), ..self.clone() };
+            let (_, report) = output.keep(|silent| one.run(silent))?;
+            let bytes = std::fs::metadata(&path).map_or(0, |data| data.len());
+            Ok(Frame { frame: number, report, bytes })
+        };
+        let results = each(&sequence.numbers, "converting", self.memory.limits(), output, work)?;
+        let (done, failed) = parted(results);
+        let frames: Vec<Frame> = done.into_iter().map(|(_, frame)| frame).collect();
+        let code = if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(2) };
+        output.report(&Report {
+            input: sequence.pattern.name(),
+            output: to.name(),
+            converted: frames.len(),
+            bytes: frames.iter().map(|frame| frame.bytes).sum(),
+            frames,
+            failed,
+        })?;
+        Ok(code)
+    }
+}
+
+/// Makes the folder that a file is to lie in.
+fn make_folder(file: &Path) -> Result<()> {
+    match file.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.exists()) {
+        Some(folder) => std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, e)),
+        None => Ok(()),
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for Frame { report, .. } in &self.frames {
+            if let Some(report) = report {
+                writeln!(f, "{}", report.text)?;
+            }
+        }
+        let bytes = crate::cli::memory::human(self.bytes);
+        write!(f, "{}: {} frames, {bytes} in all{}", self.output.display(), self.converted, List(&self.failed))
+    }
+}

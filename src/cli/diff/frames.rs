@@ -1,0 +1,81 @@
+//! Two sequences of VDBs, frame by frame.
+
+use super::{Diff, Report};
+use crate::cli::failed::{Failed, List};
+use crate::cli::frames::{Sequence, common, each, parted};
+use crate::cli::output::Output;
+use crate::error::{Error, Result};
+use serde::Serialize;
+use std::fmt;
+use std::process::ExitCode;
+
+/// Report of two sequences.
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Sequences {
+    /// True if all frames are the same, and none failed or is in one sequence alone.
+    same: bool,
+    frames: Vec<Frame>,
+    /// Number of frames that differ.
+    different: usize,
+    /// Frames that only one of the sequences has.
+    left_out: Vec<u32>,
+    failed: Vec<Failed>,
+    /// Largest absolute difference of all frames and grids.
+    max_abs: f64,
+    /// Lowest PSNR of all frames and grids in dB; none if no frame has one.
+    psnr_db: Option<f64>,
+}
+
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+struct Frame {
+    frame: u32,
+    #[serde(flatten)]
+    report: Report,
+}
+
+impl Diff {
+    /// Compares frames of equal number, several at a time. Exit code 2 if one failed.
+    ///
+    /// # Errors
+    /// If the sequences have no frame in common.
+    pub(super) fn frames(&self, sequences: &[Sequence; 2], output: &Output) -> Result<ExitCode> {
+        let [a, b] = sequences;
+        let (both, left_out) = common(&[a, b]);
+        if both.is_empty() {
+            return Err(Error::invalid("the sequences have no frame in common")
+                .at(&self.a)
+                .hint("frames are matched by their numbers"));
+        }
+        let work = |number: u32, limits| {
+            let paths = [a.path(number), b.path(number)];
+            // The bar is that of the sequence.
+            Ok(output.keep(|silent| self.compared([&paths[0], &paths[1]], limits, silent))?.0)
+        };
+        let (done, failed) = parted(each(&both, "comparing", self.memory.limits(), output, work)?);
+        let grids = || done.iter().flat_map(|(_, report)| &report.grids).map(|grid| &grid.difference);
+        let max_abs = grids().fold(0.0_f64, |most, d| most.max(d.max_abs));
+        let psnr_db = grids().filter_map(|d| d.psnr_db).reduce(f64::min);
+        let frames: Vec<Frame> = done.into_iter().map(|(frame, report)| Frame { frame, report }).collect();
+        let different = frames.iter().filter(|frame| !frame.report.same).count();
+        let same = different == 0 && failed.is_empty() && left_out.is_empty();
+        let code = if failed.is_empty() { u8::from(!same) } else { 2 };
+        output.report(&Sequences { same, frames, different, left_out, failed, max_abs, psnr_db })?;
+        Ok(ExitCode::from(code))
+    }
+}
+
+impl fmt::Display for Sequences {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for Frame { frame, report } in &self.frames {
+            writeln!(f, "frame {frame}: {}", report.to_string().trim_end().replace('\n', "\n  "))?;
+        }
+        if !self.left_out.is_empty() {
+            let numbers: Vec<String> = self.left_out.iter().map(u32::to_string).collect();
+            writeln!(f, "in one of the sequences alone: frames {}", numbers.join(", "))?;
+        }
+        let psnr = self.psnr_db.map_or_else(|| "none".into(), |db| format!("{db:.2} dB"));
+        write!(f, "{} frames, {} different, ", self.frames.len(), self.different)?;
+        write!(f, "lowest psnr {psnr}, max abs {:.4e}{}", self.max_abs, List(&self.failed))?;
+        write!(f, "\n{}", if self.same { "same" } else { "different" })
+    }
+}

@@ -1,0 +1,122 @@
+//! JSON documents of `--json`: every one names the version of its layout and the command that wrote it.
+
+use crate::error::Error;
+use crate::text::printable_json;
+use schemars::{JsonSchema, Schema, schema_for};
+use serde::Serialize;
+use std::path::Path;
+use std::sync::OnceLock;
+
+/// Version of the layout of all documents. Keys are only added within a version; it rises when one is renamed, removed or
+/// changes its meaning.
+pub const VERSION: u32 = 1;
+
+/// Command whose documents are asked for; not set without `--json`.
+static COMMAND: OnceLock<String> = OnceLock::new();
+
+/// Has errors written as JSON on standard output from now on, as those of a command such as `reconstruct density`.
+pub fn begin(command: &str) {
+    let _ = COMMAND.set(command.to_owned());
+}
+
+/// A command's report with the keys that all of them share.
+#[derive(Debug, Serialize)]
+pub struct Document<'d, T> {
+    /// [`VERSION`].
+    pub version: u32,
+    /// Words of the command, such as `reconstruct density`.
+    pub command: &'d str,
+    /// Report of the command, whose keys stand beside the ones above.
+    #[serde(flatten)]
+    pub report: &'d T,
+}
+
+/// Report of a command that failed.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Failure<'d> {
+    /// Error that ended the command.
+    error: Fault<'d>,
+}
+
+#[derive(Debug, Serialize, JsonSchema)]
+struct Fault<'d> {
+    /// Description of the error.
+    what: &'d str,
+    /// File in which it happened.
+    file: Option<String>,
+    /// Grid, layer, frame or argument that it concerns.
+    part: Option<&'d str>,
+    /// Advice to the user.
+    #[serde(rename = "do")]
+    remedy: Option<&'d str>,
+}
+
+/// Document whose report is one of a command, or that of its failure.
+#[derive(JsonSchema)]
+#[allow(dead_code, reason = "it describes documents, and none is made of it")]
+struct Any<T> {
+    /// Version of the layout of all documents: keys are only added within a version.
+    version: u32,
+    /// Words of the command, such as `reconstruct density`.
+    command: String,
+    #[serde(flatten)]
+    report: Either<T>,
+}
+
+#[derive(JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "it describes documents, and none is made of it")]
+enum Either<T> {
+    Report(T),
+    Failure(Failure<'static>),
+}
+
+/// Returns the JSON schema of the documents of a command with such a report.
+pub fn schema<T: JsonSchema>() -> Schema {
+    schema_for!(Any<T>)
+}
+
+/// Writes an error as JSON on standard output, if `--json` is given.
+pub fn error(error: &Error) {
+    write(error.what(), error.path(), error.place(), error.remedy());
+}
+
+/// Writes what ended the program as JSON on standard output, if `--json` is given. The standard library's stream is
+/// avoided because another thread may hold its lock.
+pub fn write(what: &str, file: Option<&Path>, part: Option<&str>, remedy: Option<&str>) {
+    let Some(command) = COMMAND.get() else { return };
+    let file = file.map(|path| path.to_string_lossy().into_owned());
+    let report = Failure { error: Fault { what, file, part, remedy } };
+    if let Ok(json) = serde_json::to_string_pretty(&Document { version: VERSION, command, report: &report }) {
+        let text = format!("{}\n", printable_json(&json));
+        let mut rest = text.as_bytes();
+        while let Ok(written @ 1..) = rustix::io::write(rustix::stdio::stdout(), rest) {
+            rest = &rest[written..];
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    #[derive(Serialize)]
+    struct Report {
+        single: f32,
+        none: Option<u32>,
+        raw: Box<serde_json::value::RawValue>,
+    }
+
+    /// Keys keep their order and numbers their precision: a report is not taken apart on its way.
+    #[test]
+    fn reports_are_embedded_as_they_are() {
+        let raw = serde_json::value::RawValue::from_string("{\"b\":0.1,\"a\":1}".into()).unwrap();
+        let report = Report { single: 0.1, none: None, raw };
+        let text = serde_json::to_string(&Document { version: VERSION, command: "info", report: &report }).unwrap();
+        assert_eq!(
+            text,
+            "{\"version\":1,\"command\":\"info\",\"single\":0.1,\"none\":null,\"raw\":{\"b\":0.1,\"a\":1}}"
+        );
+    }
+}

@@ -1,0 +1,241 @@
+//! Sequences as arguments of commands: their frames, and a piece of work done for each of them on all threads.
+
+use super::failed::Failed;
+use super::output::Output;
+use crate::error::{Error, Kind, Result};
+use crate::formats::captures;
+use crate::formats::limits::Limits;
+use crate::formats::sequence::{Frames, Pattern};
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+
+/// `--frames` of the commands that take sequences.
+#[derive(Debug, Clone, Copy, Default, clap::Args)]
+pub(super) struct FramesOption {
+    /// Frames of sequences to work on: A, A-B or A-BxSTEP (default: those that the name tells, else all that are there)
+    #[arg(long, value_name = "A-B")]
+    frames: Option<Frames>,
+}
+
+/// Files of a sequence.
+#[derive(Debug, Clone)]
+pub(super) struct Sequence {
+    /// Names of the files.
+    pub pattern: Pattern,
+    /// Numbers of the frames to work on, in ascending order; not all of them need be there.
+    pub numbers: Vec<u32>,
+}
+
+impl Sequence {
+    /// Returns the path of a frame's file.
+    pub fn path(&self, number: u32) -> PathBuf {
+        self.pattern.path(number)
+    }
+
+    /// Returns the numbers between the first and the last frame whose files are not there.
+    pub fn missing(&self, wanted: Option<Frames>) -> Vec<u32> {
+        let whole = |numbers: &[u32]| match numbers {
+            [first, .., last] => (*first..=*last).collect(),
+            few => few.to_vec(),
+        };
+        let expected: Vec<u32> = match wanted.or(self.pattern.named()) {
+            Some(frames) => frames.numbers().collect(),
+            None => whole(&self.numbers),
+        };
+        expected.into_iter().filter(|number| !self.path(*number).exists()).collect()
+    }
+}
+
+impl FramesOption {
+    /// Returns the frames that were asked for.
+    pub fn wanted(self) -> Option<Frames> {
+        self.frames
+    }
+
+    /// Returns the sequences that a path names where captures are meant, too: the one of a pattern, or those of a folder
+    /// that is no capture, of files with one of `endings`. None for the path of a file or a capture.
+    ///
+    /// # Errors
+    /// If a pattern or a folder matches no file.
+    pub fn sequences(self, path: &Path, endings: &[&str]) -> Result<Vec<Sequence>> {
+        let capture = path.is_dir() && captures::file(path).exists();
+        if capture { Ok(Vec::new()) } else { self.all(path, endings) }
+    }
+
+    fn all(self, path: &Path, endings: &[&str]) -> Result<Vec<Sequence>> {
+        let patterns = match Pattern::parse(path) {
+            Some(pattern) => vec![pattern],
+            None if path.is_dir() => Pattern::in_folder(path, endings)?,
+            None => Vec::new(),
+        };
+        let sequence = |pattern: Pattern| {
+            let numbers = match self.frames {
+                Some(frames) => frames.numbers().collect(),
+                None => pattern.numbers()?,
+            };
+            Ok(Sequence { pattern, numbers })
+        };
+        patterns.into_iter().map(sequence).collect()
+    }
+
+    /// Returns the sequence that a path names; none for the path of a file.
+    ///
+    /// # Errors
+    /// If a pattern or a folder matches no file, or a folder holds several sequences.
+    pub fn sequence(self, path: &Path, endings: &[&str]) -> Result<Option<Sequence>> {
+        let mut all = self.all(path, endings)?;
+        if all.len() > 1 {
+            let names: Vec<String> = all.iter().map(|s| s.pattern.name().display().to_string()).collect();
+            return Err(Error::invalid(format!("the folder holds several sequences: {}", names.join(", ")))
+                .at(path)
+                .hint("name one of them, in quotes"));
+        }
+        Ok(all.pop())
+    }
+
+    /// Returns the sequences that two paths name; none for the paths of two files.
+    ///
+    /// # Errors
+    /// If only one of them is a sequence, or `--frames` is given with files.
+    pub fn pair(self, [a, b]: [&Path; 2], endings: &[&str]) -> Result<Option<[Sequence; 2]>> {
+        match (self.sequence(a, endings)?, self.sequence(b, endings)?) {
+            (Some(first), Some(second)) => Ok(Some([first, second])),
+            (None, None) => self.refuse(a).map(|()| None),
+            (first, _) => Err(Error::invalid("this is a file, and the other one is a sequence")
+                .at(if first.is_some() { b } else { a })
+                .hint("give two files, or two sequences such as 'a.####.vdb' and 'b.####.vdb'")),
+        }
+    }
+
+    /// Refuses `--frames` where no sequence is named.
+    ///
+    /// # Errors
+    /// If the option is given.
+    pub fn refuse(self, path: &Path) -> Result<()> {
+        match self.frames {
+            Some(_) => Err(Error::invalid("--frames: this names no sequence").at(path).hint(
+                "give a name with the number's place, in quotes, such as 'smoke.####.vdb', or leave --frames out",
+            )),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Returns the numbers that all sequences have, and those that only some have. A frame that was asked for and that none of them
+/// has counts among the first: its work fails, and names it.
+pub(super) fn common(sequences: &[&Sequence]) -> (Vec<u32>, Vec<u32>) {
+    let there = |s: &&&Sequence, number: &u32| s.numbers.binary_search(number).is_ok() && s.path(*number).exists();
+    let mut union: Vec<u32> = sequences.iter().flat_map(|s| s.numbers.iter().copied()).collect();
+    union.sort_unstable();
+    union.dedup();
+    union.into_iter().partition(|number| {
+        let count = sequences.iter().filter(|s| there(s, number)).count();
+        count == sequences.len() || count == 0
+    })
+}
+
+/// Result of each frame, in ascending order.
+pub(super) type Results<T> = Vec<(u32, Result<T>)>;
+
+/// Does a piece of work for each frame, several at a time, and shows one bar for all. A frame that fails does not stop the
+/// others. Frames that are worked on at the same time share the memory; one for which its share is too small is done again
+/// alone.
+///
+/// # Errors
+/// If the work is stopped by the user.
+pub(super) fn each<T: Send>(
+    numbers: &[u32],
+    what: &'static str,
+    limits: Limits,
+    output: &Output,
+    work: impl Fn(u32, Limits) -> Result<T> + Sync,
+) -> Result<Results<T>> {
+    let bar = output.progress(numbers.len() as u64, what);
+    let at_once = rayon::current_num_threads().min(numbers.len()).max(1) as u64;
+    let share = Limits { max_memory: limits.max_memory / at_once };
+    let first = |number: &u32| {
+        let result = work(*number, share);
+        if !too_large(&result, at_once) {
+            bar.inc(1);
+        }
+        (*number, result)
+    };
+    let mut results: Results<T> = numbers.par_iter().with_max_len(1).map(first).collect();
+    for (number, result) in &mut results {
+        if too_large(result, at_once) {
+            *result = work(*number, limits);
+            bar.inc(1);
+        }
+    }
+    let stopped = |(_, result): &(u32, Result<T>)| matches!(result, Err(e) if e.kind() == Kind::Cancelled);
+    if results.iter().any(stopped) { Err(Error::cancelled()) } else { Ok(results) }
+}
+
+/// Parts the results into those that are there and the frames that failed.
+pub(super) fn parted<T>(results: Results<T>) -> (Vec<(u32, T)>, Vec<Failed>) {
+    let (mut done, mut failed) = (Vec::new(), Vec::new());
+    for (number, result) in results {
+        match result {
+            Ok(value) => done.push((number, value)),
+            Err(error) => failed.push(Failed::new(number, &error)),
+        }
+    }
+    (done, failed)
+}
+
+/// True if a frame may have failed for want of memory that others held: readers refuse what exceeds their limits as
+/// unsupported.
+fn too_large<T>(result: &Result<T>, at_once: u64) -> bool {
+    at_once > 1 && result.as_ref().is_err_and(|error| error.kind() == Kind::Unsupported)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    fn files(names: &[&str]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        names.iter().for_each(|name| std::fs::write(folder.path().join(name), "").unwrap());
+        folder
+    }
+
+    #[test]
+    fn a_folder_or_a_pattern_is_a_sequence_and_a_file_is_none() {
+        let folder = files(&["s.0001.vdb", "s.0002.vdb", "s.0004.vdb", "t.vdb"]);
+        let option = FramesOption::default();
+        let of = |path: &Path| option.sequence(path, &["vdb"]).unwrap().map(|s| (s.numbers.clone(), s.missing(None)));
+        assert_eq!(of(folder.path()), Some((vec![1, 2, 4], vec![3])));
+        assert_eq!(of(&folder.path().join("s.####.vdb")), Some((vec![1, 2, 4], vec![3])));
+        assert_eq!(of(&folder.path().join("s.0001-0005.vdb")), Some((vec![1, 2, 3, 4, 5], vec![3, 5])));
+        assert_eq!(of(&folder.path().join("t.vdb")), None);
+        let frames = FramesOption { frames: Some("2-6x2".parse().unwrap()) };
+        let chosen = frames.sequence(folder.path(), &["vdb"]).unwrap().unwrap();
+        assert_eq!((chosen.numbers.clone(), chosen.missing(frames.wanted())), (vec![2, 4, 6], vec![6]));
+        assert!(frames.refuse(folder.path()).is_err() && option.refuse(folder.path()).is_ok());
+        std::fs::write(folder.path().join("u.1.vdb"), "").unwrap();
+        std::fs::write(folder.path().join("u.2.vdb"), "").unwrap();
+        assert!(option.sequence(folder.path(), &["vdb"]).unwrap_err().to_string().contains("u.#.vdb"));
+    }
+
+    #[test]
+    fn a_frame_that_fails_stops_no_other_and_one_that_is_too_large_is_done_alone() {
+        let global = crate::cli::Global { json: false, threads: None, quiet: true, verbose: false };
+        let output = Output::new(&global, "test");
+        let limits = Limits { max_memory: 1000 };
+        let numbers: Vec<u32> = (1..=20).collect();
+        let results = each(&numbers, "test", limits, &output, |number, limits| match number {
+            3 => Err(Error::invalid("bad")),
+            // More than the share of one of two or more.
+            7 if limits.max_memory < 600 => Err(Error::unsupported("too large")),
+            9 => Err(Error::unsupported("never")),
+            _ => Ok(number * 2),
+        });
+        let (done, failed) = parted(results.unwrap());
+        assert_eq!(failed.iter().map(|f| f.frame).collect::<Vec<_>>(), [3, 9]);
+        let expected: Vec<(u32, u32)> = numbers.iter().filter(|n| ![3, 9].contains(*n)).map(|n| (*n, n * 2)).collect();
+        assert_eq!(done, expected);
+        let stopped = each(&numbers, "test", limits, &output, |_, _| Err::<(), _>(Error::cancelled()));
+        assert_eq!(stopped.unwrap_err().kind(), Kind::Cancelled);
+    }
+}

@@ -1,0 +1,179 @@
+//! Headings of options in `--help`, by the option's name.
+
+const OUTPUT: &str = "Output";
+const FRAMES: &str = "Frames";
+const CAMERAS: &str = "Cameras and pictures";
+const MEDIUM: &str = "Medium and light";
+const GRIDS: &str = "Grids and layers";
+const ACCURACY: &str = "Accuracy and cost";
+const SOLVER: &str = "Solver";
+const TRANSFER: &str = "Transfer function";
+const COMPARISON: &str = "Comparison";
+const GENERAL: &str = "General";
+
+/// Options under each heading, by their identifiers.
+const TABLE: [(&str, &[&str]); 10] = [
+    (OUTPUT, &["output", "overwrite", "resume", "report", "heatmap", "fix", "to", "half", "codec", "aov"]),
+    (FRAMES, &["frames", "frame", "fps", "velocity", "motion", "cuts", "chunk", "overlap", "direction"]),
+    (
+        CAMERAS,
+        &[
+            "views",
+            "layout",
+            "size",
+            "fov",
+            "crop",
+            "cameras",
+            "camera",
+            "camera_path",
+            "pictures",
+            "target",
+            "color_space",
+            "masked",
+            "scale",
+            "offset",
+            "recenter",
+            "solve_focal",
+        ],
+    ),
+    (
+        MEDIUM,
+        &[
+            "model",
+            "density_scale",
+            "background",
+            "emission",
+            "emission_model",
+            "albedo",
+            "anisotropy",
+            "gradient_shading",
+            "extinction_color",
+            "sun",
+            "sun_color",
+            "sun_angle",
+            "sky",
+            "renderer",
+        ],
+    ),
+    (
+        GRIDS,
+        &[
+            "grid",
+            "layer",
+            "layers",
+            "rename",
+            "resample",
+            "prune",
+            "repair",
+            "voxel_size",
+            "origin",
+            "transform",
+            "density",
+            "up_axis",
+            "meters_per_unit",
+        ],
+    ),
+    (
+        ACCURACY,
+        &[
+            "quadrature",
+            "early_stop",
+            "supersample",
+            "samples",
+            "seed",
+            "max_bounces",
+            "clamp",
+            "max_omitted",
+            "force",
+            "resolution",
+            "bounds",
+            "largest",
+            "voxels",
+        ],
+    ),
+    (
+        SOLVER,
+        &[
+            "solver",
+            "held_out",
+            "iterations",
+            "smoothing",
+            "smooth",
+            "prior",
+            "loss",
+            "init",
+            "rays",
+            "texels",
+            "domain",
+            "starts",
+            "wrt",
+            "huber_delta",
+            "transmittance_floor",
+            "mode",
+            "adjoint",
+            "volume",
+            "method",
+            "guide",
+            "alpha",
+            "confidence",
+            "history",
+            "bandwidth",
+            "forgetting",
+            "spread",
+            "likeness",
+        ],
+    ),
+    (
+        TRANSFER,
+        &[
+            "tf",
+            "tf_preset",
+            "tf_range",
+            "tf_unit_distance",
+            "tf_extinction",
+            "preset",
+            "range",
+            "unit_distance",
+            "extinction",
+        ],
+    ),
+    (
+        COMPARISON,
+        &[
+            "tolerance",
+            "reference",
+            "beside",
+            "display",
+            "flip",
+            "statistical",
+            "repeat_a",
+            "repeat_b",
+            "noiseless",
+            "variance_layer",
+            "false_alarm",
+            "tile",
+            "check",
+            "all",
+        ],
+    ),
+    (GENERAL, &["json", "threads", "quiet", "verbose", "max_memory"]),
+];
+
+/// Returns the heading of an option; `None` leaves it among the options without one.
+pub(super) fn of(id: &str) -> Option<&'static str> {
+    TABLE.iter().find(|(_, ids)| ids.contains(&id)).map(|(heading, _)| *heading)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_option_has_one_heading() {
+        let all: Vec<&str> = TABLE.iter().flat_map(|(_, ids)| ids.iter().copied()).collect();
+        for id in &all {
+            assert_eq!(all.iter().filter(|other| *other == id).count(), 1, "{id}");
+        }
+        assert_eq!((of("density_scale"), of("nonsense")), (Some(MEDIUM), None));
+    }
+}

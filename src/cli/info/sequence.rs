@@ -1,0 +1,106 @@
+//! Sequences of files: what each frame holds, in a line.
+
+use super::{Content, Described, Failure, Info, content};
+use crate::cli::frames::{Sequence, each};
+use crate::cli::output::Output;
+use crate::error::{Error, Result};
+use crate::text::printable;
+use serde::Serialize;
+use std::fmt;
+use std::path::PathBuf;
+
+/// Extensions of the files that a folder's sequences consist of.
+pub(super) const ENDINGS: [&str; 6] = ["vdb", "nvdb", "exr", "usd", "usda", "usdc"];
+
+/// Summary of a sequence.
+#[derive(Debug, Serialize)]
+pub(super) struct Summary {
+    /// Path with the number's digits written as `#`.
+    #[serde(serialize_with = "crate::cli::paths::text")]
+    pattern: PathBuf,
+    /// Number of frames that were read.
+    frames: usize,
+    first: Option<u32>,
+    last: Option<u32>,
+    /// Numbers between the first and the last whose files are not there.
+    missing: Vec<u32>,
+    /// Numbers of the frames that could not be read.
+    failed: Vec<u32>,
+    /// A line for each frame, as the text shows it.
+    #[serde(skip)]
+    lines: Vec<(u32, String)>,
+}
+
+impl Info {
+    /// Describes the frames of a sequence.
+    ///
+    /// # Errors
+    /// If no frame is there.
+    pub(super) fn sequence(&self, sequence: &Sequence, output: &Output) -> Result<(Summary, Vec<Described>)> {
+        let missing = sequence.missing(self.frames.wanted());
+        let there: Vec<u32> = sequence.numbers.iter().copied().filter(|n| !missing.contains(n)).collect();
+        if there.is_empty() {
+            return Err(Error::invalid("none of the frames is there")
+                .at(sequence.pattern.name())
+                .hint("check the numbers, or leave --frames out to read all that are there"));
+        }
+        let results =
+            each(&there, "reading", self.memory.limits(), output, |n, limits| content(&sequence.path(n), limits))?;
+        let mut summary = Summary {
+            pattern: sequence.pattern.name(),
+            frames: 0,
+            first: there.first().copied(),
+            last: there.last().copied(),
+            missing,
+            failed: Vec::new(),
+            lines: Vec::new(),
+        };
+        let mut files = Vec::new();
+        for (number, result) in results {
+            let (content, error) = match result {
+                Ok(content) => (Some(content), None),
+                Err(error) => (None, Some(Failure::new(&error))),
+            };
+            match &content {
+                Some(content) => summary.lines.push((number, line(content))),
+                None => summary.failed.push(number),
+            }
+            files.push(Described { path: sequence.path(number), frame: Some(number), content, error });
+        }
+        summary.frames = summary.lines.len();
+        Ok((summary, files))
+    }
+}
+
+/// Returns what a file holds, in a line.
+fn line(content: &Content) -> String {
+    match content {
+        Content::Vdb(volume) => volume.line(),
+        Content::Exr(picture) => {
+            let [width, height] = picture.display_window.size;
+            let layers: usize = picture.parts.iter().map(|part| part.layers.len()).sum();
+            format!("{width} x {height} pixels, {layers} layers")
+        }
+        Content::Capture(capture) => capture.to_string().lines().next().unwrap_or_default().to_owned(),
+        Content::Usd(stage) => stage.to_string().lines().next().unwrap_or_default().to_owned(),
+    }
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = self.pattern.to_string_lossy();
+        write!(f, "{}: {} frames", printable(&name), self.frames)?;
+        if let (Some(first), Some(last)) = (self.first, self.last) {
+            write!(f, ", {first} to {last}")?;
+        }
+        writeln!(f)?;
+        self.lines.iter().try_for_each(|(number, line)| writeln!(f, "  {number:>6}  {line}"))?;
+        for (numbers, what) in [(&self.missing, "missing"), (&self.failed, "could not be read")] {
+            if !numbers.is_empty() {
+                let list: Vec<String> = numbers.iter().map(u32::to_string).collect();
+                writeln!(f, "  {what}: {}", list.join(", "))?;
+            }
+        }
+        Ok(())
+    }
+}

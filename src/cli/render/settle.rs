@@ -1,0 +1,131 @@
+//! What must not change from frame to frame: cameras that are placed around a volume, the density scale of
+//! `--density-scale auto`, and the effects that a plan keeps. They are taken once for a sequence, since each frame's own would
+//! flicker.
+
+use super::options::PictureOptions;
+use super::stage::SIZE;
+use super::subject::Subject;
+use crate::cli::parse::DensityScale;
+use crate::cli::provenance::Provenance;
+use crate::error::Result;
+use crate::formats::Format;
+use crate::formats::sequence::Pattern;
+use crate::formats::{sniff, transforms};
+use crate::plan::{Effect, State};
+use crate::scene::camera::Camera;
+use crate::scene::capture::Capture;
+use crate::scene::orbit;
+use glam::DVec3;
+use std::path::Path;
+
+/// Number of frames that are looked at.
+const FRAMES: usize = 5;
+
+/// Values for all frames of a sequence; those that need not be settled are none.
+#[derive(Debug, Default)]
+pub(super) struct Settled {
+    /// Camera at rest, cropped.
+    pub camera: Option<Camera>,
+    /// Extinction per unit of density.
+    pub density_scale: Option<f64>,
+    /// Effects that no frame leaves out.
+    pub kept: Vec<Effect>,
+    /// Frames that were looked at.
+    pub frames: Vec<u32>,
+}
+
+impl PictureOptions {
+    /// Settles what holds for all frames, from frames spread over the whole sequence, whichever of them are rendered now: parts
+    /// that are rendered apart fit together. The scale is the smallest of theirs, so that the densest is not black; the camera
+    /// sees all of them. A frame that cannot be read is not looked at, as it will fail by itself.
+    ///
+    /// # Errors
+    /// If the part of a picture that is rendered does not lie in it.
+    pub(super) fn settle(
+        &self,
+        pattern: Option<&Pattern>,
+        numbers: &[u32],
+        template: Option<&Capture>,
+        placed: bool,
+    ) -> Result<Settled> {
+        let mut settled = Settled::default();
+        let auto = self.density_scale == Some(DensityScale::Auto);
+        let plans = self.planning.max_omitted > 0.0;
+        let moves = pattern.is_some() || sniff(&self.input).is_ok_and(|format| format == Format::Capture);
+        if !moves || !(auto || placed || plans) {
+            return Ok(settled);
+        }
+        let all = pattern.and_then(|pattern| pattern.numbers().ok()).unwrap_or_else(|| numbers.to_vec());
+        let mut outline = Vec::new();
+        for number in spread(&all) {
+            let _ = self.look(pattern, number, template, &mut settled, &mut outline);
+        }
+        if placed && !outline.is_empty() {
+            let [width, height] = self.size.unwrap_or(SIZE);
+            let camera = orbit::cameras(&outline, 1, self.layout, width, height, self.fov).into_iter().next();
+            settled.camera = camera.map(|camera| self.cropped(camera)).transpose()?;
+        }
+        settled.density_scale = settled.density_scale.filter(|_| auto);
+        Ok(settled)
+    }
+
+    /// Looks at a frame.
+    fn look(
+        &self,
+        pattern: Option<&Pattern>,
+        number: u32,
+        template: Option<&Capture>,
+        settled: &mut Settled,
+        outline: &mut Vec<DVec3>,
+    ) -> Result<()> {
+        let mut pictures = self.clone();
+        pictures.frame = Some(number);
+        if let Some(pattern) = pattern {
+            pictures.input = pattern.path(number);
+        }
+        let limits = pictures.memory.limits();
+        let (subject, transfer) = pictures.subject(template, limits, &mut Provenance::begin())?;
+        outline.extend(subject.outline());
+        if subject.is_scene() {
+            return Ok(());
+        }
+        let capture = pictures.capture(Path::new(""), &subject, transfer, template)?;
+        let scale = capture.density_scale;
+        settled.density_scale = Some(settled.density_scale.map_or(scale, |least| least.min(scale)));
+        if self.planning.max_omitted > 0.0 && matches!(subject, Subject::Grids(_)) {
+            let plan = pictures.plan(&pictures.scene(&capture, subject)?, false)?;
+            let kept = plan.effects.iter().filter(|planned| planned.state != State::Off).map(|planned| planned.name);
+            // Only what could be left out can be kept by force.
+            settled.kept.extend(kept.filter(|effect| effect.to_string().parse::<Effect>().is_ok()));
+        }
+        settled.frames.push(number);
+        Ok(())
+    }
+}
+
+/// Returns numbers spread evenly over a sequence, the first and the last among them.
+fn spread(numbers: &[u32]) -> Vec<u32> {
+    let count = numbers.len().min(FRAMES);
+    let last = numbers.len().saturating_sub(1);
+    (0..count).filter_map(|k| numbers.get(k * last / count.saturating_sub(1).max(1)).copied()).collect()
+}
+
+/// Returns what the capture of an earlier run settled, which the rest of its frames must share.
+pub(super) fn earlier(json: &Path) -> Option<Settled> {
+    let capture = transforms::load(json).ok()?;
+    let camera = capture.frames.first().map(|frame| frame.camera);
+    Some(Settled { camera, density_scale: Some(capture.density_scale), ..Settled::default() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_spread_over_the_sequence() {
+        assert_eq!(spread(&[]), []);
+        assert_eq!(spread(&[7]), [7]);
+        assert_eq!(spread(&[1, 2, 3]), [1, 2, 3]);
+        assert_eq!(spread(&(1..=101).collect::<Vec<_>>()), [1, 26, 51, 76, 101]);
+    }
+}

@@ -1,0 +1,80 @@
+//! The up axis that a command works with: that of `--up`, or what the input says.
+
+use crate::error::Result;
+use crate::formats::limits::Limits;
+use crate::formats::usd::Stage;
+use crate::formats::vdb::File;
+use crate::formats::{self, Format};
+use crate::scene::up::Up;
+use serde::Serialize;
+use std::fmt;
+use std::path::Path;
+
+/// Choice of the up axis on the command line.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum UpChoice {
+    /// Axis that the VDB's metadata (Houdini and Maya: y, Blender: z) or the stage's upAxis state, else z
+    #[default]
+    Auto,
+    /// +Y, as in Houdini and Maya
+    Y,
+    /// +Z, as in Blender
+    Z,
+}
+
+/// Up axis with the reason for it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ChosenUp {
+    /// Axis that points upwards.
+    pub axis: Up,
+    /// Reason for the axis, in words.
+    pub reason: String,
+}
+
+impl UpChoice {
+    /// Returns the axis that an option states; none for `auto`.
+    pub fn stated(self) -> Option<Up> {
+        match self {
+            Self::Auto => None,
+            Self::Y => Some(Up::Y),
+            Self::Z => Some(Up::Z),
+        }
+    }
+
+    /// Returns the axis of an input: that of the option, else what the metadata of a VDB or the stage say, else Z.
+    ///
+    /// # Errors
+    /// If the input has to be asked and cannot be read.
+    pub fn of(self, input: &Path, limits: Limits) -> Result<ChosenUp> {
+        if let Some(axis) = self.stated() {
+            return Ok(ChosenUp { axis, reason: "--up says so".into() });
+        }
+        match formats::sniff(input)? {
+            Format::Vdb => Ok(of_file(&File::open(input, limits)?)),
+            Format::Usd => {
+                let stage = Stage::open(input, limits)?;
+                let reason = match stage.metadata.up_axis {
+                    Some(_) => "the stage's upAxis says so",
+                    None => "the stage states no upAxis, which means Y",
+                };
+                Ok(ChosenUp { axis: stage.up_axis().into(), reason: reason.into() })
+            }
+            _ => Ok(unstated()),
+        }
+    }
+}
+
+/// Returns the axis that the metadata of a VDB say, else Z.
+pub fn of_file(file: &File) -> ChosenUp {
+    file.up().map_or_else(unstated, |stated| ChosenUp { axis: stated.up, reason: stated.reason.clone() })
+}
+
+fn unstated() -> ChosenUp {
+    ChosenUp { axis: Up::Z, reason: "nothing in the input states it".into() }
+}
+
+impl fmt::Display for ChosenUp {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "up axis {}: {}", self.axis.name(), self.reason)
+    }
+}

@@ -1,0 +1,46 @@
+//! Faults of a capture, and contradictions between what it states and what its pictures show.
+
+use super::findings::Findings;
+use crate::cli::photos;
+use crate::error::{Kind, Result};
+use crate::formats::captures;
+use crate::formats::limits::Limits;
+use crate::optimise::plausibility::{self, Warning};
+use crate::scene::capture::Model;
+use std::path::Path;
+
+/// Checks a capture and its pictures. What every reconstruction checks before its work is checked too: the background against
+/// the border, alpha against transmittance, and whether the pixels are scene-linear.
+///
+/// # Errors
+/// If the operating system keeps the capture's file from being read.
+pub(super) fn check(path: &Path, limits: Limits, findings: &mut Findings) -> Result<()> {
+    findings.extend(captures::problems_within(path, limits)?);
+    // Captures whose pictures cannot be read have problems already, and distorted views become pixels of a camera first.
+    let Some(capture) = captures::load_within(path, limits).ok().filter(|_| findings.valid()) else { return Ok(()) };
+    if capture.model == Model::Scattering {
+        findings.warning(Warning::new(
+            "the pictures show a medium that scatters light, which no reconstruction explains",
+            "nothing needs to be done if they are only looked at; to reconstruct, render the medium without scattering",
+        ));
+    }
+    match photos::read(&capture, None, limits, &|| {}) {
+        Ok(photos) => {
+            for finding in plausibility::pictures(&photos, &capture) {
+                let certain = finding.certain;
+                for warning in plausibility::warnings(vec![finding]) {
+                    if certain { findings.contradiction(warning) } else { findings.warning(warning) }
+                }
+            }
+        }
+        Err(error) if error.kind() == Kind::Unsupported => {
+            findings.note(
+                None,
+                format!("its pixels were not compared: {}", error.what()),
+                error.remedy().unwrap_or("-"),
+            );
+        }
+        Err(error) => findings.refusal(error)?,
+    }
+    Ok(())
+}
