@@ -77,8 +77,8 @@ pub struct Convert {
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
     #[command(flatten)]
-    #[command(flatten)]
     edits: edits::Edits,
+    #[command(flatten)]
     values: images::ValueOptions,
     #[command(flatten)]
     images: images::Options,
