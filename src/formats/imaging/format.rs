@@ -75,7 +75,7 @@ impl Format {
 
     /// True if such a file may hold several named arrays.
     pub fn has_arrays(self) -> bool {
-        matches!(self, Self::Npz | Self::Tiff | Self::VtkXml | Self::VtkLegacy)
+        matches!(self, Self::Npz | Self::Tiff | Self::VtkXml | Self::VtkLegacy | Self::Cvol)
     }
 }
 
