@@ -30,6 +30,7 @@ pub mod try_grid;
 pub mod usd;
 pub mod validate;
 mod values;
+pub mod view;
 pub mod viewpoint;
 pub mod volume;
 
@@ -90,6 +91,7 @@ enum Command {
     TryGrid(try_grid::TryGrid),
     #[command(subcommand)]
     Usd(usd::UsdCommand),
+    View(view::View),
     Viewpoint(viewpoint::Viewpoint),
 }
 
@@ -115,6 +117,7 @@ impl Command {
             Self::Transfer(c) => c.memory,
             Self::TryGrid(c) => return c.max_memory,
             Self::Usd(c) => c.memory(),
+            Self::View(c) => c.memory,
             Self::Viewpoint(c) => c.memory,
         };
         memory.limits().max_memory
@@ -186,6 +189,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Command::Transfer(c) => c.run(&output),
         Command::TryGrid(c) => Ok(c.run()),
         Command::Usd(c) => c.run(&output),
+        Command::View(c) => c.run(&output),
         Command::Viewpoint(c) => c.run(&output),
     }
 }

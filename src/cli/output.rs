@@ -25,6 +25,11 @@ impl Output {
         Self { json: global.json, quiet: global.quiet }
     }
 
+    /// True if reports are printed as JSON.
+    pub fn is_json(&self) -> bool {
+        self.json
+    }
+
     /// Prints a report: its `Display` form for people, or JSON.
     ///
     /// # Errors

@@ -6,12 +6,14 @@
 mod number;
 mod picture;
 mod plot;
+pub mod sheet;
 mod slices;
 mod sphere;
 mod stages;
 mod strip;
 mod views;
 
+pub use number::short;
 pub use plot::{Plot, Series};
 pub use sphere::{SphereMap, Walk};
 pub use strip::StripFrame;

@@ -25,7 +25,7 @@ pub const ALL: [Writing; 13] = [
     writing("render", "render @cube.vdb --views 3 --size 8x8 --overwrite -o out/shots", false),
     writing(
         "viewpoint",
-        "viewpoint @cube.vdb --starts 2 --iterations 1 --size 16x16 --overwrite -o out/best.json --report out/page",
+        "viewpoint @cube.vdb --starts 2 --iterations 1 --size 16x16 --overwrite --pictures out/best -o out/best.json --report out/page",
         true,
     ),
     writing("pose", "pose in/cap --volume @cube.vdb --iterations 1 -o out/cameras.json --report out/page", true),

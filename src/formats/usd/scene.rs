@@ -117,7 +117,7 @@ impl Reader<'_> {
         if let (Some(asset), Some(file)) = (&transfer, &stated) {
             record(asset, file, scene);
         }
-        scene.files.extend(entry.transfer.clone());
+        scene.files.extend(entry.transfer.as_deref().and_then(transfer::file).map(Path::to_path_buf));
         let tf = stated.or_else(|| entry.transfer.clone());
         let transfer = tf.as_deref().map(|file| self.transfer(file)).transpose()?;
         let optics = scene_file::medium(&entry, transfer.as_ref()).map_err(blame)?;
