@@ -21,6 +21,7 @@ const PAGES: &[&str] = &[
     "src/guide/getting-started.md",
     "src/guide/gradients.md",
     "src/guide/library.md",
+    "src/guide/looking.md",
     "src/guide/reconstruction.md",
     "src/guide/scattering.md",
     "src/guide/planning.md",
@@ -209,6 +210,11 @@ fn gradients() {
 #[test]
 fn library() {
     assert_eq!(run("src/guide/library.md"), 0);
+}
+
+#[test]
+fn looking() {
+    assert!(run("src/guide/looking.md") >= 16);
 }
 
 #[test]

@@ -150,8 +150,9 @@ fn threads_change_nothing() {
     write(&work, "a.vdb", &bars());
     let run = |n: u32| {
         std::fs::create_dir(work.path(&n.to_string())).unwrap();
-        let report =
-            work.json(&format!("viewpoint a.vdb --starts 5 --size 130x140 --samples 7 --threads {n} -o {n}/b.json --pictures {n}"));
+        let report = work.json(&format!(
+            "viewpoint a.vdb --starts 5 --size 130x140 --samples 7 --threads {n} -o {n}/b.json --pictures {n}"
+        ));
         let text = std::fs::read_to_string(work.path(&format!("{n}/b.json"))).unwrap();
         let frames = serde_json::from_str::<Value>(&text).unwrap()["frames"].clone();
         let picture = work.picture(&format!("{n}/view_000.exr"));
@@ -166,7 +167,10 @@ fn a_transfer_function_decides_what_shows() {
     let work = Work::new();
     write(&work, "a.vdb", &lumpy());
     transfer_function(&work, "thin.tf.json", &[[0.1, 0.0], [0.12, 2.0], [0.14, 0.0]]);
-    let out = work.command("viewpoint a.vdb --tf thin.tf.json --size 64x64 -o b.json --pictures seen --json").output().unwrap();
+    let out = work
+        .command("viewpoint a.vdb --tf thin.tf.json --size 64x64 -o b.json --pictures seen --json")
+        .output()
+        .unwrap();
     assert!(out.status.success(), "{}", errors(&out));
     let capture = transforms::load(&work.path("b.json")).unwrap();
     assert!(capture.transfer.is_some() && capture.background == [0.0; 3]);
@@ -236,7 +240,8 @@ fn the_page_shows_the_paths() {
 fn an_interrupt_writes_what_is_there() {
     let work = Work::new();
     write(&work, "a.vdb", &bars());
-    let child = work.start("viewpoint a.vdb --size 64x64 --samples 1000000 --report page -o b.json --pictures p --json");
+    let child =
+        work.start("viewpoint a.vdb --size 64x64 --samples 1000000 --report page -o b.json --pictures p --json");
     until("the work begins", || work.path("page").exists());
     let out = interrupt(child);
     assert_eq!(out.status.code(), Some(1), "{}", errors(&out));

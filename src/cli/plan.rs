@@ -96,7 +96,7 @@ impl PlanCommand {
         subject.remarks().iter().for_each(|remark| output.note(format!("remark: {remark}")));
         let paths = pictures.scattering.on() || subject.is_scene();
         pictures.scattering.check(paths)?;
-        let capture = pictures.capture(PathBuf::from, &subject, transfer, template.as_ref())?;
+        let capture = pictures.capture(|name| PathBuf::from(name), &subject, transfer, template.as_ref())?;
         let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
         let mut plan = pictures.plan(&scene, false)?;
         let scene = plan.simplify(scene)?;

@@ -104,7 +104,10 @@ impl fmt::Display for List {
             writeln!(f, "{name:15} {range:18} {colors}")?;
             writeln!(f, "{:15} {opacity}\n{:15} {source}", "", "")?;
         }
-        writeln!(f, "--tf-range LOW,HIGH moves a range; opacities are for a layer of one world unit (--tf-unit-distance)")
+        writeln!(
+            f,
+            "--tf-range LOW,HIGH moves a range; opacities are for a layer of one world unit (--tf-unit-distance)"
+        )
     }
 }
 

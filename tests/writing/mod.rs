@@ -20,7 +20,8 @@ const fn writing(name: &'static str, words: &'static str, resumes: bool) -> Writ
     Writing { name, words, resumes }
 }
 
-pub const ALL: [Writing; 13] = [
+pub const ALL: [Writing; 14] = [
+    writing("view", "view @cube.vdb --size 32 -o out/sheet.png", false),
     writing("convert", "convert @cube.vdb out/a.vdb", false),
     writing("render", "render @cube.vdb --views 3 --size 8x8 --overwrite -o out/shots", false),
     writing(

@@ -30,9 +30,8 @@ impl PictureOptions {
         let density_scale = self.scale(subject, transfer.as_ref(), template, &cameras)?;
         let model = self.model_of(subject, transfer.is_some(), template)?;
         let scatters = model == Model::Scattering;
-        let frame = |i: usize| {
-            Ok(Frame { camera: self.cropped(cameras[i])?, picture: picture(&format!("view_{i:03}.exr")) })
-        };
+        let frame =
+            |i: usize| Ok(Frame { camera: self.cropped(cameras[i])?, picture: picture(&format!("view_{i:03}.exr")) });
         let frames = self.chosen(cameras.len())?.into_iter().map(frame).collect::<Result<Vec<_>>>()?;
         let template = template.filter(|_| !scatters);
         // The other model's background would be a surprise: white light behind a bright source.

@@ -304,7 +304,8 @@ impl Sequence<'_> {
                 .hint("add \"velocity\": {\"grid\": \"vel\"} to a volume of it"));
         }
         let paths = pictures.scattering.on() || subject.is_scene();
-        let mut capture = pictures.capture(|name| self.target.picture(name), &subject, transfer, self.template.as_ref())?;
+        let mut capture =
+            pictures.capture(|name| self.target.picture(name), &subject, transfer, self.template.as_ref())?;
         self.pictures.density_scale = Some(DensityScale::Given(capture.density_scale)).filter(|_| !subject.is_scene());
         if self.cameras.is_empty() {
             self.cameras = capture.frames.iter().map(|frame| [frame.camera; 3]).collect();

@@ -12,7 +12,7 @@ use crate::scene::camera::{Camera, Projection};
 use crate::scene::capture::{Capture, Frame};
 use crate::scene::color_space::ColorSpace;
 use crate::scene::film::Film;
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -151,6 +151,7 @@ fn target(stands: &[Stand]) -> Option<DVec3> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec2;
 
     #[test]
     fn lines_of_sight_meet_where_cameras_look() {

@@ -80,7 +80,8 @@ fn arranged(
     resolution: [usize; 2],
     mut lines: Vec<String>,
 ) -> (Sheet, Content) {
-    let whites = || planes.iter().filter_map(|p| if let Kind::Colors { white } = p.kind { Some((p, white)) } else { None });
+    let whites =
+        || planes.iter().filter_map(|p| if let Kind::Colors { white } = p.kind { Some((p, white)) } else { None });
     let beauty = whites().find(|(p, _)| is_beauty(&p.name)).or_else(|| whites().next());
     let exposure = view.exposure.unwrap_or_else(|| beauty.map_or(0.0, |(_, white)| exposure::making_white(white)));
     if beauty.is_some() {
@@ -136,11 +137,7 @@ fn planes(image: &Image, layer: &Layer, side: usize) -> Vec<Plane> {
         let whole = film([channel; 3]);
         let near = channel.samples.iter().copied().filter(|v| v.abs() < FAR);
         let range = Range::of(near, OUTSIDE).unwrap_or(Range { low: 0.0, high: 1.0 });
-        Plane {
-            name: format!("{prefix}{}", channel.name),
-            film: fitted(&whole, side),
-            kind: Kind::Numbers { range },
-        }
+        Plane { name: format!("{prefix}{}", channel.name), film: fitted(&whole, side), kind: Kind::Numbers { range } }
     };
     layer.channels.iter().map(plane).collect()
 }

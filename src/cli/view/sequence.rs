@@ -61,7 +61,8 @@ pub(super) fn sheet(view: &View, path: &Path, pattern: &Pattern, limits: Limits)
         caption: Vec::new(),
     };
     let tiles: Vec<Tile> = numbers.iter().zip(&films).map(tile).collect();
-    let mut lines = vec![format!("{} of {} frames, {} to {}", numbers.len(), there.len(), there[0], there[there.len() - 1])];
+    let mut lines =
+        vec![format!("{} of {} frames, {} to {}", numbers.len(), there.len(), there[0], there[there.len() - 1])];
     lines.extend(exposure.map(|ev| format!("exposure of all {ev:+.1} EV, clipped, sRGB")));
     lines.extend(density_scale.map(|scale| format!("density scale of all {}, absorption, z is up", short(scale))));
     let columns = Sheet::columns_of(tiles.len());
@@ -95,7 +96,8 @@ fn volumes(view: &View, pattern: &Pattern, numbers: &[u32], limits: Limits) -> R
     let bounds = if bounds.is_empty() { Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE } } else { bounds };
     let scale = if scale.is_finite() { scale } else { 1.0 };
     let camera = camera::around(&bounds.corners(), side);
-    let films = numbers.iter().map(|number| subject(*number)?.picture(&camera, scale).map_err(|e| e.at(pattern.path(*number))));
+    let films =
+        numbers.iter().map(|number| subject(*number)?.picture(&camera, scale).map_err(|e| e.at(pattern.path(*number))));
     Ok((films.collect::<Result<_>>()?, scale))
 }
 

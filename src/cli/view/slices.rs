@@ -151,9 +151,8 @@ impl Raster {
     fn finish(self, voxel: [f64; 3]) -> Slice {
         let [normal, right, up] = self.axes;
         let extent = |a: usize| (i64::from(self.high[a]) - i64::from(self.low[a]) + 1) as f64;
-        let inside = |a: usize, pixel: usize| {
-            (self.block as f64).min(extent(a) - pixel as f64 * self.block as f64).max(1.0)
-        };
+        let inside =
+            |a: usize, pixel: usize| (self.block as f64).min(extent(a) - pixel as f64 * self.block as f64).max(1.0);
         // Row 0 of a picture is its top.
         let pixel = |i: usize| {
             let (row, column) = (self.height - 1 - i / self.width, i % self.width);

@@ -71,7 +71,10 @@ pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
             "heights are logarithms of counts".into(),
         ],
     });
-    Ok((Sheet { title: name_of(path), lines: lines(&volume, &info), tiles, columns: 5 }, Content::Volume(volume.into())))
+    Ok((
+        Sheet { title: name_of(path), lines: lines(&volume, &info), tiles, columns: 5 },
+        Content::Volume(volume.into()),
+    ))
 }
 
 /// Name of the grid to show.

@@ -44,13 +44,7 @@ pub struct Placement {
 ///
 /// # Errors
 /// The conditions are those of [`write_picture`]; also if the part is not within the whole.
-pub fn write_part(
-    path: &Path,
-    film: &Film,
-    attributes: &Attributes,
-    half: bool,
-    placement: Placement,
-) -> Result<()> {
+pub fn write_part(path: &Path, film: &Film, attributes: &Attributes, half: bool, placement: Placement) -> Result<()> {
     let bytes = encoded(path, film, attributes, half, Some(placement)).map_err(|e| e.at(path))?;
     atomic::write_bytes(path, &bytes)
 }

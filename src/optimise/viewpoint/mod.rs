@@ -373,7 +373,8 @@ mod tests {
         let dvr = Dvr::new(&field, Medium::absorbing(0.1)).unwrap().over([1.0; 3]);
         for size in [24, 70] {
             let sphere = Sphere::around(&field.outline(), [size, size], 40.0).unwrap();
-            let request = Request { sphere, starts: spread(3), exact_starts: vec![DVec3::X], iterations: 2, hemisphere: false };
+            let request =
+                Request { sphere, starts: spread(3), exact_starts: vec![DVec3::X], iterations: 2, hemisphere: false };
             let ticked = AtomicUsize::new(0);
             let tick = || {
                 ticked.fetch_add(1, Ordering::Relaxed);

@@ -17,7 +17,9 @@ pub fn with_axes(picture: &Canvas, right: &str, up: &str) -> Canvas {
     let length = ARROW.min(0.5 * picture.width as f64).min(0.5 * picture.height as f64);
     let mut arrow = |tip: [f64; 2], sides: [[f64; 2]; 2]| {
         canvas.line([x, y], tip, 1, INK);
-        sides.map(|side| canvas.line(tip, [tip[0] + side[0], tip[1] + side[1]], 1, INK));
+        for [dx, dy] in sides {
+            canvas.line(tip, [tip[0] + dx, tip[1] + dy], 1, INK);
+        }
     };
     let (to_right, to_up) = ([x + length, y], [x, y - length]);
     arrow(to_right, [[-HEAD, -HEAD], [-HEAD, HEAD]]);

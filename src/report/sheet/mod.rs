@@ -159,8 +159,10 @@ mod tests {
         assert_eq!(pixels, sizes.iter().map(|(w, h)| w * h).sum::<usize>());
         // Nothing touches the border.
         let border = |p: Color| assert_eq!(p, PAPER);
-        (0..canvas.width).for_each(|x| [0, canvas.height - 1].map(|y| border(canvas.pixel(x, y))).into_iter().collect());
-        (0..canvas.height).for_each(|y| [0, canvas.width - 1].map(|x| border(canvas.pixel(x, y))).into_iter().collect());
+        (0..canvas.width)
+            .for_each(|x| [0, canvas.height - 1].map(|y| border(canvas.pixel(x, y))).into_iter().collect());
+        (0..canvas.height)
+            .for_each(|y| [0, canvas.width - 1].map(|x| border(canvas.pixel(x, y))).into_iter().collect());
     }
 
     #[test]

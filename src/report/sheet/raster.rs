@@ -28,7 +28,11 @@ impl Range {
     /// Place of a number in the range, from 0 to 1; 0 for NaN, and in a range of one number 1 for that number and above.
     pub fn share(self, value: f64) -> f64 {
         let width = self.high - self.low;
-        if width > 0.0 { ((value - self.low) / width).clamp(0.0, 1.0) } else { f64::from(u8::from(value >= self.low)) }
+        if width > 0.0 {
+            ((value - self.low) / width).max(0.0).min(1.0)
+        } else {
+            f64::from(u8::from(value >= self.low))
+        }
     }
 }
 

@@ -35,7 +35,9 @@ mod tests {
 
     #[test]
     fn chunks_make_up_the_picture() {
-        let rgb: Vec<u8> = (0..3 * 90 * 90_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        // Noise does not compress, and so takes several chunks.
+        let noise = |i: u64| (i.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ i << 7).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 56;
+        let rgb: Vec<u8> = (0..3 * 90 * 90).map(|i| noise(i) as u8).collect();
         let canvas = Canvas::of(90, 90, rgb);
         let text = String::from_utf8(encode(&canvas).unwrap()).unwrap();
         let chunks: Vec<&str> = text.trim_end().split("\x1b_G").skip(1).collect();

@@ -35,7 +35,10 @@ impl Graphics {
         if !get("TMUX").is_empty() || term.starts_with("screen") || term.starts_with("tmux") {
             return Self::Blocks;
         }
-        if !get("KITTY_WINDOW_ID").is_empty() || ["xterm-kitty", "xterm-ghostty"].contains(&&*term) || program == "ghostty" {
+        if !get("KITTY_WINDOW_ID").is_empty()
+            || ["xterm-kitty", "xterm-ghostty"].contains(&&*term)
+            || program == "ghostty"
+        {
             return Self::Kitty;
         }
         let sixel = ["foot", "mlterm", "contour", "yaft"].iter().any(|name| term.starts_with(name));

@@ -64,6 +64,8 @@ pub(super) fn nearest(name: &str) -> Vec<&'static str> {
     };
     let mut near: Vec<_> = entries().map(|entry| (distance(entry), entry.name)).filter(|(d, _)| *d <= NEAR).collect();
     near.sort();
+    let most = near.first().map_or(0, |(best, _)| best + 1);
+    near.retain(|(distance, _)| *distance <= most);
     near.into_iter().map(|(_, name)| name).collect()
 }
 
