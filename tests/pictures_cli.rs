@@ -162,12 +162,12 @@ fn names_that_cannot_be_meant_are_refused_everywhere() {
         ("viewpoint @cube.vdb -o a.json --pictures p.png", "folder"),
         ("capture convert cap -o a.png", "folder"),
         ("denoise cap/view_%03d.exr -o a_%03d.png", ".exr"),
-        ("denoise cap/view_%03d.exr -o -", "standard output"),
+        ("denoise cap/view_%03d.exr -o -", "sequence"),
         ("motion @cube.vdb --cameras cap -o m_%03d.vdb", ".exr"),
         ("transfer viridis -o a.png", ".json"),
         ("usd author @cube.vdb -o a.usdc", ".usda"),
         ("gradient @cube.vdb --views 1 --loss mean --wrt density -o a.exr", ".vdb"),
-        ("compare cap cap --report a.png", "folder"),
+        ("compare cap/view_%03d.exr cap/view_%03d.exr --report a.png", "folder"),
         ("view @cube.vdb -o a.jpg", ".png"),
     ] {
         work.refused(words, &[expected]);

@@ -45,7 +45,7 @@ fn names_are_taken_where_files_are() {
     work.json("convert @plume.vdb tinted.vdb --tf magma");
     work.json(&format!("gradient @plume.vdb --tf plasma {size} --loss mean --wrt extinction"));
     work.json("viewpoint @plume.vdb --tf turbo --starts 1 --iterations 1 --size 8x8 -o best.json");
-    work.json("reconstruct density a --tf viridis --resolution 6 --iterations 1 -o found.vdb");
+    work.json("reconstruct density a --tf viridis --bounds 0,0,0,2,2,2 --resolution 6 --iterations 1 -o found.vdb");
     work.json("pose a --volume @plume.vdb --tf viridis --iterations 1 -o posed.json");
     // A file of that name goes first.
     std::fs::copy(work.path("viridis.tf.json"), work.path("inferno")).unwrap();

@@ -138,7 +138,7 @@ fn transfer_function(work: &Work, name: &str, points: &[[f64; 2]]) {
 }
 
 fn without_times(mut report: Value) -> Value {
-    for key in ["seconds", "sampled_seconds", "render_seconds", "equivalent_renders", "output"] {
+    for key in ["seconds", "sampled_seconds", "render_seconds", "equivalent_renders", "output", "pictures"] {
         report.as_object_mut().unwrap().remove(key);
     }
     report

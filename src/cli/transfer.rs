@@ -80,14 +80,18 @@ impl TransferOption {
     /// Those of [`transfer::load`].
     pub fn load(&self, limits: Limits) -> Result<Option<Transfer>> {
         let Some(path) = &self.tf else { return Ok(None) };
-        let options = Options {
+        transfer::load(path, &self.options(limits)).map(|loaded| Some(loaded.transfer))
+    }
+
+    /// Returns the options that the function of `--tf` is read with.
+    pub fn options(&self, limits: Limits) -> Options {
+        Options {
             preset: self.tf_preset.clone(),
             range: self.tf_range,
             unit_distance: self.tf_unit_distance,
             extinction: self.tf_extinction,
             limits,
-        };
-        transfer::load(path, &options).map(|loaded| Some(loaded.transfer))
+        }
     }
 }
 

@@ -128,6 +128,7 @@ impl PictureOptions {
             extinction_color,
         });
         let transfer = self.transfer.tf.as_deref().map(Path::to_path_buf);
-        Ok(Overrides { density_scale, scattering, emission: self.emission, transfer })
+        let transfer_options = self.transfer.options(self.memory.limits());
+        Ok(Overrides { density_scale, scattering, emission: self.emission, transfer, transfer_options })
     }
 }

@@ -35,15 +35,16 @@ pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
         return Err(Error::invalid("the capture has no views").at(path).hint("check the list 'frames' of its file"));
     }
     let shown = evenly(count, MOST);
-    let side = view.side(SIDE);
-    let each = Limits { max_memory: limits.max_memory / rayon::current_num_threads().max(1) as u64 };
+    let side = view.side(SIDE, shown.len()).map_err(|e| e.at(path))?;
+    // One picture on each thread, and its brightest channel in order.
+    let each = Limits { max_memory: limits.max_memory / 2 / rayon::current_num_threads().max(1) as u64 };
     let pictures: Vec<Result<Thumbnail>> =
         shown.par_iter().map(|i| thumbnail(&capture, &capture.frames[*i], side, each)).collect();
     let white = pictures.iter().flatten().filter(|t| t.linear).map(|t| t.white).fold(0.0, f64::max);
     let exposure = view.exposure.unwrap_or_else(|| exposure::making_white(white));
     let missing = shown.iter().zip(&pictures).filter(|(_, p)| p.is_err()).map(|(i, _)| *i).collect();
-    let mut tiles: Vec<Tile> = vec![plan_of(&capture, view.side(PLAN).max(PLAN))];
-    tiles.extend(shown.iter().zip(&pictures).map(|(i, picture)| {
+    let lead = Some(plan_of(&capture, side.max(PLAN)));
+    let views = shown.iter().zip(&pictures).map(|(i, picture)| {
         let frame = &capture.frames[*i];
         let (picture, caption) = match picture {
             Ok(Thumbnail { film, .. }) => {
@@ -57,10 +58,11 @@ pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
             }
         };
         Tile { title: format!("view {i}"), picture, caption: vec![caption] }
-    }));
+    });
+    let tiles: Vec<Tile> = views.collect();
     let title = name_of(&std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf()));
     let columns = Sheet::columns_of(tiles.len());
-    let sheet = Sheet { title, lines: lines(&capture, shown.len(), exposure), tiles, columns };
+    let sheet = Sheet { title, lines: lines(&capture, shown.len(), exposure), lead, tiles, columns };
     Ok((sheet, Content::Capture(ShownCapture { views: count, shown, missing, exposure })))
 }
 

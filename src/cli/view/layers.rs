@@ -43,8 +43,10 @@ enum Kind {
 /// # Errors
 /// If the file cannot be read, or its layers do not fit in memory.
 pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, Content)> {
-    let image = exr::read_within(path, limits)?;
-    let side = view.side(SIDE);
+    let side = view.side(SIDE, MOST).map_err(|e| e.at(path))?;
+    // A layer is taken apart while all are held: one film, and the numbers of a channel in order.
+    let apart = exr::header(path)?.display_window.pixels() * (size_of::<[f32; 4]>() + 8) as u64;
+    let image = exr::read_within(path, Limits { max_memory: limits.max_memory.saturating_sub(apart) })?;
     let planes: Vec<Plane> = image.layers.iter().flat_map(|layer| planes(&image, layer, side)).collect();
     let resolution = [image.width, image.height];
     let channels: usize = image.layers.iter().map(|layer| layer.channels.len()).sum();
@@ -68,7 +70,8 @@ pub(super) fn plain(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
     let lines = vec![format!("{} x {} pixels, {}{bits}", film.width, film.height, header.kind.name())];
     let resolution = [film.width, film.height];
     // It is shown as it is, unless an exposure is asked for.
-    let plane = Plane { name: String::new(), film: fitted(&film, view.side(SIDE)), kind: Kind::Colors { white: 1.0 } };
+    let plane =
+        Plane { name: String::new(), film: fitted(&film, view.side(SIDE, 1)?), kind: Kind::Colors { white: 1.0 } };
     Ok(arranged(view, path, vec![plane], resolution, lines))
 }
 
@@ -100,7 +103,7 @@ fn arranged(
     }
     let (tiles, layers): (Vec<Tile>, Vec<ShownLayer>) = planes.into_iter().map(|plane| plane.tile(exposure)).unzip();
     let columns = Sheet::columns_of(tiles.len());
-    let sheet = Sheet { title: name_of(path), lines, tiles, columns };
+    let sheet = Sheet { title: name_of(path), lines, lead: None, tiles, columns };
     (sheet, Content::Picture(Picture { resolution, exposure, layers, left_out }))
 }
 

@@ -154,9 +154,19 @@ impl View {
         Ok(Destination::Files(paths))
     }
 
-    /// Longer side of a picture in pixels: that of the options, else `usual`.
-    fn side(&self, usual: usize) -> usize {
-        self.size.map_or(usual, |side| side as usize)
+    /// Longer side of each of `count` pictures in pixels: that of the options, else `usual`.
+    ///
+    /// # Errors
+    /// If so many pictures do not fit in memory.
+    fn side(&self, usual: usize, count: usize) -> Result<usize> {
+        let side = self.size.map_or(usual, |side| side as usize);
+        // Floating-point pixels, their levels, and those of the sheet.
+        let bytes = (count * side * side * (size_of::<[f32; 4]>() + 8)) as u64;
+        if bytes > self.memory.limits().max_memory {
+            return Err(Error::unsupported(format!("{count} pictures of {side} pixels do not fit in memory"))
+                .hint("give a smaller --size, or raise --max-memory"));
+        }
+        Ok(side)
     }
 }
 

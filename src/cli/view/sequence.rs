@@ -66,14 +66,14 @@ pub(super) fn sheet(view: &View, path: &Path, pattern: &Pattern, limits: Limits)
     lines.extend(exposure.map(|ev| format!("exposure of all {ev:+.1} EV, clipped, sRGB")));
     lines.extend(density_scale.map(|scale| format!("density scale of all {}, absorption, z is up", short(scale))));
     let columns = Sheet::columns_of(tiles.len());
-    let sheet = Sheet { title: name_of(path), lines, tiles, columns };
+    let sheet = Sheet { title: name_of(path), lines, lead: None, tiles, columns };
     Ok((sheet, Content::Sequence(Sequence { count: there.len(), frames: numbers, exposure, density_scale })))
 }
 
 /// Pictures of the frames' volumes by one camera and one density scale: the smallest of those that suit the frames, so
 /// that none goes black.
 fn volumes(view: &View, pattern: &Pattern, numbers: &[u32], limits: Limits) -> Result<(Vec<Film>, f64)> {
-    let side = view.side(SIDE);
+    let side = view.side(SIDE, numbers.len())?;
     let subject = |number: u32| {
         let path = pattern.path(number);
         let file = File::open(&path, limits)?;
@@ -89,7 +89,7 @@ fn volumes(view: &View, pattern: &Pattern, numbers: &[u32], limits: Limits) -> R
             continue;
         }
         bounds = outline.iter().fold(bounds, |b, p| b.including(*p));
-        let own = subject.scale(view, &camera::around(&outline, side));
+        let own = subject.scale(view, &subject.framed(&camera::around(&outline, side), side));
         scale = scale.min(own.unwrap_or(f64::INFINITY));
     }
     // Where nothing is to be seen, any camera and any scale show that.
@@ -103,11 +103,11 @@ fn volumes(view: &View, pattern: &Pattern, numbers: &[u32], limits: Limits) -> R
 
 /// The frames' pictures, reduced, and the exposure at which none is burnt out.
 fn pictures(view: &View, pattern: &Pattern, numbers: &[u32], limits: Limits) -> Result<(Vec<Film>, f64)> {
-    let mut white = 0.0_f64;
+    let (mut white, side) = (0.0_f64, view.side(SIDE, numbers.len())?);
     let read = |number: &u32| {
         let film = exr::read_picture_within(&pattern.path(*number), None, limits)?;
         white = white.max(exposure::white_of(&film));
-        Ok(fitted(&film, view.side(SIDE)))
+        Ok(fitted(&film, side))
     };
     let films = numbers.iter().map(read).collect::<Result<_>>()?;
     Ok((films, view.exposure.unwrap_or_else(|| exposure::making_white(white))))

@@ -50,7 +50,7 @@ pub(super) struct Volume {
     /// Edges of a voxel in world units; none for transforms that are not affine.
     pub voxel_size: Option<[f64; 3]>,
     pub active_voxels: u64,
-    /// What the picture shows: values, distances from the background, or the inside of a level set.
+    /// Meaning of the density in the picture: magnitudes, distances from the background, or the inside of a level set.
     pub density: &'static str,
     /// Extinction per unit of density and length, with which the picture is made; none if there is no picture.
     pub density_scale: Option<f64>,

@@ -10,8 +10,10 @@ use crate::formats::limits::Limits;
 use crate::formats::transfer;
 use crate::formats::vdb::{GridInfo, NativeGrid};
 use crate::render::any_renderer::AnyRenderer;
+use crate::render::dvr::Dvr;
+use crate::render::integrator::Integrator;
 use crate::render::quadrature::Quadrature;
-use crate::render::scale;
+use crate::render::{scale, tiles};
 use crate::scene::bricks::{Bricks, too_large};
 use crate::scene::camera::Camera;
 use crate::scene::environment::Environment;
@@ -20,6 +22,7 @@ use crate::scene::grid::{Grid, GridClass, LEAF_VOXELS, Leaf, MOST_DENSITY, Tile}
 use crate::scene::medium::{Medium, Source};
 use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
+use glam::DVec2;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -27,12 +30,16 @@ use std::sync::Arc;
 const EARLY_STOP: f64 = 2e-3;
 /// Rays along each edge of a pixel.
 const RAYS: usize = 2;
+/// Rays along each edge of a picture, to find what can be seen of it; and the share of the largest optical depth above
+/// which something is.
+const PROBES: usize = 96;
+const VISIBLE: f64 = 0.01;
 
 /// A density, and the light that it sends.
 pub(super) struct Subject {
     pub field: Bricks<f32>,
     source: Source,
-    /// What the density is made of the grid's values, in words.
+    /// Meaning of the density in terms of the grid's values, in words.
     pub meaning: &'static str,
 }
 
@@ -47,13 +54,57 @@ impl Subject {
         if let Some(transfer) = requested.or(carried.filter(|_| info.components == 1)) {
             let grid = native.to_grid_within(limits.max_memory)?;
             crate::formats::vdb::require_fog(&grid)?;
+            let limits = Limits { max_memory: limits.max_memory.saturating_sub(info.memory) };
             let field = volume::arrange(&grid, Some(&transfer), limits)?;
             let source = Source::Transfer(Arc::new(transfer.table()?));
             return Ok(Self { field, source, meaning: "values by the transfer function" });
         }
         let (grid, meaning) = density(native, info, limits)?;
+        // The grid as the file has it is still there.
+        let limits = Limits { max_memory: limits.max_memory.saturating_sub(info.memory) };
         let field = volume::arrange(&grid, None, limits)?;
         Ok(Self { field, source: Source::Grey([0.0; 3]), meaning })
+    }
+
+    /// Returns a camera that shows no more than what can be seen of the subject: the outline of its boxes is wider than a
+    /// cloud whose edges are thin. The longer side of the picture has `side` pixels.
+    pub fn framed(&self, camera: &Camera, side: usize) -> Camera {
+        let Some(depths) = self.depths(camera) else { return *camera };
+        let most = depths.iter().copied().fold(0.0, f64::max);
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for (i, _) in depths.iter().enumerate().filter(|(_, depth)| **depth > VISIBLE * most) {
+            for (axis, place) in [i % PROBES, i / PROBES].into_iter().enumerate() {
+                low[axis] = low[axis].min(place as f64 - 1.0);
+                high[axis] = high[axis].max(place as f64 + 2.0);
+            }
+        }
+        if most <= 0.0 {
+            return *camera;
+        }
+        let size = [camera.width, camera.height].map(f64::from);
+        let window = |axis: usize| {
+            let [low, high] = [low, high].map(|end| (end[axis] / PROBES as f64).clamp(0.0, 1.0) * size[axis]);
+            (low, high - low)
+        };
+        let [(x, width), (y, height)] = [window(0), window(1)];
+        let factor = side as f64 / width.max(height);
+        let pixels = |v: f64| ((factor * v).round() as u32).clamp(side as u32 / 3, side as u32);
+        let (w, h) = (pixels(width), pixels(height));
+        let middle = DVec2::new(x + 0.5 * width, y + 0.5 * height);
+        let centre = factor * (camera.centre - middle) + 0.5 * DVec2::new(f64::from(w), f64::from(h));
+        Camera { focal: factor * camera.focal, centre, width: w, height: h, ..*camera }
+    }
+
+    /// Optical depths at unit density scale of [`PROBES`] x [`PROBES`] rays over a picture, row by row.
+    fn depths(&self, camera: &Camera) -> Option<Vec<f64>> {
+        let dvr = Dvr::new(&self.field, Medium::new(1.0, self.source.clone())).ok()?.early_stop(0.0);
+        let place = |i: usize, size: u32| (i as f64 + 0.5) / PROBES as f64 * f64::from(size);
+        let rows: Vec<usize> = (0..PROBES).collect();
+        let row = |scratch: &mut _, y: &usize| {
+            let ray = |x: usize| camera.ray(place(x, camera.width), place(*y, camera.height));
+            (0..PROBES).map(|x| dvr.li(&ray(x), scratch).depth).collect::<Vec<f64>>()
+        };
+        tiles::map(&rows, None, Default::default, row).map(|rows| rows.concat())
     }
 
     /// Returns the extinction per unit of density for a camera: that of the options, or the one at which the picture

@@ -32,7 +32,7 @@ pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
             .part(format!("grid '{}'", info.name))
             .hint("choose another grid with --grid; cumulo info lists them"));
     }
-    let side = view.side(SIDE);
+    let side = view.side(SIDE, 5).map_err(located)?;
     let statistics = statistics_of(&native).map_err(located)?;
     let voxel = match &info.transform {
         Transform::Affine(map) => Some(map.voxel_size().to_array()),
@@ -40,7 +40,8 @@ pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
     };
     let slices = slices::central(&native, &info, voxel.unwrap_or([1.0; 3]), side).map_err(located)?;
     let range = range_of(&info, &slices);
-    let (picture, density_scale, meaning) = picture(view, &native, &info, side, limits).map_err(located)?;
+    let Drawn { tile: picture, density_scale, meaning } =
+        picture(view, &native, &info, side, limits).map_err(located)?;
     let ends = [statistics.min, statistics.max].map(|v| v.map_or(0.0, f64::from));
     let histogram = Histogram { counts: statistics.histogram.clone(), range: ends };
     let edges = histogram.edges();
@@ -61,18 +62,22 @@ pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
         statistics,
         edges,
     };
-    let mut tiles = picture.into_iter().collect::<Vec<_>>();
+    let mut tiles = vec![picture];
     tiles.extend(slices.iter().map(|slice| tile(slice, range, side)));
     tiles.push(Tile {
         title: "histogram".into(),
         picture: histogram.draw(side, side * 3 / 4),
         caption: vec![
-            format!("{} bins, {} wide each", volume.edges.len() - 1, short((ends[1] - ends[0]) / 16.0)),
+            format!(
+                "{} bins, {} wide each",
+                volume.edges.len() - 1,
+                short((ends[1] - ends[0]) / (volume.edges.len() - 1) as f64)
+            ),
             "heights are logarithms of counts".into(),
         ],
     });
     Ok((
-        Sheet { title: name_of(path), lines: lines(&volume, &info), tiles, columns: 5 },
+        Sheet { title: name_of(path), lines: lines(&volume, &info), lead: None, tiles, columns: 5 },
         Content::Volume(volume.into()),
     ))
 }
@@ -114,34 +119,35 @@ fn tile(slice: &Slice, range: Option<Range>, side: usize) -> Tile {
     }
 }
 
-/// The picture with its density scale, and what it shows; no picture where there is nothing to see.
-fn picture(
-    view: &View,
-    native: &NativeGrid,
-    info: &GridInfo,
-    side: usize,
-    limits: Limits,
-) -> Result<(Option<Tile>, Option<f64>, &'static str)> {
+/// The picture of a density.
+struct Drawn {
+    tile: Tile,
+    /// Extinction per unit of density and length; none where there is nothing to see.
+    density_scale: Option<f64>,
+    /// Meaning of the density, in words.
+    meaning: &'static str,
+}
+
+/// Draws the picture; where none can be made, a tile says why, since slices can still be shown.
+fn picture(view: &View, native: &NativeGrid, info: &GridInfo, side: usize, limits: Limits) -> Result<Drawn> {
     let by_option = view.transfer.tf.is_some();
-    // Slices can be shown of what no picture can be made of.
-    let blank = |words: String| {
+    let blank = |words: &str, meaning| {
         let picture = Canvas::new(side / 2, side / 2, [232, 232, 230]);
-        Tile { title: "no picture".into(), picture, caption: vec![words] }
+        let tile = Tile { title: "no picture".into(), picture, caption: vec![words.to_owned()] };
+        Ok(Drawn { tile, density_scale: None, meaning })
     };
     let subject = match Subject::of(view, native, info, limits) {
         Ok(subject) => subject,
         Err(e) if by_option => return Err(e),
-        Err(e) => return Ok((Some(blank(e.what().to_owned())), None, "nothing")),
+        Err(e) => return blank(e.what(), "nothing"),
     };
     let meaning = subject.meaning;
     let outline = subject.field.outline();
     if outline.is_empty() {
-        return Ok((Some(blank("the grid is empty".into())), None, meaning));
+        return blank("the grid is empty", meaning);
     }
-    let camera = camera::around(&outline, side);
-    let Some(scale) = subject.scale(view, &camera) else {
-        return Ok((Some(blank("nothing absorbs light".into())), None, meaning));
-    };
+    let camera = subject.framed(&camera::around(&outline, side), side);
+    let Some(scale) = subject.scale(view, &camera) else { return blank("nothing absorbs light", meaning) };
     let film = subject.picture(&camera, scale)?;
     let rgb = ToneMapping { exposure: view.exposure.unwrap_or(0.0) }.rgb8(&film);
     let tile = Tile {
@@ -149,7 +155,7 @@ fn picture(
         picture: Canvas::of(film.width, film.height, rgb),
         caption: vec![meaning.into(), format!("density scale {}", short(scale)), "z is up".into()],
     };
-    Ok((Some(tile), Some(scale), meaning))
+    Ok(Drawn { tile, density_scale: Some(scale), meaning })
 }
 
 fn lines(volume: &Volume, info: &GridInfo) -> Vec<String> {

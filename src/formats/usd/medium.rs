@@ -8,6 +8,7 @@ use super::prim::Prim;
 use super::stage::Stage;
 use super::value::Asset;
 use crate::formats::scene_file::{BlackbodyEntry, EmissionGridEntry, MediumEntry};
+use crate::formats::transfer;
 use std::path::PathBuf;
 
 /// Medium of a volume.
@@ -30,8 +31,10 @@ pub struct Overrides {
     pub scattering: Option<ScatteringOverride>,
     /// Radiance of the source.
     pub emission: Option<[f32; 3]>,
-    /// File of a transfer function.
+    /// File, or name, of a transfer function.
     pub transfer: Option<PathBuf>,
+    /// Options that it is read with.
+    pub transfer_options: transfer::Options,
 }
 
 /// Properties of scattering.

@@ -44,7 +44,7 @@ impl Histogram {
             canvas.fill([edge(i), floor], [1, 4], INK);
         }
         let labels: Vec<String> = self.edges().into_iter().map(number::short).collect();
-        let widest = labels.iter().map(|l| Font::Small.width(l)).max().unwrap_or(0) + 8;
+        let widest = labels.iter().map(|l| Font::Small.width(l)).max().unwrap_or(0) * 3 / 2;
         let step = (1..=count).find(|s| count % s == 0 && edge(*s) >= widest).unwrap_or(count);
         for i in (0..=count).step_by(step) {
             let own = Font::Small.width(&labels[i]);

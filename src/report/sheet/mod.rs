@@ -18,6 +18,7 @@ pub use raster::{Range, fitted, grey, signed};
 const PAPER: Color = [250, 250, 248];
 const INK: Color = [28, 30, 34];
 const PALE: Color = [96, 100, 108];
+const BORDER: Color = [224, 224, 221];
 
 /// Space around the sheet, and between its pictures, in pixels.
 const MARGIN: usize = 16;
@@ -46,6 +47,8 @@ pub struct Sheet {
     pub title: String,
     /// Lines below the heading.
     pub lines: Vec<String>,
+    /// Picture to the left of all others.
+    pub lead: Option<Tile>,
     /// Pictures, from left to right and from the top down.
     pub tiles: Vec<Tile>,
     /// Most pictures side by side.
@@ -60,23 +63,28 @@ impl Sheet {
 
     /// Draws the sheet.
     pub fn draw(&self) -> Canvas {
+        let lead = self.lead.as_ref().map(Block::of);
         let rows: Vec<Vec<Block>> =
             self.tiles.chunks(self.columns.max(1)).map(|row| row.iter().map(Block::of).collect()).collect();
-        let row_width = |row: &Vec<Block>| row.iter().map(|b| b.width + MARGIN).sum::<usize>() + MARGIN;
-        let width = rows.iter().map(row_width).fold(LEAST_WIDTH, usize::max).min(MOST_SIDE);
+        let row_width = |row: &Vec<Block>| row.iter().map(|b| b.width + MARGIN).sum::<usize>();
+        let row_height = |row: &Vec<Block>| row.iter().map(|b| b.height + MARGIN).fold(0, usize::max);
+        let left = lead.as_ref().map_or(MARGIN, |b| b.width + 2 * MARGIN);
+        let width = (left + rows.iter().map(row_width).fold(0, usize::max)).clamp(LEAST_WIDTH, MOST_SIDE);
         let heading = self.heading(width - 2 * MARGIN);
-        let row_height = |row: &Vec<Block>| row.iter().map(|b| b.height).fold(0, usize::max) + MARGIN;
-        let heading_height = heading.iter().map(|(_, font, _)| font.size()[1]).sum::<usize>();
-        let height = 2 * MARGIN + heading_height + rows.iter().map(row_height).sum::<usize>();
-        let mut canvas = Canvas::new(width, height.min(MOST_SIDE), PAPER);
+        let top = 2 * MARGIN + heading.iter().map(|(_, font, _)| font.size()[1]).sum::<usize>();
+        let below = rows.iter().map(row_height).sum::<usize>().max(lead.as_ref().map_or(0, |b| b.height + MARGIN));
+        let mut canvas = Canvas::new(width, (top + below).min(MOST_SIDE), PAPER);
         let mut y = MARGIN;
         for (line, font, color) in &heading {
             canvas.text([MARGIN, y], line, *font, *color);
             y += font.size()[1];
         }
-        y += MARGIN;
+        if let Some(block) = &lead {
+            block.draw(&mut canvas, [MARGIN, top]);
+        }
+        let mut y = top;
         for row in &rows {
-            let mut x = MARGIN;
+            let mut x = left;
             for block in row {
                 block.draw(&mut canvas, [x, y]);
                 x += block.width + MARGIN;
@@ -124,6 +132,9 @@ impl<'t> Block<'t> {
             canvas.text([x, y], line, Font::Small, INK);
             y += line_height;
         }
+        let Canvas { width, height, .. } = self.tile.picture;
+        // A thin line around the picture tells white from paper.
+        canvas.fill([x - 1, y + 1], [width + 2, height + 2], BORDER);
         canvas.put(&self.tile.picture, [x, y + 2]);
         y += self.tile.picture.height + 4;
         for line in &self.caption {
@@ -151,12 +162,13 @@ mod tests {
         let sheet = Sheet {
             title: "smoke.vdb".into(),
             lines: vec!["grid 'density'".into()],
+            lead: Some(tile(50, 400)),
             tiles: sizes.iter().map(|(w, h)| tile(*w, *h)).collect(),
             columns: 2,
         };
         let canvas = sheet.draw();
         let pixels = canvas.rgb.chunks(3).filter(|p| *p == [1, 2, 3]).count();
-        assert_eq!(pixels, sizes.iter().map(|(w, h)| w * h).sum::<usize>());
+        assert_eq!(pixels, 50 * 400 + sizes.iter().map(|(w, h)| w * h).sum::<usize>());
         // Nothing touches the border.
         let border = |p: Color| assert_eq!(p, PAPER);
         (0..canvas.width)
@@ -167,7 +179,7 @@ mod tests {
 
     #[test]
     fn an_empty_sheet_has_its_heading() {
-        let canvas = Sheet { title: "a".into(), lines: vec![], tiles: vec![], columns: 0 }.draw();
+        let canvas = Sheet { title: "a".into(), lines: vec![], lead: None, tiles: vec![], columns: 0 }.draw();
         assert!(canvas.rgb.chunks(3).any(|p| p == INK));
         assert_eq!([1, 6, 24, 10_000].map(Sheet::columns_of), [2, 3, 6, 12]);
     }

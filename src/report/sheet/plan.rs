@@ -7,7 +7,10 @@ use glam::{DVec2, DVec3};
 /// Colors of cameras above and below the middle of their heights, and of what they see.
 const HIGH: Color = [196, 84, 24];
 const LOW: Color = [31, 95, 191];
-const SUBJECT: Color = [206, 210, 216];
+const SUBJECT: Color = [176, 180, 188];
+
+/// Least side of what cameras see, in pixels.
+const LEAST: f64 = 9.0;
 
 /// Share of the plan's side that a camera's line of sight takes.
 const SIGHT: f64 = 0.07;
@@ -87,8 +90,11 @@ fn box_of(canvas: &mut Canvas, subject: &[DVec3], at: impl Fn(DVec2) -> [f64; 2]
     let (low, high) = (finite().fold(DVec2::INFINITY, DVec2::min), finite().fold(DVec2::NEG_INFINITY, DVec2::max));
     if low.is_finite() && high.is_finite() {
         let ([left, bottom], [right, top]) = (at(low), at(high));
-        let [left, top, right, bottom] = [left, top, right, bottom].map(|v| v.max(0.0).round() as usize);
-        canvas.fill([left, top], [(right - left).max(1), (bottom - top).max(1)], SUBJECT);
+        // A point is seen, too.
+        let grown = |low: f64, high: f64| if high - low < LEAST { (0.5 * (low + high - LEAST), LEAST) } else { (low, high - low) };
+        let [(x, width), (y, height)] = [grown(left, right), grown(top, bottom)];
+        let whole = |v: f64| v.max(0.0).round() as usize;
+        canvas.fill([whole(x), whole(y)], [whole(width), whole(height)], SUBJECT);
     }
 }
 
