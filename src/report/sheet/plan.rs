@@ -91,7 +91,9 @@ fn box_of(canvas: &mut Canvas, subject: &[DVec3], at: impl Fn(DVec2) -> [f64; 2]
     if low.is_finite() && high.is_finite() {
         let ([left, bottom], [right, top]) = (at(low), at(high));
         // A point is seen, too.
-        let grown = |low: f64, high: f64| if high - low < LEAST { (0.5 * (low + high - LEAST), LEAST) } else { (low, high - low) };
+        let grown = |low: f64, high: f64| {
+            if high - low < LEAST { (0.5 * (low + high - LEAST), LEAST) } else { (low, high - low) }
+        };
         let [(x, width), (y, height)] = [grown(left, right), grown(top, bottom)];
         let whole = |v: f64| v.max(0.0).round() as usize;
         canvas.fill([whole(x), whole(y)], [whole(width), whole(height)], SUBJECT);
