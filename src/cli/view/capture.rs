@@ -91,8 +91,10 @@ fn thumbnail(capture: &Capture, frame: &Frame, side: usize, limits: Limits) -> R
 }
 
 fn lines(capture: &Capture, shown: usize, exposure: f64) -> Vec<String> {
-    let mut lines = vec![format!("{} views, exposure {exposure:+.1} EV, clipped, sRGB", capture.frames.len())];
-    if shown < capture.frames.len() {
+    let count = capture.frames.len();
+    let s = if count == 1 { "" } else { "s" };
+    let mut lines = vec![format!("{count} view{s}, exposure {exposure:+.1} EV, clipped, sRGB")];
+    if shown < count {
         lines.push(format!("{shown} of them are shown, evenly chosen"));
     }
     let mut sizes: Vec<[u32; 2]> = capture.frames.iter().map(|f| [f.camera.width, f.camera.height]).collect();

@@ -45,7 +45,7 @@ impl Histogram {
         }
         let labels: Vec<String> = self.edges().into_iter().map(number::short).collect();
         let widest = labels.iter().map(|l| Font::Small.width(l)).max().unwrap_or(0) * 3 / 2;
-        let step = (1..=count).find(|s| count % s == 0 && edge(*s) >= widest).unwrap_or(count);
+        let step = (1..=count).find(|s| count.is_multiple_of(*s) && edge(*s) >= widest).unwrap_or(count);
         for i in (0..=count).step_by(step) {
             let own = Font::Small.width(&labels[i]);
             let x = edge(i).saturating_sub(own / 2).min(width.saturating_sub(own));

@@ -42,7 +42,9 @@ pub fn plan(stands: &[Stand], subject: &[DVec3], side: usize) -> (Canvas, f64) {
     if !(low.is_finite() && high.is_finite()) {
         return (with_axes(&canvas, "x", "y"), 0.0);
     }
-    let extent = (high - low).max_element().max(f64::MIN_POSITIVE);
+    let extent = (high - low).max_element();
+    // A single camera stands in the middle of a plan of one unit.
+    let extent = if extent > 0.0 { extent } else { 1.0 };
     // A camera looks as far as its line of sight, beyond the outermost one.
     let inner = (side as f64 - 2.0 * ROOM) * (1.0 - 2.0 * SIGHT);
     let scale = inner / extent;
@@ -139,7 +141,8 @@ mod tests {
     #[test]
     fn odd_cameras_are_drawn_or_left_out() {
         plan(&[], &[], 100);
-        plan(&[stand(0.0, 0.0, 3.0)], &[], 100);
+        let (alone, bar) = plan(&[stand(7.0, -2.0, 3.0)], &[], 100);
+        assert!(bar > 0.0 && alone.pixel(20 + 50, 50) == LOW, "{bar}");
         plan(&[stand(f64::NAN, 0.0, 0.0), stand(1e300, 0.0, 0.0)], &[DVec3::INFINITY], 50);
         assert_eq!([0.37, 99.0, 1.0, 0.0, f64::INFINITY].map(round_below), [0.2, 50.0, 1.0, 0.0, 0.0]);
     }
