@@ -132,6 +132,9 @@ impl Subject {
     }
 }
 
+/// Maps the components of a value to a density.
+type Density = Box<dyn Fn(&[f32]) -> f32>;
+
 /// Returns a grid of any type as a density: the inside of a level set, else how far values are from the background, and in
 /// words what it is.
 fn density(native: &NativeGrid, info: &GridInfo, limits: Limits) -> Result<(Grid, &'static str)> {
@@ -141,7 +144,7 @@ fn density(native: &NativeGrid, info: &GridInfo, limits: Limits) -> Result<(Grid
         return Err(too_large(bytes, limits.max_memory).part(format!("grid '{}'", info.name)));
     }
     let background: Vec<f32> = info.background.iter().take(info.components).map(|v| *v as f32).collect();
-    let (to_density, meaning): (Box<dyn Fn(&[f32]) -> f32>, _) = match info.class {
+    let (to_density, meaning): (Density, _) = match info.class {
         GridClass::LevelSet => {
             // Distances are clamped at the width of the narrow band, which is the background.
             let band = magnitude(&background).abs().max(f32::MIN_POSITIVE);

@@ -28,10 +28,11 @@ impl Range {
     /// Place of a number in the range, from 0 to 1; 0 for NaN, and in a range of one number 1 for that number and above.
     pub fn share(self, value: f64) -> f64 {
         let width = self.high - self.low;
-        if width > 0.0 {
-            ((value - self.low) / width).max(0.0).min(1.0)
-        } else {
-            f64::from(u8::from(value >= self.low))
+        match (value - self.low) / width {
+            _ if width <= 0.0 => f64::from(u8::from(value >= self.low)),
+            share if share > 0.0 => share.min(1.0),
+            // Below the range, or NaN.
+            _ => 0.0,
         }
     }
 }
