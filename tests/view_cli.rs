@@ -176,6 +176,9 @@ fn sheets_go_where_they_are_told_to() {
     work.refused("view @cube.vdb @cube.vdb -o sheets", &["one name"]);
     work.refused("view @cube.vdb -o a.exr", &[".png"]);
     work.refused("view @cube.vdb -o -", &["standard output"]);
+    work.refused("view @cube.vdb --frames 1-2 -o a.png", &["--frames", "smoke.####.vdb"]);
+    std::fs::write(work.path("stage.usda"), "#usda 1.0\n").unwrap();
+    work.refused("view stage.usda -o a.png", &["USD stage has no sheet", "cumulo render stage.usda"]);
     work.refused("view none.vdb -o a.png", &["none.vdb"]);
     work.refused("view @kinds.vdb --grid none -o a.png", &["no grid 'none'", "'velocity'"]);
     std::fs::write(work.path("a.png"), std::fs::read(work.path("sheets/cube.vdb.png")).unwrap()).unwrap();

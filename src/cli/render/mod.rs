@@ -61,9 +61,9 @@ pub struct Render {
     /// Write a PNG beside each EXR: radiance times 2^EXPOSURE, clipped to 0..1, sRGB
     #[arg(long)]
     png: bool,
-    /// Exposure of PNGs in stops
-    #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = parse::exposure, allow_negative_numbers = true)]
-    exposure: f64,
+    /// Exposure of PNGs in stops (default: 0)
+    #[arg(long, value_name = "EV", value_parser = parse::exposure, allow_negative_numbers = true)]
+    exposure: Option<f64>,
     /// Render a sequence, frame.####.exr for each number: A, A-B or A-BxSTEP (default with an input such as
     /// smoke.####.vdb: all files that there are)
     #[arg(long, value_name = "A-B")]
@@ -166,6 +166,10 @@ impl Render {
     /// capture in the folder is untouched then.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let target = Target::of(&self.output)?;
+        if self.exposure.is_some() && self.tone_mapping_used().is_none() {
+            return Err(Error::invalid("--exposure: no PNG is written, and EXRs are scene-linear")
+                .hint("add --png, or let the name of the output end in .png"));
+        }
         if self.is_sequence() {
             return self.run_frames(target, output);
         }

@@ -92,7 +92,7 @@ impl Render {
 
     /// Returns how pictures become PNGs.
     pub(super) fn tone_mapping(&self) -> ToneMapping {
-        ToneMapping { exposure: self.exposure }
+        ToneMapping { exposure: self.exposure.unwrap_or(0.0) }
     }
 
     /// Returns how pictures become PNGs, if any do.

@@ -107,15 +107,21 @@ impl View {
         if let Some(pattern) = Pattern::parse(path) {
             return sequence::sheet(self, path, &pattern, limits);
         }
+        if self.frames.is_some() {
+            return Err(Error::invalid("--frames: this is one file, and no sequence")
+                .at(path)
+                .hint("leave --frames out, or name a sequence such as smoke.####.vdb"));
+        }
         match formats::sniff(path)? {
             Format::Vdb | Format::NanoVdb => volume::sheet(self, path, limits),
             Format::Exr => layers::sheet(self, path, limits),
             Format::Capture => capture::sheet(self, path, limits),
-            Format::Usd => Err(Error::unsupported("a USD stage has no sheet")
-                .at(path)
-                .hint(format!("render it: cumulo render {} --views 1 --size 512x512 -o stage.png", path.display()))),
             Format::Unknown if picture::kind(path).is_ok() => layers::plain(self, path, limits),
             Format::Unknown => Err(formats::unknown().at(path)),
+            other => Err(Error::unsupported(format!("{} has no sheet", other.name())).at(path).hint(format!(
+                "render a picture of it: cumulo render {} --views 1 --size 512x512 -o picture.png",
+                path.display()
+            ))),
         }
     }
 
