@@ -103,6 +103,11 @@ fn layers_of_pictures_stand_side_by_side() {
         let report = work.json(&format!("view @exr/{name}.exr --size 32 -o {name}.png"));
         assert!(!report["sheets"][0]["layers"].as_array().unwrap().is_empty(), "{name}");
     }
+    // A layer that the common exposure would burn out has its own.
+    let report = work.json("view @exr/blender.exr --size 32 -o blender.png");
+    let exposures: Vec<_> =
+        report["sheets"][0]["layers"].as_array().unwrap().iter().map(|l| l["exposure"].as_f64()).collect();
+    assert!(exposures[0] == report["sheets"][0]["exposure"].as_f64() && exposures[1] < exposures[0], "{report}");
     // A PNG is shown as it is.
     assert_eq!(work.json("view a.png -o again.png")["sheets"][0]["exposure"], json!(0.0));
 }

@@ -19,6 +19,10 @@ const SIDE: usize = 320;
 const MOST: usize = 60;
 /// Share of a channel's pixels that may be darker than black, and brighter than white.
 const OUTSIDE: f64 = 0.01;
+/// Stops by which a layer may be brighter, and darker, than the common exposure suits; beyond, it would be burnt out or
+/// black, and has an exposure of its own.
+const BRIGHTER: f64 = 1.0;
+const DARKER: f64 = 3.0;
 /// Depths beyond this stand for no surface.
 const FAR: f32 = 1e9;
 
@@ -101,7 +105,9 @@ fn arranged(
     if left_out > 0 {
         lines.push(format!("{left_out} more layers and channels are left out"));
     }
-    let (tiles, layers): (Vec<Tile>, Vec<ShownLayer>) = planes.into_iter().map(|plane| plane.tile(exposure)).unzip();
+    let own = view.exposure.is_none();
+    let (tiles, layers): (Vec<Tile>, Vec<ShownLayer>) =
+        planes.into_iter().map(|plane| plane.tile(exposure, own)).unzip();
     let columns = Sheet::columns_of(tiles.len());
     let sheet = Sheet { title: name_of(path), lines, lead: None, tiles, columns };
     (sheet, Content::Picture(Picture { resolution, exposure, layers, left_out }))
@@ -146,11 +152,18 @@ fn planes(image: &Image, layer: &Layer, side: usize) -> Vec<Plane> {
 }
 
 impl Plane {
-    fn tile(self, exposure: f64) -> (Tile, ShownLayer) {
+    /// Draws the tile of a layer, colors with the common exposure, or with their `own` where they need another one.
+    fn tile(self, common: f64, own: bool) -> (Tile, ShownLayer) {
+        let mut exposure = None;
         let (picture, kind, range, caption) = match self.kind {
-            Kind::Colors { .. } => {
-                let rgb = ToneMapping { exposure }.rgb8(&self.film);
-                (Canvas::of(self.film.width, self.film.height, rgb), "colors", None, String::new())
+            Kind::Colors { white } => {
+                let suits = exposure::making_white(white);
+                let other = own && white > 0.0 && !(-BRIGHTER..=DARKER).contains(&(suits - common));
+                let stops = if other { suits } else { common };
+                exposure = Some(stops);
+                let rgb = ToneMapping { exposure: stops }.rgb8(&self.film);
+                let words = if other { format!("exposure {stops:+.1} EV") } else { String::new() };
+                (Canvas::of(self.film.width, self.film.height, rgb), "colors", None, words)
             }
             Kind::Vectors { most } => {
                 let range = Range { low: -most, high: most };
@@ -164,6 +177,6 @@ impl Plane {
         };
         let title = if self.name.is_empty() { "colors".into() } else { self.name.clone() };
         let caption = Some(caption).filter(|words| !words.is_empty()).into_iter().collect();
-        (Tile { title, picture, caption }, ShownLayer { name: self.name, kind, range })
+        (Tile { title, picture, caption }, ShownLayer { name: self.name, kind, exposure, range })
     }
 }

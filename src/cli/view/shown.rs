@@ -81,6 +81,8 @@ pub(super) struct Layer {
     pub name: String,
     /// How it is shown: `colors` with the exposure, `vectors` around grey, or `numbers` from black to white.
     pub kind: &'static str,
+    /// Exposure in stops, for colors: the common one, unless the layer would be white or black by it.
+    pub exposure: Option<f64>,
     /// Numbers of the ends, for vectors and numbers.
     pub range: Option<Range>,
 }
