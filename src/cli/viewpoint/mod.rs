@@ -61,7 +61,7 @@ pub struct Viewpoint {
     /// Evaluations from each start, at most, for each size of picture that the search goes through
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: u32,
-    /// Let cameras stand in the upper half of the sphere alone, about the axis z: never below the volume
+    /// Let cameras stand in the upper half of the sphere alone, about the up axis: never below the volume
     #[arg(long)]
     hemisphere: bool,
     /// Number of viewpoints, spread evenly over the sphere, to evaluate as well for comparison
