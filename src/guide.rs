@@ -3,6 +3,7 @@
 //! | page | what it answers |
 //! |---|---|
 //! | [Getting started](getting_started) | How do I install Cumulo, and what does a first reconstruction look like? |
+//! | [Looking](looking) | How do I see what is in a file, and write a single picture? |
 //! | [Captures](captures) | How do I hand over my own pictures, or pictures from Blender? |
 //! | [Blender](blender) | How do I get from a Blender scene to a render, a capture, a reconstruction, and back? |
 //! | [Transfer functions](transfer_functions) | How do densities become colors, and which file formats are read? |
@@ -54,6 +55,9 @@ pub mod grids {}
 /// ## Reconstruct a volume from its pictures
 #[doc = concat!("```ignore\n", include_str!("../tests/examples/reconstruct.rs"), "```")]
 pub mod library {}
+
+#[doc = include_str!("guide/looking.md")]
+pub mod looking {}
 
 #[doc = include_str!("guide/planning.md")]
 pub mod planning {}

@@ -87,7 +87,7 @@ macro_rules! proofs {
     )*};
 }
 
-proofs! { convert render viewpoint pose gradient density color tf transfer compare report denoise motion }
+proofs! { view convert render viewpoint pose gradient density color tf transfer compare report denoise motion }
 
 /// All of a batch appears, or none of it, when the disk fails once.
 #[test]

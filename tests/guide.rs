@@ -22,6 +22,7 @@ const PAGES: &[&str] = &[
     "src/guide/gradients.md",
     "src/guide/grids.md",
     "src/guide/library.md",
+    "src/guide/looking.md",
     "src/guide/reconstruction.md",
     "src/guide/scattering.md",
     "src/guide/planning.md",
@@ -217,6 +218,11 @@ fn grids() {
 #[test]
 fn library() {
     assert_eq!(run("src/guide/library.md"), 0);
+}
+
+#[test]
+fn looking() {
+    assert!(run("src/guide/looking.md") >= 16);
 }
 
 #[test]

@@ -115,7 +115,9 @@ fn names_of_other_formats_are_refused() {
     work.refused("convert cube.vdb out.usd", &["OpenVDB", "usd", ".vdb"]);
     work.refused("convert cube.vdb out.exr", &["cube.vdb", "from VDB to EXR", ".npy"]);
     work.refused("reconstruct density cap -o o.npy", &["OpenVDB", ".npy"]);
-    work.refused("render cube.vdb --views 1 -o cloud.png", &["folder", ".png"]);
+    work.refused("render cube.vdb --views 2 -o cloud.png", &["2 views", "one picture", "--view"]);
+    work.refused("render cube.vdb --views 1 -o cloud.jpg", &["folder", ".jpg"]);
+    work.refused("render cube.vdb --views 1 -o -", &["standard output"]);
     work.refused("reconstruct density cap -o o.vdb --report page.html", &["folder", ".html"]);
     work.refused("viewpoint cube.vdb -o best.json --pictures shots.exr", &["folder", ".exr"]);
     assert_eq!(work.files(""), before);
@@ -136,7 +138,7 @@ fn a_capture_of_another_command_is_spared() {
     std::fs::copy(work.path("bright/view_000.exr"), work.path("lone/view_001.exr")).unwrap();
     work.refused("render slab.vdb --views 2 --size 8x8 -o lone", &["view_001.exr", "--overwrite"]);
     work.refused(
-        "viewpoint cube.vdb --starts 2 --iterations 1 --size 8x8 -o lone/best.json",
+        "viewpoint cube.vdb --starts 2 --iterations 1 --size 8x8 -o best.json --pictures lone",
         &["view_001.exr", "--overwrite"],
     );
     assert_eq!(work.files("lone").len(), 1);

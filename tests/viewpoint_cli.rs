@@ -139,7 +139,7 @@ fn transfer_function(work: &Work, name: &str, points: &[[f64; 2]]) {
 }
 
 fn without_times(mut report: Value) -> Value {
-    for key in ["seconds", "sampled_seconds", "render_seconds", "equivalent_renders", "output"] {
+    for key in ["seconds", "sampled_seconds", "render_seconds", "equivalent_renders", "output", "pictures"] {
         report.as_object_mut().unwrap().remove(key);
     }
     report
@@ -151,8 +151,9 @@ fn threads_change_nothing() {
     write(&work, "a.vdb", &bars());
     let run = |n: u32| {
         std::fs::create_dir(work.path(&n.to_string())).unwrap();
-        let report =
-            work.json(&format!("viewpoint a.vdb --starts 5 --size 130x140 --samples 7 --threads {n} -o {n}/b.json"));
+        let report = work.json(&format!(
+            "viewpoint a.vdb --starts 5 --size 130x140 --samples 7 --threads {n} -o {n}/b.json --pictures {n}"
+        ));
         let text = std::fs::read_to_string(work.path(&format!("{n}/b.json"))).unwrap();
         let frames = serde_json::from_str::<Value>(&text).unwrap()["frames"].clone();
         let picture = work.picture(&format!("{n}/view_000.exr"));
@@ -167,17 +168,41 @@ fn a_transfer_function_decides_what_shows() {
     let work = Work::new();
     write(&work, "a.vdb", &lumpy());
     transfer_function(&work, "thin.tf.json", &[[0.1, 0.0], [0.12, 2.0], [0.14, 0.0]]);
-    let out = work.command("viewpoint a.vdb --tf thin.tf.json --size 64x64 -o b.json --json").output().unwrap();
+    let out = work
+        .command("viewpoint a.vdb --tf thin.tf.json --size 64x64 -o b.json --pictures seen --json")
+        .output()
+        .unwrap();
     assert!(out.status.success(), "{}", errors(&out));
     let capture = transforms::load(&work.path("b.json")).unwrap();
     assert!(capture.transfer.is_some() && capture.background == [0.0; 3]);
-    assert!(work.picture("view_000.exr").rgba.iter().any(|p| p[0] > 0.01));
+    assert!(work.picture("seen/view_000.exr").rgba.iter().any(|p| p[0] > 0.01));
     // What is usual, and what has no error, find as much.
     let fast: Value = serde_json::from_slice(&out.stdout).unwrap();
     let exact =
         work.json("viewpoint a.vdb --tf thin.tf.json --size 64x64 --quadrature exact -o exact.json --pictures p");
     let of = |report: &Value| report["entropy"].as_f64().unwrap();
     assert!((of(&fast) - of(&exact)).abs() < 2e-3 && of(&exact) > 0.1, "{} {}", of(&fast), of(&exact));
+}
+
+#[test]
+fn cameras_alone_are_written_unless_pictures_are_asked_for() {
+    let work = Work::new();
+    write(&work, "a.vdb", &lumpy());
+    let before = work.files("").len();
+    let report = work.json("viewpoint a.vdb --size 32x32 --starts 4 --iterations 4 --hemisphere --samples 6 -o b.json");
+    assert!(report.get("pictures").is_none());
+    assert_eq!(work.files("").len(), before + 1, "the capture alone");
+    let starts = report["starts"].as_array().unwrap();
+    assert_eq!(starts.len(), 4);
+    // Nothing that was tried or found lies in the lower half.
+    for start in starts {
+        assert!(start["start"][2].as_f64().unwrap() >= 0.0 && start["end"][2].as_f64().unwrap() >= 0.0, "{start}");
+    }
+    let capture = transforms::load(&work.path("b.json")).unwrap();
+    assert!(capture.frames.iter().all(|f| f.camera.forward().z <= 0.0 && !f.picture.exists()));
+    // The cameras can be rendered into the very folder that the capture names.
+    work.json("render a.vdb --cameras b.json -o b");
+    assert!(capture.frames.iter().all(|f| f.picture.exists()));
 }
 
 #[test]
@@ -216,7 +241,8 @@ fn the_page_shows_the_paths() {
 fn an_interrupt_writes_what_is_there() {
     let work = Work::new();
     write(&work, "a.vdb", &bars());
-    let child = work.start("viewpoint a.vdb --size 64x64 --samples 1000000 --report page -o b.json --json");
+    let child =
+        work.start("viewpoint a.vdb --size 64x64 --samples 1000000 --report page -o b.json --pictures p --json");
     until("the work begins", || work.path("page").exists());
     let out = interrupt(child);
     assert_eq!(out.status.code(), Some(130), "{}", errors(&out));
@@ -243,7 +269,7 @@ fn what_cannot_be_used_is_named() {
     work.refused("viewpoint a.vdb -o b.json --size 60000x60000", &["memory", "--size"]);
     work.json("render a.vdb --views 1 --size 8x8 -o views");
     let before = work.files("views");
-    work.refused("viewpoint a.vdb -o views/b.json", &["another capture", "--pictures"]);
+    work.refused("viewpoint a.vdb -o b.json --pictures views", &["another capture", "--pictures"]);
     assert_eq!(before, work.files("views"));
     work.json("viewpoint a.vdb -o views/b.json --pictures seen --starts 1 --size 8x8");
     let capture = transforms::load(&work.path("views/b.json")).unwrap();

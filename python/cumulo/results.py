@@ -114,6 +114,7 @@ class Rendered(Report):
     views: int
     model: str
     density_scale: float
+    tone_mapping: dict[str, Any] | None = None
     quadrature: str | None = None
     early_stop: dict[str, Any] | None = None
     paths: dict[str, Any] | None = None
@@ -255,6 +256,7 @@ class Viewpoints(Report):
     """Cameras from which a volume shows most; `output` is a capture's JSON, the best first."""
 
     output: pathlib.Path
+    pictures: pathlib.Path | None = None
     views: int
     entropy: float
     sampled_best_entropy: float | None = None

@@ -38,6 +38,7 @@ pub mod up;
 pub mod usd;
 pub mod validate;
 mod values;
+pub mod view;
 pub mod viewpoint;
 pub mod volume;
 
@@ -107,6 +108,7 @@ enum Command {
     TryGrid(try_grid::TryGrid),
     #[command(subcommand)]
     Usd(usd::UsdCommand),
+    View(view::View),
     Viewpoint(viewpoint::Viewpoint),
 }
 
@@ -132,6 +134,7 @@ impl Command {
             Self::Transfer(c) => c.memory,
             Self::TryGrid(c) => return c.max_memory,
             Self::Usd(c) => c.memory(),
+            Self::View(c) => c.memory,
             Self::Viewpoint(c) => c.memory,
         };
         memory.limits().max_memory
@@ -291,6 +294,7 @@ fn dispatch(command: Command, output: &Output) -> Result<ExitCode> {
         Command::Transfer(c) => c.run(output),
         Command::TryGrid(c) => Ok(c.run()),
         Command::Usd(c) => c.run(output),
+        Command::View(c) => c.run(output),
         Command::Viewpoint(c) => c.run(output),
     }
 }

@@ -52,6 +52,11 @@ impl Output {
         }
     }
 
+    /// True if reports are printed as JSON.
+    pub fn is_json(&self) -> bool {
+        self.json
+    }
+
     /// Prints a report: its `Display` form for people, or JSON.
     ///
     /// # Errors

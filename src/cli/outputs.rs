@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::{self, atomic, exr, transforms};
+use crate::formats::{self, atomic, exr, png, transforms};
 use crate::scene::capture::Capture;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -153,7 +153,8 @@ pub fn same_command(a: &str, b: &str) -> bool {
     words(a) == words(b)
 }
 
-/// Returns true if a picture is there that a command of the same settings wrote, which its `attribute` names.
+/// Returns true if a picture in OpenEXR or PNG is there that a command of the same settings wrote, which its `attribute`
+/// names.
 ///
 /// # Errors
 /// If a picture is there that another command wrote, unless `overwrite` is set.
@@ -161,7 +162,11 @@ pub fn is_own_picture(path: &Path, attribute: &str, command: &str, overwrite: bo
     if !path.exists() {
         return Ok(false);
     }
-    let earlier = exr::header(path).ok().and_then(|header| header.attributes().remove(attribute));
+    let mut texts = match path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+        true => png::texts(path).unwrap_or_default(),
+        false => exr::header(path).map(|header| header.attributes()).unwrap_or_default(),
+    };
+    let earlier = texts.remove(attribute);
     if earlier.is_some_and(|earlier| settings(&earlier) == settings(command)) {
         return Ok(true);
     }

@@ -36,6 +36,11 @@ pub fn not_negative(text: &str) -> Result<f64, String> {
     number(text).and_then(|v| if v >= 0.0 { Ok(v) } else { Err(format!("'{text}' must not be negative")) })
 }
 
+/// Parses an exposure in stops, from -60 to 60: beyond, every float is black or white.
+pub fn exposure(text: &str) -> Result<f64, String> {
+    number(text).and_then(|v| if v.abs() <= 60.0 { Ok(v) } else { Err(format!("'{text}' must be from -60 to 60")) })
+}
+
 /// Parses a number from 0 to 1, 1 excluded.
 pub fn share(text: &str) -> Result<f64, String> {
     not_negative(text).and_then(|v| if v < 1.0 { Ok(v) } else { Err(format!("'{text}' must be below 1")) })
@@ -83,13 +88,23 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
     })
 }
 
-/// Parses a part of a picture, `x,y,WIDTHxHEIGHT`.
+/// Parses a part of a picture: `x0,y0,x1,y1`, whose last column and row are no part of it, or `x,y,WIDTHxHEIGHT`.
 pub fn window(text: &str) -> Result<Window, String> {
-    let [x, y, extent] = text.split(',').collect::<Vec<_>>()[..] else {
-        return Err(format!("'{text}' is no part of a picture; give column,row,WIDTHxHEIGHT, such as 64,32,128x128"));
-    };
-    let place = |text: &str| text.trim().parse().map_err(|_| format!("'{text}' is no column or row of pixels"));
-    Ok(Window { origin: [place(x)?, place(y)?], size: size(extent)? })
+    let place = |text: &str| text.trim().parse::<u32>().map_err(|_| format!("'{text}' is no column or row of pixels"));
+    match text.split(',').collect::<Vec<_>>()[..] {
+        [x, y, extent] => Ok(Window { origin: [place(x)?, place(y)?], size: size(extent)? }),
+        [x0, y0, x1, y1] => {
+            let [x0, y0, x1, y1] = [place(x0)?, place(y0)?, place(x1)?, place(y1)?];
+            match (x1.checked_sub(x0), y1.checked_sub(y0)) {
+                (Some(w @ 1..), Some(h @ 1..)) => Ok(Window { origin: [x0, y0], size: [w, h] }),
+                _ => Err(format!("'{text}' holds no pixel: x1 and y1 must be greater than x0 and y0")),
+            }
+        }
+        _ => Err(format!(
+            "'{text}' is no part of a picture; give x0,y0,x1,y1 such as 64,32,192,160, or column,row,WIDTHxHEIGHT such as \
+             64,32,128x128"
+        )),
+    }
 }
 
 /// Parses a scene-linear color, `r,g,b` or one number for grey, each from 0 to 1e15.
@@ -132,6 +147,8 @@ mod tests {
     #[test]
     fn what_can_be_read_and_what_not() {
         assert_eq!(size("640x480").unwrap(), [640, 480]);
+        let part = window("64,32,128x96").unwrap();
+        assert!(window("64,32,192,128").unwrap() == part && window("4,4,4,9").is_err() && window("1,2").is_err());
         assert!(size("640").is_err() && size("0x4").is_err() && size("4x70000").is_err());
         assert_eq!(color("0.5").unwrap(), [0.5; 3]);
         assert_eq!(color("1, 0,0.25").unwrap(), [1.0, 0.0, 0.25]);

@@ -11,7 +11,7 @@ use crate::plan::pilot::{self, Cost};
 use crate::plan::{Integrator, Plan, State};
 use serde::Serialize;
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Tell which effects `render` would simulate, what they cost, and how much radiance is left out at most
@@ -101,7 +101,7 @@ impl PlanCommand {
         pictures.scattering.check(paths)?;
         let up = pictures.chosen_up(template.as_ref())?;
         up.iter().for_each(|up| output.note(up));
-        let capture = pictures.capture(Path::new(""), &subject, transfer, template.as_ref(), up.as_ref())?;
+        let capture = pictures.capture(PathBuf::from, &subject, transfer, template.as_ref(), up.as_ref())?;
         let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
         let mut plan = pictures.plan(&scene, false)?;
         let scene = plan.simplify(scene)?;

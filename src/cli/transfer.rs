@@ -7,22 +7,27 @@ use super::parse::{ascending, positive};
 use super::provenance::Provenance;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::transfer::{self, Options, Source, TransferSummary};
+use crate::formats::transfer::{self, Builtin, Options, Source, TransferSummary};
 use crate::scene::transfer::Transfer;
 use crate::text::printable;
 use serde::Serialize;
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Show a transfer function, or convert it to .tf.json
 ///
 /// Read are .tf.json, color map presets of ParaView (JSON and XML), and VDBs whose grids carry one; content tells
-/// which. ParaView's display-referred colors become scene-linear, its opacities extinctions.
+/// which. ParaView's display-referred colors become scene-linear, its opacities extinctions. Color maps and medical
+/// presets are there by name: see --list.
 #[derive(Debug, clap::Args)]
 pub struct TransferCommand {
-    /// Transfer function to read
-    input: PathBuf,
+    /// Transfer function to read: a file, or a name such as viridis or ct-bone
+    #[arg(required_unless_present = "list")]
+    input: Option<PathBuf>,
+    /// List the transfer functions that are there by name, with their ranges
+    #[arg(long, conflicts_with_all = ["input", "output", "preset", "range", "unit_distance", "extinction"])]
+    list: bool,
     /// Write it to this .tf.json
     #[arg(long, short, value_name = "OUT")]
     output: Option<PathBuf>,
@@ -32,10 +37,10 @@ pub struct TransferCommand {
     /// Map its densities to this range
     #[arg(long, value_name = "LOW,HIGH", value_parser = ascending, allow_hyphen_values = true)]
     range: Option<[f64; 2]>,
-    /// World length that the opacities of a ParaView preset are for (default: 1)
+    /// World length that the opacities of a preset are for (default: 1)
     #[arg(long, value_name = "U", value_parser = positive)]
     unit_distance: Option<f64>,
-    /// Extinction per world unit at the end of a ParaView preset without opacities (default: 1)
+    /// Extinction per world unit at the end of a color map or preset without opacities (default: 1)
     #[arg(long, value_name = "S", value_parser = positive)]
     extinction: Option<f64>,
     #[command(flatten)]
@@ -45,8 +50,9 @@ pub struct TransferCommand {
 /// The transfer function that a command uses.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct TransferOption {
-    /// Transfer function: a .tf.json, a color map preset of ParaView (JSON, XML), or a VDB that carries one
-    #[arg(long = "tf", value_name = "FILE")]
+    /// Transfer function: a .tf.json, a color map preset of ParaView (JSON, XML), a VDB that carries one, or a name such as
+    /// viridis, cool-warm or ct-bone (`cumulo transfer --list` shows all)
+    #[arg(long = "tf", value_name = "FILE|NAME")]
     pub tf: Option<PathBuf>,
     /// Which of several in --tf: the preset of this name, in a VDB that of this grid (default: the first)
     #[arg(long, value_name = "NAME", requires = "tf")]
@@ -54,29 +60,58 @@ pub struct TransferOption {
     /// Map the densities of --tf to this range
     #[arg(long, value_name = "LOW,HIGH", value_parser = ascending, allow_hyphen_values = true, requires = "tf")]
     pub tf_range: Option<[f64; 2]>,
-    /// World length that the opacities of a ParaView preset are for (default: 1)
+    /// World length that the opacities of a preset are for (default: 1)
     #[arg(long, value_name = "U", value_parser = positive, requires = "tf")]
     pub tf_unit_distance: Option<f64>,
-    /// Extinction per world unit at the end of a ParaView preset without opacities (default: 1)
+    /// Extinction per world unit at the end of a color map or preset without opacities (default: 1)
     #[arg(long, value_name = "S", value_parser = positive, requires = "tf")]
     pub tf_extinction: Option<f64>,
 }
 
 impl TransferOption {
+    /// Returns the file of `--tf`; `None` if the option is not given, or names a function that no file holds.
+    pub fn file(&self) -> Option<&Path> {
+        self.tf.as_deref().and_then(transfer::file)
+    }
+
     /// Loads the transfer function of `--tf`, if the option is given.
     ///
     /// # Errors
     /// Those of [`transfer::load`].
     pub fn load(&self, limits: Limits) -> Result<Option<Transfer>> {
         let Some(path) = &self.tf else { return Ok(None) };
-        let options = Options {
+        transfer::load(path, &self.options(limits)).map(|loaded| Some(loaded.transfer))
+    }
+
+    /// Returns the options that the function of `--tf` is read with.
+    pub fn options(&self, limits: Limits) -> Options {
+        Options {
             preset: self.tf_preset.clone(),
             range: self.tf_range,
             unit_distance: self.tf_unit_distance,
             extinction: self.tf_extinction,
             limits,
-        };
-        transfer::load(path, &options).map(|loaded| Some(loaded.transfer))
+        }
+    }
+}
+
+/// The transfer functions that are there by name.
+#[derive(Debug, Serialize)]
+struct List {
+    functions: Vec<Builtin>,
+}
+
+impl fmt::Display for List {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for Builtin { name, range: [low, high], unit, colors, opacity, source } in &self.functions {
+            let range = format!("{low} to {high} {unit}");
+            writeln!(f, "{name:15} {range:18} {colors}")?;
+            writeln!(f, "{:15} {opacity}\n{:15} {source}", "", "")?;
+        }
+        writeln!(
+            f,
+            "--tf-range LOW,HIGH moves a range; opacities are for a layer of one world unit (--tf-unit-distance)"
+        )
     }
 }
 
@@ -100,21 +135,27 @@ impl TransferCommand {
     /// # Errors
     /// If the input is no transfer function that can be used, or the output cannot be written.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        let Some(input) = &self.input else {
+            output.report(&List { functions: transfer::builtins() })?;
+            return Ok(ExitCode::SUCCESS);
+        };
         let mut provenance = Provenance::begin();
         if let Some(path) = &self.output {
             outputs::file(path, Content::TransferFunction)?;
-            outputs::spare([path.as_path()], [self.input.as_path()])?;
+            outputs::spare([path.as_path()], [input.as_path()])?;
         }
-        let loaded = transfer::load(&self.input, &self.options())?;
+        let loaded = transfer::load(input, &self.options())?;
         if let Some(path) = &self.output {
-            provenance.input(&self.input, [self.input.as_path()])?;
+            if let Some(file) = transfer::file(input) {
+                provenance.input(file, [file])?;
+            }
             provenance.lap();
             let provenance = serde_json::to_value(&provenance)
                 .map_err(|e| Error::invalid(e.to_string()).at(path).hint("report this as a bug"))?;
             transfer::save(path, &loaded.transfer, loaded.name.as_deref(), Some(&provenance))?;
         }
         output.report(&Report {
-            input: self.input.clone(),
+            input: input.clone(),
             output: self.output.clone(),
             source: loaded.source,
             name: loaded.name,
@@ -143,6 +184,7 @@ impl fmt::Display for Report {
             Source::ParaviewJson => "ParaView preset (JSON)",
             Source::ParaviewXml => "ParaView preset (XML)",
             Source::Vdb => "transfer function of a VDB's grid",
+            Source::Builtin => "transfer function by name",
         };
         write!(f, "{}: {source}", printable(&self.input.to_string_lossy()))?;
         if let Some(name) = &self.name {

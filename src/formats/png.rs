@@ -1,9 +1,11 @@
 //! 8-bit PNG pictures for display: heat maps and pictures in reports.
 
-use super::atomic;
+use super::{atomic, input};
 use crate::error::{Error, Result};
 use crate::scene::display;
 use crate::scene::film::Film;
+use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Writes `rgb[3 * (y * width + x) + channel]` as an sRGB PNG; the file appears whole or not at all.
@@ -63,12 +65,71 @@ fn encode_levels(width: usize, height: usize, levels: &[u8], palette: Option<&[u
     Ok(bytes)
 }
 
+/// How scene-linear radiance becomes the samples of a PNG: scaled, clipped to 0..1, and encoded by sRGB's curve (IEC
+/// 61966-2-1).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ToneMapping {
+    /// Exposure in stops: radiance is multiplied by two to this power.
+    pub exposure: f64,
+}
+
+impl std::fmt::Display for ToneMapping {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "radiance * 2^{}, clipped to 0..1, sRGB (IEC 61966-2-1)", self.exposure)
+    }
+}
+
+impl ToneMapping {
+    /// Converts a film's colors over black: three bytes per pixel; NaN becomes 0.
+    pub fn rgb8(self, film: &Film) -> Vec<u8> {
+        let factor = self.exposure.exp2() as f32;
+        film.rgba.iter().flat_map(|p| [p[0], p[1], p[2]].map(|v| srgb8(factor * v))).collect()
+    }
+}
+
+/// Keyword of the text that tells the tone mapping of a PNG.
+pub const TONE_MAPPING: &str = "Tone mapping";
+
+/// Writes a film's colors as an sRGB PNG, whose text chunks state the tone mapping and the attributes, each under its own
+/// name. The file appears whole or not at all.
+///
+/// # Errors
+/// If the film has no pixels, an attribute's name is no keyword of 1 to 79 characters, or the file cannot be written.
+pub fn write_film(path: &Path, film: &Film, tone: ToneMapping, attributes: &BTreeMap<String, String>) -> Result<()> {
+    let mut texts = attributes.clone();
+    texts.insert(TONE_MAPPING.into(), tone.to_string());
+    let bytes = encode(film.width, film.height, &[&tone.rgb8(film)], 0, &texts).map_err(|e| e.at(path))?;
+    atomic::write_bytes(path, &bytes)
+}
+
+/// Reads the texts of a PNG in UTF-8 (`iTXt`) that stand before its samples, by keyword.
+///
+/// # Errors
+/// If the file cannot be read, or is no PNG.
+pub fn texts(path: &Path) -> Result<BTreeMap<String, String>> {
+    let file = std::io::BufReader::new(input::open(path)?);
+    let fault = |e: png::DecodingError| Error::invalid(format!("no PNG: {e}")).at(path).hint("write the picture again");
+    let reader = png::Decoder::new(file).read_info().map_err(fault)?;
+    let texts = reader.info().utf8_text.iter();
+    texts.map(|chunk| Ok((chunk.keyword.clone(), chunk.get_text().map_err(fault)?))).collect()
+}
+
 /// Encodes pictures of equal size as the bytes of an animated sRGB PNG file that repeats without end at `rate` frames a
 /// second. Programs that know no animation show the first.
 ///
 /// # Errors
 /// If a side is 0 or exceeds 32 bits, there is no picture, or one does not have three bytes per pixel.
 pub fn encode_frames(width: usize, height: usize, frames: &[&[u8]], rate: u16) -> Result<Vec<u8>> {
+    encode(width, height, frames, rate, &BTreeMap::new())
+}
+
+fn encode(
+    width: usize,
+    height: usize,
+    frames: &[&[u8]],
+    rate: u16,
+    texts: &BTreeMap<String, String>,
+) -> Result<Vec<u8>> {
     let fault = |what: String| {
         Error::invalid(format!("PNG of {width}x{height}: {what}")).hint("write at least one pixel, three bytes each")
     };
@@ -80,6 +141,9 @@ pub fn encode_frames(width: usize, height: usize, frames: &[&[u8]], rate: u16) -
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
+    for (keyword, text) in texts {
+        encoder.add_itxt_chunk(keyword.clone(), text.clone()).map_err(|e| fault(e.to_string()))?;
+    }
     if frames.len() != 1 {
         let count = u32::try_from(frames.len()).map_err(|e| fault(e.to_string()))?;
         encoder.set_animated(count, 0).map_err(|e| fault(e.to_string()))?;
@@ -130,6 +194,20 @@ mod tests {
             assert_eq!(back, levels);
         }
         assert!(encode_grey8(5, 3, &levels[1..]).is_err() && encode_grey8(0, 3, &[]).is_err());
+    }
+
+    #[test]
+    fn films_carry_what_was_done_to_them() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.png");
+        let film = Film::of(1, 1, vec![[0.107_020_57, 1.0, 0.0, 1.0]]);
+        let attributes = BTreeMap::from([("cumulo:command".to_owned(), "cumulo render wölke.vdb".to_owned())]);
+        write_film(&path, &film, ToneMapping { exposure: 1.0 }, &attributes).unwrap();
+        let texts = texts(&path).unwrap();
+        assert_eq!(texts["cumulo:command"], "cumulo render wölke.vdb");
+        assert!(texts[TONE_MAPPING].contains("2^1,"), "{texts:?}");
+        // Twice 0.107 is sRGB 0.5.
+        assert_eq!(ToneMapping { exposure: 1.0 }.rgb8(&film), [128, 255, 0]);
     }
 
     #[test]

@@ -10,6 +10,7 @@ mod number;
 mod picture;
 mod plot;
 mod script;
+pub mod sheet;
 mod slices;
 mod sphere;
 mod stages;
@@ -19,6 +20,7 @@ mod views;
 mod wipe;
 
 pub use browse::{Beside, MOST_SLICES};
+pub use number::short;
 pub use plot::{Plot, Series};
 pub use sphere::{SphereMap, Walk};
 pub use strip::StripFrame;

@@ -89,6 +89,17 @@ impl Camera {
         Ok(Self { centre: self.centre - DVec2::new(x, y), width: size[0], height: size[1], ..self })
     }
 
+    /// Returns the camera with another size of picture. Focal lengths scale along, so that the whole picture stays in
+    /// view; where the proportions differ, it is in the middle of the new one, which shows more to both sides.
+    #[must_use]
+    pub fn resized(self, [width, height]: [u32; 2]) -> Self {
+        let old = DVec2::new(f64::from(self.width), f64::from(self.height));
+        let new = DVec2::new(f64::from(width), f64::from(height));
+        let factor = (new / old).min_element();
+        let centre = factor * self.centre + 0.5 * (new - factor * old);
+        Self { focal: factor * self.focal, centre, width, height, ..self }
+    }
+
     /// Checks every number and normalises the columns of the motion, since files often carry a scale.
     ///
     /// # Errors
@@ -271,6 +282,19 @@ mod tests {
                 assert!(depth > c.near);
             }
         }
+    }
+
+    #[test]
+    fn resizing_keeps_the_whole_picture_in_the_middle() {
+        let c = camera(Projection::Perspective);
+        // Twice as large, and 32 columns more on each side.
+        let wide = c.resized([192, 96]);
+        for corner in [DVec2::ZERO, DVec2::new(64.0, 48.0), DVec2::new(10.0, 40.0)] {
+            let (pixel, _) = wide.project(c.ray(corner.x, corner.y).at(3.0)).unwrap();
+            assert!((pixel - (2.0 * corner + DVec2::new(32.0, 0.0))).length() < 1e-9, "{pixel}");
+        }
+        assert_eq!((wide.width, wide.height), (192, 96));
+        assert_eq!(c.resized([64, 48]), c);
     }
 
     #[test]

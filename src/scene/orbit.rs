@@ -55,6 +55,37 @@ pub fn cameras(
         .collect()
 }
 
+/// Places a perspective camera in a direction from the middle of `points`, whose pictures of `width` x `height` pixels
+/// they fill, upright with respect to `up`: the principal point is shifted so that the points' outline lies in the middle. `field_of_view` is the angle
+/// in degrees that the bounding sphere of the points subtends; it sets the camera's distance.
+pub fn fitted(points: &[DVec3], direction: DVec3, [width, height]: [u32; 2], field_of_view: f64, up: Up) -> Camera {
+    let (centre, radius) = ball(points);
+    let distance = radius.max(f64::MIN_POSITIVE) / (0.5 * field_of_view).to_radians().sin();
+    let camera_to_world = Camera::look_at(centre + distance * direction, centre, up.vector());
+    let to_camera = camera_to_world.inverse();
+    let on_plane = |point: &DVec3| {
+        let p = to_camera.transform_point3(*point);
+        DVec2::new(p.x, -p.y) / -p.z
+    };
+    let low = points.iter().map(on_plane).fold(DVec2::INFINITY, DVec2::min);
+    let high = points.iter().map(on_plane).fold(DVec2::NEG_INFINITY, DVec2::max);
+    let size = DVec2::new(f64::from(width), f64::from(height));
+    let extent = (high - low).max(DVec2::splat(f64::MIN_POSITIVE));
+    // One pixel of margin on each side shows the silhouette's outside.
+    let focal = ((size - 2.0).max(DVec2::ONE) / extent).min_element();
+    let middle = if points.is_empty() { DVec2::ZERO } else { 0.5 * (low + high) };
+    let focal = if focal.is_finite() { focal } else { size.min_element() };
+    Camera {
+        camera_to_world,
+        projection: Projection::Perspective,
+        focal: DVec2::splat(focal),
+        centre: 0.5 * size - focal * middle,
+        width,
+        height,
+        near: 0.0,
+    }
+}
+
 /// Centre and radius of a bounding ball, slightly larger than the smallest one (Ritter 1990).
 pub(super) fn ball(points: &[DVec3]) -> (DVec3, f64) {
     let Some(first) = points.first() else { return (DVec3::ZERO, 0.0) };
@@ -125,6 +156,20 @@ mod tests {
                 assert!((z.focal.x - y.focal.x).abs() < 1e-12 * z.focal.x);
                 assert!(y.camera_to_world.x_axis.y.abs() < 1e-12, "the horizon is level");
             }
+        }
+    }
+
+    #[test]
+    fn a_fitted_outline_touches_two_opposite_sides() {
+        let bounds = Aabb { min: DVec3::new(-3.0, 1.0, 2.0), max: DVec3::new(1.0, 2.0, 12.0) };
+        for direction in [DVec3::X, DVec3::new(0.4, -0.8, 0.3).normalize(), DVec3::Z] {
+            let camera = fitted(&bounds.corners(), direction, [64, 40], 40.0, Up::Z);
+            let pixels: Vec<DVec2> = bounds.corners().iter().map(|c| camera.project(*c).unwrap().0).collect();
+            let low = pixels.iter().copied().fold(DVec2::INFINITY, DVec2::min);
+            let high = pixels.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);
+            assert!(low.min_element() > 0.99 && high.x < 63.01 && high.y < 39.01, "{low} {high}");
+            let fills = [0, 1].map(|a| (low[a] - 1.0).abs() < 1e-6 && (high[a] - [63.0, 39.0][a]).abs() < 1e-6);
+            assert!(fills[0] || fills[1], "{low} {high}");
         }
     }
 

@@ -27,8 +27,9 @@ pub struct Corpus {
     pub sound: PathBuf,
 }
 
-const VOLUME: [&str; 13] = [
+const VOLUME: [&str; 14] = [
     "info {}",
+    "view {} --size 16 -o >sheet.png",
     "validate {}",
     "convert {} >out.vdb --half --repair",
     "convert {} >out.vdb --resample 0.1 --codec none",
@@ -44,8 +45,9 @@ const VOLUME: [&str; 13] = [
 ];
 
 /// For volumes that most commands refuse.
-const OTHER_VOLUME: [&str; 6] = [
+const OTHER_VOLUME: [&str; 7] = [
     "info {}",
+    "view {} --size 16 -o >sheet.png",
     "validate {}",
     "convert {} >out.vdb",
     "convert {} >out.vdb --half --codec none --repair",
@@ -70,7 +72,13 @@ const CARRIED: [&str; 5] = [
     "convert {} >out.vdb",
 ];
 
-const PICTURE: [&str; 4] = ["info {}", "validate {}", "compare {} {}", "compare {} @view.exr --heatmap >heat.png"];
+const PICTURE: [&str; 5] = [
+    "info {}",
+    "validate {}",
+    "compare {} {}",
+    "compare {} @view.exr --heatmap >heat.png",
+    "view {} --size 16 -o >sheet.png",
+];
 
 /// Numbered, so that what works on sequences reads it, too.
 const NUMBERED: [&str; 5] = [
@@ -81,8 +89,9 @@ const NUMBERED: [&str; 5] = [
     "compare numbered.####.exr numbered.####.exr --flip",
 ];
 
-const CAPTURE: [&str; 8] = [
+const CAPTURE: [&str; 9] = [
     "info capture",
+    "view capture --size 16 -o >sheet.png",
     "validate capture",
     "denoise capture/view_%03d.exr -o quiet_%03d.exr",
     "motion @plume.vdb --cameras capture --samples 1 -o motion.####.exr",

@@ -20,12 +20,13 @@ const fn writing(name: &'static str, words: &'static str, resumes: bool) -> Writ
     Writing { name, words, resumes }
 }
 
-pub const ALL: [Writing; 13] = [
+pub const ALL: [Writing; 14] = [
+    writing("view", "view @cube.vdb --size 32 -o out/sheet.png", false),
     writing("convert", "convert @cube.vdb out/a.vdb", false),
     writing("render", "render @cube.vdb --views 3 --size 8x8 --overwrite -o out/shots", false),
     writing(
         "viewpoint",
-        "viewpoint @cube.vdb --starts 2 --iterations 1 --size 16x16 --overwrite -o out/best.json --report out/page",
+        "viewpoint @cube.vdb --starts 2 --iterations 1 --size 16x16 --overwrite --pictures out/best -o out/best.json --report out/page",
         true,
     ),
     writing("pose", "pose in/cap --volume @cube.vdb --iterations 1 -o out/cameras.json --report out/page", true),

@@ -225,8 +225,8 @@ impl GradientCommand {
         let up = setup.up.clone();
         up.iter().for_each(|up| output.note(up));
         let target = self.target.as_deref().map(captures::file);
-        for path in [Some(&self.input), target.as_ref(), self.transfer.tf.as_ref()].into_iter().flatten() {
-            provenance.input(path, [path.as_path()])?;
+        for path in [Some(self.input.as_path()), target.as_deref(), self.transfer.file()].into_iter().flatten() {
+            provenance.input(path, [path])?;
         }
         let Results { mut report, grids, page } = match volume {
             Grids::Density(field) => self.evaluate(self.study(field, setup, limits, output)?, limits, output)?,

@@ -169,8 +169,8 @@ impl Pose {
         };
         let (photos, mut warnings) = task.photos(&json, &shown, self.layer.as_deref(), output)?;
         task.provenance.input(&self.volume, [self.volume.as_path()])?;
-        if let Some(tf) = &self.transfer.tf {
-            task.provenance.input(tf, [tf.as_path()])?;
+        if let Some(tf) = self.transfer.file() {
+            task.provenance.input(tf, [tf])?;
         }
 
         let centre = self.centre(&grids.density_or_extinction())?;

@@ -15,7 +15,8 @@ use crate::scene::orbit;
 use crate::scene::transfer::Transfer;
 use crate::scene::up::Up;
 use crate::scene::volume::Grids;
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 impl PictureOptions {
@@ -27,11 +28,11 @@ impl PictureOptions {
         template.is_none().then(|| self.up.of(&self.input, self.memory.limits())).transpose()
     }
 
-    /// Returns the capture of what the options tell, whose pictures lie in a folder. `up` is the axis about which cameras
-    /// are placed where `template` states none.
+    /// Returns the capture of what the options tell. `picture` returns the path of a picture from its name in a folder, and
+    /// `up` is the axis about which cameras are placed where `template` states none.
     pub(in crate::cli) fn capture(
         &self,
-        folder: &Path,
+        picture: impl Fn(&str) -> PathBuf,
         subject: &Subject,
         transfer: Option<Transfer>,
         template: Option<&Capture>,
@@ -42,9 +43,9 @@ impl PictureOptions {
         let density_scale = self.scale(subject, transfer.as_ref(), template, &cameras)?;
         let model = self.model_of(subject, transfer.is_some(), template)?;
         let scatters = model == Model::Scattering;
-        let cameras = cameras.into_iter().map(|camera| self.cropped(camera)).collect::<Result<Vec<_>>>()?;
-        let picture = |i: usize| folder.join(format!("view_{i:03}.exr"));
-        let frames = cameras.into_iter().enumerate().map(|(i, camera)| Frame { camera, picture: picture(i) });
+        let frame =
+            |i: usize| Ok(Frame { camera: self.cropped(cameras[i])?, picture: picture(&format!("view_{i:03}.exr")) });
+        let frames = self.chosen(cameras.len())?.into_iter().map(frame).collect::<Result<Vec<_>>>()?;
         let template = template.filter(|_| !scatters);
         // The other model's background would be a surprise: white light behind a bright source.
         let same_model = template.filter(|c| (c.model == Model::Absorption) == (model == Model::Absorption));
@@ -56,7 +57,7 @@ impl PictureOptions {
         };
         let default_emission = if scatters { [0.0; 3] } else { [1.0; 3] };
         Ok(Capture {
-            frames: frames.collect(),
+            frames,
             model,
             background: self.background.or(same_model.map(|c| c.background)).unwrap_or(default_background),
             pixel_filter: if self.supersample > 1 || scatters { PixelFilter::Box } else { PixelFilter::Point },
@@ -68,6 +69,22 @@ impl PictureOptions {
             color_space: None,
             remarks: Vec::new(),
         })
+    }
+
+    /// Returns the numbers of the views that are rendered, of `count`: those of `--view`, else all.
+    ///
+    /// # Errors
+    /// If there is no view of a number.
+    pub(in crate::cli) fn chosen(&self, count: usize) -> Result<Vec<usize>> {
+        if self.view.is_empty() {
+            return Ok((0..count).collect());
+        }
+        let numbers: BTreeSet<usize> = self.view.iter().flat_map(|range| range.numbers()).map(|n| n as usize).collect();
+        match numbers.last() {
+            Some(last) if *last >= count => Err(Error::invalid(format!("--view {last}: there are {count} views"))
+                .hint("views count from 0; give numbers and ranges such as 0,4-7")),
+            _ => Ok(numbers.into_iter().collect()),
+        }
     }
 
     /// Returns the camera of the part of a picture that is rendered.

@@ -5,6 +5,7 @@ use super::options::PictureOptions;
 use super::renderer::Chosen;
 use super::scattering::Paths;
 use super::subject::Subject;
+use super::target::Target;
 use super::{Render, fits, remarks, settle};
 use crate::cli::cancel;
 use crate::cli::failed::{Failed, List};
@@ -15,9 +16,9 @@ use crate::cli::provenance::Provenance;
 use crate::cli::up::ChosenUp;
 use crate::error::{Error, Kind, Result};
 use crate::formats::atomic::Batch;
-use crate::formats::exr;
+use crate::formats::png::ToneMapping;
 use crate::formats::sequence::{self, Pattern};
-use crate::formats::transforms::{self, FILE_NAME};
+use crate::formats::transforms;
 use crate::formats::vdb::{File, velocity};
 use crate::plan::Plan;
 use crate::render::path::{Counts, View};
@@ -40,6 +41,9 @@ struct Report {
     skipped: usize,
     failed: Vec<Failed>,
     density_scale: f64,
+    /// How radiance became the samples of PNGs; none if none were written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tone_mapping: Option<ToneMapping>,
     paths: Option<Paths>,
     /// Up axis about which the camera was placed; none where it was given.
     up: Option<ChosenUp>,
@@ -48,9 +52,10 @@ struct Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, rendered, skipped, failed, density_scale, paths, seconds, .. } = self;
+        let Self { output, rendered, skipped, failed, density_scale, tone_mapping, paths, seconds, .. } = self;
         write!(f, "{}: {rendered} frames in {seconds:.2} s, ", output.display())?;
         write!(f, "{skipped} that were there, {} that failed; density scale {density_scale}", failed.len())?;
+        tone_mapping.iter().try_for_each(|tone| write!(f, "\n  PNG: {tone}"))?;
         paths.map_or(Ok(()), |paths| write!(f, "\n{paths}"))?;
         write!(f, "{}", List(failed))
     }
@@ -71,6 +76,7 @@ struct Shot {
 /// Sequence at work.
 struct Sequence<'s> {
     render: &'s Render,
+    target: Target<'s>,
     /// Options, with what the first frame has settled.
     pictures: PictureOptions,
     pattern: Option<Pattern>,
@@ -96,7 +102,7 @@ impl Render {
     ///
     /// # Errors
     /// If no frame can be begun, or pictures of other commands would be replaced.
-    pub(super) fn run_frames(&self, output: &Output) -> Result<ExitCode> {
+    pub(super) fn run_frames(&self, target: Target<'_>, output: &Output) -> Result<ExitCode> {
         let mut provenance = Provenance::begin();
         let pattern = Pattern::parse(&self.pictures.input);
         let numbers: Vec<u32> = match (self.frames, &pattern) {
@@ -104,18 +110,26 @@ impl Render {
             (None, Some(pattern)) => pattern.numbers()?,
             (None, None) => Vec::new(),
         };
-        let template = self.pictures.template(Some(&numbers))?;
+        target.holds(numbers.len(), "frames", "--frames N")?;
+        let mut template = self.pictures.template(Some(&numbers))?;
         self.pictures.check_cameras(template.as_ref())?;
+        let mut pictures = self.pictures.clone();
+        if let Some(template) = &mut template {
+            let chosen = pictures.chosen(template.frames.len())?;
+            template.frames = chosen.into_iter().map(|i| template.frames[i].clone()).collect();
+            pictures.view.clear();
+        }
         let cameras = template.as_ref().map(|template| self.cameras(template, &numbers)).transpose()?;
         if self.pictures.views.is_some_and(|views| views > 1) {
             return Err(Error::invalid("--views: a sequence has one picture for each frame")
                 .hint("give --views 1 for a camera at rest, or --cameras with one for each frame"));
         }
-        let paths = numbers.iter().map(|number| self.output.join(format!("frame.{number:04}.exr")));
+        let paths = numbers.iter().map(|number| target.picture(&format!("frame.{number:04}.exr")));
         let frames: Vec<(u32, PathBuf)> = numbers.iter().copied().zip(paths).collect();
         let mut sequence = Sequence {
             render: self,
-            pictures: self.pictures.clone(),
+            target,
+            pictures,
             pattern,
             template,
             cameras: cameras.unwrap_or_default(),
@@ -125,17 +139,18 @@ impl Render {
             remarks: BTreeSet::new(),
             cancel: cancel::listen(),
         };
-        let json = self.output.join(FILE_NAME);
-        let kept = sequence.spare(&json, &frames)?;
-        sequence.settle(&json, &numbers, output)?;
+        let kept = sequence.spare(&frames)?;
+        sequence.settle(target.json().as_deref(), &numbers, output)?;
         // A folder that stays empty is removed again.
         let mut batch = Batch::new();
-        batch.make_folder(&self.output)?;
+        if let Target::Folder(folder) = target {
+            batch.make_folder(folder)?;
+        }
 
         let Results { done, failed, skipped, counts } = sequence.all(&frames, output)?;
         provenance.inputs.clone_from(&sequence.provenance.inputs);
         let seconds = provenance.lap();
-        let density_scale = sequence.write(&json, &done, kept, &provenance)?;
+        let density_scale = sequence.write(&done, kept, &provenance)?;
         if !done.is_empty() {
             batch.commit()?;
         }
@@ -148,6 +163,7 @@ impl Render {
             skipped,
             failed,
             density_scale,
+            tone_mapping: self.tone_mapping_used(),
             paths,
             up: sequence.up,
             seconds,
@@ -239,7 +255,7 @@ impl Sequence<'_> {
     }
 
     /// Takes what must not change from frame to frame once: that of an earlier run that is resumed, or of some frames.
-    fn settle(&mut self, json: &Path, numbers: &[u32], output: &Output) -> Result<()> {
+    fn settle(&mut self, json: Option<&Path>, numbers: &[u32], output: &Output) -> Result<()> {
         let placed = self.cameras.is_empty();
         let earlier = if self.render.resume { settle::earlier(json) } else { None };
         let settled = match earlier {
@@ -265,38 +281,41 @@ impl Sequence<'_> {
     }
 
     /// Makes sure that nothing of other commands is replaced. Returns frames of an earlier run that this one leaves alone.
-    fn spare(&self, json: &Path, frames: &[(u32, PathBuf)]) -> Result<Vec<Frame>> {
-        let pictures: Vec<PathBuf> = frames.iter().map(|(_, path)| path.clone()).collect();
-        let inputs = [Some(&self.pictures.input), self.pictures.transfer.tf.as_ref(), self.pictures.cameras.as_ref()];
-        let outputs = pictures.iter().map(PathBuf::as_path).chain([json]);
-        outputs::spare(outputs, inputs.into_iter().flatten().map(PathBuf::as_path).collect::<Vec<_>>())?;
+    fn spare(&self, frames: &[(u32, PathBuf)]) -> Result<Vec<Frame>> {
+        let pictures: Vec<PathBuf> = frames.iter().flat_map(|(_, path)| self.render.files_of(path)).collect();
+        let inputs =
+            [Some(self.pictures.input.as_path()), self.pictures.transfer.file(), self.pictures.cameras.as_deref()];
+        let json = self.target.json();
+        let outputs = pictures.iter().chain(&json).map(PathBuf::as_path);
+        outputs::spare(outputs, inputs.into_iter().flatten().collect::<Vec<_>>())?;
+        let command = &self.provenance.command;
         if !self.render.resume {
-            match self.render.overwrite {
-                true => {}
-                false => outputs::spare_captures(json, &pictures, &self.provenance.command)?,
+            match &json {
+                _ if self.render.overwrite => {}
+                Some(json) => outputs::spare_captures(json, &pictures, command)?,
+                None => pictures.iter().try_for_each(|picture| {
+                    outputs::is_own_picture(picture, "cumulo:command", command, false).map(drop)
+                })?,
             }
             return Ok(Vec::new());
         }
         for path in pictures.iter().filter(|path| path.exists()) {
-            let earlier = exr::header(path)?.attributes().get("cumulo:command").cloned().unwrap_or_default();
-            if outputs::settings(&earlier) != outputs::settings(&self.provenance.command) {
-                return Err(Error::invalid(format!("another command made this picture: {earlier}"))
-                    .at(path)
-                    .hint("--resume goes on with the very same command; give another folder, or --overwrite"));
-            }
+            let own = outputs::is_own_picture(path, "cumulo:command", command, false);
+            own.map_err(|e| {
+                e.instead("--resume goes on with the very same command; give another folder, or --overwrite")
+            })?;
         }
-        if !json.exists() {
-            return Ok(Vec::new());
-        }
+        let Some(json) = json.filter(|json| json.exists()) else { return Ok(Vec::new()) };
         let other = |frame: &Frame| !pictures.contains(&frame.picture) && frame.picture.exists();
-        Ok(transforms::load(json)?.frames.into_iter().filter(other).collect())
+        Ok(transforms::load(&json)?.frames.into_iter().filter(other).collect())
     }
 
     /// True if a frame is there and no older than its volume.
     fn is_done(&self, number: u32, path: &Path) -> bool {
         let time = |path: &Path| std::fs::metadata(path).and_then(|data| data.modified()).ok();
         let input = self.pattern.as_ref().map_or_else(|| self.pictures.input.clone(), |pattern| pattern.path(number));
-        self.render.resume && time(path).zip(time(&input)).is_some_and(|(picture, volume)| picture >= volume)
+        let newer = |path: &PathBuf| time(path).zip(time(&input)).is_some_and(|(picture, volume)| picture >= volume);
+        self.render.resume && self.render.files_of(path).iter().all(newer)
     }
 
     /// Reads and plans a frame. What the first one settles, camera and density scale, holds for all.
@@ -325,13 +344,13 @@ impl Sequence<'_> {
             self.up = pictures.chosen_up(self.template.as_ref())?;
             self.up.iter().for_each(|up| output.note(up));
         }
-        let (folder, template) = (&self.render.output, self.template.as_ref());
-        let mut capture = pictures.capture(folder, &subject, transfer, template, self.up.as_ref())?;
+        let place = |name: &str| self.target.picture(name);
+        let mut capture = pictures.capture(place, &subject, transfer, self.template.as_ref(), self.up.as_ref())?;
         self.pictures.density_scale = Some(DensityScale::Given(capture.density_scale)).filter(|_| !subject.is_scene());
         if self.cameras.is_empty() {
             self.cameras = capture.frames.iter().map(|frame| [frame.camera; 3]).collect();
         }
-        let picture = self.render.output.join(format!("frame.{number:04}.exr"));
+        let picture = self.target.picture(&format!("frame.{number:04}.exr"));
         capture.frames = vec![Frame { camera: self.camera(place), picture }];
         fits(&capture, self.render.plane_bytes(paths), limits.max_memory)?;
         self.render.check_aovs(paths)?;
@@ -365,16 +384,22 @@ impl Sequence<'_> {
         self.provenance.inputs.extend(shot.provenance.inputs.clone());
         let mut attributes = shot.provenance.attributes();
         attributes.insert("cumulo:frame".into(), number.to_string());
-        exr::write_picture(path, &film, &attributes, false)?;
+        let whole = self.pictures.whole(self.target, self.template.as_ref().and_then(|c| c.frames.first()));
+        for file in self.render.files_of(path) {
+            self.render.write_picture(&file, &film, &attributes, whole)?;
+        }
         Ok(counts)
     }
 
     /// Writes the capture of the frames that are there, and returns its density scale.
-    fn write(&self, json: &Path, done: &[(usize, PathBuf)], kept: Vec<Frame>, provenance: &Provenance) -> Result<f64> {
+    fn write(&self, done: &[(usize, PathBuf)], kept: Vec<Frame>, provenance: &Provenance) -> Result<f64> {
+        let json = self.target.json();
         let Some(shot) = self.shot.as_ref().filter(|_| !done.is_empty()) else {
             // Nothing was rendered now: an earlier capture stands.
-            return Ok(transforms::load(json).map_or(1.0, |capture| capture.density_scale));
+            let earlier = json.and_then(|json| transforms::load(&json).ok());
+            return Ok(earlier.map_or(1.0, |capture| capture.density_scale));
         };
+        let Some(json) = json else { return Ok(shot.capture.density_scale) };
         let frame =
             |(place, picture): &(usize, PathBuf)| Frame { camera: self.camera(*place), picture: picture.clone() };
         let mut frames: Vec<Frame> = done.iter().map(frame).chain(kept).collect();
@@ -384,7 +409,7 @@ impl Sequence<'_> {
         extra.insert("provenance".into(), json!(provenance));
         extra.extend(shot.plan.iter().map(|plan| ("plan".to_owned(), json!(plan))));
         extra.extend(shot.paths.then(|| ("scattering".to_owned(), self.pictures.scattering.record())));
-        transforms::save_for(json, json, &capture, &extra)?;
+        transforms::save_for(&json, &json, &capture, &extra)?;
         Ok(capture.density_scale)
     }
 }

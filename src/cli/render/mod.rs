@@ -9,6 +9,7 @@ pub(super) mod scattering;
 mod settle;
 mod stage;
 mod subject;
+mod target;
 
 pub(in crate::cli) use frames::between;
 pub(in crate::cli) use options::PictureOptions;
@@ -23,7 +24,7 @@ use crate::cli::up::ChosenUp;
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::captures;
-use crate::formats::exr;
+use crate::formats::png::ToneMapping;
 use crate::formats::sequence::Frames;
 use crate::formats::transforms::{self, FILE_NAME};
 use crate::plan::Plan;
@@ -44,20 +45,27 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
 use subject::Subject;
+use target::Target;
 
-/// Render a volume from many sides: a capture of EXR pictures and transforms.json
+/// Render a volume from many sides: a capture of EXR pictures and transforms.json; or one picture, EXR or PNG
 ///
 /// Pictures are 32-bit float, scene-linear, alpha = 1 - transmittance. Absorption shows the background through the
 /// volume; emission-absorption adds the light of a source that is part of it; with --albedo light is scattered, and
 /// pictures are made by path tracing.
 #[derive(Debug, clap::Args)]
 pub struct Render {
-    /// Folder for transforms.json and the pictures
-    #[arg(long, short, value_name = "DIR")]
+    /// Folder for transforms.json and the pictures; or, for one view or frame, the file of the picture: name.exr, name.png
+    #[arg(long, short, value_name = "DIR|FILE")]
     output: PathBuf,
     /// Replace a capture in the folder, whoever made it (one of the very same command is replaced without)
     #[arg(long)]
     overwrite: bool,
+    /// Write a PNG beside each EXR: radiance times 2^EXPOSURE, clipped to 0..1, sRGB
+    #[arg(long)]
+    png: bool,
+    /// Exposure of PNGs in stops (default: 0)
+    #[arg(long, value_name = "EV", value_parser = parse::exposure, allow_negative_numbers = true)]
+    exposure: Option<f64>,
     /// Render a sequence, frame.####.exr for each number: A, A-B or A-BxSTEP (default with an input such as
     /// smoke.####.vdb: all files that there are)
     #[arg(long, value_name = "A-B")]
@@ -91,6 +99,9 @@ struct Report {
     plan: Option<Plan>,
     /// Up axis about which cameras were placed; none where they were given.
     up: Option<ChosenUp>,
+    /// How radiance became the samples of PNGs; none if none were written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tone_mapping: Option<ToneMapping>,
     /// Remarks on statements of a USD stage that have no effect, and on what is assumed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     remarks: Vec<String>,
@@ -129,9 +140,12 @@ impl Way {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let json = self.output.join(FILE_NAME);
-        let Self { views, seconds, density_scale, way, plan, .. } = self;
-        writeln!(f, "{}: {views} views in {seconds:.2} s, density scale {density_scale}", json.display())?;
+        let Self { output, views, seconds, density_scale, way, plan, tone_mapping, .. } = self;
+        let json = output.join(FILE_NAME);
+        let file = if json.exists() { &json } else { output };
+        let s = if *views == 1 { "" } else { "s" };
+        writeln!(f, "{}: {views} view{s} in {seconds:.2} s, density scale {density_scale}", file.display())?;
+        tone_mapping.iter().try_for_each(|tone| writeln!(f, "  PNG: {tone}"))?;
         match way {
             Way::Dvr { quadrature, early_stop: EarlyStop { transmittance, error_bound } } => {
                 write!(
@@ -155,62 +169,64 @@ impl Render {
     /// If the volume or the cameras cannot be used, or the folder cannot be written to; an earlier
     /// capture in the folder is untouched then.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        outputs::folder(&self.output)?;
+        let target = Target::of(&self.output)?;
+        if self.exposure.is_some() && self.tone_mapping_used().is_none() {
+            return Err(Error::invalid("--exposure: no PNG is written, and EXRs are scene-linear")
+                .hint("add --png, or let the name of the output end in .png"));
+        }
         if self.is_sequence() {
-            return self.run_frames(output);
+            return self.run_frames(target, output);
         }
         if self.resume {
             return Err(Error::invalid("--resume: views appear together, when all are there")
                 .hint("give --frames to render a sequence, picture by picture"));
         }
-        let cancel = cancel::listen();
+        // From here on a signal lets the work end in order.
+        cancel::listen();
         let mut provenance = Provenance::begin();
         let pictures = &self.pictures;
         let limits = pictures.memory.limits();
         let template = pictures.template(None)?;
         pictures.check_cameras(template.as_ref())?;
-        let template_pictures: Option<Vec<PathBuf>> =
-            template.as_ref().map(|c| c.frames.iter().map(|f| f.picture.clone()).collect());
+        let stated = template.as_ref().map_or(pictures.views.unwrap_or(1) as usize, |capture| capture.frames.len());
+        let numbers = pictures.chosen(stated)?;
+        target.holds(numbers.len(), "views", "--view N")?;
         let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut provenance)?;
         let remarks = remarks(&subject, template.as_ref());
         remarks.iter().for_each(|remark| output.note(format!("remark: {remark}")));
         let paths = pictures.scattering.on() || subject.is_scene();
         let up = pictures.chosen_up(template.as_ref())?;
         up.iter().for_each(|up| output.note(up));
-        let capture = pictures.capture(&self.output, &subject, transfer, template.as_ref(), up.as_ref())?;
+        let place = |name: &str| target.picture(name);
+        let capture = pictures.capture(place, &subject, transfer, template.as_ref(), up.as_ref())?;
         fits(&capture, self.plane_bytes(paths), limits.max_memory)?;
         self.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
-
-        let json = self.output.join(FILE_NAME);
-        self.spare(&json, &capture, template_pictures.as_deref().unwrap_or_default(), &provenance)?;
+        self.spare(target, &capture, template.as_ref(), &provenance)?;
         // Pictures wait until all are there: an interrupted run must not mix its pictures with those of an earlier one.
         let mut batch = Batch::new();
-        batch.make_folder(&self.output)?;
-        let waiting = capture.frames.iter().map(|f| batch.add(&f.picture)).collect::<Result<Vec<_>>>()?;
-        let waiting_json = batch.add(&json)?;
+        if let Target::Folder(folder) = target {
+            batch.make_folder(folder)?;
+        }
+        let waiting = capture.frames.iter().map(|f| self.files_of(&f.picture).iter().map(|p| batch.add(p)).collect());
+        let waiting = waiting.collect::<Result<Vec<Vec<PathBuf>>>>()?;
+        let waiting_json = target.json().map(|json| Ok((batch.add(&json)?, json))).transpose()?;
         let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
         let (scene, plan) = self.planned(pictures, scene, paths)?;
         plan.iter().for_each(|plan| output.detail(Chosen(plan)));
         let renderer = pictures.renderer(plan.as_ref(), &scene, paths).map_err(|e| e.at(&pictures.input))?;
-        let bar = output.progress(capture.frames.len() as u64, "render");
-        let attributes = provenance.attributes();
-        let views: Vec<_> = scene.cameras.iter().zip(&waiting).enumerate().collect();
-        let counts = views.into_par_iter().map(|(view, (camera, waiting))| {
-            let (film, counts) = self.film(&renderer, view, camera.into(), cancel).ok_or_else(Error::cancelled)?;
-            exr::write_picture(waiting, &film, &attributes, false)?;
-            bar.inc(1);
-            Ok::<_, Error>(counts)
-        });
-        let counts = counts.try_reduce(Counts::default, |a, b| Ok(a.plus(b)))?;
-        bar.finish_and_clear();
+        let whole = pictures.whole(target, template.as_ref().and_then(|c| c.frames.get(numbers[0])));
+        let views: Vec<_> = numbers.iter().zip(&scene.cameras).zip(&waiting).collect();
+        let counts = self.views(&renderer, &views, whole, &provenance, output)?;
         let seconds = provenance.lap();
-        let mut extra = Map::new();
-        extra.insert("provenance".into(), json!(provenance));
-        extra.extend(plan.iter().map(|plan| ("plan".to_owned(), json!(plan))));
         let way = self.way(&renderer, &scene, counts);
-        way.record(paths.then_some(&pictures.scattering), &mut extra);
-        transforms::save_for(&json, &waiting_json, &capture, &extra)?;
+        if let Some((waiting, json)) = &waiting_json {
+            let mut extra = Map::new();
+            extra.insert("provenance".into(), json!(provenance));
+            extra.extend(plan.iter().map(|plan| ("plan".to_owned(), json!(plan))));
+            way.record(paths.then_some(&pictures.scattering), &mut extra);
+            transforms::save_for(json, waiting, &capture, &extra)?;
+        }
         batch.commit()?;
         output.report(&Report {
             output: self.output.clone(),
@@ -220,10 +236,35 @@ impl Render {
             way,
             plan,
             up,
+            tone_mapping: self.tone_mapping_used(),
             remarks,
             seconds,
         })?;
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Renders views, given with their numbers and the files that each is written to.
+    fn views(
+        &self,
+        renderer: &Renderer<'_>,
+        views: &[((&usize, &Camera), &Vec<PathBuf>)],
+        whole: Option<[usize; 2]>,
+        provenance: &Provenance,
+        output: &Output,
+    ) -> Result<Counts> {
+        let cancel = cancel::listen();
+        let bar = output.progress(views.len() as u64, "render");
+        let attributes = provenance.attributes();
+        let counts = views.par_iter().map(|((number, camera), files)| {
+            let (film, counts) =
+                self.film(renderer, **number, (*camera).into(), cancel).ok_or_else(Error::cancelled)?;
+            files.iter().try_for_each(|file| self.write_picture(file, &film, &attributes, whole))?;
+            bar.inc(1);
+            Ok::<_, Error>(counts)
+        });
+        let counts = counts.try_reduce(Counts::default, |a, b| Ok(a.plus(b)))?;
+        bar.finish_and_clear();
+        Ok(counts)
     }
 
     /// Plans a scene and takes out of it what the plan leaves out. Rays without paths are not planned unless something may be
@@ -312,24 +353,33 @@ impl Render {
     /// command wrote.
     fn spare(
         &self,
-        json: &Path,
+        target: Target<'_>,
         capture: &Capture,
-        template_pictures: &[PathBuf],
+        template: Option<&Capture>,
         provenance: &Provenance,
     ) -> Result<()> {
-        self.spare_template(template_pictures)?;
-        let pictures: Vec<PathBuf> = capture.frames.iter().map(|f| f.picture.clone()).collect();
-        let inputs = [Some(&self.pictures.input), self.pictures.transfer.tf.as_ref()]
-            .into_iter()
-            .flatten()
-            .chain(template_pictures);
-        let outputs = pictures.iter().map(PathBuf::as_path).chain([json]);
-        outputs::spare(outputs, inputs.map(PathBuf::as_path))?;
-        if self.overwrite { Ok(()) } else { outputs::spare_captures(json, &pictures, &provenance.command) }
+        let shown = template.map_or(&[][..], |capture| &capture.frames);
+        let shown: Vec<&Path> = shown.iter().map(|frame| frame.picture.as_path()).collect();
+        let json = target.json();
+        if json.is_some() {
+            self.spare_template(&shown)?;
+        }
+        let pictures: Vec<PathBuf> = capture.frames.iter().flat_map(|f| self.files_of(&f.picture)).collect();
+        let inputs = [Some(self.pictures.input.as_path()), self.pictures.transfer.file()];
+        let cameras = self.pictures.cameras.as_deref().map(captures::file);
+        let inputs: Vec<&Path> = inputs.into_iter().flatten().chain(shown).chain(cameras.as_deref()).collect();
+        outputs::spare(pictures.iter().chain(&json).map(PathBuf::as_path), inputs)?;
+        match json {
+            _ if self.overwrite => Ok(()),
+            Some(json) => outputs::spare_captures(&json, &pictures, &provenance.command),
+            None => pictures.iter().try_for_each(|picture| {
+                outputs::is_own_picture(picture, "cumulo:command", &provenance.command, false).map(drop)
+            }),
+        }
     }
 
     /// Refuses an output folder in which the capture of `--cameras` or its pictures lie.
-    fn spare_template(&self, pictures: &[PathBuf]) -> Result<()> {
+    fn spare_template(&self, pictures: &[&Path]) -> Result<()> {
         let Some(cameras) = &self.pictures.cameras else { return Ok(()) };
         let json = captures::file(cameras);
         let folder = |path: &Path| {
@@ -337,7 +387,7 @@ impl Render {
             parent.and_then(|p| std::fs::canonicalize(p).ok())
         };
         let output = std::fs::canonicalize(&self.output).ok();
-        let template = pictures.iter().map(PathBuf::as_path).chain([json.as_path()]);
+        let template = pictures.iter().copied().chain([json.as_path()]);
         if output.is_some() && template.map(folder).any(|folder| folder == output) {
             return Err(Error::invalid("the pictures of --cameras lie in this folder and would be replaced")
                 .at(&self.output)

@@ -6,6 +6,7 @@ use crate::cli::memory::Memory;
 use crate::cli::parse::{self, DensityScale};
 use crate::cli::transfer::TransferOption;
 use crate::cli::up::UpChoice;
+use crate::formats::sequence::Frames;
 use crate::render::quadrature::{Quadrature, rules};
 use crate::scene::camera::Window;
 use crate::scene::capture::{EmissionModel, Model};
@@ -27,18 +28,22 @@ pub struct PictureOptions {
     /// Axis that points upwards, about which --views are placed
     #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpChoice::Auto, conflicts_with = "cameras")]
     pub(in crate::cli) up: UpChoice,
+    /// Render these of the views alone, counted from 0: numbers and ranges such as 0,4-7
+    #[arg(long, value_name = "N,M-K", value_delimiter = ',')]
+    pub(in crate::cli) view: Vec<Frames>,
     /// How --views are placed: over the whole sphere, or on the horizontal circle
     #[arg(long, value_enum, default_value_t = Layout::Sphere, conflicts_with = "cameras")]
     pub(in crate::cli) layout: Layout,
-    /// Size of the pictures of --views, or of a USD stage's cameras, in pixels (default: 256x256; of a stage's camera 256
-    /// wide, in the proportions of its aperture)
+    /// Size of the pictures in pixels. Focal lengths of a capture's cameras scale along; in other proportions the whole
+    /// picture stays in view, and more is shown beside it (default: 256x256; that of a capture's pictures; of a stage's
+    /// camera 256 wide, in the proportions of its aperture)
     #[arg(long, value_name = "WxH", value_parser = parse::size)]
     pub(in crate::cli) size: Option<[u32; 2]>,
     /// Angle in degrees that the volume takes in the pictures of --views
     #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = parse::angle, conflicts_with = "cameras")]
     pub(in crate::cli) fov: f64,
-    /// Render a part of each picture: column and row of its first pixel, and its size
-    #[arg(long, value_name = "X,Y,WxH", value_parser = parse::window)]
+    /// Render a part of each picture: x0,y0,x1,y1 in pixels, x1 and y1 not included, or column, row and size
+    #[arg(long, value_name = "X0,Y0,X1,Y1|X,Y,WxH", value_parser = parse::window)]
     pub(in crate::cli) crop: Option<Window>,
     /// Take cameras, and what else is not given, from a transforms.json, a model of COLMAP or a USD stage (default: the
     /// cameras of the stage that is rendered)

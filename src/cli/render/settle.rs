@@ -111,8 +111,8 @@ fn spread(numbers: &[u32]) -> Vec<u32> {
 }
 
 /// Returns what the capture of an earlier run settled, which the rest of its frames must share.
-pub(super) fn earlier(json: &Path) -> Option<Settled> {
-    let capture = transforms::load(json).ok()?;
+pub(super) fn earlier(json: Option<&Path>) -> Option<Settled> {
+    let capture = transforms::load(json?).ok()?;
     let camera = capture.frames.first().map(|frame| frame.camera);
     Some(Settled { camera, density_scale: Some(capture.density_scale), ..Settled::default() })
 }

@@ -50,13 +50,7 @@ impl PictureOptions {
             if self.camera.is_some() {
                 return refused("--camera", "leave it out, or give a stage as the input or with --cameras");
             }
-            if self.size.is_some() && self.cameras.is_some() {
-                return refused(
-                    "--size",
-                    "it cannot be used with --cameras: the capture states the size of its pictures",
-                );
-            }
-            return self.cameras.as_deref().map(captures::load).transpose();
+            return self.cameras.as_deref().map(|path| Ok(self.resized(captures::load(path)?))).transpose();
         };
         // Frames before and after tell how the camera moves.
         let beside = |numbers: &[u32]| {
@@ -66,6 +60,16 @@ impl PictureOptions {
         let whole = if self.cameras.is_some() { None } else { Some(self.frame.into_iter().collect()) };
         let views = Views { camera: self.camera.as_deref(), size: self.size, frames: frames.map(beside).or(whole) };
         stage.capture(&views).map(Some)
+    }
+
+    /// Returns a capture with the size of pictures that the options state, if they do.
+    fn resized(&self, mut capture: Capture) -> Capture {
+        if let Some(size) = self.size {
+            for frame in &mut capture.frames {
+                frame.camera = frame.camera.resized(size);
+            }
+        }
+        capture
     }
 
     /// Refuses pictures for which no cameras are told.
@@ -118,6 +122,7 @@ impl PictureOptions {
         };
         let scattering = self.scattering.overrides();
         let transfer = self.transfer.tf.as_deref().map(Path::to_path_buf);
-        Ok(Overrides { density_scale, scattering, emission: self.emission, transfer })
+        let transfer_options = self.transfer.options(self.memory.limits());
+        Ok(Overrides { density_scale, scattering, emission: self.emission, transfer, transfer_options })
     }
 }

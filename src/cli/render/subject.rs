@@ -129,7 +129,7 @@ impl PictureOptions {
         }
         let (grids, transfer) = self.grids(template, limits)?;
         provenance.input(&self.input, [self.input.as_path()])?;
-        for file in [self.transfer.tf.as_deref(), self.scattering.sky_file()].into_iter().flatten() {
+        for file in [self.transfer.file(), self.scattering.sky_file()].into_iter().flatten() {
             provenance.input(file, [file])?;
         }
         Ok((Subject::Grids(grids), transfer))

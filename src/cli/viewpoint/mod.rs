@@ -18,6 +18,7 @@ use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
 use crate::render::quadrature::{Quadrature, rules};
 use crate::render::scale;
+use crate::scene::up::Up;
 use crate::scene::bricks::Bricks;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
@@ -39,8 +40,8 @@ use std::time::Instant;
 /// Find the viewpoints from which a volume shows most
 ///
 /// Cameras stand on a sphere around the volume and face its centre. Those from which the opacity entropy of the
-/// picture is largest are written as a capture, the best first. Ctrl-C writes what is there (exit code 130);
-/// --resume goes on from it.
+/// picture is largest are written as a capture, the best first; --pictures renders them, too. Ctrl-C writes what is
+/// there (exit code 130); --resume goes on from it.
 #[derive(Debug, clap::Args)]
 pub struct Viewpoint {
     /// VDB to look at
@@ -48,7 +49,7 @@ pub struct Viewpoint {
     /// Capture (JSON) for the cameras
     #[arg(long, short, value_name = "OUT.json")]
     output: PathBuf,
-    /// Folder for the cameras' pictures (default: that of the output)
+    /// Render the cameras' pictures into this folder (default: cameras alone)
     #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
     /// Replace pictures in their folder that no earlier run wrote
@@ -60,6 +61,9 @@ pub struct Viewpoint {
     /// Evaluations from each start, at most, for each size of picture that the search goes through
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: u32,
+    /// Let cameras stand in the upper half of the sphere alone, about the up axis: never below the volume
+    #[arg(long)]
+    hemisphere: bool,
     /// Number of viewpoints, spread evenly over the sphere, to evaluate as well for comparison
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
     samples: u32,
@@ -121,6 +125,9 @@ struct Start {
 struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
+    /// Folder of the pictures; none if only cameras were asked for.
+    #[serde(serialize_with = "crate::cli::paths::text", skip_serializing_if = "Option::is_none")]
+    pictures: Option<PathBuf>,
     views: usize,
     /// Opacity entropy of the best view.
     entropy: f64,
@@ -171,8 +178,10 @@ impl Viewpoint {
     /// # Errors
     /// If the volume cannot be read or has nothing in it, or the outputs cannot be written.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        outputs::folder(&self.folder())?;
-        self.spare_other_capture()?;
+        if let Some(folder) = &self.pictures {
+            outputs::folder(folder)?;
+            self.spare_other_capture(folder)?;
+        }
         let mut task = Task::begin(&self.output, Content::Capture, self.report.as_deref(), &self.memory)?;
         let (limits, cancel) = (task.limits, task.cancel);
         let reading = output.stage("reading the volume");
@@ -181,8 +190,8 @@ impl Viewpoint {
         drop(grid);
         drop(reading);
         task.provenance.input(&self.input, [self.input.as_path()])?;
-        if let Some(tf) = &self.transfer.tf {
-            task.provenance.input(tf, [tf.as_path()])?;
+        if let Some(tf) = self.transfer.file() {
+            task.provenance.input(tf, [tf])?;
         }
         let up = self.up.of(&self.input, limits)?;
         output.note(&up);
@@ -190,9 +199,10 @@ impl Viewpoint {
             .map_err(|e| e.at(&self.input).hint("choose another grid with --grid"))?;
         let mut request = Request {
             sphere: around,
-            starts: sphere::starts(self.starts as usize, up.axis),
+            starts: self.first_directions(up.axis),
             exact_starts: Vec::new(),
             iterations: self.iterations,
+            hemisphere: self.hemisphere,
         };
         let mut capture = self.capture(&field, transfer, &request)?;
         // Earlier viewpoints have no say in the density scale: it would be another one in each run.
@@ -205,7 +215,7 @@ impl Viewpoint {
         task.work_begins();
         let bar = output.progress(viewpoint::ticks(&request) as u64 + u64::from(self.samples), "viewpoint");
         let mut outcome = viewpoint::search(&dvr, &request, cancel, &|| bar.inc(1));
-        let samples = self.sample(&dvr, &around, cancel, &|| bar.inc(1));
+        let samples = self.sample(&dvr, &request, cancel, &|| bar.inc(1));
         bar.finish_and_clear();
         outcome.stopped = task.flow().is_break();
         let blank = outcome.views.iter().all(|view| view.entropy.blank);
@@ -221,7 +231,7 @@ impl Viewpoint {
             let _stage = output.stage("pictures");
             self.write(&field, &mut capture, &around, &outcome, &mut task)?
         };
-        if best.is_none() {
+        if best.is_none() && self.pictures.is_some() {
             output.note(format!(
                 "{}: not all pictures are there; `cumulo render {} --cameras {}` makes them",
                 self.output.display(),
@@ -245,24 +255,32 @@ impl Viewpoint {
             return Ok(Vec::new());
         }
         let capture = transforms::load(&self.output)?;
-        Ok(capture.frames.iter().filter_map(|f| (f.camera.position() - around.centre).try_normalize()).collect())
+        let directions = capture.frames.iter().filter_map(|f| (f.camera.position() - around.centre).try_normalize());
+        Ok(directions.filter(|d| !self.hemisphere || d.z >= 0.0).collect())
+    }
+
+    /// Returns the unit vectors to the viewpoints that the search starts about.
+    fn first_directions(&self, up: Up) -> Vec<DVec3> {
+        let count = self.starts as usize;
+        if self.hemisphere { viewpoint::upper(count, up) } else { sphere::starts(count, up) }
     }
 
     /// Refuses a folder for the pictures in which another capture lies.
-    fn spare_other_capture(&self) -> Result<()> {
-        let json = self.folder().join(transforms::FILE_NAME);
+    fn spare_other_capture(&self, folder: &Path) -> Result<()> {
+        let json = folder.join(transforms::FILE_NAME);
         let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
         if json.exists() && !same(&json, &self.output) {
             return Err(Error::invalid("another capture lies here, and its pictures might be replaced")
                 .at(&json)
-                .hint("give a folder for the pictures with --pictures"));
+                .hint("give another folder with --pictures"));
         }
         Ok(())
     }
 
     /// Makes sure that the outputs replace neither inputs nor pictures that no earlier run wrote.
     fn spare(&self, capture: &Capture) -> Result<()> {
-        let pictures: Vec<PathBuf> = capture.frames.iter().map(|f| f.picture.clone()).collect();
+        let written = capture.frames.iter().filter(|_| self.pictures.is_some());
+        let pictures: Vec<PathBuf> = written.map(|f| f.picture.clone()).collect();
         let inputs = std::iter::once(&self.input).chain(&self.transfer.tf);
         let outputs = pictures.iter().chain([&self.output]).map(PathBuf::as_path);
         outputs::spare(outputs, inputs.map(PathBuf::as_path))?;
@@ -272,9 +290,11 @@ impl Viewpoint {
         outputs::spare_captures(&self.output, &pictures, "")
     }
 
+    /// Returns the folder that the capture names for its pictures: where they are not rendered, one beside the capture that
+    /// bears its name, so that no other capture's pictures are taken for its own.
     fn folder(&self) -> PathBuf {
-        let beside = || self.output.parent().map(Path::to_path_buf).unwrap_or_default();
-        self.pictures.clone().unwrap_or_else(beside)
+        let stem = self.output.file_stem().unwrap_or_default();
+        self.pictures.clone().unwrap_or_else(|| self.output.with_file_name(stem))
     }
 
     /// Plans the capture to render, with the cameras of the starts.
@@ -318,18 +338,19 @@ impl Viewpoint {
     fn sample(
         &self,
         dvr: &Composited<Dvr<'_, f32>>,
-        around: &Sphere,
+        request: &Request,
         cancel: &AtomicBool,
         tick: &(dyn Fn() + Sync),
     ) -> Option<Samples> {
         let begun = Instant::now();
         let count = Some(self.samples as usize).filter(|n| *n > 0)?;
-        let all = viewpoint::sample(dvr, around, count, cancel, tick)?;
+        let all = viewpoint::sample(dvr, request, count, cancel, tick)?;
         Some((all, begun.elapsed().as_secs_f64()))
     }
 
-    /// Writes pictures and capture together, and returns the best view's picture. After a search that was stopped, only the
-    /// pictures rendered within a second are written; no picture is returned if some are missing.
+    /// Writes the capture, and with `--pictures` its pictures together with it, and returns the best view's picture where
+    /// it is rendered. After a search that was stopped, only the pictures rendered within a second are written; no picture
+    /// is returned if some are missing.
     fn write(
         &self,
         field: &Bricks<f32>,
@@ -340,7 +361,14 @@ impl Viewpoint {
     ) -> Result<Option<Film>> {
         capture.frames = self.frames(outcome.views.iter().map(|view| around.camera(&view.axes)).collect());
         let mut batch = Batch::new();
-        batch.make_folder(&self.folder())?;
+        if let Some(folder) = &self.pictures {
+            batch.make_folder(folder)?;
+        }
+        // The page shows the best view even where no pictures are written.
+        let rendered = match (&self.pictures, &self.report) {
+            (Some(_), _) => capture.frames.len(),
+            (None, report) => usize::from(report.is_some()),
+        };
         let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
         let dvr = Dvr::new(field, capture.medium()?)?.quadrature(quadrature).over(capture.background);
         // The views are worth their pictures even if the search was stopped.
@@ -348,13 +376,15 @@ impl Viewpoint {
         let (closing, provenance) = (task.closing(), &mut task.provenance);
         let attributes = provenance.attributes();
         let (mut best, mut whole) = (None, true);
-        for frame in &capture.frames {
+        for frame in &capture.frames[..rendered.min(capture.frames.len())] {
             let flag = closing.flag().unwrap_or(&never);
             let Some(film) = crate::render::picture(&dvr, &frame.camera, 1, flag) else {
                 whole = false;
                 break;
             };
-            exr::write_picture(&batch.add(&frame.picture)?, &film, &attributes, false)?;
+            if self.pictures.is_some() {
+                exr::write_picture(&batch.add(&frame.picture)?, &film, &attributes, false)?;
+            }
             best.get_or_insert(film);
         }
         provenance.lap();
@@ -382,6 +412,7 @@ impl Viewpoint {
         });
         Report {
             output: self.output.clone(),
+            pictures: self.pictures.clone(),
             views: outcome.views.len(),
             entropy: outcome.views.first().map_or(0.0, |view| view.entropy.value),
             sampled_best_entropy: samples.map(|(all, _)| all.iter().map(|s| s.1).fold(0.0, f64::max)),

@@ -33,7 +33,7 @@ pub use picture::{Picture, picture, picture_within, read_film_within, read_pictu
 pub use problems::{problems, problems_within};
 pub use read::{Channel, Image, Layer, read, read_within};
 pub use summary::{ChannelSummary, ExrSummary, LayerSummary, PartSummary, summary, summary_within};
-pub use write::{Attributes, write_picture};
+pub use write::{Attributes, Placement, write_part, write_picture};
 
 use serde::Serialize;
 

@@ -5,7 +5,8 @@ use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::scene::film::Film;
 use exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer};
-use exr::meta::attribute::{AttributeValue, Compression, LineOrder, Text};
+use exr::math::Vec2;
+use exr::meta::attribute::{AttributeValue, Compression, IntegerBounds, LineOrder, Text};
 use exr::meta::header::{LayerAttributes, standard_names};
 use exr::prelude::SmallVec;
 use half::f16;
@@ -26,11 +27,35 @@ pub type Attributes = BTreeMap<String, String>;
 /// 255 bytes, if a plane has not one sample per pixel, if an attribute's name is empty, longer than 255 bytes or
 /// reserved by OpenEXR, if a finite value does not fit into half floats, or if the operating system reports an error.
 pub fn write_picture(path: &Path, film: &Film, attributes: &Attributes, half: bool) -> Result<()> {
-    let bytes = encoded(path, film, attributes, half).map_err(|e| e.at(path))?;
+    let bytes = encoded(path, film, attributes, half, None).map_err(|e| e.at(path))?;
     atomic::write_bytes(path, &bytes)
 }
 
-fn encoded(path: &Path, film: &Film, attributes: &Attributes, half: bool) -> Result<Vec<u8>> {
+/// Place of a part within a whole picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Placement {
+    /// Width and height of the whole picture in pixels: the display window.
+    pub display: [usize; 2],
+    /// Column and row of the part's first pixel: where the data window begins.
+    pub origin: [usize; 2],
+}
+
+/// Writes a part of a picture as [`write_picture`] does, with the whole picture as its display window.
+///
+/// # Errors
+/// The conditions are those of [`write_picture`]; also if the part is not within the whole.
+pub fn write_part(path: &Path, film: &Film, attributes: &Attributes, half: bool, placement: Placement) -> Result<()> {
+    let bytes = encoded(path, film, attributes, half, Some(placement)).map_err(|e| e.at(path))?;
+    atomic::write_bytes(path, &bytes)
+}
+
+fn encoded(
+    path: &Path,
+    film: &Film,
+    attributes: &Attributes,
+    half: bool,
+    placement: Option<Placement>,
+) -> Result<Vec<u8>> {
     let (width, height) = (film.width, film.height);
     if width == 0 || height == 0 || film.rgba.len() != width * height {
         return Err(Error::invalid(format!(
@@ -45,7 +70,23 @@ fn encoded(path: &Path, film: &Film, attributes: &Attributes, half: bool) -> Res
         line_order: LineOrder::Increasing,
     };
     let channels = channels(film, half)?;
-    let image = Image::from_layer(Layer::new((width, height), layer_attributes(attributes)?, encoding, channels));
+    let mut own = layer_attributes(attributes)?;
+    let mut display = None;
+    if let Some(Placement { display: whole, origin }) = placement {
+        let ends = [origin[0] + width, origin[1] + height];
+        let [x, y] = origin.map(i32::try_from);
+        let (Ok(x), Ok(y), true) = (x, y, ends[0] <= whole[0] && ends[1] <= whole[1]) else {
+            return Err(Error::invalid(format!(
+                "a part of {width}x{height} at {origin:?} is not within a picture of {}x{}",
+                whole[0], whole[1]
+            ))
+            .hint("give a part that lies within the picture"));
+        };
+        own.layer_position = Vec2(x, y);
+        display = Some(IntegerBounds::new((0, 0), (whole[0], whole[1])));
+    }
+    let mut image = Image::from_layer(Layer::new((width, height), own, encoding, channels));
+    image.attributes.display_window = display.unwrap_or(image.attributes.display_window);
     let mut bytes = fault::translated(path, || encode::file(&image))?;
     sort_attributes(&mut bytes);
     Ok(bytes)
@@ -146,9 +187,29 @@ mod tests {
         let film = Film::of(3, 2, vec![[0.25, 1.5, -2.0, 1.0]; 6]);
         let attributes: Attributes = (0..9).map(|i| (format!("cumulo:{i}"), format!("väl{i}"))).collect();
         let path = Path::new("memory.exr");
-        let first = encoded(path, &film, &attributes, false).unwrap();
+        let first = encoded(path, &film, &attributes, false, None).unwrap();
         for _ in 0..4 {
-            assert_eq!(first, encoded(path, &film, &attributes, false).unwrap());
+            assert_eq!(first, encoded(path, &film, &attributes, false, None).unwrap());
         }
+    }
+
+    #[test]
+    fn a_part_lies_in_its_whole() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("part.exr");
+        // Rows beyond a block of 16, so that more than one chunk has a place of its own.
+        let film = Film::of(2, 20, (0..40).map(|i| [i as f32, 0.5, 0.25, 1.0]).collect());
+        let placement = Placement { display: [5, 30], origin: [3, 7] };
+        write_part(&path, &film, &Attributes::new(), false, placement).unwrap();
+        let whole = super::super::read_picture(&path, None).unwrap();
+        assert_eq!((whole.width, whole.height), (5, 30));
+        for (i, pixel) in whole.rgba.iter().enumerate() {
+            let [x, y] = [i % 5, i / 5];
+            let inside = x >= 3 && (7..27).contains(&y);
+            let expected = if inside { film.rgba[(y - 7) * 2 + x - 3] } else { [0.0; 4] };
+            assert_eq!(*pixel, expected, "{x} {y}");
+        }
+        let outside = Placement { display: [5, 26], origin: [3, 7] };
+        assert!(write_part(&path, &film, &Attributes::new(), false, outside).is_err());
     }
 }

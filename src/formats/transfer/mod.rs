@@ -13,8 +13,11 @@
 //!   finite, α above [`MOST_OPACITY`] counts as that.
 //! - Without opacities, extinction rises linearly from 0 at the first color to [`Options::extinction`] at the last.
 //!
+//! Some functions are chosen by name, without a file: see [`builtins`].
+//!
 //! A VDB grid carries a transfer function as the text of Cumulo's JSON under the key [`METADATA_KEY`].
 
+mod builtin;
 mod carried;
 mod color;
 mod document;
@@ -25,6 +28,7 @@ mod paraview_xml;
 mod rescale;
 mod summary;
 
+pub use builtin::{Builtin, builtins, is_builtin};
 pub use carried::{METADATA_KEY, from_metadata, to_metadata};
 pub use document::{FORMAT, VERSION, save};
 pub use paraview::MOST_OPACITY;
@@ -67,6 +71,8 @@ pub enum Source {
     ParaviewXml,
     /// Metadata of a grid in a VDB.
     Vdb,
+    /// None: a function that is chosen by its name.
+    Builtin,
 }
 
 /// A transfer function read from a file, with its origin.
@@ -84,22 +90,56 @@ pub struct Loaded {
     pub notes: Vec<String>,
 }
 
-/// Reads a transfer function. The kind of file is detected by its content, not by its name.
+/// Reads a transfer function: a file, whose kind is detected by its content, or where there is no file of that name, the
+/// one of [`builtins`] that the path names.
 ///
 /// # Errors
 /// If the file, a preset or a point cannot be used, or an option does not apply to this kind of file. The error names
 /// it and the expected value.
 pub fn load(path: &Path, options: &Options) -> Result<Loaded> {
+    if let Some(name) = name_of(path) {
+        let loaded = builtin::load(name, options).unwrap_or_else(|| Err(unnamed(path, name)));
+        return loaded.and_then(|loaded| in_range(loaded, options)).map_err(|e| e.at(path));
+    }
     let loaded = match sniff(path)? {
         Format::Vdb | Format::NanoVdb => carried::load(path, options),
         Format::Exr => Err(unknown("an OpenEXR picture")),
         _ if path.is_dir() => Err(unknown("a folder")),
         _ => input::bytes(path, MAX_BYTES, "a transfer function").and_then(|bytes| parse(&bytes, options)),
     };
-    let loaded = loaded.map_err(|e| e.at(path))?;
+    loaded.and_then(|loaded| in_range(loaded, options)).map_err(|e| e.at(path))
+}
+
+/// Maps a function to the range of the options.
+fn in_range(loaded: Loaded, options: &Options) -> Result<Loaded> {
     let Some(range) = options.range else { return Ok(loaded) };
-    let transfer = rescale::to_range(&loaded.transfer, range).map_err(|e| e.at(path))?;
-    Ok(Loaded { transfer, ..loaded })
+    Ok(Loaded { transfer: rescale::to_range(&loaded.transfer, range)?, ..loaded })
+}
+
+/// Returns the path if a function is read from a file there; `None` if it names one of [`builtins`].
+pub fn file(path: &Path) -> Option<&Path> {
+    (!name_of(path).is_some_and(is_builtin)).then_some(path)
+}
+
+/// Returns the word that a path consists of, if it may be a function's name: nothing is there, and it has neither folder
+/// nor extension.
+fn name_of(path: &Path) -> Option<&str> {
+    let name = path.to_str()?;
+    let plain = !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || c == '-' || c == '_');
+    (plain && !path.exists()).then_some(name)
+}
+
+/// The error for a word that is neither a file nor a function's name.
+fn unnamed(path: &Path, name: &str) -> Error {
+    let error = Error::io(path, std::io::ErrorKind::NotFound.into())
+        .saying(format!("there is neither a file nor a transfer function '{name}'"));
+    match &builtin::nearest(name)[..] {
+        [] => error.hint("`cumulo transfer --list` shows the names; check the spelling of a file's path"),
+        near => {
+            let near: Vec<String> = near.iter().map(|name| format!("'{name}'")).collect();
+            error.hint(format!("did you mean {}? `cumulo transfer --list` shows all names", near.join(" or ")))
+        }
+    }
 }
 
 fn parse(bytes: &[u8], options: &Options) -> Result<Loaded> {

@@ -9,6 +9,7 @@ use super::stage::Stage;
 use super::value::{Asset, Value};
 use crate::error::{Error, Result};
 use crate::formats::scene_file::{BlackbodyEntry, EmissionGridEntry, MediumEntry};
+use crate::formats::transfer;
 use std::path::PathBuf;
 
 /// Medium of a volume.
@@ -31,8 +32,10 @@ pub struct Overrides {
     pub scattering: Option<ScatteringOverride>,
     /// Radiance of the source.
     pub emission: Option<[f32; 3]>,
-    /// File of a transfer function.
+    /// File, or name, of a transfer function.
     pub transfer: Option<PathBuf>,
+    /// Options that it is read with.
+    pub transfer_options: transfer::Options,
 }
 
 /// Properties of scattering; those that are `None` stay as the stage states them.

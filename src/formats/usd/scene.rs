@@ -129,9 +129,12 @@ impl Reader<'_> {
         if let (Some(asset), Some(file)) = (&transfer, &stated) {
             record(asset, file, scene);
         }
-        scene.files.extend(entry.transfer.clone());
+        scene.files.extend(entry.transfer.as_deref().and_then(transfer::file).map(Path::to_path_buf));
+        let stated_file = stated.is_some();
         let tf = stated.or_else(|| entry.transfer.clone());
-        let transfer = tf.as_deref().map(|file| self.transfer(file)).transpose()?;
+        // What the options state is read as they say.
+        let options = if stated_file { transfer::Options::default() } else { overrides.transfer_options.clone() };
+        let transfer = tf.as_deref().map(|file| self.transfer(file, options)).transpose()?;
         let optics = scene_file::medium(&entry, transfer.as_ref()).map_err(blame)?;
         let emissions = self.emissions(&entry, &fields, (&grid, map), scene)?;
         let velocity = fields.iter().find(|field| field.role == Role::Velocity);
@@ -213,8 +216,8 @@ impl Reader<'_> {
         Ok((path, file.read_fog(name.as_deref())?))
     }
 
-    fn transfer(&self, file: &Path) -> Result<Transfer> {
-        let options = transfer::Options { limits: self.limits, ..transfer::Options::default() };
+    fn transfer(&self, file: &Path, options: transfer::Options) -> Result<Transfer> {
+        let options = transfer::Options { limits: self.limits, ..options };
         transfer::load(file, &options).map(|loaded| loaded.transfer)
     }
 

@@ -14,6 +14,7 @@ use crate::optimise::solver::ascent::{Ascent, Evaluation};
 use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
 use crate::scene::sphere::{Sphere, levelled, spread, stepped, upright};
+use crate::scene::up::Up;
 use entropy::Entropy;
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
@@ -48,7 +49,31 @@ pub struct Request {
     pub exact_starts: Vec<DVec3>,
     /// Evaluations for each start and size of picture, at most.
     pub iterations: u32,
+    /// True for cameras of the upper half of the sphere alone, about its up axis. Starts must lie there.
+    pub hemisphere: bool,
 }
+
+impl Request {
+    /// Returns true if a camera may stand in this direction from the centre.
+    fn allows(&self, direction: DVec3) -> bool {
+        !self.hemisphere || direction.dot(self.sphere.up.vector()) >= 0.0
+    }
+
+    /// Returns unit vectors spread evenly over the sphere, or its upper half: `count` of them.
+    fn spread(&self, count: usize) -> Vec<DVec3> {
+        let up = self.sphere.up;
+        if self.hemisphere { upper(count, up) } else { spread(count, up) }
+    }
+}
+
+/// Returns unit vectors spread evenly over the upper half of the sphere, about the axis `up`: `count` of them.
+pub fn upper(count: usize, up: Up) -> Vec<DVec3> {
+    // The lattice descends from the pole, and is symmetric.
+    spread(2 * count, up).into_iter().take(count).collect()
+}
+
+/// Value of viewpoints that are not allowed, below all entropies: no step leads there.
+const BELOW: f64 = -1.0;
 
 /// A maximum.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -113,7 +138,7 @@ pub fn search(
         }
         searches.iter().skip(count).flat_map(|search| &search.starts).for_each(|_| tick());
         searches.par_iter_mut().take(count).for_each(|search| {
-            climb(dvr, &sphere, &mut search.ascent, end, request.iterations, cancel);
+            climb(dvr, request, &sphere, &mut search.ascent, end, cancel);
             search.starts.iter().for_each(|_| tick());
         });
         for search in searches.iter().take(count) {
@@ -130,7 +155,8 @@ pub fn search(
     let mut views: Vec<(&LocalSearch, View)> = Vec::new();
     for (number, search) in searches.iter().enumerate() {
         let about = if number < HIGHEST && !cancel.load(Ordering::Relaxed) { ABOUT } else { 0 };
-        let places = about_a_place(&search.ascent.axes, about, &request.sphere);
+        let mut places = about_a_place(&search.ascent.axes, about, &request.sphere);
+        places.retain(|axes| request.allows(axes.z_axis));
         pictures += places.len();
         let candidates = places.iter().map(|axes| {
             let entropy = entropy_at(dvr, &request.sphere, axes, cancel);
@@ -173,7 +199,7 @@ pub fn ticks(request: &Request) -> usize {
 /// Directions of the initial samples.
 fn initial_samples(request: &Request) -> Vec<DVec3> {
     let halved = sizes(&request.sphere).next().is_some_and(|level| level > 0);
-    spread(INITIAL_SAMPLES[usize::from(!halved)] * request.starts.len(), request.sphere.up)
+    request.spread(INITIAL_SAMPLES[usize::from(!halved)] * request.starts.len())
 }
 
 /// For each of the starts, the best of it and of those initial samples' viewpoints that lie nearest to it.
@@ -205,15 +231,16 @@ fn best_nearby(places: &[(DVec3, f64)], others: &[(DVec3, f64)]) -> Vec<DVec3> {
     best.into_iter().map(|(direction, _)| direction).collect()
 }
 
-/// Entropies of upright views spread evenly over the sphere, with their directions. Nothing if it was stopped.
+/// Entropies of upright views spread evenly over the sphere of the request, or its half, with their directions. Nothing
+/// if it was stopped.
 pub fn sample(
     dvr: &Composited<Dvr<'_, f32>>,
-    sphere: &Sphere,
+    request: &Request,
     count: usize,
     cancel: &AtomicBool,
     tick: &(dyn Fn() + Sync),
 ) -> Option<Vec<(DVec3, f64)>> {
-    entropies_of(dvr, sphere, &spread(count, sphere.up), cancel, tick)
+    entropies_of(dvr, &request.sphere, &request.spread(count), cancel, tick)
 }
 
 /// Entropies of upright views, with their directions.
@@ -258,16 +285,19 @@ impl LocalSearch {
 /// Climbs on pictures of one size.
 fn climb(
     dvr: &Composited<Dvr<'_, f32>>,
+    request: &Request,
     sphere: &Sphere,
     ascent: &mut Ascent,
     [pixels, rise]: [f64; 2],
-    most: u32,
     cancel: &AtomicBool,
 ) {
     // Upright at first, never on the way: pixels that turn would be a step in the entropy.
     let axes = levelled(&ascent.axes, sphere.up);
     ascent.restart(axes);
-    ascent.climb([pixels * radians_per_pixel(sphere), rise], most, |axes| {
+    ascent.climb([pixels * radians_per_pixel(sphere), rise], request.iterations, |axes| {
+        if !request.allows(axes.z_axis) {
+            return Some(Evaluation { value: BELOW, gradient: DVec2::ZERO });
+        }
         if cancel.load(Ordering::Relaxed) {
             return None;
         }
@@ -314,7 +344,6 @@ mod tests {
     use crate::math::Affine;
     use crate::scene::bricks::{Bricks, Topology};
     use crate::scene::medium::Medium;
-    use crate::scene::up::Up;
     use glam::IVec3;
     use std::sync::Arc;
     use std::sync::atomic::AtomicUsize;
@@ -349,7 +378,8 @@ mod tests {
         let dvr = Dvr::new(&field, Medium::absorbing(0.1)).unwrap().over([1.0; 3]);
         for size in [24, 70] {
             let sphere = Sphere::around(&field.outline(), [size, size], 40.0, Up::Z).unwrap();
-            let request = Request { sphere, starts: spread(3, Up::Z), exact_starts: vec![DVec3::X], iterations: 2 };
+            let starts = spread(3, Up::Z);
+            let request = Request { sphere, starts, exact_starts: vec![DVec3::X], iterations: 2, hemisphere: false };
             let ticked = AtomicUsize::new(0);
             let tick = || {
                 ticked.fetch_add(1, Ordering::Relaxed);
@@ -358,6 +388,16 @@ mod tests {
             assert_eq!(outcome.paths.len(), 4);
             assert_eq!(ticked.into_inner(), ticks(&request), "pictures of {size}");
         }
+    }
+
+    #[test]
+    fn the_upper_half_is_covered_evenly() {
+        for count in [1, 2, 9, 200] {
+            let all = upper(count, Up::Z);
+            assert!(all.len() == count && all.iter().all(|d| d.z > 0.0), "{all:?}");
+        }
+        // The mean height over a half sphere is 1/2; the lattice is within 1/count of it.
+        assert!((upper(200, Up::Z).iter().map(|d| d.z).sum::<f64>() / 200.0 - 0.5).abs() < 0.005);
     }
 
     #[test]

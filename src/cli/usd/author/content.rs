@@ -48,6 +48,12 @@ impl Author {
     }
 
     fn of_options(&self) -> Result<Content> {
+        if let Some(name) = self.tf.as_ref().filter(|tf| transfer::file(tf).is_none()) {
+            let name = name.display();
+            return Err(Error::unsupported("a stage refers to the file of a transfer function, and this is a name")
+                .part(format!("--tf {name}"))
+                .hint(format!("make a file of it: cumulo transfer {name} -o {name}.tf.json")));
+        }
         let medium = MediumEntry {
             density_scale: self.density_scale.unwrap_or(1.0),
             albedo: self.albedo.unwrap_or_default(),
