@@ -48,7 +48,7 @@ impl Convert {
         format: Format,
         name: &str,
         limits: Limits,
-        stage: &crate::cli::output::Stage,
+        stage: &crate::cli::progress::Stage,
     ) -> Result<(NativeGrid, GridPlace)> {
         let to = self.images.grid_type(matches!(format, Format::Npy | Format::Npz));
         let mapping = self.values.mapping();
