@@ -91,6 +91,19 @@ pub fn folder(path: &Path) -> Result<()> {
     }
 }
 
+/// Checks a path for pictures, and returns the kind of file that it names: OpenEXR or PNG, by its ending; `None` for a
+/// folder.
+///
+/// # Errors
+/// If the name has the extension of another kind of file, or the place cannot be written to.
+pub fn pictures(path: &Path) -> Result<Option<Content>> {
+    let ends = |content: Content| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(content.ending().0));
+    match [Content::Exr, Content::Png].into_iter().find(|content| ends(*content) && !path.is_dir()) {
+        Some(content) => file(path, content).map(|()| Some(content)),
+        None => folder(path).map(|()| None),
+    }
+}
+
 fn refuse_dash(path: &Path) -> Result<()> {
     if path.as_os_str() != "-" {
         return Ok(());
@@ -221,8 +234,12 @@ mod tests {
             folder(&at(name)).unwrap();
         }
         assert!(folder(&at("cloud.png")).is_err() && folder(&at("cloud.EXR")).is_err());
+        let kinds = ["a.exr", "A.PNG", "shots", "shots.v2"].map(|name| pictures(&at(name)).unwrap());
+        assert_eq!(kinds, [Some(Content::Exr), Some(Content::Png), None, None]);
+        assert!(pictures(&at("a.jpg")).is_err() && pictures(Path::new("-")).is_err());
         std::fs::create_dir(at("old.png")).unwrap();
         folder(&at("old.png")).unwrap();
+        assert_eq!(pictures(&at("old.png")).unwrap(), None);
         std::fs::write(at("file"), "").unwrap();
         assert!(folder(&at("file")).is_err());
     }

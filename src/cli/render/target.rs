@@ -3,7 +3,7 @@
 use super::Render;
 use super::options::PictureOptions;
 use super::stage::SIZE;
-use crate::cli::outputs::{self, Content};
+use crate::cli::outputs;
 use crate::error::{Error, Result};
 use crate::formats::exr::{self, Attributes, Placement};
 use crate::formats::png::{self, ToneMapping};
@@ -27,17 +27,10 @@ impl<'p> Target<'p> {
     /// # Errors
     /// If the path cannot be what its name says, or cannot be written.
     pub fn of(path: &'p Path) -> Result<Self> {
-        let ends = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
-        let content = match () {
-            () if path.is_dir() => None,
-            () if ends("exr") => Some(Content::Exr),
-            () if ends("png") => Some(Content::Png),
-            () => None,
-        };
-        match content {
-            Some(content) => outputs::file(path, content).map(|()| Self::File(path)),
-            None => outputs::folder(path).map(|()| Self::Folder(path)),
-        }
+        Ok(match outputs::pictures(path)? {
+            Some(_) => Self::File(path),
+            None => Self::Folder(path),
+        })
     }
 
     /// Refuses several pictures for one file. `what` are views or frames, and `option` chooses one.
