@@ -26,12 +26,8 @@ pub(super) fn check(path: &Path, limits: Limits, findings: &mut Findings) -> Res
     }
     match photos::read(&capture, None, limits, &|| {}) {
         Ok(photos) => {
-            for finding in plausibility::pictures(&photos, &capture) {
-                let certain = finding.certain;
-                for warning in plausibility::warnings(vec![finding]) {
-                    if certain { findings.contradiction(warning) } else { findings.warning(warning) }
-                }
-            }
+            let contradictions = plausibility::warnings(plausibility::pictures(&photos, &capture));
+            contradictions.into_iter().for_each(|warning| findings.warning(warning));
         }
         Err(error) if error.kind() == Kind::Unsupported => {
             findings.note(

@@ -57,10 +57,6 @@ impl Findings {
     pub(super) fn lines(&self) -> Vec<String> {
         self.all.iter().map(ToString::to_string).collect()
     }
-    /// Adds the warning that no content could explain the file as a problem.
-    pub(super) fn contradiction(&mut self, warning: Warning) {
-        self.add(Severity::Problem, Problem::new(warning.what, warning.remedy));
-    }
     /// Adds a warning about the file.
     pub(super) fn warning(&mut self, warning: Warning) {
         self.add(Severity::Warning, Problem::new(warning.what, warning.remedy));

@@ -94,9 +94,9 @@ pub fn compare_within(a: &Field<'_>, b: &Field<'_>, effort: Effort, step: OnStep
             incomparable: 0,
         });
     };
-    let map = b.transform.inverse_matrix() * a.transform.matrix();
     let along_axes = !same && {
-        let columns = [map.x_axis, map.y_axis, map.z_axis].map(|c| c.truncate().to_array());
+        let turn = b.transform.inverse_matrix() * a.transform.matrix();
+        let columns = [turn.x_axis, turn.y_axis, turn.z_axis].map(|c| c.truncate().to_array());
         (0..3).all(|i| (0..3).all(|j| i == j || columns[i][j].abs() <= 1e-12 * columns[i][i].abs()))
     };
     let mut pair = Pair {
@@ -105,7 +105,6 @@ pub fn compare_within(a: &Field<'_>, b: &Field<'_>, effort: Effort, step: OnStep
         same,
         min,
         max,
-        map,
         along_axes,
         blocks: Vec::new(),
         interpolated: Vec::new(),

@@ -5,7 +5,7 @@ use super::field::{Constant, Field, Window};
 use super::partial::{Partial, Run};
 use crate::error::{Error, Result};
 use crate::math::Aabb;
-use glam::{DMat4, DVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -27,8 +27,6 @@ pub(super) struct Pair<'f, 'a> {
     /// Lowest voxel of the domain; `max` is the highest.
     pub(super) min: [i32; 3],
     pub(super) max: [i32; 3],
-    /// Map from index coordinates of the first volume to those of the second.
-    pub(super) map: DMat4,
     /// True if the lattices differ but have parallel axes.
     pub(super) along_axes: bool,
     /// Origins of blocks in which voxels are compared one by one.
@@ -235,7 +233,8 @@ impl Pair<'_, '_> {
                     let vb = if self.same {
                         b.voxel([x, y, z], n)
                     } else {
-                        let at = self.map.transform_point3(DVec3::new(x.into(), y.into(), z.into()));
+                        let world = self.a.transform.to_world(DVec3::new(x.into(), y.into(), z.into()));
+                        let at = self.b.transform.to_index(world);
                         if copied { window.sample(at, n) } else { Field::sample(at, |p| self.b.content(p).voxel(p, n)) }
                     };
                     p.count(&a.voxel([x, y, z], n), &vb, n, 1);
