@@ -146,12 +146,11 @@ fn draw(along: &Along) -> Result<Markup> {
 
 fn draw_pane(pane: &Pane, along: &Along) -> Result<Markup> {
     let draw = |(i, slice): (usize, &Slice)| {
+        let levels: Vec<u8> = grey(&slice.values, pane.top).into_iter().step_by(3).collect();
         let bytes = if pane.heat {
-            let levels: Vec<u8> = grey(&slice.values, pane.top).into_iter().step_by(3).collect();
             let ramp: Vec<f64> = (0..256).map(|i| f64::from(i) / 255.0).collect();
             png::encode_palette8(slice.width, slice.height, &levels, &heatmap::shade_rgb8(&ramp, 1.0))?
         } else {
-            let levels: Vec<u8> = grey(&slice.values, pane.top).into_iter().step_by(3).collect();
             png::encode_grey8(slice.width, slice.height, &levels)?
         };
         let address = format!("data:image/png;base64,{}", STANDARD.encode(bytes));
