@@ -9,7 +9,7 @@ use crate::formats::vdb::ResampleFilter;
 use crate::scene::up::Up;
 
 /// Options of edits from VDB to VDB.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct Edits {
     /// Filter of --resample (default: box where no voxel gets finer, which keeps the sum of density times volume;
     /// trilinear elsewhere and for level sets)

@@ -82,6 +82,7 @@ fn line(content: &Content) -> String {
             format!("{width} x {height} pixels, {layers} layers")
         }
         Content::Capture(capture) => capture.to_string().lines().next().unwrap_or_default().to_owned(),
+        Content::NanoVdb(file) => file.to_string().lines().next().unwrap_or_default().to_owned(),
         Content::Usd(stage) => stage.to_string().lines().next().unwrap_or_default().to_owned(),
     }
 }

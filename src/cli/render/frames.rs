@@ -257,12 +257,18 @@ impl Sequence<'_> {
     /// Takes what must not change from frame to frame once: that of an earlier run that is resumed, or of some frames.
     fn settle(&mut self, json: Option<&Path>, numbers: &[u32], output: &Output) -> Result<()> {
         let placed = self.cameras.is_empty();
+        if placed {
+            // The first file that can be asked: others fail by themselves.
+            self.up = numbers.iter().find_map(|number| self.up_of(*number));
+            self.up.iter().for_each(|up| output.note(up));
+        }
         let earlier = if self.render.resume { settle::earlier(json) } else { None };
         let settled = match earlier {
             Some(earlier) => earlier,
             None => {
+                let up = placed.then(|| self.up.as_ref().map(|up| up.axis).unwrap_or_default());
                 let _stage = output.stage("settling");
-                self.pictures.settle(self.pattern.as_ref(), numbers, self.template.as_ref(), placed)?
+                self.pictures.settle(self.pattern.as_ref(), numbers, self.template.as_ref(), up)?
             }
         };
         if let Some(camera) = settled.camera.filter(|_| placed) {
@@ -278,6 +284,16 @@ impl Sequence<'_> {
             output.detail(format!("camera, scale and effects of all frames are settled by frames {list}"));
         }
         Ok(())
+    }
+
+    /// Returns the up axis about which the camera of a frame is to be placed; none where cameras are given, or the frame's file
+    /// cannot be read.
+    fn up_of(&self, number: u32) -> Option<ChosenUp> {
+        let mut pictures = self.pictures.clone();
+        if let Some(pattern) = &self.pattern {
+            pictures.input = pattern.path(number);
+        }
+        pictures.chosen_up(self.template.as_ref()).ok().flatten()
     }
 
     /// Makes sure that nothing of other commands is replaced. Returns frames of an earlier run that this one leaves alone.
@@ -340,12 +356,8 @@ impl Sequence<'_> {
                 .hint("add \"velocity\": {\"grid\": \"vel\"} to a volume of it"));
         }
         let paths = pictures.scattering.on() || subject.is_scene();
-        if self.cameras.is_empty() {
-            self.up = pictures.chosen_up(self.template.as_ref())?;
-            self.up.iter().for_each(|up| output.note(up));
-        }
-        let place = |name: &str| self.target.picture(name);
-        let mut capture = pictures.capture(place, &subject, transfer, self.template.as_ref(), self.up.as_ref())?;
+        let to = |name: &str| self.target.picture(name);
+        let mut capture = pictures.capture(to, &subject, transfer, self.template.as_ref(), self.up.as_ref())?;
         self.pictures.density_scale = Some(DensityScale::Given(capture.density_scale)).filter(|_| !subject.is_scene());
         if self.cameras.is_empty() {
             self.cameras = capture.frames.iter().map(|frame| [frame.camera; 3]).collect();

@@ -15,8 +15,9 @@ use crate::plan::{Effect, State};
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
 use crate::scene::orbit;
+use crate::scene::up::Up;
 use glam::DVec3;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Number of frames that are looked at.
 const FRAMES: usize = 5;
@@ -37,7 +38,7 @@ pub(super) struct Settled {
 impl PictureOptions {
     /// Settles what holds for all frames, from frames spread over the whole sequence, whichever of them are rendered now: parts
     /// that are rendered apart fit together. The scale is the smallest of theirs, so that the densest is not black; the camera
-    /// sees all of them. A frame that cannot be read is not looked at, as it will fail by itself.
+    /// sees all of them, and stands upright with respect to the axis `placed`; none for given cameras. A frame that cannot be read is not looked at, as it will fail by itself.
     ///
     /// # Errors
     /// If the part of a picture that is rendered does not lie in it.
@@ -46,13 +47,13 @@ impl PictureOptions {
         pattern: Option<&Pattern>,
         numbers: &[u32],
         template: Option<&Capture>,
-        placed: bool,
+        placed: Option<Up>,
     ) -> Result<Settled> {
         let mut settled = Settled::default();
         let auto = self.density_scale == Some(DensityScale::Auto);
         let plans = self.planning.max_omitted > 0.0;
         let moves = pattern.is_some() || sniff(&self.input).is_ok_and(|format| format == Format::Capture);
-        if !moves || !(auto || placed || plans) {
+        if !moves || !(auto || placed.is_some() || plans) {
             return Ok(settled);
         }
         let all = pattern.and_then(|pattern| pattern.numbers().ok()).unwrap_or_else(|| numbers.to_vec());
@@ -60,9 +61,9 @@ impl PictureOptions {
         for number in spread(&all) {
             let _ = self.look(pattern, number, template, &mut settled, &mut outline);
         }
-        if placed && !outline.is_empty() {
+        if let Some(up) = placed.filter(|_| !outline.is_empty()) {
             let [width, height] = self.size.unwrap_or(SIZE);
-            let camera = orbit::cameras(&outline, 1, self.layout, width, height, self.fov).into_iter().next();
+            let camera = orbit::cameras(&outline, 1, self.layout, width, height, self.fov, up).into_iter().next();
             settled.camera = camera.map(|camera| self.cropped(camera)).transpose()?;
         }
         settled.density_scale = settled.density_scale.filter(|_| auto);
@@ -89,7 +90,7 @@ impl PictureOptions {
         if subject.is_scene() {
             return Ok(());
         }
-        let capture = pictures.capture(Path::new(""), &subject, transfer, template)?;
+        let capture = pictures.capture(|name| PathBuf::from(name), &subject, transfer, template, None)?;
         let scale = capture.density_scale;
         settled.density_scale = Some(settled.density_scale.map_or(scale, |least| least.min(scale)));
         if self.planning.max_omitted > 0.0 && matches!(subject, Subject::Grids(_)) {
