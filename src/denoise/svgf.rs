@@ -39,8 +39,8 @@ fn within([width, height]: [usize; 2], at: usize, radius: i32, step: i32) -> imp
     (-radius..=radius).flat_map(move |j| (-radius..=radius).map(move |i| (i, j))).filter_map(move |(i, j)| {
         let (column, row) = (x + i * step, y + j * step);
         let inside = (0..width as i32).contains(&column) && (0..height as i32).contains(&row);
-        let place = row as usize * width + column as usize;
-        inside.then(|| (place, [i.unsigned_abs() as usize, j.unsigned_abs() as usize]))
+        let steps = [i.unsigned_abs() as usize, j.unsigned_abs() as usize];
+        inside.then(|| (row as usize * width + column as usize, steps))
     })
 }
 

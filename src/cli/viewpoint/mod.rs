@@ -256,7 +256,7 @@ impl Viewpoint {
         }
         let capture = transforms::load(&self.output)?;
         let directions = capture.frames.iter().filter_map(|f| (f.camera.position() - around.centre).try_normalize());
-        Ok(directions.filter(|d| !self.hemisphere || d.z >= 0.0).collect())
+        Ok(directions.filter(|d| !self.hemisphere || d.dot(around.up.vector()) >= 0.0).collect())
     }
 
     /// Returns the unit vectors to the viewpoints that the search starts about.
