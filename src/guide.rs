@@ -3,6 +3,7 @@
 //! | page | what it answers |
 //! |---|---|
 //! | [Getting started](getting_started) | How do I install Cumulo, and what does a first reconstruction look like? |
+//! | [Five paths](paths) | How do I get from a smoke, a scan, a Blender scene, photographs or a script to what I want? |
 //! | [Looking](looking) | How do I see what is in a file, and write a single picture? |
 //! | [Captures](captures) | How do I hand over my own pictures, or pictures from Blender? |
 //! | [Blender](blender) | How do I get from a Blender scene to a render, a capture, a reconstruction, and back? |
@@ -58,6 +59,9 @@ pub mod library {}
 
 #[doc = include_str!("guide/looking.md")]
 pub mod looking {}
+
+#[doc = include_str!("guide/paths.md")]
+pub mod paths {}
 
 #[doc = include_str!("guide/planning.md")]
 pub mod planning {}

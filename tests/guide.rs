@@ -25,6 +25,7 @@ const PAGES: &[&str] = &[
     "src/guide/looking.md",
     "src/guide/reconstruction.md",
     "src/guide/scattering.md",
+    "src/guide/paths.md",
     "src/guide/planning.md",
     "src/guide/python.md",
     "src/guide/shell.md",
@@ -35,9 +36,10 @@ const PAGES: &[&str] = &[
 ];
 
 /// Volumes that the pages name and the reader brings.
-const VOLUMES: [(&str, &str); 5] = [
+const VOLUMES: [(&str, &str); 6] = [
     ("smoke.vdb", "plume.vdb"),
     ("head.vdb", "plume.vdb"),
+    ("head.nii.gz", "head.nii.gz"),
     ("smoke.0001.vdb", "plume.vdb"),
     ("smoke.0002.vdb", "cube.vdb"),
     ("smoke.0003.vdb", "plume.vdb"),
@@ -233,6 +235,11 @@ fn python() {
 #[test]
 fn reconstruction() {
     assert!(run("src/guide/reconstruction.md") >= 10);
+}
+
+#[test]
+fn paths() {
+    assert!(run("src/guide/paths.md") >= 22);
 }
 
 #[test]
