@@ -38,6 +38,8 @@ const TABLE: &[Examples] = &[
             "cumulo convert 'in.####.vdb' 'out.####.vdb' --frames 1-24 --repair",
             "cumulo convert smoke.vdb smoke.npy                     # array[x, y, z]",
             "cumulo convert smoke.npy smoke.vdb --voxel-size 0.1",
+            "cumulo convert head.nii.gz head.vdb --map -1024,3071",
+            "cumulo convert houdini.vdb blender.vdb --names blender --up z",
         ],
     ),
     (
@@ -97,13 +99,18 @@ const TABLE: &[Examples] = &[
             "cumulo render smoke.vdb --views 1 --albedo 0.9 --sun 1,1,2 --sky 0.1 --samples 64 -o lit",
             "cumulo render 'smoke.####.vdb' --frames 1-24 --views 1 --density-scale auto -o frames",
             "cumulo render found.vdb --cameras shots -o again",
+            "cumulo render ct.vdb --tf ct-bone --tf-range 0,1 --views 1 -o bone.png",
         ],
     ),
     ("report", &["cumulo report page --reference smoke.vdb"]),
     ("schema", &["cumulo schema scene", "cumulo schema diff > diff.schema.json"]),
     (
         "transfer",
-        &["cumulo transfer preset.json -o warm.tf.json", "cumulo transfer preset.json --range 0,0.5 -o thin.tf.json"],
+        &[
+            "cumulo transfer preset.json -o warm.tf.json",
+            "cumulo transfer preset.json --range 0,0.5 -o thin.tf.json",
+            "cumulo transfer --list                                 # color maps and presets by name",
+        ],
     ),
     (
         "usd author",
@@ -118,6 +125,14 @@ const TABLE: &[Examples] = &[
         &[
             "cumulo validate smoke.vdb view.exr shots",
             "cumulo validate 'smoke.####.vdb' --json                # missing frames and outliers, too",
+        ],
+    ),
+    (
+        "view",
+        &[
+            "cumulo view smoke.vdb                                  # in the terminal",
+            "cumulo view 'smoke.####.vdb' -o frames.png",
+            "cumulo view shots view.exr -o sheets",
         ],
     ),
     ("viewpoint", &["cumulo viewpoint smoke.vdb --density-scale auto -o best.json"]),

@@ -202,7 +202,8 @@ mod tests {
         let mut frames: Vec<_> = (1..6).map(|n| frame(n, "float", 0.1, 1.0)).collect();
         frames[2] = frame(3, "double", 0.1, 1.0);
         frames[4] = frame(5, "float", 0.2, 1.0);
-        frames[1].1.insert("grid 'temperature'".into(), frames[0].1["grid 'density'"].clone());
+        let density = frames[0].1["grid 'density'"].clone();
+        frames[1].1.insert("grid 'temperature'".into(), density);
         let found = deviations(&frames);
         let has = |text: &str| found.iter().any(|d| d.what.contains(text));
         assert!(has("float in most frames, double in frames 3"), "{found:?}");
