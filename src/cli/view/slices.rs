@@ -184,7 +184,7 @@ mod tests {
             assert_eq!(by_leaf.sums, by_tile.sums, "{axes:?}");
             let slice = by_tile.finish([1.0, 1.0, 2.0]);
             let means: Vec<f32> = slice.film.rgba.iter().map(|p| p[0]).collect();
-            assert!(means.iter().any(|v| *v == 2.5) && means.iter().all(|v| (0.5..=2.5).contains(v)), "{means:?}");
+            assert!(means.contains(&2.5) && means.iter().all(|v| (0.5..=2.5).contains(v)), "{means:?}");
         }
     }
 
