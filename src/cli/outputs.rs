@@ -62,7 +62,7 @@ pub fn file(path: &Path, content: Content) -> Result<()> {
     if let Some(other) = named.filter(|e| !e.eq_ignore_ascii_case(ending)) {
         return Err(Error::invalid(format!("{what} would be written, which a name that ends in .{other} hides"))
             .at(path)
-            .hint(format!("let the name end in .{ending}; no other format is written here")));
+            .hint(format!("let the name end in .{ending}")));
     }
     atomic::probe(path)
 }

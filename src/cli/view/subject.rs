@@ -152,6 +152,7 @@ fn density(native: &NativeGrid, info: &GridInfo, limits: Limits) -> Result<(Grid
         }
         _ => {
             let meaning = match (info.components, background.iter().all(|v| *v == 0.0)) {
+                (1, true) if info.class == GridClass::FogVolume => "densities",
                 (1, true) => "magnitudes",
                 (1, false) => "distances from the background",
                 _ => "lengths of vectors",
