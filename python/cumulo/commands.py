@@ -18,13 +18,17 @@ from .run import Progress, call
 
 R = TypeVar("R", bound=results.Report)
 
+# What every document of the program states of itself, beside its report.
+ENVELOPE = ("version", "command")
+
 
 def report(kind: type[R], command: Sequence[str], arguments: Sequence[Path], options: dict[str, Option],
            progress: bool | Progress = False) -> R:  # fmt: skip
     """Runs a command and returns its report. Positional arguments stand after `--`, so that no name is an option."""
     positional = ["--", *(word(argument) for argument in arguments)]
     _, out = call([*command, *words(options), "--json", *positional], progress=progress)
-    return kind.of(json.loads(out))
+    document = json.loads(out)
+    return kind.of({key: value for key, value in document.items() if key not in ENVELOPE})
 
 
 def render(scene: Path, output: Path, *, views: int | None = None, size: tuple[int, int] | str | None = None,

@@ -47,6 +47,7 @@ class Comparison(Report):
     flicker_psnr_db: float | None = None
     beside: dict[str, Any] | None = None
     left_out: list[int] = dataclasses.field(default_factory=list)
+    failed: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     report: pathlib.Path | None = None
 
     def __bool__(self) -> bool:
@@ -147,7 +148,10 @@ class Statistics(Report):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GridDifference(Report):
-    """Differences of two grids of one name; PSNR is None for equal values."""
+    """Differences of two grids of one name; PSNR is None for equal values.
+
+    `sampled`: figures are of `compared` voxels, evenly spread; `agrees_after_turn`: up axes differ.
+    """
 
     name: str
     psnr_db: float | None
@@ -158,6 +162,9 @@ class GridDifference(Report):
     voxels: int | None
     incomparable: int | None = None
     differs_beyond_f32: bool | None = None
+    compared: int | None = None
+    sampled: bool | None = None
+    agrees_after_turn: dict[str, Any] | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -62,6 +62,7 @@ __all__ = [
     "Start",
     "Statistics",
     "TransferFunction",
+    "Up",
     "Validation",
     "Viewpoints",
 ]
@@ -104,6 +105,14 @@ class Provenance(Report):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Up(Report):
+    """Up axis, "Y" or "Z", and why it was taken."""
+
+    axis: str
+    reason: str
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Rendered(Report):
     """Pictures of `cumulo.render`: `output` is the folder with the EXRs and transforms.json.
 
@@ -120,6 +129,7 @@ class Rendered(Report):
     paths: dict[str, Any] | None = None
     plan: dict[str, Any] | None = None
     sky: Any = None
+    up: Up | None = None
     seconds: float
 
 
@@ -268,6 +278,7 @@ class Viewpoints(Report):
     sampled_seconds: float | None = None
     render_seconds: float
     equivalent_renders: float
+    up: Up | None = None
     report: pathlib.Path | None = None
 
 
@@ -380,6 +391,7 @@ class Converted(Report):
     grids: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     transfer: dict[str, Any] | None = None
     warnings: list[str] = dataclasses.field(default_factory=list)
+    up: dict[str, Any] | None = None
     shape: tuple[int, ...] | None = None
     axes: tuple[str, ...] | None = None
     grid: ArrayGrid | None = None
@@ -411,6 +423,7 @@ class Plan(Report):
     omitted: float | None = None
     measured: dict[str, Any] = dataclasses.field(default_factory=dict)
     cost: dict[str, Any]
+    up: Up | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -439,6 +452,7 @@ class Gradient(Report):
     precision: str
     quadrature: str
     views: int
+    up: Up | None = None
     rows: list[Derivative]
     checked: int | None = None
     worst_relative_error: float | None = None

@@ -32,7 +32,7 @@ def test_grids_are_read(cumulo, fixtures, tmp_path, source, way):
     cumulo("convert", tmp_path / "in.nvdb", tmp_path / "ours.vdb")
     convert(tmp_path / "in.nvdb", tmp_path / "theirs.vdb")
     # A difference is exit code 1, which `call` hands back.
-    code, text = call(["diff", str(tmp_path / "ours.vdb"), str(tmp_path / "theirs.vdb"), "--max-abs=0"])
+    code, text = call(["diff", str(tmp_path / "ours.vdb"), str(tmp_path / "theirs.vdb"), "--tolerance=0"])
     assert code == 0, text
 
 
@@ -42,5 +42,5 @@ def test_grids_are_written(cumulo, fixtures, tmp_path, source):
     checked = subprocess.run(["nanovdb_validate", "-v", tmp_path / "ours.nvdb"], capture_output=True, text=True)
     assert checked.returncode == 0 and "passed" in checked.stdout, checked.stdout + checked.stderr
     convert(tmp_path / "ours.nvdb", tmp_path / "back.vdb")
-    code, text = call(["diff", str(fixtures / source), str(tmp_path / "back.vdb"), "--max-abs=0"])
+    code, text = call(["diff", str(fixtures / source), str(tmp_path / "back.vdb"), "--tolerance=0"])
     assert code == 0, text
