@@ -28,13 +28,13 @@ fn colors(pixels: &[[u8; 3]]) -> usize {
 fn every_kind_of_grid_has_a_sheet() {
     let work = Work::new();
     for (file, grid, dimensions, meaning) in [
-        ("plume", "density", json!([48, 48, 48]), "magnitudes"),
+        ("plume", "density", json!([48, 48, 48]), "densities"),
         ("sphere_level_set", "surface", Value::Null, "the inside of the level set"),
         ("kinds", "velocity", Value::Null, "lengths of vectors"),
         ("kinds", "label", Value::Null, "magnitudes"),
         ("kinds", "mask", Value::Null, "magnitudes"),
-        ("tiles", "density", Value::Null, "magnitudes"),
-        ("blob_sheared", "density", Value::Null, "magnitudes"),
+        ("tiles", "density", Value::Null, "densities"),
+        ("blob_sheared", "density", Value::Null, "densities"),
     ] {
         let option = if file == "kinds" { format!("--grid {grid}") } else { String::new() };
         let report = work.json(&format!("view @{file}.vdb {option} --size 96 -o {file}-{grid}.png"));

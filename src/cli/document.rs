@@ -6,6 +6,7 @@ use schemars::{JsonSchema, Schema, schema_for};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Version of the layout of all documents. Keys are only added within a version; it rises when one is renamed, removed or
 /// changes its meaning.
@@ -14,9 +15,17 @@ pub const VERSION: u32 = 1;
 /// Command whose documents are asked for; not set without `--json`.
 static COMMAND: OnceLock<String> = OnceLock::new();
 
+/// True once the command's report is written: an error that follows says again what the report says of frames that failed.
+static REPORTED: AtomicBool = AtomicBool::new(false);
+
 /// Has errors written as JSON on standard output from now on, as those of a command such as `reconstruct density`.
 pub fn begin(command: &str) {
     let _ = COMMAND.set(command.to_owned());
+}
+
+/// Keeps errors from being written behind the report that is written now, since standard output holds one document.
+pub fn reported() {
+    REPORTED.store(true, Ordering::Relaxed);
 }
 
 /// A command's report with the keys that all of them share.
@@ -81,10 +90,10 @@ pub fn error(error: &Error) {
     write(error.what(), error.path(), error.place(), error.remedy());
 }
 
-/// Writes what ended the program as JSON on standard output, if `--json` is given. The standard library's stream is
+/// Writes what ended the program as JSON on standard output, if `--json` is given and no report is written. The standard library's stream is
 /// avoided because another thread may hold its lock.
 pub fn write(what: &str, file: Option<&Path>, part: Option<&str>, remedy: Option<&str>) {
-    let Some(command) = COMMAND.get() else { return };
+    let Some(command) = COMMAND.get().filter(|_| !REPORTED.load(Ordering::Relaxed)) else { return };
     let file = file.map(|path| path.to_string_lossy().into_owned());
     let report = Failure { error: Fault { what, file, part, remedy } };
     if let Ok(json) = serde_json::to_string_pretty(&Document { version: VERSION, command, report: &report }) {

@@ -3,6 +3,7 @@
 use crate::error::Error;
 use serde::Serialize;
 use std::fmt;
+use std::io::Write;
 
 /// A frame without a result.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
@@ -17,6 +18,14 @@ impl Failed {
     /// Keeps the error by which a frame failed.
     pub fn new(frame: u32, error: &Error) -> Self {
         Self { frame, error: error.to_string() }
+    }
+}
+
+/// Says on standard error which frames failed and why, as is said of an error that ends a command. `--quiet` does not
+/// silence it.
+pub fn tell(failed: &[Failed]) {
+    for Failed { frame, error } in failed {
+        let _ = writeln!(std::io::stderr(), "cumulo: frame {frame}: {error}");
     }
 }
 

@@ -1,7 +1,7 @@
 //! Results on standard output, progress and remarks on standard error.
 
 use super::Global;
-use super::document::{Document, VERSION};
+use super::document::{self, Document, VERSION};
 use super::log;
 use super::progress::{Manner, Progress, Stage};
 use crate::error::{Error, Result};
@@ -73,6 +73,7 @@ impl Output {
             return print(&printable_lines(&report.to_string()));
         }
         let document = Document { version: VERSION, command: &self.command, report };
+        document::reported();
         print(&printable_json(&serde_json::to_string_pretty(&document).map_err(failed)?))
     }
 

@@ -3,7 +3,7 @@
 use super::figures::{Gauge, Report};
 use super::page::Gallery;
 use super::{Arguments, ENDINGS};
-use crate::cli::failed::Failed;
+use crate::cli::failed::{self, Failed};
 use crate::cli::frames::{Results, Sequence, common, each};
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
@@ -60,6 +60,7 @@ pub fn run(arguments: &Arguments, [a, b]: [&Sequence; 2], output: &Output) -> Re
     work.all(&both, output)?;
     let Work { first, other, gallery, failed, differ, .. } = work;
     let beside = beside.map(|_| other.closed());
+    failed::tell(&failed);
     let mut report = Report { all: first.closed(), beside, left_out, failed, differ, report: None };
     if let Some(dir) = arguments.report.as_ref().filter(|_| !report.all.frames.is_empty()) {
         let mut page =

@@ -12,6 +12,7 @@ use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
+use crate::formats::sequence::Pattern;
 use crate::formats::{exr, png};
 use crate::metrics::{self, Comparison, flip, heatmap};
 use crate::text::printable;
@@ -162,16 +163,15 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
         return Err(Error::invalid(format!("--tolerance {}: a number from 0 on is expected", arguments.tolerance))
             .hint("give the largest absolute difference of a sample that still counts as agreement"));
     }
-    let sequences = arguments.frames.pair([&arguments.a, &arguments.b], &ENDINGS)?;
     if arguments.statistical.asked() {
         drop(stage);
-        if sequences.is_some() {
+        if [&arguments.a, &arguments.b].into_iter().any(|path| path.is_dir() || Pattern::parse(path).is_some()) {
             return Err(Error::invalid("--statistical: a sequence is given, and it tests two pictures")
                 .hint("test frames of it one by one"));
         }
         return statistical::run(arguments, output);
     }
-    if let Some([a, b]) = &sequences {
+    if let Some([a, b]) = &arguments.frames.pair([&arguments.a, &arguments.b], &ENDINGS)? {
         drop(stage);
         return frames::run(arguments, [a, b], output);
     }

@@ -1,7 +1,7 @@
 //! Sequences: every frame is converted as a file of its own.
 
 use super::Convert;
-use crate::cli::failed::{Failed, List};
+use crate::cli::failed::{self, Failed, List};
 use crate::cli::frames::{FramesOption, Sequence, each, parted};
 use crate::cli::memory::Memory;
 use crate::cli::output::{Kept, Output};
@@ -84,6 +84,7 @@ impl Convert {
         };
         let results = each(&sequence.numbers, "converting", self.memory.limits(), output, work)?;
         let (done, failed) = parted(results);
+        failed::tell(&failed);
         let frames: Vec<Frame> = done.into_iter().map(|(_, frame)| frame).collect();
         let code = if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(2) };
         output.report(&Report {
