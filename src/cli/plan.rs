@@ -101,7 +101,8 @@ impl PlanCommand {
         pictures.scattering.check(paths)?;
         let up = pictures.chosen_up(template.as_ref())?;
         up.iter().for_each(|up| output.note(up));
-        let capture = pictures.capture(|name| PathBuf::from(name), &subject, transfer, template.as_ref(), up.as_ref())?;
+        let capture =
+            pictures.capture(|name| PathBuf::from(name), &subject, transfer, template.as_ref(), up.as_ref())?;
         let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
         let mut plan = pictures.plan(&scene, false)?;
         let scene = plan.simplify(scene)?;

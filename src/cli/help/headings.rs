@@ -13,7 +13,24 @@ const GENERAL: &str = "General";
 
 /// Options under each heading, by their identifiers.
 const TABLE: [(&str, &[&str]); 10] = [
-    (OUTPUT, &["output", "overwrite", "resume", "report", "heatmap", "fix", "to", "half", "codec", "aov", "png", "exposure", "terminal"]),
+    (
+        OUTPUT,
+        &[
+            "output",
+            "overwrite",
+            "resume",
+            "report",
+            "heatmap",
+            "fix",
+            "to",
+            "half",
+            "codec",
+            "aov",
+            "png",
+            "exposure",
+            "terminal",
+        ],
+    ),
     (FRAMES, &["frames", "frame", "fps", "velocity", "motion", "cuts", "chunk", "overlap", "direction"]),
     (
         CAMERAS,

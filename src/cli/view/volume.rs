@@ -160,7 +160,11 @@ fn picture(
     let tile = Tile {
         title: if by_option { "by transfer function".into() } else { "absorption".into() },
         picture: Canvas::of(film.width, film.height, rgb),
-        caption: vec![meaning.into(), format!("density scale {}", short(scale)), format!("{} is up", up.name().to_ascii_lowercase())],
+        caption: vec![
+            meaning.into(),
+            format!("density scale {}", short(scale)),
+            format!("{} is up", up.name().to_ascii_lowercase()),
+        ],
     };
     Ok(Drawn { tile, density_scale: Some(scale), meaning })
 }

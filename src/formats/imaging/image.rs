@@ -14,7 +14,7 @@ pub enum Values {
     Integer,
 }
 
-/// What an image says of itself before its values.
+/// Size, placement and kind of values of an image, which it states before the values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
     /// Name of the quantity, where the file has one.
@@ -27,7 +27,7 @@ pub struct Header {
     pub values: Values,
     /// Maps indices of voxel centres to the world (see the module's conventions).
     pub index_to_world: Affine,
-    /// What the reader assumed or left out, one sentence each, for the user.
+    /// Assumptions and omissions of the reader, one sentence each, for the user.
     pub notes: Vec<String>,
 }
 

@@ -13,8 +13,8 @@
 #![allow(unsafe_code)]
 
 mod cursor;
-mod edit;
 mod dense;
+mod edit;
 mod ffi;
 mod file;
 pub mod helper;
@@ -29,8 +29,8 @@ pub mod vector_kind;
 pub mod velocity;
 mod write;
 
-pub use edit::{HALF_WIDTH, ResampleFilter};
 pub use dense::{DenseBox, ValueKind};
+pub use edit::{HALF_WIDTH, ResampleFilter};
 pub use file::{CONFIDENCE, File};
 pub use native::{GridInfo, NativeGrid, RawGrid, RawLeaf, RawTile, Transform, writable};
 pub use topology::Topology;
