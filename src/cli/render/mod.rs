@@ -170,10 +170,7 @@ impl Render {
     /// capture in the folder is untouched then.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let target = Target::of(&self.output)?;
-        if self.exposure.is_some() && self.tone_mapping_used().is_none() {
-            return Err(Error::invalid("--exposure: no PNG is written, and EXRs are scene-linear")
-                .hint("add --png, or let the name of the output end in .png"));
-        }
+        self.check_exposure()?;
         if self.is_sequence() {
             return self.run_frames(target, output);
         }
@@ -241,6 +238,15 @@ impl Render {
             seconds,
         })?;
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Refuses an exposure that no picture would have.
+    fn check_exposure(&self) -> Result<()> {
+        if self.exposure.is_some() && self.tone_mapping_used().is_none() {
+            return Err(Error::invalid("--exposure: no PNG is written, and EXRs are scene-linear")
+                .hint("add --png, or let the name of the output end in .png"));
+        }
+        Ok(())
     }
 
     /// Renders views, given with their numbers and the files that each is written to.
