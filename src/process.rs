@@ -100,7 +100,9 @@ fn exhausted(size: usize) -> ! {
 
 /// Ends the program with exit code 2 after the native library has thrown where no exception can be caught.
 pub fn abandon(what: &str) -> ! {
-    let remedy = if what == "out of memory" { SMALLER } else { "the file may be damaged; export it again" };
+    // A thread whose stack finds no room wants memory, too.
+    let memory = what == "out of memory" || what.contains("pthread_create");
+    let remedy = if memory { SMALLER } else { "the file may be damaged; export it again" };
     end(|| (format!("OpenVDB: {what}"), remedy))
 }
 

@@ -7,6 +7,9 @@ use crate::formats::limits::Limits;
 use crate::formats::vdb::{DenseBox, NativeGrid, ValueKind};
 use crate::scene::grid::{GridClass, LEAF_DIM, LEAF_VOXELS};
 
+/// Bytes for the program itself: libraries, the heap, and the stacks of the threads that OpenVDB starts when a grid is freed.
+const PROGRAM: u64 = 48 << 20;
+
 /// Type of the grid that an image becomes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum GridType {
@@ -59,8 +62,8 @@ pub fn build(
     }
     let mut native = NativeGrid::empty(kind, name, GridClass::Unknown, &header.index_to_world)?;
     let mut values = vec![0.0; header.slice_len().unwrap_or(0)];
-    // A quarter is left for the program itself, and for packing when the grid is written.
-    let most = (limits.max_memory / 4 * 3).saturating_sub(8 * values.len() as u64) / kind.leaf_bytes();
+    // A quarter is left for packing when the grid is written.
+    let most = (limits.max_memory.saturating_sub(PROGRAM) / 4 * 3).saturating_sub(8 * values.len() as u64) / kind.leaf_bytes();
     let strides = [components, components * x, components * x * y].map(|s| s as i64);
     let (mut leaves, mut tally) = (0, Tally::default());
     for slice in 0..z {

@@ -47,8 +47,7 @@ pub(super) fn call(entry: impl FnOnce(*mut cumulo_vdb_status) -> i32) -> Result<
     }
     Err(if code == CUMULO_VDB_UNSUPPORTED as i32 {
         Error::unsupported(message).hint("choose other grids with --grid, or leave that edit out")
-    } else if code == CUMULO_VDB_OUT_OF_MEMORY as i32 || message.contains("pthread_create") {
-        // A thread whose stack finds no room is want of memory, too.
+    } else if code == CUMULO_VDB_OUT_OF_MEMORY as i32 {
         Error::native("OpenVDB ran out of memory")
             .hint("raise --max-memory if the file is to be trusted, or crop or resample it where it was made")
     } else {
