@@ -118,7 +118,11 @@ def test_an_interrupt_ends_the_child(plume, tmp_path):
     command = [sys.executable, "-c", script, plume, tmp_path / "out"]
     root = str(pathlib.Path(__file__).resolve().parents[1])
     environment = {**os.environ, "PYTHONPATH": root, "CUMULO": run.program()}
-    child = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    # A shell that runs the tests in the background has them ignore interrupts, which children inherit.
+    child = subprocess.Popen(
+        command, env=environment, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
     try:
         deadline = time.monotonic() + 60
         while not (programs := children(child.pid)):
