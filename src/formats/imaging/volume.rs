@@ -63,7 +63,8 @@ pub fn build(
     let mut native = NativeGrid::empty(kind, name, GridClass::Unknown, &header.index_to_world)?;
     let mut values = vec![0.0; header.slice_len().unwrap_or(0)];
     // A quarter is left for packing when the grid is written.
-    let most = (limits.max_memory.saturating_sub(PROGRAM) / 4 * 3).saturating_sub(8 * values.len() as u64) / kind.leaf_bytes();
+    let most =
+        (limits.max_memory.saturating_sub(PROGRAM) / 4 * 3).saturating_sub(8 * values.len() as u64) / kind.leaf_bytes();
     let strides = [components, components * x, components * x * y].map(|s| s as i64);
     let (mut leaves, mut tally) = (0, Tally::default());
     for slice in 0..z {
