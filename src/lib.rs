@@ -26,6 +26,7 @@ pub mod guide;
 pub mod math;
 pub mod metrics;
 pub mod optimise;
+pub mod ordered;
 pub mod plan;
 pub mod process;
 pub mod real;

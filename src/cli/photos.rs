@@ -6,6 +6,7 @@ use crate::formats::limits::Limits;
 use crate::formats::picture;
 use crate::optimise::plausibility::Warning;
 use crate::optimise::projection::observation::Photo;
+use crate::ordered;
 use crate::report::{MOST_VIEWS, choose};
 use crate::scene::capture::{Capture, Frame};
 use crate::scene::film::Film;
@@ -37,7 +38,7 @@ pub fn read(capture: &Capture, layer: Option<&str>, limits: Limits, tick: &(dyn 
         }
         Ok(Photo { camera: frame.camera, film, name: frame.picture.display().to_string() })
     };
-    capture.frames.par_iter().map(read).collect()
+    ordered::try_map(capture.frames.par_iter(), read)
 }
 
 /// Reads a picture of a capture as the radiance that arrives.

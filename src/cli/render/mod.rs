@@ -27,6 +27,7 @@ use crate::formats::captures;
 use crate::formats::png::ToneMapping;
 use crate::formats::sequence::Frames;
 use crate::formats::transforms::{self, FILE_NAME};
+use crate::ordered;
 use crate::plan::Plan;
 use crate::render::aov::{self, Aov};
 use crate::render::path::{self, Counts, Sampling, View};
@@ -261,14 +262,14 @@ impl Render {
         let cancel = cancel::listen();
         let bar = output.progress(views.len() as u64, "render");
         let attributes = provenance.attributes();
-        let counts = views.par_iter().map(|((number, camera), files)| {
+        let view = |((number, camera), files): &((&usize, &Camera), &Vec<PathBuf>)| {
             let (film, counts) =
                 self.film(renderer, **number, (*camera).into(), cancel).ok_or_else(Error::cancelled)?;
             files.iter().try_for_each(|file| self.write_picture(file, &film, &attributes, whole))?;
             bar.inc(1);
-            Ok::<_, Error>(counts)
-        });
-        let counts = counts.try_reduce(Counts::default, |a, b| Ok(a.plus(b)))?;
+            Ok(counts)
+        };
+        let counts = ordered::try_map(views.par_iter(), view)?.into_iter().fold(Counts::default(), Counts::plus);
         bar.finish_and_clear();
         Ok(counts)
     }

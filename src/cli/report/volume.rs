@@ -11,6 +11,7 @@ use crate::formats::vdb::{CONFIDENCE, File, shaded};
 use crate::formats::{captures, transfer};
 use crate::metrics;
 use crate::metrics::volume::{self, Difference};
+use crate::ordered;
 use crate::render::any_renderer::AnyRenderer;
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
@@ -85,14 +86,17 @@ const CONFIDENCE_LABEL: &str = "confidence, 0 to 1";
 /// Reads the pictures of all cameras, or as many as a page shows, evenly spaced, and reduces them.
 fn thumbnails(run: &Run, capture: &Capture, limits: Limits, cancel: Cancel) -> Result<Vec<Thumbnail>> {
     let views = capture.frames.len();
-    let all = choose(&vec![false; views], MOST_THUMBNAILS).into_par_iter().filter(|_| !cancel.requested());
+    let chosen = choose(&vec![false; views], MOST_THUMBNAILS);
     let thumbnail = |i: usize| {
+        if cancel.requested() {
+            return Ok(None);
+        }
         let path = &capture.frames[i].picture;
         let film = photos::picture(path, run.layer.as_deref(), capture, limits)?;
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
-        Ok(Thumbnail::new(name, &film, run.held_out.contains(&i)))
+        Ok(Some(Thumbnail::new(name, &film, run.held_out.contains(&i))))
     };
-    all.map(thumbnail).collect()
+    Ok(ordered::try_map(chosen.into_par_iter(), thumbnail)?.into_iter().flatten().collect())
 }
 
 /// A reconstructed volume, read again with the capture of its pictures.

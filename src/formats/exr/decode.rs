@@ -4,6 +4,7 @@ use super::header::{Header, Reader};
 use super::{SampleType, Window, dwa, fault};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
+use crate::ordered;
 use exr::block::UncompressedBlock;
 use exr::block::reader::ChunksReader;
 use exr::math::Vec2;
@@ -102,17 +103,14 @@ pub(super) fn blocks(
         if batch.is_empty() {
             break;
         }
-        let blocks: Vec<UncompressedBlock> = batch
-            .into_par_iter()
-            .map(|chunk| {
-                fault::translated(path, || {
-                    if let Some(header) = meta.headers.get(chunk.layer_index) {
-                        dwa::check(&chunk, header)?;
-                    }
-                    UncompressedBlock::decompress_chunk(chunk, &meta, false)
-                })
+        let blocks = ordered::try_map(batch.into_par_iter(), |chunk| {
+            fault::translated(path, || {
+                if let Some(header) = meta.headers.get(chunk.layer_index) {
+                    dwa::check(&chunk, header)?;
+                }
+                UncompressedBlock::decompress_chunk(chunk, &meta, false)
             })
-            .collect::<Result<_>>()?;
+        })?;
         for block in blocks {
             let at = (block.index.layer, block.index.pixel_position.0, block.index.pixel_position.1);
             if block.index.level != Vec2(0, 0) || !wanted(block.index.layer) || !seen.insert(at) {
