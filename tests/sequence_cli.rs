@@ -44,6 +44,9 @@ fn a_frame_that_fails_does_not_stop_the_others() {
     for (path, bytes) in before.iter().filter(|(path, _)| path.extension().is_some_and(|e| e == "exr")) {
         assert_eq!(work.files("out").get(path), Some(bytes), "{}", path.display());
     }
+    // A picture names what it was made from, and not what others were.
+    let named = exr::header(&work.path("out/frame.0003.exr")).unwrap().attributes()["cumulo:input"].clone();
+    assert!(named.contains("smoke.0003.vdb") && !named.contains("smoke.0001.vdb"), "{named}");
     // All frames have the first one's camera and density scale.
     let scale = again["density_scale"].as_f64().unwrap();
     work.json(&format!("render smoke.0003.vdb --cameras out --density-scale {scale} -o single"));
@@ -117,9 +120,15 @@ fn scene_files_hold_sequences() {
         "lights": [{"type": "DomeLight"}],
     });
     std::fs::write(work.path("scene.json"), scene.to_string()).unwrap();
-    let report = work.json("render scene.json --views 1 --size 12x12 --samples 4 --frames 1-2 -o out");
+    let command = "render scene.json --views 1 --size 12x12 --samples 4 --frames 1-2 -o out";
+    let report = work.json(command);
     assert_eq!(report["rendered"], 2);
     assert_ne!(work.picture("out/frame.0001.exr"), work.picture("out/frame.0002.exr"));
+    // A picture is older than a volume behind the scene that has changed since.
+    let late = std::fs::File::options().append(true).open(work.path("s.0002.vdb")).unwrap();
+    late.set_modified(std::time::SystemTime::now() + std::time::Duration::from_secs(5)).unwrap();
+    let again = work.json(&format!("{command} --resume"));
+    assert_eq!((&again["rendered"], &again["skipped"]), (&Value::from(1), &Value::from(1)));
     work.refused("render scene.json --views 1 -o no", &["s.%04d.vdb", "--frames"]);
     // A scene file for each frame moves lights, media and functions.
     for (frame, radiance) in [(1, 1.0), (2, 3.0)] {

@@ -68,3 +68,15 @@ fn typing_errors_get_the_nearest_names() {
     work.refused(&format!("{render} ct-bone --tf-extinction 2"), &["opacities"]);
     assert!(!work.path("x").exists());
 }
+
+/// Values that densities cannot have, of a scan, and a function of them: the refusal names the way in, which leads there.
+#[test]
+fn scans_go_with_the_presets_of_their_units() {
+    let work = Work::new();
+    work.json("convert @head.nii.gz scan.vdb");
+    let size = "--tf ct-bone --views 1 --size 12x12";
+    work.refused(&format!("render scan.vdb {size} -o no"), &["negative", "--map=-1024,3071", "--tf-range 0,1"]);
+    work.json("convert scan.vdb ct.vdb --map=-1024,3071");
+    let report = work.json(&format!("render ct.vdb {size} --tf-range 0,1 -o bone"));
+    assert_eq!(report["views"], 1);
+}

@@ -11,6 +11,7 @@ use cumulo::formats::vdb::{Codec, File, NativeGrid, RawLeaf, write_grids, write_
 use cumulo::math::Affine;
 use cumulo::scene::grid::{GridClass, MetaValue};
 use glam::DVec3;
+use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
 use work::{Work, density, errors, fixture};
@@ -62,6 +63,16 @@ fn rings_circle_the_axis_that_the_file_states() {
     assert_eq!(gradient["up"]["axis"], "Y");
     let plan = work.json("plan houdini.vdb --views 1 --size 4x4");
     assert_eq!(plan["up"]["axis"], "Y");
+    // Scenes stand as their volumes do, unless a transform places these or they disagree.
+    for (volumes, axis) in [
+        (json!([{"file": "houdini.vdb"}]), "Y"),
+        (json!([{"file": "houdini.vdb"}, {"file": "blender.vdb"}]), "Z"),
+        (json!([{"file": "houdini.vdb", "transform": [[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}]), "Z"),
+    ] {
+        let scene = json!({"volumes": volumes, "lights": [{"type": "DomeLight"}]});
+        std::fs::write(work.path("scene.json"), scene.to_string()).unwrap();
+        assert_eq!(work.json("plan scene.json --views 1 --size 4x4")["up"]["axis"], axis, "{scene}");
+    }
     let template = work.json("render @plume.vdb --cameras out -o other");
     assert!(template["up"].is_null(), "cameras that are given stand as they stand");
 }

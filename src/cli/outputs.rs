@@ -175,11 +175,7 @@ pub fn is_own_picture(path: &Path, attribute: &str, command: &str, overwrite: bo
     if !path.exists() {
         return Ok(false);
     }
-    let mut texts = match path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
-        true => png::texts(path).unwrap_or_default(),
-        false => exr::header(path).map(|header| header.attributes()).unwrap_or_default(),
-    };
-    let earlier = texts.remove(attribute);
+    let earlier = attributes(path).remove(attribute);
     if earlier.is_some_and(|earlier| settings(&earlier) == settings(command)) {
         return Ok(true);
     }
@@ -189,6 +185,14 @@ pub fn is_own_picture(path: &Path, attribute: &str, command: &str, overwrite: bo
     Err(Error::invalid("a picture lies here that another command made, and would be replaced")
         .at(path)
         .hint("give another name, or --overwrite to replace it"))
+}
+
+/// Returns the attributes of a PNG or EXR that are texts; none if it cannot be read.
+pub fn attributes(path: &Path) -> exr::Attributes {
+    match path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+        true => png::texts(path).unwrap_or_default(),
+        false => exr::header(path).map(|header| header.attributes()).unwrap_or_default(),
+    }
 }
 
 /// Returns the words of a command without the program's name and without those that choose frames or say how to work.

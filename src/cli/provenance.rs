@@ -85,6 +85,18 @@ impl Provenance {
         all
     }
 
+    /// Returns the paths of the inputs that a picture's attribute `cumulo:input` names.
+    pub fn inputs_of(attribute: &str) -> impl Iterator<Item = &Path> {
+        const HASH: usize = 64;
+        let mut rest = attribute;
+        std::iter::from_fn(move || {
+            let (name, after) = rest.split_once(" sha256:")?;
+            rest = after.get(HASH..).unwrap_or_default();
+            rest = rest.strip_prefix(", ").unwrap_or(rest);
+            Some(Path::new(name))
+        })
+    }
+
     fn hashes(&self) -> String {
         self.inputs.iter().map(|(name, hash)| format!("{name} sha256:{hash}")).collect::<Vec<_>>().join(", ")
     }
@@ -132,5 +144,10 @@ mod tests {
         // echo -n abc | sha256sum
         assert_eq!(p.inputs["x"], "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
         assert!(p.input(Path::new("y"), [dir.path().join("none").as_path()]).is_err());
+        p.input(Path::new("a, b"), [a.as_path()]).unwrap();
+        let attributes = p.attributes();
+        let names: Vec<_> = Provenance::inputs_of(&attributes["cumulo:input"]).collect();
+        assert_eq!(names, [Path::new("a, b"), Path::new("x")]);
+        assert_eq!(Provenance::inputs_of("").count() + Provenance::inputs_of("damaged").count(), 0);
     }
 }

@@ -2,6 +2,8 @@
 
 use crate::error::Result;
 use crate::formats::limits::Limits;
+use crate::formats::scene_file;
+use crate::formats::sequence::Pattern;
 use crate::formats::usd::Stage;
 use crate::formats::vdb::File;
 use crate::formats::{self, Format};
@@ -13,7 +15,8 @@ use std::path::Path;
 /// Choice of the up axis on the command line.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum UpChoice {
-    /// Axis that the VDB's metadata (Houdini and Maya: y, Blender: z) or the stage's upAxis state, else z
+    /// Axis that the metadata of the VDB or of the scene's VDBs (Houdini and Maya: y, Blender: z) or the stage's upAxis
+    /// state, else z
     #[default]
     Auto,
     /// +Y, as in Houdini and Maya
@@ -59,9 +62,31 @@ impl UpChoice {
                 };
                 Ok(ChosenUp { axis: stage.up_axis().into(), reason: reason.into() })
             }
+            Format::Capture if input.is_file() => of_scene(input, limits),
             _ => Ok(unstated()),
         }
     }
+}
+
+/// Returns the axis on which the VDBs of a scene file agree, else Z. A volume that a transform places tells nothing: the
+/// scene's world is not that of its file.
+fn of_scene(path: &Path, limits: Limits) -> Result<ChosenUp> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut axes = Vec::new();
+    for entry in scene_file::read(path, limits)?.volumes {
+        if entry.transform.is_some() {
+            return Ok(unstated());
+        }
+        let mut file = folder.join(&entry.file);
+        if let Some(pattern) = Pattern::parse(&file) {
+            let Some(first) = pattern.numbers()?.first().copied() else { return Ok(unstated()) };
+            file = pattern.path(first);
+        }
+        let up = of_file(&File::open(&file, limits)?);
+        axes.push(ChosenUp { reason: format!("{}: {}", entry.file.display(), up.reason), ..up });
+    }
+    let agreed = axes.windows(2).all(|pair| pair[0].axis == pair[1].axis);
+    Ok(axes.into_iter().next().filter(|up| agreed && up.axis == Up::Y).unwrap_or_else(unstated))
 }
 
 /// Returns the axis that the metadata of a VDB say, else Z.

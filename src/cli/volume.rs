@@ -1,7 +1,7 @@
 //! The volume that a command works on, arranged for rays, with the transfer function that goes with it.
 
 use super::transfer::TransferOption;
-use crate::error::Result;
+use crate::error::{Error, Kind, Result};
 use crate::formats::limits::Limits;
 use crate::formats::transfer;
 use crate::formats::vdb::{File, shaded};
@@ -23,7 +23,7 @@ pub fn read(
 ) -> Result<(Grid, Option<Transfer>)> {
     let requested = option.load(limits)?;
     let grid = File::open(path, limits)?.read_fog(name)?;
-    let named = |e: crate::error::Error| e.part(format!("grid '{}'", grid.name)).at(path);
+    let named = |e: Error| e.part(format!("grid '{}'", grid.name)).at(path);
     let transfer = match requested {
         Some(transfer) => Some(transfer),
         None => transfer::from_metadata(&grid.metadata).map_err(named)?,
@@ -38,7 +38,7 @@ pub fn read(
 /// # Errors
 /// If the bricks would need more memory than is allowed.
 pub fn arrange(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
-    let field = Bricks::instanced(grid, limits.max_memory)?;
+    let field = Bricks::instanced(grid, limits.max_memory).map_err(|e| signed(e, transfer))?;
     let Some(transfer) = transfer else { return Ok(field) };
     let field = ended(field, grid, transfer, limits)?;
     // Renderers keep two tables of their own: of visible bricks, and of the distances to them.
@@ -54,10 +54,21 @@ pub fn arrange(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Resu
 /// # Errors
 /// If the bricks would need more memory than is allowed.
 pub fn arrange_by_voxel(grid: &Grid, transfer: Option<&Transfer>, limits: Limits) -> Result<Bricks<f32>> {
-    let field = Bricks::from_grid(grid, limits.max_memory)?;
+    let field = Bricks::from_grid(grid, limits.max_memory).map_err(|e| signed(e, transfer))?;
     match transfer {
         Some(transfer) => ended(field, grid, transfer, limits),
         None => Ok(field),
+    }
+}
+
+/// Says how a function of signed values, such as Hounsfield units, goes with values that densities cannot have.
+fn signed(e: Error, transfer: Option<&Transfer>) -> Error {
+    match transfer.map(transfer::range) {
+        Some([low, high]) if low < 0.0 && e.kind() == Kind::Invalid => e.instead(format!(
+            "the transfer function covers {low} to {high}: `cumulo convert --map={low},{high}` makes densities from 0 to 1 of \
+             that range, and --tf-range 0,1 moves the function to them"
+        )),
+        _ => e,
     }
 }
 

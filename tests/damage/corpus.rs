@@ -121,6 +121,27 @@ const TRANSFER: [&str; 8] = [
     "reconstruct tf @glow --volume @plume.vdb --init {} --rays 128 --iterations 1 -o >found.tf.json",
 ];
 
+const NANO: [&str; 3] = ["info {}", "validate {}", "convert {} >out.vdb"];
+
+/// Metadata of an OME-Zarr of 4 x 3 x 2 voxels in one chunk, by the file's path.
+fn zarr() -> BTreeMap<PathBuf, Vec<u8>> {
+    let axis = |name: &str| json!({"name": name, "type": "space", "unit": "micrometer"});
+    let scale = json!([{"type": "scale", "scale": [2.0, 1.0, 0.5]}]);
+    let axes = ["z", "y", "x"].map(axis);
+    let datasets = json!([{"path": "0", "coordinateTransformations": scale}]);
+    let multiscales = json!([{"axes": axes, "datasets": datasets}]);
+    let attributes = json!({"ome": {"version": "0.5", "multiscales": multiscales}});
+    let array = json!({"zarr_format": 3, "node_type": "array", "shape": [2, 3, 4], "data_type": "uint8",
+        "fill_value": 0, "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [2, 3, 4]}},
+        "chunk_key_encoding": {"name": "default"}, "codecs": [{"name": "bytes"}, {"name": "gzip"}]});
+    let files = [
+        ("zarr.json", json!({"zarr_format": 3, "node_type": "group", "attributes": attributes}).to_string().into()),
+        ("0/zarr.json", array.to_string().into()),
+        ("0/c/0/0/0", images::gzip(&Vec::from_iter(0..24))),
+    ];
+    files.map(|(name, bytes)| (Path::new("image.zarr").join(name), bytes)).into()
+}
+
 const STAGE: [&str; 4] = ["info {}", "validate {}", "plan {} --size 6x6", "render {} --size 6x6 --samples 2 -o >out"];
 
 /// A stage of a volume with a light and a camera that moves, as text, binary or package.
@@ -290,7 +311,19 @@ impl Corpus {
             sample
         });
 
+        let nano = ["cube.nvdb", "kinds.nvdb"].map(|name| volume("NanoVDB", name, read(name), &NANO));
+        let zarr = zarr();
+        let zarrs = zarr.keys().map(|damaged| Sample {
+            name: format!("OME-Zarr {}", damaged.display()),
+            files: zarr.clone(),
+            damaged: damaged.clone(),
+            syntax: if damaged.ends_with("zarr.json") { Syntax::Json } else { Syntax::Binary },
+            commands: vec!["convert image.zarr >out.vdb"],
+        });
+
         let kinds = vec![
+            ("NanoVDB", nano.into()),
+            ("OME-Zarr", zarrs.collect()),
             ("images", images::samples().iter().map(image).collect()),
             ("stages", stages.into()),
             ("scenes", scenes.into()),
@@ -362,6 +395,9 @@ impl Maker {
         let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
         std::fs::copy(fixtures.join("plume.vdb"), self.folder.join("plume.vdb")).unwrap();
         std::fs::copy(fixtures.join("cube.vdb"), self.folder.join("cube.vdb")).unwrap();
+        std::fs::copy(fixtures.join("kinds.vdb"), self.folder.join("kinds.vdb")).unwrap();
+        self.cumulo("convert cube.vdb cube.nvdb");
+        self.cumulo("convert kinds.vdb kinds.nvdb");
         std::fs::copy(fixtures.join("exr/zip.exr"), self.folder.join("view.exr")).unwrap();
         self.cumulo("convert plume.vdb half.vdb --half --resample 0.1");
         self.cumulo("convert plume.vdb plain.vdb --codec none --resample 0.1");

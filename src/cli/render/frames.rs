@@ -27,7 +27,7 @@ use crate::scene::capture::{Capture, Frame};
 use crate::scene::scene::Scene;
 use serde::Serialize;
 use serde_json::{Map, json};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -85,7 +85,10 @@ struct Sequence<'s> {
     cameras: Vec<[Camera; 3]>,
     /// Up axis about which the camera was placed.
     up: Option<ChosenUp>,
+    /// Provenance without inputs, which differ from frame to frame.
     provenance: Provenance,
+    /// Hashes of the inputs of the frames so far, by path.
+    inputs: BTreeMap<String, String>,
     shot: Option<Shot>,
     /// Remarks that were made.
     remarks: BTreeSet<String>,
@@ -135,6 +138,7 @@ impl Render {
             cameras: cameras.unwrap_or_default(),
             up: None,
             provenance: provenance.clone(),
+            inputs: BTreeMap::new(),
             shot: None,
             remarks: BTreeSet::new(),
             cancel: cancel::listen(),
@@ -148,7 +152,7 @@ impl Render {
         }
 
         let Results { done, failed, skipped, counts } = sequence.all(&frames, output)?;
-        provenance.inputs.clone_from(&sequence.provenance.inputs);
+        provenance.inputs.clone_from(&sequence.inputs);
         let seconds = provenance.lap();
         let density_scale = sequence.write(&done, kept, &provenance)?;
         if !done.is_empty() {
@@ -326,11 +330,17 @@ impl Sequence<'_> {
         Ok(transforms::load(&json)?.frames.into_iter().filter(other).collect())
     }
 
-    /// True if a frame is there and no older than its volume.
+    /// True if a frame is there and no older than what it was made from: its volume, and the files behind a scene or a stage,
+    /// which the picture itself names.
     fn is_done(&self, number: u32, path: &Path) -> bool {
         let time = |path: &Path| std::fs::metadata(path).and_then(|data| data.modified()).ok();
         let input = self.pattern.as_ref().map_or_else(|| self.pictures.input.clone(), |pattern| pattern.path(number));
-        let newer = |path: &PathBuf| time(path).zip(time(&input)).is_some_and(|(picture, volume)| picture >= volume);
+        let newer = |path: &PathBuf| {
+            let attributes = outputs::attributes(path);
+            let named = attributes.get("cumulo:input").map_or("", String::as_str);
+            let mut inputs = Provenance::inputs_of(named).chain([input.as_path()]);
+            time(path).is_some_and(|picture| inputs.all(|input| time(input).is_some_and(|input| picture >= input)))
+        };
         self.render.resume && self.render.files_of(path).iter().all(newer)
     }
 
@@ -393,7 +403,7 @@ impl Sequence<'_> {
         let view = View { camera, before: Some(before), after: Some(after), velocities: &shot.scene.velocities };
         let rendered = self.render.film(&renderer, number as usize, view, self.cancel);
         let (film, counts) = rendered.ok_or_else(Error::cancelled)?;
-        self.provenance.inputs.extend(shot.provenance.inputs.clone());
+        self.inputs.extend(shot.provenance.inputs.clone());
         let mut attributes = shot.provenance.attributes();
         attributes.insert("cumulo:frame".into(), number.to_string());
         let whole = self.pictures.whole(self.target, self.template.as_ref().and_then(|c| c.frames.first()));

@@ -2,14 +2,48 @@
 
 use crate::error::Result;
 use crate::formats::vdb::{GridInfo, NativeGrid};
+use crate::math::Affine;
 use crate::scene::film::Film;
+use crate::scene::up::Up;
+use glam::{DMat3, DMat4};
 use serde::Serialize;
 
 /// Names of the index axes.
 pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Normal of each slice, and the axes to the right and up in it.
-const CUTS: [[usize; 3]; 3] = [[2, 0, 1], [1, 0, 2], [0, 1, 2]];
+/// Names of index axes that run against the world's.
+const REVERSED: [&str; 3] = ["-x", "-y", "-z"];
+
+/// How the index axes lie in the world.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Orientation {
+    /// Index axis that is nearest to the vertical.
+    up: usize,
+    /// For each index axis, true if it runs against the axis of the world that it is nearest to.
+    reversed: [bool; 3],
+}
+
+impl Orientation {
+    /// Orientation by a transform to a world with an upward axis; without a transform the index axes count as the world's.
+    pub(super) fn of(transform: Option<&Affine>, up: Up) -> Self {
+        let matrix = DMat3::from_mat4(transform.map_or(DMat4::IDENTITY, Affine::matrix));
+        let columns = [0, 1, 2].map(|a| matrix.col(a).normalize_or_zero());
+        let height = |a: &usize| columns[*a].dot(up.vector()).abs();
+        Self {
+            up: (0..3).max_by(|a, b| height(a).total_cmp(&height(b))).unwrap_or(2),
+            reversed: columns.map(|column| column[column.abs().max_position()] < 0.0),
+        }
+    }
+
+    /// Normal of each slice, and the axes to the right and up in it: the vertical axis, and else the later one, is up.
+    fn cuts(self) -> [[usize; 3]; 3] {
+        [[2, 0, 1], [1, 0, 2], [0, 1, 2]].map(
+            |[normal, right, up]| {
+                if right == self.up { [normal, up, right] } else { [normal, right, up] }
+            },
+        )
+    }
+}
 
 /// Place of a slice.
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -18,9 +52,9 @@ pub(super) struct Cut {
     pub axis: &'static str,
     /// Index along the axis.
     pub index: i32,
-    /// Axis to the right.
+    /// Axis to the right; one that runs against the world's points to the left, and has a minus sign here.
     pub right: &'static str,
-    /// Axis up.
+    /// Axis up, with the sign of `right`.
     pub up: &'static str,
 }
 
@@ -42,15 +76,21 @@ pub(super) fn magnitude(value: &[f32]) -> f32 {
 }
 
 /// Returns the slices through the middle of the box of active voxels, whose longer side has at most `side` pixels; none of
-/// an empty grid.
+/// an empty grid. Directions of the world to the right and up are those in the slice.
 ///
 /// # Errors
 /// If the grid has no values.
-pub(super) fn central(native: &NativeGrid, info: &GridInfo, voxel: [f64; 3], side: usize) -> Result<Vec<Slice>> {
+pub(super) fn central(
+    native: &NativeGrid,
+    info: &GridInfo,
+    voxel: [f64; 3],
+    orientation: Orientation,
+    side: usize,
+) -> Result<Vec<Slice>> {
     let Some(bounds) = info.index_box else { return Ok(Vec::new()) };
     let background: Vec<f32> = info.background.iter().map(|v| *v as f32).collect();
     let background = magnitude(&background[..info.components.min(background.len())]);
-    let mut rasters = CUTS.map(|axes| Raster::new(axes, bounds, background, side));
+    let mut rasters = orientation.cuts().map(|axes| Raster::new(axes, bounds, background, side));
     native.for_each_leaf(|leaf| {
         for raster in &mut rasters {
             raster.leaf(leaf.origin, &leaf.values, info.components);
@@ -62,7 +102,7 @@ pub(super) fn central(native: &NativeGrid, info: &GridInfo, voxel: [f64; 3], sid
             raster.block(tile.origin, tile.dim, magnitude(&tile.value[..info.components]));
         }
     }
-    Ok(rasters.into_iter().map(|raster| raster.finish(voxel)).collect())
+    Ok(rasters.into_iter().map(|raster| raster.finish(voxel, orientation.reversed)).collect())
 }
 
 /// A slice that is being filled.
@@ -148,20 +188,27 @@ impl Raster {
         }
     }
 
-    fn finish(self, voxel: [f64; 3]) -> Slice {
+    fn finish(self, voxel: [f64; 3], reversed: [bool; 3]) -> Slice {
         let [normal, right, up] = self.axes;
         let extent = |a: usize| (i64::from(self.high[a]) - i64::from(self.low[a]) + 1) as f64;
         let inside =
             |a: usize, pixel: usize| (self.block as f64).min(extent(a) - pixel as f64 * self.block as f64).max(1.0);
         // Row 0 of a picture is its top.
         let pixel = |i: usize| {
-            let (row, column) = (self.height - 1 - i / self.width, i % self.width);
+            let (mut row, mut column) = (i / self.width, i % self.width);
+            if !reversed[up] {
+                row = self.height - 1 - row;
+            }
+            if reversed[right] {
+                column = self.width - 1 - column;
+            }
             let voxels = inside(right, column) * inside(up, row);
             let value = f64::from(self.background) + self.sums[row * self.width + column] / voxels;
             [value as f32; 4]
         };
         let film = Film::of(self.width, self.height, (0..self.width * self.height).map(pixel).collect());
-        let cut = Cut { axis: AXES[normal], index: self.index, right: AXES[right], up: AXES[up] };
+        let name = |a: usize| if reversed[a] { REVERSED[a] } else { AXES[a] };
+        let cut = Cut { axis: AXES[normal], index: self.index, right: name(right), up: name(up) };
         Slice { cut, film, extent: [extent(right) * voxel[right], extent(up) * voxel[up]] }
     }
 }
@@ -169,12 +216,13 @@ impl Raster {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec3;
 
     #[test]
     fn cubes_and_leaves_fill_the_same_pixels() {
         // A box of 20 x 11 x 16 voxels at an odd place, in pixels of 2 voxels.
         let bounds = ([-3, 5, 0], [16, 15, 15]);
-        for axes in CUTS {
+        for axes in Orientation::of(None, Up::Z).cuts() {
             let mut by_leaf = Raster::new(axes, bounds, 0.5, 10);
             let mut by_tile = Raster::new(axes, bounds, 0.5, 10);
             for origin in [[-8, 8, 0], [0, 0, 8], [0, 8, 8], [16, 8, 8]] {
@@ -182,7 +230,7 @@ mod tests {
                 by_tile.block(origin, 8, 2.5);
             }
             assert_eq!(by_leaf.sums, by_tile.sums, "{axes:?}");
-            let slice = by_tile.finish([1.0, 1.0, 2.0]);
+            let slice = by_tile.finish([1.0, 1.0, 2.0], [false; 3]);
             let means: Vec<f32> = slice.film.rgba.iter().map(|p| p[0]).collect();
             assert!(means.contains(&2.5) && means.iter().all(|v| (0.5..=2.5).contains(v)), "{means:?}");
         }
@@ -191,18 +239,38 @@ mod tests {
     #[test]
     fn slices_are_upright() {
         // The cube lies at the low end of x and at the high end of y: top left in the slice along z.
-        let mut raster = Raster::new(CUTS[0], ([0; 3], [15; 3]), 0.0, 16);
-        raster.block([0, 8, 0], 8, 1.0);
-        let film = raster.finish([1.0; 3]).film;
-        assert_eq!((film.rgba[0][0], film.rgba[15][0], film.rgba[16 * 15][0]), (1.0, 0.0, 0.0));
+        let corners = |reversed: [bool; 3]| {
+            let mut raster = Raster::new([2, 0, 1], ([0; 3], [15; 3]), 0.0, 16);
+            raster.block([0, 8, 0], 8, 1.0);
+            let slice = raster.finish([1.0; 3], reversed);
+            let corner = |i: usize| slice.film.rgba[i][0];
+            ([corner(0), corner(15), corner(16 * 15), corner(16 * 15 + 15)], [slice.cut.right, slice.cut.up])
+        };
+        assert_eq!(corners([false; 3]), ([1.0, 0.0, 0.0, 0.0], ["x", "y"]));
+        assert_eq!(corners([true, false, true]), ([0.0, 1.0, 0.0, 0.0], ["-x", "y"]));
+        assert_eq!(corners([false, true, true]), ([0.0, 0.0, 1.0, 0.0], ["x", "-y"]));
+    }
+
+    #[test]
+    fn the_vertical_of_the_world_is_up() {
+        let of =
+            |map: &Affine, up: Up| (Orientation::of(Some(map), up).cuts(), Orientation::of(Some(map), up).reversed);
+        let straight = Affine::uniform(0.1, DVec3::ONE).unwrap();
+        assert_eq!(of(&straight, Up::Z), ([[2, 0, 1], [1, 0, 2], [0, 1, 2]], [false; 3]));
+        assert_eq!(of(&straight, Up::Y), ([[2, 0, 1], [1, 0, 2], [0, 2, 1]], [false; 3]));
+        // The same grid turned into the other world is seen as before.
+        let turned = straight.then(&Affine::new(Up::Y.turn_map(Up::Z)).unwrap()).unwrap();
+        assert_eq!(of(&turned, Up::Z), ([[2, 0, 1], [1, 0, 2], [0, 2, 1]], [false, false, true]));
+        let mirrored = Affine::new(DMat4::from_scale(DVec3::new(-2.0, 1.0, -3.0))).unwrap();
+        assert_eq!(of(&mirrored, Up::Z), ([[2, 0, 1], [1, 0, 2], [0, 1, 2]], [true, false, true]));
     }
 
     #[test]
     fn giant_boxes_take_no_more_pixels() {
-        let mut raster = Raster::new(CUTS[1], ([i32::MIN; 3], [i32::MAX; 3]), 0.0, 32);
+        let mut raster = Raster::new([1, 0, 2], ([i32::MIN; 3], [i32::MAX; 3]), 0.0, 32);
         raster.block([i32::MIN; 3], i32::MAX, 1.0);
         raster.leaf([i32::MAX - 7; 3], &[1.0; 512], 1);
         assert_eq!((raster.width, raster.height), (32, 32));
-        assert!(raster.finish([1.0; 3]).film.rgba.iter().all(|p| p[0].is_finite()));
+        assert!(raster.finish([1.0; 3], [false; 3]).film.rgba.iter().all(|p| p[0].is_finite()));
     }
 }

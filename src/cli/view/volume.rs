@@ -1,7 +1,7 @@
 //! The sheet of a VDB's grid: picture, slices, histogram.
 
 use super::shown::{Content, Volume};
-use super::slices::{self, Slice};
+use super::slices::{self, Orientation, Slice};
 use super::subject::Subject;
 use super::{View, camera, name_of};
 use crate::cli::info::statistics_of;
@@ -35,14 +35,17 @@ pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
     }
     let side = view.side(SIDE, 5).map_err(located)?;
     let statistics = statistics_of(&native).map_err(located)?;
-    let voxel = match &info.transform {
-        Transform::Affine(map) => Some(map.voxel_size().to_array()),
+    let map = match &info.transform {
+        Transform::Affine(map) => Some(map),
         Transform::Other(_) => None,
     };
-    let slices = slices::central(&native, &info, voxel.unwrap_or([1.0; 3]), side).map_err(located)?;
+    let voxel = map.map(|map| map.voxel_size().to_array());
+    let up = view.up_of(&file);
+    let orientation = Orientation::of(map, up);
+    let slices = slices::central(&native, &info, voxel.unwrap_or([1.0; 3]), orientation, side).map_err(located)?;
     let range = range_of(&info, &slices);
     let Drawn { tile: picture, density_scale, meaning } =
-        picture(view, &native, &info, (side, view.up_of(&file)), limits).map_err(located)?;
+        picture(view, &native, &info, (side, up), limits).map_err(located)?;
     let ends = [statistics.min, statistics.max].map(|v| v.map_or(0.0, f64::from));
     let histogram = Histogram { counts: statistics.histogram.clone(), range: ends };
     let edges = histogram.edges();

@@ -32,6 +32,7 @@ pub use builtin::{Builtin, builtins, is_builtin};
 pub use carried::{METADATA_KEY, from_metadata, to_metadata};
 pub use document::{FORMAT, VERSION, save};
 pub use paraview::MOST_OPACITY;
+pub use rescale::range;
 pub use summary::TransferSummary;
 
 use crate::error::{Error, Result};
