@@ -86,7 +86,8 @@ install: share ## the program, built before by `make build` or `make demo`, with
 	install -D -m 644 $(SHARE)/completions/_cumulo $(DESTDIR)$(PREFIX)/share/zsh/site-functions/_cumulo
 	install -D -m 644 $(SHARE)/completions/cumulo.fish $(DESTDIR)$(PREFIX)/share/fish/vendor_completions.d/cumulo.fish
 
-deb: build share ## target/debian/cumulo_*.deb, for this release of Debian or Ubuntu; needs `cargo install cargo-deb`
+deb: build share ## target/debian/cumulo_*.deb, for this release of Debian or Ubuntu
+	command -v cargo-deb > /dev/null || cargo install --locked cargo-deb
 	cargo deb --no-build --locked
 
 addon: ## Blender's extension: install it from target/cumulo-addon.zip
