@@ -332,6 +332,12 @@ fn slices_without_positions_lie_where_the_options_say() {
         let file = patched(slice.file(), &[0x20, 0, 0x32, 0, b'D', b'S'], &[0x20, 0, 0x33, 0, b'D', b'S']);
         std::fs::write(folder.path().join(format!("{n}.dcm")), file).unwrap();
     }
+    // Either all say so or none.
+    let one = tempfile::tempdir().unwrap();
+    write(one.path(), &series(EXPLICIT));
+    std::fs::copy(folder.path().join("0.dcm"), one.path().join("03.dcm")).unwrap();
+    let error = read(one.path(), &Options::default()).unwrap_err().to_string();
+    assert!(error.contains("03.dcm does not say where it lies"), "{error}");
     let origin = DVec3::new(5.0, 6.0, 7.0);
     let (header, _) = read(folder.path(), &Options { origin: Some(origin), ..Options::default() }).unwrap();
     assert_eq!(header.index_to_world.to_world(DVec3::ZERO), origin);

@@ -170,6 +170,10 @@ impl Slices for Strided {
         self.z += 1;
         Ok(())
     }
+
+    fn held(&self) -> u64 {
+        self.length
+    }
 }
 
 /// Opens the volumes of an archive; other arrays are left out with a note.

@@ -54,10 +54,10 @@ impl Settings<'_> {
         }
     }
 
-    /// Largest number of leaves beside a slice of `slice` values. A quarter of the memory is left for packing when the grid is
-    /// written.
-    fn most_leaves(&self, kind: ValueKind, slice: usize) -> u64 {
-        let grid = self.limits.max_memory.saturating_sub(PROGRAM) / 4 * 3;
+    /// Largest number of leaves beside a slice of `slice` values and `held` bytes of the reader. A quarter of the memory is left for
+    /// packing when the grid is written.
+    fn most_leaves(&self, kind: ValueKind, slice: usize, held: u64) -> u64 {
+        let grid = self.limits.max_memory.saturating_sub(PROGRAM).saturating_sub(held) / 4 * 3;
         grid.saturating_sub(8 * slice as u64) / kind.leaf_bytes()
     }
 }
@@ -86,7 +86,7 @@ pub fn build(
     }
     let mut native = NativeGrid::empty(kind, settings.name, GridClass::Unknown, &header.index_to_world)?;
     let mut values = vec![0.0; header.slice_len().unwrap_or(0)];
-    let most = settings.most_leaves(kind, values.len());
+    let most = settings.most_leaves(kind, values.len(), image.slices.held());
     let strides = [components, components * x, components * x * y].map(|s| s as i64);
     let (mut leaves, mut tally) = (0, Tally::default());
     for slice in 0..z {

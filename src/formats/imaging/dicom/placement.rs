@@ -69,8 +69,15 @@ pub fn stack(files: &[File], options: &Options, notes: &mut Vec<String>) -> Resu
         let frame = files[plane.file].frame(plane.frame);
         frame.position.zip(frame.orientation)
     };
-    let places: Option<Vec<(DVec3, [DVec3; 2])>> = planes.iter().map(placed).collect();
-    let Some(places) = places else { return unplaced(files, planes, options, notes) };
+    let places: Vec<(DVec3, [DVec3; 2])> = planes.iter().filter_map(placed).collect();
+    if places.is_empty() {
+        return unplaced(files, planes, options, notes);
+    }
+    if let Some(plane) = planes.iter().find(|plane| placed(plane).is_none()) {
+        return Err(Error::invalid(format!("{} does not say where it lies, and other slices do", name(files, *plane)))
+            .at(&files[plane.file].path)
+            .hint("move images that are no slices out of the folder"));
+    }
     refuse_placement(options)?;
     let spacing = spacing(files, &planes, options)?;
     let [row, column] = directions(files, &planes, &places)?;
