@@ -7,6 +7,7 @@ use cumulo::formats::imaging::format::{Format, open, sniff};
 use cumulo::formats::imaging::image::{Header, Values};
 use cumulo::formats::imaging::options::Options;
 use cumulo::formats::limits::Limits;
+use cumulo::math::Affine;
 use glam::DVec3;
 use std::path::Path;
 
@@ -293,6 +294,109 @@ fn uneven_missing_doubled_and_turned_slices_are_named() {
     let (header, values) = read_slices(&twice).unwrap();
     assert!(header.size == [4, 3, 5] && header.notes.iter().any(|n| n.contains("--time")), "{header:?}");
     assert_eq!(values[0], f64::from(all[0].values[0]) * 2.0 - 1024.0);
+}
+
+/// Replaces a text in the bytes of a file by one of the same length.
+fn patched(mut bytes: Vec<u8>, from: &[u8], to: &[u8]) -> Vec<u8> {
+    let at = bytes.windows(from.len()).position(|w| w == from).unwrap();
+    bytes[at..at + to.len()].copy_from_slice(to);
+    bytes
+}
+
+#[test]
+fn options_that_the_series_contradicts_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path(), &series(EXPLICIT));
+    let three = DVec3::new(1.0, 2.0, 3.0);
+    let cases = [
+        (Options { spacing: Some(three), ..Options::default() }, "which --spacing does not change"),
+        (Options { origin: Some(three), ..Options::default() }, "--origin"),
+        (Options { transform: Some(Affine::uniform(1.0, DVec3::ZERO).unwrap()), ..Options::default() }, "--transform"),
+    ];
+    for (options, words) in cases {
+        let error = read(folder.path(), &options).unwrap_err();
+        assert!(error.to_string().contains(words) && error.remedy().is_some(), "{error}");
+    }
+    // One file of larger pixels.
+    let file = patched(series(EXPLICIT)[2].file(), b"0.75\\0.5", b"0.85\\0.5");
+    std::fs::write(folder.path().join("02.dcm"), file).unwrap();
+    let error = read(folder.path(), &Options::default()).unwrap_err().to_string();
+    assert!(error.contains("02.dcm") && error.contains("pixels of another size"), "{error}");
+}
+
+#[test]
+fn slices_without_positions_lie_where_the_options_say() {
+    let folder = tempfile::tempdir().unwrap();
+    // An element of another name: the position is not there.
+    for (n, slice) in series(EXPLICIT).iter().enumerate() {
+        let file = patched(slice.file(), &[0x20, 0, 0x32, 0, b'D', b'S'], &[0x20, 0, 0x33, 0, b'D', b'S']);
+        std::fs::write(folder.path().join(format!("{n}.dcm")), file).unwrap();
+    }
+    // Either all say so or none.
+    let one = tempfile::tempdir().unwrap();
+    write(one.path(), &series(EXPLICIT));
+    std::fs::copy(folder.path().join("0.dcm"), one.path().join("03.dcm")).unwrap();
+    let error = read(one.path(), &Options::default()).unwrap_err().to_string();
+    assert!(error.contains("03.dcm does not say where it lies"), "{error}");
+    let origin = DVec3::new(5.0, 6.0, 7.0);
+    let (header, _) = read(folder.path(), &Options { origin: Some(origin), ..Options::default() }).unwrap();
+    assert_eq!(header.index_to_world.to_world(DVec3::ZERO), origin);
+    // Rows run to the left, columns to the back; slices are 1.5 thick.
+    assert_eq!(header.index_to_world.to_world(DVec3::ONE) - origin, DVec3::new(-0.5, -0.75, 1.5));
+    let map = Affine::new(glam::DMat4::from_scale(DVec3::new(2.0, 3.0, 4.0))).unwrap();
+    let (header, _) = read(folder.path(), &Options { transform: Some(map), ..Options::default() }).unwrap();
+    assert_eq!(header.index_to_world, map);
+}
+
+#[test]
+fn slices_of_micrometres_are_no_points_in_time() {
+    let normal = oblique()[0].cross(oblique()[1]);
+    let mut slices = series(EXPLICIT);
+    for (k, slice) in slices.iter_mut().enumerate() {
+        slice.position = normal * (0.001 * k as f64);
+    }
+    let folder = tempfile::tempdir().unwrap();
+    for (n, slice) in slices.iter().enumerate() {
+        let file = patched(slice.file(), b"0.75\\0.5", b"1e-3\\.01");
+        std::fs::write(folder.path().join(format!("{n}.dcm")), file).unwrap();
+    }
+    let (header, _) = read(folder.path(), &Options::default()).unwrap();
+    assert_eq!(header.size, [4, 3, 5]);
+    // Positions have ten decimals.
+    assert!((header.index_to_world.matrix().z_axis.length() - 0.001).abs() < 1e-9);
+}
+
+#[test]
+fn any_positions_have_an_order() {
+    // Closer than what counts as rounding, in the order of their numbers backwards: neighbors are alike, others are not.
+    let normal = oblique()[0].cross(oblique()[1]);
+    let one = series(EXPLICIT).remove(0);
+    let slices: Vec<Slice> = (0..64)
+        .map(|k| Slice {
+            number: (k * 37) % 64,
+            position: normal * (0.0015 * f64::from((k * 29) % 64)),
+            values: vec![k as i16; 12],
+            ..one.clone()
+        })
+        .collect();
+    let (header, _) = read_slices(&slices).unwrap();
+    assert!(header.notes.iter().any(|n| n.contains("first of 64")), "{header:?}");
+}
+
+#[test]
+fn frames_that_are_not_there_take_no_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    for (syntax, words) in [(EXPLICIT, "24 bytes of pixels for 999999999 frames"), (RLE, "999999999 frames do not fit")]
+    {
+        let bytes = series(syntax).remove(0).file();
+        let mut w = Writer::new(syntax);
+        w.text(0x0028_0008, b"IS", "999999999");
+        let at = bytes.windows(4).position(|w| w == [0x28, 0, 0x10, 0]).unwrap();
+        let many = [&bytes[..at], &w.bytes, &bytes[at..]].concat();
+        std::fs::write(folder.path().join("a.dcm"), many).unwrap();
+        let error = read(&folder.path().join("a.dcm"), &Options::default()).unwrap_err();
+        assert!(error.to_string().contains(words) && error.remedy().is_some(), "{error}");
+    }
 }
 
 #[test]

@@ -9,7 +9,7 @@ use cumulo::formats::imaging::image::Image;
 use cumulo::formats::imaging::options::{Axes, Options, RawLayout};
 use cumulo::formats::imaging::source::Source;
 use cumulo::formats::imaging::values::Mapping;
-use cumulo::formats::imaging::volume::{GridType, build};
+use cumulo::formats::imaging::volume::{GridType, Settings, build};
 use cumulo::formats::imaging::write::{Target, write};
 use cumulo::formats::limits::Limits;
 use cumulo::formats::sample;
@@ -40,8 +40,13 @@ fn open(path: &Path, options: &Options) -> Image {
     images.remove(0)
 }
 
+fn built(image: &mut Image, name: &str, grid_type: GridType) -> NativeGrid {
+    let settings = Settings { name, grid_type, mapping: Mapping::default(), limits: Limits::default() };
+    build(image, &settings, |_, _| {}).unwrap().0
+}
+
 fn grid(image: &mut Image) -> NativeGrid {
-    build(image, "density", GridType::Auto, &Mapping::default(), Limits::default(), |_, _| {}).unwrap().0
+    built(image, "density", GridType::Auto)
 }
 
 /// Largest distance of a corner of the volume from where it belongs.
@@ -138,7 +143,7 @@ fn vectors_and_other_types_pass() {
             let mut image = open(&path, &Options { transform: Some(map), ..Options::default() });
             assert_eq!((image.header.components, image.header.size), (n, SIZE), "{target:?}");
             let to = if kind == ValueKind::Double { GridType::Double } else { GridType::Auto };
-            let again = build(&mut image, "v", to, &Mapping::default(), Limits::default(), |_, _| {}).unwrap().0;
+            let again = built(&mut image, "v", to);
             let mut found = vec![0.0; values.len()];
             again.read_box(&place, &mut found).unwrap();
             assert_eq!(found, values, "{target:?} {kind:?}");

@@ -187,7 +187,7 @@ fn wrong_use_says_what_to_do_and_leaves_nothing() {
     std::fs::write(work.path("mesh.vti"), "<VTKFile type=\"UnstructuredGrid\"></VTKFile>").unwrap();
     std::fs::write(
         work.path("packed.vti"),
-        "<VTKFile type=\"ImageData\" compressor=\"vtkLZ4DataCompressor\"></VTKFile>",
+        "<VTKFile type=\"ImageData\" compressor=\"vtkLZMADataCompressor\"></VTKFile>",
     )
     .unwrap();
     let cases: [(&str, &[&str]); 18] = [
@@ -209,7 +209,7 @@ fn wrong_use_says_what_to_do_and_leaves_nothing() {
         ("complex.nii out.vdb", &["complex.nii", "complex numbers", "magnitude"]),
         ("poly.vtk out.vdb", &["poly.vtk", "POLYDATA", "Resample To Image"]),
         ("mesh.vti out.vdb", &["mesh.vti", "UnstructuredGrid", "Resample To Image"]),
-        ("packed.vti out.vdb", &["packed.vti", "vtkLZ4DataCompressor", "ZLib"]),
+        ("packed.vti out.vdb", &["packed.vti", "vtkLZMADataCompressor", "ZLib"]),
         ("@plume.vdb out.nii --axes zyx", &["--axes has no effect"]),
         ("@plume.vdb out.nii --grid nosuch", &["nosuch", "density"]),
     ];
@@ -221,6 +221,205 @@ fn wrong_use_says_what_to_do_and_leaves_nothing() {
     std::fs::create_dir(work.path("h.mhd")).unwrap();
     work.refused("convert @plume.vdb h.mhd", &["h.mhd", "folder"]);
     assert!(!work.path("h.raw").exists());
+}
+
+/// A legacy file of VTK as the library writes it: values of the whole file before the grid's size, names of components, numbers
+/// of points and bits among the arrays.
+fn legacy(binary: bool) -> Vec<u8> {
+    let mut file = format!(
+        "# vtk DataFile Version 5.1\nx\n{}\nDATASET STRUCTURED_POINTS\nFIELD FieldData 1\nTIME 1 1 double\n",
+        if binary { "BINARY" } else { "ASCII" }
+    )
+    .into_bytes();
+    let values = |numbers: &[u8], big: &[u8]| {
+        let text = || numbers.iter().map(|n| format!("{n} ")).collect::<String>().into_bytes();
+        [if binary { big.to_vec() } else { text() }, b"\n".to_vec()].concat()
+    };
+    let mut add = |text: &str, values: Vec<u8>| {
+        file.extend(text.as_bytes());
+        file.extend(values);
+    };
+    add("", values(&[2], &2_f64.to_be_bytes()));
+    add(
+        "DIMENSIONS 2 2 2\nSPACING 1 1 1\nORIGIN 0 0 0\nPOINT_DATA 8\nFIELD FieldData 4\nbits 1 8 bit\n",
+        values(&[1; 8], &[0xff]),
+    );
+    let ids: Vec<u8> = (1..9_i32).flat_map(i32::to_be_bytes).collect();
+    add("ids 1 8 vtkIdType\n", values(&[1, 2, 3, 4, 5, 6, 7, 8], &ids));
+    add("METADATA\nCOMPONENT_NAMES\nX\n\nmy%20field%25 1 8 unsigned_char\n", values(&[9; 8], &[9; 8]));
+    add("b 1 8 unsigned_char\n", values(&[3; 8], &[3; 8]));
+    file
+}
+
+#[test]
+fn legacy_files_of_the_library_are_read() {
+    let work = Work::new();
+    for binary in [false, true] {
+        std::fs::write(work.path("a.vtk"), legacy(binary)).unwrap();
+        let report = work.json("convert a.vtk a.vdb");
+        let grids: Vec<_> = report["grids"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|g| (g["name"].as_str().unwrap(), g["least"].as_f64().unwrap(), g["greatest"].as_f64().unwrap()))
+            .collect();
+        assert_eq!(grids, [("ids", 1.0, 8.0), ("my field%", 9.0, 9.0), ("b", 3.0, 3.0)], "{binary}");
+        assert!(report["notes"].to_string().contains("'bits'"), "{report}");
+    }
+}
+
+#[test]
+fn stacks_are_read_as_stored_and_say_what_they_state() {
+    let work = Work::new();
+    let pages: Vec<Vec<u16>> = [vec![7; 20], vec![9; 20]].into();
+    let spaced = |text: &str| images::tiff(&pages, 5, 4, text, [3, 3]);
+    // The photometric interpretation, a short of value 1: low values are dark. 0: they are bright.
+    let mut white = spaced("");
+    for at in 0..white.len() - 10 {
+        if white[at..at + 10] == [6, 1, 3, 0, 1, 0, 0, 0, 1, 0] {
+            white[at + 8] = 0;
+        }
+    }
+    std::fs::write(work.path("w.tif"), white).unwrap();
+    let report = work.json("convert w.tif w.vdb --voxel-size 1");
+    assert_eq!((&report["grid"]["least"], &report["grid"]["greatest"]), (&json!(7.0), &json!(9.0)));
+    assert!(report["notes"].to_string().contains("MinIsWhite"), "{report}");
+    // OME with another unit for z, and without any size along z.
+    let ome = |rest: &str| {
+        let text = format!(
+            "<OME><Image><Pixels DimensionOrder=\"XYZCT\" SizeC=\"1\" SizeT=\"1\" SizeZ=\"2\" PhysicalSizeX=\"1\" PhysicalSizeY=\"1\" {rest}/></Image></OME>"
+        );
+        std::fs::write(work.path("o.tif"), spaced(&text)).unwrap();
+        work.json("convert o.tif o.vdb")
+    };
+    let mixed = ome("PhysicalSizeZ=\"500\" PhysicalSizeZUnit=\"nm\"");
+    // A quotient and a product round once each.
+    assert!((mixed["grid"]["transform"][2][2].as_f64().unwrap() - 0.5).abs() < 2.0 * f64::EPSILON, "{mixed}");
+    let flat = ome("");
+    assert!(flat["notes"].to_string().contains("does not say how far slices are apart"), "{flat}");
+    // ImageJ's large stacks have one directory for all images.
+    std::fs::write(work.path("i.tif"), spaced("ImageJ=1.53\nimages=12\nunit=um\nspacing=2\n")).unwrap();
+    work.refused("convert i.tif i.vdb", &["i.tif", "2 page(s)", "ordinary TIFF"]);
+}
+
+/// An array of NumPy of 2 x 2 x 1 numbers, whose first axis is the fastest.
+fn npy(kind: &str, bytes: &[u8]) -> Vec<u8> {
+    let mut text = format!("{{'descr': '{kind}', 'fortran_order': True, 'shape': (2, 2, 1), }}");
+    while !(text.len() + 11).is_multiple_of(64) {
+        text.push(' ');
+    }
+    text.push('\n');
+    [b"\x93NUMPY\x01\x00", &(text.len() as u16).to_le_bytes()[..], text.as_bytes(), bytes].concat()
+}
+
+#[test]
+fn what_single_precision_does_not_hold_is_told() {
+    let work = Work::new();
+    let labels: Vec<u8> = [1_i32, 16_777_217, 33_554_435, 0].iter().flat_map(|v| v.to_le_bytes()).collect();
+    std::fs::write(work.path("labels.npy"), npy("<i4", &labels)).unwrap();
+    let report = work.json("convert labels.npy l.vdb --voxel-size 1");
+    assert_eq!((&report["grid"]["value_type"], &report["grid"]["rounded"]), (&json!("float"), &json!(2)));
+    assert!(report["notes"].to_string().contains("2 whole numbers beyond 16777216 are rounded"), "{report}");
+    for to in ["int", "double"] {
+        let report = work.json(&format!("convert labels.npy {to}.vdb --voxel-size 1 --as {to}"));
+        assert_eq!(report["grid"]["rounded"], json!(0), "{to}");
+    }
+    // So is what an edit of a grid loses.
+    let edited = work.json("convert int.vdb float.vdb --as float");
+    assert!(edited["warnings"].to_string().contains("2 whole numbers"), "{edited}");
+    let reals: Vec<u8> = [1e300_f64, 1e-50, 0.1, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+    std::fs::write(work.path("reals.npy"), npy("<f8", &reals)).unwrap();
+    let report = work.json("convert reals.npy r.vdb --voxel-size 1");
+    let grid = &report["grid"];
+    assert_eq!((&grid["overflowed"], &grid["vanished"], &grid["active_voxels"]), (&json!(1), &json!(1), &json!(2)));
+    for words in ["1 values are too large", "1 values are too small", "--as double keeps them"] {
+        assert!(report["notes"].to_string().contains(words), "{report}");
+    }
+    // 16-bit floats end at 65504.
+    let large: Vec<u8> = [70_000_f64, 1e-9, 0.1, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+    std::fs::write(work.path("large.npy"), npy("<f8", &large)).unwrap();
+    let report = work.json("convert large.npy h.vdb --voxel-size 1 --half");
+    for words in ["1 values are too large for 16-bit floats", "1 values are too small for 16-bit floats"] {
+        assert!(report["notes"].to_string().contains(words), "{report}");
+    }
+    let report = work.json("convert labels.npy h.vdb --voxel-size 1 --half --as int");
+    assert!(report["notes"].to_string().contains("--half has no effect on integers"), "{report}");
+    let tiny: Vec<u8> = [1e-50_f64; 4].iter().flat_map(|v| v.to_le_bytes()).collect();
+    std::fs::write(work.path("tiny.npy"), npy("<f8", &tiny)).unwrap();
+    let report = work.json("convert tiny.npy t.vdb --voxel-size 1");
+    assert!(!report["notes"].to_string().contains("every value is 0"), "{report}");
+}
+
+#[test]
+fn types_that_vectors_do_not_have_are_refused() {
+    let work = Work::new();
+    let header = images::nifti1(16, 1, (Some(images::straight()), false), false, false);
+    let mut header = header;
+    header[40..42].copy_from_slice(&5_i16.to_le_bytes());
+    header[50..52].copy_from_slice(&3_i16.to_le_bytes());
+    let values: Vec<u8> = (0..180).flat_map(|i| (i as f32).to_le_bytes()).collect();
+    std::fs::write(work.path("v.nii"), [header, values].concat()).unwrap();
+    assert_eq!(work.json("convert v.nii v.vdb")["grid"]["value_type"], "vec3s");
+    assert_eq!(work.json("convert v.nii v.vdb --as float")["grid"]["value_type"], "vec3s");
+    for to in ["int", "double"] {
+        work.refused(&format!("convert v.nii w.vdb --as {to}"), &["v.nii", "vectors", "--as"]);
+    }
+}
+
+#[test]
+fn fields_that_are_easily_overlooked_count() {
+    let work = Work::new();
+    let bytes: Vec<u8> = images::values().iter().flat_map(|v| [0, *v]).collect();
+    let header = "ObjectType = Image\nNDims = 3\nDimSize = 5 4 3\nElementType = MET_SHORT\nBinaryData = T\n\
+                  BinaryDataByteOrderMSB = T\nElementDataFile = LOCAL\n";
+    std::fs::write(work.path("m.mha"), [header.as_bytes(), &bytes].concat()).unwrap();
+    assert_eq!(work.json("convert m.mha m.vdb")["grid"]["greatest"], json!(60.0));
+    let nrrd = |fields: &str| {
+        let header =
+            format!("NRRD0005\ntype: short\nsizes: 5 4 3\ndimension: 3\nendian: big\nencoding: raw\n{fields}\n\n");
+        std::fs::write(work.path("n.nrrd"), [header.as_bytes(), &bytes].concat()).unwrap();
+        work.json("convert n.nrrd n.vdb")
+    };
+    let report = nrrd("space: LPS\nspacings: 2 3 4\nspace origin: (1,2,3)");
+    assert_eq!(
+        report["grid"]["transform"],
+        json!([[-2.0, 0.0, 0.0, -1.0], [0.0, -3.0, 0.0, -2.0], [0.0, 0.0, 4.0, 3.0], [0.0, 0.0, 0.0, 1.0]])
+    );
+    let report = nrrd("space: RAS\nspace directions: (2,0,0) (0,3,0) (0,0,4)\nspace units: \"um\" \"um\" \"um\"");
+    assert!(report["notes"].to_string().contains("a unit of length is one um"), "{report}");
+    let report = nrrd("units: \"mm\" \"mm\" \"mm\"\nspacings: 1 1 1");
+    assert!(!report["notes"].to_string().contains("unit"), "{report}");
+    // A file for each point in time, in which the components of vectors follow each other; and one for each component.
+    for (name, first) in [("t0.raw", 0), ("t1.raw", 6)] {
+        std::fs::write(work.path(name), [1, 2, 3, 4, 5, 6].map(|v: u8| v + first)).unwrap();
+    }
+    let files = |kinds: &str, sizes: &str, list: &str| {
+        let header = format!(
+            "NRRD0005\ntype: uchar\ndimension: 5\nsizes: {sizes}\nkinds: {kinds}\nencoding: raw\ndata file: LIST\n{list}\n"
+        );
+        std::fs::write(work.path("s.nhdr"), header).unwrap();
+    };
+    files("domain domain domain vector list", "2 1 1 3 2", "t0.raw\nt1.raw");
+    work.json("convert s.nhdr s.vdb --time 1");
+    work.json("convert s.vdb s.npy");
+    let bytes = std::fs::read(work.path("s.npy")).unwrap();
+    let found = bytes[bytes.len() - 24..].as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect::<Vec<_>>();
+    assert_eq!(found, [7.0, 9.0, 11.0, 8.0, 10.0, 12.0]);
+    files("domain domain domain list vector", "2 1 1 5 3", "t0.raw\nt1.raw\nt0.raw");
+    work.refused("convert s.nhdr s.vdb --time 4", &["s.nhdr", "3 files for"]);
+    // An axis that is not in space has no direction; some writers say so by `nan`.
+    let text = "NRRD0005\ntype: uchar\ndimension: 4\nsizes: 1 5 4 3\nencoding: raw\nspace dimension: 3\n\
+                space directions: (nan,nan,nan) (2,0,0) (0,3,0) (0,0,4)\n\n";
+    std::fs::write(work.path("f.nrrd"), [text.as_bytes(), &images::values()].concat()).unwrap();
+    assert_eq!(work.json("convert f.nrrd f.vdb")["shape"], json!([5, 4, 3]));
+    // NIfTI: micrometres, and a description that holds the word of MRC where MRC has it.
+    let mut nii = images::nifti1(2, 1, (Some(images::straight()), false), false, false);
+    nii[123] = 3;
+    nii[208..212].copy_from_slice(b"MAP ");
+    std::fs::write(work.path("u.nii"), [nii, images::values()].concat()).unwrap();
+    let report = work.json("convert u.nii u.vdb");
+    assert_eq!(report["format"], "NIfTI");
+    assert!(report["notes"].to_string().contains("a unit of length is one micrometre"), "{report}");
 }
 
 /// A volume that is larger than memory passes as long as little of it is active.
@@ -257,6 +456,20 @@ fn memory_is_that_of_what_is_active() {
         .enumerate()
         .for_each(|(i, n)| header[42 + 2 * i..44 + 2 * i].copy_from_slice(&n.to_le_bytes()));
     std::fs::write(work.path("dense.nii"), [header, vec![1; 512 * 512 * 256]].concat()).unwrap();
+    // So is an array that is held whole together with its grid: 16 MiB of bytes beside 9 MB of leaves.
+    let cells = 256 * 256 * 256_usize;
+    let mut array = npy("|u1", &[]);
+    let (from, to) =
+        (b"'fortran_order': True, 'shape': (2, 2, 1), }", b"'fortran_order': False,'shape':(256,256,256)}");
+    let at = array.windows(from.len()).position(|w| w == from).unwrap();
+    array[at..at + from.len()].fill(b' ');
+    array[at..at + to.len()].copy_from_slice(to);
+    let start = array.len();
+    array.resize(start + cells, 0);
+    array[start..start + (2 << 20)].fill(1);
+    std::fs::write(work.path("held.npy"), array).unwrap();
+    work.refused("convert held.npy held.vdb --voxel-size 1 --max-memory 70M", &["held.npy", "--max-memory"]);
+    work.json("convert held.npy held.vdb --voxel-size 1 --max-memory 96M");
     work.refused("convert dense.nii dense.vdb --max-memory 128M", &["dense.nii", "--max-memory", "--threshold"]);
     assert!(!work.path("dense.vdb").exists());
 }

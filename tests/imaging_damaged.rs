@@ -9,7 +9,7 @@ use cumulo::error::Result;
 use cumulo::formats::imaging::format::{self, Format};
 use cumulo::formats::imaging::options::{Options, RawLayout};
 use cumulo::formats::imaging::values::Mapping;
-use cumulo::formats::imaging::volume::{GridType, build};
+use cumulo::formats::imaging::volume::{GridType, Settings, build};
 use cumulo::formats::limits::Limits;
 use cumulo::formats::sample::{Endian, Sample};
 use cumulo::math::Affine;
@@ -32,7 +32,8 @@ fn read(path: &Path, sample: &images::Sample) -> Result<()> {
     // What is no longer told as an image is for others to refuse.
     let Some(format) = found else { return Err(cumulo::formats::unknown().at(path)) };
     for mut image in format::open(path, format, &options, LIMITS)? {
-        build(&mut image, "g", GridType::Float, &Mapping::default(), LIMITS, |_, _| {}).map_err(|e| e.at(path))?;
+        let settings = Settings { name: "g", grid_type: GridType::Float, mapping: Mapping::default(), limits: LIMITS };
+        build(&mut image, &settings, |_, _| {}).map_err(|e| e.at(path))?;
     }
     Ok(())
 }

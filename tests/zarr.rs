@@ -4,7 +4,7 @@
 
 use cumulo::error::Result;
 use cumulo::formats::imaging::format::{Format, open, sniff};
-use cumulo::formats::imaging::image::Header;
+use cumulo::formats::imaging::image::{Header, Values};
 use cumulo::formats::imaging::options::Options;
 use cumulo::formats::limits::Limits;
 use glam::DVec3;
@@ -128,6 +128,29 @@ fn voxels_land_where_the_transformations_say() {
         let document = folder.path().join(if version == 2 { ".zattrs" } else { "zarr.json" });
         assert_eq!(read(&document, &choice).unwrap().1, values);
     }
+}
+
+#[test]
+fn labels_of_64_bits_stay_integers_and_an_origin_moves_the_image() {
+    let folder = tempfile::tempdir().unwrap();
+    image(folder.path(), 2);
+    let path = folder.path().join("0/.zarray");
+    let text = std::fs::read_to_string(&path)
+        .unwrap()
+        .replace("\"compressor\":{\"id\":\"gzip\",\"level\":1}", "\"compressor\":null");
+    std::fs::write(
+        &path,
+        text.replace(">u2", "<i8").replace("\"dimension_separator\":\"/\"", "\"dimension_separator\":\".\""),
+    )
+    .unwrap();
+    let origin = DVec3::new(5.0, 6.0, 7.0);
+    let options = Options { level: Some(0), origin: Some(origin), ..Options::default() };
+    let (header, values) = read(folder.path(), &options).unwrap();
+    // No chunk has a name of this kind, so that all have the fill value.
+    assert_eq!((header.values, values[0]), (Values::Integer, 7.0));
+    assert_eq!(header.index_to_world.to_world(DVec3::ZERO), origin);
+    // The steps are still the image's.
+    assert_eq!(header.index_to_world.to_world(DVec3::X) - origin, DVec3::X * 0.5);
 }
 
 #[test]

@@ -371,6 +371,9 @@ class ArrayGrid(Report):
     removed: int = 0
     removed_greatest: float | None = None
     removed_share: float = 0.0
+    rounded: int = 0
+    overflowed: int = 0
+    vanished: int = 0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

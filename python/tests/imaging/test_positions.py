@@ -106,11 +106,33 @@ def test_vti(cumulo, tmp_path, map, mode, packed, cells):
     cubes.passes(cumulo, tmp_path / "in.vti", map, tmp_path, tolerance=4 * cubes.DOUBLE)
 
 
+@maps
+@pytest.mark.parametrize("size", [64, 1 << 15])
+def test_vti_in_blocks_of_lz4(cumulo, tmp_path, map, size):
+    writer = vtkXMLImageDataWriter()
+    writer.SetFileName(str(tmp_path / "in.vti"))
+    writer.SetInputData(vtk_image(map))
+    writer.SetCompressorTypeToLZ4()
+    writer.SetBlockSize(size)
+    assert writer.Write() == 1
+    cubes.passes(cumulo, tmp_path / "in.vti", map, tmp_path, tolerance=4 * cubes.DOUBLE)
+
+
 @pytest.mark.parametrize("binary", [False, True])
 @pytest.mark.parametrize("cells", [False, True])
-def test_legacy_vtk(cumulo, tmp_path, binary, cells):
+@pytest.mark.parametrize("rich", [False, True])
+def test_legacy_vtk(cumulo, tmp_path, binary, cells, rich):
     image = vtkStructuredPoints()
     image.DeepCopy(vtk_image(cubes.STRAIGHT, cells))
+    if rich:
+        # The time of the file, and names of components, which come before and among what counts.
+        time = numpy_to_vtk(np.array([1.5]), deep=True)
+        time.SetName("TIME")
+        image.GetFieldData().AddArray(time)
+        tensor = numpy_to_vtk(np.zeros((60, 2)), deep=True)
+        tensor.SetName("two")
+        tensor.SetComponentName(0, "first")
+        (image.GetCellData() if cells else image.GetPointData()).AddArray(tensor)
     writer = vtkStructuredPointsWriter()
     writer.SetFileName(str(tmp_path / "in.vtk"))
     writer.SetInputData(image)
@@ -145,6 +167,24 @@ def test_tiff(cumulo, tmp_path, kind, style):
         options.append(f"--spacing={x},{y},{z}")
     # Resolutions are ratios of 32-bit integers.
     cubes.passes(cumulo, path, cubes.STRAIGHT, tmp_path, *options, tolerance=1e-8)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.uint32])
+def test_tiff_whose_low_values_are_bright(cumulo, tmp_path, kind):
+    """Values are those that are stored, as tifffile gives them."""
+    pages = np.ascontiguousarray(cubes.array().transpose(2, 1, 0)).astype(kind)
+    tifffile.imwrite(tmp_path / "in.tif", pages, photometric="miniswhite", metadata=None)
+    options = ["--origin=10.5,-20.25,30.125", "--spacing=0.5,0.75,1.25"]
+    cubes.passes(cumulo, tmp_path / "in.tif", cubes.STRAIGHT, tmp_path, *options, tolerance=0)
+
+
+def test_ome_sizes_in_several_units(cumulo, tmp_path):
+    pages = np.ascontiguousarray(cubes.array().transpose(2, 1, 0))
+    sizes = {"PhysicalSizeX": 0.5, "PhysicalSizeY": 750.0, "PhysicalSizeZ": 1250000.0}
+    units = {"PhysicalSizeXUnit": "mm", "PhysicalSizeYUnit": "µm", "PhysicalSizeZUnit": "nm"}
+    tifffile.imwrite(tmp_path / "in.ome.tif", pages, metadata={"axes": "ZYX"} | sizes | units)
+    options = ["--origin=10.5,-20.25,30.125"]
+    cubes.passes(cumulo, tmp_path / "in.ome.tif", cubes.STRAIGHT, tmp_path, *options, tolerance=cubes.DOUBLE)
 
 
 def test_numpy(cumulo, tmp_path):

@@ -1,6 +1,7 @@
 //! A grid of a VDB as an image, over the box of its active voxels.
 
 use super::Convert;
+use super::images::losses;
 use super::report::{GridPlace, Report, array_to_world};
 use crate::cli::output::Output;
 use crate::cli::outputs;
@@ -28,9 +29,11 @@ impl Convert {
         let place = |e: Error| e.part(format!("grid '{name}'")).at(&self.input);
         let (native, tally) = self.prepared(file.read(&name)?).map_err(place)?;
         let info = native.info().map_err(place)?;
+        let lost = losses(&name, &tally, info.components);
         let source = Source::new(&native, limits).map_err(place)?;
         let axes = self.images.axes();
-        let notes = write::write(&self.output, target, &source, &name, axes)?;
+        let mut notes = write::write(&self.output, target, &source, &name, axes)?;
+        notes.extend(lost);
         drop(stage);
         notes.iter().for_each(|note| output.note(format!("note: {note}")));
         let mut report = Report::of(&self.input, &self.output)?;

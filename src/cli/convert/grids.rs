@@ -1,24 +1,21 @@
 //! VDB in, VDB out, with edits in between. Grids stay native, so that nothing is lost that no edit touches.
 
+use super::Convert;
 use super::form::Formed;
+use super::grid_edit::{Budget, GridEdit, ONE_BY_ONE};
 use super::sources::{self, GridSource};
 use super::turn::Turn;
-use super::{Convert, Repair};
 use crate::cli::memory::human;
 use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
-use crate::formats::imaging::values::{Mapping, Tally};
-use crate::formats::imaging::volume::{self, GridType};
-use crate::formats::limits::Limits;
-use crate::formats::transfer::{METADATA_KEY, TransferSummary, to_metadata};
+use crate::formats::imaging::values::Tally;
+use crate::formats::transfer::TransferSummary;
 use crate::formats::vdb::up::UP_KEY;
-use crate::formats::vdb::{File, GridInfo, NativeGrid, ResampleFilter, Transform as Placement, writable, write_native};
-use crate::math::Aabb;
-use crate::scene::grid::{GridClass, MetaValue};
+use crate::formats::vdb::{File, NativeGrid, ResampleFilter, Transform as Placement, writable, write_native};
+use crate::scene::grid::MetaValue;
 use crate::scene::transfer::Transfer;
 use crate::text::printable;
-use half::f16;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -41,28 +38,29 @@ struct Report {
     warnings: Vec<String>,
 }
 
+/// Report of a grid.
 #[derive(Debug, Default, Serialize)]
-struct ConvertedGrid {
-    name: String,
-    from: String,
-    active_voxels: u64,
+pub struct ConvertedGrid {
+    pub name: String,
+    pub from: String,
+    pub active_voxels: u64,
     /// Filter of `--resample`.
-    filter: Option<ResampleFilter>,
+    pub filter: Option<ResampleFilter>,
     /// Form that `--to` gave the grid; none where it stays as it was.
-    formed: Option<Formed>,
+    pub formed: Option<Formed>,
     /// True if `--up` turned the vectors that the grid holds; none for other grids.
-    vectors_turned: Option<bool>,
+    pub vectors_turned: Option<bool>,
     /// Number of values that `--repair` set to zero.
-    repaired: Option<u64>,
+    pub repaired: Option<u64>,
     /// Number of finite values that become infinite as 16-bit floats; none without `--half`.
-    half_overflow: Option<u64>,
+    pub half_overflow: Option<u64>,
     /// Number of values other than zero that become zero as 16-bit floats; none without `--half`.
-    half_underflow: Option<u64>,
+    pub half_underflow: Option<u64>,
     /// True if the transfer function of `--tf` was attached to the grid.
-    transfer: bool,
+    pub transfer: bool,
     /// Values after `--scale`, `--offset`, `--map` and `--threshold`; none without these.
     #[serde(skip_serializing_if = "Option::is_none")]
-    values: Option<Tally>,
+    pub values: Option<Tally>,
 }
 
 impl Convert {
@@ -222,7 +220,7 @@ impl Convert {
         if let Some(tolerance) = self.prune {
             edit.native.prune(tolerance)?;
         }
-        if self.half && edit.holds_real_values() {
+        if self.half {
             edit.store_as_half()?;
         }
         if let Some(transfer) = settings.transfer.filter(|_| edit.info.components == 1) {
@@ -251,176 +249,6 @@ fn base_name(name: &str) -> &str {
     match name.rsplit_once('[') {
         Some((base, number)) if number.ends_with(']') => base,
         _ => name,
-    }
-}
-
-/// A grid in the course of its edits, with the entry that the report will have for it.
-struct GridEdit<'e> {
-    native: &'e mut NativeGrid,
-    /// Facts about the grid as the last edit of its voxels left it.
-    info: GridInfo,
-    converted: ConvertedGrid,
-    budget: &'e mut Budget,
-    warnings: &'e mut Vec<String>,
-}
-
-impl<'e> GridEdit<'e> {
-    /// Leaves damaged metadata out, before anything else of the grid is looked at.
-    fn begin(native: &'e mut NativeGrid, budget: &'e mut Budget, warnings: &'e mut Vec<String>) -> Result<Self> {
-        let converted = ConvertedGrid { from: native.name().to_owned(), ..ConvertedGrid::default() };
-        let (dropped, entry) = native.mend_metadata()?;
-        if dropped > 0 {
-            let others = if dropped > 1 { format!(" and {} more", dropped - 1) } else { String::new() };
-            warnings.push(format!(
-                "grid '{}': damaged metadata was left out ('{entry}'{others}); OpenVDB writes it anew",
-                converted.from
-            ));
-        }
-        Ok(Self { info: native.info()?, native, converted, budget, warnings })
-    }
-
-    /// Keeps only what lies in a world-space box.
-    fn crop(&mut self, world: Aabb) -> Result<()> {
-        let had_voxels = self.info.active_voxels > 0;
-        let more = self.native.cropped_bytes(world)?;
-        let needed = self.info.memory.saturating_add(more);
-        self.budget.room(needed, "the cropped grid", "raise --max-memory, or choose another --crop")?;
-        self.native.crop(world)?;
-        self.info = self.native.info()?;
-        if had_voxels && self.info.active_voxels == 0 {
-            self.warnings.push(format!(
-                "grid '{}': no active voxel lies in the box of --crop; cumulo info says where they lie",
-                self.converted.from
-            ));
-        }
-        Ok(())
-    }
-
-    /// Resamples to cubic voxels of that edge length in world units: by the filter that is asked for, else by a box where no
-    /// voxel gets finer, and trilinearly elsewhere. Distances to a surface are interpolated, never averaged: outside their
-    /// narrow band there are none.
-    fn resample(&mut self, voxel_size: f64, filter: Option<ResampleFilter>) -> Result<()> {
-        let had_voxels = self.info.active_voxels > 0;
-        let distances = self.info.class == GridClass::LevelSet;
-        let filter = match filter {
-            Some(ResampleFilter::Box) if distances => {
-                return Err(Error::unsupported(
-                    "--filter box: a level set holds distances, whose means are no distances",
-                )
-                .hint("leave --filter out, or make it a fog volume first: --to fog"));
-            }
-            Some(filter) => filter,
-            None if !distances && self.native.coarsens(voxel_size)? => ResampleFilter::Box,
-            None => ResampleFilter::Trilinear,
-        };
-        self.converted.filter = Some(filter);
-        let more = match filter {
-            ResampleFilter::Box => self.native.resampled_box_bytes(voxel_size, self.budget.limit)?,
-            ResampleFilter::Trilinear => self.native.resampled_bytes(voxel_size, self.budget.limit)?,
-        };
-        let hint = "choose a larger voxel for --resample, take a part with --crop, or raise --max-memory";
-        self.budget.room(self.info.memory.saturating_add(more), "the resampled grid", hint)?;
-        match filter {
-            ResampleFilter::Box => self.native.resample_box(voxel_size)?,
-            ResampleFilter::Trilinear => self.native.resample(voxel_size)?,
-        }
-        self.info = self.native.info()?;
-        if had_voxels && self.info.active_voxels == 0 {
-            self.warnings.push(format!(
-                "grid '{}': voxels of {voxel_size} are too large for what it holds: none is active",
-                self.converted.from
-            ));
-        }
-        Ok(())
-    }
-
-    /// Takes the values through the steps of --scale, --offset, --map and --threshold, and to the type of --as.
-    fn map(&mut self, to: GridType, mapping: &Mapping) -> Result<()> {
-        let left = Limits { max_memory: self.budget.limit.saturating_sub(self.budget.held) };
-        let (mapped, tally) = volume::mapped(self.native, to, mapping, left)?;
-        *self.native = mapped;
-        self.info = self.native.info()?;
-        if mapping.threshold.is_some() && self.info.active_voxels == 0 {
-            self.warnings.push(format!("grid '{}': no value lies above the threshold", self.converted.from));
-        }
-        let background = mapping.mapped(0.0);
-        if background != 0.0 {
-            self.warnings.push(format!(
-                "grid '{}': inactive voxels are background and stay 0, where an active 0 becomes {background}; to keep zeros that \
-                 mean something, give the options where the image is read",
-                self.converted.from
-            ));
-        }
-        self.converted.values = Some(tally);
-        Ok(())
-    }
-
-    /// Counts the grid among those that stay in memory until all are written.
-    fn hold(&mut self) -> Result<()> {
-        self.budget.held += self.info.memory;
-        self.budget.room(0, "holding the grids", ONE_BY_ONE)
-    }
-
-    fn repair(&mut self, repair: Repair) -> Result<()> {
-        let densities = repair == Repair::Density || self.info.class == GridClass::FogVolume;
-        self.converted.repaired = Some(self.native.repair(densities)?);
-        Ok(())
-    }
-
-    fn holds_real_values(&self) -> bool {
-        matches!(self.info.value_type.as_str(), "float" | "double" | "vec3s" | "vec3d")
-    }
-
-    /// Has the values stored as 16-bit floats, and counts those that these cannot hold.
-    fn store_as_half(&mut self) -> Result<()> {
-        let (mut overflow, mut underflow) = (0, 0);
-        let mut count = |values: &[f32]| {
-            for v in values.iter().filter(|v| v.is_finite()) {
-                let h = f16::from_f32(*v);
-                overflow += u64::from(h.is_infinite());
-                underflow += u64::from(*v != 0.0 && h.to_f32() == 0.0);
-            }
-        };
-        self.native.for_each_leaf(|leaf| {
-            count(&leaf.values);
-            true
-        })?;
-        self.native.tiles()?.iter().for_each(|tile| count(&tile.value));
-        (self.converted.half_overflow, self.converted.half_underflow) = (Some(overflow), Some(underflow));
-        self.native.set_half(true)
-    }
-
-    /// Attaches a transfer function as metadata.
-    fn attach(&mut self, transfer: &Transfer) -> Result<()> {
-        self.native.set_metadata(METADATA_KEY, &to_metadata(transfer))?;
-        self.converted.transfer = true;
-        Ok(())
-    }
-
-    fn finish(self) -> Result<ConvertedGrid> {
-        let (name, active_voxels) = (self.native.name().to_owned(), self.native.info()?.active_voxels);
-        Ok(ConvertedGrid { name, active_voxels, ..self.converted })
-    }
-}
-
-/// Remedy where the grids of a conversion do not fit in memory together.
-const ONE_BY_ONE: &str = "raise --max-memory, or convert the grids one by one with --grid";
-
-/// Memory of all grids of a conversion together, in bytes.
-struct Budget {
-    held: u64,
-    limit: u64,
-}
-
-impl Budget {
-    /// Refuses a step that needs `bytes` beside the grids that are held already.
-    fn room(&self, bytes: u64, what: &str, hint: &str) -> Result<()> {
-        let needed = self.held.saturating_add(bytes);
-        if needed <= self.limit {
-            return Ok(());
-        }
-        let (needed, allowed) = (human(needed), human(self.limit));
-        Err(Error::unsupported(format!("{what} needs about {needed}, {allowed} are allowed")).hint(hint))
     }
 }
 

@@ -4,7 +4,7 @@ use super::report::GridPlace;
 use crate::cli::parse::{ascending, number};
 use crate::error::{Error, Result};
 use crate::formats::imaging::options::{Axes, Options as ReadOptions, RawLayout};
-use crate::formats::imaging::values::Mapping;
+use crate::formats::imaging::values::{Mapping, Tally};
 use crate::formats::imaging::volume::GridType;
 use crate::formats::sample::{Endian, Sample};
 use crate::math::Affine;
@@ -214,7 +214,7 @@ impl ValueOptions {
 pub fn remarks(grid: &GridPlace) -> Vec<String> {
     let (name, values) = (printable(&grid.name), &grid.values);
     let mut remarks = Vec::new();
-    if grid.active_voxels == 0 {
+    if grid.active_voxels == 0 && values.vanished == 0 {
         remarks.push(format!("grid '{name}': every value is 0, so that no voxel is active"));
     }
     if values.non_finite > 0 {
@@ -222,6 +222,7 @@ pub fn remarks(grid: &GridPlace) -> Vec<String> {
         remarks
             .push(format!("grid '{name}': {count} values are NaN or infinite; cumulo convert --repair sets them to 0"));
     }
+    remarks.extend(losses(&name, values, grid.background.len()));
     if grid.value_type == "int32" {
         remarks.push(format!("grid '{name}' holds integers; --as float makes floats, and --map LOW,HIGH densities"));
     } else if values.least.is_some_and(|l| l < 0.0) {
@@ -229,6 +230,19 @@ pub fn remarks(grid: &GridPlace) -> Vec<String> {
             .push(format!("grid '{name}' has negative values; --map LOW,HIGH makes densities, which can be rendered"));
     }
     remarks
+}
+
+/// Sentences about values that a grid of 32-bit floats does not hold.
+pub fn losses(name: &str, values: &Tally, components: usize) -> Vec<String> {
+    // Vectors have no other type.
+    let keep = |options: &str| if components == 1 { format!("; {options} keeps them") } else { String::new() };
+    let sentences = [
+        (values.rounded, "whole numbers beyond 16777216 are rounded to 32-bit floats", keep("--as double")),
+        (values.overflowed, "values are too large for 32-bit floats and became infinite", keep("--as double")),
+        (values.vanished, "values are too small for 32-bit floats and became 0", keep("--as double")),
+    ];
+    let told = sentences.into_iter().filter(|(count, ..)| *count > 0);
+    told.map(|(count, what, remedy)| format!("grid '{name}': {count} {what}{remedy}")).collect()
 }
 
 /// Error that nothing is left of a grid.

@@ -1,15 +1,16 @@
 //! Images as grids of a VDB.
 
-use super::Convert;
 use super::images::{empty, remarks};
 use super::report::{GridPlace, Report, array_to_world};
+use super::{Convert, half};
 use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
+use crate::cli::progress::Stage;
 use crate::error::{Error, Result};
 use crate::formats::imaging::format::{self, Format};
 use crate::formats::imaging::image::Image;
 use crate::formats::imaging::options::Axes;
-use crate::formats::imaging::volume;
+use crate::formats::imaging::volume::{self, Settings};
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
 use crate::formats::vdb::{NativeGrid, write_native};
@@ -31,7 +32,16 @@ impl Convert {
         for (mut image, name) in images.into_iter().zip(names) {
             notes.append(&mut image.header.notes);
             let left = Limits { max_memory: limits.max_memory.saturating_sub(held) };
-            let (native, place) = self.image_to_grid(&mut image, format, &name, left, &stage)?;
+            let settings = Settings {
+                name: &name,
+                grid_type: self.images.grid_type(matches!(format, Format::Npy | Format::Npz)),
+                mapping: self.values.mapping(),
+                limits: left,
+            };
+            let (mut native, place) = self.image_to_grid(&mut image, &settings, &stage)?;
+            if self.half {
+                notes.extend(half::store(&mut native)?);
+            }
             held += native.info()?.memory;
             notes.extend(remarks(&place));
             natives.push(native);
@@ -45,16 +55,12 @@ impl Convert {
     fn image_to_grid(
         &self,
         image: &mut Image,
-        format: Format,
-        name: &str,
-        limits: Limits,
-        stage: &crate::cli::progress::Stage,
+        settings: &Settings<'_>,
+        stage: &Stage,
     ) -> Result<(NativeGrid, GridPlace)> {
-        let to = self.images.grid_type(matches!(format, Format::Npy | Format::Npz));
-        let mapping = self.values.mapping();
-        let built = volume::build(image, name, to, &mapping, limits, |done, of| stage.at(done, of));
-        let (mut native, tally) = built.map_err(|e| e.part(format!("grid '{name}'")).at(&self.input))?;
-        native.set_half(self.half)?;
+        let name = settings.name;
+        let built = volume::build(image, settings, |done, of| stage.at(done, of));
+        let (native, tally) = built.map_err(|e| e.part(format!("grid '{name}'")).at(&self.input))?;
         let info = native.info()?;
         if info.active_voxels == 0 && self.values.any() {
             return Err(empty(name).at(&self.input));
@@ -91,7 +97,7 @@ impl Convert {
         if let [only] = &grids[..] {
             report.shape = only.shape.to_vec();
             report.axes = vec!["x", "y", "z"];
-            if format == Format::Npy && self.images.axes() == Axes::Zyx {
+            if matches!(format, Format::Npy | Format::Npz) && self.images.axes() == Axes::Zyx {
                 report.shape.reverse();
                 report.axes.reverse();
             }

@@ -1,7 +1,7 @@
 //! NanoVDB in and out: grids of one form become those of the other, with all voxels, tiles and states.
 
-use super::Convert;
 use super::report::{GridPlace, Report, array_to_world};
+use super::{Convert, half};
 use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
@@ -25,13 +25,17 @@ impl Convert {
         let stage = output.stage("converting");
         let mut file = nanovdb::File::open(&self.input, limits)?;
         let (mut natives, mut places, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+        let mut held = 0;
         for index in self.chosen_of_nano(&file)? {
-            let volume = file.read(index)?;
+            let volume = file.read_beside(index, held)?;
             let place = format!("grid '{}'", volume.name);
             let made = volume.into_native().map_err(|e| e.part(place.clone()).at(&self.input));
             let (mut native, found) = made?;
             notes.extend(found.into_iter().map(|note| format!("{place}: {note}")));
-            native.set_half(self.half)?;
+            if self.half {
+                notes.extend(half::store(&mut native)?);
+            }
+            held += native.info()?.memory;
             places.push(placed(&native)?);
             natives.push(native);
         }
@@ -63,9 +67,12 @@ impl Convert {
         let stage = output.stage("converting");
         let file = File::open(&self.input, limits)?;
         let (mut volumes, mut places, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+        let mut held = 0;
         for name in self.chosen(&file)? {
             let native = file.read(&name)?;
-            let mut volume = Volume::of_native(&native, limits).map_err(|e| e.at(&self.input))?;
+            let left = Limits { max_memory: limits.max_memory.saturating_sub(held) };
+            let mut volume = Volume::of_native(&native, left).map_err(|e| e.at(&self.input))?;
+            held += native.info()?.memory;
             notes.append(&mut volume.notes);
             places.push(placed(&native)?);
             volumes.push(volume);

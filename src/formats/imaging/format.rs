@@ -103,6 +103,9 @@ pub fn sniff(path: &Path) -> Result<Option<Format>> {
         Some(Format::Tiff)
     } else if dicom::is_dicom(&start) {
         Some(Format::Dicom)
+    } else if nifti::states_itself(&start) {
+        // Before MRC, whose word may stand in the description of an image.
+        Some(Format::Nifti)
     } else if mrc::is_mrc(&start) {
         Some(Format::Mrc)
     } else if cvol::is_cvol(&start) {

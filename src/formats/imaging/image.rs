@@ -46,6 +46,12 @@ pub trait Slices {
     /// # Errors
     /// If the file ends early, is damaged, or cannot be read.
     fn next_slice(&mut self, values: &mut [f64]) -> Result<()>;
+
+    /// Bytes of memory that reading takes beside the slice: of an array that is held whole, or of chunks. Buffers of a fixed size
+    /// do not count.
+    fn held(&self) -> u64 {
+        0
+    }
 }
 
 /// An image that is being read.

@@ -36,8 +36,13 @@ impl Fields {
         self.get(&[name]).ok_or_else(|| Error::invalid(format!("the header lacks '{name}'")).hint(AGAIN))
     }
 
+    /// Value of a flag, which ITK tells by the first character; none if it is not there.
+    fn flag(&self, names: &[&str]) -> Option<bool> {
+        self.get(names).map(|v| v.starts_with(['T', 't', '1']))
+    }
+
     fn is_true(&self, names: &[&str]) -> bool {
-        self.get(names).is_some_and(|v| v.eq_ignore_ascii_case("true") || v == "1")
+        self.flag(names) == Some(true)
     }
 }
 
@@ -150,10 +155,8 @@ pub fn open(path: &Path) -> Result<Vec<Image>> {
     let slices = Data::of(&fields, files, from, sample)?.slices(size, components)?;
     let values = if sample.is_integer() { Values::Integer } else { Values::Real };
     let index_to_world = placement(&fields)?;
-    Ok(vec![Image {
-        header: Header { name: None, size, components, values, index_to_world, notes: Vec::new() },
-        slices,
-    }])
+    let notes = placement::unturned(values, components).into_iter().collect();
+    Ok(vec![Image { header: Header { name: None, size, components, values, index_to_world, notes }, slices }])
 }
 
 /// Values in one or several files.
@@ -179,7 +182,7 @@ impl Data {
         let header = fields.get(&["HeaderSize"]).map_or(Ok(0), |t| t.parse().map_err(|_| wrong("HeaderSize", t)))?;
         let packing = if fields.is_true(&["CompressedData"]) { Packing::Zlib } else { Packing::Plain };
         let big = fields.is_true(&["BinaryDataByteOrderMSB", "ElementByteOrderMSB"]);
-        let text = fields.get(&["BinaryData"]).is_some_and(|v| v.eq_ignore_ascii_case("false"));
+        let text = fields.flag(&["BinaryData"]) == Some(false);
         let endian = if big { Endian::Big } else { Endian::Little };
         Ok(Self {
             files,

@@ -102,6 +102,12 @@ fn sample(mode: i32) -> Result<Sample> {
     }
 }
 
+/// True if bytes are unsigned: files of IMOD state whether they are signed, in flags behind a stamp.
+fn has_unsigned_bytes(words: &Words) -> bool {
+    const STAMP: i32 = 1_146_047_817;
+    words.integer(3) == 0 && words.integer(38) == STAMP && words.integer(39) & 1 == 0
+}
+
 /// Columns of the cell's axes a, b and c, with a along x and b in the plane of x and y.
 fn cell(lengths: [f64; 3], angles: [f64; 3], notes: &mut Vec<String>) -> Result<[DVec3; 3]> {
     let [a, b, c] = lengths;
@@ -170,7 +176,11 @@ pub fn open(path: &Path) -> Result<Image> {
     let place = |e: Error| e.at(path);
     let mut notes = Vec::new();
     let words = Words { bytes: &head, endian: endian(&head) };
-    let sample = sample(words.integer(3)).map_err(place)?;
+    let mut sample = sample(words.integer(3)).map_err(place)?;
+    if has_unsigned_bytes(&words) {
+        notes.push("the bytes are unsigned, as IMOD's flags in the header say".into());
+        sample = Sample::U8;
+    }
     let size = words.integers(0).map(|n| usize::try_from(n).unwrap_or(0));
     if size.contains(&0) {
         return Err(place(wrong(format!("a map of {:?} columns, rows and sections", words.integers(0)))));
@@ -255,6 +265,14 @@ mod tests {
                 assert_eq!(header.index_to_world.voxel_size(), DVec3::new(2.0, 3.0, 0.5));
                 assert_eq!(header.values == Values::Integer, matches!(mode, 0 | 1 | 6));
             }
+        }
+        // IMOD's stamp, without and with the flag of signed bytes.
+        for (flags, last) in [(0_i32, 200.0), (1, -56.0)] {
+            let imod = [(38, 1_146_047_817_i32.to_le_bytes()), (39, flags.to_le_bytes())];
+            let mut file = map(0, false, &imod);
+            file.pop();
+            file.push(200);
+            assert_eq!(read(&file).unwrap().1[23], last);
         }
         let mut packer = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
         packer.write_all(&map(2, false, &[])).unwrap();

@@ -72,6 +72,20 @@ impl Fields {
     fn pixdim(&self, i: usize) -> f64 {
         self.real(76 + 4 * i, 104 + 8 * i)
     }
+
+    /// Unit of length, where it is stated and no millimetre. The upper bits are the unit of time.
+    fn unit(&self) -> Option<&'static str> {
+        match self.number((123, Sample::U8), (500, Sample::I32)) as i64 & 7 {
+            1 => Some("metre"),
+            3 => Some("micrometre"),
+            _ => None,
+        }
+    }
+}
+
+/// Says whether a file begins with a header that names NIfTI itself.
+pub fn states_itself(start: &[u8]) -> bool {
+    Fields::of(start).is_some_and(|fields| fields.is_nifti())
 }
 
 /// Says whether a file is NIfTI's by its first bytes, and for values without a header by the header beside them.
@@ -232,6 +246,9 @@ fn image(fields: &Fields, data: &Path, packing: Packing, options: &Options, apar
     let parts = (0..planes).map(part).collect::<Result<Vec<_>>>()?;
     let slices = if planes > 1 { Box::new(Planar::new(parts)) } else { single(parts)? };
     let index_to_world = placement(fields, &mut notes)?;
+    if let Some(unit) = fields.unit() {
+        notes.push(format!("a unit of length is one {unit}"));
+    }
     let values = if sample.is_integer() && scale.is_none() { Values::Integer } else { Values::Real };
     let components = planes * together;
     Ok(Image { header: Header { name: None, size, components, values, index_to_world, notes }, slices })

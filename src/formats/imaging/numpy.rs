@@ -101,7 +101,7 @@ fn image(
     let slices: Box<dyn Slices> = if layout.is_in_order() {
         Box::new(binary)
     } else {
-        Box::new(Strided::read(binary.into_reader(), header, &layout, limits)?)
+        Box::new(Strided::new(binary.into_reader(), header, &layout, limits)?)
     };
     let values = if header.sample.is_integer() { Values::Integer } else { Values::Real };
     let header =
@@ -109,8 +109,12 @@ fn image(
     Ok(Image { header, slices })
 }
 
-/// Slices out of an array that is held whole.
+/// Slices out of an array that is held whole, from the first slice on to the last.
 struct Strided {
+    /// The array before it is held.
+    reader: Option<Box<dyn Read>>,
+    /// Number of the array's bytes.
+    length: u64,
     bytes: Vec<u8>,
     sample: Sample,
     endian: Endian,
@@ -121,7 +125,8 @@ struct Strided {
 }
 
 impl Strided {
-    fn read(mut reader: Box<dyn Read>, header: &npy::Header, layout: &Layout, limits: Limits) -> Result<Self> {
+    /// Prepares to read the array, of which nothing is held yet: archives have several.
+    fn new(reader: Box<dyn Read>, header: &npy::Header, layout: &Layout, limits: Limits) -> Result<Self> {
         let needed = (header.count()? as u64).saturating_mul(header.sample.bytes() as u64);
         if needed > limits.max_memory {
             let what =
@@ -129,20 +134,28 @@ impl Strided {
             return Err(Error::unsupported(what)
                 .hint("raise --max-memory if the file is to be trusted; an array whose x axis is the fastest passes in slices"));
         }
+        let Layout { size, components, strides } = *layout;
+        let (sample, endian) = (header.sample, header.endian);
+        let (reader, bytes) = (Some(reader), Vec::new());
+        Ok(Self { reader, length: needed, bytes, sample, endian, size, components, strides, z: 0 })
+    }
+
+    /// Reads the array, unless it is held.
+    fn hold(&mut self) -> Result<()> {
+        let Some(reader) = self.reader.take() else { return Ok(()) };
         // The vector grows with what is there: a damaged archive has less than it says.
-        let mut bytes = Vec::new();
-        (&mut reader).take(needed).read_to_end(&mut bytes).map_err(|e| failed(e, 0))?;
-        if bytes.len() as u64 != needed {
-            let done = bytes.len() / header.sample.bytes();
+        reader.take(self.length).read_to_end(&mut self.bytes).map_err(|e| failed(e, 0))?;
+        if self.bytes.len() as u64 != self.length {
+            let done = self.bytes.len() / self.sample.bytes();
             return Err(failed(std::io::ErrorKind::UnexpectedEof.into(), done as u64));
         }
-        let Layout { size, components, strides } = *layout;
-        Ok(Self { bytes, sample: header.sample, endian: header.endian, size, components, strides, z: 0 })
+        Ok(())
     }
 }
 
 impl Slices for Strided {
     fn next_slice(&mut self, values: &mut [f64]) -> Result<()> {
+        self.hold()?;
         let bytes = self.sample.bytes();
         let mut number = Vec::with_capacity(1);
         let [sx, sy, sz, sc] = self.strides;
@@ -156,6 +169,10 @@ impl Slices for Strided {
         }
         self.z += 1;
         Ok(())
+    }
+
+    fn held(&self) -> u64 {
+        self.length
     }
 }
 
@@ -189,6 +206,7 @@ pub fn open_archive(path: &Path, options: &Options, limits: Limits) -> Result<Ve
         let start = start.ok_or_else(|| place(Error::invalid("its place is unknown").hint("copy the file again")))?;
         let mut reader = unpacked(path, start, length, method).map_err(place)?;
         let header = npy::Header::read(&mut reader).map_err(place)?.0;
+        header.count().map_err(place)?;
         if options.array.is_none() && Layout::of(&header, options.axes).is_none() {
             left_out.push(format!(
                 "array '{}' of shape {:?} is no volume and was left out",
@@ -196,7 +214,6 @@ pub fn open_archive(path: &Path, options: &Options, limits: Limits) -> Result<Ve
                 header.shape
             ));
         } else {
-            header.count().map_err(place)?;
             images.push(image(&header, reader, Some(name.clone()), options, limits).map_err(place)?);
         }
         names.push(name);

@@ -1,5 +1,6 @@
 //! What the caller says of a file that the file does not say itself, and which part of it is wanted.
 
+use super::placement;
 use super::text::shown;
 use crate::error::{Error, Result};
 use crate::formats::sample::{Endian, Sample};
@@ -66,6 +67,17 @@ impl Options {
         let Some(spacing) = self.spacing else { return Ok(None) };
         let origin = self.origin.unwrap_or(DVec3::ZERO);
         Affine::new(DMat4::from_translation(origin) * DMat4::from_scale(spacing)).map(Some)
+    }
+
+    /// Map of a file with the first voxel at the origin that the options state, if they state one.
+    ///
+    /// # Errors
+    /// If the position is not finite.
+    pub fn moved(&self, map: &Affine) -> Result<Affine> {
+        let Some(origin) = self.origin else { return Ok(*map) };
+        let mut moved = map.matrix();
+        moved.w_axis = origin.extend(1.0);
+        placement::checked(moved)
     }
 
     /// Chooses one of `count` points in time, and notes that there are others.

@@ -1,5 +1,6 @@
 //! Maps from indices to the world, as files state them.
 
+use super::image::Values;
 use crate::error::{Error, Result};
 use crate::math::Affine;
 use glam::{DMat4, DVec3};
@@ -13,6 +14,13 @@ pub fn swap_lps_ras(map: DMat4) -> DMat4 {
         *row = -*row + 0.0;
     }
     rows.transpose()
+}
+
+/// Note that vectors of an image whose axes were brought to right, anterior, superior were not; none for scalars, and for
+/// integers, which are colors.
+pub fn unturned(values: Values, components: usize) -> Option<String> {
+    let vectors = components == 3 && values == Values::Real;
+    vectors.then(|| "the components of vectors stay as they are, along the axes of the file's space".into())
 }
 
 /// Map with these columns, one for each index axis, and this position of the first voxel's centre.

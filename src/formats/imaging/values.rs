@@ -35,6 +35,12 @@ pub struct Tally {
     pub removed_greatest: Option<f64>,
     /// Share of the sum of all magnitudes that the threshold removed.
     pub removed_share: f64,
+    /// Number of whole numbers beyond 2²⁴ that the grid's 32-bit floats round.
+    pub rounded: u64,
+    /// Number of finite values that become infinite as 32-bit floats.
+    pub overflowed: u64,
+    /// Number of values other than 0 that become 0 as 32-bit floats.
+    pub vanished: u64,
     #[serde(skip)]
     removed_sum: f64,
     #[serde(skip)]
@@ -65,24 +71,47 @@ impl Mapping {
     pub fn apply(&self, values: &mut [f64], tally: &mut Tally) {
         for value in values {
             let found = self.mapped(*value);
-            if !found.is_finite() {
-                tally.non_finite += 1;
-                *value = found;
-                continue;
-            }
-            tally.sum += found.abs();
             let removed = self.threshold.is_some_and(|t| found <= t);
-            if removed && found != 0.0 {
-                tally.removed += 1;
-                tally.removed_sum += found.abs();
-                tally.removed_greatest = Some(tally.removed_greatest.map_or(found, |g| g.max(found)));
-            }
             // No negative zero, which would stay apart from the background in a file.
             *value = if removed { 0.0 } else { found + 0.0 };
+            tally.removed += u64::from(removed && found != 0.0);
+            if found.is_finite() {
+                tally.sum += found.abs();
+                if removed && found != 0.0 {
+                    tally.removed_sum += found.abs();
+                    tally.removed_greatest = Some(tally.removed_greatest.map_or(found, |g| g.max(found)));
+                }
+            } else if !removed {
+                tally.non_finite += 1;
+                continue;
+            }
             tally.least = Some(tally.least.map_or(*value, |l| l.min(*value)));
             tally.greatest = Some(tally.greatest.map_or(*value, |g| g.max(*value)));
         }
         tally.removed_share = if tally.sum > 0.0 { tally.removed_sum / tally.sum } else { 0.0 };
+    }
+}
+
+/// Largest magnitude below which doubles hold every whole number; beyond it they are no counts or labels.
+const MOST_WHOLE: f64 = 9_007_199_254_740_992.0;
+
+impl Tally {
+    /// Counts the values that a grid of 32-bit floats cannot hold. Fractions that are rounded are not counted: that is what
+    /// such a grid is chosen for.
+    pub fn count_singles(&mut self, values: &[f64]) {
+        for value in values.iter().filter(|v| v.is_finite()) {
+            let single = *value as f32;
+            if f64::from(single) == *value {
+                continue;
+            }
+            if single.is_infinite() {
+                self.overflowed += 1;
+            } else if single == 0.0 {
+                self.vanished += 1;
+            } else if value.fract() == 0.0 && value.abs() <= MOST_WHOLE {
+                self.rounded += 1;
+            }
+        }
     }
 }
 
@@ -106,5 +135,34 @@ mod tests {
         let mut same = [-0.0, 3.5];
         Mapping::default().apply(&mut same, &mut Tally::default());
         assert!(same[0].is_sign_positive() && same[1] == 3.5);
+    }
+
+    #[test]
+    fn infinite_values_below_the_threshold_are_background_too() {
+        let mut values = [f64::NEG_INFINITY, f64::INFINITY, 2.0, 1.0, f64::NAN];
+        let mut tally = Tally::default();
+        Mapping { threshold: Some(1.5), ..Mapping::default() }.apply(&mut values, &mut tally);
+        assert_eq!(values[..4], [0.0, f64::INFINITY, 2.0, 0.0]);
+        assert_eq!((tally.non_finite, tally.removed, tally.removed_greatest), (2, 2, Some(1.0)));
+        assert_eq!((tally.least, tally.greatest), (Some(0.0), Some(2.0)));
+        // 1 of 1 + 2: finite numbers alone have a sum.
+        assert_eq!(tally.removed_share, 1.0 / 3.0);
+    }
+
+    #[test]
+    fn what_single_precision_cannot_hold_is_counted() {
+        let mut tally = Tally::default();
+        tally.count_singles(&[
+            0.1,
+            16_777_216.0,
+            16_777_217.0,
+            -33_554_435.0,
+            1e300,
+            -1e-50,
+            f64::NAN,
+            f64::INFINITY,
+            1e20,
+        ]);
+        assert_eq!((tally.rounded, tally.overflowed, tally.vanished), (2, 1, 1));
     }
 }

@@ -1,6 +1,6 @@
 //! Images as grids of OpenVDB, slice by slice, and the steps of their values on grids that exist.
 
-use super::image::{Image, Values};
+use super::image::{Header, Image, Values};
 use super::values::{Mapping, Tally};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -24,55 +24,75 @@ pub enum GridType {
     Int,
 }
 
-impl GridType {
-    fn kind(self, image: &Image, mapping: &Mapping) -> ValueKind {
-        match self {
-            _ if image.header.components == 3 => ValueKind::Vec3,
-            Self::Auto if image.header.values == Values::Integer && mapping.keeps_integers() => ValueKind::Int32,
-            Self::Auto | Self::Float => ValueKind::Float,
-            Self::Double => ValueKind::Double,
-            Self::Int => ValueKind::Int32,
+/// Settings by which an image becomes a grid.
+#[derive(Debug, Clone, Copy)]
+pub struct Settings<'s> {
+    /// Name of the grid.
+    pub name: &'s str,
+    /// Type of the grid.
+    pub grid_type: GridType,
+    /// Steps of the values.
+    pub mapping: Mapping,
+    /// Limits of the memory of the grid and one slice.
+    pub limits: Limits,
+}
+
+impl Settings<'_> {
+    /// Type of the values of the grid that an image becomes.
+    fn kind(&self, header: &Header) -> Result<ValueKind> {
+        let vectors = header.components == 3;
+        match self.grid_type {
+            GridType::Double | GridType::Int if vectors => {
+                Err(Error::unsupported("the voxels are vectors, which become 32-bit floats")
+                    .hint("leave --as out, or give --as float"))
+            }
+            _ if vectors => Ok(ValueKind::Vec3),
+            GridType::Auto if header.values == Values::Integer && self.mapping.keeps_integers() => Ok(ValueKind::Int32),
+            GridType::Auto | GridType::Float => Ok(ValueKind::Float),
+            GridType::Double => Ok(ValueKind::Double),
+            GridType::Int => Ok(ValueKind::Int32),
         }
+    }
+
+    /// Largest number of leaves beside a slice of `slice` values and `held` bytes of the reader. A quarter of the memory is left for
+    /// packing when the grid is written.
+    fn most_leaves(&self, kind: ValueKind, slice: usize, held: u64) -> u64 {
+        let grid = self.limits.max_memory.saturating_sub(PROGRAM).saturating_sub(held) / 4 * 3;
+        grid.saturating_sub(8 * slice as u64) / kind.leaf_bytes()
     }
 }
 
 /// Builds a grid from an image. Its background is 0; voxels of other values are active. Slices are held one at a time, so that
-/// the memory is that of what is active. Floats of which none is negative are a fog volume.
+/// the memory is that of what is active. Floats of which none is negative are a fog volume. `progress` is told the number of
+/// slices that are done and of all.
 ///
 /// # Errors
 /// If the image cannot be read to its end, vectors are to be mapped, a value does not fit the grid's type, or the grid does not
 /// fit into the limits.
 pub fn build(
     image: &mut Image,
-    name: &str,
-    to: GridType,
-    mapping: &Mapping,
-    limits: Limits,
+    settings: &Settings<'_>,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<(NativeGrid, Tally)> {
-    let header = &image.header;
+    let (header, Settings { mapping, limits, .. }) = (&image.header, settings);
     let [x, y, z] = header.size;
     let components = header.components;
-    let kind = to.kind(image, mapping);
+    let kind = settings.kind(header)?;
     if components == 3 && !mapping.is_identity() {
         return Err(Error::invalid(
             "the voxels are vectors, and --scale, --offset, --map and --threshold are of scalars",
         )
         .hint("leave these options out"));
     }
-    let mut native = NativeGrid::empty(kind, name, GridClass::Unknown, &header.index_to_world)?;
+    let mut native = NativeGrid::empty(kind, settings.name, GridClass::Unknown, &header.index_to_world)?;
     let mut values = vec![0.0; header.slice_len().unwrap_or(0)];
-    // A quarter is left for packing when the grid is written.
-    let most =
-        (limits.max_memory.saturating_sub(PROGRAM) / 4 * 3).saturating_sub(8 * values.len() as u64) / kind.leaf_bytes();
+    let most = settings.most_leaves(kind, values.len(), image.slices.held());
     let strides = [components, components * x, components * x * y].map(|s| s as i64);
     let (mut leaves, mut tally) = (0, Tally::default());
     for slice in 0..z {
         image.slices.next_slice(&mut values)?;
         mapping.apply(&mut values, &mut tally);
-        if kind == ValueKind::Int32 {
-            fits(&values)?;
-        }
+        check(kind, &values, &mut tally)?;
         let low = [0, 0, slice as i32];
         let high = [x as i32 - 1, y as i32 - 1, slice as i32];
         leaves += native.write_box(&DenseBox { low, high, strides }, &values, most - leaves)?;
@@ -88,6 +108,18 @@ pub fn build(
         native.set_class(GridClass::FogVolume)?;
     }
     Ok((native, tally))
+}
+
+/// Refuses values that a grid of integers cannot hold, and counts those that a grid of 32-bit floats cannot.
+fn check(kind: ValueKind, values: &[f64], tally: &mut Tally) -> Result<()> {
+    match kind {
+        ValueKind::Int32 => fits(values),
+        ValueKind::Float | ValueKind::Vec3 => {
+            tally.count_singles(values);
+            Ok(())
+        }
+        ValueKind::Double => Ok(()),
+    }
 }
 
 /// Refuses values that are no 32-bit integers.
@@ -133,9 +165,7 @@ pub fn mapped(grid: &NativeGrid, to: GridType, mapping: &Mapping, limits: Limits
         let mut value = [0.0];
         grid.read_box(&DenseBox { low, high: low, strides: [1; 3] }, &mut value)?;
         mapping.apply(&mut value, &mut tally);
-        if kind == ValueKind::Int32 {
-            fits(&value)?;
-        }
+        check(kind, &value, &mut tally)?;
         if value != [0.0] {
             native.add_tile(low, tile.dim, value[0])?;
         }
@@ -180,9 +210,7 @@ fn leaves(from: &NativeGrid, to: &mut NativeGrid, kind: ValueKind, mapping: &Map
                 *value = 0.0;
             }
         }
-        if kind == ValueKind::Int32 {
-            fits(&values)?;
-        }
+        check(kind, &values, tally)?;
         to.write_box(&place, &values, u64::MAX).map(drop)
     };
     let mut result = Ok(());

@@ -36,7 +36,8 @@ pub(super) fn volume(memory: Bytes, name: &str, kind: Kind, class: GridClass, li
         .ok_or_else(|| Error::invalid("the root lies outside the grid").hint(DAMAGED))?;
     let background =
         memory.slice(root.saturating_add(kind.root_background() as u64), kind.value().0, "the background")?;
-    let mut walk = Walk { memory, kind, collector: Collector::new(kind, background, limits, memory.0.len() as u64) };
+    let mut walk =
+        Walk { memory, kind, walked: 0, collector: Collector::new(kind, background, limits, memory.0.len() as u64) };
     walk.root(root)?;
     Ok(Volume { name: name.to_owned(), class, transform, kind, tree: walk.collector.finish(), notes })
 }
@@ -73,10 +74,22 @@ fn checksum_agrees(memory: Bytes, kind: Kind) -> Result<bool> {
 struct Walk<'a> {
     memory: Bytes<'a>,
     kind: Kind,
+    /// Bytes of the nodes that were met. A tree whose nodes are shared or lie over each other has more than its memory.
+    walked: u64,
     collector: Collector,
 }
 
-impl Walk<'_> {
+impl<'a> Walk<'a> {
+    /// Bytes of a node that was met.
+    fn take(&mut self, at: u64, length: usize, what: &str) -> Result<&'a [u8]> {
+        let bytes = self.memory.slice(at, length, what)?;
+        self.walked += length as u64;
+        if self.walked > self.memory.0.len() as u64 {
+            return Err(Error::invalid("several entries of the tree lead to one node").hint(DAMAGED));
+        }
+        Ok(bytes)
+    }
+
     fn root(&mut self, root: u64) -> Result<()> {
         let count = self.memory.u32(root + layout::ROOT_TABLE_SIZE as u64, "the number of tiles")?;
         let tiles = root + self.kind.root() as u64;
@@ -103,8 +116,7 @@ impl Walk<'_> {
     }
 
     fn node(&mut self, node: u64, origin: [i32; 3], level: Level) -> Result<()> {
-        let memory = self.memory;
-        let bytes = memory.slice(node, level.node(self.kind), "a node")?;
+        let bytes = self.take(node, level.node(self.kind), "a node")?;
         let masks = &bytes[NODE_MASKS..];
         let set = |mask: usize, i: usize| masks[mask * level.mask() + i / 8] >> (i % 8) & 1 == 1;
         let table = &bytes[level.table(self.kind)..];
@@ -130,7 +142,7 @@ impl Walk<'_> {
     }
 
     fn leaf(&mut self, leaf: u64, origin: [i32; 3]) -> Result<()> {
-        let head = self.memory.slice(leaf, self.kind.leaf_values(), "a leaf")?;
+        let head = self.take(leaf, self.kind.leaf_values(), "a leaf")?;
         // The three upper bits of the flags are the width of FpN's values.
         let width = head[15] >> 5;
         if self.kind == Kind::FpN && width > 4 {
@@ -138,7 +150,7 @@ impl Walk<'_> {
                 .hint(DAMAGED));
         }
         let count = self.kind.leaf_value_bytes(1 << width.min(4));
-        let values = self.memory.slice(leaf + self.kind.leaf_values() as u64, count, "the values of a leaf")?;
+        let values = self.take(leaf + self.kind.leaf_values() as u64, count, "the values of a leaf")?;
         self.collector.leaf(origin, head, values)
     }
 }

@@ -136,6 +136,15 @@ impl File {
     /// If there is no such grid, its type is not read, its memory or what becomes of it does not fit into the limits, or
     /// the file is damaged.
     pub fn read(&mut self, index: usize) -> Result<Volume> {
+        self.read_beside(index, 0)
+    }
+
+    /// Reads a grid as [`File::read`] does, where `held` bytes of what the limits allow are taken already.
+    ///
+    /// # Errors
+    /// As [`File::read`].
+    pub fn read_beside(&mut self, index: usize, held: u64) -> Result<Volume> {
+        let limits = Limits { max_memory: self.limits.max_memory.saturating_sub(held) };
         let _reading = Reading::begin(&self.path);
         let entry = self.entries.get(index).cloned().ok_or_else(|| {
             let count = self.entries.len();
@@ -143,10 +152,10 @@ impl File {
         })?;
         let path = self.path.clone();
         let place = |e: Error| e.part(format!("grid '{}'", entry.name)).at(&path);
-        self.decode(&entry).map_err(place)
+        self.decode(&entry, limits).map_err(place)
     }
 
-    fn decode(&mut self, entry: &Entry) -> Result<Volume> {
+    fn decode(&mut self, entry: &Entry, limits: Limits) -> Result<Volume> {
         let kind = Kind::of(entry.kind).ok_or_else(|| {
             let what = format!("values of type {} are not read", entry.kind_name());
             let index = matches!(entry.kind, 19..=23);
@@ -159,13 +168,13 @@ impl File {
         // The memory of the grid, and its packed bytes beside it while they are unpacked.
         let packed = if entry.codec == Codec::None { 0 } else { entry.stored_bytes };
         let needed = entry.bytes.saturating_add(packed);
-        if needed > self.limits.max_memory {
-            let what = format!("the grid needs {needed} bytes, {} are allowed", self.limits.max_memory);
+        if needed > limits.max_memory {
+            let what = format!("the grid needs {needed} bytes, {} are left", limits.max_memory);
             return Err(Error::unsupported(what).hint("raise --max-memory if the file is to be trusted"));
         }
         let stored = self.bytes(entry.position, entry.stored_bytes)?;
         let memory = unpack(stored, entry.codec, entry.bytes)?;
-        decode::volume(Bytes(&memory), &entry.name, kind, entry.class, self.limits)
+        decode::volume(Bytes(&memory), &entry.name, kind, entry.class, limits)
     }
 
     /// Reads bytes that [`File::open`] has seen to be in the file.

@@ -44,6 +44,10 @@ impl Volume {
                 if zeros {
                     notes.push("voxels of value 0 become inactive".into());
                 }
+                let hidden = |l: &IntegerLeaf| (0..LEAF_VOXELS).any(|i| l.values[i] != 0 && !is_active(&l.active, i));
+                if leaves.iter().any(hidden) || tiles.iter().any(|t| t.value != 0 && !t.active) {
+                    notes.push("values of inactive voxels become 0".into());
+                }
                 self.integers(leaves, tiles)?
             }
             Tree::Integers { background, leaves, tiles } => {

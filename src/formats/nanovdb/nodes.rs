@@ -1,7 +1,10 @@
 //! A tree as it is written: nodes of each level in a row.
 
 use super::layout::{GRID, Kind, LOWER, TREE, UPPER};
+use super::volume::{IntegerLeaf, IntegerTile};
 use crate::error::{Error, Result};
+use crate::formats::vdb::{RawLeaf, RawTile};
+use crate::scene::grid::{Leaf, Tile};
 use std::collections::BTreeMap;
 
 /// A value of a tree.
@@ -47,6 +50,43 @@ pub(super) struct LeafRef<'a, V> {
     pub origin: [i32; 3],
     pub active: &'a [u64; 8],
     pub value: Box<dyn Fn(usize) -> V + 'a>,
+}
+
+impl<'a> From<&'a Leaf> for LeafRef<'a, f32> {
+    fn from(leaf: &'a Leaf) -> Self {
+        Self { origin: leaf.origin, active: &leaf.active, value: Box::new(|i| leaf.values[i]) }
+    }
+}
+
+impl<'a> From<&'a IntegerLeaf> for LeafRef<'a, i32> {
+    fn from(leaf: &'a IntegerLeaf) -> Self {
+        Self { origin: leaf.origin, active: &leaf.active, value: Box::new(|i| leaf.values[i]) }
+    }
+}
+
+impl<'a> From<&'a RawLeaf> for LeafRef<'a, [f32; 3]> {
+    fn from(leaf: &'a RawLeaf) -> Self {
+        let value = |i| std::array::from_fn(|c| leaf.values[3 * i + c]);
+        Self { origin: leaf.origin, active: &leaf.active, value: Box::new(value) }
+    }
+}
+
+impl From<&Tile> for TileRef<f32> {
+    fn from(tile: &Tile) -> Self {
+        Self { origin: tile.origin, dim: tile.dim, value: tile.value, active: tile.active }
+    }
+}
+
+impl From<&IntegerTile> for TileRef<i32> {
+    fn from(tile: &IntegerTile) -> Self {
+        Self { origin: tile.origin, dim: tile.dim, value: tile.value, active: tile.active }
+    }
+}
+
+impl From<&RawTile> for TileRef<[f32; 3]> {
+    fn from(tile: &RawTile) -> Self {
+        Self { origin: tile.origin, dim: tile.dim, value: tile.value, active: tile.active }
+    }
 }
 
 /// A constant block.

@@ -1,7 +1,7 @@
 //! Writing of files.
 
 use super::encode::{Encoded, Memory, VERSION, class, world_box};
-use super::nodes::{LeafRef, Nodes, TileRef};
+use super::nodes::{LeafRef, Nodes, TileRef, Value};
 use super::volume::{Tree, Volume};
 use crate::error::{Error, Result};
 use crate::formats::atomic;
@@ -12,46 +12,32 @@ use std::path::Path;
 /// Largest difference of a cube's edges, relative to them.
 const CUBE: f64 = 1e-6;
 
+/// Lays out the leaves and tiles of one type of value.
+fn laid_out<'v, V: Value, L, T>(
+    volume: &Volume,
+    background: V,
+    leaves: &'v [L],
+    tiles: &'v [T],
+    limits: Limits,
+) -> Result<Encoded>
+where
+    LeafRef<'v, V>: From<&'v L>,
+    TileRef<V>: From<&'v T>,
+{
+    let tiles: Vec<_> = tiles.iter().map(TileRef::from).collect();
+    Nodes::new(background, leaves.iter().map(LeafRef::from).collect(), &tiles)?.encode(volume, limits)
+}
+
 fn encoded(volume: &Volume, limits: Limits) -> Result<Encoded> {
     match &volume.tree {
-        Tree::Scalars { background, leaves, tiles } => {
-            let leaves = leaves.iter().map(|l| LeafRef {
-                origin: l.origin,
-                active: &l.active,
-                value: Box::new(|i| l.values[i]),
-            });
-            let tiles: Vec<_> = tiles
-                .iter()
-                .map(|t| TileRef { origin: t.origin, dim: t.dim, value: t.value, active: t.active })
-                .collect();
-            Nodes::new(*background, leaves.collect(), &tiles)?.encode(volume, limits)
-        }
+        Tree::Scalars { background, leaves, tiles } => laid_out(volume, *background, leaves, tiles, limits),
+        Tree::Integers { background, leaves, tiles } => laid_out(volume, *background, leaves, tiles, limits),
         Tree::Vectors { background, leaves, tiles } => {
             if let Some(leaf) = leaves.iter().find(|l| l.values.len() != 3 * LEAF_VOXELS) {
-                return Err(Error::invalid(format!("a leaf of {} numbers; 1536 are expected", leaf.values.len())));
+                return Err(Error::invalid(format!("a leaf of {} numbers; 1536 are expected", leaf.values.len()))
+                    .hint("write the grid again where it was made"));
             }
-            let leaves = leaves.iter().map(|l| LeafRef {
-                origin: l.origin,
-                active: &l.active,
-                value: Box::new(|i| std::array::from_fn(|c| l.values[3 * i + c])),
-            });
-            let tiles: Vec<_> = tiles
-                .iter()
-                .map(|t| TileRef { origin: t.origin, dim: t.dim, value: t.value, active: t.active })
-                .collect();
-            Nodes::new(*background, leaves.collect(), &tiles)?.encode(volume, limits)
-        }
-        Tree::Integers { background, leaves, tiles } => {
-            let leaves = leaves.iter().map(|l| LeafRef {
-                origin: l.origin,
-                active: &l.active,
-                value: Box::new(|i| l.values[i]),
-            });
-            let tiles: Vec<_> = tiles
-                .iter()
-                .map(|t| TileRef { origin: t.origin, dim: t.dim, value: t.value, active: t.active })
-                .collect();
-            Nodes::new(*background, leaves.collect(), &tiles)?.encode(volume, limits)
+            laid_out(volume, *background, leaves, tiles, limits)
         }
     }
 }

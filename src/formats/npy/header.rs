@@ -13,8 +13,8 @@ const MOST_AXES: usize = 64;
 /// Advice on files that NumPy would not have written.
 const AGAIN: &str = "write the array again with numpy.save";
 
-/// Type of NumPy's name for it, with the order of the bytes.
-fn parse_type(descr: &str) -> Option<(Sample, Endian)> {
+/// Type of NumPy's name for it, such as `<u2`, with the order of the bytes.
+pub(in crate::formats) fn parse_type(descr: &str) -> Option<(Sample, Endian)> {
     let (order, kind) = (descr.get(..1)?, descr.get(1..)?);
     let sample = match kind {
         "f2" => Sample::F16,

@@ -11,7 +11,7 @@ use crate::formats::input;
 use crate::formats::limits::Limits;
 use crate::formats::reading::Reading;
 use crate::formats::sample::{Endian, Sample};
-pub(in crate::formats) use header::{Header, written};
+pub(in crate::formats) use header::{Header, parse_type, written};
 use std::io::{BufReader, Read};
 use std::path::Path;
 

@@ -5,8 +5,8 @@ use super::fields::{Fields, Frame};
 use super::syntax::{self, META, Syntax};
 use super::tags::{
     BITS_ALLOCATED, BITS_STORED, COLUMNS, DOSE_SCALING, DOUBLE_PIXELS, FLOAT_PIXELS, FRAME_GROUPS, FRAME_OFFSETS,
-    FRAMES, HIGH_BIT, INSTANCE_NUMBER, MODALITY, PADDING, PHOTOMETRIC, PIXELS, REPRESENTATION, ROWS, SAMPLES, SERIES,
-    SERIES_DESCRIPTION, SHARED_GROUPS, TRANSFER_SYNTAX, WANTED,
+    FRAMES, HIGH_BIT, INSTANCE_NUMBER, MODALITY, MODALITY_TABLE, PADDING, PHOTOMETRIC, PIXELS, REPRESENTATION, ROWS,
+    SAMPLES, SERIES, SERIES_DESCRIPTION, SHARED_GROUPS, TRANSFER_SYNTAX, WANTED,
 };
 use crate::error::{Error, Result};
 use crate::formats::input;
@@ -82,6 +82,8 @@ pub struct File {
     pub pixel_data: (u64, Option<u32>),
     /// True if the frames are slices in even steps of their thickness, for want of their positions.
     pub even: bool,
+    /// True if a table, which is not applied, makes physical quantities of stored values.
+    pub table: bool,
     /// True if 8-bit pixels of a big-endian file are stored in words.
     pub words: bool,
     /// Place and scale that all frames share.
@@ -169,6 +171,20 @@ fn layout(fields: &Fields, head: Head) -> Result<Pixels> {
     Ok(Pixels::Integer { allocated, stored, shift: high + 1 - stored, signed })
 }
 
+/// Refuses a number of frames that the pixels or the memory do not have room for, before anything is allocated for them.
+fn room(frames: usize, frame_bytes: usize, head: Head, limits: Limits) -> Result<()> {
+    let needed = (frames as u64).saturating_mul(frame_bytes as u64);
+    if let Some(length) = head.length.filter(|length| u64::from(*length) < needed) {
+        return Err(damaged(format!("{length} bytes of pixels for {frames} frames of {frame_bytes}")));
+    }
+    let descriptions = (frames as u64).saturating_mul(size_of::<Frame>() as u64);
+    if descriptions > limits.max_memory / 4 {
+        return Err(Error::unsupported(format!("the places of {frames} frames do not fit into the memory allowed"))
+            .hint("raise --max-memory if the file is to be trusted"));
+    }
+    Ok(())
+}
+
 /// Frames of a file that states the position of the first one alone, along the normal: at the offsets of a radiation dose,
 /// else in even steps of the thickness, if there is one. True for the latter.
 fn stepped(fields: &Fields, shared: &Frame, frames: usize, (first, normal): (DVec3, DVec3)) -> (Vec<Frame>, bool) {
@@ -202,6 +218,7 @@ pub fn read(path: &Path, limits: Limits) -> Result<File> {
     let (Some(frames), false) = (frames, lengths.contains(&0)) else {
         return Err(damaged(format!("images of {} rows, {} columns and {stated:?} frames", lengths[0], lengths[1])));
     };
+    room(frames, lengths[0] * lengths[1] * pixels.bytes(), head, limits)?;
     let none = Frame { position: None, orientation: None, spacing: None, thickness: None, rescale: (1.0, 0.0) };
     let mut shared = fields.frame(&none)?;
     if let Some(scaling) = fields.number(DOSE_SCALING)? {
@@ -239,6 +256,7 @@ pub fn read(path: &Path, limits: Limits) -> Result<File> {
         start,
         pixel_data: (elements.position(), head.length),
         even,
+        table: !fields.items(MODALITY_TABLE).is_empty(),
         words: syntax.big && &head.vr == b"OW",
         shared,
         own,

@@ -48,7 +48,7 @@ pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Image> {
     let stack = placement::stack(&files, options, &mut notes).map_err(place)?;
     let first = &files[stack.planes[0].file];
     let rescaled = stack.planes.iter().any(|plane| files[plane.file].frame(plane.frame).rescale != (1.0, 0.0));
-    let whole = first.pixels.is_integer() && !rescaled;
+    let whole = stack.planes.iter().all(|plane| files[plane.file].pixels.is_integer()) && !rescaled;
     if files.iter().any(|file| file.inverted) {
         notes.push("displays show low values of this series bright (MONOCHROME1); values are kept as stored".into());
     }
@@ -56,6 +56,9 @@ pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Image> {
         notes.push(
             "the frames do not say where they lie; they are taken for slices in even steps of their thickness".into(),
         );
+    }
+    if files.iter().any(|file| file.table) {
+        notes.push("a table of the file makes quantities of stored values (Modality LUT); it is not applied".into());
     }
     if let Some(padding) = first.padding {
         notes.push(format!("stored values of {padding} mark pixels outside the image; they are kept"));

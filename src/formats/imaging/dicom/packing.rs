@@ -73,9 +73,9 @@ impl Frames {
             fragments.iter().map(|(_, fragment)| vec![*fragment]).collect()
         } else if offsets.len() == count && offsets.is_sorted() {
             let end = |i: usize| offsets.get(i + 1).copied().unwrap_or(u64::MAX);
-            let of =
-                |i: usize| fragments.iter().filter(|(at, _)| (offsets[i]..end(i)).contains(at)).map(|f| f.1).collect();
-            (0..count).map(of).collect()
+            // Fragments are in ascending order of position.
+            let from = |offset: u64| fragments.partition_point(|(at, _)| *at < offset);
+            (0..count).map(|i| all(&fragments[from(offsets[i])..from(end(i))])).collect()
         } else {
             return Err(damaged(format!("{} parts of packed pixels for {count} frames", fragments.len())));
         };

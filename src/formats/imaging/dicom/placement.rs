@@ -14,6 +14,8 @@ const COSINE: f64 = 1e-3;
 const GAP: f64 = 0.01;
 /// Largest difference of two positions that counts as rounding, in millimetres: exporters write three digits or more.
 const ROUNDING: f64 = 2e-3;
+/// Largest difference of two positions that counts as rounding, relative to the edge of a pixel, for voxels of micrometres.
+const FINE: f64 = 0.02;
 
 /// A slice: a frame of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,6 +34,16 @@ pub struct Stack {
     pub index_to_world: Affine,
 }
 
+/// A slice with its place.
+#[derive(Debug, Clone, Copy)]
+struct Located {
+    /// Position along the normal of the image plane, in millimetres.
+    along: f64,
+    /// Position of the centre of its first pixel.
+    position: DVec3,
+    plane: Plane,
+}
+
 fn name(files: &[File], plane: Plane) -> String {
     let file = &files[plane.file];
     let name = file.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -45,7 +57,7 @@ fn name(files: &[File], plane: Plane) -> String {
 pub fn stack(files: &[File], options: &Options, notes: &mut Vec<String>) -> Result<Stack> {
     let planes: Vec<Plane> =
         files.iter().enumerate().flat_map(|(file, f)| (0..f.frames).map(move |frame| Plane { file, frame })).collect();
-    let Some((first, of)) = planes.first().map(|plane| (*plane, &files[plane.file])) else {
+    let Some(of) = planes.first().map(|plane| &files[plane.file]) else {
         return Err(damaged("the series has no slices"));
     };
     if let Some(other) = files.iter().find(|f| (f.rows, f.columns) != (of.rows, of.columns)) {
@@ -57,29 +69,64 @@ pub fn stack(files: &[File], options: &Options, notes: &mut Vec<String>) -> Resu
         let frame = files[plane.file].frame(plane.frame);
         frame.position.zip(frame.orientation)
     };
-    let places: Option<Vec<(DVec3, [DVec3; 2])>> = planes.iter().map(placed).collect();
-    let spacing = spacing(files, first, options)?;
-    let Some(places) = places else { return unplaced(files, planes, spacing, options, notes) };
+    let places: Vec<(DVec3, [DVec3; 2])> = planes.iter().filter_map(placed).collect();
+    if places.is_empty() {
+        return unplaced(files, planes, options, notes);
+    }
+    if let Some(plane) = planes.iter().find(|plane| placed(plane).is_none()) {
+        return Err(Error::invalid(format!("{} does not say where it lies, and other slices do", name(files, *plane)))
+            .at(&files[plane.file].path)
+            .hint("move images that are no slices out of the folder"));
+    }
+    refuse_placement(options)?;
+    let spacing = spacing(files, &planes, options)?;
     let [row, column] = directions(files, &planes, &places)?;
     let normal = row.cross(column);
-    let mut sorted: Vec<(f64, DVec3, Plane)> =
-        planes.iter().zip(&places).map(|(plane, (position, _))| (position.dot(normal), *position, *plane)).collect();
-    sorted.sort_by(|a, b| {
-        let order = |p: &Plane| (files[p.file].number, p.file, p.frame);
-        let close = (a.0 - b.0).abs() < ROUNDING;
-        if close { order(&a.2).cmp(&order(&b.2)) } else { a.0.total_cmp(&b.0) }
-    });
-    let sorted = one_volume(files, sorted, options, notes)?;
-    let step = step(files, &sorted, normal, notes)?;
+    let located = |(plane, (position, _)): (&Plane, &(DVec3, [DVec3; 2]))| Located {
+        along: position.dot(normal),
+        position: *position,
+        plane: *plane,
+    };
+    let mut located: Vec<Located> = planes.iter().zip(&places).map(located).collect();
+    located.sort_by(|a, b| a.along.total_cmp(&b.along));
+    let rounding = ROUNDING.min(FINE * spacing[0].min(spacing[1]));
+    let slices = one_volume(files, located, rounding, options, notes)?;
+    let step = step(files, &slices, (normal, rounding), notes)?;
     let columns = [row * spacing[1], column * spacing[0], step];
-    let map = placement::affine(columns, sorted[0].1)?.matrix();
+    let map = placement::affine(columns, slices[0].position)?.matrix();
     let index_to_world = placement::checked(placement::swap_lps_ras(map))?;
-    Ok(Stack { planes: sorted.into_iter().map(|(_, _, plane)| plane).collect(), index_to_world })
+    Ok(Stack { planes: slices.into_iter().map(|slice| slice.plane).collect(), index_to_world })
 }
 
-/// Distances of rows and of columns.
-fn spacing(files: &[File], first: Plane, options: &Options) -> Result<[f64; 2]> {
-    let stated = files[first.file].frame(first.frame).spacing;
+/// Refuses options that cannot change where slices lie that say so themselves.
+fn refuse_placement(options: &Options) -> Result<()> {
+    if options.origin.is_none() && options.transform.is_none() {
+        return Ok(());
+    }
+    Err(Error::invalid("the slices say where they lie, which --origin and --transform do not change")
+        .hint("leave these options out"))
+}
+
+/// Distances of rows and of columns, which all slices share: those that the files state, else those of the options.
+fn spacing(files: &[File], planes: &[Plane], options: &Options) -> Result<[f64; 2]> {
+    let of = |plane: &Plane| files[plane.file].frame(plane.frame).spacing;
+    let stated = planes.first().and_then(of);
+    if let (Some([rows, columns]), Some(_)) = (stated, options.spacing) {
+        return Err(Error::invalid(format!(
+            "the files state pixels of {columns} x {rows} mm, which --spacing does not change"
+        ))
+        .hint("leave --spacing and --voxel-size out"));
+    }
+    let like = |other: Option<[f64; 2]>| match (stated, other) {
+        (Some(a), Some(b)) => a.iter().zip(b).all(|(a, b)| (a - b).abs() <= COSINE * a.abs()),
+        (a, b) => a == b,
+    };
+    if let Some(other) = planes.iter().find(|plane| !like(of(plane))) {
+        let what = format!("{} has pixels of another size than the slices before", name(files, *other));
+        return Err(Error::invalid(what)
+            .at(&files[other.file].path)
+            .hint("move slices with pixels of another size out of the folder"));
+    }
     let spacing = stated.or(options.spacing.map(|s| [s.y, s.x])).filter(|s| s.iter().all(|d| *d > 0.0));
     spacing.ok_or_else(|| {
         Error::invalid("the series does not say how large its pixels are").hint("give --spacing X,Y,Z in millimetres")
@@ -103,23 +150,27 @@ fn directions(files: &[File], planes: &[Plane], places: &[(DVec3, [DVec3; 2])]) 
     Ok([row.normalize(), column.normalize()])
 }
 
-/// Chooses one of the volumes of a series that has as many slices at each position, such as points in time.
+/// Chooses one of the volumes of a series that has as many slices at each position, such as points in time. The slices are in
+/// ascending order.
 fn one_volume(
     files: &[File],
-    sorted: Vec<(f64, DVec3, Plane)>,
+    mut located: Vec<Located>,
+    rounding: f64,
     options: &Options,
     notes: &mut Vec<String>,
-) -> Result<Vec<(f64, DVec3, Plane)>> {
-    let groups: Vec<&[(f64, DVec3, Plane)]> = sorted.chunk_by(|a, b| (a.0 - b.0).abs() < ROUNDING).collect();
+) -> Result<Vec<Located>> {
+    let mut groups: Vec<&mut [Located]> = located.chunk_by_mut(|a, b| b.along - a.along < rounding).collect();
+    let order = |slice: &Located| (files[slice.plane.file].number, slice.plane.file, slice.plane.frame);
+    groups.iter_mut().for_each(|group| group.sort_by_key(order));
     let most = groups.iter().map(|g| g.len()).max().unwrap_or(1);
     if let Some(uneven) = groups.iter().find(|g| g.len() != most) {
         let many = groups.iter().find(|g| g.len() == most).unwrap_or(uneven);
         return Err(Error::invalid(format!(
             "{most} slices lie at {:.3} mm along the normal ({} and others), but {} at {:.3} mm",
-            many[0].0,
-            name(files, many[0].2),
+            many[0].along,
+            name(files, many[0].plane),
             uneven.len(),
-            uneven[0].0
+            uneven[0].along
         ))
         .hint("leave one slice at each position in the folder"));
     }
@@ -128,21 +179,26 @@ fn one_volume(
 }
 
 /// Step from one slice to the next, which all slices share.
-fn step(files: &[File], sorted: &[(f64, DVec3, Plane)], normal: DVec3, notes: &mut Vec<String>) -> Result<DVec3> {
-    let (first, last) = (sorted[0], sorted[sorted.len() - 1]);
-    if sorted.len() == 1 {
-        let thickness = files[first.2.file].frame(first.2.frame).thickness;
+fn step(
+    files: &[File],
+    slices: &[Located],
+    (normal, rounding): (DVec3, f64),
+    notes: &mut Vec<String>,
+) -> Result<DVec3> {
+    let (first, last) = (slices[0], slices[slices.len() - 1]);
+    if slices.len() == 1 {
+        let thickness = files[first.plane.file].frame(first.plane.frame).thickness;
         if thickness.is_none() {
             notes.push("the series has one slice of no stated thickness; 1 mm is taken".into());
         }
         return Ok(normal * thickness.unwrap_or(1.0));
     }
-    let mut gaps: Vec<f64> = sorted.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
-    let at = |i: usize| (name(files, sorted[i].2), name(files, sorted[i + 1].2));
+    let mut gaps: Vec<f64> = slices.windows(2).map(|pair| pair[1].along - pair[0].along).collect();
+    let at = |i: usize| (name(files, slices[i].plane), name(files, slices[i + 1].plane));
     let unsorted = gaps.clone();
     gaps.sort_by(f64::total_cmp);
     let usual = gaps[gaps.len() / 2];
-    if let Some(i) = unsorted.iter().position(|gap| (gap - usual).abs() > (GAP * usual).max(ROUNDING)) {
+    if let Some(i) = unsorted.iter().position(|gap| (gap - usual).abs() > (GAP * usual).max(rounding)) {
         let (before, after) = at(i);
         let missing = (unsorted[i] / usual).round();
         let missing = if missing >= 2.0 { format!(", as if {} were missing", missing - 1.0) } else { String::new() };
@@ -152,31 +208,37 @@ fn step(files: &[File], sorted: &[(f64, DVec3, Plane)], normal: DVec3, notes: &m
         ))
         .hint("add the missing slices, or resample the series to even distances where it was made"));
     }
-    let step = (last.1 - first.1) / (sorted.len() - 1) as f64;
-    let off = sorted.iter().enumerate().find(|(i, (_, position, _))| {
-        (*position - first.1 - step * *i as f64).length() > (0.05 * step.length()).max(5.0 * ROUNDING)
+    let step = (last.position - first.position) / (slices.len() - 1) as f64;
+    let off = slices.iter().enumerate().find(|(i, slice)| {
+        (slice.position - first.position - step * *i as f64).length() > (0.05 * step.length()).max(5.0 * rounding)
     });
-    if let Some((_, (_, _, plane))) = off {
-        return Err(Error::invalid(format!("the slice {} does not lie in line with the others", name(files, *plane)))
-            .hint("resample the series to slices in line where it was made"));
+    if let Some((_, slice)) = off {
+        return Err(Error::invalid(format!(
+            "the slice {} does not lie in line with the others",
+            name(files, slice.plane)
+        ))
+        .hint("resample the series to slices in line where it was made"));
     }
     Ok(step)
 }
 
-/// Stack of slices without positions, in order of their numbers.
-fn unplaced(
-    files: &[File],
-    mut planes: Vec<Plane>,
-    spacing: [f64; 2],
-    options: &Options,
-    notes: &mut Vec<String>,
-) -> Result<Stack> {
+/// Stack of slices without positions, in order of their numbers, at the place that the options state.
+fn unplaced(files: &[File], mut planes: Vec<Plane>, options: &Options, notes: &mut Vec<String>) -> Result<Stack> {
     planes.sort_by_key(|plane| (files[plane.file].number, plane.file, plane.frame));
+    if let Some(index_to_world) = options.transform {
+        notes.push("the slices do not say where they lie; they are taken in order of their numbers".into());
+        return Ok(Stack { planes, index_to_world });
+    }
     let thickness = files[planes[0].file].frame(planes[0].frame).thickness;
+    // The options state what the files do not, be it the distance of slices alone.
+    let pixels = Options { spacing: options.spacing.filter(|_| thickness.is_some()), ..options.clone() };
+    let stated = files[planes[0].file].frame(planes[0].frame).spacing.is_some();
+    let spacing = spacing(files, &planes, if stated { &pixels } else { options })?;
     let thickness = thickness.or(options.spacing.map(|s| s.z)).filter(|t| *t > 0.0);
     let what = if thickness.is_some() { "in even steps of their thickness" } else { "1 mm apart" };
     notes.push(format!("the slices do not say where they lie; they are taken in order of their numbers, {what}"));
     let columns = [DVec3::X * spacing[1], DVec3::Y * spacing[0], DVec3::Z * thickness.unwrap_or(1.0)];
     let map = placement::affine(columns, DVec3::ZERO)?.matrix();
-    Ok(Stack { planes, index_to_world: placement::checked(placement::swap_lps_ras(map))? })
+    let index_to_world = options.moved(&placement::checked(placement::swap_lps_ras(map))?)?;
+    Ok(Stack { planes, index_to_world })
 }

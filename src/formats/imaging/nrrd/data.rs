@@ -138,7 +138,8 @@ fn data_files(text: &str, path: &Path, rest: &[String]) -> Result<Vec<PathBuf>> 
         [pattern, first, last, step, ..] if pattern.contains('%') => {
             let number = |word: &str| word.parse::<i64>().map_err(|_| wrong("data file", text));
             let (first, last, step) = (number(first)?, number(last)?, number(step)?);
-            if step == 0 || last.abs_diff(first) / step.unsigned_abs() > 100_000 {
+            let away = first < last && step < 0 || first > last && step > 0;
+            if step == 0 || away || last.abs_diff(first) / step.unsigned_abs() > 100_000 {
                 return Err(wrong("data file", text));
             }
             let count = last.abs_diff(first) / step.unsigned_abs();

@@ -46,6 +46,9 @@ pub fn directions(text: &str) -> Result<Vec<Option<DVec3>>> {
         if let Some(after) = rest.strip_prefix("none") {
             found.push(None);
             rest = after.trim_start();
+        } else if let Some(after) = unknown(rest) {
+            found.push(None);
+            rest = after;
         } else {
             let (vector, after) = bracketed("space directions", rest)?;
             found.push(Some(vector));
@@ -53,6 +56,13 @@ pub fn directions(text: &str) -> Result<Vec<Option<DVec3>>> {
         }
     }
     Ok(found)
+}
+
+/// What follows a vector of `nan`, by which some writers say that an axis is not in space; none if there is no such vector.
+fn unknown(text: &str) -> Option<&str> {
+    let (inner, after) = text.strip_prefix('(')?.split_once(')')?;
+    let nan = inner.split(',').all(|word| word.trim().eq_ignore_ascii_case("nan"));
+    nan.then(|| after.trim_start())
 }
 
 /// Vector in brackets at the beginning of a text, and what follows it. Two numbers are a vector in the plane.

@@ -31,11 +31,11 @@ fn placement(fields: &Fields, layout: &Layout, notes: &mut Vec<String>) -> Resul
         if layout.space.len() == 2 {
             columns[2] = columns[0].cross(columns[1]).normalize_or(DVec3::Z);
         }
-        if let Some(text) = fields.get(&["space origin"]) {
-            origin = bracketed("space origin", text)?.0;
-        }
     } else {
         by_axis(fields, layout, &mut columns, &mut origin)?;
+    }
+    if let Some(text) = fields.get(&["space origin"]) {
+        origin = bracketed("space origin", text)?.0;
     }
     let map = placement::affine(columns, origin)?;
     let space = fields.get(&["space"]).unwrap_or("").to_ascii_lowercase();
@@ -49,6 +49,29 @@ fn placement(fields: &Fields, layout: &Layout, notes: &mut Vec<String>) -> Resul
             placement::checked(mirrored * map.matrix())
         }
         _ => Ok(map),
+    }
+}
+
+/// Note about the units of length, where they are stated and no millimetres: names in quotes, those of space or of all axes.
+fn unit(fields: &Fields, layout: &Layout) -> Option<String> {
+    let names = |text: &str| text.split('"').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
+    let mut units = match (fields.get(&["space units"]), fields.get(&["units"])) {
+        (Some(text), _) => names(text),
+        (None, Some(text)) => {
+            let all = names(text);
+            layout.space.iter().filter_map(|axis| all.get(*axis).cloned()).collect()
+        }
+        (None, None) => return None,
+    };
+    units.dedup();
+    match &units[..] {
+        [] => None,
+        [one] if one.is_empty() || one == "mm" => None,
+        [one] => Some(format!("a unit of length is one {}", text::shown(one))),
+        several => {
+            let all = text::shown(&several.join(", "));
+            Some(format!("the axes have different units ({all}), which are not converted"))
+        }
     }
 }
 
@@ -92,10 +115,15 @@ pub fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
     let layout = Layout::of(&fields)?;
     let mut notes = Vec::new();
     let index_to_world = placement(&fields, &layout, &mut notes)?;
+    notes.extend(unit(&fields, &layout));
     let time = options.choose_time(layout.length(layout.list), &mut notes)?;
     let slices = slices(&data, &layout, time)?;
     let values = if data.sample.is_integer() { Values::Integer } else { Values::Real };
     let components = layout.length(layout.components);
+    notes.extend(placement::unturned(values, components).filter(|_| fields.get(&["space"]).is_some()));
+    if components == 3 && fields.get(&["measurement frame"]).is_some() {
+        notes.push("the measurement frame, in which vectors are stated, is not applied".into());
+    }
     Ok(vec![Image {
         header: Header { name: None, size: layout.size(), components, values, index_to_world, notes },
         slices,
@@ -119,7 +147,11 @@ fn slices(data: &Data, layout: &Layout, time: usize) -> Result<Box<dyn Slices>> 
         return files(data, layout, total, time);
     }
     let file = data.files.first().ok_or_else(|| wrong("data file", "an empty list"))?;
-    let first = time as u64 * list;
+    volume(data, layout, file, time as u64 * list, total)
+}
+
+/// Slices of the volume that begins at number `first` of those of a file of `total` bytes.
+fn volume(data: &Data, layout: &Layout, file: &Path, first: u64, total: u64) -> Result<Box<dyn Slices>> {
     match layout.components.filter(|a| *a > layout.space[0]) {
         None => data.slices(file, first, Some(total)),
         Some(axis) => {
@@ -134,17 +166,18 @@ fn slices(data: &Data, layout: &Layout, time: usize) -> Result<Box<dyn Slices>> 
 fn files(data: &Data, layout: &Layout, total: u64, time: usize) -> Result<Box<dyn Slices>> {
     let count = data.files.len();
     let slowest = layout.sizes.last().copied().unwrap_or(1);
-    let last = layout.space.last() == Some(&(layout.sizes.len() - 1));
+    let slow = layout.sizes.len() - 1;
+    let last = layout.space.last() == Some(&slow);
     if !total.is_multiple_of(count as u64)
         || (last && !slowest.is_multiple_of(count))
-        || !last && (layout.list.is_none() || slowest != count)
+        || !last && (layout.list != Some(slow) || slowest != count)
     {
         return Err(Error::unsupported(format!("{count} files for {:?} values", layout.sizes))
             .hint("each file must hold as many slices as every other, or one point in time"));
     }
     let share = total / count as u64;
     if !last {
-        return data.slices(&data.files[time], 0, Some(share));
+        return volume(data, layout, &data.files[time], 0, share);
     }
     Ok(Box::new(Files::new(data, share, slowest / count)))
 }

@@ -56,7 +56,8 @@ pub fn files(path: &Path) -> Result<Vec<PathBuf>> {
             .at(path)
             .hint("name a folder of .tif files, or a pattern such as 'a/s*.tif'"));
     }
-    names.sort_by(|a, b| natural(a, b));
+    // Names that differ in zeros before a number alone still have an order of their own.
+    names.sort_by(|a, b| natural(a, b).then_with(|| a.cmp(b)));
     Ok(names.iter().map(|name| folder.join(name)).collect())
 }
 
@@ -133,5 +134,9 @@ mod tests {
             assert!(pattern.matches(yes) && !pattern.matches(no), "{pattern:?}");
         }
         assert_eq!(Pattern::parse(Path::new("plain.tif")), None);
+        let folder = tempfile::tempdir().unwrap();
+        let names = ["s001.tif", "s01.tif", "s1.tif", "s2.tif"];
+        names.iter().rev().for_each(|name| std::fs::write(folder.path().join(name), "").unwrap());
+        assert_eq!(files(folder.path()).unwrap(), names.map(|name| folder.path().join(name)));
     }
 }

@@ -53,8 +53,11 @@ pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Vec<Image>
             .hint("save the stack again, one page for each slice: in ImageJ as an ordinary TIFF, below 4 GiB")
             .at(first)
     })?;
-    let index_to_world = place(description.as_ref(), options, &mut notes).map_err(|e| e.at(path))?;
+    let index_to_world = place(description.as_ref(), order.slices, options, &mut notes).map_err(|e| e.at(path))?;
     let time = options.choose_time(order.times, &mut notes)?;
+    if pages.is_inverted().map_err(|e| e.at(first))? {
+        notes.push("displays show low values of these pages bright (MinIsWhite); values are kept as stored".into());
+    }
     if order.channels > MOST_CHANNELS {
         return Err(Error::unsupported(format!("{} channels, at most {MOST_CHANNELS} are read", order.channels))
             .hint("save those that are wanted to a file of their own"));
@@ -74,18 +77,27 @@ pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Vec<Image>
 }
 
 /// Map from indices to the world: what the caller states, else what the file does.
-fn place(description: Option<&Description>, options: &Options, notes: &mut Vec<String>) -> Result<Affine> {
+fn place(
+    description: Option<&Description>,
+    slices: usize,
+    options: &Options,
+    notes: &mut Vec<String>,
+) -> Result<Affine> {
     if let Some(map) = options.placement()? {
         return Ok(map);
     }
-    let stated = description.and_then(|d| d.spacing.map(|spacing| (spacing, d.unit.as_str())));
-    let Some((spacing, unit)) = stated else {
+    let stated = description.and_then(|d| d.spacing.map(|spacing| (spacing, d.depth, d.unit.as_str())));
+    let Some(([x, y], depth, unit)) = stated else {
         return Err(Error::invalid("the stack does not say how large its voxels are")
             .hint("give --voxel-size EDGE, or --spacing X,Y,Z"));
     };
-    notes.push(format!("spacing {} x {} x {} {unit}, as the file states", spacing.x, spacing.y, spacing.z));
-    let origin = options.origin.unwrap_or(DVec3::ZERO);
-    placement::affine([DVec3::X * spacing.x, DVec3::Y * spacing.y, DVec3::Z * spacing.z], origin)
+    let z = depth.unwrap_or(1.0);
+    notes.push(if depth.is_some() || slices == 1 {
+        format!("spacing {x} x {y} x {z} {unit}, as the file states")
+    } else {
+        format!("spacing {x} x {y} {unit}, as the file states, which does not say how far slices are apart; 1 {unit} was taken")
+    });
+    options.moved(&placement::affine([DVec3::X * x, DVec3::Y * y, DVec3::Z * z], DVec3::ZERO)?)
 }
 
 /// Slices of one channel.

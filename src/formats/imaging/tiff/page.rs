@@ -10,7 +10,7 @@ use std::io::BufReader;
 use std::path::Path;
 use tiff::decoder::ifd::Value;
 use tiff::decoder::{Decoder, DecodingResult};
-use tiff::tags::Tag;
+use tiff::tags::{PhotometricInterpretation, Tag};
 use tiff::{ColorType, TiffError};
 
 /// Largest number of pages.
@@ -127,8 +127,21 @@ impl Pages {
         Some([x, along(Tag::YResolution).unwrap_or(x)])
     }
 
-    /// Reads the values of the current page, row by row, the components of a pixel together.
+    /// True if displays show low values of the current page bright.
+    pub fn is_inverted(&mut self) -> Result<bool> {
+        let stated = self.decoder.find_tag_unsigned::<u16>(Tag::PhotometricInterpretation).map_err(failed)?;
+        Ok(stated == Some(PhotometricInterpretation::WhiteIsZero.to_u16()))
+    }
+
+    /// Reads the values of the current page as they are stored, row by row, the components of a pixel together.
     pub fn read(&mut self, values: &mut [f64]) -> Result<()> {
+        // The decoder subtracts such values from the largest one, which is undone for integers; from floats it is 1, which rounds.
+        let inverted = self.is_inverted()?;
+        if inverted && !self.kind()?.integer {
+            return Err(Error::unsupported("floats whose low values are shown bright (MinIsWhite) are not read")
+                .hint("save the stack again with low values dark (MinIsBlack)"));
+        }
+        let whole = |v: f64, most: f64| if inverted { most - v } else { v };
         macro_rules! copied {
             ($found:expr, $to:expr) => {{
                 let found = $found;
@@ -140,10 +153,10 @@ impl Pages {
             }};
         }
         match self.decoder.read_image().map_err(failed)? {
-            DecodingResult::U8(v) => copied!(v, f64::from),
-            DecodingResult::U16(v) => copied!(v, f64::from),
-            DecodingResult::U32(v) => copied!(v, f64::from),
-            DecodingResult::U64(v) => copied!(v, |n| n as f64),
+            DecodingResult::U8(v) => copied!(v, |n: u8| whole(n.into(), u8::MAX.into())),
+            DecodingResult::U16(v) => copied!(v, |n: u16| whole(n.into(), u16::MAX.into())),
+            DecodingResult::U32(v) => copied!(v, |n: u32| whole(n.into(), u32::MAX.into())),
+            DecodingResult::U64(v) => copied!(v, |n: u64| (if inverted { u64::MAX - n } else { n }) as f64),
             DecodingResult::I8(v) => copied!(v, f64::from),
             DecodingResult::I16(v) => copied!(v, f64::from),
             DecodingResult::I32(v) => copied!(v, f64::from),

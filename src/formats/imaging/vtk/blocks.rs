@@ -1,8 +1,17 @@
-//! Binary values of VTK's XML: a count of bytes before them, or blocks that are packed by zlib.
+//! Binary values of VTK's XML: a count of bytes before them, or blocks that are packed by zlib or LZ4.
 
 use crate::formats::sample::Endian;
 use flate2::read::ZlibDecoder;
 use std::io::{Error, ErrorKind, Read, Result};
+
+/// How blocks are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Packing {
+    /// A stream of zlib for each block.
+    Zlib,
+    /// A block of LZ4 for each block.
+    Lz4,
+}
 
 /// Type of the counts: 32 or 64 bits, in the file's order of bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,9 +47,10 @@ pub fn plain<R: Read + 'static>(mut reader: R, counts: Counts, expected: u64) ->
     Ok(Box::new(reader.take(length)))
 }
 
-/// Values in blocks of zlib.
+/// Values in packed blocks.
 pub struct Blocks<R> {
     reader: R,
+    packing: Packing,
     /// Packed sizes of the blocks, the first one last.
     left: Vec<u64>,
     size: u64,
@@ -51,15 +61,16 @@ pub struct Blocks<R> {
 
 impl<R: Read> Blocks<R> {
     /// Reads the table of blocks, which must unpack to `expected` bytes; a block has at most `most`.
-    pub fn new(mut reader: R, counts: Counts, expected: u64, most: u64) -> Result<Self> {
+    pub fn new(mut reader: R, packing: Packing, counts: Counts, expected: u64, most: u64) -> Result<Self> {
         let [count, size, partial] = [counts.read(&mut reader)?, counts.read(&mut reader)?, counts.read(&mut reader)?];
         let whole = if partial > 0 { count.saturating_sub(1) } else { count };
         let total = whole.checked_mul(size).and_then(|n| n.checked_add(partial));
         if total != Some(expected) {
             return Err(wrong(format!("{count} blocks of {size} bytes, and {partial}, are not {expected}")));
         }
-        if size > most {
-            return Err(wrong(format!("blocks of {size} bytes do not fit into memory")));
+        let last = if partial > 0 { partial } else { size };
+        if size.max(last) > most {
+            return Err(wrong(format!("blocks of {} bytes do not fit into memory", size.max(last))));
         }
         // The list grows with what is there, whatever the count says.
         let mut left = Vec::new();
@@ -67,8 +78,7 @@ impl<R: Read> Blocks<R> {
             left.push(counts.read(&mut reader)?);
         }
         left.reverse();
-        let last = if partial > 0 { partial } else { size };
-        Ok(Self { reader, left, size, last, unpacked: Vec::new(), at: 0 })
+        Ok(Self { reader, packing, left, size, last, unpacked: Vec::new(), at: 0 })
     }
 
     fn next_block(&mut self) -> Result<()> {
@@ -77,7 +87,19 @@ impl<R: Read> Blocks<R> {
         self.unpacked.clear();
         self.at = 0;
         let mut block = (&mut self.reader).take(packed);
-        (&mut ZlibDecoder::new(&mut block)).take(size).read_to_end(&mut self.unpacked)?;
+        match self.packing {
+            Packing::Zlib => {
+                (&mut ZlibDecoder::new(&mut block)).take(size).read_to_end(&mut self.unpacked)?;
+            }
+            Packing::Lz4 => {
+                // What cannot be packed becomes larger by 1/255 and 16 bytes at most.
+                let mut bytes = Vec::new();
+                (&mut block).take(size + size / 255 + 16).read_to_end(&mut bytes)?;
+                self.unpacked.resize(size as usize, 0);
+                let count = lz4_flex::block::decompress_into(&bytes, &mut self.unpacked);
+                self.unpacked.truncate(count.map_err(|e| wrong(format!("a block of LZ4 is damaged: {e}")))?);
+            }
+        }
         if self.unpacked.len() as u64 != size {
             return Err(wrong(format!("a block has {} bytes, {size} are expected", self.unpacked.len())));
         }

@@ -2,7 +2,7 @@
 //!
 //! Layout: "VTK File Formats", section Simple Legacy Formats.
 
-use super::{Lattice, MOST_ARRAYS};
+use super::{Array, Lattice, MOST_ARRAYS, images};
 use crate::error::{Error, Result};
 use crate::formats;
 use crate::formats::imaging::image::{Image, Slices};
@@ -21,14 +21,12 @@ const AGAIN: &str = "the file is damaged: copy it, or write it, again";
 /// Longest line that says something; lines of values may be longer.
 const LONGEST: u64 = 1 << 12;
 
-/// An array with the place of its values.
-#[derive(Debug)]
-struct Array {
-    name: String,
-    sample: Sample,
-    components: usize,
-    cells: bool,
-    at: u64,
+/// Type of the values of an array.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Type {
+    Number(Sample),
+    /// Eight in a byte, the first one in its highest bit. Such arrays are passed over.
+    Bit,
 }
 
 /// A file that is gone through from line to line.
@@ -66,7 +64,7 @@ impl Scanner {
         self.line()?.ok_or_else(|| Error::invalid(format!("the file ends before {what}")).hint(AGAIN))
     }
 
-    /// Passes over lines up to an empty one.
+    /// Passes over lines up to an empty one: names of components and the like.
     fn block(&mut self) -> Result<()> {
         loop {
             let mut line = Vec::new();
@@ -79,12 +77,15 @@ impl Scanner {
     }
 
     /// Passes over so many values.
-    fn pass(&mut self, count: u64, sample: Sample) -> Result<()> {
+    fn pass(&mut self, count: u64, kind: Type) -> Result<()> {
         if self.binary {
-            let bytes = count.checked_mul(sample.bytes() as u64).filter(|n| self.at.saturating_add(*n) <= self.length);
-            let bytes = bytes.ok_or_else(|| {
-                Error::invalid(format!("the file ends within {count} values of {}", sample.name())).hint(AGAIN)
-            })?;
+            let bytes = match kind {
+                Type::Number(sample) => count.checked_mul(sample.bytes() as u64),
+                Type::Bit => Some(count.div_ceil(8)),
+            };
+            let bytes = bytes.filter(|n| self.at.saturating_add(*n) <= self.length);
+            let bytes =
+                bytes.ok_or_else(|| Error::invalid(format!("the file ends within {count} values")).hint(AGAIN))?;
             self.at += bytes;
             return self.reader.seek_relative(bytes as i64).map_err(Error::system);
         }
@@ -112,26 +113,88 @@ impl Scanner {
     }
 }
 
-fn sample(name: &str) -> Option<Sample> {
-    Some(match name.to_ascii_lowercase().as_str() {
+/// Type of a name.
+fn kind(name: &str) -> Result<Type> {
+    let sample = match name.to_ascii_lowercase().as_str() {
+        "bit" => return Ok(Type::Bit),
         "char" => Sample::I8,
         "unsigned_char" => Sample::U8,
         "short" => Sample::I16,
         "unsigned_short" => Sample::U16,
-        "int" => Sample::I32,
+        // Numbers of points are written as such, whatever they are in memory.
+        "int" | "vtkidtype" => Sample::I32,
         "unsigned_int" => Sample::U32,
         "long" | "vtktypeint64" => Sample::I64,
         "unsigned_long" | "vtktypeuint64" => Sample::U64,
         "float" => Sample::F32,
         "double" => Sample::F64,
-        _ => return None,
-    })
+        _ => return Err(wrong("data type", name)),
+    };
+    Ok(Type::Number(sample))
+}
+
+/// Name of an array, in which blanks and others stand as `%` and two hexadecimal digits.
+fn decoded(name: &str) -> String {
+    let mut bytes = Vec::with_capacity(name.len());
+    let mut rest = name.as_bytes();
+    while let Some((first, after)) = rest.split_first() {
+        let code = after.get(..2).filter(|_| *first == b'%').and_then(|hex| std::str::from_utf8(hex).ok());
+        match code.and_then(|hex| u8::from_str_radix(hex, 16).ok()) {
+            Some(byte) => {
+                bytes.push(byte);
+                rest = &after[2..];
+            }
+            None => {
+                bytes.push(*first);
+                rest = after;
+            }
+        }
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+/// Header of an array of a field.
+struct FieldArray {
+    name: String,
+    components: u64,
+    tuples: u64,
+    kind: Type,
+}
+
+/// Goes through the arrays of a field, whose line `line` ends in their number. `take` passes over the values of each.
+fn field(
+    scanner: &mut Scanner,
+    line: &str,
+    mut take: impl FnMut(&mut Scanner, FieldArray) -> Result<()>,
+) -> Result<()> {
+    let arrays: usize =
+        line.rsplit(char::is_whitespace).next().and_then(|n| n.parse().ok()).ok_or_else(|| wrong("FIELD", line))?;
+    for _ in 0..arrays {
+        let mut header = scanner.need("an array of a field")?;
+        // Names of components follow the array before.
+        while header.eq_ignore_ascii_case("METADATA") {
+            scanner.block()?;
+            header = scanner.need("an array of a field")?;
+        }
+        let [name, components, tuples, of] = header.split_whitespace().collect::<Vec<_>>()[..] else {
+            return Err(wrong("FIELD", &header));
+        };
+        let number = |text: &str| text.parse::<u64>().map_err(|_| wrong("FIELD", &header));
+        let array = FieldArray {
+            name: name.to_owned(),
+            components: number(components)?,
+            tuples: number(tuples)?,
+            kind: kind(of)?,
+        };
+        take(scanner, array)?;
+    }
+    Ok(())
 }
 
 /// Geometry, arrays, and the names of what was left out.
 struct Document {
     lattice: Lattice,
-    arrays: Vec<Array>,
+    arrays: Vec<Array<u64>>,
     left_out: Vec<String>,
 }
 
@@ -148,6 +211,11 @@ fn lattice(scanner: &mut Scanner) -> Result<(Lattice, Option<String>)> {
             }
             "SPACING" | "ASPECT_RATIO" => spacing = text::vector("SPACING", rest)?,
             "ORIGIN" => origin = text::vector("ORIGIN", rest)?,
+            // Values of the file as a whole, such as its time.
+            "FIELD" => field(scanner, &line, |scanner, array| {
+                scanner.pass(array.tuples.saturating_mul(array.components), array.kind)
+            })?,
+            "METADATA" => scanner.block()?,
             _ => break Some(line),
         }
     };
@@ -205,45 +273,33 @@ impl Document {
     /// Reads one attribute, or passes over it.
     fn attribute(&mut self, scanner: &mut Scanner, key: &str, rest: &[&str], cells: bool, line: &str) -> Result<()> {
         let count = self.count(cells);
-        let known = |name: &str| sample(name).ok_or_else(|| wrong("data type", name));
         match (key, rest) {
-            ("SCALARS", [name, kind, components @ ..]) => {
+            ("SCALARS", [name, of, components @ ..]) => {
                 let components = components.first().map_or(Ok(1), |t| t.parse().map_err(|_| wrong("SCALARS", line)))?;
                 let table = scanner.need("a lookup table's name")?;
                 if !table.to_ascii_uppercase().starts_with("LOOKUP_TABLE") {
                     return Err(wrong("LOOKUP_TABLE", &table));
                 }
-                self.add(scanner, (name, known(kind)?), components, (count, cells))
+                self.add(scanner, (name, kind(of)?), components, (count, cells))
             }
-            ("VECTORS" | "NORMALS", [name, kind]) => self.add(scanner, (name, known(kind)?), 3, (count, cells)),
-            ("TENSORS", [name, kind]) => self.add(scanner, (name, known(kind)?), 9, (count, cells)),
-            ("TEXTURE_COORDINATES", [name, components, kind]) => {
+            ("VECTORS" | "NORMALS", [name, of]) => self.add(scanner, (name, kind(of)?), 3, (count, cells)),
+            ("TENSORS", [name, of]) => self.add(scanner, (name, kind(of)?), 9, (count, cells)),
+            ("TEXTURE_COORDINATES", [name, components, of]) => {
                 let components = components.parse().map_err(|_| wrong("TEXTURE_COORDINATES", line))?;
-                self.add(scanner, (name, known(kind)?), components, (count, cells))
+                self.add(scanner, (name, kind(of)?), components, (count, cells))
             }
             ("COLOR_SCALARS", [name, components]) => {
                 let components: u64 = components.parse().map_err(|_| wrong("COLOR_SCALARS", line))?;
                 self.left_out.push(format!("colors '{}' were left out", shown(name)));
-                scanner.pass(count.saturating_mul(components), Sample::U8)
+                scanner.pass(count.saturating_mul(components), Type::Number(Sample::U8))
             }
             ("LOOKUP_TABLE", [_, entries]) => {
                 let entries: u64 = entries.parse().map_err(|_| wrong("LOOKUP_TABLE", line))?;
-                scanner.pass(entries.saturating_mul(4), Sample::U8)
+                scanner.pass(entries.saturating_mul(4), Type::Number(Sample::U8))
             }
-            ("FIELD", [_, arrays]) => {
-                let arrays: usize = arrays.parse().map_err(|_| wrong("FIELD", line))?;
-                for _ in 0..arrays {
-                    let line = scanner.need("an array of a field")?;
-                    let [name, components, tuples, kind] = line.split_whitespace().collect::<Vec<_>>()[..] else {
-                        return Err(wrong("FIELD", &line));
-                    };
-                    let number = |text: &str| text.parse::<u64>().map_err(|_| wrong("FIELD", &line));
-                    let (components, tuples) = (number(components)?, number(tuples)?);
-                    self.add(scanner, (name, known(kind)?), components, (tuples, cells))?;
-                }
-                Ok(())
-            }
-            // Names of components and the like.
+            ("FIELD", [_, _]) => field(scanner, line, |scanner, FieldArray { name, components, tuples, kind }| {
+                self.add(scanner, (&name, kind), components, (tuples, cells))
+            }),
             ("METADATA", _) => scanner.block(),
             _ => Err(Error::invalid(format!("'{}' at byte {} is no attribute", shown(line), scanner.at)).hint(AGAIN)),
         }
@@ -252,17 +308,20 @@ impl Document {
     fn add(
         &mut self,
         scanner: &mut Scanner,
-        (name, sample): (&str, Sample),
+        (name, kind): (&str, Type),
         components: u64,
         (count, cells): (u64, bool),
     ) -> Result<()> {
-        let at = scanner.at;
-        scanner.pass(count.saturating_mul(components), sample)?;
-        if matches!(components, 1 | 3) && count == self.count(cells) && self.arrays.len() < MOST_ARRAYS {
-            let name = name.replace("%20", " ");
-            self.arrays.push(Array { name, sample, components: components as usize, cells, at });
-        } else {
-            self.left_out.push(format!("array '{}' of {count} x {components} values was left out", shown(name)));
+        let (name, place) = (decoded(name), scanner.at);
+        scanner.pass(count.saturating_mul(components), kind)?;
+        let fits = matches!(components, 1 | 3) && count == self.count(cells) && self.arrays.len() < MOST_ARRAYS;
+        match kind {
+            Type::Number(sample) if fits => {
+                self.arrays.push(Array { name, sample, components: components as usize, cells, place });
+            }
+            _ => {
+                self.left_out.push(format!("array '{}' of {count} x {components} values was left out", shown(&name)));
+            }
         }
         Ok(())
     }
@@ -274,21 +333,13 @@ impl Document {
 /// If the file is damaged, holds another dataset than structured points, or no array is left.
 pub fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
     let (document, binary) = Document::read(path)?;
-    let mut images = Vec::new();
-    for array in document.arrays.iter().filter(|a| options.wants(&a.name)) {
-        let header = document.lattice.header(&array.name, (array.sample, array.components), array.cells)?;
-        let reader = input::values(path, array.at, Packing::Plain, 0)?;
-        let slices: Box<dyn Slices> = if binary {
+    let slices = |array: &Array<u64>| -> Result<Box<dyn Slices>> {
+        let reader = input::values(path, array.place, Packing::Plain, 0)?;
+        Ok(if binary {
             Box::new(Binary::new(reader, array.sample, Endian::Big))
         } else {
             Box::new(Words::new(reader, None))
-        };
-        images.push(Image { header, slices });
-    }
-    let names: Vec<String> = document.arrays.iter().map(|a| a.name.clone()).collect();
-    match images.first_mut() {
-        Some(first) => first.header.notes.extend(document.left_out),
-        None => return Err(options.no_array(&names)),
-    }
-    Ok(images)
+        })
+    };
+    images(&document.arrays, &document.lattice, document.left_out, options, slices)
 }

@@ -12,8 +12,10 @@ mod xml;
 pub use legacy::open as open_legacy;
 pub use xml::{is_xml, open as open_xml};
 
-use super::image::{Header, Values};
+use super::image::{Header, Image, Slices, Values};
+use super::options::Options;
 use super::placement;
+use super::text::shown;
 use crate::error::Result;
 use crate::formats::sample::Sample;
 use crate::math::Affine;
@@ -21,6 +23,42 @@ use glam::DVec3;
 
 /// Largest number of arrays of a file.
 const MOST_ARRAYS: usize = 256;
+
+/// An array of a file, one value or three at each point or cell.
+#[derive(Debug)]
+struct Array<P> {
+    name: String,
+    sample: Sample,
+    components: usize,
+    /// True for values of cells, false for those of points.
+    cells: bool,
+    /// Where the values lie.
+    place: P,
+}
+
+/// Images of the arrays that are wanted, whose values `slices` opens; the first one notes what was left out.
+///
+/// # Errors
+/// If no array is left, or the values of one cannot be opened.
+fn images<P>(
+    arrays: &[Array<P>],
+    lattice: &Lattice,
+    left_out: Vec<String>,
+    options: &Options,
+    slices: impl Fn(&Array<P>) -> Result<Box<dyn Slices>>,
+) -> Result<Vec<Image>> {
+    let image = |array: &Array<P>| {
+        let slices = slices(array).map_err(|e| e.part(format!("array '{}'", shown(&array.name))))?;
+        Ok(Image { header: lattice.header(array)?, slices })
+    };
+    let wanted = arrays.iter().filter(|a| options.wants(&a.name));
+    let mut images = wanted.map(image).collect::<Result<Vec<_>>>()?;
+    let Some(first) = images.first_mut() else {
+        return Err(options.no_array(&arrays.iter().map(|a| a.name.clone()).collect::<Vec<_>>()));
+    };
+    first.header.notes.extend(left_out);
+    Ok(images)
+}
 
 /// Points of a grid, and where they lie.
 #[derive(Debug, Clone, Copy)]
@@ -37,11 +75,12 @@ impl Lattice {
         self.points.map(|n| if cells { n.saturating_sub(1).max(1) } else { n })
     }
 
-    fn header(&self, name: &str, (sample, components): (Sample, usize), cells: bool) -> Result<Header> {
+    fn header<P>(&self, array: &Array<P>) -> Result<Header> {
+        let Array { cells, components, .. } = *array;
         let inside = DVec3::from_array(self.points.map(|n| if cells && n > 1 { 0.5 } else { 0.0 }));
-        let values = if sample.is_integer() { Values::Integer } else { Values::Real };
+        let values = if array.sample.is_integer() { Values::Integer } else { Values::Real };
         let index_to_world = placement::shifted(&self.to_world, inside)?;
-        let name = Some(name.to_owned()).filter(|n| !n.is_empty());
+        let name = Some(array.name.clone()).filter(|n| !n.is_empty());
         Ok(Header { name, size: self.size(cells), components, values, index_to_world, notes: Vec::new() })
     }
 }

@@ -1,11 +1,11 @@
-//! Image data in XML: values as text, as base64, or appended raw or as base64; plain or packed by zlib.
+//! Image data in XML: values as text, as base64, or appended raw or as base64; plain or packed by zlib or LZ4.
 //!
 //! Layout: "VTK File Formats", section XML. Appended raw values are no XML, so that the file is read tag by tag.
 
 use super::base64::Base64;
 use super::blocks::{self, Blocks, Counts};
 use super::tags::{Tag, Tags};
-use super::{Lattice, MOST_ARRAYS};
+use super::{Array, Lattice, MOST_ARRAYS, images};
 use crate::error::{Error, Result};
 use crate::formats::imaging::image::{Image, Slices};
 use crate::formats::imaging::input::{self, Packing};
@@ -38,29 +38,19 @@ enum Place {
     Appended(u64),
 }
 
-/// An array of the file.
-#[derive(Debug)]
-struct Array {
-    name: String,
-    sample: Sample,
-    components: usize,
-    cells: bool,
-    place: Place,
-}
-
 /// Content of the tags: layout of the values, geometry, and places of the arrays.
 #[derive(Debug, Default)]
 struct Document {
     endian: Endian,
     wide: bool,
-    zlib: bool,
+    packing: Option<blocks::Packing>,
     whole: Option<[i64; 6]>,
     piece: Option<[i64; 6]>,
     pieces: usize,
     origin: DVec3,
     spacing: Option<DVec3>,
     directions: Option<DMat3>,
-    arrays: Vec<Array>,
+    arrays: Vec<Array<Place>>,
     left_out: Vec<String>,
     /// Place of the first appended value, and whether they are raw.
     appended: Option<(u64, bool)>,
@@ -93,7 +83,7 @@ impl Document {
                 ("PointData" | "CellData", true) => cells = None,
                 ("DataArray" | "Array", false) => {
                     if let Some(cells) = cells {
-                        document.array(&tag, cells)?;
+                        document.add(&tag, cells)?;
                     }
                 }
                 ("AppendedData", false) => {
@@ -129,11 +119,12 @@ impl Document {
             _ => Endian::Little,
         };
         self.wide = tag.get("header_type").as_deref() == Some("UInt64");
-        self.zlib = match tag.get("compressor").as_deref() {
-            None | Some("") => false,
-            Some("vtkZLibDataCompressor") => true,
+        self.packing = match tag.get("compressor").as_deref() {
+            None | Some("") => None,
+            Some("vtkZLibDataCompressor") => Some(blocks::Packing::Zlib),
+            Some("vtkLZ4DataCompressor") => Some(blocks::Packing::Lz4),
             Some(other) => {
-                return Err(Error::unsupported(format!("values packed by {}; zlib is read", shown(other)))
+                return Err(Error::unsupported(format!("values packed by {}; zlib and LZ4 are read", shown(other)))
                     .hint("save the file again with the compressor 'ZLib', or with none"));
             }
         };
@@ -153,7 +144,8 @@ impl Document {
         Ok(())
     }
 
-    fn array(&mut self, tag: &Tag, cells: bool) -> Result<()> {
+    /// Keeps an array that can be read, and the name of another.
+    fn add(&mut self, tag: &Tag, cells: bool) -> Result<()> {
         let name = tag.get("Name").unwrap_or_default();
         let components =
             tag.get("NumberOfComponents").map_or(Ok(1), |t| t.parse().map_err(|_| wrong("NumberOfComponents", &t)))?;
@@ -206,7 +198,7 @@ impl Document {
     }
 
     /// Values of an array.
-    fn slices(&self, array: &Array, lattice: &Lattice, path: &Path, limits: Limits) -> Result<Box<dyn Slices>> {
+    fn slices(&self, array: &Array<Place>, lattice: &Lattice, path: &Path, limits: Limits) -> Result<Box<dyn Slices>> {
         let size = lattice.size(array.cells);
         let bytes = input::byte_count(size, array.components, array.sample.bytes());
         let bytes = bytes.ok_or_else(|| Error::invalid(format!("{size:?} values are too many")).hint(AGAIN))?;
@@ -223,10 +215,11 @@ impl Document {
                 return Err(Error::invalid("the appended values are missing").hint(AGAIN));
             }
         };
-        let plain = if self.zlib {
-            Blocks::new(coded, counts, bytes, limits.max_memory / 4).map(|b| Box::new(b) as Box<dyn Read>)
-        } else {
-            blocks::plain(coded, counts, bytes)
+        let plain = match self.packing {
+            Some(packing) => {
+                Blocks::new(coded, packing, counts, bytes, limits.max_memory / 4).map(|b| Box::new(b) as Box<dyn Read>)
+            }
+            None => blocks::plain(coded, counts, bytes),
         };
         let reader = plain.map_err(|e| match e.kind() {
             std::io::ErrorKind::InvalidData => Error::invalid(e.to_string()).hint(AGAIN),
@@ -239,21 +232,10 @@ impl Document {
 /// Opens the arrays of a file that have one or three values at each point or cell.
 ///
 /// # Errors
-/// If the file is damaged, no image of one piece, packed otherwise than by zlib, or no array is left.
+/// If the file is damaged, no image of one piece, packed otherwise than by zlib or LZ4, or no array is left.
 pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Vec<Image>> {
     let document = Document::read(path)?;
     let lattice = document.lattice()?;
-    let mut images = Vec::new();
-    for array in document.arrays.iter().filter(|a| options.wants(&a.name)) {
-        let place = |e: Error| e.part(format!("array '{}'", shown(&array.name)));
-        let header = lattice.header(&array.name, (array.sample, array.components), array.cells)?;
-        let slices = document.slices(array, &lattice, path, limits).map_err(place)?;
-        images.push(Image { header, slices });
-    }
-    let names: Vec<String> = document.arrays.iter().map(|a| a.name.clone()).collect();
-    match images.first_mut() {
-        Some(first) => first.header.notes.extend(document.left_out),
-        None => return Err(options.no_array(&names)),
-    }
-    Ok(images)
+    let slices = |array: &Array<Place>| document.slices(array, &lattice, path, limits);
+    images(&document.arrays, &lattice, document.left_out.clone(), options, slices)
 }

@@ -3,6 +3,7 @@
 use super::codec::Codec;
 use super::document::{Document, wrong};
 use crate::error::{Error, Result};
+use crate::formats::npy;
 use crate::formats::sample::{Endian, Sample};
 use serde_json::Value;
 use std::path::PathBuf;
@@ -94,11 +95,6 @@ impl Array {
         self.chunk.iter().try_fold(self.sample.bytes() as u64, |product, n| product.checked_mul(*n))
     }
 
-    /// True if the values are integers of up to 32 bits.
-    pub fn is_integer(&self) -> bool {
-        self.sample.is_integer() && self.sample.bytes() <= 4
-    }
-
     /// Path of the file of a chunk, or of its shard, relative to the array's folder.
     pub fn file(&self, chunk: &[u64]) -> PathBuf {
         let number = |(axis, n): (usize, &u64)| match &self.shards {
@@ -111,30 +107,6 @@ impl Array {
         }
         PathBuf::from(parts.join(&self.separator))
     }
-}
-
-/// Type of a value of Zarr 2, such as `<u2`.
-fn type_of_two(name: &str) -> Option<(Sample, Endian)> {
-    let endian = match name.get(..1)? {
-        "<" | "|" => Endian::Little,
-        ">" => Endian::Big,
-        _ => return None,
-    };
-    let sample = match &name[1..] {
-        "b1" | "u1" => Sample::U8,
-        "i1" => Sample::I8,
-        "u2" => Sample::U16,
-        "i2" => Sample::I16,
-        "u4" => Sample::U32,
-        "i4" => Sample::I32,
-        "u8" => Sample::U64,
-        "i8" => Sample::I64,
-        "f2" => Sample::F16,
-        "f4" => Sample::F32,
-        "f8" => Sample::F64,
-        _ => return None,
-    };
-    Some((sample, endian))
 }
 
 fn unread(kind: &str) -> Error {
@@ -173,7 +145,8 @@ fn fill(value: Option<&Value>, sample: Sample) -> Result<f64> {
 /// Metadata of Zarr 2.
 fn two(metadata: &Value) -> Result<Array> {
     let kind = text(metadata, "dtype").ok_or_else(|| unread("of several fields"))?;
-    let (sample, endian) = type_of_two(kind).ok_or_else(|| unread(kind))?;
+    // Zarr 2 has NumPy's names of types.
+    let (sample, endian) = npy::parse_type(kind).ok_or_else(|| unread(kind))?;
     let shape = numbers(metadata.get("shape"), "shape")?;
     let axes = shape.len();
     let order = match text(metadata, "order") {
@@ -222,6 +195,10 @@ fn pipeline(list: Option<&Value>) -> Result<Pipeline> {
             "bytes" if text(&configuration, "endian") == Some("big") => read.endian = Endian::Big,
             "bytes" => {}
             "transpose" => {
+                if read.order.is_some() {
+                    return Err(Error::unsupported("chunks that are transposed twice are not read")
+                        .hint("write the array with one codec that transposes"));
+                }
                 let order = numbers(configuration.get("order"), "order")?;
                 read.order = Some(order.iter().map(|n| usize::try_from(*n).unwrap_or(usize::MAX)).collect());
             }
@@ -334,6 +311,7 @@ mod tests {
 
     #[test]
     fn what_is_not_read_is_named() {
+        let turned = json!({"name": "transpose", "configuration": {"order": [1, 0]}});
         let cases = [
             (2, "dtype", json!("<U4"), "'<U4'"),
             (2, "chunks", json!([0, 3]), "none of a chunk 0"),
@@ -346,6 +324,7 @@ mod tests {
             (3, "chunk_grid", json!({"name": "odd"}), "'regular'"),
             (3, "codecs", json!([{"name": "transpose", "configuration": {"order": [0, 0]}}]), "no order"),
             (3, "codecs", json!([{"name": "numcodecs.zfpy"}]), "'numcodecs.zfpy'"),
+            (3, "codecs", json!([turned, turned]), "transposed twice"),
         ];
         for (version, key, value, words) in cases {
             let mut metadata = if version == 2 { v2() } else { v3() };

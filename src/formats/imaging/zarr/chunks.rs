@@ -25,6 +25,8 @@ pub struct Chunks {
     depth: usize,
     next: usize,
     chunk_bytes: usize,
+    /// Bytes of a layer of chunks, and of one chunk beside it, packed and unpacked.
+    held: u64,
 }
 
 impl Chunks {
@@ -40,7 +42,8 @@ impl Chunks {
             [size[0], size[1], depth].iter().try_fold(array.sample.bytes() as u64, |p, n| p.checked_mul(*n as u64));
         let chunk = array.chunk_bytes();
         let needed = layer.zip(chunk).and_then(|(layer, chunk)| layer.checked_add(chunk.checked_mul(3)?));
-        if needed.is_none_or(|needed| needed > limits.max_memory) {
+        let held = needed.filter(|needed| *needed <= limits.max_memory);
+        let held = held.ok_or_else(|| {
             let what = format!(
                 "a layer of chunks of {:?} in {} x {} x {} voxels needs {} bytes, {} are allowed",
                 array.chunk,
@@ -50,12 +53,12 @@ impl Chunks {
                 needed.map_or_else(|| "more than 2⁶⁴".to_owned(), |n| n.to_string()),
                 limits.max_memory
             );
-            return Err(Error::unsupported(what).hint("raise --max-memory, or choose a coarser --level"));
-        }
+            Error::unsupported(what).hint("raise --max-memory, or choose a coarser --level")
+        })?;
         let chunk_bytes =
             chunk.and_then(|n| usize::try_from(n).ok()).ok_or_else(|| wrong("chunks too large to count"))?;
         let layer = Vec::new();
-        Ok(Self { folder: folder.to_path_buf(), array, axes, point, size, layer, depth, next: 0, chunk_bytes })
+        Ok(Self { folder: folder.to_path_buf(), array, axes, point, size, layer, depth, next: 0, chunk_bytes, held })
     }
 
     /// Length of the chunks along x, y or z.
@@ -201,5 +204,9 @@ impl Slices for Chunks {
         values.copy_from_slice(&decoded);
         self.next += 1;
         Ok(())
+    }
+
+    fn held(&self) -> u64 {
+        self.held
     }
 }

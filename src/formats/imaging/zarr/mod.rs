@@ -102,7 +102,7 @@ fn image(
     let place = |e: Error| e.at(folder);
     let point = axes.choose(&array, options, &mut notes).map_err(place)?;
     let size = axes.size(&array).map_err(place)?;
-    let values = if array.is_integer() { Values::Integer } else { Values::Real };
+    let values = if array.sample.is_integer() { Values::Integer } else { Values::Real };
     let header = Header { name, size, components: 1, values, index_to_world, notes };
     let chunks = Chunks::new(folder, array, axes, point, limits).map_err(place)?;
     Ok(Image { header, slices: Box::new(chunks) })

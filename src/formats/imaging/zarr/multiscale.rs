@@ -151,7 +151,10 @@ pub(super) fn open(folder: &Path, multiscales: &[Value], options: &Options, limi
     let Some(level) = levels.into_iter().nth(number) else { return Err(place(wrong("the image has no levels"))) };
     let index_to_world = match options.placement().map_err(place)? {
         Some(map) => map,
-        None => placed(&level, multiscale, &datasets[number], &mut notes).map_err(place)?,
+        None => {
+            let stated = placed(&level, multiscale, &datasets[number], &mut notes).map_err(place)?;
+            options.moved(&stated).map_err(place)?
+        }
     };
     unit(multiscale, &level, &mut notes);
     let name = text(multiscale, "name").filter(|n| !n.is_empty() && *n != "/").map(str::to_owned);
