@@ -2,7 +2,9 @@
 
 use crate::error::Error;
 use crate::text::printable_json;
-use schemars::{JsonSchema, Schema, schema_for};
+use schemars::generate::SchemaSettings;
+use schemars::transform::{Transform, transform_subschemas};
+use schemars::{JsonSchema, Schema};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::OnceLock;
@@ -60,18 +62,19 @@ struct Fault<'d> {
     remedy: Option<&'d str>,
 }
 
-/// Document whose report is one of a command, or that of its failure.
+/// Document of a command.
 #[derive(JsonSchema)]
 #[allow(dead_code, reason = "it describes documents, and none is made of it")]
-struct Any<T> {
+struct Described<T> {
     /// Version of the layout of all documents: keys are only added within a version.
     version: u32,
     /// Words of the command, such as `reconstruct density`.
     command: String,
     #[serde(flatten)]
-    report: Either<T>,
+    report: T,
 }
 
+/// Report of a command, or that of its failure.
 #[derive(JsonSchema)]
 #[serde(untagged)]
 #[allow(dead_code, reason = "it describes documents, and none is made of it")]
@@ -80,9 +83,40 @@ enum Either<T> {
     Failure(Failure<'static>),
 }
 
-/// Returns the JSON schema of the documents of a command with such a report.
-pub fn schema<T: JsonSchema>() -> Schema {
-    schema_for!(Any<T>)
+/// Returns the JSON schema of the documents of a command with such a report, that of its failure included.
+pub fn schema<T: JsonSchema>(title: &str) -> Schema {
+    described::<Either<T>>(title)
+}
+
+/// Returns the JSON schema of the documents of commands that failed.
+pub fn schema_of_failures(title: &str) -> Schema {
+    described::<Failure<'static>>(title)
+}
+
+fn described<T: JsonSchema>(title: &str) -> Schema {
+    // The contract of what is written: keys that a report may leave out are not required.
+    let settings = SchemaSettings::default().for_serialize().with_transform(Nullable);
+    let mut schema = settings.into_generator().into_root_schema_for::<Described<T>>();
+    schema.insert("title".into(), title.into());
+    schema.insert(
+        "description".into(),
+        "Document that the command writes on standard output. A number that is not finite is null.".into(),
+    );
+    schema
+}
+
+/// Lets floating-point numbers be null: JSON has neither NaN nor infinity, and they are written so.
+#[derive(Debug, Clone, Copy)]
+struct Nullable;
+
+impl Transform for Nullable {
+    fn transform(&mut self, schema: &mut Schema) {
+        let format = schema.get("format").and_then(|format| format.as_str());
+        if format.is_some_and(|format| ["float", "double"].contains(&format)) {
+            schema.insert("type".into(), vec!["number", "null"].into());
+        }
+        transform_subschemas(self, schema);
+    }
 }
 
 /// Writes an error as JSON on standard output, if `--json` is given.

@@ -27,8 +27,8 @@ pub struct PlanCommand {
     pub(in crate::cli) pictures: PictureOptions,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     input: PathBuf,
     views: usize,

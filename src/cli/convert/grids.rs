@@ -25,8 +25,8 @@ use std::fmt;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     input: PathBuf,
     #[serde(serialize_with = "crate::cli::paths::text")]
@@ -41,7 +41,7 @@ struct Report {
     warnings: Vec<String>,
 }
 
-#[derive(Debug, Default, Serialize)]
+#[derive(Debug, Default, Serialize, schemars::JsonSchema)]
 struct ConvertedGrid {
     name: String,
     from: String,

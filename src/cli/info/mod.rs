@@ -39,15 +39,15 @@ pub struct Info {
     pub(in crate::cli) memory: Memory,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     /// Files in the order in which they were given; those of sequences frame by frame.
     files: Vec<Described>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     sequences: Vec<Summary>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Described {
     #[serde(serialize_with = "crate::cli::paths::text")]
     path: PathBuf,
@@ -90,7 +90,7 @@ impl fmt::Display for Failure {
 }
 
 /// Content of a file, tagged in JSON with the name of its [`Format`].
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 #[serde(tag = "format", rename_all = "lowercase")]
 enum Content {
     Vdb(Volume),

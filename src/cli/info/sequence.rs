@@ -13,7 +13,7 @@ use std::path::PathBuf;
 pub(super) const ENDINGS: [&str; 6] = ["vdb", "nvdb", "exr", "usd", "usda", "usdc"];
 
 /// Summary of a sequence.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(super) struct Summary {
     /// Path with the number's digits written as `#`.
     #[serde(serialize_with = "crate::cli::paths::text")]

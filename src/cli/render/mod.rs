@@ -87,8 +87,17 @@ pub struct Render {
     pub(in crate::cli) pictures: PictureOptions,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+/// Report of views, or of the frames of a sequence.
+#[derive(schemars::JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "it describes documents, and none is made of it")]
+pub(in crate::cli) enum AnyReport {
+    Views(Report),
+    Frames(frames::Report),
+}
+
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     views: usize,
@@ -110,7 +119,7 @@ struct Report {
 }
 
 /// How light was integrated.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 #[serde(untagged)]
 enum Way {
     /// Along straight rays.
@@ -120,7 +129,7 @@ enum Way {
 }
 
 /// Transmittance at which rays end, and the error that this makes.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
 struct EarlyStop {
     /// Transmittance below which rays end; 0 for never.
     transmittance: f64,

@@ -69,8 +69,8 @@ impl Record {
     }
 }
 
-#[derive(Debug, Serialize)]
-struct Written {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Written {
     #[serde(serialize_with = "crate::cli::paths::text")]
     report: PathBuf,
     /// Error of the volume against `--reference`.

@@ -27,7 +27,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 /// Error of a reconstructed volume against a reference.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub(super) struct VolumeError {
     /// PSNR in dB with the reference's largest value as peak; none if the volumes are identical or the reference
     /// is zero.

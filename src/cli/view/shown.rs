@@ -8,14 +8,14 @@ use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
 
-#[derive(Debug, Serialize)]
-pub(super) struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     pub sheets: Vec<Shown>,
 }
 
 /// A sheet of a file.
-#[derive(Debug, Serialize)]
-pub(super) struct Shown {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Shown {
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub input: PathBuf,
     /// PNG that was written; none if the sheet was shown in the terminal.
@@ -28,9 +28,9 @@ pub(super) struct Shown {
 }
 
 /// Content of a sheet.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 #[serde(tag = "shows", rename_all = "lowercase")]
-pub(super) enum Content {
+pub(in crate::cli) enum Content {
     Volume(Box<Volume>),
     Picture(Picture),
     Capture(Capture),
@@ -38,8 +38,8 @@ pub(super) enum Content {
 }
 
 /// A grid of a VDB.
-#[derive(Debug, Serialize)]
-pub(super) struct Volume {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Volume {
     pub grid: String,
     /// Names of all grids of the file.
     pub grids: Vec<String>,
@@ -64,8 +64,8 @@ pub(super) struct Volume {
 }
 
 /// A picture with its layers.
-#[derive(Debug, Serialize)]
-pub(super) struct Picture {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Picture {
     /// Width and height in pixels.
     pub resolution: [usize; 2],
     /// Exposure of colors in stops.
@@ -76,8 +76,8 @@ pub(super) struct Picture {
 }
 
 /// A layer, or a channel of one, as it is shown.
-#[derive(Debug, Serialize)]
-pub(super) struct Layer {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Layer {
     pub name: String,
     /// How it is shown: `colors` with the exposure, `vectors` around grey, or `numbers` from black to white.
     pub kind: &'static str,
@@ -88,8 +88,8 @@ pub(super) struct Layer {
 }
 
 /// The views of a capture.
-#[derive(Debug, Serialize)]
-pub(super) struct Capture {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Capture {
     pub views: usize,
     /// Numbers of the views on the sheet.
     pub shown: Vec<usize>,
@@ -99,8 +99,8 @@ pub(super) struct Capture {
 }
 
 /// The frames of a sequence.
-#[derive(Debug, Serialize)]
-pub(super) struct Sequence {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Sequence {
     /// Number of frames that there are.
     pub count: usize,
     /// Numbers of the frames on the sheet.

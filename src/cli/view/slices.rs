@@ -12,8 +12,8 @@ pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 const CUTS: [[usize; 3]; 3] = [[2, 0, 1], [1, 0, 2], [0, 1, 2]];
 
 /// Place of a slice.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub(super) struct Cut {
+#[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Cut {
     /// Axis that is perpendicular to it.
     pub axis: &'static str,
     /// Index along the axis.
