@@ -11,6 +11,7 @@ mod stage;
 mod subject;
 mod target;
 
+pub(in crate::cli) use capture::Cameras;
 pub(in crate::cli) use frames::between;
 pub(in crate::cli) use options::PictureOptions;
 pub(in crate::cli) use renderer::LeftOut;
@@ -205,7 +206,7 @@ impl Render {
         let up = pictures.chosen_up(template.as_ref())?;
         up.iter().for_each(|up| output.note(up));
         let place = |name: &str| target.picture(name);
-        let capture = pictures.capture(place, &subject, transfer, template.as_ref(), up.as_ref())?;
+        let capture = pictures.capture(place, &subject, transfer, template.as_ref(), Cameras::around(up.as_ref()))?;
         fits(&capture, self.plane_bytes(paths), limits.max_memory)?;
         self.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
