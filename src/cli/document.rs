@@ -17,7 +17,8 @@ pub const VERSION: u32 = 1;
 /// Command whose documents are asked for; not set without `--json`.
 static COMMAND: OnceLock<String> = OnceLock::new();
 
-/// True once the command's report is written: an error that follows says again what the report says of frames that failed.
+/// True once the document is written: standard output holds one. (An error that follows a report says again what it says of
+/// frames that failed, and a signal may come while an error is written.)
 static REPORTED: AtomicBool = AtomicBool::new(false);
 
 /// Has errors written as JSON on standard output from now on, as those of a command such as `reconstruct density`.
@@ -27,7 +28,7 @@ pub fn begin(command: &str) {
 
 /// Keeps errors from being written behind the report that is written now, since standard output holds one document.
 pub fn reported() {
-    REPORTED.store(true, Ordering::Relaxed);
+    REPORTED.store(true, Ordering::SeqCst);
 }
 
 /// A command's report with the keys that all of them share.
@@ -124,10 +125,10 @@ pub fn error(error: &Error) {
     write(error.what(), error.path(), error.place(), error.remedy());
 }
 
-/// Writes what ended the program as JSON on standard output, if `--json` is given and no report is written. The standard library's stream is
-/// avoided because another thread may hold its lock.
+/// Writes what ended the program as JSON on standard output, if `--json` is given and no document is written yet. The
+/// standard library's stream is avoided because another thread may hold its lock.
 pub fn write(what: &str, file: Option<&Path>, part: Option<&str>, remedy: Option<&str>) {
-    let Some(command) = COMMAND.get().filter(|_| !REPORTED.load(Ordering::Relaxed)) else { return };
+    let Some(command) = COMMAND.get().filter(|_| !REPORTED.swap(true, Ordering::SeqCst)) else { return };
     let file = file.map(|path| path.to_string_lossy().into_owned());
     let report = Failure { error: Fault { what, file, part, remedy } };
     if let Ok(json) = serde_json::to_string_pretty(&Document { version: VERSION, command, report: &report }) {
