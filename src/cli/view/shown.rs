@@ -1,6 +1,7 @@
 //! What a sheet shows, for the report.
 
 use super::slices::Cut;
+use super::volume::short;
 use crate::report::sheet::Range;
 use crate::scene::statistics::Statistics;
 use crate::text::printable;
@@ -54,6 +55,8 @@ pub(in crate::cli) struct Volume {
     pub density: &'static str,
     /// Extinction per unit of density and length, with which the picture is made; none if there is no picture.
     pub density_scale: Option<f64>,
+    /// Exposure of the picture in stops.
+    pub exposure: f64,
     /// Slices with their places.
     pub slices: Vec<Cut>,
     /// Values that slices show in black and in white.
@@ -105,7 +108,7 @@ pub(in crate::cli) struct Sequence {
     pub count: usize,
     /// Numbers of the frames on the sheet.
     pub frames: Vec<u32>,
-    /// Exposure of all frames in stops; none for volumes.
+    /// Exposure of all frames in stops.
     pub exposure: Option<f64>,
     /// Density scale of all frames; none for pictures.
     pub density_scale: Option<f64>,
@@ -126,8 +129,9 @@ impl fmt::Display for Content {
             Self::Volume(v) => {
                 let [x, y, z] = v.dimensions;
                 write!(f, "grid '{}', {x} x {y} x {z} voxels", printable(&v.grid))?;
-                v.density_scale.map_or(Ok(()), |scale| write!(f, ", density scale {scale:.4}"))?;
-                v.range.map_or(Ok(()), |Range { low, high }| write!(f, ", slices from {low} to {high}"))
+                v.density_scale.map_or(Ok(()), |scale| write!(f, ", density scale {}", short(scale)))?;
+                v.range
+                    .map_or(Ok(()), |Range { low, high }| write!(f, ", slices from {} to {}", short(low), short(high)))
             }
             Self::Picture(p) => {
                 let [w, h] = p.resolution;
@@ -141,7 +145,7 @@ impl fmt::Display for Content {
             Self::Sequence(s) => {
                 write!(f, "{} of {} frames", s.frames.len(), s.count)?;
                 s.exposure.map_or(Ok(()), |ev| write!(f, ", exposure {ev:+.1} EV"))?;
-                s.density_scale.map_or(Ok(()), |scale| write!(f, ", density scale {scale:.4}"))
+                s.density_scale.map_or(Ok(()), |scale| write!(f, ", density scale {}", short(scale)))
             }
         }
     }

@@ -41,6 +41,12 @@ pub(super) fn magnitude(value: &[f32]) -> f32 {
     }
 }
 
+/// Value of a slice where the grid has neither voxels nor tiles.
+pub(super) fn background(info: &GridInfo) -> f32 {
+    let values: Vec<f32> = info.background.iter().take(info.components).map(|v| *v as f32).collect();
+    magnitude(&values)
+}
+
 /// Returns the slices through the middle of the box of active voxels, whose longer side has at most `side` pixels; none of
 /// an empty grid.
 ///
@@ -48,8 +54,7 @@ pub(super) fn magnitude(value: &[f32]) -> f32 {
 /// If the grid has no values.
 pub(super) fn central(native: &NativeGrid, info: &GridInfo, voxel: [f64; 3], side: usize) -> Result<Vec<Slice>> {
     let Some(bounds) = info.index_box else { return Ok(Vec::new()) };
-    let background: Vec<f32> = info.background.iter().map(|v| *v as f32).collect();
-    let background = magnitude(&background[..info.components.min(background.len())]);
+    let background = background(info);
     let mut rasters = CUTS.map(|axes| Raster::new(axes, bounds, background, side));
     native.for_each_leaf(|leaf| {
         for raster in &mut rasters {
