@@ -188,7 +188,7 @@ pub fn views(
             name: frame.picture.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             picture,
             render,
-            extra: extra(beside, &frame.camera)?,
+            extra: extra(beside, &frame.camera, limits)?,
             held_out: run.held_out.contains(&i),
             psnr_db: Some(comparison.psnr_db),
             note: String::new(),
