@@ -187,6 +187,16 @@ fn scattered_light_is_called_by_its_name() {
     assert!(found.contains("another one in each view") && found.contains("without --albedo"), "{found}");
 }
 
+/// A mask of half the opacity implies a negative emission, the same one in each view: no light depends on the view.
+#[test]
+fn an_alpha_that_is_too_small_is_not_taken_for_scattered_light() {
+    let work = with_pictures("");
+    work.edit("cap", |_, film| film.rgba.iter_mut().for_each(|pixel| pixel[3] *= 0.5));
+    let found = work.json("validate cap")["files"][0]["findings"].to_string();
+    assert!(found.contains("alpha and colors contradict") && found.contains("alpha is a mask"), "{found}");
+    assert!(!found.contains("scattered") && !found.contains("in each view"), "{found}");
+}
+
 /// Bright emission, stated a hundred times brighter: densities follow that are a hundred times too small.
 #[test]
 fn a_wrong_emission_is_warned_of_with_the_right_one() {

@@ -202,3 +202,32 @@ fn volumes_move_by_their_velocities() {
         work.command("render scene.json --frames 1 --views 1 --aov motion --velocity vel -o no").output().unwrap();
     assert!(out.status.code() == Some(2) && errors(&out).contains("scene file"), "{}", errors(&out));
 }
+
+/// Simulations begin with empty frames: they show the background by the camera and the scale of all.
+#[test]
+fn an_empty_frame_shows_the_background() {
+    let work = Work::new();
+    std::fs::copy(fixture("plume.vdb"), work.path("s.0002.vdb")).unwrap();
+    work.json("convert @plume.vdb s.0001.vdb --crop 900,900,900,901,901,901");
+    for more in ["", " --albedo 0.9 --sky 0.5 --samples 2"] {
+        let out = format!("out{}", more.len());
+        let command = format!("render s.####.vdb --views 1 --size 20x16 --density-scale auto{more} -o {out}");
+        let report = work.json(&command);
+        assert_eq!((&report["rendered"], &report["failed"]), (&Value::from(2), &Value::from(Vec::<u32>::new())));
+        let [empty, full] = [1, 2].map(|n| work.picture(&format!("{out}/frame.000{n}.exr")));
+        assert!(empty.rgba.iter().all(|p| *p == empty.rgba[0] && p[3] == 0.0 && p[0] > 0.0), "{:?}", empty.rgba[0]);
+        assert_eq!((empty.width, full.rgba[0]), (20, empty.rgba[0]));
+        assert!(full.rgba.iter().any(|p| p[3] > 0.5));
+    }
+}
+
+/// `--quiet` silences progress and remarks, and no failure.
+#[test]
+fn frames_that_fail_are_told_of_quietly() {
+    let work = Work::new();
+    std::fs::copy(fixture("plume.vdb"), work.path("s.0001.vdb")).unwrap();
+    std::fs::write(work.path("s.0002.vdb"), "no").unwrap();
+    let out = work.command("render s.####.vdb --views 1 --size 8x8 -q -o out").output().unwrap();
+    assert_eq!(out.status.code(), Some(2));
+    assert!(errors(&out).contains("cumulo: frame 2: ") && errors(&out).contains("s.0002.vdb"), "{}", errors(&out));
+}

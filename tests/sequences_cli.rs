@@ -224,3 +224,21 @@ fn what_must_not_flicker_is_settled_once() {
     let resumed = work.json(&format!("{command} --frames 3-5 -o parts --resume"));
     assert_eq!(resumed["density_scale"], whole["density_scale"]);
 }
+
+/// One path of several that names nothing keeps no other from being reported.
+#[test]
+fn a_sequence_without_its_frames_is_reported_beside_others() {
+    let work = Work::new();
+    for number in [1, 2] {
+        std::fs::copy(work::fixture("cube.vdb"), work.path(&format!("s.{number:04}.vdb"))).unwrap();
+        std::fs::copy(work::fixture("cube.vdb"), work.path(&format!("t.{:04}.vdb", number + 8))).unwrap();
+    }
+    for command in ["info", "validate"] {
+        let out = work.command(&format!("{command} s.####.vdb t.####.vdb --frames 1-2 --json")).output().unwrap();
+        assert_eq!(out.status.code(), Some(2));
+        let report: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+        let files = report["files"].as_array().unwrap();
+        assert_eq!((files.len(), files[0]["frame"].as_u64(), files[1]["frame"].as_u64()), (3, Some(1), Some(2)));
+        assert!(files[2]["error"]["what"].as_str().unwrap().contains("none of the frames"), "{report}");
+    }
+}

@@ -95,7 +95,10 @@ fn errors_are_documents_too() {
     assert!(failed("diff @plume.vdb bad.vdb")["error"]["file"].as_str().unwrap().ends_with("bad.vdb"));
     let usage = failed("info");
     assert_eq!(failed("reconstruct density")["command"], "reconstruct density");
-    assert!(usage["error"]["what"].as_str().unwrap().contains("required"), "{usage}");
+    let what = usage["error"]["what"].as_str().unwrap();
+    assert!(what.contains("required") && what.contains("<FILE>"), "{usage}");
+    assert_eq!(failed("--threads 4 info --nonsense")["command"], "info");
+    assert!(!errors(&work.command("--json").output().unwrap()).contains("try-grid"));
     assert!(failed("info a.vdb --nonsense")["error"]["what"].as_str().unwrap().contains("--nonsense"));
     let threads = work.command("info @cube.vdb --json").env("RAYON_NUM_THREADS", "abc").output().unwrap();
     assert!(String::from_utf8_lossy(&threads.stdout).contains("\"error\"") && threads.status.code() == Some(2));
@@ -103,29 +106,30 @@ fn errors_are_documents_too() {
     assert!(work.command("info none.vdb").output().unwrap().stdout.is_empty());
 }
 
-/// The keys of documents are among those of their schemas.
+/// A disk that is full is no success, whatever is printed.
+#[cfg(target_os = "linux")]
 #[test]
-fn schemas_describe_the_documents() {
+fn help_that_cannot_be_printed_is_an_error() {
     let work = Work::new();
-    work.json("render @plume.vdb --views 2 --size 8x8 -o cap");
-    work.json("convert @plume.vdb s.0001.vdb");
-    work.json("convert @plume.vdb s.0002.vdb");
-    for (kind, words) in [
-        ("diff", "diff @plume.vdb @plume.vdb"),
-        ("diff", "diff s.####.vdb s.####.vdb"),
-        ("compare", "compare cap/view_000.exr cap/view_001.exr"),
-        ("compare", "compare cap cap/view_###.exr"),
-        ("validate", "validate @plume.vdb s.####.vdb"),
-    ] {
-        let schema: Value = serde_json::from_str(&work.text(&format!("schema {kind}"))).unwrap();
-        let text = schema.to_string();
-        let out = work.command(words).arg("--json").output().unwrap();
-        let document: Value = serde_json::from_slice(&out.stdout).unwrap();
-        for key in document.as_object().unwrap().keys() {
-            assert!(text.contains(&format!("\"{key}\":")), "{words}: '{key}' is not in the schema of {kind}");
-        }
-        assert!(text.contains("\"error\":") && text.contains("\"version\":"), "{text}");
+    for words in ["--help", "--version", "man", "schema scene", "info @cube.vdb"] {
+        let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+        let out = work.command(words).stdout(full).stderr(Stdio::piped()).spawn().unwrap().wait_with_output().unwrap();
+        assert_eq!(out.status.code(), Some(2), "{words}");
+        assert!(errors(&out).contains("standard output") && errors(&out).contains("space"), "{}", errors(&out));
     }
+}
+
+/// Commands that have nothing to keep end at once, and say so.
+#[test]
+fn an_interrupt_is_a_document_too() {
+    let work = Work::new();
+    work.json("convert @plume.vdb large.vdb --resample 0.004");
+    let child = work.start("diff large.vdb @plume.vdb --voxels all --json --threads 1");
+    std::thread::sleep(std::time::Duration::from_millis(200));
+    let out = work::interrupt(child);
+    assert_eq!(out.status.code(), Some(130), "{}", errors(&out));
+    let document: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!((&document["command"], &document["error"]["what"]), (&json!("diff"), &json!("stopped by the user")));
 }
 
 #[test]

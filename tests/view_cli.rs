@@ -190,3 +190,47 @@ fn sheets_go_where_they_are_told_to() {
     work.refused("view a.png -o a.png", &["is an input"]);
     assert!(!work.path("both.png").exists() && !work.path("a.exr").exists());
 }
+
+/// A depth or a fourth component in the layer of colors or vectors is a layer of its own to those who look.
+#[test]
+fn channels_beside_colors_and_vectors_are_shown() {
+    let work = Work::new();
+    let mut film = Film::of(8, 4, vec![[0.5, 0.25, 0.1, 0.5]; 32]);
+    for name in ["Z", "Vector.X", "Vector.Y", "Vector.Z", "Vector.W"] {
+        film.planes.push(Plane { name: name.into(), samples: (0..32).map(|i| i as f32).collect() });
+    }
+    exr::write_picture(&work.path("a.exr"), &film, &BTreeMap::new(), false).unwrap();
+    let report = work.json("view a.exr --size 32 -o a.png");
+    let layers = report["sheets"][0]["layers"].as_array().unwrap();
+    let mut found: Vec<_> = layers.iter().map(|l| format!("{} {}", l["name"], l["kind"]).replace('"', "")).collect();
+    found.sort();
+    assert_eq!(found, [" colors", "Vector vectors", "Vector.W numbers", "Z numbers"]);
+}
+
+#[test]
+fn the_folder_of_a_sequence_is_shown_and_no_picture_of_a_capture_is_replaced() {
+    let work = Work::new();
+    for number in [1, 3] {
+        std::fs::create_dir_all(work.path("seq")).unwrap();
+        std::fs::copy(fixture("plume.vdb"), work.path(&format!("seq/s.{number:04}.vdb"))).unwrap();
+    }
+    let shown = &work.json("view seq --size 32 --exposure -1 -o s.png")["sheets"][0];
+    assert_eq!((&shown["frames"], &shown["exposure"]), (&json!([1, 3]), &json!(-1.0)));
+    std::fs::copy(fixture("plume.vdb"), work.path("seq/t.1.vdb")).unwrap();
+    std::fs::copy(fixture("plume.vdb"), work.path("seq/t.2.vdb")).unwrap();
+    work.refused("view seq -o s.png", &["several sequences", "t.#.vdb"]);
+    std::fs::create_dir(work.path("empty")).unwrap();
+    work.refused("view empty -o s.png", &["neither a capture nor a sequence"]);
+    work.json("render @plume.vdb --views 2 --size 8x8 --png -o cap");
+    let transforms = std::fs::read_to_string(work.path("cap/transforms.json")).unwrap();
+    std::fs::write(work.path("cap/transforms.json"), transforms.replace(".exr", ".png")).unwrap();
+    work.refused("view cap -o cap/view_001.png", &["is an input"]);
+}
+
+/// A scale that is small, or large, is not rounded away.
+#[test]
+fn scales_are_told_with_three_digits() {
+    let work = Work::new();
+    let text = work.text("view @plume.vdb --density-scale 0.0000123 --size 32 -o a.png");
+    assert!(text.contains("density scale 1.23e-5"), "{text}");
+}

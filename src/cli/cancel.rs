@@ -1,5 +1,6 @@
 //! Signals that ask the program to stop: SIGINT (Ctrl-C), SIGTERM and SIGHUP.
 
+use super::document;
 use crate::error::{Error, Result};
 use crate::process;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
@@ -13,7 +14,8 @@ static LISTENING: AtomicBool = AtomicBool::new(false);
 static CODE: AtomicU8 = AtomicU8::new(128 + SIGINT as u8);
 
 /// Handles the signals from now on. A signal ends the program at once, leaving nothing temporary behind, with the exit
-/// code that shells expect (128 plus its number); if a command [`listen`]s, the first one requests it to stop instead.
+/// code that shells expect (128 plus its number) and, with `--json`, a document that says so; if a command [`listen`]s, the
+/// first one requests it to stop instead.
 ///
 /// # Errors
 /// If the operating system refuses the handlers or their thread.
@@ -27,6 +29,7 @@ pub fn install() -> Result<()> {
             let code = 128_u8.saturating_add(signal as u8);
             CODE.store(code, Ordering::SeqCst);
             if !LISTENING.load(Ordering::SeqCst) || STOP.swap(true, Ordering::SeqCst) {
+                document::error(&Error::cancelled());
                 process::leave(code);
             }
         }

@@ -2,7 +2,9 @@
 
 use crate::error::Error;
 use crate::text::printable_json;
-use schemars::{JsonSchema, Schema, schema_for};
+use schemars::generate::SchemaSettings;
+use schemars::transform::{Transform, transform_subschemas};
+use schemars::{JsonSchema, Schema};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::OnceLock;
@@ -15,7 +17,8 @@ pub const VERSION: u32 = 1;
 /// Command whose documents are asked for; not set without `--json`.
 static COMMAND: OnceLock<String> = OnceLock::new();
 
-/// True once the command's report is written: an error that follows says again what the report says of frames that failed.
+/// True once the document is written: standard output holds one. (An error that follows a report says again what it says of
+/// frames that failed, and a signal may come while an error is written.)
 static REPORTED: AtomicBool = AtomicBool::new(false);
 
 /// Has errors written as JSON on standard output from now on, as those of a command such as `reconstruct density`.
@@ -25,7 +28,7 @@ pub fn begin(command: &str) {
 
 /// Keeps errors from being written behind the report that is written now, since standard output holds one document.
 pub fn reported() {
-    REPORTED.store(true, Ordering::Relaxed);
+    REPORTED.store(true, Ordering::SeqCst);
 }
 
 /// A command's report with the keys that all of them share.
@@ -60,18 +63,19 @@ struct Fault<'d> {
     remedy: Option<&'d str>,
 }
 
-/// Document whose report is one of a command, or that of its failure.
+/// Document of a command.
 #[derive(JsonSchema)]
 #[allow(dead_code, reason = "it describes documents, and none is made of it")]
-struct Any<T> {
+struct Described<T> {
     /// Version of the layout of all documents: keys are only added within a version.
     version: u32,
     /// Words of the command, such as `reconstruct density`.
     command: String,
     #[serde(flatten)]
-    report: Either<T>,
+    report: T,
 }
 
+/// Report of a command, or that of its failure.
 #[derive(JsonSchema)]
 #[serde(untagged)]
 #[allow(dead_code, reason = "it describes documents, and none is made of it")]
@@ -80,9 +84,40 @@ enum Either<T> {
     Failure(Failure<'static>),
 }
 
-/// Returns the JSON schema of the documents of a command with such a report.
-pub fn schema<T: JsonSchema>() -> Schema {
-    schema_for!(Any<T>)
+/// Returns the JSON schema of the documents of a command with such a report, that of its failure included.
+pub fn schema<T: JsonSchema>(title: &str) -> Schema {
+    described::<Either<T>>(title)
+}
+
+/// Returns the JSON schema of the documents of commands that failed.
+pub fn schema_of_failures(title: &str) -> Schema {
+    described::<Failure<'static>>(title)
+}
+
+fn described<T: JsonSchema>(title: &str) -> Schema {
+    // The contract of what is written: keys that a report may leave out are not required.
+    let settings = SchemaSettings::default().for_serialize().with_transform(Nullable);
+    let mut schema = settings.into_generator().into_root_schema_for::<Described<T>>();
+    schema.insert("title".into(), title.into());
+    schema.insert(
+        "description".into(),
+        "Document that the command writes on standard output. A number that is not finite is null.".into(),
+    );
+    schema
+}
+
+/// Lets floating-point numbers be null: JSON has neither NaN nor infinity, and they are written so.
+#[derive(Debug, Clone, Copy)]
+struct Nullable;
+
+impl Transform for Nullable {
+    fn transform(&mut self, schema: &mut Schema) {
+        let format = schema.get("format").and_then(|format| format.as_str());
+        if format.is_some_and(|format| ["float", "double"].contains(&format)) {
+            schema.insert("type".into(), vec!["number", "null"].into());
+        }
+        transform_subschemas(self, schema);
+    }
 }
 
 /// Writes an error as JSON on standard output, if `--json` is given.
@@ -90,10 +125,10 @@ pub fn error(error: &Error) {
     write(error.what(), error.path(), error.place(), error.remedy());
 }
 
-/// Writes what ended the program as JSON on standard output, if `--json` is given and no report is written. The standard library's stream is
-/// avoided because another thread may hold its lock.
+/// Writes what ended the program as JSON on standard output, if `--json` is given and no document is written yet. The
+/// standard library's stream is avoided because another thread may hold its lock.
 pub fn write(what: &str, file: Option<&Path>, part: Option<&str>, remedy: Option<&str>) {
-    let Some(command) = COMMAND.get().filter(|_| !REPORTED.load(Ordering::Relaxed)) else { return };
+    let Some(command) = COMMAND.get().filter(|_| !REPORTED.swap(true, Ordering::SeqCst)) else { return };
     let file = file.map(|path| path.to_string_lossy().into_owned());
     let report = Failure { error: Fault { what, file, part, remedy } };
     if let Ok(json) = serde_json::to_string_pretty(&Document { version: VERSION, command, report: &report }) {

@@ -5,7 +5,7 @@ use super::output::Output;
 use crate::error::{Error, Kind, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
-use crate::formats::sequence::{Frames, Pattern};
+use crate::formats::sequence::{Frames, MOST_FRAMES, Pattern};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -32,18 +32,62 @@ impl Sequence {
         self.pattern.path(number)
     }
 
-    /// Returns the numbers between the first and the last frame whose files are not there.
-    pub fn missing(&self, wanted: Option<Frames>) -> Vec<u32> {
-        let whole = |numbers: &[u32]| match numbers {
-            [first, .., last] => (*first..=*last).collect(),
-            few => few.to_vec(),
-        };
-        let expected: Vec<u32> = match wanted.or(self.pattern.named()) {
-            Some(frames) => frames.numbers().collect(),
-            None => whole(&self.numbers),
-        };
-        expected.into_iter().filter(|number| !self.path(*number).exists()).collect()
+    /// Returns the numbers of the frames whose files are there, and those that are missing.
+    ///
+    /// # Errors
+    /// If no frame is there; `work`, such as "read", says what all frames would be used for.
+    pub fn present(&self, wanted: Option<Frames>, work: &str) -> Result<Present> {
+        let missing = self.missing(wanted);
+        let is_there = |number: &u32| missing.binary_search(number).is_err();
+        let numbers: Vec<u32> = self.numbers.iter().copied().filter(is_there).collect();
+        match numbers[..] {
+            [first, ..] => Ok(Present { first, last: numbers[numbers.len() - 1], numbers, missing }),
+            [] => Err(Error::invalid("none of the frames is there")
+                .at(self.pattern.name())
+                .hint(format!("check the numbers, or leave --frames out to {work} all that are there"))),
+        }
     }
+
+    /// Returns the numbers of frames whose files are not there, in ascending order, at most [`MOST_FRAMES`]: of those that
+    /// were asked for, that the name tells, or that lie between the first and the last.
+    fn missing(&self, wanted: Option<Frames>) -> Vec<u32> {
+        match wanted.or(self.pattern.named()) {
+            Some(frames) => frames.numbers().filter(|number| !self.path(*number).exists()).collect(),
+            None => {
+                let gaps = self.numbers.windows(2).flat_map(|pair| pair[0] + 1..pair[1]);
+                gaps.take(MOST_FRAMES).collect()
+            }
+        }
+    }
+}
+
+/// Frames of a sequence that are there.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Present {
+    /// Numbers of the frames, in ascending order.
+    pub numbers: Vec<u32>,
+    /// Number of the first frame.
+    pub first: u32,
+    /// Number of the last frame.
+    pub last: u32,
+    /// Numbers of the frames whose files are not there.
+    pub missing: Vec<u32>,
+}
+
+/// Extensions of the files that sequences consist of where any kind of file may be looked at.
+pub(super) const ENDINGS: [&str; 6] = ["vdb", "nvdb", "exr", "usd", "usda", "usdc"];
+
+/// Writes ascending numbers with runs as ranges: `1-3, 7`.
+pub(super) fn list(numbers: impl IntoIterator<Item = u32>) -> String {
+    let mut runs: Vec<(u32, u32)> = Vec::new();
+    for number in numbers {
+        match runs.last_mut().filter(|(_, last)| last.checked_add(1) == Some(number)) {
+            Some((_, last)) => *last = number,
+            None => runs.push((number, number)),
+        }
+    }
+    let run = |(first, last): &(u32, u32)| if first == last { first.to_string() } else { format!("{first}-{last}") };
+    runs.iter().map(run).collect::<Vec<_>>().join(", ")
 }
 
 impl FramesOption {
@@ -53,13 +97,23 @@ impl FramesOption {
     }
 
     /// Returns the sequences that a path names where captures are meant, too: the one of a pattern, or those of a folder
-    /// that is no capture, of files with one of `endings`. None for the path of a file or a capture.
+    /// that is no capture, of files with one of [`ENDINGS`]. None for the path of a file or a capture.
     ///
     /// # Errors
-    /// If a pattern or a folder matches no file.
-    pub fn sequences(self, path: &Path, endings: &[&str]) -> Result<Vec<Sequence>> {
-        let capture = path.is_dir() && captures::file(path).exists();
-        if capture { Ok(Vec::new()) } else { self.all(path, endings) }
+    /// If a pattern matches no file, or a folder holds neither a capture nor a sequence.
+    pub fn sequences(self, path: &Path) -> Result<Vec<Sequence>> {
+        if path.is_dir() && captures::file(path).exists() {
+            return Ok(Vec::new());
+        }
+        let all = self.all(path, &ENDINGS)?;
+        if all.is_empty() && path.is_dir() {
+            let endings = ENDINGS.map(|ending| format!(".{ending}")).join(", ");
+            return Err(Error::invalid("the folder holds neither a capture nor a sequence").at(path).hint(format!(
+                "a capture is a transforms.json or the folder that holds one, a sequence two numbered files or more \
+                 ({endings}); of other files give the names"
+            )));
+        }
+        Ok(all)
     }
 
     fn all(self, path: &Path, endings: &[&str]) -> Result<Vec<Sequence>> {
@@ -205,6 +259,7 @@ mod tests {
         let folder = files(&["s.0001.vdb", "s.0002.vdb", "s.0004.vdb", "t.vdb"]);
         let option = FramesOption::default();
         let of = |path: &Path| option.sequence(path, &["vdb"]).unwrap().map(|s| (s.numbers.clone(), s.missing(None)));
+        assert!(option.sequences(&folder.path().join("t.vdb")).unwrap().is_empty());
         assert_eq!(of(folder.path()), Some((vec![1, 2, 4], vec![3])));
         assert_eq!(of(&folder.path().join("s.####.vdb")), Some((vec![1, 2, 4], vec![3])));
         assert_eq!(of(&folder.path().join("s.0001-0005.vdb")), Some((vec![1, 2, 3, 4, 5], vec![3, 5])));
@@ -216,6 +271,29 @@ mod tests {
         std::fs::write(folder.path().join("u.1.vdb"), "").unwrap();
         std::fs::write(folder.path().join("u.2.vdb"), "").unwrap();
         assert!(option.sequence(folder.path(), &["vdb"]).unwrap_err().to_string().contains("u.#.vdb"));
+    }
+
+    /// Names with dates are numbers far apart, which no loop may count through.
+    #[test]
+    fn numbers_far_apart_take_no_time() {
+        let folder = files(&["g.1.vdb", "g.3.vdb", "g.999999999.vdb"]);
+        let all = FramesOption::default().sequences(folder.path()).unwrap();
+        let present = all[0].present(None, "read").unwrap();
+        assert_eq!((present.first, present.last, &present.numbers[..]), (1, 999_999_999, &[1, 3, 999_999_999][..]));
+        assert_eq!((present.missing.len(), &present.missing[..2]), (MOST_FRAMES, &[2, 4][..]));
+    }
+
+    #[test]
+    fn a_folder_of_neither_kind_says_what_was_looked_for() {
+        let folder = files(&["one.0007.vdb", "note.txt"]);
+        let error = FramesOption::default().sequences(folder.path()).unwrap_err().to_string();
+        assert!(error.contains("neither a capture nor a sequence") && error.contains(".vdb"), "{error}");
+    }
+
+    #[test]
+    fn runs_are_ranges() {
+        assert_eq!(list([1, 2, 3, 7, 9, 10]), "1-3, 7, 9-10");
+        assert_eq!(list([]), "");
     }
 
     #[test]

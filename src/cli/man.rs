@@ -22,8 +22,8 @@ pub struct ManCommand {
     output: Option<PathBuf>,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     pages: Vec<String>,

@@ -46,6 +46,7 @@ use crate::error::{Error, Kind, Result};
 use crate::formats::limits::Limits;
 use crate::formats::vdb::{self, helper};
 use crate::process;
+use clap::error::ContextKind;
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
 use output::Output;
 use std::ffi::{OsStr, OsString};
@@ -204,7 +205,7 @@ pub fn main() -> ExitCode {
     let json = words.iter().take_while(|word| *word != "--").any(|word| word == "--json");
     let arguments = match Arguments::read(words.clone()) {
         Ok(arguments) => arguments,
-        Err(usage) => return refused(&usage, json.then(|| named_by(&words))),
+        Err(usage) => return refused(usage, json.then(|| named_by(&words))),
     };
     match run(arguments) {
         Ok(code) => code,
@@ -216,10 +217,19 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Returns the words of the subcommand that a command line names, as far as it names one.
+/// Returns the words of the subcommand that a command line names, as far as it names one. Options may stand before it.
 fn named_by(words: &[OsString]) -> String {
     let (mut at, mut names) = (command(), Vec::new());
-    for word in words.iter().skip(1).filter_map(|word| word.to_str()).filter(|word| !word.starts_with('-')) {
+    // The options of all commands are those of subcommands, too.
+    at.build();
+    let mut words = words.iter().skip(1).filter_map(|word| word.to_str());
+    while let Some(word) = words.next() {
+        if word.starts_with('-') {
+            if takes_value(&at, word) {
+                words.next();
+            }
+            continue;
+        }
         let Some(sub) = at.find_subcommand(word).cloned() else { break };
         names.push(sub.get_name().to_owned());
         at = sub;
@@ -227,20 +237,41 @@ fn named_by(words: &[OsString]) -> String {
     names.join(" ")
 }
 
+/// Returns true if a word is an option of a command whose value is the next word.
+fn takes_value(command: &clap::Command, word: &str) -> bool {
+    let named = |arg: &&clap::Arg| word.strip_prefix("--").is_some_and(|long| arg.get_long() == Some(long));
+    command.get_arguments().find(named).is_some_and(|arg| arg.get_action().takes_values())
+}
+
 /// Prints what a command line that could not be read is told: its mistake, or the help that it asked for. The mistake is a
 /// document of `command`, too, if there is one.
-fn refused(usage: &clap::Error, command: Option<String>) -> ExitCode {
-    let _ = usage.print();
+fn refused(mut usage: clap::Error, command: Option<String>) -> ExitCode {
+    // The list has commands that are hidden from people.
+    usage.remove(ContextKind::ValidSubcommand);
+    let printed = usage.print();
     if !usage.use_stderr() {
-        return ExitCode::SUCCESS;
+        return match printed {
+            Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+                let _ = writeln!(std::io::stderr(), "cumulo: {}", Error::io("standard output", error));
+                ExitCode::from(2)
+            }
+            _ => ExitCode::SUCCESS,
+        };
     }
     if let Some(command) = command {
         document::begin(&command);
-        let text = usage.render().to_string();
-        let what = text.lines().next().unwrap_or_default().trim_start_matches("error: ");
-        document::write(what, None, None, Some("cumulo --help, or --help behind a command, lists what can be given"));
+        document::write(&mistake(&usage.render().to_string()), None, None, Some(SEE_HELP));
     }
     ExitCode::from(2)
+}
+
+/// Advice to those whose command line could not be read.
+const SEE_HELP: &str = "cumulo --help, or --help behind a command, lists what can be given";
+
+/// Returns the mistake that a usage message names, in a line: its first paragraph, which lists what is missing or possible.
+fn mistake(text: &str) -> String {
+    let lines: Vec<&str> = text.lines().map(str::trim).take_while(|line| !line.is_empty()).collect();
+    lines.join(" ").trim_start_matches("error: ").to_owned()
 }
 
 /// Runs the command line.
@@ -302,6 +333,28 @@ fn dispatch(command: Command, output: &Output) -> Result<ExitCode> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn commands_are_named_whatever_stands_before_them() {
+        let named = |line: &str| named_by(&line.split(' ').map(OsString::from).collect::<Vec<_>>());
+        assert_eq!(named("cumulo info --bad"), "info");
+        assert_eq!(named("cumulo --threads 4 --json reconstruct -q density --bad"), "reconstruct density");
+        assert_eq!(named("cumulo --threads=4 info"), "info");
+        assert_eq!((named("cumulo --json"), named("cumulo nonsense info")), (String::new(), String::new()));
+    }
+
+    /// A script reads the document, and not the lines below the first one.
+    #[test]
+    fn mistakes_name_what_is_missing() {
+        let told = |words: &[&str]| {
+            let words = words.iter().map(OsString::from);
+            mistake(&Arguments::read(words).unwrap_err().render().to_string())
+        };
+        let missing = told(&["cumulo", "reconstruct", "density"]);
+        assert!(missing.contains("required") && missing.contains("--output <OUT.vdb> <CAPTURE>"), "{missing}");
+        let wrong = told(&["cumulo", "view", "a.vdb", "--up", "w"]);
+        assert!(wrong.starts_with("invalid value 'w'") && wrong.contains("possible values: auto, y, z"), "{wrong}");
+    }
 
     #[test]
     fn threads_are_bounded_and_the_variable_is_not_ignored() {

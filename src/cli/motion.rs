@@ -71,8 +71,8 @@ pub struct MotionCommand {
     pub(in crate::cli) memory: Memory,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     frames: usize,

@@ -159,11 +159,10 @@ fn written_by(json: &Path) -> Option<String> {
     Some(root.get("provenance")?.get("command")?.as_str()?.to_owned())
 }
 
-/// Returns true if two command lines have the same words after the program's name, which may be written in several
-/// ways.
+/// Returns true if two command lines are the same but for the program's name, which may be written in several ways, and the
+/// words that say how to work.
 pub fn same_command(a: &str, b: &str) -> bool {
-    let words = |text: &str| text.split_once(' ').map(|(_, rest)| rest.to_owned());
-    words(a) == words(b)
+    words(a, &MANNER, &MANNER_VALUES) == words(b, &MANNER, &MANNER_VALUES)
 }
 
 /// Returns true if a picture in OpenEXR or PNG is there that a command of the same settings wrote, which its `attribute`
@@ -195,18 +194,28 @@ pub fn attributes(path: &Path) -> exr::Attributes {
     }
 }
 
+/// Options that say how to work, on which results do not depend.
+const MANNER: [&str; 7] = ["--resume", "--overwrite", "--quiet", "-q", "--verbose", "-v", "--json"];
+/// Options with a value that say how to work.
+const MANNER_VALUES: [&str; 2] = ["--threads", "--max-memory"];
+
 /// Returns the words of a command without the program's name and without those that choose frames or say how to work.
 pub fn settings(command: &str) -> Vec<&str> {
+    words(command, &MANNER, &["--frames", "--threads", "--max-memory"])
+}
+
+/// Returns the words of a command without the program's name, without `flags`, and without options and their `values`.
+fn words<'c>(command: &'c str, flags: &[&str], values: &[&str]) -> Vec<&'c str> {
     let mut words = command.split(' ').skip(1);
     let mut kept = Vec::new();
     while let Some(word) = words.next() {
-        match word {
-            "--frames" | "--threads" => {
+        let (name, value) = word.split_once('=').map_or((word, None), |(name, value)| (name, Some(value)));
+        if values.contains(&name) {
+            if value.is_none() {
                 words.next();
             }
-            "--resume" | "--overwrite" | "--quiet" | "-q" | "--json" => {}
-            word if word.starts_with("--frames=") || word.starts_with("--threads=") => {}
-            word => kept.push(word),
+        } else if !flags.contains(&word) {
+            kept.push(word);
         }
     }
     kept
@@ -265,5 +274,13 @@ mod tests {
         let a = settings("cumulo render a.vdb --frames 1-3 --threads 2 --resume -o b");
         assert_eq!(a, settings("/bin/cumulo render a.vdb --frames=4 -o b --json"));
         assert_ne!(a, settings("cumulo render a.vdb -o c"));
+        assert_eq!(a, settings("cumulo render a.vdb -o b -v --max-memory 2GiB"));
+    }
+
+    #[test]
+    fn a_command_is_the_same_however_it_works() {
+        let same = |other: &str| same_command("cumulo render a.vdb --frames 1-3 -o b", other);
+        assert!(same("bin/cumulo render a.vdb --frames 1-3 -o b --json --threads=2 --verbose"));
+        assert!(!same("cumulo render a.vdb --frames 1-4 -o b") && !same("cumulo render a.vdb --frames 1-3 -o c"));
     }
 }

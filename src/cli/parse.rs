@@ -120,14 +120,14 @@ pub fn color(text: &str) -> Result<[f32; 3], String> {
     }
 }
 
-/// Parses a vector, `x,y,z`, that is not zero.
+/// Parses a vector, `x,y,z`, whose direction can be computed: neither zero nor so small or large that its square is not held.
 pub fn vector(text: &str) -> Result<DVec3, String> {
     let numbers = text.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
     let [x, y, z] = numbers[..] else {
         return Err(format!("{} numbers, three are needed: x,y,z", numbers.len()));
     };
     let vector = DVec3::new(x, y, z);
-    if vector.length() > 0.0 { Ok(vector) } else { Err(format!("'{text}' has no direction")) }
+    if vector.normalize().is_normalized() { Ok(vector) } else { Err(format!("'{text}' has no direction")) }
 }
 
 /// Parses an albedo, `r,g,b` or one number for grey, each from 0 to 1.
@@ -161,7 +161,7 @@ mod tests {
         assert!(ascending("1,1").is_err() && ascending("1").is_err() && ascending("0,inf").is_err());
         assert!(positive("0").is_err() && positive("inf").is_err() && not_negative("0").is_ok());
         assert_eq!(vector("0,-1, 2"), Ok(DVec3::new(0.0, -1.0, 2.0)));
-        assert!(vector("0,0,0").is_err() && vector("1,2").is_err());
+        assert!(vector("0,0,0").is_err() && vector("1e200,0,0").is_err() && vector("1,2").is_err());
         assert!(albedo("0.9").is_ok() && albedo("1,0,1.01").is_err());
         assert!(share("0").is_ok() && share("0.5").is_ok() && share("1").is_err() && share("-0.1").is_err());
     }

@@ -3,7 +3,7 @@
 use crate::cli::cancel;
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
-use crate::cli::render::{LeftOut, PictureOptions};
+use crate::cli::render::{Cameras, LeftOut, PictureOptions};
 use crate::cli::up::ChosenUp;
 use crate::error::{Error, Result};
 use crate::formats::sequence::Pattern;
@@ -27,8 +27,8 @@ pub struct PlanCommand {
     pub(in crate::cli) pictures: PictureOptions,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     input: PathBuf,
     views: usize,
@@ -101,8 +101,9 @@ impl PlanCommand {
         pictures.scattering.check(paths)?;
         let up = pictures.chosen_up(template.as_ref())?;
         up.iter().for_each(|up| output.note(up));
-        let capture =
-            pictures.capture(|name| PathBuf::from(name), &subject, transfer, template.as_ref(), up.as_ref())?;
+        let cameras = Cameras::around(up.as_ref());
+        let name = |name: &str| PathBuf::from(name);
+        let capture = pictures.capture(name, &subject, transfer, template.as_ref(), cameras)?;
         let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
         let mut plan = pictures.plan(&scene, false)?;
         let scene = plan.simplify(scene)?;

@@ -12,7 +12,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Origin of an output: program, command line, inputs and wall time.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Provenance {
     /// Name and version of the program.
     pub software: String,

@@ -11,7 +11,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 /// Solver of a reconstruction of voxels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Solver {
     /// Conjugate gradients in the smoothness prior's metric.
@@ -28,7 +28,7 @@ pub enum Solver {
 }
 
 /// Record of a reconstruction of voxels.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Run {
     /// Path of the pictures' transforms.json.
     #[serde(serialize_with = "crate::cli::paths::text")]

@@ -1,29 +1,77 @@
 //! `cumulo schema`: JSON schemas of the files that Cumulo reads, and of the documents that it writes.
 
 use super::output::Output;
-use super::{compare, diff, document, validate};
+use super::report::transfer::TransferRun;
+use super::{
+    capture, compare, convert, denoise, diff, document, gradient, info, man, motion, plan, pose, render, report, run,
+    transfer, usd, validate, view, viewpoint,
+};
 use crate::error::{Error, Result};
 use crate::formats::scene_file;
+use schemars::Schema as JsonSchema;
 use std::process::ExitCode;
 
 /// Print the JSON schema of a kind of file, or of what a command writes with --json
+///
+/// A document holds the report of the command or, if it failed, its error; `error` is the schema of such documents alone.
 #[derive(Debug, clap::Args)]
 pub struct Schema {
-    /// Kind of file, or command
+    /// Kind of file, or command with dashes between its words
     #[arg(value_enum)]
     kind: Kind,
 }
 
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum Kind {
-    /// Scene files of `cumulo render`
-    Scene,
-    /// Reports of `cumulo compare --json`
-    Compare,
-    /// Reports of `cumulo diff --json`
-    Diff,
-    /// Reports of `cumulo validate --json`
-    Validate,
+/// Declares [`Kind`] with a variant for each command, and the schema of each.
+macro_rules! kinds {
+    ($($variant:ident: $command:literal => $report:ty;)*) => {
+        #[derive(Debug, Clone, Copy, clap::ValueEnum)]
+        enum Kind {
+            /// Scene files of `cumulo render`
+            Scene,
+            /// Documents of commands that failed
+            Error,
+            $(#[doc = concat!("Documents of `cumulo ", $command, " --json`")] $variant,)*
+        }
+
+        impl Kind {
+            fn schema(self) -> JsonSchema {
+                match self {
+                    Self::Scene => scene_file::schema(),
+                    Self::Error => document::schema_of_failures("cumulo --json, failed"),
+                    $(Self::$variant => document::schema::<$report>(concat!("cumulo ", $command, " --json")),)*
+                }
+            }
+        }
+
+        /// Words of the commands that have a schema.
+        #[cfg(test)]
+        const COMMANDS: &[&str] = &[$($command),*];
+    };
+}
+
+kinds! {
+    CaptureConvert: "capture convert" => capture::Report;
+    Compare: "compare" => compare::AnyReport;
+    Convert: "convert" => convert::AnyReport;
+    Denoise: "denoise" => denoise::Report;
+    Diff: "diff" => diff::AnyReport;
+    Gradient: "gradient" => gradient::Report;
+    Info: "info" => info::Report;
+    Man: "man" => man::Report;
+    Motion: "motion" => motion::Report;
+    Plan: "plan" => plan::Report;
+    Pose: "pose" => pose::Report;
+    ReconstructColor: "reconstruct color" => run::Run;
+    ReconstructDensity: "reconstruct density" => run::Run;
+    ReconstructTf: "reconstruct tf" => TransferRun;
+    Render: "render" => render::AnyReport;
+    Report: "report" => report::Written;
+    Transfer: "transfer" => transfer::AnyReport;
+    UsdAuthor: "usd author" => usd::Authored;
+    UsdLint: "usd lint" => usd::Linted;
+    Validate: "validate" => validate::Report;
+    View: "view" => view::Report;
+    Viewpoint: "viewpoint" => viewpoint::Report;
 }
 
 impl Schema {
@@ -32,14 +80,38 @@ impl Schema {
     /// # Errors
     /// If standard output cannot be written to.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
-        let schema = match self.kind {
-            Kind::Scene => scene_file::schema(),
-            Kind::Compare => document::schema::<compare::AnyReport>(),
-            Kind::Diff => document::schema::<diff::AnyReport>(),
-            Kind::Validate => document::schema::<validate::Report>(),
-        };
-        let text = serde_json::to_string_pretty(&schema).map_err(|e| Error::invalid(e.to_string()))?;
+        let text = serde_json::to_string_pretty(&self.kind.schema()).map_err(|e| Error::invalid(e.to_string()))?;
         output.plain(&text)?;
         Ok(ExitCode::SUCCESS)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+    use clap::{CommandFactory, ValueEnum};
+
+    /// A command that reports has a schema, under its words with dashes between them.
+    #[test]
+    fn every_command_with_a_report_has_a_schema() {
+        let mut found = Vec::new();
+        let mut left = vec![(String::new(), crate::cli::Arguments::command())];
+        while let Some((path, command)) = left.pop() {
+            let subs = command.get_subcommands().filter(|sub| !sub.is_hide_set() && sub.get_name() != "help");
+            let below: Vec<_> =
+                subs.map(|sub| (format!("{path} {}", sub.get_name()).trim().to_owned(), sub.clone())).collect();
+            match below.is_empty() {
+                true => found.push(path),
+                false => left.extend(below),
+            }
+        }
+        // What these print has a form of its own.
+        found.retain(|path| !["completions", "schema"].contains(&path.as_str()));
+        found.sort();
+        assert_eq!(found, COMMANDS);
+        for (kind, command) in Kind::value_variants()[2..].iter().zip(COMMANDS) {
+            assert_eq!(kind.to_possible_value().unwrap().get_name(), command.replace(' ', "-"));
+        }
     }
 }

@@ -95,9 +95,18 @@ impl TransferOption {
     }
 }
 
+/// Report of a function, or the list of those that are there by name.
+#[derive(schemars::JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "it describes documents, and none is made of it")]
+pub(in crate::cli) enum AnyReport {
+    Function(Report),
+    List(List),
+}
+
 /// The transfer functions that are there by name.
-#[derive(Debug, Serialize)]
-struct List {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct List {
     functions: Vec<Builtin>,
 }
 
@@ -115,8 +124,8 @@ impl fmt::Display for List {
     }
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     input: PathBuf,
     #[serde(serialize_with = "crate::cli::paths::text")]

@@ -26,7 +26,7 @@ pub enum UpChoice {
 }
 
 /// Up axis with the reason for it.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 pub struct ChosenUp {
     /// Axis that points upwards.
     pub axis: Up,

@@ -67,7 +67,7 @@ fn encode_levels(width: usize, height: usize, levels: &[u8], palette: Option<&[u
 
 /// How scene-linear radiance becomes the samples of a PNG: scaled, clipped to 0..1, and encoded by sRGB's curve (IEC
 /// 61966-2-1).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct ToneMapping {
     /// Exposure in stops: radiance is multiplied by two to this power.
     pub exposure: f64,

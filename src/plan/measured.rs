@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 /// Measurements of a scene.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Measured {
     /// Number of volumes.
     pub volumes: usize,
@@ -33,7 +33,7 @@ pub struct Measured {
 }
 
 /// Optical depth along rays.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
 pub struct Depth {
     /// Camera rays among those sampled that meet a medium.
     pub rays: usize,

@@ -41,7 +41,7 @@ pub struct Request {
 }
 
 /// How light is integrated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Integrator {
     /// Along straight rays: nothing scatters.
@@ -51,7 +51,7 @@ pub enum Integrator {
 }
 
 /// Whether an effect is simulated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum State {
     /// It is.
@@ -63,7 +63,7 @@ pub enum State {
 }
 
 /// Plan of an effect.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Planned {
     /// Effect.
     pub name: Effect,
@@ -79,7 +79,7 @@ pub struct Planned {
 }
 
 /// Plan of a scene.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Plan {
     /// How light is integrated.
     pub integrator: Integrator,

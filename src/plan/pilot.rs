@@ -18,7 +18,7 @@ const SECONDS: f64 = 0.05;
 const ROUNDS: usize = 3;
 
 /// Cost of a plan.
-#[derive(Debug, Clone, Copy, serde::Serialize)]
+#[derive(Debug, Clone, Copy, serde::Serialize, schemars::JsonSchema)]
 pub struct Cost {
     /// Seconds for each ray or path, on as many threads as there are.
     pub seconds_per_path: f64,

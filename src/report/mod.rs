@@ -271,7 +271,9 @@ impl Page {
                         @if let Some(banner) = &self.banner { (banner) }
                         @for section in &self.sections { (section) }
                     }
-                    footer { "Written by cumulo " (env!("CARGO_PKG_VERSION")) }
+                    footer {
+                        "Pictures show radiance clipped to 0..1, in sRGB. Written by cumulo " (env!("CARGO_PKG_VERSION"))
+                    }
                     script { (PreEscaped(script::SCRIPT)) }
                 }
             }

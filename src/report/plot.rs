@@ -192,7 +192,8 @@ fn ranges<'a>(points: impl Iterator<Item = &'a (f64, f64)>) -> Option<(Range<f64
         let least = LEAST_SPAN.max(LEAST_SHARE * low.abs().max(high.abs()));
         let room = match span {
             // A single value is centred in a range in which it reads well.
-            0.0 => 0.5 * low.abs().max(1.0),
+            0.0 if low == 0.0 => 0.5,
+            0.0 => (0.5 * low.abs()).max(least),
             _ => (share * span).max(least),
         };
         low - room..high + room
@@ -220,4 +221,20 @@ pub fn style() -> String {
         let _ = write!(dark, ".plot [fill=\"{light}\"]{{fill:{other}}}.plot [stroke=\"{light}\"]{{stroke:{other}}}");
     }
     format!("{css}@media screen and (prefers-color-scheme:dark){{{dark}}}")
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    /// A small value that does not change is not a line at zero.
+    #[test]
+    fn a_single_value_is_shown_in_its_own_range() {
+        let range = |y: f64| ranges([(1.0, y), (2.0, y)].iter()).unwrap().1;
+        assert_eq!((range(0.0), range(6e-4)), (-0.5..0.5, 3e-4..9e-4));
+        assert_eq!((range(40.0), range(-2.0)), (20.0..60.0, -3.0..-1.0));
+        let tiny = range(1e-300);
+        assert!(tiny.end - tiny.start >= LEAST_SPAN, "{tiny:?}");
+    }
 }

@@ -1,6 +1,8 @@
 //! Transfer curves of pictures with integer samples: how a stored value becomes scene-linear light.
 
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Serialize, Serializer};
+use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
 
@@ -58,6 +60,16 @@ impl fmt::Display for ColorSpace {
 impl Serialize for ColorSpace {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.serialize_str(self.name())
+    }
+}
+
+impl JsonSchema for ColorSpace {
+    fn schema_name() -> Cow<'static, str> {
+        "ColorSpace".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "string", "enum": [Self::Srgb.name(), Self::Linear.name(), Self::Gamma22.name()] })
     }
 }
 

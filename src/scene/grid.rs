@@ -70,7 +70,7 @@ pub struct Tile {
 }
 
 /// A metadata value of a file or a grid.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, schemars::JsonSchema)]
 #[serde(untagged)]
 pub enum MetaValue {
     /// Value of type `bool`.

@@ -8,7 +8,7 @@ pub const BINS: usize = 16;
 const HALF_MAX: f32 = 65_504.0;
 
 /// Statistics of a grid's active values; a vector counts by its length.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Statistics {
     /// Smallest finite value; `None` if there are no finite values.
     pub min: Option<f32>,

@@ -8,7 +8,7 @@ use crate::scene::table::{Rgbs, Table, TableGradient};
 use serde::{Deserialize, Serialize};
 
 /// A transfer function with its parameters.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Transfer {
     /// Texels over a range of densities, texel i of R at `low + (i + 1/2) (high - low) / R`. The function is linear
@@ -42,7 +42,7 @@ pub enum Transfer {
 }
 
 /// A Gaussian lobe, `rgbs · exp(-(d - mean)² / (2 e^{2 ln_width}))`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Lobe {
     /// Density at the lobe's peak.

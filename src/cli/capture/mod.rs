@@ -4,6 +4,8 @@ mod convert;
 mod pictures;
 mod placement;
 
+pub(in crate::cli) use convert::Report;
+
 use super::memory::Memory;
 use super::output::Output;
 use crate::error::Result;

@@ -137,7 +137,10 @@ impl Gauge {
     pub fn add(&mut self, number: u32, linear: [&Film; 2]) -> Result<Comparison> {
         let films = linear.map(|film| self.space.of(film));
         let c = metrics::compare(&films[0], &films[1])?;
-        let follows = self.before.as_ref().filter(|(last, old)| last + 1 == number && old[0].width == films[0].width);
+        let size = |film: &Film| [film.width, film.height];
+        let is_next =
+            |(last, old): &&(u32, [Film; 2])| last.checked_add(1) == Some(number) && size(&old[0]) == size(&films[0]);
+        let follows = self.before.as_ref().filter(is_next);
         self.changes.push(follows.map(|(_, old)| flicker::error([&old[0], &films[0]], [&old[1], &films[1]])));
         self.errors.push(c.rms * c.rms);
         self.peak = self.peak.max(c.peak);
@@ -174,5 +177,23 @@ impl Gauge {
             peak,
             frames,
         }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    /// Pixels of pictures of other proportions are not the same places, even of equal width.
+    #[test]
+    fn a_change_of_size_is_no_flicker() {
+        let film = |height: usize, v: f32| Film::of(4, height, vec![[v, v, v, 1.0]; 4 * height]);
+        let mut gauge = Gauge::new(Space::Linear, false);
+        for (number, height, value) in [(1, 4, 0.1), (2, 4, 0.2), (3, 8, 0.9), (4, 8, 0.7)] {
+            gauge.add(number, [&film(height, value), &film(height, 0.0)]).unwrap();
+        }
+        let flickers = gauge.closed().frames.iter().map(|g| g.flicker_psnr_db.is_some()).collect::<Vec<_>>();
+        assert_eq!(flickers, [false, true, false, true]);
     }
 }

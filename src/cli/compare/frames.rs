@@ -119,11 +119,15 @@ impl Work<'_> {
             let named = |e: Error| e.part(format!("{} and {}", paths[which].display(), paths[reference].display()));
             gauge.add(number, [&films[which], &films[reference]]).map_err(named)
         };
-        // A frame counts in both comparisons or in none.
-        let c = add(&mut self.first, reference - 1)?;
-        if reference == 2 {
+        // A frame counts in both comparisons or in none: one of another size is refused before either.
+        let size = |film: &Film| [film.width, film.height];
+        if reference == 2 && size(&films[0]) == size(&films[1]) {
             add(&mut self.other, 0)?;
+        } else if reference == 2 {
+            let odd = usize::from(size(&films[0]) == size(&films[2]));
+            return add(&mut self.other, odd).map(drop);
         }
+        let c = add(&mut self.first, reference - 1)?;
         self.differ |= !c.within(self.arguments.tolerance);
         if self.arguments.report.is_some() {
             self.gallery.add(at, number, &films.iter().collect::<Vec<_>>(), c.psnr_db);

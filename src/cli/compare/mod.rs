@@ -101,13 +101,14 @@ impl Arguments {
     }
 }
 
-/// Report of two pictures, or of two sequences.
+/// Report of two pictures, of two sequences, or of the expected values of two pictures.
 #[derive(JsonSchema)]
 #[serde(untagged)]
 #[allow(dead_code, reason = "it describes documents, and none is made of it")]
 pub(in crate::cli) enum AnyReport {
     Pictures(Report),
     Sequences(figures::Report),
+    Statistical(statistical::Report),
 }
 
 #[derive(Debug, Serialize, JsonSchema)]

@@ -69,7 +69,9 @@ impl Gallery {
         figures.extend(report.all.flip.map(|flip| ("FLIP", format!("{flip:.4}"))));
         page.figures(&figures);
         let labels: Vec<&str> = beside.iter().map(String::as_str).chain([&a[..], &b[..]]).collect();
-        page.strip("Frames", &labels, &self.moving, RATE)?;
+        if !self.moving.is_empty() {
+            page.strip("Frames", &labels, &self.moving, RATE)?;
+        }
         if let Some((psnr, number, frame)) = &self.worst {
             let heading =
                 format!("Frame {number}, the furthest apart ({})", decibels(Some(*psnr).filter(|v| v.is_finite())));
@@ -98,5 +100,25 @@ impl Gallery {
         plot("Relative error", "relMSE", &|g| Some(g.rel_mse))?;
         plot("FLIP", "FLIP", &|g| g.flip)?;
         Ok(page)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::super::figures::Gauge;
+    use super::*;
+
+    /// All frames around the middle may have failed, and the others are still compared.
+    #[test]
+    fn a_page_without_a_moving_picture_is_made() {
+        let film = |v: f32| Film::of(2, 2, vec![[v, v, v, 1.0]; 4]);
+        let (mut gallery, mut gauge) = (Gallery::new(100), Gauge::new(Space::Linear, false));
+        let c = gauge.add(1, [&film(0.1), &film(0.2)]).unwrap();
+        gallery.add(0, 1, &[&film(0.1), &film(0.2)], c.psnr_db);
+        let all = gauge.closed();
+        let report = Report { all, beside: None, left_out: vec![], failed: vec![], differ: true, report: None };
+        let page = gallery.page([Path::new("a"), Path::new("b")], None, Space::Linear, &report).unwrap();
+        assert!(page.html().contains("Frame 1, the furthest apart"));
     }
 }

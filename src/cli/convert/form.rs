@@ -6,7 +6,7 @@ use crate::scene::grid::GridClass;
 use serde::Serialize;
 
 /// Form that a volume takes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, clap::ValueEnum, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Form {
     /// Densities: 0 outside, 1 inside, with a ramp across the inner half of the narrow band
@@ -16,7 +16,7 @@ pub enum Form {
 }
 
 /// Form that a grid was given.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
 pub struct Formed {
     /// Form of the grid now.
     pub form: Form,

@@ -16,8 +16,8 @@ use std::process::ExitCode;
 /// Extensions of the files that are converted one by one. (Slices of other formats make up one volume.)
 const ENDINGS: [&str; 4] = ["vdb", "nvdb", "exr", "npy"];
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     input: PathBuf,
     #[serde(serialize_with = "crate::cli::paths::text")]
@@ -31,10 +31,11 @@ struct Report {
 }
 
 /// A frame that was converted.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Frame {
     frame: u32,
     /// Report of the conversion of the frame's file.
+    #[schemars(with = "Option<super::FileReport>")]
     report: Option<Kept>,
     #[serde(skip)]
     bytes: u64,

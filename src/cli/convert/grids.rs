@@ -22,8 +22,8 @@ use std::fmt;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     input: PathBuf,
     #[serde(serialize_with = "crate::cli::paths::text")]
@@ -39,7 +39,7 @@ struct Report {
 }
 
 /// Report of a grid.
-#[derive(Debug, Default, Serialize)]
+#[derive(Debug, Default, Serialize, schemars::JsonSchema)]
 pub struct ConvertedGrid {
     pub name: String,
     pub from: String,

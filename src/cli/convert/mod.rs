@@ -29,9 +29,28 @@ use crate::formats::imaging::write::Target;
 use crate::formats::vdb::Codec;
 use crate::formats::{Format, sniff};
 use crate::math::Aabb;
+use schemars::JsonSchema;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+
+/// Report of a file, or of a sequence.
+#[derive(JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "it describes documents, and none is made of it")]
+pub(in crate::cli) enum AnyReport {
+    File(FileReport),
+    Sequence(frames::Report),
+}
+
+/// Report of a VDB with edits, or of an image, an array or a NanoVDB.
+#[derive(JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "it describes documents, and none is made of it")]
+pub(in crate::cli) enum FileReport {
+    Grids(grids::Report),
+    Image(report::Report),
+}
 
 /// Convert a VDB with edits, images of medicine and science to VDBs and back, and pictures to arrays and back
 ///

@@ -1,7 +1,7 @@
 //! Names by which programs know the grids of a volume.
 
 /// Program whose names grids are given.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, clap::ValueEnum, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Convention {
     /// Blender: density, temperature, flame, color, velocity

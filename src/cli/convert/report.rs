@@ -12,7 +12,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 /// Report of a conversion: paths, format, lengths of axes, grids or a layer, and notes.
-#[derive(Debug, Default, Serialize)]
+#[derive(Debug, Default, Serialize, schemars::JsonSchema)]
 pub struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub input: PathBuf,
@@ -44,7 +44,7 @@ pub struct Report {
 }
 
 /// Where a grid's voxels lie, and what its values are.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct GridPlace {
     pub name: String,
     pub class: &'static str,
@@ -86,7 +86,7 @@ impl GridPlace {
 }
 
 /// Layer of a picture that became an array.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 pub struct LayerPlace {
     pub name: String,
     pub channels: Vec<String>,

@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::fmt;
 
 /// A turn of the world by a quarter about x, or none where the axes are equal.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Turn {
     /// Up axis of the input.
     pub from: Up,

@@ -98,7 +98,7 @@ pub struct Denoise {
 }
 
 /// Way to denoise.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 enum Way {
     /// Guided filter in space and time, of the frames before and after
@@ -149,8 +149,8 @@ enum Cuts {
     None,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     method: Way,

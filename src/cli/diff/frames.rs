@@ -74,7 +74,8 @@ impl fmt::Display for Sequences {
             let numbers: Vec<String> = self.left_out.iter().map(u32::to_string).collect();
             writeln!(f, "in one of the sequences alone: frames {}", numbers.join(", "))?;
         }
-        let psnr = self.psnr_db.map_or_else(|| "none".into(), |db| format!("{db:.2} dB"));
+        let none = if self.max_abs == 0.0 { "inf" } else { "undefined" };
+        let psnr = self.psnr_db.map_or_else(|| none.to_owned(), |db| format!("{db:.2} dB"));
         write!(f, "{} frames, {} different, ", self.frames.len(), self.different)?;
         write!(f, "lowest psnr {psnr}, max abs {:.4e}{}", self.max_abs, List(&self.failed))?;
         write!(f, "\n{}", if self.same { "same" } else { "different" })

@@ -11,6 +11,7 @@ use crate::formats::limits::Limits;
 use crate::formats::vdb::{File, GridInfo, NativeGrid, RawGrid};
 use crate::math::Affine;
 use crate::metrics::volume::{Difference, Effort, Field, compare_within};
+use crate::text::printable;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::fmt;
@@ -269,8 +270,11 @@ impl fmt::Display for Report {
             writeln!(
                 f,
                 "'{}'{}: psnr {psnr}, rms {:.4e}, max abs {:.4e}, topology IoU {:.4}, transforms {:.4e} apart, {} voxels",
-                grid.name,
-                grid.name_in_b.as_ref().map(|name| format!(", in the second file '{name}'")).unwrap_or_default(),
+                printable(&grid.name),
+                grid.name_in_b
+                    .as_ref()
+                    .map(|name| format!(", in the second file '{}'", printable(name)))
+                    .unwrap_or_default(),
                 d.rms,
                 d.max_abs,
                 d.topology_iou,
@@ -301,10 +305,10 @@ impl fmt::Display for Report {
             }
         }
         for (names, side) in [(&self.only_in_a, "first"), (&self.only_in_b, "second")] {
-            names.iter().try_for_each(|name| writeln!(f, "'{name}' is only in the {side} file"))?;
+            names.iter().try_for_each(|name| writeln!(f, "'{}' is only in the {side} file", printable(name)))?;
         }
         for name in &self.not_compared {
-            writeln!(f, "'{name}' holds points and was not compared")?;
+            writeln!(f, "'{}' holds points and was not compared", printable(name))?;
         }
         writeln!(f, "{}", if self.same { "same" } else { "different" })
     }

@@ -10,8 +10,8 @@ use std::fmt;
 use std::path::PathBuf;
 
 /// A parameter with its derivative.
-#[derive(Debug, Serialize)]
-pub(super) struct Row {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Row {
     pub name: String,
     #[serde(skip)]
     pub parameter: Parameter,
@@ -29,8 +29,8 @@ pub(super) struct Row {
     pub relative_error: Option<f64>,
 }
 
-#[derive(Debug, Serialize)]
-pub(super) struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub input: PathBuf,
     pub loss: String,

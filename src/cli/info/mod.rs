@@ -9,7 +9,7 @@ pub(super) use volume::statistics_of;
 use super::frames::FramesOption;
 use super::memory::Memory;
 use super::output::Output;
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 use crate::formats::captures::CaptureSummary;
 use crate::formats::exr::ExrSummary;
 use crate::formats::limits::Limits;
@@ -39,15 +39,15 @@ pub struct Info {
     pub(in crate::cli) memory: Memory,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     /// Files in the order in which they were given; those of sequences frame by frame.
     files: Vec<Described>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     sequences: Vec<Summary>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Described {
     #[serde(serialize_with = "crate::cli::paths::text")]
     path: PathBuf,
@@ -90,7 +90,7 @@ impl fmt::Display for Failure {
 }
 
 /// Content of a file, tagged in JSON with the name of its [`Format`].
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 #[serde(tag = "format", rename_all = "lowercase")]
 enum Content {
     Vdb(Volume),
@@ -108,21 +108,25 @@ impl Info {
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let (mut files, mut sequences) = (Vec::new(), Vec::new());
         for path in &self.files {
-            let found = self.frames.sequences(path, &sequence::ENDINGS);
-            match found {
+            match self.sequences(path, output) {
                 Ok(found) if !found.is_empty() => {
-                    for sequence in found {
-                        let (summary, frames) = self.sequence(&sequence, output)?;
+                    for (summary, frames) in found {
                         sequences.push(summary);
                         files.extend(frames);
                     }
                 }
-                Ok(_) | Err(_) => files.push(self.file(path, found.err(), output)?),
+                Err(error) if error.kind() == Kind::Cancelled => return Err(error),
+                found => files.push(self.file(path, found.err(), output)?),
             }
         }
         let failed = files.iter().any(|file| file.error.is_some());
         output.report(&Report { files, sequences })?;
         Ok(if failed { ExitCode::from(2) } else { ExitCode::SUCCESS })
+    }
+
+    /// Describes the sequences that a path names; none for the path of a file or a capture.
+    fn sequences(&self, path: &Path, output: &Output) -> Result<Vec<(Summary, Vec<Described>)>> {
+        self.frames.sequences(path)?.iter().map(|sequence| self.sequence(sequence, output)).collect()
     }
 
     /// Describes a file, or the `error` for which its path names none.

@@ -9,14 +9,14 @@ use std::fmt;
 use std::path::Path;
 
 /// Content of a NanoVDB file, by its directory.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 pub struct Summary {
     /// Version of the library that wrote the file.
     version: String,
     grids: Vec<Grid>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Grid {
     name: String,
     /// Type of the values, by NanoVDB's name.

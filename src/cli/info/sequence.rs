@@ -1,19 +1,16 @@
 //! Sequences of files: what each frame holds, in a line.
 
 use super::{Content, Described, Failure, Info, content};
-use crate::cli::frames::{Sequence, each};
+use crate::cli::frames::{Present, Sequence, each, list};
 use crate::cli::output::Output;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::text::printable;
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
 
-/// Extensions of the files that a folder's sequences consist of.
-pub(super) const ENDINGS: [&str; 6] = ["vdb", "nvdb", "exr", "usd", "usda", "usdc"];
-
 /// Summary of a sequence.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(super) struct Summary {
     /// Path with the number's digits written as `#`.
     #[serde(serialize_with = "crate::cli::paths::text")]
@@ -37,20 +34,14 @@ impl Info {
     /// # Errors
     /// If no frame is there.
     pub(super) fn sequence(&self, sequence: &Sequence, output: &Output) -> Result<(Summary, Vec<Described>)> {
-        let missing = sequence.missing(self.frames.wanted());
-        let there: Vec<u32> = sequence.numbers.iter().copied().filter(|n| !missing.contains(n)).collect();
-        if there.is_empty() {
-            return Err(Error::invalid("none of the frames is there")
-                .at(sequence.pattern.name())
-                .hint("check the numbers, or leave --frames out to read all that are there"));
-        }
+        let Present { numbers, first, last, missing } = sequence.present(self.frames.wanted(), "read")?;
         let results =
-            each(&there, "reading", self.memory.limits(), output, |n, limits| content(&sequence.path(n), limits))?;
+            each(&numbers, "reading", self.memory.limits(), output, |n, limits| content(&sequence.path(n), limits))?;
         let mut summary = Summary {
             pattern: sequence.pattern.name(),
             frames: 0,
-            first: there.first().copied(),
-            last: there.last().copied(),
+            first: Some(first),
+            last: Some(last),
             missing,
             failed: Vec::new(),
             lines: Vec::new(),
@@ -98,8 +89,7 @@ impl fmt::Display for Summary {
         self.lines.iter().try_for_each(|(number, line)| writeln!(f, "  {number:>6}  {line}"))?;
         for (numbers, what) in [(&self.missing, "missing"), (&self.failed, "could not be read")] {
             if !numbers.is_empty() {
-                let list: Vec<String> = numbers.iter().map(u32::to_string).collect();
-                writeln!(f, "  {what}: {}", list.join(", "))?;
+                writeln!(f, "  {what}: {}", list(numbers.iter().copied()))?;
             }
         }
         Ok(())

@@ -14,7 +14,7 @@ use std::fmt;
 use std::path::Path;
 
 /// Description of an OpenVDB file.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(super) struct Volume {
     file_version: u32,
     library_version: String,
@@ -22,7 +22,7 @@ pub(super) struct Volume {
     grids: Vec<Grid>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Grid {
     name: String,
     value_type: String,
@@ -44,14 +44,14 @@ struct Grid {
 }
 
 /// Transfer function that a grid carries as metadata.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 #[serde(untagged)]
 enum Carried {
     Usable(TransferSummary),
     Unusable { problem: String },
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Placement {
     kind: String,
     /// Index-to-world matrix for column vectors, by rows; none for maps that are not affine.
@@ -59,7 +59,7 @@ struct Placement {
     voxel_size: Option<[f64; 3]>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Bounds<T> {
     min: [T; 3],
     max: [T; 3],

@@ -83,7 +83,7 @@ pub struct Pose {
     pub(in crate::cli) memory: Memory,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 struct CameraReport {
     picture: String,
     /// RMS difference of the colors between picture and render, with the camera that the search began with.
@@ -100,8 +100,8 @@ struct CameraReport {
     note: Option<String>,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     cameras: Vec<CameraReport>,

@@ -19,6 +19,22 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+/// Cameras where no capture states them.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::cli) enum Cameras<'c> {
+    /// Cameras around the subject, which stand upright with respect to this axis.
+    Around(Up),
+    /// One camera, which is there already: the subject may be empty.
+    Settled(&'c Camera),
+}
+
+impl Cameras<'_> {
+    /// Returns cameras around the subject by the axis that was chosen; none where a capture states the cameras.
+    pub fn around(up: Option<&ChosenUp>) -> Self {
+        Self::Around(up.map_or(Up::default(), |up| up.axis))
+    }
+}
+
 impl PictureOptions {
     /// Returns the up axis about which cameras are to be placed; `None` where `template` states the cameras.
     ///
@@ -29,22 +45,26 @@ impl PictureOptions {
     }
 
     /// Returns the capture of what the options tell. `picture` returns the path of a picture from its name in a folder, and
-    /// `up` is the axis about which cameras are placed where `template` states none.
+    /// `cameras` says which cameras there are where `template` states none.
     pub(in crate::cli) fn capture(
         &self,
         picture: impl Fn(&str) -> PathBuf,
         subject: &Subject,
         transfer: Option<Transfer>,
         template: Option<&Capture>,
-        up: Option<&ChosenUp>,
+        cameras: Cameras<'_>,
     ) -> Result<Capture> {
-        let up = up.map_or(Up::default(), |up| up.axis);
-        let cameras = self.views_of(subject, template, up)?;
+        let (cameras, settled) = match cameras {
+            Cameras::Settled(camera) if template.is_none() => (vec![*camera], true),
+            Cameras::Settled(_) => (self.views_of(subject, template, Up::default())?, false),
+            Cameras::Around(up) => (self.views_of(subject, template, up)?, false),
+        };
         let density_scale = self.scale(subject, transfer.as_ref(), template, &cameras)?;
         let model = self.model_of(subject, transfer.is_some(), template)?;
         let scatters = model == Model::Scattering;
-        let frame =
-            |i: usize| Ok(Frame { camera: self.cropped(cameras[i])?, picture: picture(&format!("view_{i:03}.exr")) });
+        // A camera that is settled is that of the part of the picture already.
+        let part = |camera: Camera| if settled { Ok(camera) } else { self.cropped(camera) };
+        let frame = |i: usize| Ok(Frame { camera: part(cameras[i])?, picture: picture(&format!("view_{i:03}.exr")) });
         let frames = self.chosen(cameras.len())?.into_iter().map(frame).collect::<Result<Vec<_>>>()?;
         let template = template.filter(|_| !scatters);
         // The other model's background would be a surprise: white light behind a bright source.

@@ -4,11 +4,12 @@
 use super::options::PictureOptions;
 use super::renderer::Chosen;
 use super::scattering::Paths;
+use super::settle::Settled;
 use super::subject::Subject;
 use super::target::Target;
-use super::{Render, fits, remarks, settle};
+use super::{Cameras, Render, fits, remarks};
 use crate::cli::cancel;
-use crate::cli::failed::{Failed, List};
+use crate::cli::failed::{self, Failed, List};
 use crate::cli::output::Output;
 use crate::cli::outputs;
 use crate::cli::parse::DensityScale;
@@ -33,8 +34,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     rendered: usize,
@@ -243,8 +244,9 @@ impl Sequence<'_> {
             match result {
                 Err(e) if e.kind() == Kind::Cancelled => return Err(e),
                 Err(e) => {
-                    output.note(format!("frame {number}: {e}"));
-                    results.failed.push(Failed::new(*number, &e));
+                    let failed = Failed::new(*number, &e);
+                    failed::tell(std::slice::from_ref(&failed));
+                    results.failed.push(failed);
                 }
                 Ok(counts) => {
                     results.skipped += usize::from(counts.is_none());
@@ -266,14 +268,19 @@ impl Sequence<'_> {
             self.up = numbers.iter().find_map(|number| self.up_of(*number));
             self.up.iter().for_each(|up| output.note(up));
         }
-        let earlier = if self.render.resume { settle::earlier(json) } else { None };
+        let up = placed.then(|| self.up.as_ref().map(|up| up.axis).unwrap_or_default());
+        let earlier = json.filter(|json| self.render.resume && json.exists());
         let settled = match earlier {
-            Some(earlier) => earlier,
-            None => {
-                let up = placed.then(|| self.up.as_ref().map(|up| up.axis).unwrap_or_default());
+            // Nothing is left to be settled.
+            Some(_) if self.pictures.planning.max_omitted == 0.0 => Settled::default(),
+            _ => {
                 let _stage = output.stage("settling");
                 self.pictures.settle(self.pattern.as_ref(), numbers, self.template.as_ref(), up)?
             }
+        };
+        let settled = match earlier {
+            Some(json) => settled.after(json),
+            None => settled,
         };
         if let Some(camera) = settled.camera.filter(|_| placed) {
             self.cameras = vec![[camera; 3]; numbers.len()];
@@ -367,7 +374,11 @@ impl Sequence<'_> {
         }
         let paths = pictures.scattering.on() || subject.is_scene();
         let to = |name: &str| self.target.picture(name);
-        let mut capture = pictures.capture(to, &subject, transfer, self.template.as_ref(), self.up.as_ref())?;
+        let cameras = match self.cameras.first() {
+            Some([_, camera, _]) => Cameras::Settled(camera),
+            None => Cameras::around(self.up.as_ref()),
+        };
+        let mut capture = pictures.capture(to, &subject, transfer, self.template.as_ref(), cameras)?;
         self.pictures.density_scale = Some(DensityScale::Given(capture.density_scale)).filter(|_| !subject.is_scene());
         if self.cameras.is_empty() {
             self.cameras = capture.frames.iter().map(|frame| [frame.camera; 3]).collect();

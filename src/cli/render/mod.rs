@@ -11,6 +11,7 @@ mod stage;
 mod subject;
 mod target;
 
+pub(in crate::cli) use capture::Cameras;
 pub(in crate::cli) use frames::between;
 pub(in crate::cli) use options::PictureOptions;
 pub(in crate::cli) use renderer::LeftOut;
@@ -87,8 +88,17 @@ pub struct Render {
     pub(in crate::cli) pictures: PictureOptions,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+/// Report of views, or of the frames of a sequence.
+#[derive(schemars::JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "it describes documents, and none is made of it")]
+pub(in crate::cli) enum AnyReport {
+    Views(Report),
+    Frames(frames::Report),
+}
+
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     views: usize,
@@ -110,7 +120,7 @@ struct Report {
 }
 
 /// How light was integrated.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 #[serde(untagged)]
 enum Way {
     /// Along straight rays.
@@ -120,7 +130,7 @@ enum Way {
 }
 
 /// Transmittance at which rays end, and the error that this makes.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
 struct EarlyStop {
     /// Transmittance below which rays end; 0 for never.
     transmittance: f64,
@@ -196,7 +206,7 @@ impl Render {
         let up = pictures.chosen_up(template.as_ref())?;
         up.iter().for_each(|up| output.note(up));
         let place = |name: &str| target.picture(name);
-        let capture = pictures.capture(place, &subject, transfer, template.as_ref(), up.as_ref())?;
+        let capture = pictures.capture(place, &subject, transfer, template.as_ref(), Cameras::around(up.as_ref()))?;
         fits(&capture, self.plane_bytes(paths), limits.max_memory)?;
         self.check_aovs(paths)?;
         pictures.scattering.check(paths)?;

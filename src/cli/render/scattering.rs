@@ -230,7 +230,7 @@ impl ScatteringOptions {
 }
 
 /// Number of events while paths were traced.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Paths {
     /// Paths per pixel.
     pub samples: u32,
@@ -253,7 +253,7 @@ pub(in crate::cli) struct Paths {
 }
 
 /// Effect of clamping on pictures.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Clamp {
     /// Most radiance that was scattered to a path.
     pub most: f64,

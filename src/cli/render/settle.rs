@@ -2,6 +2,7 @@
 //! `--density-scale auto`, and the effects that a plan keeps. They are taken once for a sequence, since each frame's own would
 //! flicker.
 
+use super::capture::Cameras;
 use super::options::PictureOptions;
 use super::stage::SIZE;
 use super::subject::Subject;
@@ -59,7 +60,8 @@ impl PictureOptions {
         let all = pattern.and_then(|pattern| pattern.numbers().ok()).unwrap_or_else(|| numbers.to_vec());
         let mut outline = Vec::new();
         for number in spread(&all) {
-            let _ = self.look(pattern, number, template, &mut settled, &mut outline);
+            let cameras = Cameras::Around(placed.unwrap_or_default());
+            let _ = self.look(pattern, number, (template, cameras), &mut settled, &mut outline);
         }
         if let Some(up) = placed.filter(|_| !outline.is_empty()) {
             let [width, height] = self.size.unwrap_or(SIZE);
@@ -75,7 +77,7 @@ impl PictureOptions {
         &self,
         pattern: Option<&Pattern>,
         number: u32,
-        template: Option<&Capture>,
+        (template, cameras): (Option<&Capture>, Cameras<'_>),
         settled: &mut Settled,
         outline: &mut Vec<DVec3>,
     ) -> Result<()> {
@@ -90,7 +92,7 @@ impl PictureOptions {
         if subject.is_scene() {
             return Ok(());
         }
-        let capture = pictures.capture(|name| PathBuf::from(name), &subject, transfer, template, None)?;
+        let capture = pictures.capture(|name| PathBuf::from(name), &subject, transfer, template, cameras)?;
         let scale = capture.density_scale;
         settled.density_scale = Some(settled.density_scale.map_or(scale, |least| least.min(scale)));
         if self.planning.max_omitted > 0.0 && matches!(subject, Subject::Grids(_)) {
@@ -111,11 +113,14 @@ fn spread(numbers: &[u32]) -> Vec<u32> {
     (0..count).filter_map(|k| numbers.get(k * last / count.saturating_sub(1).max(1)).copied()).collect()
 }
 
-/// Returns what the capture of an earlier run settled, which the rest of its frames must share.
-pub(super) fn earlier(json: Option<&Path>) -> Option<Settled> {
-    let capture = transforms::load(json?).ok()?;
-    let camera = capture.frames.first().map(|frame| frame.camera);
-    Some(Settled { camera, density_scale: Some(capture.density_scale), ..Settled::default() })
+impl Settled {
+    /// Returns the same with the camera and the scale of the capture that an earlier run wrote, which the rest of its frames
+    /// must share. Effects are settled by the same frames in each run.
+    pub(super) fn after(self, json: &Path) -> Self {
+        let Ok(capture) = transforms::load(json) else { return self };
+        let camera = capture.frames.first().map(|frame| frame.camera).or(self.camera);
+        Self { camera, density_scale: Some(capture.density_scale), ..self }
+    }
 }
 
 #[cfg(test)]

@@ -69,8 +69,8 @@ impl Record {
     }
 }
 
-#[derive(Debug, Serialize)]
-struct Written {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Written {
     #[serde(serialize_with = "crate::cli::paths::text")]
     report: PathBuf,
     /// Error of the volume against `--reference`.
@@ -202,11 +202,11 @@ fn keep(dir: &Path, record: &Record) -> Result<()> {
 
 /// Reads the picture of other renders whose camera stands where `camera` does, and returns it with their name; none if
 /// there is none.
-fn extra(beside: Option<&Beside>, camera: &Camera) -> Result<Option<(String, Film)>> {
+fn extra(beside: Option<&Beside>, camera: &Camera, limits: Limits) -> Result<Option<(String, Film)>> {
     let near = 1e-6 * (1.0 + camera.position().length());
     let Some((name, capture)) = beside else { return Ok(None) };
     let stands = |f: &&Frame| f.camera.camera_to_world.abs_diff_eq(camera.camera_to_world, near);
-    let picture = |f: &Frame| photos::picture(&f.picture, None, capture, Limits::default());
+    let picture = |f: &Frame| photos::picture(&f.picture, None, capture, limits);
     let film = capture.frames.iter().find(stands).map(picture).transpose()?;
     Ok(film.map(|film| (name.clone(), film)))
 }

@@ -31,7 +31,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 /// Record of a reconstruction of a transfer function.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct TransferRun {
     /// Path of the pictures' transforms.json.
     #[serde(serialize_with = "crate::cli::paths::text")]
@@ -188,7 +188,7 @@ pub fn views(
             name: frame.picture.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             picture,
             render,
-            extra: extra(beside, &frame.camera)?,
+            extra: extra(beside, &frame.camera, limits)?,
             held_out: run.held_out.contains(&i),
             psnr_db: Some(comparison.psnr_db),
             note: String::new(),
@@ -199,7 +199,7 @@ pub fn views(
 }
 
 /// Error of a reconstructed transfer function against a reference.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct FunctionError {
     /// Root mean square difference of the extinctions over the texels, relative to the reference's largest extinction.
     extinction_rms: f64,

@@ -27,7 +27,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 /// Error of a reconstructed volume against a reference.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub(super) struct VolumeError {
     /// PSNR in dB with the reference's largest value as peak; none if the volumes are identical or the reference
     /// is zero.
@@ -36,6 +36,9 @@ pub(super) struct VolumeError {
     known_rms: Option<f64>,
     /// RMS error over the voxels whose confidence is below a half.
     unknown_rms: Option<f64>,
+    /// True if the volumes are identical.
+    #[serde(skip)]
+    identical: bool,
 }
 
 /// Makes the page of a volume: figures, views beside re-renders, slices, convergence, times, provenance. With a
@@ -55,7 +58,7 @@ pub(super) fn page(
     let error = difference.zip(reference.as_ref()).map(|(difference, reference)| {
         let rms = |confidence| volume::rms_apart(reference, &volume.field, confidence);
         let [known_rms, unknown_rms] = confidence.as_ref().map_or([None; 2], rms);
-        VolumeError { psnr_db: difference.psnr_db, known_rms, unknown_rms }
+        VolumeError { psnr_db: difference.psnr_db, known_rms, unknown_rms, identical: difference.rms == 0.0 }
     });
 
     let mut page = Page::new(title(run), volume.subtitle(run));
@@ -162,7 +165,8 @@ fn title(run: &Run) -> String {
 fn figures(run: &Run, error: Option<&VolumeError>) -> Vec<(&'static str, String)> {
     let mut figures = Vec::new();
     if let Some(error) = error {
-        figures.push(("Volume PSNR", error.psnr_db.map_or("identical".to_owned(), |p| format!("{p:.2} dB"))));
+        let none = if error.identical { "identical" } else { "undefined: the reference is zero" };
+        figures.push(("Volume PSNR", error.psnr_db.map_or_else(|| none.to_owned(), |p| format!("{p:.2} dB"))));
         let parts = [("RMS where pictures decide", error.known_rms), ("RMS elsewhere", error.unknown_rms)];
         figures.extend(parts.iter().filter_map(|(name, rms)| Some((*name, format!("{:.2e}", (*rms)?)))));
     }
@@ -232,7 +236,7 @@ fn rows(
             let flag = cancel.flag().unwrap_or(&never);
             let Some(render) = renderer.picture(&frame.camera, rays, flag) else { return Ok(None) };
             let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;
-            let extra = extra(beside, &frame.camera)?;
+            let extra = extra(beside, &frame.camera, limits)?;
             Ok(Some(ViewRow {
                 name: frame.picture.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
                 picture,

@@ -34,8 +34,8 @@ pub struct Lint {
     pub(in crate::cli) memory: Memory,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     /// True if no stage has a problem that is left.
     clean: bool,
     stages: Vec<Checked>,
@@ -44,7 +44,7 @@ struct Report {
     layer: Option<PathBuf>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Checked {
     #[serde(serialize_with = "crate::cli::paths::text")]
     path: PathBuf,
@@ -54,7 +54,7 @@ struct Checked {
     error: Option<Failure>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Told {
     #[serde(flatten)]
     finding: Finding,

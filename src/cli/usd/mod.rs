@@ -3,6 +3,9 @@
 mod author;
 mod lint;
 
+pub(in crate::cli) use author::Report as Authored;
+pub(in crate::cli) use lint::Report as Linted;
+
 use super::memory::Memory;
 use super::output::Output;
 use crate::error::Result;

@@ -11,7 +11,7 @@ use super::frames::FramesOption;
 use super::info::Failure;
 use super::memory::Memory;
 use super::output::Output;
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 use crate::formats::limits::Limits;
 use crate::formats::{self, Format};
 use crate::text::printable;
@@ -93,15 +93,15 @@ impl Validate {
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let (mut files, mut sequences) = (Vec::new(), Vec::new());
         for path in &self.files {
-            match self.frames.sequences(path, &sequence::ENDINGS) {
+            match self.sequences(path, output) {
                 Ok(found) if !found.is_empty() => {
-                    for sequence in found {
-                        let (checked, frames) = self.sequence(&sequence, output)?;
+                    for (checked, frames) in found {
                         let place = sequences.len();
                         files.extend(frames.into_iter().map(|file| Checked { sequence: place, ..file }));
                         sequences.push(checked);
                     }
                 }
+                Err(error) if error.kind() == Kind::Cancelled => return Err(error),
                 found => files.push(self.file(path, found.err(), output)?),
             }
         }
@@ -109,6 +109,11 @@ impl Validate {
         let failed = files.iter().any(|f| f.error.is_some());
         output.report(&Report { valid, files, sequences })?;
         Ok(ExitCode::from(if failed { 2 } else { u8::from(!valid) }))
+    }
+
+    /// Checks the sequences that a path names; none for the path of a file or a capture.
+    fn sequences(&self, path: &Path, output: &Output) -> Result<Vec<(CheckedSequence, Vec<Checked>)>> {
+        self.frames.sequences(path)?.iter().map(|sequence| self.sequence(sequence, output)).collect()
     }
 
     /// Checks a file, or reports the `error` for which its path names none.
@@ -149,8 +154,8 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for file in self.files.iter().filter(|file| file.frame.is_none()) {
             if let Some(failure) = &file.error {
-                write!(f, "{}: {}", file.path.display(), failure.to_string().trim_end().replace('\n', "\n  "))?;
-                writeln!(f)?;
+                let path = file.path.to_string_lossy();
+                writeln!(f, "{}: {}", printable(&path), failure.to_string().trim_end().replace('\n', "\n  "))?;
                 continue;
             }
             let verdict = if file.valid { "valid" } else { "not valid" };

@@ -1,9 +1,9 @@
 //! Faults of sequences: frames that are missing, and frames that do not fit the others.
 
 use super::findings::Findings;
-use super::traits::{Deviation, Trait, Traits, deviations, list};
+use super::traits::{Deviation, Trait, Traits, deviations};
 use super::{Checked, Validate};
-use crate::cli::frames::{Sequence, each};
+use crate::cli::frames::{Present, Sequence, each, list};
 use crate::cli::info::Failure;
 use crate::cli::output::Output;
 use crate::error::{Error, Result};
@@ -15,9 +15,6 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
-
-/// Extensions of the files that a folder's sequences consist of.
-pub(super) const ENDINGS: [&str; 6] = ["vdb", "nvdb", "exr", "usd", "usda", "usdc"];
 
 /// A sequence that was checked.
 #[derive(Debug, Serialize, schemars::JsonSchema)]
@@ -43,15 +40,9 @@ impl Validate {
     /// # Errors
     /// If no frame is there.
     pub(super) fn sequence(&self, sequence: &Sequence, output: &Output) -> Result<(CheckedSequence, Vec<Checked>)> {
-        let missing = sequence.missing(self.frames.wanted());
-        let there: Vec<u32> = sequence.numbers.iter().copied().filter(|n| !missing.contains(n)).collect();
-        if there.is_empty() {
-            return Err(Error::invalid("none of the frames is there")
-                .at(sequence.pattern.name())
-                .hint("check the numbers, or leave --frames out to check all that are there"));
-        }
+        let Present { numbers, first, last, missing } = sequence.present(self.frames.wanted(), "check")?;
         let full = self.memory.limits();
-        let results = each(&there, "checking", full, output, |number, limits| {
+        let results = each(&numbers, "checking", full, output, |number, limits| {
             let path = sequence.path(number);
             let (checked, mut traits) = self.check(&path, limits)?;
             if checked.format == Some(Format::Exr) {
@@ -86,7 +77,7 @@ impl Validate {
             findings.of_part(certain, &part, what, remedy);
         }
         let valid = findings.valid() && files.iter().all(|f| f.valid);
-        let (first, last) = (there.first().copied(), there.last().copied());
+        let (first, last) = (Some(first), Some(last));
         let pattern = sequence.pattern.name();
         Ok((CheckedSequence { pattern, frames: files.len(), first, last, missing, valid, findings }, files))
     }

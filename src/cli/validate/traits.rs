@@ -1,5 +1,6 @@
 //! What frames of a sequence are compared by: the names, types, places and sizes of what they hold.
 
+use crate::cli::frames::list;
 use crate::text::printable;
 use glam::DMat4;
 use std::collections::{BTreeMap, BTreeSet};
@@ -134,7 +135,9 @@ fn leaps(of: &[(u32, &Trait)]) -> Vec<String> {
             // At an end there is no telling a leap from growth, unless the two frames beside it agree.
             let inside = i > 0 && i + 1 < count;
             let agree = high <= if inside { LEAP * LEAP * low } else { 1.5 * low };
-            if agree && low > 0.0 && (value.abs() > LEAP * high || value.abs() * LEAP < low) {
+            // A signed figure that passes through zero lies between its neighbors.
+            let between = inside && (values[a].1 - value) * (values[b].1 - value) <= 0.0;
+            if agree && !between && low > 0.0 && (value.abs() > LEAP * high || value.abs() * LEAP < low) {
                 let [a, b] = [a, b].map(|i| values[i]);
                 found.push(format!(
                     "the {name} of frame {number} is {value:.4e}, in frames {} and {} it is {:.4e} and {:.4e}",
@@ -146,19 +149,6 @@ fn leaps(of: &[(u32, &Trait)]) -> Vec<String> {
     found
 }
 
-/// Writes ascending numbers with runs as ranges: `1-3, 7`.
-pub(super) fn list(numbers: impl IntoIterator<Item = u32>) -> String {
-    let mut runs: Vec<(u32, u32)> = Vec::new();
-    for number in numbers {
-        match runs.last_mut().filter(|(_, last)| last.checked_add(1) == Some(number)) {
-            Some((_, last)) => *last = number,
-            None => runs.push((number, number)),
-        }
-    }
-    let run = |(first, last): &(u32, u32)| if first == last { first.to_string() } else { format!("{first}-{last}") };
-    runs.iter().map(run).collect::<Vec<_>>().join(", ")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -167,12 +157,6 @@ mod tests {
         let place = Some(DMat4::from_scale(glam::DVec3::splat(scale)));
         let of = Trait { kind: kind.into(), place, figures: Some([max, 100.0 * max]) };
         (number, [("grid 'density'".to_owned(), of)].into())
-    }
-
-    #[test]
-    fn runs_are_ranges() {
-        assert_eq!(list([1, 2, 3, 7, 9, 10]), "1-3, 7, 9-10");
-        assert_eq!(list([]), "");
     }
 
     #[test]
@@ -195,6 +179,9 @@ mod tests {
         // A step that stays, and a start from nothing.
         assert_eq!(of(&[1.0, 1.0, 9.0, 9.0, 9.0]), 0);
         assert_eq!(of(&[0.0, 0.01, 0.3, 1.0, 2.0]), 0);
+        // A signed value that passes through zero.
+        assert_eq!(of(&[20.0, 10.0, 0.1, -10.0, -20.0]), 0);
+        assert_eq!(of(&[20.0, 10.0, -50.0, 10.0, 20.0]), 1);
     }
 
     #[test]

@@ -49,7 +49,7 @@ enum Kind {
 pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, Content)> {
     let side = view.side(SIDE, MOST).map_err(|e| e.at(path))?;
     // A layer is taken apart while all are held: one film, and the numbers of a channel in order.
-    let apart = exr::header(path)?.display_window.pixels() * (size_of::<[f32; 4]>() + 8) as u64;
+    let apart = exr::header(path)?.display_window.pixels().saturating_mul((size_of::<[f32; 4]>() + 8) as u64);
     let image = exr::read_within(path, Limits { max_memory: limits.max_memory.saturating_sub(apart) })?;
     let planes: Vec<Plane> = image.layers.iter().flat_map(|layer| planes(&image, layer, side)).collect();
     let resolution = [image.width, image.height];
@@ -119,7 +119,8 @@ fn is_beauty(name: &str) -> bool {
     ["", "rgba", "rgb", "combined", "beauty", "c"].contains(&last.as_str())
 }
 
-/// Takes a layer apart into what can be shown: colors, a vector, and else its channels.
+/// Takes a layer apart into what can be shown: colors or a vector, and each of its other channels, but for the alpha of
+/// colors.
 fn planes(image: &Image, layer: &Layer, side: usize) -> Vec<Plane> {
     let find = |names: [&str; 3]| {
         let of = |name: &str| layer.channels.iter().find(|c| c.name.eq_ignore_ascii_case(name));
@@ -130,17 +131,6 @@ fn planes(image: &Image, layer: &Layer, side: usize) -> Vec<Plane> {
         let pixels = (0..image.width * image.height).map(|i| [r[i], g[i], b[i], 1.0]);
         Film::of(image.width, image.height, pixels.collect())
     };
-    if let Some(rgb) = find(["R", "G", "B"]).or_else(|| find(["red", "green", "blue"])) {
-        let whole = film(rgb);
-        let white = exposure::white_of(&whole);
-        return vec![Plane { name: layer.name.clone(), film: fitted(&whole, side), kind: Kind::Colors { white } }];
-    }
-    if let Some(xyz) = find(["X", "Y", "Z"]) {
-        let whole = film(xyz);
-        let lengths = whole.rgba.iter().flat_map(|p| [p[0].abs(), p[1].abs(), p[2].abs()]);
-        let most = Range::of(lengths, 0.001).map_or(0.0, |range| range.high);
-        return vec![Plane { name: layer.name.clone(), film: fitted(&whole, side), kind: Kind::Vectors { most } }];
-    }
     let prefix = if layer.name.is_empty() { String::new() } else { format!("{}.", layer.name) };
     let plane = |channel: &Channel| {
         let whole = film([channel; 3]);
@@ -148,6 +138,26 @@ fn planes(image: &Image, layer: &Layer, side: usize) -> Vec<Plane> {
         let range = Range::of(near, OUTSIDE).unwrap_or(Range { low: 0.0, high: 1.0 });
         Plane { name: format!("{prefix}{}", channel.name), film: fitted(&whole, side), kind: Kind::Numbers { range } }
     };
+    let others = |shown: &[&Channel; 3], left_out: &[&str]| -> Vec<Plane> {
+        let is_other = |c: &&Channel| {
+            let is_shown = shown.iter().any(|other| other.name == c.name);
+            !is_shown && !left_out.iter().any(|name| name.eq_ignore_ascii_case(&c.name))
+        };
+        layer.channels.iter().filter(is_other).map(plane).collect()
+    };
+    if let Some(rgb) = find(["R", "G", "B"]).or_else(|| find(["red", "green", "blue"])) {
+        let whole = film(rgb);
+        let white = exposure::white_of(&whole);
+        let colors = Plane { name: layer.name.clone(), film: fitted(&whole, side), kind: Kind::Colors { white } };
+        return std::iter::once(colors).chain(others(&rgb, &["A", "alpha"])).collect();
+    }
+    if let Some(xyz) = find(["X", "Y", "Z"]) {
+        let whole = film(xyz);
+        let lengths = whole.rgba.iter().flat_map(|p| [p[0].abs(), p[1].abs(), p[2].abs()]);
+        let most = Range::of(lengths, 0.001).map_or(0.0, |range| range.high);
+        let vectors = Plane { name: layer.name.clone(), film: fitted(&whole, side), kind: Kind::Vectors { most } };
+        return std::iter::once(vectors).chain(others(&xyz, &[])).collect();
+    }
     layer.channels.iter().map(plane).collect()
 }
 

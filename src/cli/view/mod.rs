@@ -11,6 +11,7 @@ mod subject;
 mod terminal;
 mod volume;
 
+use super::frames::FramesOption;
 use super::memory::Memory;
 use super::output::Output;
 use super::outputs::{self, Content as Kind};
@@ -20,10 +21,11 @@ use super::up::{self, UpChoice};
 use crate::error::{Error, Result};
 use crate::formats::sequence::{Frames, Pattern};
 use crate::formats::vdb::File;
-use crate::formats::{self, Format, picture, png};
+use crate::formats::{self, Format, captures, picture, png};
 use crate::report::sheet::Sheet;
 use crate::scene::up::Up;
-use shown::{Content, Report, Shown};
+pub(in crate::cli) use shown::Report;
+use shown::{Content, Shown};
 use std::collections::BTreeSet;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -37,7 +39,8 @@ use terminal::Graphics;
 /// be seen, and are stated.
 #[derive(Debug, clap::Args)]
 pub struct View {
-    /// OpenVDB files, pictures (OpenEXR, PNG, JPEG), captures, and sequences such as smoke.####.vdb or view.%04d.exr
+    /// OpenVDB files, pictures (OpenEXR, PNG, JPEG), captures, and sequences such as smoke.####.vdb, view.%04d.exr or the folder
+    /// of one
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Write the sheet to this PNG; of several files, into this folder (default: show it in the terminal)
@@ -52,7 +55,7 @@ pub struct View {
     /// Longer side of each picture in pixels (default: 320; of views and frames 160)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=2048))]
     size: Option<u32>,
-    /// Exposure of pictures in stops (default: the 99th percentile becomes white)
+    /// Exposure of pictures in stops (default: the 99th percentile becomes white; of volumes 0)
     #[arg(long, value_name = "EV", value_parser = parse::exposure, allow_negative_numbers = true)]
     exposure: Option<f64>,
     /// Extinction per unit of density and length; auto makes the 99th percentile of the optical depth 3
@@ -69,6 +72,9 @@ pub struct View {
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
 }
+
+/// Extensions of the files that a folder's sequence consists of.
+const ENDINGS: [&str; 3] = ["vdb", "nvdb", "exr"];
 
 /// Where sheets go.
 enum Destination {
@@ -115,7 +121,7 @@ impl View {
     /// Draws the sheet of a file or a sequence.
     fn sheet(&self, path: &Path) -> Result<(Sheet, Content)> {
         let limits = self.memory.limits();
-        if let Some(pattern) = Pattern::parse(path) {
+        if let Some(pattern) = self.pattern(path)? {
             return sequence::sheet(self, path, &pattern, limits);
         }
         if self.frames.is_some() {
@@ -134,6 +140,33 @@ impl View {
                 path.display()
             ))),
         }
+    }
+
+    /// Returns the names of the sequence that a path stands for: a pattern, or a folder that is no capture; none for a file.
+    ///
+    /// # Errors
+    /// If a folder holds several sequences, or neither a sequence nor a capture.
+    fn pattern(&self, path: &Path) -> Result<Option<Pattern>> {
+        if path.is_dir() && captures::file(path).exists() {
+            return Ok(None);
+        }
+        let found = FramesOption::default().sequence(path, &ENDINGS)?;
+        if found.is_none() && path.is_dir() {
+            return Err(Error::invalid("the folder holds neither a capture nor a sequence")
+                .at(path)
+                .hint("a sequence is two numbered files or more, .vdb or .exr; of other files give the names"));
+        }
+        Ok(found.map(|sequence| sequence.pattern))
+    }
+
+    /// Returns the files that are read: those of the command line, and the pictures of captures.
+    fn inputs(&self) -> Vec<PathBuf> {
+        let pictures = |path: &PathBuf| {
+            let is_capture = formats::sniff(path).is_ok_and(|format| format == Format::Capture);
+            let capture = captures::stated_within(path, self.memory.limits()).ok().filter(|_| is_capture);
+            capture.map(|stated| outputs::of_capture(path, &stated.capture)).unwrap_or_default()
+        };
+        self.files.iter().flat_map(|path| std::iter::once(path.clone()).chain(pictures(path))).collect()
     }
 
     /// Returns where sheets go, once that is known to be possible.
@@ -167,7 +200,8 @@ impl View {
                 names.iter().map(|name| path.join(format!("{name}.png"))).collect()
             }
         };
-        outputs::spare(paths.iter().map(PathBuf::as_path), self.files.iter().map(PathBuf::as_path))?;
+        let inputs = self.inputs();
+        outputs::spare(paths.iter().map(PathBuf::as_path), inputs.iter().map(PathBuf::as_path))?;
         Ok(Destination::Files(paths))
     }
 

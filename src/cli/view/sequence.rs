@@ -42,17 +42,16 @@ pub(super) fn sheet(view: &View, path: &Path, pattern: &Pattern, limits: Limits)
     }
     let first = pattern.path(numbers[0]);
     let mut axis = None;
-    let (films, tone, exposure, density_scale) = match formats::sniff(&first)? {
-        Format::Vdb => {
+    let mut density_scale = None;
+    let (films, exposure) = match formats::sniff(&first)? {
+        Format::Vdb | Format::NanoVdb => {
             let up = view.up_of(&File::open(&first, limits)?);
-            axis = Some(up);
-            let (films, scale) = volumes(view, pattern, &numbers, up, limits)?;
-            (films, ToneMapping { exposure: view.exposure.unwrap_or(0.0) }, None, Some(scale))
+            let volumes = volumes(view, pattern, &numbers, up, limits)?;
+            axis = Some((up, volumes.light));
+            density_scale = Some(volumes.scale);
+            (volumes.films, view.exposure.unwrap_or(0.0))
         }
-        Format::Exr => {
-            let (films, exposure) = pictures(view, pattern, &numbers, limits)?;
-            (films, ToneMapping { exposure }, Some(exposure), None)
-        }
+        Format::Exr => pictures(view, pattern, &numbers, limits)?,
         _ => {
             return Err(Error::unsupported("sequences of volumes (VDB) and of pictures (OpenEXR) can be shown")
                 .at(first)
@@ -61,25 +60,35 @@ pub(super) fn sheet(view: &View, path: &Path, pattern: &Pattern, limits: Limits)
     };
     let tile = |(number, film): (&u32, &Film)| Tile {
         title: format!("frame {number}"),
-        picture: Canvas::of(film.width, film.height, tone.rgb8(film)),
+        picture: Canvas::of(film.width, film.height, ToneMapping { exposure }.rgb8(film)),
         caption: Vec::new(),
     };
     let tiles: Vec<Tile> = numbers.iter().zip(&films).map(tile).collect();
     let mut lines =
         vec![format!("{} of {} frames, {} to {}", numbers.len(), there.len(), there[0], there[there.len() - 1])];
-    lines.extend(exposure.map(|ev| format!("exposure of all {ev:+.1} EV, clipped, sRGB")));
-    lines.extend(density_scale.zip(axis).map(|(scale, up)| {
+    lines.push(format!("exposure of all {exposure:+.1} EV, clipped, sRGB"));
+    lines.extend(density_scale.zip(axis).map(|(scale, (up, light))| {
         let axis = up.name().to_ascii_lowercase();
-        format!("density scale of all {}, absorption, {axis} is up", short(scale))
+        format!("density scale of all {}, {light}, {axis} is up", short(scale))
     }));
     let columns = Sheet::columns_of(tiles.len());
     let sheet = Sheet { title: name_of(path), lines, lead: None, tiles, columns };
+    let exposure = Some(exposure);
     Ok((sheet, Content::Sequence(Sequence { count: there.len(), frames: numbers, exposure, density_scale })))
+}
+
+/// Pictures of volumes.
+struct Volumes {
+    films: Vec<Film>,
+    /// Extinction per unit of density and length.
+    scale: f64,
+    /// How densities are shown, in words.
+    light: &'static str,
 }
 
 /// Pictures of the frames' volumes by one camera and one density scale: the smallest of those that suit the frames, so
 /// that none goes black.
-fn volumes(view: &View, pattern: &Pattern, numbers: &[u32], up: Up, limits: Limits) -> Result<(Vec<Film>, f64)> {
+fn volumes(view: &View, pattern: &Pattern, numbers: &[u32], up: Up, limits: Limits) -> Result<Volumes> {
     let side = view.side(SIDE, numbers.len())?;
     let subject = |number: u32| {
         let path = pattern.path(number);
@@ -88,9 +97,10 @@ fn volumes(view: &View, pattern: &Pattern, numbers: &[u32], up: Up, limits: Limi
         let info = native.info().map_err(|e| e.at(&path))?;
         Subject::of(view, &native, &info, limits).map_err(|e| e.at(&path))
     };
-    let (mut bounds, mut scale) = (Aabb::EMPTY, f64::INFINITY);
+    let (mut bounds, mut scale, mut light) = (Aabb::EMPTY, f64::INFINITY, "");
     for number in numbers {
         let subject = subject(*number)?;
+        light = subject.light();
         let outline = subject.field.outline();
         if outline.is_empty() {
             continue;
@@ -105,7 +115,7 @@ fn volumes(view: &View, pattern: &Pattern, numbers: &[u32], up: Up, limits: Limi
     let camera = camera::around(&bounds.corners(), side, up);
     let films =
         numbers.iter().map(|number| subject(*number)?.picture(&camera, scale).map_err(|e| e.at(pattern.path(*number))));
-    Ok((films.collect::<Result<_>>()?, scale))
+    Ok(Volumes { films: films.collect::<Result<_>>()?, scale, light })
 }
 
 /// The frames' pictures, reduced, and the exposure at which none is burnt out.

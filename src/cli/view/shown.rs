@@ -1,6 +1,7 @@
 //! What a sheet shows, for the report.
 
 use super::slices::Cut;
+use super::volume::short;
 use crate::report::sheet::Range;
 use crate::scene::statistics::Statistics;
 use crate::text::printable;
@@ -8,14 +9,14 @@ use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
 
-#[derive(Debug, Serialize)]
-pub(super) struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     pub sheets: Vec<Shown>,
 }
 
 /// A sheet of a file.
-#[derive(Debug, Serialize)]
-pub(super) struct Shown {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Shown {
     #[serde(serialize_with = "crate::cli::paths::text")]
     pub input: PathBuf,
     /// PNG that was written; none if the sheet was shown in the terminal.
@@ -28,9 +29,9 @@ pub(super) struct Shown {
 }
 
 /// Content of a sheet.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 #[serde(tag = "shows", rename_all = "lowercase")]
-pub(super) enum Content {
+pub(in crate::cli) enum Content {
     Volume(Box<Volume>),
     Picture(Picture),
     Capture(Capture),
@@ -38,8 +39,8 @@ pub(super) enum Content {
 }
 
 /// A grid of a VDB.
-#[derive(Debug, Serialize)]
-pub(super) struct Volume {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Volume {
     pub grid: String,
     /// Names of all grids of the file.
     pub grids: Vec<String>,
@@ -54,6 +55,8 @@ pub(super) struct Volume {
     pub density: &'static str,
     /// Extinction per unit of density and length, with which the picture is made; none if there is no picture.
     pub density_scale: Option<f64>,
+    /// Exposure of the picture in stops.
+    pub exposure: f64,
     /// Slices with their places.
     pub slices: Vec<Cut>,
     /// Values that slices show in black and in white.
@@ -64,8 +67,8 @@ pub(super) struct Volume {
 }
 
 /// A picture with its layers.
-#[derive(Debug, Serialize)]
-pub(super) struct Picture {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Picture {
     /// Width and height in pixels.
     pub resolution: [usize; 2],
     /// Exposure of colors in stops.
@@ -76,8 +79,8 @@ pub(super) struct Picture {
 }
 
 /// A layer, or a channel of one, as it is shown.
-#[derive(Debug, Serialize)]
-pub(super) struct Layer {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Layer {
     pub name: String,
     /// How it is shown: `colors` with the exposure, `vectors` around grey, or `numbers` from black to white.
     pub kind: &'static str,
@@ -88,8 +91,8 @@ pub(super) struct Layer {
 }
 
 /// The views of a capture.
-#[derive(Debug, Serialize)]
-pub(super) struct Capture {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Capture {
     pub views: usize,
     /// Numbers of the views on the sheet.
     pub shown: Vec<usize>,
@@ -99,13 +102,13 @@ pub(super) struct Capture {
 }
 
 /// The frames of a sequence.
-#[derive(Debug, Serialize)]
-pub(super) struct Sequence {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Sequence {
     /// Number of frames that there are.
     pub count: usize,
     /// Numbers of the frames on the sheet.
     pub frames: Vec<u32>,
-    /// Exposure of all frames in stops; none for volumes.
+    /// Exposure of all frames in stops.
     pub exposure: Option<f64>,
     /// Density scale of all frames; none for pictures.
     pub density_scale: Option<f64>,
@@ -126,8 +129,9 @@ impl fmt::Display for Content {
             Self::Volume(v) => {
                 let [x, y, z] = v.dimensions;
                 write!(f, "grid '{}', {x} x {y} x {z} voxels", printable(&v.grid))?;
-                v.density_scale.map_or(Ok(()), |scale| write!(f, ", density scale {scale:.4}"))?;
-                v.range.map_or(Ok(()), |Range { low, high }| write!(f, ", slices from {low} to {high}"))
+                v.density_scale.map_or(Ok(()), |scale| write!(f, ", density scale {}", short(scale)))?;
+                v.range
+                    .map_or(Ok(()), |Range { low, high }| write!(f, ", slices from {} to {}", short(low), short(high)))
             }
             Self::Picture(p) => {
                 let [w, h] = p.resolution;
@@ -141,7 +145,7 @@ impl fmt::Display for Content {
             Self::Sequence(s) => {
                 write!(f, "{} of {} frames", s.frames.len(), s.count)?;
                 s.exposure.map_or(Ok(()), |ev| write!(f, ", exposure {ev:+.1} EV"))?;
-                s.density_scale.map_or(Ok(()), |scale| write!(f, ", density scale {scale:.4}"))
+                s.density_scale.map_or(Ok(()), |scale| write!(f, ", density scale {}", short(scale)))
             }
         }
     }

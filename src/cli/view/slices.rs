@@ -46,8 +46,8 @@ impl Orientation {
 }
 
 /// Place of a slice.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub(super) struct Cut {
+#[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Cut {
     /// Axis that is perpendicular to it.
     pub axis: &'static str,
     /// Index along the axis.
@@ -75,6 +75,12 @@ pub(super) fn magnitude(value: &[f32]) -> f32 {
     }
 }
 
+/// Value of a slice where the grid has neither voxels nor tiles.
+pub(super) fn background(info: &GridInfo) -> f32 {
+    let values: Vec<f32> = info.background.iter().take(info.components).map(|v| *v as f32).collect();
+    magnitude(&values)
+}
+
 /// Returns the slices through the middle of the box of active voxels, whose longer side has at most `side` pixels; none of
 /// an empty grid. Directions of the world to the right and up are those in the slice.
 ///
@@ -88,8 +94,7 @@ pub(super) fn central(
     side: usize,
 ) -> Result<Vec<Slice>> {
     let Some(bounds) = info.index_box else { return Ok(Vec::new()) };
-    let background: Vec<f32> = info.background.iter().map(|v| *v as f32).collect();
-    let background = magnitude(&background[..info.components.min(background.len())]);
+    let background = background(info);
     let mut rasters = orientation.cuts().map(|axes| Raster::new(axes, bounds, background, side));
     native.for_each_leaf(|leaf| {
         for raster in &mut rasters {

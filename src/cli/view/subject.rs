@@ -66,6 +66,14 @@ impl Subject {
         Ok(Self { field, source: Source::Grey([0.0; 3]), meaning })
     }
 
+    /// Returns how the density is shown, in words.
+    pub fn light(&self) -> &'static str {
+        match self.source {
+            Source::Transfer(_) => "by transfer function",
+            _ => "absorption",
+        }
+    }
+
     /// Returns a camera that shows no more than what can be seen of the subject: the outline of its boxes is wider than a
     /// cloud whose edges are thin. The longer side of the picture has `side` pixels.
     pub fn framed(&self, camera: &Camera, side: usize) -> Camera {

@@ -61,6 +61,7 @@ pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
         active_voxels: info.active_voxels,
         density: meaning,
         density_scale,
+        exposure: view.exposure.unwrap_or(0.0),
         slices: slices.iter().map(|slice| slice.cut).collect(),
         range,
         statistics,
@@ -100,7 +101,7 @@ pub(super) fn name(view: &View, file: &File) -> Result<String> {
 
 /// Values that are black and white in all slices: 0 is black where there are no values below it.
 fn range_of(info: &GridInfo, slices: &[Slice]) -> Option<Range> {
-    let background = info.background.first().copied().unwrap_or(0.0) as f32;
+    let background = slices::background(info);
     let values = || slices.iter().flat_map(|slice| slice.film.rgba.iter().map(|p| p[0]));
     // What is empty says nothing about what is not.
     let full = Range::of(values().filter(|v| *v != background), OUTSIDE).or_else(|| Range::of(values(), 0.0))?;
@@ -151,7 +152,7 @@ fn picture(
         Err(e) if by_option => return Err(e),
         Err(e) => return blank(e.what(), "nothing"),
     };
-    let meaning = subject.meaning;
+    let (meaning, title) = (subject.meaning, subject.light());
     let outline = subject.field.outline();
     if outline.is_empty() {
         return blank("the grid is empty", meaning);
@@ -159,14 +160,16 @@ fn picture(
     let camera = subject.framed(&camera::around(&outline, side, up), side);
     let Some(scale) = subject.scale(view, &camera) else { return blank("nothing absorbs light", meaning) };
     let film = subject.picture(&camera, scale)?;
-    let rgb = ToneMapping { exposure: view.exposure.unwrap_or(0.0) }.rgb8(&film);
+    let exposure = view.exposure.unwrap_or(0.0);
+    let rgb = ToneMapping { exposure }.rgb8(&film);
     let tile = Tile {
-        title: if by_option { "by transfer function".into() } else { "absorption".into() },
+        title: title.into(),
         picture: Canvas::of(film.width, film.height, rgb),
         caption: vec![
             meaning.into(),
             format!("density scale {}", short(scale)),
             format!("{} is up", up.name().to_ascii_lowercase()),
+            format!("exposure {:+.1} EV, clipped, sRGB", exposure),
         ],
     };
     Ok(Drawn { tile, density_scale: Some(scale), meaning })

@@ -107,7 +107,7 @@ pub struct Viewpoint {
     pub(in crate::cli) memory: Memory,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Start {
     /// Unit vector from the sphere's centre to the camera at the start.
     start: [f64; 3],
@@ -121,8 +121,8 @@ struct Start {
     view: usize,
 }
 
-#[derive(Debug, Serialize)]
-struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     /// Folder of the pictures; none if only cameras were asked for.

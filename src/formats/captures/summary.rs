@@ -16,7 +16,7 @@ use std::fmt;
 use std::path::Path;
 
 /// Number of views, their sizes and positions, and the light model of a capture.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct CaptureSummary {
     /// Number of views.
     pub frames: usize,

@@ -14,7 +14,7 @@ use std::path::Path;
 const MAX_PIXELS: u64 = 1 << 27;
 
 /// Type of a channel's samples in the file; all become `f32` in memory.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum SampleType {
     /// 16-bit floating-point numbers.
@@ -26,7 +26,7 @@ pub enum SampleType {
 }
 
 /// A channel of a part.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 pub struct ChannelInfo {
     /// Name as in the file: `ViewLayer.Combined.R`.
     pub name: String,
@@ -41,7 +41,7 @@ pub struct ChannelInfo {
 }
 
 /// A part of a file; most files have one.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Part {
     /// Name of the part, if it has one.
     pub name: Option<String>,
@@ -69,7 +69,7 @@ pub struct LayerInfo {
 }
 
 /// Header of a file: everything but the pixels.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Header {
     /// Window that the picture is meant to cover.
     pub display_window: Window,

@@ -38,7 +38,7 @@ pub use write::{Attributes, Placement, write_part, write_picture};
 use serde::Serialize;
 
 /// A rectangle of pixels, with x to the right and y downwards.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 pub struct Window {
     /// Coordinates of the first pixel, inclusive.
     pub min: [i32; 2],

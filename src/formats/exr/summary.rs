@@ -12,7 +12,7 @@ use std::fmt;
 use std::path::Path;
 
 /// Header and sample statistics of a file.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct ExrSummary {
     /// Window that the picture is meant to cover.
     pub display_window: Window,
@@ -28,7 +28,7 @@ pub struct ExrSummary {
 }
 
 /// A part with the statistics of its layers.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct PartSummary {
     /// Name of the part, if it has one.
     pub name: Option<String>,
@@ -43,7 +43,7 @@ pub struct PartSummary {
 }
 
 /// A layer with the statistics of its channels.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct LayerSummary {
     /// Name of the layer; empty for the unnamed one.
     pub name: String,
@@ -52,7 +52,7 @@ pub struct LayerSummary {
 }
 
 /// Statistics of a channel over the display window.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct ChannelSummary {
     /// Description of the channel in the header.
     #[serde(flatten)]

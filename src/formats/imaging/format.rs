@@ -12,7 +12,7 @@ use std::path::Path;
 const START: u64 = 1024;
 
 /// A format that can be read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Format {
     /// NIfTI-1 or NIfTI-2, in one file or as a pair of header and values; also Analyze 7.5, to say that it is not read.

@@ -5,7 +5,7 @@ use crate::math::Affine;
 use std::fmt;
 
 /// Kind of the values of an image.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Values {
     /// Real quantities, stored as floats or scaled integers.

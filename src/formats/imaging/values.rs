@@ -21,7 +21,7 @@ impl Default for Mapping {
 }
 
 /// Range of the values of a grid, and share of them that a threshold removed.
-#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, schemars::JsonSchema)]
 pub struct Tally {
     /// Smallest finite value, the background's 0 included if a voxel has it.
     pub least: Option<f64>,

@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::formats::blosc;
 
 /// Compression of the grids of a segment.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Codec {
     /// The grid's memory as it is.

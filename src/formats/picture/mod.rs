@@ -19,7 +19,7 @@ const STATE: &str = "add \"color_space\": \"sRGB\" to the capture (or \"linear\"
     encoded so, or give --color-space to `cumulo capture convert`; scene-linear EXRs need no such key";
 
 /// Format of a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
     /// OpenEXR: scene-linear floating-point samples.

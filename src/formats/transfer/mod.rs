@@ -61,7 +61,7 @@ pub struct Options {
 }
 
 /// Kind of file that holds a transfer function.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Source {
     /// Cumulo's `.tf.json`.

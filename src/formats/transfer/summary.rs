@@ -7,7 +7,7 @@ use serde::Serialize;
 use std::fmt;
 
 /// Kind, size, range and peak values of a transfer function.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct TransferSummary {
     /// Kind of function: `texture`, `piecewise`, `gaussians` or `identity`.
     pub kind: &'static str,

@@ -4,7 +4,7 @@ use super::value::Value;
 use crate::scene::up::Up;
 
 /// Axis that points upwards.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "UPPERCASE")]
 pub enum UpAxis {
     /// +Y is up, which holds where a stage states nothing.

@@ -17,7 +17,7 @@ use std::path::Path;
 const MOST_LISTED: usize = 10;
 
 /// Volumes, cameras and lights of a stage, and its metadata.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct StageSummary {
     /// Path of the default prim.
     pub default_prim: Option<String>,
@@ -50,7 +50,7 @@ pub struct StageSummary {
 }
 
 /// A volume of a stage.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct VolumeSummary {
     /// Path of the prim.
     pub path: String,
@@ -66,7 +66,7 @@ pub struct VolumeSummary {
 }
 
 /// A field of a volume.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct FieldSummary {
     /// Name of the relationship, without `field:`.
     pub name: String,
@@ -87,7 +87,7 @@ pub struct FieldSummary {
 }
 
 /// A camera of a stage, at the first time code.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct CameraSummary {
     /// Path of the prim.
     pub path: String,
@@ -104,7 +104,7 @@ pub struct CameraSummary {
 }
 
 /// A light of a stage.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct LightSummary {
     /// Path of the prim.
     pub path: String,

@@ -13,7 +13,7 @@ use std::ptr::null_mut;
 pub const HALF_WIDTH: f32 = 3.0;
 
 /// How the values of a new lattice follow from those of the old one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ResampleFilter {
     /// Means over the new voxels' cells: the sum of value times volume stays what it was.

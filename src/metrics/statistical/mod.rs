@@ -106,7 +106,7 @@ pub struct Question {
 }
 
 /// Answer of the tests.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Verdict {
     /// Width and height in pixels.
     pub size: [usize; 2],
@@ -127,7 +127,7 @@ pub struct Verdict {
 }
 
 /// Tests of a channel.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct ChannelTests {
     /// Name of the channel.
     pub channel: &'static str,
@@ -149,7 +149,7 @@ impl ChannelTests {
 }
 
 /// Test of the mean difference over all pixels.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct MeanTest {
     /// Mean of the first side minus that of the second.
     pub difference: f64,
@@ -165,7 +165,7 @@ pub struct MeanTest {
 }
 
 /// Tests of regions of one size.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct RegionTests {
     /// Number of regions.
     pub count: usize,
@@ -176,7 +176,7 @@ pub struct RegionTests {
 }
 
 /// A pixel or tile.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Region {
     /// Column of the first pixel.
     pub x: usize,
@@ -197,7 +197,7 @@ pub struct Region {
 }
 
 /// Test of the mean square of the differences against the variances.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct SpreadTest {
     /// Mean square of the differences beyond the tolerance.
     pub mean_square: f64,

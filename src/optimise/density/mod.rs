@@ -60,7 +60,7 @@ pub struct Request {
 }
 
 /// One iteration, for the progress display and the convergence plot.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Step {
     /// Level, 0 the finest.
     pub level: u32,
@@ -76,7 +76,7 @@ pub struct Step {
 }
 
 /// A stage of the work and the wall time it took.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Stage {
     /// Name of the stage.
     pub name: String,

@@ -32,7 +32,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// How texels are found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Solver {
     /// Gauss and Newton.
@@ -104,7 +104,7 @@ impl Request {
 }
 
 /// State after a refinement.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Step {
     /// Number, from 1.
     pub iteration: u32,

@@ -29,7 +29,7 @@ macro_rules! rules {
 pub(crate) use rules;
 
 /// A quadrature rule; steps are in voxels (of the shortest edge).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(into = "String", try_from = "String")]
 pub enum Quadrature {
     /// Cell by cell between voxel centres, where the trilinear field along a ray is a cubic: two-point Gauss-Legendre has

@@ -5,7 +5,7 @@ use crate::report::picture;
 use crate::scene::film::Film;
 
 /// A range of numbers that greys stand for.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, schemars::JsonSchema)]
 pub struct Range {
     /// Number that is black.
     pub low: f64,

@@ -11,7 +11,7 @@ use crate::formats::{exr, png};
 use crate::metrics::heatmap;
 use crate::metrics::statistical::{self, Estimate, PIXEL_BYTES, Question};
 use crate::scene::film::Film;
-use report::Report;
+pub(in crate::cli) use report::Report;
 use side::{Read, Side};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -6,7 +6,7 @@ use serde::Serialize;
 use std::fmt;
 
 /// Verdict with what it rests on.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 pub struct Report {
     #[serde(flatten)]
     verdict: Verdict,
@@ -15,7 +15,7 @@ pub struct Report {
     heatmap_scale: Option<f64>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Sides {
     a: Noise,
     b: Noise,

@@ -26,7 +26,7 @@ pub struct Side<'s> {
 }
 
 /// Where a side's variances come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Source {
     /// The side counts as free of noise.
@@ -40,7 +40,7 @@ pub enum Source {
 }
 
 /// Noise of a side.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Noise {
     pub source: Source,
     /// Number of pictures read.

@@ -23,7 +23,7 @@ use crate::formats::usd::write::volume::VolumePrim;
 use crate::formats::{atomic, captures, input, usd};
 use clap::ValueEnum;
 use glam::DVec3;
-use report::Report;
+pub(in crate::cli) use report::Report;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::ExitCode;

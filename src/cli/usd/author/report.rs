@@ -11,8 +11,8 @@ use std::fmt;
 use std::path::PathBuf;
 
 /// Report on a stage that was written.
-#[derive(Debug, Serialize)]
-pub(super) struct Report {
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     frames: Option<[u32; 2]>,
@@ -23,7 +23,7 @@ pub(super) struct Report {
     provenance: Provenance,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, schemars::JsonSchema)]
 struct Written {
     /// Path of the prim.
     prim: String,

@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use serde::Serialize;
 
 /// Description of a transfer function that is chosen by name.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Builtin {
     /// Name, as `--tf` takes it.
     pub name: &'static str,

@@ -4,7 +4,7 @@ use crate::formats::usd::write::text::Property;
 use serde::Serialize;
 
 /// Severity of a finding.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
     /// A fault of the stage.
@@ -26,7 +26,7 @@ pub enum Fix {
 }
 
 /// A finding about a stage.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Finding {
     /// Kind of finding, which stays the same from release to release.
     pub id: &'static str,

@@ -1,0 +1,309 @@
+//! Contradictions of the pixels with what a capture states, and with each other.
+
+use super::Finding;
+use crate::optimise::projection::observation::Photo;
+use crate::scene::capture::{Capture, EmissionModel, Model};
+use rayon::prelude::*;
+
+/// Difference of two colors that roundings of half-precision files and denoisers leave, absolute and relative.
+const SAME: [f64; 2] = [0.01, 0.02];
+/// Alpha below which a pixel is transparent.
+const TRANSPARENT: f32 = 2e-6;
+/// Radiance beyond which a sample is no light of a picture.
+const BRIGHTEST: f32 = 1e20;
+
+/// Contradictions of the pictures' pixels with the capture and with each other.
+pub fn pictures(photos: &[Photo], capture: &Capture) -> Vec<Finding> {
+    if let Some(first) = photos.first().filter(|_| photos.iter().all(|p| finite(p).next().is_none())) {
+        return vec![Finding::certain(
+            Some(&first.name),
+            "no pixel of this or any other picture has finite values: all are NaN or infinite",
+            "render the views again; `cumulo validate` says which samples are not finite",
+        )];
+    }
+    let mut findings: Vec<Finding> = photos.par_iter().filter_map(range).collect();
+    findings.sort_by_key(|f| !f.certain);
+    // One picture speaks for all that are alike.
+    findings.truncate(1);
+    if findings.iter().any(|f| f.certain) {
+        return findings;
+    }
+    findings.extend(background_color(photos, capture));
+    findings.extend(opacity(photos, capture));
+    findings.extend(quantised(photos));
+    findings
+}
+
+/// Values that no light has.
+fn range(photo: &Photo) -> Option<Finding> {
+    let name = Some(photo.name.as_str());
+    let finite: Vec<&[f32; 4]> = photo.film.rgba.iter().filter(|p| p.iter().all(|v| v.is_finite())).collect();
+    let all = photo.film.rgba.len();
+    if finite.is_empty() {
+        return Some(Finding::doubtful(
+            name,
+            format!("all of {all} pixels are NaN or infinite: the view says nothing"),
+            "render the view again, or take it out of the capture",
+        ));
+    }
+    if let Some(pixel) = finite.iter().find(|p| p[..3].iter().any(|v| v.abs() > BRIGHTEST)) {
+        return Some(Finding::certain(
+            name,
+            format!("a pixel has the radiance {:e}; scene-linear radiance is expected", pixel[0]),
+            "check that the layer holds colors, and choose it with --layer",
+        ));
+    }
+    let (mut negative, mut sum) = (0.0_f64, 0.0_f64);
+    for value in finite.iter().flat_map(|p| &p[..3]) {
+        sum += f64::from(value.abs());
+        negative += f64::from(value.min(0.0).abs());
+    }
+    if negative > 0.5 * sum {
+        return Some(Finding::certain(
+            name,
+            format!("the radiance is negative: {:.0} % of all of it", 100.0 * negative / sum),
+            "check that the layer holds colors (no depth, vector or difference), and choose it with --layer",
+        ));
+    }
+    let outliers = finite.iter().filter(|p| p[3] < -0.01 || p[3] > 1.01).count();
+    if 2 * outliers > finite.len() {
+        return Some(Finding::certain(
+            name,
+            format!("alpha lies outside of 0 to 1 in {outliers} of {all} pixels"),
+            "alpha is 1 - transmittance: check the layer, or leave its alpha out",
+        ));
+    }
+    if negative > 0.05 * sum {
+        return Some(Finding::doubtful(
+            name,
+            format!("{:.0} % of the radiance is negative", 100.0 * negative / sum),
+            "check the layer, and that filters and denoisers do not undershoot",
+        ));
+    }
+    if outliers > 0 {
+        return Some(Finding::doubtful(
+            name,
+            format!("alpha lies outside of 0 to 1 in {outliers} of {all} pixels"),
+            "alpha is 1 - transmittance: clamp it, or check the layer",
+        ));
+    }
+    None
+}
+
+fn finite(photo: &Photo) -> impl Iterator<Item = &[f32; 4]> {
+    photo.film.rgba.iter().filter(|p| p.iter().all(|v| v.is_finite()))
+}
+
+/// True if the pictures have an alpha that says something.
+fn has_alpha(photos: &[Photo]) -> bool {
+    photos.par_iter().any(|p| finite(p).any(|v| v[3] != 1.0))
+}
+
+/// The color on which nine of ten samples agree, if there is one.
+fn common(samples: &mut [[f32; 3]]) -> Option<[f64; 3]> {
+    if samples.len() < 16 {
+        return None;
+    }
+    let middle = samples.len() / 2;
+    let median: [f64; 3] = std::array::from_fn(|c| {
+        let (_, value, _) = samples.select_nth_unstable_by(middle, |a, b| a[c].total_cmp(&b[c]));
+        f64::from(value[c])
+    });
+    let agreed = samples.iter().filter(|s| same(s.map(f64::from), median)).count();
+    (10 * agreed >= 9 * samples.len()).then_some(median)
+}
+
+fn same(a: [f64; 3], b: [f64; 3]) -> bool {
+    (0..3).all(|c| (a[c] - b[c]).abs() <= SAME[0] + SAME[1] * a[c].abs().max(b[c].abs()))
+}
+
+/// A color as it is written in transforms.json.
+fn json(color: [f64; 3]) -> String {
+    let number = |v: f64| (1e4 * v).round() / 1e4 + 0.0;
+    format!("[{}, {}, {}]", number(color[0]), number(color[1]), number(color[2]))
+}
+
+/// Radiance of the source, where it is the same everywhere.
+fn grey(capture: &Capture) -> Option<[f64; 3]> {
+    match (capture.model, &capture.transfer, capture.emission_model) {
+        (Model::Absorption, ..) => Some([0.0; 3]),
+        (Model::EmissionAbsorption, None, EmissionModel::Grey) => Some(capture.emission.map(f64::from)),
+        _ => None,
+    }
+}
+
+/// A background other than the color of pixels without opacity, or of the border where there is no alpha.
+fn background_color(photos: &[Photo], capture: &Capture) -> Option<Finding> {
+    let stated = capture.background.map(f64::from);
+    let pixels: usize = photos.iter().map(|p| p.film.rgba.len()).sum();
+    if has_alpha(photos) {
+        let transparent = |p: &Photo| -> Vec<[f32; 3]> {
+            finite(p).filter(|v| v[3].abs() < TRANSPARENT).map(|v| [v[0], v[1], v[2]]).collect()
+        };
+        let mut samples: Vec<[f32; 3]> = photos.par_iter().flat_map_iter(transparent).collect();
+        let observed = (100 * samples.len() >= pixels).then(|| common(&mut samples)).flatten()?;
+        return (!same(observed, stated)).then(|| {
+            Finding::certain(
+                None,
+                format!(
+                    "pixels of alpha 0 show the background: theirs is {}, the capture says {}",
+                    json(observed),
+                    json(stated)
+                ),
+                format!(
+                    "state \"background\": {} in transforms.json{}",
+                    json(observed),
+                    if observed == [0.0; 3] { ": the pictures were rendered with a transparent film" } else { "" }
+                ),
+            )
+        });
+    }
+    let border = |p: &Photo| -> Vec<[f32; 3]> {
+        let (w, h) = (p.film.width, p.film.height);
+        let outer = |i: &usize| [0, w - 1].contains(&(i % w)) || [0, h - 1].contains(&(i / w));
+        let finite = |i: &usize| p.film.rgba[*i].iter().all(|v| v.is_finite());
+        let color = |i: usize| [p.film.rgba[i][0], p.film.rgba[i][1], p.film.rgba[i][2]];
+        (0..w * h).filter(outer).filter(finite).map(color).collect()
+    };
+    let mut samples: Vec<[f32; 3]> = photos.par_iter().flat_map_iter(border).collect();
+    let observed = common(&mut samples)?;
+    if same(observed, stated) || grey(capture).is_some_and(|source| same(observed, source)) {
+        return None;
+    }
+    let what = format!(
+        "the borders of all pictures have the color {}, the capture's background is {}",
+        json(observed),
+        json(stated)
+    );
+    let remedy = format!("state \"background\": {} in transforms.json, or render with alpha", json(observed));
+    // Between background and source a medium that fills all pictures evenly could have it.
+    let (off, transmittance) = grey(capture).map_or((0.0, 0.5), |source| between(observed, source, stated));
+    let possible = off < 0.05 && (-0.05..1.0).contains(&transmittance);
+    Some(if possible { Finding::doubtful(None, what, remedy) } else { Finding::certain(None, what, remedy) })
+}
+
+/// Distance of a color from the line between source and background, relative to the largest of all three, and the
+/// transmittance of the point next to it.
+fn between(color: [f64; 3], source: [f64; 3], background: [f64; 3]) -> (f64, f64) {
+    let contrast: [f64; 3] = std::array::from_fn(|c| background[c] - source[c]);
+    let power: f64 = contrast.iter().map(|c| c * c).sum();
+    let transmittance =
+        if power > 1e-12 { (0..3).map(|c| (color[c] - source[c]) * contrast[c]).sum::<f64>() / power } else { 0.5 };
+    let off = (0..3).map(|c| (color[c] - source[c] - transmittance * contrast[c]).abs()).fold(0.0, f64::max);
+    let scale = (0..3).map(|c| color[c].abs().max(source[c]).max(background[c])).fold(1e-12, f64::max);
+    (off / scale, transmittance)
+}
+
+/// Colors of a grey medium are `α c + (1 - α) b`: the emission c that alpha and colors imply against the one stated.
+fn opacity(photos: &[Photo], capture: &Capture) -> Option<Finding> {
+    let stated = grey(capture)?;
+    let background = capture.background.map(f64::from);
+    if !has_alpha(photos) {
+        return impossible_colors(photos, stated, background);
+    }
+    // Σ α², Σ α (L - (1 - α) b), Σ (L - (1 - α) b)², by channel.
+    let sums = |p: &Photo| {
+        finite(p).filter(|v| v[3] > 0.02).fold([[0.0_f64; 3]; 3], |mut sums, v| {
+            let alpha = f64::from(v[3]);
+            for c in 0..3 {
+                let own = f64::from(v[c]) - (1.0 - alpha) * background[c];
+                sums[0][c] += alpha * alpha;
+                sums[1][c] += alpha * own;
+                sums[2][c] += own * own;
+            }
+            sums
+        })
+    };
+    let all: Vec<[[f64; 3]; 3]> = photos.par_iter().map(sums).collect();
+    let total = |k: usize, c: usize| all.iter().map(|s| s[k][c]).sum::<f64>();
+    if total(0, 0) < 1.0 {
+        return None;
+    }
+    let implied: [f64; 3] = std::array::from_fn(|c| total(1, c) / total(0, c));
+    let scale = (0..3).map(|c| stated[c].max(implied[c].abs()).max(background[c])).fold(1e-12, f64::max);
+    let apart = (0..3).map(|c| (implied[c] - stated[c]).abs()).fold(0.0, f64::max);
+    if apart < 0.1 * scale {
+        return None;
+    }
+    let varies = varies(&all, implied.iter().fold(0.0, |most, v| most.max(v.abs())));
+    let left = |c: usize| (total(2, c) - implied[c] * total(1, c)).max(0.0) / total(0, c);
+    let explained = (0..3).map(left).fold(0.0, f64::max).sqrt() < 0.1 * scale && implied.iter().all(|v| *v > -0.05);
+    let explained = explained && !varies;
+    let what = format!(
+        "alpha and colors contradict each other: together they imply the emission {}{}, the capture says {}",
+        json(implied),
+        if varies { ", which is another one in each view" } else { "" },
+        if capture.model == Model::Absorption { "absorption alone".to_owned() } else { json(stated) },
+    );
+    let remedy = if explained {
+        format!(
+            "state \"model\": \"emission-absorption\" and \"emission\": {} in transforms.json: densities follow from it",
+            json(implied.map(|v| v.max(0.0)))
+        )
+    } else if varies {
+        "light that depends on the view is scattered, which neither absorption nor emission explains: render the medium \
+         without scattering (in Cycles with Absorption and Emission alone, here without --albedo), or leave alpha out if it \
+         is a mask and not 1 - transmittance"
+            .into()
+    } else {
+        "check model, emission and background in transforms.json; if alpha is a mask and not 1 - transmittance, leave it \
+         out of the pictures"
+            .into()
+    };
+    Some(Finding::doubtful(None, what, remedy))
+}
+
+/// True if the emissions that views imply, from their sums over the pixels, lie further apart than a fifth of `scale`.
+fn varies(views: &[[[f64; 3]; 3]], scale: f64) -> bool {
+    let of = |c: usize| views.iter().filter(move |s| s[0][c] >= 1.0).map(move |s| s[1][c] / s[0][c]);
+    (0..3).any(|c| of(c).fold(f64::NEG_INFINITY, f64::max) - of(c).fold(f64::INFINITY, f64::min) > 0.2 * scale)
+}
+
+/// Colors that a grey medium cannot have.
+fn impossible_colors(photos: &[Photo], source: [f64; 3], background: [f64; 3]) -> Option<Finding> {
+    let count = |p: &Photo| {
+        finite(p).fold([0_usize; 2], |[all, outliers], v| {
+            let (off, transmittance) = between([0, 1, 2].map(|c| f64::from(v[c])), source, background);
+            [all + 1, outliers + usize::from(off > 0.1 || !(-0.1..=1.1).contains(&transmittance))]
+        })
+    };
+    let counts: Vec<[usize; 2]> = photos.par_iter().map(count).collect();
+    let [all, outliers] = counts.iter().fold([0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    (4 * outliers > all).then(|| {
+        Finding::doubtful(
+            None,
+            format!(
+                "{} % of the pixels have colors that do not lie between background {} and emission {}",
+                100 * outliers / all.max(1),
+                json(background),
+                json(source)
+            ),
+            "check model, background and emission in transforms.json; volumes of many colors are found by `cumulo \
+             reconstruct color`",
+        )
+    })
+}
+
+/// Samples that all lie on steps of eight bits.
+fn quantised(photos: &[Photo]) -> Option<Finding> {
+    let count = |p: &Photo| {
+        finite(p).flat_map(|v| &v[..3]).fold([0_usize; 3], |[all, on, shades], value| {
+            let steps = f64::from(*value) * 255.0;
+            // Half-precision files round by 2⁻¹¹.
+            let off = (steps - steps.round()).abs();
+            let on_step = (0.0..=255.2).contains(&steps) && off <= 1e-3 + steps * 4.9e-4;
+            [all + 1, on + usize::from(on_step), shades + usize::from(on_step && steps > 0.5 && steps < 128.5)]
+        })
+    };
+    let counts: Vec<[usize; 3]> = photos.par_iter().map(count).collect();
+    let [all, on, shades] = counts.iter().fold([0; 3], |a, b| std::array::from_fn(|k| a[k] + b[k]));
+    (on == all && shades >= 64).then(|| {
+        Finding::doubtful(
+            None,
+            "all samples lie on steps of 1/255: the pictures seem to be display-referred, and scene-linear radiance is \
+             expected",
+            "write the pictures as scene-linear EXR, without a view transform (in Blender: view transform Raw, or \
+             multilayer EXR)",
+        )
+    })
+}
