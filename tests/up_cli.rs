@@ -83,7 +83,7 @@ fn stages_state_their_axis() {
     std::fs::copy(fixture("plume.vdb"), work.path("plume.vdb")).unwrap();
     for (axis, level) in [("Y", 1), ("Z", 2)] {
         let name = format!("{axis}.usda");
-        work.text(&format!("usd author plume.vdb -o {name} --up-axis {} --albedo 0.5", axis.to_lowercase()));
+        work.text(&format!("usd author plume.vdb -o {name} --up {} --albedo 0.5", axis.to_lowercase()));
         let report = work.json(&format!("render {name} --views 4 --layout ring --size 4x4 --samples 1 -o of{axis}"));
         assert_eq!(report["up"]["axis"], axis);
         assert_eq!(level_axis(&work.path(&format!("of{axis}"))), [level]);

@@ -59,7 +59,7 @@ fn a_volume_has_its_grids_medium_and_box() {
     assert_eq!(world.matrix(), work::density(&fixture("plume.vdb")).transform.matrix());
 
     // Grids of every kind that a field can hold.
-    work.json("usd author kinds.vdb --up-axis y --meters-per-unit 0.01 -o kinds.usda");
+    work.json("usd author kinds.vdb --up y --meters-per-unit 0.01 -o kinds.usda");
     let kinds = Stage::open(&work.path("kinds.usda"), Limits::default()).unwrap();
     assert_eq!((kinds.metadata.up_axis, kinds.metadata.meters_per_unit), (Some(UpAxis::Y), Some(0.01)));
     let types = [("velocity", "float3"), ("label", "int"), ("mask", "mask"), ("pressure", "double")];

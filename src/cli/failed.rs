@@ -1,5 +1,6 @@
 //! Frames of a sequence that failed while the others went on.
 
+use super::frames;
 use crate::error::Error;
 use serde::Serialize;
 use std::fmt;
@@ -29,14 +30,17 @@ pub fn tell(failed: &[Failed]) {
     }
 }
 
-/// Frames that failed, each with its error, as the end of a report shows them.
+/// Frames that failed, as the end of a report lists them; what happened to each was told before.
 pub struct List<'f>(pub &'f [Failed]);
 
 impl fmt::Display for List<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for Failed { frame, error } in self.0 {
-            write!(f, "\n  frame {frame} failed: {}", error.replace('\n', "\n  "))?;
+        match self.0 {
+            [] => Ok(()),
+            [one] => write!(f, "\n  frame {} failed", one.frame),
+            many => {
+                write!(f, "\n  {} frames failed: {}", many.len(), frames::list(many.iter().map(|failed| failed.frame)))
+            }
         }
-        Ok(())
     }
 }

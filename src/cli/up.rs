@@ -52,6 +52,10 @@ impl UpChoice {
         if let Some(axis) = self.stated() {
             return Ok(ChosenUp { axis, reason: "--up says so".into() });
         }
+        if let Some(pattern) = Pattern::parse(input) {
+            let first = pattern.numbers()?.first().map(|number| pattern.path(*number));
+            return first.map_or_else(|| Ok(unstated()), |first| self.of(&first, limits));
+        }
         match formats::sniff(input)? {
             Format::Vdb => Ok(of_file(&File::open(input, limits)?)),
             Format::Usd => {
@@ -77,12 +81,7 @@ fn of_scene(path: &Path, limits: Limits) -> Result<ChosenUp> {
         if entry.transform.is_some() {
             return Ok(unstated());
         }
-        let mut file = folder.join(&entry.file);
-        if let Some(pattern) = Pattern::parse(&file) {
-            let Some(first) = pattern.numbers()?.first().copied() else { return Ok(unstated()) };
-            file = pattern.path(first);
-        }
-        let up = of_file(&File::open(&file, limits)?);
+        let up = UpChoice::Auto.of(&folder.join(&entry.file), limits)?;
         axes.push(ChosenUp { reason: format!("{}: {}", entry.file.display(), up.reason), ..up });
     }
     let agreed = axes.windows(2).all(|pair| pair[0].axis == pair[1].axis);

@@ -3,13 +3,24 @@
 use super::transfer::TransferOption;
 use crate::error::{Error, Kind, Result};
 use crate::formats::limits::Limits;
-use crate::formats::transfer;
 use crate::formats::vdb::{File, shaded};
+use crate::formats::{self, Format, transfer};
 use crate::scene::bricks::{Bricks, too_large};
 use crate::scene::grid::Grid;
 use crate::scene::transfer::Transfer;
 use crate::scene::volume::Grids;
 use std::path::Path;
+
+/// Opens an OpenVDB file. Of another file the error says how it becomes one.
+///
+/// # Errors
+/// If the file cannot be read, or is none of OpenVDB.
+pub fn open(path: &Path, limits: Limits) -> Result<File> {
+    match formats::sniff(path)? {
+        Format::Unknown => Err(formats::unknown(path)),
+        _ => File::open(path, limits),
+    }
+}
 
 /// Reads a fog volume, and the transfer function of `--tf`, else the one that the volume's grid carries.
 ///
@@ -22,7 +33,7 @@ pub fn read(
     limits: Limits,
 ) -> Result<(Grid, Option<Transfer>)> {
     let requested = option.load(limits)?;
-    let grid = File::open(path, limits)?.read_fog(name)?;
+    let grid = open(path, limits)?.read_fog(name)?;
     let named = |e: Error| e.part(format!("grid '{}'", grid.name)).at(path);
     let transfer = match requested {
         Some(transfer) => Some(transfer),
@@ -82,5 +93,5 @@ fn ended(mut field: Bricks<f32>, grid: &Grid, transfer: &Transfer, limits: Limit
 /// # Errors
 /// If it cannot be read or used.
 pub fn read_pre_shaded(path: &Path, name: Option<&str>, limits: Limits) -> Result<Grids> {
-    Ok(Grids::EmissionExtinction(shaded::read(&File::open(path, limits)?, name, limits.max_memory)?))
+    Ok(Grids::EmissionExtinction(shaded::read(&open(path, limits)?, name, limits.max_memory)?))
 }

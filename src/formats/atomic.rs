@@ -14,6 +14,17 @@ use std::path::{Path, PathBuf};
 /// Largest number of links followed on the way to a file, as in Linux.
 const MOST_LINKS: usize = 40;
 
+/// Waits until no other process holds the lock of a folder, and holds it until the result is dropped. What is read and
+/// then written again under the lock loses nothing that another process writes meanwhile. File systems without locks let
+/// everybody pass.
+#[must_use]
+pub fn lock_folder(path: &Path) -> Option<File> {
+    let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+    let folder = File::open(path).ok()?;
+    rustix::fs::flock(&folder, rustix::fs::FlockOperation::LockExclusive).ok()?;
+    Some(folder)
+}
+
 /// An output file that is not yet in its place.
 #[derive(Debug)]
 pub struct Draft {

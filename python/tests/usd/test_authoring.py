@@ -28,7 +28,7 @@ def test_authored_stages_are_valid(cumulo, fixtures, smoke):
     cumulo("render", smoke / "smoke.0001.vdb", "--views", "3", "--size", "16x12", "-o", smoke / "shots")
     cumulo("usd", "author", smoke / "smoke.####.vdb", *LIGHT, "--camera", smoke / "shots", "-o", smoke / "moving.usda")
     cumulo("usd", "author", fixtures / "kinds.vdb", "-o", smoke / "kinds.usda")
-    cumulo("usd", "author", fixtures / "blob_sheared.vdb", "--up-axis", "y", "-o", smoke / "blob.usda")
+    cumulo("usd", "author", fixtures / "blob_sheared.vdb", "--up", "y", "-o", smoke / "blob.usda")
     for name in ("moving", "kinds", "blob"):
         stage = Usd.Stage.Open(str(smoke / f"{name}.usda"))
         assert faults(stage) == [], name

@@ -2,6 +2,7 @@
 
 use super::space::{Space, flip};
 use crate::cli::failed::{Failed, List};
+use crate::cli::frames::list;
 use crate::error::Result;
 use crate::metrics::error::psnr_db;
 use crate::metrics::{self, Comparison, flicker};
@@ -97,7 +98,11 @@ impl fmt::Display for Report {
             write!(f, "beside\n{beside}")?;
         }
         if !self.left_out.is_empty() {
-            writeln!(f, "left out  {} frames that not all of the sequences have", self.left_out.len())?;
+            writeln!(
+                f,
+                "left out  {}: not all of the sequences have these frames",
+                list(self.left_out.iter().copied())
+            )?;
         }
         if let Some(report) = &self.report {
             writeln!(f, "report    {}", report.display())?;

@@ -61,6 +61,8 @@ pub fn run(arguments: &Arguments, [a, b]: [&Sequence; 2], output: &Output) -> Re
     let Work { first, other, gallery, failed, differ, .. } = work;
     let beside = beside.map(|_| other.closed());
     failed::tell(&failed);
+    // A frame that one sequence lacks is a difference, as it is for `diff`.
+    let differ = differ || !left_out.is_empty();
     let mut report = Report { all: first.closed(), beside, left_out, failed, differ, report: None };
     if let Some(dir) = arguments.report.as_ref().filter(|_| !report.all.frames.is_empty()) {
         let mut page =

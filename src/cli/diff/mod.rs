@@ -112,7 +112,7 @@ impl Diff {
     /// If a file cannot be read, a grid is not there, or two grids cannot be compared.
     fn compared(&self, paths: [&Path; 2], limits: Limits, output: &Output) -> Result<Report> {
         let reading = output.stage("reading");
-        let [a, b] = [File::open(paths[0], limits)?, File::open(paths[1], limits)?];
+        let [a, b] = [super::volume::open(paths[0], limits)?, super::volume::open(paths[1], limits)?];
         let pairs = self.pairs(&a, &b)?;
         let alone = |from: &File, pick: fn(&(String, String)) -> &String| {
             let names = from.entries().iter().map(|e| e.name.clone());

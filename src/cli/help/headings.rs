@@ -87,7 +87,6 @@ const TABLE: [(&str, &[&str]); 10] = [
             "origin",
             "transform",
             "density",
-            "up_axis",
             "up_from",
             "filter",
             "iso",

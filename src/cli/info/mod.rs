@@ -1,5 +1,6 @@
 //! `cumulo info`: the content of files.
 
+mod image;
 mod nano;
 mod sequence;
 mod volume;
@@ -12,6 +13,7 @@ use super::output::Output;
 use crate::error::{Error, Kind, Result};
 use crate::formats::captures::CaptureSummary;
 use crate::formats::exr::ExrSummary;
+use crate::formats::imaging::format as imaging;
 use crate::formats::limits::Limits;
 use crate::formats::usd::StageSummary;
 use crate::formats::{self, Format};
@@ -24,13 +26,13 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use volume::Volume;
 
-/// Show what is in files: grids of VDBs and NanoVDBs, layers of EXRs, cameras of captures, volumes of USD stages
+/// Show what is in files: grids of VDBs and NanoVDBs, layers of EXRs, cameras of captures, volumes of USD stages, scans
 ///
 /// Of a sequence, 'smoke.####.vdb' or a folder of numbered files, each frame is shown in a line; --json has all of each.
 #[derive(Debug, clap::Args)]
 pub struct Info {
-    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of either), and
-    /// sequences of files
+    /// OpenVDB, NanoVDB or OpenEXR files, USD stages, captures (a transforms.json, a model of COLMAP, or the folder of either),
+    /// scans and fields in the formats that `cumulo convert` reads, and sequences of files
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     #[command(flatten)]
@@ -98,6 +100,7 @@ enum Content {
     Exr(ExrSummary),
     Capture(CaptureSummary),
     Usd(StageSummary),
+    Image(image::Summary),
 }
 
 impl Info {
@@ -153,9 +156,21 @@ fn content(path: &Path, limits: Limits) -> Result<Content> {
         Format::Vdb => volume::summary(path, limits).map(Content::Vdb),
         Format::NanoVdb => nano::summary(path, limits).map(Content::NanoVdb),
         Format::Exr => formats::exr::summary_within(path, limits).map(Content::Exr),
+        Format::Capture if path.is_dir() && !formats::captures::file(path).exists() => folder(path, limits),
         Format::Capture => formats::captures::summary_within(path, limits).map(Content::Capture),
         Format::Usd => formats::usd::summary(path, limits).map(Content::Usd),
-        Format::Unknown => Err(formats::unknown().at(path)),
+        Format::Unknown => match imaging::sniff(path)? {
+            Some(kind) => image::summary(path, kind, limits).map(Content::Image),
+            None => Err(formats::unknown(path)),
+        },
+    }
+}
+
+/// Describes a folder that holds no capture: an image of several files, else what a capture lacks.
+fn folder(path: &Path, limits: Limits) -> Result<Content> {
+    match imaging::sniff(path)? {
+        Some(kind) => image::summary(path, kind, limits).map(Content::Image),
+        None => formats::captures::summary_within(path, limits).map(Content::Capture),
     }
 }
 
@@ -175,6 +190,7 @@ impl fmt::Display for Described {
             (Some(Content::Exr(picture)), _) => picture.to_string(),
             (Some(Content::Capture(capture)), _) => capture.to_string(),
             (Some(Content::Usd(stage)), _) => stage.to_string(),
+            (Some(Content::Image(image)), _) => image.to_string(),
             (None, Some(failure)) => failure.to_string(),
             (None, None) => String::new(),
         };

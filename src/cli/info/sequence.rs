@@ -75,6 +75,7 @@ fn line(content: &Content) -> String {
         Content::Capture(capture) => capture.to_string().lines().next().unwrap_or_default().to_owned(),
         Content::NanoVdb(file) => file.to_string().lines().next().unwrap_or_default().to_owned(),
         Content::Usd(stage) => stage.to_string().lines().next().unwrap_or_default().to_owned(),
+        Content::Image(image) => image.to_string().lines().next().unwrap_or_default().to_owned(),
     }
 }
 

@@ -4,6 +4,7 @@
 use super::options::PictureOptions;
 use super::renderer::Chosen;
 use super::scattering::Paths;
+use super::seen::Seen;
 use super::settle::Settled;
 use super::subject::Subject;
 use super::target::Target;
@@ -16,7 +17,7 @@ use crate::cli::parse::DensityScale;
 use crate::cli::provenance::Provenance;
 use crate::cli::up::ChosenUp;
 use crate::error::{Error, Kind, Result};
-use crate::formats::atomic::Batch;
+use crate::formats::atomic::{self, Batch};
 use crate::formats::png::ToneMapping;
 use crate::formats::sequence::{self, Pattern};
 use crate::formats::transforms;
@@ -91,6 +92,8 @@ struct Sequence<'s> {
     /// Hashes of the inputs of the frames so far, by path.
     inputs: BTreeMap<String, String>,
     shot: Option<Shot>,
+    /// What the pictures show.
+    seen: Seen,
     /// Remarks that were made.
     remarks: BTreeSet<String>,
     cancel: &'static AtomicBool,
@@ -114,6 +117,9 @@ impl Render {
             (None, Some(pattern)) => pattern.numbers()?,
             (None, None) => Vec::new(),
         };
+        if let (Some(pattern), Some(_)) = (&pattern, self.frames) {
+            there(pattern, &numbers)?;
+        }
         target.holds(numbers.len(), "frames", "--frames N")?;
         let mut template = self.pictures.template(Some(&numbers))?;
         self.pictures.check_cameras(template.as_ref())?;
@@ -141,10 +147,11 @@ impl Render {
             provenance: provenance.clone(),
             inputs: BTreeMap::new(),
             shot: None,
+            seen: Seen::default(),
             remarks: BTreeSet::new(),
             cancel: cancel::listen(),
         };
-        let kept = sequence.spare(&frames)?;
+        sequence.spare(&frames)?;
         sequence.settle(target.json().as_deref(), &numbers, output)?;
         // A folder that stays empty is removed again.
         let mut batch = Batch::new();
@@ -155,7 +162,10 @@ impl Render {
         let Results { done, failed, skipped, counts } = sequence.all(&frames, output)?;
         provenance.inputs.clone_from(&sequence.inputs);
         let seconds = provenance.lap();
-        let density_scale = sequence.write(&done, kept, &provenance)?;
+        let function = sequence.shot.as_ref().is_some_and(|shot| shot.capture.transfer.is_some());
+        let remark = if skipped < done.len() { sequence.seen.remark(function) } else { None };
+        remark.iter().for_each(|remark| output.note(format!("remark: {remark}")));
+        let density_scale = sequence.write(&done, &provenance)?;
         if !done.is_empty() {
             batch.commit()?;
         }
@@ -216,6 +226,19 @@ pub(in crate::cli) fn between(template: &Capture, path: &Path, numbers: &[u32]) 
         })
     };
     numbers.iter().map(find).collect()
+}
+
+/// Refuses frames of which none is there.
+fn there(pattern: &Pattern, numbers: &[u32]) -> Result<()> {
+    let known = pattern.numbers()?;
+    match (known.first(), known.last()) {
+        (Some(first), Some(last)) if !numbers.iter().any(|number| known.binary_search(number).is_ok()) => {
+            Err(Error::invalid("none of the frames of --frames is there")
+                .at(pattern.name())
+                .hint(format!("the frames that are there lie from {first} to {last}; choose among them")))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Results of the frames so far.
@@ -307,8 +330,8 @@ impl Sequence<'_> {
         pictures.chosen_up(self.template.as_ref()).ok().flatten()
     }
 
-    /// Makes sure that nothing of other commands is replaced. Returns frames of an earlier run that this one leaves alone.
-    fn spare(&self, frames: &[(u32, PathBuf)]) -> Result<Vec<Frame>> {
+    /// Makes sure that nothing of other commands is replaced.
+    fn spare(&self, frames: &[(u32, PathBuf)]) -> Result<()> {
         let pictures: Vec<PathBuf> = frames.iter().flat_map(|(_, path)| self.render.files_of(path)).collect();
         let inputs =
             [Some(self.pictures.input.as_path()), self.pictures.transfer.file(), self.pictures.cameras.as_deref()];
@@ -319,12 +342,17 @@ impl Sequence<'_> {
         if !self.render.resume {
             match &json {
                 _ if self.render.overwrite => {}
-                Some(json) => outputs::spare_captures(json, &pictures, command)?,
+                Some(json) => outputs::spare_captures(json, &pictures, command).map_err(|e| {
+                    e.instead(
+                        "--resume adds frames of the very same command to those that are there; else give another folder, or \
+                         --overwrite to replace them",
+                    )
+                })?,
                 None => pictures.iter().try_for_each(|picture| {
                     outputs::is_own_picture(picture, "cumulo:command", command, false).map(drop)
                 })?,
             }
-            return Ok(Vec::new());
+            return Ok(());
         }
         for path in pictures.iter().filter(|path| path.exists()) {
             let own = outputs::is_own_picture(path, "cumulo:command", command, false);
@@ -332,9 +360,16 @@ impl Sequence<'_> {
                 e.instead("--resume goes on with the very same command; give another folder, or --overwrite")
             })?;
         }
-        let Some(json) = json.filter(|json| json.exists()) else { return Ok(Vec::new()) };
-        let other = |frame: &Frame| !pictures.contains(&frame.picture) && frame.picture.exists();
-        Ok(transforms::load(&json)?.frames.into_iter().filter(other).collect())
+        Ok(())
+    }
+
+    /// Returns the frames of earlier runs, or of runs at the same time, that this one leaves alone.
+    fn kept(&self, json: &Path, done: &[(usize, PathBuf)]) -> Result<Vec<Frame>> {
+        if !(self.render.resume && json.exists()) {
+            return Ok(Vec::new());
+        }
+        let other = |frame: &Frame| done.iter().all(|(_, own)| *own != frame.picture) && frame.picture.exists();
+        Ok(transforms::load(json)?.frames.into_iter().filter(other).collect())
     }
 
     /// True if a frame is there and no older than what it was made from: its volume, and the files behind a scene or a stage,
@@ -414,6 +449,7 @@ impl Sequence<'_> {
         let view = View { camera, before: Some(before), after: Some(after), velocities: &shot.scene.velocities };
         let rendered = self.render.film(&renderer, number as usize, view, self.cancel);
         let (film, counts) = rendered.ok_or_else(Error::cancelled)?;
+        self.seen.add(&film);
         self.inputs.extend(shot.provenance.inputs.clone());
         let mut attributes = shot.provenance.attributes();
         attributes.insert("cumulo:frame".into(), number.to_string());
@@ -424,8 +460,9 @@ impl Sequence<'_> {
         Ok(counts)
     }
 
-    /// Writes the capture of the frames that are there, and returns its density scale.
-    fn write(&self, done: &[(usize, PathBuf)], kept: Vec<Frame>, provenance: &Provenance) -> Result<f64> {
+    /// Writes the capture of the frames that are there, and returns its density scale. Of two runs that end at once, one
+    /// waits for the other, and adds its frames.
+    fn write(&self, done: &[(usize, PathBuf)], provenance: &Provenance) -> Result<f64> {
         let json = self.target.json();
         let Some(shot) = self.shot.as_ref().filter(|_| !done.is_empty()) else {
             // Nothing was rendered now: an earlier capture stands.
@@ -435,7 +472,8 @@ impl Sequence<'_> {
         let Some(json) = json else { return Ok(shot.capture.density_scale) };
         let frame =
             |(place, picture): &(usize, PathBuf)| Frame { camera: self.camera(*place), picture: picture.clone() };
-        let mut frames: Vec<Frame> = done.iter().map(frame).chain(kept).collect();
+        let _lock = json.parent().map(atomic::lock_folder);
+        let mut frames: Vec<Frame> = done.iter().map(frame).chain(self.kept(&json, done)?).collect();
         frames.sort_by(|a, b| a.picture.cmp(&b.picture));
         let capture = Capture { frames, ..shot.capture.clone() };
         let mut extra = Map::new();

@@ -6,6 +6,7 @@ mod options;
 mod planning;
 mod renderer;
 pub(super) mod scattering;
+mod seen;
 mod settle;
 mod stage;
 mod subject;
@@ -40,6 +41,7 @@ use clap::ValueEnum;
 use rayon::prelude::*;
 use renderer::{Chosen, Renderer};
 use scattering::{Paths, ScatteringOptions};
+use seen::Seen;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::fmt;
@@ -200,7 +202,7 @@ impl Render {
         let numbers = pictures.chosen(stated)?;
         target.holds(numbers.len(), "views", "--view N")?;
         let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut provenance)?;
-        let remarks = remarks(&subject, template.as_ref());
+        let mut remarks = remarks(&subject, template.as_ref());
         remarks.iter().for_each(|remark| output.note(format!("remark: {remark}")));
         let paths = pictures.scattering.on() || subject.is_scene();
         let up = pictures.chosen_up(template.as_ref())?;
@@ -225,7 +227,12 @@ impl Render {
         let renderer = pictures.renderer(plan.as_ref(), &scene, paths).map_err(|e| e.at(&pictures.input))?;
         let whole = pictures.whole(target, template.as_ref().and_then(|c| c.frames.get(numbers[0])));
         let views: Vec<_> = numbers.iter().zip(&scene.cameras).zip(&waiting).collect();
-        let counts = self.views(&renderer, &views, whole, &provenance, output)?;
+        let seen = Seen::default();
+        let counts = self.views(&renderer, &views, whole, &provenance, &seen, output)?;
+        if let Some(remark) = seen.remark(capture.transfer.is_some()) {
+            output.note(format!("remark: {remark}"));
+            remarks.push(remark);
+        }
         let seconds = provenance.lap();
         let way = self.way(&renderer, &scene, counts);
         if let Some((waiting, json)) = &waiting_json {
@@ -267,6 +274,7 @@ impl Render {
         views: &[((&usize, &Camera), &Vec<PathBuf>)],
         whole: Option<[usize; 2]>,
         provenance: &Provenance,
+        seen: &Seen,
         output: &Output,
     ) -> Result<Counts> {
         let cancel = cancel::listen();
@@ -275,6 +283,7 @@ impl Render {
         let view = |((number, camera), files): &((&usize, &Camera), &Vec<PathBuf>)| {
             let (film, counts) =
                 self.film(renderer, **number, (*camera).into(), cancel).ok_or_else(Error::cancelled)?;
+            seen.add(&film);
             files.iter().try_for_each(|file| self.write_picture(file, &film, &attributes, whole))?;
             bar.inc(1);
             Ok(counts)

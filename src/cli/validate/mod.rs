@@ -12,6 +12,7 @@ use super::info::Failure;
 use super::memory::Memory;
 use super::output::Output;
 use crate::error::{Error, Kind, Result};
+use crate::formats::imaging::format as imaging;
 use crate::formats::limits::Limits;
 use crate::formats::{self, Format};
 use crate::text::printable;
@@ -143,7 +144,9 @@ impl Validate {
             Format::Exr => findings.extend(formats::exr::problems_within(path, limits)?),
             Format::Capture => capture::check(path, limits, &mut findings)?,
             Format::Usd => findings.extend(formats::usd::problems(path, limits)?),
-            Format::Unknown => findings.refusal(formats::unknown())?,
+            // A scan is nothing that is checked; what is of no kind at all may be a volume that was damaged.
+            Format::Unknown if imaging::sniff(path)?.is_some() => return Err(formats::unknown(path)),
+            Format::Unknown => findings.refusal(formats::unknown(path))?,
         }
         let (path, valid) = (path.to_path_buf(), findings.valid());
         Ok((Checked { path, frame: None, sequence: 0, format: Some(format), valid, findings, error: None }, traits))

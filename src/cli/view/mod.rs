@@ -134,7 +134,7 @@ impl View {
             Format::Exr => layers::sheet(self, path, limits),
             Format::Capture => capture::sheet(self, path, limits),
             Format::Unknown if picture::kind(path).is_ok() => layers::plain(self, path, limits),
-            Format::Unknown => Err(formats::unknown().at(path)),
+            Format::Unknown => Err(formats::unknown(path)),
             other => Err(Error::unsupported(format!("{} has no sheet", other.name())).at(path).hint(format!(
                 "render a picture of it: cumulo render {} --views 1 --size 512x512 -o picture.png",
                 path.display()

@@ -13,6 +13,15 @@ pub enum UpAxis {
     Z,
 }
 
+impl From<Up> for UpAxis {
+    fn from(up: Up) -> Self {
+        match up {
+            Up::Y => Self::Y,
+            Up::Z => Self::Z,
+        }
+    }
+}
+
 impl From<UpAxis> for Up {
     fn from(axis: UpAxis) -> Self {
         match axis {

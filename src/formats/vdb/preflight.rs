@@ -144,9 +144,9 @@ fn magic_and_version(c: &mut Cursor) -> Result<u32> {
     let mut magic = [0; 8];
     c.fill(&mut magic, "magic number")?;
     if magic.starts_with(b"NanoVDB") {
-        return Err(Error::unsupported("this is a NanoVDB file; NanoVDB is not supported yet")
+        return Err(Error::unsupported("this is a NanoVDB file, and not an OpenVDB file")
             .at(path)
-            .hint("convert it first: cumulo convert IN.nvdb OUT.vdb, or nanovdb_convert"));
+            .hint("convert it first: cumulo convert IN.nvdb OUT.vdb"));
     }
     if i64::from_le_bytes(magic) != MAGIC {
         return Err(Error::invalid("this is no OpenVDB file (its first bytes are not ' BDV')")

@@ -11,6 +11,7 @@ use crate::cli::outputs::{self, Content as Kind};
 use crate::cli::parse;
 use crate::cli::provenance::Provenance;
 use crate::cli::render::scattering::Sky;
+use crate::cli::up::UpChoice;
 use crate::error::{Error, Result};
 use crate::formats::sequence::Frames;
 use crate::formats::usd::write::camera::CameraPrim;
@@ -20,7 +21,8 @@ use crate::formats::usd::write::places::relative;
 use crate::formats::usd::write::stage::StageText;
 use crate::formats::usd::write::text::quoted;
 use crate::formats::usd::write::volume::VolumePrim;
-use crate::formats::{atomic, captures, input, usd};
+use crate::formats::{atomic, captures, input};
+use crate::scene::up::Up;
 use clap::ValueEnum;
 use glam::DVec3;
 pub(in crate::cli) use report::Report;
@@ -56,8 +58,8 @@ pub struct Author {
     #[arg(long, value_name = "NAME")]
     density: Option<String>,
     /// Axis that points upwards; coordinates stay as they are
-    #[arg(long, value_enum, ignore_case = true, default_value_t = UpAxis::Z)]
-    up_axis: UpAxis,
+    #[arg(long, alias = "up-axis", value_enum, ignore_case = true, default_value_t)]
+    up: UpChoice,
     /// Meters to a unit; coordinates stay as they are
     #[arg(long, value_name = "M", default_value_t = 1.0, value_parser = parse::positive)]
     meters_per_unit: f64,
@@ -108,14 +110,6 @@ pub struct Author {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum UpAxis {
-    /// +Y
-    Y,
-    /// +Z
-    Z,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Renderer {
     /// None: each shows densities as it does by default
     None,
@@ -139,6 +133,8 @@ impl Author {
         outputs::file(&self.output, Kind::UsdText)?;
         self.spare(&provenance.command)?;
         let content = self.content(limits)?;
+        let up = self.up.of(&self.input, limits)?;
+        output.note(&up);
         let capture = self.camera.as_ref().map(|path| captures::load_within(path, limits)).transpose()?;
         let cameras = capture.iter().flat_map(|capture| cameras::prims(capture, self.camera_path)).collect();
         let mut inputs = vec![];
@@ -169,10 +165,10 @@ impl Author {
             .lights
             .into_iter()
             .map(|(light, texture)| Ok((light, texture.map(|path| relative(&path, &self.output)).transpose()?)));
-        let stage = self.stage(volumes, lights.collect::<Result<_>>()?, cameras, &provenance);
+        let stage = self.stage(volumes, lights.collect::<Result<_>>()?, cameras, up.axis, &provenance);
         atomic::write_bytes(&self.output, stage.text()?.as_bytes())?;
         provenance.lap();
-        let report = Report::of(&stage, self.output.clone(), provenance);
+        let report = Report::of(&stage, self.output.clone(), up, provenance);
         output.warn(&report.warnings);
         output.report(&report)?;
         Ok(ExitCode::SUCCESS)
@@ -200,6 +196,7 @@ impl Author {
         volumes: Vec<VolumePrim>,
         lights: Vec<(crate::formats::scene_file::LightEntry, Option<String>)>,
         cameras: Vec<CameraPrim>,
+        up: Up,
         provenance: &Provenance,
     ) -> StageText {
         let times = volumes.iter().flat_map(|v| v.frames.iter().filter_map(|frame| frame.time));
@@ -214,10 +211,7 @@ impl Author {
         let stated =
             keys.into_iter().zip(names).filter_map(|(key, name)| Some((name.into(), attributes.get(key)?.clone())));
         StageText {
-            up_axis: match self.up_axis {
-                UpAxis::Y => usd::UpAxis::Y,
-                UpAxis::Z => usd::UpAxis::Z,
-            },
+            up_axis: up.into(),
             meters_per_unit: self.meters_per_unit,
             fps: self.fps,
             frames,

@@ -2,6 +2,7 @@
 
 use super::volumes;
 use crate::cli::provenance::Provenance;
+use crate::cli::up::ChosenUp;
 use crate::formats::usd::write::stage::{ROOT, StageText};
 use crate::formats::usd::write::volume::VolumePrim;
 use crate::optimise::plausibility::Warning;
@@ -15,6 +16,8 @@ use std::path::PathBuf;
 pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
+    /// Up axis of the stage.
+    up: ChosenUp,
     frames: Option<[u32; 2]>,
     volumes: Vec<Written>,
     cameras: usize,
@@ -36,7 +39,7 @@ struct Written {
 
 impl Report {
     /// Describes a stage that was written to `output`.
-    pub(super) fn of(stage: &StageText, output: PathBuf, provenance: Provenance) -> Self {
+    pub(super) fn of(stage: &StageText, output: PathBuf, up: ChosenUp, provenance: Provenance) -> Self {
         let mut warnings: Vec<Warning> = stage.volumes.iter().flat_map(volumes::remarks).collect();
         for volume in &stage.volumes {
             let omitted = stage.renderer.omits(&volume.medium);
@@ -68,6 +71,7 @@ impl Report {
         };
         Self {
             output,
+            up,
             frames: stage.frames,
             volumes: stage.volumes.iter().map(written).collect(),
             cameras: stage.cameras.len(),
