@@ -368,19 +368,19 @@ fn slices_of_micrometres_are_no_points_in_time() {
 
 #[test]
 fn any_positions_have_an_order() {
-    // Closer than what counts as rounding, in the order of their numbers backwards: neighbors are alike, others are not.
+    // Closer to the next one than what counts as rounding, in no order of their numbers: neighbors are alike, others are not.
     let normal = oblique()[0].cross(oblique()[1]);
     let one = series(EXPLICIT).remove(0);
-    let slices: Vec<Slice> = (0..64)
+    let slices: Vec<Slice> = (0..200)
         .map(|k| Slice {
-            number: (k * 37) % 64,
-            position: normal * (0.0015 * f64::from((k * 29) % 64)),
+            number: (k * 37) % 200,
+            position: normal * (0.00015 * f64::from((k * 7919) % 200)),
             values: vec![k as i16; 12],
             ..one.clone()
         })
         .collect();
     let (header, _) = read_slices(&slices).unwrap();
-    assert!(header.notes.iter().any(|n| n.contains("first of 64")), "{header:?}");
+    assert!(header.notes.iter().any(|n| n.contains("first of 200")), "{header:?}");
 }
 
 #[test]

@@ -361,6 +361,16 @@ fn types_that_vectors_do_not_have_are_refused() {
     std::fs::write(work.path("v.nii"), [header, values].concat()).unwrap();
     assert_eq!(work.json("convert v.nii v.vdb")["grid"]["value_type"], "vec3s");
     assert_eq!(work.json("convert v.nii v.vdb --as float")["grid"]["value_type"], "vec3s");
+    // Where positions are brought to right, anterior, superior, vectors are not.
+    for (space, turned) in [("RAS", false), ("left-posterior-superior", true)] {
+        let header = format!(
+            "NRRD0005\ntype: float\ndimension: 4\nsizes: 3 1 1 1\nkinds: vector domain domain domain\nspace: {space}\n\
+             space directions: none (1,0,0) (0,1,0) (0,0,1)\nencoding: ascii\n\n1 2 3\n"
+        );
+        std::fs::write(work.path("v.nrrd"), header).unwrap();
+        let report = work.json("convert v.nrrd v.vdb");
+        assert_eq!(report["notes"].to_string().contains("vectors stay as they are"), turned, "{report}");
+    }
     for to in ["int", "double"] {
         work.refused(&format!("convert v.nii w.vdb --as {to}"), &["v.nii", "vectors", "--as"]);
     }

@@ -4,6 +4,7 @@
 
 use assert_cmd::Command;
 use cumulo::formats::limits::Limits;
+use cumulo::formats::nanovdb::{Volume, write};
 use cumulo::formats::vdb::{File, NativeGrid};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -57,6 +58,30 @@ fn grids_come_back_as_they_were() {
             assert_eq!((before.value_type, before.background), (after.value_type, after.background));
         }
     }
+}
+
+#[test]
+fn memory_is_that_of_all_grids_together() {
+    let folder = tempfile::tempdir().unwrap();
+    let [nano, vdb, out] = ["a.nvdb", "a.vdb", "b.nvdb"].map(|n| folder.path().join(n));
+    let native = grid(&fixture("plume.vdb"), "density");
+    let info = native.info().unwrap();
+    let volumes = vec![Volume::of_native(&native, Limits::default()).unwrap(); 4];
+    write(&nano, &volumes, Limits::default()).unwrap();
+    let each = std::fs::metadata(&nano).unwrap().len() / 4;
+    let convert = |code: i32, from: &Path, to: &Path, most: u64| {
+        cumulo(code, &["convert", text(from), text(to), "--max-memory", &most.to_string()])
+    };
+    // One grid takes its memory and its leaves, of 2048 bytes of values and less than 512 beside them; so does each of four,
+    // beside those that were read.
+    let one = each + info.leaf_count * 2560;
+    let error = convert(2, &nano, &vdb, one + info.memory);
+    assert!(error.contains("grid 'density'") && error.contains("--max-memory"), "{error}");
+    convert(0, &nano, &vdb, one + 4 * info.memory);
+    // The file to be written is held beside all grids.
+    let error = convert(2, &vdb, &out, 4 * each + 2 * info.memory);
+    assert!(error.contains("--max-memory"), "{error}");
+    convert(0, &vdb, &out, 4 * each + 6 * info.memory);
 }
 
 #[test]

@@ -235,14 +235,14 @@ pub fn remarks(grid: &GridPlace) -> Vec<String> {
 /// Sentences about values that a grid of 32-bit floats does not hold.
 pub fn losses(name: &str, values: &Tally, components: usize) -> Vec<String> {
     // Vectors have no other type.
-    let keep = |options: &str| if components == 1 { format!("; {options} keeps them") } else { String::new() };
+    let remedy = if components == 1 { "; --as double keeps them" } else { "" };
     let sentences = [
-        (values.rounded, "whole numbers beyond 16777216 are rounded to 32-bit floats", keep("--as double")),
-        (values.overflowed, "values are too large for 32-bit floats and became infinite", keep("--as double")),
-        (values.vanished, "values are too small for 32-bit floats and became 0", keep("--as double")),
+        (values.rounded, "whole numbers beyond 16777216 are rounded to 32-bit floats"),
+        (values.overflowed, "values are too large for 32-bit floats and became infinite"),
+        (values.vanished, "values are too small for 32-bit floats and became 0"),
     ];
-    let told = sentences.into_iter().filter(|(count, ..)| *count > 0);
-    told.map(|(count, what, remedy)| format!("grid '{name}': {count} {what}{remedy}")).collect()
+    let told = sentences.into_iter().filter(|(count, _)| *count > 0);
+    told.map(|(count, what)| format!("grid '{name}': {count} {what}{remedy}")).collect()
 }
 
 /// Error that nothing is left of a grid.

@@ -77,7 +77,8 @@ impl Convert {
             places.push(placed(&native)?);
             volumes.push(volume);
         }
-        notes.extend(nanovdb::write(&self.output, &volumes, limits)?);
+        let left = Limits { max_memory: limits.max_memory.saturating_sub(held) };
+        notes.extend(nanovdb::write(&self.output, &volumes, left)?);
         drop(stage);
         self.report_nano(output, places, notes)
     }

@@ -75,6 +75,11 @@ fn unit(fields: &Fields, layout: &Layout) -> Option<String> {
     }
 }
 
+/// True if the axes of a space are right, anterior, superior.
+fn is_ras(space: &str) -> bool {
+    ["right-anterior-superior", "ras"].iter().any(|name| space.eq_ignore_ascii_case(name))
+}
+
 /// Placement by spacings and by the ends of the axes, which count from the centres of voxels or from their outer faces.
 fn by_axis(fields: &Fields, layout: &Layout, columns: &mut [DVec3; 3], origin: &mut DVec3) -> Result<()> {
     let list = |names: &[&str]| -> Result<Vec<f64>> {
@@ -120,7 +125,9 @@ pub fn open(path: &Path, options: &Options) -> Result<Vec<Image>> {
     let slices = slices(&data, &layout, time)?;
     let values = if data.sample.is_integer() { Values::Integer } else { Values::Real };
     let components = layout.length(layout.components);
-    notes.extend(placement::unturned(values, components).filter(|_| fields.get(&["space"]).is_some()));
+    if fields.get(&["space"]).is_some_and(|space| !is_ras(space)) {
+        notes.extend(placement::unturned(values, components));
+    }
     if components == 3 && fields.get(&["measurement frame"]).is_some() {
         notes.push("the measurement frame, in which vectors are stated, is not applied".into());
     }
