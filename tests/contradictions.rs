@@ -197,6 +197,29 @@ fn an_alpha_that_is_too_small_is_not_taken_for_scattered_light() {
     assert!(!found.contains("scattered") && !found.contains("in each view"), "{found}");
 }
 
+/// What follows from a wrong background is not told beside it.
+#[test]
+fn a_wrong_background_is_one_contradiction() {
+    let work = with_pictures("");
+    edit(&work, |c| c["background"] = json!([0, 0, 0]));
+    let report = work.json("validate cap");
+    let findings = report["files"][0]["findings"].as_array().unwrap();
+    assert!(findings.len() == 1 && findings[0]["what"].to_string().contains("background"), "{findings:?}");
+}
+
+/// Absorbers that are stated to shine: the emission that they imply is zero in each view, but for rounding.
+#[test]
+fn absorbers_are_told_from_emitters() {
+    let work = with_pictures("");
+    edit(&work, |c| c["model"] = json!("emission-absorption"));
+    let found = work.json("validate cap")["files"][0]["findings"].to_string();
+    assert!(
+        found.contains("emission [0, 0, 0], the capture says") && found.contains(r#"\"model\": \"absorption\""#),
+        "{found}"
+    );
+    assert!(!found.contains("scattered"), "{found}");
+}
+
 /// Bright emission, stated a hundred times brighter: densities follow that are a hundred times too small.
 #[test]
 fn a_wrong_emission_is_warned_of_with_the_right_one() {

@@ -30,7 +30,7 @@ fn read(path: &Path, sample: &images::Sample) -> Result<()> {
     let options = Options { transform: Some(map), raw, ..Options::default() };
     let found = if raw.is_some() { Some(Format::Raw) } else { format::sniff(path)? };
     // What is no longer told as an image is for others to refuse.
-    let Some(format) = found else { return Err(cumulo::formats::unknown().at(path)) };
+    let Some(format) = found else { return Err(cumulo::formats::unknown(path)) };
     for mut image in format::open(path, format, &options, LIMITS)? {
         let settings = Settings { name: "g", grid_type: GridType::Float, mapping: Mapping::default(), limits: LIMITS };
         build(&mut image, &settings, |_, _| {}).map_err(|e| e.at(path))?;

@@ -283,6 +283,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         document::begin(&arguments.path);
         process::on_end(document::write);
     }
+    cancel::install()?;
     // 0 stands for all cores. Threads, libraries and the helper's name come before the limit of memory, which holds for
     // what the command does.
     let count = threads(arguments.global.threads, std::env::var_os(THREADS).as_deref())?.unwrap_or(0);
@@ -290,7 +291,6 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         Error::invalid(format!("the threads cannot be started: {e}"))
             .hint("give fewer to --threads, or raise the limit on processes (ulimit -u)")
     })?;
-    cancel::install()?;
     if let Ok(program) = std::env::current_exe() {
         helper::set_program(program);
     }

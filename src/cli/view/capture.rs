@@ -12,6 +12,7 @@ use crate::scene::camera::{Camera, Projection};
 use crate::scene::capture::{Capture, Frame};
 use crate::scene::color_space::ColorSpace;
 use crate::scene::film::Film;
+use crate::scene::up::Up;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::path::Path;
@@ -43,7 +44,7 @@ pub(super) fn sheet(view: &View, path: &Path, limits: Limits) -> Result<(Sheet, 
     let white = pictures.iter().flatten().filter(|t| t.linear).map(|t| t.white).fold(0.0, f64::max);
     let exposure = view.exposure.unwrap_or_else(|| exposure::making_white(white));
     let missing = shown.iter().zip(&pictures).filter(|(_, p)| p.is_err()).map(|(i, _)| *i).collect();
-    let lead = Some(plan_of(&capture, side.max(PLAN)));
+    let lead = Some(plan_of(&capture, side.max(PLAN), view.up.stated().unwrap_or_default()));
     let views = shown.iter().zip(&pictures).map(|(i, picture)| {
         let frame = &capture.frames[*i];
         let (picture, caption) = match picture {
@@ -108,7 +109,7 @@ fn lines(capture: &Capture, shown: usize, exposure: f64) -> Vec<String> {
 }
 
 /// The plan of a capture's cameras.
-fn plan_of(capture: &Capture, side: usize) -> Tile {
+fn plan_of(capture: &Capture, side: usize, up: Up) -> Tile {
     let numbered = capture.frames.len() <= NUMBERED;
     let stand = |(i, frame): (usize, &Frame)| Stand {
         label: numbered.then(|| i.to_string()),
@@ -118,14 +119,15 @@ fn plan_of(capture: &Capture, side: usize) -> Tile {
     };
     let stands: Vec<Stand> = capture.frames.iter().enumerate().map(stand).collect();
     let target: Vec<DVec3> = target(&stands).into_iter().collect();
-    let (picture, bar) = plan(&stands, &target, side);
+    let (picture, bar) = plan(&stands, &target, side, up);
     let mut caption = vec![format!("bar: {} world units", super::volume::short(bar))];
     caption.push("orange cameras are above the middle height, blue ones below".into());
     if let [target] = target[..] {
         let [x, y, z] = target.to_array().map(super::volume::short);
         caption.push(format!("grey: where they look, ({x}, {y}, {z})"));
     }
-    Tile { title: "cameras from above (along -z)".into(), picture, caption }
+    let title = format!("cameras from above (along -{})", up.name().to_ascii_lowercase());
+    Tile { title, picture, caption }
 }
 
 /// Half of the angle of view across, in radians; 0 for parallel rays.

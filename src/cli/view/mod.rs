@@ -61,7 +61,7 @@ pub struct View {
     /// Extinction per unit of density and length; auto makes the 99th percentile of the optical depth 3
     #[arg(long, value_name = "S|auto", default_value = "auto")]
     density_scale: DensityScale,
-    /// Axis of a volume that points upwards
+    /// Axis that points upwards, of a volume or of a capture's world (which states none: z)
     #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpChoice::Auto)]
     up: UpChoice,
     /// Frames of a sequence to show: A, A-B or A-BxSTEP (default: 24 of all, evenly)

@@ -28,8 +28,11 @@ pub fn pictures(photos: &[Photo], capture: &Capture) -> Vec<Finding> {
     if findings.iter().any(|f| f.certain) {
         return findings;
     }
-    findings.extend(background_color(photos, capture));
-    findings.extend(opacity(photos, capture));
+    let background = background_color(photos, capture);
+    // What alpha and colors imply rests on the background.
+    let opacity = background.iter().all(|f| !f.certain).then(|| opacity(photos, capture)).flatten();
+    findings.extend(background);
+    findings.extend(opacity);
     findings.extend(quantised(photos));
     findings
 }
@@ -225,7 +228,8 @@ fn opacity(photos: &[Photo], capture: &Capture) -> Option<Finding> {
     if apart < 0.1 * scale {
         return None;
     }
-    let varies = varies(&all, implied.iter().fold(0.0, |most, v| most.max(v.abs())));
+    let brightest = implied.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+    let varies = varies(&all, (VARIED * brightest).max(SAME[1] * scale));
     let left = |c: usize| (total(2, c) - implied[c] * total(1, c)).max(0.0) / total(0, c);
     let explained = (0..3).map(left).fold(0.0, f64::max).sqrt() < 0.1 * scale && implied.iter().all(|v| *v > -0.05);
     let explained = explained && !varies;
@@ -235,7 +239,9 @@ fn opacity(photos: &[Photo], capture: &Capture) -> Option<Finding> {
         if varies { ", which is another one in each view" } else { "" },
         if capture.model == Model::Absorption { "absorption alone".to_owned() } else { json(stated) },
     );
-    let remedy = if explained {
+    let remedy = if explained && brightest < SAME[1] * scale {
+        "state \"model\": \"absorption\" in transforms.json: densities follow from it".into()
+    } else if explained {
         format!(
             "state \"model\": \"emission-absorption\" and \"emission\": {} in transforms.json: densities follow from it",
             json(implied.map(|v| v.max(0.0)))
@@ -253,10 +259,13 @@ fn opacity(photos: &[Photo], capture: &Capture) -> Option<Finding> {
     Some(Finding::doubtful(None, what, remedy))
 }
 
-/// True if the emissions that views imply, from their sums over the pixels, lie further apart than a fifth of `scale`.
-fn varies(views: &[[[f64; 3]; 3]], scale: f64) -> bool {
+/// Share of the implied emission by which that of single views may differ.
+const VARIED: f64 = 0.2;
+
+/// True if the emissions that views imply, from their sums over the pixels, lie further apart than `most`.
+fn varies(views: &[[[f64; 3]; 3]], most: f64) -> bool {
     let of = |c: usize| views.iter().filter(move |s| s[0][c] >= 1.0).map(move |s| s[1][c] / s[0][c]);
-    (0..3).any(|c| of(c).fold(f64::NEG_INFINITY, f64::max) - of(c).fold(f64::INFINITY, f64::min) > 0.2 * scale)
+    (0..3).any(|c| of(c).fold(f64::NEG_INFINITY, f64::max) - of(c).fold(f64::INFINITY, f64::min) > most)
 }
 
 /// Colors that a grey medium cannot have.

@@ -24,11 +24,11 @@ pub fn with_axes(picture: &Canvas, right: &str, up: &str) -> Canvas {
     let (to_right, to_up) = ([x + length, y], [x, y - length]);
     arrow(to_right, [[-HEAD, -HEAD], [-HEAD, HEAD]]);
     arrow(to_up, [[-HEAD, HEAD], [HEAD, HEAD]]);
-    let [width, height] = Font::Small.size();
+    let height = Font::Small.size()[1];
     let beyond = |tip: f64| (tip + 5.0) as usize;
     canvas.text([beyond(to_right[0]), picture.height + (BORDER - height) / 2], right, Font::Small, INK);
     let above = (to_up[1] - 5.0 - height as f64).max(0.0) as usize;
-    canvas.text([(BORDER - width) / 2, above], up, Font::Small, INK);
+    canvas.text([BORDER.saturating_sub(Font::Small.width(up)) / 2, above], up, Font::Small, INK);
     canvas
 }
 

@@ -2,6 +2,7 @@
 
 use super::{Canvas, Color, Font, INK, PALE, PAPER, with_axes};
 use crate::report::number;
+use crate::scene::up::Up;
 use glam::{DVec2, DVec3};
 
 /// Colors of cameras above and below the middle of their heights, and of what they see.
@@ -30,9 +31,28 @@ pub struct Stand {
     pub half_angle: f64,
 }
 
-/// Draws cameras from above, x to the right and y up, on a square of `side` pixels. `subject` are world points around what
-/// the cameras see; there may be none. Returns the plan, and the world length of its bar.
-pub fn plan(stands: &[Stand], subject: &[DVec3], side: usize) -> (Canvas, f64) {
+/// Draws cameras from above on a square of `side` pixels, in a world with `up` upwards: x to the right and y up where that is
+/// z, -z up where it is y. `subject` are world points around what the cameras see; there may be none. Returns the plan, and the
+/// world length of its bar.
+pub fn plan(stands: &[Stand], subject: &[DVec3], side: usize, up: Up) -> (Canvas, f64) {
+    let turn = up.turn(Up::Z);
+    let turned = |stand: &Stand| Stand {
+        position: turn * stand.position,
+        forward: turn * stand.forward,
+        label: stand.label.clone(),
+        half_angle: stand.half_angle,
+    };
+    let stands: Vec<Stand> = stands.iter().map(turned).collect();
+    let subject: Vec<DVec3> = subject.iter().map(|point| turn * *point).collect();
+    let vertical = match up {
+        Up::Z => "y",
+        Up::Y => "-z",
+    };
+    upright(&stands, &subject, side, vertical)
+}
+
+/// Draws the plan of a world whose z axis is up. `vertical` names the axis up the plan.
+fn upright(stands: &[Stand], subject: &[DVec3], side: usize, vertical: &str) -> (Canvas, f64) {
     let mut canvas = Canvas::new(side, side, PAPER);
     let flat = |p: DVec3| p.truncate();
     let points = || stands.iter().map(|s| flat(s.position)).chain(subject.iter().copied().map(flat));
@@ -40,7 +60,7 @@ pub fn plan(stands: &[Stand], subject: &[DVec3], side: usize) -> (Canvas, f64) {
     let low = finite().fold(DVec2::INFINITY, DVec2::min);
     let high = finite().fold(DVec2::NEG_INFINITY, DVec2::max);
     if !(low.is_finite() && high.is_finite()) {
-        return (with_axes(&canvas, "x", "y"), 0.0);
+        return (with_axes(&canvas, "x", vertical), 0.0);
     }
     let extent = (high - low).max_element();
     // A single camera stands in the middle of a plan of one unit.
@@ -83,7 +103,7 @@ pub fn plan(stands: &[Stand], subject: &[DVec3], side: usize) -> (Canvas, f64) {
     let length = (bar * scale).round() as usize;
     canvas.fill([4, 6], [length, 2], PALE);
     canvas.text([8 + length, 0], &number::short(bar), Font::Small, PALE);
-    (with_axes(&canvas, "x", "y"), bar)
+    (with_axes(&canvas, "x", vertical), bar)
 }
 
 /// Fills the rectangle around what cameras see.
@@ -124,7 +144,7 @@ mod tests {
     fn cameras_stand_where_they_are() {
         // One in the east, high up, and one in the north.
         let stands = [stand(10.0, 0.0, 5.0), stand(0.0, 10.0, 0.0), stand(-10.0, 0.0, 0.0), stand(0.0, -10.0, 0.0)];
-        let (canvas, bar) = plan(&stands, &[DVec3::splat(-1.0), DVec3::splat(1.0)], 200);
+        let (canvas, bar) = plan(&stands, &[DVec3::splat(-1.0), DVec3::splat(1.0)], 200, Up::Z);
         let mean = |color: Color| {
             let all = (0..canvas.width * canvas.height).map(|i| (i % canvas.width, i / canvas.width));
             let own: Vec<_> = all.filter(|(x, y)| canvas.pixel(*x, *y) == color).collect();
@@ -136,14 +156,23 @@ mod tests {
         assert!(east.0 > 160.0 && (east.1 - 100.0).abs() < 3.0, "{east:?}");
         assert!((middle.0 - 120.0).abs() < 2.0 && (middle.1 - 100.0).abs() < 2.0, "{middle:?}");
         assert_eq!(bar, 5.0);
+        // The same cameras in a world whose y axis is up.
+        let turn = Up::Z.turn(Up::Y);
+        let others = stands.map(|s| Stand { position: turn * s.position, forward: turn * s.forward, ..s });
+        let (other, _) = plan(&others, &[DVec3::splat(-1.0), DVec3::splat(1.0)], 200, Up::Y);
+        let inside = |canvas: &Canvas| {
+            (0..200).flat_map(|y| (20..220).map(move |x| (x, y))).map(|(x, y)| canvas.pixel(x, y)).collect::<Vec<_>>()
+        };
+        assert!(inside(&other) == inside(&canvas), "the plan is the same");
+        assert!(other != canvas, "but for the names of its axes");
     }
 
     #[test]
     fn odd_cameras_are_drawn_or_left_out() {
-        plan(&[], &[], 100);
-        let (alone, bar) = plan(&[stand(7.0, -2.0, 3.0)], &[], 100);
+        plan(&[], &[], 100, Up::Z);
+        let (alone, bar) = plan(&[stand(7.0, -2.0, 3.0)], &[], 100, Up::Z);
         assert!(bar > 0.0 && alone.pixel(20 + 50, 50) == LOW, "{bar}");
-        plan(&[stand(f64::NAN, 0.0, 0.0), stand(1e300, 0.0, 0.0)], &[DVec3::INFINITY], 50);
+        plan(&[stand(f64::NAN, 0.0, 0.0), stand(1e300, 0.0, 0.0)], &[DVec3::INFINITY], 50, Up::Z);
         assert_eq!([0.37, 99.0, 1.0, 0.0, f64::INFINITY].map(round_below), [0.2, 50.0, 1.0, 0.0, 0.0]);
     }
 }
