@@ -483,3 +483,19 @@ fn memory_is_that_of_what_is_active() {
     work.refused("convert dense.nii dense.vdb --max-memory 128M", &["dense.nii", "--max-memory", "--threshold"]);
     assert!(!work.path("dense.vdb").exists());
 }
+
+/// What a scan holds is shown, and what works on volumes alone says how a scan becomes one.
+#[test]
+fn scans_are_described_and_lead_on() {
+    let work = Work::new();
+    let found = &work.json("info @head.nii.gz")["files"][0];
+    assert_eq!((&found["format"], &found["kind"]), (&json!("image"), &json!("NIfTI")));
+    let image = &found["images"][0];
+    assert_eq!((&image["size"], &image["values"]), (&json!([48, 56, 40]), &json!("integer")));
+    assert_eq!((&image["voxel_size"], &image["origin"]), (&json!([4.0, 4.0, 6.0]), &json!([-94.0, -110.0, -117.0])));
+    assert!(work.text("info @head.nii.gz").contains("48 x 56 x 40 voxels"));
+    for words in ["render @head.nii.gz --views 1 -o no", "view @head.nii.gz -o no.png", "validate @head.nii.gz"] {
+        work.refused(words, &["head.nii.gz", "this is NIfTI", "cumulo convert IN OUT.vdb"]);
+    }
+    work.refused("diff @head.nii.gz @plume.vdb", &["head.nii.gz", "this is NIfTI"]);
+}

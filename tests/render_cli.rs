@@ -385,3 +385,16 @@ fn planes_come_with_the_picture() {
     work.refused(&format!("{words} -o no --aov variance"), &["--aov variance", "--supersample"]);
     work.refused(&format!("{words} -o no --aov nothing"), &["nothing", "optical-depth"]);
 }
+
+/// Pictures in which nothing is to be seen say why.
+#[test]
+fn pictures_of_nothing_say_why() {
+    let work = Work::new();
+    let size = "--views 1 --size 8x8";
+    let remarks = |words: &str| work.json(words)["remarks"].to_string();
+    assert!(remarks(&format!("render @plume.vdb {size} --tf ct-bone -o a")).contains("--tf-range"));
+    assert!(remarks(&format!("render @plume.vdb {size} --background 0,0,0 -o b")).contains("--background 1,1,1"));
+    assert_eq!(remarks(&format!("render @plume.vdb {size} -o c")), "[]");
+    let out = work.command(&format!("render @plume.vdb {size} --frames 1-2 --tf ct-bone -o d")).output().unwrap();
+    assert_eq!(errors(&out).matches("do not show the volume").count(), 1, "{}", errors(&out));
+}

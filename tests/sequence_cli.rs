@@ -231,3 +231,38 @@ fn frames_that_fail_are_told_of_quietly() {
     assert_eq!(out.status.code(), Some(2));
     assert!(errors(&out).contains("cumulo: frame 2: ") && errors(&out).contains("s.0002.vdb"), "{}", errors(&out));
 }
+
+/// Frames of which none is there are one error, which says what is there.
+#[test]
+fn a_range_beside_the_sequence_is_refused_at_once() {
+    let work = Work::new();
+    for number in [1001, 1006] {
+        std::fs::copy(fixture("plume.vdb"), work.path(&format!("smoke.{number}.vdb"))).unwrap();
+    }
+    let command = "render smoke.####.vdb --views 1 --size 8x8 -o out";
+    work.refused(&format!("{command} --frames 1-10"), &["smoke.####.vdb", "from 1001 to 1006"]);
+    assert!(!work.path("out").exists());
+    assert_eq!(work.json(&format!("{command} --frames 1006"))["rendered"], 1);
+}
+
+/// Processes that render parts of a sequence at the same time into one folder leave one capture of all frames.
+#[test]
+fn parts_that_end_at_once_keep_each_others_frames() {
+    let work = Work::new();
+    for part in 0..3 {
+        let command = |first: u32| {
+            format!(
+                "render @plume.vdb --views 1 --size 8x8 -o out{part} --resume --quiet --frames {first}-{}",
+                first + 1
+            )
+        };
+        let running: Vec<_> = [0, 2, 4, 6].map(|first| work.start(&command(first))).into();
+        for child in running {
+            let out = child.wait_with_output().unwrap();
+            assert!(out.status.success(), "{}", errors(&out));
+        }
+        assert_eq!(frames(&work, &format!("out{part}")).len(), 8);
+    }
+    // Without --resume a second part is refused, and the refusal names it.
+    work.refused("render @plume.vdb --views 1 --size 8x8 -o out0 --frames 8-9", &["another capture", "--resume"]);
+}

@@ -73,6 +73,11 @@ fn rings_circle_the_axis_that_the_file_states() {
         std::fs::write(work.path("scene.json"), scene.to_string()).unwrap();
         assert_eq!(work.json("plan scene.json --views 1 --size 4x4")["up"]["axis"], axis, "{scene}");
     }
+    for (input, axis) in [("houdini.vdb", "Y"), ("@plume.vdb", "Z")] {
+        work.json(&format!("usd author {input} --overwrite -o stage.usda"));
+        let stage = std::fs::read_to_string(work.path("stage.usda")).unwrap();
+        assert!(stage.contains(&format!("upAxis = \"{axis}\"")), "{stage}");
+    }
     let template = work.json("render @plume.vdb --cameras out -o other");
     assert!(template["up"].is_null(), "cameras that are given stand as they stand");
 }
