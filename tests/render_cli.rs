@@ -394,7 +394,7 @@ fn pictures_of_nothing_say_why() {
     let remarks = |words: &str| work.json(words)["remarks"].to_string();
     assert!(remarks(&format!("render @plume.vdb {size} --tf ct-bone -o a")).contains("--tf-range"));
     assert!(remarks(&format!("render @plume.vdb {size} --background 0,0,0 -o b")).contains("--background 1,1,1"));
-    assert_eq!(remarks(&format!("render @plume.vdb {size} -o c")), "[]");
+    assert_eq!(remarks(&format!("render @plume.vdb {size} -o c")), "null", "the key is left out");
     let out = work.command(&format!("render @plume.vdb {size} --frames 1-2 --tf ct-bone -o d")).output().unwrap();
     assert_eq!(errors(&out).matches("do not show the volume").count(), 1, "{}", errors(&out));
 }
