@@ -236,9 +236,32 @@ fn a_sequence_without_its_frames_is_reported_beside_others() {
     for command in ["info", "validate"] {
         let out = work.command(&format!("{command} s.####.vdb t.####.vdb --frames 1-2 --json")).output().unwrap();
         assert_eq!(out.status.code(), Some(2));
-        let report: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+        let report: Value = serde_json::from_slice(&out.stdout).unwrap();
         let files = report["files"].as_array().unwrap();
         assert_eq!((files.len(), files[0]["frame"].as_u64(), files[1]["frame"].as_u64()), (3, Some(1), Some(2)));
         assert!(files[2]["error"]["what"].as_str().unwrap().contains("none of the frames"), "{report}");
     }
+}
+
+/// A frame whose picture beside is of another size counts in neither of the comparisons.
+#[test]
+fn a_frame_beside_of_another_size_counts_nowhere() {
+    let work = Work::new();
+    let write = |name: &str, side: usize, value: f32| {
+        let film = Film::of(side, side, vec![[value, value, value, 1.0]; side * side]);
+        exr::write_picture(&work.path(name), &film, &BTreeMap::new(), false).unwrap();
+    };
+    for n in 1..=3 {
+        write(&format!("a.{n}.exr"), 8, 0.5);
+        write(&format!("b.{n}.exr"), 8, 0.4);
+        write(&format!("c.{n}.exr"), if n == 2 { 4 } else { 8 }, 0.3);
+    }
+    let out = work.command("compare a.#.exr b.#.exr --beside c.#.exr --json").output().unwrap();
+    assert_eq!(out.status.code(), Some(2));
+    let report: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let numbers = |track: &Value| -> Vec<u64> {
+        track["frames"].as_array().unwrap().iter().map(|f| f["frame"].as_u64().unwrap()).collect()
+    };
+    assert_eq!((numbers(&report), numbers(&report["beside"])), (vec![1, 3], vec![1, 3]));
+    assert!(report["failed"][0]["error"].as_str().unwrap().contains("c.2.exr"), "{report}");
 }

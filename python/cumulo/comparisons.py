@@ -176,6 +176,7 @@ class Difference(Report):
     only_in_a: list[str]
     only_in_b: list[str]
     not_compared: list[Any]
+    of_other_kind: list[str] = dataclasses.field(default_factory=list)
 
     def __bool__(self) -> bool:
         return self.same

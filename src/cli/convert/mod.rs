@@ -37,7 +37,7 @@ use std::process::ExitCode;
 /// Report of a file, or of a sequence.
 #[derive(JsonSchema)]
 #[serde(untagged)]
-#[allow(dead_code, reason = "it describes documents, and none is made of it")]
+#[allow(dead_code, clippy::large_enum_variant, reason = "it describes documents, and none is made of it")]
 pub(in crate::cli) enum AnyReport {
     File(FileReport),
     Sequence(frames::Report),
@@ -46,7 +46,7 @@ pub(in crate::cli) enum AnyReport {
 /// Report of a VDB with edits, or of an image, an array or a NanoVDB.
 #[derive(JsonSchema)]
 #[serde(untagged)]
-#[allow(dead_code, reason = "it describes documents, and none is made of it")]
+#[allow(dead_code, clippy::large_enum_variant, reason = "it describes documents, and none is made of it")]
 pub(in crate::cli) enum FileReport {
     Grids(grids::Report),
     Image(report::Report),

@@ -72,6 +72,8 @@ pub(in crate::cli) struct Report {
     only_in_b: Vec<String>,
     /// Names of point grids in both files, which are neither same nor different.
     not_compared: Vec<String>,
+    /// Names of grids that hold points in one file and values in the other: a difference.
+    of_other_kind: Vec<String>,
 }
 
 #[derive(Debug, Serialize, JsonSchema)]
@@ -96,7 +98,8 @@ impl Diff {
     /// If a file cannot be read, a grid is not there, or two grids cannot be compared.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         if self.tolerance.is_nan() || self.tolerance < 0.0 {
-            return Err(Error::invalid(format!("--tolerance {}: zero or more is needed", self.tolerance)));
+            return Err(Error::invalid(format!("--tolerance {}: zero or more is needed", self.tolerance))
+                .hint("give the largest absolute difference of a value that still counts as equal"));
         }
         if let Some(sequences) = self.frames.pair([&self.a, &self.b], &["vdb"])? {
             return self.frames(&sequences, output);
@@ -120,11 +123,20 @@ impl Diff {
         };
         let (only_in_a, only_in_b): (Vec<_>, Vec<_>) = (alone(&a, |p| &p.0), alone(&b, |p| &p.1));
         drop(reading);
-        let (mut grids, mut not_compared) = (Vec::new(), Vec::new());
+        let (mut grids, mut not_compared, mut of_other_kind) = (Vec::new(), Vec::new(), Vec::new());
         for (in_a, in_b) in &pairs {
-            if self.grid.is_none() && [(&a, in_a), (&b, in_b)].iter().any(|(f, n)| is_points(f, n)) {
-                not_compared.push(in_a.clone());
-                continue;
+            if self.grid.is_none() {
+                match Pairing::of([is_points(&a, in_a), is_points(&b, in_b)]) {
+                    Pairing::Values => {}
+                    Pairing::Points => {
+                        not_compared.push(in_a.clone());
+                        continue;
+                    }
+                    Pairing::Mixed => {
+                        of_other_kind.push(in_a.clone());
+                        continue;
+                    }
+                }
             }
             grids.push(self.grids([(&a, in_a), (&b, in_b)], limits, output)?);
         }
@@ -132,8 +144,9 @@ impl Diff {
             let named = g.name_in_b.is_none() || self.grid.is_some();
             named && g.difference.within(self.tolerance) && !(self.tolerance == 0.0 && g.differs_beyond_f32)
         };
-        let same = only_in_a.is_empty() && only_in_b.is_empty() && grids.iter().all(alike);
-        Ok(Report { same, grids, only_in_a, only_in_b, not_compared })
+        let all_paired = only_in_a.is_empty() && only_in_b.is_empty() && of_other_kind.is_empty();
+        let same = all_paired && grids.iter().all(alike);
+        Ok(Report { same, grids, only_in_a, only_in_b, not_compared, of_other_kind })
     }
 
     /// Compares two grids, each given by its file and name.
@@ -191,6 +204,28 @@ impl Diff {
         }
         let shared = a.entries().iter().filter(|e| b.entries().iter().any(|o| o.name == e.name));
         Ok(shared.map(|e| (e.name.clone(), e.name.clone())).collect())
+    }
+}
+
+/// What two grids of one name hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Pairing {
+    /// Both hold values, which are compared.
+    Values,
+    /// Both hold points, which cannot be compared.
+    Points,
+    /// One holds points and the other values: they differ.
+    Mixed,
+}
+
+impl Pairing {
+    /// Returns the pairing of two grids by whether each holds points.
+    fn of(points: [bool; 2]) -> Self {
+        match points {
+            [false, false] => Self::Values,
+            [true, true] => Self::Points,
+            [true, false] | [false, true] => Self::Mixed,
+        }
     }
 }
 
@@ -310,6 +345,30 @@ impl fmt::Display for Report {
         for name in &self.not_compared {
             writeln!(f, "'{}' holds points and was not compared", printable(name))?;
         }
+        for name in &self.of_other_kind {
+            writeln!(f, "'{}' holds points in one file and values in the other", printable(name))?;
+        }
         writeln!(f, "{}", if self.same { "same" } else { "different" })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Points against values were no difference.
+    #[test]
+    fn points_and_values_are_of_different_kinds() {
+        let pairings = [[false, false], [true, true], [true, false], [false, true]].map(Pairing::of);
+        assert_eq!(pairings, [Pairing::Values, Pairing::Points, Pairing::Mixed, Pairing::Mixed]);
+        let report = Report {
+            same: false,
+            grids: vec![],
+            only_in_a: vec![],
+            only_in_b: vec![],
+            not_compared: vec![],
+            of_other_kind: vec!["smoke".into()],
+        };
+        assert_eq!(report.to_string(), "'smoke' holds points in one file and values in the other\ndifferent\n");
     }
 }

@@ -16,6 +16,7 @@ use super::memory::Memory;
 use super::output::Output;
 use super::outputs::{self, Content as Kind};
 use super::parse::{self, DensityScale};
+use super::provenance::quoted;
 use super::transfer::TransferOption;
 use super::up::{self, UpChoice};
 use crate::error::{Error, Result};
@@ -137,7 +138,7 @@ impl View {
             Format::Unknown => Err(formats::unknown(path)),
             other => Err(Error::unsupported(format!("{} has no sheet", other.name())).at(path).hint(format!(
                 "render a picture of it: cumulo render {} --views 1 --size 512x512 -o picture.png",
-                path.display()
+                quoted(&path.to_string_lossy())
             ))),
         }
     }
