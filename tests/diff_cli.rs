@@ -197,3 +197,23 @@ fn a_missing_file_does_not_hide_the_good_one() {
         assert!(out.status.code() == Some(2) && out.stdout.is_empty());
     }
 }
+
+/// A volume that is another one times a factor is told as such, on one lattice, on two, and by a sample.
+#[test]
+fn a_multiple_is_told() {
+    let work = Work::new();
+    work.json("convert @plume.vdb three.vdb --scale 3");
+    let same = work.difference("@plume.vdb", "three.vdb");
+    assert!((same["multiple"]["factor"].as_f64().unwrap() - 3.0).abs() < 1e-6, "{same}");
+    assert!(same["multiple"]["psnr_db"].is_null() || same["multiple"]["psnr_db"].as_f64().unwrap() > 100.0, "{same}");
+    let text = String::from_utf8(work.command("diff @plume.vdb three.vdb").output().unwrap().stdout).unwrap();
+    assert!(text.contains("B is 3.0000 times A") && text.contains("--scale 0.3333"), "{text}");
+    // Coarser voxels, so that constants and cells are compared.
+    work.json("convert three.vdb coarse.vdb --resample 0.13");
+    let coarse = work.difference("@plume.vdb", "coarse.vdb");
+    let [plain, scaled] = [&coarse["psnr_db"], &coarse["multiple"]["psnr_db"]].map(|db| db.as_f64().unwrap());
+    assert!((coarse["multiple"]["factor"].as_f64().unwrap() - 3.0).abs() < 0.2 && scaled > plain + 10.0, "{coarse}");
+    // What no factor explains is not said to be one.
+    let other = String::from_utf8(work.command("diff @plume.vdb @cube.vdb").output().unwrap().stdout).unwrap();
+    assert!(!other.contains("times A"), "{other}");
+}

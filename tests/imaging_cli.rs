@@ -498,4 +498,8 @@ fn scans_are_described_and_lead_on() {
         work.refused(words, &["head.nii.gz", "this is NIfTI", "cumulo convert IN OUT.vdb"]);
     }
     work.refused("diff @head.nii.gz @plume.vdb", &["head.nii.gz", "this is NIfTI"]);
+    // Pictures and volumes are not mixed up, either.
+    work.json("render @plume.vdb --views 1 --size 4x4 -o picture.exr");
+    work.refused("diff picture.exr picture.exr", &["this is a picture", "cumulo compare"]);
+    work.refused("compare @plume.vdb @plume.vdb", &["an OpenVDB file", "cumulo diff"]);
 }

@@ -53,7 +53,7 @@ impl fmt::Display for Report {
             input.display(),
             if *views == 1 { "" } else { "s" }
         )?;
-        writeln!(f, "  {:<20}{:<9}{:>10}{:>12}  reason", "effect", "state", "seconds", "bound")?;
+        writeln!(f, "  {:<22}{:<9}{:>10}{:>12}  reason", "effect", "state", "seconds", "bound")?;
         for planned in &plan.effects {
             let state = match planned.state {
                 State::On => "on",
@@ -66,7 +66,7 @@ impl fmt::Display for Report {
                 Some(bound) => format!("{bound:.2e}"),
                 None => "-".into(),
             };
-            writeln!(f, "  {:<20}{state:<9}{seconds:>10}{bound:>12}  {}", planned.name.to_string(), planned.reason)?;
+            writeln!(f, "  {:<22}{state:<9}{seconds:>10}{bound:>12}  {}", planned.name.to_string(), planned.reason)?;
         }
         let depth = &plan.measured.optical_depth;
         writeln!(

@@ -105,9 +105,10 @@ impl Drop for Shown {
 fn left(state: &ProgressState, out: &mut dyn fmt::Write) {
     let (done, rest) = (state.pos(), state.len().unwrap_or(0).saturating_sub(state.pos()));
     let seconds = state.elapsed().as_secs_f64() * rest as f64 / done as f64;
-    // Before the first step nothing is known; a decade is long enough.
+    // Before the first step nothing is known, and after the last one that was foreseen, others may follow; a decade is long
+    // enough.
     let _ = match Duration::try_from_secs_f64(seconds.min(3e8)) {
-        Ok(time) if done > 0 => write!(out, "{:#}", HumanDuration(time)),
+        Ok(time) if done > 0 && rest > 0 => write!(out, "{:#}", HumanDuration(time)),
         _ => write!(out, "unknown time"),
     };
 }

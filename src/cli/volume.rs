@@ -18,6 +18,9 @@ use std::path::Path;
 pub fn open(path: &Path, limits: Limits) -> Result<File> {
     match formats::sniff(path)? {
         Format::Unknown => Err(formats::unknown(path)),
+        Format::Exr => Err(Error::invalid("this is a picture, and no volume")
+            .hint("give an OpenVDB file; cumulo compare compares pictures, and cumulo view shows them")
+            .at(path)),
         _ => File::open(path, limits),
     }
 }

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::vdb::{File, GridInfo, NativeGrid, RawGrid};
 use crate::math::Affine;
-use crate::metrics::volume::{Difference, Effort, Field, compare_within};
+use crate::metrics::volume::{Difference, Effort, Field, Multiple, compare_within};
 use crate::text::printable;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -323,6 +323,15 @@ impl fmt::Display for Report {
                     "  equal but for a turn of the second by {degrees} degrees about x (rms {rms:.4e} then): {first}-up against \
                      {second}-up; cumulo convert --up {} turns it",
                     first.to_ascii_lowercase()
+                )?;
+            }
+            if let Some(Multiple { factor, psnr_db }) = d.explained() {
+                let psnr = psnr_db.map_or_else(|| "inf".to_owned(), |db| format!("{db:.2} dB"));
+                writeln!(
+                    f,
+                    "  B is {factor:.4} times A, and psnr {psnr} after a division by that: a density scale or a unit of length that \
+                     one of them holds and the other does not; cumulo convert --scale {:.4} takes it out of B",
+                    1.0 / factor
                 )?;
             }
             if d.sampled {

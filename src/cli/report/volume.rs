@@ -10,7 +10,7 @@ use crate::formats::limits::Limits;
 use crate::formats::vdb::{CONFIDENCE, File, shaded};
 use crate::formats::{captures, transfer};
 use crate::metrics;
-use crate::metrics::volume::{self, Difference};
+use crate::metrics::volume::{self, Difference, Multiple};
 use crate::ordered;
 use crate::render::any_renderer::AnyRenderer;
 use crate::render::dvr::Dvr;
@@ -32,6 +32,9 @@ pub(super) struct VolumeError {
     /// PSNR in dB with the reference's largest value as peak; none if the volumes are identical or the reference
     /// is zero.
     psnr_db: Option<f64>,
+    /// Multiple of the reference that explains most of the error: a density scale that one of the volumes holds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    multiple: Option<Multiple>,
     /// RMS error over the voxels whose confidence is a half or more, which the pictures decide more than the prior.
     known_rms: Option<f64>,
     /// RMS error over the voxels whose confidence is below a half.
@@ -58,7 +61,8 @@ pub(super) fn page(
     let error = difference.zip(reference.as_ref()).map(|(difference, reference)| {
         let rms = |confidence| volume::rms_apart(reference, &volume.field, confidence);
         let [known_rms, unknown_rms] = confidence.as_ref().map_or([None; 2], rms);
-        VolumeError { psnr_db: difference.psnr_db, known_rms, unknown_rms, identical: difference.rms == 0.0 }
+        let (multiple, identical) = (difference.explained(), difference.rms == 0.0);
+        VolumeError { psnr_db: difference.psnr_db, multiple, known_rms, unknown_rms, identical }
     });
 
     let mut page = Page::new(title(run), volume.subtitle(run));
@@ -167,6 +171,10 @@ fn figures(run: &Run, error: Option<&VolumeError>) -> Vec<(&'static str, String)
     if let Some(error) = error {
         let none = if error.identical { "identical" } else { "undefined: the reference is zero" };
         figures.push(("Volume PSNR", error.psnr_db.map_or_else(|| none.to_owned(), |p| format!("{p:.2} dB"))));
+        if let Some(Multiple { factor, psnr_db }) = error.multiple {
+            let psnr = psnr_db.map_or_else(|| "equal".to_owned(), |db| format!("{db:.2} dB"));
+            figures.push(("But for a factor", format!("{psnr}, {factor:.3} times the reference")));
+        }
         let parts = [("RMS where pictures decide", error.known_rms), ("RMS elsewhere", error.unknown_rms)];
         figures.extend(parts.iter().filter_map(|(name, rms)| Some((*name, format!("{:.2e}", (*rms)?)))));
     }

@@ -130,6 +130,11 @@ pub(super) fn open(path: &Path) -> Result<(Reader, Header)> {
                 .hint("render or copy the file again")
                 .at(path));
         }
+        Ok(()) if magic == *b" BDV" => {
+            return Err(Error::invalid("no OpenEXR file, but an OpenVDB file")
+                .hint("give a picture; cumulo diff compares volumes, and cumulo render makes pictures of them")
+                .at(path));
+        }
         Ok(()) if magic != exr::meta::magic_number::BYTES => {
             return Err(Error::invalid(format!("no OpenEXR file (it begins with the bytes {magic:02x?})"))
                 .hint("OpenEXR files begin with 76 2f 31 01; convert other pictures first: oiiotool IN -o OUT.exr")

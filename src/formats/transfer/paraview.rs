@@ -120,7 +120,7 @@ impl Curves {
                 let most = above_zero(options.extinction.unwrap_or(1.0), "extinction")?;
                 let (low, high) = (colors[0][0], colors[colors.len() - 1][0]);
                 notes.push(format!(
-                    "the preset states no opacities: extinction rises from 0 at density {low} to {most} at {high}"
+                    "the preset states no opacities: extinction rises from 0 at the first color to {most} at the last"
                 ));
                 Extinction::Rise { low, high, most }
             }

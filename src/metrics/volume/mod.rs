@@ -45,6 +45,32 @@ pub struct Difference {
     /// Number of values of which one is finite and the other is not, or whose kinds of infinity differ. They are left
     /// out of `rms` and `max_abs`.
     pub incomparable: u64,
+    /// What is left of the difference if B is a multiple of A; `None` if either is 0 everywhere, or they are equal.
+    pub multiple: Option<Multiple>,
+}
+
+/// The multiple of A that B is nearest to, by least squares.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, schemars::JsonSchema)]
+pub struct Multiple {
+    /// Factor of A.
+    pub factor: f64,
+    /// PSNR in dB of B divided by the factor, with the peak of A; `None` if nothing is left.
+    pub psnr_db: Option<f64>,
+}
+
+impl Multiple {
+    /// Fits B to A from the sums of squares of A, of B and of their difference over a number of values. Nothing is left where
+    /// the rest is within the rounding of these sums.
+    fn fit([a, b]: [f64; 2], difference: f64, values: f64, peak: f64) -> Option<Self> {
+        let product = 0.5 * (a + b - difference);
+        if !(a > 0.0 && product > 0.0 && difference > 0.0) {
+            return None;
+        }
+        let factor = product / a;
+        let left = b - factor * product;
+        let rms = (left.max(0.0) / values).sqrt() / factor;
+        Some(Self { factor, psnr_db: (left > 1e-12 * b && peak > 0.0).then(|| 20.0 * (peak / rms).log10()) })
+    }
 }
 
 impl Difference {
@@ -55,6 +81,15 @@ impl Difference {
             && self.incomparable == 0
             && self.transform_difference == 0.0
             && (max_abs > 0.0 || self.topology_iou == 1.0)
+    }
+
+    /// Returns the multiple if it explains most of the difference: a factor apart from 1 by a percent or more, after which less
+    /// than a tenth of the power of the difference is left.
+    pub fn explained(&self) -> Option<Multiple> {
+        const GAIN_DB: f64 = 10.0;
+        let multiple = self.multiple.filter(|multiple| (multiple.factor - 1.0).abs() >= 0.01)?;
+        let gain = |before: f64| multiple.psnr_db.is_none_or(|after| after >= before + GAIN_DB);
+        self.psnr_db.is_some_and(gain).then_some(multiple)
     }
 }
 
@@ -92,6 +127,7 @@ pub fn compare_within(a: &Field<'_>, b: &Field<'_>, effort: Effort, step: OnStep
             compared: 0,
             sampled: false,
             incomparable: 0,
+            multiple: None,
         });
     };
     let along_axes = !same && {
@@ -113,7 +149,8 @@ pub fn compare_within(a: &Field<'_>, b: &Field<'_>, effort: Effort, step: OnStep
     pair.divide()?;
     let (sum, left_out) = pair.sum(effort, step);
     let voxels: i128 = (0..3).map(|i| i128::from(max[i]) - i128::from(min[i]) + 1).product();
-    let rms = (sum.squares / (voxels as f64 * a.components as f64)).sqrt();
+    let values = voxels as f64 * a.components as f64;
+    let rms = (sum.squares / values).sqrt();
     let peak = a.peak();
     Ok(Difference {
         psnr_db: (rms > 0.0 && peak > 0.0).then(|| 20.0 * (peak / rms).log10()),
@@ -125,6 +162,7 @@ pub fn compare_within(a: &Field<'_>, b: &Field<'_>, effort: Effort, step: OnStep
         compared: (voxels - i128::from(left_out.unwrap_or(0))).min(u64::MAX.into()) as u64,
         sampled: left_out.is_some(),
         incomparable: sum.incomparable,
+        multiple: Multiple::fit(sum.energies, sum.squares, values, peak),
     })
 }
 

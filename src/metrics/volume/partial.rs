@@ -5,6 +5,8 @@ use super::field::Constant;
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Partial {
     pub(super) squares: f64,
+    /// Sums of the squares of the values of the first volume and of the second.
+    pub(super) energies: [f64; 2],
     pub(super) max: f64,
     pub(super) both: u64,
     pub(super) either: u64,
@@ -14,6 +16,7 @@ pub(super) struct Partial {
 impl Partial {
     pub(super) fn add(&mut self, p: &Self) {
         self.squares += p.squares;
+        (0..2).for_each(|i| self.energies[i] += p.energies[i]);
         self.max = self.max.max(p.max);
         self.both += p.both;
         self.either += p.either;
@@ -24,6 +27,7 @@ impl Partial {
     pub(super) fn scale(&mut self, factor: f64) {
         let scaled = |count: u64| (count as f64 * factor).round() as u64;
         self.squares *= factor;
+        self.energies.iter_mut().for_each(|energy| *energy *= factor);
         (self.both, self.either) = (scaled(self.both), scaled(self.either));
         self.incomparable = scaled(self.incomparable);
     }
@@ -37,6 +41,9 @@ impl Partial {
             if u.is_finite() && v.is_finite() {
                 let d = f64::from(u) - f64::from(v);
                 self.squares += d * d * times as f64;
+                for (energy, value) in self.energies.iter_mut().zip([u, v]) {
+                    *energy += f64::from(value).powi(2) * times as f64;
+                }
                 self.max = self.max.max(d.abs());
             } else if !(u == v || u.is_nan() && v.is_nan()) {
                 self.incomparable = self.incomparable.saturating_add(times);
@@ -120,8 +127,12 @@ impl Partial {
                 for (j, second) in apart.iter().enumerate() {
                     let weight: f64 = (0..3).map(|axis| runs[axis].products[at(i)[axis]][at(j)[axis]]).product();
                     self.squares += weight * first * second;
+                    self.energies[1] += weight * f64::from(corners[i].value[c]) * f64::from(corners[j].value[c]);
                 }
             }
+            let voxels: f64 =
+                runs.iter().map(|run| f64::from(run.voxels[1]) - f64::from(run.voxels[0]) + 1.0).product();
+            self.energies[0] += f64::from(a.value[c]).powi(2) * voxels;
             for end in 0..8 {
                 let f = std::array::from_fn(|i| runs[i].ends[at(end)[i]]);
                 self.max = self.max.max((f64::from(value(f)) - f64::from(a.value[c])).abs());
