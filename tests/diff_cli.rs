@@ -204,10 +204,11 @@ fn a_multiple_is_told() {
     let work = Work::new();
     work.json("convert @plume.vdb three.vdb --scale 3");
     let same = work.difference("@plume.vdb", "three.vdb");
-    assert!((same["multiple"]["factor"].as_f64().unwrap() - 3.0).abs() < 1e-6, "{same}");
-    assert!(same["multiple"]["psnr_db"].is_null() || same["multiple"]["psnr_db"].as_f64().unwrap() > 100.0, "{same}");
+    // The plume holds 16-bit floats, to which three times its values are rounded.
+    assert!((same["multiple"]["factor"].as_f64().unwrap() - 3.0).abs() < 1e-3, "{same}");
+    assert!(same["multiple"]["psnr_db"].as_f64().unwrap() > 80.0, "{same}");
     let text = String::from_utf8(work.command("diff @plume.vdb three.vdb").output().unwrap().stdout).unwrap();
-    assert!(text.contains("B is 3.0000 times A") && text.contains("--scale 0.3333"), "{text}");
+    assert!(text.contains("B is 3.000") && text.contains("--scale 0.3333"), "{text}");
     // Coarser voxels, so that constants and cells are compared.
     work.json("convert three.vdb coarse.vdb --resample 0.13");
     let coarse = work.difference("@plume.vdb", "coarse.vdb");
