@@ -25,7 +25,7 @@ from . import padding
 from .capture import Capture, sphere_cameras
 from .cycles.objects import load_volume
 from .cycles.stage import empty_scene
-from .cycles.views import capture_steps, finish
+from .cycles.views import capture_line, capture_steps, finish
 
 # Angle across a sun, in degrees, which `cumulo render` takes as well.
 SUN_ANGLE = 0.53
@@ -62,12 +62,6 @@ def _loaded(grids):
     for grid in grids:
         grid.load()
         yield grid
-
-
-def capture_line(folder, capture):
-    """One line about a capture that was written into a folder."""
-    count = len(capture.frames)
-    return f"{pathlib.Path(folder) / 'transforms.json'}: {count} view{'s' * (count != 1)}, density scale {capture.density_scale:g}"
 
 
 def show_progress(done, of):
