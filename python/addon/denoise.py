@@ -6,7 +6,7 @@ from .cumulo import bpy_scene
 from .job import Job, labelled
 from .preferences import program_path
 from .program import run
-from .render import show
+from .render import pictures_in, show
 from .settings import folder_of
 
 
@@ -39,8 +39,15 @@ class Denoise(Job, bpy.types.Operator):
             motion = folder / "motion" / "frame.####.exr"
             yield from run([program, "motion", *volume, "--cameras", exported.cameras, "-o", motion, "--overwrite"])
             words += ["--motion", f"files:{motion}"]
+        before = stamps(folder)
         report = yield from run(words)
-        show(folder / f"frame.{frames[0]:04}.exr", len(frames))
-        self.report(
-            {"INFO"}, f"{len(report['frames']) if 'frames' in report else len(frames)} pictures are in {folder}"
-        )
+        # An earlier run may have left pictures of other frames.
+        written = sorted(path for path, stamp in stamps(folder).items() if before.get(path) != stamp)
+        show(written[0], len(written))
+        self.report({"INFO"}, pictures_in(folder, report["denoised"]))
+
+
+def stamps(folder):
+    """The pictures in a folder, each with what tells whether it was written since."""
+    found = {path: path.stat() for path in folder.glob("frame.*.exr")}
+    return {path: (stat.st_ino, stat.st_mtime_ns, stat.st_size) for path, stat in found.items()}

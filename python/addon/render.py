@@ -40,7 +40,12 @@ class Render(Job, bpy.types.Operator):
             words += ["--aov", "motion"]
         yield from run(words)
         image = show(folder / f"frame.{frames[0]:04}.exr", len(frames))
-        self.report({"INFO"}, f"{len(frames)} pictures are in {folder}, and the image {image.name}")
+        self.report({"INFO"}, f"{pictures_in(folder, len(frames))}, and the image {image.name}")
+
+
+def pictures_in(folder, count):
+    """How many pictures are in a folder, in words."""
+    return f"{count} picture is in {folder}" if count == 1 else f"{count} pictures are in {folder}"
 
 
 def show(path, frames):

@@ -10,14 +10,15 @@ raises `CumuloError` with its message and its hint; a check that finds a differe
 error. `arrays` turns grids and pictures into NumPy arrays and back, `plots` draws reports with
 matplotlib (`pip install cumulo[plots]`), `testing` is a pytest plugin for render regression tests.
 
-`capture` reads and writes multi-view captures, `exr` pictures and `transfer` transfer functions.
+`capture` reads and writes multi-view captures, `exr` pictures; `transfer` has transfer functions, of Blender's color ramps
+too, and `usd` writes and checks stages.
 Modules that need Blender's `bpy` or what comes with it (`pip install cumulo[blender]`): `blender`
 renders volumes with Cycles by the parts in `cycles`, `bpy_scene` turns Blender's scenes into scene files
 and captures, `noise` measures how noisy pictures of Cycles are, `padding` surrounds volumes with the
 empty voxels that Cycles needs.
 """
 
-from . import reconstruct
+from . import reconstruct, transfer, usd
 from .commands import (
     compare,
     compare_statistical,
@@ -32,6 +33,7 @@ from .commands import (
     pose,
     render,
     validate,
+    view,
     viewpoint,
 )
 from .run import CumuloError, program
@@ -52,6 +54,9 @@ __all__ = [
     "program",
     "reconstruct",
     "render",
+    "transfer",
+    "usd",
     "validate",
+    "view",
     "viewpoint",
 ]

@@ -11,6 +11,8 @@ clipping, view transforms.
 
 import argparse
 import json
+import math
+import pathlib
 import sys
 
 import bpy
@@ -23,7 +25,10 @@ from . import padding
 from .capture import Capture, sphere_cameras
 from .cycles.objects import load_volume
 from .cycles.stage import empty_scene
-from .cycles.views import capture_steps, finish
+from .cycles.views import capture_line, capture_steps, finish
+
+# Angle across a sun, in degrees, which `cumulo render` takes as well.
+SUN_ANGLE = 0.53
 
 __all__ = ["Rectangle", "Settings", "Sphere", "Stage", "Sun", "main", "render_capture", "show_progress", "where"]
 
@@ -78,10 +83,10 @@ def _settings(options, capture):
     if options.albedo is not None:
         # Scattered light is seen before black.
         given |= {"model": "scattering", "background": (0.0, 0.0, 0.0), "albedo": (options.albedo,) * 3}
-        given.setdefault("emission", (0.0, 0.0, 0.0))
         given["anisotropy"] = options.anisotropy or 0.0
-        given["sky"] = tuple(options.sky or (0.0, 0.0, 0.0))
-        given["lights"] = (Sun(tuple(options.sun), (3.0, 3.0, 3.0)),) if options.sun else ()
+        # As of `cumulo render`: without any light the sky is white.
+        given["sky"] = tuple(options.sky) if options.sky else ((0.0, 0.0, 0.0) if options.sun else (1.0, 1.0, 1.0))
+        given["lights"] = _sun(options)
         if capture:
             given.setdefault("density_scale", capture.density_scale)
             given.setdefault("near", capture.near)
@@ -91,6 +96,20 @@ def _settings(options, capture):
             given.setdefault(key, getattr(capture, key))
         _check_model(capture, given["model"])
     return Settings(**given)
+
+
+def _sun(options):
+    """The sun of the command line, if it has one, in the terms and with the defaults of `cumulo render`."""
+    if options.sun is None:
+        for flag in ("sun_color", "sun_angle"):
+            if getattr(options, flag) is not None:
+                name = "--" + flag.replace("_", "-")
+                raise ValueError(f"{name} is given without a sun; give --sun X Y Z, the vector towards it, or leave {name} out")
+        return ()
+    if not any(options.sun):
+        raise ValueError("--sun is 0 0 0, which is no direction; give the vector from the volume towards the sun, as in --sun -1 0.6 0.7")
+    angle = SUN_ANGLE if options.sun_angle is None else options.sun_angle
+    return (Sun(tuple(options.sun), tuple(options.sun_color or (1.0, 1.0, 1.0)), math.radians(angle)),)
 
 
 def _check_model(capture, model):
@@ -143,7 +162,11 @@ def main(arguments=None):
     render.add_argument("--albedo", type=float, help="scatter light: share of the extinction that is scattered")
     render.add_argument("--anisotropy", type=float)
     render.add_argument("--sun", type=float, nargs=3, metavar=("X", "Y", "Z"), help="vector from the volume towards a sun")
-    render.add_argument("--sky", type=float, nargs=3, metavar=("R", "G", "B"), help="radiance from all around")
+    render.add_argument("--sun-color", type=float, nargs=3, metavar=("R", "G", "B"), help="irradiance of the sun (1 1 1)")
+    render.add_argument("--sun-angle", type=float, metavar="DEG", help=f"angle across the sun in degrees ({SUN_ANGLE})")
+    render.add_argument(
+        "--sky", type=float, nargs=3, metavar=("R", "G", "B"), help="radiance from all around (black with a sun, else white)"
+    )
     load = commands.add_parser("load", help="say where Blender puts a VDB, as JSON")
     load.add_argument("vdb")
     options = parser.parse_args(arguments)
@@ -159,7 +182,7 @@ def main(arguments=None):
     else:
         box = padding.world_box(*padding.lattice(options.vdb, options.grid))
         views = sphere_cameras(options.views, *box, *options.size)
-    render_capture(
+    made = render_capture(
         options.vdb,
         views,
         _settings(options, capture),
@@ -167,6 +190,7 @@ def main(arguments=None):
         options.grid,
         show_progress,
     )
+    print(capture_line(options.output, made))
 
 
 if __name__ == "__main__":

@@ -34,6 +34,11 @@ DISTORTIONS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 INTRINSICS = ("camera_model", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy", "w", "h")
 
 
+def default_emission(model: str) -> tuple[float, ...]:
+    """Radiance of the source of a medium of which nobody states one: a scattering medium does not emit."""
+    return (0.0, 0.0, 0.0) if model == "scattering" else (1.0, 1.0, 1.0)
+
+
 @dataclasses.dataclass(frozen=True)
 class Camera:
     """A camera and its raster; focal lengths in pixels, or pixels per world unit if orthographic.
@@ -74,7 +79,8 @@ class Camera:
 class Capture:
     """Views of one volume: `frames` pairs each camera with its picture's path.
 
-    `emission` is the radiance of the source per channel, `emission_model` how it follows the density
+    `emission` is the radiance of the source per channel (left empty, it is 1, and 0 where the model is "scattering"),
+    `emission_model` how it follows the density
     ("grey": not at all, "linear": in proportion). `transfer` is a transfer function as `.tf.json`
     holds it under that key, which then stands in the place of `emission`. `lattice` takes the volume's
     voxel indices to the world. `extra` holds the keys at the top that have no other place.
@@ -86,11 +92,15 @@ class Capture:
     pixel_filter: str = "point"
     near: float = 0.0
     density_scale: float = 1.0
-    emission: tuple[float, ...] = (1.0, 1.0, 1.0)
+    emission: tuple[float, ...] = ()
     lattice: Matrix | None = None
     emission_model: str = "grey"
     transfer: dict[str, Any] | None = None
     extra: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(self.emission) == 0:
+            self.emission = default_emission(self.model)
 
     @classmethod
     def read(cls, path: Path) -> Capture:

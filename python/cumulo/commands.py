@@ -9,6 +9,7 @@ and raises `CumuloError` where the program refuses.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -24,7 +25,17 @@ ENVELOPE = ("version", "command")
 
 def report(kind: type[R], command: Sequence[str], arguments: Sequence[Path], options: dict[str, Option],
            progress: bool | Progress = False) -> R:  # fmt: skip
-    """Runs a command and returns its report. Positional arguments stand after `--`, so that no name is an option."""
+    """Runs a command and returns its report. Positional arguments stand after `--`, so that no name is an option.
+
+    Raises TypeError for an argument that is no path, such as a list of several.
+    """
+    for argument in arguments:
+        if not isinstance(argument, (str, os.PathLike)):
+            raise TypeError(
+                f"cumulo {' '.join(command)}: {argument!r} is of type {type(argument).__name__}, and the path of one file is"
+                " expected (str or os.PathLike); call the function for each file, or, where it takes several, pass them"
+                " one by one: f(*files)"
+            )
     positional = ["--", *(word(argument) for argument in arguments)]
     _, out = call([*command, *words(options), "--json", *positional], progress=progress)
     document = json.loads(out)
@@ -102,8 +113,20 @@ def diff(a: Path, b: Path, *, progress: bool | Progress = False, **options: Opti
 
 
 def info(file: Path, *, progress: bool | Progress = False, **options: Option) -> results.FileInfo:
-    """Tells what is in a file: the grids of a VDB, the layers of an EXR, the cameras of a capture."""
+    """Tells what is in one file: the grids of a VDB, the layers of an EXR, the cameras of a capture. Of several files it
+    is called for each: `[cumulo.info(file) for file in files]`."""
     return report(results.Files, ["info"], [file], options, progress).files[0]
+
+
+def view(*files: Path, output: Path, size: int | None = None, grid: str | None = None, density_scale: float | str | None = None,
+         progress: bool | Progress = False, **options: Option) -> results.Viewed:  # fmt: skip
+    """Draws what is in files as contact sheets: volumes, pictures, captures and sequences.
+
+    `output` is the PNG of the sheet, or of several files the folder of their sheets. `size` is the longer side of each
+    picture in pixels, `grid` the grid of a VDB to show.
+    """
+    named = {"output": output, "size": size, "grid": grid, "density_scale": density_scale}
+    return report(results.Viewed, ["view"], files, {**named, **options}, progress)
 
 
 def validate(*files: Path, progress: bool | Progress = False, **options: Option) -> results.Validation:

@@ -29,6 +29,8 @@ from .report import Report
 __all__ = [
     "ArrayGrid",
     "ArrayLayer",
+    "Authored",
+    "AuthoredVolume",
     "Caution",
     "ChannelTests",
     "Comparison",
@@ -45,25 +47,33 @@ __all__ = [
     "Gradient",
     "GridDifference",
     "Iteration",
+    "LintFinding",
+    "Linted",
+    "LintedStage",
     "MeanTest",
     "Motion",
     "Noise",
     "Plan",
     "Posed",
     "PosedCamera",
+    "Preset",
+    "Presets",
     "Provenance",
     "Reconstruction",
     "Region",
     "RegionTests",
     "Rendered",
     "Report",
+    "Sheet",
     "SpreadTest",
     "Stage",
     "Start",
     "Statistics",
+    "Transfer",
     "TransferFunction",
     "Up",
     "Validation",
+    "Viewed",
     "Viewpoints",
 ]
 
@@ -329,6 +339,122 @@ class Files(Report):
     """What is in several files."""
 
     files: list[FileInfo]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Sheet(Report):
+    """A contact sheet: `shows` is "volume", "picture", "capture" or "sequence", `size` the sheet's width and height in
+    pixels, and `extra` holds the keys of that kind."""
+
+    input: pathlib.Path
+    output: pathlib.Path | None
+    size: tuple[int, ...]
+    shows: str
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Viewed(Report):
+    """Contact sheets of `cumulo.view`, one for each file."""
+
+    sheets: list[Sheet]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Transfer(Report):
+    """A transfer function: `range` are its first and last density, `peak_extinction` is per world unit, `empty_at_zero`
+    says that density 0 absorbs nothing. `output` is the `.tf.json` that was written."""
+
+    input: pathlib.Path
+    output: pathlib.Path | None
+    source: str
+    name: str | None
+    kind: str
+    entries: int
+    parameters: int
+    range: tuple[float, ...]
+    peak_extinction: float
+    peak_color: tuple[float, ...]
+    empty_at_zero: bool
+    presets: list[str]
+    notes: list[str]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Preset(Report):
+    """A transfer function that is there by name: the densities at its ends, their `unit` (such as "HU"), and in words
+    its colors, its opacity and where it comes from."""
+
+    name: str
+    range: tuple[float, ...]
+    unit: str
+    colors: str
+    opacity: str
+    source: str
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Presets(Report):
+    """Transfer functions that are there by name."""
+
+    functions: list[Preset]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AuthoredVolume(Report):
+    """A volume of a stage: the path of its prim, the number of its files, the names of its grids, and the box (low, high)
+    around all frames."""
+
+    prim: str
+    files: int
+    fields: list[str]
+    bounds: Matrix | None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Authored(Report):
+    """A stage of `cumulo.usd.author`; `frames` are the first and the last."""
+
+    output: pathlib.Path
+    frames: tuple[int, ...] | None
+    volumes: list[AuthoredVolume]
+    cameras: int
+    lights: int
+    up: Up | None = None
+    warnings: list[Caution] = dataclasses.field(default_factory=list)
+    provenance: Provenance | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LintFinding(Report):
+    """A finding about a stage: its stable `id`, the prim, `what` is wrong and what to `do`; notes do not count as faults.
+    `fixed`: the layer that was written removes it."""
+
+    id: str
+    severity: str
+    prim: str | None
+    what: str
+    do: str
+    fixed: bool
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LintedStage(Report):
+    """What is wrong with a stage."""
+
+    path: pathlib.Path
+    findings: list[LintFinding]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Linted(Report):
+    """What is wrong with stages; `layer` is the one that was written. Truth value: nothing is wrong that is left."""
+
+    clean: bool
+    stages: list[LintedStage]
+    layer: pathlib.Path | None
+
+    def __bool__(self) -> bool:
+        return self.clean
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

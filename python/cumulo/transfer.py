@@ -1,4 +1,8 @@
-"""Transfer functions in the form of `.tf.json`, from Blender's color ramps.
+"""Transfer functions: the program's command, and `.tf.json` files of Blender's color ramps.
+
+    from cumulo import transfer
+    print([function.name for function in transfer.presets()])
+    transfer.convert("viridis", "thin.tf.json", range=(0, 0.5), extinction=8)
 
     from cumulo.transfer import transfer_from_color_ramp, write_transfer
     ramp = material.node_tree.nodes["Color Ramp"].color_ramp
@@ -16,13 +20,35 @@ from typing import Any
 
 import numpy as np
 
-from .options import Path
+from .commands import report
+from .options import Option, Path
+from .results import Preset, Presets, Transfer
+from .run import Progress
 
 # Position and color of a knot.
 Knot = tuple[float, tuple[float, ...]]
 
 # Curves are sampled at this many equal steps, and beside where the ramp itself has a kink or a step.
 STEPS = 256
+
+
+def convert(source: Path, output: Path | None = None, *, preset: str | None = None, range: tuple[float, float] | None = None,
+            extinction: float | None = None, unit_distance: float | None = None, progress: bool | Progress = False,
+            **options: Option) -> Transfer:  # fmt: skip
+    """Tells what a transfer function holds, and writes it as `.tf.json` where `output` is given.
+
+    `source` is a name (`presets`), a `.tf.json`, a color map preset of ParaView or a VDB that carries one; `preset` says
+    which of several. `range` is the densities that its own range is mapped to, `extinction` that at the end of a color
+    map per world unit, `unit_distance` the world length that the opacities of a preset are for.
+    """
+    named: dict[str, Option] = {"output": output, "preset": preset, "range": range, "extinction": extinction,
+                                "unit_distance": unit_distance}  # fmt: skip
+    return report(Transfer, ["transfer"], [source], {**named, **options}, progress)
+
+
+def presets() -> list[Preset]:
+    """Lists the transfer functions that are there by name, as `tf=` of `cumulo.render` takes them."""
+    return report(Presets, ["transfer"], [], {"list": True}).functions
 
 
 def transfer_from_color_ramp(ramp: Any, domain: Sequence[float] = (0.0, 1.0), extinction: float = 1.0,

@@ -58,6 +58,8 @@ def test_reports_are_dataclasses_that_know_every_key(plume, shots, tmp_path):
         package.convert(plume, tmp_path / "copy.vdb"), package.convert(plume, tmp_path / "copy.npy"),
         package.plan(plume, views=1, size=(16, 16)),
         package.gradient(plume, wrt="camera", loss="mean", views=1, size=(8, 8), check=True),
+        package.transfer.convert("viridis"), *package.transfer.presets(),
+        package.usd.author(plume, tmp_path / "a.usda", camera=shots.output), package.usd.lint(tmp_path / "a.usda"),
     ]  # fmt: skip
     assert [key for report in reports for key in unknown(report)] == []
     assert shots.views == 4 and shots.output.is_dir() and shots.json["views"] == 4
@@ -70,6 +72,46 @@ def test_a_difference_is_a_result(plume, shots):
     assert package.compare(one, one) and not package.compare(one, two)
     assert package.compare(one, two, tolerance=1.0)
     assert package.diff(plume, plume).same and package.validate(plume)
+
+
+def test_files_are_viewed(plume, shots, tmp_path):
+    (sheet,) = package.view(plume, output=tmp_path / "plume.png", size=64).sheets
+    assert (sheet.input, sheet.output, sheet.shows) == (plume, tmp_path / "plume.png", "volume") and sheet.extra["grid"] == "density"
+    assert sheet.output.read_bytes().startswith(b"\x89PNG")
+    both = package.view(plume, shots.output, output=tmp_path / "sheets", size=32)
+    assert [sheet.shows for sheet in both.sheets] == ["volume", "capture"] and all(sheet.output.is_file() for sheet in both.sheets)
+    with pytest.raises(TypeError, match="output"):
+        package.view(plume)
+
+
+def test_transfer_functions_are_listed_and_converted(tmp_path):
+    assert {"viridis", "ct-bone"} <= {function.name for function in package.transfer.presets()}
+    made = package.transfer.convert("viridis", tmp_path / "a.tf.json", range=(0, 0.5), extinction=8)
+    assert (made.output, made.range, made.peak_extinction) == (tmp_path / "a.tf.json", (0, 0.5), 8)
+    again = package.transfer.convert(tmp_path / "a.tf.json")
+    assert again.output is None and (again.range, again.peak_extinction) == (made.range, made.peak_extinction)
+
+
+def test_stages_are_written_and_checked(plume, tmp_path):
+    made = package.usd.author(plume, tmp_path / "a.usda", renderer="arnold", albedo=0.9)
+    assert made.output == tmp_path / "a.usda" and made.volumes[0].fields == ["density"] and made.up.axis == "Z"
+    assert 'string renderer = "arnold"' in made.output.read_text()
+    assert package.usd.lint(made.output)
+    text = made.output.read_text().replace('defaultPrim = "World"', 'defaultPrim = "Nothing"')
+    (tmp_path / "b.usda").write_text(text)
+    found = package.usd.lint(made.output, tmp_path / "b.usda")
+    assert not found and [finding.id for stage in found.stages for finding in stage.findings] == ["default-prim"]
+    fixed = package.usd.lint(tmp_path / "b.usda", fix=tmp_path / "fixed.usda")
+    assert fixed and fixed.layer == tmp_path / "fixed.usda" and fixed.stages[0].findings[0].fixed
+    with pytest.raises(run.CumuloError, match="nothing.usda"):
+        package.usd.lint(tmp_path / "nothing.usda")
+
+
+def test_a_list_is_no_path(plume):
+    for call in (package.info, package.validate, package.usd.lint, package.transfer.convert):
+        with pytest.raises(TypeError, match=r"is of type list, and the path of one file is expected .*call the function for each"):
+            call([plume, plume])
+    assert len(package.validate(plume, plume).files) == 2
 
 
 def test_what_is_refused_is_an_exception_with_its_advice(plume, tmp_path):

@@ -15,7 +15,7 @@ BLENDER = {"blender", "bpy_scene", "cycles", "noise", "padding"}
 MODULES = sorted(p.stem for p in (PACKAGE / "cumulo").glob("*.py") if p.stem not in BLENDER | {"__init__"})
 # Modules that were written with types; each function of theirs is annotated.
 TYPED = ["arrays", "capture", "commands", "comparisons", "exr", "options", "plots", "reconstruct", "report", "results", "run"]
-TYPED += ["testing", "transfer"]
+TYPED += ["testing", "transfer", "usd"]
 
 TUTORIAL = """
 import sys

@@ -6,7 +6,8 @@ import sys
 import numpy as np
 import pytest
 from cumulo import arrays
-from cumulo.testing import Parity, Reference, ReferenceProblem, rounding
+from cumulo.capture import Camera, look_at
+from cumulo.testing import Parity, Reference, ReferenceProblem, rounding, volume
 from cumulo.testing.reference import Store, changes
 
 EXPECTED = np.linspace(0, 1, 20 * 30 * 4, dtype=np.float32).reshape(20, 30, 4)
@@ -134,3 +135,13 @@ def test_references_are_kept_until_something_that_they_depend_on_changes(cumulo,
     assert Store(store.folder, tmp_path, "render").pictures(reference(a=1), [1])[2] and calls == [1, 2, 1]
     assert not list(store.folder.glob(".rendering-*"))
     assert changes({"a": {"b": 1}}, {"a": {"b": 1}}) == []
+
+
+def test_a_wrong_camera_or_settings_are_refused_with_advice():
+    camera = Camera(look_at((3, 3, 3), (0, 0, 0)), 20.0, 20.0, 8.0, 8.0, 16, 16)
+    settings = {"model": "scattering", "albedo": (0.8,) * 3, "sky": (1, 1, 1)}
+    assert volume("smoke.vdb", camera, settings).name == "smoke"
+    with pytest.raises(TypeError, match=r"camera is of type dict, and a cumulo.capture.Camera is expected; take one of a capture"):
+        volume("smoke.vdb", {"fl_x": 20.0}, settings)
+    with pytest.raises(TypeError, match=r"settings is of type str, and a cumulo.blender.Settings or a dict .* is expected"):
+        volume("smoke.vdb", camera, "scattering")

@@ -13,6 +13,7 @@ import bpy
 
 from . import capture, export, frames_of, load
 from ..cycles.stage import quiet
+from ..cycles.views import capture_line
 
 
 def _frames(text):
@@ -62,20 +63,35 @@ def _open(path):
         raise OSError(f"{path}: Blender cannot open it: {error}") from error
 
 
+def _refuse_input(output, *inputs):
+    """Raises ValueError where the output is one of the inputs, by whatever name."""
+    path = pathlib.Path(output)
+    for given in map(pathlib.Path, inputs):
+        # Links lead to one file as well.
+        same = path.samefile(given) if path.exists() and given.exists() else path.resolve() == given.resolve()
+        if same:
+            raise ValueError(f"{output}: it is the input {given}, and inputs are not overwritten; give another name by -o")
+
+
 def main(arguments=None):
     """The command line; see the top of this file."""
     options = parser().parse_args(arguments)
+    if options.command == "load":
+        _refuse_input(options.output, options.into, options.vdb)
     _open(options.into if options.command == "load" else options.blend)
     if options.command == "export":
         frames = frames_of(bpy.context.scene) if options.animation else options.frames
         written = export(options.output, frames=frames)
         print(written.command(pathlib.Path(options.output) / "render"))
     elif options.command == "capture":
-        capture(options.output, volume=options.volume, views=options.views, size=options.size, samples=options.samples)
+        made = capture(options.output, volume=options.volume, views=options.views, size=options.size, samples=options.samples)
+        print(capture_line(options.output, made))
     else:
-        load(options.vdb, like=options.like, capture=options.capture)
+        thing = load(options.vdb, like=options.like, capture=options.capture)
         with quiet():
             bpy.ops.wm.save_as_mainfile(filepath=str(pathlib.Path(options.output).resolve()))
+        medium = f"the medium of {options.like!r}" if options.like else "a medium that absorbs"
+        print(f"{options.output}: the object {thing.name!r} shows {options.vdb}, with {medium}")
 
 
 if __name__ == "__main__":

@@ -76,8 +76,9 @@ def _facing(direction, centre):
 
 def _set_power(data, color):
     """Sets a light's power by channel, and hides it from the camera and from shadows."""
-    most = max(color)
-    data.energy = most
+    # A black light keeps its color, of which there is no scale.
+    most = max(color) or 1.0
+    data.energy = max(color)
     data.color = [c / most for c in color]
     data.use_shadow = True
     data.cycles.max_bounces = 1024

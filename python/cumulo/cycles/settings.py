@@ -2,11 +2,13 @@
 
 import dataclasses
 
+from ..capture import default_emission
+
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
     """How Cycles renders. `density_scale` is extinction per unit of density and world length;
-    `emission` the source radiance per channel of the emission-absorption model. `unbiased` walks by
+    `emission` the source radiance per channel: 1 unless given, and 0 where the model is "scattering". `unbiased` walks by
     null-collision tracking; the biased walk marches with steps of `step_rate` voxels. `pixel_filter`
     is "box", the mean over the pixel's square, or "point": exactly its centre with one sample, and
     within 0.005 pixels of it for all but about one sample in a thousand with more.
@@ -19,7 +21,7 @@ class Settings:
 
     model: str = "absorption"
     density_scale: float = 1.0
-    emission: tuple = (1.0, 1.0, 1.0)
+    emission: tuple = ()
     background: tuple = (1.0, 1.0, 1.0)
     near: float = 0.0
     pixel_filter: str = "box"
@@ -39,3 +41,7 @@ class Settings:
     sky_file: str = ""
     lights: tuple = ()
     max_bounces: int = 1024
+
+    def __post_init__(self):
+        if len(self.emission) == 0:
+            object.__setattr__(self, "emission", default_emission(self.model))

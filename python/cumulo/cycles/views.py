@@ -47,6 +47,12 @@ def capture_steps(stage, cameras, folder, lattice):
     return capture
 
 
+def capture_line(folder, capture):
+    """One line about a capture that was written into a folder."""
+    count = len(capture.frames)
+    return f"{pathlib.Path(folder) / 'transforms.json'}: {count} view{'s' * (count != 1)}, density scale {capture.density_scale:g}"
+
+
 def finish(steps, progress=None):
     """Runs a generator of (done, of) to its end, and gives what it returns. `progress` is called with each pair."""
     while True:

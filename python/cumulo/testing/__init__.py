@@ -1,10 +1,13 @@
 """Regression tests of renders, for pytest: what one program shows against what a reference shows.
 
+    from cumulo.capture import Capture
     from cumulo.testing import volume
 
     def test_smoke(cumulo_parity):
-        reference = volume("smoke.vdb", CAMERA, {"model": "scattering", "samples": 64, ...})
-        command = ["cumulo", "render", "smoke.scene.json", ..., "--seed", "{seed}", "-o", "{output}"]
+        camera, _ = Capture.read("shots").frames[0]      # as `cumulo render smoke.vdb --views 1 -o shots` places it
+        reference = volume("smoke.vdb", camera, {"model": "scattering", "albedo": (0.8,) * 3, "sky": (1, 1, 1), "unbiased": True})
+        command = ["cumulo", "render", "smoke.vdb", "--cameras", "shots", "--density-scale", "1", "--albedo", "0.8",
+                   "--sky", "1,1,1", "--background", "0", "--seed", "{seed}", "-o", "{output}"]
         cumulo_parity.statistical(reference, command)
 
 The fixture `cumulo_parity` (`Parity`) comes with the plugin, which pytest finds when the package is

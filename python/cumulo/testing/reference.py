@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from ..capture import Camera
 from ..options import Path
 
 # Renders by a seed into an EXR at the path, or returns [row, column, channel] to be written there.
@@ -42,11 +43,22 @@ class Reference:
     discover: Callable[[], Sequence[Path]] | None = None
 
 
-def volume(vdb: Path, camera: Any, settings: Any, *, grid: str = "density", name: str | None = None) -> Reference:
+def volume(vdb: Path, camera: Camera, settings: Any, *, grid: str = "density", name: str | None = None) -> Reference:
     """Pictures by Cycles of a VDB, before their background is laid behind: RGBA, premultiplied.
 
-    `camera` is a `cumulo.capture.Camera`, `settings` a `cumulo.blender.Settings` or a dict of its fields.
+    `camera` is a `cumulo.capture.Camera`, `settings` a `cumulo.blender.Settings` or a dict of its fields. Raises TypeError
+    where `camera` or `settings` is something else.
     """
+    if not isinstance(camera, Camera):
+        raise TypeError(
+            f"camera is of type {type(camera).__name__}, and a cumulo.capture.Camera is expected; take one of a capture,"
+            ' `camera, _ = cumulo.capture.Capture.read("shots").frames[0]`, or make one by `cumulo.capture.Camera(...)`'
+        )
+    if not (isinstance(settings, Mapping) or (dataclasses.is_dataclass(settings) and not isinstance(settings, type))):
+        raise TypeError(
+            f"settings is of type {type(settings).__name__}, and a cumulo.blender.Settings or a dict of its fields is"
+            ' expected, such as {"model": "scattering", "albedo": (0.8, 0.8, 0.8), "sky": (1, 1, 1)}'
+        )
 
     def render(seed: int, path: pathlib.Path) -> Any:
         blender: Any = importlib.import_module("cumulo.blender")

@@ -397,6 +397,27 @@ def test_animations_are_exported_frame_by_frame(addon, fixtures, tmp_path):
     assert scene.frame_current == 1 and not (tmp_path / "cancelled").exists()
 
 
+def test_denoise_counts_the_pictures_that_it_wrote(addon, fixtures, tmp_path):
+    scene = smoke_scene.smoke(fixtures / "plume.vdb")
+    smoke_scene.orbit(scene, (1, 2, 3))
+    package = addon()
+    scene.cumulo.folder = str(tmp_path)
+    scene.frame_set(2)
+    job = working(package, lambda: package.denoise.Denoise.steps(job, bpy.context))
+    job.pictures = job.folder = ""
+    for animation, words, image in ((False, "1 picture is in", ("FILE", 2)), (True, "3 pictures are in", ("SEQUENCE", 1)),
+                                    (False, "1 picture is in", ("FILE", 2))):  # fmt: skip
+        for old in (tmp_path / "render").glob("frame.*.exr"):
+            old.unlink()
+        scene.frame_set(2)
+        assert bpy.ops.cumulo.render(animation=animation, samples=1) == {"FINISHED"}
+        job.reports.clear()
+        assert job.execute(bpy.context) == {"FINISHED"}, job.reports
+        assert job.reports == [({"INFO"}, f"{words} {tmp_path / 'denoised'}")]
+        shown = bpy.data.images["Cumulo"]
+        assert (shown.source, pathlib.Path(shown.filepath)) == (image[0], tmp_path / "denoised" / f"frame.{image[1]:04}.exr")
+
+
 def test_views_go_on_beside_events_and_leave_nothing_when_cancelled(addon, fixtures, tmp_path):
     smoke_scene.smoke(fixtures / "plume.vdb")
     package = addon()

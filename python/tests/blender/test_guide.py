@@ -43,6 +43,10 @@ def test_a_smoke_goes_through_all_commands_and_back(fixtures, cumulo, tmp_path):
         if "export" in words:
             assert done.stdout == "cumulo render scene/scene.json --cameras scene/transforms.json --frames 1-3 --samples 64 " \
                 "--max-bounces 3 --background 0,0,0 -o scene/render\n"  # fmt: skip
+        if "capture" in words:
+            assert done.stdout == "shots/transforms.json: 16 views, density scale 4\n"
+        if "load" in words:
+            assert done.stdout == "both.blend: the object 'found' shows found.vdb, with the medium of 'Smoke'\n"
     assert read_exr(tmp_path / "pictures/frame.0003.exr")[..., :3].max() > 0.1
     assert len(Capture.read(tmp_path / "shots").frames) == 16
     (grid,) = cumulo("diff", fixtures / "plume.vdb", tmp_path / "found.vdb")["grids"]
@@ -72,3 +76,22 @@ def test_commands_say_what_is_wrong(fixtures, tmp_path):
         )  # fmt: skip
         assert done.returncode == 2 and done.stderr.startswith("error: ") and expected in done.stderr, done.stderr
         assert not (tmp_path / "out").exists()
+
+
+def test_no_input_is_overwritten(fixtures, tmp_path):
+    smoke_scene.smoke(fixtures / "plume.vdb")
+    blend, vdb = tmp_path / "smoke.blend", tmp_path / "found.vdb"
+    with quiet():
+        bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    vdb.write_bytes((fixtures / "cube.vdb").read_bytes())
+    (tmp_path / "link.blend").symlink_to(blend)
+    kept = blend.read_bytes(), vdb.read_bytes()
+    for output in ("smoke.blend", "./link.blend", "found.vdb"):
+        done = subprocess.run(
+            [sys.executable, "-m", "cumulo.bpy_scene", "load", "found.vdb", "--into", "smoke.blend", "-o", output], cwd=tmp_path,
+            env=dict(os.environ, PYTHONPATH=str(ROOT / "python")), capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        given = "found.vdb" if output == "found.vdb" else "smoke.blend"
+        expected = f"error: {output}: it is the input {given}, and inputs are not overwritten; give another name by -o\n"
+        assert done.returncode == 2 and done.stderr == expected and not done.stdout
+        assert (blend.read_bytes(), vdb.read_bytes()) == kept

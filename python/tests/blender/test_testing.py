@@ -5,6 +5,7 @@ import json
 import os
 import pathlib
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -128,6 +129,22 @@ def test_a_reference_of_other_inputs_is_no_reference(project):
         assert code == 1 and "not those that were rendered" in said, said
     finally:
         picture.write_bytes(kept)
+
+
+def test_the_example_of_the_guide_runs_as_it_is_written(cumulo, fixtures, tmp_path):
+    page = (PACKAGE.parent / "src/guide/python.md").read_text().split("## Regression tests with pytest")[1]
+    shots, test = page.split("```")[1], page.split("```")[3]
+    assert shots.startswith("sh\n") and test.startswith("text\n# test_smoke.py\n")
+    shutil.copy(fixtures / "plume.vdb", tmp_path / "smoke.vdb")
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    (tmp_path / "test_smoke.py").write_text(test.removeprefix("text\n"))
+    path = f"{pathlib.Path(run.program()).parent}{os.pathsep}{os.environ['PATH']}"
+    for line in shots.splitlines()[1:]:
+        subprocess.run(shlex.split(line), cwd=tmp_path, env={**os.environ, "PATH": path}, check=True, capture_output=True)
+    code, said = ran(tmp_path, "--cumulo-regenerate", PATH=path)
+    assert code == 1 and "rendered again: smoke" in said, said
+    code, said = ran(tmp_path, PATH=path)
+    assert code == 0 and "1 passed" in said, said
 
 
 def test_a_blend_is_rendered_as_its_scene_is(cumulo, fixtures, tmp_path):

@@ -39,7 +39,7 @@ const TABLE: &[Examples] = &[
             "cumulo convert smoke.vdb smoke.npy                     # array[x, y, z]",
             "cumulo convert smoke.npy smoke.vdb --voxel-size 0.1",
             "cumulo convert head.nii.gz head.vdb --map -1024,3071",
-            "cumulo convert houdini.vdb blender.vdb --names blender --up z",
+            "cumulo convert maya.vdb blender.vdb --names blender --up z   # Houdini's: Blender's import turns them",
         ],
     ),
     (
