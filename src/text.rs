@@ -60,6 +60,19 @@ fn escaped(text: &str, bad: impl Fn(char) -> bool) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
+/// Writes ascending numbers with runs as ranges: `1-3, 7`.
+pub fn ranges(numbers: impl IntoIterator<Item = u32>) -> String {
+    let mut runs: Vec<(u32, u32)> = Vec::new();
+    for number in numbers {
+        match runs.last_mut().filter(|(_, last)| last.checked_add(1) == Some(number)) {
+            Some((_, last)) => *last = number,
+            None => runs.push((number, number)),
+        }
+    }
+    let run = |(first, last): &(u32, u32)| if first == last { first.to_string() } else { format!("{first}-{last}") };
+    runs.iter().map(run).collect::<Vec<_>>().join(", ")
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
@@ -95,5 +108,11 @@ mod tests {
         let safe = printable_json(&plain);
         assert_eq!(safe.chars().filter(|c| acts(*c) && *c != '\n').count(), 0);
         assert_eq!(serde_json::from_str::<serde_json::Value>(&safe).unwrap(), value);
+    }
+
+    #[test]
+    fn runs_are_ranges() {
+        assert_eq!(ranges([1, 2, 3, 7, 9, 10]), "1-3, 7, 9-10");
+        assert_eq!(ranges([]), "");
     }
 }

@@ -1,7 +1,7 @@
 //! Frames of a sequence that failed while the others went on.
 
-use super::frames;
 use crate::error::Error;
+use crate::text::ranges;
 use serde::Serialize;
 use std::fmt;
 use std::io::Write;
@@ -39,7 +39,7 @@ impl fmt::Display for List<'_> {
             [] => Ok(()),
             [one] => write!(f, "\n  frame {} failed", one.frame),
             many => {
-                write!(f, "\n  {} frames failed: {}", many.len(), frames::list(many.iter().map(|failed| failed.frame)))
+                write!(f, "\n  {} frames failed: {}", many.len(), ranges(many.iter().map(|failed| failed.frame)))
             }
         }
     }

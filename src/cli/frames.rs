@@ -77,19 +77,6 @@ pub(super) struct Present {
 /// Extensions of the files that sequences consist of where any kind of file may be looked at.
 pub(super) const ENDINGS: [&str; 6] = ["vdb", "nvdb", "exr", "usd", "usda", "usdc"];
 
-/// Writes ascending numbers with runs as ranges: `1-3, 7`.
-pub(super) fn list(numbers: impl IntoIterator<Item = u32>) -> String {
-    let mut runs: Vec<(u32, u32)> = Vec::new();
-    for number in numbers {
-        match runs.last_mut().filter(|(_, last)| last.checked_add(1) == Some(number)) {
-            Some((_, last)) => *last = number,
-            None => runs.push((number, number)),
-        }
-    }
-    let run = |(first, last): &(u32, u32)| if first == last { first.to_string() } else { format!("{first}-{last}") };
-    runs.iter().map(run).collect::<Vec<_>>().join(", ")
-}
-
 impl FramesOption {
     /// Returns the frames that were asked for.
     pub fn wanted(self) -> Option<Frames> {
@@ -288,12 +275,6 @@ mod tests {
         let folder = files(&["one.0007.vdb", "note.txt"]);
         let error = FramesOption::default().sequences(folder.path()).unwrap_err().to_string();
         assert!(error.contains("neither a capture nor a sequence") && error.contains(".vdb"), "{error}");
-    }
-
-    #[test]
-    fn runs_are_ranges() {
-        assert_eq!(list([1, 2, 3, 7, 9, 10]), "1-3, 7, 9-10");
-        assert_eq!(list([]), "");
     }
 
     #[test]

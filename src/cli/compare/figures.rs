@@ -2,11 +2,11 @@
 
 use super::space::{Space, flip};
 use crate::cli::failed::{Failed, List};
-use crate::cli::frames::list;
 use crate::error::Result;
 use crate::metrics::error::psnr_db;
 use crate::metrics::{self, Comparison, flicker};
 use crate::scene::film::Film;
+use crate::text::ranges;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::borrow::Cow;
@@ -101,7 +101,7 @@ impl fmt::Display for Report {
             writeln!(
                 f,
                 "left out  {}: not all of the sequences have these frames",
-                list(self.left_out.iter().copied())
+                ranges(self.left_out.iter().copied())
             )?;
         }
         if let Some(report) = &self.report {

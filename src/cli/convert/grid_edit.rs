@@ -1,7 +1,7 @@
 //! A grid of a VDB in the course of its edits.
 
 use super::Repair;
-use super::grids::ConvertedGrid;
+use super::converted::ConvertedGrid;
 use super::half;
 use super::images::losses;
 use crate::cli::memory::human;

@@ -1,7 +1,7 @@
 //! VDB in, VDB out, with edits in between. Grids stay native, so that nothing is lost that no edit touches.
 
 use super::Convert;
-use super::form::Formed;
+use super::converted::ConvertedGrid;
 use super::grid_edit::{Budget, GridEdit, ONE_BY_ONE};
 use super::sources::{self, GridSource};
 use super::turn::Turn;
@@ -9,7 +9,6 @@ use crate::cli::memory::human;
 use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
-use crate::formats::imaging::values::Tally;
 use crate::formats::transfer::TransferSummary;
 use crate::formats::vdb::up::UP_KEY;
 use crate::formats::vdb::{File, NativeGrid, ResampleFilter, Transform as Placement, writable, write_native};
@@ -36,31 +35,6 @@ pub(in crate::cli) struct Report {
     transfer: Option<TransferSummary>,
     /// Edits whose effect may not have been meant.
     warnings: Vec<String>,
-}
-
-/// Report of a grid.
-#[derive(Debug, Default, Serialize, schemars::JsonSchema)]
-pub struct ConvertedGrid {
-    pub name: String,
-    pub from: String,
-    pub active_voxels: u64,
-    /// Filter of `--resample`.
-    pub filter: Option<ResampleFilter>,
-    /// Form that `--to` gave the grid; none where it stays as it was.
-    pub formed: Option<Formed>,
-    /// True if `--up` turned the vectors that the grid holds; none for other grids.
-    pub vectors_turned: Option<bool>,
-    /// Number of values that `--repair` set to zero.
-    pub repaired: Option<u64>,
-    /// Number of finite values that become infinite as 16-bit floats; none without `--half`.
-    pub half_overflow: Option<u64>,
-    /// Number of values other than zero that become zero as 16-bit floats; none without `--half`.
-    pub half_underflow: Option<u64>,
-    /// True if the transfer function of `--tf` was attached to the grid.
-    pub transfer: bool,
-    /// Values after `--scale`, `--offset`, `--map` and `--threshold`; none without these.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub values: Option<Tally>,
 }
 
 impl Convert {

@@ -3,6 +3,7 @@
 //! [`Kind`] names the formats. A route from one to another is an arm of [`Convert::run`], and a file of its own here.
 
 mod arrays;
+mod converted;
 mod edits;
 mod export;
 mod form;

@@ -207,7 +207,7 @@ impl Diff {
     }
 }
 
-/// What two grids of one name hold.
+/// Kinds of content of two grids of one name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Pairing {
     /// Both hold values, which are compared.

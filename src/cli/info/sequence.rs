@@ -1,10 +1,10 @@
 //! Sequences of files: what each frame holds, in a line.
 
 use super::{Content, Described, Failure, Info, content};
-use crate::cli::frames::{Present, Sequence, each, list};
+use crate::cli::frames::{Present, Sequence, each};
 use crate::cli::output::Output;
 use crate::error::Result;
-use crate::text::printable;
+use crate::text::{printable, ranges};
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
@@ -90,7 +90,7 @@ impl fmt::Display for Summary {
         self.lines.iter().try_for_each(|(number, line)| writeln!(f, "  {number:>6}  {line}"))?;
         for (numbers, what) in [(&self.missing, "missing"), (&self.failed, "could not be read")] {
             if !numbers.is_empty() {
-                writeln!(f, "  {what}: {}", list(numbers.iter().copied()))?;
+                writeln!(f, "  {what}: {}", ranges(numbers.iter().copied()))?;
             }
         }
         Ok(())

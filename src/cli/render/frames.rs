@@ -92,7 +92,7 @@ struct Sequence<'s> {
     /// Hashes of the inputs of the frames so far, by path.
     inputs: BTreeMap<String, String>,
     shot: Option<Shot>,
-    /// What the pictures show.
+    /// Whether anything is to be seen in the pictures so far.
     seen: Seen,
     /// Remarks that were made.
     remarks: BTreeSet<String>,
@@ -162,9 +162,9 @@ impl Render {
         let Results { done, failed, skipped, counts } = sequence.all(&frames, output)?;
         provenance.inputs.clone_from(&sequence.inputs);
         let seconds = provenance.lap();
-        let function = sequence.shot.as_ref().is_some_and(|shot| shot.capture.transfer.is_some());
-        let remark = if skipped < done.len() { sequence.seen.remark(function) } else { None };
-        remark.iter().for_each(|remark| output.note(format!("remark: {remark}")));
+        if skipped < done.len() {
+            sequence.note_nothing(output);
+        }
         let density_scale = sequence.write(&done, &provenance)?;
         if !done.is_empty() {
             batch.commit()?;
@@ -370,6 +370,14 @@ impl Sequence<'_> {
         }
         let other = |frame: &Frame| done.iter().all(|(_, own)| *own != frame.picture) && frame.picture.exists();
         Ok(transforms::load(json)?.frames.into_iter().filter(other).collect())
+    }
+
+    /// Says why nothing is to be seen, if that is so.
+    fn note_nothing(&self, output: &Output) {
+        let function = self.shot.as_ref().is_some_and(|shot| shot.capture.transfer.is_some());
+        if let Some(remark) = self.seen.remark(function) {
+            output.note(format!("remark: {remark}"));
+        }
     }
 
     /// True if a frame is there and no older than what it was made from: its volume, and the files behind a scene or a stage,

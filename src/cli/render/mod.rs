@@ -236,9 +236,7 @@ impl Render {
         let seconds = provenance.lap();
         let way = self.way(&renderer, &scene, counts);
         if let Some((waiting, json)) = &waiting_json {
-            let mut extra = Map::new();
-            extra.insert("provenance".into(), json!(provenance));
-            extra.extend(plan.iter().map(|plan| ("plan".to_owned(), json!(plan))));
+            let mut extra = record(&provenance, plan.as_ref());
             way.record(paths.then_some(&pictures.scattering), &mut extra);
             transforms::save_for(json, waiting, &capture, &extra)?;
         }
@@ -421,6 +419,14 @@ impl Render {
         }
         Ok(())
     }
+}
+
+/// Begins the keys that a capture has beside those of cameras and medium: where it comes from, and how it was planned.
+fn record(provenance: &Provenance, plan: Option<&Plan>) -> Map<String, Value> {
+    let mut extra = Map::new();
+    extra.insert("provenance".into(), json!(provenance));
+    extra.extend(plan.map(|plan| ("plan".to_owned(), json!(plan))));
+    extra
 }
 
 /// Returns the remarks on a subject and its cameras.

@@ -3,14 +3,14 @@
 use super::findings::Findings;
 use super::traits::{Deviation, Trait, Traits, deviations};
 use super::{Checked, Validate};
-use crate::cli::frames::{Present, Sequence, each, list};
+use crate::cli::frames::{Present, Sequence, each};
 use crate::cli::info::Failure;
 use crate::cli::output::Output;
 use crate::error::{Error, Result};
 use crate::formats::Format;
 use crate::formats::exr::{self, ExrSummary};
 use crate::formats::limits::Limits;
-use crate::text::printable;
+use crate::text::{printable, ranges};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -68,7 +68,7 @@ impl Validate {
         }
         let mut findings = Findings::default();
         if !missing.is_empty() {
-            let what = format!("frames are missing: {}", list(missing.iter().copied()));
+            let what = format!("frames are missing: {}", ranges(missing.iter().copied()));
             findings.problem(None, what, "write them, or name the frames that are meant with --frames");
         }
         // Frames without anything were refused, and are told of by themselves.
@@ -115,7 +115,7 @@ pub(super) fn write(f: &mut fmt::Formatter<'_>, sequence: &CheckedSequence, file
     let mut sorted: Vec<_> = groups.into_iter().collect();
     sorted.sort_by(|a, b| a.1.cmp(&b.1));
     for (text, frames) in sorted {
-        writeln!(f, "  frames {}: {}", list(frames), text.replace('\n', "\n  "))?;
+        writeln!(f, "  frames {}: {}", ranges(frames), text.replace('\n', "\n  "))?;
     }
     Ok(())
 }

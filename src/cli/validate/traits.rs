@@ -1,7 +1,6 @@
 //! What frames of a sequence are compared by: the names, types, places and sizes of what they hold.
 
-use crate::cli::frames::list;
-use crate::text::printable;
+use crate::text::{printable, ranges};
 use glam::DMat4;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -49,7 +48,7 @@ pub(super) fn deviations(frames: &[(u32, Traits)]) -> Vec<Deviation> {
             found.push(Deviation { certain, part: name.clone(), what, remedy });
         };
         if !without.is_empty() {
-            let [with, without] = [with, without].map(|frames| list(frames.iter().map(|(n, _)| *n)));
+            let [with, without] = [with, without].map(|frames| ranges(frames.iter().map(|(n, _)| *n)));
             let what = format!("it is in frames {with}, but not in frames {without}");
             add(true, what, "write all frames with the same settings, or rename: cumulo convert --rename");
         }
@@ -85,7 +84,7 @@ fn kinds(of: &[(u32, &Trait)]) -> Option<String> {
     let usual = groups.iter().max_by_key(|(_, frames)| frames.len()).map(|(kind, _)| *kind)?;
     let mut what = format!("it is {} in most frames", printable(usual));
     for (kind, frames) in groups.iter().filter(|(kind, _)| **kind != usual) {
-        let _ = write!(what, ", {} in frames {}", printable(kind), list(frames.iter().copied()));
+        let _ = write!(what, ", {} in frames {}", printable(kind), ranges(frames.iter().copied()));
     }
     Some(what)
 }
@@ -107,10 +106,10 @@ fn places(of: &[(u32, &Trait)]) -> Option<(bool, String)> {
     }
     match (&scaled[..], &moved[..]) {
         ([], []) => None,
-        ([], _) => Some((false, format!("its origin moves at frames {}", list(moved.iter().copied())))),
+        ([], _) => Some((false, format!("its origin moves at frames {}", ranges(moved.iter().copied())))),
         _ => Some((
             true,
-            format!("the size or direction of its voxels changes at frames {}", list(scaled.iter().copied())),
+            format!("the size or direction of its voxels changes at frames {}", ranges(scaled.iter().copied())),
         )),
     }
 }

@@ -120,10 +120,10 @@ fn plan_of(capture: &Capture, side: usize, up: Up) -> Tile {
     let stands: Vec<Stand> = capture.frames.iter().enumerate().map(stand).collect();
     let target: Vec<DVec3> = target(&stands).into_iter().collect();
     let (picture, bar) = plan(&stands, &target, side, up);
-    let mut caption = vec![format!("bar: {} world units", super::volume::short(bar))];
+    let mut caption = vec![format!("bar: {} world units", crate::report::short(bar))];
     caption.push("orange cameras are above the middle height, blue ones below".into());
     if let [target] = target[..] {
-        let [x, y, z] = target.to_array().map(super::volume::short);
+        let [x, y, z] = target.to_array().map(crate::report::short);
         caption.push(format!("grey: where they look, ({x}, {y}, {z})"));
     }
     let title = format!("cameras from above (along -{})", up.name().to_ascii_lowercase());

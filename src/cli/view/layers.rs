@@ -1,7 +1,6 @@
 //! The sheet of a picture: its layers side by side.
 
 use super::shown::{Content, Layer as ShownLayer, Picture};
-use super::volume::short;
 use super::{View, exposure, name_of};
 use crate::error::Result;
 use crate::formats::exr::{self, Channel, Image, Layer};
@@ -9,6 +8,7 @@ use crate::formats::limits::Limits;
 use crate::formats::picture::{self, Options};
 use crate::formats::png::ToneMapping;
 use crate::report::sheet::{Canvas, Range, Sheet, Tile, fitted, grey, signed};
+use crate::report::short;
 use crate::scene::color_space::ColorSpace;
 use crate::scene::film::Film;
 use std::path::Path;

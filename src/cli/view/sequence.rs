@@ -3,7 +3,6 @@
 use super::capture::evenly;
 use super::shown::{Content, Sequence};
 use super::subject::Subject;
-use super::volume::short;
 use super::{View, camera, exposure, name_of, volume};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -13,6 +12,7 @@ use crate::formats::vdb::File;
 use crate::formats::{self, Format, exr};
 use crate::math::Aabb;
 use crate::report::sheet::{Canvas, Sheet, Tile, fitted};
+use crate::report::short;
 use crate::scene::film::Film;
 use crate::scene::up::Up;
 use glam::DVec3;

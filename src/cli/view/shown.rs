@@ -1,8 +1,8 @@
 //! What a sheet shows, for the report.
 
 use super::slices::Cut;
-use super::volume::short;
 use crate::report::sheet::Range;
+use crate::report::short;
 use crate::scene::statistics::Statistics;
 use crate::text::printable;
 use serde::Serialize;

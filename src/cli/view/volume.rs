@@ -10,6 +10,7 @@ use crate::formats::limits::Limits;
 use crate::formats::png::ToneMapping;
 use crate::formats::vdb::{File, GridInfo, NativeGrid, Transform};
 use crate::report::sheet::{Canvas, Histogram, Range, Sheet, Tile, grey, with_axes};
+use crate::report::short;
 use crate::scene::up::Up;
 use std::path::Path;
 
@@ -195,9 +196,4 @@ fn lines(volume: &Volume, info: &GridInfo) -> Vec<String> {
         lines.push(format!("grids of the file: {}", volume.grids.join(", ")));
     }
     lines
-}
-
-/// A number with few digits.
-pub(super) fn short(value: f64) -> String {
-    crate::report::short(value)
 }

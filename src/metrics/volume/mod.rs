@@ -45,7 +45,7 @@ pub struct Difference {
     /// Number of values of which one is finite and the other is not, or whose kinds of infinity differ. They are left
     /// out of `rms` and `max_abs`.
     pub incomparable: u64,
-    /// What is left of the difference if B is a multiple of A; `None` if either is 0 everywhere, or they are equal.
+    /// The multiple of A that B is nearest to; `None` if either is 0 everywhere, or they are equal.
     pub multiple: Option<Multiple>,
 }
 
