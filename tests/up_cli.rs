@@ -120,6 +120,18 @@ fn a_turn_is_exact_and_undone_by_the_other() {
     assert!(errors(&out).contains("nothing in the input states it"), "{}", errors(&out));
     plume_of(&work.path("houdini.vdb"), "Houdini/SOP_OpenVDB_Write");
     assert_eq!(work.json("convert houdini.vdb h.vdb --up y")["up"]["from"], "Y");
+    // Programs that turn what Houdini has created let a file be that is turned already.
+    work.json("convert houdini.vdb turned.vdb --up z");
+    work.json("convert turned.vdb undone.vdb --up y");
+    let creator = |name: &str| match &File::open(&work.path(name), Limits::default()).unwrap().metadata().unwrap()["creator"]
+    {
+        MetaValue::Text(creator) => creator.clone(),
+        other => format!("{other:?}"),
+    };
+    assert!(
+        creator("turned.vdb").starts_with("cumulo ") && creator("turned.vdb").ends_with("Houdini/SOP_OpenVDB_Write")
+    );
+    assert_eq!(creator("undone.vdb"), "Houdini/SOP_OpenVDB_Write");
     work.refused("convert @plume.vdb no.vdb --up-from y", &["--up"]);
 }
 

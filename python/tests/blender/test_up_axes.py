@@ -61,8 +61,8 @@ def empty():
     [
         (HOUDINI, False, 90, "+z"),
         (SOP, False, 90, "+z"),
-        # The creator is still Houdini: turned twice, the volume lies on its side.
-        (HOUDINI, True, 90, "-y"),
+        # The creator of the turned file is no longer Houdini, so that it is not turned once more.
+        (HOUDINI, True, 0, "+z"),
         (MAYA, False, 0, "+y"),
         (MAYA, True, 0, "+z"),
         (BLENDER, False, 0, "+y"),

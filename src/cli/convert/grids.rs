@@ -10,9 +10,7 @@ use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
 use crate::formats::transfer::TransferSummary;
-use crate::formats::vdb::up::UP_KEY;
 use crate::formats::vdb::{File, NativeGrid, ResampleFilter, Transform as Placement, writable, write_native};
-use crate::scene::grid::MetaValue;
 use crate::scene::transfer::Transfer;
 use crate::text::printable;
 use serde::Serialize;
@@ -62,8 +60,7 @@ impl Convert {
                 .at(&self.input)
                 .hint("leave --tf out, or choose other grids"));
         }
-        let axis = |turn: &Turn| (UP_KEY.to_owned(), MetaValue::Text(turn.to.name().into()));
-        let metadata: BTreeMap<String, MetaValue> = turn.iter().map(axis).collect();
+        let metadata = turn.as_ref().map(|turn| turn.metadata(&file)).transpose()?.unwrap_or_default();
         write_native(&self.output, &natives.iter().collect::<Vec<_>>(), Some(&file), &metadata, self.codec)?;
         let transfer = transfer.as_ref().map(TransferSummary::of).transpose()?;
         let bytes = std::fs::metadata(&self.output).map_err(|e| Error::io(&self.output, e))?.len();

@@ -3,13 +3,18 @@
 use super::edits::Edits;
 use crate::cli::up::UpChoice;
 use crate::error::{Error, Result};
+use crate::formats::vdb::up::UP_KEY;
 use crate::formats::vdb::vector_kind::{self, VectorKind};
 use crate::formats::vdb::{File, GridInfo, NativeGrid};
 use crate::math::Affine;
 use crate::scene::grid::{GridClass, MetaValue};
 use crate::scene::up::Up;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::fmt;
+
+/// Words of a creator between this program and the creator of the file that it turned.
+const TURNED: &str = ", turned from a file of ";
 
 /// A turn of the world by a quarter about x, or none where the axes are equal.
 #[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
@@ -35,6 +40,24 @@ impl Turn {
             }
         };
         Some(Self { from, to, reason })
+    }
+
+    /// Returns the metadata of the file that is written: its up axis and, of a file that was turned, a creator by which no
+    /// program takes it for one that still has the axis of before. Blender's importer turns what Houdini has created.
+    ///
+    /// # Errors
+    /// If the metadata of the input cannot be read.
+    pub fn metadata(&self, file: &File) -> Result<BTreeMap<String, MetaValue>> {
+        let mut metadata = BTreeMap::from([(UP_KEY.to_owned(), MetaValue::Text(self.to.name().into()))]);
+        if let (true, Some(MetaValue::Text(creator))) = (self.from != self.to, file.metadata()?.get("creator")) {
+            // A file that is turned back has its creator again.
+            let creator = match creator.split_once(TURNED) {
+                Some((_, earlier)) => earlier.to_owned(),
+                None => format!("cumulo {}{TURNED}{creator}", env!("CARGO_PKG_VERSION")),
+            };
+            metadata.insert("creator".into(), MetaValue::Text(creator));
+        }
+        Ok(metadata)
     }
 
     /// Turns a grid: its transform, and its vectors if they are those of world space. Returns whether the vectors were
