@@ -209,11 +209,13 @@ fn a_multiple_is_told() {
     assert!(same["multiple"]["psnr_db"].as_f64().unwrap() > 80.0, "{same}");
     let text = String::from_utf8(work.command("diff @plume.vdb three.vdb").output().unwrap().stdout).unwrap();
     assert!(text.contains("B is 3.000") && text.contains("--scale 0.3333"), "{text}");
-    // Coarser voxels, so that constants and cells are compared.
-    work.json("convert three.vdb coarse.vdb --resample 0.13");
-    let coarse = work.difference("@plume.vdb", "coarse.vdb");
-    let [plain, scaled] = [&coarse["psnr_db"], &coarse["multiple"]["psnr_db"]].map(|db| db.as_f64().unwrap());
-    assert!((coarse["multiple"]["factor"].as_f64().unwrap() - 3.0).abs() < 0.2 && scaled > plain + 10.0, "{coarse}");
+    // Coarser voxels, so that constants and cells are compared. Means are less steep, whatever the scale.
+    work.json("convert @plume.vdb coarse.vdb --resample 0.13");
+    work.json("convert three.vdb coarse_three.vdb --resample 0.13");
+    let [one, three] = ["coarse.vdb", "coarse_three.vdb"].map(|name| work.difference("@plume.vdb", name));
+    let of = |difference: &Value, key: &str| difference["multiple"][key].as_f64().unwrap();
+    assert!((of(&three, "factor") / of(&one, "factor") - 3.0).abs() < 1e-3, "{one} {three}");
+    assert!((of(&three, "psnr_db") - of(&one, "psnr_db")).abs() < 0.01, "{one} {three}");
     // What no factor explains is not said to be one.
     let other = String::from_utf8(work.command("diff @plume.vdb @cube.vdb").output().unwrap().stdout).unwrap();
     assert!(!other.contains("times A"), "{other}");
