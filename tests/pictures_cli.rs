@@ -44,7 +44,7 @@ fn a_name_of_a_picture_is_the_picture() {
     work.json("render @plume.vdb --views 4 --size 12x9 -o four");
     work.json("render @plume.vdb --views 4 --size 12x9 --view 2 -o two.exr");
     assert_eq!(work.picture("two.exr"), work.picture("four/view_002.exr"));
-    work.refused("render s.####.vdb --views 1 --frames 1-2 -o f.exr", &["2 frames", "--frames"]);
+    work.refused("render s.####.vdb --views 1 --frames 3-4 -o f.exr", &["2 frames", "--frames"]);
     work.refused("render @cube.vdb --views 1 --exposure 1 -o a.exr", &["--exposure", "--png"]);
     // A folder that has such a name stays a folder.
     std::fs::create_dir(work.path("odd.png")).unwrap();
