@@ -150,7 +150,8 @@ class Statistics(Report):
 class GridDifference(Report):
     """Differences of two grids of one name; PSNR is None for equal values.
 
-    `sampled`: figures are of `compared` voxels, evenly spread; `agrees_after_turn`: up axes differ.
+    `sampled`: figures are of `compared` voxels, evenly spread; `agrees_after_turn`: up axes differ; `multiple`: the `factor` of
+    the first that the second is nearest to, and the `psnr_db` after a division by it.
     """
 
     name: str
@@ -165,6 +166,7 @@ class GridDifference(Report):
     compared: int | None = None
     sampled: bool | None = None
     agrees_after_turn: dict[str, Any] | None = None
+    multiple: dict[str, float | None] | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

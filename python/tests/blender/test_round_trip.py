@@ -68,7 +68,8 @@ def test_command_line(fixtures, tmp_path):
         )  # fmt: skip
 
     done = run("render", fixtures / "cube.vdb", "--views", 2, "--size", "20x16", "--samples", 2, "--threads", 1, "-o", tmp_path / "a")
-    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(f"{tmp_path / 'a' / 'transforms.json'}: 2 views") and done.stdout.count("\n") == 1, done.stdout
     # The same cameras again, on two threads: the same bits.
     done = run("render", fixtures / "cube.vdb", "--capture", tmp_path / "a", "--samples", 2, "--threads", 2, "-o", tmp_path / "b")
     assert done.returncode == 0, done.stderr
