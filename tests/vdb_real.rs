@@ -17,7 +17,7 @@ fn every_real_file_opens_and_passes_through_or_is_refused_with_a_hint() {
         let is = |e: &str| path.extension().is_some_and(|x| x == e);
         if is("nvdb") {
             let text = File::open(&path, Limits::default()).unwrap_err().to_string();
-            assert!(text.contains("NanoVDB") && text.contains("nanovdb_convert"), "{text}");
+            assert!(text.contains("NanoVDB") && text.contains("cumulo convert"), "{text}");
         } else if is("vdb") {
             let file = File::open(&path, Limits::default()).unwrap();
             let grids: Vec<NativeGrid> = file.entries().iter().map(|e| file.read(&e.name).unwrap()).collect();
