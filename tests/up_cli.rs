@@ -123,7 +123,7 @@ fn a_turn_is_exact_and_undone_by_the_other() {
     // Programs that turn what Houdini has created let a file be that is turned already.
     work.json("convert houdini.vdb turned.vdb --up z");
     work.json("convert turned.vdb undone.vdb --up y");
-    let creator = |name: &str| match &File::open(&work.path(name), Limits::default()).unwrap().metadata().unwrap()["creator"]
+    let creator = |name: &str| match &File::open(work.path(name), Limits::default()).unwrap().metadata().unwrap()["creator"]
     {
         MetaValue::Text(creator) => creator.clone(),
         other => format!("{other:?}"),
