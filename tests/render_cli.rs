@@ -180,6 +180,25 @@ fn early_stops_say_what_they_may_cost() {
     work.refused("render @plume.vdb --views 1 --early-stop 1 -o o", &["below 1"]);
 }
 
+/// The bound of the quadrature is that of the picture, not of the density, and rules without one say so.
+#[test]
+fn quadratures_say_what_they_may_cost() {
+    let work = Work::new();
+    let tf = r#"{"format":"cumulo-transfer-function","version":1,"transfer":{"kind":"piecewise",
+        "points":[[0.1,3,0,0,0],[0.2,3,0,0,4]]}}"#;
+    std::fs::write(work.path("f.tf.json"), tf).unwrap();
+    let render = "render @plume.vdb --tf f.tf.json --views 1 --size 8x8 --overwrite -o o";
+    let cases = [("", Some(6e-3)), (" --quadrature preintegrated:0.01", Some(3e-2)), (" --quadrature exact", None)];
+    for (words, bound) in cases {
+        let report = work.json(&format!("{render}{words}"));
+        let found = report["quadrature_error_bound"].as_f64();
+        assert!(found.is_some() == bound.is_some(), "{words}: {report}");
+        assert!((found.unwrap_or(0.0) - bound.unwrap_or(0.0)).abs() < 1e-9, "{words}: {report}");
+    }
+    let text = work.text(&format!("{render} --quadrature midpoint:0.5"));
+    assert!(text.contains("quadrature midpoint:0.5 states no error"), "{text}");
+}
+
 #[test]
 fn density_scales_beyond_single_precision_are_refused() {
     let work = Work::new();

@@ -22,7 +22,7 @@ use std::sync::Arc;
 
 const BACKGROUND: [f32; 3] = [0.5, 0.25, 0.125];
 const RULES: [Quadrature; 4] =
-    [Quadrature::Exact, Quadrature::PREINTEGRATED, Quadrature::Midpoint(0.4), Quadrature::Riemann(0.7)];
+    [Quadrature::Exact, Quadrature::Preintegrated(10.0), Quadrature::Midpoint(0.4), Quadrature::Riemann(0.7)];
 
 fn sources() -> Vec<Source> {
     let tables = kinds().into_iter().map(|t| Source::Transfer(Arc::new(t.table().unwrap())));

@@ -5,7 +5,7 @@
 
 mod fields;
 
-use cumulo::math::Ray;
+use cumulo::math::{Aabb, Ray};
 use cumulo::real::Real;
 use cumulo::render::composited::{Composited, Pixel};
 use cumulo::render::differentiable::{Accumulators, Adjoint, ParameterGradient, RayGradient};
@@ -13,9 +13,9 @@ use cumulo::render::dvr::{Dvr, Precision, TableJacobian, Tape};
 use cumulo::render::quadrature::Quadrature;
 use cumulo::scene::bricks::Bricks;
 use cumulo::scene::medium::{Medium, Source};
-use cumulo::scene::table::TableGradient;
+use cumulo::scene::table::{Table, TableGradient};
 use cumulo::scene::transfer::Transfer;
-use fields::{cloud, field, kinds, rays, unit};
+use fields::{cloud, field, kinds, lumps, noise, odd, rays, unit};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -147,7 +147,8 @@ fn exact_values_are_the_integral() {
 fn every_gradient_matches_central_differences() {
     let mut f: Bricks<f64> = cloud(14);
     let rays = rays(f.world_bounds(), 25, 2);
-    for rule in ALL_RULES {
+    // Values jump by less than the tolerance where a segment begins to be divided: here none is.
+    for rule in [RULES[0], RULES[1], RULES[2], Quadrature::Preintegrated(10.0)] {
         for transfer in kinds() {
             let table = transfer.table().unwrap();
             let medium = medium(&transfer, 0.8);
@@ -217,9 +218,9 @@ fn every_gradient_matches_central_differences() {
 #[test]
 fn entry_and_exit_move_with_the_ray() {
     let mut f: Bricks<f64> = field(16, unit(), |p| 0.5 + 0.02 * p.x + 0.01 * p.y * p.z / 16.0);
-    f.domain = cumulo::math::Aabb { min: DVec3::splat(0.0), max: DVec3::splat(15.0) };
+    f.domain = Aabb { min: DVec3::splat(0.0), max: DVec3::splat(15.0) };
     let mut rays = rays(f.world_bounds(), 20, 9);
-    rays.push(Ray { origin: DVec3::new(7.0, 6.5, 3.2), direction: DVec3::new(0.3, 0.5, 0.8).normalize() });
+    rays.push(Ray { origin: DVec3::new(7.1, 6.4, 3.2), direction: DVec3::new(0.3, 0.5, 0.8).normalize() });
     let transfer = Transfer::Piecewise { points: vec![[0.0, 1.0, 0.2, 0.1, 0.05], [1.0, 0.2, 0.8, 0.6, 0.4]] };
     let both = [Adjoint::Replay, Adjoint::Inversion];
     let mut ways: Vec<_> = RULES.into_iter().flat_map(|rule| both.map(|adjoint| (rule, adjoint, 0.5))).collect();
@@ -261,11 +262,12 @@ fn adjoints_agree() {
                 let worst = replay.voxels.iter().zip(&tape.voxels).map(|(a, b)| (a - f64::from(*b)).abs());
                 let scale = replay.voxels.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
                 let worst = worst.fold(0.0, f64::max) / scale;
-                assert!(worst < 1e-3, "{transfer:?} single precision: {worst:.1e}");
+                // Which segments are divided is a matter of rounding where their bound is that allowed.
+                assert!(worst < 5e-2, "{transfer:?} single precision: {worst:.1e}");
                 let apart = |(a, b): (&RayGradient, &RayGradient)| (a.origin - b.origin).length();
                 let worst = replay.rays.iter().zip(&tape.rays).map(apart).fold(0.0, f64::max);
                 let scale = replay.rays.iter().fold(0.0_f64, |m, by| m.max(by.origin.length()));
-                assert!(worst < 1e-3 * scale, "{transfer:?} single precision: rays off by {worst:.1e} of {scale:.1e}");
+                assert!(worst < 5e-2 * scale, "{transfer:?} single precision: rays off by {worst:.1e} of {scale:.1e}");
                 continue;
             }
             let inversion = gradient(&wide, &medium, rule, Adjoint::Inversion, &rays);
@@ -277,32 +279,197 @@ fn adjoints_agree() {
     }
 }
 
-/// Pre-integration misses no knot either. Between nodes it may be off by 1/500 of the knots' range (here more: the
-/// cloud bends within half a voxel), and colors are taken to drift evenly with the optical depth of a stretch.
-#[test]
-fn preintegrated_values_follow_the_exact_ones() {
-    let field: Bricks<f64> = cloud(20);
-    let narrow: Bricks<f32> = cloud(20);
-    let rays = rays(field.world_bounds(), 60, 5);
-    for transfer in kinds() {
-        for (extinction, allowed) in [(0.3, 4e-3), (3.0, 1e-2), (60.0, 8e-3)] {
-            let medium = medium(&transfer, extinction);
-            let mut worst = 0.0_f64;
-            for ray in &rays {
-                let exact = dvr(&field, medium.clone(), Quadrature::Exact).pixel(ray).rgba();
-                let seen = dvr(&field, medium.clone(), Quadrature::PREINTEGRATED).pixel(ray).rgba();
-                let single = dvr(&narrow, medium.clone(), Quadrature::PREINTEGRATED).pixel(ray).rgba();
-                for c in 0..4 {
-                    worst = worst.max((exact[c] - seen[c]).abs());
-                    assert!((f64::from(single[c]) - seen[c]).abs() < 2e-4, "{transfer:?} {single:?} {seen:?}");
-                }
-            }
-            assert!(worst < allowed, "{transfer:?} {extinction}: {worst:.1e}");
+/// A world drawn at random: a field with noise, edges or constant parts, in a domain of its own; a function with steps,
+/// clear bands and peaks, of which neither end need be clear; rays from all sides.
+struct Draw {
+    field: Bricks<f64>,
+    narrow: Bricks<f32>,
+    medium: Medium,
+    rays: Vec<Ray>,
+    seed: u64,
+}
+
+impl Draw {
+    fn new(seed: u64) -> Self {
+        let r = |k: u64| noise(seed.wrapping_mul(1 << 20).wrapping_add(k));
+        let n = 6 + (r(0) * 16.0) as i32;
+        let (kind, amplitude) = ((r(1) * 7.0) as usize, [0.0, 0.02, 0.3][(r(2) * 3.0) as usize]);
+        let (offset, center) = (r(3), DVec3::new(r(4), r(5), r(6)) * f64::from(n));
+        let smooth = lumps(n);
+        let shape = |p: DVec3| match kind {
+            0 => offset,
+            1 => smooth(p),
+            2 => f64::from((p - center).length() < 0.35 * f64::from(n)),
+            3 => f64::from((p.x as i32 / 3 + p.y as i32 / 3 + p.z as i32 / 3) % 2),
+            4 => 0.5 + 0.4 * (0.9 * p.x + offset).sin() * (0.7 * p.y).cos() * (0.5 * p.z + 1.0).sin(),
+            5 => ((p - center).x * 0.04 + 0.5).clamp(0.0, 1.0),
+            _ => smooth(p) - 0.3 + 0.1 * offset,
+        };
+        let voxel =
+            |p: DVec3| noise(seed ^ ((p.x as u64) << 40 | (p.y as u64) << 20 | p.z as u64).wrapping_mul(31)) - 0.5;
+        // A field without any brick is another matter.
+        let value = |p: DVec3| if p == DVec3::ONE { 0.5 } else { (shape(p) + amplitude * voxel(p)).max(0.0) };
+        let transform = if r(7) < 0.5 { unit() } else { odd() };
+        let (mut field, mut narrow) = (field::<f64>(n, transform, value), fields::field::<f32>(n, transform, value));
+        if r(14) < 0.5 {
+            // Not zero where the domain ends, as a grid of another background is.
+            field.domain = Aabb { min: DVec3::ZERO, max: DVec3::splat(f64::from(n - 1)) };
+            narrow.domain = field.domain;
         }
+        let (field, narrow) = (field.filled(1 << 30).unwrap(), narrow.filled(1 << 30).unwrap());
+        let count = 1 + (r(8) * r(8) * 30.0) as u64;
+        let (first, range) = (0.6 * r(9) - 0.3, 0.2 + 1.2 * r(10));
+        let mut knots: Vec<f64> = (0..count).map(|k| first + range * r(100 + k)).collect();
+        knots.sort_by(f64::total_cmp);
+        if count > 2 && r(11) < 0.3 {
+            knots[1] = knots[0];
+        }
+        let one_color = r(12) < 0.4;
+        let point = |k: u64| {
+            let color = |c: u64| if one_color { 0.7 } else { 2.0 * r(1000 + 8 * k + c) };
+            let extinction = if r(1004 + 8 * k) < 0.5 { 0.0 } else { r(1005 + 8 * k) };
+            [color(0), color(1), color(2), extinction]
+        };
+        let table = Table::new(knots, (0..count).map(point).collect()).unwrap();
+        let medium = Medium::new(10_f64.powf(3.0 * r(13) - 1.0), Source::Transfer(Arc::new(table)));
+        let rays = rays(field.world_bounds(), 8, seed);
+        Self { field, narrow, medium, rays, seed }
+    }
+
+    /// Radiance that errors of red, green and blue are measured by; the alpha's are absolute.
+    fn brightest(&self) -> f64 {
+        let Source::Transfer(table) = &self.medium.source else { unreachable!() };
+        table.peak()[..3].iter().fold(f64::from(BACKGROUND[0]), |m, v| m.max(*v))
     }
 }
 
-/// A tolerance is paid for: a sixteenth of it brings at least a quarter of the error, where the density is smooth.
+/// Draws by `TRANSFER_DRAWS`: `TRANSFER_DRAWS=1000 cargo test --release --test transfer`.
+fn draws(usual: u64) -> impl Iterator<Item = Draw> {
+    let count = std::env::var("TRANSFER_DRAWS").ok().and_then(|v| v.parse().ok()).unwrap_or(usual);
+    (0..count).map(|i| Draw::new(20_261_125 + i))
+}
+
+/// Light of the rules with a step by the plainest of loops, over the interpolated density.
+fn plain_steps(draw: &Draw, ray: &Ray, step: f64, phase: f64) -> [f64; 4] {
+    let (f, Source::Transfer(table)) = (&draw.field, &draw.medium.source) else { unreachable!() };
+    let (o, d) = (f.transform.to_index(ray.origin), f.transform.vector_to_index(ray.direction));
+    let (mut rgb, mut depth) = ([0.0; 3], 0.0_f64);
+    if let Some((enter, leave)) = f.domain.clip(&Ray { origin: o, direction: d }) {
+        let h = step * f.transform.voxel_size().min_element();
+        let count = ((leave - enter) / h).ceil() as i64;
+        for k in 0..count {
+            let begin = enter + k as f64 * h;
+            let length = h.min(leave - begin);
+            let value = table.at(f.sample(o + (begin + phase * length) * d));
+            let x = draw.medium.extinction * value[3] * length;
+            (0..3).for_each(|c| rgb[c] += (-depth).exp() * -(-x).exp_m1() * value[c]);
+            depth += x;
+        }
+    }
+    let through = (-depth).exp();
+    let rgb: [f64; 3] = std::array::from_fn(|c| rgb[c] + through * f64::from(BACKGROUND[c]));
+    [rgb[0], rgb[1], rgb[2], 1.0 - through]
+}
+
+/// What each rule states of its error holds on every ray of every draw; the rules with a step, which state nothing, are
+/// what they say they are.
+#[test]
+fn stated_errors_hold_for_random_functions_of_random_fields() {
+    let mut largest = [0.0_f64; 4];
+    for draw in draws(60) {
+        let brightest = draw.brightest();
+        let off = |a: [f64; 4], b: [f64; 4]| {
+            let of = |c: usize| (a[c] - b[c]).abs() / if c < 3 { brightest.max(1e-9) } else { 1.0 };
+            of(0).max(of(1)).max(of(2)).max(of(3))
+        };
+        let tolerance = 10_f64.powf(-1.5 - 2.5 * noise(draw.seed));
+        for ray in &draw.rays {
+            let exact = dvr(&draw.field, draw.medium.clone(), Quadrature::Exact).pixel(ray).rgba();
+            let single = |rule| {
+                let dvr = Dvr::new(&draw.narrow, draw.medium.clone()).unwrap().quadrature(rule).over(BACKGROUND);
+                dvr.pixel(ray).rgba().map(f64::from)
+            };
+            let rules = [
+                (Quadrature::Exact, 0.0),
+                (Quadrature::PREINTEGRATED, 1e-2),
+                (Quadrature::Preintegrated(tolerance), tolerance),
+            ];
+            for (k, (rule, stated)) in rules.into_iter().enumerate() {
+                let error = off(single(rule), exact);
+                // Single precision, the early stop's 1e-6, and exact quadrature's 4e-7 a piece.
+                let rest = 4e-5;
+                assert!(error <= stated + rest, "draw {}, {rule}: {error:.1e}, {:?}", draw.seed, draw.medium);
+                largest[k] = largest[k].max(error / if k == 0 { 1.0 } else { stated });
+            }
+            if draw.seed % 8 == 0 {
+                let error = off(exact, fine(&draw.field, &draw.medium, ray));
+                assert!(error < 1e-3, "draw {}: {error:.1e} off a fine sum, {:?}", draw.seed, draw.medium);
+                largest[3] = largest[3].max(error);
+            }
+            for (rule, step, phase) in [(Quadrature::Midpoint(0.3), 0.3, 0.5), (Quadrature::Riemann(0.6), 0.6, 0.0)] {
+                let seen = dvr(&draw.field, draw.medium.clone(), rule).pixel(ray).rgba();
+                let error = off(seen, plain_steps(&draw, ray, step, phase));
+                assert!(error < 1e-9, "draw {}, {rule}: {error:.1e}", draw.seed);
+            }
+        }
+    }
+    println!(
+        "largest errors: exact {:.1e}; of what is allowed {:.2}, {:.2}; a fine sum {:.1e}",
+        largest[0], largest[1], largest[2], largest[3]
+    );
+}
+
+/// Gradients are those of the computed value, for every rule on every draw, where the value is smooth: two central
+/// differences of different widths agree. (At a knot, and where pre-integration begins to divide a segment, none is.)
+#[test]
+fn gradients_are_those_of_random_draws() {
+    let (mut checked, mut kinks) = (0, 0);
+    for mut draw in draws(40) {
+        // Nothing is quite constant: where it is, any change makes pre-integration look closer.
+        for (i, v) in draw.field.values.iter_mut().enumerate() {
+            *v += 1e-3 * noise(i as u64);
+        }
+        for rule in ALL_RULES {
+            let ray = [draw.rays[0]];
+            let all = gradient(&draw.field, &draw.medium, rule, Adjoint::Tape, &ray);
+            let mut check = |what: &str, got: f64, at: &mut dyn FnMut(f64) -> f64| {
+                let mut difference = |h: f64| (at(h) - at(-h)) / (2.0 * h);
+                let (wide, narrow) = (difference(2e-6), difference(7e-7));
+                let size = wide.abs().max(got.abs()).max(1e-3);
+                if (wide - narrow).abs() > 1e-4 * size {
+                    kinks += 1;
+                } else {
+                    checked += 1;
+                    let error = (got - wide).abs() / size;
+                    assert!(
+                        error < 1e-3,
+                        "draw {}, {rule}, {what}: {got} against {wide}, {:?}",
+                        draw.seed,
+                        draw.medium
+                    );
+                }
+            };
+            let mut order: Vec<usize> = (0..draw.field.values.len()).collect();
+            order.sort_by(|a, b| all.voxels[*b].abs().total_cmp(&all.voxels[*a].abs()));
+            for i in order.into_iter().take(3).filter(|i| all.voxels[*i] != 0.0) {
+                let keep = draw.field.values[i];
+                check("voxel", all.voxels[i], &mut |h| {
+                    draw.field.values[i] = keep + h;
+                    total(&draw.field, &draw.medium, rule, &ray)
+                });
+                draw.field.values[i] = keep;
+            }
+            check("extinction", all.shared.extinction, &mut |h| {
+                let medium = Medium { extinction: draw.medium.extinction + h, ..draw.medium.clone() };
+                total(&draw.field, &medium, rule, &ray)
+            });
+        }
+    }
+    println!("{checked} derivatives hold, {kinks} are of kinks");
+    assert!(checked > 4 * kinks, "{checked} {kinks}");
+}
+
+/// A tolerance is paid for: a thousandth of it brings less than half of the error, where the density is smooth.
 #[test]
 fn what_is_tolerated_is_what_is_lost() {
     let round = |p: DVec3| (-(p - DVec3::splat(31.5)).length_squared() / 260.0).exp();
@@ -318,8 +485,28 @@ fn what_is_tolerated_is_what_is_lost() {
             };
             rays.iter().map(off).fold(0.0, f64::max)
         };
-        let [coarse, fine] = [3.2e-2, 2e-3].map(|tolerance| worst(Quadrature::Preintegrated(tolerance)));
-        assert!(coarse < 0.1 && fine < 0.25 * coarse, "{transfer:?} {coarse:.1e} {fine:.1e}");
+        let [coarse, fine] = [1.0, 1e-3].map(|tolerance| worst(Quadrature::Preintegrated(tolerance)));
+        assert!(coarse < 1.0 && fine < 1e-3 && fine < 0.5 * coarse, "{transfer:?} {coarse:.1e} {fine:.1e}");
+    }
+}
+
+/// A volume of one density where the function is clear, and opaque at density 0, is clear everywhere.
+#[test]
+fn clear_bricks_are_no_gaps_of_density_zero() {
+    let points = vec![
+        [0.0, 0.0, 0.0, 1.0, 12.0],
+        [0.2, 0.0, 0.0, 1.0, 12.0],
+        [0.25, 0.0, 0.0, 1.0, 0.0],
+        [1.0, 1.0, 0.0, 0.0, 0.0],
+    ];
+    let medium = medium(&Transfer::Piecewise { points }, 1.0);
+    let mut half: Bricks<f32> = field(32, unit(), |_| 0.5).filled(1 << 30).unwrap();
+    half.domain = Aabb { min: DVec3::ZERO, max: DVec3::splat(31.0) };
+    for ray in rays(half.world_bounds(), 200, 3) {
+        let dvr = Dvr::new(&half, medium.clone()).unwrap().quadrature(Quadrature::PREINTEGRATED);
+        let exact = dvr.clone().quadrature(Quadrature::Exact);
+        assert_eq!(exact.radiance(&ray).depth, 0.0);
+        assert_eq!(dvr.radiance(&ray).depth, 0.0);
     }
 }
 

@@ -135,6 +135,7 @@ class Rendered(Report):
     density_scale: float
     tone_mapping: dict[str, Any] | None = None
     quadrature: str | None = None
+    quadrature_error_bound: float | None = None
     early_stop: dict[str, Any] | None = None
     paths: dict[str, Any] | None = None
     plan: dict[str, Any] | None = None

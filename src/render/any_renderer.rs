@@ -32,7 +32,8 @@ impl<'a> AnyRenderer<'a> {
         let background = scene.environment.radiance;
         match &scene.volumes[..] {
             [Volume::Density(field, medium)] => {
-                Ok(Self::Density(Dvr::new(field, medium.clone())?.quadrature(quadrature).over(background)))
+                let medium = medium.simplified(f32::EPSILON.into());
+                Ok(Self::Density(Dvr::new(field, medium)?.quadrature(quadrature).over(background)))
             }
             [Volume::PreShaded(volume)] => Ok(Self::PreShaded(Preshaded::new(volume).over(background))),
             // All that its medium absorbs is part of the grid.
@@ -41,6 +42,14 @@ impl<'a> AnyRenderer<'a> {
             }
             volumes => Err(Error::unsupported(format!("the scene has {} volumes, one can be rendered", volumes.len()))
                 .hint("render them one by one")),
+        }
+    }
+
+    /// Returns the default quadrature of a scene.
+    pub fn usual_quadrature(scene: &Scene) -> Quadrature {
+        match &scene.volumes[..] {
+            [Volume::Density(_, medium)] => Quadrature::usual(&medium.source),
+            _ => Quadrature::Exact,
         }
     }
 
@@ -58,6 +67,14 @@ impl<'a> AnyRenderer<'a> {
         match self {
             Self::Density(dvr) => dvr.left_out(),
             Self::PreShaded(volume) => volume.left_out(),
+        }
+    }
+
+    /// Returns a bound of the error that the quadrature makes in any channel of a pixel; `None` where none is stated.
+    pub fn quadrature_error(&self) -> Option<f64> {
+        match self {
+            Self::Density(dvr) => dvr.quadrature_error(),
+            Self::PreShaded(_) => None,
         }
     }
 

@@ -66,6 +66,18 @@ impl Medium {
         Self::new(extinction, Source::Grey([0.0; 3]))
     }
 
+    /// Returns the medium without the knots of its transfer function that change it by at most `tolerance` times each
+    /// channel's peak.
+    #[must_use]
+    pub fn simplified(&self, tolerance: f64) -> Self {
+        match &self.source {
+            Source::Transfer(table) => {
+                Self { source: Source::Transfer(Arc::new(table.simplified(tolerance))), ..self.clone() }
+            }
+            Source::Grey(_) | Source::Linear(_) => self.clone(),
+        }
+    }
+
     /// Returns the medium with extinctions by channel in place of the one extinction, `extinction` times `by`.
     ///
     /// # Errors

@@ -175,8 +175,8 @@ impl Pose {
 
         let centre = self.centre(&grids.density_or_extinction())?;
         let targets = self.targets(photos, &shown)?;
-        let quadrature = self.quadrature.unwrap_or(Quadrature::usual(shown.transfer.is_some()));
         let scene = Scene::shown_by(&shown, grids).map_err(|e| e.at(&self.volume))?;
+        let quadrature = self.quadrature.unwrap_or_else(|| AnyRenderer::usual_quadrature(&scene));
         let renderer = AnyRenderer::new(&scene, quadrature).map_err(|e| e.at(&self.volume))?;
         let Search { poses, seconds } = self.search(&renderer, &shown, &targets, centre, &task, output)?;
         let stopped = task.flow().is_break();

@@ -49,7 +49,7 @@ pub fn of_densities(
     tick: impl FnMut(usize, usize),
 ) -> Result<(Vec<Grid>, Vec<Warning>)> {
     let request = fit.request;
-    let quadrature = Quadrature::usual(matches!(request.medium.source, Source::Transfer(_)));
+    let quadrature = Quadrature::usual(&request.medium.source);
     let model = ForwardModel { medium: &request.medium, background: request.background, quadrature };
     let renderer = model.renderer(field)?;
     let deviation = PRIOR_DEVIATION * range(field, &request.medium.source);

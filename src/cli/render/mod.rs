@@ -126,7 +126,13 @@ pub(in crate::cli) struct Report {
 #[serde(untagged)]
 enum Way {
     /// Along straight rays.
-    Dvr { quadrature: String, early_stop: EarlyStop },
+    Dvr {
+        quadrature: String,
+        /// Bound of the error that the quadrature makes in any channel of a pixel, in the channel's units; null where no
+        /// bound is known.
+        quadrature_error_bound: Option<f64>,
+        early_stop: EarlyStop,
+    },
     /// Along paths.
     Paths { paths: Paths },
 }
@@ -143,7 +149,7 @@ struct EarlyStop {
 impl Way {
     /// Adds what a capture records of how its pictures were made.
     fn record(&self, scattering: Option<&ScatteringOptions>, extra: &mut Map<String, Value>) {
-        if let Self::Dvr { quadrature, early_stop } = self {
+        if let Self::Dvr { quadrature, early_stop, .. } = self {
             extra.insert("quadrature".into(), json!(quadrature));
             extra.insert("early_stop".into(), json!(early_stop));
         }
@@ -160,10 +166,16 @@ impl fmt::Display for Report {
         writeln!(f, "{}: {views} view{s} in {seconds:.2} s, density scale {density_scale}", file.display())?;
         tone_mapping.iter().try_for_each(|tone| writeln!(f, "  PNG: {tone}"))?;
         match way {
-            Way::Dvr { quadrature, early_stop: EarlyStop { transmittance, error_bound } } => {
+            Way::Dvr { quadrature, quadrature_error_bound, early_stop: EarlyStop { transmittance, error_bound } } => {
+                let quadrature_error = match quadrature_error_bound {
+                    Some(bound) => format!("integrates within {bound:.1e}"),
+                    None if quadrature == "exact" => "integrates to rounding".to_owned(),
+                    None => "states no error".to_owned(),
+                };
                 write!(
                     f,
-                    "  {quadrature}; rays end at transmittance {transmittance:e}, off by {error_bound:.1e} at most"
+                    "  quadrature {quadrature} {quadrature_error}; the early stop at transmittance {transmittance:e} \
+                     leaves out at most {error_bound:.1e}"
                 )?;
             }
             Way::Paths { paths } => write!(f, "{paths}")?,
@@ -315,6 +327,7 @@ impl Render {
         match renderer {
             Renderer::Dvr { dvr, .. } => Way::Dvr {
                 quadrature: self.pictures.quadrature(scene).to_string(),
+                quadrature_error_bound: dvr.quadrature_error(),
                 early_stop: EarlyStop { transmittance: self.pictures.early_stop, error_bound: dvr.left_out() },
             },
             Renderer::Paths(_) => Way::Paths { paths: self.pictures.scattering.paths(counts) },

@@ -6,9 +6,7 @@ use crate::plan::{Effect, Integrator, Plan, Request, State};
 use crate::render::any_renderer::AnyRenderer;
 use crate::render::path::PathTracer;
 use crate::render::quadrature::Quadrature;
-use crate::scene::medium::Source;
 use crate::scene::scene::Scene;
-use crate::scene::volume::Volume;
 use std::fmt;
 
 /// The renderer of a scene.
@@ -67,9 +65,7 @@ impl PictureOptions {
 
     /// Returns the quadrature along straight rays.
     pub fn quadrature(&self, scene: &Scene) -> Quadrature {
-        let by_function =
-            |volume: &Volume| matches!(volume, Volume::Density(_, m) if matches!(m.source, Source::Transfer(_)));
-        self.quadrature.unwrap_or(Quadrature::usual(scene.volumes.iter().any(by_function)))
+        self.quadrature.unwrap_or_else(|| AnyRenderer::usual_quadrature(scene))
     }
 
     /// Returns the rays along each edge of a pixel. A picture that was to be made of paths, of which none is called for, has

@@ -139,8 +139,9 @@ impl Reconstruction {
         if let Some(volume) = &self.shaded {
             return Ok(AnyRenderer::PreShaded(Preshaded::new(volume).over(background)));
         }
-        let quadrature = Quadrature::usual(self.capture.transfer.is_some());
-        let dvr = Dvr::new(&self.field, self.capture.medium()?)?.quadrature(quadrature);
+        let medium = self.capture.medium()?;
+        let quadrature = Quadrature::usual(&medium.source);
+        let dvr = Dvr::new(&self.field, medium)?.quadrature(quadrature);
         Ok(AnyRenderer::Density(dvr.over(background)))
     }
 

@@ -130,12 +130,13 @@ impl Subject {
     /// If the medium cannot be rendered, or the user stopped the work.
     pub fn picture(self, camera: &Camera, scale: f64) -> Result<Film> {
         let shines = matches!(self.source, Source::Transfer(_));
+        let quadrature = Quadrature::usual(&self.source);
         let scene = Scene {
             volumes: vec![Volume::Density(self.field, Medium::new(scale, self.source))],
             environment: Environment::constant(if shines { [0.0; 3] } else { [1.0; 3] }),
             ..Scene::default()
         };
-        let renderer = AnyRenderer::new(&scene, Quadrature::usual(shines))?.early_stop(EARLY_STOP);
+        let renderer = AnyRenderer::new(&scene, quadrature)?.early_stop(EARLY_STOP);
         renderer.picture(camera, RAYS, cancel::listen()).ok_or_else(Error::cancelled)
     }
 }

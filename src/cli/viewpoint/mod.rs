@@ -210,8 +210,9 @@ impl Viewpoint {
         render::fits(&capture, 0, limits.max_memory)?;
         self.spare(&capture)?;
 
-        let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
-        let dvr = Dvr::new(&field, opaque(capture.medium()?)?)?.quadrature(quadrature).over([1.0; 3]);
+        let medium = opaque(capture.medium()?)?;
+        let quadrature = self.quadrature.unwrap_or_else(|| Quadrature::usual(&medium.source));
+        let dvr = Dvr::new(&field, medium)?.quadrature(quadrature).over([1.0; 3]);
         task.work_begins();
         let bar = output.progress(viewpoint::ticks(&request) as u64 + u64::from(self.samples), "viewpoint");
         let mut outcome = viewpoint::search(&dvr, &request, cancel, &|| bar.inc(1));
@@ -369,8 +370,9 @@ impl Viewpoint {
             (Some(_), _) => capture.frames.len(),
             (None, report) => usize::from(report.is_some()),
         };
-        let quadrature = self.quadrature.unwrap_or(Quadrature::usual(capture.transfer.is_some()));
-        let dvr = Dvr::new(field, capture.medium()?)?.quadrature(quadrature).over(capture.background);
+        let medium = capture.medium()?;
+        let quadrature = self.quadrature.unwrap_or_else(|| Quadrature::usual(&medium.source));
+        let dvr = Dvr::new(field, medium)?.quadrature(quadrature).over(capture.background);
         // The views are worth their pictures even if the search was stopped.
         let never = AtomicBool::new(false);
         let (closing, provenance) = (task.closing(), &mut task.provenance);

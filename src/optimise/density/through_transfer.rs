@@ -82,8 +82,8 @@ pub fn reconstruct(
 
     let begun = Instant::now();
     let views = Views::new(photos, request);
-    let model =
-        ForwardModel { medium: &request.medium, background: request.background, quadrature: Quadrature::PREINTEGRATED };
+    let quadrature = Quadrature::COARSE;
+    let model = ForwardModel { medium: &request.medium, background: request.background, quadrature };
     let mut fit = Fit::new(topology, lattice, &unknown, &densities, range, RATE);
     let best = descend(&mut fit, &views, &model, request, &mut progress)?;
     fit.cancel = request.closing;

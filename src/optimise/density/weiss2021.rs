@@ -40,7 +40,7 @@ pub fn reconstruct(
 ) -> Result<Outcome> {
     let views = Views::new(photos, request);
     let (unit, quadrature) = match &request.medium.source {
-        Source::Transfer(table) => (table.knots()[table.knots().len() - 1], Quadrature::PREINTEGRATED),
+        Source::Transfer(table) => (table.knots()[table.knots().len() - 1], Quadrature::COARSE),
         _ => {
             let longest = request.bounds.size().max_element();
             let deepest = observation.maps.iter().flat_map(|m| m.depth.iter()).fold(0.0_f32, |a, b| a.max(*b));

@@ -53,8 +53,10 @@ impl<R: Precision> Dvr<'_, R> {
             return radiance;
         };
         let mut pass = Pass::new(self, ray, to);
-        if let CompiledMedium::Table(compiled, Some(tables)) = &self.compiled {
-            return tables.gradient(&mut pass, loss, adjoint, compiled, &mut tape.preintegrated);
+        if let CompiledMedium::Table(compiled, Some(tables)) = &self.compiled
+            && let Some(radiance) = tables.gradient(&mut pass, loss, adjoint, compiled, &mut tape.preintegrated)
+        {
+            return radiance;
         }
         // Rare variants are compiled once, not for each instruction set.
         if self.uniform(&pass.ray).is_some() || adjoint == Adjoint::Inversion {

@@ -72,8 +72,11 @@ impl<R: Precision> Dvr<'_, R> {
         let (CompiledMedium::Table(compiled, tables), Some(ray)) = (&self.compiled, self.index_ray(ray)) else {
             return self.li(ray, tape);
         };
-        if let Some(tables) = tables {
-            return self.preintegrated_rows(ray, (compiled, tables), background, (weight, jacobian), tape);
+        if let Some(tables) = tables
+            && let Some(radiance) =
+                self.preintegrated_rows(ray, (compiled, tables), background, (weight, jacobian), tape)
+        {
+            return radiance;
         }
         let Tape { samples, chords, sample_entries, chord_entries, .. } = tape;
         match self.uniform(&ray) {
@@ -85,7 +88,8 @@ impl<R: Precision> Dvr<'_, R> {
         }
     }
 
-    /// Adds the derivatives of pre-integration, channel by channel in reverse mode.
+    /// Adds the derivatives of pre-integration, channel by channel in reverse mode; `None`, with nothing added, if the
+    /// ray's error may exceed the tolerance.
     fn preintegrated_rows(
         &self,
         ray: IndexRay,
@@ -93,7 +97,7 @@ impl<R: Precision> Dvr<'_, R> {
         background: [f32; 3],
         (weight, jacobian): (f64, &mut TableJacobian),
         tape: &mut Tape<R>,
-    ) -> Radiance {
+    ) -> Option<Radiance> {
         let (mut radiance, mut shared) = (Radiance::default(), ParameterGradient::default());
         for channel in 0..4 {
             let mut loss = |_: &Radiance| {
@@ -107,7 +111,7 @@ impl<R: Precision> Dvr<'_, R> {
             tape.by_table.clear(jacobian.by_knot().len());
             let table = Some(&mut tape.by_table);
             let to = Accumulators { voxels: None, table, ray: None, shared: &mut shared };
-            radiance = tables.whole(&mut Pass::new(self, ray, to), &mut loss, compiled, &mut tape.preintegrated);
+            radiance = tables.whole(&mut Pass::new(self, ray, to), &mut loss, compiled, &mut tape.preintegrated)?;
             // The ends of piece i are the knots i - 1 and i; padding entries stand at the index of the first end.
             for (piece, ends) in tape.by_table.pieces.iter().enumerate() {
                 for (knot, by) in jacobian.knots[piece..].iter_mut().zip(ends) {
@@ -117,7 +121,7 @@ impl<R: Precision> Dvr<'_, R> {
                 }
             }
         }
-        radiance
+        Some(radiance)
     }
 
     fn rows<S: Shade<R>, Q: Rule<R, 3, Segment = S>>(

@@ -360,8 +360,8 @@ impl<'a, R: Real> Dvr<'a, R> {
         {
             *tables = match quadrature {
                 Quadrature::Preintegrated(tolerance) => {
-                    let (medium, values) = ((table.as_ref(), self.medium.extinction), &self.field.values);
-                    Some(Arc::new(Preintegrated::new(medium, tolerance, &compiled.curve, values, &self.visible)))
+                    let medium = (table.as_ref(), self.medium.extinction);
+                    Some(Arc::new(Preintegrated::new(medium, tolerance, &compiled.curve, self.field, &self.visible)))
                 }
                 _ => None,
             };
@@ -473,10 +473,12 @@ impl<'a, R: Real> Dvr<'a, R> {
         let Some(ray) = self.index_ray(ray) else { return Radiance::default() };
         match &self.compiled {
             CompiledMedium::Line(compiled) => self.blended(&ray, compiled, tape),
-            CompiledMedium::Table(compiled, Some(tables)) => {
-                tables.radiance(self, &compiled.curve, &ray, &mut tape.preintegrated)
+            CompiledMedium::Table(compiled, tables) => {
+                let scratch = &mut tape.preintegrated;
+                let preintegrated =
+                    tables.as_ref().and_then(|tables| tables.radiance(self, &compiled.curve, &ray, scratch));
+                preintegrated.unwrap_or_else(|| self.blended(&ray, compiled, tape))
             }
-            CompiledMedium::Table(compiled, None) => self.blended(&ray, compiled, tape),
         }
     }
 
@@ -503,7 +505,22 @@ impl<R: Precision> Composited<Dvr<'_, R>> {
     /// transmittance T, medium and background contribute T times a mean of their radiances; the picture has T times the
     /// background instead.
     pub fn left_out(&self) -> f64 {
-        self.integrator.least_transmittance() * self.integrator.brightest().max(self.brightest_background()).max(1.0)
+        self.integrator.least_transmittance() * self.unit()
+    }
+
+    /// Returns the radiance that relative errors of a pixel are measured by: the brightest of medium and background, at
+    /// least the 1 of alpha.
+    fn unit(&self) -> f64 {
+        self.integrator.brightest().max(self.brightest_background()).max(1.0)
+    }
+
+    /// Returns a bound of the error that the quadrature makes in any channel of a pixel, alpha included, beside rounding
+    /// to the precision `R`; `None` for rules that state none.
+    pub fn quadrature_error(&self) -> Option<f64> {
+        match (self.integrator.quadrature, &self.integrator.compiled) {
+            (Quadrature::Preintegrated(tolerance), CompiledMedium::Table(..)) => Some(tolerance * self.unit()),
+            _ => None,
+        }
     }
 }
 

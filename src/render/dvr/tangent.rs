@@ -68,8 +68,10 @@ impl<R: Precision> Dvr<'_, R> {
         };
         let mut radiance = match &self.compiled {
             CompiledMedium::Line(compiled) => self.tangent_of(&found, compiled, seeds, tape),
-            CompiledMedium::Table(compiled, None) => self.tangent_of(&found, compiled, seeds, tape),
-            CompiledMedium::Table(compiled, Some(tables)) => tables.jvp(self, found, compiled, seeds, tape),
+            CompiledMedium::Table(compiled, tables) => {
+                let preintegrated = tables.as_ref().and_then(|tables| tables.jvp(self, found, compiled, seeds, tape));
+                preintegrated.unwrap_or_else(|| self.tangent_of(&found, compiled, seeds, tape))
+            }
         };
         // Where these walks differ from the value's, they do so by rounding: it sees depths alone, or fewer bricks.
         let preintegrated = matches!(&self.compiled, CompiledMedium::Table(_, Some(_)));

@@ -15,6 +15,7 @@ use crate::real::Real;
 use crate::render::cell::Quartet;
 use crate::render::curve::Curve;
 use crate::render::march::Span;
+use crate::scene::medium::Source;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
@@ -22,11 +23,14 @@ use std::str::FromStr;
 /// The names of all rules, for help and errors; a macro, for `concat!`.
 macro_rules! rules {
     () => {
-        "exact, preintegrated, preintegrated:TOLERANCE (of the density, in units of the function's range), midpoint:STEP \
-         or riemann:STEP (in voxels)"
+        "exact, preintegrated, preintegrated:TOLERANCE (largest error of a pixel, in units of the brightest color), \
+         midpoint:STEP or riemann:STEP (in voxels; without a bound of the error)"
     };
 }
 pub(crate) use rules;
+
+/// The most knots of a transfer function through which exact quadrature is the default.
+const FEW_KNOTS: usize = 32;
 
 /// A quadrature rule; steps are in voxels (of the shortest edge).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
@@ -37,9 +41,9 @@ pub enum Quadrature {
     /// [`Dvr::tolerance`](crate::render::dvr::Dvr::tolerance).
     Exact,
     /// Pre-integration (Engel, Kraus & Ertl 2001): between two nodes the density is taken as linear, and cumulative tables
-    /// of the transfer function give the light however many knots lie between. Nodes are spaced so that the density errs
-    /// by at most the tolerance given, in units of the range of the function's knots. Equal to exact
-    /// quadrature without a transfer function.
+    /// of the transfer function give the light however many knots lie between. Nodes are spaced so that each pixel errs
+    /// by at most the tolerance given, in units of the brightest color of function and background (alpha: absolute).
+    /// Equal to exact quadrature without a transfer function.
     Preintegrated(f64),
     /// Samples in the middle of steps of constant length; order 2.
     Midpoint(f64),
@@ -49,12 +53,19 @@ pub enum Quadrature {
 }
 
 impl Quadrature {
-    /// Pre-integration with the default tolerance: half a step of an 8-bit lookup table.
-    pub const PREINTEGRATED: Self = Self::Preintegrated(2e-3);
+    /// Pre-integration with the default tolerance.
+    pub const PREINTEGRATED: Self = Self::Preintegrated(1e-2);
 
-    /// Returns the default rule: pre-integration through a transfer function, else exact quadrature.
-    pub fn usual(through_function: bool) -> Self {
-        if through_function { Self::PREINTEGRATED } else { Self::Exact }
+    /// Pre-integration for descents, which average over many pixels; errors are mostly below a hundredth of the bound.
+    pub const COARSE: Self = Self::Preintegrated(1e-1);
+
+    /// Returns the default rule of a source: pre-integration through a transfer function of many knots, else exact
+    /// quadrature, which is faster then. Knots on a line between others do not count.
+    pub fn usual(source: &Source) -> Self {
+        match source {
+            Source::Transfer(table) if table.simplified(0.0).knots().len() > FEW_KNOTS => Self::PREINTEGRATED,
+            _ => Self::Exact,
+        }
     }
 
     /// Returns the step in voxels, of rules that have one.

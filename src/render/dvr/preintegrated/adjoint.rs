@@ -17,11 +17,12 @@ use crate::real::{LANES, Lanes};
 use crate::render::differentiable::{Adjoint, Loss};
 use crate::render::integrator::Radiance;
 
-/// Visits that replay keeps, the nearest ones; it walks and samples the rest of the ray a second time.
+/// Groups of nodes that replay keeps, the nearest ones; it walks and samples the rest of the ray a second time.
 const KEPT: usize = 6;
 
 impl<R: Real> Preintegrated<R> {
-    /// Runs one ray's forward and backward pass.
+    /// Runs one ray's forward and backward pass; `None`, with nothing done, if the ray's error may exceed the
+    /// tolerance.
     #[inline(always)]
     pub fn gradient(
         &self,
@@ -30,34 +31,48 @@ impl<R: Real> Preintegrated<R> {
         adjoint: Adjoint,
         compiled: &CompiledCurve<R, 3>,
         scratch: &mut Scratch<R>,
-    ) -> Radiance {
-        let Scratch { queue, batch, gradient, tape, spare, cotangents } = scratch;
+    ) -> Option<Radiance> {
+        let Scratch { queue, divided, batch, gradient, tape, spare, cotangents } = scratch;
         spare.append(tape);
         cotangents.clear();
         let (dvr, ray) = (pass.dvr, pass.ray);
         let values = &dvr.field.values;
-        let sites = Sites { topology: pass.topology(), density: &self.density, gaps: false };
+        let sites = Sites { topology: pass.topology(), spacing: &self.spacing, gaps: false };
         let keep = if adjoint == Adjoint::Replay { KEPT } else { usize::MAX };
-        let mut front = Front::new(&self.tables, &compiled.curve);
-        // Where visits are no longer kept.
-        let mut rest = None;
+        let mut front = Front::new(&self.tables, &compiled.curve, &ray, dvr.depth_limit);
+        // Number of groups, and the state where they are no longer kept.
+        let (mut groups, mut rest) = (0, None);
         nodes(
             sites,
             &ray,
             queue,
             #[inline(always)]
             |queue, fours| {
-                if tape.len() < keep {
-                    let mut visit = spare.pop().unwrap_or_default();
-                    visit.record(&mut front, values, queue, fours);
-                    tape.push(visit);
-                } else {
+                let kept = groups < keep;
+                groups += 1;
+                if !kept {
                     rest.get_or_insert(front);
-                    front.add(values, queue, fours, batch);
                 }
-                front.depth < dvr.depth_limit
+                front.add(
+                    values,
+                    (queue, fours),
+                    divided,
+                    batch,
+                    #[inline(always)]
+                    |front, queue, fours, batch| {
+                        if kept {
+                            let mut visit = spare.pop().unwrap_or_default();
+                            visit.record(front, queue, fours, batch);
+                            tape.push(visit);
+                        }
+                    },
+                );
+                front.goes_on() && front.is_accurate()
             },
         );
+        if !front.is_accurate() {
+            return None;
+        }
         let (emitted, depth) = (front.emitted, front.depth);
         let radiance = Radiance { rgb: emitted, depth };
         let weighted = pass.add_color(loss(&radiance), &emitted, &compiled.tint);
@@ -69,7 +84,7 @@ impl<R: Real> Preintegrated<R> {
         }
         if let Some(mut front) = rest {
             let mut visit = spare.pop().unwrap_or_default();
-            let mut kept = tape.len();
+            let mut kept = keep;
             nodes(
                 sites,
                 &ray,
@@ -80,9 +95,18 @@ impl<R: Real> Preintegrated<R> {
                         kept -= 1;
                         return true;
                     }
-                    visit.record(&mut front, values, queue, fours);
-                    back.visit(pass, &visit, gradient);
-                    front.depth < dvr.depth_limit
+                    front.add(
+                        values,
+                        (queue, fours),
+                        divided,
+                        batch,
+                        #[inline(always)]
+                        |front, queue, fours, batch| {
+                            visit.record(front, queue, fours, batch);
+                            back.visit(pass, &visit, gradient);
+                        },
+                    );
+                    front.goes_on()
                 },
             );
             spare.push(visit);
@@ -91,7 +115,7 @@ impl<R: Real> Preintegrated<R> {
             follow(sites, &ray, &dvr.field.domain, cotangents, &mut pass.by_ray);
             pass.finish_ray();
         }
-        radiance
+        Some(radiance)
     }
 }
 
@@ -130,9 +154,6 @@ impl<R: Real> Backward<'_, R> {
         let follows = pass.to.ray.is_some();
         if pass.to.voxels.is_some() || pass.voxel_seeds.is_some() || follows {
             self.by_density(batch, by);
-            if !batch.cut.is_empty() {
-                by.density = batch.by_nodes(&by.density);
-            }
         }
         if follows {
             note(self.cotangents, &pass.dvr.field.values, visit, by);

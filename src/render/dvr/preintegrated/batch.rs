@@ -13,12 +13,10 @@ use crate::real::{LANES, Lanes};
 use crate::render::curve::Curve;
 
 /// The most segments in a batch.
-pub(super) const ROOM: usize = 256;
+pub(super) const ROOM: usize = 72;
 /// Divisor of the number of segments in a batch, the lanes of the widest vectors: no remainder is left for slower
 /// loops.
 pub(super) const WIDE: usize = 8;
-/// The most parts that one segment is cut into.
-const MOST_PARTS: usize = 64;
 /// Least optical depth in divisions: smaller ones are replaced by it.
 const LEAST: f64 = 1e-30;
 /// Optical depth below which B is computed from its power series.
@@ -67,9 +65,6 @@ pub(super) struct SegmentBatch<R: Real> {
     pub drift: Segment<R>,
     /// Transmittances from the eye to the segments' beginnings.
     pub before: Segment<R>,
-    /// If segments were cut: for each end the node that it precedes or coincides with, and its position on the segment
-    /// to that node, from 0 to 1.
-    pub cut: Vec<(u32, R)>,
 }
 
 impl<R: Real> Default for SegmentBatch<R> {
@@ -87,7 +82,6 @@ impl<R: Real> Default for SegmentBatch<R> {
             mixed: segment,
             drift: segment,
             before: segment,
-            cut: Vec::new(),
         }
     }
 }
@@ -98,15 +92,8 @@ impl<R: Real> SegmentBatch<R> {
     #[inline(always)]
     pub fn follow(&mut self, tables: &Cumulative<R>, curve: &Curve<R, 3>, last: &mut End<R>) {
         debug_assert!(self.count.is_multiple_of(WIDE) && self.count <= ROOM, "{} segments", self.count);
-        let from = *last;
         self.look_up(tables, curve, last);
         self.settle(tables);
-        if self.exceeds(tables) {
-            self.refine(tables);
-            *last = from;
-            self.look_up(tables, curve, last);
-            self.settle(tables);
-        }
     }
 
     /// Looks up values at the ends, and stores as means the differences of sums (means times the difference of
@@ -172,79 +159,17 @@ impl<R: Real> SegmentBatch<R> {
         }
     }
 
-    /// Returns a segment's error estimate and the error allowed, both in light that it would add with nothing in front
-    /// of it.
+    /// Returns an estimate of the error, in light that a segment would add with nothing in front of it, of taking the
+    /// color as linear in the optical depth, if the function has one piece between its ends.
     #[inline(always)]
-    fn error(&self, tables: &Cumulative<R>, i: usize) -> [R; 2] {
+    pub fn color_error(&self, i: usize) -> R {
         let abs = |v: R| v.greater(-v);
         let half = R::of(0.5);
         let [red, green, blue, extinction] = &self.values;
         let (begin, end) = (extinction[i], extinction[i + 1]);
         let emitted = |c: usize, v: &Ends<R>| abs(self.mean[c][i] - half * (begin * v[i] + end * v[i + 1]));
-        let most = abs(self.mean[3][i] - half * (begin + end));
-        let most = most.greater(emitted(0, red)).greater(emitted(1, green)).greater(emitted(2, blue));
-        [abs(self.drift[i]) * self.length[i] * most, tables.limit * self.depth[i]]
-    }
-
-    /// True if a segment's error exceeds the error allowed.
-    #[inline(always)]
-    fn exceeds(&self, tables: &Cumulative<R>) -> bool {
-        let mut exceeds = false;
-        for i in 0..self.count.min(ROOM) {
-            let [error, allowed] = self.error(tables, i);
-            exceeds |= error > allowed;
-        }
-        exceeds
-    }
-
-    /// Cuts the segments whose error is too large; the error falls with the square of the number of parts. Near
-    /// segments are served first, because little is seen of those behind thick ones.
-    #[inline(never)]
-    fn refine(&mut self, tables: &Cumulative<R>) {
-        let mut spare = ROOM - self.count;
-        self.cut.clear();
-        self.cut.push((0, R::ONE));
-        let mut length = [R::ZERO; ROOM];
-        for i in 0..self.count {
-            let [error, allowed] = self.error(tables, i).map(Real::f64);
-            let parts = (error / allowed.max(f64::MIN_POSITIVE)).sqrt().ceil();
-            // What is not a number, where extinctions overflow, counts as none.
-            let parts = (parts as usize).clamp(1, MOST_PARTS).min(1 + spare);
-            spare -= parts - 1;
-            let share = 1.0 / parts as f64;
-            for part in 1..=parts {
-                length[self.cut.len() - 1] = R::of(share) * self.length[i];
-                self.cut.push((i as u32 + 1, if part == parts { R::ONE } else { R::of(part as f64 * share) }));
-            }
-        }
-        while self.cut.len() % WIDE != 1 {
-            self.cut.push((self.count as u32, R::ONE));
-        }
-        self.count = self.cut.len() - 1;
-        self.length = length;
-        let density = self.density;
-        for (to, (node, share)) in self.density.iter_mut().zip(&self.cut).skip(1) {
-            let (begin, end) = (density[*node as usize - 1], density[*node as usize]);
-            *to = if *share == R::ONE { end } else { begin + *share * (end - begin) };
-        }
-    }
-
-    /// Returns the index of the node at which the uncut segment ends, for a part of it; nodes are numbered from 0
-    /// without the first end.
-    pub fn node(&self, segment: usize) -> usize {
-        self.cut.get(segment + 1).map_or(segment, |(node, _)| *node as usize - 1)
-    }
-
-    /// Converts derivatives with respect to the densities at the parts' ends to those at the nodes before the cut.
-    pub fn by_nodes(&self, by_ends: &[R; ROOM + 1]) -> [R; ROOM + 1] {
-        let mut by_nodes = [R::ZERO; ROOM + 1];
-        by_nodes[0] = by_ends[0];
-        for ((node, share), by) in self.cut.iter().zip(by_ends).skip(1) {
-            let at = *share * *by;
-            by_nodes[*node as usize] += at;
-            by_nodes[*node as usize - 1] += *by - at;
-        }
-        by_nodes
+        let most = emitted(0, red).greater(emitted(1, green)).greater(emitted(2, blue));
+        abs(self.drift[i]) * self.length[i] * most
     }
 
     /// Returns the segments' light, by channel, and their optical depth. `transmittance` is that before the first
@@ -345,24 +270,5 @@ mod tests {
                 assert!((f64::from(single) - double).abs() < 5e-7, "{x}: {single} {double}");
             }
         }
-    }
-
-    /// Derivatives with respect to the parts' ends are those with respect to the nodes around them, transposed.
-    #[test]
-    fn cutting_has_a_transpose() {
-        let cut = [(0, 1.0), (1, 0.25), (1, 0.5), (1, 1.0), (2, 0.5), (2, 1.0), (3, 1.0), (3, 1.0), (3, 1.0)];
-        let batch = SegmentBatch::<f64> { cut: cut.to_vec(), ..SegmentBatch::default() };
-        let nodes = [0.3, -1.2, 0.7, 2.0];
-        let mut by_ends = [0.0; ROOM + 1];
-        let mut cotangents = 0.0;
-        for (k, (node, share)) in batch.cut.iter().enumerate() {
-            by_ends[k] = (k as f64).cos();
-            let node = *node as usize;
-            let before = if node == 0 { 0.0 } else { nodes[node - 1] };
-            cotangents += by_ends[k] * (before + share * (nodes[node] - before));
-        }
-        let by_nodes = batch.by_nodes(&by_ends);
-        let found: f64 = nodes.iter().zip(by_nodes).map(|(v, by)| v * by).sum();
-        assert!((found - cotangents).abs() < 1e-12, "{found} {cotangents}");
     }
 }

@@ -1,18 +1,28 @@
 //! Front-to-back blending of the segments between nodes, batch by batch.
 
-use super::batch::SegmentBatch;
-use super::nodes::Queue;
+use super::batch::{ROOM, SegmentBatch};
+use super::bound::Budget;
+use super::nodes::{BRICK_END, Divided, FOURS, Queue};
 use super::table::{Cumulative, End};
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
 use crate::render::curve::Curve;
+use crate::render::march::IndexRay;
+use glam::DVec3;
 
 /// State of front-to-back blending.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Front<'a, R: Real> {
     tables: &'a Cumulative<R>,
     curve: &'a Curve<R, 3>,
+    /// Index coordinates gained per world length.
+    direction: DVec3,
+    /// Optical depth at which the ray ends.
+    limit: f64,
+    budget: Budget<R>,
     last: End<R>,
+    /// Position of the last node in its interval, as nodes have it.
+    share: R,
     /// Optical depth from the eye.
     pub depth: f64,
     /// Transmittance from the eye.
@@ -22,22 +32,98 @@ pub(super) struct Front<'a, R: Real> {
 }
 
 impl<'a, R: Real> Front<'a, R> {
-    /// Creates the state at the eye, before any segment, at density zero.
+    /// Creates the state at the eye, before any segment, at density zero, for a ray that ends at an optical depth.
     #[inline(always)]
-    pub fn new(tables: &'a Cumulative<R>, curve: &'a Curve<R, 3>) -> Self {
-        Self { tables, curve, last: tables.zero, depth: 0.0, transmittance: R::ONE, emitted: [0.0; 3] }
+    pub fn new(tables: &'a Cumulative<R>, curve: &'a Curve<R, 3>, ray: &IndexRay, limit: f64) -> Self {
+        Self {
+            tables,
+            curve,
+            direction: ray.direction(),
+            limit,
+            budget: Budget::new(ray.direction()),
+            last: tables.zero,
+            share: R::of(BRICK_END),
+            depth: 0.0,
+            transmittance: R::ONE,
+            emitted: [0.0; 3],
+        }
     }
 
-    /// Adds the segments that end at the first `fours` groups of four nodes, and leaves them in `batch`.
+    /// True until the ray's optical depth exceeds its limit.
     #[inline(always)]
-    pub fn add(&mut self, values: &[R], queue: &Queue<R>, fours: usize, batch: &mut SegmentBatch<R>) {
-        batch.count = LANES * fours.min(super::nodes::FOURS);
+    pub fn goes_on(&self) -> bool {
+        self.depth < self.limit
+    }
+
+    /// True if the error so far is within the tolerance.
+    #[inline(always)]
+    pub fn is_accurate(&self) -> bool {
+        self.budget.used <= self.tables.tolerance
+    }
+
+    /// Adds the segments that end at the first `fours` groups of four nodes. Where they would err too much they are
+    /// divided first; `added` is called with the nodes and segments of each part, and may exchange both for others.
+    #[inline(always)]
+    pub fn add(
+        &mut self,
+        values: &[R],
+        (queue, fours): (&mut Box<Queue<R>>, usize),
+        divided: &mut Divided<R>,
+        batch: &mut Box<SegmentBatch<R>>,
+        mut added: impl FnMut(&Self, &mut Box<Queue<R>>, usize, &mut Box<SegmentBatch<R>>),
+    ) {
+        let (mut chunk, mut parts): (Option<Box<Queue<R>>>, _) = (None, [1; ROOM]);
+        loop {
+            let (nodes, fours) = chunk.as_ref().map_or((&*queue, fours), |chunk| (chunk, chunk.fours()));
+            if self.try_add(values, nodes, fours, batch, &mut parts) {
+                added(self, chunk.as_mut().unwrap_or(queue), fours, batch);
+            } else {
+                divided.divide(nodes, fours, &parts, (self.direction, self.share));
+            }
+            if let Some(chunk) = chunk {
+                divided.reuse(chunk);
+            }
+            if !self.goes_on() {
+                divided.clear();
+            }
+            chunk = divided.next();
+            if chunk.is_none() {
+                return;
+            }
+        }
+    }
+
+    /// Adds the segments that end at nodes, and leaves them in `batch`; if some of them have to be divided, adds none
+    /// and returns false.
+    #[inline(always)]
+    fn try_add(
+        &mut self,
+        values: &[R],
+        queue: &Queue<R>,
+        fours: usize,
+        batch: &mut SegmentBatch<R>,
+        parts: &mut [u8; ROOM],
+    ) -> bool {
+        batch.count = LANES * fours.min(FOURS);
         let (densities, lengths) = (batch.density[1..].as_chunks_mut().0, batch.length.as_chunks_mut().0);
         for ((nodes, density), length) in queue.first(fours).zip(densities).zip(lengths) {
             *density = self.tables.within(nodes.densities(values)).store();
             *length = nodes.length.store();
         }
-        self.blend(batch);
+        let mut last = self.last;
+        batch.follow(self.tables, self.curve, &mut last);
+        if !self.budget.charge(values, (batch, queue), (self.tables, self.transmittance), parts) {
+            return false;
+        }
+        let count = batch.count;
+        self.share = queue.shares(count).iter().rev().find(|share| **share >= R::ZERO).copied().unwrap_or(self.share);
+        self.last = last;
+        let (radiance, depth) = batch.blend(&mut self.transmittance);
+        for c in 0..3 {
+            self.emitted[c] += radiance[c];
+        }
+        self.depth += depth;
+        true
     }
 
     /// Adds a last segment of constant density zero.
@@ -49,17 +135,6 @@ impl<'a, R: Real> Front<'a, R> {
         self.emitted[0] += red * absorbed;
         self.emitted[1] += green * absorbed;
         self.emitted[2] += blue * absorbed;
-        self.depth += depth;
-    }
-
-    #[inline(always)]
-    fn blend(&mut self, batch: &mut SegmentBatch<R>) {
-        batch.cut.clear();
-        batch.follow(self.tables, self.curve, &mut self.last);
-        let (radiance, depth) = batch.blend(&mut self.transmittance);
-        for c in 0..3 {
-            self.emitted[c] += radiance[c];
-        }
         self.depth += depth;
     }
 }

@@ -2,29 +2,33 @@
 //! difference of cumulative tables, however many knots lie between.
 //!
 //! The density is sampled at nodes, where a ray crosses the faces of bricks and at points between, and interpolated
-//! linearly from one to the next. The distance of nodes depends on the brick: it is chosen so that the interpolated
-//! density errs by at most a small share of the range of the transfer function's knots.
+//! linearly from one to the next. The distance of nodes depends on the brick, by an estimate; a bound of the error
+//! that each segment causes then adds nodes where they are needed, so that the error of a pixel stays below the
+//! tolerance ([`bound`]). Rays on which it does not are left to exact quadrature.
 
 mod adjoint;
 mod batch;
+mod bound;
 mod by_table;
 mod front;
 mod nodes;
 mod ray;
 mod table;
 mod tangent;
+mod variation;
 mod visit;
 
 use super::Dvr;
-use crate::real::Real;
+use crate::real::{Lanes, Real};
 use crate::render::curve::Curve;
 use crate::render::integrator::Radiance;
 use crate::render::march::IndexRay;
-use crate::scene::bricks::{BRICK, CELLS, Topology};
+use crate::scene::bricks::{BRICK, Bricks, CELLS, Topology};
 use crate::scene::table::Table;
 use batch::SegmentBatch;
+use bound::Deviation;
 use front::Front;
-use nodes::{Nodes, Queue, Sites, nodes, roughness};
+use nodes::{Divided, Nodes, Queue, Sites, Spacing, nodes, roughness};
 use ray::NodeCotangent;
 use rayon::prelude::*;
 use table::Cumulative;
@@ -35,49 +39,63 @@ use visit::{BatchGradient, Visit};
 #[derive(Debug, Clone)]
 pub(super) struct Preintegrated<R: Real> {
     tables: Cumulative<R>,
-    /// Bricks that rays visit; elsewhere the density is zero, or nothing is absorbed.
+    /// Bricks that rays visit; elsewhere the density is zero if gaps count, else nothing is absorbed.
     occupied: Topology,
-    /// Nodes per voxel, by brick: reciprocals of the largest distances between nodes.
-    density: Vec<R>,
+    /// Spacing of nodes, by brick.
+    spacing: Vec<Spacing<R>>,
     /// True if the medium absorbs at density zero, so that gaps between bricks count.
     gaps: bool,
 }
 
-/// Least and greatest distance between nodes, in voxels.
-const DISTANCE: [f64; 2] = [0.5, 16.0];
+/// Least and greatest distance between nodes, in voxels, that divide the interval in a brick evenly.
+const DISTANCE: [f64; 2] = [1.0, 16.0];
+/// Share of a ray's tolerance that the nodes of one brick may use up, as far as can be foreseen.
+const OF_BRICK: f64 = 1.0 / 8.0;
 
 impl<R: Real> Preintegrated<R> {
     /// Creates the tables of a transfer function whose extinctions are multiplied by `scale`, for a field of which the
-    /// given bricks are visible; `tolerance` is the allowed error of the density between nodes, in units of the range
-    /// of the knots.
+    /// given bricks are visible; `tolerance` is the error allowed along a ray, in units of the brightest color.
     pub fn new(
         (table, scale): (&Table, f64),
         tolerance: f64,
         curve: &Curve<R, 3>,
-        values: &[R],
+        field: &Bricks<R>,
         visible: &Topology,
     ) -> Self {
         let tables = Cumulative::new(table, scale, tolerance, curve);
         let gaps = table.at(0.0)[3] > 0.0;
-        let bricks: Vec<(R, bool)> =
-            values.par_chunks(BRICK).map(|v| (roughness(v), v.iter().any(|v| *v != R::ZERO))).collect();
-        // Of a line between two points at a distance s of a curve whose second derivative is c: s² c / 8.
-        let distance = |rough: f64| {
-            let distance = (8.0 * tolerance * tables.range / rough.max(f64::MIN_POSITIVE)).sqrt();
-            // Few different ones: a change of the density seldom changes the nodes.
-            (2.0 * distance.clamp(DISTANCE[0], DISTANCE[1]).log2()).floor() * 0.5
+        let voxel = field.transform.voxel_size().max_element();
+        let spacing = |values: &[R]| {
+            let roughness = roughness(values);
+            let (low, high) = values.iter().fold((values[0], values[0]), |(l, h), v| (l.lesser(*v), h.greater(*v)));
+            let [depth, shift, ..] = tables.variation.between(low, high).store().map(Real::f64);
+            let error = |h: f64| {
+                let both = 2.0 * Deviation::<R>::bound(roughness.map(Real::f64), h);
+                let share = both / both.max((high - low).f64()).max(f64::MIN_POSITIVE);
+                CELLS as f64 * voxel * (depth + shift) * share
+            };
+            // Few different distances: a change of the density seldom changes the nodes.
+            let halves = (DISTANCE[1] / DISTANCE[0]).log2() as i32 * 2 + 1;
+            let distances = (0..halves).map(|k| DISTANCE[1] * (-0.5 * f64::from(k)).exp2());
+            let distance = distances.into_iter().find(|h| error(*h) <= OF_BRICK * tolerance);
+            Spacing { density: R::of(distance.map_or(0.0, f64::recip)), roughness }
         };
-        let density = bricks.iter().map(|(rough, _)| R::of((-distance(rough.f64())).exp2())).collect();
-        let occupied = visible.masked(|brick| !gaps || bricks[brick].1);
-        Self { tables, occupied, density, gaps }
+        let bricks: Vec<(Spacing<R>, bool)> =
+            field.values.par_chunks(BRICK).map(|v| (spacing(v), v.iter().any(|v| *v != R::ZERO))).collect();
+        // Where gaps count, a brick that is clear is none.
+        let occupied = if gaps { field.topology.masked(|brick| bricks[brick].1) } else { visible.clone() };
+        let spacing = bricks.into_iter().map(|(spacing, _)| spacing).collect();
+        Self { tables, occupied, spacing, gaps }
     }
 
     /// Returns the estimated number of nodes of a ray in a brick.
     pub fn lookups(&self, brick: usize) -> f32 {
-        1.0 + (CELLS as f64 * self.density[brick].f64()) as f32
+        // Of an average direction, which crosses 1.5 faces a voxel.
+        let density = self.spacing[brick].density.f64();
+        1.0 + (CELLS as f64 * if density > 0.0 { density } else { 1.5 }) as f32
     }
 
-    /// Returns the radiance along a ray.
+    /// Returns the radiance along a ray; `None` if its error may exceed the tolerance.
     #[inline(always)]
     pub fn radiance(
         &self,
@@ -85,25 +103,25 @@ impl<R: Real> Preintegrated<R> {
         curve: &Curve<R, 3>,
         ray: &IndexRay,
         scratch: &mut Scratch<R>,
-    ) -> Radiance {
+    ) -> Option<Radiance> {
         let values = &dvr.field.values;
-        let Scratch { queue, batch, .. } = scratch;
-        let mut front = Front::new(&self.tables, curve);
-        let sites = Sites { topology: &self.occupied, density: &self.density, gaps: self.gaps };
+        let Scratch { queue, divided, batch, .. } = scratch;
+        let mut front = Front::new(&self.tables, curve, ray, dvr.depth_limit);
+        let sites = Sites { topology: &self.occupied, spacing: &self.spacing, gaps: self.gaps };
         let rest = nodes(
             sites,
             ray,
             queue,
             #[inline(always)]
             |queue, fours| {
-                front.add(values, queue, fours, batch);
-                front.depth < dvr.depth_limit
+                front.add(values, (queue, fours), divided, batch, |_, _, _, _| ());
+                front.goes_on() && front.is_accurate()
             },
         );
         if self.gaps && rest > 0.0 {
             front.add_gap(rest);
         }
-        Radiance { rgb: front.emitted, depth: front.depth }
+        front.is_accurate().then_some(Radiance { rgb: front.emitted, depth: front.depth })
     }
 }
 
@@ -111,6 +129,7 @@ impl<R: Real> Preintegrated<R> {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scratch<R: Real> {
     queue: Box<Queue<R>>,
+    divided: Divided<R>,
     batch: Box<SegmentBatch<R>>,
     gradient: Box<BatchGradient<R>>,
     tape: Vec<Visit<R>>,

@@ -1,13 +1,15 @@
-//! Nodes at which the density is sampled: the faces of bricks, and points that divide the segment in a brick evenly.
-//! Between two nodes the density is linear in the length.
+//! Nodes at which the density is sampled: the faces of bricks and, where the density is smooth, points that divide the
+//! interval in a brick evenly, else the faces of all cells; with further ones between two of them where the error would
+//! be too large. Between two nodes the density is taken as linear in the length.
 
-use super::batch::WIDE;
+use super::batch::{ROOM as SEGMENTS, WIDE};
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
-use crate::render::cell::{corners, placed, scatter};
+use crate::render::cell::{corners, low, offsets, placed, scatter};
 use crate::render::march::{IndexRay, Span, spans};
 use crate::render::segment::slopes;
 use crate::scene::bricks::{BRICK, CELLS, EDGE, Topology, slot};
+use glam::DVec3;
 
 /// Four nodes of a batch.
 #[derive(Debug, Clone, Copy)]
@@ -69,50 +71,170 @@ const MOST_PARTS: usize = 32;
 const ENOUGH: usize = 32;
 /// Capacity of a queue in nodes: nearly a visit, a gap's node, a brick's nodes, and padding that is written past them.
 const ROOM: usize = (ENOUGH + 1 + MOST_PARTS + LANES).next_multiple_of(WIDE);
+/// Mark of a segment in one cell, in [`Queue::roughness`].
+pub(super) const ONE_CELL: f64 = -1.0;
+/// Marks of nodes in [`Queue::share`].
+pub(super) const CELL_END: f64 = 1.0;
+pub(super) const BRICK_END: f64 = 2.0;
+pub(super) const PADDING: f64 = -1.0;
+/// The most nodes of divided segments that are visited together.
+const CHUNK: usize = ROOM / WIDE * WIDE;
 /// The most groups of four nodes that are visited together.
 pub(super) const FOURS: usize = ROOM / LANES;
 
 /// Nodes that are not yet visited.
 #[derive(Debug, Clone)]
 pub(super) struct Queue<R: Real> {
-    /// Offsets of the nodes' bricks; once they are placed, of their cells.
+    /// Offsets of the nodes' cells.
     offset: [u32; ROOM],
-    /// Coordinates of the nodes in their bricks; once they are placed, in their cells.
+    /// Coordinates of the nodes in their cells.
     at: [[R; ROOM]; 3],
     length: [R; ROOM],
+    /// Largest second differences of the nodes' bricks, along an axis and mixed; the first is [`ONE_CELL`] for a segment
+    /// in one cell.
+    roughness: [[R; ROOM]; 2],
+    /// Positions of the nodes in intervals (all of a brick, or a cell) that the ray enters at 0 and leaves at
+    /// [`CELL_END`], or [`BRICK_END`] if it leaves the brick there; [`PADDING`] for padding.
+    share: [R; ROOM],
     count: usize,
+    /// How often the segments that end at the nodes were divided.
+    pub level: u8,
 }
 
 impl<R: Real> Default for Queue<R> {
     fn default() -> Self {
-        Self { offset: [0; ROOM], at: [[R::ZERO; ROOM]; 3], length: [R::ZERO; ROOM], count: 0 }
+        let zero = [R::ZERO; ROOM];
+        Self { offset: [0; ROOM], at: [zero; 3], length: zero, roughness: [zero; 2], share: zero, count: 0, level: 0 }
     }
 }
 
 impl<R: Real> Queue<R> {
     /// Appends nodes at these lengths from the span's entry; all four are written, the first `count` count.
     #[inline(always)]
-    fn push(&mut self, span: &Span<R>, t: R::Lanes, length: R, count: usize) {
+    fn push(&mut self, (span, roughness): (&Span<R>, [R; 2]), t: R::Lanes, share: R::Lanes, length: R, count: usize) {
         let all = <R::Lanes as Lanes<R>>::splat;
         let n = self.count.min(ROOM - LANES);
-        self.offset[n..n + LANES].copy_from_slice(&[span.base as u32; LANES]);
+        let at = [0, 1, 2].map(|a| all(span.entry[a]) + t * all(span.direction[a]));
+        let low = at.map(low);
+        let base = span.base as u32;
+        self.offset[n..n + LANES].copy_from_slice(&offsets(low).map(|offset| base + offset));
         for a in 0..3 {
-            let at = all(span.entry[a]) + t * all(span.direction[a]);
-            self.at[a][n..n + LANES].copy_from_slice(&at.store());
+            self.at[a][n..n + LANES].copy_from_slice(&(at[a] - low[a]).store());
         }
         self.length[n..n + LANES].copy_from_slice(&[length; LANES]);
+        self.share[n..n + LANES].copy_from_slice(&share.store());
+        for (own, roughness) in self.roughness.iter_mut().zip(roughness) {
+            own[n..n + LANES].copy_from_slice(&[roughness; LANES]);
+        }
         self.count += count;
     }
 
-    /// Replaces brick by cell offsets and coordinates, for the first `fours` groups of four nodes.
+    /// Appends a node at a world length from the span's entry, in a cell, at the end of a segment of this cell.
     #[inline(always)]
-    fn place(&mut self, fours: usize) {
-        let [x, y, z] = &mut self.at;
-        for i in 0..(fours * LANES).min(ROOM) {
-            let (offset, at) = placed([x[i], y[i], z[i]]);
-            self.offset[i] += offset;
-            [x[i], y[i], z[i]] = at;
+    fn push_in_cell(&mut self, span: &Span<R>, mixed: R, t: R, length: R, cell: [usize; 3], end: f64) {
+        let n = self.count.min(ROOM - 1);
+        self.offset[n] = (span.base + slot(cell[0], cell[1], cell[2])) as u32;
+        for a in 0..3 {
+            let at = span.entry[a] + t * span.direction[a] - R::int(cell[a] as i32);
+            self.at[a][n] = at.greater(R::ZERO).lesser(R::ONE);
         }
+        self.length[n] = length;
+        self.share[n] = R::of(end);
+        [self.roughness[0][n], self.roughness[1][n]] = [R::of(ONE_CELL), mixed];
+        self.count += 1;
+    }
+
+    /// Appends nodes where the ray leaves the cells of a brick.
+    #[inline(always)]
+    fn push_cells(&mut self, span: &Span<R>, mixed: R) {
+        let never = R::of(f64::MAX);
+        let (mut cell, mut next, mut step) = ([0; 3], [never; 3], [R::ZERO; 3]);
+        for a in 0..3 {
+            let (entry, forward) = (span.entry[a], span.direction[a] > R::ZERO);
+            let mut low = (entry.f64() as usize).min(CELLS - 1);
+            if !forward && low > 0 && R::int(low as i32) >= entry {
+                low -= 1;
+            }
+            cell[a] = low;
+            if span.inverse[a].f64().is_finite() {
+                let plane = R::int((low + usize::from(forward)) as i32);
+                next[a] = ((plane - entry) * span.inverse[a]).greater(R::ZERO);
+                step[a] = if forward { span.inverse[a] } else { -span.inverse[a] };
+            }
+        }
+        let mut reached = R::ZERO;
+        loop {
+            let nearest = next[0].lesser(next[1]).lesser(next[2]);
+            if nearest >= span.length || self.count >= ROOM - 1 {
+                break;
+            }
+            if nearest > reached {
+                self.push_in_cell(span, mixed, nearest, nearest - reached, cell, CELL_END);
+                reached = nearest;
+            }
+            for a in 0..3 {
+                if next[a] <= nearest {
+                    let forward = span.direction[a] > R::ZERO;
+                    match (forward, cell[a]) {
+                        (true, low) if low < CELLS - 1 => cell[a] += 1,
+                        (false, low) if low > 0 => cell[a] -= 1,
+                        // What rounding has put before the brick's face.
+                        _ => next[a] = never,
+                    }
+                    next[a] += step[a];
+                }
+            }
+        }
+        self.push_in_cell(span, mixed, span.length, span.length - reached, cell, BRICK_END);
+    }
+
+    /// Appends nodes that divide the interval in a brick evenly.
+    #[inline(always)]
+    fn push_evenly(&mut self, span: &Span<R>, parts: usize, roughness: [R; 2]) {
+        let all = <R::Lanes as Lanes<R>>::splat;
+        let part = R::ONE / R::int(parts as i32);
+        let length = span.length / R::int(parts as i32);
+        let mut number = R::Lanes::load([R::ONE, R::of(2.0), R::of(3.0), R::of(4.0)]);
+        let mut left = parts;
+        loop {
+            self.push((span, roughness), number * all(length), number * all(part), length, left.min(LANES));
+            if left <= LANES {
+                break;
+            }
+            left -= LANES;
+            number += all(R::of(LANES as f64));
+        }
+        self.share[self.count - 1] = R::of(BRICK_END);
+    }
+
+    /// Repeats the last node, without a length, until the number of nodes is a multiple of [`WIDE`].
+    #[inline(always)]
+    fn pad(&mut self) {
+        for n in self.count..self.count.next_multiple_of(WIDE) {
+            self.offset[n] = self.offset[n - 1];
+            self.length[n] = R::ZERO;
+            self.share[n] = R::of(PADDING);
+            self.at.iter_mut().for_each(|at| at[n] = at[n - 1]);
+        }
+        self.count = self.count.next_multiple_of(WIDE);
+    }
+
+    /// Returns the number of groups of four nodes.
+    pub fn fours(&self) -> usize {
+        self.count / LANES
+    }
+
+    /// Returns the offset of the cell of each of the first nodes, and the roughness of its brick.
+    #[inline(always)]
+    pub fn cells(&self, count: usize) -> impl Iterator<Item = (u32, [R; 2])> {
+        let [axis, mixed] = &self.roughness;
+        let nodes = self.offset[..count.min(ROOM)].iter().zip(axis).zip(mixed);
+        nodes.map(|((offset, axis), mixed)| (*offset, [*axis, *mixed]))
+    }
+
+    /// Returns the positions of the first nodes, see [`Queue::share`].
+    pub fn shares(&self, count: usize) -> &[R] {
+        &self.share[..count.min(ROOM)]
     }
 
     /// Returns the first `fours` groups of four nodes.
@@ -141,10 +263,12 @@ impl<R: Real> Queue<R> {
         let n = (fours * LANES).min(ROOM - WIDE);
         self.offset[n..n + WIDE].copy_from_slice(&other.offset[n..n + WIDE]);
         self.length[n..n + WIDE].copy_from_slice(&other.length[n..n + WIDE]);
-        for (own, at) in self.at.iter_mut().zip(&other.at) {
-            own[n..n + WIDE].copy_from_slice(&at[n..n + WIDE]);
+        self.share[n..n + WIDE].copy_from_slice(&other.share[n..n + WIDE]);
+        for (own, other) in self.at.iter_mut().zip(&other.at).chain(self.roughness.iter_mut().zip(&other.roughness)) {
+            own[n..n + WIDE].copy_from_slice(&other[n..n + WIDE]);
         }
         self.count = other.count;
+        self.level = other.level;
     }
 
     /// Removes the first `fours` groups of four nodes.
@@ -153,9 +277,106 @@ impl<R: Real> Queue<R> {
         let n = (fours * LANES).min(ROOM - WIDE);
         self.offset.copy_within(n..n + WIDE, 0);
         self.length.copy_within(n..n + WIDE, 0);
-        self.at.iter_mut().for_each(|at| at.copy_within(n..n + WIDE, 0));
+        self.share.copy_within(n..n + WIDE, 0);
+        self.at.iter_mut().chain(&mut self.roughness).for_each(|own| own.copy_within(n..n + WIDE, 0));
         self.count -= n;
     }
+}
+
+/// Nodes of divided segments, to be visited before those of the queue that they come from.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Divided<R: Real> {
+    /// The last one is the nearest.
+    pending: Vec<Box<Queue<R>>>,
+    spare: Vec<Box<Queue<R>>>,
+}
+
+impl<R: Real> Divided<R> {
+    /// Returns the nearest nodes, which are placed.
+    #[inline(always)]
+    pub fn next(&mut self) -> Option<Box<Queue<R>>> {
+        self.pending.pop()
+    }
+
+    /// Takes nodes back that were visited or divided.
+    #[inline(always)]
+    pub fn reuse(&mut self, queue: Box<Queue<R>>) {
+        self.spare.push(queue);
+    }
+
+    /// Forgets all nodes.
+    pub fn clear(&mut self) {
+        self.spare.append(&mut self.pending);
+    }
+
+    /// Divides the segments that end at the first `fours` groups of four nodes, which are placed, into so many parts
+    /// each. `direction` is the gain of index coordinates per world length, `before` the last node before them as
+    /// [`Queue::share`] has it.
+    #[inline(never)]
+    pub fn divide(
+        &mut self,
+        queue: &Queue<R>,
+        fours: usize,
+        parts: &[u8; SEGMENTS],
+        (direction, mut before): (DVec3, R),
+    ) {
+        let direction = direction.to_array().map(R::of);
+        let first = self.pending.len();
+        let mut chunk = self.spare.pop().unwrap_or_default();
+        let mut flush = |chunk: &mut Box<Queue<R>>| {
+            chunk.pad();
+            chunk.level = queue.level + 1;
+            let next = self.spare.pop().unwrap_or_default();
+            self.pending.push(std::mem::replace(chunk, next));
+            chunk.count = 0;
+        };
+        chunk.count = 0;
+        for j in (0..(fours * LANES).min(ROOM)).filter(|j| queue.share[*j] >= R::ZERO) {
+            let (cell, share) = (queue.offset[j] as usize % BRICK, queue.share[j]);
+            let corner = [cell / (EDGE * EDGE), cell / EDGE % EDGE, cell % EDGE].map(|c| R::int(c as i32));
+            // The node before lies in the same interval, or where the ray enters this one.
+            let begin = if before < share.lesser(R::of(CELL_END)) { before } else { R::ZERO };
+            let width = share.lesser(R::of(CELL_END)) - begin;
+            before = share;
+            let in_one_cell = queue.roughness[0][j] == R::of(ONE_CELL);
+            let count = i32::from(parts[j]);
+            let part = R::ONE / R::int(count);
+            for k in 1..=count {
+                let n = chunk.count;
+                let back = queue.length[j] * (R::int(count - k) * part);
+                let at: [R; 3] = std::array::from_fn(|a| queue.at[a][j] - back * direction[a]);
+                let (offset, at) = match in_one_cell {
+                    true => (cell as u32, at.map(|at| at.greater(R::ZERO).lesser(R::ONE))),
+                    false => placed(std::array::from_fn(|a| corner[a] + at[a])),
+                };
+                chunk.offset[n] = queue.offset[j] - cell as u32 + offset;
+                (0..3).for_each(|a| chunk.at[a][n] = at[a]);
+                chunk.length[n] = queue.length[j] * part;
+                chunk.share[n] = if k == count { share } else { begin + width * (R::int(k) * part) };
+                for (own, roughness) in chunk.roughness.iter_mut().zip(&queue.roughness) {
+                    own[n] = roughness[j];
+                }
+                chunk.count += 1;
+                if chunk.count == CHUNK {
+                    flush(&mut chunk);
+                }
+            }
+        }
+        if chunk.count > 0 {
+            flush(&mut chunk);
+        }
+        self.spare.push(chunk);
+        self.pending[first..].reverse();
+    }
+}
+
+/// Spacing of nodes in a brick.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spacing<R> {
+    /// Nodes per voxel: the reciprocal of the largest distance between nodes; 0 for nodes on the faces of cells.
+    pub density: R,
+    /// Largest second differences of the voxels, along an axis and mixed.
+    pub roughness: [R; 2],
 }
 
 /// Bricks in which rays have nodes, and the spacing of nodes.
@@ -163,8 +384,8 @@ impl<R: Real> Queue<R> {
 pub(super) struct Sites<'a, R> {
     /// Bricks that rays visit.
     pub topology: &'a Topology,
-    /// Nodes per voxel, by brick: reciprocals of the largest distances between nodes.
-    pub density: &'a [R],
+    /// Spacing of nodes, by brick.
+    pub spacing: &'a [Spacing<R>],
     /// True if the gaps between bricks count as segments of density zero.
     pub gaps: bool,
 }
@@ -172,10 +393,10 @@ pub(super) struct Sites<'a, R> {
 /// Returns the number of parts that a ray's segment in a brick is divided into; `voxels` is the ray's length in voxels
 /// per unit of world length.
 #[inline(always)]
-pub(super) fn parts<R: Real>(span: &Span<R>, voxels: R, density: &[R]) -> usize {
+fn parts<R: Real>(span: &Span<R>, voxels: R, spacing: &Spacing<R>) -> usize {
     let (most, half) = (R::int(MOST_PARTS as i32 - 1), R::of(0.5));
     // Adding rounds to the nearest whole number: up, half of one higher.
-    let parts = (span.length * voxels * density[span.base / BRICK]).lesser(most) + half;
+    let parts = (span.length * voxels * spacing.density).lesser(most) + half;
     (parts + R::ONES).low_bits().clamp(1, MOST_PARTS as u32) as usize
 }
 
@@ -190,10 +411,8 @@ pub(super) fn nodes<R: Real>(
     queue: &mut Box<Queue<R>>,
     mut visit: impl FnMut(&mut Box<Queue<R>>, usize) -> bool,
 ) -> f64 {
-    queue.count = 0;
-    let all = <R::Lanes as Lanes<R>>::splat;
+    (queue.count, queue.level) = (0, 0);
     let voxels = R::of(ray.direction().length());
-    let numbers = R::Lanes::load([R::ONE, R::of(2.0), R::of(3.0), R::of(4.0)]);
     let (mut reached, mut more) = (f64::NEG_INFINITY, true);
     spans(
         sites.topology,
@@ -203,24 +422,18 @@ pub(super) fn nodes<R: Real>(
         |span| {
             if span.start != reached {
                 let gap = if sites.gaps { R::of(span.start - reached.max(ray.enter)) } else { R::ZERO };
-                queue.push(&span, R::Lanes::ZERO, gap, 1);
+                // Between missing bricks the density is zero: nothing deviates from it.
+                queue.push((&span, [R::ZERO; 2]), R::Lanes::ZERO, R::Lanes::ZERO, gap, 1);
             }
             reached = span.end;
-            let parts = parts(&span, voxels, sites.density);
-            let length = span.length / R::int(parts as i32);
-            let mut number = numbers;
-            let mut left = parts;
-            loop {
-                queue.push(&span, number * all(length), length, left.min(LANES));
-                if left <= LANES {
-                    break;
-                }
-                left -= LANES;
-                number += all(R::of(LANES as f64));
+            let spacing = &sites.spacing[span.base / BRICK];
+            if spacing.density == R::ZERO {
+                queue.push_cells(&span, spacing.roughness[1]);
+            } else {
+                queue.push_evenly(&span, parts(&span, voxels, spacing), spacing.roughness);
             }
             if queue.count >= ENOUGH {
                 let fours = queue.count / WIDE * (WIDE / LANES);
-                queue.place(fours);
                 more = visit(queue, fours);
                 queue.drop_front(fours);
             }
@@ -228,23 +441,18 @@ pub(super) fn nodes<R: Real>(
         },
     );
     if more && queue.count > 0 {
-        for n in queue.count..queue.count.next_multiple_of(WIDE) {
-            queue.offset[n] = queue.offset[n - 1];
-            queue.length[n] = R::ZERO;
-            queue.at.iter_mut().for_each(|at| at[n] = at[n - 1]);
-        }
-        let fours = queue.count.next_multiple_of(WIDE) / LANES;
-        queue.place(fours);
+        queue.pad();
+        let fours = queue.count / LANES;
         more = visit(queue, fours);
     }
     if more { ray.leave - reached.max(ray.enter) } else { 0.0 }
 }
 
-/// Returns the largest magnitude of a second difference of a brick's values, along an axis or mixed over two.
-pub(super) fn roughness<R: Real>(values: &[R]) -> R {
+/// Returns the largest magnitudes of second differences of a brick's values, along an axis and mixed over two.
+pub(super) fn roughness<R: Real>(values: &[R]) -> [R; 2] {
     let steps = [slot(1, 0, 0), slot(0, 1, 0), slot(0, 0, 1)];
-    let mut most = R::ZERO;
-    let mut note = |v: R| most = most.greater(v.greater(-v));
+    let mut most = [R::ZERO; 2];
+    let mut note = |kind: usize, v: R| most[kind] = most[kind].greater(v.greater(-v));
     for x in 0..EDGE {
         for y in 0..EDGE {
             for z in 0..EDGE {
@@ -256,11 +464,11 @@ pub(super) fn roughness<R: Real>(values: &[R]) -> R {
                     }
                     let (step, next) = (steps[a], values[i + steps[a]] - values[i]);
                     if at[a] > 0 {
-                        note(next - (values[i] - values[i - step]));
+                        note(0, next - (values[i] - values[i - step]));
                     }
                     let b = (a + 1) % 3;
                     if at[b] < CELLS {
-                        note(values[i + step + steps[b]] - values[i + steps[b]] - next);
+                        note(1, values[i + step + steps[b]] - values[i + steps[b]] - next);
                     }
                 }
             }

@@ -3,19 +3,20 @@
 //!
 //! A node at world length t from the origin `o` of a ray of direction `d` lies at `o + t d`. With `∂L/∂p` the
 //! derivative with respect to its index coordinates, the derivatives with respect to the ray's shift and turn are
-//! `∂L/∂p` and `t ∂L/∂p`, and that with respect to t is `d · ∂L/∂p`. In a brick that is entered at `t₀` and left at
-//! `t₁`, node j of n lies at `t₀ + (t₁ - t₀) j / n`, and all n segments have the same length: this gives the
-//! derivatives with respect to `t₀` and `t₁`, where the ray crosses faces that stand still. Derivatives are those of
-//! the computed value, as long as the number of nodes does not change; where the ray grazes faces, the terms of the
-//! faces are left out.
+//! `∂L/∂p` and `t ∂L/∂p`, and that with respect to t is `d · ∂L/∂p`. In a brick or a cell that is entered at `t₀` and
+//! left at `t₁`, a node lies at `t₀ + s (t₁ - t₀)` with a constant share s, and the segments' lengths have constant shares as
+//! well: this gives the derivatives with respect to `t₀` and `t₁`, where the ray crosses faces that stand still.
+//! Derivatives are those of the computed value, as long as the number of nodes does not change; where the ray grazes
+//! faces, the terms of the faces are left out.
 
-use super::nodes::{Sites, parts};
+use super::batch::ROOM;
+use super::nodes::{BRICK_END, CELL_END, Sites};
 use super::visit::{BatchGradient, Visit};
 use crate::math::Aabb;
 use crate::real::Real;
 use crate::real::{LANES, Lanes};
 use crate::render::index_ray_gradient::IndexRayGradient;
-use crate::render::march::{IndexRay, spans};
+use crate::render::march::{IndexRay, Span, spans};
 use glam::DVec3;
 
 /// Derivatives of the loss with respect to one node.
@@ -27,6 +28,10 @@ pub(super) struct NodeCotangent {
     by_density: f64,
     /// Derivative of the loss with respect to the logarithm of the length of the segment that ends at the node.
     by_length: f64,
+    /// World length of the segment that ends at the node.
+    length: f64,
+    /// Position of the node in its interval, as [`Queue`](super::nodes::Queue) has it.
+    share: f64,
 }
 
 /// Appends the cotangents of a visit's nodes, and adds to that of the last node before them.
@@ -40,17 +45,28 @@ pub(super) fn note<R: Real>(
     if let Some(last) = cotangents.last_mut() {
         last.by_density += by.density[0].f64();
     }
-    let first = cotangents.len();
-    for (nodes, by_density) in visit.nodes.first(visit.fours).zip(by.density[1..].as_chunks::<LANES>().0) {
-        let slopes = nodes.slopes(values).map(Lanes::store);
-        cotangents.extend((0..LANES).map(|i| NodeCotangent {
-            slopes: DVec3::from_array(slopes.map(|s| s[i].f64())),
-            by_density: by_density[i].f64(),
-            by_length: 0.0,
-        }));
+    let shares = visit.nodes.shares(visit.batch.count);
+    // Padding repeats the node before it.
+    let mut places = [0; ROOM];
+    for (n, (nodes, by_density)) in
+        visit.nodes.first(visit.fours).zip(by.density[1..].as_chunks::<LANES>().0).enumerate()
+    {
+        let (slopes, lengths) = (nodes.slopes(values).map(Lanes::store), nodes.length.store());
+        for i in 0..LANES {
+            let (share, by_density) = (shares[LANES * n + i].f64(), by_density[i].f64());
+            match cotangents.last_mut() {
+                Some(last) if share < 0.0 => last.by_density += by_density,
+                _ => {
+                    let slopes = DVec3::from_array(slopes.map(|s| s[i].f64()));
+                    let length = lengths[i].f64();
+                    cotangents.push(NodeCotangent { slopes, by_density, by_length: 0.0, length, share });
+                }
+            }
+            places[LANES * n + i] = cotangents.len() - 1;
+        }
     }
     for (segment, by) in by.by_length(visit.batch.count).iter().enumerate() {
-        cotangents[first + visit.batch.node(segment)].by_length += by.f64();
+        cotangents[places[segment]].by_length += by.f64();
     }
 }
 
@@ -63,33 +79,45 @@ pub(super) fn follow<R: Real>(
     cotangents: &[NodeCotangent],
     moved: &mut IndexRayGradient,
 ) {
-    let voxels = R::of(ray.direction().length());
-    let (mut left, mut reached) = (cotangents.iter(), f64::NEG_INFINITY);
-    spans(sites.topology, ray, false, |span| {
-        let ends = [span.start, span.end];
-        let (mut by_ends, length) = ([0.0; 2], span.end - span.start);
-        let mut add = |cotangents: &NodeCotangent, share: f64| {
-            let (t, by) = (span.start + share * length, cotangents.by_density * cotangents.slopes);
-            moved.shift += by;
-            moved.turn += t * by;
-            let along = by.dot(ray.direction());
-            by_ends[0] += (1.0 - share) * along - cotangents.by_length / length;
-            by_ends[1] += share * along + cotangents.by_length / length;
-        };
+    let (mut left, mut reached) = (cotangents, f64::NEG_INFINITY);
+    spans(sites.topology, ray, false, |span: Span<R>| {
         // Nothing lies before the first node of a brick that follows on none: its segment has no length.
         if span.start != reached
-            && let Some(first) = left.next()
+            && let Some((first, rest)) = left.split_first()
         {
-            add(&NodeCotangent { by_length: 0.0, ..*first }, 0.0);
-        }
-        let parts = parts(&span, voxels, sites.density);
-        for (number, cotangents) in (1..=parts).zip(left.by_ref()) {
-            add(cotangents, number as f64 / parts as f64);
-        }
-        for (t, by) in ends.into_iter().zip(by_ends) {
-            moved.add_face(ray.crossed(domain, t), t, by);
+            left = rest;
+            let by = first.by_density * first.slopes;
+            moved.shift += by;
+            moved.turn += span.start * by;
+            moved.add_face(ray.crossed(domain, span.start), span.start, by.dot(ray.direction()));
         }
         reached = span.end;
-        !left.as_slice().is_empty()
+        let mut begin = span.start;
+        while let Some(last) = left.iter().position(|node| node.share >= CELL_END) {
+            let (nodes, rest) = left.split_at(last + 1);
+            left = rest;
+            let leaves = nodes[last].share >= BRICK_END;
+            let end = if leaves { span.end } else { begin + nodes.iter().map(|node| node.length).sum::<f64>() };
+            let (mut by_ends, length) = ([0.0; 2], end - begin);
+            for node in nodes {
+                let share = node.share.min(CELL_END);
+                let (t, by) = (begin + share * length, node.by_density * node.slopes);
+                moved.shift += by;
+                moved.turn += t * by;
+                let along = by.dot(ray.direction());
+                // Of a cell that is touched at a corner nothing depends.
+                let by_length = if length > 0.0 { node.by_length / length } else { 0.0 };
+                by_ends[0] += (1.0 - share) * along - by_length;
+                by_ends[1] += share * along + by_length;
+            }
+            for (t, by) in [begin, end].into_iter().zip(by_ends) {
+                moved.add_face(ray.crossed(domain, t), t, by);
+            }
+            begin = end;
+            if leaves {
+                break;
+            }
+        }
+        !left.is_empty()
     });
 }

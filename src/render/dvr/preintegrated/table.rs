@@ -4,6 +4,7 @@
 //! are quadratic there, and their integrals F cubic. Sums are `f64`, because differences of them over a small range of
 //! densities are needed.
 
+use super::variation::Variation;
 use crate::real::Lanes;
 use crate::real::Real;
 use crate::render::curve::Curve;
@@ -34,10 +35,12 @@ pub(super) struct Cumulative<R: Real> {
     pub same: R,
     /// Begin of every ray, at density zero.
     pub zero: End<R>,
-    /// Range of the knots; if they coincide, the magnitude of their density.
-    pub range: f64,
-    /// Radiance error that is allowed in one segment.
-    pub limit: R,
+    /// Total variation of the function, which bounds the error of nodes too far apart.
+    pub variation: Variation<R>,
+    /// Error that is allowed along a ray, in units of the brightest color.
+    pub tolerance: f64,
+    /// Reciprocal of the brightest color; 0 if all colors are the same.
+    pub per_brightest: R,
 }
 
 /// Distance beyond its knots up to which a table is evaluated, in units of their range or magnitude, whichever is
@@ -45,8 +48,8 @@ pub(super) struct Cumulative<R: Real> {
 const BEYOND: f64 = 1e6;
 
 impl<R: Real> Cumulative<R> {
-    /// Creates the sums of a table whose extinctions are multiplied by `scale`; `tolerance` is the error allowed in a
-    /// segment, in units of the brightest color.
+    /// Creates the sums of a table whose extinctions are multiplied by `scale`; `tolerance` is the error allowed along
+    /// a ray, in units of the brightest color.
     pub fn new(table: &Table, scale: f64, tolerance: f64, curve: &Curve<R, 3>) -> Self {
         let knots = table.knots();
         let (first, last) = (knots[0], knots[knots.len() - 1]);
@@ -82,16 +85,17 @@ impl<R: Real> Cumulative<R> {
         let brightest = table.peak()[..3].iter().fold(0.0, |m: f64, v| m.max(*v));
         // Of one color, all are mixed.
         let colorful = table.values().iter().any(|v| v[..3] != table.values()[0][..3]);
+        let variation = Variation::new(table, scale, brightest.max(f64::from(f32::MIN_POSITIVE)));
         let scale = (last - first).max(first.abs()).max(last.abs());
-        let range = if last > first { last - first } else { scale };
         let pieces: Vec<Piece<R>> = pieces.collect();
         Self {
             zero: End::new(&pieces, curve.find(R::ZERO), R::ZERO),
             pieces,
             outmost: [R::of(first - BEYOND * scale), R::of(last + BEYOND * scale)],
             same: R::of(1e-6 * scale),
-            range,
-            limit: R::of(if colorful { tolerance * brightest.max(f64::from(f32::MIN_POSITIVE)) } else { 1e30 }),
+            variation,
+            tolerance,
+            per_brightest: R::of(if colorful { 1.0 / brightest.max(f64::from(f32::MIN_POSITIVE)) } else { 0.0 }),
         }
     }
 

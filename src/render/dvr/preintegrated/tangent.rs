@@ -43,7 +43,7 @@ impl<R: Real> VoxelSeeds<'_, R> {
 type Row<const P: usize> = [f64; P];
 
 impl<R: Precision> Preintegrated<R> {
-    /// Returns the radiance along a ray with its derivatives.
+    /// Returns the radiance along a ray with its derivatives; `None` if the ray's error may exceed the tolerance.
     pub fn jvp<const P: usize>(
         &self,
         dvr: &Dvr<'_, R>,
@@ -51,7 +51,7 @@ impl<R: Precision> Preintegrated<R> {
         compiled: &CompiledCurve<R, 3>,
         seeds: &Seeds<'_, R, P>,
         tape: &mut Tape<R>,
-    ) -> TangentRadiance<P> {
+    ) -> Option<TangentRadiance<P>> {
         let channel = |c: usize| {
             move |_: &Radiance| {
                 let mut rgb = [R::ZERO; 3];
@@ -66,10 +66,10 @@ impl<R: Precision> Preintegrated<R> {
             Cotangent { rgb: [R::ZERO; 3], transmittance: by_transmittance }
         };
         let mut row = |loss: Loss<'_, R>| self.row((dvr, compiled), ray, loss, seeds, tape);
-        let (red, radiance) = row(&mut channel(0));
-        let rgb = [red, row(&mut channel(1)).0, row(&mut channel(2)).0];
-        let depth = Dual { value: radiance.depth, tangent: row(&mut { depth }).0 };
-        TangentRadiance { rgb: std::array::from_fn(|c| Dual { value: radiance.rgb[c], tangent: rgb[c] }), depth }
+        let (red, radiance) = row(&mut channel(0))?;
+        let rgb = [red, row(&mut channel(1))?.0, row(&mut channel(2))?.0];
+        let depth = Dual { value: radiance.depth, tangent: row(&mut { depth })?.0 };
+        Some(TangentRadiance { rgb: std::array::from_fn(|c| Dual { value: radiance.rgb[c], tangent: rgb[c] }), depth })
     }
 
     /// Returns the derivatives of a loss along the directions.
@@ -80,7 +80,7 @@ impl<R: Precision> Preintegrated<R> {
         loss: Loss<'_, R>,
         seeds: &Seeds<'_, R, P>,
         tape: &mut Tape<R>,
-    ) -> (Row<P>, Radiance) {
+    ) -> Option<(Row<P>, Radiance)> {
         let (mut by_ray, mut shared, mut by_voxels) = (RayGradient::default(), ParameterGradient::default(), [0.0; P]);
         let by_table = &mut tape.by_table;
         let knots = seeds.table.iter().flatten().next().map(|table| table.steps.len());
@@ -97,7 +97,7 @@ impl<R: Precision> Preintegrated<R> {
         if seeds.voxels.iter().any(Option::is_some) {
             pass.voxel_seeds = Some(VoxelSeeds { seeds: &seeds.voxels, derivatives: &mut by_voxels });
         }
-        let radiance = self.whole(&mut pass, loss, compiled, &mut tape.preintegrated);
+        let radiance = self.whole(&mut pass, loss, compiled, &mut tape.preintegrated)?;
         let row = std::array::from_fn(|p| {
             let (seed, shared_seed) = (&seeds.ray[p], &seeds.shared[p]);
             by_voxels[p]
@@ -106,7 +106,7 @@ impl<R: Precision> Preintegrated<R> {
                 + shared.extinction * shared_seed.extinction
                 + seeds.table[p].map_or(0.0, |seed| by_table.dot(seed))
         });
-        (row, radiance)
+        Some((row, radiance))
     }
 
     /// Runs one reverse pass; compiled once for all numbers of directions.
@@ -117,7 +117,7 @@ impl<R: Precision> Preintegrated<R> {
         loss: Loss<'_, R>,
         compiled: &CompiledCurve<R, 3>,
         scratch: &mut super::Scratch<R>,
-    ) -> Radiance {
+    ) -> Option<Radiance> {
         self.gradient(pass, loss, Adjoint::Tape, compiled, scratch)
     }
 }

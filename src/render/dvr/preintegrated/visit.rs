@@ -16,9 +16,16 @@ pub(in super::super) struct Visit<R: Real> {
 }
 
 impl<R: Real> Visit<R> {
+    /// Takes the nodes and segments that were added to `front`, and leaves others in their places.
     #[inline(always)]
-    pub(super) fn record(&mut self, front: &mut Front<'_, R>, values: &[R], queue: &mut Box<Queue<R>>, fours: usize) {
-        front.add(values, queue, fours, &mut self.batch);
+    pub(super) fn record(
+        &mut self,
+        front: &Front<'_, R>,
+        queue: &mut Box<Queue<R>>,
+        fours: usize,
+        batch: &mut Box<SegmentBatch<R>>,
+    ) {
+        std::mem::swap(batch, &mut self.batch);
         std::mem::swap(queue, &mut self.nodes);
         queue.succeed(&self.nodes, fours);
         self.fours = fours;

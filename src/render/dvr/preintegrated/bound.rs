@@ -1,0 +1,229 @@
+//! Bounds of the error in light and transmittance that nodes too far apart cause: the density is not linear between
+//! them, nor the color in the optical depth.
+//!
+//! Between two nodes at a distance h the density along the ray differs from the line through them by at most
+//!
+//! ```text
+//! e = m (u_x u_y + u_y u_z + u_z u_x) h² / 4  +  a ((u_x + u_y + u_z) h / 4 + h² / 8)
+//! ```
+//! with u the magnitudes of the ray's direction, m the largest mixed second difference of the voxels, which bounds the
+//! curvature within a cell, and a the largest second difference along an axis, which bounds the change of slope from
+//! cell to cell. Between nodes of one cell the second term is missing, and m consists of the cell's own differences. [`Variation`](super::variation::Variation) turns
+//! e into bounds of the errors of a segment's optical depth and color.
+//!
+//! If segments are exchanged one after the other, from the far end, for exact ones, each changes the pixel by at most
+//! its own error times the transmittance in front of it: the sum over the segments bounds the error of the pixel, in
+//! units of the brightest radiance of medium and background.
+
+use super::batch::{ROOM, SegmentBatch};
+use super::nodes::{ONE_CELL, Queue};
+use super::table::Cumulative;
+use crate::real::{LANES, Lanes, Real};
+use crate::render::cell::corners;
+use glam::DVec3;
+
+/// Share of the tolerance that segments may use in proportion to the light that they absorb; segments that absorb next
+/// to nothing, as in front of and beside a surface, have the rest.
+const BY_ABSORPTION: f64 = 0.6;
+/// Share of what is left of that rest that one segment may use.
+const OF_REST: f64 = 1.0 / 16.0;
+/// The most parts that a segment is divided into at a time.
+pub(super) const MOST_PARTS: usize = 16;
+/// How often a segment is divided before its error is accepted as it is.
+const MOST_LEVELS: u8 = 3;
+
+/// Distances along a ray, as far as they determine the density's deviation from a line between nodes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Deviation<R> {
+    /// Voxels per world length.
+    voxels: R,
+    /// Products of the direction's magnitudes, of y and z, z and x, x and y, over four; and their sum, the factor of
+    /// `m h²` in this module's header.
+    products: [R; 3],
+    mixed: R,
+    /// Factors of `a h` and `a h²`.
+    axis: [R; 2],
+}
+
+impl<R: Real> Deviation<R> {
+    /// Creates the numbers of a ray, from its index coordinates gained per world length.
+    pub fn new(direction: DVec3) -> Self {
+        let voxels = direction.length();
+        let u = (direction / voxels).abs();
+        let products = [u.y * u.z, u.z * u.x, u.x * u.y].map(|p| 0.25 * p);
+        let mixed = R::of(products.iter().sum());
+        let axis = [R::of(0.25 * u.element_sum()), R::of(0.125)];
+        Self { voxels: R::of(voxels), products: products.map(R::of), mixed, axis }
+    }
+
+    /// Returns a bound for the least favorable direction, at a distance of nodes in voxels.
+    pub fn bound([axis, mixed]: [f64; 2], h: f64) -> f64 {
+        0.25 * mixed * h * h + axis * (0.25 * 3.0_f64.sqrt() * h + 0.125 * h * h)
+    }
+
+    /// Returns a bound between nodes of one cell at a world length from one another, from the cell's own values.
+    #[inline(always)]
+    fn in_cell(&self, length: R, values: &[R], offset: u32) -> R {
+        let [near, far] = corners(values, offset as usize).map(Lanes::store);
+        let across = |v: [R; LANES]| v[0] - v[1] - v[2] + v[3];
+        let along = |a: usize, b: usize| (far[b] - far[a]) - (near[b] - near[a]);
+        let abs = |v: R| v.greater(-v);
+        let [yz, zx, xy] = [[across(near), across(far)], [along(0, 1), along(2, 3)], [along(0, 2), along(1, 3)]]
+            .map(|[a, b]| abs(a).greater(abs(b)));
+        let h = length * self.voxels;
+        h * h * (self.products[0] * yz + self.products[1] * zx + self.products[2] * xy)
+    }
+
+    /// Returns a bound between nodes at a world length from one another; `roughness` holds the largest second
+    /// differences along an axis and mixed.
+    #[inline(always)]
+    fn between(&self, length: R, [axis, mixed]: [R; 2]) -> R {
+        let h = length * self.voxels;
+        h * (self.mixed * h * mixed + axis * (self.axis[0] + h * self.axis[1]))
+    }
+}
+
+/// The error that a ray's nodes may cause, and what of it is used up.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Budget<R> {
+    deviation: Deviation<R>,
+    /// Offset of the cell of the last node.
+    last: u32,
+    /// Bound of the error so far, in units of the brightest radiance.
+    pub used: f64,
+    /// Part of it in segments that absorb too little for it.
+    rest: f64,
+}
+
+impl<R: Real> Budget<R> {
+    pub fn new(direction: DVec3) -> Self {
+        Self { deviation: Deviation::new(direction), last: u32::MAX, used: 0.0, rest: 0.0 }
+    }
+
+    /// Charges the segments of a batch, the first of which has `transmittance` in front of it. If some need nodes in
+    /// between, nothing is charged, their numbers of parts are left in `parts`, and the result is false; segments that
+    /// were divided `level` times before may be too many to be divided again.
+    #[inline(always)]
+    pub fn charge(
+        &mut self,
+        values: &[R],
+        (batch, queue): (&SegmentBatch<R>, &Queue<R>),
+        (tables, transmittance): (&Cumulative<R>, R),
+        parts: &mut [u8; ROOM],
+    ) -> bool {
+        let count = batch.count.min(ROOM);
+        let tolerance = tables.tolerance;
+        let (mut before, mut last) = (transmittance, self.last);
+        let (mut used, mut rest, mut whole) = (self.used, self.rest, true);
+        for (i, (offset, roughness)) in queue.cells(count).enumerate() {
+            let in_one_cell = offset == last || roughness[0] == R::of(ONE_CELL);
+            last = offset;
+            let length = batch.length[i];
+            let deviation = match in_one_cell {
+                true => self.deviation.in_cell(length, values, offset),
+                false => self.deviation.between(length, roughness),
+            };
+            let error = (before * batch.deviation_error(i, tables, deviation)).f64();
+            let through = batch.transmittance[i];
+            let by_absorption = BY_ABSORPTION * tolerance * (before * (R::ONE - through)).f64();
+            before = before * through;
+            parts[i] = 1;
+            if error > by_absorption {
+                let allowed = (OF_REST * ((1.0 - BY_ABSORPTION) * tolerance - rest)).max(by_absorption);
+                rest += error.min(allowed);
+                if error > allowed && queue.level < MOST_LEVELS {
+                    // The error falls with the square of the number of parts.
+                    let wanted = 1.1 * (error / allowed.max(f64::MIN_POSITIVE)).sqrt();
+                    parts[i] = (wanted as usize + 1).clamp(2, MOST_PARTS) as u8;
+                    whole = false;
+                }
+            }
+            used += error;
+        }
+        if whole {
+            *self = Self { last, used, rest, ..*self };
+        }
+        whole
+    }
+}
+
+impl<R: Real> SegmentBatch<R> {
+    /// Returns a bound of the change of the light that arrives at a segment's beginning, in units of the brightest
+    /// radiance, from a density between its ends that is off by at most `deviation`, and from a color that is taken as
+    /// linear in the optical depth.
+    #[inline(always)]
+    fn deviation_error(&self, i: usize, tables: &Cumulative<R>, deviation: R) -> R {
+        if self.length[i] <= R::ZERO {
+            return R::ZERO;
+        }
+        let (a, b) = (self.density[i], self.density[i + 1]);
+        let (low, high) = (a.lesser(b), a.greater(b));
+        let both = deviation + deviation;
+        let share = if both > R::ZERO { both / both.greater(high - low) } else { R::ZERO };
+        let [depth, shift, color, _] = tables.variation.between(low - deviation, high + deviation).store();
+        let through = self.transmittance[i];
+        // Of optical depths x and y, `|e^-x - e^-y| ≤ e^-x (e^|x - y| - 1)`; the series is an upper bound up to 3.
+        let off = self.length[i] * depth * share;
+        let half = R::of(0.5) * off;
+        let growth = off * (R::ONE + half * (R::ONE + R::of(4.0 / 3.0) * off));
+        let lost = if off < R::of(3.0) { (through * growth).lesser(R::ONE) } else { R::ONE };
+        if tables.per_brightest == R::ZERO {
+            return lost;
+        }
+        let absorbed = (R::ONE - through + through * off).lesser(R::ONE);
+        let moved = self.length[i] * shift * share + off.lesser(R::ONE) * color;
+        // A color that differs from one linear in the optical depth by at most its variation, on average by nothing.
+        let mixed = match self.piece[i] == self.piece[i + 1] {
+            true => self.color_error(i) * tables.per_brightest,
+            false => absorbed * color * (R::of(0.25) * self.depth[i]).lesser(R::ONE),
+        };
+        lost + moved.lesser(absorbed * color) + mixed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::nodes::roughness;
+    use super::*;
+    use crate::render::cell::{corners, gather, placed, weights};
+    use crate::scene::bricks::BRICK;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// The bound holds for rough and for smooth bricks, from node to node across cells and within one.
+        #[test]
+        fn densities_deviate_by_no_more_than_the_bound(
+            noise in prop::collection::vec(-1.0..1.0_f64, BRICK), rough in 0.0..1.0_f64,
+            wave in prop::array::uniform3(-0.9..0.9_f64),
+            from in prop::array::uniform3(0.0..8.0_f64), to in prop::array::uniform3(0.0..8.0_f64), short in 0.05..1.0_f64,
+        ) {
+            let values: Vec<f64> = (0..BRICK).map(|i| {
+                let p = DVec3::new((i / 81) as f64, (i / 9 % 9) as f64, (i % 9) as f64);
+                rough * noise[i] + p.dot(wave.into()).sin()
+            }).collect();
+            let (from, to) = (DVec3::from(from), DVec3::from(to));
+            let to = from + short * short * (to - from);
+            prop_assume!((to - from).length() > 1e-3);
+            let at = |share: f64| {
+                let (offset, at) = placed((from + share * (to - from)).to_array());
+                (offset, gather::<f64>(&weights(at), &corners(&values, offset as usize)))
+            };
+            let (begin, end) = (at(0.0), at(1.0));
+            let roughness = roughness(&values);
+            let direction = (to - from).normalize();
+            let (deviation, length) = (Deviation::new(2.0 * direction), 0.5 * (to - from).length());
+            let mut bound = deviation.between(length, roughness);
+            prop_assert!(bound <= Deviation::<f64>::bound(roughness, (to - from).length()) + 1e-12);
+            if begin.0 == end.0 {
+                prop_assert!(deviation.in_cell(length, &values, begin.0) <= bound + 1e-12);
+                bound = deviation.in_cell(length, &values, begin.0);
+            }
+            for k in 1..40 {
+                let share = f64::from(k) / 40.0;
+                let line = begin.1 + share * (end.1 - begin.1);
+                let off = (at(share).1 - line).abs();
+                prop_assert!(off <= bound + 1e-9, "{} {}", off, bound);
+            }
+        }
+    }
+}
