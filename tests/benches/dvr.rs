@@ -34,7 +34,7 @@ pub const GRADIENT: &str = "--gradient";
 const FRAMES: usize = 8;
 /// Tolerances that are tried, from what pictures have unless they ask for another, each with the transmittance at which
 /// rays end: it leaves out less than the tolerance does.
-const TOLERANCES: [(f64, f64); 5] = [(2e-3, 1e-6), (8e-3, 1e-5), (32e-3, 1e-4), (64e-3, 1e-3), (128e-3, 1e-3)];
+const TOLERANCES: [(f64, f64); 5] = [(3e-3, 1e-6), (1e-2, 1e-6), (3e-2, 1e-5), (1e-1, 1e-4), (3e-1, 1e-3)];
 /// Of so many pixels in a row, and of so many rows, one is compared with the exact integral.
 const STRIDE: u32 = 4;
 
@@ -118,7 +118,7 @@ pub fn pictures(path: &Path, threads: usize, folder: &Path) {
         let medium = Medium::new(1.0, Source::Transfer(function(|x| -(-opacity(x)).ln_1p())));
         let whole = Dvr::new(&exact, medium.clone()).unwrap().early_stop(0.0).over([0.0; 3]);
         let exact = compared(&whole, &cameras[0], 0.0);
-        let fine = whole.with(|dvr| dvr.quadrature(Quadrature::Preintegrated(1e-4)));
+        let fine = whole.with(|dvr| dvr.quadrature(Quadrature::Preintegrated(1e-3)));
         let light = [-0.5, 0.0, 0.5].into_iter().flat_map(|lower| compared(&fine, &cameras[0], lower));
         let bytes: Vec<u8> = light.flat_map(|v| v.to_array()).flat_map(f64::to_le_bytes).collect();
         std::fs::write(folder.join(format!("light_{name}.f64")), bytes).unwrap();

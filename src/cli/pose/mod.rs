@@ -62,7 +62,7 @@ pub struct Pose {
         help = concat!(
             "Integration along rays: ",
             rules!(),
-            "; by default exact; with a transfer function preintegrated for the search, and at its end exact ",
+            "; by default exact; through functions of more than 32 points preintegrated for the search, and at its end exact ",
             "for the pictures compared with",
         )
     )]

@@ -169,7 +169,7 @@ impl fmt::Display for Report {
             Way::Dvr { quadrature, quadrature_error_bound, early_stop: EarlyStop { transmittance, error_bound } } => {
                 let quadrature_error = match quadrature_error_bound {
                     Some(bound) => format!("integrates within {bound:.1e}"),
-                    None if quadrature == "exact" => "integrates to rounding".to_owned(),
+                    None if quadrature == "exact" => "integrates each piece of a cell within 4e-7".to_owned(),
                     None => "states no error".to_owned(),
                 };
                 write!(

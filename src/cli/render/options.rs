@@ -77,7 +77,7 @@ pub struct PictureOptions {
         help = concat!(
             "Integration along rays: ",
             rules!(),
-            "; by default preintegrated with a transfer function, else exact",
+            "; by default exact, and preintegrated through functions of more than 32 points",
         )
     )]
     pub(in crate::cli) quadrature: Option<Quadrature>,

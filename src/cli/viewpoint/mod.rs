@@ -90,7 +90,7 @@ pub struct Viewpoint {
         help = concat!(
             "Integration along rays: ",
             rules!(),
-            "; by default preintegrated with a transfer function, else exact",
+            "; by default exact, and preintegrated through functions of more than 32 points",
         )
     )]
     quadrature: Option<Quadrature>,
