@@ -18,6 +18,7 @@
 use super::batch::{ROOM, SegmentBatch};
 use super::nodes::{ONE_CELL, Queue};
 use super::table::Cumulative;
+use super::variation::Variation;
 use crate::real::{LANES, Lanes, Real};
 use crate::render::cell::corners;
 use glam::DVec3;
@@ -27,6 +28,8 @@ use glam::DVec3;
 const BY_ABSORPTION: f64 = 0.6;
 /// Share of what is left of that rest that one segment may use.
 const OF_REST: f64 = 1.0 / 16.0;
+/// Share of what a segment may use by its absorption up to which its error is bounded in the simplest way.
+const SIMPLE: f64 = 0.25;
 /// The most parts that a segment is divided into at a time.
 pub(super) const MOST_PARTS: usize = 16;
 /// How often a segment is divided before its error is accepted as it is.
@@ -123,9 +126,13 @@ impl<R: Real> Budget<R> {
                 true => self.deviation.in_cell(length, values, offset),
                 false => self.deviation.between(length, roughness),
             };
-            let error = (before * batch.deviation_error(i, tables, deviation)).f64();
             let through = batch.transmittance[i];
             let by_absorption = BY_ABSORPTION * tolerance * (before * (R::ONE - through)).f64();
+            let simple = before * batch.simple_error(i, &tables.variation, deviation);
+            let error = match simple.f64() <= SIMPLE * by_absorption {
+                true => simple.f64(),
+                false => (before * batch.deviation_error(i, tables, deviation)).f64(),
+            };
             before = before * through;
             parts[i] = 1;
             if error > by_absorption {
@@ -148,6 +155,16 @@ impl<R: Real> Budget<R> {
 }
 
 impl<R: Real> SegmentBatch<R> {
+    /// Returns a bound of the same error as [`SegmentBatch::deviation_error`] from the function's steepest slopes alone.
+    #[inline(always)]
+    fn simple_error(&self, i: usize, variation: &Variation<R>, deviation: R) -> R {
+        let (width, depth) = (self.density[i + 1] - self.density[i], self.depth[i]);
+        let reach = width.greater(-width) + deviation + deviation;
+        let error = self.length[i] * deviation * variation.steepest;
+        let mixed = R::of(0.25) * depth * depth * reach * variation.steepest_color;
+        if error <= R::of(0.5) { error + mixed } else { R::of(f64::MAX) }
+    }
+
     /// Returns a bound of the change of the light that arrives at a segment's beginning, in units of the brightest
     /// radiance, from a density between its ends that is off by at most `deviation`, and from a color that is taken as
     /// linear in the optical depth.

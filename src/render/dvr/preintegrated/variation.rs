@@ -30,6 +30,10 @@ struct Bin<R: Real> {
 pub(super) struct Variation<R: Real> {
     /// The first and the last one lie outside the knots, where nothing varies.
     bins: Vec<Bin<R>>,
+    /// The error of a thin segment is at most its length times the deviation of the density, times this.
+    pub steepest: R,
+    /// Largest slope of the color.
+    pub steepest_color: R,
     first: R,
     width: R,
     bins_per_density: R,
@@ -90,7 +94,18 @@ impl<R: Real> Variation<R> {
             bins.push(Bin { low, high: lanes(sum), slope: lanes(slope.map(|s| s.min(STEEP))) });
         }
         bins.push(flat(sum));
-        Self { bins, first: R::of(first), width: R::of(width), bins_per_density: R::of(1.0 / width) }
+        // Of an optical depth of up to a half, `e^x - 1 ≤ 1.3 x`.
+        let steepest = |c: usize| bins.iter().map(|bin: &Bin<R>| bin.slope.store()[c].f64()).fold(0.0, f64::max);
+        let [depth, shift, color] = [steepest(0), steepest(1), steepest(2)];
+        let steepest = R::of(((1.3 + sum[2]) * depth + shift).min(STEEP));
+        Self {
+            bins,
+            steepest,
+            steepest_color: R::of(color),
+            first: R::of(first),
+            width: R::of(width),
+            bins_per_density: R::of(1.0 / width),
+        }
     }
 
     /// Returns the number of the bin that holds a density, and the distance from its lower edge in units of density.
