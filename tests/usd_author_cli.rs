@@ -14,7 +14,7 @@ use work::{Work, fixture};
 
 fn stage(work: &Work, name: &str) -> Stage {
     let stage = Stage::open(&work.path(name), Limits::default()).unwrap();
-    assert_eq!(stage.faults, Vec::<String>::new());
+    assert!(stage.faults.is_empty(), "{:?}", stage.faults);
     stage
 }
 
