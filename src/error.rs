@@ -81,6 +81,15 @@ impl Error {
         self.0.path.get_or_insert_with(|| path.as_ref().to_path_buf());
         self
     }
+    /// Names `shown` in place of the file `place`, for files that are read from another place than the user knows.
+    #[must_use]
+    pub fn known_as(mut self, place: &Path, shown: &Path) -> Self {
+        if self.0.path.as_deref() == Some(place) {
+            self.0.path = Some(shown.to_path_buf());
+        }
+        self.0.what = self.0.what.replace(&*place.to_string_lossy(), &shown.to_string_lossy());
+        self
+    }
     /// Names the grid, layer, frame or argument, such as `grid 'density'`, unless an inner call already named one.
     #[must_use]
     pub fn part(mut self, part: impl Into<String>) -> Self {

@@ -14,6 +14,7 @@ mod stages;
 use damage::Dice;
 use damage::corpus::{Corpus, Sample};
 use damage::mutate;
+use damage::references::{self, Arcs};
 use damage::trial::{Case, Fault, program};
 use rlimit::Resource;
 use std::collections::BTreeMap;
@@ -27,6 +28,8 @@ use std::time::Instant;
 /// Damaged inputs of the short round.
 const INPUTS: u64 = 320;
 const SEED: u64 = 20_261_122;
+/// Stages of references to each of which [`INPUTS`] has this many damaged inputs.
+const INPUTS_PER_STAGE: u64 = 8;
 /// Memory that the system grants a process before its allocations fail. A machine survives a few of that size, and the
 /// peaks that the test looks for are smaller.
 const DATA: u64 = 2 << 30;
@@ -261,4 +264,40 @@ fn damaged_inputs_are_read_or_refused() {
     // Damage that nothing notices would test nothing.
     let whole = number("FUZZ_CASE").is_none() && tally.runs() > 100;
     assert!(!whole || tally.refused() * 5 > tally.runs(), "too few inputs are refused: {summary}");
+}
+
+/// Arcs of stages that lead to no layer are told of by every command, and none keeps a command from ending.
+#[test]
+fn references_lead_to_layers_or_are_refused() {
+    let number = |key: &str| std::env::var(key).ok().map(|v| v.parse::<u64>().unwrap_or_else(|e| panic!("{key}: {e}")));
+    let (inputs, seed) = (number("FUZZ_INPUTS").unwrap_or(INPUTS), number("FUZZ_SEED").unwrap_or(SEED));
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("pipe.usd");
+    for name in ["pipe.usd", "pipe.usdz"] {
+        assert!(Command::new("mkfifo").arg(folder.path().join(name)).status().unwrap().success());
+    }
+    let cube = std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/cube.vdb")).unwrap();
+    let mut counts = BTreeMap::new();
+    for case in 0..inputs.div_ceil(INPUTS_PER_STAGE) {
+        let (sample, arcs) = references::sample(&mut Dice::new(seed, case), &pipe, &cube);
+        *counts.entry(format!("{arcs:?}")).or_insert(0) += 1;
+        let content = &sample.files[&sample.damaged];
+        let folder_of_case = folder.path().join("case");
+        let case =
+            Case { folder: folder_of_case, sample: &sample, content, sound: folder.path(), compare_has_cap: true };
+        for command in references::COMMANDS {
+            let trial = case.run(command);
+            assert!(trial.faults.is_empty(), "{command}: {}: {:?}", sample.name, trial.faults);
+            let checks = command.starts_with("validate") || command.starts_with("usd lint");
+            let fits = match (arcs, trial.code) {
+                (Arcs::Whole, Some(code)) => code == 0 || command.starts_with("usd lint"),
+                (Arcs::Broken, Some(code)) => code == 2 || (checks && code == 1),
+                (Arcs::Circular, Some(code)) => (0..=2).contains(&code),
+                (_, None) => false,
+            };
+            assert!(fits, "{command}: {}: {arcs:?} and exit code {:?}", sample.name, trial.code);
+        }
+    }
+    println!("{counts:?}");
+    assert!(inputs < INPUTS || counts.len() == 3, "{counts:?}");
 }

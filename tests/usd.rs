@@ -86,7 +86,7 @@ fn stages_are_composed() {
                 string size = \"big\" }\n  prepend variantSets = \"size\"\n ) {\n  variantSet \"size\" = {\n   \"big\" { double w = 9 \
                 }\n   \"small\" { double w = 1 }\n  }\n }\n}\ndef \"off\" (active = false) {}";
     let stage = stages.open(text);
-    assert_eq!(stage.faults, [""; 0]);
+    assert!(stage.faults.is_empty(), "{:?}", stage.faults);
     let world = stage.prim("/World").unwrap();
     assert_eq!((world.number("weak", 0.0), world.number("strong", 0.0)), (Some(1.0), Some(2.0)));
     assert_eq!(world.number("sampled", 5.0), Some(1.0));
@@ -470,7 +470,7 @@ fn stages_that_cannot_be_shown_say_why() {
     let stage =
         stages.open("def \"a\" (references = @./other.usda@</a>) {}\ndef \"b\" (references = @./missing.usda@</a>) {}");
     assert!(stage.prim("/a").is_some() && stage.faults.len() >= 2, "{:?}", stage.faults);
-    assert!(stage.faults.iter().any(|fault| fault.contains("missing.usda")), "{:?}", stage.faults);
+    assert!(stage.faults.iter().any(|fault| fault.what.contains("@missing.usda@")), "{:?}", stage.faults);
     let deep = format!("{}{}", "def \"a\" {\n".repeat(500), "}\n".repeat(500));
     let error = open(&stages.write("deep.usda", &deep)).unwrap_err().to_string();
     assert!(error.contains("deep.usda") && error.contains("nested"), "{error}");

@@ -7,14 +7,18 @@ mod work;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::transforms;
 use cumulo::formats::usd::{Overrides, Stage, UpAxis, scene};
+use cumulo::formats::vdb::{Codec, NativeGrid, RawLeaf, write_native};
+use cumulo::scene::film::Film;
+use cumulo::scene::grid::{Grid, Leaf};
 use cumulo::scene::light::Light;
 use glam::{DVec3, Vec3};
+use std::collections::BTreeMap;
 use std::fs;
 use work::{Work, fixture};
 
 fn stage(work: &Work, name: &str) -> Stage {
     let stage = Stage::open(&work.path(name), Limits::default()).unwrap();
-    assert_eq!(stage.faults, Vec::<String>::new());
+    assert!(stage.faults.is_empty(), "{:?}", stage.faults);
     stage
 }
 
@@ -243,6 +247,124 @@ fn pixels_keep_their_proportions() {
         // Apertures are in single precision.
         assert!((view.focal / capture.frames[0].camera.focal / by - 1.0).abs().max_element() < 1e-6, "{}", view.focal);
     }
+}
+
+/// A VDB of all that can be seen, with grids whose names come before those of the parts in the alphabet.
+fn fire(path: &std::path::Path) {
+    let plume = work::density(&fixture("plume.vdb"));
+    let scaled = |name: &str, by: f32| {
+        let mut grid = Grid { name: name.into(), metadata: BTreeMap::new(), ..plume.clone() };
+        grid.leaves.iter_mut().flat_map(|leaf| leaf.values.iter_mut()).for_each(|value| *value *= by);
+        NativeGrid::from_grid(&grid).unwrap()
+    };
+    let names = [("mass", 1.0), ("fire", 0.1), ("heat", 2.0), ("temp", 0.3), ("kelvin", 1.5)];
+    let mut grids: Vec<NativeGrid> = names.map(|(name, by)| scaled(name, by)).into();
+    for (name, speed) in [("vel", 9.0), ("wind", 1.0)] {
+        let leaf = |leaf: &Leaf| RawLeaf {
+            origin: leaf.origin,
+            values: leaf.values.iter().flat_map(|_| [speed, 0.5 * speed, 0.0]).collect(),
+            active: leaf.active,
+        };
+        let leaves: Vec<RawLeaf> = plume.leaves.iter().map(leaf).collect();
+        let class = cumulo::scene::grid::GridClass::Unknown;
+        grids.push(NativeGrid::from_vectors(name, class, &plume.transform, &leaves).unwrap());
+    }
+    let grids: Vec<&NativeGrid> = grids.iter().collect();
+    write_native(path, &grids, None, &BTreeMap::new(), Codec::Blosc).unwrap();
+}
+
+/// A stage of a scene file with every key shows what the scene file shows.
+#[test]
+fn every_key_of_a_scene_file_is_authored() {
+    let work = Work::new();
+    fire(&work.path("fire.vdb"));
+    for name in ["plume.vdb", "cube.vdb"] {
+        fs::copy(fixture(name), work.path(name)).unwrap();
+    }
+    work.json("render plume.vdb --views 2 --size 12x8 --density-scale 1 -o shots");
+    work.json("transfer inferno -o inferno.tf.json");
+    let scene = serde_json::json!({
+        "volumes": [
+            {"file": "fire.vdb", "grid": "mass",
+                "transform": [[0.4, -0.1, 0.0, 0.7], [0.2, 0.5, 0.1, 0.3], [0.0, 0.0, 0.3, 0.2], [0, 0, 0, 1]],
+                "medium": {"density_scale": 9, "albedo": [0.7, 0.6, 0.5], "anisotropy": 0.4, "gradient_shading": 7,
+                    "extinction_color": [1, 0.8, 0.6], "emission_grid": {"grid": "heat", "radiance": [2, 1, 0.5]},
+                    "blackbody": {"grid": "kelvin", "kelvin": 1500, "intensity": 2, "tint": [1, 0.5, 0.75]}},
+                "velocity": {"grid": "wind", "fps": 30}},
+            {"file": "plume.vdb", "transform": [[1, 0, 0, 0.5], [0, 1, 0, -0.3], [0, 0, 1, 0.4], [0, 0, 0, 1]],
+                "medium": {"density_scale": 0.5, "albedo": [0.2, 0.4, 0.3], "emission": [0.5, 0.25, 1]}},
+            {"file": "cube.vdb", "medium": {"density_scale": 0.25, "transfer": "inferno.tf.json"}}
+        ],
+        "lights": [
+            {"type": "DistantLight", "direction": [1, 0.5, 0.7], "irradiance": [3, 2, 1], "angle": 2},
+            {"type": "PointLight", "position": [1, 2, 3], "intensity": [4, 2, 1]},
+            {"type": "SphereLight", "centre": [0, 0, 5], "radius": 0.5, "radiance": [1, 2, 3]},
+            {"type": "RectLight", "corner": [-3, 1, 5], "edges": [[2, 0, 0], [0, 3, 0]], "radiance": [2, 2, 2]},
+            {"type": "DomeLight", "radiance": [0.2, 0.3, 0.5]},
+            {"type": "DomeLight", "radiance": [0.5, 0.25, 1], "texture": "shots/view_001.exr"}
+        ]
+    });
+    // A key that this scene lacks would go untested.
+    let schema = work.json("schema scene").to_string();
+    let keys = ["VolumeEntry", "MediumEntry", "VelocityEntry", "EmissionGridEntry", "BlackbodyEntry"];
+    let schema: serde_json::Value = serde_json::from_str(&schema).unwrap();
+    for kind in keys {
+        for key in schema["$defs"][kind]["properties"].as_object().unwrap().keys() {
+            assert!(scene.to_string().contains(&format!("\"{key}\"")), "{kind}: '{key}' is in no volume of the scene");
+        }
+    }
+    fs::write(work.path("scene.json"), scene.to_string()).unwrap();
+    let report = work.json("usd author scene.json --fps 30 -o stage.usda");
+    let corner = |side: usize, axis: usize| report["volumes"][1]["bounds"][side][axis].as_f64().unwrap();
+    let plain = work.json("usd author plume.vdb -o plain.usda");
+    let own = |side: usize, axis: usize| plain["volumes"][0]["bounds"][side][axis].as_f64().unwrap();
+    assert!((corner(0, 0) - own(0, 0) - 0.5).abs() < 1e-9 && (corner(1, 1) - own(1, 1) + 0.3).abs() < 1e-9, "{report}");
+    let lint = work.command("usd lint stage.usda").output().unwrap();
+    assert_eq!(lint.status.code(), Some(0), "{}", String::from_utf8_lossy(&lint.stdout));
+
+    let apart = |a: &str, b: &str| {
+        let (mut most, mut least) = (0.0_f32, f32::INFINITY);
+        for view in ["frame.0000.exr", "frame.0001.exr"] {
+            let (a, b) = (work.picture(&format!("{a}/{view}")), work.picture(&format!("{b}/{view}")));
+            let planes = |film: &Film| film.planes.iter().flat_map(|p| p.samples.clone()).collect::<Vec<f32>>();
+            assert!(!a.planes.is_empty() && planes(&a).iter().any(|v| *v != 0.0), "no motion");
+            let all = |film: &Film| film.rgba.iter().flatten().copied().chain(planes(film)).collect::<Vec<f32>>();
+            let differences = all(&a).into_iter().zip(all(&b)).map(|(a, b)| (a - b).abs() / (0.1 + a.abs()));
+            let largest = differences.fold(0.0, f32::max);
+            (most, least) = (most.max(largest), least.min(largest));
+        }
+        (most, least)
+    };
+    let options = "--cameras shots --frames 0-1 --samples 4 --aov motion";
+    work.json(&format!("render scene.json {options} -o scene"));
+    work.json(&format!("render stage.usda {options} -o stage"));
+    // Lights are split into an intensity and a color, and turned, in single precision.
+    let (most, _) = apart("scene", "stage");
+    assert!(most < 1e-3, "{most}");
+    // Every key counts: without it the pictures are others.
+    for (pointer, value) in [
+        ("/volumes/0/grid", "fire".into()),
+        ("/volumes/0/transform", serde_json::Value::Null),
+        ("/volumes/1/transform/0/3", 0.0.into()),
+        ("/volumes/0/medium/density_scale", 1.into()),
+        ("/volumes/0/medium/extinction_color", serde_json::json!([1, 1, 1])),
+        ("/volumes/0/medium/emission_grid/grid", "fire".into()),
+        ("/volumes/0/medium/blackbody/grid", "temp".into()),
+        ("/volumes/0/velocity/grid", "vel".into()),
+        ("/volumes/2/medium/transfer", serde_json::Value::Null),
+    ] {
+        let mut other = scene.clone();
+        *other.pointer_mut(pointer).unwrap() = value;
+        fs::write(work.path("other.json"), other.to_string()).unwrap();
+        work.json(&format!("render other.json {options} --overwrite -o other"));
+        let (_, least) = apart("scene", "other");
+        assert!(least > 1e-2, "{pointer}: {least}");
+    }
+    let both = scene.to_string().replace("\"heat\"", "\"mass\"");
+    fs::write(work.path("both.json"), &both).unwrap();
+    work.refused("usd author both.json --fps 30 -o no.usda", &["fire.vdb", "'mass' is both density and flame"]);
+    fs::write(work.path("flat.json"), scene.to_string().replace("[0.0,0.0,0.3,0.2]", "[0.0,0.0,0.0,0.2]")).unwrap();
+    work.refused("usd author flat.json --fps 30 -o no.usda", &["flat.json", "volume 0"]);
 }
 
 fn cumulo_lights(stage: &Stage) -> Vec<Light> {

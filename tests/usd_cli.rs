@@ -5,6 +5,8 @@
 mod stages;
 mod work;
 
+use cumulo::formats::limits::Limits;
+use cumulo::formats::usd::Stage;
 use serde_json::{Value, json};
 use stages::{binary, package};
 use work::{Work, errors, fixture};
@@ -168,4 +170,196 @@ fn what_contradicts_is_refused() {
     }
     let out = work.command("validate bad.usda").output().unwrap();
     assert_eq!(out.status.code(), Some(1), "{}", errors(&out));
+}
+
+/// Files that an arc may lead to and that are no layer, with what is said of each.
+fn no_layers(work: &Work) -> Vec<(String, &'static str)> {
+    std::fs::create_dir_all(work.path("folder.usda")).unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(work.path(name), bytes).unwrap();
+    write("text.geom", b"#usda 1.0\ndef Xform \"World\" {}\n");
+    write("text.txt", b"smoke");
+    write("binary.usdc", b"no layer");
+    write("broken.usda", b"#usda 1.0\ndef Xform \"World\" {");
+    write("broken.usdz", b"PK");
+    write("inner.usdz", &package(&[("picture.png", b"x")]));
+    assert!(std::process::Command::new("mkfifo").arg(work.path("pipe.usda")).status().unwrap().success());
+    assert!(std::process::Command::new("mkfifo").arg(work.path("pipe.usdz")).status().unwrap().success());
+    let all = [
+        ("./text.geom", "has no layer's name"),
+        ("./text.txt", "is a file of no known kind, not a USD layer"),
+        ("./plume.vdb", "is an OpenVDB file, not a USD layer"),
+        ("./binary.usdc", "cannot be read"),
+        ("./broken.usda", "no valid USD"),
+        ("./broken.usdz", "no valid package"),
+        ("./inner.usdz", "'picture.png', is no layer"),
+        ("./folder.usda", "this is a folder"),
+        (".", "this is a folder"),
+        ("./pipe.usda", "a pipe (FIFO)"),
+        ("./pipe.usdz", "a pipe (FIFO)"),
+        ("./pipe.usdz[a.usda]", "a pipe (FIFO)"),
+        ("/dev/null", "a device"),
+        ("/dev/zero", "a device"),
+        ("./gone.usda", "does not exist"),
+        ("./gone.usdz[a.usda]", "does not exist"),
+    ];
+    all.map(|(path, what)| (path.to_owned(), what)).into()
+}
+
+/// What a layer that cannot be read holds is missing from a picture: no command takes such a stage for a whole one.
+#[test]
+fn layers_that_are_none_are_named() {
+    let work = work(&stage(""));
+    let inner = "def Xform \"m\" (references = @PATH@</World>) {}";
+    let arcs = [
+        ("prim /m: its reference", inner.to_owned()),
+        ("prim /m: its payload", inner.replace("references", "payload")),
+        ("its sublayer", String::new()),
+        // By a layer of another folder, and in the variant that is chosen.
+        ("layer sub/middle.usda: prim /m: its reference", "def \"m\" (references = @./sub/middle.usda@</m>) {}".into()),
+        (
+            "prim /m: its reference",
+            "def Xform \"m\" (\n variants = { string v = \"a\" }\n prepend variantSets = \"v\"\n) {\n variantSet \"v\" = {\n \"a\" \
+             (references = @PATH@</World>) {}\n \"b\" {}\n }\n}"
+                .into(),
+        ),
+    ];
+    std::fs::create_dir(work.path("sub")).unwrap();
+    for (path, what) in no_layers(&work) {
+        let above = path.strip_prefix("./").map_or_else(|| path.clone(), |path| format!("../{path}"));
+        let above = if path == "." { "..".to_owned() } else { above };
+        std::fs::write(work.path("sub/middle.usda"), format!("#usda 1.0\n{}", inner.replace("PATH", &above))).unwrap();
+        for (place, arc) in &arcs {
+            let mut text = stage(&arc.replace("PATH", &path));
+            if arc.is_empty() {
+                text = text.replacen("(\n", &format!("(\n subLayers = [@{path}@]\n"), 1);
+            }
+            std::fs::write(work.path("stage.usda"), text).unwrap();
+            let opened = Stage::open(&work.path("stage.usda"), Limits::default()).unwrap();
+            let error = opened.whole().unwrap_err().to_string();
+            for word in ["stage.usda: ", place, what] {
+                assert!(error.contains(word), "{path} as {place}: '{word}' is not in: {error}");
+            }
+            assert_eq!(error.lines().count(), 2, "{error}");
+        }
+    }
+}
+
+/// Every command tells of a layer that is none, and so do packages; layers that are not needed are not looked for.
+#[test]
+fn every_command_tells_of_layers_that_are_none() {
+    let work = work(&stage("def Xform \"m\" (payload = @./plume.vdb@</World>) {}"));
+    let words = ["stage.usda", "/m", "its payload @plume.vdb@ is an OpenVDB file"];
+    for command in [
+        "info stage.usda",
+        "plan stage.usda --size 8x6",
+        "render stage.usda --size 8x6 --samples 1 -o x",
+        "render stage.usda --size 8x6 --samples 1 --frames 1-2 -o x",
+        "render plume.vdb --cameras stage.usda --size 8x6 -o x",
+        "render stage.usda --views 1 --size 8x6 --samples 1 -o x",
+    ] {
+        work.refused(command, &words);
+        assert!(!work.path("x").exists(), "{command}");
+    }
+    for (command, code) in [("validate", 1), ("usd lint", 1), ("info", 2)] {
+        let out = work.command(&format!("{command} stage.usda --json")).output().unwrap();
+        let report = String::from_utf8(out.stdout.clone()).unwrap();
+        assert_eq!(out.status.code(), Some(code), "{command}: {report}");
+        assert!(report.contains(words[2]), "{command}: {report}");
+    }
+    let found: Value =
+        serde_json::from_slice(&work.command("info stage.usda --json").output().unwrap().stdout).unwrap();
+    assert_eq!(found["files"][0]["volumes"].as_array().unwrap().len(), 1, "what is there is shown");
+
+    let root = "#usda 1.0\ndef Xform \"m\" (references = @./a.vdb@</World>) {}\ndef \"n\" (references = @./gone.usda@</World>) {}";
+    std::fs::write(work.path("p.usdz"), package(&[("root.usda", root.as_bytes()), ("a.vdb", b"x")])).unwrap();
+    let out = work.command("validate p.usdz").output().unwrap();
+    let text = String::from_utf8(out.stdout).unwrap();
+    for word in ["@p.usdz[a.vdb]@ is no USD layer", "@p.usdz[gone.usda]@ does not exist"] {
+        assert!(out.status.code() == Some(1) && text.contains(word), "{text}");
+    }
+    // Layers of prims that are not active, and of variants that are not chosen, are not needed.
+    let spare = "def \"off\" (\n active = false\n references = @./plume.vdb@</World>\n) {}\ndef Xform \"v\" (\n variants = { string v = \"b\" \
+                 }\n prepend variantSets = \"v\"\n) {\n variantSet \"v\" = {\n \"a\" (references = @./plume.vdb@</World>) {}\n \"b\" {}\n }\n}";
+    std::fs::write(work.path("spare.usda"), stage(spare)).unwrap();
+    work.json("plan spare.usda --size 8x6 --samples 1");
+    assert_eq!(work.command("validate spare.usda").output().unwrap().status.code(), Some(0));
+}
+
+/// Packages are referenced, and layers within them.
+#[test]
+fn packages_are_referenced() {
+    let work = work(&stage(""));
+    let vdb = std::fs::read(fixture("cube.vdb")).unwrap();
+    let body = "#usda 1.0\n(\n defaultPrim = \"puff\"\n)\ndef Volume \"puff\" {\n rel field:density = </puff/density>\n def OpenVDBAsset \
+                \"density\" {\n  token fieldName = \"density\"\n  asset filePath = @./cube.vdb@\n }\n}\n";
+    std::fs::write(work.path("p.usdz"), package(&[("root.usda", body.as_bytes()), ("cube.vdb", &vdb)])).unwrap();
+    for path in ["./p.usdz", "./p.usdz[root.usda]"] {
+        let text = stage(&format!("def \"packed\" (references = @{path}@) {{}}\n"));
+        std::fs::write(work.path("stage.usda"), text).unwrap();
+        let found = &work.json("info stage.usda")["files"][0];
+        assert_eq!(found["volumes"].as_array().unwrap().len(), 2, "{path}: {found}");
+        work.json("render stage.usda --size 8x6 --samples 1 --overwrite -o x");
+    }
+}
+
+/// A file in a package is named by the package and its path there, whatever is wrong with it.
+#[test]
+fn files_in_packages_are_named() {
+    let work = Work::new();
+    let text = |more: &str| {
+        format!(
+            "#usda 1.0\ndef Volume \"v\" {{\n rel field:density = </v/density>\n {more}\n def OpenVDBAsset \"density\" {{\n token fieldName = \
+             \"density\"\n asset filePath = @./bad.vdb@\n }}\n}}\ndef DomeLight \"sky\" {{\n asset inputs:texture:file = \
+             @./sky.exr@\n}}\ndef Camera \"c\" {{}}\n"
+        )
+    };
+    let cube = std::fs::read(fixture("cube.vdb")).unwrap();
+    let other = std::fs::read(fixture("sphere_level_set.vdb")).unwrap();
+    let transfer = "asset cumulo:transfer = @./f.tf.json@";
+    for (more, vdb, named) in [
+        ("", &b"x"[..], "p.usdz[bad.vdb]"),
+        // A file of another grid, and one that is cut short.
+        ("", &other, "p.usdz[bad.vdb]"),
+        ("", &cube[..cube.len() / 2], "p.usdz[bad.vdb]"),
+        ("", &cube, "p.usdz[sky.exr]"),
+        (transfer, &cube, "p.usdz[f.tf.json]"),
+    ] {
+        let root = text(more);
+        let files: [(&str, &[u8]); 4] =
+            [("root.usda", root.as_bytes()), ("bad.vdb", vdb), ("sky.exr", b"x"), ("f.tf.json", b"x")];
+        std::fs::write(work.path("p.usdz"), package(&files)).unwrap();
+        let commands = ["render p.usdz --size 8x6 --samples 1 -o x", "plan p.usdz --size 8x6", "usd lint p.usdz"];
+        for command in commands {
+            let out = work.command(command).output().unwrap();
+            let said = format!("{}{}", errors(&out), String::from_utf8_lossy(&out.stdout));
+            assert!(!said.contains("/.cumulo-") && !said.contains("/tmp/.") && out.status.code() != Some(0), "{said}");
+            // Lint looks at volumes alone.
+            if !command.contains("lint") || named.contains("vdb") {
+                assert!(said.contains(named), "{command}: '{named}' is not in: {said}");
+            }
+        }
+    }
+}
+
+/// The scale that is reported is the one that the stage or the scene file states.
+#[test]
+fn density_scales_are_those_of_the_media() {
+    let work = work(&stage("").replace("cumulo:densityScale = 4", "cumulo:densityScale = 0.08"));
+    let options = "--size 8x6 --samples 1";
+    assert_eq!(work.json(&format!("render stage.usda {options} -o a"))["density_scale"], json!(0.08));
+    let text = work.text(&format!("render stage.usda {options} --overwrite -o a"));
+    assert!(text.contains("density scale 0.08"), "{text}");
+    let text = work.text(&format!("render stage.usda {options} --frames 1-2 -o frames"));
+    assert!(text.contains("density scale 0.08"), "{text}");
+    let stated: Value = serde_json::from_slice(&std::fs::read(work.path("frames/transforms.json")).unwrap()).unwrap();
+    assert_eq!(stated["density_scale"], json!(0.08));
+    let text = work.text(&format!("render stage.usda {options} --density-scale 3 -o b"));
+    assert!(text.contains("density scale 3"), "{text}");
+    let medium = |scale: f64| json!({"file": "plume.vdb", "medium": {"density_scale": scale}});
+    let scene = json!({"volumes": [medium(0.08), medium(2.5)]});
+    std::fs::write(work.path("scene.json"), scene.to_string()).unwrap();
+    let report = work.json(&format!("render scene.json --views 1 {options} -o c"));
+    assert_eq!((&report["density_scale"], &report["density_scales"]), (&Value::Null, &json!([0.08, 2.5])));
+    let text = work.text(&format!("render scene.json --cameras frames {options} --frames 1-2 -o d"));
+    assert!(text.contains("density scales 0.08, 2.5"), "{text}");
 }

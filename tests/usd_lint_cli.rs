@@ -185,6 +185,32 @@ fn faults_without_a_place_are_found() {
     assert_eq!((code, problems.first().map(String::as_str)), (1, Some("composition")));
 }
 
+/// References that lead to prims which reference the next ones twice double the prims with each: they are refused long
+/// before memory is short.
+#[test]
+fn references_that_multiply_are_refused() {
+    let work = Work::new();
+    let level = |i: usize| {
+        let (x, y) = (
+            format!("def \"x\" (references = </a{}>) {{}}", i + 1),
+            format!("def \"y\" (payload = </a{}>) {{}}", i + 1),
+        );
+        format!("def Xform \"a{i}\" {{\n {x}\n {y}\n}}\n")
+    };
+    let levels: String = (0..40).map(level).collect();
+    fs::write(work.path("fan.usda"), format!("#usda 1.0\n{levels}def Xform \"a40\" {{}}\n")).unwrap();
+    for command in ["usd lint fan.usda", "info fan.usda", "render fan.usda -o x"] {
+        work.refused(&format!("{command} --max-memory 1G"), &["fan.usda", "prim /a0/x", "further references"]);
+    }
+    // Few levels are read.
+    fs::write(
+        work.path("few.usda"),
+        format!("#usda 1.0\n{}def Xform \"a3\" {{}}\n", levels.split_at(levels.find("def Xform \"a3\"").unwrap()).0),
+    )
+    .unwrap();
+    assert_eq!(work.json("info few.usda")["files"][0]["prims"], 1 + 3 + 7 + 15);
+}
+
 #[test]
 fn errors_are_not_findings() {
     let work = Work::new();

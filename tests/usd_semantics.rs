@@ -8,7 +8,7 @@ mod stages;
 use cumulo::error::Result;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::scene_file::LoadedScene;
-use cumulo::formats::usd::{Overrides, Stage, scene};
+use cumulo::formats::usd::{Fault, Overrides, Stage, scene};
 use cumulo::scene::light::Light;
 use glam::{DMat4, DVec3, Vec3};
 use stages::{Stages, open, package};
@@ -25,6 +25,10 @@ fn volume(name: &str, more: &str) -> String {
          = \"density\"\n  asset filePath = @{}@\n }}\n}}\n",
         fixture("cube.vdb")
     )
+}
+
+fn says(fault: &Fault, words: &[&str]) -> bool {
+    words.iter().all(|word| fault.to_string().contains(word))
 }
 
 fn load(stage: &Stage) -> Result<LoadedScene> {
@@ -77,7 +81,7 @@ fn scopes_are_not_moved() {
         let stage = stages.open(&format!("def {kind} \"a\" {{\n {moved}\n def Volume \"b\" {{}}\n}}"));
         let map = stage.local_to_world(stage.prim("/a/b").unwrap(), 0.0).unwrap();
         assert_eq!(map, DMat4::from_translation(DVec3::new(expected, 0.0, 0.0)), "'{kind}'");
-        assert_eq!(stage.faults.iter().any(|f| f.contains("/a") && f.contains("xformOpOrder")), expected == 0.0);
+        assert_eq!(stage.faults.iter().any(|f| says(f, &["/a", "xformOpOrder"])), expected == 0.0);
     }
 }
 
@@ -89,7 +93,7 @@ fn prims_without_a_type_hide_nothing() {
         let stage =
             stages.open(&format!("def {kind} \"a\" {{\n token visibility = \"invisible\"\n def Volume \"b\" {{}}\n}}"));
         assert_eq!(stage.is_rendered(stage.prim("/a/b").unwrap(), 0.0), expected, "'{kind}'");
-        assert_eq!(stage.faults.iter().any(|f| f.contains("/a") && f.contains("visibility")), expected, "'{kind}'");
+        assert_eq!(stage.faults.iter().any(|f| says(f, &["/a", "visibility"])), expected, "'{kind}'");
     }
 }
 
@@ -100,11 +104,7 @@ fn splines_are_told() {
     let stage = stages.open(
         "def SphereLight \"l\" {\n float inputs:intensity = 3\n float inputs:intensity.spline = {\n bezier,\n 1: 5; post held,\n }\n}",
     );
-    assert!(
-        stage.faults.iter().any(|f| f.contains("/l.inputs:intensity") && f.contains("spline")),
-        "{:?}",
-        stage.faults
-    );
+    assert!(stage.faults.iter().any(|f| says(f, &["/l.inputs:intensity", "spline"])), "{:?}", stage.faults);
 }
 
 /// Two files of one name in different folders of a package, and paths longer than a file's name may be.
@@ -265,7 +265,7 @@ fn layers_share_the_memory() {
     assert_eq!((whole.prims().count(), whole.faults.len()), (9, 0), "{:?}", whole.faults);
     // A quarter of 64 KiB holds two of them.
     let cut = Stage::open(&path, Limits { max_memory: 1 << 16 }).unwrap();
-    assert!(cut.faults.iter().any(|fault| fault.contains("--max-memory")), "{:?}", cut.faults);
+    assert!(cut.faults.iter().any(|fault| fault.remedy.contains("--max-memory")), "{:?}", cut.faults);
     assert!(cut.prims().count() < 9);
 }
 

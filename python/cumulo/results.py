@@ -132,7 +132,8 @@ class Rendered(Report):
     output: pathlib.Path
     views: int
     model: str
-    density_scale: float
+    density_scale: float | None = None
+    density_scales: list[float] | None = None
     tone_mapping: dict[str, Any] | None = None
     quadrature: str | None = None
     quadrature_error_bound: float | None = None

@@ -31,9 +31,39 @@ impl Drop for Reading {
     }
 }
 
-/// The file whose reading began last and has not ended; `None` if there is none or the list is locked.
+/// Places of files that are read from elsewhere than the user knows, and the names that the user knows.
+static NAMES: Mutex<Vec<(PathBuf, PathBuf)>> = Mutex::new(Vec::new());
+
+/// Gives a file another name in messages for as long as the value lives.
+#[derive(Debug)]
+#[must_use]
+pub struct KnownAs(PathBuf);
+
+impl KnownAs {
+    /// Has the file `place` named `shown` from now on.
+    pub fn begin(place: &Path, shown: &Path) -> Self {
+        if let Ok(mut all) = NAMES.lock() {
+            all.push((place.to_path_buf(), shown.to_path_buf()));
+        }
+        Self(place.to_path_buf())
+    }
+}
+
+impl Drop for KnownAs {
+    fn drop(&mut self) {
+        if let Ok(mut all) = NAMES.lock() {
+            all.retain(|(place, _)| *place != self.0);
+        }
+    }
+}
+
+/// The file whose reading began last and has not ended, by the name that the user knows; `None` if there is none or the
+/// list is locked.
 pub fn latest() -> Option<PathBuf> {
-    READING.try_lock().ok()?.last().cloned()
+    let latest = READING.try_lock().ok()?.last().cloned()?;
+    let names = NAMES.try_lock().ok()?;
+    let known = names.iter().find(|(place, _)| *place == latest).map(|(_, shown)| shown.clone());
+    Some(known.unwrap_or(latest))
 }
 
 #[cfg(test)]

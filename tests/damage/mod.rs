@@ -3,6 +3,7 @@
 
 pub mod corpus;
 pub mod mutate;
+pub mod references;
 pub mod trial;
 
 use rand_chacha::ChaCha8Rng;

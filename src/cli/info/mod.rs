@@ -58,7 +58,7 @@ struct Described {
     frame: Option<u32>,
     #[serde(flatten)]
     content: Option<Content>,
-    /// Error that kept the file from being read.
+    /// Error that kept the file, or a layer of a stage, from being read.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<Failure>,
 }
@@ -143,6 +143,10 @@ impl Info {
             None => self.frames.refuse(path).and_then(|()| content(path, self.memory.limits())),
         };
         let (content, error) = match result {
+            Ok(Content::Usd(stage)) => {
+                let error = stage.error(path).as_ref().map(Failure::new);
+                (Some(Content::Usd(stage)), error)
+            }
             Ok(content) => (Some(content), None),
             Err(error) if self.files.len() == 1 => return Err(error),
             Err(error) => (None, Some(Failure::new(&error))),

@@ -2,6 +2,7 @@
 //! `--cameras`.
 
 use super::options::PictureOptions;
+use super::scales::DensityScales;
 use super::stage::SIZE;
 use super::subject::Subject;
 use crate::cli::parse::DensityScale;
@@ -127,7 +128,7 @@ impl PictureOptions {
         Ok(orbit::cameras(&outline, self.views.unwrap_or(1) as usize, self.layout, w, h, self.fov, up))
     }
 
-    /// Returns the extinction per unit of density and length; 1 for a scene file, whose media have their own.
+    /// Returns the extinction per unit of density and length: that of the media of a scene, 1 where they differ.
     fn scale(
         &self,
         subject: &Subject,
@@ -135,7 +136,7 @@ impl PictureOptions {
         template: Option<&Capture>,
         cameras: &[Camera],
     ) -> Result<f64> {
-        let Subject::Grids(grids) = subject else { return Ok(1.0) };
+        let Subject::Grids(grids) = subject else { return Ok(DensityScales::of(subject, 1.0).single().unwrap_or(1.0)) };
         match (self.density_scale, template) {
             (Some(DensityScale::Given(scale)), _) => Ok(scale),
             (Some(DensityScale::Auto), _) => {

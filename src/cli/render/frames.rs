@@ -3,6 +3,7 @@
 
 use super::options::PictureOptions;
 use super::renderer::Chosen;
+use super::scales::DensityScales;
 use super::scattering::Paths;
 use super::seen::Seen;
 use super::settle::Settled;
@@ -22,6 +23,7 @@ use crate::formats::png::ToneMapping;
 use crate::formats::sequence::{self, Pattern};
 use crate::formats::transforms;
 use crate::formats::vdb::{File, velocity};
+use crate::formats::{Format, sniff};
 use crate::plan::Plan;
 use crate::render::path::{Counts, View};
 use crate::scene::camera::Camera;
@@ -42,7 +44,8 @@ pub(in crate::cli) struct Report {
     rendered: usize,
     skipped: usize,
     failed: Vec<Failed>,
-    density_scale: f64,
+    #[serde(flatten)]
+    scales: DensityScales,
     /// How radiance became the samples of PNGs; none if none were written.
     #[serde(skip_serializing_if = "Option::is_none")]
     tone_mapping: Option<ToneMapping>,
@@ -54,9 +57,9 @@ pub(in crate::cli) struct Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, rendered, skipped, failed, density_scale, tone_mapping, paths, seconds, .. } = self;
+        let Self { output, rendered, skipped, failed, scales, tone_mapping, paths, seconds, .. } = self;
         write!(f, "{}: {rendered} frames in {seconds:.2} s, ", output.display())?;
-        write!(f, "{skipped} that were there, {} that failed; density scale {density_scale}", failed.len())?;
+        write!(f, "{skipped} that were there, {} that failed; {scales}", failed.len())?;
         tone_mapping.iter().try_for_each(|tone| write!(f, "\n  PNG: {tone}"))?;
         paths.map_or(Ok(()), |paths| write!(f, "\n{paths}"))?;
         write!(f, "{}", List(failed))
@@ -66,6 +69,7 @@ impl fmt::Display for Report {
 /// Scene of a frame, planned.
 struct Shot {
     capture: Capture,
+    scales: DensityScales,
     scene: Scene,
     plan: Option<Plan>,
     provenance: Provenance,
@@ -165,7 +169,7 @@ impl Render {
         if skipped < done.len() {
             sequence.note_nothing(output);
         }
-        let density_scale = sequence.write(&done, &provenance)?;
+        let scales = sequence.write(&done, &provenance)?;
         if !done.is_empty() {
             batch.commit()?;
         }
@@ -177,7 +181,7 @@ impl Render {
             rendered,
             skipped,
             failed,
-            density_scale,
+            scales,
             tone_mapping: self.tone_mapping_used(),
             paths,
             up: sequence.up,
@@ -431,6 +435,7 @@ impl Sequence<'_> {
         fits(&capture, self.render.plane_bytes(paths), limits.max_memory)?;
         self.render.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
+        let scales = DensityScales::of(&subject, capture.density_scale);
         let mut scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
         if let Some(name) = &self.render.velocity {
             let (file, fps) = (File::open(&pictures.input, limits)?, self.render.fps);
@@ -438,7 +443,7 @@ impl Sequence<'_> {
         }
         let (scene, plan) = self.render.planned(&pictures, scene, paths)?;
         plan.iter().for_each(|plan| output.detail(Chosen(plan)));
-        Ok(Shot { capture, scene, plan, provenance, paths, moving })
+        Ok(Shot { capture, scales, scene, plan, provenance, paths, moving })
     }
 
     fn camera(&self, place: usize) -> Camera {
@@ -468,16 +473,20 @@ impl Sequence<'_> {
         Ok(counts)
     }
 
-    /// Writes the capture of the frames that are there, and returns its density scale. Of two runs that end at once, one
-    /// waits for the other, and adds its frames.
-    fn write(&self, done: &[(usize, PathBuf)], provenance: &Provenance) -> Result<f64> {
+    /// Writes the capture of the frames that are there, and returns their density scales. Of two runs that end at once,
+    /// one waits for the other, and adds its frames.
+    fn write(&self, done: &[(usize, PathBuf)], provenance: &Provenance) -> Result<DensityScales> {
         let json = self.target.json();
         let Some(shot) = self.shot.as_ref().filter(|_| !done.is_empty()) else {
             // Nothing was rendered now: an earlier capture stands.
             let earlier = json.and_then(|json| transforms::load(&json).ok());
-            return Ok(earlier.map_or(1.0, |capture| capture.density_scale));
+            // The capture of a scene does not tell the scales of its volumes.
+            let is_scene = self.pattern.is_none()
+                && sniff(&self.pictures.input).is_ok_and(|format| matches!(format, Format::Capture | Format::Usd));
+            let earlier = earlier.filter(|_| !is_scene).map(|capture| DensityScales::one(capture.density_scale));
+            return Ok(earlier.unwrap_or_default());
         };
-        let Some(json) = json else { return Ok(shot.capture.density_scale) };
+        let Some(json) = json else { return Ok(shot.scales.clone()) };
         let frame =
             |(place, picture): &(usize, PathBuf)| Frame { camera: self.camera(*place), picture: picture.clone() };
         let _lock = json.parent().map(atomic::lock_folder);
@@ -489,6 +498,6 @@ impl Sequence<'_> {
         extra.extend(shot.plan.iter().map(|plan| ("plan".to_owned(), json!(plan))));
         extra.extend(shot.paths.then(|| ("scattering".to_owned(), self.pictures.scattering.record())));
         transforms::save_for(&json, &json, &capture, &extra)?;
-        Ok(capture.density_scale)
+        Ok(shot.scales.clone())
     }
 }

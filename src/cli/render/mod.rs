@@ -5,6 +5,7 @@ mod frames;
 mod options;
 mod planning;
 mod renderer;
+mod scales;
 pub(super) mod scattering;
 mod seen;
 mod settle;
@@ -40,6 +41,7 @@ use crate::scene::scene::Scene;
 use clap::ValueEnum;
 use rayon::prelude::*;
 use renderer::{Chosen, Renderer};
+use scales::DensityScales;
 use scattering::{Paths, ScatteringOptions};
 use seen::Seen;
 use serde::Serialize;
@@ -105,7 +107,8 @@ pub(in crate::cli) struct Report {
     output: PathBuf,
     views: usize,
     model: Model,
-    density_scale: f64,
+    #[serde(flatten)]
+    scales: DensityScales,
     #[serde(flatten)]
     way: Way,
     /// Plan of a scene that may scatter, or out of which something may be left.
@@ -159,11 +162,11 @@ impl Way {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, views, seconds, density_scale, way, plan, tone_mapping, .. } = self;
+        let Self { output, views, seconds, scales, way, plan, tone_mapping, .. } = self;
         let json = output.join(FILE_NAME);
         let file = if json.exists() { &json } else { output };
         let s = if *views == 1 { "" } else { "s" };
-        writeln!(f, "{}: {views} view{s} in {seconds:.2} s, density scale {density_scale}", file.display())?;
+        writeln!(f, "{}: {views} view{s} in {seconds:.2} s, {scales}", file.display())?;
         tone_mapping.iter().try_for_each(|tone| writeln!(f, "  PNG: {tone}"))?;
         match way {
             Way::Dvr { quadrature, quadrature_error_bound, early_stop: EarlyStop { transmittance, error_bound } } => {
@@ -233,6 +236,7 @@ impl Render {
         let waiting = capture.frames.iter().map(|f| self.files_of(&f.picture).iter().map(|p| batch.add(p)).collect());
         let waiting = waiting.collect::<Result<Vec<Vec<PathBuf>>>>()?;
         let waiting_json = target.json().map(|json| Ok((batch.add(&json)?, json))).transpose()?;
+        let scales = DensityScales::of(&subject, capture.density_scale);
         let scene = pictures.scene(&capture, subject).map_err(|e| e.at(&pictures.input))?;
         let (scene, plan) = self.planned(pictures, scene, paths)?;
         plan.iter().for_each(|plan| output.detail(Chosen(plan)));
@@ -257,7 +261,7 @@ impl Render {
             output: self.output.clone(),
             views: capture.frames.len(),
             model: capture.model,
-            density_scale: capture.density_scale,
+            scales,
             way,
             plan,
             up,

@@ -70,7 +70,10 @@ pub struct VelocityEntry {
 
 impl VolumeEntry {
     /// Returns the map from the space of the file to the world, if it is stated.
-    fn placement(&self) -> Result<Option<Affine>> {
+    ///
+    /// # Errors
+    /// If it cannot be inverted.
+    pub fn placement(&self) -> Result<Option<Affine>> {
         self.transform.map(|rows| Affine::new(DMat4::from_cols_array_2d(&rows).transpose())).transpose()
     }
 }

@@ -30,8 +30,10 @@ impl Stage {
     /// Returns the views of a camera.
     ///
     /// # Errors
-    /// If no camera, or more than one, is meant, or the camera cannot be used; the error names the stage and the camera.
+    /// If the stage lacks a layer that it names, no camera, or more than one, is meant, or the camera cannot be used; the
+    /// error names the stage and the camera.
     pub fn capture(&self, views: &Views<'_>) -> Result<Capture> {
+        self.whole()?;
         let camera = self.camera(views.camera)?;
         let first = self.first_time();
         let numbers = match &views.frames {

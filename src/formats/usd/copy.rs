@@ -6,13 +6,18 @@ use super::metadata::{StageMetadata, UpAxis};
 use super::prim::Prim;
 use super::value::Value;
 use crate::error::{Error, Result};
+use openusd::pcp;
 use openusd::sdf;
 use openusd::usd::{self, PrimStatus};
 use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Largest number of prims.
 const MOST_PRIMS: usize = 1_000_000;
+/// Largest sum over all prims of the squared number of sites, the prims of layers that a prim is composed of. Where
+/// references lead to prims that reference further ones, the prims multiply and each has a site for every one of them.
+const MOST_WORK: usize = 2_000_000;
 /// Greatest depth of prims.
 const MOST_DEPTH: usize = 256;
 /// Types of prims of whose attributes only a few are kept: the others are large and say nothing of a volume.
@@ -29,21 +34,44 @@ const GEOMETRY: [&str; 10] = [
     "SkelAnimation",
 ];
 
+/// Sites after which the composition is let go of. It takes some kilobytes a site, and is made anew where prims above those
+/// to come are needed again.
+const KEPT_SITES: usize = 16_384;
+
 /// Copies a composed stage.
 pub(super) struct Copier {
     stage: usd::Stage,
     /// Paths of the attributes that are splines.
     splines: RefCell<Vec<String>>,
+    /// Paths of the prims whose values come from value clips.
+    clips: RefCell<Vec<String>>,
+    /// Errors of what was let go of, as they are shown so that each is kept once.
+    errors: RefCell<BTreeMap<String, pcp::Error>>,
 }
 
 impl Copier {
     pub(super) fn new(stage: usd::Stage) -> Self {
-        Self { stage, splines: RefCell::default() }
+        Self { stage, splines: RefCell::default(), clips: RefCell::default(), errors: RefCell::default() }
     }
 
-    /// Returns the errors of the composition, in words.
-    pub(super) fn composition_errors(&self) -> Vec<String> {
-        self.stage.composition_errors().iter().map(|error| error.to_string()).collect()
+    /// Returns the errors of the composition of the prims that were read.
+    pub(super) fn composition_errors(&self) -> Vec<pcp::Error> {
+        self.keep_errors();
+        self.errors.borrow().values().cloned().collect()
+    }
+
+    fn keep_errors(&self) {
+        let found = self.stage.composition_errors();
+        self.errors.borrow_mut().extend(found.into_iter().map(|error| (error.to_string(), error)));
+    }
+
+    /// Lets go of the composition of all prims; layers stay.
+    fn forget(&self) {
+        self.keep_errors();
+        // The crate drops what it has composed when other payloads are to be loaded.
+        let rules = self.stage.load_rules();
+        self.stage.set_load_rules(pcp::LoadRules::none());
+        self.stage.set_load_rules(rules);
     }
 
     /// Returns the paths of the attributes met so far that are splines.
@@ -90,7 +118,7 @@ impl Copier {
         let wanted = PrimStatus::ACTIVE | PrimStatus::LOADED | PrimStatus::DEFINED;
         let mut prims = Vec::new();
         let mut open = vec![(sdf::Path::abs_root(), 0, false)];
-        let mut seen = 0_usize;
+        let (mut seen, mut work, mut kept) = (0_usize, 0_usize, 0_usize);
         while let Some((path, depth, instanced)) = open.pop() {
             let mut within = instanced;
             if depth > 0 {
@@ -99,7 +127,21 @@ impl Copier {
                 if !status.contains(wanted) || status.contains(PrimStatus::ABSTRACT) {
                     continue;
                 }
+                let sites = self.sites(&path, instanced).map_err(inside)?;
+                (work, kept) = (work + sites * sites, kept + sites);
+                if work > MOST_WORK {
+                    return Err(Error::unsupported(format!(
+                        "references that lead to further references multiply its prims, of which {} were composed so far",
+                        prims.len()
+                    ))
+                    .part(format!("prim {path}"))
+                    .hint("reference each prim once, or give a stage of the volume with its cameras and lights alone"));
+                }
                 prims.push(self.prim(&path, instanced).map_err(inside)?);
+                if kept > KEPT_SITES {
+                    self.forget();
+                    kept = 0;
+                }
                 within |= status.contains(PrimStatus::INSTANCE);
             }
             let names = self.stage.prim(path.clone()).child_names().map_err(|e| damaged(&e))?;
@@ -116,6 +158,14 @@ impl Copier {
         Ok(prims)
     }
 
+    /// Returns the number of sites that a prim is composed of. Those of prims in instances are the prototype's.
+    fn sites(&self, path: &sdf::Path, instanced: bool) -> anyhow::Result<usize> {
+        if instanced {
+            return Ok(1);
+        }
+        Ok(self.stage.prim_index(path.clone()).graph()?.all_nodes().count())
+    }
+
     fn prim(&self, path: &sdf::Path, instanced: bool) -> anyhow::Result<Prim> {
         let prim = self.stage.prim(path.clone());
         let type_name = prim.type_name()?.map(|name| name.as_str().to_owned()).unwrap_or_default();
@@ -130,10 +180,13 @@ impl Copier {
             custom_data: prim.custom_data()?.and_then(|data| convert::value(data, &self.layer_of(&prim, "customData"))),
             instanced,
         };
+        if prim.has_clips().unwrap_or_default() {
+            self.clips.borrow_mut().push(read.path.clone());
+        }
         for attribute in prim.attributes()? {
             let name = attribute.path().property_suffix().trim_start_matches('.').to_owned();
             if all || placed(&name) {
-                read.attributes.insert(name.clone(), self.attribute(name, &attribute)?);
+                read.attributes.insert(name.clone(), Box::new(self.attribute(name, &attribute)?));
             }
         }
         for relationship in prim.relationships()? {
@@ -188,9 +241,9 @@ impl Copier {
         stack.into_iter().find(holds).map_or_else(|| self.root(), |(identifier, _)| PathBuf::from(identifier))
     }
 
-    /// True if values of a prim come from value clips.
-    pub(super) fn has_clips(&self, prim: &Prim) -> bool {
-        sdf::path(&prim.path).is_ok_and(|path| self.stage.prim(path).has_clips().unwrap_or_default())
+    /// Returns the paths of the prims read so far whose values come from value clips.
+    pub(super) fn clips(&self) -> Vec<String> {
+        self.clips.borrow().clone()
     }
 }
 

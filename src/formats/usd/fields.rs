@@ -27,6 +27,14 @@ pub struct GridField {
     pub bounds: Option<Aabb>,
 }
 
+impl GridField {
+    /// True if a grid's name in its file is `name`: grids of one name are told apart by their places, such as `density[1]`.
+    pub fn is_called(&self, name: &str) -> bool {
+        (self.index == 0 && self.name == name)
+            || name.strip_prefix(&self.name).is_some_and(|number| number == format!("[{}]", self.index))
+    }
+}
+
 /// Reads all grids of a file as fields, in file order. Points are left out, since no field holds them.
 ///
 /// # Errors

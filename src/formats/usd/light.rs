@@ -269,8 +269,7 @@ fn dome(stage: &Stage, prim: &Prim, time: f64, dome: Dome, all: &mut Lights) -> 
     if all.environment.map.is_some() {
         return Err(Error::unsupported("a second dome has a texture").hint("add both pictures to one beforehand"));
     }
-    let file = stage.file(&asset)?;
-    let map = match environment_map(&file, radiance.to_array(), dome.limits) {
+    let map = match stage.read(&asset, |file| environment_map(file, radiance.to_array(), dome.limits)) {
         Err(e) if e.what() == BLACK => {
             all.remarks.push(format!("light {} is dark: its texture or color is black", prim.path));
             return Ok(());
@@ -278,7 +277,7 @@ fn dome(stage: &Stage, prim: &Prim, time: f64, dome: Dome, all: &mut Lights) -> 
         map => map?,
     };
     all.environment.map = Some(Arc::new(map.turned(orientation(stage, prim, time, dome.map))));
-    all.files.extend(asset.packaged().is_none().then_some(file));
+    all.files.extend(asset.packaged().is_none().then_some(asset.path));
     Ok(())
 }
 

@@ -15,11 +15,13 @@
 //! # }
 //! ```
 
+mod arcs;
 mod attribute;
 mod camera;
 mod capture;
 mod convert;
 mod copy;
+mod fault;
 pub mod fields;
 mod light;
 pub mod lint;
@@ -41,6 +43,7 @@ mod xform;
 
 pub use attribute::Attribute;
 pub use capture::Views;
+pub use fault::Fault;
 pub use medium::{Overrides, ScatteringOverride};
 pub use metadata::{StageMetadata, UpAxis};
 pub use prim::Prim;

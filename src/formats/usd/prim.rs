@@ -13,8 +13,9 @@ pub struct Prim {
     pub type_name: String,
     /// Names of applied API schemas, such as `ShapingAPI`.
     pub schemas: Vec<String>,
-    /// Attributes by their names. Of meshes, curves and points only the transform and visibility are kept.
-    pub attributes: BTreeMap<String, Attribute>,
+    /// Attributes by their names. Of meshes, curves and points only the transform and visibility are kept. They are boxed, as
+    /// a tree has room for eleven values where there is one.
+    pub attributes: BTreeMap<String, Box<Attribute>>,
     /// Targets of relationships, as absolute paths, by the relationships' names.
     pub relationships: BTreeMap<String, Vec<String>>,
     /// Custom data: a dictionary, if there is one.
@@ -41,7 +42,7 @@ impl Prim {
 
     /// Returns an attribute by its name.
     pub fn attribute(&self, name: &str) -> Option<&Attribute> {
-        self.attributes.get(name)
+        self.attributes.get(name).map(Box::as_ref)
     }
 
     /// Returns the value of an attribute at a time code; `None` if it has none.

@@ -1,14 +1,17 @@
 //! Problems of stages, for `validate`.
 
+use super::fault::Fault;
 use super::stage::Stage;
+use super::value::Asset;
 use crate::error::Result;
 use crate::formats::limits::Limits;
 use crate::formats::problem::Problem;
+use crate::formats::vdb::File;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Problems of a stage: faults of its composition, transforms that cannot be used, and files of its volumes that are
-/// missing. Empty if there are none.
+/// Problems of a stage: faults of its composition, transforms that cannot be used, and files of its volumes and lights that
+/// are missing or no volumes. Empty if there are none.
 ///
 /// # Errors
 /// If the operating system does not let the stage be read. A stage that cannot be opened is a problem.
@@ -17,8 +20,7 @@ pub fn problems(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
         Ok(stage) => stage,
         Err(error) => return Ok(vec![Problem::of(error)?]),
     };
-    let layers = "correct the layer that states it, or write the stage again where it was made";
-    let mut found: Vec<Problem> = stage.faults.iter().map(|fault| Problem::new(fault, layers)).collect();
+    let mut found: Vec<Problem> = stage.faults.iter().map(Fault::problem).collect();
     let time = stage.first_time();
     for prim in stage.prims() {
         if let Err(error) = stage.local_to_world(prim, time) {
@@ -50,12 +52,30 @@ pub fn problems(path: &Path, limits: Limits) -> Result<Vec<Problem>> {
                 found.push(Problem::new(format!("the field '{}' has no file", field.name), remedy).part(place.clone()));
             }
             let mut seen = BTreeSet::new();
-            let missing = assets.into_iter().filter(|asset| seen.insert(&asset.path) && !stage.exists(asset));
-            found.extend(missing.map(|asset| {
-                let what = format!("its file {} is missing", asset.authored);
-                Problem::new(what, "correct 'filePath', or copy the file there").part(place.clone())
-            }));
+            for asset in assets.into_iter().filter(|asset| seen.insert(&asset.path)) {
+                found.extend(file(&stage, asset, &place, limits)?);
+            }
+        }
+    }
+    for (prim, name, asset) in stage.other_files() {
+        if let Some(absence) = stage.absence(asset) {
+            let what = format!("the file {} of '{name}' {absence}", asset.authored);
+            let problem = Problem::new(what, "correct the path, or copy the file there");
+            found.push(problem.part(format!("prim {}", prim.path)));
         }
     }
     Ok(found)
+}
+
+/// Returns the problem of a field's file: it is missing, or no VDB.
+fn file(stage: &Stage, asset: &Asset, place: &str, limits: Limits) -> Result<Option<Problem>> {
+    if let Some(absence) = stage.absence(asset) {
+        let what = format!("its file {} {absence}", asset.authored);
+        return Ok(Some(Problem::new(what, "correct 'filePath', or copy the file there").part(place)));
+    }
+    let opened = stage.read(asset, |path| File::open(path, limits).map(drop));
+    let Err(error) = opened else { return Ok(None) };
+    let Problem { what, remedy, .. } = Problem::of(error)?;
+    let what = format!("its file {} cannot be read: {what}", asset.authored);
+    Ok(Some(Problem::new(what, remedy).part(place)))
 }

@@ -3,7 +3,9 @@
 //! The crate's handles live on one thread and may panic on damaged input. All work with them is done on a thread of its
 //! own, whose panics become errors.
 
+use super::arcs::Arcs;
 use super::copy::{Copier, damaged};
+use super::fault::Fault;
 use super::metadata::StageMetadata;
 use super::prim::Prim;
 use super::resolver::{self, Bounded, Met};
@@ -26,7 +28,7 @@ const THREAD: &str = "cumulo-usd";
 pub(super) struct Composed {
     pub metadata: StageMetadata,
     pub layers: Vec<PathBuf>,
-    pub faults: Vec<String>,
+    pub faults: Vec<Fault>,
     pub prims: Vec<Prim>,
 }
 
@@ -83,38 +85,34 @@ fn composed(path: &Path, limits: Limits) -> Result<Composed> {
     if prims.is_empty() {
         return Err(Error::invalid("the stage has no prims").hint("export it again with the objects it is to hold"));
     }
-    let faults = faults(&copier, &met.borrow(), &prims);
+    let faults = faults(&copier, Path::new(&root), &met.borrow(), &prims);
     let layers = met.borrow().files.iter().cloned().collect();
     Ok(Composed { metadata: copier.metadata(), layers, faults, prims })
 }
 
-/// Returns the faults of the composition, and what of the stage is not read, in words.
-fn faults(copier: &Copier, met: &Met, prims: &[Prim]) -> Vec<String> {
-    let mut faults: Vec<String> = met.faults.iter().map(|e| e.to_string().replace("\n  ", "; ")).collect();
-    for error in copier.composition_errors() {
-        // A layer that cannot be read has been named with the place of its fault.
-        if !error.starts_with("malformed") && !error.contains("failed to read") && !faults.contains(&error) {
-            faults.push(error);
-        }
-    }
-    let clips = prims.iter().filter(|prim| copier.has_clips(prim));
-    faults.extend(
-        clips.map(|prim| format!("prim {}: its value clips are not read; samples within them are missing", prim.path)),
-    );
-    faults.extend(
-        copier.splines().into_iter().map(|path| format!("attribute {path}: splines are not read; it has no value")),
-    );
+/// Returns the faults of the composition, and what of the stage is not read.
+fn faults(copier: &Copier, root: &Path, met: &Met, prims: &[Prim]) -> Vec<Fault> {
+    let mut faults = Arcs::new(root, met).faults(&copier.composition_errors());
+    faults.extend(copier.clips().into_iter().map(|path| {
+        let what = "its value clips are not read; samples within them are missing";
+        Fault::remark(what, "write the samples into a layer, as flattening the stage does").of_prim(path)
+    }));
+    faults.extend(copier.splines().into_iter().map(|path| {
+        let what = format!("attribute {path}: splines are not read; it has no value");
+        Fault::remark(what, "write the curve as time samples")
+    }));
     faults.extend(prims.iter().filter_map(without_effect));
     faults
 }
 
-/// Returns what a prim states that its type does not have, in words.
-fn without_effect(prim: &Prim) -> Option<String> {
+/// Returns what a prim states that its type does not have.
+fn without_effect(prim: &Prim) -> Option<Fault> {
     let unused = |names: &[&'static str]| names.iter().copied().find(|name| prim.attribute(name).is_some());
     let (kind, name) = match prim.type_name.as_str() {
         "" => ("without a type", unused(&["xformOpOrder", "visibility", "purpose"])?),
         _ if !xform::is_transformable(prim) => ("of type Scope", unused(&["xformOpOrder"])?),
         _ => return None,
     };
-    Some(format!("prim {}: its '{name}' has no effect, since prims {kind} have none", prim.path))
+    let what = format!("its '{name}' has no effect, since prims {kind} have none");
+    Some(Fault::remark(what, "give the prim the type Xform, or remove the attribute").of_prim(&prim.path))
 }

@@ -41,6 +41,15 @@ impl Bounded {
         let split =
             if ar::is_package_relative_path(&text) { ar::split_package_relative_path_outer(&text) } else { None };
         let file = split.as_ref().map_or_else(|| place.to_path_buf(), |(package, _)| PathBuf::from(package));
+        if is_package(split.as_ref().map_or(place, |(_, inner)| Path::new(inner))) {
+            // Packages that can be read have led to their root layers.
+            return Err(match (&split, root_layer(place)) {
+                (Some(_), _) => Error::unsupported("packages within packages are not opened")
+                    .hint("unpack the package, and name its root layer"),
+                (None, Err(error)) => error,
+                (None, Ok(_)) => Error::invalid("the package has changed while it was read").hint("try again"),
+            });
+        }
         let left = self.most.saturating_sub(self.met.borrow().bytes);
         let bytes = match &split {
             Some((package, inner)) => entry(Path::new(package), inner, left)?,
@@ -77,21 +86,27 @@ impl Bounded {
     }
 }
 
-/// Reads a file of a package.
+/// Reads a file of a package. Errors name neither.
 ///
 /// # Errors
 /// If the package is none, has no such file, or the file has more than `most` bytes.
 pub(super) fn entry(package: &Path, inner: &str, most: u64) -> Result<Vec<u8>> {
-    let place = || format!("'{inner}'");
+    const AGAIN: &str = "pack the file again where it was made";
     let mut archive = open_package(package)?;
-    let entry = archive.by_name(inner).map_err(|e| Error::invalid(format!("it cannot be read: {e}")).part(place()))?;
+    let entry = match archive.by_name(inner) {
+        Ok(entry) => entry,
+        Err(zip::result::ZipError::FileNotFound) => {
+            return Err(
+                Error::invalid("the package has no such file").hint("correct the path, or pack the file with it")
+            );
+        }
+        Err(e) => return Err(Error::invalid(format!("it cannot be read: {e}")).hint(AGAIN)),
+    };
     let mut bytes = Vec::new();
-    entry.take(most.saturating_add(1)).read_to_end(&mut bytes).map_err(|e| {
-        Error::invalid(format!("it cannot be read: {e}")).part(place()).hint("pack the file again where it was made")
-    })?;
+    let read = entry.take(most.saturating_add(1)).read_to_end(&mut bytes);
+    read.map_err(|e| Error::invalid(format!("it cannot be read: {e}")).hint(AGAIN))?;
     if bytes.len() as u64 > most {
-        return Err(Error::unsupported(format!("more than {most} bytes"))
-            .part(place())
+        return Err(Error::unsupported(format!("the file has more than {most} bytes"))
             .hint("raise --max-memory if the file is to be trusted"));
     }
     Ok(bytes)
@@ -121,14 +136,19 @@ pub(super) fn root_layer(path: &Path) -> Result<String> {
         .hint("a .usdz package begins with its root layer: pack it again with a tool for USD"))
 }
 
-/// True if a name is that of a layer.
-fn is_layer(name: &Path) -> bool {
+/// True if a name is that of a layer, but of none in a package.
+pub(super) fn is_layer(name: &Path) -> bool {
     name.extension().is_some_and(|suffix| ["usd", "usda", "usdc"].iter().any(|s| suffix.eq_ignore_ascii_case(s)))
+}
+
+/// True if the name of a file ends as those of packages do.
+fn is_package(path: &Path) -> bool {
+    path.extension().is_some_and(|suffix| suffix.eq_ignore_ascii_case("usdz"))
 }
 
 /// True if the name of a file ends as those of stages do.
 pub fn is_stage_name(path: &Path) -> bool {
-    is_layer(path) || path.extension().is_some_and(|suffix| suffix.eq_ignore_ascii_case("usdz"))
+    is_layer(path) || is_package(path)
 }
 
 impl Resolver for Bounded {
@@ -137,7 +157,19 @@ impl Resolver for Bounded {
     }
 
     fn resolve(&self, path: &str) -> Option<ResolvedPath> {
-        self.inner.resolve(path)
+        // The crate opens packages to see what they hold, which a FIFO would block and which takes all of their bytes.
+        if let Some((package, _)) = ar::split_package_relative_path_outer(path)
+            && Path::new(&package).exists()
+            && input::open(Path::new(&package)).is_err()
+        {
+            return Some(ResolvedPath::new(path));
+        }
+        let found = self.inner.resolve(path)?;
+        let root = Some(&found).filter(|found| is_package(found)).and_then(|found| root_layer(found).ok());
+        Some(match root {
+            Some(name) => ResolvedPath::new(ar::join_package_relative_path(&found.to_string_lossy(), &name)),
+            None => found,
+        })
     }
 
     fn resolve_for_new_asset(&self, path: &str) -> Option<ResolvedPath> {
@@ -149,7 +181,11 @@ impl Resolver for Bounded {
             Ok(bytes) => Ok(Box::new(Cursor::new(bytes))),
             Err(error) => {
                 let mut met = self.met.borrow_mut();
-                let error = error.at(path);
+                // A fault of a package is one of the layer in it.
+                let error = match error.path().map(Path::to_path_buf) {
+                    Some(place) => error.known_as(&place, path),
+                    None => error.at(path),
+                };
                 let text = error.to_string().replace("\n  ", "; ");
                 if !met.faults.iter().any(|fault| fault.path() == error.path()) {
                     met.faults.push(error);

@@ -1,5 +1,6 @@
 //! Scenes of stages: volumes with their media, lights and light from all around, at a time code.
 
+use super::fault::Fault;
 use super::light;
 use super::medium::{self, Overrides, StatedMedium};
 use super::prim::Prim;
@@ -24,11 +25,12 @@ use std::path::{Path, PathBuf};
 /// What the stage states and pictures do not show is told by the scene's remarks.
 ///
 /// # Errors
-/// If the stage has no volume that is visible, or a file, a light or a transform cannot be used. The error names the file
-/// and the prim.
+/// If the stage lacks a layer that it names or has no volume that is visible, or a file, a light or a transform cannot be
+/// used. The error names the file and the prim.
 pub fn load(stage: &Stage, time: f64, limits: Limits, overrides: &Overrides) -> Result<LoadedScene> {
+    stage.whole()?;
     let mut scene = LoadedScene { files: stage.layers.clone(), ..LoadedScene::default() };
-    scene.remarks.extend(stage.faults.iter().cloned());
+    scene.remarks.extend(stage.faults.iter().map(Fault::to_string));
     scene.remarks.extend(blender(stage));
     scene.remarks.extend(prototypes(stage));
     for prim in stage.volumes().filter(|prim| stage.is_rendered(prim, time)) {
@@ -125,20 +127,23 @@ impl Reader<'_> {
         scene.remarks.extend(remarks.into_iter().map(|what| format!("volume {}: {what}", self.prim.path)));
         let (path, mut grid) = self.grid(density, scene)?;
         place(&mut grid, map).map_err(blame)?;
-        let stated = transfer.as_ref().map(|asset| self.stage.file(asset)).transpose()?;
-        if let (Some(asset), Some(file)) = (&transfer, &stated) {
-            record(asset, file, scene);
-        }
-        scene.files.extend(entry.transfer.as_deref().and_then(transfer::file).map(Path::to_path_buf));
-        let stated_file = stated.is_some();
-        let tf = stated.or_else(|| entry.transfer.clone());
-        // What the options state is read as they say.
-        let options = if stated_file { transfer::Options::default() } else { overrides.transfer_options.clone() };
-        let transfer = tf.as_deref().map(|file| self.transfer(file, options)).transpose()?;
+        let transfer = match (&transfer, &entry.transfer) {
+            (Some(asset), _) => {
+                record(asset, scene);
+                Some(self.stage.read(asset, |file| self.transfer(file, transfer::Options::default()))?)
+            }
+            // What the options state is read as they say.
+            (None, Some(file)) => {
+                scene.files.extend(transfer::file(file).map(Path::to_path_buf));
+                Some(self.transfer(file, overrides.transfer_options.clone())?)
+            }
+            (None, None) => None,
+        };
         let optics = scene_file::medium(&entry, transfer.as_ref()).map_err(blame)?;
         let emissions = self.emissions(&entry, &fields, (&grid, map), scene)?;
-        let velocity = fields.iter().find(|field| field.role == Role::Velocity);
-        let velocity = velocity.and_then(|field| self.velocity(field, map, scene).transpose()).transpose()?;
+        let velocity = playing(&fields, Role::Velocity)
+            .and_then(|field| self.velocity(field, map, scene).transpose())
+            .transpose()?;
         let unclear = self.stage.unclear_fields(self.prim);
         scene.remarks.extend(unclear.map(|what| format!("volume {}: {what}", self.prim.path)));
         scene.remarks.extend(fields.iter().filter_map(|field| self.placed_field(field)));
@@ -177,8 +182,8 @@ impl Reader<'_> {
         }
     }
 
-    /// Opens the file of a field.
-    fn open(&self, field: &Field, scene: &mut LoadedScene) -> Result<File> {
+    /// Reads the file of a field.
+    fn read<T>(&self, field: &Field, scene: &mut LoadedScene, read: impl FnOnce(&File) -> Result<T>) -> Result<T> {
         let place = |e: Error| e.part(format!("prim {}", field.prim)).at(&self.stage.path);
         if field.type_name != "OpenVDBAsset" {
             let what = match field.type_name.as_str() {
@@ -200,20 +205,14 @@ impl Reader<'_> {
                     .hint("correct 'filePath', copy the file there, or choose another frame with --frames"),
             ));
         }
-        record(asset, &path, scene);
-        File::open(&path, self.limits).map_err(|e| match asset.packaged() {
-            Some((_, inner)) => e.inside(format!("'{inner}' in the package")),
-            None => e,
-        })
+        record(asset, scene);
+        self.stage.read(asset, |path| read(&File::open(path, self.limits)?))
     }
 
     /// Reads the grid of a scalar field.
     fn grid(&self, field: &Field, scene: &mut LoadedScene) -> Result<(PathBuf, Grid)> {
-        let file = self.open(field, scene)?;
-        let name = grid_name(&file, field);
-        // A file of a package lies in a folder that is gone when messages name it.
-        let path = field.file.as_ref().map_or_else(PathBuf::new, |asset| asset.path.clone());
-        Ok((path, file.read_fog(name.as_deref())?))
+        let grid = self.read(field, scene, |file| file.read_fog(grid_name(file, field).as_deref()))?;
+        Ok((field.file.as_ref().map_or_else(PathBuf::new, |asset| self.stage.shown(asset)), grid))
     }
 
     fn transfer(&self, file: &Path, options: transfer::Options) -> Result<Transfer> {
@@ -237,7 +236,7 @@ impl Reader<'_> {
         let mut all = Vec::new();
         for (role, emission) in [(Role::Flame, flame), (Role::Temperature, hot)] {
             let blame = |e: Error| self.stage.blame(e, self.prim);
-            match (fields.iter().find(|field| field.role == role), emission) {
+            match (playing(fields, role), emission) {
                 (Some(field), Some(emission)) => {
                     let emission = emission.checked().map_err(blame)?;
                     let (path, mut grid) = self.grid(field, scene)?;
@@ -268,24 +267,34 @@ impl Reader<'_> {
 
     /// Reads velocities, per second of the stage; `None` with a remark if the grid holds no vectors.
     fn velocity(&self, field: &Field, map: DMat4, scene: &mut LoadedScene) -> Result<Option<Velocity>> {
-        let file = self.open(field, scene)?;
-        let Some(name) = grid_name(&file, field) else { return Ok(None) };
-        if !file.find(&name)?.grid_type.contains("vec3") {
+        let (rate, memory) = (self.stage.time_codes_per_second(), self.limits.max_memory);
+        let velocity = self.read(field, scene, |file| {
+            let Some(name) = grid_name(file, field) else { return Ok(None) };
+            let holds_vectors = file.find(&name)?.grid_type.contains("vec3");
+            holds_vectors.then(|| vdb::velocity::read(file, &name, rate, memory)).transpose()
+        })?;
+        let Some(velocity) = velocity else {
             scene.remarks.push(format!(
                 "volume {}: the field '{}' holds no vectors, so that it has no effect",
                 self.prim.path, field.name
             ));
             return Ok(None);
-        }
-        let velocity = vdb::velocity::read(&file, &name, self.stage.time_codes_per_second(), self.limits.max_memory)?;
+        };
         velocity.placed(map).map(Some).map_err(|e| self.stage.blame(e, self.prim))
     }
 }
 
+/// Returns the field that plays a part: the one that is related by the part's own name goes before others.
+fn playing(fields: &[Field], role: Role) -> Option<&Field> {
+    let mut all = fields.iter().filter(|field| field.role == role);
+    let named = all.clone().find(|field| field.name == role.name());
+    named.or_else(|| all.next())
+}
+
 /// Adds a file to those that were read. Packages are among the layers, which are listed already.
-fn record(asset: &Asset, path: &Path, scene: &mut LoadedScene) {
-    if asset.packaged().is_none() && !scene.files.iter().any(|file| file == path) {
-        scene.files.push(path.to_path_buf());
+fn record(asset: &Asset, scene: &mut LoadedScene) {
+    if asset.packaged().is_none() && !scene.files.contains(&asset.path) {
+        scene.files.push(asset.path.clone());
     }
 }
 

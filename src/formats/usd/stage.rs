@@ -1,5 +1,6 @@
 //! Stages, composed and read as a whole.
 
+use super::fault::Fault;
 use super::metadata::{StageMetadata, UpAxis};
 use super::prim::Prim;
 use super::resolver;
@@ -8,7 +9,7 @@ use super::value::Asset;
 use super::{read, xform};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::{Format, sniff};
+use crate::formats::{Format, input, sniff};
 use glam::DMat4;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -26,9 +27,9 @@ pub struct Stage {
     pub metadata: StageMetadata,
     /// Files of all layers that were read, packages among them.
     pub layers: Vec<PathBuf>,
-    /// Faults of the composition, in words: layers that are missing or cannot be read, targets that are missing, cycles.
-    /// What depends on them is missing from the stage.
-    pub faults: Vec<String>,
+    /// Faults of the composition: layers that are missing or cannot be read, targets that are missing, cycles. What depends
+    /// on them is missing from the stage; [`Stage::whole`] refuses it then.
+    pub faults: Vec<Fault>,
     prims: Vec<Prim>,
     /// Places of the prims by their paths.
     places: BTreeMap<String, usize>,
@@ -41,8 +42,8 @@ impl Stage {
     /// Opens a stage with all that it references: `.usda`, `.usdc`, `.usd` or `.usdz`. Payloads are loaded.
     ///
     /// # Errors
-    /// If the root layer cannot be read or parsed, or the stage has more than a million prims or no prim at all. The error
-    /// names the file, and the line where it is known.
+    /// If the root layer cannot be read or parsed, or the stage has no prim at all, more than a million, or references that
+    /// multiply them. The error names the file, and the line or the prim where it is known.
     pub fn open(path: &Path, limits: Limits) -> Result<Self> {
         let format = sniff(path)?;
         if !matches!(format, Format::Usd | Format::Unknown) {
@@ -61,6 +62,23 @@ impl Stage {
             places,
             unpacked: Mutex::default(),
             limits,
+        })
+    }
+
+    /// Refuses a stage that lacks layers or prims which it names: what is made of it would lack what they hold.
+    ///
+    /// # Errors
+    /// If there are such faults. The error names the stage and the layer and prim of the first, and tells how many there are.
+    pub fn whole(&self) -> Result<()> {
+        let mut missing = self.faults.iter().filter(|fault| fault.incomplete);
+        let Some(first) = missing.next() else { return Ok(()) };
+        let error = first.error(&self.path);
+        Err(match missing.count() {
+            0 => error,
+            more => {
+                let what = format!("{}; {more} more such faults, which `cumulo usd lint` lists", error.what());
+                error.saying(what)
+            }
         })
     }
 
@@ -175,16 +193,69 @@ impl Stage {
                 .at(&self.path)
                 .hint("state the path itself: variable expressions in backticks are not evaluated"));
         }
-        let Some((package, inner)) = asset.packaged() else { return Ok(asset.path.clone()) };
+        if asset.packaged().is_none() {
+            return Ok(asset.path.clone());
+        }
         let mut unpacked = self.unpacked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        unpacked.file(asset, package, inner, self.limits.max_memory)
+        unpacked.file(asset, &self.shown(asset), self.limits.max_memory)
     }
 
-    /// True if the file of an asset exists.
-    pub fn exists(&self, asset: &Asset) -> bool {
+    /// Returns the path of an asset's file for messages: `PACKAGE.usdz[PATH]` within a package.
+    pub fn shown(&self, asset: &Asset) -> PathBuf {
         match asset.packaged() {
-            Some((package, inner)) => resolver::open_package(package).is_ok_and(|a| a.index_for_name(inner).is_some()),
-            None => asset.path.is_file(),
+            Some((package, inner)) if is_same(package, &self.path) => {
+                PathBuf::from(format!("{}[{inner}]", self.path.display()))
+            }
+            _ => asset.path.clone(),
         }
     }
+
+    /// Reads an asset's file, whose place `read` is given. Errors name it as [`Stage::shown`] does.
+    ///
+    /// # Errors
+    /// If [`Stage::file`] or `read` fails.
+    pub(super) fn read<T>(&self, asset: &Asset, read: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
+        let place = self.file(asset)?;
+        read(&place).map_err(|e| e.known_as(&place, &self.shown(asset)))
+    }
+
+    /// True if the file of an asset exists and can be opened.
+    pub fn exists(&self, asset: &Asset) -> bool {
+        self.absence(asset).is_none()
+    }
+
+    /// Says why the file of an asset is not there to be read, as in "does not exist" or "cannot be read: this is a folder";
+    /// `None` if it can be opened.
+    pub fn absence(&self, asset: &Asset) -> Option<String> {
+        let refused = |e: Error| match e.io_kind() {
+            Some(std::io::ErrorKind::NotFound) => "does not exist".to_owned(),
+            _ => format!("cannot be read: {}", e.what()),
+        };
+        match asset.packaged() {
+            Some((package, inner)) => match resolver::open_package(package) {
+                Ok(archive) => archive.index_for_name(inner).is_none().then(|| "is not in the package".to_owned()),
+                Err(error) => Some(refused(error)),
+            },
+            None => input::open(&asset.path).err().map(refused),
+        }
+    }
+
+    /// Returns the files that pictures need beside those of fields, textures of domes and transfer functions, each with the
+    /// prim and the attribute that name it.
+    pub fn other_files(&self) -> impl Iterator<Item = (&Prim, &'static str, &Asset)> {
+        let named = self.prims.iter().filter_map(|prim| match prim.type_name.as_str() {
+            "DomeLight" | "DomeLight_1" => Some((prim, "inputs:texture:file")),
+            "Volume" => Some((prim, "cumulo:transfer")),
+            _ => None,
+        });
+        let stated = named.filter_map(|(prim, name)| Some((prim, name, prim.attribute(name)?)));
+        stated.flat_map(|(prim, name, attribute)| {
+            let assets = attribute.values().filter_map(|value| value.asset()).filter(|a| !a.authored.is_empty());
+            assets.map(move |asset| (prim, name, asset))
+        })
+    }
+}
+
+fn is_same(a: &Path, b: &Path) -> bool {
+    a == b || a.canonicalize().ok().is_some_and(|a| b.canonicalize().is_ok_and(|b| a == b))
 }

@@ -1,13 +1,15 @@
 //! Summary of a stage, for `info`.
 
+use super::fault::Fault;
 use super::light;
 use super::metadata::UpAxis;
 use super::prim::Prim;
 use super::scene;
 use super::stage::Stage;
 use super::volume::{Field, Role};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
+use crate::formats::problem::Problem;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt;
@@ -45,8 +47,22 @@ pub struct StageSummary {
     pub cameras: Vec<CameraSummary>,
     /// Lights.
     pub lights: Vec<LightSummary>,
-    /// Faults of the composition, and what has no effect here.
+    /// Layers and prims that the stage names and that are missing or cannot be read. What they hold is missing here.
+    pub faults: Vec<Problem>,
+    /// Other faults of the composition, and what has no effect here.
     pub remarks: Vec<String>,
+}
+
+impl StageSummary {
+    /// Returns the error that the first of the faults is, for the stage at `path`; `None` if nothing is missing.
+    pub fn error(&self, path: &Path) -> Option<Error> {
+        let Problem { part, what, remedy } = self.faults.first()?;
+        let error = Error::invalid(what).hint(remedy).at(path);
+        Some(match part {
+            Some(part) => error.part(part),
+            None => error,
+        })
+    }
 }
 
 /// A volume of a stage.
@@ -120,7 +136,8 @@ pub struct LightSummary {
 pub fn summary(path: &Path, limits: Limits) -> Result<StageSummary> {
     let stage = Stage::open(path, limits)?;
     let time = stage.first_time();
-    let mut remarks = stage.faults.clone();
+    let (missing, others): (Vec<&Fault>, Vec<&Fault>) = stage.faults.iter().partition(|fault| fault.incomplete);
+    let mut remarks: Vec<String> = others.into_iter().map(Fault::to_string).collect();
     match light::lights(&stage, time, limits) {
         Ok(lights) => remarks.extend(lights.remarks),
         Err(error) => remarks.push(error.to_string().replace("\n  ", "; ")),
@@ -142,6 +159,7 @@ pub fn summary(path: &Path, limits: Limits) -> Result<StageSummary> {
         volumes: stage.volumes().map(|volume| of_volume(&stage, volume, time)).collect(),
         cameras: stage.cameras().map(|camera| of_camera(&stage, camera, time)).collect(),
         lights: lights.map(|l| LightSummary { path: l.path.clone(), type_name: l.type_name.clone() }).collect(),
+        faults: missing.into_iter().map(Fault::problem).collect(),
         remarks,
     })
 }
@@ -216,6 +234,10 @@ impl fmt::Display for StageSummary {
             writeln!(f, "apertures {w} and {h}{moving}")?;
         }
         self.lights.iter().try_for_each(|light| writeln!(f, "light {}: {}", light.path, light.type_name))?;
+        for Problem { part, what, .. } in &self.faults {
+            let part = part.as_ref().map(|part| format!("{part}: ")).unwrap_or_default();
+            writeln!(f, "fault: {part}{what}")?;
+        }
         self.remarks.iter().try_for_each(|remark| writeln!(f, "remark: {remark}"))
     }
 }

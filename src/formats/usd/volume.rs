@@ -20,6 +20,19 @@ pub enum Role {
     Other,
 }
 
+impl Role {
+    /// Returns the name of the relationship that says the part without doubt.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Density => "density",
+            Self::Temperature => "temperature",
+            Self::Flame => "flame",
+            Self::Velocity => "velocity",
+            Self::Other => "other",
+        }
+    }
+}
+
 /// A field of a volume at a time code.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {

@@ -4,9 +4,10 @@ use super::Author;
 use crate::cli::render::scattering::Sky;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::scene_file::{self, LightEntry, MediumEntry, VolumeEntry};
+use crate::formats::scene_file::{self, LightEntry, MediumEntry, SceneFile, VelocityEntry, VolumeEntry};
 use crate::formats::transfer;
 use crate::formats::{self, Format};
+use crate::math::Affine;
 use crate::scene::light::Light;
 use crate::scene::transfer::Transfer;
 use std::path::{Path, PathBuf};
@@ -20,6 +21,8 @@ pub(super) struct Source {
     pub file: PathBuf,
     /// Grids that play a part, as far as they are named, by the part's name.
     pub parts: Vec<(&'static str, String)>,
+    /// Map from the file's space to the stage's.
+    pub placement: Option<Affine>,
     pub medium: MediumEntry,
     /// Transfer function of the medium.
     pub transfer: Option<PathBuf>,
@@ -77,25 +80,30 @@ impl Author {
         let lights = sun.map(|sun| (sun, None)).into_iter().chain(sky).collect();
         let transfer = medium.transfer.clone();
         let parts = self.density.iter().map(|grid| (DENSITY, grid.clone())).collect();
-        let volume = Source { file: self.input.clone(), parts, medium, transfer };
+        let volume = Source { file: self.input.clone(), parts, placement: None, medium, transfer };
         Ok(Content { volumes: vec![volume], lights })
     }
 
     fn of_scene_file(&self, limits: Limits) -> Result<Content> {
         self.check_alone()?;
-        let scene = scene_file::read(&self.input, limits)?;
+        let SceneFile { volumes, lights } = scene_file::read(&self.input, limits)?;
         let folder = self.input.parent().unwrap_or(Path::new(""));
         let volume = |(i, entry): (usize, VolumeEntry)| {
             let named = |e: Error| e.part(format!("volume {i}")).at(&self.input);
-            let parts = parts(&entry).map_err(named)?;
-            if let Some(fps) = entry.velocity.as_ref().map(|velocity| velocity.fps).filter(|fps| *fps != self.fps) {
+            let placement = entry.placement().map_err(named)?;
+            let parts = parts(&entry);
+            // All keys are named, so that a new one is not left out unnoticed.
+            let VolumeEntry { file, grid: _, transform: _, medium, velocity } = entry;
+            if let Some(VelocityEntry { grid: _, fps }) = velocity
+                && fps != self.fps
+            {
                 return Err(named(
                     Error::unsupported(format!("velocities at {fps} frames a second, in a stage of {}", self.fps))
                         .hint(format!("a stage has one rate for both: give --fps {fps}")),
                 ));
             }
-            let transfer = entry.medium.transfer.as_ref().map(|tf| folder.join(tf));
-            Ok(Source { file: folder.join(&entry.file), parts, medium: entry.medium, transfer })
+            let transfer = medium.transfer.as_ref().map(|tf| folder.join(tf));
+            Ok(Source { file: folder.join(file), parts, placement, medium, transfer })
         };
         let light = |entry: LightEntry| match &entry {
             LightEntry::DomeLight { texture: Some(texture), .. } => {
@@ -105,8 +113,8 @@ impl Author {
             _ => (entry, None),
         };
         Ok(Content {
-            volumes: scene.volumes.into_iter().enumerate().map(volume).collect::<Result<_>>()?,
-            lights: scene.lights.into_iter().map(light).collect(),
+            volumes: volumes.into_iter().enumerate().map(volume).collect::<Result<_>>()?,
+            lights: lights.into_iter().map(light).collect(),
         })
     }
 
@@ -134,11 +142,8 @@ impl Author {
     }
 }
 
-/// Returns the grids of a volume that play a part.
-///
-/// # Errors
-/// If a grid plays two, which no stage can say.
-fn parts(entry: &VolumeEntry) -> Result<Vec<(&'static str, String)>> {
+/// Returns the grids of a volume that play a part and are named.
+fn parts(entry: &VolumeEntry) -> Vec<(&'static str, String)> {
     let medium = &entry.medium;
     let named = [
         (DENSITY, entry.grid.clone()),
@@ -146,14 +151,7 @@ fn parts(entry: &VolumeEntry) -> Result<Vec<(&'static str, String)>> {
         ("temperature", medium.blackbody.as_ref().map(|e| e.grid.clone())),
         ("velocity", entry.velocity.as_ref().map(|e| e.grid.clone())),
     ];
-    let parts: Vec<_> = named.into_iter().filter_map(|(part, grid)| Some((part, grid?))).collect();
-    for (i, (part, grid)) in parts.iter().enumerate() {
-        if let Some((before, _)) = parts[..i].iter().find(|(_, other)| other == grid) {
-            return Err(Error::unsupported(format!("grid '{grid}' is both {before} and {part}"))
-                .hint("a field of a stage plays one part: copy the grid under another name with `cumulo convert`"));
-        }
-    }
-    Ok(parts)
+    named.into_iter().filter_map(|(part, grid)| Some((part, grid?))).collect()
 }
 
 fn check_medium(source: &Source, limits: Limits) -> Result<()> {

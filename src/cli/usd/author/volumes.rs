@@ -40,12 +40,13 @@ pub(super) fn volume(
     let parts = parts(source, first, limits)?;
     let mut frames = Vec::with_capacity(files.len());
     for (time, path) in files {
-        let wanted = |field: &GridField| grids.is_empty() || grids.contains(&field.name);
+        let plays = |field: &GridField| source.parts.iter().any(|(_, grid)| field.is_called(grid));
+        let wanted = |field: &GridField| grids.is_empty() || grids.contains(&field.name) || plays(field);
         let fields: Vec<GridField> = fields::read(path, limits)?.into_iter().filter(wanted).collect();
         frames.push(VolumeFrame { time: *time, path: relative(path, stage)?, fields });
         seen();
     }
-    let has = |name: &str| frames.iter().any(|frame| frame.fields.iter().any(|field| field.name == name));
+    let has = |name: &str| frames.iter().any(|frame| frame.fields.iter().any(|field| field.is_called(name)));
     for name in grids.iter().chain(source.parts.iter().map(|(_, grid)| grid)) {
         if !has(name) {
             let there = fields::read(first, limits)?;
@@ -61,18 +62,26 @@ pub(super) fn volume(
             .hint("check the export settings of the program that made it"));
     }
     let transfer = source.transfer.as_ref().map(|path| relative(path, stage)).transpose()?;
-    Ok(VolumePrim { name: name(&source.file), frames, parts, medium: source.medium.clone(), transfer })
+    let placement = source.placement.map(|map| map.matrix());
+    Ok(VolumePrim { name: name(&source.file), frames, placement, parts, medium: source.medium.clone(), transfer })
 }
 
 /// Returns the grids that play a part; the densities are those that rendering takes, unless another grid is named.
+///
+/// # Errors
+/// If the file cannot be read, or a grid plays two parts, which no stage can say.
 fn parts(source: &Source, first: &Path, limits: Limits) -> Result<Vec<(&'static str, String)>> {
     let mut parts = source.parts.clone();
     if !parts.iter().any(|(part, _)| *part == DENSITY) {
-        let file = File::open(first, limits)?;
-        let base = |unique: String| file.entries().iter().find(|e| e.name == unique).map(|e| e.base_name.clone());
         // A file without densities, of velocities for one, is a volume as well.
-        let density = file.density_name().ok().and_then(base).filter(|grid| !parts.iter().any(|(_, g)| g == grid));
-        parts.extend(density.map(|grid| (DENSITY, grid)));
+        parts.extend(File::open(first, limits)?.density_name().ok().map(|grid| (DENSITY, grid)));
+    }
+    for (i, (part, grid)) in parts.iter().enumerate() {
+        if let Some((before, _)) = parts[..i].iter().find(|(_, other)| other == grid) {
+            return Err(Error::unsupported(format!("grid '{grid}' is both {before} and {part}"))
+                .at(first)
+                .hint("a field of a stage plays one part: copy the grid under another name with `cumulo convert`"));
+        }
     }
     Ok(parts)
 }

@@ -3,6 +3,7 @@
 use super::cache::Files;
 use super::finding::{Finding, Fix};
 use super::paths;
+use crate::error::Error;
 use crate::formats::usd::fields::GridField;
 use crate::formats::usd::write::text::{Literal, Property};
 use crate::formats::usd::{Asset, Prim, Stage};
@@ -24,8 +25,15 @@ pub(super) fn check(stage: &Stage, prim: &Prim, files: &mut Files, findings: &mu
     paths::check(stage, prim, &assets, findings);
     let mut found: Vec<Finding> = Vec::new();
     for (time, asset) in assets.iter().filter(|(_, asset)| stage.exists(asset)) {
-        let Ok(path) = stage.file(asset) else { continue };
-        match grid(prim, *time, &path, files) {
+        let shown = stage.shown(asset);
+        let path = match stage.file(asset) {
+            Ok(path) => path,
+            Err(error) => {
+                found.push(unreadable(prim, &shown, &error));
+                continue;
+            }
+        };
+        match grid(prim, *time, [&path, &shown], files) {
             Ok(field) => found.extend(stated(prim, time.unwrap_or_default(), &field)),
             Err(finding) => found.push(*finding),
         }
@@ -46,20 +54,29 @@ pub(super) fn assets(prim: &Prim) -> Vec<(Option<f64>, Asset)> {
     samples.filter_map(|(time, value)| Some((Some(*time), stated(value.as_ref()?)?))).collect()
 }
 
-/// Returns the grid that a field names in a file.
-fn grid(prim: &Prim, time: Option<f64>, path: &Path, files: &mut Files) -> Result<GridField, Box<Finding>> {
+/// Returns the finding about a file, named `shown`, that cannot be read.
+fn unreadable(prim: &Prim, shown: &Path, error: &Error) -> Finding {
+    let part = error.place().map(|place| format!("{place}: ")).unwrap_or_default();
+    let what = format!("{} cannot be read: {part}{}", shown.display(), error.what());
+    Finding::problem("unreadable-file", Some(&prim.path), what, error.remedy().unwrap_or("write the file again"))
+}
+
+/// Returns the grid that a field names in a file, given by its place and by its name in messages.
+fn grid(
+    prim: &Prim,
+    time: Option<f64>,
+    [path, shown]: [&Path; 2],
+    files: &mut Files,
+) -> Result<GridField, Box<Finding>> {
     let at = Some(prim.path.as_str());
     let time = time.unwrap_or_default();
     let held = |name: &str| prim.attribute(name)?.held_at(time);
     let problem = |id, what: String, remedy: &str| Err(Box::new(Finding::problem(id, at, what, remedy)));
-    let shown = path.display();
     let fields = match files.fields(path) {
         Ok(fields) => fields,
-        Err(error) => {
-            let what = format!("{shown} cannot be read: {}", error.what());
-            return problem("unreadable-file", what, error.remedy().unwrap_or("write the file again"));
-        }
+        Err(error) => return Err(Box::new(unreadable(prim, shown, error))),
     };
+    let shown = shown.display();
     let Some(name) = held("fieldName").and_then(|v| v.text().map(str::to_owned)).filter(|name| !name.is_empty()) else {
         return problem("no-field-name", "no fieldName is stated".into(), "name the grid as fieldName");
     };

@@ -21,7 +21,10 @@ pub fn findings(stage: &Stage, limits: Limits) -> Vec<Finding> {
     let mut findings: Vec<Finding> = stage
         .faults
         .iter()
-        .map(|fault| Finding::problem("composition", None, fault.clone(), "correct the layer or the path named"))
+        .map(|fault| {
+            let layer = fault.layer.as_ref().map(|layer| format!("layer {}: ", layer.display())).unwrap_or_default();
+            Finding::problem("composition", fault.prim.as_deref(), format!("{layer}{}", fault.what), &fault.remedy)
+        })
         .collect();
     metadata::check(stage, &mut findings);
     if stage.volumes().next().is_none() {
@@ -33,6 +36,7 @@ pub fn findings(stage: &Stage, limits: Limits) -> Vec<Finding> {
     for prim in stage.of_type("OpenVDBAsset") {
         field::check(stage, prim, &mut files, &mut findings);
     }
+    paths::others(stage, &mut findings);
     for prim in stage.volumes() {
         extent::check(stage, prim, &mut files, &mut findings);
     }

@@ -6,11 +6,23 @@ use crate::formats::usd::{Asset, Prim, Stage};
 use std::cmp::Ordering;
 use std::path::Path;
 
+/// Finds textures of domes and transfer functions that are missing.
+pub(super) fn others(stage: &Stage, findings: &mut Vec<Finding>) {
+    for (prim, name, asset) in stage.other_files() {
+        if let Some(absence) = stage.absence(asset) {
+            let what = format!("the file @{}@ of {name} {absence}", asset.authored);
+            let remedy = "restore the file, or correct the path";
+            findings.push(Finding::problem("missing-file", Some(&prim.path), what, remedy));
+        }
+    }
+}
+
 /// Checks the files that a field names, by time code.
 pub(super) fn check(stage: &Stage, prim: &Prim, assets: &[(Option<f64>, Asset)], findings: &mut Vec<Finding>) {
     let at = Some(prim.path.as_str());
-    let missing: Vec<&(Option<f64>, Asset)> = assets.iter().filter(|(_, asset)| !stage.exists(asset)).collect();
-    if let Some((time, asset)) = missing.first() {
+    let absence = |(time, asset): &'_ (Option<f64>, Asset)| Some((*time, asset.clone(), stage.absence(asset)?));
+    let missing: Vec<(Option<f64>, Asset, String)> = assets.iter().filter_map(absence).collect();
+    if let Some((time, asset, absence)) = missing.first() {
         let more = match missing.len() {
             1 => String::new(),
             count => format!(", and {} more", count - 1),
@@ -19,7 +31,7 @@ pub(super) fn check(stage: &Stage, prim: &Prim, assets: &[(Option<f64>, Asset)],
             Some(time) => ("missing-frame", format!(" at time code {time}")),
             None => ("missing-file", String::new()),
         };
-        let what = format!("the file @{}@{when} does not exist{more}", asset.authored);
+        let what = format!("the file @{}@{when} {absence}{more}", asset.authored);
         findings.push(Finding::problem(id, at, what, "restore the file, or correct filePath"));
     }
     let absolute = |asset: &Asset| {

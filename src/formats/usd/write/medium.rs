@@ -3,7 +3,7 @@
 //! The module [`scene`](super::super::scene) reads them.
 
 use super::text::{Literal, Property};
-use crate::formats::scene_file::MediumEntry;
+use crate::formats::scene_file::{BlackbodyEntry, EmissionGridEntry, MediumEntry};
 use crate::scene::capture::Model;
 
 /// Returns the light model that a medium asks for.
@@ -25,24 +25,38 @@ pub fn attributes(medium: &MediumEntry, transfer: Option<String>) -> Vec<Propert
         Model::PreShaded => "pre-shaded",
         Model::Absorption => "absorption",
     };
-    let mut all = vec![
-        Property::new("custom token", "cumulo:model", Literal::text(name)),
-        Property::new("custom double", "cumulo:densityScale", Literal::Number(medium.density_scale)),
-        Property::new("custom color3f", "cumulo:albedo", Literal::floats(medium.albedo)),
-        Property::new("custom double", "cumulo:anisotropy", Literal::Number(medium.anisotropy)),
-        Property::new("custom color3f", "cumulo:extinctionColor", Literal::floats(medium.extinction_color)),
-    ];
+    // All properties are named, so that a new one is not left out unnoticed.
+    let MediumEntry {
+        density_scale,
+        albedo,
+        anisotropy,
+        gradient_shading,
+        extinction_color,
+        emission,
+        transfer: _,
+        emission_grid,
+        blackbody,
+    } = medium;
     let number = |name: &str, value: f64| Property::new("custom double", name, Literal::Number(value));
     let color = |name: &str, value: [f32; 3]| Property::new("custom color3f", name, Literal::floats(value));
-    all.extend(medium.gradient_shading.map(|half| number("cumulo:gradientShading", half)));
-    all.extend(medium.emission_grid.as_ref().map(|grid| color("cumulo:emissionRadiance", grid.radiance)));
-    if let Some(body) = &medium.blackbody {
-        all.push(number("cumulo:blackbodyKelvin", body.kelvin));
-        all.push(number("cumulo:blackbodyIntensity", body.intensity));
-        all.push(color("cumulo:blackbodyTint", body.tint));
+    let mut all = vec![
+        Property::new("custom token", "cumulo:model", Literal::text(name)),
+        number("cumulo:densityScale", *density_scale),
+        color("cumulo:albedo", *albedo),
+        number("cumulo:anisotropy", *anisotropy),
+        color("cumulo:extinctionColor", *extinction_color),
+    ];
+    all.extend(gradient_shading.map(|half| number("cumulo:gradientShading", half)));
+    // The names of grids are those of the fields that play the part.
+    if let Some(EmissionGridEntry { grid: _, radiance }) = emission_grid {
+        all.push(color("cumulo:emissionRadiance", *radiance));
     }
-    let emission = medium.emission.map(|value| color("cumulo:emission", value));
-    let transfer = transfer.map(|path| Property::new("custom asset", "cumulo:transfer", Literal::Asset(path)));
-    all.extend(emission.into_iter().chain(transfer));
+    if let Some(BlackbodyEntry { grid: _, kelvin, intensity, tint }) = blackbody {
+        all.push(number("cumulo:blackbodyKelvin", *kelvin));
+        all.push(number("cumulo:blackbodyIntensity", *intensity));
+        all.push(color("cumulo:blackbodyTint", *tint));
+    }
+    all.extend(emission.map(|value| color("cumulo:emission", value)));
+    all.extend(transfer.map(|path| Property::new("custom asset", "cumulo:transfer", Literal::Asset(path))));
     all
 }

@@ -1,5 +1,6 @@
 //! Volumes as prims of UsdVol, one field for each grid.
 
+use super::light::placed;
 use super::material::{self, Renderer};
 use super::medium;
 use super::names::{Names, identifier};
@@ -8,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::formats::scene_file::MediumEntry;
 use crate::formats::usd::fields::GridField;
 use crate::math::Aabb;
+use glam::DMat4;
 use std::collections::BTreeMap;
 
 /// A file of a volume.
@@ -28,6 +30,8 @@ pub struct VolumePrim {
     pub name: String,
     /// Files in ascending order of their time codes.
     pub frames: Vec<VolumeFrame>,
+    /// Map from the files' space to that of the stage; `None` for the stage's own.
+    pub placement: Option<DMat4>,
     /// Grids that play a part, such as `density`, by the part's name: they are related as `field:density` and the like,
     /// all others by their own names.
     pub parts: Vec<(&'static str, String)>,
@@ -45,9 +49,15 @@ struct FieldPrim<'a> {
 }
 
 impl VolumePrim {
-    /// Returns the world-space box around all frames.
+    /// Returns the box around all frames in the space of the stage.
     pub fn bounds(&self) -> Aabb {
-        self.frames.iter().fold(Aabb::EMPTY, |all, frame| all.union(frame.bounds()))
+        let own = self.frames.iter().fold(Aabb::EMPTY, |all, frame| all.union(frame.bounds()));
+        match self.placement {
+            Some(map) if !own.is_empty() => {
+                own.corners().into_iter().map(|corner| map.transform_point3(corner)).fold(Aabb::EMPTY, Aabb::including)
+            }
+            _ => own,
+        }
     }
 
     /// Returns the volume's prim, which will lie beneath `parent`.
@@ -70,7 +80,7 @@ impl VolumePrim {
                 format!("{}_{}", identifier(&field.first.name), field.first.index)
             };
             let name = names.take(&wanted);
-            let part = self.parts.iter().find(|(_, grid)| field.first.index == 0 && *grid == field.first.name);
+            let part = self.parts.iter().find(|(_, grid)| field.first.is_called(grid));
             let relation = part.map_or_else(|| relations.take(&wanted), |(part, _)| (*part).to_owned());
             let target = format!("{path}/{name}");
             volume.properties.push(Property::relationship("custom rel", format!("field:{relation}"), target));
@@ -78,7 +88,10 @@ impl VolumePrim {
         }
         volume.properties.extend(medium::attributes(&self.medium, self.transfer.clone()));
         volume.variants.push(material::variants(renderer, &self.medium, &path));
-        Ok(volume)
+        Ok(match self.placement {
+            Some(map) => placed(volume, map),
+            None => volume,
+        })
     }
 
     /// Returns the boxes of the frames as attribute; `None` if there is nothing to be seen in any.
@@ -124,7 +137,7 @@ impl VolumePrim {
 }
 
 impl VolumeFrame {
-    /// Returns the world-space box around all grids.
+    /// Returns the box around all grids in the space of the file.
     pub fn bounds(&self) -> Aabb {
         self.fields.iter().filter_map(|field| field.bounds).fold(Aabb::EMPTY, Aabb::union)
     }

@@ -1,0 +1,176 @@
+//! Composition arcs that lead nowhere: layers and prims that references, payloads and sublayers name and that are not
+//! there, or are something else.
+
+use super::convert;
+use super::fault::Fault;
+use super::resolver::{Met, is_layer, is_stage_name};
+use crate::error::Error;
+use crate::formats::{Format, input, sniff};
+use openusd::ar;
+use openusd::pcp;
+use std::collections::BTreeMap;
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
+
+/// Translator of the composition's errors for one stage.
+pub(super) struct Arcs<'m> {
+    /// Root layer as the composition knows it.
+    root: &'m Path,
+    met: &'m Met,
+    /// Faults so far by what is missing, those without which the stage is whole last.
+    found: BTreeMap<(bool, String), Fault>,
+}
+
+impl<'m> Arcs<'m> {
+    pub(super) fn new(root: &'m Path, met: &'m Met) -> Self {
+        Self { root, met, found: BTreeMap::new() }
+    }
+
+    /// Returns the faults that errors of the composition stand for. Of several arcs to one layer or prim the first is named.
+    pub(super) fn faults(mut self, errors: &[pcp::Error]) -> Vec<Fault> {
+        errors.iter().for_each(|error| self.add(error));
+        // A layer that no arc's error names is told as well.
+        for error in &self.met.faults {
+            let place = error.path().map(|path| self.shown(path)).unwrap_or_default();
+            if !self.found.values().any(|fault| fault.what.contains(&format!("@{place}@"))) {
+                let what = format!("the layer @{place}@ cannot be read: {}", cause(error));
+                self.found.insert((false, place), Fault::missing(what, remedy(error)));
+            }
+        }
+        self.found.into_values().collect()
+    }
+
+    fn add(&mut self, error: &pcp::Error) {
+        use pcp::Error as E;
+        let (target, fault) = match error {
+            E::UnresolvedLayer { asset_path, arc, introduced_by, site_path }
+            | E::MalformedLayer { asset_path, arc, introduced_by, site_path, .. } => {
+                let name = format!("its {}", word(arc));
+                let fault = self.layer(&name, Path::new(asset_path), reason(error));
+                (asset_path.clone(), self.stated_by(introduced_by, fault).of_prim(site_path.as_str()))
+            }
+            E::UnresolvedSublayer { asset_path, introduced_by }
+            | E::MalformedSublayer { asset_path, introduced_by, .. } => {
+                let path = convert::asset(asset_path, Path::new(introduced_by)).path;
+                let fault = self.layer("its sublayer", &path, reason(error));
+                (path.to_string_lossy().into_owned(), self.stated_by(introduced_by, fault))
+            }
+            E::UnresolvedPrimPath { arc, target_layer, prim_path, introduced_by, site_path } => {
+                let target = self.shown(Path::new(target_layer));
+                let what = format!("its {} leads to <{prim_path}> of @{target}@, where no such prim is", word(arc));
+                let fault = Fault::missing(what, "correct the path of the prim, or add the prim to that layer");
+                (format!("{target}<{prim_path}>"), self.stated_by(introduced_by, fault).of_prim(site_path.as_str()))
+            }
+            E::MissingDefaultPrim { layer_id, arc, site_path } | E::InvalidDefaultPrim { layer_id, arc, site_path } => {
+                let target = self.shown(Path::new(layer_id));
+                let what = format!("its {} to @{target}@ names no prim, and that layer has no defaultPrim", word(arc));
+                let remedy = "name the prim, as in @layer.usda@</World>, or state defaultPrim in that layer";
+                (format!("{target}<>"), Fault::missing(what, remedy).of_prim(site_path.as_str()))
+            }
+            E::InvalidExpression { .. } | E::InvalidPrimPath { .. } | E::ProhibitedRelocationSource { .. } => {
+                (String::new(), Fault::missing(error.to_string(), LAYER))
+            }
+            other => (other.to_string(), Fault::remark(other.to_string(), LAYER)),
+        };
+        let key = (!fault.incomplete, if target.is_empty() { fault.what.clone() } else { target });
+        self.found.entry(key).or_insert(fault);
+    }
+
+    /// Names the layer that states an arc, unless it is the root layer.
+    fn stated_by(&self, identifier: &str, fault: Fault) -> Fault {
+        let stated = Path::new(identifier);
+        let other = !identifier.is_empty() && canonical(stated) != canonical(self.root);
+        Fault { layer: other.then(|| PathBuf::from(self.shown(stated))), ..fault }
+    }
+
+    /// Returns the fault of a layer that an arc, such as `its reference`, leads to.
+    fn layer(&self, arc: &str, path: &Path, reason: Option<&str>) -> Fault {
+        let shown = self.shown(path);
+        let fault = |cause: &dyn Display, remedy: &str| Fault::missing(format!("{arc} @{shown}@ {cause}"), remedy);
+        let known =
+            self.met.faults.iter().find(|error| error.path().is_some_and(|at| canonical(at) == canonical(path)));
+        if let Some(error) = known {
+            return fault(&format!("cannot be read: {}", cause(error)), remedy(error));
+        }
+        let text = path.to_string_lossy();
+        let (file, inner) = match ar::split_package_relative_path_outer(&text) {
+            Some((package, inner)) => (PathBuf::from(package), Some(inner)),
+            None => (path.to_path_buf(), None),
+        };
+        if let Err(error) = input::open(&file) {
+            return match error.io_kind() {
+                Some(std::io::ErrorKind::NotFound) => fault(&"does not exist", GONE),
+                _ => fault(&format!("cannot be read: {}", cause(&error)), remedy(&error)),
+            };
+        }
+        match inner.as_deref() {
+            Some(inner) if reason.is_none() => fault(&format!("does not exist: the package has no '{inner}'"), GONE),
+            Some(inner) if !is_layer(Path::new(inner)) => fault(&format!("is no USD layer: {ENDINGS}"), EXPORT),
+            None if !is_stage_name(&file) => other_kind(&file, &fault),
+            _ => fault(&format!("cannot be read: {}", reason.unwrap_or("it is no USD layer")), EXPORT),
+        }
+    }
+
+    /// Returns the path of a layer from the stage's folder where it lies in it.
+    fn shown(&self, path: &Path) -> String {
+        let folder = self.root.to_string_lossy();
+        let folder = folder.split(".usdz[").next().and_then(|root| Path::new(root).parent());
+        let folders = folder.into_iter().flat_map(|folder| [folder.to_path_buf(), canonical(folder)]);
+        let inside = folders.into_iter().find_map(|folder| path.strip_prefix(folder).ok().map(Path::to_path_buf));
+        let inside = inside.filter(|inside| !inside.as_os_str().is_empty());
+        inside.as_deref().unwrap_or(path).to_string_lossy().into_owned()
+    }
+}
+
+const ENDINGS: &str = "the names of layers end in .usda, .usdc, .usd or .usdz";
+const EXPORT: &str = "name a USD layer there, or write it again where it was made";
+const GONE: &str = "correct the path, or copy the layer there";
+/// Advice on a layer that states what cannot be composed.
+pub(super) const LAYER: &str = "correct the layer that states it, or write it again where it was made";
+
+/// Says what a file is that an arc takes for a layer and whose name is none of a layer.
+fn other_kind(file: &Path, fault: &dyn Fn(&dyn Display, &str) -> Fault) -> Fault {
+    match sniff(file) {
+        Ok(Format::Usd) => fault(&format!("has no layer's name: {ENDINGS}"), "rename it, and correct the path"),
+        Ok(Format::Vdb) => fault(
+            &"is an OpenVDB file, not a USD layer",
+            "name it as the filePath of an OpenVDBAsset; `cumulo usd author` writes a stage of a VDB",
+        ),
+        Ok(format) => fault(&format!("is {}, not a USD layer: {ENDINGS}", format.name()), EXPORT),
+        Err(error) => fault(&format!("cannot be read: {}", cause(&error)), remedy(&error)),
+    }
+}
+
+/// Returns the name of an arc's kind: `reference`, `payload`.
+fn word(arc: &pcp::ArcType) -> String {
+    format!("{arc:?}").to_lowercase()
+}
+
+fn reason(error: &pcp::Error) -> Option<&str> {
+    match error {
+        pcp::Error::MalformedLayer { reason, .. } | pcp::Error::MalformedSublayer { reason, .. } => Some(reason),
+        _ => None,
+    }
+}
+
+/// Returns the message of an error with its place, without its file.
+fn cause(error: &Error) -> String {
+    error.place().map_or_else(|| error.what().to_owned(), |place| format!("{place}: {}", error.what()))
+}
+
+fn remedy(error: &Error) -> &str {
+    error.remedy().unwrap_or(EXPORT)
+}
+
+/// Returns the canonical path of a file, or of a package with the path within it.
+fn canonical(path: &Path) -> PathBuf {
+    let text = path.to_string_lossy();
+    match ar::split_package_relative_path_outer(&text) {
+        Some((package, inner)) => {
+            let package = Path::new(&package);
+            let package = package.canonicalize().unwrap_or_else(|_| package.to_path_buf());
+            PathBuf::from(format!("{}[{inner}]", package.display()))
+        }
+        None => path.canonicalize().unwrap_or_else(|_| path.to_path_buf()),
+    }
+}
