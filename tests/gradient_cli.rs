@@ -63,7 +63,6 @@ fn every_parameter_and_loss_is_confirmed_by_differences() {
         (format!("{bright} --loss l2"), "tf,camera,extinction,background"),
         (format!("{bright} --loss ssim"), "tf"),
         (format!("{bright} --loss l2 --tf steps.tf.json"), "tf,camera,extinction,density"),
-        (format!("{bright} --loss l2 --tf steps.tf.json --quadrature preintegrated"), "tf,density,camera"),
         (format!("{bright} --loss mean --tf lobes.tf.json"), "tf,density"),
         (format!("{bright} --loss l2 --prior tv=0.1 --prior tf=0.3"), "tf,density"),
         (format!("{bright} --loss huber --prior smooth=2 --prior tf-rgb=1"), "tf,density"),
@@ -187,6 +186,7 @@ fn what_a_pre_shaded_volume_does_not_have_is_refused() {
         work.refused(&format!("{words} {asked}"), expected);
     }
     work.refused("gradient shaded.vdb --views 1 --loss mean --wrt emission", &["--model pre-shaded"]);
+    work.refused("gradient @plume.vdb --views 1 --loss mean --quadrature preintegrated --check", &["--check", "exact"]);
     work.refused(
         "gradient @plume.vdb --views 1 --loss mean --wrt emission --model pre-shaded",
         &["'emission'", "vec3s"],

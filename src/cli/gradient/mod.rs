@@ -287,6 +287,12 @@ impl GradientCommand {
     fn fits_together(&self) -> Result<()> {
         let by = |w: Wrt| self.wrt.contains(&w);
         let inverts = self.adjoint == Some(AdjointName::Inversion);
+        if self.quadrature.is_preintegrated() && self.check {
+            return Err(Error::invalid(
+                "--check: values of pre-integration jump, by less than its tolerance, where segments begin to be divided",
+            )
+            .hint("check the derivatives of --quadrature exact, which has difference quotients everywhere"));
+        }
         if self.quadrature.is_preintegrated() && inverts {
             return Err(Error::unsupported("pre-integration has no --adjoint inversion")
                 .hint("exact is what it approaches: --quadrature exact"));
