@@ -252,3 +252,58 @@ fn a_crop_that_leaves_nothing_says_so() {
         errors(&out)
     );
 }
+
+/// Grids of several files become those of one, at their places.
+#[test]
+fn files_are_joined() {
+    let work = Work::new();
+    let native = |name: &str, edge: f64| {
+        let transform = Affine::uniform(edge, DVec3::new(1.0, -2.0, 3.0)).unwrap();
+        NativeGrid::from_grid(&Grid { transform, ..volume(name, 1, |p| if p.x > 0.0 { 1.0 } else { 0.0 }) }).unwrap()
+    };
+    let [density, heat, other] = [native("density", 0.5), native("heat", 0.25), native("density", 2.0)];
+    write(&work.path("a.vdb"), &[&density]);
+    write(&work.path("b.vdb"), &[&heat]);
+    write(&work.path("c.vdb"), &[&other, &heat]);
+    let report = work.json("convert a.vdb b.vdb both.vdb --half");
+    assert_eq!(report["more"], serde_json::json!(["b.vdb"]));
+    let file = File::open(work.path("both.vdb"), Limits::default()).unwrap();
+    let names: Vec<&str> = file.entries().iter().map(|e| e.name.as_str()).collect();
+    assert_eq!(names, ["density", "heat"]);
+    for (name, grid) in [("density", &density), ("heat", &heat)] {
+        let found = file.read(name).unwrap();
+        assert!(found.same_values(grid).unwrap());
+        assert_eq!(found.info().unwrap().transform, grid.info().unwrap().transform);
+    }
+    work.refused("convert a.vdb c.vdb d.vdb", &["grid 'density'", "a.vdb", "c.vdb", "--rename density=NAME"]);
+    work.refused("convert a.vdb c.vdb d.vdb --grid density", &["'density'", "which of them is meant"]);
+    work.refused("convert a.vdb b.vdb d.vdb --grid smoke", &["no grid 'smoke'", "'density', 'heat'"]);
+    work.refused("convert a.vdb b.vdb d.vdb --up z", &["--up edits the grids of one file"]);
+    work.refused("convert a.vdb b.vdb d.nvdb", &["b.vdb", "one VDB"]);
+    work.refused("convert a.vdb b.vdb a.vdb", &["a.vdb"]);
+    assert!(!work.path("d.vdb").exists());
+    work.json("convert a.vdb c.vdb d.vdb --grid heat --names blender");
+    let file = File::open(work.path("d.vdb"), Limits::default()).unwrap();
+    assert_eq!(file.entries().iter().map(|e| e.name.as_str()).collect::<Vec<_>>(), ["flame"]);
+}
+
+#[test]
+fn files_of_other_up_axes_are_not_joined() {
+    let work = Work::new();
+    let text = |value: &str| cumulo::scene::grid::MetaValue::Text(value.into());
+    for (name, grid, creator) in
+        [("a", "density", "Houdini 20"), ("b", "heat", "Blender/OpenVDBWriter"), ("c", "fuel", "me")]
+    {
+        let native = NativeGrid::from_grid(&volume(grid, 1, |_| 1.0)).unwrap();
+        let metadata = BTreeMap::from([("creator".to_owned(), text(creator)), (format!("of_{name}"), text(name))]);
+        write_native(&work.path(&format!("{name}.vdb")), &[&native], None, &metadata, Codec::Blosc).unwrap();
+    }
+    work.refused("convert a.vdb b.vdb d.vdb", &["b.vdb", "Houdini 20", "--up z"]);
+    let warnings = work.json("convert a.vdb c.vdb d.vdb")["warnings"].to_string();
+    assert!(warnings.contains("c.vdb does not state its up axis") && warnings.contains("'creator'"), "{warnings}");
+    let metadata = File::open(work.path("d.vdb"), Limits::default()).unwrap().metadata().unwrap();
+    assert_eq!(
+        (&metadata["creator"], &metadata["of_a"], &metadata["of_c"]),
+        (&text("Houdini 20"), &text("a"), &text("c"))
+    );
+}

@@ -296,6 +296,109 @@ fn uneven_missing_doubled_and_turned_slices_are_named() {
     assert_eq!(values[0], f64::from(all[0].values[0]) * 2.0 - 1024.0);
 }
 
+#[test]
+fn a_slice_that_is_lost_is_named() {
+    let whole = series(EXPLICIT);
+    let lost = |change: &dyn Fn(&Path), words: &[&str]| {
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path(), &whole);
+        change(folder.path());
+        for path in [folder.path().to_path_buf(), folder.path().join("01.dcm")] {
+            let error = read(&path, &Options::default()).unwrap_err();
+            let text = error.to_string();
+            assert!(words.iter().all(|word| text.contains(word)) && error.remedy().is_some(), "{text} lacks {words:?}");
+        }
+    };
+    let length = whole[0].file().len();
+    let put = |folder: &Path, bytes: &[u8]| std::fs::write(folder.join("03.dcm"), bytes).unwrap();
+    // What disks and copies leave: zeros, nothing, a part of the header, or all but the pixels.
+    lost(&|folder| put(folder, &vec![0; length]), &["03.dcm", "name of a slice"]);
+    lost(&|folder| put(folder, &[]), &["03.dcm", "name of a slice"]);
+    let file = whole[1].file();
+    lost(&|folder| put(folder, &file[..200]), &["03.dcm", "may be one of the series"]);
+    let pixels = file.windows(4).rposition(|w| w == [0xe0, 0x7f, 0x10, 0]).unwrap();
+    lost(&|folder| put(folder, &file[..pixels]), &["03.dcm", "a file of the series cannot be read", "no pixels"]);
+    lost(&|folder| put(folder, &[&file[..300], &vec![0; length - 300]].concat()), &["03.dcm"]);
+    // Names that differ in their numbers alone are those of slices, too.
+    let folder = tempfile::tempdir().unwrap();
+    whole.iter().enumerate().for_each(|(n, s)| std::fs::write(folder.path().join(format!("I{n}")), s.file()).unwrap());
+    std::fs::write(folder.path().join("I17"), [0; 500]).unwrap();
+    assert!(read(folder.path(), &Options::default()).unwrap_err().to_string().contains("I17"));
+    std::fs::remove_file(folder.path().join("I17")).unwrap();
+    assert_eq!(read(folder.path(), &Options::default()).unwrap().0.size, [4, 3, 5]);
+}
+
+#[test]
+fn files_that_are_no_slices_are_passed_over() {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path(), &series(EXPLICIT));
+    // The directory of a medium, a report of another series, and what systems hide.
+    let mut meta = Writer::new(EXPLICIT);
+    meta.text(0x0002_0002, b"UI", "1.2.840.10008.1.3.10");
+    meta.text(0x0002_0010, b"UI", EXPLICIT);
+    std::fs::write(folder.path().join("DICOMDIR"), [&[0; 128][..], b"DICM", &meta.bytes].concat()).unwrap();
+    let report = Slice { series: "1.2.9", ..series(EXPLICIT).remove(0) }.file();
+    let pixels = report.windows(4).rposition(|w| w == [0xe0, 0x7f, 0x10, 0]).unwrap();
+    std::fs::write(folder.path().join("report.dcm"), &report[..pixels]).unwrap();
+    std::fs::write(folder.path().join("._01.dcm"), "hidden").unwrap();
+    let (header, _) = read(folder.path(), &Options::default()).unwrap();
+    assert_eq!(header.size, [4, 3, 5]);
+    assert!(header.notes.iter().any(|n| n.starts_with("2 DICOM file(s)") && n.contains("DICOMDIR")), "{header:?}");
+}
+
+#[test]
+fn slices_between_which_others_are_missing_are_refused() {
+    let every_other: Vec<Slice> = series(EXPLICIT).into_iter().step_by(2).collect();
+    // Slices are 1.5 thick, and here as far apart.
+    let apart = |slices: &[Slice], distance: f64| {
+        let mut slices = slices.to_vec();
+        let normal = oblique()[0].cross(oblique()[1]);
+        slices.iter_mut().for_each(|s| s.position = normal * (distance * f64::from(s.number)));
+        let folder = tempfile::tempdir().unwrap();
+        slices.iter().for_each(|s| std::fs::write(folder.path().join(format!("{}.dcm", s.number)), s.file()).unwrap());
+        read(folder.path(), &Options::default())
+    };
+    for slices in [&every_other[..2], &every_other[..]] {
+        let error = apart(slices, 1.5).unwrap_err().to_string();
+        assert!(error.contains("3.000 mm apart") && error.contains("as if 1 were missing"), "{error}");
+        // Numbers alone are no proof.
+        let (header, _) = apart(slices, 2.5).unwrap();
+        assert!(header.notes.iter().any(|n| n.contains("may be missing")), "{header:?}");
+    }
+    assert!(apart(&series(EXPLICIT), 1.5).unwrap().0.notes.iter().all(|n| !n.contains("missing")));
+}
+
+#[test]
+fn the_file_that_is_named_is_the_one_that_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let slice = series(EXPLICIT).remove(0);
+    for (name, value) in [("a.dcm", 7), ("b.dcm", 99)] {
+        std::fs::write(folder.path().join(name), Slice { values: vec![value; 12], ..slice.clone() }.file()).unwrap();
+    }
+    for (name, value) in [("a.dcm", 7.0), ("b.dcm", 99.0)] {
+        let (header, values) = read(&folder.path().join(name), &Options::default()).unwrap();
+        assert_eq!(values, [value * 2.0 - 1024.0; 12], "{name}");
+        assert!(header.notes.iter().any(|n| n.contains("of 2 in time")), "{header:?}");
+    }
+    let path = folder.path().join("b.dcm");
+    let error = read(&path, &Options { time: Some(0), ..Options::default() }).unwrap_err();
+    assert!(error.to_string().contains("b.dcm") && error.remedy().is_some(), "{error}");
+    assert!(read(&path, &Options { time: Some(1), ..Options::default() }).is_ok());
+    let error = read(&path, &Options { series: Some("9.9".into()), ..Options::default() }).unwrap_err();
+    assert!(error.to_string().contains("of the series 1.2.3, and not of 9.9"), "{error}");
+}
+
+#[test]
+fn a_preamble_may_be_the_header_of_a_tiff() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut file = series(EXPLICIT).remove(0).file();
+    file[..8].copy_from_slice(b"II*\0\x08\0\0\0");
+    let path = folder.path().join("ct.dcm");
+    std::fs::write(&path, file).unwrap();
+    assert_eq!(sniff(&path).unwrap(), Some(Format::Dicom));
+    assert_eq!(read(&path, &Options::default()).unwrap().0.size, [4, 3, 1]);
+}
+
 /// Replaces a text in the bytes of a file by one of the same length.
 fn patched(mut bytes: Vec<u8>, from: &[u8], to: &[u8]) -> Vec<u8> {
     let at = bytes.windows(from.len()).position(|w| w == from).unwrap();

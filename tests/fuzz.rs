@@ -1,6 +1,8 @@
 //! Damaged inputs of every kind through every command that reads them: no crash, no hang, memory below its cap, and a
 //! message that names the file and says what to do.
 //!
+//! Then files of some kinds change while they are read.
+//!
 //! `make test` runs a short round, `make fuzz` the long one. Environment variables: `FUZZ_INPUTS` is the number of
 //! damaged inputs, `FUZZ_SEED` the seed, `FUZZ_CASE` runs one case alone, `FUZZ_PROGRAM` names another build of the
 //! program, `FUZZ_KEEP` the folder for the inputs that fail.
@@ -33,6 +35,18 @@ const INPUTS_PER_STAGE: u64 = 8;
 /// Memory that the system grants a process before its allocations fail. A machine survives a few of that size, and the
 /// peaks that the test looks for are smaller.
 const DATA: u64 = 2 << 30;
+/// Kinds of inputs of which files change while they are read, and parts of the names of those that do.
+const CHANGING: [(&str, &str); 7] = [
+    ("scalar volumes", "plain.vdb"),
+    ("scalar volumes", "plume.vdb"),
+    ("other volumes", "points.vdb"),
+    ("NanoVDB", "cube.nvdb"),
+    ("pictures", "picture zip.exr"),
+    ("OME-Zarr", "zarr.json"),
+    ("images", ""),
+];
+/// Longest time that the round of changing files takes, which ends then.
+const CHANGING_SECONDS: f64 = 60.0;
 /// Inputs that are kept of each fault.
 const EXAMPLES: usize = 3;
 
@@ -158,6 +172,40 @@ impl Round<'_> {
         }
     }
 
+    /// Runs every command that reads a file while it changes, and counts how many ended with each code.
+    fn changing(&self, folder: &Path) {
+        let begun = Instant::now();
+        let mut dice = Dice::new(self.seed, u64::MAX);
+        let of_kind = |(kind, name): &(&str, &str)| {
+            let (_, samples) = self.corpus.kinds.iter().find(|(found, _)| found == kind).unwrap();
+            let wanted: Vec<&Sample> = samples.iter().filter(|s| s.name.contains(name)).collect();
+            assert!(!wanted.is_empty(), "{kind}: {name}");
+            wanted
+        };
+        for sample in CHANGING.iter().flat_map(of_kind) {
+            let whole = &sample.files[&sample.damaged];
+            let others: Vec<Vec<u8>> = (0..8).map(|_| mutate::damage(whole, sample.syntax, &mut dice).0).collect();
+            let case = self.of(sample, whole, folder.to_path_buf());
+            for command in &sample.commands {
+                if begun.elapsed().as_secs_f64() > CHANGING_SECONDS {
+                    return;
+                }
+                let trial = case.run_changing(command, &others);
+                let mut tally = self.tally.lock().unwrap();
+                let counts = tally.kinds.entry("changing files").or_default();
+                counts.inputs += 1;
+                counts.runs += 1;
+                counts.faults += trial.faults.len() as u64;
+                *counts.codes.entry(trial.code.unwrap_or(-1)).or_default() += 1;
+                for fault in &trial.faults {
+                    let entry = tally.faults.entry((fault.what, shape(&fault.seen))).or_default();
+                    entry.0 += 1;
+                    entry.1.push(format!("{} that changes: {command}", sample.name));
+                }
+            }
+        }
+    }
+
     /// Keeps the input with the command that shows the fault.
     fn keep(&self, number: u64, case: &Case, command: &str, how: &str, fault: &Fault) -> PathBuf {
         let folder = self.keep.join(format!("case-{number}"));
@@ -255,6 +303,9 @@ fn damaged_inputs_are_read_or_refused() {
                 });
             }
         });
+    }
+    if number("FUZZ_CASE").is_none() {
+        round.changing(&folder.path().join("changing"));
     }
     let tally = round.tally.into_inner().unwrap();
     let summary = tally.summary(seed, begun.elapsed().as_secs_f64(), &round.keep);

@@ -122,6 +122,113 @@ fn damaged_images_are_read_or_refused() {
     assert!(refused.values().all(|n| n * 6 > rounds) && refused.len() == images::samples().len(), "{refused:?}");
 }
 
+/// Opens a file of these bytes; the error, or the notes of its images.
+fn opened(name: &str, bytes: &[u8]) -> Result<String> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    let format = format::sniff(&path)?.unwrap_or_else(|| panic!("{name} is no image"));
+    let images = format::open(&path, format, &Options::default(), LIMITS)?;
+    Ok(images.iter().flat_map(|image| image.header.notes.clone()).collect::<Vec<_>>().join("; "))
+}
+
+/// Asserts that a file is refused with a remedy, in words that name it.
+fn refused(name: &str, bytes: &[u8], words: &str) {
+    let text = match opened(name, bytes) {
+        Ok(notes) => panic!("{name} is read ({notes}); '{words}' is expected"),
+        Err(error) => {
+            assert!(error.remedy().is_some(), "{error}");
+            error.to_string()
+        }
+    };
+    assert!(text.contains(name) && text.contains(words), "{text} lacks '{words}'");
+}
+
+#[test]
+fn numbers_without_a_meaning_are_refused() {
+    let samples = images::samples();
+    let sample = samples.iter().find(|s| s.name == "NIfTI-1, big endian, qform").unwrap();
+    let (name, whole) = &sample.files[0];
+    let with = |changes: &[(usize, f32)]| {
+        let mut bytes = whole.clone();
+        changes.iter().for_each(|(at, v)| bytes[*at..at + 4].copy_from_slice(&v.to_be_bytes()));
+        bytes
+    };
+    for value in [f32::NAN, f32::INFINITY, 0.0, -1.0] {
+        for axis in 1..4 {
+            refused(name, &with(&[(76 + 4 * axis, value)]), &format!("(pixdim[{axis}]) is {value}"));
+        }
+    }
+    refused(name, &with(&[(76, f32::NAN)]), "pixdim[0]");
+    refused(name, &with(&[(112, f32::NAN)]), "(scl_slope) of the values is NaN");
+    refused(name, &with(&[(112, f32::INFINITY), (116, 0.0)]), "scl_slope");
+    refused(name, &with(&[(112, 2.0), (116, f32::NAN)]), "scl_inter");
+    // The standard: a slope of 0 says that there is no scale.
+    assert_eq!(opened(name, &with(&[(112, 0.0)])).unwrap(), "");
+    assert!(opened(name, &with(&[(112, 0.0), (116, 5.0)])).unwrap().contains("intercept of 5 is not applied"));
+
+    let meta = |more: &str, data: &str| {
+        let head = "ObjectType = Image\nNDims = 3\nDimSize = 1 1 1\n";
+        [format!("{head}{more}ElementType = MET_UCHAR\nElementDataFile = {data}\n").as_bytes(), b"\x01"].concat()
+    };
+    for edge in ["0", "-1", "nan", "inf"] {
+        refused("a.mha", &meta(&format!("ElementSpacing = 1 {edge} 1\n"), "LOCAL"), "ElementSpacing");
+    }
+    assert!(opened("a.mha", &meta("", "LOCAL")).unwrap().contains("1 is taken"));
+    let nrrd = |more: &str| {
+        let head = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 1 1 1\nencoding: raw\n";
+        [format!("{head}{more}\n\n").as_bytes(), b"\x01"].concat()
+    };
+    refused("a.nrrd", &nrrd("spacings: 1 inf 1"), "spacings");
+    refused("a.nrrd", &nrrd("spacings: 1 0 1"), "placement");
+    assert!(opened("a.nrrd", &nrrd("spacings: 1 nan 1")).unwrap().contains("second; 1 is taken"));
+    assert_eq!(opened("a.nrrd", &nrrd("spacings: 1 2 1")).unwrap(), "");
+    let vtk = |spacing: &str| {
+        format!(
+            "# vtk DataFile Version 3.0\nt\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 1 1 1\nSPACING {spacing}\nORIGIN 0 0 0\n\
+             POINT_DATA 1\nSCALARS a float\nLOOKUP_TABLE default\n1\n"
+        )
+    };
+    for spacing in ["1 0 1", "1 -2 1"] {
+        refused("a.vtk", vtk(spacing).as_bytes(), "SPACING");
+    }
+    refused("a.vtk", vtk("1 nan 1").as_bytes(), "SPACING");
+
+    // Files elsewhere are none of the header's.
+    for data in ["../a.raw", "/etc/hostname", "b/../../a.raw"] {
+        refused("a.mhd", &meta("", data), "does not lie in the header's folder");
+        refused("a.nhdr", &nrrd(&format!("data file: {data}")), "does not lie in the header's folder");
+    }
+    refused("a.mhd", &meta("", "../s%d.raw 1 1 1"), "does not lie in the header's folder");
+}
+
+/// Strips that a TIFF leaves out, or that are shorter than their pixels, are no zeros.
+#[test]
+fn strips_that_are_not_there_are_refused() {
+    let samples = images::samples();
+    let sample = samples.iter().find(|s| s.files[0].0.ends_with(".tif")).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("strips.tif");
+    let description = "ImageJ=1.53t\nimages=2\nslices=2\nunit=mm\nspacing=1\n";
+    let whole = images::tiff(&[vec![7; 20], vec![9; 20]], 5, 4, description, [3, 3]);
+    std::fs::write(&path, &whole).unwrap();
+    read(&path, sample).unwrap();
+    // An entry of a directory: its tag, its type (16 or 32 bits), a count of 1, and the value.
+    let is_entry = |at: usize, tag: u16| {
+        whole[at..at + 2] == tag.to_le_bytes() && matches!(whole[at + 2..at + 8], [3 | 4, 0, 1, 0, 0, 0])
+    };
+    let cases =
+        [(273, 0_u32, "not in the file"), (279, 0, "not in the file"), (279, 7, "7 bytes of values, 40 are needed")];
+    for (tag, value, words) in cases {
+        let at = (0..whole.len() - 11).rev().find(|at| is_entry(*at, tag)).unwrap();
+        let mut bytes = whole.clone();
+        bytes[at + 8..at + 12].copy_from_slice(&value.to_le_bytes());
+        std::fs::write(&path, bytes).unwrap();
+        let error = read(&path, sample).unwrap_err();
+        assert!(error.to_string().contains(words) && error.remedy().is_some(), "{error}");
+    }
+}
+
 /// Every file that ends too early is refused, whatever the format: at every length of the header, and of the values.
 #[test]
 fn files_that_end_early_are_refused() {

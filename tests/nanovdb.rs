@@ -31,7 +31,15 @@ fn mask(origin: [i32; 3]) -> [u64; 8] {
 }
 
 fn volume(name: &str, kind: Kind, tree: Tree) -> Volume {
-    Volume { name: name.into(), class: GridClass::FogVolume, transform: sheared(), kind, tree, notes: Vec::new() }
+    Volume {
+        name: name.into(),
+        class: GridClass::FogVolume,
+        transform: sheared(),
+        kind,
+        tree,
+        texts: BTreeMap::new(),
+        notes: Vec::new(),
+    }
 }
 
 /// Tiles of each level, active and not, in ascending order.

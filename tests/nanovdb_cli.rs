@@ -5,8 +5,11 @@
 use assert_cmd::Command;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::nanovdb::{Volume, write};
-use cumulo::formats::vdb::{File, NativeGrid};
+use cumulo::formats::vdb::{Codec, File, NativeGrid, write_native};
+use cumulo::scene::grid::MetaValue;
+use cumulo::scene::up::Up;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 fn cumulo(code: i32, arguments: &[&str]) -> String {
@@ -58,6 +61,64 @@ fn grids_come_back_as_they_were() {
             assert_eq!((before.value_type, before.background), (after.value_type, after.background));
         }
     }
+}
+
+/// NanoVDB has no field for the creator, by which Houdini's smoke is known to be Y-up.
+#[test]
+fn the_up_axis_comes_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let [vdb, nano, back, bare, bare_back] =
+        ["a.vdb", "a.nvdb", "b.vdb", "c.nvdb", "c.vdb"].map(|n| folder.path().join(n));
+    let plume = grid(&fixture("plume.vdb"), "density");
+    let creator = "Houdini 20.5.654/GEO_VDBTranslator";
+    let metadata = BTreeMap::from([("creator".to_owned(), MetaValue::Text(creator.into()))]);
+    write_native(&vdb, &[&plume], None, &metadata, Codec::Blosc).unwrap();
+    cumulo(0, &["convert", text(&vdb), text(&nano)]);
+    cumulo(0, &["convert", text(&nano), text(&back)]);
+    let file = File::open(&back, Limits::default()).unwrap();
+    assert_eq!(file.up().unwrap().up, Up::Y);
+    assert_eq!(file.metadata().unwrap()["creator"], MetaValue::Text(creator.into()));
+    let same = json(0, &["diff", text(&vdb), text(&back)]);
+    assert_eq!((&same["up"], &same["creator"]), (&Value::Null, &Value::Null));
+    // NanoVDB's own tools read what lies beside the grid, or past it.
+    for tool in ["nanovdb_validate", "nanovdb_print"] {
+        let out = std::process::Command::new(tool).arg(&nano).output().unwrap();
+        let said = format!("{}{}", String::from_utf8_lossy(&out.stdout), String::from_utf8_lossy(&out.stderr));
+        assert!(out.status.success() && !said.to_lowercase().contains("invalid"), "{tool}: {said}");
+    }
+    // A file of another program states nothing: the values are the same, the axes are not.
+    let volume = Volume::of_native(&plume, Limits::default()).unwrap();
+    write(&bare, &[volume], Limits::default()).unwrap();
+    cumulo(0, &["convert", text(&bare), text(&bare_back)]);
+    let differs = json(0, &["diff", text(&vdb), text(&bare_back)]);
+    assert_eq!((&differs["up"]["a"]["axis"], &differs["up"]["b"]["axis"]), (&json!("Y"), &json!("Z")));
+    assert_eq!(differs["grids"][0]["max_abs"], json!(0.0));
+    let said = cumulo(0, &["diff", text(&vdb), text(&bare_back)]);
+    assert!(said.contains("up axes differ") && said.contains("creators differ"), "{said}");
+    // Two statements that contradict each other are a difference.
+    let blender = BTreeMap::from([("creator".to_owned(), MetaValue::Text("Blender/OpenVDBWriter".into()))]);
+    write_native(&back, &[&plume], None, &blender, Codec::Blosc).unwrap();
+    assert!(cumulo(1, &["diff", text(&vdb), text(&back)]).ends_with("different\n"));
+}
+
+#[test]
+fn long_names_and_damaged_texts_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let [nano, vdb] = ["a.nvdb", "a.vdb"].map(|n| folder.path().join(n));
+    let mut volume = Volume::of_native(&grid(&fixture("cube.vdb"), "density"), Limits::default()).unwrap();
+    volume.name = "n".repeat(300);
+    volume.texts = BTreeMap::from([("creator".to_owned(), "Houdini".to_owned())]);
+    write(&nano, &[volume], Limits::default()).unwrap();
+    cumulo(0, &["convert", text(&nano), text(&vdb)]);
+    let file = File::open(&vdb, Limits::default()).unwrap();
+    assert_eq!((file.entries()[0].name.len(), file.up().unwrap().up), (300, Up::Y));
+    // The number of texts, in a header that lies behind the directory and the long name.
+    let mut bytes = std::fs::read(&nano).unwrap();
+    let header = bytes.windows(8).rposition(|w| w == b"NanoVDB0").unwrap();
+    bytes[header + 648..header + 652].copy_from_slice(&u32::MAX.to_le_bytes());
+    std::fs::write(&nano, bytes).unwrap();
+    let notes = json(0, &["convert", text(&nano), text(&vdb)])["notes"].to_string();
+    assert!(notes.contains("beside the grid cannot be read"), "{notes}");
 }
 
 #[test]

@@ -5,9 +5,11 @@
 mod common;
 
 use common::{fog, python};
+use cumulo::error::Kind;
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::{Codec, File, preflight, write_grids};
 use std::collections::BTreeMap;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -118,6 +120,44 @@ fn five_hundred_damaged_files_crash_nothing_and_stay_below_the_cap() {
     }
     // Damage to a name, to padding or to a stored value can leave a sound file; most must not.
     assert!(refused > 250, "only {refused} of 500 damaged files were found out");
+}
+
+/// Another program writes into the file between the check and the reading: OpenVDB decodes what was checked, or nothing.
+#[test]
+fn a_file_that_changes_after_its_check_misleads_nobody() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("changes.vdb");
+    for codec in [Codec::Blosc, Codec::None] {
+        write_grids(&path, &[&fog("density", 2, 1)], &BTreeMap::new(), codec, false).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        let open = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
+        let (mut told, mut read) = (0, 0);
+        // A length of less than 0 stands for values that are not packed: OpenVDB reads so many into the place of a leaf.
+        let word = |at: usize| u32::from_le_bytes(whole[at..at + 4].try_into().unwrap());
+        let is_length = |at: &usize| word(at + 4) == 0 && word(*at) >= 16 && word(at + 20) == word(*at);
+        let lengths = (0..whole.len() - 24).filter(is_length).step_by(if codec == Codec::Blosc { 2 } else { 1 });
+        for at in (0..whole.len() - 8).step_by(whole.len() / 150).chain(lengths.take(100)) {
+            let file = File::open(&path, LIMITS).unwrap();
+            open.write_all_at(&(-20_000_i64).to_le_bytes(), at as u64).unwrap();
+            match file.read("density").and_then(|_| file.metadata()) {
+                Ok(_) => read += 1,
+                Err(error) => {
+                    let text = error.to_string();
+                    let changed = text.contains("changed while it was read") || error.kind() == Kind::Native;
+                    assert!(changed && text.contains("changes.vdb"), "{codec:?}, byte {at}: {text}");
+                    told += 1;
+                }
+            }
+            open.write_all_at(&whole[at..at + 8], at as u64).unwrap();
+        }
+        // Without lengths, in a file that is not packed, nearly all that changes are values.
+        let least = if codec == Codec::Blosc { 30 } else { 1 };
+        assert!(told >= least && read > 5, "{codec:?}: {told} told, {read} read");
+        let file = File::open(&path, LIMITS).unwrap();
+        open.set_len(whole.len() as u64 / 2).unwrap();
+        let error = file.read("density").unwrap_err().to_string();
+        assert!(error.contains("became shorter") && error.contains("try again"), "{error}");
+    }
 }
 
 #[test]

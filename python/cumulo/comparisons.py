@@ -179,6 +179,8 @@ class Difference(Report):
     only_in_b: list[str]
     not_compared: list[Any]
     of_other_kind: list[str] = dataclasses.field(default_factory=list)
+    up: dict[str, Any] | None = None
+    creator: dict[str, Any] | None = None
 
     def __bool__(self) -> bool:
         return self.same

@@ -519,6 +519,7 @@ class Converted(Report):
     input: pathlib.Path
     output: pathlib.Path
     bytes: int
+    more: list[pathlib.Path] = dataclasses.field(default_factory=list)
     grids: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     transfer: dict[str, Any] | None = None
     warnings: list[str] = dataclasses.field(default_factory=list)

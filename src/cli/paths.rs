@@ -31,6 +31,14 @@ pub fn text<P: Reported, S: Serializer>(path: &P, serializer: S) -> Result<S::Ok
     path.text().serialize(serializer)
 }
 
+/// Serialises paths as texts, as [`text`] does.
+///
+/// # Errors
+/// Those of the serialiser.
+pub fn texts<S: Serializer>(paths: &[PathBuf], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_seq(paths.iter().map(Reported::text))
+}
+
 #[cfg(all(test, unix))]
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {

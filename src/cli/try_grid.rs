@@ -2,16 +2,13 @@
 
 use crate::error::Error;
 use crate::formats::limits::Limits;
-use crate::formats::vdb::File;
-use std::io::Write;
-use std::path::PathBuf;
+use crate::formats::vdb;
+use std::io::{Read, Write};
 use std::process::ExitCode;
 
-/// Read a grid and drop it
+/// Read a grid on standard input and drop it
 #[derive(Debug, clap::Args)]
 pub struct TryGrid {
-    file: PathBuf,
-    grid: String,
     pub(super) max_memory: u64,
 }
 
@@ -22,12 +19,13 @@ impl TryGrid {
             rustix::process::Resource::Core,
             rustix::process::Rlimit { current: Some(0), maximum: Some(0) },
         );
-        let what = |error: Error| error.what().to_owned();
         let limits = Limits { max_memory: self.max_memory };
-        match File::open(&self.file, limits).and_then(|file| file.try_grid(&self.grid)).map_err(what) {
+        let mut bytes = Vec::new();
+        let read = std::io::stdin().lock().take(self.max_memory).read_to_end(&mut bytes).map_err(Error::system);
+        match read.and_then(|_| vdb::try_grid(bytes, limits)) {
             Ok(()) => ExitCode::SUCCESS,
-            Err(what) => {
-                let _ = write!(std::io::stderr(), "{what}");
+            Err(error) => {
+                let _ = write!(std::io::stderr(), "{}", error.what());
                 ExitCode::from(2)
             }
         }

@@ -142,6 +142,32 @@ fn zarr() -> BTreeMap<PathBuf, Vec<u8>> {
     files.map(|(name, bytes)| (Path::new("image.zarr").join(name), bytes)).into()
 }
 
+/// A DICOM file of one slice of 2 x 2 bytes.
+fn dicom() -> Vec<u8> {
+    let mut bytes = [&[0; 128][..], b"DICM"].concat();
+    let mut element = |tag: u32, kind: &[u8; 2], value: &[u8]| {
+        bytes.extend(((tag >> 16) as u16).to_le_bytes());
+        bytes.extend((tag as u16).to_le_bytes());
+        bytes.extend(kind);
+        if kind == b"OB" {
+            bytes.extend([0; 2]);
+            bytes.extend((value.len() as u32).to_le_bytes());
+        } else {
+            bytes.extend((value.len() as u16).to_le_bytes());
+        }
+        bytes.extend(value);
+    };
+    element(0x0002_0010, b"UI", b"1.2.840.10008.1.2.1\0");
+    element(0x0020_000e, b"UI", b"1.2\0");
+    element(0x0020_0032, b"DS", b"0\\0\\0 ");
+    element(0x0020_0037, b"DS", b"1\\0\\0\\0\\1\\0 ");
+    let words = [(0x0028_0010, 2), (0x0028_0011, 2), (0x0028_0100, 8), (0x0028_0101, 8), (0x0028_0102, 7)];
+    element(0x0028_0030, b"DS", b"1\\1 ");
+    words.iter().for_each(|(tag, value)| element(*tag, b"US", &u16::to_le_bytes(*value)));
+    element(0x7fe0_0010, b"OB", &[1, 2, 3, 4]);
+    bytes
+}
+
 const STAGE: [&str; 4] = ["info {}", "validate {}", "plan {} --size 6x6", "render {} --size 6x6 --samples 2 -o >out"];
 
 /// A stage of a volume with a light and a camera that moves, as text, binary or package.
@@ -321,10 +347,11 @@ impl Corpus {
             commands: vec!["convert image.zarr >out.vdb"],
         });
 
+        let slice = single("image", "slice.dcm", dicom(), Syntax::Binary, &["convert {} >out.vdb"]);
         let kinds = vec![
             ("NanoVDB", nano.into()),
             ("OME-Zarr", zarrs.collect()),
-            ("images", images::samples().iter().map(image).collect()),
+            ("images", images::samples().iter().map(image).chain([slice]).collect()),
             ("stages", stages.into()),
             ("scenes", scenes.into()),
             ("scalar volumes", scalar),

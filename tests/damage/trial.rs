@@ -4,9 +4,11 @@ use super::corpus::Sample;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs::OpenOptions;
+use std::os::unix::fs::FileExt;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use wait4::Wait4;
 
@@ -128,6 +130,40 @@ impl Case<'_> {
             if !rewritten && std::fs::read(self.folder.join(name)).ok().as_deref() != Some(whole) {
                 faults.push(Fault { what: "inputs are left as they were", seen: name.display().to_string() });
             }
+        }
+        faults.extend(self.leftovers());
+        Trial { code: ended.status.code(), faults, peak_kib: ended.peak_kib, seconds: ended.seconds }
+    }
+
+    /// Runs a command while the damaged file changes in place all the time, between what it was, `others` and parts of them,
+    /// and says what was not as it must be.
+    pub fn run_changing(&self, command: &str, others: &[Vec<u8>]) -> Trial {
+        self.prepare();
+        let (words, outputs) = self.words(command);
+        let whole = &self.sample.files[&self.sample.damaged];
+        let file = OpenOptions::new().write(true).open(self.folder.join(&self.sample.damaged)).unwrap();
+        let ending = AtomicBool::new(false);
+        let ended = std::thread::scope(|scope| {
+            scope.spawn(|| {
+                for other in others.iter().cycle() {
+                    for bytes in [other, whole, &whole[..whole.len() / 2].to_vec(), whole] {
+                        file.set_len(bytes.len() as u64).unwrap();
+                        file.write_all_at(bytes, 0).unwrap();
+                        std::thread::sleep(Duration::from_micros(300));
+                    }
+                    if ending.load(Ordering::Relaxed) {
+                        break;
+                    }
+                }
+            });
+            let ended = self.start(&words);
+            ending.store(true, Ordering::Relaxed);
+            ended
+        });
+        let mut faults = self.judge(&ended, command);
+        for output in &outputs {
+            let path = self.folder.join(output);
+            faults.extend(if ended.status.code() == Some(0) { self.sound_output(&path) } else { self.remains(&path) });
         }
         faults.extend(self.leftovers());
         Trial { code: ended.status.code(), faults, peak_kib: ended.peak_kib, seconds: ended.seconds }

@@ -74,11 +74,13 @@ impl Convert {
                 .at(to.path(*number))
                 .hint("inputs are never replaced: give other names, or another folder"));
         }
+        let further = self.further(sequence)?;
         make_folder(&to.path(0))?;
         let work = |number: u32, limits| {
             let (input, path) = (sequence.path(number), to.path(number));
             let frames = FramesOption::default();
-            let one = Self { input, output: path.clone(), frames, memory: Memory::of(limits), ..self.clone() };
+            let more = further.iter().map(|sequence| sequence.path(number)).collect();
+            let one = Self { input, more, output: path.clone(), frames, memory: Memory::of(limits), ..self.clone() };
             let (_, report) = output.keep(|silent| one.run(silent))?;
             let bytes = std::fs::metadata(&path).map_or(0, |data| data.len());
             Ok(Frame { frame: number, report, bytes })
@@ -97,6 +99,28 @@ impl Convert {
             failed,
         })?;
         Ok(code)
+    }
+}
+
+impl Convert {
+    /// Sequences whose frames are joined with those of the first one, which has a frame of each number.
+    fn further(&self, first: &Sequence) -> Result<Vec<Sequence>> {
+        let sequence = |path: &PathBuf| {
+            let found = self.frames.sequence(path, &["vdb"])?.ok_or_else(|| {
+                Error::invalid("this is no sequence, and the first input is one")
+                    .at(path)
+                    .hint("give sequences such as 'a.####.vdb' and 'b.####.vdb', or files")
+            })?;
+            match first.numbers.iter().find(|number| !found.numbers.contains(number)) {
+                Some(number) => {
+                    Err(Error::invalid(format!("the sequence has no frame {number}, which the first one has"))
+                        .at(path)
+                        .hint("choose the frames that all sequences have: --frames 1-48"))
+                }
+                None => Ok(found),
+            }
+        };
+        self.more.iter().map(sequence).collect()
     }
 }
 

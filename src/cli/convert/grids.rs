@@ -3,7 +3,7 @@
 use super::Convert;
 use super::converted::ConvertedGrid;
 use super::grid_edit::{Budget, GridEdit, ONE_BY_ONE};
-use super::sources::{self, GridSource};
+use super::parts::{self, Part};
 use super::turn::Turn;
 use crate::cli::memory::human;
 use crate::cli::output::Output;
@@ -14,7 +14,6 @@ use crate::formats::vdb::{File, NativeGrid, ResampleFilter, Transform as Placeme
 use crate::scene::transfer::Transfer;
 use crate::text::printable;
 use serde::Serialize;
-use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -23,6 +22,9 @@ use std::process::ExitCode;
 pub(in crate::cli) struct Report {
     #[serde(serialize_with = "crate::cli::paths::text")]
     input: PathBuf,
+    /// Other files whose grids were joined with those of the first one.
+    #[serde(skip_serializing_if = "Vec::is_empty", serialize_with = "crate::cli::paths::texts")]
+    more: Vec<PathBuf>,
     #[serde(serialize_with = "crate::cli::paths::text")]
     output: PathBuf,
     bytes: u64,
@@ -45,28 +47,31 @@ impl Convert {
         let stage = output.stage("converting");
         let limits = self.memory.limits();
         outputs::file(&self.output, Content::Vdb)?;
-        let inputs = std::iter::once(&self.input).chain(&self.transfer.tf);
-        outputs::spare([self.output.as_path()], inputs.map(PathBuf::as_path))?;
+        let volumes = || std::iter::once(&self.input).chain(&self.more);
+        outputs::spare([self.output.as_path()], volumes().chain(&self.transfer.tf).map(PathBuf::as_path))?;
         let transfer = self.transfer.load(limits)?;
-        let file = File::open(&self.input, limits)?;
-        let names = self.chosen(&file)?;
-        let turn = Turn::of(&self.edits, &file);
+        let files = volumes().map(|path| File::open(path, limits)).collect::<Result<Vec<_>>>()?;
+        let parts = self.parts(&files)?;
+        let turn = Turn::of(&self.edits, &files[0]);
         turn.iter().for_each(|turn| output.note(turn));
         let mut warnings = Vec::new();
-        let (natives, grids) = self.made(&file, &names, (transfer.as_ref(), turn.as_ref()), &mut warnings)?;
+        parts::check_up(&files, &mut warnings)?;
+        let (natives, grids) = self.made(&parts, (transfer.as_ref(), turn.as_ref()), &mut warnings)?;
+        let mut metadata = parts::further_metadata(&files, &mut warnings)?;
+        metadata.extend(turn.as_ref().map(|turn| turn.metadata(&files[0])).transpose()?.unwrap_or_default());
         warnings.iter().for_each(|warning| output.note(format!("warning: {warning}")));
         if transfer.is_some() && !grids.iter().any(|g| g.transfer) {
             return Err(Error::invalid("no grid holds scalars, which a transfer function needs")
                 .at(&self.input)
                 .hint("leave --tf out, or choose other grids"));
         }
-        let metadata = turn.as_ref().map(|turn| turn.metadata(&file)).transpose()?.unwrap_or_default();
-        write_native(&self.output, &natives.iter().collect::<Vec<_>>(), Some(&file), &metadata, self.codec)?;
+        write_native(&self.output, &natives.iter().collect::<Vec<_>>(), Some(&files[0]), &metadata, self.codec)?;
         let transfer = transfer.as_ref().map(TransferSummary::of).transpose()?;
         let bytes = std::fs::metadata(&self.output).map_err(|e| Error::io(&self.output, e))?.len();
         drop(stage);
         output.report(&Report {
             input: self.input.clone(),
+            more: self.more.clone(),
             output: self.output.clone(),
             bytes,
             grids,
@@ -80,21 +85,20 @@ impl Convert {
     /// Reads the grids, makes others of them and edits all.
     fn made(
         &self,
-        file: &File,
-        names: &[String],
+        parts: &[Part<'_>],
         (transfer, turn): (Option<&Transfer>, Option<&Turn>),
         warnings: &mut Vec<String>,
     ) -> Result<(Vec<NativeGrid>, Vec<ConvertedGrid>)> {
-        let sources = sources::sources(&self.edits.split, &self.edits.merge, file, names)?;
-        let mut new_names = self.new_names(file, names, &sources, warnings)?.into_iter();
+        let mut new_names = self.new_names(parts, warnings)?.into_iter();
         let (mut natives, mut grids): (Vec<_>, Vec<ConvertedGrid>) = (Vec::new(), Vec::new());
         let mut budget = Budget { held: 0, limit: self.memory.limits().max_memory };
-        let in_file = names.iter().map(|name| Ok(file.find(name)?.topology.map_or(0, |t| t.memory)));
-        let in_file = in_file.sum::<Result<u64>>()?;
-        budget.room(in_file, "holding the grids", ONE_BY_ONE).map_err(|e| e.at(&self.input))?;
-        for source in &sources {
+        let names = parts.iter().flat_map(|part| part.names.iter().map(|name| part.file.find(name)));
+        let in_files = names.map(|entry| Ok(entry?.topology.map_or(0, |t| t.memory))).sum::<Result<u64>>()?;
+        budget.room(in_files, "holding the grids", ONE_BY_ONE).map_err(|e| e.at(&self.input))?;
+        let all = parts.iter().flat_map(|part| part.sources.iter().map(|source| (part.file, source)));
+        for (file, source) in all {
             let origin = source.origin();
-            let place = |e: Error| e.part(format!("grid '{origin}'")).at(&self.input);
+            let place = |e: Error| e.part(format!("grid '{origin}'")).at(file.path());
             let room = |bytes| budget.room(bytes, "making the grids", ONE_BY_ONE);
             for mut native in source.read(file, &room).map_err(place)? {
                 let settings = Settings { name: new_names.next(), transfer, turn };
@@ -115,44 +119,6 @@ impl Convert {
             return Ok(file.entries().iter().map(|e| e.name.clone()).collect());
         }
         self.grid.iter().map(|name| file.find(name).map(|e| e.name.clone())).collect()
-    }
-
-    fn renames(&self, file: &File, chosen: &[String]) -> Result<BTreeMap<String, String>> {
-        let mut all = BTreeMap::new();
-        for (old, new) in &self.rename {
-            let name = &file.find(old)?.name;
-            if !chosen.contains(name) {
-                return Err(Error::invalid(format!("--rename {old}={new}: that grid is not among those of --grid"))
-                    .hint("name it with --grid too, or leave the renaming out"));
-            }
-            all.insert(name.clone(), new.clone());
-        }
-        Ok(all)
-    }
-
-    /// Returns the names of the output's grids: those of `--rename`, else of `--names`, else of the file.
-    fn new_names(
-        &self,
-        file: &File,
-        chosen: &[String],
-        sources: &[GridSource],
-        warnings: &mut Vec<String>,
-    ) -> Result<Vec<String>> {
-        let renames = self.renames(file, chosen)?;
-        let (mut names, mut renamed) = (Vec::new(), Vec::new());
-        for source in sources {
-            let own = source.names(file)?;
-            let rename = match source {
-                GridSource::Whole(name) => renames.get(name),
-                _ => None,
-            };
-            renamed.extend(own.iter().map(|_| rename));
-            names.extend(own.into_iter().map(|own| rename.cloned().unwrap_or(own)));
-        }
-        let Some(convention) = self.edits.names else { return Ok(names) };
-        let (given, remarks) = convention.apply(&names);
-        warnings.extend(remarks);
-        Ok(given.into_iter().zip(renamed).map(|(given, renamed)| renamed.cloned().unwrap_or(given)).collect())
     }
 
     fn edit(

@@ -15,6 +15,7 @@ mod images;
 mod import;
 mod names;
 mod nano;
+mod parts;
 mod report;
 mod sources;
 mod turn;
@@ -61,12 +62,18 @@ pub(in crate::cli) enum FileReport {
 /// .nii.gz, .nrrd, .mha, .mhd, .vti or .npy over the box of its active voxels. VDB to VDB takes edits. A layer of an EXR
 /// becomes a .npy of [row, column, channel], row 0 at the top, and back. The report has the places of voxels.
 ///
+/// Several VDBs before the last one are joined: their grids become those of one file, at the places that they have. Files whose
+/// metadata state different up axes, and grids of one name in two files, are refused.
+///
 /// Of a sequence, 'in.####.vdb' or a folder of numbered files, every frame is converted: to 'out.####.vdb', or to the same names
 /// in another folder.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Convert {
     /// File, folder or pattern of slices to read
     input: PathBuf,
+    /// Other VDBs, whose grids are joined with those of the first one
+    #[arg(value_name = "VDB")]
+    more: Vec<PathBuf>,
     /// VDB, .nvdb, image, .npy or EXR to write
     output: PathBuf,
     #[command(flatten)]
@@ -213,6 +220,7 @@ impl Convert {
         if told {
             self.check_options(from, to)?;
         }
+        self.check_join(from, to)?;
         match (from, to) {
             (Kind::Vdb, Written::Vdb) => self.grids(output),
             (Kind::Vdb, Written::Nano) => self.grids_to_nano(output),
@@ -227,6 +235,32 @@ impl Convert {
                     "a .vdb becomes a .vdb, .nvdb, .npy, .nii, .nii.gz, .nrrd, .mha, .mhd or .vti; an .exr becomes a .npy, a .npy \
                      an .exr or .vdb, and .nvdb and other images a .vdb",
                 )),
+        }
+    }
+
+    /// Refuses several inputs that do not become one VDB, and edits that are of one file.
+    fn check_join(&self, from: Kind, to: Written) -> Result<()> {
+        let Some(second) = self.more.first() else { return Ok(()) };
+        for path in &self.more {
+            let kind = Kind::of_input(path)?;
+            if (from, kind, to) != (Kind::Vdb, Kind::Vdb, Written::Vdb) {
+                let (of, to) = (if from == Kind::Vdb { kind } else { from }, to.name());
+                return Err(Error::unsupported(format!(
+                    "several files become one VDB if all are VDBs, not from {} to {to}",
+                    of.name()
+                ))
+                .at(path)
+                .hint("the last name is the output; convert the others to VDBs first, one by one"));
+            }
+        }
+        let of_one = ["--split", "--merge", "--up", "--up-from"];
+        match self.edits.given().iter().find(|(name, given)| *given && of_one.contains(name)) {
+            Some((name, _)) => {
+                Err(Error::invalid(format!("{name} edits the grids of one file, and there are several"))
+                    .at(second)
+                    .hint("edit the files one by one first, then join them"))
+            }
+            None => Ok(()),
         }
     }
 

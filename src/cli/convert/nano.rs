@@ -8,7 +8,9 @@ use crate::error::{Error, Result};
 use crate::formats::imaging::values::Tally;
 use crate::formats::limits::Limits;
 use crate::formats::nanovdb::{self, Volume};
+use crate::formats::vdb::up::UP_KEY;
 use crate::formats::vdb::{File, NativeGrid, write_native};
+use crate::scene::grid::MetaValue;
 use std::collections::BTreeMap;
 use std::process::ExitCode;
 
@@ -25,9 +27,14 @@ impl Convert {
         let stage = output.stage("converting");
         let mut file = nanovdb::File::open(&self.input, limits)?;
         let (mut natives, mut places, mut notes) = (Vec::new(), Vec::new(), Vec::new());
+        let mut metadata = BTreeMap::new();
         let mut held = 0;
         for index in self.chosen_of_nano(&file)? {
-            let volume = file.read_beside(index, held)?;
+            let mut volume = file.read_beside(index, held)?;
+            // What the grids of a VDB share is stated beside each of them.
+            for (name, text) in std::mem::take(&mut volume.texts) {
+                metadata.entry(name).or_insert(MetaValue::Text(text));
+            }
             let place = format!("grid '{}'", volume.name);
             let made = volume.into_native().map_err(|e| e.part(place.clone()).at(&self.input));
             let (mut native, found) = made?;
@@ -39,7 +46,7 @@ impl Convert {
             places.push(placed(&native)?);
             natives.push(native);
         }
-        write_native(&self.output, &natives.iter().collect::<Vec<_>>(), None, &BTreeMap::new(), self.codec)?;
+        write_native(&self.output, &natives.iter().collect::<Vec<_>>(), None, &metadata, self.codec)?;
         drop(stage);
         self.report_nano(output, places, notes)
     }
@@ -66,6 +73,7 @@ impl Convert {
         let limits = self.begin_nano(Content::NanoVdb)?;
         let stage = output.stage("converting");
         let file = File::open(&self.input, limits)?;
+        let texts = kept(&file)?;
         let (mut volumes, mut places, mut notes) = (Vec::new(), Vec::new(), Vec::new());
         let mut held = 0;
         for name in self.chosen(&file)? {
@@ -73,6 +81,7 @@ impl Convert {
             let left = Limits { max_memory: limits.max_memory.saturating_sub(held) };
             let mut volume = Volume::of_native(&native, left).map_err(|e| e.at(&self.input))?;
             held += native.info()?.memory;
+            volume.texts.clone_from(&texts);
             notes.append(&mut volume.notes);
             places.push(placed(&native)?);
             volumes.push(volume);
@@ -92,6 +101,20 @@ impl Convert {
         output.report(&report)?;
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// Metadata of a VDB that its grids keep in a NanoVDB: its creator, and its up axis if anything in it states one.
+fn kept(file: &File) -> Result<BTreeMap<String, String>> {
+    let mut texts = BTreeMap::new();
+    for (name, value) in file.metadata()? {
+        if let (true, MetaValue::Text(text)) = (nanovdb::KEPT.contains(&name.as_str()), value) {
+            texts.insert(name, text);
+        }
+    }
+    if let Some(stated) = file.up() {
+        texts.insert(UP_KEY.to_owned(), stated.up.name().to_owned());
+    }
+    Ok(texts)
 }
 
 /// Where a grid's active voxels lie.

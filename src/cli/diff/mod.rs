@@ -6,11 +6,13 @@ mod turn;
 use super::frames::FramesOption;
 use super::memory::{Memory, human};
 use super::output::Output;
+use super::up::{self, ChosenUp};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::vdb::{File, GridInfo, NativeGrid, RawGrid};
 use crate::math::Affine;
 use crate::metrics::volume::{Difference, Effort, Field, Multiple, compare_within};
+use crate::scene::grid::MetaValue;
 use crate::text::printable;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -26,7 +28,8 @@ use turn::Turned;
     is sampled trilinearly at A's voxel centers, of which --voxels are compared, evenly spread, if there are more. Differences are measured in 32-bit floats; values of wider types that agree \
     in these alone are told. Grids are paired by name; the only grids of both files are compared whatever their names, \
     but names that differ are a difference, unless the grid is chosen with --grid. Where scalars differ as they lie and agree \
-    after a turn by 90 degrees about x, Y-up against Z-up, the report says so.")]
+    after a turn by 90 degrees about x, Y-up against Z-up, the report says so. Up axes and \
+    creators that differ are told; files that state different up axes differ.")]
 pub struct Diff {
     /// The reference
     a: PathBuf,
@@ -74,6 +77,26 @@ pub(in crate::cli) struct Report {
     not_compared: Vec<String>,
     /// Names of grids that hold points in one file and values in the other: a difference.
     of_other_kind: Vec<String>,
+    /// Up axes, if they differ: a difference if both files state theirs. What states no axis is taken for Z-up.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    up: Option<Sides<ChosenUp>>,
+    /// Creators that the metadata state, if they differ; no difference of the grids.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    creator: Option<Sides<Option<String>>>,
+}
+
+/// Something that differs between the two files.
+#[derive(Debug, Serialize, JsonSchema)]
+struct Sides<T> {
+    a: T,
+    b: T,
+}
+
+impl<T: PartialEq> Sides<T> {
+    /// Returns both, if `key` of them differs.
+    fn differing<K: PartialEq>(a: T, b: T, key: impl Fn(&T) -> K) -> Option<Self> {
+        (key(&a) != key(&b)).then_some(Self { a, b })
+    }
 }
 
 #[derive(Debug, Serialize, JsonSchema)]
@@ -145,8 +168,11 @@ impl Diff {
             named && g.difference.within(self.tolerance) && !(self.tolerance == 0.0 && g.differs_beyond_f32)
         };
         let all_paired = only_in_a.is_empty() && only_in_b.is_empty() && of_other_kind.is_empty();
-        let same = all_paired && grids.iter().all(alike);
-        Ok(Report { same, grids, only_in_a, only_in_b, not_compared, of_other_kind })
+        let up = Sides::differing(up::of_file(&a), up::of_file(&b), |up| up.axis);
+        let creator = Sides::differing(creator(&a)?, creator(&b)?, Clone::clone);
+        let contradicts = matches!((a.up(), b.up()), (Some(a), Some(b)) if a.up != b.up);
+        let same = all_paired && grids.iter().all(alike) && !contradicts;
+        Ok(Report { same, grids, only_in_a, only_in_b, not_compared, of_other_kind, up, creator })
     }
 
     /// Compares two grids, each given by its file and name.
@@ -205,6 +231,14 @@ impl Diff {
         let shared = a.entries().iter().filter(|e| b.entries().iter().any(|o| o.name == e.name));
         Ok(shared.map(|e| (e.name.clone(), e.name.clone())).collect())
     }
+}
+
+/// Program that made a file, as its metadata say.
+fn creator(file: &File) -> Result<Option<String>> {
+    Ok(match file.metadata()?.remove("creator") {
+        Some(MetaValue::Text(creator)) => Some(creator),
+        _ => None,
+    })
 }
 
 /// Kinds of content of two grids of one name.
@@ -293,6 +327,29 @@ impl Loaded {
     }
 }
 
+impl Report {
+    /// Writes what the metadata of the files state differently.
+    fn fmt_stated(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(Sides { a, b }) = &self.creator {
+            let shown = |creator: &Option<String>| match creator {
+                Some(creator) => format!("'{}'", printable(creator)),
+                None => "not stated".to_owned(),
+            };
+            writeln!(f, "creators differ: {} in the first file, {} in the second", shown(a), shown(b))?;
+        }
+        if let Some(Sides { a, b }) = &self.up {
+            writeln!(f, "up axes differ: first file {} ({})", a.axis.name(), printable(&a.reason))?;
+            writeln!(
+                f,
+                "  second file {} ({}); cumulo convert --up turns a file, or states its axis",
+                b.axis.name(),
+                printable(&b.reason)
+            )?;
+        }
+        Ok(())
+    }
+}
+
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for grid in &self.grids {
@@ -354,6 +411,7 @@ impl fmt::Display for Report {
         for name in &self.not_compared {
             writeln!(f, "'{}' holds points and was not compared", printable(name))?;
         }
+        self.fmt_stated(f)?;
         for name in &self.of_other_kind {
             writeln!(f, "'{}' holds points in one file and values in the other", printable(name))?;
         }
@@ -377,6 +435,8 @@ mod tests {
             only_in_b: vec![],
             not_compared: vec![],
             of_other_kind: vec!["smoke".into()],
+            up: None,
+            creator: None,
         };
         assert_eq!(report.to_string(), "'smoke' holds points in one file and values in the other\ndifferent\n");
     }

@@ -36,6 +36,7 @@ const TABLE: &[Examples] = &[
         &[
             "cumulo convert smoke.vdb small.vdb --half --grid density",
             "cumulo convert 'in.####.vdb' 'out.####.vdb' --frames 1-24 --repair",
+            "cumulo convert smoke.vdb heat.vdb both.vdb             # the grids of both files",
             "cumulo convert smoke.vdb smoke.npy                     # array[x, y, z]",
             "cumulo convert smoke.npy smoke.vdb --voxel-size 0.1",
             "cumulo convert head.nii.gz head.vdb --map -1024,3071",

@@ -1,7 +1,7 @@
 //! Volumes of the DiffDVR and fV-SRN renderers (`.cvol`), plain or packed by LZ4.
 //!
 //! A file has one unnamed volume (`cvol`), or several named features over one box (`CVOL`), of bytes, 16-bit integers or
-//! floats. As these renderers do, integers are scaled to 0..1, and the box is centred on the world's origin with voxels
+//! floats. As these renderers do, integers are scaled to 0..1 (they are densities, and no labels), and the box is centred on the world's origin with voxels
 //! that fill it.
 //!
 //! Source: the description of the format in fV-SRN's `volume.h` (Weiss et al.).
@@ -59,6 +59,12 @@ impl Feature {
 
     fn bytes(&self) -> Option<u64> {
         input::byte_count(self.size, self.components, self.sample.bytes())
+    }
+
+    /// Note that integers are no labels or counts here.
+    fn note(&self) -> Option<String> {
+        let most = self.sample.is_integer().then(|| 1.0 / self.scale())?;
+        Some(format!("integers from 0 to {most:.0} stand for 0 to 1 in this format, and are read as such"))
     }
 
     /// Factor of the stored numbers.
@@ -221,6 +227,7 @@ fn content(path: &Path, from: u64, packed: bool) -> Result<Content> {
 
 /// Image of a feature whose box has these edges; `content` stands at its first value.
 fn image(content: Content, feature: Feature, edges: DVec3) -> Result<Image> {
+    placement::edges("the edges of the volume's box", edges)?;
     let counts = DVec3::from_array(feature.size.map(|n| n as f64));
     let voxel = edges / counts;
     let columns = [DVec3::X * voxel.x, DVec3::Y * voxel.y, DVec3::Z * voxel.z];
@@ -231,7 +238,7 @@ fn image(content: Content, feature: Feature, edges: DVec3) -> Result<Image> {
         components: feature.components,
         values: Values::Real,
         index_to_world,
-        notes: Vec::new(),
+        notes: feature.note().into_iter().collect(),
     };
     Ok(Image { header, slices: Box::new(Voxels { content, feature, bytes: Vec::new(), done: 0 }) })
 }

@@ -93,7 +93,10 @@ pub fn sniff(path: &Path) -> Result<Option<Format>> {
         return Ok(if series { Some(Format::Dicom) } else { stack() });
     }
     let start = input::start(path, START)?;
-    Ok(if start.starts_with(b"NRRD000") {
+    Ok(if dicom::is_dicom(&start) {
+        // Before TIFF: the preamble of a DICOM file may be the header of one.
+        Some(Format::Dicom)
+    } else if start.starts_with(b"NRRD000") {
         Some(Format::Nrrd)
     } else if start.starts_with(b"\x93NUMPY") {
         Some(Format::Npy)
@@ -101,8 +104,6 @@ pub fn sniff(path: &Path) -> Result<Option<Format>> {
         Some(Format::Npz)
     } else if tiff::is_tiff(&start) {
         Some(Format::Tiff)
-    } else if dicom::is_dicom(&start) {
-        Some(Format::Dicom)
     } else if nifti::states_itself(&start) {
         // Before MRC, whose word may stand in the description of an image.
         Some(Format::Nifti)

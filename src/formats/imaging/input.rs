@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::formats::input;
 use flate2::read::{MultiGzDecoder, ZlibDecoder};
 use std::io::{BufReader, Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// Bytes that are read at a time.
 const BUFFER: usize = 1 << 17;
@@ -81,16 +81,36 @@ pub fn start(path: &Path, most: u64) -> Result<Vec<u8>> {
     Ok(start)
 }
 
-/// Path of a file that a header names, beside the header unless it is absolute.
+/// Path of a file that a header names, in the header's folder or below it. What a header names elsewhere is not read: a file
+/// from somebody else could make others of the machine part of a volume that is passed on.
 ///
 /// # Errors
-/// If the name is empty.
+/// If the name is empty, or leads out of the folder.
 pub fn beside(header: &Path, name: &str) -> Result<PathBuf> {
     if name.is_empty() {
         return Err(Error::invalid("the header names no file of values")
             .hint("write the name of the file with the values into the header"));
     }
-    Ok(header.parent().unwrap_or(Path::new("")).join(name))
+    below(header.parent().unwrap_or(Path::new("")), name).ok_or_else(|| {
+        Error::invalid(format!(
+            "the header names the file '{}', which does not lie in the header's folder",
+            shown(name)
+        ))
+        .hint("move the file beside the header, and write its name without a folder into the header")
+    })
+}
+
+/// Path of what a file's content names below a folder; none if the name leads out of it. An absolute path that begins with
+/// the folder stays in it.
+pub fn below(folder: &Path, name: &str) -> Option<PathBuf> {
+    let plain = |path: &Path| path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    let name = Path::new(name);
+    if plain(name) {
+        return Some(folder.join(name));
+    }
+    let whole = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let inside = name.strip_prefix(std::path::absolute(whole).ok()?).ok()?;
+    plain(inside).then(|| folder.join(inside))
 }
 
 /// Lists the files that a pattern of one number stands for, such as `slice_%03d.raw`, from `first` to `last` by `step`.
@@ -111,4 +131,26 @@ pub fn numbered(pattern: &str, numbers: impl Iterator<Item = i64>) -> Result<Vec
     Ok(numbers
         .map(|n| if zeros { format!("{head}{n:0width$}{tail}") } else { format!("{head}{n:width$}{tail}") })
         .collect())
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_stay_in_their_folder() {
+        let folder = Path::new("/data/scan");
+        for (name, path) in [("a.raw", "a.raw"), ("./b/a.raw", "b/a.raw"), ("/data/scan/b/a.raw", "b/a.raw")] {
+            assert_eq!(below(folder, name).unwrap().components().collect::<PathBuf>(), folder.join(path));
+        }
+        for name in ["../a.raw", "b/../../a.raw", "/etc/passwd", "/data/scan/../a.raw", "/data/scanner/a.raw"] {
+            assert_eq!(below(folder, name), None, "{name}");
+            let error = beside(&folder.join("a.mhd"), name).unwrap_err();
+            assert!(error.to_string().contains(name) && error.remedy().is_some(), "{error}");
+        }
+        let here = std::path::absolute("a.raw").unwrap();
+        assert_eq!(beside(Path::new("a.mhd"), here.to_str().unwrap()).unwrap(), Path::new("a.raw"));
+        assert_eq!(beside(Path::new("a.mhd"), "a.raw").unwrap(), Path::new("a.raw"));
+    }
 }

@@ -85,7 +85,7 @@ fn size(fields: &Fields) -> Result<[usize; 3]> {
     }
 }
 
-fn placement(fields: &Fields) -> Result<Affine> {
+fn placement(fields: &Fields, notes: &mut Vec<String>) -> Result<Affine> {
     let rank = text::counts("DimSize", fields.need("DimSize")?)?.len();
     let list = |names: &[&str], count: usize| -> Result<Option<Vec<f64>>> {
         let Some(text) = fields.get(names) else { return Ok(None) };
@@ -95,7 +95,12 @@ fn placement(fields: &Fields) -> Result<Affine> {
     let three = |list: Option<Vec<f64>>, missing: f64| {
         DVec3::from_array(std::array::from_fn(|i| list.as_ref().and_then(|l| l.get(i).copied()).unwrap_or(missing)))
     };
-    let spacing = three(list(&["ElementSpacing", "ElementSize"], rank)?, 1.0);
+    let stated = list(&["ElementSpacing", "ElementSize"], rank)?;
+    if stated.is_none() {
+        notes.push("the file does not say how large its voxels are; 1 is taken, as its format says".into());
+    }
+    stated.iter().flatten().try_for_each(|edge| placement::edge("a number of ElementSpacing", *edge).map(drop))?;
+    let spacing = three(stated, 1.0);
     let origin = three(list(&["Offset", "Position", "Origin"], rank)?, 0.0);
     let directions = list(&["TransformMatrix", "Orientation", "Rotation"], rank * rank)?;
     let column = |axis: usize| match &directions {
@@ -154,8 +159,9 @@ pub fn open(path: &Path) -> Result<Vec<Image>> {
     let (files, from) = files(&fields, path, length, rest, size[2])?;
     let slices = Data::of(&fields, files, from, sample)?.slices(size, components)?;
     let values = if sample.is_integer() { Values::Integer } else { Values::Real };
-    let index_to_world = placement(&fields)?;
-    let notes = placement::unturned(values, components).into_iter().collect();
+    let mut notes = Vec::new();
+    let index_to_world = placement(&fields, &mut notes)?;
+    notes.extend(placement::unturned(values, components));
     Ok(vec![Image { header: Header { name: None, size, components, values, index_to_world, notes }, slices }])
 }
 

@@ -149,6 +149,9 @@ fn placed(words: &Words, size: [usize; 3], notes: &mut Vec<String>) -> Result<Af
         notes.push("the header states no size of the cell; voxels of 1 ångström are taken".into());
         lengths = intervals;
     }
+    for (length, axis) in lengths.iter().zip(["a", "b", "c"]) {
+        placement::edge(&format!("the cell's edge {axis}"), *length)?;
+    }
     let mut cell = cell(lengths, words.reals(13), notes)?;
     cell.iter_mut().zip(intervals).for_each(|(axis, n)| *axis /= n);
     let origin = DVec3::from_array(words.reals(49));

@@ -18,6 +18,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 const AGAIN: &str = "the header is damaged: copy the file, or write it, again";
+const CORRECT: &str = "correct the field in the file's header, or write the file again where it was made";
 
 /// Bytes of a header, which are those of NIfTI-1 or of NIfTI-2.
 struct Fields {
@@ -232,12 +233,8 @@ fn image(fields: &Fields, data: &Path, packing: Packing, options: &Options, apar
     let (Some(volume), Some(_)) = (volume, all) else {
         return Err(Error::invalid(format!("{size:?} voxels are too many")).hint(AGAIN));
     };
-    let (slope, intercept) = (fields.real(112, 176), fields.real(116, 184));
-    // A slope of 0 means that there is none.
-    let scale = (slope != 0.0 && slope.is_finite() && intercept.is_finite() && (slope, intercept) != (1.0, 0.0))
-        .then_some((slope, intercept));
     // Colors have no scale.
-    let scale = scale.filter(|_| together == 1);
+    let scale = if together == 1 { scale(fields, &mut notes)? } else { None };
     let part = |plane: usize| {
         let before = (plane * times + time) as u64 * volume;
         let reader = input::values(data, 0, packing, offset as u64 + before)?;
@@ -254,6 +251,26 @@ fn image(fields: &Fields, data: &Path, packing: Packing, options: &Options, apar
     Ok(Image { header: Header { name: None, size, components, values, index_to_world, notes }, slices })
 }
 
+/// Slope and intercept of the values; none where they are not scaled, which a slope of 0 says.
+fn scale(fields: &Fields, notes: &mut Vec<String>) -> Result<Option<(f64, f64)>> {
+    let (slope, intercept) = (fields.real(112, 176), fields.real(116, 184));
+    let finite = |name: &str, value: f64| {
+        let what = format!("the {name} of the values is {value}; a finite number is expected");
+        if value.is_finite() { Ok(()) } else { Err(Error::invalid(what).hint(CORRECT)) }
+    };
+    finite("slope (scl_slope)", slope)?;
+    if slope == 0.0 {
+        if intercept != 0.0 {
+            notes.push(format!(
+                "a slope of 0 says that values are not scaled; the intercept of {intercept} is not applied"
+            ));
+        }
+        return Ok(None);
+    }
+    finite("intercept (scl_inter)", intercept)?;
+    Ok(Some((slope, intercept)).filter(|scale| *scale != (1.0, 0.0)))
+}
+
 fn single(parts: Vec<Box<dyn Slices>>) -> Result<Box<dyn Slices>> {
     parts.into_iter().next().ok_or_else(|| Error::invalid("there are no values").hint(AGAIN))
 }
@@ -267,13 +284,26 @@ fn placement(fields: &Fields, notes: &mut Vec<String>) -> Result<Affine> {
         let rows = DMat4::from_cols(row(0), row(1), row(2), DVec4::W);
         return placement::checked(rows.transpose());
     }
-    // A size of 0 stands for an axis of one voxel.
-    let size = |i| Some(fields.pixdim(i).abs()).filter(|size| *size > 0.0).unwrap_or(1.0);
-    let pixdim = DVec3::new(size(1), size(2), size(3));
+    let size = |i: usize| {
+        let one = fields.dim(0) < i as f64 || fields.dim(i) == 1.0;
+        // A size of 0 stands for an axis of one voxel.
+        if one && fields.pixdim(i) == 0.0 {
+            return Ok(1.0);
+        }
+        placement::edge(&format!("the voxels' size along axis {i} (pixdim[{i}])"), fields.pixdim(i))
+    };
+    let pixdim = DVec3::new(size(1)?, size(2)?, size(3)?);
     if code(252, 344) {
         let quaternion = [0, 1, 2].map(|i| fields.real(256 + 4 * i, 352 + 8 * i));
         let origin = DVec3::from_array([0, 1, 2].map(|i| fields.real(268 + 4 * i, 376 + 8 * i)));
-        let mirrored = if fields.pixdim(0) < 0.0 { -1.0 } else { 1.0 };
+        let side = fields.pixdim(0);
+        if !side.is_finite() {
+            return Err(Error::invalid(format!(
+                "the side of the third axis (pixdim[0]) is {side}; 1 or -1 is expected"
+            ))
+            .hint(CORRECT));
+        }
+        let mirrored = if side < 0.0 { -1.0 } else { 1.0 };
         let turn = rotation(quaternion);
         return placement::affine(
             [turn.x_axis * pixdim.x, turn.y_axis * pixdim.y, turn.z_axis * (pixdim.z * mirrored)],

@@ -43,6 +43,27 @@ pub fn checked(map: DMat4) -> Result<Affine> {
     })
 }
 
+/// Checks the edge of a voxel, or another distance that a format has as a number above 0. `name` is that of the field.
+///
+/// # Errors
+/// If it is 0, negative, infinite or no number.
+pub fn edge(name: &str, value: f64) -> Result<f64> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(value);
+    }
+    Err(Error::invalid(format!("{name} is {value}; a finite number above 0 is expected"))
+        .hint("correct the file's header, or write the file again where it was made"))
+}
+
+/// Checks the edges of a voxel, which the field `name` has.
+///
+/// # Errors
+/// If one of them is 0, negative, infinite or no number.
+pub fn edges(name: &str, values: DVec3) -> Result<DVec3> {
+    values.to_array().iter().try_for_each(|value| edge(&format!("a number of {name}"), *value).map(drop))?;
+    Ok(values)
+}
+
 /// Moves a map so that its first voxel is another: index `shift` of `map` becomes index 0.
 ///
 /// # Errors
@@ -55,6 +76,15 @@ pub fn shifted(map: &Affine, shift: DVec3) -> Result<Affine> {
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
     use super::*;
+
+    #[test]
+    fn edges_are_finite_and_above_zero() {
+        assert_eq!(edge("e", 0.5).unwrap(), 0.5);
+        for value in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let error = edge("the edge", value).unwrap_err();
+            assert!(error.to_string().starts_with("the edge is ") && error.remedy().is_some(), "{error}");
+        }
+    }
 
     #[test]
     fn axes_swap_there_and_back_and_zeros_stay_positive() {

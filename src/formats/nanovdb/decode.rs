@@ -3,13 +3,14 @@
 use super::bytes::{Bytes, DAMAGED};
 use super::collect::Collector;
 use super::layout::{self, Kind, LOWER, Level, NODE_MASKS, UPPER};
-use super::volume::Volume;
+use super::texts;
+use super::volume::{KEPT, Volume};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::math::Affine;
 use crate::scene::grid::GridClass;
 use glam::{DMat3, DMat4, DVec3};
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 
 /// Decodes a grid.
 ///
@@ -39,7 +40,12 @@ pub(super) fn volume(memory: Bytes, name: &str, kind: Kind, class: GridClass, li
     let mut walk =
         Walk { memory, kind, walked: 0, collector: Collector::new(kind, background, limits, memory.0.len() as u64) };
     walk.root(root)?;
-    Ok(Volume { name: name.to_owned(), class, transform, kind, tree: walk.collector.finish(), notes })
+    let tree = walk.collector.finish();
+    let texts = texts::read(memory, &KEPT).unwrap_or_else(|e| {
+        notes.push(format!("what is stated beside the grid cannot be read, be it its up axis: {}", e.what()));
+        BTreeMap::new()
+    });
+    Ok(Volume { name: name.to_owned(), class, transform, kind, tree, texts, notes })
 }
 
 fn transform(memory: Bytes) -> Result<Affine> {

@@ -1,8 +1,10 @@
 //! The memory of a grid, laid out as NanoVDB's own converter does.
 
 use super::layout::{self, ALIGNMENT, GRID, Kind, LEAF_MASK, LOWER, Level, NODE_MASKS, ROOT_TABLE_SIZE, UPPER};
+use super::memory::Memory;
 use super::nodes::{LeafRef, Node, Nodes, SIGNS, Slot, Value};
 use super::statistics::Statistics;
+use super::texts;
 use super::volume::Volume;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -18,30 +20,7 @@ const FLAGS: u32 = 0b11_1110;
 const LONG_NAME: u32 = 1;
 /// Checksum of what has none.
 const NO_CHECKSUM: u32 = u32::MAX;
-/// Memory of a grid that is being laid out.
-pub(super) struct Memory(pub Vec<u8>);
-
 impl Memory {
-    fn put<const N: usize>(&mut self, at: usize, bytes: [u8; N]) {
-        self.0[at..at + N].copy_from_slice(&bytes);
-    }
-    pub fn u32(&mut self, at: usize, value: u32) {
-        self.put(at, value.to_le_bytes());
-    }
-    pub fn u64(&mut self, at: usize, value: u64) {
-        self.put(at, value.to_le_bytes());
-    }
-    pub fn f64s(&mut self, at: usize, values: &[f64]) {
-        values.iter().enumerate().for_each(|(i, v)| self.put(at + 8 * i, v.to_le_bytes()));
-    }
-    fn coordinates(&mut self, at: usize, values: [i32; 3]) {
-        values.iter().enumerate().for_each(|(i, v)| self.put(at + 4 * i, v.to_le_bytes()));
-    }
-    pub fn bounds(&mut self, at: usize, bounds: Option<([i32; 3], [i32; 3])>, empty: [i32; 3]) {
-        let (low, high) = bounds.unwrap_or((empty, empty));
-        self.coordinates(at, low);
-        self.coordinates(at + 12, high);
-    }
     fn statistics<V: Value>(&mut self, node: usize, at: usize, statistics: &Statistics<V>, empty: V) {
         let [low, high] = statistics.extremes(empty);
         let [minimum, maximum, average, deviation] = V::KIND.statistics(at);
@@ -185,7 +164,8 @@ impl<V: Value> Nodes<'_, V> {
     pub fn encode(&self, volume: &Volume, limits: Limits) -> Result<Encoded> {
         let kind = V::KIND;
         let sizes = self.sizes();
-        let total = sizes.iter().sum::<usize>();
+        let tree = sizes.iter().sum::<usize>();
+        let total = tree + texts::size(volume);
         if total as u64 > limits.max_memory {
             let what = format!("the grid's memory takes {total} bytes, {} are allowed", limits.max_memory);
             return Err(Error::unsupported(what).hint("raise --max-memory, or crop or resample the grid first"));
@@ -219,6 +199,7 @@ impl<V: Value> Nodes<'_, V> {
         memory.u64(GRID + 24, (root - GRID) as u64);
         memory.u64(GRID + layout::TREE_VOXELS as usize, voxels);
         header(&mut memory, volume, kind, bounds);
+        texts::write(&mut memory, tree, volume);
         // The checksum covers the headers, the root and its tiles, from the version on.
         let from = layout::GRID_VERSION as usize;
         let checksum = libdeflater::crc32(&memory.0[from..upper]);

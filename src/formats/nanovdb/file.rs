@@ -3,6 +3,7 @@
 use super::bytes::{Bytes, DAMAGED};
 use super::decode;
 use super::layout::{self, Kind};
+use super::texts::terminated;
 use super::unpack::{Codec, unpack};
 use super::volume::Volume;
 use crate::error::{Error, Result};
@@ -78,12 +79,6 @@ fn class(number: u32) -> GridClass {
 /// Major, minor and patch version.
 fn version(packed: u32) -> [u32; 3] {
     [packed >> 21, packed >> 10 & 0x7ff, packed & 0x3ff]
-}
-
-/// Text up to the first NUL.
-fn text(bytes: &[u8]) -> String {
-    let end = bytes.iter().position(|b| *b == 0).unwrap_or(bytes.len());
-    String::from_utf8_lossy(&bytes[..end]).into_owned()
 }
 
 impl File {
@@ -244,7 +239,7 @@ impl File {
             if name_bytes > MOST_NAME {
                 return Err(Error::invalid(format!("a grid's name of {name_bytes} bytes")).hint(DAMAGED));
             }
-            let name = text(&self.bytes(at + METADATA, name_bytes.into())?);
+            let name = terminated(&self.bytes(at + METADATA, name_bytes.into())?);
             at += METADATA + u64::from(name_bytes);
             self.entries.push(Entry {
                 name,
@@ -273,7 +268,7 @@ impl File {
         let bytes = self.bytes(at, (layout::GRID + layout::TREE) as u64)?;
         let header = Bytes(&bytes);
         let size = header.u64(layout::GRID_SIZE, "the size")?;
-        let name = text(header.slice(layout::GRID_NAME, layout::GRID_NAME_BYTES, "the name")?);
+        let name = terminated(header.slice(layout::GRID_NAME, layout::GRID_NAME_BYTES, "the name")?);
         let least = (layout::GRID + layout::TREE) as u64;
         let end = at.checked_add(size).filter(|end| *end <= self.length && size >= least).ok_or_else(|| {
             let what = format!("the grid has {size} bytes from byte {at} on, the file {}", self.length);

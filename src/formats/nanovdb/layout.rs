@@ -201,6 +201,10 @@ pub(super) const MAP_TRANSLATION: u64 = 232;
 pub(super) const GRID_CLASS: u64 = 632;
 /// Offset of the type in the header of a grid.
 pub(super) const GRID_KIND: u64 = 636;
+/// Offset of the place of the texts behind the tree in the header of a grid.
+pub(super) const GRID_TEXTS: u64 = 640;
+/// Offset of their number.
+pub(super) const GRID_TEXT_COUNT: u64 = 648;
 /// Bytes of the header of a tree, which follows that of the grid.
 pub(super) const TREE: usize = 64;
 /// Offset of the number of active voxels in the header of a tree.

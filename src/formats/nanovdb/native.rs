@@ -124,7 +124,7 @@ impl Volume {
                     .hint("name the other grids with --grid"));
             }
         };
-        Ok(Self { name: info.name, class: info.class, transform, kind, tree, notes })
+        Ok(Self { name: info.name, class: info.class, transform, kind, tree, texts: BTreeMap::new(), notes })
     }
 }
 

@@ -1,9 +1,11 @@
 //! A grid of NanoVDB in memory.
 
 use super::layout::Kind;
+use crate::formats::vdb::up::UP_KEY;
 use crate::formats::vdb::{RawLeaf, RawTile};
 use crate::math::Affine;
 use crate::scene::grid::{GridClass, LEAF_VOXELS, Leaf, Tile};
+use std::collections::BTreeMap;
 
 /// A leaf of 8³ integers.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -62,6 +64,10 @@ pub enum Tree {
     },
 }
 
+/// Names of the texts that are read of a grid: entries of a VDB's own metadata, which NanoVDB has no field for, and by which
+/// the up axis is known.
+pub const KEPT: [&str; 2] = ["creator", UP_KEY];
+
 /// A grid as read from or written to a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume {
@@ -75,6 +81,8 @@ pub struct Volume {
     pub kind: Kind,
     /// Values.
     pub tree: Tree,
+    /// Texts by their names, which files keep beside the grid: those of [`KEPT`].
+    pub texts: BTreeMap<String, String>,
     /// Remarks of the reader for the user, one sentence each: changes and doubts.
     pub notes: Vec<String>,
 }

@@ -1,6 +1,7 @@
 //! Writing of files.
 
-use super::encode::{Encoded, Memory, VERSION, class, world_box};
+use super::encode::{Encoded, VERSION, class, world_box};
+use super::memory::Memory;
 use super::nodes::{LeafRef, Nodes, TileRef, Value};
 use super::volume::{Tree, Volume};
 use crate::error::{Error, Result};

@@ -1,16 +1,19 @@
-//! A bounds-checked reader of a file: nothing is read, skipped or allocated beyond the file's length.
+//! A bounds-checked reader of a file, or of a part of it in memory: nothing is read, skipped or allocated beyond its end.
 
 use crate::error::{Error, Result};
 use crate::formats::input;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
-/// Reader of a VDB file's little-endian primitives, each checked against the file's length.
-pub(super) struct Cursor {
-    reader: BufReader<File>,
+/// Reader of a VDB file's little-endian primitives, each checked against the end of what is there.
+pub(super) struct Cursor<R = BufReader<File>> {
+    reader: R,
     path: PathBuf,
     position: u64,
+    /// One past the last byte that may be read.
+    end: u64,
+    /// Bytes of the whole file.
     length: u64,
 }
 
@@ -19,9 +22,24 @@ impl Cursor {
         let file = input::open(path)?;
         let length = file.metadata().map_err(|e| Error::io(path, e))?.len();
         let reader = BufReader::with_capacity(1 << 18, file);
-        Ok(Self { reader, path: path.to_path_buf(), position: 0, length })
+        Ok(Self { reader, path: path.to_path_buf(), position: 0, end: length, length })
     }
 
+    /// The underlying file, at any position.
+    pub(super) fn into_file(self) -> File {
+        self.reader.into_inner()
+    }
+}
+
+impl<'b> Cursor<std::io::Cursor<&'b [u8]>> {
+    /// Reader of the bytes of a file of `length` bytes that were read at `from`. Positions are those in the file.
+    pub(super) fn over(bytes: &'b [u8], from: u64, length: u64, path: &Path) -> Self {
+        let (reader, end) = (std::io::Cursor::new(bytes), from + bytes.len() as u64);
+        Self { reader, path: path.to_path_buf(), position: from, end, length }
+    }
+}
+
+impl<R: Read + Seek> Cursor<R> {
     /// The error that the file is damaged at the current position.
     pub(super) fn damaged(&self, what: impl std::fmt::Display) -> Error {
         Error::invalid(format!("{what} (at byte {} of {})", self.position, self.length))
@@ -41,13 +59,8 @@ impl Cursor {
         &self.path
     }
 
-    /// The underlying file, at any position.
-    pub(super) fn into_file(self) -> File {
-        self.reader.into_inner()
-    }
-
     fn claim(&mut self, bytes: u64, what: &str) -> Result<()> {
-        let left = self.length - self.position;
+        let left = self.end - self.position;
         if bytes > left {
             return Err(self.damaged(format_args!("{what} needs {bytes} bytes, {left} are left")));
         }
@@ -62,10 +75,12 @@ impl Cursor {
     }
 
     pub(super) fn seek(&mut self, position: u64) -> Result<()> {
-        if position > self.length {
+        if position > self.end {
             return Err(self.damaged(format_args!("an offset points to byte {position}, past the end")));
         }
-        self.reader.seek(SeekFrom::Start(position)).map_err(|e| Error::io(&self.path, e))?;
+        // Positions within a file fit into i64.
+        let way = position.cast_signed() - self.position.cast_signed();
+        self.reader.seek_relative(way).map_err(|e| Error::io(&self.path, e))?;
         self.position = position;
         Ok(())
     }
@@ -117,7 +132,7 @@ impl Cursor {
     /// Reads length-prefixed bytes; the length is checked before anything is allocated.
     pub(super) fn bytes(&mut self, what: &str) -> Result<Vec<u8>> {
         let length = u64::from(self.u32(what)?);
-        let left = self.length - self.position;
+        let left = self.end - self.position;
         if length > left {
             return Err(self.damaged(format_args!("{what} claims {length} bytes, {left} are left")));
         }

@@ -7,8 +7,8 @@ mod generated {
 
 use generated::{CUMULO_VDB_IO, CUMULO_VDB_OK, CUMULO_VDB_OUT_OF_MEMORY, CUMULO_VDB_UNSUPPORTED, cumulo_vdb_status};
 pub(super) use generated::{
-    cumulo_vdb_close as close, cumulo_vdb_file as RawFile, cumulo_vdb_file_meta as file_meta,
-    cumulo_vdb_grid as RawGrid, cumulo_vdb_grid_add_tile as grid_add_tile, cumulo_vdb_grid_component as grid_component,
+    cumulo_vdb_file_grid as file_grid, cumulo_vdb_file_meta as file_meta, cumulo_vdb_grid as RawGrid,
+    cumulo_vdb_grid_add_tile as grid_add_tile, cumulo_vdb_grid_component as grid_component,
     cumulo_vdb_grid_crop as grid_crop, cumulo_vdb_grid_empty as grid_empty, cumulo_vdb_grid_free as grid_free,
     cumulo_vdb_grid_info as grid_info, cumulo_vdb_grid_mend_meta as grid_mend_meta,
     cumulo_vdb_grid_merge as grid_merge, cumulo_vdb_grid_meta as grid_meta, cumulo_vdb_grid_new as grid_new,
@@ -25,14 +25,12 @@ pub(super) use generated::{
     cumulo_vdb_load_end as load_end, cumulo_vdb_load_leaves as load_leaves, cumulo_vdb_loading as RawLoading,
     cumulo_vdb_meta as RawMeta, cumulo_vdb_meta_count as meta_count, cumulo_vdb_meta_entry as MetaEntry,
     cumulo_vdb_meta_free as meta_free, cumulo_vdb_meta_get as meta_get, cumulo_vdb_meta_new as meta_new,
-    cumulo_vdb_meta_set as meta_set, cumulo_vdb_on_terminate as on_terminate, cumulo_vdb_open as open,
-    cumulo_vdb_read as read, cumulo_vdb_tile as RawTile, cumulo_vdb_tiles as tiles, cumulo_vdb_touch as touch,
-    cumulo_vdb_write as write,
+    cumulo_vdb_meta_set as meta_set, cumulo_vdb_on_terminate as on_terminate, cumulo_vdb_tile as RawTile,
+    cumulo_vdb_tiles as tiles, cumulo_vdb_touch as touch, cumulo_vdb_write as write,
 };
 
 use crate::error::{Error, Result};
 use std::ffi::{CString, c_char};
-use std::path::Path;
 
 /// Calls one function of the shim and turns its status into a result.
 pub(super) fn call(entry: impl FnOnce(*mut cumulo_vdb_status) -> i32) -> Result<()> {
@@ -68,13 +66,6 @@ pub(super) fn printable(bytes: &[u8]) -> String {
         .chars()
         .map(|c| if c.is_control() && c != '\n' && c != '\t' { '\u{fffd}' } else { c })
         .collect()
-}
-
-/// Converts a path for C. A NUL byte in it is an error.
-pub(super) fn c_path(path: &Path) -> Result<CString> {
-    use std::os::unix::ffi::OsStrExt;
-    CString::new(path.as_os_str().as_bytes())
-        .map_err(|_| Error::invalid("the path contains a NUL byte").at(path).hint("rename the file"))
 }
 
 /// Converts a name for C. A NUL byte in it is an error.

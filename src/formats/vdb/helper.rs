@@ -7,16 +7,16 @@
 use super::ffi;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use std::io::Read;
+use std::io::{Read, Write};
 use std::os::unix::process::ExitStatusExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
-/// Subcommand that the helper program understands: `try-grid FILE GRID BYTES`. It calls
-/// [`File::try_grid`](super::File::try_grid). On failure it describes the error on standard error and exits with a code
-/// other than 0.
+/// Subcommand that the helper program understands: `try-grid BYTES`, with the most bytes of memory. It reads a file from
+/// standard input and calls [`try_grid`](super::try_grid). On failure it describes the error on standard error and exits
+/// with a code other than 0.
 pub const SUBCOMMAND: &str = "try-grid";
 
 /// Longest time that a trial in the helper process may take.
@@ -33,20 +33,20 @@ pub fn set_program(path: PathBuf) {
     let _ = PROGRAM.set(path);
 }
 
-/// Tries a grid in the helper process.
+/// Tries the last grid of a file, whose bytes these are, in the helper process.
 ///
 /// # Errors
 /// If no helper is named, it cannot be started, or it does not end with success; the error holds its message, or the
 /// signal that ended it.
-pub(super) fn rehearse(path: &Path, name: &str, limits: Limits) -> Result<()> {
+pub(super) fn rehearse(file: &[u8], limits: Limits) -> Result<()> {
     let Some(program) = PROGRAM.get() else {
         return Err(Error::unsupported("grids of points are read by a helper process first, and none was named")
             .hint("call formats::vdb::helper::set_program with the path of the program cumulo"));
     };
     let started = Command::new(program)
         .arg(SUBCOMMAND)
-        .args([path.as_os_str(), name.as_ref(), limits.max_memory.to_string().as_ref()])
-        .stdin(Stdio::null())
+        .arg(limits.max_memory.to_string())
+        .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn();
@@ -60,6 +60,10 @@ pub(super) fn rehearse(path: &Path, name: &str, limits: Limits) -> Result<()> {
         }
         ffi::printable(&text)
     });
+    if let Some(mut pipe) = child.stdin.take() {
+        // A process that ended before it read all says why below.
+        let _ = pipe.write_all(file);
+    }
     let status = wait(&mut child)?;
     let damaged = |what: String| Err(Error::invalid(what).hint("the file may be damaged; export it again"));
     match status {

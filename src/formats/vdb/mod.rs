@@ -4,6 +4,9 @@
 //! preflight (Rust: every offset and length) ──▶ File ──▶ NativeGrid ──▶ scene::grid::Grid
 //!                                               write ◀── edits ◀───────┘
 //! ```
+//! OpenVDB reads no file: it decodes bytes in memory that were checked there, so that a file that others write to meanwhile
+//! cannot mislead it.
+//!
 //! [`NativeGrid`] holds any grid type and passes it through untouched; [`Grid`] is the scalar copy
 //! that the rest of the program works on.
 //!
@@ -15,6 +18,7 @@
 mod cursor;
 mod dense;
 mod edit;
+mod excerpt;
 mod ffi;
 mod file;
 pub mod helper;
@@ -23,6 +27,7 @@ mod meta;
 mod native;
 pub mod preflight;
 pub mod shaded;
+mod source;
 mod topology;
 pub mod up;
 pub mod vector_kind;
@@ -31,6 +36,7 @@ mod write;
 
 pub use dense::{DenseBox, ValueKind};
 pub use edit::{HALF_WIDTH, ResampleFilter};
+pub use excerpt::try_grid;
 pub use file::{CONFIDENCE, File};
 pub use native::{GridInfo, NativeGrid, RawGrid, RawLeaf, RawTile, Transform, writable};
 pub use topology::Topology;

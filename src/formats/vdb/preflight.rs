@@ -10,6 +10,7 @@ use super::up::UpMarks;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use std::collections::HashMap;
+use std::io::{Read, Seek};
 use std::path::Path;
 
 const MAGIC: i64 = 0x5644_4220;
@@ -39,21 +40,30 @@ pub struct Entry {
     pub topology: Option<Topology>,
     /// True if every length in the grid was checked; otherwise a helper process tries to read it first.
     pub fully_checked: bool,
-    /// Positions of the grid's parts in the file; `None` for grids that share a tree or were not checked completely.
+    /// Positions of the grid in the file.
+    pub(super) span: Span,
+    /// Positions of the leaves' buffers; `None` for grids that share a tree or were not checked completely.
     pub(super) layout: Option<Layout>,
 }
 
-/// Positions of a grid's parts in the file, in bytes.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Layout {
+/// Positions of a grid in the file, in bytes, as the directory states them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Span {
     /// First byte of the grid, where its compression flags lie.
     pub from: u64,
+    /// First byte behind the topology; unset for grids that share a tree.
+    pub block: u64,
+    /// One past the last byte of the grid.
+    pub end: u64,
+}
+
+/// Positions of a grid's leaves in the file, in bytes.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Layout {
     /// First byte of the leaves' buffers.
     pub buffers: u64,
     /// First byte of each run of [`RUN`](super::topology::RUN) leaves; the last run may be shorter.
     pub runs: Vec<u64>,
-    /// One past the last byte of the grid.
-    pub end: u64,
 }
 
 /// Version and directory of a file whose skeleton is complete.
@@ -65,15 +75,10 @@ pub struct Preflight {
     pub library: (u32, u32),
     /// Grids in file order.
     pub entries: Vec<Entry>,
+    /// One past the last byte of the file's metadata, where the number of grids lies.
+    pub(super) head: u64,
     /// Marks of the up axis in the metadata of the file and its grids.
     pub(super) up: UpMarks,
-}
-
-struct Descriptor {
-    entry: Entry,
-    position: u64,
-    block: u64,
-    end: u64,
 }
 
 /// Checks the skeleton of a whole file.
@@ -88,12 +93,20 @@ pub fn check(path: &Path, limits: &Limits) -> Result<Preflight> {
 /// Checks a file as [`check`] does, and also returns the file that was checked.
 pub(super) fn open(path: &Path, limits: &Limits) -> Result<(Preflight, std::fs::File)> {
     let mut cursor = Cursor::open(path)?;
-    let c = &mut cursor;
+    Ok((walk(&mut cursor, limits)?, cursor.into_file()))
+}
+
+/// Checks a whole file that lies in memory.
+pub(super) fn in_memory(bytes: &[u8], path: &Path, limits: &Limits) -> Result<Preflight> {
+    walk(&mut Cursor::over(bytes, 0, bytes.len() as u64, path), limits)
+}
+
+fn walk<R: Read + Seek>(c: &mut Cursor<R>, limits: &Limits) -> Result<Preflight> {
     let version = magic_and_version(c)?;
     let library = (c.u32("library version")?, c.u32("library version")?);
     if !c.bool("offset flag")? {
         return Err(Error::unsupported("the file was streamed and has no grid offsets")
-            .at(path)
+            .at(c.path())
             .hint("write it again with vdb_tool -read IN -write OUT, or from the program that made it"));
     }
     if (220..222).contains(&version) {
@@ -102,44 +115,45 @@ pub(super) fn open(path: &Path, limits: &Limits) -> Result<(Preflight, std::fs::
     c.skip(36, "unique identifier")?;
     let mut up = UpMarks::default();
     metadata(c, &mut up)?;
+    let head = c.position();
     let count = c.i32("grid count")?;
     if count < 0 {
         return Err(c.damaged(format_args!("the file claims {count} grids")));
     }
-    let mut descriptors: Vec<Descriptor> = Vec::new();
+    let mut entries: Vec<Entry> = Vec::new();
     let mut numbers = HashMap::new();
     let mut expected = c.position();
     for _ in 0..count {
-        let mut d = descriptor(c)?;
-        if d.position < expected || d.position != c.position() {
-            return Err(c.damaged(format_args!("grid '{}' should start at {}", d.entry.name, d.position)));
+        let mut entry = descriptor(c)?;
+        let span = entry.span;
+        if span.from < expected || span.from != c.position() {
+            return Err(c.damaged(format_args!("grid '{}' should start at {}", entry.name, span.from)));
         }
-        if numbers.insert(d.entry.name.clone(), descriptors.len()).is_some() {
-            return Err(c.damaged(format_args!("two grids have the unique name '{}'", d.entry.name)));
+        if numbers.insert(entry.name.clone(), entries.len()).is_some() {
+            return Err(c.damaged(format_args!("two grids have the unique name '{}'", entry.name)));
         }
-        body(c, &mut d, version, limits, &mut up).map_err(|e| e.part(format!("grid '{}'", d.entry.name)))?;
-        c.seek(d.end)?;
-        expected = d.end;
-        descriptors.push(d);
+        body(c, &mut entry, version, limits, &mut up).map_err(|e| e.part(format!("grid '{}'", entry.name)))?;
+        c.seek(span.end)?;
+        expected = span.end;
+        entries.push(entry);
     }
     if expected != c.length() {
         return Err(c.damaged(format_args!("the last grid ends at {expected}, the file at {}", c.length())));
     }
-    for i in 0..descriptors.len() {
-        let Some(parent) = &descriptors[i].entry.instance_of else { continue };
-        let found = numbers.get(parent).map(|n| &descriptors[*n].entry).filter(|o| o.instance_of.is_none());
-        let Some(found) = found.filter(|o| o.grid_type == descriptors[i].entry.grid_type) else {
-            let name = &descriptors[i].entry.name;
+    for i in 0..entries.len() {
+        let Some(parent) = &entries[i].instance_of else { continue };
+        let found = numbers.get(parent).map(|n| &entries[*n]).filter(|o| o.instance_of.is_none());
+        let Some(found) = found.filter(|o| o.grid_type == entries[i].grid_type) else {
+            let name = &entries[i].name;
             return Err(c.damaged(format_args!("grid '{name}' shares the tree of '{parent}'")));
         };
         // The library reads the parent's tree again, with any faults in it.
-        descriptors[i].entry.fully_checked = found.fully_checked;
+        entries[i].fully_checked = found.fully_checked;
     }
-    let preflight = Preflight { version, library, entries: descriptors.into_iter().map(|d| d.entry).collect(), up };
-    Ok((preflight, cursor.into_file()))
+    Ok(Preflight { version, library, entries, head, up })
 }
 
-fn magic_and_version(c: &mut Cursor) -> Result<u32> {
+fn magic_and_version<R: Read + Seek>(c: &mut Cursor<R>) -> Result<u32> {
     let path = c.path().to_path_buf();
     let mut magic = [0; 8];
     c.fill(&mut magic, "magic number")?;
@@ -171,7 +185,7 @@ fn magic_and_version(c: &mut Cursor) -> Result<u32> {
     Ok(version)
 }
 
-fn descriptor(c: &mut Cursor) -> Result<Descriptor> {
+fn descriptor<R: Read + Seek>(c: &mut Cursor<R>) -> Result<Entry> {
     let unique = c.name("grid name")?;
     let full_type = c.name("grid type")?;
     let parent = c.name("instance name")?;
@@ -191,19 +205,18 @@ fn descriptor(c: &mut Cursor) -> Result<Descriptor> {
             c.length()
         )));
     }
-    let file_bytes = (end - position) as u64;
-    let entry = Entry {
+    Ok(Entry {
         name,
         base_name,
         grid_type,
         half,
         instance_of,
-        file_bytes,
+        file_bytes: (end - position) as u64,
         topology: None,
         fully_checked: false,
+        span: Span { from: position as u64, block: block as u64, end: end as u64 },
         layout: None,
-    };
-    Ok(Descriptor { entry, position: position as u64, block: block as u64, end: end as u64 })
+    })
 }
 
 /// Name without suffix and readable unique name. OpenVDB marks a repeated name with the control character 0x1e and a
@@ -215,31 +228,48 @@ fn readable_name(unique: &str) -> (String, String) {
     }
 }
 
-fn body(c: &mut Cursor, d: &mut Descriptor, version: u32, limits: &Limits, up: &mut UpMarks) -> Result<()> {
+/// Walks a grid's metadata, transform and topology; `None` where only OpenVDB can read further.
+pub(super) fn topology<R: Read + Seek>(
+    c: &mut Cursor<R>,
+    entry: &Entry,
+    version: u32,
+    limits: &Limits,
+    up: &mut UpMarks,
+) -> Result<Option<Walk>> {
     let compression = if version >= OLDEST_WALKED { c.u32("compression flags")? } else { 0 };
     metadata(c, up)?;
     transform(c)?;
-    if d.entry.instance_of.is_some() {
-        return at(c, d.end, "the grid's end");
-    }
-    let value = match ValueType::of(&d.entry.grid_type, d.entry.half) {
-        Some(v) if version >= OLDEST_WALKED => v,
-        _ => return Ok(()),
-    };
-    let mut walk = Walk::new(c, value, compression, limits)?;
-    d.entry.topology = Some(walk.topology()?);
-    if value.is_complete() {
-        let runs = walk.buffers()?;
-        d.entry.fully_checked = true;
-        let buffers = runs.first().copied().unwrap_or(d.end);
-        d.entry.layout = Some(Layout { from: d.position, buffers, runs, end: d.end });
-        at(c, d.end, "the grid's end")
-    } else {
-        at(c, d.block, "the grid's buffers")
+    match ValueType::of(&entry.grid_type, entry.half) {
+        Some(value) if version >= OLDEST_WALKED && entry.instance_of.is_none() => {
+            Walk::topology(c, value, compression, *limits).map(Some)
+        }
+        _ => Ok(None),
     }
 }
 
-fn at(c: &Cursor, expected: u64, what: &str) -> Result<()> {
+fn body<R: Read + Seek>(
+    c: &mut Cursor<R>,
+    entry: &mut Entry,
+    version: u32,
+    limits: &Limits,
+    up: &mut UpMarks,
+) -> Result<()> {
+    let end = entry.span.end;
+    let Some(walk) = topology(c, entry, version, limits, up)? else {
+        return if entry.instance_of.is_some() { at(c, end, "the grid's end") } else { Ok(()) };
+    };
+    entry.topology = Some(walk.found());
+    if !walk.is_complete() {
+        return at(c, entry.span.block, "the grid's buffers");
+    }
+    let runs = walk.buffers(c)?;
+    entry.fully_checked = true;
+    let buffers = runs.first().copied().unwrap_or(end);
+    entry.layout = Some(Layout { buffers, runs });
+    at(c, end, "the grid's end")
+}
+
+fn at<R: Read + Seek>(c: &Cursor<R>, expected: u64, what: &str) -> Result<()> {
     if c.position() == expected { Ok(()) } else { Err(c.damaged(format_args!("{what} should be at byte {expected}"))) }
 }
 
@@ -260,7 +290,7 @@ fn fixed_size(type_name: &str) -> Option<usize> {
     })
 }
 
-fn metadata(c: &mut Cursor, up: &mut UpMarks) -> Result<()> {
+fn metadata<R: Read + Seek>(c: &mut Cursor<R>, up: &mut UpMarks) -> Result<()> {
     let count = c.i32("metadata count")?;
     if count < 0 {
         return Err(c.damaged(format_args!("metadata claims {count} entries")));
@@ -308,7 +338,7 @@ fn delayed_load_fits(value: &[u8], file_length: u64) -> bool {
     count <= file_length / 64 && section(1).is_some() && section(8).is_some()
 }
 
-fn transform(c: &mut Cursor) -> Result<()> {
+fn transform<R: Read + Seek>(c: &mut Cursor<R>) -> Result<()> {
     let name = c.name("transform type")?;
     if name != "NonlinearFrustumMap" {
         return linear_map(c, &name);
@@ -321,7 +351,7 @@ fn transform(c: &mut Cursor) -> Result<()> {
     }
 }
 
-fn linear_map(c: &mut Cursor, name: &str) -> Result<()> {
+fn linear_map<R: Read + Seek>(c: &mut Cursor<R>, name: &str) -> Result<()> {
     match name {
         "AffineMap" | "UnitaryMap" => numbers_finite(c, 16),
         "ScaleMap" | "UniformScaleMap" => numbers_finite(c, 15),
@@ -333,7 +363,7 @@ fn linear_map(c: &mut Cursor, name: &str) -> Result<()> {
 
 /// Reads `count` numbers of a map. NaN and infinity are refused, because they reach every coordinate; no program writes
 /// them on purpose.
-fn numbers_finite(c: &mut Cursor, count: usize) -> Result<()> {
+fn numbers_finite<R: Read + Seek>(c: &mut Cursor<R>, count: usize) -> Result<()> {
     for _ in 0..count {
         if !c.f64("transform")?.is_finite() {
             return Err(c.damaged("the transform has entries that are not finite"));

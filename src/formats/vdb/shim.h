@@ -26,7 +26,6 @@ typedef struct cumulo_vdb_status {
     char message[504]; /* NUL-terminated, cut to fit, any bytes */
 } cumulo_vdb_status;
 
-typedef struct cumulo_vdb_file cumulo_vdb_file;
 typedef struct cumulo_vdb_grid cumulo_vdb_grid;
 typedef struct cumulo_vdb_meta cumulo_vdb_meta;
 typedef struct cumulo_vdb_leaves cumulo_vdb_leaves;
@@ -84,31 +83,29 @@ typedef struct cumulo_vdb_tile {
  * its own threads. The handler must not return. */
 void cumulo_vdb_on_terminate(void (*handler)(const char* what));
 
-/* Files. Opening never defers loading. */
-int32_t cumulo_vdb_open(const char* path, cumulo_vdb_file** out, cumulo_vdb_status* status);
-void cumulo_vdb_close(cumulo_vdb_file* file);
-int32_t cumulo_vdb_file_meta(cumulo_vdb_file* file, cumulo_vdb_meta** out, cumulo_vdb_status* status);
-int32_t cumulo_vdb_read(cumulo_vdb_file* file, const char* unique_name, cumulo_vdb_grid** out,
-                        cumulo_vdb_status* status);
+/* Files whose bytes lie in memory, and whose every length was checked there. Nothing is read lazily. */
+/* Metadata of the file as a whole. */
+int32_t cumulo_vdb_file_meta(const uint8_t* bytes, size_t length, cumulo_vdb_meta** out, cumulo_vdb_status* status);
+/* The last grid of the file, which may share the tree of one before. */
+int32_t cumulo_vdb_file_grid(const uint8_t* bytes, size_t length, cumulo_vdb_grid** out, cumulo_vdb_status* status);
 /* Writes a grid to nowhere, which touches every byte of every attribute: for a process that may die of it. */
 int32_t cumulo_vdb_touch(const cumulo_vdb_grid* grid, cumulo_vdb_status* status);
-/* Where a grid lies in a file: every length in it was checked. */
+/* All of a grid but its leaves' buffers, in memory: every length in it was checked. */
 typedef struct cumulo_vdb_layout {
-    int32_t fd;            /* stays the caller's; read by position */
+    const uint8_t* bytes; /* from the compression flags on */
+    size_t length;
     int32_t half;
     const char* grid_type; /* "Tree_float_5_4_3" */
     uint32_t file_version;
-    uint32_t library[2];   /* version of the library that wrote it */
-    uint64_t from;         /* first byte: the compression flags */
-    uint64_t buffers;      /* first byte of the leaves' buffers */
+    uint32_t library[2]; /* version of the library that wrote it */
     uint64_t leaf_count;
 } cumulo_vdb_layout;
-/* Reads all of a grid but its leaves' buffers; then those, in file order from leaf `first` on, that lie
- * at these bytes (thread-safe for different leaves); then hands over the grid, or, where `out` is null,
- * drops it. The end consumes the handle whatever it returns. */
+/* Decodes all of a grid but its leaves' buffers; then those, in file order from leaf `first` on, that these bytes are
+ * (thread-safe for different leaves); then hands over the grid, or, where `out` is null, drops it. The end consumes the
+ * handle whatever it returns. */
 int32_t cumulo_vdb_load_begin(const cumulo_vdb_layout* layout, cumulo_vdb_loading** out, cumulo_vdb_status* status);
-int32_t cumulo_vdb_load_leaves(const cumulo_vdb_loading* loading, size_t first, size_t count, uint64_t from,
-                               uint64_t until, cumulo_vdb_status* status);
+int32_t cumulo_vdb_load_leaves(const cumulo_vdb_loading* loading, size_t first, size_t count, const uint8_t* bytes,
+                               size_t length, cumulo_vdb_status* status);
 int32_t cumulo_vdb_load_end(cumulo_vdb_loading* loading, cumulo_vdb_grid** out, cumulo_vdb_status* status);
 /* Writes a file from byte 0 of an open descriptor on, which stays the caller's. `meta` may be null. `codec`: 0 none,
  * 1 Blosc. `length` is the file's length; after CUMULO_VDB_IO too, where it is what would have been needed. */

@@ -9,10 +9,12 @@
 #include <cmath>
 #include <cstring>
 #include <exception>
+#include <istream>
 #include <memory>
 #include <new>
 #include <sstream>
 #include <stdexcept>
+#include <streambuf>
 #include <string>
 #include <system_error>
 
@@ -38,6 +40,39 @@ using ReadableGrids = ScalarGrids::Append<VectorGrids>;
 // The request makes no sense for this grid: the caller's fault, not the library's.
 struct Unsupported : std::runtime_error {
     using std::runtime_error::runtime_error;
+};
+
+// Bytes in memory; positions count from their first.
+class Bytes : public std::streambuf {
+public:
+    Bytes(const uint8_t* bytes, size_t length) {
+        // The get area is never written to.
+        char* const first = const_cast<char*>(reinterpret_cast<const char*>(bytes));
+        setg(first, first, first + length);
+    }
+
+protected:
+    pos_type seekoff(off_type offset, std::ios_base::seekdir way, std::ios_base::openmode) override {
+        const off_type now = gptr() - eback();
+        const off_type size = egptr() - eback();
+        const off_type base = way == std::ios_base::beg ? 0 : way == std::ios_base::cur ? now : size;
+        const off_type to = base + offset;
+        if (to < 0 || to > size) return pos_type(off_type(-1));
+        setg(eback(), eback() + to, egptr());
+        return pos_type(to);
+    }
+    pos_type seekpos(pos_type to, std::ios_base::openmode which) override {
+        return seekoff(off_type(to), std::ios_base::beg, which);
+    }
+};
+
+// A stream over bytes that throws where OpenVDB would go on with what it did not get.
+struct Part {
+    Part(const uint8_t* bytes, size_t length) : buffer(bytes, length), stream(&buffer) {
+        stream.exceptions(std::ios_base::badbit | std::ios_base::failbit | std::ios_base::eofbit);
+    }
+    Bytes buffer;
+    std::istream stream;
 };
 
 template <size_t N> void set_text(char (&out)[N], const char* text) {
@@ -85,6 +120,10 @@ template <typename Body> int32_t guarded(cumulo_vdb_status* status, Body&& body)
         code = CUMULO_VDB_UNSUPPORTED;
         set_text(status->message, e.what());
         fixed = nullptr;
+    } catch (const std::ios_base::failure&) {
+        // A stream over bytes: no error of the system, which its type derives from.
+        code = CUMULO_VDB_FAILED;
+        fixed = "the bytes end before what is read from them, or contradict it";
     } catch (const std::system_error& e) {
         code = CUMULO_VDB_IO;
         status->os_error = e.code().value();

@@ -1,7 +1,8 @@
 // Files and metadata.
 #include "shim.hpp"
 
-#include <openvdb/io/File.h>
+#include <openvdb/io/Archive.h>
+#include <openvdb/io/GridDescriptor.h>
 #include <openvdb/io/Stream.h>
 
 #include <cerrno>
@@ -14,11 +15,7 @@
 
 using namespace openvdb;
 using cumulo::guarded;
-
-struct cumulo_vdb_file {
-    explicit cumulo_vdb_file(const std::string& path) : file(path) {}
-    io::File file;
-};
+using cumulo::Part;
 
 namespace {
 
@@ -100,12 +97,46 @@ private:
     std::vector<char> buffer;
 };
 
-// What `io::File` does around a stream of its own, which cannot be asked how it went.
+// What `io::File` does around a stream of its own, which cannot be asked how it went, and reads a file of its own.
 struct Archive : io::Archive {
     Ptr copy() const override { return std::make_shared<Archive>(*this); }
+    // Reads the head of a file, up to the number of its grids.
+    MetaMap::Ptr head(std::istream& in) {
+        readHeader(in);
+        stream = std::make_shared<io::StreamMetadata>();
+        stream->setSeekable(true);
+        io::setStreamMetadataPtr(in, stream, /*transfer=*/false);
+        setFormatVersion(in);
+        setLibraryVersion(in);
+        setDataCompression(in);
+        auto meta = std::make_shared<MetaMap>();
+        meta->readMeta(in);
+        return meta;
+    }
+    // Reads all grids of a file, and returns the last one.
+    GridBase::Ptr last(std::istream& in) {
+        head(in);
+        NamedGridMap grids;
+        GridBase::Ptr grid;
+        for (int32_t left = readGridCount(in); left > 0; --left) {
+            io::GridDescriptor descriptor;
+            grid = descriptor.read(in);
+            if (!grid) break;
+            grid->setSaveFloatAsHalf(descriptor.saveFloatAsHalf());
+            readGrid(grid, descriptor, in);
+            grids[descriptor.uniqueName()] = grid;
+            connectInstance(descriptor, grids);
+        }
+        if (!grid) throw std::runtime_error("the library returned no grid");
+        return grid;
+    }
     void put(std::ostream& out, const GridCPtrVec& grids, const MetaMap& meta) const {
         io::Archive::write(out, grids, /*seekable=*/true, meta);
     }
+
+private:
+    // The stream that is read has the address of this pointer.
+    io::StreamMetadata::Ptr stream;
 };
 
 template <typename T> bool put_number(const Metadata& m, cumulo_vdb_meta_entry* out, int32_t kind) {
@@ -171,36 +202,24 @@ void cumulo_vdb_on_terminate(void (*handler)(const char* what)) {
     });
 }
 
-int32_t cumulo_vdb_open(const char* path, cumulo_vdb_file** out, cumulo_vdb_status* status) {
+int32_t cumulo_vdb_file_meta(const uint8_t* bytes, size_t length, cumulo_vdb_meta** out, cumulo_vdb_status* status) {
     return guarded(status, [&] {
         initialize();
-        auto handle = std::make_unique<cumulo_vdb_file>(path);
-        // Delayed loading crashes on damaged files with signals that nothing can catch.
-        handle->file.open(/*delayLoad=*/false);
-        *out = handle.release();
-    });
-}
-
-void cumulo_vdb_close(cumulo_vdb_file* file) {
-    cumulo_vdb_status ignored;
-    guarded(&ignored, [&] { delete file; });
-}
-
-int32_t cumulo_vdb_file_meta(cumulo_vdb_file* file, cumulo_vdb_meta** out, cumulo_vdb_status* status) {
-    return guarded(status, [&] {
         auto meta = std::make_unique<cumulo_vdb_meta>();
-        const MetaMap::ConstPtr found = file->file.getMetadata();
-        meta->map = found ? found->deepCopyMeta() : std::make_shared<MetaMap>();
+        Part part(bytes, length);
+        Archive archive;
+        meta->map = archive.head(part.stream);
         *out = meta.release();
     });
 }
 
-int32_t cumulo_vdb_read(cumulo_vdb_file* file, const char* unique_name, cumulo_vdb_grid** out,
-                        cumulo_vdb_status* status) {
+int32_t cumulo_vdb_file_grid(const uint8_t* bytes, size_t length, cumulo_vdb_grid** out, cumulo_vdb_status* status) {
     return guarded(status, [&] {
+        initialize();
         auto handle = std::make_unique<cumulo_vdb_grid>();
-        handle->grid = file->file.readGrid(unique_name);
-        if (!handle->grid) throw std::runtime_error("the library returned no grid");
+        Part part(bytes, length);
+        Archive archive;
+        handle->grid = archive.last(part.stream);
         *out = handle.release();
     });
 }

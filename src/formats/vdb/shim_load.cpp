@@ -4,62 +4,14 @@
 
 #include <openvdb/io/io.h>
 
-#include <cerrno>
 #include <istream>
-#include <streambuf>
-#include <system_error>
-#include <unistd.h>
 #include <vector>
 
 using namespace openvdb;
 using cumulo::guarded;
-
-namespace {
-
-// Bytes of a file in memory; positions count from their first.
-class Bytes : public std::streambuf {
-public:
-    Bytes(int fd, uint64_t from, uint64_t until) : data(size_t(until - from)) {
-        for (size_t done = 0; done < data.size();) {
-            const ssize_t got = pread(fd, data.data() + done, data.size() - done, off_t(from + done));
-            if (got < 0 && errno == EINTR) continue;
-            if (got < 0) throw std::system_error(errno, std::generic_category(), "reading the grid");
-            if (got == 0) throw std::runtime_error("the file became shorter while it was read");
-            done += size_t(got);
-        }
-        setg(data.data(), data.data(), data.data() + data.size());
-    }
-
-protected:
-    pos_type seekoff(off_type offset, std::ios_base::seekdir way, std::ios_base::openmode) override {
-        const off_type now = gptr() - eback();
-        const off_type base = way == std::ios_base::beg ? 0 : way == std::ios_base::cur ? now : off_type(data.size());
-        const off_type to = base + offset;
-        if (to < 0 || to > off_type(data.size())) return pos_type(off_type(-1));
-        setg(eback(), eback() + to, egptr());
-        return pos_type(to);
-    }
-    pos_type seekpos(pos_type to, std::ios_base::openmode which) override {
-        return seekoff(off_type(to), std::ios_base::beg, which);
-    }
-
-private:
-    std::vector<char> data;
-};
-
-// A stream over bytes that throws where OpenVDB would go on with what it did not get.
-struct Part {
-    Part(int fd, uint64_t from, uint64_t until) : bytes(fd, from, until), stream(&bytes) {
-        stream.exceptions(std::ios_base::badbit | std::ios_base::failbit | std::ios_base::eofbit);
-    }
-    Bytes bytes;
-    std::istream stream;
-};
-
-} // namespace
+using cumulo::Part;
 
 struct cumulo_vdb_loading {
-    int fd = -1;
     GridBase::Ptr grid;
     io::StreamMetadata::Ptr meta;
     std::vector<void*> leaves;
@@ -72,13 +24,12 @@ int32_t cumulo_vdb_load_begin(const cumulo_vdb_layout* layout, cumulo_vdb_loadin
     return guarded(status, [&] {
         initialize();
         auto loading = std::make_unique<cumulo_vdb_loading>();
-        loading->fd = layout->fd;
         loading->grid = GridBase::createGrid(layout->grid_type);
         GridBase& grid = *loading->grid;
         grid.setSaveFloatAsHalf(layout->half != 0);
 
         // What `io::Archive::readGrid` does, up to the buffers.
-        Part head(layout->fd, layout->from, layout->buffers);
+        Part head(layout->bytes, layout->length);
         std::istream& is = head.stream;
         loading->meta = std::make_shared<io::StreamMetadata>();
         // The buffers' copies of the masks are skipped: those of the topology have been checked.
@@ -110,17 +61,17 @@ int32_t cumulo_vdb_load_begin(const cumulo_vdb_layout* layout, cumulo_vdb_loadin
     });
 }
 
-int32_t cumulo_vdb_load_leaves(const cumulo_vdb_loading* loading, size_t first, size_t count, uint64_t from,
-                               uint64_t until, cumulo_vdb_status* status) {
+int32_t cumulo_vdb_load_leaves(const cumulo_vdb_loading* loading, size_t first, size_t count, const uint8_t* bytes,
+                               size_t length, cumulo_vdb_status* status) {
     return guarded(status, [&] {
         if (first > loading->leaves.size() || count > loading->leaves.size() - first) throw std::out_of_range("leaves");
-        Part part(loading->fd, from, until);
+        Part part(bytes, length);
         // A copy: readers count leaves in it.
         auto meta = std::make_shared<io::StreamMetadata>(*loading->meta);
         io::setStreamMetadataPtr(part.stream, meta);
         const bool half = loading->grid->saveFloatAsHalf();
         for (size_t i = first; i < first + count; ++i) loading->read(loading->leaves[i], part.stream, half);
-        if (part.stream.tellg() != std::streampos(std::streamoff(until - from))) {
+        if (part.stream.tellg() != std::streampos(std::streamoff(length))) {
             throw std::runtime_error("leaves end where they should not");
         }
     });

@@ -7,6 +7,8 @@
 use super::cursor::Cursor;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
+use std::io::{Read, Seek};
+use std::ops::Range;
 
 /// Compression flags of OpenVDB, `io::COMPRESS_*`.
 const ZIP: u32 = 1;
@@ -73,11 +75,6 @@ impl ValueType {
         };
         Some(Self { size, stored, leaf, leaf_bytes, entry_bytes })
     }
-
-    /// True if buffers of this type are walked too, so that nothing in the grid is left unchecked.
-    pub(super) fn is_complete(&self) -> bool {
-        self.leaf != LeafKind::Opaque
-    }
 }
 
 /// Size of a tree, counted in the file.
@@ -90,11 +87,10 @@ pub struct Topology {
 }
 
 /// Walk of one grid's tree in the file.
-pub(super) struct Walk<'a> {
-    cursor: &'a mut Cursor,
+pub(super) struct Walk {
     value: ValueType,
     compression: u32,
-    limits: &'a Limits,
+    limits: Limits,
     found: Topology,
     /// Origin and number of active voxels of each leaf, in the order of their buffers.
     leaves: Vec<([i32; 3], u16)>,
@@ -104,89 +100,112 @@ fn ones(mask: &[u8]) -> u64 {
     mask.iter().map(|b| u64::from(b.count_ones())).sum()
 }
 
-impl<'a> Walk<'a> {
-    pub(super) fn new(cursor: &'a mut Cursor, value: ValueType, compression: u32, limits: &'a Limits) -> Result<Self> {
+/// Reads the key of a root entry. Root entries are written from an ordered map, so keys ascend, are unique and
+/// multiples of 4096.
+fn root_key<R: Read + Seek>(c: &mut Cursor<R>, last: &mut Option<[i32; 3]>) -> Result<[i32; 3]> {
+    let key = c.coord("root entry")?;
+    if key.iter().any(|c| c & 4095 != 0) || last.is_some_and(|l| l >= key) {
+        return Err(c.damaged(format_args!("root entry {key:?} is out of order or off its lattice")));
+    }
+    *last = Some(key);
+    Ok(key)
+}
+
+impl Walk {
+    /// Walks the topology of a tree, from the buffer count to the last leaf's mask.
+    pub(super) fn topology<R: Read + Seek>(
+        c: &mut Cursor<R>,
+        value: ValueType,
+        compression: u32,
+        limits: Limits,
+    ) -> Result<Self> {
         if compression & !(ZIP | ACTIVE_MASK | BLOSC) != 0 {
-            return Err(cursor.damaged(format_args!("compression flags {compression:#x} are unknown")));
+            return Err(c.damaged(format_args!("compression flags {compression:#x} are unknown")));
         }
-        Ok(Self { cursor, value, compression, limits, found: Topology::default(), leaves: Vec::new() })
+        let mut walk = Self { value, compression, limits, found: Topology::default(), leaves: Vec::new() };
+        walk.root(c).map_err(|e| e.at(c.path()))?;
+        Ok(walk)
+    }
+
+    /// Size of the tree.
+    pub(super) fn found(&self) -> Topology {
+        self.found
+    }
+
+    /// True if the buffers are walked too, so that nothing in the grid is left unchecked.
+    pub(super) fn is_complete(&self) -> bool {
+        self.value.leaf != LeafKind::Opaque
     }
 
     fn charge(&mut self, bytes: u64) -> Result<()> {
         self.found.memory = self.found.memory.saturating_add(bytes);
         if self.found.memory > self.limits.max_memory {
-            return Err(self.limits.exceeded(self.found.memory, self.found.leaves).at(self.cursor.path()));
+            return Err(self.limits.exceeded(self.found.memory, self.found.leaves));
         }
         Ok(())
     }
 
-    /// Walks the tree's topology, from the buffer count to the last leaf's mask, and returns the tree's size.
-    pub(super) fn topology(&mut self) -> Result<Topology> {
-        let buffers = self.cursor.i32("buffer count")?;
+    fn root<R: Read + Seek>(&mut self, c: &mut Cursor<R>) -> Result<()> {
+        let buffers = c.i32("buffer count")?;
         if buffers != 1 {
-            return Err(self.cursor.damaged(format_args!("the tree has {buffers} buffers, 1 expected")));
+            return Err(c.damaged(format_args!("the tree has {buffers} buffers, 1 expected")));
         }
-        self.root_value("background")?;
-        let tiles = self.cursor.u32("root tile count")?;
-        let children = self.cursor.u32("root child count")?;
+        self.root_value(c, "background")?;
+        let tiles = c.u32("root tile count")?;
+        let children = c.u32("root child count")?;
         let mut tile_keys = std::collections::BTreeSet::new();
         let mut last = None;
         for _ in 0..tiles {
-            let key = self.root_key(&mut last)?;
-            self.root_value("root tile")?;
-            self.cursor.bool("root tile state")?;
+            let key = root_key(c, &mut last)?;
+            self.root_value(c, "root tile")?;
+            c.bool("root tile state")?;
             self.charge(96)?;
             tile_keys.insert(key);
         }
         let mut last = None;
         for _ in 0..children {
-            let origin = self.root_key(&mut last)?;
+            let origin = root_key(c, &mut last)?;
             if tile_keys.contains(&origin) {
-                return Err(self.cursor.damaged(format_args!("root entry {origin:?} is both a tile and a child")));
+                return Err(c.damaged(format_args!("root entry {origin:?} is both a tile and a child")));
             }
             self.charge(96)?;
-            self.internal(origin, 5, 7)?;
+            self.internal(c, origin, 5, 7)?;
         }
-        Ok(self.found)
+        Ok(())
     }
 
-    /// Reads the key of a root entry. Root entries are written from an ordered map, so keys ascend, are unique and
-    /// multiples of 4096.
-    fn root_key(&mut self, last: &mut Option<[i32; 3]>) -> Result<[i32; 3]> {
-        let key = self.cursor.coord("root entry")?;
-        if key.iter().any(|c| c & 4095 != 0) || last.is_some_and(|l| l >= key) {
-            return Err(self.cursor.damaged(format_args!("root entry {key:?} is out of order or off its lattice")));
-        }
-        *last = Some(key);
-        Ok(key)
-    }
-
-    fn root_value(&mut self, what: &str) -> Result<()> {
-        if self.value.size == 1 { self.cursor.bool(what).map(drop) } else { self.cursor.skip(self.value.size, what) }
+    fn root_value<R: Read + Seek>(&self, c: &mut Cursor<R>, what: &str) -> Result<()> {
+        if self.value.size == 1 { c.bool(what).map(drop) } else { c.skip(self.value.size, what) }
     }
 
     /// Walks an internal node of `1 << log2` entries along its edge, whose children have edges of `1 << child_total`
     /// voxels.
-    fn internal(&mut self, origin: [i32; 3], log2: u32, child_total: u32) -> Result<()> {
+    fn internal<R: Read + Seek>(
+        &mut self,
+        c: &mut Cursor<R>,
+        origin: [i32; 3],
+        log2: u32,
+        child_total: u32,
+    ) -> Result<()> {
         let entries = 1_u64 << (3 * log2);
         let mut masks = vec![0_u8; entries as usize / 4];
-        self.cursor.fill(&mut masks, "node masks")?;
+        c.fill(&mut masks, "node masks")?;
         self.charge(entries * self.value.entry_bytes + entries / 4 + 64)?;
         let (children, values) = masks.split_at(entries as usize / 8);
-        if children.iter().zip(values).any(|(c, v)| c & v != 0) {
-            return Err(self.cursor.damaged("a node's entry is both a child and an active tile"));
+        if children.iter().zip(values).any(|(child, tile)| child & tile != 0) {
+            return Err(c.damaged("a node's entry is both a child and an active tile"));
         }
-        self.compressed(entries, ones(values), "node values")?;
+        self.compressed(c, entries, ones(values), "node values")?;
         for n in (0..entries as usize).filter(|n| children[n >> 3] >> (n & 7) & 1 == 1) {
             let n = n as i32;
             let edge = (1 << log2) - 1;
             let local = [n >> (2 * log2), n >> log2 & edge, n & edge];
             let child: [i32; 3] = std::array::from_fn(|a| origin[a].wrapping_add(local[a] << child_total));
             if log2 == 5 {
-                self.internal(child, 4, 3)?;
+                self.internal(c, child, 4, 3)?;
             } else {
                 let mut mask = [0; 64];
-                self.cursor.fill(&mut mask, "leaf mask")?;
+                c.fill(&mut mask, "leaf mask")?;
                 self.found.leaves += 1;
                 self.charge(self.value.leaf_bytes)?;
                 self.leaves.push((child, ones(&mask) as u16));
@@ -196,71 +215,76 @@ impl<'a> Walk<'a> {
     }
 
     /// Skips `count` values, `active` of them active, as `io::readCompressedValues` would read them.
-    fn compressed(&mut self, count: u64, active: u64, what: &str) -> Result<()> {
+    fn compressed<R: Read + Seek>(&self, c: &mut Cursor<R>, count: u64, active: u64, what: &str) -> Result<()> {
         let size = self.value.size;
-        let flag = self.cursor.u8("compression flag")?;
+        let flag = c.u8("compression flag")?;
         let (inactive, selection) = match flag {
             0 | 1 | 6 => (0, false),
             2 => (1, false),
             3 => (0, true),
             4 => (1, true),
             5 => (2, true),
-            n => return Err(self.cursor.damaged(format_args!("compression flag {n} is above 6"))),
+            n => return Err(c.damaged(format_args!("compression flag {n} is above 6"))),
         };
-        self.cursor.skip(inactive * size + if selection { count / 8 } else { 0 }, "inactive values")?;
+        c.skip(inactive * size + if selection { count / 8 } else { 0 }, "inactive values")?;
         let stored = if self.compression & ACTIVE_MASK != 0 && flag != 6 { active } else { count };
         if stored == 0 && self.value.stored != size {
             return Ok(()); // half values: not even a length is written
         }
         let bytes = stored * self.value.stored;
         if self.compression & (BLOSC | ZIP) == 0 {
-            return self.cursor.skip(bytes, what);
+            return c.skip(bytes, what);
         }
-        let length = self.cursor.i64("compressed size")?;
+        let length = c.i64("compressed size")?;
         if length <= 0 {
             // Stored uncompressed. The library reads this many bytes before it compares the sizes.
             if length.unsigned_abs() != bytes {
-                return Err(self.cursor.damaged(format_args!("{what}: {length} stored for {bytes} bytes")));
+                return Err(c.damaged(format_args!("{what}: {length} stored for {bytes} bytes")));
             }
-            return self.cursor.skip(bytes, what);
+            return c.skip(bytes, what);
         }
         if self.compression & BLOSC != 0 {
             // Blosc trusts its own header, so the header must agree with the file.
-            let [_, unpacked, _, packed] = std::array::from_fn(|_| self.cursor.u32("Blosc header"));
+            let [_, unpacked, _, packed] = std::array::from_fn(|_| c.u32("Blosc header"));
             let (unpacked, packed) = (u64::from(unpacked?), u64::from(packed?));
             if unpacked != bytes || packed != length as u64 || packed < 16 {
-                return Err(self.cursor.damaged(format_args!(
+                return Err(c.damaged(format_args!(
                     "{what}: Blosc block of {packed} for {unpacked} bytes, {length} for {bytes} expected"
                 )));
             }
-            return self.cursor.skip(packed - 16, what);
+            return c.skip(packed - 16, what);
         }
-        self.cursor.skip(length as u64, what)
+        c.skip(length as u64, what)
     }
 
-    /// Walks all leaf buffers and returns the first byte of each run of [`RUN`] leaves. [`Walk::topology`] must have
-    /// been called before.
-    pub(super) fn buffers(&mut self) -> Result<Vec<u64>> {
+    /// Walks all leaf buffers and returns the first byte of each run of [`RUN`] leaves.
+    pub(super) fn buffers<R: Read + Seek>(&self, c: &mut Cursor<R>) -> Result<Vec<u64>> {
         let mut runs = Vec::new();
-        for (i, (origin, active)) in std::mem::take(&mut self.leaves).into_iter().enumerate() {
-            if i % RUN == 0 {
-                runs.push(self.cursor.position());
-            }
-            self.cursor.skip(64, "leaf mask")?;
+        for first in (0..self.leaves.len()).step_by(RUN) {
+            runs.push(c.position());
+            self.run(c, first..self.leaves.len().min(first + RUN))?;
+        }
+        Ok(runs)
+    }
+
+    /// Walks the buffers of some leaves.
+    pub(super) fn run<R: Read + Seek>(&self, c: &mut Cursor<R>, leaves: Range<usize>) -> Result<()> {
+        for (origin, active) in self.leaves.get(leaves).unwrap_or_default() {
+            c.skip(64, "leaf mask")?;
             match self.value.leaf {
-                LeafKind::Values => self.compressed(512, u64::from(active), "leaf values")?,
+                LeafKind::Values => self.compressed(c, 512, u64::from(*active), "leaf values")?,
                 LeafKind::Bool | LeafKind::Mask => {
-                    let stated = self.cursor.coord("leaf origin")?;
-                    if stated != origin {
-                        return Err(self.cursor.damaged(format_args!("leaf {origin:?} says it is at {stated:?}")));
+                    let stated = c.coord("leaf origin")?;
+                    if stated != *origin {
+                        return Err(c.damaged(format_args!("leaf {origin:?} says it is at {stated:?}")));
                     }
                     if self.value.leaf == LeafKind::Bool {
-                        self.cursor.skip(64, "leaf values")?;
+                        c.skip(64, "leaf values")?;
                     }
                 }
                 LeafKind::Opaque => return Err(Error::unsupported("point buffers are not walked")),
             }
         }
-        Ok(runs)
+        Ok(())
     }
 }

@@ -5,8 +5,8 @@ use super::fields::{Fields, Frame};
 use super::syntax::{self, META, Syntax};
 use super::tags::{
     BITS_ALLOCATED, BITS_STORED, COLUMNS, DOSE_SCALING, DOUBLE_PIXELS, FLOAT_PIXELS, FRAME_GROUPS, FRAME_OFFSETS,
-    FRAMES, HIGH_BIT, INSTANCE_NUMBER, MODALITY, MODALITY_TABLE, PADDING, PHOTOMETRIC, PIXELS, REPRESENTATION, ROWS,
-    SAMPLES, SERIES, SERIES_DESCRIPTION, SHARED_GROUPS, TRANSFER_SYNTAX, WANTED,
+    FRAMES, HIGH_BIT, INSTANCE_NUMBER, MEDIA_CLASS, MODALITY, MODALITY_TABLE, PADDING, PHOTOMETRIC, PIXELS,
+    REPRESENTATION, ROWS, SAMPLES, SERIES, SERIES_DESCRIPTION, SHARED_GROUPS, TRANSFER_SYNTAX, WANTED,
 };
 use crate::error::{Error, Result};
 use crate::formats::input;
@@ -120,8 +120,8 @@ fn source(path: &Path, start: u64, syntax: Syntax) -> Result<Box<dyn Source>> {
     Ok(if syntax.deflated { Box::new(flate2::read::DeflateDecoder::new(reader)) } else { Box::new(reader) })
 }
 
-/// Reads the meta information: the transfer syntax, and where the data set begins.
-fn meta(path: &Path) -> Result<(Syntax, u64)> {
+/// Reads the meta information, and where the data set begins.
+fn meta(path: &Path) -> Result<(Item, u64)> {
     let mut file: Handle = input::open(path)?;
     file.seek(SeekFrom::Start(132)).map_err(Error::system)?;
     let mut elements = Elements::new(Box::new(BufReader::new(file)), META, 1 << 20);
@@ -135,13 +135,41 @@ fn meta(path: &Path) -> Result<(Syntax, u64)> {
                 let value = elements.value(head)?;
                 item.insert(head.tag, Value::Bytes(value));
             }
-            _ => {
-                let uid = Fields { item: &item, big: false }.text(TRANSFER_SYNTAX);
-                let uid = uid.ok_or_else(|| damaged("the file does not state its transfer syntax"))?;
-                return Ok((syntax::of_uid(&uid)?, 132 + start));
-            }
+            _ => return Ok((item, 132 + start)),
         }
     }
+}
+
+/// Kind of a DICOM file that cannot be read as an image.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Identity {
+    /// It is one of the series of this UID.
+    Series(String),
+    /// It is the directory of a medium (DICOMDIR), which is of no series.
+    Directory,
+    /// It ends or is damaged before it says so.
+    Unknown,
+}
+
+/// Class of the directories of media.
+const DIRECTORY: &str = "1.2.840.10008.1.3.10";
+
+/// Finds out what a file is that cannot be read as an image.
+pub fn identity(path: &Path) -> Identity {
+    let Ok((meta, start)) = meta(path) else { return Identity::Unknown };
+    let meta = Fields { item: &meta, big: false };
+    if meta.text(MEDIA_CLASS).as_deref() == Some(DIRECTORY) {
+        return Identity::Directory;
+    }
+    // Codings that are not read concern the pixels alone.
+    let syntax = meta.text(TRANSFER_SYNTAX).and_then(|uid| syntax::of_uid(&uid).ok()).unwrap_or(META);
+    let mut item = Item::new();
+    if let Ok(source) = source(path, start, syntax) {
+        // What was read before damage or the end counts.
+        let stops = [PIXELS, FLOAT_PIXELS, DOUBLE_PIXELS];
+        let _ = Elements::new(source, syntax, 1 << 20).data_set(&[SERIES], &stops, &mut item);
+    }
+    Fields { item: &item, big: syntax.big }.text(SERIES).map_or(Identity::Unknown, Identity::Series)
 }
 
 /// Layout of the pixels.
@@ -201,7 +229,9 @@ fn stepped(fields: &Fields, shared: &Frame, frames: usize, (first, normal): (DVe
 /// # Errors
 /// If the file is no DICOM file with pixels, is damaged, or is coded in a way that is not read.
 pub fn read(path: &Path, limits: Limits) -> Result<File> {
-    let (syntax, start) = meta(path)?;
+    let (meta, start) = meta(path)?;
+    let uid = Fields { item: &meta, big: false }.text(TRANSFER_SYNTAX);
+    let syntax = syntax::of_uid(&uid.ok_or_else(|| damaged("the file does not state its transfer syntax"))?)?;
     let mut elements = Elements::new(source(path, start, syntax)?, syntax, limits.max_memory / 4);
     let mut item = Item::new();
     let stops = [PIXELS, FLOAT_PIXELS, DOUBLE_PIXELS];

@@ -21,7 +21,7 @@ mod tags;
 
 use super::image::{Header, Image, Values};
 use super::options::Options;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::formats::limits::Limits;
 use pixels::Planes;
 use std::path::Path;
@@ -39,13 +39,13 @@ pub fn is_series(folder: &Path) -> bool {
 /// Opens a series: that of a file, or of a folder.
 ///
 /// # Errors
-/// If no file is DICOM, there are several series and the options choose none, slices are missing, doubled or differ in
-/// size or orientation, or pixels are packed in a way that is not read.
+/// If no file is DICOM, there are several series and the options choose none, a file of the series cannot be read, slices
+/// are missing, doubled or differ in size or orientation, or pixels are packed in a way that is not read.
 pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Image> {
     let mut notes = Vec::new();
-    let files = series::gather(path, options.series.as_deref(), limits, &mut notes)?;
-    let place = |e: Error| e.at(path);
-    let stack = placement::stack(&files, options, &mut notes).map_err(place)?;
+    let series = series::gather(path, options.series.as_deref(), limits, &mut notes)?;
+    let stack = placement::stack(&series, options, &mut notes).map_err(|e| e.at(path))?;
+    let files = series.files;
     let first = &files[stack.planes[0].file];
     let rescaled = stack.planes.iter().any(|plane| files[plane.file].frame(plane.frame).rescale != (1.0, 0.0));
     let whole = stack.planes.iter().all(|plane| files[plane.file].pixels.is_integer()) && !rescaled;

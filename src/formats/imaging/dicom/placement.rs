@@ -2,6 +2,7 @@
 
 use super::element::damaged;
 use super::file::File;
+use super::series::Series;
 use crate::error::{Error, Result};
 use crate::formats::imaging::options::Options;
 use crate::formats::imaging::placement;
@@ -54,7 +55,8 @@ fn name(files: &[File], plane: Plane) -> String {
 ///
 /// # Errors
 /// If slices differ in size or orientation, lie unevenly, are missing or doubled, or do not say how large their pixels are.
-pub fn stack(files: &[File], options: &Options, notes: &mut Vec<String>) -> Result<Stack> {
+pub fn stack(series: &Series, options: &Options, notes: &mut Vec<String>) -> Result<Stack> {
+    let files = &series.files[..];
     let planes: Vec<Plane> =
         files.iter().enumerate().flat_map(|(file, f)| (0..f.frames).map(move |frame| Plane { file, frame })).collect();
     let Some(of) = planes.first().map(|plane| &files[plane.file]) else {
@@ -90,7 +92,7 @@ pub fn stack(files: &[File], options: &Options, notes: &mut Vec<String>) -> Resu
     let mut located: Vec<Located> = planes.iter().zip(&places).map(located).collect();
     located.sort_by(|a, b| a.along.total_cmp(&b.along));
     let rounding = ROUNDING.min(FINE * spacing[0].min(spacing[1]));
-    let slices = one_volume(files, located, rounding, options, notes)?;
+    let slices = one_volume(series, located, rounding, options, notes)?;
     let step = step(files, &slices, (normal, rounding), notes)?;
     let columns = [row * spacing[1], column * spacing[0], step];
     let map = placement::affine(columns, slices[0].position)?.matrix();
@@ -116,6 +118,11 @@ fn spacing(files: &[File], planes: &[Plane], options: &Options) -> Result<[f64; 
             "the files state pixels of {columns} x {rows} mm, which --spacing does not change"
         ))
         .hint("leave --spacing and --voxel-size out"));
+    }
+    if let Some([rows, columns]) = stated.filter(|s| s.iter().any(|d| *d <= 0.0)) {
+        return Err(damaged(format!(
+            "the files state pixels of {columns} x {rows} mm; distances above 0 are expected"
+        )));
     }
     let like = |other: Option<[f64; 2]>| match (stated, other) {
         (Some(a), Some(b)) => a.iter().zip(b).all(|(a, b)| (a - b).abs() <= COSINE * a.abs()),
@@ -150,15 +157,16 @@ fn directions(files: &[File], planes: &[Plane], places: &[(DVec3, [DVec3; 2])]) 
     Ok([row.normalize(), column.normalize()])
 }
 
-/// Chooses one of the volumes of a series that has as many slices at each position, such as points in time. The slices are in
-/// ascending order.
+/// Chooses one of the volumes of a series that has as many slices at each position, such as points in time: that of the
+/// options, else that of the file that was named. The slices are in ascending order.
 fn one_volume(
-    files: &[File],
+    series: &Series,
     mut located: Vec<Located>,
     rounding: f64,
     options: &Options,
     notes: &mut Vec<String>,
 ) -> Result<Vec<Located>> {
+    let files = &series.files[..];
     let mut groups: Vec<&mut [Located]> = located.chunk_by_mut(|a, b| b.along - a.along < rounding).collect();
     let order = |slice: &Located| (files[slice.plane.file].number, slice.plane.file, slice.plane.frame);
     groups.iter_mut().for_each(|group| group.sort_by_key(order));
@@ -174,7 +182,22 @@ fn one_volume(
         ))
         .hint("leave one slice at each position in the folder"));
     }
-    let time = options.choose_time(most, notes)?;
+    let is_named = |slice: &Located| Some(slice.plane.file) == series.named && files[slice.plane.file].frames == 1;
+    let of_named = groups.iter().find_map(|group| group.iter().position(is_named));
+    let time = match (of_named, options.time) {
+        (Some(named), None) if most > 1 => {
+            notes
+                .push(format!("the file that was named is of point {named} of {most} in time, from 0, which was read"));
+            named
+        }
+        (Some(named), Some(time)) if named != time && time < most => {
+            return Err(Error::invalid(format!(
+                "the file that was named is of point {named} in time, and not of {time}"
+            ))
+            .hint("name a file of that point in time, or the folder in which the files lie"));
+        }
+        _ => options.choose_time(most, notes)?,
+    };
     Ok(groups.iter().map(|group| group[time]).collect())
 }
 
@@ -208,6 +231,7 @@ fn step(
         ))
         .hint("add the missing slices, or resample the series to even distances where it was made"));
     }
+    refuse_left_out(files, slices, usual, notes)?;
     let step = (last.position - first.position) / (slices.len() - 1) as f64;
     let off = slices.iter().enumerate().find(|(i, slice)| {
         (slice.position - first.position - step * *i as f64).length() > (0.05 * step.length()).max(5.0 * rounding)
@@ -220,6 +244,33 @@ fn step(
         .hint("resample the series to slices in line where it was made"));
     }
     Ok(step)
+}
+
+/// Refuses slices in even steps between which others are missing, by their numbers and by the distance that they state.
+/// Numbers alone tell little, since programs count as they like, and are noted.
+fn refuse_left_out(files: &[File], slices: &[Located], usual: f64, notes: &mut Vec<String>) -> Result<()> {
+    let (first, second) = (slices[0], slices[1]);
+    let number = |slice: &Located| files[slice.plane.file].number;
+    let strides: Vec<u64> = slices.windows(2).map(|pair| number(&pair[0]).abs_diff(number(&pair[1]))).collect();
+    let stride = strides[0];
+    if stride < 2 || strides.iter().any(|other| *other != stride) || files.iter().any(|file| file.frames > 1) {
+        return Ok(());
+    }
+    let names = [first, second].map(|slice| name(files, slice.plane));
+    let counted =
+        format!("the slices {} and {} are numbered {} and {}", names[0], names[1], number(&first), number(&second));
+    let stated = files[first.plane.file].frame(first.plane.frame).thickness;
+    let expected = stated.map(|distance| distance * stride as f64);
+    if let Some(expected) = expected.filter(|expected| (usual - expected).abs() <= GAP * usual) {
+        let one = expected / stride as f64;
+        return Err(Error::invalid(format!(
+            "{counted} and {usual:.3} mm apart, where {one:.3} mm are stated, as if {} were missing between them",
+            stride - 1
+        ))
+        .hint("add the missing slices, or resample the series to even distances where it was made"));
+    }
+    notes.push(format!("{counted}, and so on: files of the series may be missing between them"));
+    Ok(())
 }
 
 /// Stack of slices without positions, in order of their numbers, at the place that the options state.

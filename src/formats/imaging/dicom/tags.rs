@@ -1,6 +1,7 @@
 //! Tags of the elements that are read.
 #![allow(missing_docs, reason = "the names are the standard's, shortened")]
 
+pub const MEDIA_CLASS: u32 = 0x0002_0002;
 pub const TRANSFER_SYNTAX: u32 = 0x0002_0010;
 pub const MODALITY: u32 = 0x0008_0060;
 pub const SERIES_DESCRIPTION: u32 = 0x0008_103e;

@@ -32,7 +32,7 @@ fn placement(fields: &Fields, layout: &Layout, notes: &mut Vec<String>) -> Resul
             columns[2] = columns[0].cross(columns[1]).normalize_or(DVec3::Z);
         }
     } else {
-        by_axis(fields, layout, &mut columns, &mut origin)?;
+        by_axis(fields, layout, (&mut columns, &mut origin), notes)?;
     }
     if let Some(text) = fields.get(&["space origin"]) {
         origin = bracketed("space origin", text)?.0;
@@ -81,23 +81,40 @@ fn is_ras(space: &str) -> bool {
 }
 
 /// Placement by spacings and by the ends of the axes, which count from the centres of voxels or from their outer faces.
-fn by_axis(fields: &Fields, layout: &Layout, columns: &mut [DVec3; 3], origin: &mut DVec3) -> Result<()> {
+fn by_axis(
+    fields: &Fields,
+    layout: &Layout,
+    (columns, origin): (&mut [DVec3; 3], &mut DVec3),
+    notes: &mut Vec<String>,
+) -> Result<()> {
     let list = |names: &[&str]| -> Result<Vec<f64>> {
         let Some(text) = fields.get(names) else { return Ok(Vec::new()) };
         // `nan` stands where nothing is known.
-        text.split_whitespace().map(|w| w.parse().map_err(|_| wrong(names[0], text))).collect()
+        let number = |w: &str| w.parse().ok().filter(|v: &f64| !v.is_infinite()).ok_or_else(|| wrong(names[0], text));
+        text.split_whitespace().map(number).collect()
     };
     let (spacings, low, high) =
         (list(&["spacings"])?, list(&["axis mins", "axismins"])?, list(&["axis maxs", "axismaxs"])?);
     let centerings: Vec<&str> = fields.get(&["centers", "centerings"]).unwrap_or("").split_whitespace().collect();
+    let mut unknown = Vec::new();
     for (i, axis) in layout.space.iter().enumerate() {
-        let known = |list: &[f64]| list.get(*axis).copied().filter(|v| v.is_finite());
+        let known = |list: &[f64]| list.get(*axis).copied().filter(|v| !v.is_nan());
         let cell = centerings.get(*axis) != Some(&"node");
         let count = layout.sizes[*axis] as f64 - if cell { 0.0 } else { 1.0 };
         let from_ends = known(&high).zip(known(&low)).map(|(h, l)| (h - l) / count.max(1.0));
-        let spacing = known(&spacings).or(from_ends).unwrap_or(1.0);
+        let spacing = known(&spacings).or(from_ends);
+        if spacing.is_none() {
+            unknown.push(["first", "second", "third"][i]);
+        }
+        let spacing = spacing.unwrap_or(1.0);
         columns[i] *= spacing;
         origin[i] = known(&low).map_or(0.0, |low| if cell { low + 0.5 * spacing } else { low });
+    }
+    if !unknown.is_empty() {
+        let axes = unknown.join(", ");
+        notes.push(format!(
+            "the file does not say how large its voxels are along the axes in space: {axes}; 1 is taken"
+        ));
     }
     Ok(())
 }

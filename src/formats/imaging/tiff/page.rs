@@ -133,8 +133,39 @@ impl Pages {
         Ok(stated == Some(PhotometricInterpretation::WhiteIsZero.to_u16()))
     }
 
+    /// Makes sure that the strips or tiles of the current page are there, for which the decoder would take other bytes.
+    fn check_parts(&mut self) -> Result<()> {
+        let mut list = |tags: [Tag; 2]| -> Result<Option<Vec<u64>>> {
+            for tag in tags {
+                if let Some(found) = self.decoder.find_tag_unsigned_vec::<u64>(tag).map_err(failed)? {
+                    return Ok(Some(found));
+                }
+            }
+            Ok(None)
+        };
+        let offsets = list([Tag::StripOffsets, Tag::TileOffsets])?;
+        let counts = list([Tag::StripByteCounts, Tag::TileByteCounts])?;
+        let lost = |what: String| {
+            Err(Error::invalid(what).hint("copy the file again, or save the stack again with all of its pixels"))
+        };
+        // Offsets of 0 and parts of no bytes are what some programs leave out (sparse files), or have not written yet.
+        if let Some(part) = [&offsets, &counts].into_iter().flatten().find_map(|l| l.iter().position(|n| *n == 0)) {
+            return lost(format!("the values of part {part} of a page are not in the file"));
+        }
+        let plain = self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(failed)?.is_none_or(|c| c == 1);
+        let kind = self.kind()?;
+        let needed =
+            (kind.width as u64 * kind.height as u64).saturating_mul(kind.components as u64 * u64::from(kind.bits / 8));
+        let stored = counts.map(|counts| counts.iter().fold(0_u64, |sum, n| sum.saturating_add(*n)));
+        match stored.filter(|stored| plain && *stored < needed) {
+            Some(stored) => lost(format!("a page has {stored} bytes of values, {needed} are needed")),
+            None => Ok(()),
+        }
+    }
+
     /// Reads the values of the current page as they are stored, row by row, the components of a pixel together.
     pub fn read(&mut self, values: &mut [f64]) -> Result<()> {
+        self.check_parts()?;
         // The decoder subtracts such values from the largest one, which is undone for integers; from floats it is 1, which rounds.
         let inverted = self.is_inverted()?;
         if inverted && !self.kind()?.integer {

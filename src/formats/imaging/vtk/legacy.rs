@@ -209,7 +209,7 @@ fn lattice(scanner: &mut Scanner) -> Result<(Lattice, Option<String>)> {
                 let counts = text::counts("DIMENSIONS", rest)?;
                 points = Some(<[usize; 3]>::try_from(counts).map_err(|_| wrong("DIMENSIONS", rest))?);
             }
-            "SPACING" | "ASPECT_RATIO" => spacing = text::vector("SPACING", rest)?,
+            "SPACING" | "ASPECT_RATIO" => spacing = placement::edges("SPACING", text::vector("SPACING", rest)?)?,
             "ORIGIN" => origin = text::vector("ORIGIN", rest)?,
             // Values of the file as a whole, such as its time.
             "FIELD" => field(scanner, &line, |scanner, array| {

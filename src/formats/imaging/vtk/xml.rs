@@ -135,7 +135,7 @@ impl Document {
         self.whole = extent(tag, "WholeExtent")?;
         let vector = |key: &str| tag.get(key).map(|t| text::vector(key, &t)).transpose();
         self.origin = vector("Origin")?.unwrap_or(DVec3::ZERO);
-        self.spacing = vector("Spacing")?;
+        self.spacing = vector("Spacing")?.map(|edges| placement::edges("Spacing", edges)).transpose()?;
         if let Some(text) = tag.get("Direction") {
             let rows: [f64; 9] =
                 text::numbers("Direction", &text)?.try_into().map_err(|_| wrong("Direction", &text))?;

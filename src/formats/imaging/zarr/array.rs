@@ -3,6 +3,7 @@
 use super::codec::Codec;
 use super::document::{Document, wrong};
 use crate::error::{Error, Result};
+use crate::formats::imaging::text::shown;
 use crate::formats::npy;
 use crate::formats::sample::{Endian, Sample};
 use serde_json::Value;
@@ -44,7 +45,20 @@ pub struct Array {
     /// Text before the numbers of a chunk's name.
     prefix: &'static str,
     /// Text between these numbers.
-    separator: String,
+    separator: char,
+}
+
+/// Text between the numbers of a chunk's name, of which the specification knows two: others could lead out of the folder.
+fn separator(stated: Option<&Value>, usual: char) -> Result<char> {
+    match stated.map(|value| (value, value.as_str())) {
+        None | Some((Value::Null, _)) => Ok(usual),
+        Some((_, Some("."))) => Ok('.'),
+        Some((_, Some("/"))) => Ok('/'),
+        Some((other, _)) => Err(wrong(format!(
+            "the separator of the chunks' names is {}; '.' or '/' is expected",
+            shown(&other.to_string())
+        ))),
+    }
 }
 
 /// Numbers of a JSON list.
@@ -105,7 +119,7 @@ impl Array {
         if !self.prefix.is_empty() {
             parts.insert(0, self.prefix.to_owned());
         }
-        PathBuf::from(parts.join(&self.separator))
+        PathBuf::from(parts.join(self.separator.encode_utf8(&mut [0; 4])))
     }
 }
 
@@ -173,7 +187,7 @@ fn two(metadata: &Value) -> Result<Array> {
         codecs,
         shards: None,
         prefix: "",
-        separator: text(metadata, "dimension_separator").unwrap_or(".").to_owned(),
+        separator: separator(metadata.get("dimension_separator"), '.')?,
     })
 }
 
@@ -237,7 +251,7 @@ fn three(metadata: &Value) -> Result<Array> {
     let outer = numbers(grid.get("configuration").and_then(|c| c.get("chunk_shape")), "chunk_shape")?;
     let keys = metadata.get("chunk_key_encoding").cloned().unwrap_or_default();
     let two = text(&keys, "name") == Some("v2");
-    let separator = keys.get("configuration").and_then(|c| text(c, "separator"));
+    let stated = keys.get("configuration").and_then(|c| c.get("separator"));
     let mut codecs = pipeline(metadata.get("codecs"))?;
     let mut chunk = outer.clone();
     let mut shards = None;
@@ -267,7 +281,7 @@ fn three(metadata: &Value) -> Result<Array> {
         codecs: codecs.codecs,
         shards,
         prefix: if two { "" } else { "c" },
-        separator: separator.unwrap_or(if two { "." } else { "/" }).to_owned(),
+        separator: separator(stated, if two { '.' } else { '/' })?,
     })
 }
 
@@ -320,6 +334,9 @@ mod tests {
             (2, "filters", json!([{"id": "delta"}]), "'delta'"),
             (2, "shape", json!([-1, 2]), "'shape'"),
             (2, "fill_value", json!("many"), "'many'"),
+            (2, "dimension_separator", json!("/../../"), "separator"),
+            (2, "dimension_separator", json!(7), "separator"),
+            (3, "chunk_key_encoding", json!({"name": "default", "configuration": {"separator": "/../"}}), "/../"),
             (3, "data_type", json!("complex64"), "'complex64'"),
             (3, "chunk_grid", json!({"name": "odd"}), "'regular'"),
             (3, "codecs", json!([{"name": "transpose", "configuration": {"order": [0, 0]}}]), "no order"),

@@ -6,12 +6,14 @@ use super::document::{Document, wrong};
 use super::{VOXEL_BYTES, image};
 use crate::error::{Error, Result};
 use crate::formats::imaging::image::Image;
+use crate::formats::imaging::input;
 use crate::formats::imaging::options::Options;
 use crate::formats::imaging::placement;
+use crate::formats::imaging::text::shown;
 use crate::formats::limits::Limits;
 use glam::DVec3;
 use serde_json::Value;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 /// Most resolutions of an image.
 const MOST_LEVELS: usize = 64;
@@ -27,12 +29,8 @@ struct Level {
 
 /// Folder of an array that the metadata names, which must lie inside the image's.
 fn inside(folder: &Path, name: &str) -> Result<PathBuf> {
-    let path = Path::new(name);
-    let plain = path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
-    if !plain || name.is_empty() {
-        return Err(wrong(format!("the array '{name}' does not lie in the image's folder")));
-    }
-    Ok(folder.join(path))
+    let found = input::below(folder, name).filter(|_| !name.is_empty());
+    found.ok_or_else(|| wrong(format!("the array '{}' does not lie in the image's folder", shown(name))))
 }
 
 fn level(folder: &Path, multiscale: &Value, dataset: &Value, limits: Limits) -> Result<Level> {
@@ -53,7 +51,8 @@ fn level(folder: &Path, multiscale: &Value, dataset: &Value, limits: Limits) -> 
 
 /// Applies a list of NGFF's transformations to `scale` and `translation`, which have an entry for each axis.
 fn transform(list: Option<&Value>, scale: &mut [f64], translation: &mut [f64]) -> Result<()> {
-    for step in list.and_then(Value::as_array).unwrap_or(&Vec::new()) {
+    let Some(list) = list else { return Ok(()) };
+    for step in list.as_array().ok_or_else(|| wrong("'coordinateTransformations' is no list"))? {
         let kind = text(step, "type").unwrap_or("unknown");
         if kind == "identity" {
             continue;
@@ -84,7 +83,8 @@ fn placed(level: &Level, multiscale: &Value, dataset: &Value, notes: &mut Vec<St
     let count = level.names.len();
     let (mut scale, mut translation) = (vec![1.0; count], vec![0.0; count]);
     let own = dataset.get("coordinateTransformations");
-    if own.is_none() {
+    let states_scale = |list: &Vec<Value>| list.iter().any(|step| text(step, "type") == Some("scale"));
+    if own.is_none_or(|own| own.as_array().is_some_and(|list| !states_scale(list))) {
         notes.push("the image does not say how large its voxels are; 1 is taken".to_owned());
     }
     transform(own, &mut scale, &mut translation)?;
