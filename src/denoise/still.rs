@@ -12,9 +12,9 @@ const OUTLINES: f64 = 0.25;
 const GAUSSIAN: f64 = 0.756;
 /// Sum of the squares of the kernel of second differences in both directions.
 const KERNEL: f64 = 36.0;
-/// Noise, as a share of the power that was taken away, from which on all of it counts as noise. Renders of few paths have 0.6
-/// and more, pictures without noise less than 0.06.
-const ALL: f64 = 0.5;
+/// Noise, as a share of the power that was taken away, from which on all of it counts as noise. Renders of 1 to 512 paths
+/// a pixel have 0.2 and more, pictures without noise 0.02 and less.
+const ALL: f64 = 0.1;
 /// Change, as a share of the brightest color, up to which a pixel counts as left alone.
 const ALONE: f32 = 1e-6;
 
