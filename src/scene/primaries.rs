@@ -72,7 +72,7 @@ impl fmt::Display for Primaries {
             return f.write_str("Rec.709");
         }
         for (name, [x, y]) in ["red", ", green", ", blue", ", white"].into_iter().zip(self.all()) {
-            write!(f, "{name} {:.4},{:.4}", x, y)?;
+            write!(f, "{name} {x:.4},{y:.4}")?;
         }
         Ok(())
     }
