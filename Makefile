@@ -9,6 +9,8 @@ export PYTHONDONTWRITEBYTECODE := 1
 export PATH := $(PATH):$(HOME)/.cargo/bin
 CARGO_TARGET_DIR := $(CURDIR)/target
 export CARGO_TARGET_DIR
+# What `cumulo --version` states; a source archive has no commit.
+export CUMULO_COMMIT := $(if $(wildcard .git),$(shell git describe --always --dirty --abbrev=12 --exclude '*' 2>/dev/null))
 
 # `make demo BLENDER=1` reconstructs from pictures that Cycles rendered.
 BLENDER ?=

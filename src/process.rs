@@ -16,6 +16,14 @@ const LEAST: u64 = 112 << 20;
 /// Memory limit in bytes, for the error message; 0 before [`limit_memory`] was called.
 static ALLOWED: AtomicU64 = AtomicU64::new(0);
 
+/// Memory in bytes that work of any size takes beside what the process has when it begins.
+const WORK: u64 = 48 << 20;
+
+/// Returns the least limit in bytes that the process can keep to: stacks of its threads are part of what it has taken.
+pub fn least_memory() -> u64 {
+    LEAST.max(taken().saturating_add(WORK))
+}
+
 /// Limits the private memory of the whole process to about `bytes`, the native library included (`RLIMIT_DATA`).
 /// An allocation beyond the limit fails: OpenVDB throws, and [`Allocator`] ends the program with an error message.
 /// Systems without such a limit are left as they are.

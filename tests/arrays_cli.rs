@@ -161,3 +161,33 @@ fn wrong_use_gives_2_and_leaves_nothing() {
             && !Path::new(&at("out.exr")).exists()
     );
 }
+
+/// A picture for people, without a detour through a contact sheet.
+#[test]
+fn a_layer_becomes_a_png() {
+    use cumulo::formats::png::{self, ToneMapping};
+    let dir = tempfile::tempdir().unwrap();
+    let [picture, shown, array] = ["a.exr", "a.PNG", "a.npy"].map(|n| dir.path().join(n));
+    let rgba = (0..12 * 8).map(|i| [i as f32 / 24.0, 0.25, if i == 5 { f32::NAN } else { 0.5 }, 1.0]).collect();
+    let planes = vec![Plane { name: "Depth.Z".into(), samples: vec![0.25; 96] }];
+    let film = Film { planes, ..Film::of(12, 8, rgba) };
+    exr::write_picture(&picture, &film, &Default::default(), false).unwrap();
+    let tone = ToneMapping { exposure: -1.0 };
+    let made = report(&[text(&picture), text(&shown), "--exposure", "-1"]);
+    assert_eq!((&made["shape"], &made["tone_mapping"]["exposure"]), (&json!([8, 12]), &json!(-1.0)));
+    assert!(made["notes"][0].as_str().unwrap().contains("NaN or infinite: 1;"), "{made}");
+    assert!(png::texts(&shown).unwrap()[png::TONE_MAPPING].contains("2^-1,"));
+    let levels = |path: &Path| {
+        let mut reader =
+            ::png::Decoder::new(std::io::BufReader::new(std::fs::File::open(path).unwrap())).read_info().unwrap();
+        let mut levels = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut levels).unwrap();
+        levels
+    };
+    assert_eq!(levels(&shown), tone.rgb8(&film));
+    report(&[text(&picture), text(&shown), "--layer", "Depth"]);
+    assert_eq!(levels(&shown), tone.rgb8(&Film::of(12, 8, vec![[0.5, 0.5, 0.5, 1.0]; 96])));
+    assert!(convert(2, &[text(&picture), text(&array), "--exposure", "1"]).contains("--exposure has no effect"));
+    let jpeg = convert(2, &[text(&picture), text(&dir.path().join("a.jpg"))]);
+    assert!(jpeg.contains("no conversion from EXR to .jpg") && jpeg.contains(".png"), "{jpeg}");
+}

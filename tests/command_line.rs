@@ -30,6 +30,28 @@ fn harmless(out: &Output) {
 }
 
 #[test]
+fn program_and_package_state_one_version() {
+    let version = env!("CARGO_PKG_VERSION");
+    let text = Work::new().text("--version");
+    // A build of a checkout by `make` states its commit, too.
+    let rest = text.trim().strip_prefix(&format!("cumulo {version}")).unwrap();
+    assert!(rest.is_empty() || rest.starts_with(" (commit "), "{text}");
+    assert!(include_str!("../python/cumulo/__init__.py").contains(&format!("__version__ = \"{version}\"")));
+}
+
+/// What no work can be done in was accepted, and failed somewhere.
+#[test]
+fn a_limit_of_memory_that_cannot_be_kept_to_is_refused_at_once() {
+    let work = Work::new();
+    for command in ["info @cube.vdb", "render missing.vdb --views 1 -o x", "compare a.exr b.exr", "view a.vdb -o a.png"]
+    {
+        let expected = ["--max-memory 10.0 MiB", "at least 112 MiB are needed", "--threads"];
+        work.refused(&format!("{command} --max-memory 10M --threads 2"), &expected);
+    }
+    work.json("info @cube.vdb --max-memory 112M --threads 2");
+}
+
+#[test]
 fn threads_are_counted_before_the_work() {
     let work = Work::new();
     work.refused("info @cube.vdb --threads 0", &["--threads 0", "1 to 1024", "leave it out"]);

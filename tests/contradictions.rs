@@ -319,8 +319,8 @@ fn the_cost_is_said_first_and_holds() {
     edit(&work, |c| c["model"] = json!("absorption"));
     refused(
         &work,
-        "reconstruct density cap -o x.vdb --max-memory 60M --resolution 300",
-        &["60 MB are allowed", "--voxel-size"],
+        "reconstruct density cap -o x.vdb --max-memory 112M --resolution 400",
+        &["112 MB are allowed", "--voxel-size"],
     );
 }
 

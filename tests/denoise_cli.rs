@@ -9,7 +9,7 @@ use cumulo::formats::limits::Limits;
 use cumulo::scene::film::Film;
 use serde_json::Value;
 use std::path::Path;
-use work::{Work, errors, fixture};
+use work::{Work, errors, fixture, write_exr};
 
 const SIZE: &str = "40x32";
 
@@ -256,8 +256,10 @@ fn sequences_are_compared() {
         ("compare noisy/frame.####.exr true/frame.####.exr --beside noisy/frame.0001.exr", "names no sequence"),
         ("compare noisy/frame.####.exr nothing/frame.####.exr", "nothing"),
         ("compare noisy/frame.####.exr true/frame.####.exr --heatmap a.png", "--heatmap"),
-        ("denoise noisy/frame.0001.exr -o out.####.exr", "names no sequence"),
-        ("denoise noisy/frame.####.exr -o out.exr", "names no sequence"),
+        ("denoise noisy/frame.0001.exr -o out.####.exr", "frame.0001.exr is one picture"),
+        ("denoise noisy/frame.####.exr -o out.exr", "the noisy frames are a sequence"),
+        ("denoise noisy/frame.0001.exr -o out/f.exr --frames 1", "--frames"),
+        ("denoise noisy -o out/f.exr", "this is a folder"),
         ("denoise noisy/frame.####.exr -o out.####.png", ".png"),
         ("denoise noisy/frame.####.exr -o out/f.####.exr --layers nonsense", "nonsense"),
         ("denoise noisy/frame.####.exr -o out/f.####.exr --motion layer:half_a", "X and Y"),
@@ -272,4 +274,123 @@ fn sequences_are_compared() {
         assert!(errors(&out).contains(what), "{words}\n{}", errors(&out));
         assert!(!work.path("out").exists(), "{words}");
     }
+}
+
+/// Grey samples of a picture of 24x16 pixels that differ at random from frame to frame.
+fn grain(seed: u32, mean: f32) -> Vec<f32> {
+    let random = |i: u32| {
+        let h = (i ^ seed.wrapping_mul(0x9E37_79B9)).wrapping_mul(0x85EB_CA6B);
+        let h = (h ^ (h >> 13)).wrapping_mul(0xC2B2_AE35);
+        ((h ^ (h >> 16)) >> 8) as f32 / (1 << 24) as f32
+    };
+    (0..24 * 16).map(|i| mean * (0.5 + random(i))).collect()
+}
+
+fn rms(samples: &[f32], mean: f32) -> f32 {
+    (samples.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / samples.len() as f32).sqrt()
+}
+
+/// Each eye of stereo has its own history, and becomes what it would be alone.
+#[test]
+fn every_view_is_denoised() {
+    let work = Work::new();
+    let (left, right) = (0.4, 0.8);
+    for frame in 0..6 {
+        let [l, r] = [grain(frame, left), grain(100 + frame, right)];
+        let colors =
+            |prefix: &'static str, samples: &[f32]| ["R", "G", "B"].map(|c| (format!("{prefix}{c}"), samples.to_vec()));
+        let write = |name: &str, channels: Vec<(String, Vec<f32>)>, views: &[&str]| {
+            let channels: Vec<(&str, Vec<f32>)> = channels.iter().map(|(n, s)| (n.as_str(), s.clone())).collect();
+            write_exr(&work.path(&format!("{name}.{frame:04}.exr")), [24, 16], &channels, |_, own| {
+                let names = views.iter().map(|view| (*view).into()).collect::<Vec<_>>();
+                own.multi_view_names = Some(names).filter(|names| !names.is_empty());
+            });
+        };
+        let vector = ["X", "Y"].map(|c| (format!("Vector.{c}"), vec![0.0; l.len()]));
+        let both = [colors("", &l), colors("right.", &r), colors("matte.", &l)].concat();
+        write("stereo", both.clone(), &["left", "right"]);
+        write("moving", [both, vector.to_vec()].concat(), &["left", "right"]);
+        write("right", colors("", &r).to_vec(), &[]);
+    }
+    let report = work.json("denoise stereo.####.exr -o both.####.exr --confidence");
+    assert_eq!((&report["denoised"], &report["cuts"]), (&Value::from(6), &serde_json::json!([])));
+    work.json("denoise right.####.exr -o alone.####.exr");
+    let [both, alone] = ["both.0003.exr", "alone.0003.exr"].map(|name| document(&work.path(name)));
+    for (layer, mean) in [("", left), ("right", right)] {
+        let left_over = rms(&plane(&both, layer, "G"), mean);
+        // Uniform noise from half to one and a half of the mean has a deviation of 0.29 of it.
+        assert!(left_over < 0.08 * mean, "'{layer}': {left_over}");
+    }
+    assert_eq!(plane(&both, "right", "R"), plane(&alone, "", "R"));
+    assert_eq!(plane(&both, "matte", "R"), grain(3, left));
+    assert_eq!(plane(&both, "confidence", "N").len(), plane(&both, "confidence.right", "N").len());
+    // What only one view has is refused by name, and so is motion of one view alone.
+    work.refused("denoise stereo.####.exr -o no.####.exr --layers matte", &["view 'right'", "'matte'", "--layers"]);
+    work.refused("denoise moving.####.exr -o no.####.exr", &["view 'right'", "layer 'Vector'", "--motion none"]);
+    work.json("denoise moving.####.exr -o rest.####.exr --motion none");
+    assert_eq!(plane(&document(&work.path("rest.0003.exr")), "right", "R"), plane(&both, "right", "R"));
+}
+
+/// A frame without a finite pixel was black, and a cut, with exit code 0.
+#[test]
+fn a_frame_of_nothing_but_nan_fails_by_name() {
+    let work = Work::new();
+    for frame in 0..6 {
+        let mut samples = vec![0.5_f32; 24 * 16];
+        match frame {
+            2 => samples[30] = f32::INFINITY,
+            3 => samples.fill(f32::NAN),
+            _ => {}
+        }
+        let channels = ["R", "G", "B"].map(|c| (c, samples.clone()));
+        write_exr(&work.path(&format!("in.{frame:04}.exr")), [24, 16], &channels, |_, _| {});
+    }
+    let out = work.command("denoise in.####.exr -o out.####.exr --json").output().unwrap();
+    assert_eq!(out.status.code(), Some(2), "{}", errors(&out));
+    let report: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let failed = report["failed"].as_array().unwrap();
+    assert_eq!((failed.len(), &failed[0]["frame"], &report["denoised"]), (1, &Value::from(3), &Value::from(5)));
+    assert!(failed[0]["error"].as_str().unwrap().contains("in.0003.exr: layer '': none of the 384 pixels is finite"));
+    assert_eq!((&report["cuts"], &report["filled"]), (&serde_json::json!([]), &Value::from(1)));
+    assert!(!work.path("out.0003.exr").exists());
+    for frame in [0, 1, 2, 4, 5] {
+        let samples = plane(&document(&work.path(&format!("out.{frame:04}.exr"))), "", "R");
+        assert!(samples.iter().all(|v| (v - 0.5).abs() < 1e-3), "{frame}");
+    }
+    work.refused("denoise in.0003.exr -o still.exr", &["in.0003.exr", "none of the 384 pixels is finite"]);
+    assert!(!work.path("still.exr").exists());
+}
+
+/// One picture is denoised by its own pixels, and stays as it is where there is no noise.
+#[test]
+fn a_single_picture_is_denoised() {
+    let work = sequence();
+    let report = work.json("denoise noisy/frame.0005.exr -o still.exr --alpha");
+    assert_eq!(
+        (&report["denoised"], &report["cuts"], &report["failed"]),
+        (&Value::from(1), &serde_json::json!([]), &serde_json::json!([]))
+    );
+    let psnr = |a: &str, b: &str| {
+        let out = work.command(&format!("compare {a} {b} --json")).output().unwrap();
+        serde_json::from_slice::<Value>(&out.stdout).unwrap()["psnr_db"].as_f64().unwrap()
+    };
+    let [before, after] = ["noisy/frame.0005.exr", "still.exr"].map(|name| psnr(name, "true/frame.0005.exr"));
+    println!("{before:.2} {after:.2}");
+    assert!(after > before + 3.0, "{before} {after}");
+    let [noisy, still] = ["noisy/frame.0005.exr", "still.exr"].map(|name| document(&work.path(name)));
+    assert_eq!(plane(&noisy, "half_a", "G"), plane(&still, "half_a", "G"));
+    assert!(still.header().attributes()["cumulo:denoise"].contains("-o still.exr"));
+    // It is there, and another command does not replace it.
+    assert_eq!(work.json("denoise noisy/frame.0005.exr -o still.exr --alpha --resume")["skipped"], 1);
+    work.refused("denoise noisy/frame.0006.exr -o still.exr", &["still.exr", "--overwrite"]);
+    work.refused("denoise noisy/frame.0005.exr -o noisy/frame.0005.exr", &["input"]);
+    work.refused("denoise missing.exr -o x.exr", &["missing.exr"]);
+    // Without noise: the filter alone would leave 40 dB or less.
+    work.json(&format!(
+        "render smoke.vdb --views 1 --size {SIZE} --density-scale auto --tf inferno --supersample 4 -o clean.exr"
+    ));
+    work.json("denoise clean.exr -o same.exr");
+    let kept = psnr("same.exr", "clean.exr");
+    println!("{kept:.2}");
+    assert!(kept > 60.0, "{kept}");
 }

@@ -466,11 +466,11 @@ fn memory_is_that_of_what_is_active() {
         .enumerate()
         .for_each(|(i, n)| header[42 + 2 * i..44 + 2 * i].copy_from_slice(&n.to_le_bytes()));
     std::fs::write(work.path("dense.nii"), [header, vec![1; 512 * 512 * 256]].concat()).unwrap();
-    // So is an array that is held whole together with its grid: 16 MiB of bytes beside 9 MB of leaves.
-    let cells = 256 * 256 * 256_usize;
+    // So is an array that is held whole together with its grid: 32 MiB of bytes, as floats, beside 9 MB of leaves.
+    let cells = 512 * 256 * 256_usize;
     let mut array = npy("|u1", &[]);
     let (from, to) =
-        (b"'fortran_order': True, 'shape': (2, 2, 1), }", b"'fortran_order': False,'shape':(256,256,256)}");
+        (b"'fortran_order': True, 'shape': (2, 2, 1), }", b"'fortran_order': False,'shape':(512,256,256)}");
     let at = array.windows(from.len()).position(|w| w == from).unwrap();
     array[at..at + from.len()].fill(b' ');
     array[at..at + to.len()].copy_from_slice(to);
@@ -478,8 +478,8 @@ fn memory_is_that_of_what_is_active() {
     array.resize(start + cells, 0);
     array[start..start + (2 << 20)].fill(1);
     std::fs::write(work.path("held.npy"), array).unwrap();
-    work.refused("convert held.npy held.vdb --voxel-size 1 --max-memory 70M", &["held.npy", "--max-memory"]);
-    work.json("convert held.npy held.vdb --voxel-size 1 --max-memory 96M");
+    work.refused("convert held.npy held.vdb --voxel-size 1 --max-memory 130M", &["held.npy", "--max-memory"]);
+    work.json("convert held.npy held.vdb --voxel-size 1 --max-memory 200M");
     work.refused("convert dense.nii dense.vdb --max-memory 128M", &["dense.nii", "--max-memory", "--threshold"]);
     assert!(!work.path("dense.vdb").exists());
 }

@@ -234,3 +234,29 @@ fn scales_are_told_with_three_digits() {
     let text = work.text("view @plume.vdb --density-scale 0.0000123 --size 32 -o a.png");
     assert!(text.contains("density scale 1.23e-5"), "{text}");
 }
+
+/// The first bad file kept all that followed from being shown.
+#[test]
+fn a_bad_file_does_not_keep_the_others_from_being_shown() {
+    let work = Work::new();
+    for name in ["a.vdb", "c.vdb"] {
+        std::fs::copy(fixture("cube.vdb"), work.path(name)).unwrap();
+    }
+    std::fs::write(work.path("b.vdb"), "no volume").unwrap();
+    let out = work.command("view a.vdb b.vdb missing.vdb c.vdb --size 32 -o sheets --json").output().unwrap();
+    assert_eq!(out.status.code(), Some(2), "{}", errors(&out));
+    let report: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let inputs = |key: &str| report[key].as_array().unwrap().iter().map(|v| v["input"].clone()).collect::<Vec<_>>();
+    assert_eq!(
+        (inputs("sheets"), inputs("failed")),
+        (vec!["a.vdb".into(), "c.vdb".into()], vec!["b.vdb".into(), "missing.vdb".into()])
+    );
+    assert!(
+        errors(&out).contains("cumulo: b.vdb: ") && errors(&out).contains("cumulo: missing.vdb: "),
+        "{}",
+        errors(&out)
+    );
+    assert!(work.path("sheets/a.vdb.png").exists() && work.path("sheets/c.vdb.png").exists());
+    assert!(!work.path("sheets/b.vdb.png").exists());
+    work.refused("view b.vdb -o b.png", &["b.vdb"]);
+}

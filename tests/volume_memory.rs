@@ -171,9 +171,9 @@ fn outputs_too_large_are_refused_before_the_work() {
     let work = Work::new();
     write(&work.path("tile.vdb"), &Grid { tiles: vec![tile([0; 3], 4096, 1.0)], ..empty(1.0) });
     for (words, expected) in [
-        ("convert tile.vdb o.vdb --resample 1.7 --max-memory 100M", "--resample"),
+        ("convert tile.vdb o.vdb --resample 1.7 --max-memory 112M", "--resample"),
         ("convert @cube.vdb o.vdb --resample 1e-3 --max-memory 300M", "--resample"),
-        ("convert tile.vdb o.vdb --crop=0.5,0.5,0.5,4094,4094,4094 --max-memory 100M", "--crop"),
+        ("convert tile.vdb o.vdb --crop=0.5,0.5,0.5,4094,4094,4094 --max-memory 112M", "--crop"),
     ] {
         let (out, took) = run(&work, words, "1500000");
         assert_eq!(out.status.code(), Some(2), "{words}: {}", errors(&out));
@@ -182,7 +182,7 @@ fn outputs_too_large_are_refused_before_the_work() {
         assert!(!work.path("o.vdb").exists());
     }
     // What fits goes on, and takes no more than was said.
-    let report = work.json("convert @cube.vdb o.vdb --resample 0.01 --max-memory 100M");
+    let report = work.json("convert @cube.vdb o.vdb --resample 0.01 --max-memory 112M");
     assert!(report["grids"][0]["active_voxels"].as_u64().unwrap() > 6_000_000);
 }
 

@@ -38,8 +38,12 @@ from .commands import (
 )
 from .run import CumuloError, program
 
+__version__ = "0.1.0"
+"""Version of the package, which is that of the program that it was written for."""
+
 __all__ = [
     "CumuloError",
+    "__version__",
     "compare",
     "compare_statistical",
     "convert",

@@ -70,7 +70,7 @@ def viewpoint(volume: Path, output: Path, *, density_scale: float | str | None =
 
 def denoise(frames: Path, output: Path, *, motion: str | None = None, progress: bool | Progress = False,
             **options: Option) -> results.Denoised:  # fmt: skip
-    """Denoises a sequence in time. Frames are named by a pattern, `in.####.exr`; `motion` says where the
+    """Denoises a sequence in time, or one picture. Frames are named by a pattern, `in.####.exr`; `motion` says where the
     motion is: `files:motion.####.exr`, or as `cumulo denoise --help` has it."""
     return report(results.Denoised, ["denoise"], [frames], {"output": output, "motion": motion, **options}, progress)
 

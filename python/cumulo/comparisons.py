@@ -41,6 +41,8 @@ class Comparison(Report):
     non_finite_differences: int | None = None
     layers: tuple[str, ...] | None = None
     differ: bool
+    differences: list[str] = dataclasses.field(default_factory=list)
+    converted: str | None = None
     flip: float | None = None
     heatmap_scale: float | None = None
     frames: list[FrameFigures] = dataclasses.field(default_factory=list)
@@ -181,6 +183,7 @@ class Difference(Report):
     of_other_kind: list[str] = dataclasses.field(default_factory=list)
     up: dict[str, Any] | None = None
     creator: dict[str, Any] | None = None
+    differences: list[str] = dataclasses.field(default_factory=list)
 
     def __bool__(self) -> bool:
         return self.same

@@ -356,9 +356,10 @@ class Sheet(Report):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Viewed(Report):
-    """Contact sheets of `cumulo.view`, one for each file."""
+    """Contact sheets of `cumulo.view`, one for each file that could be shown."""
 
     sheets: list[Sheet]
+    failed: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -529,6 +530,7 @@ class Converted(Report):
     grid: ArrayGrid | None = None
     layer: ArrayLayer | None = None
     format: str | None = None
+    tone_mapping: dict[str, Any] | None = None
     notes: list[str] = dataclasses.field(default_factory=list)
 
 

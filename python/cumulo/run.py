@@ -20,6 +20,8 @@ from typing import IO, Any
 Progress = Callable[[str], None]
 """Receives what the program says on stderr while it works, line by line."""
 
+# How to come by the program, for a package that was installed apart from it.
+INSTALL = "`cargo install --path . --locked` in a checkout of Cumulo, or the Debian package that `make deb` makes there"
 # Seconds that a program that was asked to stop has for it: it finishes the file it writes.
 PATIENCE = 30.0
 
@@ -56,14 +58,21 @@ def _message_and_hint(stderr: str) -> tuple[str, str | None]:
 def program() -> str:
     """Path of the program: $CUMULO, else the release build of the checkout around this file, else PATH.
 
-    Raises FileNotFoundError that says how to build it.
+    Raises FileNotFoundError that says how to install it.
     """
     named = os.environ.get("CUMULO")
-    built = pathlib.Path(__file__).resolve().parents[2] / "target" / "release" / "cumulo"
-    found = named or (str(built) if built.is_file() else shutil.which("cumulo"))
-    if not found or not os.path.isfile(found):
+    if named:
+        if not os.path.isfile(named):
+            raise FileNotFoundError(f"the environment variable CUMULO names {named}, and there is no such file; correct it")
+        return named
+    checkout = pathlib.Path(__file__).resolve().parents[2]
+    built = checkout / "target" / "release" / "cumulo"
+    found = str(built) if built.is_file() else shutil.which("cumulo")
+    if not found:
+        build = f"`make build` in {checkout}" if (checkout / "Cargo.toml").is_file() else INSTALL
         raise FileNotFoundError(
-            f"no cumulo program at {found or built}; run `make build`, or set CUMULO to its path"
+            "the package runs the program `cumulo`, which is not on PATH; install it:"
+            f" {build}; or set the environment variable CUMULO to its path"
         )
     return found
 

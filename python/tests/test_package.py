@@ -80,6 +80,15 @@ def test_every_module_is_in_the_package(python, tmp_path):
     assert run(python, "-c", where, folder=tmp_path).strip() == "True"
 
 
+def test_the_version_is_that_of_the_program(python, tmp_path):
+    import cumulo
+
+    stated = subprocess.run([program(), "--version"], capture_output=True, text=True, check=True).stdout.split()
+    assert stated[:2] == ["cumulo", cumulo.__version__], stated
+    installed = "import cumulo, importlib.metadata; print(cumulo.__version__, importlib.metadata.version('cumulo'))"
+    assert run(python, "-c", installed, folder=tmp_path).split() == 2 * [cumulo.__version__]
+
+
 def test_types_are_right(python, tmp_path):
     names = [word for module in TYPED for word in ("-p" if module == "testing" else "-m", f"cumulo.{module}")]
     run(python, "-m", "mypy", "--strict", "--ignore-missing-imports", "--follow-imports=silent", *names, folder=tmp_path)

@@ -1,15 +1,21 @@
 """`cumulo.testing` without Blender: references by functions, commands as candidates, the store."""
 
 import json
+import os
+import pathlib
+import shlex
+import shutil
+import subprocess
 import sys
 
 import numpy as np
 import pytest
-from cumulo import arrays
+from cumulo import arrays, run
 from cumulo.capture import Camera, look_at
 from cumulo.testing import Parity, Reference, ReferenceProblem, rounding, volume
 from cumulo.testing.reference import Store, changes
 
+PACKAGE = pathlib.Path(__file__).resolve().parents[1]
 EXPECTED = np.linspace(0, 1, 20 * 30 * 4, dtype=np.float32).reshape(20, 30, 4)
 
 
@@ -145,3 +151,48 @@ def test_a_wrong_camera_or_settings_are_refused_with_advice():
         volume("smoke.vdb", {"fl_x": 20.0}, settings)
     with pytest.raises(TypeError, match=r"settings is of type str, and a cumulo.blender.Settings or a dict .* is expected"):
         volume("smoke.vdb", camera, "scattering")
+
+
+def test_names_of_references_stay_within_their_folder(tmp_path):
+    (tmp_path / "x").mkdir()
+    kept = tmp_path / "x" / "seed_1.exr"
+    kept.write_text("another's")
+    for name in ("../x", "..", ".", "", "a/b", "a\\b", "/x", ".hidden", "c:x"):
+        with pytest.raises(ValueError, match="give a plain name such as 'smoke'"):
+            Store(tmp_path / "references", tmp_path, regenerate=True).pictures(Reference(name, lambda seed, path: EXPECTED), [1])
+    assert kept.read_text() == "another's"
+    assert Reference("smoke v2 (wide)", lambda seed, path: EXPECTED).name == "smoke v2 (wide)"
+
+
+def test_the_example_of_the_guide_runs_as_it_is_written_and_without_bpy(cumulo, fixtures, tmp_path):
+    page = (PACKAGE.parent / "src/guide/python.md").read_text().split("## Regression tests with pytest")[1]
+    shots, test = page.split("```")[1], page.split("```")[3]
+    assert shots.startswith("sh\n") and test.startswith("text\n# test_smoke.py\n")
+    shutil.copy(fixtures / "plume.vdb", tmp_path / "smoke.vdb")
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    (tmp_path / "test_smoke.py").write_text(test.removeprefix("text\n"))
+    # Wherever bpy is installed, it is not to be imported.
+    (tmp_path / "bpy.py").write_text("raise ImportError('this environment has no bpy')\n")
+    program = run.program()
+    for line in shots.splitlines()[1:]:
+        words = shlex.split(line)
+        subprocess.run([program, *words[1:]], cwd=tmp_path, check=True, capture_output=True)
+    paths = os.pathsep.join([str(tmp_path), str(PACKAGE)])
+    environment = {**os.environ, "CUMULO": program, "PYTHONPATH": paths}
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "cumulo.testing.plugin"]
+    for options, code, words in ((["--cumulo-regenerate"], 1, "rendered again: smoke"), ([], 0, "1 passed")):
+        done = subprocess.run([*command, *options], cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert done.returncode == code and words in done.stdout, done.stdout + done.stderr
+
+
+def test_a_program_that_is_missing_says_how_to_install_it(monkeypatch, tmp_path):
+    monkeypatch.setenv("CUMULO", str(tmp_path / "nothing"))
+    with pytest.raises(FileNotFoundError, match="CUMULO names .*nothing, and there is no such file"):
+        run.program()
+    # As if it was installed apart from a checkout.
+    monkeypatch.delenv("CUMULO")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(run, "__file__", str(tmp_path / "site-packages" / "cumulo" / "run.py"))
+    with pytest.raises(FileNotFoundError, match="cargo install .* set the environment variable CUMULO") as caught:
+        run.program()
+    assert "target" not in str(caught.value)

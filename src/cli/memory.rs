@@ -1,6 +1,8 @@
 //! The memory that reading a file may take.
 
+use crate::error::Error;
 use crate::formats::limits::Limits;
+use crate::process;
 
 /// `--max-memory` of the commands that read volumes.
 #[derive(Debug, Clone, Copy, clap::Args)]
@@ -14,6 +16,23 @@ impl Memory {
     /// Returns an option that gives these limits.
     pub fn of(limits: Limits) -> Self {
         Self { max_memory: Some(limits.max_memory) }
+    }
+
+    /// Refuses a limit that the process cannot keep to, whatever the work.
+    ///
+    /// # Errors
+    /// If `--max-memory` is less.
+    pub fn check(self) -> Result<(), Error> {
+        let least = process::least_memory();
+        match self.max_memory {
+            Some(most) if most < least => {
+                let (given, threads) = (human(most), rayon::current_num_threads());
+                let needed = format!("at least {} MiB are needed for the program", least.div_ceil(1 << 20));
+                Err(Error::invalid(format!("--max-memory {given}: {needed}, its libraries and its {threads} threads"))
+                    .hint("give as much or more, or fewer --threads where there are many"))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Returns the limits for readers: `--max-memory`, else the default.

@@ -38,6 +38,7 @@ pub mod up;
 pub mod usd;
 pub mod validate;
 mod values;
+mod version;
 pub mod view;
 pub mod viewpoint;
 pub mod volume;
@@ -114,8 +115,11 @@ enum Command {
 }
 
 impl Command {
-    /// Memory in bytes that the whole process may take.
-    fn max_memory(&self) -> u64 {
+    /// Returns the memory in bytes that the whole process may take.
+    ///
+    /// # Errors
+    /// If it is less than the process needs for work of any size.
+    fn max_memory(&self) -> Result<u64> {
         let memory = match self {
             Self::Capture(c) => c.memory(),
             Self::Compare(c) => c.memory,
@@ -131,14 +135,15 @@ impl Command {
             Self::Render(c) => c.pictures.memory,
             Self::Reconstruct(c) => c.memory(),
             Self::Report(c) => c.memory,
-            Self::Completions(_) | Self::Man(_) | Self::Schema(_) => return Limits::default().max_memory,
+            Self::Completions(_) | Self::Man(_) | Self::Schema(_) => return Ok(Limits::default().max_memory),
             Self::Transfer(c) => c.memory,
-            Self::TryGrid(c) => return c.max_memory,
+            Self::TryGrid(c) => return Ok(c.max_memory),
             Self::Usd(c) => c.memory(),
             Self::View(c) => c.memory,
             Self::Viewpoint(c) => c.memory,
         };
-        memory.limits().max_memory
+        memory.check()?;
+        Ok(memory.limits().max_memory)
     }
 }
 
@@ -169,9 +174,10 @@ fn threads(option: Option<usize>, variable: Option<&OsStr>) -> Result<Option<usi
     }
 }
 
-/// Returns the program's command with its help arranged.
+/// Returns the program's command with its help arranged. Of an option that is given twice the last one counts, but for
+/// lists.
 fn command() -> clap::Command {
-    help::arranged(Arguments::command())
+    help::arranged(Arguments::command()).version(version::text()).args_override_self(true)
 }
 
 impl Arguments {
@@ -199,8 +205,10 @@ fn path_of(matches: &ArgMatches) -> String {
 }
 
 /// Runs the program and returns its exit code: 0 success, 1 a check found something, 2 an error, and 128 with a signal's
-/// number, such as 130 of Ctrl-C, for work that was stopped. Errors are printed, as JSON too with `--json`.
-pub fn main() -> ExitCode {
+/// number, such as 130 of Ctrl-C, for work that was stopped. Errors are printed, as JSON too with `--json`. `commit` is
+/// the one that the program was built from, if the build knew it.
+pub fn main(commit: Option<&str>) -> ExitCode {
+    version::of_commit(commit);
     let words: Vec<OsString> = std::env::args_os().collect();
     let json = words.iter().take_while(|word| *word != "--").any(|word| word == "--json");
     let arguments = match Arguments::read(words.clone()) {
@@ -295,10 +303,10 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         helper::set_program(program);
     }
     vdb::on_terminate(process::abandon);
-    let memory = arguments.command.max_memory();
+    let memory = arguments.command.max_memory()?;
     process::limit_memory(memory);
     let output = Output::new(&arguments.global, &arguments.path);
-    let (version, threads) = (env!("CARGO_PKG_VERSION"), rayon::current_num_threads());
+    let (version, threads) = (version::text(), rayon::current_num_threads());
     output.detail(format!("cumulo {version}: {threads} threads, {} of memory at most", memory::human(memory)));
     dispatch(arguments.command, &output)
 }
@@ -341,6 +349,42 @@ mod tests {
         assert_eq!(named("cumulo --threads 4 --json reconstruct -q density --bad"), "reconstruct density");
         assert_eq!(named("cumulo --threads=4 info"), "info");
         assert_eq!((named("cumulo --json"), named("cumulo nonsense info")), (String::new(), String::new()));
+    }
+
+    /// Words of a script's defaults are often followed by those that its user gives.
+    #[test]
+    fn of_an_option_given_twice_the_last_one_counts() {
+        fn check(command: &clap::Command, path: &[&str], seen: &mut usize) {
+            for arg in command.get_arguments().filter(|arg| !matches!(arg.get_action(), clap::ArgAction::Append)) {
+                let Some(long) = arg.get_long().filter(|long| !["help", "version"].contains(long)) else { continue };
+                let word = if arg.get_action().takes_values() { format!("--{long}=1") } else { format!("--{long}") };
+                let words = path.iter().copied().chain([word.as_str(), word.as_str()]);
+                // Values are texts here: what they may be is not what is asked.
+                let error = texts(super::command()).try_get_matches_from(words).err().map(|e| e.to_string());
+                let twice = error.filter(|error| error.contains("multiple times"));
+                assert_eq!(twice, None, "{path:?} --{long}");
+                *seen += 1;
+            }
+            for sub in command.get_subcommands().filter(|sub| sub.get_name() != "help") {
+                check(sub, &[path, &[sub.get_name()]].concat(), seen);
+            }
+        }
+        /// Lets every option take any text.
+        fn texts(command: clap::Command) -> clap::Command {
+            let plain = |arg: clap::Arg| match arg.get_action().takes_values() {
+                true => arg.value_parser(clap::builder::ValueParser::os_string()),
+                false => arg,
+            };
+            command.mut_args(plain).mut_subcommands(texts)
+        }
+        let (mut all, mut seen) = (command(), 0);
+        all.build();
+        check(&all, &["cumulo"], &mut seen);
+        assert!(seen > 300, "{seen} options");
+        let words =
+            "cumulo --threads 1 info a.vdb --threads 3 --threads 2 --json --json".split(' ').map(OsString::from);
+        let global = Arguments::read(words).unwrap().global;
+        assert_eq!((global.threads, global.json), (Some(2), true));
     }
 
     /// A script reads the document, and not the lines below the first one.

@@ -129,6 +129,11 @@ impl Output {
         Progress::new(length, what, self.manner())
     }
 
+    /// Shows a progress bar of so many pictures, which counts the pixels of each.
+    pub fn pictures(&self, count: u64, what: &'static str) -> Progress {
+        Progress::of_pictures(count, what, self.manner())
+    }
+
     /// Shows that a stage of unknown length goes on, until the returned value is dropped.
     pub fn stage(&self, what: &'static str) -> Stage {
         Stage::new(what, self.manner())

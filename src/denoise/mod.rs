@@ -7,6 +7,7 @@
 //!   weights against outliers, and a blend of what the models around predict. [`model`] holds its numerics.
 //! - [`guided`] carries it further, for files: models on a grid of blocks, and a feature whose noise is independent of the
 //!   color's, from the frames before and, by a [`Lookahead`], from those that follow.
+//! - [`still`] gives back to a single picture what was no noise.
 //! - [`ema`] and [`svgf`] are there to compare with.
 
 mod ahead;
@@ -29,6 +30,7 @@ mod reprojection;
 mod ring;
 mod settings;
 mod smoothing;
+pub mod still;
 pub mod svgf;
 mod vectors;
 pub mod wrls;

@@ -7,11 +7,11 @@ use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
 use crate::render::preshaded::Preshaded;
 use crate::render::quadrature::Quadrature;
+use crate::render::tiles::Watch;
 use crate::scene::camera::Camera;
 use crate::scene::film::Film;
 use crate::scene::scene::Scene;
 use crate::scene::volume::Volume;
-use std::sync::atomic::AtomicBool;
 
 /// A renderer of any kind, over the scene's environment.
 #[derive(Debug)]
@@ -79,24 +79,24 @@ impl<'a> AnyRenderer<'a> {
     }
 
     /// Renders a picture as [`aov::picture_with`] does.
-    pub fn picture_with(
+    pub fn picture_with<'w>(
         &self,
         camera: &Camera,
         rays_per_edge: usize,
         aovs: &[Aov],
-        cancel: &AtomicBool,
+        watch: impl Into<Watch<'w>>,
     ) -> Option<Film> {
         match self {
-            Self::Density(dvr) => aov::picture_with(dvr, camera, rays_per_edge, aovs, cancel),
-            Self::PreShaded(volume) => aov::picture_with(volume, camera, rays_per_edge, aovs, cancel),
+            Self::Density(dvr) => aov::picture_with(dvr, camera, rays_per_edge, aovs, watch),
+            Self::PreShaded(volume) => aov::picture_with(volume, camera, rays_per_edge, aovs, watch),
         }
     }
 
     /// Renders a picture as [`render::picture`] does.
-    pub fn picture(&self, camera: &Camera, rays_per_edge: usize, cancel: &AtomicBool) -> Option<Film> {
+    pub fn picture<'w>(&self, camera: &Camera, rays_per_edge: usize, watch: impl Into<Watch<'w>>) -> Option<Film> {
         match self {
-            Self::Density(dvr) => render::picture(dvr, camera, rays_per_edge, cancel),
-            Self::PreShaded(volume) => render::picture(volume, camera, rays_per_edge, cancel),
+            Self::Density(dvr) => render::picture(dvr, camera, rays_per_edge, watch),
+            Self::PreShaded(volume) => render::picture(volume, camera, rays_per_edge, watch),
         }
     }
 }

@@ -2,10 +2,9 @@
 
 use super::composited::Composited;
 use super::integrator::Integrator;
-use super::tiles::{self, Subpixels};
+use super::tiles::{self, Subpixels, Watch};
 use crate::scene::camera::Camera;
 use crate::scene::film::{Film, Moments, Plane};
-use std::sync::atomic::AtomicBool;
 
 /// An additional plane of a picture, or a layer of planes (arbitrary output variable).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,13 +54,13 @@ struct Pixel {
 }
 
 /// Renders a picture as [`picture`](super::picture()) does, and the requested planes beside RGBA, but
-/// for those of scattered paths ([`Aov::of_paths`]). Returns `None` if `cancel` was set.
-pub fn picture_with<I: Integrator<Real = f32>>(
+/// for those of scattered paths ([`Aov::of_paths`]). Returns `None` if the watch stopped it.
+pub fn picture_with<'w, I: Integrator<Real = f32>>(
     renderer: &Composited<I>,
     camera: &Camera,
     rays_per_edge: usize,
     aovs: &[Aov],
-    cancel: &AtomicBool,
+    watch: impl Into<Watch<'w>>,
 ) -> Option<Film> {
     let (size, rays) = ([camera.width as usize, camera.height as usize], Subpixels::new(rays_per_edge));
     let share = 1.0 / rays.count() as f32;
@@ -77,7 +76,7 @@ pub fn picture_with<I: Integrator<Real = f32>>(
         }
         Pixel { rgba: mean, variance: moments.map(|m| m.variance_of_mean() as f32), depth: depth as f32 }
     };
-    let pixels = tiles::pixels(size, Some(cancel), I::Scratch::default, pixel)?;
+    let pixels = tiles::pixels(size, Some(watch.into()), I::Scratch::default, pixel)?;
     let plane = |name: String, of: &dyn Fn(&Pixel) -> f32| Plane { name, samples: pixels.iter().map(of).collect() };
     let mut film = Film::of(size[0], size[1], pixels.iter().map(|p| p.rgba).collect());
     film.samples = rays.count() as u32;

@@ -33,8 +33,7 @@ use crate::scene::camera::Camera;
 use crate::scene::film::Film;
 use composited::Composited;
 use integrator::Integrator;
-use std::sync::atomic::AtomicBool;
-use tiles::Subpixels;
+use tiles::{Subpixels, Watch};
 
 /// Returns RGBA of one pixel, the mean over its rays.
 pub fn pixel<I: Integrator<Real = f32>>(
@@ -52,15 +51,15 @@ pub fn pixel<I: Integrator<Real = f32>>(
     mean
 }
 
-/// Renders a picture, the mean over `rays_per_edge`² rays a pixel. Returns `None` if `cancel` was set.
-pub fn picture<I: Integrator<Real = f32>>(
+/// Renders a picture, the mean over `rays_per_edge`² rays a pixel. Returns `None` if the watch stopped it.
+pub fn picture<'w, I: Integrator<Real = f32>>(
     renderer: &Composited<I>,
     camera: &Camera,
     rays_per_edge: usize,
-    cancel: &AtomicBool,
+    watch: impl Into<Watch<'w>>,
 ) -> Option<Film> {
     let (size, rays) = ([camera.width as usize, camera.height as usize], Subpixels::new(rays_per_edge));
     let pixel = |scratch: &mut I::Scratch, at| pixel(renderer, camera, rays, at, scratch);
-    let rgba = tiles::pixels(size, Some(cancel), I::Scratch::default, pixel)?;
+    let rgba = tiles::pixels(size, Some(watch.into()), I::Scratch::default, pixel)?;
     Some(Film { samples: rays.count() as u32, ..Film::of(size[0], size[1], rgba) })
 }

@@ -9,6 +9,22 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+/// Watch over the pixels of a picture: a flag that stops the work, and who is told of the pixels that are done.
+#[derive(Clone, Copy)]
+pub struct Watch<'w> {
+    /// Flag that stops the work once it is set.
+    pub cancel: &'w AtomicBool,
+    /// Receiver of the number of pixels that have been done since it was called last, on any thread.
+    pub done: Option<&'w (dyn Fn(u64) + Sync)>,
+}
+
+impl<'w> From<&'w AtomicBool> for Watch<'w> {
+    /// Creates the watch of a flag, which tells nobody.
+    fn from(cancel: &'w AtomicBool) -> Self {
+        Self { cancel, done: None }
+    }
+}
+
 /// The rays of a pixel: through the centres of `per_edge`² equal squares of it, row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Subpixels {
@@ -62,25 +78,29 @@ pub fn map<U: Sync, S, T: Send>(
 }
 
 /// Computes the pixels of a picture in row-major order, in parallel over bands of rows: `pixel(scratch, [x, y])`
-/// returns the value of one. `None` if `cancel` was set before all were done.
+/// returns the value of one. `None` if the watch stopped the work before all were done.
 pub fn pixels<S, T: Send + Default + Clone>(
     [width, height]: [usize; 2],
-    cancel: Option<&AtomicBool>,
+    watch: Option<Watch<'_>>,
     scratch: impl Fn() -> S + Sync + Send,
     pixel: impl Fn(&mut S, [usize; 2]) -> T + Sync + Send,
 ) -> Option<Vec<T>> {
     let mut values = vec![T::default(); width * height];
+    let cancel = watch.map(|watch| watch.cancel);
     let bands = values.par_chunks_mut((width * TILE[1]).max(1)).enumerate().with_max_len(1);
     bands.for_each_init(scratch, |scratch, (band, rows)| {
         for left in (0..width).step_by(TILE[0]) {
             if stopped(cancel) {
                 return;
             }
+            let across = left..width.min(left + TILE[0]);
             for (row, values) in rows.chunks_mut(width).enumerate() {
-                let across = left..width.min(left + TILE[0]);
-                for x in across {
+                for x in across.clone() {
                     values[x] = pixel(scratch, [x, band * TILE[1] + row]);
                 }
+            }
+            if let Some(done) = watch.and_then(|watch| watch.done) {
+                done((across.len() * (rows.len() / width)) as u64);
             }
         }
     });
@@ -129,6 +149,7 @@ pub fn runs(count: usize, length: usize) -> Vec<Range<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::AtomicU64;
 
     #[test]
     fn every_pixel_has_its_own_value_and_a_flag_stops_all() {
@@ -138,8 +159,19 @@ mod tests {
             assert_eq!(found, Some(expected), "{size:?}");
         }
         let set = AtomicBool::new(true);
-        assert_eq!(pixels([4, 4], Some(&set), || (), |(), _| 1), None);
+        assert_eq!(pixels([4, 4], Some((&set).into()), || (), |(), _| 1), None);
         assert_eq!(map(&[1, 2], Some(&set), || (), |(), unit| *unit), None);
+    }
+
+    #[test]
+    fn every_pixel_is_counted_once() {
+        let (cancel, count) = (AtomicBool::new(false), AtomicU64::new(0));
+        let done = |pixels| {
+            count.fetch_add(pixels, Ordering::Relaxed);
+        };
+        let watch = Watch { cancel: &cancel, done: Some(&done) };
+        assert!(pixels([37, 11], Some(watch), || (), |(), _| 1).is_some());
+        assert_eq!(count.into_inner(), 37 * 11);
     }
 
     #[test]

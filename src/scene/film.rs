@@ -1,5 +1,7 @@
 //! A picture: RGBA pixels and further named planes.
 
+use glam::{DMat3, DVec3};
+
 /// Scene-linear premultiplied RGBA and named planes over one raster, row-major from the top left.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Film {
@@ -34,6 +36,13 @@ impl Film {
     /// A film of the given pixels without further planes.
     pub fn of(width: usize, height: usize, rgba: Vec<[f32; 4]>) -> Self {
         Self { width, height, rgba, samples: 0, planes: Vec::new() }
+    }
+
+    /// Multiplies the color of each pixel by a matrix, such as one between primaries.
+    pub fn convert(&mut self, matrix: DMat3) {
+        for [colors @ .., _] in &mut self.rgba {
+            *colors = (matrix * DVec3::from_array(colors.map(f64::from))).as_vec3().to_array();
+        }
     }
 
     /// Values of the plane named `name`, if there is one.

@@ -15,6 +15,7 @@ pub mod light;
 pub mod medium;
 pub mod orbit;
 pub mod phase;
+pub mod primaries;
 #[allow(clippy::module_inception, reason = "the module is named after the one type in it, like all others")]
 pub mod scene;
 mod sources;

@@ -1,6 +1,9 @@
 //! A folder of its own for the program to work in.
 #![allow(dead_code, clippy::unwrap_used, missing_docs, reason = "each test file uses its own part")]
 
+use ::exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, ImageAttributes, Layer, LayerAttributes, WritableImage,
+};
 use cumulo::formats::limits::Limits;
 use cumulo::formats::vdb::File;
 use cumulo::scene::film::Film;
@@ -19,6 +22,22 @@ pub fn fixture(name: &str) -> PathBuf {
 /// The density of a VDB.
 pub fn density(path: &Path) -> Grid {
     File::open(path, Limits::default()).unwrap().read_fog(None).unwrap()
+}
+
+/// Writes an EXR of 32-bit channels in one part; `edit` sets its attributes.
+pub fn write_exr(
+    path: &Path,
+    size: [usize; 2],
+    channels: &[(&str, Vec<f32>)],
+    edit: impl FnOnce(&mut ImageAttributes, &mut LayerAttributes),
+) {
+    let size = (size[0], size[1]);
+    let channel = |(name, samples): &(&str, Vec<f32>)| AnyChannel::new(*name, FlatSamples::F32(samples.clone()));
+    let (mut shared, mut own) = (ImageAttributes::with_size(size), LayerAttributes::default());
+    edit(&mut shared, &mut own);
+    let channels = AnyChannels::sort(channels.iter().map(channel).collect());
+    let layer = Layer::new(size, own, Encoding::FAST_LOSSLESS, channels);
+    Image::new(shared, layer).write().to_file(path).unwrap();
 }
 
 pub struct Work(TempDir);

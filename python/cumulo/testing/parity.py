@@ -74,7 +74,9 @@ class Parity:
         expected, made, actual = self._pictures(reference, candidate, [seed], [seed])
         found = commands.compare(actual[0], expected[0], tolerance=tolerance)
         if not found:
-            words = f"a sample differs by {max(found.max_abs, found.alpha_max_abs or 0):.3e}, {tolerance:.3e} is allowed"
+            most = max(found.max_abs, found.alpha_max_abs or 0)
+            sample = f"a sample differs by {most:.3e}, {tolerance:.3e} is allowed"
+            words = sample if most > tolerance else f"they differ: {'; '.join(found.differences)}"
             self._fail(reference, words, found, made, (expected, actual), candidate)
         return found
 

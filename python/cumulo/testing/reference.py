@@ -42,6 +42,14 @@ class Reference:
     renderer: str | None = "bpy"
     discover: Callable[[], Sequence[Path]] | None = None
 
+    def __post_init__(self) -> None:
+        """Raises ValueError for a name that is not that of a folder within the folder of references."""
+        if not self.name or self.name.startswith(".") or set(self.name) & set("/\\:\0"):
+            raise ValueError(
+                f"a reference named {self.name!r}: its pictures are kept in a folder of that name, so that it may not begin"
+                " with a dot, nor hold a slash, a backslash or a colon; give a plain name such as 'smoke'"
+            )
+
 
 def volume(vdb: Path, camera: Camera, settings: Any, *, grid: str = "density", name: str | None = None) -> Reference:
     """Pictures by Cycles of a VDB, before their background is laid behind: RGBA, premultiplied.

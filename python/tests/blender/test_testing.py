@@ -131,18 +131,18 @@ def test_a_reference_of_other_inputs_is_no_reference(project):
         picture.write_bytes(kept)
 
 
-def test_the_example_of_the_guide_runs_as_it_is_written(cumulo, fixtures, tmp_path):
+def test_the_example_with_cycles_of_the_guide_runs_as_it_is_written(cumulo, fixtures, tmp_path):
     page = (PACKAGE.parent / "src/guide/python.md").read_text().split("## Regression tests with pytest")[1]
-    shots, test = page.split("```")[1], page.split("```")[3]
-    assert shots.startswith("sh\n") and test.startswith("text\n# test_smoke.py\n")
+    shots, test = page.split("```")[1], page.split("```")[5]
+    assert shots.startswith("sh\n") and test.startswith("text\n# test_cycles.py\n")
     shutil.copy(fixtures / "plume.vdb", tmp_path / "smoke.vdb")
     (tmp_path / "pytest.ini").write_text("[pytest]\n")
-    (tmp_path / "test_smoke.py").write_text(test.removeprefix("text\n"))
+    (tmp_path / "test_cycles.py").write_text(test.removeprefix("text\n"))
     path = f"{pathlib.Path(run.program()).parent}{os.pathsep}{os.environ['PATH']}"
     for line in shots.splitlines()[1:]:
         subprocess.run(shlex.split(line), cwd=tmp_path, env={**os.environ, "PATH": path}, check=True, capture_output=True)
     code, said = ran(tmp_path, "--cumulo-regenerate", PATH=path)
-    assert code == 1 and "rendered again: smoke" in said, said
+    assert code == 1 and "rendered again: smoke_cycles" in said, said
     code, said = ran(tmp_path, PATH=path)
     assert code == 0 and "1 passed" in said, said
 

@@ -58,6 +58,9 @@ pub struct Report {
     /// Frames that could not be read or compared.
     pub failed: Vec<Failed>,
     pub differ: bool,
+    /// What frames differ in beside their samples.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub differences: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none", serialize_with = "crate::cli::paths::text")]
     pub report: Option<PathBuf>,
 }
@@ -104,6 +107,7 @@ impl fmt::Display for Report {
                 ranges(self.left_out.iter().copied())
             )?;
         }
+        self.differences.iter().try_for_each(|what| writeln!(f, "{what}"))?;
         if let Some(report) = &self.report {
             writeln!(f, "report    {}", report.display())?;
         }

@@ -2,6 +2,7 @@
 
 use super::figures::{Gauge, Report};
 use super::page::Gallery;
+use super::traits::Matched;
 use super::{Arguments, ENDINGS};
 use crate::cli::failed::{self, Failed};
 use crate::cli::frames::{Results, Sequence, common, each};
@@ -13,6 +14,8 @@ use crate::formats::exr;
 use crate::formats::limits::Limits;
 use crate::metrics::Comparison;
 use crate::scene::film::Film;
+use crate::text::ranges;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -25,6 +28,8 @@ struct Work<'w> {
     other: Gauge,
     gallery: Gallery,
     failed: Vec<Failed>,
+    /// Frames by what they differ in beside their samples, and whether the samples of any differ.
+    apart: BTreeMap<String, Vec<u32>>,
     differ: bool,
 }
 
@@ -56,14 +61,17 @@ pub fn run(arguments: &Arguments, [a, b]: [&Sequence; 2], output: &Output) -> Re
     }
     let gauge = || Gauge::new(arguments.space(), arguments.flip);
     let (first, other, gallery) = (gauge(), gauge(), Gallery::new(both.len()));
-    let mut work = Work { arguments, sequences, first, other, gallery, failed: Vec::new(), differ: false };
+    let mut work =
+        Work { arguments, sequences, first, other, gallery, failed: Vec::new(), apart: BTreeMap::new(), differ: false };
     work.all(&both, output)?;
-    let Work { first, other, gallery, failed, differ, .. } = work;
+    let Work { first, other, gallery, failed, apart, differ, .. } = work;
     let beside = beside.map(|_| other.closed());
     failed::tell(&failed);
     // A frame that one sequence lacks is a difference, as it is for `diff`.
-    let differ = differ || !left_out.is_empty();
-    let mut report = Report { all: first.closed(), beside, left_out, failed, differ, report: None };
+    let differ = differ || !left_out.is_empty() || !apart.is_empty();
+    let listed = |(what, frames): (String, Vec<u32>)| format!("frames {}: {what}", ranges(frames));
+    let differences = apart.into_iter().map(listed).collect();
+    let mut report = Report { all: first.closed(), beside, left_out, failed, differ, differences, report: None };
     if let Some(dir) = arguments.report.as_ref().filter(|_| !report.all.frames.is_empty()) {
         let mut page =
             gallery.page([&arguments.a, &arguments.b], arguments.beside.as_deref(), arguments.space(), &report)?;
@@ -81,8 +89,8 @@ impl Work<'_> {
         let bar = output.progress(numbers.len() as u64, "compare");
         let mut at = 0;
         for chunk in numbers.chunks(rayon::current_num_threads().max(1)) {
-            for (number, films) in self.read(chunk, limits, output)? {
-                if let Err(error) = films.and_then(|films| self.frame(at, number, &films)) {
+            for (number, pictures) in self.read(chunk, limits, output)? {
+                if let Err(error) = pictures.and_then(|pictures| self.frame(at, number, &pictures, output)) {
                     self.failed.push(Failed::new(number, &error));
                 }
                 at += 1;
@@ -93,20 +101,20 @@ impl Work<'_> {
     }
 
     /// Reads the pictures of some frames, the reference last.
-    fn read(&self, numbers: &[u32], limits: Limits, output: &Output) -> Result<Results<Vec<Film>>> {
+    fn read(&self, numbers: &[u32], limits: Limits, output: &Output) -> Result<Results<Vec<Matched>>> {
         let (results, _) =
-            output.keep(|silent| each(numbers, "reading", limits, silent, |n, limits| self.films(n, limits)))?;
+            output.keep(|silent| each(numbers, "reading", limits, silent, |n, limits| self.pictures(n, limits)))?;
         Ok(results)
     }
 
-    fn films(&self, number: u32, limits: Limits) -> Result<Vec<Film>> {
+    fn pictures(&self, number: u32, limits: Limits) -> Result<Vec<Matched>> {
         let paths = self.paths(number);
         let [.., reference] = &paths[..] else { return Ok(Vec::new()) };
         for path in &paths[..paths.len() - 1] {
             self.arguments.check_memory([path, reference], limits)?;
         }
-        let layer = self.arguments.layer.as_deref();
-        paths.iter().map(|path| Ok(exr::picture_within(path, layer, limits)?.film)).collect()
+        let (header, layer) = (exr::header(reference)?, self.arguments.layer.as_deref());
+        paths.iter().map(|path| Matched::read(path, &header, layer, limits)).collect()
     }
 
     fn paths(&self, number: u32) -> Vec<PathBuf> {
@@ -114,25 +122,32 @@ impl Work<'_> {
     }
 
     /// Compares a frame at its place in the sequence.
-    fn frame(&mut self, at: usize, number: u32, films: &[Film]) -> Result<()> {
+    fn frame(&mut self, at: usize, number: u32, pictures: &[Matched], output: &Output) -> Result<()> {
         let paths = self.paths(number);
+        let films: Vec<&Film> = pictures.iter().map(|picture| &picture.film).collect();
         let reference = films.len() - 1;
         let add = |gauge: &mut Gauge, which: usize| -> Result<Comparison> {
             let named = |e: Error| e.part(format!("{} and {}", paths[which].display(), paths[reference].display()));
-            gauge.add(number, [&films[which], &films[reference]]).map_err(named)
+            gauge.add(number, [films[which], films[reference]]).map_err(named)
         };
         // A frame counts in both comparisons or in none: one of another size is refused before either.
         let size = |film: &Film| [film.width, film.height];
-        if reference == 2 && size(&films[0]) == size(&films[1]) {
+        if reference == 2 && size(films[0]) == size(films[1]) {
             add(&mut self.other, 0)?;
         } else if reference == 2 {
-            let odd = usize::from(size(&films[0]) == size(&films[2]));
+            let odd = usize::from(size(films[0]) == size(films[2]));
             return add(&mut self.other, odd).map(drop);
         }
         let c = add(&mut self.first, reference - 1)?;
         self.differ |= !c.within(self.arguments.tolerance);
+        for difference in &pictures[reference - 1].differences {
+            self.apart.entry(difference.clone()).or_default().push(number);
+        }
+        for converted in pictures.iter().filter_map(|picture| picture.converted.as_ref()) {
+            output.note(format!("colors are converted {converted}"));
+        }
         if self.arguments.report.is_some() {
-            self.gallery.add(at, number, &films.iter().collect::<Vec<_>>(), c.psnr_db);
+            self.gallery.add(at, number, &films, c.psnr_db);
         }
         Ok(())
     }

@@ -5,6 +5,7 @@ mod frames;
 mod page;
 mod space;
 mod statistical;
+mod traits;
 
 use crate::cli::frames::FramesOption;
 use crate::cli::memory::Memory;
@@ -22,11 +23,14 @@ use space::Space;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use traits::Matched;
 
 /// Compare two EXR pictures, or two sequences of them
 ///
 /// Exit code 0 if they agree, 1 if they differ, 2 if they cannot be compared. Figures are of the colors in
-/// scene-linear values unless --display is given; psnr_db refers to white, or to the second picture's peak if that is brighter. Of sequences,
+/// scene-linear values unless --display is given; psnr_db refers to white, or to the second picture's peak if that is
+/// brighter. Colors of other primaries (the attribute chromaticities) are converted to those of the second picture;
+/// another pixel aspect or display window is a difference. Of sequences,
 /// 'a.####.exr' or a folder of numbered files, frames of equal number are compared; flicker_psnr_db is of the changes from frame
 /// to frame.
 #[derive(Debug, clap::Args)]
@@ -117,6 +121,11 @@ pub(in crate::cli) struct Report {
     comparison: Comparison,
     layers: [String; 2],
     differ: bool,
+    /// What the pictures differ in.
+    differences: Vec<String>,
+    /// Conversion of the first picture's colors to the primaries of the second.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    converted: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     flip: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -149,7 +158,10 @@ impl fmt::Display for Report {
         if let Some(scale) = self.heatmap_scale {
             writeln!(f, "heatmap   brightest at {scale:.6e}")?;
         }
-        write!(f, "{}", if self.differ { "the pictures differ" } else { "the pictures agree" })
+        if let Some(converted) = &self.converted {
+            writeln!(f, "converted {converted}")?;
+        }
+        f.write_str(&traits::verdict("pictures", &self.differences))
     }
 }
 
@@ -187,12 +199,12 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
         outputs::file(path, Content::Png)?;
         outputs::spare([path.as_path()], [arguments.a.as_path(), arguments.b.as_path()])?;
     }
-    let layer = arguments.layer.as_deref();
     let limits = arguments.memory.limits();
     let films = arguments.check_memory([&arguments.a, &arguments.b], limits)?;
-    let a = exr::picture_within(&arguments.a, layer, limits)?;
+    let (reference, layer) = (exr::header(&arguments.b)?, arguments.layer.as_deref());
+    let a = Matched::read(&arguments.a, &reference, layer, limits)?;
     let rest = Limits { max_memory: limits.max_memory.saturating_sub(films[0]) };
-    let b = exr::picture_within(&arguments.b, layer, rest)?;
+    let b = Matched::read(&arguments.b, &reference, layer, rest)?;
     let shown = [&a.film, &b.film].map(|film| arguments.space().of(film));
     let comparison = metrics::compare(&shown[0], &shown[1])
         .map_err(|e| e.part(format!("{} and {}", arguments.a.display(), arguments.b.display())))?;
@@ -203,8 +215,9 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
         heatmap_scale = Some(scale);
     }
     let flip = arguments.flip.then(|| space::flip([&a.film, &b.film]));
-    let differ = !comparison.within(arguments.tolerance);
+    let differences = [traits::of_samples(&comparison, arguments.tolerance), a.differences].concat();
+    let (differ, layers) = (!differences.is_empty(), [a.layer, b.layer]);
     drop(stage);
-    output.report(&Report { comparison, layers: [a.layer, b.layer], differ, flip, heatmap_scale })?;
+    output.report(&Report { comparison, layers, differ, differences, converted: a.converted, flip, heatmap_scale })?;
     Ok(if differ { ExitCode::from(1) } else { ExitCode::SUCCESS })
 }

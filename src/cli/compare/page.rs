@@ -117,7 +117,15 @@ mod tests {
         let c = gauge.add(1, [&film(0.1), &film(0.2)]).unwrap();
         gallery.add(0, 1, &[&film(0.1), &film(0.2)], c.psnr_db);
         let all = gauge.closed();
-        let report = Report { all, beside: None, left_out: vec![], failed: vec![], differ: true, report: None };
+        let report = Report {
+            all,
+            beside: None,
+            left_out: vec![],
+            failed: vec![],
+            differ: true,
+            differences: vec![],
+            report: None,
+        };
         let page = gallery.page([Path::new("a"), Path::new("b")], None, Space::Linear, &report).unwrap();
         assert!(page.html().contains("Frame 1, the furthest apart"));
     }

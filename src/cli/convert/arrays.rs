@@ -1,4 +1,4 @@
-//! Layers of pictures as NumPy arrays, and arrays as pictures.
+//! Layers of pictures as NumPy arrays and as PNGs, and arrays as pictures.
 
 use super::Convert;
 use super::report::{LayerPlace, Report};
@@ -6,8 +6,10 @@ use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::{exr, npy};
+use crate::formats::png::ToneMapping;
+use crate::formats::{exr, npy, png};
 use crate::scene::film::Film;
+use crate::scene::primaries::Primaries;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -33,6 +35,45 @@ impl Convert {
         npy::write(&self.output, &shape, &layer.values)?;
         drop(stage);
         self.report_array(output, shape, Some(LayerPlace { name: layer.name, channels: layer.channels }))
+    }
+
+    /// Writes a layer of a picture for display.
+    pub(super) fn layer_to_png(&self, output: &Output) -> Result<ExitCode> {
+        let limits = self.begin_array(Content::Png)?;
+        let stage = output.stage("converting");
+        // The film, its levels, and the bytes of the file.
+        let most = Limits { max_memory: limits.max_memory / 2 };
+        let (header, layer) = (exr::header(&self.input)?, self.layer.as_deref());
+        let picture = exr::picture_within(&self.input, layer, most)?;
+        let is_color = picture.is_color();
+        let exr::Picture { mut film, layer, non_finite, channels } = picture;
+        let mut notes = Vec::new();
+        if non_finite > 0 {
+            notes.push(format!("samples that are NaN or infinite: {non_finite}; NaN becomes black, infinity white"));
+        }
+        let from = header.primaries();
+        if is_color && !from.is_same(&Primaries::REC_709) {
+            let matrix = from.matrix_to(Primaries::REC_709).ok_or_else(|| {
+                Error::invalid(format!("the chromaticities span no color space: {from}"))
+                    .at(&self.input)
+                    .hint("correct the attribute `chromaticities`")
+            })?;
+            film.convert(matrix);
+            notes.push(format!("colors are converted from primaries {from} to those of sRGB, Rec.709"));
+        }
+        let tone = ToneMapping { exposure: self.exposure.unwrap_or(0.0) };
+        png::write_film(&self.output, &film, tone, &exr::Attributes::new())?;
+        drop(stage);
+        notes.iter().for_each(|note| output.note(format!("note: {note}")));
+        output.report(&Report {
+            shape: vec![film.height, film.width],
+            axes: vec!["row", "column"],
+            layer: Some(LayerPlace { name: layer, channels }),
+            tone_mapping: Some(tone),
+            notes,
+            ..Report::of(&self.input, &self.output)?
+        })?;
+        Ok(ExitCode::SUCCESS)
     }
 
     /// Writes an array of one, three or four channels as a picture.

@@ -212,7 +212,12 @@ impl fmt::Display for Report {
                 write!(f, ", {n} values set to zero")?;
             }
             if let (Some(over), Some(under)) = (grid.half_overflow, grid.half_underflow) {
-                write!(f, ", as half {over} overflow and {under} vanish")?;
+                f.write_str(", stored as 16-bit floats")?;
+                for (count, what) in [(over, "become infinite"), (under, "become 0")] {
+                    if count > 0 {
+                        write!(f, ", in which {count} values {what}")?;
+                    }
+                }
             }
             if let Some(greatest) = grid.values.and_then(|v| v.removed_greatest) {
                 let share = 100.0 * grid.values.map_or(0.0, |v| v.removed_share);

@@ -23,7 +23,7 @@ mod turn;
 use super::frames::FramesOption;
 use super::memory::Memory;
 use super::output::Output;
-use super::parse::{corners, not_negative, positive};
+use super::parse::{corners, exposure, not_negative, positive};
 use super::transfer::TransferOption;
 use crate::error::{Error, Result};
 use crate::formats::imaging::format::{self, Format as ImageFormat};
@@ -60,7 +60,8 @@ pub(in crate::cli) enum FileReport {
 /// folders and patterns), OME-Zarr, MRC, .cvol, .vti, .vtk, .npy, .npz and raw numbers (--dims) become a VDB with a grid for
 /// each array. A NanoVDB (.nvdb) becomes a VDB, and a VDB a NanoVDB. A grid of a VDB becomes a .nii,
 /// .nii.gz, .nrrd, .mha, .mhd, .vti or .npy over the box of its active voxels. VDB to VDB takes edits. A layer of an EXR
-/// becomes a .npy of [row, column, channel], row 0 at the top, and back. The report has the places of voxels.
+/// becomes a .npy of [row, column, channel], row 0 at the top, and back; or a .png for display: radiance times two to the
+/// power of --exposure, clipped to 0..1, encoded by sRGB's curve. The report has the places of voxels.
 ///
 /// Several VDBs before the last one are joined: their grids become those of one file, at the places that they have. Files whose
 /// metadata state different up axes, and grids of one name in two files, are refused.
@@ -74,7 +75,7 @@ pub struct Convert {
     /// Other VDBs, whose grids are joined with those of the first one
     #[arg(value_name = "VDB")]
     more: Vec<PathBuf>,
-    /// VDB, .nvdb, image, .npy or EXR to write
+    /// VDB, .nvdb, image, .npy, EXR or PNG to write
     output: PathBuf,
     #[command(flatten)]
     frames: FramesOption,
@@ -102,9 +103,12 @@ pub struct Convert {
     /// Set NaN and infinite values, and negative densities, to zero; auto: fog volumes hold densities, other grids do not
     #[arg(long, value_enum, value_name = "WHAT", num_args = 0..=1, require_equals = true, default_missing_value = "auto")]
     repair: Option<Repair>,
-    /// EXR to .npy: layer (default: the beauty)
+    /// EXR to .npy or .png: layer (default: the beauty)
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
+    /// EXR to .png: exposure in stops (default: 0)
+    #[arg(long, value_name = "EV", value_parser = exposure, allow_negative_numbers = true)]
+    exposure: Option<f64>,
     #[command(flatten)]
     edits: edits::Edits,
     #[command(flatten)]
@@ -175,6 +179,7 @@ enum Written {
     Vdb,
     Nano,
     Exr,
+    Png,
     Image(Target),
 }
 
@@ -185,6 +190,7 @@ impl Written {
             Some(target) => Self::Image(target),
             None => match path.extension().and_then(OsStr::to_str).unwrap_or_default().to_ascii_lowercase().as_str() {
                 "exr" => Self::Exr,
+                "png" => Self::Png,
                 "nvdb" => Self::Nano,
                 _ => Self::Vdb,
             },
@@ -196,6 +202,7 @@ impl Written {
             Self::Vdb => "VDB".into(),
             Self::Nano => ".nvdb".into(),
             Self::Exr => "EXR".into(),
+            Self::Png => "PNG".into(),
             Self::Image(target) => format!(".{}", target.ending()),
         }
     }
@@ -228,13 +235,18 @@ impl Convert {
             (Kind::Vdb, Written::Image(target)) => self.grid_to_image(target, output),
             (Kind::Image(format), Written::Vdb) => self.image_to_grids(format, output),
             (Kind::Exr, Written::Image(Target::Npy)) => self.layer_to_array(output),
+            (Kind::Exr, Written::Png) => self.layer_to_png(output),
             (Kind::Image(ImageFormat::Npy), Written::Exr) => self.array_to_picture(output),
-            (from, to) => Err(Error::unsupported(format!("no conversion from {} to {}", from.name(), to.name()))
-                .at(&self.input)
-                .hint(
-                    "a .vdb becomes a .vdb, .nvdb, .npy, .nii, .nii.gz, .nrrd, .mha, .mhd or .vti; an .exr becomes a .npy, a .npy \
-                     an .exr or .vdb, and .nvdb and other images a .vdb",
-                )),
+            (from, to) => {
+                // A name of no known ending is taken for that of a VDB.
+                let ending = self.output.extension().and_then(OsStr::to_str).filter(|_| to == Written::Vdb);
+                let ending = ending.filter(|ending| !ending.eq_ignore_ascii_case("vdb"));
+                let to = ending.map_or_else(|| to.name(), |ending| format!(".{ending}"));
+                Err(Error::unsupported(format!("no conversion from {} to {to}", from.name())).at(&self.input).hint(
+                    "a .vdb becomes a .vdb, .nvdb, .npy, .nii, .nii.gz, .nrrd, .mha, .mhd or .vti; an .exr becomes a .npy or \
+                     .png, a .npy an .exr or .vdb, and .nvdb and other images a .vdb",
+                ))
+            }
         }
     }
 
@@ -285,9 +297,10 @@ impl Convert {
             ("--prune", self.prune.is_some(), edits),
             ("--repair", self.repair.is_some(), edits),
             ("--tf", self.transfer.tf.is_some(), edits),
-            ("--half", self.half, !matches!(to, Written::Image(_) | Written::Nano)),
+            ("--half", self.half, !matches!(to, Written::Image(_) | Written::Nano | Written::Png)),
             ("--codec", self.codec != Codec::default(), to == Written::Vdb),
             ("--layer", self.layer.is_some(), from == Kind::Exr),
+            ("--exposure", self.exposure.is_some(), to == Written::Png),
             ("--scale", values.scale.is_some(), grids),
             ("--offset", values.offset.is_some(), grids),
             ("--map", values.map.is_some(), grids),

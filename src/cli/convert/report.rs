@@ -3,6 +3,7 @@
 use crate::cli::memory::human;
 use crate::error::{Error, Result};
 use crate::formats::imaging::values::Tally;
+use crate::formats::png::ToneMapping;
 use crate::formats::vdb::GridInfo;
 use crate::math::Affine;
 use crate::text::printable;
@@ -38,6 +39,9 @@ pub struct Report {
     /// Layer that was read, with its channels in the array's order.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub layer: Option<LayerPlace>,
+    /// How radiance became the samples of a PNG.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tone_mapping: Option<ToneMapping>,
     /// Assumptions of the reader, and losses of the writer.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
@@ -140,8 +144,9 @@ impl fmt::Display for Report {
             None => self.grids.iter().try_for_each(|grid| write!(f, "{grid}"))?,
         }
         if let Some(layer) = &self.layer {
-            writeln!(f, "  layer '{}', channels {}", layer.name, layer.channels.join(", "))?;
+            writeln!(f, "  layer '{}', channels {}", printable(&layer.name), printable(&layer.channels.join(", ")))?;
         }
+        self.tone_mapping.iter().try_for_each(|tone| writeln!(f, "  PNG: {tone}"))?;
         Ok(())
     }
 }

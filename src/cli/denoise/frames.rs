@@ -1,22 +1,19 @@
 //! Frames at work: one thread reads ahead, one denoises, one writes behind.
 
 use super::held::Held;
-use super::motion::{Asked, Motions};
+use super::motion::Motions;
 use super::passes::Directions;
-use super::plan::{Plan, Read, Step};
-use super::shot::{Layer, Shot, Target};
-use super::{COMMAND, Cuts, Denoise, Guide};
-use crate::cli::failed::Failed;
+use super::plan::{Plan, Step};
+use super::reading::Reader;
+use super::shot::{Shot, Target, View};
+use super::{COMMAND, Cuts, Denoise};
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
-use crate::denoise::{Denoised, Settings};
+use crate::denoise::{Denoised, Settings, still};
 use crate::error::{Error, Kind, Result};
 use crate::formats::exr::Document;
-use glam::Vec3;
-use std::borrow::Cow;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::time::Instant;
@@ -35,31 +32,25 @@ pub struct Sequence<'s> {
 #[derive(Debug, Default)]
 pub struct Done {
     pub denoised: usize,
-    pub failed: Vec<Failed>,
+    /// Frames that failed, and why.
+    pub failed: Vec<(u32, Error)>,
     pub cuts: Vec<u32>,
     pub filled: usize,
     pub at_rest: bool,
     pub seconds: f64,
 }
 
-/// Returns the channel of the beauty's alpha, if it lies in the part.
-fn beauty_alpha(document: &Document, part: usize) -> Option<usize> {
-    let beauty = document.layer(None).ok().filter(|beauty| beauty.part == part)?;
-    document.component(&beauty, "A")
-}
-
 /// A picture to be written.
 struct Picture {
     frame: usize,
     document: Document,
-    targets: Vec<Target>,
-    denoised: Vec<Denoised>,
+    views: Vec<(Vec<Target>, Vec<Denoised>)>,
 }
 
 /// Where pictures go, and the memory of written ones comes back.
 struct Pictures {
     write: SyncSender<Picture>,
-    spares: Receiver<Vec<Denoised>>,
+    spares: Receiver<Vec<Vec<Denoised>>>,
 }
 
 impl Sequence<'_> {
@@ -97,101 +88,21 @@ impl Sequence<'_> {
         });
         bar.finish_and_clear();
         let mut done = done?;
-        done.failed.sort_by_key(|failed| failed.frame);
-        for Failed { frame, error } in &done.failed {
-            output.note(format!("frame {frame}: {error}"));
-        }
+        done.failed.sort_by_key(|(frame, _)| *frame);
         Ok(done)
     }
 
     /// Reads the frames in the order of the plan.
-    fn read(&self, plan: &Plan, mut motions: Motions<'_>, to: &SyncSender<Result<Shot>>, cancel: &AtomicBool) {
-        let mut held = Held::new(self.pixels, self.command.memory.limits());
+    fn read(&self, plan: &Plan, motions: Motions<'_>, to: &SyncSender<Result<Shot>>, cancel: &AtomicBool) {
+        let Self { command, numbers, inputs, .. } = *self;
+        let held = Held::new(self.pixels, command.memory.limits());
+        let mut reader = Reader { command, numbers, inputs, motions, held };
         for read in plan.reads() {
             // The denoiser hangs up when it is interrupted.
-            if cancel.load(Ordering::Relaxed) || to.send(self.shot(read, &mut motions, &mut held, cancel)).is_err() {
+            if cancel.load(Ordering::Relaxed) || to.send(reader.shot(read, cancel)).is_err() {
                 return;
             }
         }
-    }
-
-    /// Reads a frame.
-    fn shot(&self, read: Read, motions: &mut Motions<'_>, held: &mut Held, cancel: &AtomicBool) -> Result<Shot> {
-        let Read { frame, forward, write } = read;
-        let limits = self.command.memory.limits();
-        let (path, number) = (&self.inputs[frame], self.numbers[frame]);
-        let document = match held.take(frame) {
-            Some(document) => document,
-            None => Document::read(path, limits)?,
-        };
-        let targets = self.targets(&document).map_err(|e| e.at(path))?;
-        let size = document.size(targets[0].part);
-        let mut filled = 0;
-        let mut layers = Vec::new();
-        // Layers may have one alpha.
-        let mut alphas: BTreeMap<[usize; 2], Arc<Vec<f32>>> = BTreeMap::new();
-        for target in &targets {
-            if document.size(target.part) != size {
-                return Err(Error::invalid("the layers have different sizes")
-                    .at(path)
-                    .hint("denoise them one after the other, with --layers"));
-            }
-            let planes: Vec<Cow<'_, [f32]>> =
-                target.channels.iter().map(|c| document.samples(target.part, *c)).collect();
-            let plane = |c: usize| &planes[c.min(planes.len() - 1)];
-            let colors = plane(0).iter().zip(plane(1).iter()).zip(plane(2).iter());
-            let colors: Vec<Vec3> = colors.map(|((r, g), b)| Vec3::new(*r, *g, *b)).collect();
-            filled += colors.iter().filter(|color| !color.is_finite()).count();
-            let alpha = target.alpha.map(|channel| {
-                let samples = || Arc::new(document.samples(target.part, channel).into_owned());
-                Arc::clone(alphas.entry([target.part, channel]).or_insert_with(samples))
-            });
-            layers.push(Layer { color: colors, alpha });
-        }
-        let asked = Asked { document: &document, size, number, forward };
-        let moved = motions.of(&asked, cancel).map_err(|e| match e.path() {
-            Some(_) => e,
-            None => e.at(path),
-        })?;
-        if let Some(alpha) = &moved.alpha {
-            let guided = layers.iter_mut().zip(&targets).filter(|(_, target)| target.channels.len() > 1);
-            guided
-                .filter(|_| self.command.guide == Guide::Alpha)
-                .for_each(|(layer, _)| layer.alpha = Some(alpha.clone()));
-        }
-        let mut shot = Shot { size, layers, moved, filled, targets, document: None };
-        if write {
-            shot.document = Some(document);
-        } else if !forward {
-            held.insert(frame, document);
-        }
-        Ok(shot)
-    }
-
-    /// Returns the channels to denoise.
-    fn targets(&self, document: &Document) -> Result<Vec<Target>> {
-        let names: Vec<Option<&str>> = match &self.command.layers[..] {
-            [] => vec![None],
-            names => names.iter().map(|name| Some(name.as_str())).collect(),
-        };
-        let mut targets = Vec::new();
-        for name in names {
-            let layer = document.layer(name)?;
-            let channels = document.colors(&layer).ok_or_else(|| {
-                Error::invalid("a layer without three channels of color")
-                    .part(format!("layer '{}'", layer.name))
-                    .hint("name layers with R, G and B with --layers; `cumulo info` lists them")
-            })?;
-            let own = document.component(&layer, "A");
-            let guide = match self.command.guide {
-                Guide::Alpha => own.or_else(|| beauty_alpha(document, layer.part)),
-                Guide::None => None,
-            };
-            targets.push(Target { part: layer.part, channels: channels.to_vec(), alpha: guide });
-            let alpha = own.filter(|_| self.command.alpha);
-            targets.extend(alpha.map(|alpha| Target { part: layer.part, channels: vec![alpha], alpha: None }));
-        }
-        Ok(targets)
     }
 
     /// Denoises what is read, and hands it on to be written.
@@ -206,7 +117,9 @@ impl Sequence<'_> {
     ) -> Result<Done> {
         let mut done = Done { at_rest: true, ..Done::default() };
         let mut cuts = BTreeSet::new();
-        let mut directions = Directions::new(self.command.method.method(), settings, self.command.cuts == Cuts::Auto);
+        let new = || Directions::new(self.command.method.method(), settings, self.command.cuts == Cuts::Auto);
+        // One a view, from the first frame on.
+        let mut directions: Vec<Directions> = Vec::new();
         let mut expected = None;
         for step in &plan.steps {
             if cancel.load(Ordering::Relaxed) {
@@ -214,11 +127,11 @@ impl Sequence<'_> {
             }
             let (frame, forward, keep) = match *step {
                 Step::Begin => {
-                    directions.begin();
+                    directions.iter_mut().for_each(Directions::begin);
                     continue;
                 }
                 Step::Backward => {
-                    directions.turn();
+                    directions.iter_mut().for_each(Directions::turn);
                     continue;
                 }
                 Step::Look { frame, keep } => (frame, false, keep),
@@ -231,7 +144,7 @@ impl Sequence<'_> {
                 Err(e) if e.kind() == Kind::Cancelled => return Err(e),
                 Err(e) => {
                     if forward && keep {
-                        done.failed.push(Failed { frame: number, error: e.to_string() });
+                        done.failed.push((number, e));
                     } else if forward {
                         output.note(format!("frame {number}, of which others learn: {e}"));
                     }
@@ -239,69 +152,100 @@ impl Sequence<'_> {
                 }
             };
             let started = Instant::now();
-            done.at_rest &= shot.moved.is_zero();
-            if !forward {
-                directions.look(number, &shot, keep)?;
-                done.seconds += started.elapsed().as_secs_f64();
-                continue;
+            done.at_rest &= shot.views.iter().all(|view| view.moved.is_zero());
+            directions.resize_with(shot.views.len(), new);
+            let mut spares = if forward { pictures.spares.try_recv().unwrap_or_default() } else { Vec::new() };
+            let mut views = Vec::new();
+            for (view, directions) in shot.views.into_iter().zip(&mut directions) {
+                if forward {
+                    let mut denoised = spares.pop().unwrap_or_default();
+                    let cut = self.view(number, &view, directions, &mut denoised)?;
+                    cuts.extend(cut.then_some(number));
+                    views.push((view.targets, denoised));
+                } else {
+                    directions.look(number, &view, keep)?;
+                }
             }
-            let mut denoised = pictures.spares.try_recv().unwrap_or_default();
-            let cut = directions.denoise(number, &shot, &mut denoised)?;
             done.seconds += started.elapsed().as_secs_f64();
-            if cut {
-                cuts.insert(number);
-            }
             if let Some(document) = shot.document {
                 done.filled += shot.filled;
-                let picture = Picture { frame, document, targets: shot.targets, denoised };
-                if pictures.write.send(picture).is_err() {
-                    return Err(Error::cancelled());
-                }
+                let picture = Picture { frame, document, views };
+                pictures.write.send(picture).map_err(|_| Error::cancelled())?;
             }
         }
         done.cuts = cuts.into_iter().collect();
         Ok(done)
     }
 
-    /// Returns the frame if it has as many pixels and layers as the first one, which `expected` remembers.
-    fn fits(&self, frame: usize, shot: Shot, expected: &mut Option<([usize; 2], usize)>) -> Result<Shot> {
-        let (size, layers) = *expected.get_or_insert((shot.size, shot.layers.len()));
-        if shot.size == size && shot.layers.len() == layers {
+    /// Denoises a view of a frame into `to`. Returns true if it begins a shot.
+    fn view(&self, number: u32, view: &View, directions: &mut Directions, to: &mut Vec<Denoised>) -> Result<bool> {
+        let cut = directions.denoise(number, view, to)?;
+        // No other frame has told detail from noise.
+        if let [_] = self.numbers {
+            view.layers.iter().zip(to).for_each(|(layer, to)| still::keep_detail(&view.frame(layer), to));
+        }
+        Ok(cut)
+    }
+
+    /// Returns the frame if it has the views, pixels and layers of the first one, which `expected` remembers.
+    fn fits(&self, frame: usize, shot: Shot, expected: &mut Option<Vec<([usize; 2], usize)>>) -> Result<Shot> {
+        let shape = shot.shape();
+        let first = expected.get_or_insert_with(|| shape.clone());
+        if shape == *first {
             return Ok(shot);
         }
-        let ([width, height], [w, h]) = (shot.size, size);
-        Err(Error::invalid(format!("{width}x{height} pixels, and the frames before have {w}x{h}"))
+        let differs = match (shape[0].0, first[0].0) {
+            (now, before) if shape.len() == first.len() && now != before => {
+                let ([width, height], [w, h]) = (now, before);
+                format!("{width}x{height} pixels, and the frames before have {w}x{h}")
+            }
+            _ => "the frame has other views or layers than the frames before".into(),
+        };
+        Err(Error::invalid(differs)
             .at(&self.inputs[frame])
-            .hint("render it again in the size of the others, or denoise it on its own"))
+            .hint("render it again as the others are, or denoise it on its own"))
     }
 
     /// Writes the pictures that come, and gives their memory back to `written`. Returns those that cannot be written.
     fn write(
         &self,
         pictures: &Receiver<Picture>,
-        written: &Sender<Vec<Denoised>>,
+        written: &Sender<Vec<Vec<Denoised>>>,
         provenance: &Provenance,
         bar: &indicatif::ProgressBar,
-    ) -> Vec<Failed> {
+    ) -> Vec<(u32, Error)> {
         let mut failed = Vec::new();
-        for Picture { frame, mut document, targets, denoised } in pictures {
-            for (target, denoised) in targets.iter().zip(&denoised) {
+        for Picture { frame, mut document, views } in pictures {
+            for (target, denoised) in views.iter().flat_map(|(targets, denoised)| targets.iter().zip(denoised)) {
                 for (component, channel) in target.channels.iter().enumerate() {
                     document.replace(target.part, *channel, denoised.color.iter().map(|color| color[component]));
                 }
             }
             if self.command.confidence {
-                let confidence = denoised[0].confidence.clone();
-                document.add(targets[0].part, "confidence.N", confidence);
+                add_confidence(&mut document, &views);
             }
             document.set_attribute(COMMAND, &provenance.command);
             if let Err(error) = document.write(&self.outputs[frame]) {
-                failed.push(Failed { frame: self.numbers[frame], error: error.to_string() });
+                failed.push((self.numbers[frame], error));
             }
             // Nobody takes it behind the last frame.
-            written.send(denoised).ok();
+            written.send(views.into_iter().map(|(_, denoised)| denoised).collect()).ok();
             bar.inc(1);
         }
         failed
+    }
+}
+
+/// Adds the layer `confidence` of each view: in a part of its own, or with the view's name behind it.
+fn add_confidence(document: &mut Document, views: &[(Vec<Target>, Vec<Denoised>)]) {
+    let names = document.header().views();
+    let first = views[0].0[0].part;
+    for (number, (targets, denoised)) in views.iter().enumerate() {
+        let part = targets[0].part;
+        let name = match number > 0 && part == first {
+            true => format!("confidence.{}.N", names[number]),
+            false => "confidence.N".to_owned(),
+        };
+        document.add(part, &name, denoised[0].confidence.clone());
     }
 }

@@ -1,10 +1,12 @@
-//! `cumulo denoise`: sequences of noisy pictures, denoised in time.
+//! `cumulo denoise`: noisy pictures, of sequences in time.
 
 mod frames;
 mod held;
 mod motion;
+mod names;
 mod passes;
 mod plan;
+mod reading;
 mod shot;
 
 use super::failed::Failed;
@@ -17,24 +19,27 @@ use crate::denoise::{Method, Settings};
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::exr;
-use crate::formats::sequence::{Frames, Pattern};
+use crate::formats::sequence::Frames;
 use clap::ValueEnum;
 use motion::Motion;
+use names::Names;
 use plan::Plan;
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Denoise a sequence of pictures in time
+/// Denoise a sequence of pictures in time, or a single picture
 ///
-/// Colors are compared along the motion of what they show, over the frames before and, with wrls2, after. All that is not
-/// denoised passes through as it is, attributes included. A frame that cannot be read is named, and the others go on.
+/// Colors are compared along the motion of what they show, over the frames before and, with wrls2, after; a single
+/// picture is denoised by its own pixels alone. Each view of a stereo picture is denoised. All that is not denoised
+/// passes through as it is, attributes included. A frame that cannot be read, or has no finite pixel, is named, and
+/// the others go on.
 #[derive(Debug, clap::Args)]
 pub struct Denoise {
-    /// Noisy frames: 'in.####.exr' or in.%04d.exr
+    /// Noisy frames, 'in.####.exr' or in.%04d.exr, or one picture
     input: PathBuf,
-    /// Denoised frames, numbered as those that go in: 'out.####.exr'
+    /// Denoised frames, numbered as those that go in: 'out.####.exr'; of one picture one name
     #[arg(long, short, value_name = "OUT.####.exr")]
     output: PathBuf,
     /// Frames to write: A, A-B or A-BxSTEP (default: all that there are); those around are read to learn from
@@ -48,7 +53,7 @@ pub struct Denoise {
     /// the capture with its cameras; none for pictures at rest
     #[arg(long, value_name = "FROM", default_value = "auto")]
     motion: Motion,
-    /// Layers of color to denoise, comma-separated (default: the beauty)
+    /// Layers of color to denoise, comma-separated, in all views (default: the beauty)
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     layers: Vec<String>,
     /// Guide to the outlines that must stay sharp, for wrls2
@@ -166,6 +171,9 @@ pub(in crate::cli) struct Report {
     seconds: f64,
     /// Seconds of the denoising alone.
     seconds_denoising: f64,
+    /// True for one picture, of which there is less to tell.
+    #[serde(skip)]
+    still: bool,
 }
 
 impl Report {
@@ -188,15 +196,21 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { output, method, denoised, skipped, failed, cuts, filled, seconds, seconds_denoising, .. } = self;
         let way = method.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
-        write!(f, "{}: {denoised} frames by {way} in {seconds:.2} s ", output.display())?;
-        write!(f, "({seconds_denoising:.2} s of it denoising), {skipped} that were there, ")?;
-        write!(f, "{} that failed", failed.len())?;
+        let output = output.display();
+        match (self.still, denoised) {
+            (true, 0) => write!(f, "{output}: it was there, made by the same command")?,
+            (true, _) => write!(f, "{output}: denoised by {way} in {seconds:.2} s")?,
+            (false, _) => {
+                write!(f, "{output}: {denoised} frames denoised by {way} in {seconds:.2} s ")?;
+                write!(f, "({seconds_denoising:.2} s of it denoising), {skipped} were there, {} failed", failed.len())?;
+            }
+        }
         if !cuts.is_empty() {
             let list: Vec<String> = cuts.iter().map(u32::to_string).collect();
             write!(f, "\n  shots begin at {}", list.join(", "))?;
         }
         if *filled > 0 {
-            write!(f, "\n  {filled} pixels that were not finite were filled in")?;
+            write!(f, "\n  {filled} pixels were NaN or infinite, and were filled in from those around")?;
         }
         Ok(())
     }
@@ -210,8 +224,9 @@ impl Denoise {
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let provenance = Provenance::begin();
         let settings = self.settings()?;
-        let input = pattern(&self.input, "the noisy frames")?;
-        let to = pattern(&self.output, "the denoised frames")?;
+        let input = Names::of(&self.input)?;
+        let to = input.alike(&self.output, "the noisy frames")?;
+        input.check_frames(self.frames.is_some())?;
         let present = input.numbers()?;
         let wanted: Vec<u32> = match self.frames {
             Some(frames) => frames.numbers().collect(),
@@ -237,15 +252,19 @@ impl Denoise {
             write[at] = is_wanted[at] && !self.is_done(&inputs[at], &outputs[at], &provenance)?;
         }
         let skipped = is_wanted.iter().zip(&write).filter(|(wanted, write)| **wanted && !**write).count();
-        let sizes = inputs.iter().find_map(|input| Some(exr::header(input).ok()?.display_window.size));
-        let layers = self.layers.len().max(1) * if self.alpha { 2 } else { 1 };
-        let pixels = sizes.map_or(0, |[width, height]| width * height * layers);
+        let pixels = self.pixels(&inputs);
         let kept = plan::kept(pixels);
         let two_way = self.method.method().looks_ahead() && self.direction == Direction::Both;
         let plan = Plan::new(&write, two_way, self.chunk, self.overlap as usize, kept);
         let sequence =
             frames::Sequence { numbers: &numbers, inputs: &inputs, outputs: &outputs, pixels, command: self };
-        let done = sequence.run(&plan, settings, &provenance, cancel::listen(), output)?;
+        let mut done = sequence.run(&plan, settings, &provenance, cancel::listen(), output)?;
+        if input.is_still()
+            && let Some((_, error)) = done.failed.pop()
+        {
+            return Err(error);
+        }
+        done.failed.iter().for_each(|(frame, error)| output.note(format!("frame {frame}: {error}")));
         if done.at_rest && self.motion == Motion::Auto && done.denoised > 1 {
             output.note(
                 "the frames have no motion layer, or it is 0 everywhere: the picture counts as at rest\n  if the camera \
@@ -261,15 +280,23 @@ impl Denoise {
             method: self.method,
             denoised: done.denoised,
             skipped,
-            failed: done.failed,
+            failed: done.failed.iter().map(|(frame, error)| Failed::new(*frame, error)).collect(),
             cuts: done.cuts,
             filled: done.filled,
             at_rest: done.at_rest,
             seconds,
             seconds_denoising: done.seconds,
+            still: input.is_still(),
         };
         output.report(&report)?;
         report.outcome(&self.input)
+    }
+
+    /// Returns the pixels of a frame, of all layers and views together; 0 if no header can be read.
+    fn pixels(&self, inputs: &[PathBuf]) -> usize {
+        let header = inputs.iter().find_map(|input| exr::header(input).ok());
+        let layers = self.layers.len().max(1) * if self.alpha { 2 } else { 1 };
+        header.map_or(0, |header| header.display_window.pixels() as usize * layers * header.views().len().max(1))
     }
 
     fn settings(&self) -> Result<Settings> {
@@ -290,12 +317,3 @@ impl Denoise {
 
 /// Attribute of a denoised picture that holds the command that made it.
 const COMMAND: &str = "cumulo:denoise";
-
-/// Returns the pattern of numbered files.
-fn pattern(path: &Path, what: &str) -> Result<Pattern> {
-    Pattern::parse(path).ok_or_else(|| {
-        Error::invalid(format!("this names no sequence, and {what} are one"))
-            .at(path)
-            .hint("give a name with the number's place, in quotes: 'frame.####.exr' or frame.%04d.exr")
-    })
-}

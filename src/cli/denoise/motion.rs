@@ -1,9 +1,9 @@
 //! Where the motion of a sequence comes from.
 
-use crate::cli::denoise::pattern;
+use super::names::Names;
 use crate::cli::motion::Tracing;
 use crate::error::{Error, Result};
-use crate::formats::exr::{self, Document};
+use crate::formats::exr::{Document, LayerInfo};
 use crate::formats::limits::Limits;
 use crate::scene::film::Film;
 use glam::Vec2;
@@ -76,6 +76,8 @@ pub struct Motions<'m> {
 /// Frame whose motion is asked for.
 pub struct Asked<'a> {
     pub document: &'a Document,
+    /// Number of the view among the document's.
+    pub view: usize,
     pub size: [usize; 2],
     pub number: u32,
     /// False where the frame is denoised by those after it.
@@ -95,7 +97,7 @@ impl<'m> Motions<'m> {
         Ok(Self { motion, limits, tracing })
     }
 
-    /// Returns the motion of a frame.
+    /// Returns the motion of a view of a frame.
     ///
     /// # Errors
     /// If the layer, file or volume that was named is not there, or does not fit.
@@ -105,33 +107,56 @@ impl<'m> Motions<'m> {
             Motion::None => return Ok(Moved::default()),
             Motion::Volume { cameras, .. } => {
                 let Some(tracing) = &mut self.tracing else { return Ok(Moved::default()) };
+                if let [_, _, ..] = &document.header().views()[..] {
+                    return Err(Error::unsupported("the cameras are of one view, and the picture has several").hint(
+                        "denoise with motion layers or files for each view, or as pictures at rest: --motion none",
+                    ));
+                }
                 let film = tracing.film(asked.number, cancel)?;
                 return of_film(&film, asked).map_err(|e| e.at(cameras));
             }
             Motion::Files(path) => {
-                let path = pattern(path, "the frames' motions")?.path(asked.number);
-                let document = Document::read(&path, self.limits)?;
-                let moved = of_layer(&Asked { document: &document, ..*asked }, "Vector").map_err(|e| e.at(&path))?;
-                let alpha = document.layer(None).ok().and_then(|layer| {
-                    let alpha = document.component(&layer, "A")?;
-                    let fits = document.size(layer.part) == asked.size;
-                    fits.then(|| Arc::new(document.samples(layer.part, alpha).into_owned()))
-                });
-                return Ok(Moved { alpha, ..moved });
+                let path = Names::of(path)?.path(asked.number);
+                let moving = Document::read(&path, self.limits)?;
+                return of_file(&moving, asked).map_err(|e| e.at(&path));
             }
-            Motion::Layer(name) => name,
-            Motion::Auto => {
-                let found = document.header().layers().into_iter().find(|layer| is_motion(document, layer));
-                return found.map_or(Ok(Moved::default()), |layer| of_layer(asked, &layer.name));
-            }
+            Motion::Layer(name) => Some(name.as_str()),
+            Motion::Auto => None,
         };
-        of_layer(asked, name)
+        let layer = match name {
+            Some(name) => Some(document.layer(Some(name))?),
+            None => document.header().layers().into_iter().find(|layer| is_motion(document, layer)),
+        };
+        layer.map_or(Ok(Moved::default()), |layer| of_layer(document, &layer, asked.view, asked))
     }
 }
 
 /// True for the layer that Cumulo and Blender call `Vector`.
-fn is_motion(document: &Document, layer: &exr::LayerInfo) -> bool {
-    layer.name.rsplit('.').next() == Some("Vector") && document.component(layer, "X").is_some()
+fn is_motion(document: &Document, layer: &LayerInfo) -> bool {
+    let name = document.header().name_in_view(layer);
+    name.rsplit('.').next() == Some("Vector") && document.component(layer, "X").is_some()
+}
+
+/// Returns the motion of a file of its own, in the view of the same name, and the alpha that is with it.
+fn of_file(moving: &Document, asked: &Asked<'_>) -> Result<Moved> {
+    let header = moving.header();
+    let view = match asked.document.header().views().get(asked.view) {
+        None => 0,
+        Some(name) => header.views().iter().position(|other| other == name).ok_or_else(|| {
+            Error::invalid(format!("the motion has no view '{name}', which the picture has"))
+                .hint("give motion with a layer Vector for each view, or denoise as pictures at rest: --motion none")
+        })?,
+    };
+    let vector = header.layers().into_iter().find(|layer| is_motion(moving, layer));
+    let vector = vector.map_or_else(|| moving.layer(Some("Vector")), Ok)?;
+    let moved = of_layer(moving, &vector, view, asked)?;
+    let alpha = moving.layer(None).ok().and_then(|beauty| {
+        let beauty = header.counterpart(&beauty, view)?;
+        let alpha = moving.component(&beauty, "A")?;
+        let fits = moving.size(beauty.part) == asked.size;
+        fits.then(|| Arc::new(moving.samples(beauty.part, alpha).into_owned()))
+    });
+    Ok(Moved { alpha, ..moved })
 }
 
 /// Returns the motion from planes of X, Y and, if they are there, Z and W.
@@ -164,10 +189,15 @@ fn fits(found: [usize; 2], size: [usize; 2]) -> Result<()> {
         .hint("motion and colors must have one size"))
 }
 
-fn of_layer(asked: &Asked<'_>, name: &str) -> Result<Moved> {
-    let document = asked.document;
-    let layer = document.layer(Some(name))?;
-    let part = format!("layer '{name}'");
+/// Returns the motion that a layer of a document, or the layer that corresponds to it in a view, has for a frame.
+fn of_layer(document: &Document, layer: &LayerInfo, view: usize, asked: &Asked<'_>) -> Result<Moved> {
+    let header = document.header();
+    let layer = header.counterpart(layer, view).ok_or_else(|| {
+        Error::invalid(format!("the view '{}' has no motion that corresponds to it", header.views()[view]))
+            .part(format!("layer '{}'", layer.name))
+            .hint("add a motion layer for each view, or denoise as pictures at rest: --motion none")
+    })?;
+    let part = format!("layer '{}'", layer.name);
     fits(document.size(layer.part), asked.size).map_err(|e| e.part(part.clone()))?;
     let plane = |component: &str| Some(document.samples(layer.part, document.component(&layer, component)?));
     let (Some(x), Some(y)) = (plane("X"), plane("Y")) else {

@@ -1,6 +1,6 @@
-//! Denoisers of a frame's layers, in both directions of time.
+//! Denoisers of the layers of a view, in both directions of time.
 
-use super::shot::{Layer, Shot};
+use super::shot::{Layer, View};
 use crate::denoise::{Ahead, Denoised, Denoiser, Frame, Lookahead, Method, Settings};
 use crate::error::Result;
 use glam::{Vec2, Vec3};
@@ -51,13 +51,13 @@ struct Course {
 
 impl Course {
     /// Returns the motion of the next frame to the one before, and whether a cut lies between them.
-    fn next<'s>(&mut self, number: u32, shot: &'s Shot, find_cuts: bool) -> (Option<Cow<'s, [Vec2]>>, bool) {
-        let small = thumbnail(&shot.layers[0].color, shot.size);
+    fn next<'s>(&mut self, number: u32, view: &'s View, find_cuts: bool) -> (Option<Cow<'s, [Vec2]>>, bool) {
+        let small = thumbnail(&view.layers[0].color, view.size);
         let cut = find_cuts && self.last.as_ref().is_some_and(|(_, last, _)| is_cut(last, &small));
-        let last = self.last.replace((number, small, shot.moved.away.clone())).filter(|_| !cut);
+        let last = self.last.replace((number, small, view.moved.away.clone())).filter(|_| !cut);
         // A motion spans as many frames as lie between.
         let gap = last.as_ref().map_or(1, |(last, ..)| last.abs_diff(number).max(1)) as f32;
-        let motion = match &shot.moved.toward {
+        let motion = match &view.moved.toward {
             Some(motion) if gap == 1.0 => Some(motion.into()),
             Some(motion) => Some(motion.iter().map(|motion| *motion * gap).collect()),
             // What the last frame knows of its way here, turned round, where this one knows nothing.
@@ -67,7 +67,7 @@ impl Course {
     }
 }
 
-/// Denoisers of a frame's layers, and what they see of the frames that follow.
+/// Denoisers of the layers of a view, and what they see of the frames that follow.
 #[derive(Debug)]
 pub struct Directions {
     method: Method,
@@ -118,16 +118,16 @@ impl Directions {
     ///
     /// # Errors
     /// If layers contradict their size.
-    pub fn look(&mut self, number: u32, shot: &Shot, keep: bool) -> Result<()> {
-        let (motion, cut) = self.backward.next(number, shot, self.find_cuts);
+    pub fn look(&mut self, number: u32, view: &View, keep: bool) -> Result<()> {
+        let (motion, cut) = self.backward.next(number, view, self.find_cuts);
         if cut {
             self.lookaheads.iter_mut().for_each(Lookahead::reset);
         }
-        self.lookaheads.resize_with(shot.layers.len(), Lookahead::default);
+        self.lookaheads.resize_with(view.layers.len(), Lookahead::default);
         let mut found = Vec::new();
-        for (layer, lookahead) in shot.layers.iter().zip(&mut self.lookaheads) {
+        for (layer, lookahead) in view.layers.iter().zip(&mut self.lookaheads) {
             let mut ahead = self.spare.pop().unwrap_or_default();
-            lookahead.look(&frame(shot, layer, motion.as_deref(), None), &mut ahead)?;
+            lookahead.look(&frame(view, layer, motion.as_deref(), None), &mut ahead)?;
             found.push(ahead);
         }
         if keep {
@@ -142,20 +142,20 @@ impl Directions {
     ///
     /// # Errors
     /// If the settings cannot be used, or layers contradict their size.
-    pub fn denoise(&mut self, number: u32, shot: &Shot, to: &mut Vec<Denoised>) -> Result<bool> {
+    pub fn denoise(&mut self, number: u32, view: &View, to: &mut Vec<Denoised>) -> Result<bool> {
         // Its memory serves others until frames are looked at again.
         self.lookaheads.clear();
-        let (motion, cut) = self.forward.next(number, shot, self.find_cuts);
+        let (motion, cut) = self.forward.next(number, view, self.find_cuts);
         if cut {
             self.denoisers.iter_mut().for_each(Denoiser::reset);
         }
-        while self.denoisers.len() < shot.layers.len() {
+        while self.denoisers.len() < view.layers.len() {
             self.denoisers.push(Denoiser::new(self.method, self.settings)?);
         }
-        to.resize_with(shot.layers.len(), Denoised::default);
+        to.resize_with(view.layers.len(), Denoised::default);
         let aheads = self.kept.remove(&number).unwrap_or_default();
-        for (i, (layer, denoiser)) in shot.layers.iter().zip(&mut self.denoisers).enumerate() {
-            denoiser.denoise_into(&frame(shot, layer, motion.as_deref(), aheads.get(i)), &mut to[i])?;
+        for (i, (layer, denoiser)) in view.layers.iter().zip(&mut self.denoisers).enumerate() {
+            denoiser.denoise_into(&frame(view, layer, motion.as_deref(), aheads.get(i)), &mut to[i])?;
         }
         self.spare.extend(aheads);
         Ok(cut)
@@ -163,9 +163,8 @@ impl Directions {
 }
 
 /// Returns a layer of a frame as it is denoised.
-fn frame<'f>(shot: &Shot, layer: &'f Layer, motion: Option<&'f [Vec2]>, ahead: Option<&'f Ahead>) -> Frame<'f> {
-    let alpha = layer.alpha.as_ref().map(|alpha| &alpha[..]);
-    Frame { size: shot.size, color: &layer.color, motion, alpha, ahead }
+fn frame<'f>(view: &View, layer: &'f Layer, motion: Option<&'f [Vec2]>, ahead: Option<&'f Ahead>) -> Frame<'f> {
+    Frame { motion, ahead, ..view.frame(layer) }
 }
 
 #[cfg(test)]

@@ -74,10 +74,13 @@ impl fmt::Display for Sequences {
             let numbers: Vec<String> = self.left_out.iter().map(u32::to_string).collect();
             writeln!(f, "in one of the sequences alone: frames {}", numbers.join(", "))?;
         }
-        let none = if self.max_abs == 0.0 { "inf" } else { "undefined" };
-        let psnr = self.psnr_db.map_or_else(|| none.to_owned(), |db| format!("{db:.2} dB"));
+        let values = match self.psnr_db {
+            Some(db) => format!("lowest psnr {db:.2} dB"),
+            None if self.max_abs == 0.0 => "equal values".into(),
+            None => "psnr undefined".into(),
+        };
         write!(f, "{} frames, {} different, ", self.frames.len(), self.different)?;
-        write!(f, "lowest psnr {psnr}, max abs {:.4e}{}", self.max_abs, List(&self.failed))?;
+        write!(f, "{values}, max abs {:.4e}{}", self.max_abs, List(&self.failed))?;
         write!(f, "\n{}", if self.same { "same" } else { "different" })
     }
 }

@@ -24,7 +24,7 @@ use turn::Turned;
 /// Compare the grids of two VDBs, or of two sequences of them; exit code 1 if they differ
 #[derive(Debug, clap::Args)]
 #[command(after_help = "PSNR is taken over the union of the two boxes of active voxels on A's lattice, with the \
-    largest |A| as its peak; it is null in JSON and 'inf' in text for identical grids. Where the transforms differ, B \
+    largest |A| as its peak; it is null in JSON for grids of equal values. Where the transforms differ, B \
     is sampled trilinearly at A's voxel centers, of which --voxels are compared, evenly spread, if there are more. Differences are measured in 32-bit floats; values of wider types that agree \
     in these alone are told. Grids are paired by name; the only grids of both files are compared whatever their names, \
     but names that differ are a difference, unless the grid is chosen with --grid. Where scalars differ as they lie and agree \
@@ -83,6 +83,8 @@ pub(in crate::cli) struct Report {
     /// Creators that the metadata state, if they differ; no difference of the grids.
     #[serde(skip_serializing_if = "Option::is_none")]
     creator: Option<Sides<Option<String>>>,
+    /// What the files differ in.
+    differences: Vec<String>,
 }
 
 /// Something that differs between the two files.
@@ -163,16 +165,39 @@ impl Diff {
             }
             grids.push(self.grids([(&a, in_a), (&b, in_b)], limits, output)?);
         }
-        let alike = |g: &Compared| {
-            let named = g.name_in_b.is_none() || self.grid.is_some();
-            named && g.difference.within(self.tolerance) && !(self.tolerance == 0.0 && g.differs_beyond_f32)
-        };
-        let all_paired = only_in_a.is_empty() && only_in_b.is_empty() && of_other_kind.is_empty();
+        let mut differences: Vec<String> = grids.iter().flat_map(|grid| self.differences(grid)).collect();
+        let listed = |names: &[String]| names.iter().map(|name| format!("'{name}'")).collect::<Vec<_>>().join(", ");
+        for (names, what) in [
+            (&only_in_a, "that only the first file has"),
+            (&only_in_b, "that only the second file has"),
+            (&of_other_kind, "of points in one file and of values in the other"),
+        ] {
+            differences.extend((!names.is_empty()).then(|| format!("grids {what}: {}", listed(names))));
+        }
         let up = Sides::differing(up::of_file(&a), up::of_file(&b), |up| up.axis);
         let creator = Sides::differing(creator(&a)?, creator(&b)?, Clone::clone);
         let contradicts = matches!((a.up(), b.up()), (Some(a), Some(b)) if a.up != b.up);
-        let same = all_paired && grids.iter().all(alike) && !contradicts;
-        Ok(Report { same, grids, only_in_a, only_in_b, not_compared, of_other_kind, up, creator })
+        differences.extend(contradicts.then(|| "the up axes that the files state".to_owned()));
+        let same = differences.is_empty();
+        Ok(Report { same, grids, only_in_a, only_in_b, not_compared, of_other_kind, up, creator, differences })
+    }
+
+    /// Returns what two grids differ in.
+    fn differences(&self, grid: &Compared) -> Vec<String> {
+        let (d, exact) = (&grid.difference, self.tolerance == 0.0);
+        let other_name = grid.name_in_b.as_ref().filter(|_| self.grid.is_none());
+        let all = [
+            (d.max_abs > self.tolerance, format!("values by up to {:.3e}", d.max_abs)),
+            (d.incomparable > 0, format!("{} values that are finite on one side only", d.incomparable)),
+            (d.transform_difference != 0.0, format!("transforms, {:.3e} apart", d.transform_difference)),
+            (exact && d.topology_iou != 1.0, format!("active voxels, topology IoU {:.4}", d.topology_iou)),
+            (exact && grid.differs_beyond_f32, "digits that 32-bit floats do not hold".to_owned()),
+            (
+                other_name.is_some(),
+                format!("the name, '{}' in the second file", grid.name_in_b.as_deref().unwrap_or("")),
+            ),
+        ];
+        all.into_iter().filter(|(is, _)| *is).map(|(_, what)| format!("grid '{}': {what}", grid.name)).collect()
     }
 
     /// Compares two grids, each given by its file and name.
@@ -354,14 +379,14 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for grid in &self.grids {
             let d = &grid.difference;
-            let psnr = match d.psnr_db {
-                Some(db) => format!("{db:.2} dB"),
-                None if d.rms == 0.0 => "inf".into(),
-                None => "undefined (A is zero)".into(),
+            let values = match d.psnr_db {
+                Some(db) => format!("psnr {db:.2} dB"),
+                None if d.rms == 0.0 => "equal values".into(),
+                None => "psnr undefined (A is zero)".into(),
             };
             writeln!(
                 f,
-                "'{}'{}: psnr {psnr}, rms {:.4e}, max abs {:.4e}, topology IoU {:.4}, transforms {:.4e} apart, {} voxels",
+                "'{}'{}: {values}, rms {:.4e}, max abs {:.4e}, topology IoU {:.4}, transforms {:.4e} apart, {} voxels",
                 printable(&grid.name),
                 grid.name_in_b
                     .as_ref()
@@ -383,10 +408,10 @@ impl fmt::Display for Report {
                 )?;
             }
             if let Some(Multiple { factor, psnr_db }) = d.explained() {
-                let psnr = psnr_db.map_or_else(|| "inf".to_owned(), |db| format!("{db:.2} dB"));
+                let left = psnr_db.map_or_else(|| "nothing is left".to_owned(), |db| format!("psnr is {db:.2} dB"));
                 writeln!(
                     f,
-                    "  B is {factor:.4} times A, and psnr {psnr} after a division by that: a density scale or a unit of length that \
+                    "  B is {factor:.4} times A, and {left} after a division by that: a density scale or a unit of length that \
                      one of them holds and the other does not; cumulo convert --scale {:.4} takes it out of B",
                     1.0 / factor
                 )?;
@@ -405,17 +430,14 @@ impl fmt::Display for Report {
                 writeln!(f, "  {} values are finite on one side only", d.incomparable)?;
             }
         }
-        for (names, side) in [(&self.only_in_a, "first"), (&self.only_in_b, "second")] {
-            names.iter().try_for_each(|name| writeln!(f, "'{}' is only in the {side} file", printable(name)))?;
-        }
         for name in &self.not_compared {
             writeln!(f, "'{}' holds points and was not compared", printable(name))?;
         }
         self.fmt_stated(f)?;
-        for name in &self.of_other_kind {
-            writeln!(f, "'{}' holds points in one file and values in the other", printable(name))?;
+        match &self.differences[..] {
+            [] => writeln!(f, "same"),
+            all => writeln!(f, "different: {}", printable(&all.join("; "))),
         }
-        writeln!(f, "{}", if self.same { "same" } else { "different" })
     }
 }
 
@@ -437,7 +459,12 @@ mod tests {
             of_other_kind: vec!["smoke".into()],
             up: None,
             creator: None,
+            differences: vec!["grids of points in one file and of values in the other: 'smoke'".into()],
         };
-        assert_eq!(report.to_string(), "'smoke' holds points in one file and values in the other\ndifferent\n");
+        let text = report.to_string();
+        assert!(
+            text.ends_with("different: grids of points in one file and of values in the other: 'smoke'\n"),
+            "{text}"
+        );
     }
 }

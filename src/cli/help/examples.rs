@@ -47,6 +47,7 @@ const TABLE: &[Examples] = &[
         "denoise",
         &[
             "cumulo denoise 'noisy/frame.%04d.exr' -o 'quiet/frame.%04d.exr'",
+            "cumulo denoise noisy.exr -o quiet.exr",
             "cumulo denoise 'noisy.####.exr' -o 'quiet.####.exr' --motion 'files:motion.####.exr'",
         ],
     ),

@@ -15,6 +15,7 @@ use crate::cli::failed::{self, Failed, List};
 use crate::cli::output::Output;
 use crate::cli::outputs;
 use crate::cli::parse::DensityScale;
+use crate::cli::progress::Picture;
 use crate::cli::provenance::Provenance;
 use crate::cli::up::ChosenUp;
 use crate::error::{Error, Kind, Result};
@@ -261,12 +262,13 @@ impl Sequence<'_> {
     /// # Errors
     /// If the work is interrupted.
     fn all(&mut self, frames: &[(u32, PathBuf)], output: &Output) -> Result<Results> {
-        let bar = output.progress(frames.len() as u64, "render");
+        let bar = output.pictures(frames.len() as u64, "render");
         let mut results = Results::default();
         for (place, (number, path)) in frames.iter().enumerate() {
+            let picture = bar.picture();
             let result = match self.is_done(*number, path) {
                 true => Ok(None),
-                false => self.frame(place, *number, path, output).map(Some),
+                false => self.frame((place, *number), path, &picture, output).map(Some),
             };
             match result {
                 Err(e) if e.kind() == Kind::Cancelled => return Err(e),
@@ -281,7 +283,6 @@ impl Sequence<'_> {
                     results.done.push((place, path.clone()));
                 }
             }
-            bar.inc(1);
         }
         bar.finish_and_clear();
         Ok(results)
@@ -451,7 +452,13 @@ impl Sequence<'_> {
     }
 
     /// Renders and writes a frame.
-    fn frame(&mut self, place: usize, number: u32, path: &Path, output: &Output) -> Result<Counts> {
+    fn frame(
+        &mut self,
+        (place, number): (usize, u32),
+        path: &Path,
+        progress: &Picture<'_>,
+        output: &Output,
+    ) -> Result<Counts> {
         let shot = match self.shot.take() {
             Some(shot) if !shot.moving => shot,
             _ => self.shot(place, number, output)?,
@@ -460,7 +467,7 @@ impl Sequence<'_> {
         let renderer = self.pictures.renderer(shot.plan.as_ref(), &shot.scene, shot.paths)?;
         let [before, camera, after] = &self.cameras[place.min(self.cameras.len() - 1)];
         let view = View { camera, before: Some(before), after: Some(after), velocities: &shot.scene.velocities };
-        let rendered = self.render.film(&renderer, number as usize, view, self.cancel);
+        let rendered = self.render.film(&renderer, number as usize, view, self.cancel, progress);
         let (film, counts) = rendered.ok_or_else(Error::cancelled)?;
         self.seen.add(&film);
         self.inputs.extend(shot.provenance.inputs.clone());

@@ -22,6 +22,7 @@ use crate::cli::cancel;
 use crate::cli::output::Output;
 use crate::cli::outputs;
 use crate::cli::parse;
+use crate::cli::progress::Picture;
 use crate::cli::provenance::Provenance;
 use crate::cli::up::ChosenUp;
 use crate::error::{Error, Result};
@@ -34,6 +35,7 @@ use crate::ordered;
 use crate::plan::Plan;
 use crate::render::aov::{self, Aov};
 use crate::render::path::{self, Counts, Sampling, View};
+use crate::render::tiles::Watch;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame, Model};
 use crate::scene::film::Film;
@@ -292,14 +294,14 @@ impl Render {
         output: &Output,
     ) -> Result<Counts> {
         let cancel = cancel::listen();
-        let bar = output.progress(views.len() as u64, "render");
+        let bar = output.pictures(views.len() as u64, "render");
         let attributes = provenance.attributes();
         let view = |((number, camera), files): &((&usize, &Camera), &Vec<PathBuf>)| {
+            let picture = bar.picture();
             let (film, counts) =
-                self.film(renderer, **number, (*camera).into(), cancel).ok_or_else(Error::cancelled)?;
+                self.film(renderer, **number, (*camera).into(), cancel, &picture).ok_or_else(Error::cancelled)?;
             seen.add(&film);
             files.iter().try_for_each(|file| self.write_picture(file, &film, &attributes, whole))?;
-            bar.inc(1);
             Ok(counts)
         };
         let counts = ordered::try_map(views.par_iter(), view)?.into_iter().fold(Counts::default(), Counts::plus);
@@ -365,25 +367,29 @@ impl Render {
         Ok(())
     }
 
-    /// Renders a view, or a frame, of that number. Returns `None` if `cancel` was set.
+    /// Renders a view, or a frame, of that number, and counts its pixels. Returns `None` if `cancel` was set.
     fn film(
         &self,
         renderer: &Renderer<'_>,
         number: usize,
         view: View<'_>,
         cancel: &AtomicBool,
+        progress: &Picture<'_>,
     ) -> Option<(Film, Counts)> {
+        let all = u64::from(view.camera.width) * u64::from(view.camera.height);
+        let done = |pixels| progress.add(pixels, all);
+        let watch = Watch { cancel, done: Some(&done) };
         match (renderer, &self.aov[..]) {
             (Renderer::Paths(paths), aovs) => {
                 let origin = self.pictures.crop.map_or([0; 2], |window| window.origin);
                 let sampling = Sampling { origin, ..self.pictures.scattering.sampling(number) };
-                let picture = paths.picture(view, sampling, aovs, cancel)?;
+                let picture = paths.picture(view, sampling, aovs, watch)?;
                 Some((picture.film, picture.counts))
             }
             (Renderer::Dvr { dvr, rays_per_edge }, aovs) => {
                 let film = match aovs {
-                    [] => dvr.picture(view.camera, *rays_per_edge, cancel),
-                    aovs => dvr.picture_with(view.camera, *rays_per_edge, aovs, cancel),
+                    [] => dvr.picture(view.camera, *rays_per_edge, watch),
+                    aovs => dvr.picture_with(view.camera, *rays_per_edge, aovs, watch),
                 };
                 Some((film?, Counts::default()))
             }

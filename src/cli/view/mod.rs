@@ -12,6 +12,7 @@ mod terminal;
 mod volume;
 
 use super::frames::FramesOption;
+use super::info::Failure;
 use super::memory::Memory;
 use super::output::Output;
 use super::outputs::{self, Content as Kind};
@@ -19,14 +20,14 @@ use super::parse::{self, DensityScale};
 use super::provenance::quoted;
 use super::transfer::TransferOption;
 use super::up::{self, UpChoice};
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind as ErrorKind, Result};
 use crate::formats::sequence::{Frames, Pattern};
 use crate::formats::vdb::File;
 use crate::formats::{self, Format, captures, picture, png};
 use crate::report::sheet::Sheet;
 use crate::scene::up::Up;
 pub(in crate::cli) use shown::Report;
-use shown::{Content, Shown};
+use shown::{Content, NotShown, Shown};
 use std::collections::BTreeSet;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -37,7 +38,7 @@ use terminal::Graphics;
 ///
 /// A VDB is shown by a picture of its density, three slices and a histogram; an OpenEXR picture by its layers; a capture
 /// by its views and a plan of its cameras; a sequence by its frames. Scales and exposures are chosen so that something can
-/// be seen, and are stated.
+/// be seen, and are stated. A file that cannot be shown is named, and the others are shown.
 #[derive(Debug, clap::Args)]
 pub struct View {
     /// OpenVDB files, pictures (OpenEXR, PNG, JPEG), captures, and sequences such as smoke.####.vdb, view.%04d.exr or the folder
@@ -87,14 +88,22 @@ impl View {
     /// Reads, draws, writes or shows, and reports.
     ///
     /// # Errors
-    /// If a file cannot be read or shown, the sheet cannot be written, or there is neither a terminal nor an output.
+    /// If the only file cannot be read or shown, a sheet cannot be written, or there is neither a terminal nor an output.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let destination = self.destination(output)?;
-        let mut sheets = Vec::new();
+        let (mut sheets, mut failed) = (Vec::new(), Vec::new());
         for (i, file) in self.files.iter().enumerate() {
-            let (sheet, content) = {
+            let drawn = {
                 let _stage = output.stage("looking");
-                self.sheet(file)?
+                self.sheet(file)
+            };
+            let (sheet, content) = match drawn {
+                Ok(drawn) => drawn,
+                Err(e) if self.files.len() == 1 || e.kind() == ErrorKind::Cancelled => return Err(e),
+                Err(e) => {
+                    failed.push(NotShown { input: file.clone(), error: Failure::new(&e.at(file)) });
+                    continue;
+                }
             };
             let canvas = sheet.draw();
             let written = match &destination {
@@ -110,8 +119,9 @@ impl View {
             let size = [canvas.width, canvas.height];
             sheets.push(Shown { input: file.clone(), output: written, size, content });
         }
-        output.report(&Report { sheets })?;
-        Ok(ExitCode::SUCCESS)
+        let code = if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(2) };
+        output.report(&Report { sheets, failed })?;
+        Ok(code)
     }
 
     /// Returns the up axis of a volume: that of `--up`, else what the file states, else Z.

@@ -1,6 +1,7 @@
 //! What a sheet shows, for the report.
 
 use super::slices::Cut;
+use crate::cli::info::Failure;
 use crate::report::sheet::Range;
 use crate::report::short;
 use crate::scene::statistics::Statistics;
@@ -12,6 +13,17 @@ use std::path::PathBuf;
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Report {
     pub sheets: Vec<Shown>,
+    /// Files without a sheet.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub failed: Vec<NotShown>,
+}
+
+/// A file that could not be shown.
+#[derive(Debug, Serialize, schemars::JsonSchema)]
+pub(in crate::cli) struct NotShown {
+    #[serde(serialize_with = "crate::cli::paths::text")]
+    pub input: PathBuf,
+    pub error: Failure,
 }
 
 /// A sheet of a file.
@@ -119,6 +131,9 @@ impl fmt::Display for Report {
         self.sheets.iter().try_for_each(|shown| {
             let place = shown.output.as_ref().unwrap_or(&shown.input);
             writeln!(f, "{}: {}", printable(&place.to_string_lossy()), shown.content)
+        })?;
+        self.failed.iter().try_for_each(|NotShown { input, error }| {
+            write!(f, "{}: {}", printable(&input.to_string_lossy()), error.to_string().trim_end().replace('\n', "\n  "))
         })
     }
 }

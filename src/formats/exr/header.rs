@@ -3,6 +3,7 @@
 use super::{Window, attributes, fault};
 use crate::error::{Error, Result};
 use crate::formats::input;
+use crate::scene::primaries::Primaries;
 use exr::meta::attribute::IntegerBounds;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -94,6 +95,13 @@ impl Header {
             }
         }
         layers
+    }
+
+    /// Primaries of the colors: those of the attribute `chromaticities`, else Rec.709, which OpenEXR takes for granted.
+    pub fn primaries(&self) -> Primaries {
+        let stated = self.parts.iter().find_map(|part| part.attributes.get("chromaticities"));
+        let numbers: Option<Vec<f64>> = stated.and_then(|text| text.split(' ').map(|v| v.parse().ok()).collect());
+        numbers.and_then(|numbers| numbers.try_into().ok()).map_or(Primaries::REC_709, Primaries::of)
     }
 
     /// Attributes of all parts; where two parts differ, the first one's value.

@@ -24,6 +24,7 @@ mod picture;
 mod problems;
 mod read;
 mod summary;
+mod views;
 mod write;
 
 pub use document::Document;

@@ -22,6 +22,13 @@ pub struct Picture {
     pub channels: Vec<String>,
 }
 
+impl Picture {
+    /// True if the film holds red, green and blue, which primaries make colors.
+    pub fn is_color(&self) -> bool {
+        self.channels.iter().any(|name| ["r", "red"].contains(&name.to_ascii_lowercase().as_str()))
+    }
+}
+
 /// Reads one layer as a film; see [`picture`], which also reports the layer.
 ///
 /// # Errors
@@ -192,6 +199,7 @@ pub(super) fn default<'a>(header: &Header, layers: &'a [LayerInfo]) -> Result<&'
         .or_else(|| ending("beauty"))
         .or_else(|| ending("C"))
         .or_else(|| only(layers.iter().filter(colored)))
+        .or_else(|| only(layers.iter().filter(colored).filter(|l| header.view_of(l) == 0)))
         .or_else(|| layers.iter().filter(grey).find(|l| l.name.is_empty()))
         .or_else(|| only(layers.iter().filter(grey)))
         .ok_or_else(|| {

@@ -3,12 +3,12 @@
 use super::{Counts, First, PathSample, PathTracer, Scratch};
 use crate::render::aov::Aov;
 use crate::render::sampler::Sampler;
-use crate::render::tiles;
+use crate::render::tiles::{self, Watch};
 use crate::scene::camera::Camera;
 use crate::scene::film::{Film, Moments, Plane};
 use crate::scene::velocity::Velocity;
 use glam::{DVec2, DVec3, Vec2, Vec3};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 /// Which paths a picture is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -181,15 +181,15 @@ fn layers(aov: Aov) -> Vec<Layer> {
 
 impl PathTracer<'_> {
     /// Renders a picture, the mean over the paths of each pixel through points of its square, with the requested planes
-    /// beside RGBA. Returns `None` if `cancel` was set.
-    pub fn picture<'c>(
+    /// beside RGBA. Returns `None` if the watch stopped it.
+    pub fn picture<'c, 'w>(
         &self,
         view: impl Into<View<'c>>,
         sampling: Sampling,
         aovs: &[Aov],
-        cancel: &AtomicBool,
+        watch: impl Into<Watch<'w>>,
     ) -> Option<PathFilm> {
-        let view = view.into();
+        let (view, watch) = (view.into(), watch.into());
         let camera = view.camera;
         let size = [camera.width as usize, camera.height as usize];
         let count = sampling.samples.max(1);
@@ -202,7 +202,7 @@ impl PathTracer<'_> {
             scratch.counts = Counts::default();
             for number in 0..count / each {
                 // A pixel of many paths must not keep an interrupted program waiting.
-                if number % RAYS_BETWEEN_LOOKS == 0 && cancel.load(Ordering::Relaxed) {
+                if number % RAYS_BETWEEN_LOOKS == 0 && watch.cancel.load(Ordering::Relaxed) {
                     break;
                 }
                 let [dx, dy, ..] = Sampler::new(sampling.seed, in_whole, number).even();
@@ -237,7 +237,7 @@ impl PathTracer<'_> {
             pixel.counts = scratch.counts;
             pixel
         };
-        let pixels = tiles::pixels(size, Some(cancel), Scratch::default, pixel)?;
+        let pixels = tiles::pixels(size, Some(watch), Scratch::default, pixel)?;
         let mut film = Film::of(size[0], size[1], pixels.iter().map(|p| p.rgba.map(|m| m.mean() as f32)).collect());
         film.samples = count;
         for (layer, channels, value) in aovs.iter().flat_map(|aov| layers(*aov)) {

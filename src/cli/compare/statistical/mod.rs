@@ -3,7 +3,7 @@
 mod report;
 mod side;
 
-use super::Arguments;
+use super::{Arguments, traits};
 use crate::cli::output::Output;
 use crate::cli::outputs::{self, Content};
 use crate::error::{Error, Result};
@@ -86,6 +86,21 @@ impl Arguments {
         Ok(Side { name, picture, repeats, noiseless, layer, variance_layer })
     }
 
+    /// Refuses pictures whose samples do not mean the same.
+    fn check_headers(&self) -> Result<()> {
+        let [a, b] = [exr::header(&self.a)?, exr::header(&self.b)?];
+        let mut differences = traits::of_headers(&a, &b);
+        if !a.primaries().is_same(&b.primaries()) {
+            differences.push(format!("primaries {} and {}", a.primaries(), b.primaries()));
+        }
+        if differences.is_empty() {
+            return Ok(());
+        }
+        Err(Error::invalid(format!("the pictures differ in their headers: {}", differences.join("; ")))
+            .part(format!("{} and {}", self.a.display(), self.b.display()))
+            .hint("render both with the same camera and in the same color space"))
+    }
+
     fn check_statistical_memory(&self) -> Result<()> {
         let pixels = |path: &Path| Ok(exr::header(path)?.display_window.pixels());
         let needed = pixels(&self.a)?.max(pixels(&self.b)?).saturating_mul(PIXEL_BYTES);
@@ -114,6 +129,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
         outputs::spare([path.as_path()], sides.iter().flat_map(Side::files).collect::<Vec<_>>())?;
     }
     arguments.check_statistical_memory()?;
+    arguments.check_headers()?;
     let limits = arguments.memory.limits();
     let [a, b] = sides.each_ref().map(|side| side.read(limits));
     let (a, b): (Read, Read) = (a?, b?);
