@@ -17,6 +17,7 @@
 //! | [Planning](planning) | Which effects of light are simulated, what do they cost, and what may be left out? |
 //! | [Reconstruction](reconstruction) | How do I find densities, transfer functions, colors, poses and viewpoints? |
 //! | [Gradients](gradients) | Which derivatives are there, and how are they checked? |
+//! | [A loss of your own](own_loss) | How do I differentiate a loss that I write in NumPy or PyTorch? |
 //! | [Accuracy and cost](accuracy_and_cost) | What does accuracy cost in time and memory? |
 //! | [Scripts](shell) | How do I work on sequences, read exit codes and JSON, and check renders in continuous integration? |
 //! | [Python](python) | How do I call it from Python, and test renders with pytest? |
@@ -59,6 +60,9 @@ pub mod library {}
 
 #[doc = include_str!("guide/looking.md")]
 pub mod looking {}
+
+#[doc = include_str!("guide/own-loss.md")]
+pub mod own_loss {}
 
 #[doc = include_str!("guide/paths.md")]
 pub mod paths {}

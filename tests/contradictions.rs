@@ -173,18 +173,69 @@ fn validate_compares_pictures_with_what_the_capture_states() {
     assert!(found.to_string().contains("display-referred"), "{found}");
 }
 
-/// Sunlit smoke that is said to absorb alone: its light depends on the view.
+/// Findings of `validate` about the capture.
+fn validated(work: &Work) -> Value {
+    work.json("validate cap")["files"][0]["findings"].clone()
+}
+
+/// Sunlit smoke, and the same that is said to shine: its light depends on the view.
 #[test]
 fn scattered_light_is_called_by_its_name() {
     let work = with_pictures("--albedo 0.95 --sun 1,1,2 --sun-color 3 --samples 64");
-    let validated = work.json("validate cap");
-    assert!(validated["files"][0]["findings"].to_string().contains("no reconstruction explains"), "{validated}");
+    let found = validated(&work);
+    assert!(found[0]["severity"] == "note" && found.as_array().unwrap().len() == 1, "{found}");
+    assert!(found.to_string().contains("reconstruct density") && found.to_string().contains("reconstruct color"));
     edit(&work, |c| {
         c["model"] = json!("emission-absorption");
         c["emission"] = json!([1, 1, 1]);
     });
-    let found = work.json("validate cap")["files"][0]["findings"].to_string();
-    assert!(found.contains("another one in each view") && found.contains("without --albedo"), "{found}");
+    let found = validated(&work).to_string();
+    assert!(found.contains("another one in each view") && found.contains(r#"\"model\": \"scattering\""#), "{found}");
+}
+
+/// Smoke under a sky that looks alike from all sides. Alpha tells its densities. No emission is advised that its colors
+/// contradict, and one that is stated all the same is not believed.
+#[test]
+fn scattered_light_leaves_the_densities_to_alpha() {
+    let work = with_pictures("--albedo 0.8 --sky 0.5,0.7,1 --background 0,0,0 --samples 64");
+    let out = work.command(WORDS).arg("--report").arg("page").output().unwrap();
+    assert!(out.status.success() && errors(&out).contains("alpha tells"), "{}", errors(&out));
+    assert!(!errors(&out).contains("warning"), "{}", errors(&out));
+    let truth = work.volume_psnr("x.vdb");
+    let colors = work.command("reconstruct color cap -o y.vdb --resolution 12 --iterations 2").output().unwrap();
+    assert!(colors.status.success() && errors(&colors).contains("scattered light"), "{}", errors(&colors));
+    work.refused("reconstruct tf cap --volume @plume.vdb -o x.tf.json", &["scattered light", "reconstruct density"]);
+    edit(&work, |c| (c["model"], c["emission"]) = (json!("emission-absorption"), json!([1, 1, 1])));
+    for _ in 0..2 {
+        let found = validated(&work);
+        let what = found[0]["what"].as_str().unwrap();
+        assert!(what.contains("no one emission") && !found.to_string().contains("state \\\"emission"), "{found}");
+        // The mean of what they imply is no remedy.
+        let start = what.find("pixel, ").unwrap() + 7;
+        let mean: Value = serde_json::from_str(&what[start..what.find(" on average").unwrap()]).unwrap();
+        edit(&work, |c| c["emission"] = mean);
+    }
+    warned(&work, WORDS, &["no one emission"]);
+    assert!(truth > 30.0 && truth > work.volume_psnr("x.vdb") + 5.0, "{truth} {}", work.volume_psnr("x.vdb"));
+    work.edit("cap", |_, film| film.rgba.iter_mut().for_each(|pixel| pixel[3] = 1.0));
+    edit(&work, |c| c["model"] = json!("scattering"));
+    refused(&work, "reconstruct density cap -o z.vdb", &["alpha is 1 in all pixels"]);
+}
+
+/// The emission that a reconstruction looks for is no other than a capture's, which states none.
+#[test]
+fn an_emission_that_is_sought_contradicts_nothing() {
+    let work = Work::new();
+    work.json("render @plume.vdb --views 6 --size 24x24 --tf viridis --tf-range 0,0.3 --tf-extinction 20 -o cap");
+    edit(&work, |c| drop(c.as_object_mut().unwrap().remove("transfer")));
+    for words in [
+        "reconstruct tf cap --volume @plume.vdb -o x.tf.json --texels 16 --rays 4000",
+        "reconstruct color cap -o x.vdb --resolution 12 --iterations 4",
+    ] {
+        let report = work.json(words);
+        assert!(!report["warnings"].to_string().contains("contradict"), "{words}: {}", report["warnings"]);
+    }
+    assert!(validated(&work).to_string().contains("no one emission"), "the densities do not follow from a grey medium");
 }
 
 /// A mask of half the opacity implies a negative emission, the same one in each view: no light depends on the view.

@@ -266,7 +266,7 @@ fn sequences_are_compared() {
         ("denoise noisy/frame.####.exr -o out/f.####.exr --motion vdb:smoke.vdb", "transforms.json"),
         ("denoise noisy/frame.####.exr -o out/f.####.exr --motion vdb:nothing.vdb,path", "nothing.vdb"),
         ("denoise noisy/frame.####.exr -o out/f.####.exr --forgetting 1", "forgetting"),
-        ("motion smoke.vdb --cameras path -o motion.exr", "names no sequence"),
+        ("motion smoke.vdb --cameras path -o motion.exr", "place for the frame's number"),
         ("motion smoke.vdb --cameras path --frames 0-1 -o m.####.exr --grid nonsense", "nonsense"),
     ] {
         let out = work.command(words).output().unwrap();

@@ -1,7 +1,7 @@
 //! Every command of README.md and of the guide runs, and ends with the exit code that the page states.
 //!
-//! The ```` ```sh ```` fences of a page run in one folder, from top to bottom. A fence ```` ```json NAME ```` or
-//! ```` ```usda NAME ```` is the file of that name. A comment with the words "exit code 1" states that exit code; without it 0 is expected.
+//! The ```` ```sh ```` fences of a page run in one folder, from top to bottom. A fence ```` ```json NAME ````,
+//! ```` ```usda NAME ```` or ```` ```python NAME ```` is the file of that name. A comment with the words "exit code 1" states that exit code; without it 0 is expected.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is how a test fails")]
 
@@ -23,6 +23,7 @@ const PAGES: &[&str] = &[
     "src/guide/grids.md",
     "src/guide/library.md",
     "src/guide/looking.md",
+    "src/guide/own-loss.md",
     "src/guide/reconstruction.md",
     "src/guide/scattering.md",
     "src/guide/paths.md",
@@ -66,6 +67,8 @@ const OTHERS: &[&str] = &[
     "cargo install --path . --locked",
     "cargo doc --open",
     "usdview smoke.usda",
+    // `python/tests/test_commands.py` runs it.
+    "python3 own_loss.py guess.vdb shots",
     "cargo run --release --example load_and_render -- smoke.vdb view.exr",
     "cargo run --release --example gradient_of_a_picture -- smoke.vdb",
     "cargo run --release --example reconstruct -- shots found.vdb",
@@ -137,7 +140,7 @@ fn run(page: &str) -> usize {
     let mut count = 0;
     for fence in fences(&text) {
         match &*fence.info {
-            [kind, name] if kind == "json" || kind == "usda" => {
+            [kind, name] if ["json", "usda", "python"].contains(&kind.as_str()) => {
                 std::fs::write(work.path(name), fence.lines.join("\n")).unwrap()
             }
             [kind] if kind == "sh" => {
@@ -225,6 +228,11 @@ fn library() {
 #[test]
 fn looking() {
     assert!(run("src/guide/looking.md") >= 16);
+}
+
+#[test]
+fn own_loss() {
+    assert!(run("src/guide/own-loss.md") >= 2);
 }
 
 #[test]

@@ -41,7 +41,10 @@ fn plans_tell_states_costs_and_bounds() {
 
     let text = work.text(&format!("plan @plume.vdb --size 64x48 --samples 16 {LIT} --max-omitted 0.2"));
     assert!(
-        text.contains("path tracing") && text.contains("bounded") && text.contains("of radiance is left out"),
+        text.contains("path tracing")
+            && text.contains("bounded")
+            && text.contains("of radiance is missing")
+            && text.contains("bound: most radiance"),
         "{text}"
     );
     let forced = work.json(&format!("plan @plume.vdb {LIT} --max-omitted 1000 --force scattering,light-0"));

@@ -11,7 +11,7 @@ use cumulo::math::Affine;
 use glam::DMat4;
 use serde_json::Value;
 use std::collections::BTreeMap;
-use work::{Work, fixture};
+use work::{Work, errors, fixture};
 
 const LIT: &str = "--albedo 0.9 --anisotropy 0.3 --sun 1,1,2 --sun-color 3 --sky 0.2,0.3,0.5";
 
@@ -274,7 +274,25 @@ fn what_cannot_be_scattered_is_refused_with_words() {
         );
     }
     work.refused("info scene.json", &["scene file", "cumulo render"]);
-    // Pictures of scattered light are not explained by absorption.
+    // No function tells scattered light.
     work.json(&format!("render @plume.vdb --views 4 --size 8x8 --samples 2 {LIT} -o lit"));
-    work.refused("reconstruct density lit -o found.vdb", &["scatters"]);
+    work.refused("reconstruct tf lit --volume @plume.vdb -o found.tf.json", &["scattered light"]);
+}
+
+/// Cameras of a lit capture come without its lights, and the options that state them are told.
+#[test]
+fn lights_of_other_captures_are_told_and_not_taken() {
+    let work = Work::new();
+    work.json(&format!("render @plume.vdb --views 1 --size 8x8 --samples 1 {LIT} -o lit"));
+    let options = "--albedo 0.9 --anisotropy 0.3 --sun 1,1,2 --sun-color 3 --sun-angle 0.53 --sky 0.2,0.3,0.5";
+    work.refused("render @plume.vdb --cameras lit -o plain", &[options]);
+    let remarks = |words: &str| work.json(words)["remarks"].clone();
+    let white = remarks("render @plume.vdb --cameras lit --albedo 0.9 --samples 1 -o white");
+    assert!(white.to_string().contains(options) && white.to_string().contains("white sky"), "{white}");
+    let out = work.command("plan @plume.vdb --cameras lit --albedo 0.9").output().unwrap();
+    assert!(errors(&out).contains(options), "{}", errors(&out));
+    let same = format!("render @plume.vdb --cameras lit --samples 1 {options} -o same");
+    assert!(remarks(&same).is_null());
+    let picture = |folder: &str| exr::read_picture(&work.path(&format!("{folder}/view_000.exr")), None).unwrap().rgba;
+    assert!(picture("same") == picture("lit") && picture("white") != picture("lit"));
 }

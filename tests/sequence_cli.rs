@@ -266,3 +266,26 @@ fn parts_that_end_at_once_keep_each_others_frames() {
     // Without --resume a second part is refused, and the refusal names it.
     work.refused("render @plume.vdb --views 1 --size 8x8 -o out0 --frames 8-9", &["another capture", "--resume"]);
 }
+
+/// A folder of numbered files, and Houdini's names, are the sequence that a pattern is.
+#[test]
+fn folders_and_houdinis_names_are_sequences() {
+    let work = Work::new();
+    std::fs::create_dir(work.path("shot")).unwrap();
+    for (name, from) in [("smoke.0001.vdb", "plume.vdb"), ("smoke.0002.vdb", "cube.vdb")] {
+        std::fs::copy(fixture(from), work.path("shot").join(name)).unwrap();
+    }
+    let render = |input: &str, to: &str| {
+        work.json(&format!("render {input} --views 1 --size 12x12 --density-scale auto -o {to}"));
+        [1, 2].map(|number| exr::read_picture(&work.path(&format!("{to}/frame.{number:04}.exr")), None).unwrap().rgba)
+    };
+    let pictures = render("shot/smoke.####.vdb", "a");
+    assert!(pictures[0] != pictures[1]);
+    assert!(render("shot", "b") == pictures && render("shot/smoke.$F4.vdb", "c") == pictures);
+    assert_eq!(work.json("plan shot --views 1 --size 12x12")["input"], "shot/smoke.0001.vdb");
+    std::fs::create_dir(work.path("empty")).unwrap();
+    work.refused("render empty --views 1 -o d", &["empty", "no numbered VDBs", "smoke.0001.vdb"]);
+    std::fs::copy(fixture("cube.vdb"), work.path("shot/fire.1.vdb")).unwrap();
+    std::fs::copy(fixture("cube.vdb"), work.path("shot/fire.2.vdb")).unwrap();
+    work.refused("render shot --views 1 -o d", &["shot", "fire.#.vdb", "smoke.####.vdb"]);
+}

@@ -214,3 +214,35 @@ def test_two_threads_may_call_at_once(plume):
     [t.start() for t in threads]
     [t.join() for t in threads]
     assert found == ["vdb"] * 4
+
+
+def test_the_guides_loss_of_ones_own_has_the_derivatives_of_its_difference_quotients(plume, tmp_path):
+    page = (pathlib.Path(__file__).resolve().parents[2] / "src/guide/own-loss.md").read_text()
+    example = {"__name__": "own_loss"}
+    exec(page.split("```python own_loss.py\n")[1].split("```")[0], example)
+    truth = arrays.read_volume(plume)
+    shots = package.render(plume, tmp_path / "shots", views=3, size=(24, 24), density_scale="auto").output
+    place = {"transform": truth.transform}
+    random = np.random.default_rng(1)
+    guess = truth.values * (1 + 0.5 * random.random(truth.values.shape))
+    direction = truth.values * random.random(truth.values.shape)
+
+    def written(step):
+        arrays.write_volume(tmp_path / "guess.vdb", guess + step * direction, **place)
+        return tmp_path / "guess.vdb"
+
+    def loss(step):
+        renders = package.render(written(step), tmp_path / "at", cameras=shots, overwrite=True).output
+        return example["own_loss"](example["read"](renders)[..., :3], example["read"](shots)[..., :3])[0]
+
+    value, slopes = example["loss_and_gradient"](written(0.0), shots, tmp_path / "work")
+    assert value == pytest.approx(loss(0.0), rel=1e-12)
+    assert np.allclose(slopes.transform[:3, :3], truth.transform[:3, :3])
+    first = np.round(np.linalg.inv(truth.transform) @ slopes.transform[:, 3]).astype(int)[:3]
+    product = 0.0
+    for index in np.argwhere(direction):
+        at = tuple(index - first)
+        if all(0 <= i < n for i, n in zip(at, slopes.values.shape, strict=True)):
+            product += direction[tuple(index)] * slopes.values[at]
+    quotient = (loss(1e-2) - loss(-1e-2)) / 2e-2
+    assert abs(quotient) > 1e-4 and product == pytest.approx(quotient, rel=2e-3)

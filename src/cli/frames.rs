@@ -96,8 +96,8 @@ impl FramesOption {
         if all.is_empty() && path.is_dir() {
             let endings = ENDINGS.map(|ending| format!(".{ending}")).join(", ");
             return Err(Error::invalid("the folder holds neither a capture nor a sequence").at(path).hint(format!(
-                "a capture is a transforms.json or the folder that holds one, a sequence two numbered files or more \
-                 ({endings}); of other files give the names"
+                "a capture is a transforms.json, a model of COLMAP (cameras and images, .txt or .bin) or the folder that \
+                 holds one, a sequence two numbered files or more ({endings}); of other files give the names"
             )));
         }
         Ok(all)

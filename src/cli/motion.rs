@@ -52,7 +52,7 @@ pub struct MotionCommand {
     /// Grid that pictures show (default: density, else the only scalar one)
     #[arg(long, value_name = "NAME")]
     grid: Option<String>,
-    /// Extinction per unit of density and length (default: that of the cameras' capture)
+    /// Extinction per world unit at a density of 1 (default: that of the cameras' capture)
     #[arg(long, value_name = "S", value_parser = parse::positive)]
     density_scale: Option<f64>,
     /// Grid of the volume's velocities in world units per second
@@ -215,9 +215,11 @@ impl MotionCommand {
         let mut tracing = Tracing::of(&self.input, &capture, &self.cameras, &numbers, choices, limits)?;
         let density_scale = tracing.density_scale;
         let to = Pattern::parse(&self.output).ok_or_else(|| {
-            Error::invalid("this names no sequence, and there is a picture for each frame")
-                .at(&self.output)
-                .hint("give a name with the number's place, in quotes: 'motion.####.exr'")
+            Error::invalid(
+                "this is the name of one file, and each frame becomes one: it needs a place for the frame's number",
+            )
+            .at(&self.output)
+            .hint("give a name such as 'motion.####.exr', in quotes")
         })?;
         let pictures: Vec<PathBuf> = numbers.iter().map(|number| to.path(*number)).collect();
         let mut batch = Batch::new();

@@ -3,7 +3,7 @@
 use crate::cli::cancel;
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
-use crate::cli::render::{Cameras, LeftOut, PictureOptions};
+use crate::cli::render::{Cameras, LeftOut, PictureOptions, remarks};
 use crate::cli::up::ChosenUp;
 use crate::error::{Error, Result};
 use crate::formats::sequence::Pattern;
@@ -17,7 +17,7 @@ use std::process::ExitCode;
 /// Tell which effects `render` would simulate, what they cost, and how much radiance is left out at most
 ///
 /// Takes the options of render. Effects that a scene does not call for are off and cost nothing; with --max-omitted, more
-/// of them are left out as long as the sum of their bounds stays below. Costs are those of small pictures, rendered now.
+/// of them are left out as long as the sum of their bounds stays below that radiance. Costs are those of small pictures, rendered now.
 #[derive(Debug, clap::Args)]
 pub struct PlanCommand {
     /// Frame of a sequence (default: the first)
@@ -68,6 +68,11 @@ impl fmt::Display for Report {
             };
             writeln!(f, "  {:<22}{state:<9}{seconds:>10}{bound:>12}  {}", planned.name.to_string(), planned.reason)?;
         }
+        writeln!(
+            f,
+            "  bound: most radiance that the effect, or the part that is left out, adds to a channel of any pixel; pictures \
+             are often far darker"
+        )?;
         let depth = &plan.measured.optical_depth;
         writeln!(
             f,
@@ -88,6 +93,9 @@ impl PlanCommand {
         let cancel = cancel::listen();
         let mut pictures = self.pictures.clone();
         pictures.frame = self.frame;
+        if let Some(input) = pictures.sequence_of_folder()? {
+            pictures.input = input;
+        }
         if let Some(pattern) = Pattern::parse(&pictures.input) {
             let numbers = pattern.numbers()?;
             pictures.frame = self.frame.or(numbers.first().copied());
@@ -96,7 +104,9 @@ impl PlanCommand {
         let template = pictures.template(None)?;
         let limits = pictures.memory.limits();
         let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut Provenance::begin())?;
-        subject.remarks().iter().for_each(|remark| output.note(format!("remark: {remark}")));
+        remarks(&pictures, &subject, template.as_ref())
+            .iter()
+            .for_each(|remark| output.note(format!("remark: {remark}")));
         let paths = pictures.scattering.on() || subject.is_scene();
         pictures.scattering.check(paths)?;
         let up = pictures.chosen_up(template.as_ref())?;

@@ -12,7 +12,7 @@ use crate::cancel::Cancel;
 use crate::error::{Kind, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
-use crate::optimise::plausibility::{self, Warning};
+use crate::optimise::plausibility::{self, Emission, Warning};
 use crate::optimise::projection::observation::Photo;
 use crate::process;
 use crate::scene::capture::Capture;
@@ -49,7 +49,8 @@ impl<'t> Task<'t> {
         Ok(Self { provenance, limits: memory.limits(), cancel, report })
     }
 
-    /// Reads the pictures of a capture, which lies at `json`, and returns them with warnings about doubtful ones.
+    /// Reads the pictures of a capture, which lies at `json`, and returns them with warnings about doubtful ones. `emission`
+    /// tells whether the pictures must show the one that the capture states.
     ///
     /// # Errors
     /// Those of [`photos::read`], and an error if pictures and capture contradict each other.
@@ -57,6 +58,7 @@ impl<'t> Task<'t> {
         &mut self,
         json: &Path,
         capture: &Capture,
+        emission: Emission,
         layer: Option<&str>,
         output: &Output,
     ) -> Result<(Vec<Photo>, Vec<Warning>)> {
@@ -65,7 +67,7 @@ impl<'t> Task<'t> {
         let pictures = capture.frames.iter().map(|f| f.picture.as_path());
         let files = captures::files(json);
         self.provenance.input(json, files.iter().map(PathBuf::as_path).chain(pictures))?;
-        let findings = plausibility::pictures(&photos, capture);
+        let findings = plausibility::pictures(&photos, capture, emission);
         bar.finish_and_clear();
         let mut warnings = plausibility::refuse(findings).map_err(|e| e.at(json))?;
         warnings.extend(photos::remarks(capture));

@@ -40,7 +40,7 @@ pub struct TransferCommand {
     /// World length that the opacities of a preset are for (default: 1)
     #[arg(long, value_name = "U", value_parser = positive)]
     unit_distance: Option<f64>,
-    /// Extinction per world unit at the end of a color map or preset without opacities (default: 1)
+    /// Extinction per world unit at the upper end of a color map or preset without opacities (default: 1)
     #[arg(long, value_name = "S", value_parser = positive)]
     extinction: Option<f64>,
     #[command(flatten)]
@@ -63,7 +63,8 @@ pub struct TransferOption {
     /// World length that the opacities of a preset are for (default: 1)
     #[arg(long, value_name = "U", value_parser = positive, requires = "tf")]
     pub tf_unit_distance: Option<f64>,
-    /// Extinction per world unit at the end of a color map or preset without opacities (default: 1)
+    /// Extinction per world unit (per millimeter in a volume whose voxels are measured in mm) at the upper end of a color
+    /// map or preset without opacities (default: 1)
     #[arg(long, value_name = "S", value_parser = positive, requires = "tf")]
     pub tf_extinction: Option<f64>,
 }

@@ -95,8 +95,8 @@ pub fn sniff(path: &Path) -> Result<Format> {
 /// Returns the error for a file of [`Format::Unknown`]: what it is, if a conversion leads on.
 pub fn unknown(path: &Path) -> Error {
     match imaging::format::sniff(path) {
-        Ok(Some(format)) => Error::unsupported(format!("this is {}, which is not worked on directly", format.name()))
-            .hint("make an OpenVDB file of it first: cumulo convert IN OUT.vdb; cumulo info lists what it holds"),
+        Ok(Some(format)) => Error::unsupported(format!("this is {}, and this command reads OpenVDB", format.name()))
+            .hint("convert it first: cumulo convert IN OUT.vdb; cumulo info lists what it holds"),
         _ => Error::unsupported("no file of a known kind").hint(
             "OpenVDB and OpenEXR files and USD stages are understood, and captures: a transforms.json, a model of COLMAP, or \
              the folder that holds one; grids of NIfTI, NRRD, MetaImage, TIFF, VTK and NumPy become an OpenVDB file with \

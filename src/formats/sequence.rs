@@ -1,5 +1,5 @@
-//! Sequences of numbered files: `smoke.####.vdb`, `smoke.%04d.vdb` and `smoke.0001-0100.vdb` all mean `smoke.0001.vdb`
-//! and so on.
+//! Sequences of numbered files: `smoke.####.vdb`, `smoke.%04d.vdb`, `smoke.$F4.vdb` and `smoke.0001-0100.vdb` all mean
+//! `smoke.0001.vdb` and so on.
 
 use crate::error::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
@@ -67,7 +67,8 @@ impl Pattern {
     pub fn parse(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?;
         let folder = path.parent().unwrap_or(Path::new("")).to_path_buf();
-        let (start, end, digits, frames) = hashes(name).or_else(|| percent(name)).or_else(|| range(name))?;
+        let (start, end, digits, frames) =
+            hashes(name).or_else(|| percent(name)).or_else(|| houdini(name)).or_else(|| range(name))?;
         if path.exists() {
             return None;
         }
@@ -164,6 +165,20 @@ fn percent(name: &str) -> Option<Place> {
     Some((start, start + end + 2, digits, None))
 }
 
+/// Houdini's `$F`, `$F4` and `${F4}`.
+fn houdini(name: &str) -> Option<Place> {
+    let start = name.find("$F").or_else(|| name.find("${F"))?;
+    let braced = name[start + 1..].starts_with('{');
+    let from = start + 2 + usize::from(braced);
+    let digit = name[from..].chars().next().and_then(|c| c.to_digit(10)).filter(|digits| *digits > 0);
+    let end = from + usize::from(digit.is_some());
+    match (braced, name[end..].starts_with('}')) {
+        (true, true) => Some((start, end + 1, digit.unwrap_or(1) as usize, None)),
+        (false, _) => Some((start, end, digit.unwrap_or(1) as usize, None)),
+        (true, false) => None,
+    }
+}
+
 /// Two groups of as many digits around a dash, behind a dot: other names have dashes of their own.
 fn range(name: &str) -> Option<Place> {
     for (start, _) in name.match_indices('.') {
@@ -208,8 +223,13 @@ mod tests {
         assert_eq!(named("smoke_##.vdb", 123).unwrap(), "smoke_123.vdb");
         assert_eq!(named("smoke.%04d.vdb", 7).unwrap(), "smoke.0007.vdb");
         assert_eq!(named("smoke%d.vdb", 7).unwrap(), "smoke7.vdb");
+        assert_eq!(named("smoke.$F4.vdb", 7).unwrap(), "smoke.0007.vdb");
+        assert_eq!(named("smoke.$F.vdb", 7).unwrap(), "smoke.7.vdb");
+        assert_eq!(named("smoke.${F3}.vdb", 7).unwrap(), "smoke.007.vdb");
         assert_eq!(named("smoke.0001-0100.vdb", 7).unwrap(), "smoke.0007.vdb");
-        for plain in ["smoke.vdb", "smoke.0001.vdb", "2024-01-02.vdb", "100%.vdb", "", "a-1-2.vdb"] {
+        for plain in
+            ["smoke.vdb", "smoke.0001.vdb", "2024-01-02.vdb", "100%.vdb", "", "a-1-2.vdb", "${F4.vdb", "$E.vdb"]
+        {
             assert_eq!(named(plain, 7), None, "{plain}");
         }
         let pattern = Pattern::parse(Path::new("smoke.0098-0100.vdb")).unwrap();

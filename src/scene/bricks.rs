@@ -367,45 +367,6 @@ impl<R: Real> Bricks<R> {
         }
     }
 
-    /// World-space corners of boxes around the voxels that are not zero and the cells they reach into; empty for an
-    /// empty field.
-    /// There is one box of eight corners per brick. In large instanced fields, equal bricks that follow one another
-    /// along z share a box.
-    pub fn outline(&self) -> Vec<DVec3> {
-        let local = |stored: &[R]| {
-            (0..BRICK).filter(|i| stored[*i] != R::ZERO).fold(Aabb::EMPTY, |b, i| {
-                let at = [i / EDGE / EDGE, i / EDGE % EDGE, i % EDGE].map(|v| v as f64);
-                b.including(DVec3::from_array(at))
-            })
-        };
-        let boxes: Vec<Aabb> = self.values.par_chunks(BRICK).map(local).collect();
-        let moved = |b: Aabb, brick: IVec3| {
-            let by = 8.0 * brick.as_dvec3();
-            Aabb { min: b.min + by, max: b.max + by }
-        };
-        let mut found: Vec<Aabb> = Vec::new();
-        if !self.topology.is_instanced() {
-            found.extend(self.topology.bricks().iter().zip(&boxes).map(|(brick, b)| moved(*b, *brick)));
-        } else if self.topology.places().nth(MANY).is_none() {
-            found.extend(self.topology.places().map(|(brick, number)| moved(boxes[number as usize], brick)));
-        } else {
-            for (start, numbers) in self.topology.rows() {
-                let mut z = 0;
-                for run in numbers.chunk_by(|a, b| a == b) {
-                    if run[0] != NONE {
-                        let ends = [z, z + run.len() as i32 - 1].map(|z| start + IVec3::new(0, 0, z));
-                        let [first, last] = ends.map(|brick| moved(boxes[run[0] as usize], brick));
-                        found.push(first.union(last));
-                    }
-                    z += run.len() as i32;
-                }
-            }
-        }
-        let corners = |b: &Aabb| Aabb { min: b.min - 1.0, max: b.max + 1.0 }.corners();
-        let filled = found.par_iter().filter(|b| !b.is_empty());
-        filled.flat_map_iter(corners).map(|corner| self.transform.to_world(corner)).collect()
-    }
-
     /// Derivatives of the interpolated value with respect to the index coordinates; zero outside the bricks. On the face
     /// between two cells they are those of the higher one.
     pub fn slopes(&self, index: DVec3) -> DVec3 {
@@ -435,10 +396,6 @@ impl<R: Real> Bricks<R> {
         sum
     }
 }
-
-/// Number of brick places above which an outline joins equal neighbours: eight points for each place would take
-/// gigabytes.
-const MANY: usize = 1 << 17;
 
 /// The error that `bytes` of memory are needed where `limit` are allowed.
 pub(crate) fn too_large(bytes: u64, limit: u64) -> Error {

@@ -20,7 +20,8 @@ pub enum Model {
     /// Pre-shaded volume: `L = ∫ T e dt + T · background`, with a grid of emitted radiance e per length beside that of
     /// extinction.
     PreShaded,
-    /// Emission, absorption and scattering, by path tracing. Reconstruction does not explain such pictures.
+    /// Emission, absorption and scattering, by path tracing. Of such pictures reconstructions take the densities from alpha
+    /// alone.
     Scattering,
 }
 
@@ -84,6 +85,14 @@ pub struct Capture {
 }
 
 impl Capture {
+    /// Returns the capture of what alpha alone tells of the medium, as [`Film::by_alpha`] shows it.
+    ///
+    /// [`Film::by_alpha`]: crate::scene::film::Film::by_alpha
+    #[must_use]
+    pub fn by_alpha(&self) -> Self {
+        Self { model: Model::Absorption, background: [1.0; 3], transfer: None, ..self.clone() }
+    }
+
     /// Medium that the pictures show.
     ///
     /// # Errors
@@ -98,7 +107,10 @@ impl Capture {
             }
             (Model::Scattering, ..) => {
                 return Err(Error::unsupported("the pictures show a medium that scatters light")
-                    .hint("give pictures of absorption and emission; no other model explains scattering here"));
+                    .hint(
+                        "give pictures of absorption and emission; of these, `cumulo reconstruct density` finds the densities \
+                         by alpha, and `cumulo reconstruct color` the light as emission",
+                    ));
             }
             (_, Some(transfer), _) => Source::Transfer(Arc::new(transfer.table()?)),
             (_, None, EmissionModel::Grey) => Source::Grey(self.emission),

@@ -14,6 +14,7 @@ pub mod lens;
 pub mod light;
 pub mod medium;
 pub mod orbit;
+mod outline;
 pub mod phase;
 pub mod primaries;
 #[allow(clippy::module_inception, reason = "the module is named after the one type in it, like all others")]

@@ -2,7 +2,7 @@
 
 use crate::scene::camera::{Camera, Projection};
 use crate::scene::up::Up;
-use glam::{DVec2, DVec3};
+use glam::{DMat4, DVec2, DVec3};
 
 /// Distribution of views around a volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,7 +13,8 @@ pub enum Layout {
     Ring,
 }
 
-/// Places `count` perspective cameras of `width` x `height` pixels around `points` so that each sees all points.
+/// Places `count` perspective cameras of `width` x `height` pixels around `points` so that each sees all points, with margins
+/// of the same width on opposite sides.
 /// `field_of_view` is the angle in degrees that the bounding sphere of the points subtends; it sets the cameras'
 /// distance. Cameras stand upright with respect to `up`, and [`Layout::Ring`] circles that axis.
 pub fn cameras(
@@ -29,8 +30,10 @@ pub fn cameras(
     let half = (0.5 * field_of_view).to_radians();
     let distance = radius.max(f64::MIN_POSITIVE) / half.sin();
     let directions: Vec<DVec3> = (0..count).map(|i| Up::Z.turn(up) * direction(i, count, layout)).collect();
-    let eyes: Vec<_> =
-        directions.iter().map(|d| Camera::look_at(centre + distance * *d, centre, up.vector())).collect();
+    let eyes: Vec<_> = directions
+        .iter()
+        .map(|d| aimed(Camera::look_at(centre + distance * *d, centre, up.vector()), points))
+        .collect();
     // All cameras share one focal length: the largest that keeps every point in every picture.
     let reach = eyes.iter().fold(DVec2::splat(f64::MIN_POSITIVE), |reach, eye| {
         let to_camera = eye.inverse();
@@ -53,6 +56,36 @@ pub fn cameras(
             near: 0.0,
         })
         .collect()
+}
+
+/// Most steps of [`aimed`]; two or three suffice unless the outermost points change.
+const STEPS: usize = 20;
+
+/// Returns a camera moved sideways, along its picture's rows and columns, until the outermost points lie equally far from the
+/// middle on opposite sides.
+fn aimed(camera_to_world: DMat4, points: &[DVec3]) -> DMat4 {
+    let to_camera = camera_to_world.inverse();
+    let seen: Vec<DVec3> = points.iter().map(|point| to_camera.transform_point3(*point)).collect();
+    let moved = |axis: usize| {
+        let mut by = 0.0;
+        for _ in 0..STEPS {
+            let from_middle = |p: &DVec3| ((p[axis] - by) / -p.z, -1.0 / p.z);
+            let (low, high) = seen
+                .iter()
+                .map(from_middle)
+                .fold(((f64::INFINITY, 0.0), (f64::NEG_INFINITY, 0.0)), |(low, high), at| {
+                    (if at.0 < low.0 { at } else { low }, if at.0 > high.0 { at } else { high })
+                });
+            // Newton's step for the sum of both, which falls with each unit moved by the inverse of each distance.
+            let step = (low.0 + high.0) / (low.1 + high.1);
+            if !step.is_finite() {
+                break;
+            }
+            by += step;
+        }
+        by
+    };
+    camera_to_world * DMat4::from_translation(DVec3::new(moved(0), moved(1), 0.0))
 }
 
 /// Places a perspective camera in a direction from the middle of `points`, whose pictures of `width` x `height` pixels
@@ -138,6 +171,22 @@ mod tests {
                     let (p, _) = camera.project(corner).unwrap();
                     assert!(p.min_element() > 0.9 && p.x < 63.1 && p.y < 39.1, "{layout:?} {p}");
                 }
+            }
+        }
+    }
+
+    /// A box, and a tetrahedron whose middle is not that of its bounding ball.
+    #[test]
+    fn margins_are_even() {
+        let bounds = Aabb { min: DVec3::new(-3.0, 1.0, 2.0), max: DVec3::new(1.0, 2.0, 12.0) };
+        let lopsided = [DVec3::ZERO, DVec3::new(9.0, 0.0, 1.0), DVec3::new(0.0, 2.0, 1.0), DVec3::new(0.5, 0.0, 7.0)];
+        for (points, layout) in [(&bounds.corners()[..], Layout::Sphere), (&lopsided[..], Layout::Ring)] {
+            for camera in cameras(points, 7, layout, 64, 54, 40.0, Up::Z) {
+                let pixels: Vec<DVec2> = points.iter().map(|point| camera.project(*point).unwrap().0).collect();
+                let low = pixels.iter().copied().fold(DVec2::INFINITY, DVec2::min);
+                let high = pixels.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);
+                let margins = low - (DVec2::new(64.0, 54.0) - high);
+                assert!(margins.abs().max_element() < 1e-6, "{low} {high}");
             }
         }
     }

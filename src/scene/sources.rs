@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::real::Real;
-use crate::scene::grid::{Grid, MOST_DENSITY, voxel_offset};
+use crate::scene::grid::{Grid, Leaf, MOST_DENSITY, voxel_offset};
 use crate::scene::topology::{CELLS, EDGE, slot};
 use glam::IVec3;
 use rayon::prelude::*;
@@ -16,6 +16,26 @@ const TILE_EDGES: [i32; 3] = [1, 16, 512];
 enum Source {
     Leaf(usize),
     Constant(f32),
+}
+
+/// Refuses values that are not finite or negative.
+fn check_values(grid: &Grid) -> Result<()> {
+    let count = |wrong: fn(f32) -> bool| {
+        let in_leaf = |leaf: &Leaf| leaf.values.iter().filter(|v| wrong(**v)).count();
+        let in_leaves = grid.leaves.par_iter().map(in_leaf).sum::<usize>();
+        in_leaves + grid.tiles.iter().filter(|tile| wrong(tile.value)).count()
+    };
+    let kinds =
+        [(count(|v| v < 0.0), "negative"), (count(|v| !v.is_finite() && v >= 0.0 || v.is_nan()), "NaN or infinite")];
+    let found = kinds.iter().filter(|(count, _)| *count > 0);
+    let found: Vec<String> = found.map(|(count, kind)| format!("{count} values are {kind}")).collect();
+    if found.is_empty() {
+        return Ok(());
+    }
+    Err(Error::invalid(format!("{}; densities are finite and at least 0", found.join(" and "))).hint(
+        "`cumulo convert --repair=density` sets them to 0 and says how many there were; `cumulo convert --map LOW,HIGH` makes \
+         densities of signed values, such as Hounsfield units",
+    ))
 }
 
 /// The nonzero leaves and tiles of a density grid.
@@ -55,27 +75,13 @@ impl<'g> Sources<'g> {
             let what = format!("background is {}, a fog volume has 0 outside", grid.background);
             return Err(Error::unsupported(what).hint(hint));
         }
-        let bad = grid
-            .leaves
-            .par_iter()
-            .map(|l| l.values.iter().filter(|v| !(v.is_finite() && **v >= 0.0)).count())
-            .sum::<usize>()
-            + grid.tiles.iter().filter(|t| !(t.value.is_finite() && t.value >= 0.0)).count();
+        check_values(grid)?;
         let largest = |values: &[f32]| values.iter().fold(0.0, |a: f32, b| a.max(*b));
         let leaves = grid.leaves.par_iter().map(|l| largest(&l.values[..])).reduce(|| 0.0, f32::max);
         let most = grid.tiles.iter().fold(leaves, |a, t| a.max(t.value));
-        if bad == 0 && most > MOST_DENSITY {
+        if most > MOST_DENSITY {
             return Err(Error::invalid(format!("densities reach {most:e}, above {MOST_DENSITY:e}"))
                 .hint("scale them down where the grid was made; --density-scale takes the rest"));
-        }
-        if bad > 0 {
-            return Err(Error::invalid(format!(
-                "{bad} values are NaN, infinite or negative; densities are finite and at least 0"
-            ))
-            .hint(
-                "`cumulo convert --repair=density` sets them to 0 and says how many there were; `cumulo convert --map LOW,HIGH` \
-                 makes densities of signed values, such as Hounsfield units",
-            ));
         }
         let mut tiles: [HashMap<IVec3, f32>; 3] = Default::default();
         for tile in grid.tiles.iter().filter(|t| t.value != 0.0) {

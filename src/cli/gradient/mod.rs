@@ -80,7 +80,7 @@ pub struct GradientCommand {
     /// Size of the pictures of --views in pixels
     #[arg(long, value_name = "WxH", default_value = "64x64", value_parser = parse::size, conflicts_with = "target")]
     size: [u32; 2],
-    /// Extinction per unit of density and length (default: that of --target, else 1)
+    /// Extinction per world unit at a density of 1 (default: that of --target, else 1)
     #[arg(long, value_name = "S", value_parser = parse::positive)]
     density_scale: Option<f64>,
     /// Radiance behind the volume, r,g,b (default: that of --target, else white for absorption, black for

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
 use crate::optimise::loss::Rgba;
-use crate::optimise::plausibility::{self, Warning};
+use crate::optimise::plausibility::{self, Emission, Warning};
 use crate::optimise::study::Study;
 use crate::optimise::study::setting::{Setting, Units};
 use crate::optimise::study::subject::{Subject, depth_channel, largest};
@@ -133,7 +133,7 @@ impl GradientCommand {
                 let background = self.background.unwrap_or(capture.background);
                 let shown =
                     Capture { background, emission: self.emission.unwrap_or(capture.emission), ..capture.clone() };
-                warnings = plausibility::warnings(plausibility::pictures(&photos, &shown));
+                warnings = plausibility::warnings(plausibility::pictures(&photos, &shown, Emission::Stated));
                 output.warn(&warnings);
                 photos
                     .into_iter()

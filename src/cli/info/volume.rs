@@ -1,6 +1,7 @@
 //! Content and statistics of an OpenVDB file.
 
 use crate::cli::memory::human;
+use crate::cli::up::{self, ChosenUp};
 use crate::error::Result;
 use crate::formats::limits::Limits;
 use crate::formats::transfer::{METADATA_KEY, TransferSummary, from_metadata};
@@ -18,6 +19,8 @@ use std::path::Path;
 pub(super) struct Volume {
     file_version: u32,
     library_version: String,
+    /// Axis that points upwards.
+    up: ChosenUp,
     metadata: BTreeMap<String, MetaValue>,
     grids: Vec<Grid>,
 }
@@ -97,6 +100,7 @@ pub(super) fn summary(path: &Path, limits: Limits) -> Result<Volume> {
     Ok(Volume {
         file_version: file.preflight().version,
         library_version: format!("{major}.{minor}"),
+        up: up::of_file(&file),
         metadata: file.metadata()?,
         grids,
     })
@@ -191,6 +195,7 @@ impl fmt::Display for Volume {
             self.library_version,
             self.grids.len()
         )?;
+        writeln!(f, "{}", self.up)?;
         for (name, value) in &self.metadata {
             writeln!(f, "{}: {}", printable(name), show(value))?;
         }

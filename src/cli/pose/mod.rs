@@ -13,7 +13,7 @@ use crate::formats::limits::Limits;
 use crate::formats::{captures, transforms};
 use crate::math::Aabb;
 use crate::optimise::gradient::pictures::Target;
-use crate::optimise::plausibility::Warning;
+use crate::optimise::plausibility::{Emission, Warning};
 use crate::optimise::pose::{self, Colors, PoseEstimate, Request, levels};
 use crate::optimise::projection::observation::Photo;
 use crate::render::any_renderer::AnyRenderer;
@@ -167,7 +167,7 @@ impl Pose {
             let _stage = output.stage("reading the volume");
             self.grids(&capture, limits)?
         };
-        let (photos, mut warnings) = task.photos(&json, &shown, self.layer.as_deref(), output)?;
+        let (photos, mut warnings) = task.photos(&json, &shown, Emission::Stated, self.layer.as_deref(), output)?;
         task.provenance.input(&self.volume, [self.volume.as_path()])?;
         if let Some(tf) = self.transfer.file() {
             task.provenance.input(tf, [tf])?;

@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::formats::vdb::{File, shaded};
 use crate::optimise::color::{self, Shaded};
 use crate::optimise::density::Request;
+use crate::optimise::plausibility::Emission;
 use crate::optimise::plausibility::cost::Method;
 use crate::optimise::projection::observation::Observation;
 use crate::scene::capture::Model;
@@ -77,10 +78,12 @@ impl Color {
         let held_out = photos::held_out(self.held_out, views, 8).map_err(|e| e.at(&self.capture))?;
 
         let mut work = VolumeTask::new(task, input, &self.output, self.layer.as_deref(), output);
-        // With the background's own color as source, alpha tells the optical depth.
-        let measurements = work.measure(&self.region, |photos, capture| {
-            Observation::new(photos, capture.background, capture.background)
-        })?;
+        if work.input.capture.model == Model::Scattering {
+            output.note(
+                "the pictures show scattered light: the volume emits what these lights made of it, the same in all directions",
+            );
+        }
+        let measurements = work.measure(&self.region, Emission::Sought, |photos, _| Observation::by_alpha(photos))?;
         let request = self.request(&work, &measurements.unknowns, held_out);
         let previous = self.resume && self.output.exists();
         let init = previous.then(|| shaded::read(&File::open(&self.output, limits)?, None, limits.max_memory));

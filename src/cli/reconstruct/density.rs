@@ -18,6 +18,7 @@ use crate::formats::vdb::{Codec, File, write_grids};
 use crate::optimise::density::{self, through_transfer, weiss2021};
 use crate::optimise::density::{Outcome, Request, Step};
 use crate::optimise::loss::prior::{VolumePrior, Weighted};
+use crate::optimise::plausibility::Emission;
 use crate::optimise::plausibility::cost::Method;
 use crate::optimise::projection::observation::{Observation, Photo};
 use crate::scene::bricks::Bricks;
@@ -25,6 +26,7 @@ use crate::scene::capture::{Capture, Model};
 use crate::scene::grid::Grid;
 use crate::scene::medium::Source;
 use crate::scene::transfer::Transfer;
+use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -175,7 +177,12 @@ impl Density {
         let held_out = photos::held_out(self.held_out, views, 8).map_err(|e| e.at(&self.capture))?;
 
         let mut work = VolumeTask::new(task, input, &self.output, self.layer.as_deref(), output);
-        let measurements = work.measure(&self.region, observe)?;
+        if work.input.capture.model == Model::Scattering {
+            output.note(
+                "the pictures show scattered light: the densities are those that alpha tells, whatever the colors are",
+            );
+        }
+        let measurements = work.measure(&self.region, Emission::Stated, observe)?;
         let request = self.request(&work, &measurements.unknowns, solver, held_out);
         let request = request.map_err(|e| e.at(&work.input.json))?;
         let steps = solver.most_iterations(&request, views);
@@ -217,7 +224,8 @@ impl Density {
     }
 
     fn solver(&self, capture: &Capture) -> Result<DensitySolver> {
-        let solver = match (self.solver, capture.medium()?.source) {
+        let source = if capture.model == Model::Scattering { ABSORPTION } else { capture.medium()?.source };
+        let solver = match (self.solver, source) {
             (Choice::Auto | Choice::Cg, Source::Grey(_)) => DensitySolver::Cg,
             (Choice::Cg, _) => {
                 return Err(Error::unsupported("--solver cg needs pictures that depend on the optical depth alone")
@@ -274,15 +282,25 @@ fn transfer_of(capture: &Capture) -> Option<&Transfer> {
     capture.transfer.as_ref().filter(|_| capture.model == Model::EmissionAbsorption)
 }
 
+/// Source of a medium that absorbs alone.
+const ABSORPTION: Source = Source::Grey([0.0; 3]);
+
 fn volume(path: &Path, limits: Limits) -> Result<Bricks<f32>> {
     let grid = File::open(path, limits)?.read_fog(None)?;
     Bricks::from_grid(&grid, limits.max_memory).map_err(|e| e.at(path))
 }
 
-fn observe(photos: &[Photo], capture: &Capture) -> Result<Observation> {
+/// Takes the optical depths off the pictures. Of a medium that scatters light, alpha takes the place of the colors.
+fn observe(photos: &mut [Photo], capture: &mut Capture) -> Result<Observation> {
+    if capture.model == Model::Scattering {
+        let observation = Observation::by_alpha(photos)?;
+        *capture = capture.by_alpha();
+        photos.par_iter_mut().for_each(|photo| photo.film = photo.film.by_alpha());
+        return Ok(observation);
+    }
     match capture.medium()?.source {
         Source::Grey(color) => Observation::new(photos, capture.background, color),
         // Where the source varies, colors do not tell the optical depth: alpha does.
-        Source::Linear(_) | Source::Transfer(_) => Observation::new(photos, capture.background, capture.background),
+        Source::Linear(_) | Source::Transfer(_) => Observation::by_alpha(photos),
     }
 }

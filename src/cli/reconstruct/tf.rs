@@ -14,9 +14,9 @@ use crate::formats::limits::Limits;
 use crate::formats::transfer::{self, Options};
 use crate::metrics::error::unit_psnr_db;
 use crate::optimise::density::Stage;
-use crate::optimise::plausibility::Warning;
 use crate::optimise::plausibility::cost::Cost;
 use crate::optimise::plausibility::residuals::{self, Residuals};
+use crate::optimise::plausibility::{Emission, Warning};
 use crate::optimise::projection::observation::Photo;
 use crate::optimise::transfer::{Outcome, Request, Solver, reconstruct};
 use crate::render::dvr::Dvr;
@@ -111,7 +111,7 @@ impl Tf {
         let mut clock = StageClock::start();
         let LoadedCapture { json, capture } = self.input(limits)?;
         let held_out = photos::held_out(self.held_out, capture.frames.len(), 3).map_err(|e| e.at(&json))?;
-        let (photos, mut warnings) = task.photos(&json, &capture, self.layer.as_deref(), output)?;
+        let (photos, mut warnings) = task.photos(&json, &capture, Emission::Sought, self.layer.as_deref(), output)?;
         let field = self.field(&mut task, output)?;
         let request = self.request(&capture, &field, held_out, &task)?;
         let expected = cost(&request, &field, &photos);
@@ -178,6 +178,16 @@ impl Tf {
                 .hint(
                     "a transfer function needs pictures of emission and absorption: \"model\": \"emission-absorption\"",
                 ));
+        }
+        if input.capture.model == Model::Scattering {
+            return Err(Error::unsupported(
+                "the pictures show scattered light, and a transfer function tells emission and absorption alone",
+            )
+            .at(&input.json)
+            .hint(
+                "render the volume without scattering; of these pictures, `cumulo reconstruct density` finds the densities \
+                 by alpha, and `cumulo reconstruct color` the light as emission",
+            ));
         }
         Ok(input)
     }

@@ -9,9 +9,9 @@ use crate::cli::run::{self, Run, Solver};
 use crate::cli::task::Task;
 use crate::error::Result;
 use crate::optimise::density::{Request, Stage, Step};
-use crate::optimise::plausibility::Warning;
 use crate::optimise::plausibility::cost::{Cost, Method};
 use crate::optimise::plausibility::residuals;
+use crate::optimise::plausibility::{Emission, Warning};
 use crate::optimise::projection::observation::{Observation, Photo};
 use crate::scene::capture::Capture;
 use crate::scene::grid::{Grid, MetaValue};
@@ -74,19 +74,21 @@ impl<'t> VolumeTask<'t> {
         Self { task, input, vdb, layer, output, clock: StageClock::start(), warnings: Vec::new(), expected: None }
     }
 
-    /// Reads the pictures, takes their optical depths with `observe` and chooses the unknown voxels.
+    /// Reads the pictures, takes their optical depths with `observe` and chooses the unknown voxels. `observe` may put what
+    /// the reconstruction is to explain in the place of pictures and capture.
     ///
     /// # Errors
     /// If the pictures cannot be read or used, or leave no region for the voxels.
     pub fn measure(
         &mut self,
         region: &Region,
-        observe: impl FnOnce(&[Photo], &Capture) -> Result<Observation>,
+        emission: Emission,
+        observe: impl FnOnce(&mut [Photo], &mut Capture) -> Result<Observation>,
     ) -> Result<Measurements> {
-        let LoadedCapture { json, capture } = &self.input;
-        let (photos, mut warnings) = self.task.photos(json, capture, self.layer, self.output)?;
+        let LoadedCapture { json, capture } = &mut self.input;
+        let (mut photos, mut warnings) = self.task.photos(json, capture, emission, self.layer, self.output)?;
         self.warnings.append(&mut warnings);
-        let observation = observe(&photos, capture).map_err(|e| e.at(json))?;
+        let observation = observe(&mut photos, capture).map_err(|e| e.at(json.as_path()))?;
         let mut unknowns = region.choose(capture, &observation, self.output).map_err(|e| e.at(json))?;
         self.output.warn(&unknowns.warnings);
         self.warnings.append(&mut unknowns.warnings);

@@ -3,11 +3,13 @@
 
 use super::options::PictureOptions;
 use super::scales::DensityScales;
+use super::scattering::recorded;
 use super::stage::SIZE;
 use super::subject::Subject;
 use crate::cli::parse::DensityScale;
 use crate::cli::up::ChosenUp;
 use crate::error::{Error, Result};
+use crate::formats::{captures, transforms};
 use crate::render::scale;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, EmissionModel, Frame, Model, PixelFilter};
@@ -57,8 +59,8 @@ impl PictureOptions {
     ) -> Result<Capture> {
         let (cameras, settled) = match cameras {
             Cameras::Settled(camera) if template.is_none() => (vec![*camera], true),
-            Cameras::Settled(_) => (self.views_of(subject, template, Up::default())?, false),
-            Cameras::Around(up) => (self.views_of(subject, template, up)?, false),
+            Cameras::Settled(_) => (self.views_of(subject, transfer.as_ref(), template, Up::default())?, false),
+            Cameras::Around(up) => (self.views_of(subject, transfer.as_ref(), template, up)?, false),
         };
         let density_scale = self.scale(subject, transfer.as_ref(), template, &cameras)?;
         let model = self.model_of(subject, transfer.is_some(), template)?;
@@ -114,11 +116,17 @@ impl PictureOptions {
     }
 
     /// Returns the cameras: those of `--cameras`, else new ones around the subject.
-    fn views_of(&self, subject: &Subject, template: Option<&Capture>, up: Up) -> Result<Vec<Camera>> {
+    fn views_of(
+        &self,
+        subject: &Subject,
+        transfer: Option<&Transfer>,
+        template: Option<&Capture>,
+        up: Up,
+    ) -> Result<Vec<Camera>> {
         if let Some(capture) = template {
             return Ok(capture.frames.iter().map(|f| f.camera).collect());
         }
-        let outline = subject.outline();
+        let outline = subject.outline(transfer);
         if outline.is_empty() {
             return Err(Error::invalid("the grid is empty: there is nothing to place cameras around")
                 .at(&self.input)
@@ -158,6 +166,21 @@ impl PictureOptions {
         }
     }
 
+    /// Returns the options of the albedo and the lights that the capture of `--cameras` records.
+    fn recorded(&self) -> Option<String> {
+        let json = captures::file(self.cameras.as_deref()?);
+        let root = transforms::read_object(&json, self.memory.limits()).ok()?;
+        recorded(root.get("scattering")?)
+    }
+
+    /// Says that the lights that the capture of `--cameras` records are not taken, where others light the volume.
+    pub(super) fn other_light(&self) -> Option<String> {
+        let options = self.recorded().filter(|_| self.scattering.on() && !self.scattering.lights())?;
+        Some(format!(
+            "the volume is lit by a white sky: --cameras gives no lights; those that it records are: {options}"
+        ))
+    }
+
     /// Returns the light model.
     fn model_of(&self, subject: &Subject, by_function: bool, template: Option<&Capture>) -> Result<Model> {
         if self.scattering.on() || subject.is_scene() {
@@ -168,9 +191,12 @@ impl PictureOptions {
             _ => by_function.then_some(Model::EmissionAbsorption),
         };
         match self.model.or(of_volume).or(template.map(|c| c.model)) {
-            Some(Model::Scattering) => Err(Error::invalid("the model is scattering, and no albedo is given").hint(
-                "give --albedo and the lights (a capture records them under 'scattering'), or choose another --model",
-            )),
+            Some(Model::Scattering) => {
+                let recorded = self.recorded().map(|options| format!(" (those that --cameras records are: {options})"));
+                let recorded = recorded.unwrap_or_default();
+                Err(Error::invalid("the model is scattering, and no albedo is given")
+                    .hint(format!("give --albedo and the lights{recorded}, or choose another --model")))
+            }
             model => Ok(model.unwrap_or(Model::Absorption)),
         }
     }

@@ -380,7 +380,8 @@ impl Sequence<'_> {
     /// Says why nothing is to be seen, if that is so.
     fn note_nothing(&self, output: &Output) {
         let function = self.shot.as_ref().is_some_and(|shot| shot.capture.transfer.is_some());
-        if let Some(remark) = self.seen.remark(function) {
+        let plan = self.shot.as_ref().and_then(|shot| shot.plan.as_ref());
+        for remark in self.seen.remarks(function, plan) {
             output.note(format!("remark: {remark}"));
         }
     }
@@ -409,7 +410,7 @@ impl Sequence<'_> {
         let limits = pictures.memory.limits();
         let mut provenance = self.provenance.clone();
         let (subject, transfer) = pictures.subject(self.template.as_ref(), limits, &mut provenance)?;
-        for remark in remarks(&subject, self.template.as_ref()) {
+        for remark in remarks(&pictures, &subject, self.template.as_ref()) {
             if self.remarks.insert(remark.clone()) {
                 output.note(format!("remark: {remark}"));
             }

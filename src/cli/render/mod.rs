@@ -60,7 +60,7 @@ use target::Target;
 /// Pictures are 32-bit float, scene-linear, alpha = 1 - transmittance. Absorption shows the background through the
 /// volume; emission-absorption adds the light of a source that is part of it; with --albedo light is scattered, and
 /// pictures are made by path tracing.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct Render {
     /// Folder for transforms.json and the pictures; or, for one view or frame, the file of the picture: name.exr, name.png
     #[arg(long, short, value_name = "DIR|FILE")]
@@ -75,7 +75,7 @@ pub struct Render {
     #[arg(long, value_name = "EV", value_parser = parse::exposure, allow_negative_numbers = true)]
     exposure: Option<f64>,
     /// Render a sequence, frame.####.exr for each number: A, A-B or A-BxSTEP (default with an input such as
-    /// smoke.####.vdb: all files that there are)
+    /// smoke.####.vdb or a folder: all files that there are)
     #[arg(long, value_name = "A-B")]
     frames: Option<Frames>,
     /// Skip frames that are there, made by the same command from volumes that have not changed since
@@ -199,11 +199,20 @@ impl Render {
     /// If the volume or the cameras cannot be used, or the folder cannot be written to; an earlier
     /// capture in the folder is untouched then.
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
+        if let Some(input) = self.pictures.sequence_of_folder()? {
+            let pictures = PictureOptions { input, ..self.pictures.clone() };
+            return Self { pictures, ..self.clone() }.run(output);
+        }
         let target = Target::of(&self.output)?;
         self.check_exposure()?;
         if self.is_sequence() {
             return self.run_frames(target, output);
         }
+        self.run_views(target, output)
+    }
+
+    /// Renders views, writes and reports.
+    fn run_views(&self, target: Target<'_>, output: &Output) -> Result<ExitCode> {
         if self.resume {
             return Err(Error::invalid("--resume: views appear together, when all are there")
                 .hint("give --frames to render a sequence, picture by picture"));
@@ -219,7 +228,7 @@ impl Render {
         let numbers = pictures.chosen(stated)?;
         target.holds(numbers.len(), "views", "--view N")?;
         let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut provenance)?;
-        let mut remarks = remarks(&subject, template.as_ref());
+        let mut remarks = remarks(pictures, &subject, template.as_ref());
         remarks.iter().for_each(|remark| output.note(format!("remark: {remark}")));
         let paths = pictures.scattering.on() || subject.is_scene();
         let up = pictures.chosen_up(template.as_ref())?;
@@ -247,7 +256,7 @@ impl Render {
         let views: Vec<_> = numbers.iter().zip(&scene.cameras).zip(&waiting).collect();
         let seen = Seen::default();
         let counts = self.views(&renderer, &views, whole, &provenance, &seen, output)?;
-        if let Some(remark) = seen.remark(capture.transfer.is_some()) {
+        for remark in seen.remarks(capture.transfer.is_some(), plan.as_ref()) {
             output.note(format!("remark: {remark}"));
             remarks.push(remark);
         }
@@ -452,10 +461,11 @@ fn record(provenance: &Provenance, plan: Option<&Plan>) -> Map<String, Value> {
     extra
 }
 
-/// Returns the remarks on a subject and its cameras.
-fn remarks(subject: &Subject, template: Option<&Capture>) -> Vec<String> {
+/// Returns the remarks on a subject, its cameras and its lights.
+pub(in crate::cli) fn remarks(pictures: &PictureOptions, subject: &Subject, template: Option<&Capture>) -> Vec<String> {
     let cameras = template.filter(|_| subject.is_scene()).map_or(&[][..], |capture| &capture.remarks);
-    subject.remarks().iter().chain(cameras).cloned().collect()
+    let lights = if subject.is_scene() { None } else { pictures.other_light() };
+    subject.remarks().iter().chain(cameras).cloned().chain(lights).collect()
 }
 
 /// Refuses pictures that do not fit in memory, one for each thread: pixels, samples and bytes of the file, and

@@ -16,8 +16,8 @@ use std::path::PathBuf;
 /// Options that pictures are made by: subject, cameras, media and light.
 #[derive(Debug, Clone, clap::Args)]
 pub struct PictureOptions {
-    /// VDB, USD stage, or scene file in JSON (`cumulo schema scene`), to render; smoke.####.vdb, smoke.%04d.vdb and
-    /// smoke.0001-0100.vdb are sequences
+    /// VDB, USD stage, or scene file in JSON (`cumulo schema scene`), to render; smoke.####.vdb, smoke.%04d.vdb,
+    /// smoke.$F4.vdb, smoke.0001-0100.vdb and folders of numbered VDBs are sequences
     pub(in crate::cli) input: PathBuf,
     /// Number of the frame, where a sequence is rendered.
     #[arg(skip)]
@@ -39,14 +39,16 @@ pub struct PictureOptions {
     /// camera 256 wide, in the proportions of its aperture)
     #[arg(long, value_name = "WxH", value_parser = parse::size)]
     pub(in crate::cli) size: Option<[u32; 2]>,
-    /// Angle in degrees that the volume takes in the pictures of --views
+    /// Angle of view in degrees that holds the volume's bounding sphere: it sets how far away the cameras of --views stand;
+    /// the volume fills the pictures whatever it is
     #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = parse::angle, conflicts_with = "cameras")]
     pub(in crate::cli) fov: f64,
     /// Render a part of each picture: x0,y0,x1,y1 in pixels, x1 and y1 not included, or column, row and size
     #[arg(long, value_name = "X0,Y0,X1,Y1|X,Y,WxH", value_parser = parse::window)]
     pub(in crate::cli) crop: Option<Window>,
-    /// Take cameras, and what else is not given, from a transforms.json, a model of COLMAP or a USD stage (default: the
-    /// cameras of the stage that is rendered)
+    /// Take the cameras from a transforms.json, a model of COLMAP or a USD stage (default: those of the stage that is
+    /// rendered). A transforms.json also gives the model, density scale, background, emission and transfer function that
+    /// no option gives; with --albedo, the density scale and transfer function alone. Albedo and lights are not taken
     #[arg(long, value_name = "CAPTURE|STAGE")]
     pub(in crate::cli) cameras: Option<PathBuf>,
     /// Camera of the USD stage, by its path (default: the only one)
@@ -55,8 +57,8 @@ pub struct PictureOptions {
     /// Model of the pictures (default: that of --cameras, emission-absorption with a transfer function, else absorption)
     #[arg(long, value_enum, conflicts_with = "tf")]
     pub(in crate::cli) model: Option<Model>,
-    /// Extinction per unit of density and length; auto makes the 99th percentile of the optical depth 3
-    /// (default: that of --cameras, else 1)
+    /// Extinction per world unit at a density of 1 (per millimeter in a volume whose voxels are measured in mm); auto makes
+    /// the 99th percentile of the optical depth 3 (default: that of --cameras, else 1)
     #[arg(long, value_name = "S|auto")]
     pub(in crate::cli) density_scale: Option<DensityScale>,
     /// Radiance behind the volume, r,g,b (default: that of --cameras, else white for absorption, black for

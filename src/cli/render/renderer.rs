@@ -111,7 +111,7 @@ impl fmt::Display for LeftOut<'_> {
         if omitted == 0.0 {
             return write!(f, "nothing is left out");
         }
-        write!(f, "at most {omitted:.2e} of radiance is left out:")?;
+        write!(f, "at most {omitted:.2e} of radiance is missing in any channel of a pixel:")?;
         let missing =
             self.0.effects.iter().filter(|e| e.state != State::On && e.bound.is_some_and(|bound| bound > 0.0));
         for (i, effect) in missing.enumerate() {

@@ -229,6 +229,39 @@ impl ScatteringOptions {
     }
 }
 
+/// Returns the options that state the albedo and the lights that [`ScatteringOptions::record`] has put into a capture; `None`
+/// without an albedo.
+pub fn recorded(record: &Value) -> Option<String> {
+    let text = |number: &Value| match number.as_f64() {
+        // Colors were numbers of 32 bits.
+        Some(v) if f64::from(v as f32) == v => (v as f32).to_string(),
+        _ => number.to_string(),
+    };
+    let join = |all: &[Value]| all.iter().map(text).collect::<Vec<_>>().join(",");
+    let value = |path: &str| record.pointer(path).filter(|value| !value.is_null());
+    let option = |name: &str, path: &str| {
+        let words = match value(path)? {
+            Value::Array(all) if all.windows(2).all(|pair| pair[0] == pair[1]) => join(&all[..1.min(all.len())]),
+            Value::Array(all) => join(all),
+            Value::String(path) => path.clone(),
+            number => text(number),
+        };
+        Some(format!("{name} {words}"))
+    };
+    let sun = value("/sun/direction").and_then(Value::as_array).map(|direction| format!("--sun {}", join(direction)));
+    let options = [
+        Some(option("--albedo", "/albedo")?),
+        option("--anisotropy", "/anisotropy").filter(|words| words != "--anisotropy 0"),
+        option("--gradient-shading", "/gradient_shading"),
+        option("--extinction-color", "/extinction_color").filter(|words| words != "--extinction-color 1"),
+        sun,
+        option("--sun-color", "/sun/irradiance"),
+        option("--sun-angle", "/sun/angle_degrees"),
+        option("--sky", "/sky"),
+    ];
+    Some(options.into_iter().flatten().collect::<Vec<_>>().join(" "))
+}
+
 /// Number of events while paths were traced.
 #[derive(Debug, Clone, Copy, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Paths {

@@ -1,14 +1,19 @@
 //! What pictures show at all: a picture in which nothing is to be seen says why.
 
+use crate::plan::Plan;
 use crate::scene::film::Film;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
-/// Whether some pixel of the pictures so far shows the volume, by its alpha or by a color that others do not have, and
-/// whether some pixel is not black.
+/// Share of the brightest pixel's radiance that may be left out of pictures without a remark.
+const UNREMARKED: f64 = 0.1;
+
+/// Whether some pixel of the pictures so far shows the volume, by its alpha or by a color that others do not have, and the
+/// radiance of the brightest.
 #[derive(Debug, Default)]
 pub(super) struct Seen {
     covered: AtomicBool,
-    lit: AtomicBool,
+    /// Bits of the radiance, which for numbers from 0 on are in the order of these.
+    brightest: AtomicU32,
 }
 
 impl Seen {
@@ -17,14 +22,30 @@ impl Seen {
         if !self.covered.load(Ordering::Relaxed) && film.rgba.iter().any(|p| p[3] > 0.0 || *p != film.rgba[0]) {
             self.covered.store(true, Ordering::Relaxed);
         }
-        if !self.lit.load(Ordering::Relaxed) && film.rgba.iter().any(|p| p[..3].iter().any(|c| *c > 0.0)) {
-            self.lit.store(true, Ordering::Relaxed);
-        }
+        let brightest = film.rgba.iter().flat_map(|p| &p[..3]).fold(0.0_f32, |most, c| most.max(*c));
+        self.brightest.fetch_max(brightest.to_bits(), Ordering::Relaxed);
     }
 
-    /// Says why nothing is to be seen; `transfer` is true if a transfer function makes extinctions of densities.
-    pub(super) fn remark(&self, transfer: bool) -> Option<String> {
-        let [covered, lit] = [&self.covered, &self.lit].map(|seen| seen.load(Ordering::Relaxed));
+    fn brightest(&self) -> f64 {
+        f32::from_bits(self.brightest.load(Ordering::Relaxed)).into()
+    }
+
+    /// Says why nothing is to be seen, and whether the plan leaves out much of what would be; `transfer` is true if a
+    /// transfer function makes extinctions of densities.
+    pub(super) fn remarks(&self, transfer: bool, plan: Option<&Plan>) -> Vec<String> {
+        let omitted = plan.and_then(|plan| plan.omitted).filter(|omitted| *omitted > UNREMARKED * self.brightest());
+        let omitted = omitted.filter(|omitted| *omitted > 0.0).map(|omitted| {
+            format!(
+                "up to {omitted:.2e} of radiance may be missing in a channel of a pixel, and the brightest one has {:.2e}: \
+                 --max-omitted is a radiance, not a share of the picture's; a smaller one keeps more",
+                self.brightest()
+            )
+        });
+        self.nothing(transfer).into_iter().chain(omitted).collect()
+    }
+
+    fn nothing(&self, transfer: bool) -> Option<String> {
+        let (covered, lit) = (self.covered.load(Ordering::Relaxed), self.brightest() > 0.0);
         match (covered, lit, transfer) {
             (false, _, true) => Some(
                 "the pictures do not show the volume: the transfer function absorbs nothing at its densities, or no camera \
@@ -55,14 +76,14 @@ mod tests {
         let of = |pixels: &[[f32; 4]]| {
             let seen = Seen::default();
             pixels.iter().for_each(|pixel| seen.add(&Film::of(1, 1, vec![*pixel])));
-            (seen.remark(false), seen.remark(true))
+            (seen.nothing(false), seen.nothing(true))
         };
         let has = |text: &Option<String>, word: &str| text.as_ref().is_some_and(|text| text.contains(word));
         assert_eq!(of(&[[0.0; 4], [0.0, 0.1, 0.0, 0.5]]), (None, None));
         // A flame that absorbs nothing.
         let flame = Seen::default();
         flame.add(&Film::of(2, 1, vec![[0.0; 4], [1.0, 0.5, 0.0, 0.0]]));
-        assert_eq!(flame.remark(false), None);
+        assert_eq!(flame.nothing(false), None);
         let (plain, function) = of(&[[0.0, 0.0, 0.0, 1.0]]);
         assert!(has(&plain, "black") && has(&function, "black"));
         let (plain, function) = of(&[[1.0, 1.0, 1.0, 0.0]]);

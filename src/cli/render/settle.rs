@@ -88,7 +88,7 @@ impl PictureOptions {
         }
         let limits = pictures.memory.limits();
         let (subject, transfer) = pictures.subject(template, limits, &mut Provenance::begin())?;
-        outline.extend(subject.outline());
+        outline.extend(subject.outline(transfer.as_ref()));
         if subject.is_scene() {
             return Ok(());
         }

@@ -1,6 +1,7 @@
 //! USD stages as the subject of pictures, and as what states their cameras.
 
 use super::options::PictureOptions;
+use crate::cli::frames::FramesOption;
 use crate::cli::parse::DensityScale;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
@@ -9,12 +10,28 @@ use crate::formats::sequence::Pattern;
 use crate::formats::usd::{self, Overrides, Stage, Views};
 use crate::formats::{self, Format, captures};
 use crate::scene::capture::Capture;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Size of pictures in pixels where nothing states it.
 pub(in crate::cli) const SIZE: [u32; 2] = [256, 256];
 
 impl PictureOptions {
+    /// Returns the pattern of the numbered VDBs in the folder that is named as the input; `None` for any other input.
+    ///
+    /// # Errors
+    /// If the folder holds several sequences, or none.
+    pub(in crate::cli) fn sequence_of_folder(&self) -> Result<Option<PathBuf>> {
+        if !self.input.is_dir() {
+            return Ok(None);
+        }
+        match FramesOption::default().sequence(&self.input, &["vdb"])? {
+            Some(sequence) => Ok(Some(sequence.pattern.name())),
+            None => Err(Error::invalid("the folder holds no numbered VDBs")
+                .at(&self.input)
+                .hint("give a VDB, a USD stage or a scene file, or a folder of files such as smoke.0001.vdb")),
+        }
+    }
+
     /// True if a stage is to be rendered.
     ///
     /// # Errors

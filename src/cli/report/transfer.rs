@@ -115,7 +115,12 @@ impl fmt::Display for TransferRun {
         }
         let unseen = self.confidence.iter().filter(|c| c[0] < 0.5).count();
         if unseen > 0 {
-            writeln!(f, "  {unseen} texels are the prior's more than the pictures'")?;
+            let texels = if self.texels == 1 { "texel" } else { "texels" };
+            writeln!(
+                f,
+                "  {unseen} of {} {texels} follow from the smoothness prior more than from the pictures",
+                self.texels
+            )?;
         }
         if let Some(page) = &self.report {
             writeln!(f, "  report         {}", page.display())?;

@@ -54,7 +54,7 @@ pub(super) fn page(
     cancel: Cancel,
 ) -> Result<(Page, Option<VolumeError>)> {
     let volume = Reconstruction::read(run, limits)?;
-    let rows = rows(run, &volume.capture, &volume.renderer()?, beside, limits, cancel)?;
+    let rows = rows(run, &volume, beside, limits, cancel)?;
     let difference = reference.map(|reference| volume.difference(reference)).transpose()?;
     let confidence = confidence(run, &run.grid, limits)?;
     let reference = reference.map(|r| bricks(r, Path::new(&r.name), limits)).transpose()?;
@@ -108,8 +108,10 @@ fn thumbnails(run: &Run, capture: &Capture, limits: Limits, cancel: Cancel) -> R
 
 /// A reconstructed volume, read again with the capture of its pictures.
 struct Reconstruction {
-    /// The capture, with the transfer function that the grid carries.
+    /// The capture, with the transfer function that the grid carries, or of what alpha alone tells.
     capture: Capture,
+    /// True if the densities explain alpha alone, for the medium scatters light.
+    by_alpha: bool,
     /// Grid of the densities or extinctions.
     grid: Grid,
     /// Values of the grid, arranged for rays.
@@ -121,6 +123,10 @@ struct Reconstruction {
 impl Reconstruction {
     fn read(run: &Run, limits: Limits) -> Result<Self> {
         let mut capture = captures::load(&run.capture)?;
+        let by_alpha = capture.model == Model::Scattering && run.solver != Solver::Color;
+        if by_alpha {
+            capture = capture.by_alpha();
+        }
         let grid = File::open(&run.output, limits)?.read_fog(Some(&run.grid))?;
         let transfer = transfer::from_metadata(&grid.metadata).map_err(|e| e.at(&run.output))?;
         let field = volumes::arrange_by_voxel(&grid, transfer.as_ref(), limits).map_err(|e| e.at(&run.output))?;
@@ -131,7 +137,8 @@ impl Reconstruction {
             Solver::Color => Some(shaded::read(&File::open(&run.output, limits)?, Some(&run.grid), limits.max_memory)?),
             Solver::Cg | Solver::Weiss2021 | Solver::ThroughTransfer => None,
         };
-        Ok(Self { capture, grid, field, shaded })
+        let by_alpha = by_alpha && capture.transfer.is_none();
+        Ok(Self { capture, by_alpha, grid, field, shaded })
     }
 
     fn renderer(&self) -> Result<AnyRenderer<'_>> {
@@ -151,9 +158,10 @@ impl Reconstruction {
 
     fn subtitle(&self, run: &Run) -> String {
         format!(
-            "{} of grid '{}' that explain {} views of '{}'{}.",
+            "{} of grid '{}' that explain {}{} views of '{}'{}.",
             if self.shaded.is_some() { "Emissions, with the extinctions" } else { "Densities" },
             run.grid,
+            if self.by_alpha { "alpha in " } else { "" },
             run.views.saturating_sub(run.held_out.len()),
             run.capture.parent().and_then(Path::file_name).unwrap_or(run.capture.as_os_str()).to_string_lossy(),
             if run.stopped { "; stopped before the end" } else { "" }
@@ -229,12 +237,12 @@ fn bricks(grid: &Grid, path: &Path, limits: Limits) -> Result<Bricks<f32>> {
 /// Renders the views that the page shows again, and compares them with their pictures.
 fn rows(
     run: &Run,
-    capture: &Capture,
-    renderer: &AnyRenderer<'_>,
+    volume: &Reconstruction,
     beside: Option<&Beside>,
     limits: Limits,
     cancel: Cancel,
 ) -> Result<Vec<ViewRow>> {
+    let (capture, renderer) = (&volume.capture, volume.renderer()?);
     let rays = run::rays_per_edge(capture.pixel_filter);
     let never = AtomicBool::new(false);
     let shown = run.shown.iter().filter_map(|i| Some((*i, capture.frames.get(*i)?)));
@@ -242,6 +250,7 @@ fn rows(
         .take_while(|_| !cancel.requested())
         .map(|(i, frame)| {
             let picture = photos::picture(&frame.picture, run.layer.as_deref(), capture, limits)?;
+            let picture = if volume.by_alpha { picture.by_alpha() } else { picture };
             let flag = cancel.flag().unwrap_or(&never);
             let Some(render) = renderer.picture(&frame.camera, rays, flag) else { return Ok(None) };
             let comparison = metrics::compare(&render, &picture).map_err(|e| e.at(&frame.picture))?;

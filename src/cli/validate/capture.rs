@@ -5,7 +5,7 @@ use crate::cli::photos;
 use crate::error::{Kind, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
-use crate::optimise::plausibility::{self, Warning};
+use crate::optimise::plausibility::{self, Emission};
 use crate::scene::capture::Model;
 use std::path::Path;
 
@@ -19,14 +19,16 @@ pub(super) fn check(path: &Path, limits: Limits, findings: &mut Findings) -> Res
     // Captures whose pictures cannot be read have problems already, and distorted views become pixels of a camera first.
     let Some(capture) = captures::load_within(path, limits).ok().filter(|_| findings.valid()) else { return Ok(()) };
     if capture.model == Model::Scattering {
-        findings.warning(Warning::new(
-            "the pictures show a medium that scatters light, which no reconstruction explains",
-            "nothing needs to be done if they are only looked at; to reconstruct, render the medium without scattering",
-        ));
+        findings.note(
+            None,
+            "the pictures show a medium that scatters light",
+            "reconstruct what they tell of it: `cumulo reconstruct density` takes the densities from alpha, `cumulo \
+             reconstruct color` finds the light as emission",
+        );
     }
     match photos::read(&capture, None, limits, &|| {}) {
         Ok(photos) => {
-            let contradictions = plausibility::warnings(plausibility::pictures(&photos, &capture));
+            let contradictions = plausibility::warnings(plausibility::pictures(&photos, &capture, Emission::Stated));
             contradictions.into_iter().for_each(|warning| findings.warning(warning));
         }
         Err(error) if error.kind() == Kind::Unsupported => {

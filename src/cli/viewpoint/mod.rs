@@ -70,13 +70,13 @@ pub struct Viewpoint {
     /// Size of the pictures in pixels
     #[arg(long, value_name = "WxH", default_value = "256x256", value_parser = parse::size)]
     size: [u32; 2],
-    /// Angle in degrees that the volume takes in the pictures
+    /// Angle of view in degrees that holds the volume's bounding sphere: it sets how far away the cameras stand
     #[arg(long, value_name = "DEGREES", default_value_t = 40.0, value_parser = parse::angle)]
     fov: f64,
     /// Axis that points upwards, with respect to which cameras stand upright
     #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpChoice::Auto)]
     up: UpChoice,
-    /// Extinction per unit of density and length; auto makes the 99th percentile of the optical depth 3
+    /// Extinction per world unit at a density of 1; auto makes the 99th percentile of the optical depth 3
     #[arg(long, value_name = "S|auto", default_value = "1")]
     density_scale: DensityScale,
     /// Radiance behind the volume in the pictures, r,g,b (default: white, black with a transfer function)

@@ -70,12 +70,19 @@ pub fn stated_within(path: &Path, limits: Limits) -> Result<StatedCapture> {
         return Ok(StatedCapture { capture, optics });
     }
     if colmap::is_model_file(&place) {
-        if !place.is_file() {
-            return Err(Error::invalid("cameras and images of COLMAP's model are not both there")
-                .at(&place)
+        if colmap::find(&place).is_none() {
+            return Err(Error::invalid("the folder does not hold both files of COLMAP's model: cameras and images")
+                .at(place.parent().unwrap_or(&place))
                 .hint("give the folder that holds cameras.txt and images.txt, or cameras.bin and images.bin"));
         }
         return colmap::load_within(&place, limits);
+    }
+    if path.is_dir() && !place.exists() {
+        return Err(Error::invalid(
+            "the folder holds neither a transforms.json nor COLMAP's cameras and images (in it, or in sparse/0)",
+        )
+        .at(path)
+        .hint("a capture is a transforms.json or the folder that holds one, or a model of COLMAP"));
     }
     let mut stated = transforms::stated_within(&place, limits)?;
     if place.file_name().is_some_and(|name| name == TRAINING) && path.is_dir() {

@@ -16,6 +16,15 @@ pub use pictures::pictures;
 use crate::error::Error;
 use serde::{Deserialize, Serialize};
 
+/// Emission that pictures are compared with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Emission {
+    /// The one that the capture states.
+    Stated,
+    /// None: a reconstruction looks for it, and it may differ from point to point.
+    Sought,
+}
+
 /// A remark on a result that the user should know of.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Warning {

@@ -1,6 +1,6 @@
 //! Contradictions of the pixels with what a capture states, and with each other.
 
-use super::Finding;
+use super::{Emission, Finding};
 use crate::optimise::projection::observation::Photo;
 use crate::scene::capture::{Capture, EmissionModel, Model};
 use rayon::prelude::*;
@@ -12,8 +12,9 @@ const TRANSPARENT: f32 = 2e-6;
 /// Radiance beyond which a sample is no light of a picture.
 const BRIGHTEST: f32 = 1e20;
 
-/// Contradictions of the pictures' pixels with the capture and with each other.
-pub fn pictures(photos: &[Photo], capture: &Capture) -> Vec<Finding> {
+/// Contradictions of the pictures' pixels with the capture and with each other. `emission` tells whether they must show the
+/// one that the capture states.
+pub fn pictures(photos: &[Photo], capture: &Capture, emission: Emission) -> Vec<Finding> {
     if let Some(first) = photos.first().filter(|_| photos.iter().all(|p| finite(p).next().is_none())) {
         return vec![Finding::certain(
             Some(&first.name),
@@ -28,9 +29,11 @@ pub fn pictures(photos: &[Photo], capture: &Capture) -> Vec<Finding> {
     if findings.iter().any(|f| f.certain) {
         return findings;
     }
-    let background = background_color(photos, capture);
+    let source = grey(capture).filter(|_| emission == Emission::Stated);
+    let background = background_color(photos, capture, source);
     // What alpha and colors imply rests on the background.
-    let opacity = background.iter().all(|f| !f.certain).then(|| opacity(photos, capture)).flatten();
+    let sound = background.iter().all(|f| !f.certain);
+    let opacity = source.filter(|_| sound).and_then(|source| opacity(photos, capture, source));
     findings.extend(background);
     findings.extend(opacity);
     findings.extend(quantised(photos));
@@ -136,7 +139,7 @@ fn grey(capture: &Capture) -> Option<[f64; 3]> {
 }
 
 /// A background other than the color of pixels without opacity, or of the border where there is no alpha.
-fn background_color(photos: &[Photo], capture: &Capture) -> Option<Finding> {
+fn background_color(photos: &[Photo], capture: &Capture, source: Option<[f64; 3]>) -> Option<Finding> {
     let stated = capture.background.map(f64::from);
     let pixels: usize = photos.iter().map(|p| p.film.rgba.len()).sum();
     if has_alpha(photos) {
@@ -170,7 +173,7 @@ fn background_color(photos: &[Photo], capture: &Capture) -> Option<Finding> {
     };
     let mut samples: Vec<[f32; 3]> = photos.par_iter().flat_map_iter(border).collect();
     let observed = common(&mut samples)?;
-    if same(observed, stated) || grey(capture).is_some_and(|source| same(observed, source)) {
+    if same(observed, stated) || source.is_some_and(|source| same(observed, source)) {
         return None;
     }
     let what = format!(
@@ -180,7 +183,7 @@ fn background_color(photos: &[Photo], capture: &Capture) -> Option<Finding> {
     );
     let remedy = format!("state \"background\": {} in transforms.json, or render with alpha", json(observed));
     // Between background and source a medium that fills all pictures evenly could have it.
-    let (off, transmittance) = grey(capture).map_or((0.0, 0.5), |source| between(observed, source, stated));
+    let (off, transmittance) = source.map_or((0.0, 0.5), |source| between(observed, source, stated));
     let possible = off < 0.05 && (-0.05..1.0).contains(&transmittance);
     Some(if possible { Finding::doubtful(None, what, remedy) } else { Finding::certain(None, what, remedy) })
 }
@@ -198,73 +201,145 @@ fn between(color: [f64; 3], source: [f64; 3], background: [f64; 3]) -> (f64, f64
 }
 
 /// Colors of a grey medium are `α c + (1 - α) b`: the emission c that alpha and colors imply against the one stated.
-fn opacity(photos: &[Photo], capture: &Capture) -> Option<Finding> {
-    let stated = grey(capture)?;
+fn opacity(photos: &[Photo], capture: &Capture, stated: [f64; 3]) -> Option<Finding> {
     let background = capture.background.map(f64::from);
     if !has_alpha(photos) {
         return impossible_colors(photos, stated, background);
     }
-    // Σ α², Σ α (L - (1 - α) b), Σ (L - (1 - α) b)², by channel.
-    let sums = |p: &Photo| {
-        finite(p).filter(|v| v[3] > 0.02).fold([[0.0_f64; 3]; 3], |mut sums, v| {
-            let alpha = f64::from(v[3]);
-            for c in 0..3 {
-                let own = f64::from(v[c]) - (1.0 - alpha) * background[c];
-                sums[0][c] += alpha * alpha;
-                sums[1][c] += alpha * own;
-                sums[2][c] += own * own;
-            }
-            sums
-        })
-    };
-    let all: Vec<[[f64; 3]; 3]> = photos.par_iter().map(sums).collect();
-    let total = |k: usize, c: usize| all.iter().map(|s| s[k][c]).sum::<f64>();
-    if total(0, 0) < 1.0 {
+    let views: Vec<Emitted> = photos.par_iter().map(|photo| Emitted::of(photo, background)).collect();
+    let all = views.iter().fold(Emitted::default(), Emitted::plus);
+    if all.alpha < 1.0 {
         return None;
     }
-    let implied: [f64; 3] = std::array::from_fn(|c| total(1, c) / total(0, c));
+    let implied = all.emission();
     let scale = (0..3).map(|c| stated[c].max(implied[c].abs()).max(background[c])).fold(1e-12, f64::max);
     let apart = (0..3).map(|c| (implied[c] - stated[c]).abs()).fold(0.0, f64::max);
-    if apart < 0.1 * scale {
+    let brightest = implied.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+    let varies = varies(&views, (VARIED * brightest).max(SAME[1] * scale));
+    let misfit = all.misfit(implied);
+    if apart < 0.1 * scale && !varies && misfit < MISFIT * scale {
         return None;
     }
-    let brightest = implied.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
-    let varies = varies(&all, (VARIED * brightest).max(SAME[1] * scale));
-    let left = |c: usize| (total(2, c) - implied[c] * total(1, c)).max(0.0) / total(0, c);
-    let explained = (0..3).map(left).fold(0.0, f64::max).sqrt() < 0.1 * scale && implied.iter().all(|v| *v > -0.05);
-    let explained = explained && !varies;
-    let what = format!(
-        "alpha and colors contradict each other: together they imply the emission {}{}, the capture says {}",
+    let one = !varies && misfit < MISFIT * scale && implied.iter().all(|v| *v > -0.05);
+    let contradicts = format!(
+        "alpha and colors contradict each other: together they imply the emission {}, the capture says {}",
         json(implied),
-        if varies { ", which is another one in each view" } else { "" },
         if capture.model == Model::Absorption { "absorption alone".to_owned() } else { json(stated) },
     );
-    let remedy = if explained && brightest < SAME[1] * scale {
-        "state \"model\": \"absorption\" in transforms.json: densities follow from it".into()
-    } else if explained {
-        format!(
-            "state \"model\": \"emission-absorption\" and \"emission\": {} in transforms.json: densities follow from it",
-            json(implied.map(|v| v.max(0.0)))
-        )
-    } else if varies {
-        "light that depends on the view is scattered, which neither absorption nor emission explains: render the medium \
-         without scattering (in Cycles with Absorption and Emission alone, here without --albedo), or leave alpha out if it \
-         is a mask and not 1 - transmittance"
-            .into()
+    let (what, remedy) = if one && brightest < SAME[1] * scale {
+        (contradicts, "state \"model\": \"absorption\" in transforms.json: densities follow from it".to_owned())
+    } else if one {
+        let emission = json(implied.map(|v| v.max(0.0)));
+        let state = format!("state \"model\": \"emission-absorption\" and \"emission\": {emission} in transforms.json");
+        (contradicts, format!("{state}: densities follow from it"))
+    } else if implied.iter().any(|v| *v <= -0.05) && !varies {
+        let check = "check model, emission and background in transforms.json; if alpha is a mask and not 1 - transmittance, \
+                     leave it out of the pictures";
+        (contradicts, check.to_owned())
     } else {
-        "check model, emission and background in transforms.json; if alpha is a mask and not 1 - transmittance, leave it \
-         out of the pictures"
-            .into()
+        let place = if varies { "another one in each view" } else { "one that differs from pixel to pixel" };
+        (
+            format!(
+                "alpha and colors contradict each other: no one emission explains both; they imply {place}, {} on average \
+                 (off by {:.1} %)",
+                json(implied),
+                100.0 * misfit / scale
+            ),
+            SCATTERED.to_owned(),
+        )
     };
     Some(Finding::doubtful(None, what, remedy))
 }
 
+/// Remedy for light that no one emission explains.
+const SCATTERED: &str = "if the medium scatters light, state \"model\": \"scattering\" in transforms.json: densities then \
+                         follow from alpha alone, and `cumulo reconstruct color` finds the light as emission, as it finds \
+                         volumes of several colors; if alpha is a mask and not 1 - transmittance, leave it out of the pictures";
+
 /// Share of the implied emission by which that of single views may differ.
 const VARIED: f64 = 0.2;
+/// Share of the largest color by which what one emission explains may be off, in pixels that lie beside each other alike:
+/// where little light comes through, the optical depth is off by many times that.
+const MISFIT: f64 = 0.005;
+/// Pixels from one to that beside it whose noise is another: filters of pictures are not wider.
+const BESIDE: usize = 2;
 
-/// True if the emissions that views imply, from their sums over the pixels, lie further apart than `most`.
-fn varies(views: &[[[f64; 3]; 3]], most: f64) -> bool {
-    let of = |c: usize| views.iter().filter(move |s| s[0][c] >= 1.0).map(move |s| s[1][c] / s[0][c]);
+/// Sums over pixels by which alpha α and the medium's own light L imply an emission: `L = α c`.
+#[derive(Debug, Clone, Copy, Default)]
+struct Emitted {
+    /// Σ α².
+    alpha: f64,
+    /// Σ α L and Σ L², by channel.
+    light: [f64; 3],
+    squares: [f64; 3],
+    /// Over pairs of pixels: Σ α α', their number, and by channel Σ (α L' + α' L) and Σ L L'.
+    pairs: f64,
+    count: f64,
+    mixed: [f64; 3],
+    products: [f64; 3],
+}
+
+impl Emitted {
+    fn of(photo: &Photo, background: [f64; 3]) -> Self {
+        let mut sums = Self::default();
+        let own = |p: &[f32; 4]| {
+            let alpha = f64::from(p[3]);
+            let light: [f64; 3] = std::array::from_fn(|c| f64::from(p[c]) - (1.0 - alpha) * background[c]);
+            (p.iter().all(|v| v.is_finite()) && alpha > 0.02).then_some((alpha, light))
+        };
+        for row in photo.film.rgba.chunks(photo.film.width.max(1)) {
+            for (x, (alpha, light)) in row.iter().enumerate().filter_map(|(x, p)| Some((x, own(p)?))) {
+                sums.alpha += alpha * alpha;
+                for c in 0..3 {
+                    sums.light[c] += alpha * light[c];
+                    sums.squares[c] += light[c] * light[c];
+                }
+                let Some((beside, other)) = row.get(x + BESIDE).and_then(own) else { continue };
+                sums.pairs += alpha * beside;
+                sums.count += 1.0;
+                for c in 0..3 {
+                    sums.mixed[c] += alpha * other[c] + beside * light[c];
+                    sums.products[c] += light[c] * other[c];
+                }
+            }
+        }
+        sums
+    }
+
+    fn plus(self, other: &Self) -> Self {
+        let sum = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|c| a[c] + b[c]);
+        Self {
+            alpha: self.alpha + other.alpha,
+            light: sum(self.light, other.light),
+            squares: sum(self.squares, other.squares),
+            pairs: self.pairs + other.pairs,
+            count: self.count + other.count,
+            mixed: sum(self.mixed, other.mixed),
+            products: sum(self.products, other.products),
+        }
+    }
+
+    /// Emission that explains most of the light.
+    fn emission(&self) -> [f64; 3] {
+        self.light.map(|light| light / self.alpha)
+    }
+
+    /// Deviation of the light from that of an emission, without noise, which pixels that lie beside each other do not share:
+    /// of few pixels the noise may agree by chance, three standard deviations of which are taken off.
+    fn misfit(&self, emission: [f64; 3]) -> f64 {
+        let square = |c: usize| {
+            let e = emission[c];
+            let shared = (self.products[c] - e * self.mixed[c] + e * e * self.pairs) / self.pairs.max(1e-12);
+            let all = (self.squares[c] - 2.0 * e * self.light[c] + e * e * self.alpha) / self.alpha;
+            shared - 3.0 * all / self.count.sqrt()
+        };
+        (0..3).map(square).fold(0.0, f64::max).sqrt()
+    }
+}
+
+/// True if the emissions that views imply lie further apart than `most`.
+fn varies(views: &[Emitted], most: f64) -> bool {
+    let of = |c: usize| views.iter().filter(|view| view.alpha >= 1.0).map(move |view| view.emission()[c]);
     (0..3).any(|c| of(c).fold(f64::NEG_INFINITY, f64::max) - of(c).fold(f64::INFINITY, f64::min) > most)
 }
 

@@ -73,16 +73,34 @@ impl Observation {
     pub fn new(photos: &[Photo], background: [f32; 3], source: [f32; 3]) -> Result<Self> {
         let contrast: [f64; 3] = std::array::from_fn(|c| f64::from(background[c]) - f64::from(source[c]));
         let power: f64 = contrast.iter().map(|c| c * c).sum();
-        let by_alpha = power < 1e-12;
-        let transmittance = |p: &[f32; 4]| {
-            if by_alpha {
-                1.0 - f64::from(p[3])
-            } else {
-                (0..3).map(|c| (f64::from(p[c]) - f64::from(source[c])) * contrast[c]).sum::<f64>() / power
-            }
-        };
+        if power >= 1e-12 {
+            let over = |p: &[f32; 4], c: usize| (f64::from(p[c]) - f64::from(source[c])) * contrast[c];
+            return Self::of(photos, |p| (0..3).map(|c| over(p, c)).sum::<f64>() / power);
+        }
+        if opaque(photos) {
+            return Err(Error::invalid("medium and background have the same color, and alpha is 1 in all pixels: the pictures do not show the medium")
+                .hint("render on a background of another color than the medium's, stated as `background` in transforms.json, or with alpha"));
+        }
+        Self::by_alpha(photos)
+    }
+
+    /// Reads transmittances off alpha alone, whatever the colors are.
+    ///
+    /// # Errors
+    /// If alpha is 1 everywhere, or a picture is mostly not finite.
+    pub fn by_alpha(photos: &[Photo]) -> Result<Self> {
+        if opaque(photos) {
+            return Err(Error::invalid(
+                "alpha is 1 in all pixels, and only alpha tells how much light this medium lets through",
+            )
+            .hint("render with alpha = 1 - transmittance (in Cycles with a transparent film)"));
+        }
+        Self::of(photos, |p| 1.0 - f64::from(p[3]))
+    }
+
+    fn of(photos: &[Photo], transmittance: impl Fn(&[f32; 4]) -> f64 + Sync) -> Result<Self> {
         let transmittances: Vec<Vec<f64>> =
-            photos.par_iter().map(|p| p.film.rgba.iter().map(transmittance).collect()).collect();
+            photos.par_iter().map(|p| p.film.rgba.iter().map(&transmittance).collect()).collect();
         for (photo, values) in photos.iter().zip(&transmittances) {
             let bad = values.iter().filter(|v| !v.is_finite()).count();
             if bad * 10 > values.len() {
@@ -90,10 +108,6 @@ impl Observation {
                     .at(&photo.name)
                     .hint("render the view again, or take it out of the capture"));
             }
-        }
-        if by_alpha && transmittances.iter().flatten().all(|t| *t == 0.0) {
-            return Err(Error::invalid("background and source have the same color and alpha is 1 everywhere: the pictures do not show the medium")
-                .hint("render on a background that differs from the medium's color, or with alpha, and state it as `background` in transforms.json"));
         }
         let untouched = transmittances.iter().flatten().filter(|t| (**t - 1.0).abs() < f64::from(EMPTY)).count();
         let exact = untouched * 100 >= transmittances.iter().map(Vec::len).sum::<usize>();
@@ -128,6 +142,11 @@ impl Observation {
             .collect();
         Ok(Self { maps, empty, clean })
     }
+}
+
+/// True if alpha is 1 in all pixels.
+fn opaque(photos: &[Photo]) -> bool {
+    photos.iter().flat_map(|photo| &photo.film.rgba).all(|p| p[3] == 1.0)
 }
 
 /// Pixels that the shorter side of a picture keeps, however coarse the volume: with fewer the rays say nothing.

@@ -159,7 +159,7 @@ impl<'a> Hull<'a> {
             }
             if kept.is_empty() {
                 return Err(Error::invalid(
-                    "the pictures contradict one another: no point is non-empty in all of them",
+                    "the pictures contradict one another: each point in space lies where at least one of them is empty",
                 )
                 .hint("check the cameras (camera-to-world, looking down -Z, y up) and the background color"));
             }
