@@ -1,5 +1,5 @@
 //! Damaged inputs of every kind through every command that reads them: no crash, no hang, memory below its cap, and a
-//! message that names the file and says what to do.
+//! message that names the file and says what to do. Inputs of every option that are outputs, too: none is replaced.
 //!
 //! `make test` runs a short round, `make fuzz` the long one. Environment variables: `FUZZ_INPUTS` is the number of
 //! damaged inputs, `FUZZ_SEED` the seed, `FUZZ_CASE` runs one case alone, `FUZZ_PROGRAM` names another build of the
@@ -9,7 +9,9 @@
 
 mod damage;
 mod images;
+mod replaced;
 mod stages;
+mod work;
 
 use damage::Dice;
 use damage::corpus::{Corpus, Sample};
@@ -261,4 +263,21 @@ fn damaged_inputs_are_read_or_refused() {
     // Damage that nothing notices would test nothing.
     let whole = number("FUZZ_CASE").is_none() && tally.runs() > 100;
     assert!(!whole || tally.refused() * 5 > tally.runs(), "too few inputs are refused: {summary}");
+}
+
+/// Inputs of every option against outputs: whatever is paired, the input stays and the command says so.
+#[test]
+fn inputs_of_every_option_are_spared() {
+    let number = |key: &str| std::env::var(key).ok().map(|v| v.parse::<u64>().unwrap_or_else(|e| panic!("{key}: {e}")));
+    let (inputs, seed) = (number("FUZZ_INPUTS").unwrap_or(INPUTS), number("FUZZ_SEED").unwrap_or(SEED));
+    let work = replaced::prepared();
+    let before = work.files("in");
+    for trial in 0..inputs / 8 {
+        let mut dice = Dice::new(seed, trial);
+        let case = dice.choose(&replaced::ALL);
+        let (input, output) = (*dice.choose(case.inputs), *dice.choose(case.outputs));
+        let spelling = *dice.choose(&[replaced::Spelling::Symbolic, replaced::Spelling::Hard]);
+        replaced::refused(&work, case, input, output, spelling);
+    }
+    assert!(work.files("in") == before, "an input has changed");
 }

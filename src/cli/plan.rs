@@ -93,9 +93,10 @@ impl PlanCommand {
             pictures.frame = self.frame.or(numbers.first().copied());
             pictures.input = pattern.path(pictures.frame.unwrap_or_default());
         }
-        let template = pictures.template(None)?;
+        let mut provenance = Provenance::begin();
+        let template = pictures.template(None, &mut provenance)?;
         let limits = pictures.memory.limits();
-        let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut Provenance::begin())?;
+        let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut provenance)?;
         subject.remarks().iter().for_each(|remark| output.note(format!("remark: {remark}")));
         let paths = pictures.scattering.on() || subject.is_scene();
         pictures.scattering.check(paths)?;

@@ -45,8 +45,6 @@ impl Convert {
         let stage = output.stage("converting");
         let limits = self.memory.limits();
         outputs::file(&self.output, Content::Vdb)?;
-        let inputs = std::iter::once(&self.input).chain(&self.transfer.tf);
-        outputs::spare([self.output.as_path()], inputs.map(PathBuf::as_path))?;
         let transfer = self.transfer.load(limits)?;
         let file = File::open(&self.input, limits)?;
         let names = self.chosen(&file)?;

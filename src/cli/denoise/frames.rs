@@ -5,8 +5,8 @@ use super::motion::{Asked, Motions};
 use super::passes::Directions;
 use super::plan::{Plan, Read, Step};
 use super::shot::{Layer, Shot, Target};
-use super::{COMMAND, Cuts, Denoise, Guide};
-use crate::cli::failed::Failed;
+use super::{COMMAND, Cuts, Denoise, Guide, INPUTS};
+use crate::cli::failed::{self, Failed};
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
 use crate::denoise::{Denoised, Settings};
@@ -98,9 +98,7 @@ impl Sequence<'_> {
         bar.finish_and_clear();
         let mut done = done?;
         done.failed.sort_by_key(|failed| failed.frame);
-        for Failed { frame, error } in &done.failed {
-            output.note(format!("frame {frame}: {error}"));
-        }
+        failed::tell(&done.failed);
         Ok(done)
     }
 
@@ -294,8 +292,14 @@ impl Sequence<'_> {
                 let confidence = denoised[0].confidence.clone();
                 document.add(targets[0].part, "confidence.N", confidence);
             }
-            document.set_attribute(COMMAND, &provenance.command);
-            if let Err(error) = document.write(&self.outputs[frame]) {
+            let mut origin = provenance.clone();
+            let files = self.command.files_of(self.numbers[frame], &self.inputs[frame]);
+            let result = origin.files(files.iter().map(PathBuf::as_path)).and_then(|()| {
+                document.set_attribute(COMMAND, &provenance.command);
+                document.set_attribute(INPUTS, &origin.hashes());
+                document.write(&self.outputs[frame])
+            });
+            if let Err(error) = result {
                 failed.push(Failed { frame: self.numbers[frame], error: error.to_string() });
             }
             // Nobody takes it behind the last frame.

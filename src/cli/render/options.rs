@@ -11,7 +11,7 @@ use crate::render::quadrature::{Quadrature, rules};
 use crate::scene::camera::Window;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::orbit::Layout;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Options that pictures are made by: subject, cameras, media and light.
 #[derive(Debug, Clone, clap::Args)]
@@ -45,8 +45,8 @@ pub struct PictureOptions {
     /// Render a part of each picture: x0,y0,x1,y1 in pixels, x1 and y1 not included, or column, row and size
     #[arg(long, value_name = "X0,Y0,X1,Y1|X,Y,WxH", value_parser = parse::window)]
     pub(in crate::cli) crop: Option<Window>,
-    /// Take cameras, and what else is not given, from a transforms.json, a model of COLMAP or a USD stage (default: the
-    /// cameras of the stage that is rendered)
+    /// Take cameras, and what else is not given, from a transforms.json, a model of COLMAP or a USD stage, which stays as it
+    /// is: pictures go to another folder (default: the cameras of the stage that is rendered)
     #[arg(long, value_name = "CAPTURE|STAGE")]
     pub(in crate::cli) cameras: Option<PathBuf>,
     /// Camera of the USD stage, by its path (default: the only one)
@@ -96,4 +96,12 @@ pub struct PictureOptions {
     pub(in crate::cli) planning: PlanningOptions,
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
+}
+
+impl PictureOptions {
+    /// Paths that the pictures are made from.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        let others = [self.transfer.file(), self.scattering.sky_file(), self.cameras.as_deref()];
+        std::iter::once(self.input.as_path()).chain(others.into_iter().flatten()).collect()
+    }
 }

@@ -11,6 +11,7 @@ mod subject;
 mod terminal;
 mod volume;
 
+use super::failed;
 use super::frames::FramesOption;
 use super::memory::Memory;
 use super::output::Output;
@@ -22,7 +23,7 @@ use super::up::{self, UpChoice};
 use crate::error::{Error, Result};
 use crate::formats::sequence::{Frames, Pattern};
 use crate::formats::vdb::File;
-use crate::formats::{self, Format, captures, picture, png};
+use crate::formats::{self, Format, captures, picture, png, protected};
 use crate::report::sheet::Sheet;
 use crate::scene::up::Up;
 pub(in crate::cli) use shown::Report;
@@ -84,6 +85,11 @@ enum Destination {
 }
 
 impl View {
+    /// Paths that the command reads.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        self.files.iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
+    }
+
     /// Reads, draws, writes or shows, and reports.
     ///
     /// # Errors
@@ -110,8 +116,10 @@ impl View {
             let size = [canvas.width, canvas.height];
             sheets.push(Shown { input: file.clone(), output: written, size, content });
         }
+        sheets.iter().for_each(|shown| failed::tell(shown.content.failed()));
+        let whole = sheets.iter().all(|shown| shown.content.failed().is_empty());
         output.report(&Report { sheets })?;
-        Ok(ExitCode::SUCCESS)
+        Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(2) })
     }
 
     /// Returns the up axis of a volume: that of `--up`, else what the file states, else Z.
@@ -160,16 +168,6 @@ impl View {
         Ok(found.map(|sequence| sequence.pattern))
     }
 
-    /// Returns the files that are read: those of the command line, and the pictures of captures.
-    fn inputs(&self) -> Vec<PathBuf> {
-        let pictures = |path: &PathBuf| {
-            let is_capture = formats::sniff(path).is_ok_and(|format| format == Format::Capture);
-            let capture = captures::stated_within(path, self.memory.limits()).ok().filter(|_| is_capture);
-            capture.map(|stated| outputs::of_capture(path, &stated.capture)).unwrap_or_default()
-        };
-        self.files.iter().flat_map(|path| std::iter::once(path.clone()).chain(pictures(path))).collect()
-    }
-
     /// Returns where sheets go, once that is known to be possible.
     fn destination(&self, output: &Output) -> Result<Destination> {
         let Some(path) = &self.output else {
@@ -201,8 +199,7 @@ impl View {
                 names.iter().map(|name| path.join(format!("{name}.png"))).collect()
             }
         };
-        let inputs = self.inputs();
-        outputs::spare(paths.iter().map(PathBuf::as_path), inputs.iter().map(PathBuf::as_path))?;
+        paths.iter().try_for_each(|path| protected::check(path))?;
         Ok(Destination::Files(paths))
     }
 

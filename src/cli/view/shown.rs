@@ -1,6 +1,7 @@
 //! What a sheet shows, for the report.
 
 use super::slices::Cut;
+use crate::cli::failed::{Failed, List};
 use crate::report::sheet::Range;
 use crate::report::short;
 use crate::scene::statistics::Statistics;
@@ -108,6 +109,9 @@ pub(in crate::cli) struct Sequence {
     pub count: usize,
     /// Numbers of the frames on the sheet.
     pub frames: Vec<u32>,
+    /// Frames that are missing or cannot be read.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub failed: Vec<Failed>,
     /// Exposure of all frames in stops.
     pub exposure: Option<f64>,
     /// Density scale of all frames; none for pictures.
@@ -120,6 +124,16 @@ impl fmt::Display for Report {
             let place = shown.output.as_ref().unwrap_or(&shown.input);
             writeln!(f, "{}: {}", printable(&place.to_string_lossy()), shown.content)
         })
+    }
+}
+
+impl Content {
+    /// Returns the frames of a sequence that are not shown, since they are missing or cannot be read.
+    pub fn failed(&self) -> &[Failed] {
+        match self {
+            Self::Sequence(sequence) => &sequence.failed,
+            _ => &[],
+        }
     }
 }
 
@@ -145,7 +159,8 @@ impl fmt::Display for Content {
             Self::Sequence(s) => {
                 write!(f, "{} of {} frames", s.frames.len(), s.count)?;
                 s.exposure.map_or(Ok(()), |ev| write!(f, ", exposure {ev:+.1} EV"))?;
-                s.density_scale.map_or(Ok(()), |scale| write!(f, ", density scale {}", short(scale)))
+                s.density_scale.map_or(Ok(()), |scale| write!(f, ", density scale {}", short(scale)))?;
+                write!(f, "{}", List(&s.failed))
             }
         }
     }
