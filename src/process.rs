@@ -8,6 +8,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::Path;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
 
 /// Least limit in bytes that [`limit_memory`] sets: stacks and heaps of the libraries' threads take some tens of
 /// mebibytes however small the work is.
@@ -43,10 +44,19 @@ fn taken() -> u64 {
     kib.unwrap_or(0) << 10
 }
 
+/// Time that the end of the process waits for files that are being renamed.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// Time that it waits where memory has run out, possibly in the thread that was creating a file.
+const SHORT_PATIENCE: Duration = Duration::from_millis(500);
+
 /// Removes temporary files and ends the process with exit code `code`.
 /// No destructor runs, because other threads may be in any state.
 pub fn leave(code: u8) -> ! {
-    temporary::remove_all();
+    leave_after(code, PATIENCE)
+}
+
+fn leave_after(code: u8, patience: Duration) -> ! {
+    temporary::remove_all(patience);
     // SAFETY: `_exit` ends the process and may be called in any state.
     unsafe { libc::_exit(code.into()) }
 }
@@ -137,5 +147,5 @@ fn end(what: impl FnOnce() -> (String, &'static str)) -> ! {
     let text = format!("cumulo: {file}{what}\n  {remedy}\n");
     // The standard library's stream is avoided because this thread may hold its lock.
     let _ = rustix::io::write(rustix::stdio::stderr(), text.as_bytes());
-    leave(2)
+    leave_after(2, SHORT_PATIENCE)
 }

@@ -71,6 +71,7 @@ fn noise_goes_and_all_else_passes_through() {
         }
         let (own, mut kept) = (noisy.header().attributes(), denoised.header().attributes());
         assert!(kept.remove("cumulo:denoise").unwrap().contains("cumulo denoise"));
+        assert!(kept.remove("cumulo:denoise-input").unwrap().contains("noisy/frame.0005.exr sha256:"));
         assert_eq!(own, kept);
         assert!(plane(&denoised, "confidence", "N").iter().all(|n| *n > 0.0), "{method}");
     }
@@ -102,6 +103,11 @@ fn bad_frames_do_not_stop_the_others() {
     for (number, what) in [(3, "frame.0003.exr"), (5, "frame.0005.exr"), (7, "8x8 pixels")] {
         assert!(errors(&out).contains(&format!("frame {number}")) && errors(&out).contains(what), "{}", errors(&out));
     }
+    // Without a range a hole is named as well.
+    let again =
+        work.command(&command.replace("--frames 0-11 ", "").replace("out/", "again/")).arg("-q").output().unwrap();
+    assert_eq!(again.status.code(), Some(2), "{}", errors(&again));
+    assert!(errors(&again).contains("frame 3: ") && errors(&again).contains("frame.0003.exr"), "{}", errors(&again));
     for number in [0, 1, 2, 4, 6, 8, 9, 10, 11] {
         let rgba = colors(&work, &format!("out/frame.{number:04}.exr"));
         assert!(rgba.iter().flatten().all(|v| v.is_finite()), "{number}");
@@ -180,6 +186,23 @@ fn motion_comes_from_volume_and_cameras() {
         let [c, d] = ["c", "d"].map(|folder| colors(&work, &format!("{folder}/frame.{number:04}.exr")));
         assert_eq!(c, d, "{number}");
     }
+    // Resumed, a frame whose motion has changed is denoised again.
+    let command = "denoise noisy/frame.####.exr -o c/frame.####.exr --motion files:traced/m.####.exr --resume";
+    let whole = work.json(command);
+    assert_eq!((&whole["skipped"], &whole["renewed"]), (&Value::from(12), &Value::Null));
+    std::fs::copy(work.path("traced/m.0003.exr"), work.path("traced/m.0007.exr")).unwrap();
+    let changed = work.json(command);
+    assert_eq!((&changed["denoised"], &changed["skipped"]), (&Value::from(1), &Value::from(11)));
+    assert_eq!(changed["renewed"], serde_json::json!([{"input": "traced/m.0007.exr", "frames": [7]}]));
+    let traced = "denoise noisy/frame.####.exr -o d/frame.####.exr --motion vdb:smoke.vdb,path --resume";
+    assert_eq!(work.json(traced)["skipped"], 12);
+    std::fs::write(
+        work.path("path/transforms.json"),
+        std::fs::read_to_string(work.path("path/transforms.json")).unwrap() + "\n",
+    )
+    .unwrap();
+    let text = work.text(traced);
+    assert!(text.contains("made again, since path/transforms.json has changed: 0-11"), "{text}");
     // Where there is none, the picture counts as at rest, and that is said.
     std::fs::create_dir(work.path("plain")).unwrap();
     for number in 0..3 {
@@ -235,7 +258,8 @@ fn sequences_are_compared() {
     let out = work.command("compare noisy/frame.####.exr true/frame.####.exr --flip --json").output().unwrap();
     let report: Value = serde_json::from_slice(&out.stdout).unwrap();
     let frames = report["frames"].as_array().unwrap();
-    assert_eq!((out.status.code(), frames.len(), &report["left_out"]), (Some(1), 11, &serde_json::json!([4])));
+    let failed: Vec<&Value> = report["failed"].as_array().unwrap().iter().map(|failed| &failed["frame"]).collect();
+    assert_eq!((out.status.code(), frames.len(), failed), (Some(2), 11, vec![&Value::from(4)]));
     // The first frame, and the one behind the gap, follow none.
     let flickers: Vec<bool> = frames.iter().map(|f| f["flicker_psnr_db"].is_number()).collect();
     assert_eq!(flickers.iter().filter(|number| **number).count(), 9);

@@ -1,5 +1,5 @@
 //! Damaged inputs of every kind through every command that reads them: no crash, no hang, memory below its cap, and a
-//! message that names the file and says what to do.
+//! message that names the file and says what to do. Inputs of every option that are outputs, too: none is replaced.
 //!
 //! Then files of some kinds change while they are read.
 //!
@@ -11,7 +11,9 @@
 
 mod damage;
 mod images;
+mod replaced;
 mod stages;
+mod work;
 
 use damage::Dice;
 use damage::corpus::{Corpus, Sample};
@@ -351,4 +353,21 @@ fn references_lead_to_layers_or_are_refused() {
     }
     println!("{counts:?}");
     assert!(inputs < INPUTS || counts.len() == 3, "{counts:?}");
+}
+
+/// Inputs of every option against outputs: whatever is paired, the input stays and the command says so.
+#[test]
+fn inputs_of_every_option_are_spared() {
+    let number = |key: &str| std::env::var(key).ok().map(|v| v.parse::<u64>().unwrap_or_else(|e| panic!("{key}: {e}")));
+    let (inputs, seed) = (number("FUZZ_INPUTS").unwrap_or(INPUTS), number("FUZZ_SEED").unwrap_or(SEED));
+    let work = replaced::prepared();
+    let before = work.files("in");
+    for trial in 0..inputs / 8 {
+        let mut dice = Dice::new(seed, trial);
+        let case = dice.choose(&replaced::ALL);
+        let (input, output) = (*dice.choose(case.inputs), *dice.choose(case.outputs));
+        let spelling = *dice.choose(&[replaced::Spelling::Symbolic, replaced::Spelling::Hard]);
+        replaced::refused(&work, case, input, output, spelling);
+    }
+    assert!(work.files("in") == before, "an input has changed");
 }

@@ -6,7 +6,8 @@
 mod work;
 mod writing;
 
-use std::process::Command;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use work::{Work, errors, interrupt, until};
 use writing::{ALL, completed, faults, prepared, restore, snapshot};
@@ -66,4 +67,62 @@ fn signals_leave_no_litter() {
     let out = interrupt(child);
     assert_eq!(out.status.code(), Some(130), "{}", errors(&out));
     assert!(work.files("").into_keys().all(|p| p.ends_with("big.vdb")), "{:?}", work.files("").keys());
+}
+
+/// Signals that come while files are being written, moments after the first of them has begun.
+#[test]
+fn signals_amid_writing_leave_no_litter() {
+    let work = Work::new();
+    work.json("render @plume.vdb --views 24 --size 64x64 --density-scale auto -o in");
+    work.json("render @plume.vdb --views 24 --size 64x64 --density-scale auto --overwrite -o other");
+    std::fs::create_dir(work.path("s")).unwrap();
+    for frame in 1..=24 {
+        std::fs::copy(work::fixture("plume.vdb"), work.path(&format!("s/s.{frame:04}.vdb"))).unwrap();
+    }
+    let mut stopped = 0;
+    for words in [
+        "capture convert in -o out --to colmap",
+        "motion @plume.vdb --cameras in --samples 4 -o out/m_%03d.exr",
+        "denoise in/view_%03d.exr -o out/q_%03d.exr",
+        "render @plume.vdb --views 24 --size 64x64 --png -o out",
+        "render @plume.vdb --cameras in --frames 0-23 -o out",
+        "convert s out",
+        "view in other -o out",
+        "compare in/view_%03d.exr other/view_%03d.exr --report out",
+        "usd author s/s.####.vdb -o out/s.usda",
+        "viewpoint @plume.vdb --starts 2 --iterations 1 --size 32x32 --pictures out/best -o out/best.json --report out/page",
+    ] {
+        for (number, signal) in ["-TERM", "-INT", "-TERM", "-TERM"].into_iter().enumerate() {
+            let _ = std::fs::remove_dir_all(work.path("out"));
+            std::fs::create_dir(work.path("out")).unwrap();
+            let mut child = work.start(words);
+            while litter(&work).is_empty() && child.try_wait().unwrap().is_none() {
+                std::thread::sleep(Duration::from_micros(200));
+            }
+            std::thread::sleep(Duration::from_millis(3 * number as u64));
+            let _ = Command::new("kill").args([signal, &child.id().to_string()]).stderr(Stdio::null()).status();
+            let status = child.wait().unwrap();
+            stopped += u32::from(matches!(status.code(), Some(130 | 143)));
+            assert!(litter(&work).is_empty(), "{words}, {signal}, {number}: {:?}", litter(&work));
+        }
+    }
+    assert!(stopped > 10, "only {stopped} were stopped in the midst");
+}
+
+/// Temporary files and folders in `out` and its folders.
+fn litter(work: &Work) -> Vec<PathBuf> {
+    let mut left = vec![work.path("out")];
+    let mut found = Vec::new();
+    while let Some(folder) = left.pop() {
+        // Folders come and go meanwhile.
+        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+            let temporary = entry.file_name().to_string_lossy().starts_with(".cumulo-");
+            match entry.path() {
+                path if temporary => found.push(path),
+                path if path.is_dir() => left.push(path),
+                _ => {}
+            }
+        }
+    }
+    found
 }

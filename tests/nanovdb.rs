@@ -8,6 +8,7 @@ use cumulo::formats::vdb::{RawLeaf, RawTile};
 use cumulo::math::Affine;
 use cumulo::scene::grid::{GridClass, LEAF_VOXELS, Leaf, Tile};
 use glam::{DMat4, DVec3};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 const LIMITS: Limits = Limits { max_memory: 64 << 20 };

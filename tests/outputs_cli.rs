@@ -2,9 +2,14 @@
 
 #![allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 
+mod replaced;
 mod work;
 
+use clap::CommandFactory;
+use replaced::Spelling;
+use std::any::TypeId;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
+use std::path::PathBuf;
 use std::process::Command;
 use work::{Work, errors, fixture};
 
@@ -106,6 +111,52 @@ fn inputs_are_never_replaced() {
         work.refused(words, &["would be written"]);
     }
     assert_eq!(work.files(""), before);
+}
+
+/// Whichever option leads to a file, and whatever it would become: it stays, `--overwrite` or not.
+#[test]
+fn no_input_of_any_option_becomes_an_output() {
+    let work = replaced::prepared();
+    let before = work.files("in");
+    for case in replaced::ALL.iter().chain([&replaced::REPORT]) {
+        replaced::works(&work, case);
+        let first = case.inputs.iter().map(|input| (input, &case.outputs[0]));
+        let others = case.outputs[1..].iter().map(|output| (&case.inputs[0], output));
+        for (number, (input, output)) in first.chain(others).enumerate() {
+            let spelling = if number % 2 == 0 { Spelling::Symbolic } else { Spelling::Hard };
+            replaced::refused(&work, case, input, output, spelling);
+        }
+    }
+    assert_eq!(work.files("in"), before);
+}
+
+/// An option that takes a path is among those above, so that a new one cannot be forgotten.
+#[test]
+fn every_option_with_a_path_is_tried_as_an_output() {
+    // These write nothing beside what they print, or pages of their own.
+    const WITHOUT_OUTPUTS: [&str; 8] = ["completions", "diff", "info", "man", "plan", "schema", "try-grid", "validate"];
+    let mut left: Vec<(String, clap::Command)> = vec![(String::new(), cumulo::cli::Arguments::command())];
+    let mut seen = 0;
+    while let Some((path, command)) = left.pop() {
+        for sub in command.get_subcommands().filter(|sub| !WITHOUT_OUTPUTS.contains(&sub.get_name())) {
+            left.push((format!("{path} {}", sub.get_name()).trim().to_owned(), sub.clone()));
+        }
+        for arg in command.get_arguments().filter(|arg| !arg.is_positional()) {
+            let name = arg.get_long().unwrap_or_default();
+            let takes_path = arg.get_value_parser().type_id() == TypeId::of::<PathBuf>();
+            if takes_path || ["sky", "motion", "beside"].contains(&name) {
+                let of_command = |case: &&replaced::Case| case.words.starts_with(&format!("{path} "));
+                let mut cases = replaced::ALL.iter().chain([&replaced::REPORT]).filter(of_command);
+                let named = |case: &replaced::Case| {
+                    let short = arg.get_short().map_or(String::new(), |short| format!(" -{short} "));
+                    case.words.contains(&format!(" --{name} ")) || !short.is_empty() && case.words.contains(&short)
+                };
+                assert!(cases.any(named), "cumulo {path} --{name} is not tried in tests/replaced");
+                seen += 1;
+            }
+        }
+    }
+    assert!(seen > 30, "{seen}");
 }
 
 #[test]

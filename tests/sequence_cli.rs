@@ -52,11 +52,75 @@ fn a_frame_that_fails_does_not_stop_the_others() {
     work.json(&format!("render smoke.0003.vdb --cameras out --density-scale {scale} -o single"));
     assert_eq!(work.picture("out/frame.0003.exr"), work.picture("single/view_002.exr"));
 
-    // A volume that has changed is rendered again; without a range, all files are frames.
-    let late = std::fs::File::options().append(true).open(work.path("smoke.0001.vdb")).unwrap();
+    // A volume that has changed is rendered again, one that is younger alone is not; without a range, all files are frames.
+    let late = std::fs::File::options().append(true).open(work.path("smoke.0003.vdb")).unwrap();
     late.set_modified(std::time::SystemTime::now() + std::time::Duration::from_secs(5)).unwrap();
+    std::fs::copy(fixture("slab.vdb"), work.path("smoke.0001.vdb")).unwrap();
     let changed = work.json(&format!("{} --resume", command.replace("--frames 1-3 ", "")));
     assert_eq!((&changed["rendered"], &changed["skipped"]), (&Value::from(1), &Value::from(2)));
+    assert_eq!(changed["renewed"], serde_json::json!([{"input": "smoke.0001.vdb", "frames": [1]}]));
+    // Without a range a hole is a frame that fails.
+    std::fs::remove_file(work.path("smoke.0002.vdb")).unwrap();
+    let out = work.command(&command.replace("--frames 1-3 ", "").replace("-o out", "-o hole")).output().unwrap();
+    assert_eq!(out.status.code(), Some(2), "{}", errors(&out));
+    assert!(errors(&out).contains("frame 2") && frames(&work, "hole").len() == 2, "{}", errors(&out));
+}
+
+/// Whatever a picture was made from counts, not its volume alone.
+#[test]
+fn a_changed_input_has_its_frames_rendered_again() {
+    let work = Work::new();
+    std::fs::copy(fixture("plume.vdb"), work.path("s.vdb")).unwrap();
+    work.json("render s.vdb --views 3 --size 8x8 --density-scale auto -o path");
+    work.json("render s.vdb --views 1 --size 8x4 --albedo 0.9 --samples 1 -o sky.exr");
+    let tf = |top: f64| {
+        let text = format!(
+            r#"{{"format": "cumulo-transfer-function", "version": 1, "transfer": {{"kind": "piecewise",
+                "points": [[0.0, 1, 1, 1, 0.0], [1.0, 0.2, 0.5, 0.9, {top}]]}}}}"#
+        );
+        std::fs::write(work.path("a.tf.json"), text).unwrap();
+    };
+    tf(2.0);
+    let command =
+        "render s.vdb --cameras path --tf a.tf.json --albedo 0.9 --sky sky.exr --samples 1 --frames 0-2 -o out";
+    work.json(command);
+    let resumed = |renewed: Value| {
+        let report = work.json(&format!("{command} --resume"));
+        let count = if renewed.is_null() { 0 } else { 3 };
+        assert_eq!(
+            (&report["rendered"], &report["skipped"]),
+            (&Value::from(count), &Value::from(3 - count)),
+            "{report}"
+        );
+        assert_eq!(report["renewed"], renewed);
+    };
+    let by = |input: &str| serde_json::json!([{"input": input, "frames": [0, 1, 2]}]);
+    resumed(Value::Null);
+    let before = work.picture("out/frame.0001.exr");
+    let json = std::fs::read_to_string(work.path("path/transforms.json")).unwrap();
+    let mut moved: Value = serde_json::from_str(&json).unwrap();
+    moved["frames"].as_array_mut().unwrap().iter_mut().for_each(|f| {
+        let x = f["transform_matrix"][0][3].as_f64().unwrap();
+        f["transform_matrix"][0][3] = (x + 0.5).into();
+    });
+    std::fs::write(work.path("path/transforms.json"), moved.to_string()).unwrap();
+    resumed(by("path/transforms.json"));
+    assert_ne!(work.picture("out/frame.0001.exr"), before);
+    let [camera, listed] = ["path", "out"].map(|name| transforms::load(&work.path(name)).unwrap().frames[1].camera);
+    assert_eq!(camera.camera_to_world, listed.camera_to_world);
+    tf(3.0);
+    resumed(by("a.tf.json"));
+    work.json("render s.vdb --views 1 --size 8x4 --albedo 0.5 --samples 1 --overwrite -o sky.exr");
+    resumed(by("sky.exr"));
+    resumed(Value::Null);
+    // The text says so in a line.
+    tf(4.0);
+    let text = work.text(&format!("{command} --resume"));
+    assert!(text.contains("made again, since a.tf.json has changed: 0-2"), "{text}");
+    // A list of cameras that lacks frames is made whole again.
+    std::fs::remove_file(work.path("out/transforms.json")).unwrap();
+    resumed(Value::Null);
+    assert_eq!(frames(&work, "out").len(), 3);
 }
 
 /// Frames of one volume by the cameras of a capture are the views of the same numbers, in one run or in parts.
@@ -101,7 +165,14 @@ fn cameras_are_found_by_number() {
     work.refused(&format!("render @plume.vdb --frames 2-4 {options} -o more"), &["frame 4", "0 to 3"]);
     let other = options.replace("0.9", "0.8");
     work.refused(&format!("render @plume.vdb --frames 0-3 {other} -o parts --resume"), &["another command"]);
-    work.refused(&format!("render @plume.vdb --frames 0-3 {options} -o whole"), &["--overwrite"]);
+    work.refused(&format!("render @plume.vdb --frames 0-3 {other} -o parts"), &["another command", "--overwrite"]);
+    // The folder of the cameras is none for pictures, as its list would lose cameras.
+    let list = std::fs::read(work.path("views/transforms.json")).unwrap();
+    for more in ["", " --overwrite", " --resume"] {
+        let words = format!("render @plume.vdb --frames 0-1 {options} -o views{more}");
+        work.refused(&words, &["is an input of this command", "another name"]);
+    }
+    assert_eq!(std::fs::read(work.path("views/transforms.json")).unwrap(), list);
     work.refused(&format!("render @plume.vdb --frames 3-1 {options} -o whole"), &["empty"]);
     work.refused(&format!("render @plume.vdb --views 4 --frames 1-3 {LIT} -o no"), &["--views 1"]);
     work.refused(&format!("render @plume.vdb --views 2 {LIT} -o no --resume"), &["--frames"]);
@@ -124,11 +195,11 @@ fn scene_files_hold_sequences() {
     let report = work.json(command);
     assert_eq!(report["rendered"], 2);
     assert_ne!(work.picture("out/frame.0001.exr"), work.picture("out/frame.0002.exr"));
-    // A picture is older than a volume behind the scene that has changed since.
-    let late = std::fs::File::options().append(true).open(work.path("s.0002.vdb")).unwrap();
-    late.set_modified(std::time::SystemTime::now() + std::time::Duration::from_secs(5)).unwrap();
+    // A volume behind the scene that has changed counts.
+    std::fs::copy(fixture("slab.vdb"), work.path("s.0002.vdb")).unwrap();
     let again = work.json(&format!("{command} --resume"));
     assert_eq!((&again["rendered"], &again["skipped"]), (&Value::from(1), &Value::from(1)));
+    assert_eq!(again["renewed"], serde_json::json!([{"input": "s.0002.vdb", "frames": [2]}]));
     work.refused("render scene.json --views 1 -o no", &["s.%04d.vdb", "--frames"]);
     // A scene file for each frame moves lights, media and functions.
     for (frame, radiance) in [(1, 1.0), (2, 3.0)] {
@@ -245,26 +316,60 @@ fn a_range_beside_the_sequence_is_refused_at_once() {
     assert_eq!(work.json(&format!("{command} --frames 1006"))["rendered"], 1);
 }
 
-/// Processes that render parts of a sequence at the same time into one folder leave one capture of all frames.
+/// Processes that render parts of a sequence into one folder, at once or one after the other, with `--resume` or without, leave one
+/// capture of all frames.
 #[test]
-fn parts_that_end_at_once_keep_each_others_frames() {
+fn parts_keep_each_others_frames() {
     let work = Work::new();
-    for part in 0..3 {
+    work.json("render @plume.vdb --views 12 --layout ring --size 8x8 -o path");
+    for (round, more) in ["", " --resume", " --overwrite", ""].into_iter().enumerate() {
         let command = |first: u32| {
-            format!(
-                "render @plume.vdb --views 1 --size 8x8 -o out{part} --resume --quiet --frames {first}-{}",
-                first + 1
-            )
+            let last = first + 3;
+            format!("render @plume.vdb --cameras path --quiet -o out{round}{more} --frames {first}-{last}")
         };
-        let running: Vec<_> = [0, 2, 4, 6].map(|first| work.start(&command(first))).into();
+        let at_once = round < 3;
+        let mut running = Vec::new();
+        for first in [0, 4, 8] {
+            running.push(work.start(&command(first)));
+            if !at_once {
+                running.drain(..).for_each(|mut child| assert!(child.wait().unwrap().success()));
+            }
+        }
         for child in running {
             let out = child.wait_with_output().unwrap();
             assert!(out.status.success(), "{}", errors(&out));
         }
-        assert_eq!(frames(&work, &format!("out{part}")).len(), 8);
+        let listed = frames(&work, &format!("out{round}"));
+        let expected: Vec<String> = (0..12).map(|n| format!("frame.{n:04}.exr")).collect();
+        assert_eq!(listed, expected, "{more}");
+        let json = std::fs::read(work.path(&format!("out{round}/transforms.json"))).unwrap();
+        let json: Value = serde_json::from_slice(&json).unwrap();
+        assert!(json["provenance"]["inputs"]["path/transforms.json"].is_string(), "{}", json["provenance"]);
     }
-    // Without --resume a second part is refused, and the refusal names it.
-    work.refused("render @plume.vdb --views 1 --size 8x8 -o out0 --frames 8-9", &["another capture", "--resume"]);
+    // A part again replaces its own frames alone, and another command none.
+    work.json("render @plume.vdb --cameras path -o out0 --frames 2-3");
+    assert_eq!(frames(&work, "out0").len(), 12);
+    let before = work.files("out0");
+    let other = "render @plume.vdb --cameras path --background 1,0,0 -o out0 --frames 2-3";
+    work.refused(other, &["another command", "--overwrite"]);
+    work.refused(&format!("{other} --resume"), &["another command", "--overwrite"]);
+    assert_eq!(work.files("out0"), before);
+    work.json(&format!("{other} --overwrite"));
+    assert_eq!(frames(&work, "out0").len(), 2);
+}
+
+/// Views are one capture: of two runs that end in one folder the later one is refused, as it is when it begins later.
+#[test]
+fn views_of_other_commands_are_not_mixed() {
+    let work = Work::new();
+    let command = |part: &str| format!("render @plume.vdb --views 4 --size 24x24 --view {part} -o out");
+    let running = [work.start(&command("0-1")), work.start(&command("2-3"))];
+    let codes = running.map(|child| child.wait_with_output().unwrap().status.code().unwrap());
+    assert!(codes == [0, 2] || codes == [2, 0], "{codes:?}");
+    let listed = frames(&work, "out");
+    assert_eq!(listed.len(), 2);
+    assert_eq!(work.files("out").len(), 3, "the pictures of the refused run are not there");
+    work.refused(&command("1-2"), &["another capture"]);
 }
 
 /// A folder of numbered files, and Houdini's names, are the sequence that a pattern is.

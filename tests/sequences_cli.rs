@@ -53,13 +53,14 @@ fn frames_are_described_in_order_whatever_names_them() {
     std::fs::remove_file(work.path("s/smoke.0004.vdb")).unwrap();
     for name in ["s/smoke.####.vdb", "s/smoke.%04d.vdb", "s/smoke.0001-0006.vdb", "s"] {
         let (code, report) = run(&work, &format!("info {name}"));
-        assert_eq!((code, numbers(&report["files"], "frame")), (0, vec![1, 2, 3, 5, 6]), "{name}");
+        assert_eq!((code, numbers(&report["files"], "frame")), (2, vec![1, 2, 3, 5, 6]), "{name}");
         let sequence = &report["sequences"][0];
         assert_eq!((&sequence["missing"], &sequence["frames"]), (&json!([4]), &json!(5)), "{sequence}");
     }
-    let (_, some) = run(&work, "info s --frames 1-5x2");
-    assert_eq!(numbers(&some["files"], "frame"), [1, 3, 5]);
-    let text = work.text("info s");
+    let (code, some) = run(&work, "info s --frames 1-5x2");
+    assert_eq!((code, numbers(&some["files"], "frame")), (0, vec![1, 3, 5]));
+    let out = work.command("info s").output().unwrap();
+    let text = String::from_utf8(out.stdout).unwrap();
     assert!(text.contains("smoke.####.vdb: 5 frames, 1 to 6") && text.contains("missing: 4"), "{text}");
     assert_eq!(text.lines().filter(|line| line.contains("'density'")).count(), 5, "{text}");
     // Damaged ones do not hide the others.
@@ -86,7 +87,9 @@ fn a_steady_sequence_is_valid_and_what_breaks_it_is_found() {
         change(&work);
         let (code, report) = run(&work, "validate s");
         let found = report["sequences"][0]["findings"].to_string();
-        assert_eq!((code, &report["valid"]), (1, &json!(false)), "{expected:?}: {report}");
+        // What is missing cannot be checked, which is an error.
+        let missing = expected[0].contains("missing");
+        assert_eq!((code, &report["valid"]), (if missing { 2 } else { 1 }, &json!(false)), "{expected:?}: {report}");
         for text in expected {
             assert!(found.contains(text), "'{text}' is not in {found}");
         }
@@ -147,7 +150,54 @@ fn frames_are_converted_and_those_that_fail_are_named() {
     let names: Vec<_> = work.files("folder").into_keys().map(|p| p.file_name().unwrap().to_owned()).collect();
     assert_eq!(names, ["smoke.0003.vdb", "smoke.0004.vdb", "smoke.0005.vdb"]);
     work.refused("convert s one.vdb", &["one.vdb", "out.####.vdb"]);
-    work.refused("convert s s", &["replace the sequence itself"]);
+    work.refused("convert s s", &["is an input of this command"]);
+}
+
+/// One rule for all commands: a frame that is missing in the midst is named, the others go on, and the exit code is 2.
+#[test]
+fn a_hole_is_named_by_every_command() {
+    let work = steady();
+    std::fs::create_dir(work.path("p")).unwrap();
+    for n in 1..=6 {
+        let film = Film::of(12, 12, vec![[0.5; 4]; 144]);
+        exr::write_picture(&work.path(&format!("p/f.{n:04}.exr")), &film, &BTreeMap::new(), false).unwrap();
+    }
+    work.json("convert s t");
+    work.json("render s/smoke.0001.vdb --views 1 --size 8x8 -o one");
+    for name in ["s/smoke.0004.vdb", "p/f.0004.exr"] {
+        std::fs::remove_file(work.path(name)).unwrap();
+    }
+    for words in [
+        "convert s out",
+        "diff s t",
+        "diff t s",
+        "diff s s",
+        "compare p p",
+        "info s",
+        "validate p",
+        "view s -o s.png",
+        "view p -o p.png",
+        "view p/f.####.exr --frames 1-6 -o q.png",
+        "denoise p/f.####.exr -o d/f.####.exr",
+        "motion s/smoke.####.vdb --cameras one/transforms.json --samples 1 -o m.####.exr",
+        "render s/smoke.####.vdb --views 1 --size 8x8 -o r",
+    ] {
+        let out = work.command(words).output().unwrap();
+        let text = format!("{}{}", String::from_utf8_lossy(&out.stdout), errors(&out));
+        assert_eq!(out.status.code(), Some(2), "{words}: {text}");
+        let named = ["frame 4", "missing: 4", "0004"].iter().any(|name| text.contains(name));
+        assert!(named, "{words}: {text}");
+    }
+    let written = ["out/smoke.0005.vdb", "s.png", "p.png", "q.png", "d/f.0005.exr", "m.0005.exr", "r/frame.0005.exr"];
+    assert!(written.iter().all(|name| work.path(name).is_file()), "{:?}", work.files("").keys());
+    let (_, report) = run(&work, "view p -o p.png");
+    assert_eq!(numbers(&report["sheets"][0]["failed"], "frame"), [4], "{report}");
+    // What goes by a step is whole.
+    for n in [2, 6] {
+        std::fs::remove_file(work.path(&format!("p/f.{n:04}.exr"))).unwrap();
+    }
+    std::fs::copy(work.path("p/f.0001.exr"), work.path("p/f.0007.exr")).unwrap();
+    assert_eq!(run(&work, "info p").0, 0);
 }
 
 #[test]

@@ -63,6 +63,7 @@ __all__ = [
     "Region",
     "RegionTests",
     "Rendered",
+    "Renewed",
     "Report",
     "Sheet",
     "SpreadTest",
@@ -295,6 +296,14 @@ class Viewpoints(Report):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Renewed(Report):
+    """Frames that were there and were made again, since `input` has changed."""
+
+    input: pathlib.Path
+    frames: list[int]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Denoised(Report):
     """A denoised sequence; `output` is the pattern of its frames' names."""
 
@@ -302,6 +311,7 @@ class Denoised(Report):
     method: str
     denoised: int
     skipped: int
+    renewed: list[Renewed] = dataclasses.field(default_factory=list)
     failed: list[Failed]
     cuts: list[int]
     filled: int

@@ -5,7 +5,7 @@ use super::output::Output;
 use crate::error::{Error, Kind, Result};
 use crate::formats::captures;
 use crate::formats::limits::Limits;
-use crate::formats::sequence::{Frames, MOST_FRAMES, Pattern};
+use crate::formats::sequence::{Frames, Pattern};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -22,7 +22,8 @@ pub(super) struct FramesOption {
 pub(super) struct Sequence {
     /// Names of the files.
     pub pattern: Pattern,
-    /// Numbers of the frames to work on, in ascending order; not all of them need be there.
+    /// Numbers of the frames to work on, in ascending order. Those that are missing between the first and the last are among
+    /// them, and fail by name as those do that cannot be read.
     pub numbers: Vec<u32>,
 }
 
@@ -36,27 +37,14 @@ impl Sequence {
     ///
     /// # Errors
     /// If no frame is there; `work`, such as "read", says what all frames would be used for.
-    pub fn present(&self, wanted: Option<Frames>, work: &str) -> Result<Present> {
-        let missing = self.missing(wanted);
-        let is_there = |number: &u32| missing.binary_search(number).is_err();
-        let numbers: Vec<u32> = self.numbers.iter().copied().filter(is_there).collect();
+    pub fn present(&self, work: &str) -> Result<Present> {
+        let is_there = |number: &u32| self.path(*number).exists();
+        let (numbers, missing): (Vec<u32>, Vec<u32>) = self.numbers.iter().partition(|number| is_there(number));
         match numbers[..] {
             [first, ..] => Ok(Present { first, last: numbers[numbers.len() - 1], numbers, missing }),
             [] => Err(Error::invalid("none of the frames is there")
                 .at(self.pattern.name())
                 .hint(format!("check the numbers, or leave --frames out to {work} all that are there"))),
-        }
-    }
-
-    /// Returns the numbers of frames whose files are not there, in ascending order, at most [`MOST_FRAMES`]: of those that
-    /// were asked for, that the name tells, or that lie between the first and the last.
-    fn missing(&self, wanted: Option<Frames>) -> Vec<u32> {
-        match wanted.or(self.pattern.named()) {
-            Some(frames) => frames.numbers().filter(|number| !self.path(*number).exists()).collect(),
-            None => {
-                let gaps = self.numbers.windows(2).flat_map(|pair| pair[0] + 1..pair[1]);
-                gaps.take(MOST_FRAMES).collect()
-            }
         }
     }
 }
@@ -78,11 +66,6 @@ pub(super) struct Present {
 pub(super) const ENDINGS: [&str; 6] = ["vdb", "nvdb", "exr", "usd", "usda", "usdc"];
 
 impl FramesOption {
-    /// Returns the frames that were asked for.
-    pub fn wanted(self) -> Option<Frames> {
-        self.frames
-    }
-
     /// Returns the sequences that a path names where captures are meant, too: the one of a pattern, or those of a folder
     /// that is no capture, of files with one of [`ENDINGS`]. None for the path of a file or a capture.
     ///
@@ -112,7 +95,7 @@ impl FramesOption {
         let sequence = |pattern: Pattern| {
             let numbers = match self.frames {
                 Some(frames) => frames.numbers().collect(),
-                None => pattern.numbers()?,
+                None => pattern.all_numbers()?,
             };
             Ok(Sequence { pattern, numbers })
         };
@@ -162,17 +145,13 @@ impl FramesOption {
     }
 }
 
-/// Returns the numbers that all sequences have, and those that only some have. A frame that was asked for and that none of them
-/// has counts among the first: its work fails, and names it.
+/// Returns the numbers that all sequences have, and those that only some have. A frame that is missing in a sequence, between its
+/// first and its last or among those that were asked for, counts among its numbers: its work fails, and names it.
 pub(super) fn common(sequences: &[&Sequence]) -> (Vec<u32>, Vec<u32>) {
-    let there = |s: &&&Sequence, number: &u32| s.numbers.binary_search(number).is_ok() && s.path(*number).exists();
     let mut union: Vec<u32> = sequences.iter().flat_map(|s| s.numbers.iter().copied()).collect();
     union.sort_unstable();
     union.dedup();
-    union.into_iter().partition(|number| {
-        let count = sequences.iter().filter(|s| there(s, number)).count();
-        count == sequences.len() || count == 0
-    })
+    union.into_iter().partition(|number| sequences.iter().all(|s| s.numbers.binary_search(number).is_ok()))
 }
 
 /// Result of each frame, in ascending order.
@@ -234,6 +213,7 @@ fn too_large<T>(result: &Result<T>, at_once: u64) -> bool {
 #[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
     use super::*;
+    use crate::formats::sequence::MOST_FRAMES;
 
     fn files(names: &[&str]) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
@@ -245,15 +225,19 @@ mod tests {
     fn a_folder_or_a_pattern_is_a_sequence_and_a_file_is_none() {
         let folder = files(&["s.0001.vdb", "s.0002.vdb", "s.0004.vdb", "t.vdb"]);
         let option = FramesOption::default();
-        let of = |path: &Path| option.sequence(path, &["vdb"]).unwrap().map(|s| (s.numbers.clone(), s.missing(None)));
+        let of = |path: &Path| {
+            let sequence = option.sequence(path, &["vdb"]).unwrap()?;
+            let Present { numbers, missing, .. } = sequence.present("read").unwrap();
+            Some((numbers, missing))
+        };
         assert!(option.sequences(&folder.path().join("t.vdb")).unwrap().is_empty());
         assert_eq!(of(folder.path()), Some((vec![1, 2, 4], vec![3])));
         assert_eq!(of(&folder.path().join("s.####.vdb")), Some((vec![1, 2, 4], vec![3])));
-        assert_eq!(of(&folder.path().join("s.0001-0005.vdb")), Some((vec![1, 2, 3, 4, 5], vec![3, 5])));
+        assert_eq!(of(&folder.path().join("s.0001-0005.vdb")), Some((vec![1, 2, 4], vec![3, 5])));
         assert_eq!(of(&folder.path().join("t.vdb")), None);
         let frames = FramesOption { frames: Some("2-6x2".parse().unwrap()) };
         let chosen = frames.sequence(folder.path(), &["vdb"]).unwrap().unwrap();
-        assert_eq!((chosen.numbers.clone(), chosen.missing(frames.wanted())), (vec![2, 4, 6], vec![6]));
+        assert_eq!((chosen.numbers.clone(), chosen.present("read").unwrap().missing), (vec![2, 4, 6], vec![6]));
         assert!(frames.refuse(folder.path()).is_err() && option.refuse(folder.path()).is_ok());
         std::fs::write(folder.path().join("u.1.vdb"), "").unwrap();
         std::fs::write(folder.path().join("u.2.vdb"), "").unwrap();
@@ -265,9 +249,9 @@ mod tests {
     fn numbers_far_apart_take_no_time() {
         let folder = files(&["g.1.vdb", "g.3.vdb", "g.999999999.vdb"]);
         let all = FramesOption::default().sequences(folder.path()).unwrap();
-        let present = all[0].present(None, "read").unwrap();
+        let present = all[0].present("read").unwrap();
         assert_eq!((present.first, present.last, &present.numbers[..]), (1, 999_999_999, &[1, 3, 999_999_999][..]));
-        assert_eq!((present.missing.len(), &present.missing[..2]), (MOST_FRAMES, &[2, 4][..]));
+        assert_eq!((present.missing.len(), &present.missing[..2]), (MOST_FRAMES, &[5, 7][..]));
     }
 
     #[test]

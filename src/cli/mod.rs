@@ -13,6 +13,7 @@ mod frames;
 pub mod gradient;
 mod help;
 pub mod info;
+mod inputs;
 mod log;
 pub mod man;
 pub mod memory;
@@ -28,6 +29,7 @@ pub mod progress;
 pub mod provenance;
 pub mod reconstruct;
 pub mod render;
+mod renewed;
 pub mod report;
 pub mod run;
 pub mod schema;
@@ -45,6 +47,7 @@ pub mod volume;
 
 use crate::error::{Error, Kind, Result};
 use crate::formats::limits::Limits;
+use crate::formats::protected;
 use crate::formats::vdb::{self, helper};
 use crate::process;
 use clap::error::ContextKind;
@@ -52,6 +55,7 @@ use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
 use output::Output;
 use std::ffi::{OsStr, OsString};
 use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Volumes between OpenVDB, Blender, USD and EXR: inspect, render, compare and reconstruct.
@@ -144,6 +148,30 @@ impl Command {
         };
         memory.check()?;
         Ok(memory.limits().max_memory)
+    }
+}
+
+impl Command {
+    /// Paths that the command reads and that an output could replace; none of commands that write nothing.
+    fn inputs(&self) -> Vec<&Path> {
+        match self {
+            Self::Capture(c) => c.inputs(),
+            Self::Compare(c) => c.inputs(),
+            Self::Convert(c) => c.inputs(),
+            Self::Denoise(c) => c.inputs(),
+            Self::Gradient(c) => c.inputs(),
+            Self::Motion(c) => c.inputs(),
+            Self::Pose(c) => c.inputs(),
+            Self::Reconstruct(c) => c.inputs(),
+            Self::Render(c) => c.pictures.inputs(),
+            Self::Report(c) => c.inputs(),
+            Self::Transfer(c) => c.inputs(),
+            Self::Usd(c) => c.inputs(),
+            Self::View(c) => c.inputs(),
+            Self::Viewpoint(c) => c.inputs(),
+            Self::Diff(_) | Self::Info(_) | Self::Plan(_) | Self::Validate(_) => Vec::new(),
+            Self::Completions(_) | Self::Man(_) | Self::Schema(_) | Self::TryGrid(_) => Vec::new(),
+        }
     }
 }
 
@@ -292,6 +320,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         process::on_end(document::write);
     }
     cancel::install()?;
+    protected::watch();
     // 0 stands for all cores. Threads, libraries and the helper's name come before the limit of memory, which holds for
     // what the command does.
     let count = threads(arguments.global.threads, std::env::var_os(THREADS).as_deref())?.unwrap_or(0);
@@ -308,6 +337,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let output = Output::new(&arguments.global, &arguments.path);
     let (version, threads) = (version::text(), rayon::current_num_threads());
     output.detail(format!("cumulo {version}: {threads} threads, {} of memory at most", memory::human(memory)));
+    inputs::protect(arguments.command.inputs(), Limits { max_memory: memory });
     dispatch(arguments.command, &output)
 }
 

@@ -1,7 +1,7 @@
 //! `cumulo motion`: how what pictures of a volume show moves from frame to frame.
 
 use super::cancel;
-use super::failed::Failed;
+use super::failed::{self, Failed};
 use super::memory::Memory;
 use super::output::Output;
 use super::outputs::{self, Content};
@@ -14,6 +14,7 @@ use crate::formats::atomic::Batch;
 use crate::formats::captures;
 use crate::formats::exr;
 use crate::formats::limits::Limits;
+use crate::formats::protected;
 use crate::formats::sequence::{Frames, Pattern, number_of};
 use crate::formats::vdb::{File, velocity};
 use crate::render::aov::Aov;
@@ -196,6 +197,11 @@ impl Tracing {
 }
 
 impl MotionCommand {
+    /// Paths that the command reads.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        vec![&self.input, &self.cameras]
+    }
+
     /// Reads, traces, writes and reports. Exit code 2 if a frame failed.
     ///
     /// # Errors
@@ -227,7 +233,7 @@ impl MotionCommand {
             batch.make_folder(folder)?;
         }
         pictures.first().map_or(Ok(()), |first| outputs::file(first, Content::Exr))?;
-        outputs::spare(pictures.iter().map(PathBuf::as_path), [self.input.as_path(), self.cameras.as_path()])?;
+        pictures.iter().try_for_each(|path| protected::check(path))?;
         for path in &pictures {
             outputs::is_own_picture(path, "cumulo:command", &provenance.command, self.overwrite)?;
         }
@@ -245,8 +251,8 @@ impl MotionCommand {
                 Ok(most) => largest = largest.max(most),
                 Err(e) if e.kind() == Kind::Cancelled => return Err(e),
                 Err(e) => {
-                    output.note(format!("frame {number}: {e}"));
                     failed.push(Failed::new(*number, &e));
+                    failed::tell(&failed[failed.len() - 1..]);
                 }
             }
             bar.inc(1);
@@ -273,7 +279,7 @@ impl MotionCommand {
                 of_cameras.sort_unstable();
                 Ok(of_cameras)
             }
-            Some(pattern) => pattern.numbers(),
+            Some(pattern) => pattern.all_numbers(),
             None => Err(Error::invalid("neither cameras nor volumes have the numbers of frames")
                 .at(&self.cameras)
                 .hint("give them with --frames A-B")),

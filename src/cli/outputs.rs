@@ -1,9 +1,9 @@
-//! Checks of the files that a command writes, before its work: names that fit their content, and none that it reads.
+//! Checks of the files that a command writes, before its work: names that fit their content, and files of other commands.
 
+use super::provenance::Provenance;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::{self, atomic, exr, png, transforms};
-use crate::scene::capture::Capture;
+use crate::formats::{atomic, exr, png, protected, transforms};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -113,26 +113,6 @@ fn refuse_dash(path: &Path) -> Result<()> {
         .hint("give the name of a file or folder; --json prints the report on standard output"))
 }
 
-/// Makes sure that no output is one of the command's inputs, whatever names lead to it.
-///
-/// # Errors
-/// If an output is an input; the error names both.
-pub fn spare<'a>(
-    outputs: impl IntoIterator<Item = &'a Path>,
-    inputs: impl IntoIterator<Item = &'a Path> + Clone,
-) -> Result<()> {
-    for output in outputs.into_iter().filter(|path| path.exists()) {
-        for input in inputs.clone() {
-            if same_file::is_same_file(output, input).unwrap_or(false) {
-                return Err(Error::invalid(format!("the output is an input of this command: {}", input.display()))
-                    .at(output)
-                    .hint("inputs are never replaced: give the output another name"));
-            }
-        }
-    }
-    Ok(())
-}
-
 /// Makes sure that a capture and its pictures replace only files that the same command wrote before.
 ///
 /// # Errors
@@ -140,7 +120,7 @@ pub fn spare<'a>(
 pub fn spare_captures(json: &Path, pictures: &[PathBuf], command: &str) -> Result<()> {
     let hint = "give another folder, or --overwrite to replace it";
     if json.exists() {
-        if written_by(json).is_some_and(|earlier| same_command(&earlier, command)) {
+        if provenance(json).is_some_and(|earlier| same_command(&earlier.command, command)) {
             return Ok(());
         }
         return Err(Error::invalid("another capture lies here, and would be replaced with its pictures")
@@ -153,10 +133,15 @@ pub fn spare_captures(json: &Path, pictures: &[PathBuf], command: &str) -> Resul
     }
 }
 
-/// Returns the command that wrote a capture, if its provenance names one.
-fn written_by(json: &Path) -> Option<String> {
-    let root = transforms::read_object(json, Limits::default()).ok()?;
-    Some(root.get("provenance")?.get("command")?.as_str()?.to_owned())
+/// Returns where a capture comes from, if it tells.
+pub fn provenance(json: &Path) -> Option<Provenance> {
+    let mut root = protected::unprotected(json, || transforms::read_object(json, Limits::default())).ok()?;
+    serde_json::from_value(root.remove("provenance")?).ok()
+}
+
+/// Returns true if a capture is there that a command of the same settings wrote, whichever frames it rendered.
+pub fn is_own_sequence(json: &Path, command: &str) -> bool {
+    provenance(json).is_some_and(|earlier| settings(&earlier.command) == settings(command))
 }
 
 /// Returns true if two command lines are the same but for the program's name, which may be written in several ways, and the
@@ -188,10 +173,10 @@ pub fn is_own_picture(path: &Path, attribute: &str, command: &str, overwrite: bo
 
 /// Returns the attributes of a PNG or EXR that are texts; none if it cannot be read.
 pub fn attributes(path: &Path) -> exr::Attributes {
-    match path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+    protected::unprotected(path, || match path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
         true => png::texts(path).unwrap_or_default(),
         false => exr::header(path).map(|header| header.attributes()).unwrap_or_default(),
-    }
+    })
 }
 
 /// Options that say how to work, on which results do not depend.
@@ -219,12 +204,6 @@ fn words<'c>(command: &'c str, flags: &[&str], values: &[&str]) -> Vec<&'c str> 
         }
     }
     kept
-}
-
-/// Returns the paths of a capture's files: those of its cameras, then its pictures.
-pub fn of_capture(path: &Path, capture: &Capture) -> Vec<PathBuf> {
-    let pictures = capture.frames.iter().map(|f| f.picture.clone());
-    formats::captures::files(path).into_iter().chain(pictures).collect()
 }
 
 #[cfg(test)]
@@ -255,18 +234,6 @@ mod tests {
         assert_eq!(pictures(&at("old.png")).unwrap(), None);
         std::fs::write(at("file"), "").unwrap();
         assert!(folder(&at("file")).is_err());
-    }
-
-    #[test]
-    fn inputs_are_spared_by_whatever_name() {
-        let dir = tempfile::tempdir().unwrap();
-        let [a, b] = ["a.vdb", "b.vdb"].map(|n| dir.path().join(n));
-        std::fs::write(&a, "a").unwrap();
-        spare([b.as_path()], [a.as_path()]).unwrap();
-        std::fs::hard_link(&a, &b).unwrap();
-        let around = dir.path().join("x/../a.vdb");
-        std::fs::create_dir(dir.path().join("x")).unwrap();
-        assert!(spare([b.as_path()], [a.as_path()]).is_err() && spare([around.as_path()], [a.as_path()]).is_err());
     }
 
     #[test]

@@ -101,9 +101,10 @@ impl PlanCommand {
             pictures.frame = self.frame.or(numbers.first().copied());
             pictures.input = pattern.path(pictures.frame.unwrap_or_default());
         }
-        let template = pictures.template(None)?;
+        let mut provenance = Provenance::begin();
+        let template = pictures.template(None, &mut provenance)?;
         let limits = pictures.memory.limits();
-        let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut Provenance::begin())?;
+        let (subject, transfer) = pictures.subject(template.as_ref(), limits, &mut provenance)?;
         remarks(&pictures, &subject, template.as_ref())
             .iter()
             .for_each(|remark| output.note(format!("remark: {remark}")));

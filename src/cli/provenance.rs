@@ -8,8 +8,9 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::io::Read;
-use std::path::Path;
-use std::time::Instant;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Instant, SystemTime};
 
 /// Origin of an output: program, command line, inputs and wall time.
 #[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
@@ -45,18 +46,19 @@ impl Provenance {
     /// If a file cannot be read.
     pub fn input<'a>(&mut self, name: &Path, files: impl IntoIterator<Item = &'a Path>) -> Result<()> {
         let mut hash = Sha256::new();
-        let mut buffer = vec![0; 1 << 16];
+        files.into_iter().try_for_each(|path| add(&mut hash, path))?;
+        self.inputs.insert(name.display().to_string(), digits(hash));
+        Ok(())
+    }
+
+    /// Adds inputs that are one file each. A file that several frames depend on is read once.
+    ///
+    /// # Errors
+    /// If a file cannot be read.
+    pub fn files<'a>(&mut self, files: impl IntoIterator<Item = &'a Path>) -> Result<()> {
         for path in files {
-            let mut file = input::open(path)?;
-            loop {
-                match file.read(&mut buffer).map_err(|e| Error::io(path, e))? {
-                    0 => break,
-                    n => hash.update(&buffer[..n]),
-                }
-            }
+            self.inputs.insert(path.display().to_string(), hash_of(path)?);
         }
-        let text = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
-        self.inputs.insert(name.display().to_string(), text);
         Ok(())
     }
 
@@ -85,19 +87,18 @@ impl Provenance {
         all
     }
 
-    /// Returns the paths of the inputs that a picture's attribute `cumulo:input` names.
-    pub fn inputs_of(attribute: &str) -> impl Iterator<Item = &Path> {
-        const HASH: usize = 64;
-        let mut rest = attribute;
-        std::iter::from_fn(move || {
-            let (name, after) = rest.split_once(" sha256:")?;
-            rest = after.get(HASH..).unwrap_or_default();
-            rest = rest.strip_prefix(", ").unwrap_or(rest);
-            Some(Path::new(name))
-        })
+    /// Returns the first input of a picture that is no longer what it was made from: one that the picture's `attribute`, which
+    /// [`Self::hashes`] wrote, names with another hash, or one of the files that it `needs` and that the attribute does not
+    /// name.
+    pub fn changed<'p>(attribute: &str, needs: impl IntoIterator<Item = &'p Path>) -> Option<PathBuf> {
+        let named: BTreeMap<&Path, &str> = inputs_of(attribute).collect();
+        let changed = named.iter().find(|(path, hash)| !hash_of(path).is_ok_and(|now| now == **hash));
+        let changed = changed.map(|(path, _)| *path);
+        changed.or_else(|| needs.into_iter().find(|path| !named.contains_key(path))).map(Path::to_path_buf)
     }
 
-    fn hashes(&self) -> String {
+    /// Returns the inputs with their hashes, as the attribute of a picture states them.
+    pub fn hashes(&self) -> String {
         self.inputs.iter().map(|(name, hash)| format!("{name} sha256:{hash}")).collect::<Vec<_>>().join(", ")
     }
 
@@ -107,6 +108,55 @@ impl Provenance {
         all.extend(self.inputs.iter().map(|(name, hash)| (format!("Input {name}"), format!("sha256 {hash}"))));
         all
     }
+}
+
+/// Returns the paths and hashes of the inputs that an attribute names.
+fn inputs_of(attribute: &str) -> impl Iterator<Item = (&Path, &str)> {
+    const HASH: usize = 64;
+    let mut rest = attribute;
+    std::iter::from_fn(move || {
+        let (name, after) = rest.split_once(" sha256:")?;
+        let (hash, behind) = after.split_at_checked(HASH).unwrap_or((after, ""));
+        rest = behind.strip_prefix(", ").unwrap_or(behind);
+        Some((Path::new(name), hash))
+    })
+}
+
+/// Adds the bytes of a file to a hash.
+fn add(hash: &mut Sha256, path: &Path) -> Result<()> {
+    let mut file = input::open(path)?;
+    let mut buffer = vec![0; 1 << 16];
+    loop {
+        match file.read(&mut buffer).map_err(|e| Error::io(path, e))? {
+            0 => return Ok(()),
+            n => hash.update(&buffer[..n]),
+        }
+    }
+}
+
+fn digits(hash: Sha256) -> String {
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Length of a file and when it was changed: as long as they stay, its hash does.
+type Stamp = (u64, Option<SystemTime>);
+
+/// Hashes of the files that were read before.
+static KNOWN: Mutex<BTreeMap<PathBuf, (Stamp, String)>> = Mutex::new(BTreeMap::new());
+
+/// Returns the hash of a file's bytes.
+fn hash_of(path: &Path) -> Result<String> {
+    let metadata = std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
+    let stamp = (metadata.len(), metadata.modified().ok());
+    let known = || KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, text)) = known().get(path).filter(|(before, _)| *before == stamp) {
+        return Ok(text.clone());
+    }
+    let mut hash = Sha256::new();
+    add(&mut hash, path)?;
+    let text = digits(hash);
+    known().insert(path.to_path_buf(), (stamp, text.clone()));
+    Ok(text)
 }
 
 /// Quotes a word of a command line for a shell, if it needs quotes.
@@ -146,8 +196,31 @@ mod tests {
         assert!(p.input(Path::new("y"), [dir.path().join("none").as_path()]).is_err());
         p.input(Path::new("a, b"), [a.as_path()]).unwrap();
         let attributes = p.attributes();
-        let names: Vec<_> = Provenance::inputs_of(&attributes["cumulo:input"]).collect();
+        let names: Vec<_> = inputs_of(&attributes["cumulo:input"]).map(|(name, _)| name).collect();
         assert_eq!(names, [Path::new("a, b"), Path::new("x")]);
-        assert_eq!(Provenance::inputs_of("").count() + Provenance::inputs_of("damaged").count(), 0);
+        assert_eq!(inputs_of("").count() + inputs_of("damaged").count(), 0);
+        assert_eq!(inputs_of("a sha256:12").collect::<Vec<_>>(), [(Path::new("a"), "12")]);
+    }
+
+    #[test]
+    fn an_input_that_has_changed_is_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let [a, b, c] = ["a", "b, c", "c"].map(|name| dir.path().join(name));
+        [&a, &b, &c].into_iter().for_each(|path| std::fs::write(path, "old").unwrap());
+        let mut p = Provenance::begin();
+        p.files([a.as_path(), &b]).unwrap();
+        let changed = |needs: &[&Path]| Provenance::changed(&p.hashes(), needs.iter().copied());
+        assert_eq!((changed(&[]), changed(&[&a, &b])), (None, None));
+        assert_eq!(changed(&[&a, &c]), Some(c.clone()));
+        assert_eq!(Provenance::changed("", [a.as_path()]), Some(a.clone()));
+        // The time alone does not count, and the length need not differ.
+        let file = std::fs::File::options().append(true).open(&a).unwrap();
+        file.set_modified(SystemTime::now() + std::time::Duration::from_secs(5)).unwrap();
+        assert_eq!(changed(&[&a]), None);
+        std::fs::write(&b, "new").unwrap();
+        std::fs::File::options().append(true).open(&b).unwrap().set_modified(SystemTime::UNIX_EPOCH).unwrap();
+        assert_eq!(changed(&[&a]), Some(b.clone()));
+        std::fs::remove_file(&a).unwrap();
+        assert_eq!(changed(&[]), Some(a.clone()));
     }
 }

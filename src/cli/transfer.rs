@@ -140,6 +140,11 @@ pub(in crate::cli) struct Report {
 }
 
 impl TransferCommand {
+    /// Paths that the command reads.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        self.input.iter().map(PathBuf::as_path).collect()
+    }
+
     /// Reads the transfer function, writes it if `--output` is given, and reports.
     ///
     /// # Errors
@@ -152,7 +157,6 @@ impl TransferCommand {
         let mut provenance = Provenance::begin();
         if let Some(path) = &self.output {
             outputs::file(path, Content::TransferFunction)?;
-            outputs::spare([path.as_path()], [input.as_path()])?;
         }
         let loaded = transfer::load(input, &self.options())?;
         if let Some(path) = &self.output {

@@ -2,9 +2,10 @@
 //! stays until the new file is complete.
 //!
 //! A symbolic link is followed, and stays; the mode of a file that is replaced is kept. Devices, pipes and sockets are
-//! refused: a rename would put a regular file in their place.
+//! refused: a rename would put a regular file in their place. So are the [inputs](super::protected) of the command.
 
-use super::temporary::{TemporaryFile, TemporaryFolder};
+use super::protected;
+use super::temporary::{self, TemporaryFile, TemporaryFolder};
 use crate::error::{Error, Result};
 use std::collections::BTreeMap;
 use std::fs::{File, Metadata};
@@ -39,7 +40,8 @@ impl Draft {
     /// Begins a file that is to stand at `path`.
     ///
     /// # Errors
-    /// If a folder, a device, a pipe or a socket stands there, or the folder does not exist or cannot be written to.
+    /// If a folder, a device, a pipe, a socket or an input of the command stands there, or the folder does not exist or
+    /// cannot be written to.
     pub fn begin(path: &Path) -> Result<Self> {
         let place = followed(path)?;
         let standing = standing(path, &place)?;
@@ -91,6 +93,8 @@ impl Draft {
     pub fn commit(self) -> Result<()> {
         let Self { mut temporary, named, place } = self;
         temporary.file().sync_all().map_err(|e| unwritten(&named, e))?;
+        // What is there now need not be what was there at the beginning.
+        standing(&named, &place)?;
         temporary.rename(&place).map_err(|e| unwritten(&named, e))?;
         sync_folder(folder(&place)).map_err(|e| unsynced(&named, e))
     }
@@ -205,6 +209,14 @@ impl Batch {
     /// If a file cannot be put into place, in which case all others are restored, or if a folder cannot be synced
     /// afterwards; the error names it.
     pub fn commit(mut self) -> Result<()> {
+        // A signal waits until all files are in their places, or none is.
+        temporary::undisturbed(|| self.place_all())?;
+        self.committed = true;
+        self.waiting.keys().try_for_each(|folder| sync_folder(folder).map_err(|e| unsynced(folder, e)))
+    }
+
+    /// Puts all files into place, or none.
+    fn place_all(&self) -> Result<()> {
         let mut done = Vec::with_capacity(self.files.len());
         for (number, file) in self.files.iter().enumerate() {
             match self.place(number, file) {
@@ -221,8 +233,7 @@ impl Batch {
                 }
             }
         }
-        self.committed = true;
-        self.waiting.keys().try_for_each(|folder| sync_folder(folder).map_err(|e| unsynced(folder, e)))
+        Ok(())
     }
 
     /// Puts a file into place, and returns the temporary path of the file that it replaced, if there was one.
@@ -279,10 +290,11 @@ fn followed(path: &Path) -> Result<PathBuf> {
         .hint("the links may form a circle; name the file itself"))
 }
 
-/// Metadata of the regular file at `place`; `None` if nothing stands there. Anything but a regular file is an error.
+/// Metadata of the regular file at `place`; `None` if nothing stands there. Anything but a regular file is an error, and so
+/// is an input of the command.
 fn standing(named: &Path, place: &Path) -> Result<Option<Metadata>> {
     let found = match std::fs::metadata(place) {
-        Ok(m) if m.is_file() => return Ok(Some(m)),
+        Ok(m) if m.is_file() => return protected::refuse(named, &m).map(|()| Some(m)),
         Ok(m) if m.is_dir() => "a folder",
         Ok(_) => "a device, a pipe or a socket",
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),

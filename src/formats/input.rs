@@ -3,6 +3,7 @@
 
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
+use crate::formats::protected;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -31,7 +32,9 @@ pub fn open(path: &Path) -> Result<File> {
     regular(std::fs::metadata(path).map_err(|e| Error::io(path, e))?)?;
     let file = File::open(path).map_err(|e| Error::io(path, e))?;
     // The file may have been replaced since the first check.
-    regular(file.metadata().map_err(|e| Error::io(path, e))?)?;
+    let metadata = file.metadata().map_err(|e| Error::io(path, e))?;
+    protected::opened(path, &metadata);
+    regular(metadata)?;
     Ok(file)
 }
 

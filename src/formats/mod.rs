@@ -13,6 +13,7 @@ pub mod npy;
 pub mod picture;
 pub mod png;
 pub mod problem;
+pub mod protected;
 pub mod reading;
 pub mod sample;
 pub mod scene_file;

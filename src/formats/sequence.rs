@@ -147,6 +147,33 @@ impl Pattern {
     }
 }
 
+impl Pattern {
+    /// Returns the numbers of all frames, those between the first and the last that are [missing](holes) among them.
+    ///
+    /// # Errors
+    /// The conditions are those of [`Self::numbers`].
+    pub fn all_numbers(&self) -> Result<Vec<u32>> {
+        let mut all = self.numbers()?;
+        all.extend(holes(&all));
+        all.sort_unstable();
+        Ok(all)
+    }
+}
+
+/// Returns the numbers that are missing between the first and the last frame of a sequence, at most [`MOST_FRAMES`]. Three
+/// frames or more whose numbers are all multiples of a step apart, as those of `--frames 1-9x2`, are whole at that step.
+pub fn holes(numbers: &[u32]) -> Vec<u32> {
+    let steps = numbers.windows(2).map(|pair| pair[1] - pair[0]);
+    let step = if numbers.len() < 3 { 1 } else { steps.fold(0, divisor).max(1) };
+    let between = |pair: &[u32]| (pair[0]..pair[1]).step_by(step as usize).skip(1);
+    numbers.windows(2).flat_map(between).take(MOST_FRAMES).collect()
+}
+
+/// Greatest common divisor.
+fn divisor(a: u32, b: u32) -> u32 {
+    if b == 0 { a } else { divisor(b, a % b) }
+}
+
 /// Start and end of the number in a name, its digits, and the frames that it names.
 type Place = (usize, usize, usize, Option<Frames>);
 
@@ -246,6 +273,23 @@ mod tests {
         assert_eq!(numbers("s.####.vdb").unwrap(), [1, 3, 10001]);
         assert!(numbers("u.####.vdb").unwrap_err().to_string().contains("u.0001.vdb"));
         assert_eq!(Pattern::parse(&folder.path().join("s.0001.vdb")), None);
+    }
+
+    #[test]
+    fn holes_lie_between_the_first_and_the_last() {
+        for (there, missing) in [
+            (&[][..], &[][..]),
+            (&[7], &[]),
+            (&[1, 2, 3], &[]),
+            (&[1, 2, 4], &[3]),
+            (&[1, 3], &[2]),
+            (&[1, 3, 5], &[]),
+            (&[0, 10, 30, 40], &[20]),
+            (&[1, 3, 4], &[2]),
+        ] {
+            assert_eq!(holes(there), missing, "{there:?}");
+        }
+        assert_eq!(holes(&[1, 2, u32::MAX]).len(), MOST_FRAMES);
     }
 
     #[test]

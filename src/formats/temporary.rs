@@ -74,7 +74,7 @@ impl TemporaryFile {
     /// # Errors
     /// If the operating system refuses, in which case the temporary file is removed.
     pub fn rename(self, to: &Path) -> std::io::Result<()> {
-        std::fs::rename(&self.place.0, to)?;
+        undisturbed(|| std::fs::rename(&self.place.0, to))?;
         // No file has the temporary name any more, so nothing is left to remove.
         let (_, path) = self.inner.into_parts();
         let _ = path.keep();
@@ -115,23 +115,39 @@ impl TemporaryFolder {
     }
 }
 
-/// Removes all registered files and folders at the end of the program. Nothing temporary can be created afterwards:
-/// threads that try wait for ever.
-pub fn remove_all() {
+/// Renames files at a moment at which [`remove_all`] does not remove them: before it, or never.
+pub fn undisturbed<T>(rename: impl FnOnce() -> T) -> T {
+    let _list = listed();
+    rename()
+}
+
+/// Removes all registered files and folders at the end of the program, once nothing temporary is being created or renamed.
+/// Nothing temporary can be created or renamed afterwards: threads that try wait for ever. After `patience` the files are left:
+/// the calling thread itself may be the one that was creating one.
+pub fn remove_all(patience: Duration) {
     let begun = Instant::now();
     let list = loop {
         match LISTED.try_lock() {
             Ok(list) => break list,
             Err(TryLockError::Poisoned(poisoned)) => break poisoned.into_inner(),
-            // The list is locked while a file is created, possibly by this very thread if memory ran out there.
-            Err(TryLockError::WouldBlock) if begun.elapsed() > Duration::from_millis(500) => return,
+            Err(TryLockError::WouldBlock) if begun.elapsed() > patience => return,
             Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(1)),
         }
     };
-    for path in list.iter() {
-        let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
-    }
+    list.iter().for_each(|path| remove(path));
     std::mem::forget(list);
+}
+
+/// Removes a file, or a folder in which other threads may still be creating files.
+fn remove(path: &Path) {
+    const ATTEMPTS: u32 = 1000;
+    for _ in 0..ATTEMPTS {
+        let removed = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
+        match removed {
+            Err(e) if e.kind() == std::io::ErrorKind::DirectoryNotEmpty => std::thread::yield_now(),
+            _ => return,
+        }
+    }
 }
 
 #[cfg(test)]

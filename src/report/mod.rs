@@ -35,7 +35,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use std::path::{Path, PathBuf};
 
 /// File name of the page in the report's folder.
-const FILE_NAME: &str = "index.html";
+pub const FILE_NAME: &str = "index.html";
 
 /// A report under construction.
 #[derive(Debug, Clone)]

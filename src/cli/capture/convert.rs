@@ -8,7 +8,8 @@ use crate::cli::outputs;
 use crate::cli::photos;
 use crate::cli::provenance::Provenance;
 use crate::error::{Error, Result};
-use crate::formats::atomic::Batch;
+use crate::formats::atomic::{self, Batch};
+use crate::formats::protected;
 use crate::formats::transforms::{self, FILE_NAME};
 use crate::formats::usd::{Stage, Views};
 use crate::formats::views::{Optics, StatedCapture};
@@ -93,6 +94,11 @@ pub(in crate::cli) struct Report {
 }
 
 impl Convert {
+    /// Paths that the command reads.
+    pub(super) fn inputs(&self) -> Vec<&Path> {
+        [&self.input].into_iter().chain(&self.pictures).map(PathBuf::as_path).collect()
+    }
+
     /// Reads, converts, writes and reports.
     ///
     /// # Errors
@@ -121,10 +127,7 @@ impl Convert {
         let written = |view: &View| self.to == Target::Colmap || view.changes(&choices);
         let new: Vec<PathBuf> =
             views.iter().enumerate().filter(|(_, view)| written(view)).map(|(i, _)| picture(i)).collect();
-        outputs::spare(new.iter().chain([&main]).map(PathBuf::as_path), inputs)?;
-        if !self.overwrite {
-            outputs::spare_captures(&main, &new, &provenance.command)?;
-        }
+        self.spare(&main, &new, &provenance)?;
         let mut batch = Batch::new();
         self.folders(&folder, &main).into_iter().try_for_each(|folder| batch.make_folder(&folder))?;
 
@@ -144,6 +147,9 @@ impl Convert {
         capture.color_space = None;
         provenance.lap();
         self.write(&capture, &main, &folder, &provenance, &mut batch)?;
+        // Another run may have ended in the folder meanwhile.
+        let _lock = atomic::lock_folder(&self.output);
+        self.spare(&main, &new, &provenance)?;
         batch.commit()?;
         output.warn(&warnings);
         let sides = |pick: fn(u32, u32) -> u32| {
@@ -162,6 +168,12 @@ impl Convert {
             provenance,
         })?;
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Makes sure that the outputs replace neither inputs nor files that another command wrote.
+    fn spare(&self, main: &Path, pictures: &[PathBuf], provenance: &Provenance) -> Result<()> {
+        pictures.iter().map(PathBuf::as_path).chain([main]).try_for_each(protected::check)?;
+        if self.overwrite { Ok(()) } else { outputs::spare_captures(main, pictures, &provenance.command) }
     }
 
     /// Reads the capture, with what the options say otherwise.
@@ -237,7 +249,7 @@ impl Convert {
                     [("images.txt", texts.images), ("cameras.txt", texts.cameras), ("points3D.txt", texts.points)]
                 {
                     let waiting = batch.add(&main.with_file_name(name))?;
-                    formats::atomic::write_bytes(&waiting, text.as_bytes())?;
+                    atomic::write_bytes(&waiting, text.as_bytes())?;
                 }
                 Ok(())
             }

@@ -10,6 +10,7 @@ use super::memory::Memory;
 use super::output::Output;
 use crate::error::Result;
 use clap::Subcommand;
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Take over captures of other programs
@@ -20,6 +21,13 @@ pub enum CaptureCommand {
 }
 
 impl CaptureCommand {
+    /// Paths that the command reads.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        match self {
+            Self::Convert(c) => c.inputs(),
+        }
+    }
+
     /// Memory that the command may take.
     pub(super) fn memory(&self) -> Memory {
         match self {

@@ -72,6 +72,12 @@ pub struct Arguments {
 const ENDINGS: [&str; 1] = ["exr"];
 
 impl Arguments {
+    /// Paths that the command reads.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        let repeats = self.statistical.repeats();
+        [&self.a, &self.b].into_iter().chain(&self.beside).chain(repeats).map(PathBuf::as_path).collect()
+    }
+
     fn space(&self) -> Space {
         if self.display { Space::Display } else { Space::Linear }
     }
@@ -197,7 +203,6 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
     }
     if let Some(path) = &arguments.heatmap {
         outputs::file(path, Content::Png)?;
-        outputs::spare([path.as_path()], [arguments.a.as_path(), arguments.b.as_path()])?;
     }
     let limits = arguments.memory.limits();
     let films = arguments.check_memory([&arguments.a, &arguments.b], limits)?;

@@ -16,7 +16,6 @@ use std::process::ExitCode;
 impl Convert {
     fn begin_array(&self, content: Content) -> Result<Limits> {
         outputs::file(&self.output, content)?;
-        outputs::spare([self.output.as_path()], [self.input.as_path()])?;
         Ok(self.memory.limits())
     }
 

@@ -4,7 +4,6 @@ use super::Convert;
 use super::images::losses;
 use super::report::{GridPlace, Report, array_to_world};
 use crate::cli::output::Output;
-use crate::cli::outputs;
 use crate::error::{Error, Result};
 use crate::formats::atomic;
 use crate::formats::imaging::options::Axes;
@@ -22,7 +21,6 @@ impl Convert {
         let beside = target.beside(&self.output);
         let written = || std::iter::once(self.output.as_path()).chain(beside.as_deref());
         written().try_for_each(atomic::probe)?;
-        outputs::spare(written(), [self.input.as_path()])?;
         let stage = output.stage("converting");
         let file = File::open(&self.input, limits)?;
         let name = self.one_grid(&file)?;

@@ -6,11 +6,13 @@ use crate::cli::frames::{FramesOption, Sequence, each, parted};
 use crate::cli::memory::Memory;
 use crate::cli::output::{Kept, Output};
 use crate::error::{Error, Result};
+use crate::formats::atomic::Batch;
+use crate::formats::protected;
 use crate::formats::sequence::Pattern;
 use serde::Serialize;
 use std::ffi::OsStr;
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Extensions of the files that are converted one by one. (Slices of other formats make up one volume.)
@@ -69,13 +71,13 @@ impl Convert {
     /// # Errors
     /// If the results would replace the sequence itself, or their folder cannot be made.
     pub(super) fn convert_frames(&self, sequence: &Sequence, to: &Pattern, output: &Output) -> Result<ExitCode> {
-        if let Some(number) = sequence.numbers.iter().find(|n| sequence.path(**n) == to.path(**n)) {
-            return Err(Error::invalid("the results would replace the sequence itself")
-                .at(to.path(*number))
-                .hint("inputs are never replaced: give other names, or another folder"));
-        }
+        sequence.numbers.iter().try_for_each(|number| protected::check(&to.path(*number)))?;
         let further = self.further(sequence)?;
-        make_folder(&to.path(0))?;
+        // A folder that stays empty is removed again.
+        let mut batch = Batch::new();
+        if let Some(folder) = to.path(0).parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            batch.make_folder(folder)?;
+        }
         let work = |number: u32, limits| {
             let (input, path) = (sequence.path(number), to.path(number));
             let frames = FramesOption::default();
@@ -88,6 +90,9 @@ impl Convert {
         let results = each(&sequence.numbers, "converting", self.memory.limits(), output, work)?;
         let (done, failed) = parted(results);
         failed::tell(&failed);
+        if !done.is_empty() {
+            batch.commit()?;
+        }
         let frames: Vec<Frame> = done.into_iter().map(|(_, frame)| frame).collect();
         let code = if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(2) };
         output.report(&Report {
@@ -121,14 +126,6 @@ impl Convert {
             }
         };
         self.more.iter().map(sequence).collect()
-    }
-}
-
-/// Makes the folder that a file is to lie in.
-fn make_folder(file: &Path) -> Result<()> {
-    match file.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.exists()) {
-        Some(folder) => std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, e)),
-        None => Ok(()),
     }
 }
 

@@ -48,7 +48,6 @@ impl Convert {
         let limits = self.memory.limits();
         outputs::file(&self.output, Content::Vdb)?;
         let volumes = || std::iter::once(&self.input).chain(&self.more);
-        outputs::spare([self.output.as_path()], volumes().chain(&self.transfer.tf).map(PathBuf::as_path))?;
         let transfer = self.transfer.load(limits)?;
         let files = volumes().map(|path| File::open(path, limits)).collect::<Result<Vec<_>>>()?;
         let parts = self.parts(&files)?;

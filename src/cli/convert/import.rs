@@ -22,7 +22,6 @@ impl Convert {
     pub(super) fn image_to_grids(&self, format: Format, output: &Output) -> Result<ExitCode> {
         let limits = self.memory.limits();
         outputs::file(&self.output, Content::Vdb)?;
-        outputs::spare([self.output.as_path()], [self.input.as_path()])?;
         let stage = output.stage("converting");
         let _reading = Reading::begin(&self.input);
         let images = format::open(&self.input, format, &self.images.reading()?, limits)?;

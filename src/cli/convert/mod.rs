@@ -209,6 +209,11 @@ impl Written {
 }
 
 impl Convert {
+    /// Paths that the command reads.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        [&self.input].into_iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
+    }
+
     /// Reads, edits, writes and reports.
     ///
     /// # Errors

@@ -17,7 +17,6 @@ use std::process::ExitCode;
 impl Convert {
     fn begin_nano(&self, content: Content) -> Result<Limits> {
         outputs::file(&self.output, content)?;
-        outputs::spare([self.output.as_path()], [self.input.as_path()])?;
         Ok(self.memory.limits())
     }
 

@@ -6,7 +6,7 @@ use super::passes::Directions;
 use super::plan::{Plan, Step};
 use super::reading::Reader;
 use super::shot::{Shot, Target, View};
-use super::{COMMAND, Cuts, Denoise};
+use super::{COMMAND, Cuts, Denoise, INPUTS};
 use crate::cli::output::Output;
 use crate::cli::provenance::Provenance;
 use crate::denoise::{Denoised, Settings, still};
@@ -224,8 +224,14 @@ impl Sequence<'_> {
             if self.command.confidence {
                 add_confidence(&mut document, &views);
             }
-            document.set_attribute(COMMAND, &provenance.command);
-            if let Err(error) = document.write(&self.outputs[frame]) {
+            let mut origin = provenance.clone();
+            let files = self.command.files_of(self.numbers[frame], &self.inputs[frame]);
+            let result = origin.files(files.iter().map(PathBuf::as_path)).and_then(|()| {
+                document.set_attribute(COMMAND, &provenance.command);
+                document.set_attribute(INPUTS, &origin.hashes());
+                document.write(&self.outputs[frame])
+            });
+            if let Err(error) = result {
                 failed.push((self.numbers[frame], error));
             }
             // Nobody takes it behind the last frame.

@@ -9,16 +9,18 @@ mod plan;
 mod reading;
 mod shot;
 
-use super::failed::Failed;
+use super::failed::{self, Failed};
 use super::memory::Memory;
 use super::output::Output;
 use super::outputs;
 use super::provenance::Provenance;
+use super::renewed::{self, Earlier, Renewed};
 use crate::cli::cancel;
 use crate::denoise::{Method, Settings};
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::exr;
+use crate::formats::protected;
 use crate::formats::sequence::Frames;
 use clap::ValueEnum;
 use motion::Motion;
@@ -74,7 +76,7 @@ pub struct Denoise {
     /// Frames before and after a chunk, or after a frame, that are read to learn from
     #[arg(long, value_name = "M", default_value_t = 12)]
     overlap: u32,
-    /// Skip frames that are there, made by the same command from pictures that have not changed since
+    /// Skip frames that are there, made by the same command, unless the picture or its motion has changed since
     #[arg(long)]
     resume: bool,
     /// Replace pictures that another command made
@@ -161,6 +163,9 @@ pub(in crate::cli) struct Report {
     method: Way,
     denoised: usize,
     skipped: usize,
+    /// Frames that were there and were denoised again, by the input that has changed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    renewed: Vec<Renewed>,
     failed: Vec<Failed>,
     /// First frames of the shots after the first.
     cuts: Vec<u32>,
@@ -194,7 +199,8 @@ impl Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, method, denoised, skipped, failed, cuts, filled, seconds, seconds_denoising, .. } = self;
+        let Self { output, method, denoised, skipped, renewed, failed, cuts, filled, .. } = self;
+        let Self { seconds, seconds_denoising, .. } = self;
         let way = method.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
         let output = output.display();
         match (self.still, denoised) {
@@ -205,6 +211,7 @@ impl fmt::Display for Report {
                 write!(f, "({seconds_denoising:.2} s of it denoising), {skipped} were there, {} failed", failed.len())?;
             }
         }
+        write!(f, "{}", renewed::List(renewed))?;
         if !cuts.is_empty() {
             let list: Vec<String> = cuts.iter().map(u32::to_string).collect();
             write!(f, "\n  shots begin at {}", list.join(", "))?;
@@ -217,6 +224,11 @@ impl fmt::Display for Report {
 }
 
 impl Denoise {
+    /// Paths that the command reads.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        std::iter::once(self.input.as_path()).chain(self.motion.paths()).collect()
+    }
+
     /// Reads, denoises, writes and reports.
     ///
     /// # Errors
@@ -227,7 +239,7 @@ impl Denoise {
         let input = Names::of(&self.input)?;
         let to = input.alike(&self.output, "the noisy frames")?;
         input.check_frames(self.frames.is_some())?;
-        let present = input.numbers()?;
+        let present = input.all_numbers()?;
         let wanted: Vec<u32> = match self.frames {
             Some(frames) => frames.numbers().collect(),
             None => present.clone(),
@@ -245,11 +257,16 @@ impl Denoise {
         numbers.dedup();
         let inputs: Vec<PathBuf> = numbers.iter().map(|number| input.path(*number)).collect();
         let outputs: Vec<PathBuf> = numbers.iter().map(|number| to.path(*number)).collect();
-        outputs::spare(outputs.iter().map(PathBuf::as_path), inputs.iter().map(PathBuf::as_path).collect::<Vec<_>>())?;
+        outputs.iter().try_for_each(|path| protected::check(path))?;
         let is_wanted: Vec<bool> = numbers.iter().map(|number| wanted.binary_search(number).is_ok()).collect();
         let mut write = is_wanted.clone();
-        for at in 0..numbers.len() {
-            write[at] = is_wanted[at] && !self.is_done(&inputs[at], &outputs[at], &provenance)?;
+        let mut renewed = Vec::new();
+        for at in (0..numbers.len()).filter(|at| is_wanted[*at]) {
+            match self.earlier(numbers[at], &inputs[at], &outputs[at], &provenance)? {
+                Earlier::None => {}
+                Earlier::Outdated(changed) => renewed.push((numbers[at], changed)),
+                Earlier::Whole => write[at] = false,
+            }
         }
         let skipped = is_wanted.iter().zip(&write).filter(|(wanted, write)| **wanted && !**write).count();
         let pixels = self.pixels(&inputs);
@@ -264,7 +281,8 @@ impl Denoise {
         {
             return Err(error);
         }
-        done.failed.iter().for_each(|(frame, error)| output.note(format!("frame {frame}: {error}")));
+        let failed: Vec<Failed> = done.failed.iter().map(|(frame, error)| Failed::new(*frame, error)).collect();
+        failed::tell(&failed);
         if done.at_rest && self.motion == Motion::Auto && done.denoised > 1 {
             output.note(
                 "the frames have no motion layer, or it is 0 everywhere: the picture counts as at rest\n  if the camera \
@@ -280,7 +298,8 @@ impl Denoise {
             method: self.method,
             denoised: done.denoised,
             skipped,
-            failed: done.failed.iter().map(|(frame, error)| Failed::new(*frame, error)).collect(),
+            renewed: renewed::by_input(renewed),
+            failed,
             cuts: done.cuts,
             filled: done.filled,
             at_rest: done.at_rest,
@@ -304,16 +323,26 @@ impl Denoise {
         Settings { history, bandwidth, forgetting, spread, likeness }.checked()
     }
 
-    /// True if a frame need not be made again.
+    /// Returns what an earlier run has left of a frame.
     ///
     /// # Errors
     /// If a picture that another command made would be replaced.
-    fn is_done(&self, input: &Path, output: &Path, provenance: &Provenance) -> Result<bool> {
+    fn earlier(&self, number: u32, input: &Path, output: &Path, provenance: &Provenance) -> Result<Earlier> {
         let same = outputs::is_own_picture(output, COMMAND, &provenance.command, self.overwrite)?;
-        let time = |path: &Path| std::fs::metadata(path).and_then(|data| data.modified()).ok();
-        Ok(self.resume && same && time(output).zip(time(input)).is_some_and(|(out, input)| out >= input))
+        if !(self.resume && same) {
+            return Ok(Earlier::None);
+        }
+        Ok(Earlier::of(&[output.to_path_buf()], INPUTS, &self.files_of(number, input)))
+    }
+
+    /// Returns the files that a frame is made from: the noisy picture, and what its motion is read from. Those of the frames
+    /// around, of which it learns, do not count.
+    fn files_of(&self, number: u32, input: &Path) -> Vec<PathBuf> {
+        std::iter::once(input.to_path_buf()).chain(self.motion.files(number)).collect()
     }
 }
 
 /// Attribute of a denoised picture that holds the command that made it.
 const COMMAND: &str = "cumulo:denoise";
+/// Attribute of a denoised picture that holds the hashes of what it was made from.
+const INPUTS: &str = "cumulo:denoise-input";

@@ -3,11 +3,13 @@
 use super::names::Names;
 use crate::cli::motion::Tracing;
 use crate::error::{Error, Result};
+use crate::formats::captures;
 use crate::formats::exr::{Document, LayerInfo};
 use crate::formats::limits::Limits;
+use crate::formats::sequence::Pattern;
 use crate::scene::film::Film;
 use glam::Vec2;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -25,6 +27,31 @@ pub enum Motion {
     Volume { input: PathBuf, cameras: PathBuf },
     /// Pictures at rest.
     None,
+}
+
+impl Motion {
+    /// Returns the paths that the motion is read from: a pattern of files, or a volume and its cameras.
+    pub fn paths(&self) -> impl Iterator<Item = &Path> {
+        let paths = match self {
+            Self::Files(path) => [Some(path), None],
+            Self::Volume { input, cameras } => [Some(input), Some(cameras)],
+            Self::Auto | Self::Layer(_) | Self::None => [None, None],
+        };
+        paths.into_iter().flatten().map(PathBuf::as_path)
+    }
+}
+
+impl Motion {
+    /// Returns the files that the motion of a frame is read from.
+    pub fn files(&self, number: u32) -> Vec<PathBuf> {
+        let frame =
+            |path: &Path| Pattern::parse(path).map_or_else(|| path.to_path_buf(), |pattern| pattern.path(number));
+        match self {
+            Self::Files(path) => vec![frame(path)],
+            Self::Volume { input, cameras } => std::iter::once(frame(input)).chain(captures::files(cameras)).collect(),
+            Self::Auto | Self::Layer(_) | Self::None => Vec::new(),
+        }
+    }
 }
 
 impl FromStr for Motion {

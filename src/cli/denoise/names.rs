@@ -67,13 +67,13 @@ impl Names {
         matches!(self, Self::Still(..))
     }
 
-    /// Returns the numbers of the pictures that there are.
+    /// Returns the numbers of the pictures, those of holes among them.
     ///
     /// # Errors
     /// If there is none.
-    pub fn numbers(&self) -> Result<Vec<u32>> {
+    pub fn all_numbers(&self) -> Result<Vec<u32>> {
         match self {
-            Self::Sequence(pattern) => pattern.numbers(),
+            Self::Sequence(pattern) => pattern.all_numbers(),
             Self::Still(_, number) => Ok(vec![*number]),
         }
     }
@@ -94,8 +94,8 @@ mod tests {
     #[test]
     fn one_picture_makes_one_picture() {
         let [frames, still] = ["f.####.exr", "f.0012.exr"].map(|name| Names::of(Path::new(name)).unwrap());
-        assert_eq!((frames.is_still(), still.numbers().unwrap()), (false, vec![12]));
-        assert_eq!(Names::of(Path::new("a.exr")).unwrap().numbers().unwrap(), [1]);
+        assert_eq!((frames.is_still(), still.all_numbers().unwrap()), (false, vec![12]));
+        assert_eq!(Names::of(Path::new("a.exr")).unwrap().all_numbers().unwrap(), [1]);
         let alike = |names: &Names, other: &str| names.alike(Path::new(other), "the frames").map(|to| to.path(12));
         assert_eq!(alike(&frames, "g.##.exr").unwrap(), Path::new("g.12.exr"));
         assert_eq!(alike(&still, "b.exr").unwrap(), Path::new("b.exr"));

@@ -34,7 +34,7 @@ pub(in crate::cli) use report::Report;
 use report::Row;
 use scene::in_double;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -204,6 +204,11 @@ const SAMPLE: usize = 24;
 const EVALUATIONS: f64 = 6.0;
 
 impl GradientCommand {
+    /// Paths that the command reads.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        [&self.input].into_iter().chain(&self.target).chain(&self.transfer.tf).map(PathBuf::as_path).collect()
+    }
+
     /// Reads, plans, differentiates, checks, writes and reports.
     ///
     /// # Errors
@@ -214,7 +219,6 @@ impl GradientCommand {
         self.fits_together()?;
         if let Some(path) = &self.output {
             outputs::file(path, Content::Vdb)?;
-            outputs::spare([path.as_path()], self.inputs()?.iter().map(PathBuf::as_path))?;
         }
         if let Some(dir) = &self.report {
             super::report::prepare(dir)?;
@@ -248,16 +252,6 @@ impl GradientCommand {
         let wrong = report.worst_relative_error.is_some_and(|worst| worst.is_nan() || worst > self.tolerance);
         output.report(&Report { seconds: provenance.lap(), provenance: Some(provenance), up, ..report })?;
         Ok(if wrong { ExitCode::from(1) } else { ExitCode::SUCCESS })
-    }
-
-    /// Returns the paths of all files that the command reads.
-    fn inputs(&self) -> Result<Vec<PathBuf>> {
-        let mut all = vec![self.input.clone()];
-        all.extend(self.transfer.tf.clone());
-        if let Some(target) = &self.target {
-            all.extend(outputs::of_capture(target, &captures::load(target)?));
-        }
-        Ok(all)
     }
 
     /// Differentiates, and checks the derivatives if `--check` is given.

@@ -122,7 +122,8 @@ impl Info {
                 found => files.push(self.file(path, found.err(), output)?),
             }
         }
-        let failed = files.iter().any(|file| file.error.is_some());
+        // A frame that is missing is one that cannot be read.
+        let failed = files.iter().any(|file| file.error.is_some()) || sequences.iter().any(Summary::has_holes);
         output.report(&Report { files, sequences })?;
         Ok(if failed { ExitCode::from(2) } else { ExitCode::SUCCESS })
     }

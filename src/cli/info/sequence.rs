@@ -28,13 +28,20 @@ pub(super) struct Summary {
     lines: Vec<(u32, String)>,
 }
 
+impl Summary {
+    /// True if frames are missing.
+    pub fn has_holes(&self) -> bool {
+        !self.missing.is_empty()
+    }
+}
+
 impl Info {
     /// Describes the frames of a sequence.
     ///
     /// # Errors
     /// If no frame is there.
     pub(super) fn sequence(&self, sequence: &Sequence, output: &Output) -> Result<(Summary, Vec<Described>)> {
-        let Present { numbers, first, last, missing } = sequence.present(self.frames.wanted(), "read")?;
+        let Present { numbers, first, last, missing } = sequence.present("read")?;
         let results =
             each(&numbers, "reading", self.memory.limits(), output, |n, limits| content(&sequence.path(n), limits))?;
         let mut summary = Summary {

@@ -4,13 +4,13 @@ mod page;
 
 use super::memory::Memory;
 use super::output::Output;
-use super::outputs::{self, Content};
+use super::outputs::Content;
 use super::task::{Task, exit_code};
 use super::transfer::TransferOption;
 use super::{run, volume};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::formats::{captures, transforms};
+use crate::formats::{captures, protected, transforms};
 use crate::math::Aabb;
 use crate::optimise::gradient::pictures::Target;
 use crate::optimise::plausibility::{Emission, Warning};
@@ -28,7 +28,7 @@ use glam::{DMat3, DQuat, DVec3};
 use serde::Serialize;
 use serde_json::{Map, json};
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -150,6 +150,11 @@ struct Search {
 }
 
 impl Pose {
+    /// Paths that the command reads.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        [&self.capture, &self.volume].into_iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
+    }
+
     /// Reads, solves, writes and reports.
     ///
     /// # Errors
@@ -160,9 +165,6 @@ impl Pose {
         let json = captures::file(&self.capture);
         let capture = captures::load_within(&json, limits)?;
         transforms::check_names(&self.output, &capture)?;
-        let inputs = outputs::of_capture(&self.capture, &capture);
-        let others = std::iter::once(&self.volume).chain(&self.transfer.tf);
-        outputs::spare([self.output.as_path()], inputs.iter().chain(others).map(PathBuf::as_path))?;
         let (grids, shown) = {
             let _stage = output.stage("reading the volume");
             self.grids(&capture, limits)?
@@ -274,7 +276,7 @@ impl Pose {
         if !(self.resume && self.output.exists()) {
             return Ok(None);
         }
-        let previous = transforms::load(&self.output)?.frames;
+        let previous = protected::unprotected(&self.output, || transforms::load(&self.output))?.frames;
         let same = |(a, b): (&Frame, &Frame)| {
             let size = |f: &Frame| (f.camera.width, f.camera.height, f.camera.projection);
             a.picture.file_name() == b.picture.file_name() && size(a) == size(b)

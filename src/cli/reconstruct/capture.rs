@@ -1,6 +1,5 @@
 //! The capture that a reconstruction starts from.
 
-use crate::cli::outputs;
 use crate::error::Result;
 use crate::formats::captures;
 use crate::formats::limits::Limits;
@@ -17,22 +16,13 @@ pub(super) struct LoadedCapture {
 }
 
 impl LoadedCapture {
-    /// Loads the capture at `path` (its JSON file or folder) and makes sure that the `output` replaces neither the
-    /// capture, nor its pictures, nor any of the command's `other_inputs`.
+    /// Loads the capture at `path` (its JSON file or folder).
     ///
     /// # Errors
-    /// If the capture cannot be read, or the output is one of the inputs.
-    pub fn load<'p>(
-        path: &Path,
-        output: &Path,
-        other_inputs: impl IntoIterator<Item = &'p PathBuf>,
-        limits: Limits,
-    ) -> Result<Self> {
+    /// If the capture cannot be read.
+    pub fn load(path: &Path, limits: Limits) -> Result<Self> {
         let json = captures::file(path);
         let capture = captures::load_within(&json, limits)?;
-        let mut inputs = outputs::of_capture(path, &capture);
-        inputs.extend(other_inputs.into_iter().cloned());
-        outputs::spare([output], inputs.iter().map(PathBuf::as_path))?;
         Ok(Self { json, capture })
     }
 }

@@ -11,6 +11,7 @@ use crate::cli::photos;
 use crate::cli::run::{self, Solver};
 use crate::cli::task::{Task, ended};
 use crate::error::{Error, Result};
+use crate::formats::protected;
 use crate::formats::vdb::{File, shaded};
 use crate::optimise::color::{self, Shaded};
 use crate::optimise::density::Request;
@@ -20,7 +21,7 @@ use crate::optimise::projection::observation::Observation;
 use crate::scene::capture::Model;
 use crate::scene::grid::Grid;
 use crate::scene::medium::Medium;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Reconstruct a pre-shaded volume from emission-absorption pictures: extinction and emitted color by voxel
@@ -61,6 +62,11 @@ pub struct Color {
 }
 
 impl Color {
+    /// Paths that the command reads.
+    pub(super) fn inputs(&self) -> Vec<&Path> {
+        vec![&self.capture]
+    }
+
     /// Reads, reconstructs, writes and reports.
     ///
     /// # Errors
@@ -68,7 +74,7 @@ impl Color {
     pub(super) fn run(&self, output: &Output) -> Result<ExitCode> {
         let task = Task::begin(&self.output, Content::Vdb, self.report.as_deref(), &self.memory)?;
         let limits = task.limits;
-        let input = LoadedCapture::load(&self.capture, &self.output, [], limits)?;
+        let input = LoadedCapture::load(&self.capture, limits)?;
         if input.capture.model == Model::Absorption {
             return Err(Error::unsupported("the pictures show absorption alone, which has no colors of its own")
                 .at(&input.json)
@@ -86,7 +92,8 @@ impl Color {
         let measurements = work.measure(&self.region, Emission::Sought, |photos, _| Observation::by_alpha(photos))?;
         let request = self.request(&work, &measurements.unknowns, held_out);
         let previous = self.resume && self.output.exists();
-        let init = previous.then(|| shaded::read(&File::open(&self.output, limits)?, None, limits.max_memory));
+        let read = || shaded::read(&File::open(&self.output, limits)?, None, limits.max_memory);
+        let init = previous.then(|| protected::unprotected(&self.output, read));
         let init = init.transpose()?;
         let steps = color::most_iterations(&request);
         work.plan(&measurements, &request, Method::Color, steps)?;

@@ -13,6 +13,7 @@ use crate::cli::task::{Task, ended};
 use crate::cli::transfer::TransferOption;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
+use crate::formats::protected;
 use crate::formats::transfer;
 use crate::formats::vdb::{Codec, File, write_grids};
 use crate::optimise::density::{self, through_transfer, weiss2021};
@@ -165,6 +166,12 @@ enum Loss {
 }
 
 impl Density {
+    /// Paths that the command reads.
+    pub(super) fn inputs(&self) -> Vec<&Path> {
+        let others = [&self.transfer.tf, &self.init].into_iter().flatten();
+        others.chain([&self.capture]).map(PathBuf::as_path).collect()
+    }
+
     /// Reads, reconstructs, writes and reports.
     ///
     /// # Errors
@@ -215,8 +222,7 @@ impl Density {
 
     /// Loads the capture; the transfer function of `--tf` takes the place of its own.
     fn input(&self, limits: Limits) -> Result<LoadedCapture> {
-        let other_inputs = [&self.transfer.tf, &self.init].into_iter().flatten();
-        let mut input = LoadedCapture::load(&self.capture, &self.output, other_inputs, limits)?;
+        let mut input = LoadedCapture::load(&self.capture, limits)?;
         if let Some(transfer) = self.transfer.load(limits)? {
             (input.capture.transfer, input.capture.model) = (Some(transfer), Model::EmissionAbsorption);
         }
@@ -251,7 +257,8 @@ impl Density {
     ) -> Result<Request> {
         let (task, capture) = (&work.task, &work.input.capture);
         let previous = (self.resume && self.output.exists()).then_some(&self.output);
-        let init = self.init.as_ref().or(previous).map(|path| volume(path, task.limits)).transpose()?;
+        let init = self.init.as_ref().or(previous);
+        let init = init.map(|path| protected::unprotected(path, || volume(path, task.limits))).transpose()?;
         Ok(Request {
             lattice: unknowns.lattice,
             bounds: unknowns.bounds,

@@ -12,6 +12,7 @@ mod volume;
 use super::memory::Memory;
 use super::output::Output;
 use crate::error::Result;
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Reconstruct from multi-view pictures
@@ -29,6 +30,15 @@ pub enum Reconstruct {
 }
 
 impl Reconstruct {
+    /// Paths that the command reads.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        match self {
+            Self::Density(c) => c.inputs(),
+            Self::Color(c) => c.inputs(),
+            Self::Tf(c) => c.inputs(),
+        }
+    }
+
     /// Returns the `--max-memory` of the chosen reconstruction.
     pub(super) fn memory(&self) -> Memory {
         match self {

@@ -11,6 +11,7 @@ use crate::cli::task::{Task, ended, exit_code};
 use crate::cli::{parse, photos, report, run};
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
+use crate::formats::protected;
 use crate::formats::transfer::{self, Options};
 use crate::metrics::error::unit_psnr_db;
 use crate::optimise::density::Stage;
@@ -25,7 +26,7 @@ use crate::scene::bricks::Bricks;
 use crate::scene::capture::{Capture, Model};
 use crate::scene::medium::{Medium, Source};
 use crate::scene::transfer::Transfer;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
@@ -101,6 +102,11 @@ enum Choice {
 }
 
 impl Tf {
+    /// Paths that the command reads.
+    pub(super) fn inputs(&self) -> Vec<&Path> {
+        [&self.capture, &self.volume].into_iter().chain(&self.init).map(PathBuf::as_path).collect()
+    }
+
     /// Reads, reconstructs, writes and reports.
     ///
     /// # Errors
@@ -170,8 +176,7 @@ impl Tf {
 
     /// Loads the capture, and refuses pictures without colors.
     fn input(&self, limits: Limits) -> Result<LoadedCapture> {
-        let other_inputs = std::iter::once(&self.volume).chain(&self.init);
-        let input = LoadedCapture::load(&self.capture, &self.output, other_inputs, limits)?;
+        let input = LoadedCapture::load(&self.capture, limits)?;
         if input.capture.model == Model::Absorption {
             return Err(Error::unsupported("the pictures show absorption alone, which has no colors")
                 .at(&input.json)
@@ -246,7 +251,10 @@ impl Tf {
         task: &Task<'_>,
     ) -> Result<Request> {
         let previous = (self.resume && self.output.exists()).then_some(&self.output);
-        let load = |path: &PathBuf| transfer::load(path, &Options::default()).map(|loaded| loaded.transfer);
+        let load = |path: &PathBuf| {
+            let loaded = protected::unprotected(path, || transfer::load(path, &Options::default()));
+            loaded.map(|loaded| loaded.transfer)
+        };
         let (solver, usual) = match self.solver {
             Choice::Auto => (Solver::Newton, 14),
             Choice::Weiss2021 => (Solver::Weiss2021, 200),

@@ -1,11 +1,11 @@
 //! Sequences: a picture for each frame, of one volume or of one for each frame. Every picture is in place as soon as it
 //! is done; one that fails does not stop the others.
 
-use super::options::PictureOptions;
 use super::renderer::Chosen;
 use super::scales::DensityScales;
 use super::scattering::Paths;
 use super::seen::Seen;
+use super::sequence::{Done, Sequence, Shot};
 use super::settle::Settled;
 use super::subject::Subject;
 use super::target::Target;
@@ -13,30 +13,24 @@ use super::{Cameras, Render, fits, remarks};
 use crate::cli::cancel;
 use crate::cli::failed::{self, Failed, List};
 use crate::cli::output::Output;
-use crate::cli::outputs;
 use crate::cli::parse::DensityScale;
 use crate::cli::progress::Picture;
 use crate::cli::provenance::Provenance;
+use crate::cli::renewed::{self, Earlier, Renewed};
 use crate::cli::up::ChosenUp;
 use crate::error::{Error, Kind, Result};
-use crate::formats::atomic::{self, Batch};
+use crate::formats::atomic::Batch;
 use crate::formats::png::ToneMapping;
 use crate::formats::sequence::{self, Pattern};
-use crate::formats::transforms;
 use crate::formats::vdb::{File, velocity};
-use crate::formats::{Format, sniff};
-use crate::plan::Plan;
 use crate::render::path::{Counts, View};
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame};
-use crate::scene::scene::Scene;
 use serde::Serialize;
-use serde_json::{Map, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::AtomicBool;
 
 #[derive(Debug, Serialize, schemars::JsonSchema)]
 pub(in crate::cli) struct Report {
@@ -44,6 +38,9 @@ pub(in crate::cli) struct Report {
     output: PathBuf,
     rendered: usize,
     skipped: usize,
+    /// Frames that were there and were rendered again, by the input that has changed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    renewed: Vec<Renewed>,
     failed: Vec<Failed>,
     #[serde(flatten)]
     scales: DensityScales,
@@ -58,50 +55,14 @@ pub(in crate::cli) struct Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, rendered, skipped, failed, scales, tone_mapping, paths, seconds, .. } = self;
+        let Self { output, rendered, skipped, renewed, failed, scales, tone_mapping, paths, seconds, .. } = self;
         write!(f, "{}: {rendered} frames in {seconds:.2} s, ", output.display())?;
         write!(f, "{skipped} that were there, {} that failed; {scales}", failed.len())?;
+        write!(f, "{}", renewed::List(renewed))?;
         tone_mapping.iter().try_for_each(|tone| write!(f, "\n  PNG: {tone}"))?;
         paths.map_or(Ok(()), |paths| write!(f, "\n{paths}"))?;
         write!(f, "{}", List(failed))
     }
-}
-
-/// Scene of a frame, planned.
-struct Shot {
-    capture: Capture,
-    scales: DensityScales,
-    scene: Scene,
-    plan: Option<Plan>,
-    provenance: Provenance,
-    /// True if paths were asked for.
-    paths: bool,
-    /// True if another frame shows other volumes.
-    moving: bool,
-}
-
-/// Sequence at work.
-struct Sequence<'s> {
-    render: &'s Render,
-    target: Target<'s>,
-    /// Options, with what the first frame has settled.
-    pictures: PictureOptions,
-    pattern: Option<Pattern>,
-    template: Option<Capture>,
-    /// Cameras of the frames, or of all, each between those of the frames before and after.
-    cameras: Vec<[Camera; 3]>,
-    /// Up axis about which the camera was placed.
-    up: Option<ChosenUp>,
-    /// Provenance without inputs, which differ from frame to frame.
-    provenance: Provenance,
-    /// Hashes of the inputs of the frames so far, by path.
-    inputs: BTreeMap<String, String>,
-    shot: Option<Shot>,
-    /// Whether anything is to be seen in the pictures so far.
-    seen: Seen,
-    /// Remarks that were made.
-    remarks: BTreeSet<String>,
-    cancel: &'static AtomicBool,
 }
 
 impl Render {
@@ -119,14 +80,14 @@ impl Render {
         let pattern = Pattern::parse(&self.pictures.input);
         let numbers: Vec<u32> = match (self.frames, &pattern) {
             (Some(frames), _) => frames.numbers().collect(),
-            (None, Some(pattern)) => pattern.numbers()?,
+            (None, Some(pattern)) => pattern.all_numbers()?,
             (None, None) => Vec::new(),
         };
         if let (Some(pattern), Some(_)) = (&pattern, self.frames) {
             there(pattern, &numbers)?;
         }
         target.holds(numbers.len(), "frames", "--frames N")?;
-        let mut template = self.pictures.template(Some(&numbers))?;
+        let mut template = self.pictures.template(Some(&numbers), &mut provenance)?;
         self.pictures.check_cameras(template.as_ref())?;
         let mut pictures = self.pictures.clone();
         if let Some(template) = &mut template {
@@ -157,20 +118,20 @@ impl Render {
             cancel: cancel::listen(),
         };
         sequence.spare(&frames)?;
-        sequence.settle(target.json().as_deref(), &numbers, output)?;
+        sequence.settle(&frames, output)?;
         // A folder that stays empty is removed again.
         let mut batch = Batch::new();
         if let Target::Folder(folder) = target {
             batch.make_folder(folder)?;
         }
 
-        let Results { done, failed, skipped, counts } = sequence.all(&frames, output)?;
-        provenance.inputs.clone_from(&sequence.inputs);
+        let Results { done, failed, skipped, renewed, counts } = sequence.all(&frames, output)?;
+        provenance.inputs.extend(std::mem::take(&mut sequence.inputs));
         let seconds = provenance.lap();
         if skipped < done.len() {
             sequence.note_nothing(output);
         }
-        let scales = sequence.write(&done, &provenance)?;
+        let scales = sequence.write(&done, &mut provenance, output)?;
         if !done.is_empty() {
             batch.commit()?;
         }
@@ -181,6 +142,7 @@ impl Render {
             output: self.output.clone(),
             rendered,
             skipped,
+            renewed: renewed::by_input(renewed),
             failed,
             scales,
             tone_mapping: self.tone_mapping_used(),
@@ -249,10 +211,12 @@ fn there(pattern: &Pattern, numbers: &[u32]) -> Result<()> {
 /// Results of the frames so far.
 #[derive(Default)]
 struct Results {
-    /// Frames that are there, by their place in the sequence.
-    done: Vec<(usize, PathBuf)>,
+    /// Frames that are there.
+    done: Vec<Done>,
     failed: Vec<Failed>,
     skipped: usize,
+    /// Frames that were there and were rendered again, with the input that has changed.
+    renewed: Vec<(u32, PathBuf)>,
     counts: Counts,
 }
 
@@ -266,9 +230,10 @@ impl Sequence<'_> {
         let mut results = Results::default();
         for (place, (number, path)) in frames.iter().enumerate() {
             let picture = bar.picture();
-            let result = match self.is_done(*number, path) {
-                true => Ok(None),
-                false => self.frame((place, *number), path, &picture, output).map(Some),
+            let earlier = self.state(*number, path);
+            let result = match earlier {
+                Earlier::Whole => Ok(None),
+                _ => self.frame((place, *number), path, &picture, output).map(Some),
             };
             match result {
                 Err(e) if e.kind() == Kind::Cancelled => return Err(e),
@@ -280,7 +245,10 @@ impl Sequence<'_> {
                 Ok(counts) => {
                     results.skipped += usize::from(counts.is_none());
                     results.counts = results.counts.plus(counts.unwrap_or_default());
-                    results.done.push((place, path.clone()));
+                    results.done.push((place, *number, path.clone()));
+                    if let Earlier::Outdated(input) = earlier {
+                        results.renewed.push((*number, input));
+                    }
                 }
             }
         }
@@ -288,8 +256,9 @@ impl Sequence<'_> {
         Ok(results)
     }
 
-    /// Takes what must not change from frame to frame once: that of an earlier run that is resumed, or of some frames.
-    fn settle(&mut self, json: Option<&Path>, numbers: &[u32], output: &Output) -> Result<()> {
+    /// Takes what must not change from frame to frame once: that of earlier runs whose frames stay, or of some frames.
+    fn settle(&mut self, frames: &[(u32, PathBuf)], output: &Output) -> Result<()> {
+        let numbers: Vec<u32> = frames.iter().map(|(number, _)| *number).collect();
         let placed = self.cameras.is_empty();
         if placed {
             // The first file that can be asked: others fail by themselves.
@@ -297,17 +266,19 @@ impl Sequence<'_> {
             self.up.iter().for_each(|up| output.note(up));
         }
         let up = placed.then(|| self.up.as_ref().map(|up| up.axis).unwrap_or_default());
-        let earlier = json.filter(|json| self.render.resume && json.exists());
-        let settled = match earlier {
+        let own: Vec<&Path> = frames.iter().map(|(_, path)| path.as_path()).collect();
+        let stay = |capture: &Capture| self.render.resume || !self.others(capture.clone(), &own).is_empty();
+        let earlier = self.earlier().filter(stay);
+        let settled = match &earlier {
             // Nothing is left to be settled.
             Some(_) if self.pictures.planning.max_omitted == 0.0 => Settled::default(),
             _ => {
                 let _stage = output.stage("settling");
-                self.pictures.settle(self.pattern.as_ref(), numbers, self.template.as_ref(), up)?
+                self.pictures.settle(self.pattern.as_ref(), &numbers, self.template.as_ref(), up)?
             }
         };
         let settled = match earlier {
-            Some(json) => settled.after(json),
+            Some(earlier) => settled.after(&earlier),
             None => settled,
         };
         if let Some(camera) = settled.camera.filter(|_| placed) {
@@ -335,48 +306,6 @@ impl Sequence<'_> {
         pictures.chosen_up(self.template.as_ref()).ok().flatten()
     }
 
-    /// Makes sure that nothing of other commands is replaced.
-    fn spare(&self, frames: &[(u32, PathBuf)]) -> Result<()> {
-        let pictures: Vec<PathBuf> = frames.iter().flat_map(|(_, path)| self.render.files_of(path)).collect();
-        let inputs =
-            [Some(self.pictures.input.as_path()), self.pictures.transfer.file(), self.pictures.cameras.as_deref()];
-        let json = self.target.json();
-        let outputs = pictures.iter().chain(&json).map(PathBuf::as_path);
-        outputs::spare(outputs, inputs.into_iter().flatten().collect::<Vec<_>>())?;
-        let command = &self.provenance.command;
-        if !self.render.resume {
-            match &json {
-                _ if self.render.overwrite => {}
-                Some(json) => outputs::spare_captures(json, &pictures, command).map_err(|e| {
-                    e.instead(
-                        "--resume adds frames of the very same command to those that are there; else give another folder, or \
-                         --overwrite to replace them",
-                    )
-                })?,
-                None => pictures.iter().try_for_each(|picture| {
-                    outputs::is_own_picture(picture, "cumulo:command", command, false).map(drop)
-                })?,
-            }
-            return Ok(());
-        }
-        for path in pictures.iter().filter(|path| path.exists()) {
-            let own = outputs::is_own_picture(path, "cumulo:command", command, false);
-            own.map_err(|e| {
-                e.instead("--resume goes on with the very same command; give another folder, or --overwrite")
-            })?;
-        }
-        Ok(())
-    }
-
-    /// Returns the frames of earlier runs, or of runs at the same time, that this one leaves alone.
-    fn kept(&self, json: &Path, done: &[(usize, PathBuf)]) -> Result<Vec<Frame>> {
-        if !(self.render.resume && json.exists()) {
-            return Ok(Vec::new());
-        }
-        let other = |frame: &Frame| done.iter().all(|(_, own)| *own != frame.picture) && frame.picture.exists();
-        Ok(transforms::load(json)?.frames.into_iter().filter(other).collect())
-    }
-
     /// Says why nothing is to be seen, if that is so.
     fn note_nothing(&self, output: &Output) {
         let function = self.shot.as_ref().is_some_and(|shot| shot.capture.transfer.is_some());
@@ -386,22 +315,8 @@ impl Sequence<'_> {
         }
     }
 
-    /// True if a frame is there and no older than what it was made from: its volume, and the files behind a scene or a stage,
-    /// which the picture itself names.
-    fn is_done(&self, number: u32, path: &Path) -> bool {
-        let time = |path: &Path| std::fs::metadata(path).and_then(|data| data.modified()).ok();
-        let input = self.pattern.as_ref().map_or_else(|| self.pictures.input.clone(), |pattern| pattern.path(number));
-        let newer = |path: &PathBuf| {
-            let attributes = outputs::attributes(path);
-            let named = attributes.get("cumulo:input").map_or("", String::as_str);
-            let mut inputs = Provenance::inputs_of(named).chain([input.as_path()]);
-            time(path).is_some_and(|picture| inputs.all(|input| time(input).is_some_and(|input| picture >= input)))
-        };
-        self.render.resume && self.render.files_of(path).iter().all(newer)
-    }
-
     /// Reads and plans a frame. What the first one settles, camera and density scale, holds for all.
-    fn shot(&mut self, place: usize, number: u32, output: &Output) -> Result<Shot> {
+    pub(super) fn shot(&mut self, place: usize, number: u32, output: &Output) -> Result<Shot> {
         let mut pictures = self.pictures.clone();
         pictures.frame = Some(number);
         if let Some(pattern) = &self.pattern {
@@ -448,7 +363,7 @@ impl Sequence<'_> {
         Ok(Shot { capture, scales, scene, plan, provenance, paths, moving })
     }
 
-    fn camera(&self, place: usize) -> Camera {
+    pub(super) fn camera(&self, place: usize) -> Camera {
         self.cameras[place.min(self.cameras.len() - 1)][1]
     }
 
@@ -479,33 +394,5 @@ impl Sequence<'_> {
             self.render.write_picture(&file, &film, &attributes, whole)?;
         }
         Ok(counts)
-    }
-
-    /// Writes the capture of the frames that are there, and returns their density scales. Of two runs that end at once,
-    /// one waits for the other, and adds its frames.
-    fn write(&self, done: &[(usize, PathBuf)], provenance: &Provenance) -> Result<DensityScales> {
-        let json = self.target.json();
-        let Some(shot) = self.shot.as_ref().filter(|_| !done.is_empty()) else {
-            // Nothing was rendered now: an earlier capture stands.
-            let earlier = json.and_then(|json| transforms::load(&json).ok());
-            // The capture of a scene does not tell the scales of its volumes.
-            let is_scene = self.pattern.is_none()
-                && sniff(&self.pictures.input).is_ok_and(|format| matches!(format, Format::Capture | Format::Usd));
-            let earlier = earlier.filter(|_| !is_scene).map(|capture| DensityScales::one(capture.density_scale));
-            return Ok(earlier.unwrap_or_default());
-        };
-        let Some(json) = json else { return Ok(shot.scales.clone()) };
-        let frame =
-            |(place, picture): &(usize, PathBuf)| Frame { camera: self.camera(*place), picture: picture.clone() };
-        let _lock = json.parent().map(atomic::lock_folder);
-        let mut frames: Vec<Frame> = done.iter().map(frame).chain(self.kept(&json, done)?).collect();
-        frames.sort_by(|a, b| a.picture.cmp(&b.picture));
-        let capture = Capture { frames, ..shot.capture.clone() };
-        let mut extra = Map::new();
-        extra.insert("provenance".into(), json!(provenance));
-        extra.extend(shot.plan.iter().map(|plan| ("plan".to_owned(), json!(plan))));
-        extra.extend(shot.paths.then(|| ("scattering".to_owned(), self.pictures.scattering.record())));
-        transforms::save_for(&json, &json, &capture, &extra)?;
-        Ok(shot.scales.clone())
     }
 }

@@ -1,6 +1,7 @@
 //! `cumulo render`: pictures of a volume from many sides, as a capture.
 
 mod capture;
+mod folder;
 mod frames;
 mod options;
 mod planning;
@@ -8,6 +9,7 @@ mod renderer;
 mod scales;
 pub(super) mod scattering;
 mod seen;
+mod sequence;
 mod settle;
 mod stage;
 mod subject;
@@ -26,9 +28,9 @@ use crate::cli::progress::Picture;
 use crate::cli::provenance::Provenance;
 use crate::cli::up::ChosenUp;
 use crate::error::{Error, Result};
-use crate::formats::atomic::Batch;
-use crate::formats::captures;
+use crate::formats::atomic::{self, Batch};
 use crate::formats::png::ToneMapping;
+use crate::formats::protected;
 use crate::formats::sequence::Frames;
 use crate::formats::transforms::{self, FILE_NAME};
 use crate::ordered;
@@ -62,7 +64,8 @@ use target::Target;
 /// pictures are made by path tracing.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Render {
-    /// Folder for transforms.json and the pictures; or, for one view or frame, the file of the picture: name.exr, name.png
+    /// Folder for transforms.json and the pictures; or, for one view or frame, the file of the picture: name.exr, name.png.
+    /// Runs of one command with other --frames add to one folder, at once or one after the other
     #[arg(long, short, value_name = "DIR|FILE")]
     output: PathBuf,
     /// Replace a capture in the folder, whoever made it (one of the very same command is replaced without)
@@ -78,7 +81,7 @@ pub struct Render {
     /// smoke.####.vdb or a folder: all files that there are)
     #[arg(long, value_name = "A-B")]
     frames: Option<Frames>,
-    /// Skip frames that are there, made by the same command from volumes that have not changed since
+    /// Skip frames that are there, made by the same command, unless a volume, the cameras or another input has changed since
     #[arg(long, conflicts_with = "overwrite")]
     resume: bool,
     /// Planes to write beside RGBA, one or more
@@ -222,7 +225,7 @@ impl Render {
         let mut provenance = Provenance::begin();
         let pictures = &self.pictures;
         let limits = pictures.memory.limits();
-        let template = pictures.template(None)?;
+        let template = pictures.template(None, &mut provenance)?;
         pictures.check_cameras(template.as_ref())?;
         let stated = template.as_ref().map_or(pictures.views.unwrap_or(1) as usize, |capture| capture.frames.len());
         let numbers = pictures.chosen(stated)?;
@@ -238,7 +241,7 @@ impl Render {
         fits(&capture, self.plane_bytes(paths), limits.max_memory)?;
         self.check_aovs(paths)?;
         pictures.scattering.check(paths)?;
-        self.spare(target, &capture, template.as_ref(), &provenance)?;
+        self.spare(target, &capture, &provenance)?;
         // Pictures wait until all are there: an interrupted run must not mix its pictures with those of an earlier one.
         let mut batch = Batch::new();
         if let Target::Folder(folder) = target {
@@ -267,6 +270,9 @@ impl Render {
             way.record(paths.then_some(&pictures.scattering), &mut extra);
             transforms::save_for(json, waiting, &capture, &extra)?;
         }
+        // Another run may have ended in the folder meanwhile.
+        let _lock = target.json().as_deref().and_then(Path::parent).map(atomic::lock_folder);
+        self.spare(target, &capture, &provenance)?;
         batch.commit()?;
         output.report(&Report {
             output: self.output.clone(),
@@ -405,26 +411,11 @@ impl Render {
         }
     }
 
-    /// Makes sure that the outputs replace neither inputs, the pictures of `--cameras` among them, nor files that another
-    /// command wrote.
-    fn spare(
-        &self,
-        target: Target<'_>,
-        capture: &Capture,
-        template: Option<&Capture>,
-        provenance: &Provenance,
-    ) -> Result<()> {
-        let shown = template.map_or(&[][..], |capture| &capture.frames);
-        let shown: Vec<&Path> = shown.iter().map(|frame| frame.picture.as_path()).collect();
+    /// Makes sure that the outputs replace neither inputs nor files that another command wrote.
+    fn spare(&self, target: Target<'_>, capture: &Capture, provenance: &Provenance) -> Result<()> {
         let json = target.json();
-        if json.is_some() {
-            self.spare_template(&shown)?;
-        }
         let pictures: Vec<PathBuf> = capture.frames.iter().flat_map(|f| self.files_of(&f.picture)).collect();
-        let inputs = [Some(self.pictures.input.as_path()), self.pictures.transfer.file()];
-        let cameras = self.pictures.cameras.as_deref().map(captures::file);
-        let inputs: Vec<&Path> = inputs.into_iter().flatten().chain(shown).chain(cameras.as_deref()).collect();
-        outputs::spare(pictures.iter().chain(&json).map(PathBuf::as_path), inputs)?;
+        pictures.iter().chain(&json).try_for_each(|path| protected::check(path))?;
         match json {
             _ if self.overwrite => Ok(()),
             Some(json) => outputs::spare_captures(&json, &pictures, &provenance.command),
@@ -432,24 +423,6 @@ impl Render {
                 outputs::is_own_picture(picture, "cumulo:command", &provenance.command, false).map(drop)
             }),
         }
-    }
-
-    /// Refuses an output folder in which the capture of `--cameras` or its pictures lie.
-    fn spare_template(&self, pictures: &[&Path]) -> Result<()> {
-        let Some(cameras) = &self.pictures.cameras else { return Ok(()) };
-        let json = captures::file(cameras);
-        let folder = |path: &Path| {
-            let parent = path.parent().map(|p| if p.as_os_str().is_empty() { Path::new(".") } else { p });
-            parent.and_then(|p| std::fs::canonicalize(p).ok())
-        };
-        let output = std::fs::canonicalize(&self.output).ok();
-        let template = pictures.iter().copied().chain([json.as_path()]);
-        if output.is_some() && template.map(folder).any(|folder| folder == output) {
-            return Err(Error::invalid("the pictures of --cameras lie in this folder and would be replaced")
-                .at(&self.output)
-                .hint("give another folder with --output"));
-        }
-        Ok(())
     }
 }
 

@@ -11,7 +11,7 @@ use crate::render::quadrature::{Quadrature, rules};
 use crate::scene::camera::Window;
 use crate::scene::capture::{EmissionModel, Model};
 use crate::scene::orbit::Layout;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Options that pictures are made by: subject, cameras, media and light.
 #[derive(Debug, Clone, clap::Args)]
@@ -48,7 +48,8 @@ pub struct PictureOptions {
     pub(in crate::cli) crop: Option<Window>,
     /// Take the cameras from a transforms.json, a model of COLMAP or a USD stage (default: those of the stage that is
     /// rendered). A transforms.json also gives the model, density scale, background, emission and transfer function that
-    /// no option gives; with --albedo, the density scale and transfer function alone. Albedo and lights are not taken
+    /// no option gives; with --albedo, the density scale and transfer function alone. Albedo and lights are not taken. It
+    /// stays as it is: pictures go to another folder
     #[arg(long, value_name = "CAPTURE|STAGE")]
     pub(in crate::cli) cameras: Option<PathBuf>,
     /// Camera of the USD stage, by its path (default: the only one)
@@ -98,4 +99,12 @@ pub struct PictureOptions {
     pub(in crate::cli) planning: PlanningOptions,
     #[command(flatten)]
     pub(in crate::cli) memory: Memory,
+}
+
+impl PictureOptions {
+    /// Paths that the pictures are made from.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        let others = [self.transfer.file(), self.scattering.sky_file(), self.cameras.as_deref()];
+        std::iter::once(self.input.as_path()).chain(others.into_iter().flatten()).collect()
+    }
 }

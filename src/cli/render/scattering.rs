@@ -28,6 +28,16 @@ pub(in crate::cli) enum Sky {
     File(PathBuf),
 }
 
+impl Sky {
+    /// Returns the path of the picture, if it is one.
+    pub fn file(&self) -> Option<&Path> {
+        match self {
+            Self::File(path) => Some(path),
+            Self::Color(_) => None,
+        }
+    }
+}
+
 impl FromStr for Sky {
     type Err = String;
 
@@ -121,10 +131,7 @@ impl ScatteringOptions {
 
     /// Returns the picture of the sky, if one is given.
     pub fn sky_file(&self) -> Option<&Path> {
-        match &self.sky {
-            Some(Sky::File(path)) => Some(path),
-            _ => None,
-        }
+        self.sky.as_ref().and_then(Sky::file)
     }
 
     /// Returns how the medium scatters; `None` without path tracing.

@@ -11,14 +11,14 @@ use crate::cli::provenance::Provenance;
 use crate::error::Result;
 use crate::formats::Format;
 use crate::formats::sequence::Pattern;
-use crate::formats::{sniff, transforms};
+use crate::formats::sniff;
 use crate::plan::{Effect, State};
 use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
 use crate::scene::orbit;
 use crate::scene::up::Up;
 use glam::DVec3;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Number of frames that are looked at.
 const FRAMES: usize = 5;
@@ -114,10 +114,9 @@ fn spread(numbers: &[u32]) -> Vec<u32> {
 }
 
 impl Settled {
-    /// Returns the same with the camera and the scale of the capture that an earlier run wrote, which the rest of its frames
+    /// Returns the same with the camera and the scale of the capture that earlier runs wrote, which the rest of its frames
     /// must share. Effects are settled by the same frames in each run.
-    pub(super) fn after(self, json: &Path) -> Self {
-        let Ok(capture) = transforms::load(json) else { return self };
+    pub(super) fn after(self, capture: &Capture) -> Self {
         let camera = capture.frames.first().map(|frame| frame.camera).or(self.camera);
         Self { camera, density_scale: Some(capture.density_scale), ..self }
     }

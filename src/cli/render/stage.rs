@@ -3,6 +3,7 @@
 use super::options::PictureOptions;
 use crate::cli::frames::FramesOption;
 use crate::cli::parse::DensityScale;
+use crate::cli::provenance::Provenance;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::scene_file::LoadedScene;
@@ -44,11 +45,16 @@ impl PictureOptions {
     }
 
     /// Returns the cameras of the pictures with what else a capture tells: those of `--cameras`, or of the stage that is
-    /// rendered, at the time codes `frames`, or all of them; `None` where cameras are to be placed.
+    /// rendered, at the time codes `frames`, or all of them; `None` where cameras are to be placed. The files of `--cameras`
+    /// become inputs of the pictures.
     ///
     /// # Errors
     /// If there are no cameras, the capture or the stage cannot be read, or options contradict each other.
-    pub(in crate::cli) fn template(&self, frames: Option<&[u32]>) -> Result<Option<Capture>> {
+    pub(in crate::cli) fn template(
+        &self,
+        frames: Option<&[u32]>,
+        provenance: &mut Provenance,
+    ) -> Result<Option<Capture>> {
         let refused = |option: &str, remedy: &str| {
             Err(Error::invalid(format!("{option} cannot be used here: no cameras of a USD stage are taken"))
                 .hint(remedy))
@@ -67,8 +73,14 @@ impl PictureOptions {
             if self.camera.is_some() {
                 return refused("--camera", "leave it out, or give a stage as the input or with --cameras");
             }
-            return self.cameras.as_deref().map(|path| Ok(self.resized(captures::load(path)?))).transpose();
+            let Some(path) = &self.cameras else { return Ok(None) };
+            let capture = captures::load(path)?;
+            provenance.files(captures::files(path).iter().map(PathBuf::as_path))?;
+            return Ok(Some(self.resized(capture)));
         };
+        if self.cameras.is_some() {
+            provenance.files(stage.layers.iter().map(PathBuf::as_path))?;
+        }
         // Frames before and after tell how the camera moves.
         let beside = |numbers: &[u32]| {
             let around = numbers.iter().flat_map(|n| [n.saturating_sub(1), *n, n.saturating_add(1)]);

@@ -17,6 +17,7 @@ use crate::scene::table::Table;
 use crate::scene::transfer::Transfer;
 use crate::scene::volume::{Grids, Volume};
 use glam::{DMat4, DVec3};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Subject of the pictures.
@@ -122,9 +123,7 @@ impl PictureOptions {
                 }
             };
             let LoadedScene { volumes, lights, environment, files, moving, remarks } = loaded;
-            for file in [&self.input].into_iter().chain(&files) {
-                provenance.input(file, [file.as_path()])?;
-            }
+            provenance.files([&self.input].into_iter().chain(&files).map(PathBuf::as_path))?;
             let mut velocities = Vec::new();
             let volume = |(number, read): (usize, SceneVolume)| {
                 velocities.extend(read.velocity.map(|velocity| (number, velocity)));
@@ -141,11 +140,13 @@ impl PictureOptions {
             return Ok((Subject::Scene { scene, moving, remarks }, None));
         }
         let (grids, transfer) = self.grids(template, limits)?;
-        provenance.input(&self.input, [self.input.as_path()])?;
-        for file in [self.transfer.file(), self.scattering.sky_file()].into_iter().flatten() {
-            provenance.input(file, [file])?;
-        }
+        provenance.files(self.files())?;
         Ok((Subject::Grids(grids), transfer))
+    }
+
+    /// Returns the files that pictures of one volume are made from, beside those of the cameras.
+    pub(super) fn files(&self) -> impl Iterator<Item = &Path> {
+        std::iter::once(self.input.as_path()).chain(self.transfer.file()).chain(self.scattering.sky_file())
     }
 
     /// Refuses options that a scene file states itself.

@@ -13,6 +13,7 @@ use crate::formats::limits::Limits;
 use crate::formats::transfer::Options;
 use crate::formats::vdb::File;
 use crate::formats::{self, atomic, captures, input};
+use crate::report::FILE_NAME as PAGE;
 use crate::scene::camera::Camera;
 use crate::scene::capture::{Capture, Frame};
 use crate::scene::film::Film;
@@ -91,6 +92,11 @@ impl fmt::Display for Written {
 type Beside = (String, Capture);
 
 impl Report {
+    /// Paths that the command reads.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        self.named_files().collect()
+    }
+
     /// Reads the record, renders, writes the page and says where it is.
     ///
     /// # Errors
@@ -167,7 +173,7 @@ pub fn prepare(dir: &Path) -> Result<()> {
     outputs::folder(dir)?;
     std::fs::create_dir_all(dir)
         .map_err(|e| Error::io(dir, e).hint("the report needs a folder that can be written to"))?;
-    atomic::probe(&dir.join(RECORD))
+    [RECORD, PAGE].into_iter().try_for_each(|name| atomic::probe(&dir.join(name)))
 }
 
 /// Writes the page of a volume and its record, and returns the page's path. Once the work is to stop, views are left out

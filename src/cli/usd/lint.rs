@@ -69,6 +69,11 @@ impl Told {
 }
 
 impl Lint {
+    /// Paths that the command reads.
+    pub(super) fn inputs(&self) -> Vec<&Path> {
+        self.stages.iter().map(PathBuf::as_path).collect()
+    }
+
     /// Checks the stages, writes the layer and reports; a stage that cannot be read does not keep the others from being
     /// reported.
     ///
@@ -105,7 +110,6 @@ impl Lint {
         if let Some(place) = &self.fix
             && findings.iter().any(|finding| finding.fix.is_some())
         {
-            outputs::spare([place.as_path()], stage.layers.iter().map(PathBuf::as_path))?;
             atomic::write_bytes(place, fix::layer(&stage, &findings, place)?.as_bytes())?;
             *layer = Some(place.clone());
         }

@@ -10,6 +10,7 @@ use super::memory::Memory;
 use super::output::Output;
 use crate::error::Result;
 use clap::Subcommand;
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Write and check USD stages
@@ -22,6 +23,14 @@ pub enum UsdCommand {
 }
 
 impl UsdCommand {
+    /// Paths that the command reads.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        match self {
+            Self::Author(c) => c.inputs(),
+            Self::Lint(c) => c.inputs(),
+        }
+    }
+
     /// Memory that the command may take.
     pub(super) fn memory(&self) -> Memory {
         match self {

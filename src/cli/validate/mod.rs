@@ -107,7 +107,8 @@ impl Validate {
             }
         }
         let valid = files.iter().all(|f| f.valid) && sequences.iter().all(|s| s.valid);
-        let failed = files.iter().any(|f| f.error.is_some());
+        // A frame that is missing is one that cannot be read.
+        let failed = files.iter().any(|f| f.error.is_some()) || sequences.iter().any(|s| !s.missing.is_empty());
         output.report(&Report { valid, files, sequences })?;
         Ok(ExitCode::from(if failed { 2 } else { u8::from(!valid) }))
     }

@@ -27,7 +27,7 @@ pub(super) struct CheckedSequence {
     first: Option<u32>,
     last: Option<u32>,
     /// Numbers between the first and the last whose files are not there.
-    missing: Vec<u32>,
+    pub missing: Vec<u32>,
     /// True if neither the sequence nor any of its frames has a fault.
     pub valid: bool,
     /// Faults of the sequence as a whole.
@@ -40,7 +40,7 @@ impl Validate {
     /// # Errors
     /// If no frame is there.
     pub(super) fn sequence(&self, sequence: &Sequence, output: &Output) -> Result<(CheckedSequence, Vec<Checked>)> {
-        let Present { numbers, first, last, missing } = sequence.present(self.frames.wanted(), "check")?;
+        let Present { numbers, first, last, missing } = sequence.present("check")?;
         let full = self.memory.limits();
         let results = each(&numbers, "checking", full, output, |number, limits| {
             let path = sequence.path(number);

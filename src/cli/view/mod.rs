@@ -11,6 +11,7 @@ mod subject;
 mod terminal;
 mod volume;
 
+use super::failed;
 use super::frames::FramesOption;
 use super::info::Failure;
 use super::memory::Memory;
@@ -23,7 +24,7 @@ use super::up::{self, UpChoice};
 use crate::error::{Error, Kind as ErrorKind, Result};
 use crate::formats::sequence::{Frames, Pattern};
 use crate::formats::vdb::File;
-use crate::formats::{self, Format, captures, picture, png};
+use crate::formats::{self, Format, captures, picture, png, protected};
 use crate::report::sheet::Sheet;
 use crate::scene::up::Up;
 pub(in crate::cli) use shown::Report;
@@ -85,6 +86,11 @@ enum Destination {
 }
 
 impl View {
+    /// Paths that the command reads.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        self.files.iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
+    }
+
     /// Reads, draws, writes or shows, and reports.
     ///
     /// # Errors
@@ -119,9 +125,10 @@ impl View {
             let size = [canvas.width, canvas.height];
             sheets.push(Shown { input: file.clone(), output: written, size, content });
         }
-        let code = if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(2) };
+        sheets.iter().for_each(|shown| failed::tell(shown.content.failed()));
+        let whole = failed.is_empty() && sheets.iter().all(|shown| shown.content.failed().is_empty());
         output.report(&Report { sheets, failed })?;
-        Ok(code)
+        Ok(if whole { ExitCode::SUCCESS } else { ExitCode::from(2) })
     }
 
     /// Returns the up axis of a volume: that of `--up`, else what the file states, else Z.
@@ -170,16 +177,6 @@ impl View {
         Ok(found.map(|sequence| sequence.pattern))
     }
 
-    /// Returns the files that are read: those of the command line, and the pictures of captures.
-    fn inputs(&self) -> Vec<PathBuf> {
-        let pictures = |path: &PathBuf| {
-            let is_capture = formats::sniff(path).is_ok_and(|format| format == Format::Capture);
-            let capture = captures::stated_within(path, self.memory.limits()).ok().filter(|_| is_capture);
-            capture.map(|stated| outputs::of_capture(path, &stated.capture)).unwrap_or_default()
-        };
-        self.files.iter().flat_map(|path| std::iter::once(path.clone()).chain(pictures(path))).collect()
-    }
-
     /// Returns where sheets go, once that is known to be possible.
     fn destination(&self, output: &Output) -> Result<Destination> {
         let Some(path) = &self.output else {
@@ -211,8 +208,7 @@ impl View {
                 names.iter().map(|name| path.join(format!("{name}.png"))).collect()
             }
         };
-        let inputs = self.inputs();
-        outputs::spare(paths.iter().map(PathBuf::as_path), inputs.iter().map(PathBuf::as_path))?;
+        paths.iter().try_for_each(|path| protected::check(path))?;
         Ok(Destination::Files(paths))
     }
 

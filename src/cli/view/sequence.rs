@@ -4,6 +4,7 @@ use super::capture::evenly;
 use super::shown::{Content, Sequence};
 use super::subject::Subject;
 use super::{View, camera, exposure, name_of, volume};
+use crate::cli::failed::Failed;
 use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
 use crate::formats::png::ToneMapping;
@@ -15,6 +16,7 @@ use crate::report::sheet::{Canvas, Sheet, Tile, fitted};
 use crate::report::short;
 use crate::scene::film::Film;
 use crate::scene::up::Up;
+use crate::text::ranges;
 use glam::DVec3;
 use std::path::Path;
 
@@ -25,39 +27,41 @@ const MOST: usize = 24;
 /// Most frames that can be chosen.
 const MOST_CHOSEN: usize = 400;
 
-/// Draws the sheet of a sequence.
+/// Draws the sheet of a sequence. Frames that are missing or cannot be read are left out, and named in its content.
 ///
 /// # Errors
-/// If there are no frames, or one of those shown cannot be read.
+/// If none of the frames can be shown.
 pub(super) fn sheet(view: &View, path: &Path, pattern: &Pattern, limits: Limits) -> Result<(Sheet, Content)> {
-    let there = pattern.numbers()?;
-    let numbers: Vec<u32> = match view.frames {
+    let all = match view.frames {
         Some(frames) => frames.numbers().collect(),
-        None => evenly(there.len(), MOST).into_iter().map(|i| there[i]).collect(),
+        None => pattern.all_numbers()?,
     };
-    if numbers.len() > MOST_CHOSEN {
-        return Err(Error::unsupported(format!("{} frames: {MOST_CHOSEN} fit on a sheet", numbers.len()))
+    if view.frames.is_some() && all.len() > MOST_CHOSEN {
+        return Err(Error::unsupported(format!("{} frames: {MOST_CHOSEN} fit on a sheet", all.len()))
             .at(path)
             .hint("choose fewer with --frames A-BxSTEP"));
     }
-    let first = pattern.path(numbers[0]);
+    let mut failed: Vec<Failed> = all.iter().filter_map(|number| missing(pattern, *number)).collect();
+    let there: Vec<u32> =
+        all.into_iter().filter(|number| failed.iter().all(|failed| failed.frame != *number)).collect();
+    let mut numbers: Vec<u32> = match view.frames {
+        Some(_) => there.clone(),
+        None => evenly(there.len(), MOST).into_iter().map(|i| there[i]).collect(),
+    };
     let mut axis = None;
     let mut density_scale = None;
-    let (films, exposure) = match formats::sniff(&first)? {
-        Format::Vdb | Format::NanoVdb => {
-            let up = view.up_of(&File::open(&first, limits)?);
-            let volumes = volumes(view, pattern, &numbers, up, limits)?;
+    let (films, exposure) = match format(pattern, &numbers)? {
+        Format::Exr => pictures(view, pattern, &mut numbers, &mut failed, limits)?,
+        _ => {
+            let file = |number: &u32| File::open(&pattern.path(*number), limits).ok();
+            let up = numbers.iter().find_map(file).map(|file| view.up_of(&file)).unwrap_or_default();
+            let volumes = volumes(view, pattern, &mut numbers, &mut failed, up, limits)?;
             axis = Some((up, volumes.light));
             density_scale = Some(volumes.scale);
             (volumes.films, view.exposure.unwrap_or(0.0))
         }
-        Format::Exr => pictures(view, pattern, &numbers, limits)?,
-        _ => {
-            return Err(Error::unsupported("sequences of volumes (VDB) and of pictures (OpenEXR) can be shown")
-                .at(first)
-                .hint("view a single file, or convert the frames"));
-        }
     };
+    failed.sort_by_key(|failed| failed.frame);
     let tile = |(number, film): (&u32, &Film)| Tile {
         title: format!("frame {number}"),
         picture: Canvas::of(film.width, film.height, ToneMapping { exposure }.rgb8(film)),
@@ -66,6 +70,9 @@ pub(super) fn sheet(view: &View, path: &Path, pattern: &Pattern, limits: Limits)
     let tiles: Vec<Tile> = numbers.iter().zip(&films).map(tile).collect();
     let mut lines =
         vec![format!("{} of {} frames, {} to {}", numbers.len(), there.len(), there[0], there[there.len() - 1])];
+    if !failed.is_empty() {
+        lines.push(format!("not shown: {}", ranges(failed.iter().map(|failed| failed.frame))));
+    }
     lines.push(format!("exposure of all {exposure:+.1} EV, clipped, sRGB"));
     lines.extend(density_scale.zip(axis).map(|(scale, (up, light))| {
         let axis = up.name().to_ascii_lowercase();
@@ -74,7 +81,52 @@ pub(super) fn sheet(view: &View, path: &Path, pattern: &Pattern, limits: Limits)
     let columns = Sheet::columns_of(tiles.len());
     let sheet = Sheet { title: name_of(path), lines, lead: None, tiles, columns };
     let exposure = Some(exposure);
-    Ok((sheet, Content::Sequence(Sequence { count: there.len(), frames: numbers, exposure, density_scale })))
+    Ok((sheet, Content::Sequence(Sequence { count: there.len(), frames: numbers, failed, exposure, density_scale })))
+}
+
+/// Returns the failure of a frame whose file is not there.
+fn missing(pattern: &Pattern, number: u32) -> Option<Failed> {
+    let path = pattern.path(number);
+    std::fs::metadata(&path).err().map(|error| Failed::new(number, &Error::io(&path, error)))
+}
+
+/// Returns the format of the frames: that of the first one that can be shown.
+fn format(pattern: &Pattern, numbers: &[u32]) -> Result<Format> {
+    let Some(first) = numbers.first() else {
+        return Err(Error::invalid("none of the frames is there")
+            .at(pattern.name())
+            .hint("check the numbers, or leave --frames out to show those that are there"));
+    };
+    let known = |format: &Format| matches!(format, Format::Vdb | Format::NanoVdb | Format::Exr);
+    let found = numbers.iter().find_map(|number| formats::sniff(&pattern.path(*number)).ok().filter(known));
+    found.ok_or_else(|| {
+        Error::unsupported("sequences of volumes (VDB) and of pictures (OpenEXR) can be shown")
+            .at(pattern.path(*first))
+            .hint("view a single file, or convert the frames")
+    })
+}
+
+/// Works on frames. Those that fail are told of among `failed` and taken out of `numbers`.
+///
+/// # Errors
+/// If all frames fail: that of the first one.
+fn each<T>(numbers: &mut Vec<u32>, failed: &mut Vec<Failed>, mut work: impl FnMut(u32) -> Result<T>) -> Result<Vec<T>> {
+    let (mut done, mut first) = (Vec::new(), None);
+    numbers.retain(|number| match work(*number) {
+        Ok(value) => {
+            done.push(value);
+            true
+        }
+        Err(error) => {
+            failed.push(Failed::new(*number, &error));
+            first.get_or_insert(error);
+            false
+        }
+    });
+    match first {
+        Some(error) if done.is_empty() => Err(error),
+        _ => Ok(done),
+    }
 }
 
 /// Pictures of volumes.
@@ -88,7 +140,14 @@ struct Volumes {
 
 /// Pictures of the frames' volumes by one camera and one density scale: the smallest of those that suit the frames, so
 /// that none goes black.
-fn volumes(view: &View, pattern: &Pattern, numbers: &[u32], up: Up, limits: Limits) -> Result<Volumes> {
+fn volumes(
+    view: &View,
+    pattern: &Pattern,
+    numbers: &mut Vec<u32>,
+    failed: &mut Vec<Failed>,
+    up: Up,
+    limits: Limits,
+) -> Result<Volumes> {
     let side = view.side(SIDE, numbers.len())?;
     let subject = |number: u32| {
         let path = pattern.path(number);
@@ -98,34 +157,39 @@ fn volumes(view: &View, pattern: &Pattern, numbers: &[u32], up: Up, limits: Limi
         Subject::of(view, &native, &info, limits).map_err(|e| e.at(&path))
     };
     let (mut bounds, mut scale, mut light) = (Aabb::EMPTY, f64::INFINITY, "");
-    for number in numbers {
-        let subject = subject(*number)?;
+    each(numbers, failed, |number| {
+        let subject = subject(number)?;
         light = subject.light();
         let outline = subject.field.outline();
         if outline.is_empty() {
-            continue;
+            return Ok(());
         }
         bounds = outline.iter().fold(bounds, |b, p| b.including(*p));
         let own = subject.scale(view, &subject.framed(&camera::around(&outline, side, up), side));
         scale = scale.min(own.unwrap_or(f64::INFINITY));
-    }
+        Ok(())
+    })?;
     // Where nothing is to be seen, any camera and any scale show that.
     let bounds = if bounds.is_empty() { Aabb { min: DVec3::NEG_ONE, max: DVec3::ONE } } else { bounds };
     let scale = if scale.is_finite() { scale } else { 1.0 };
     let camera = camera::around(&bounds.corners(), side, up);
-    let films =
-        numbers.iter().map(|number| subject(*number)?.picture(&camera, scale).map_err(|e| e.at(pattern.path(*number))));
-    Ok(Volumes { films: films.collect::<Result<_>>()?, scale, light })
+    let picture = |number| subject(number)?.picture(&camera, scale).map_err(|e| e.at(pattern.path(number)));
+    Ok(Volumes { films: each(numbers, failed, picture)?, scale, light })
 }
 
 /// The frames' pictures, reduced, and the exposure at which none is burnt out.
-fn pictures(view: &View, pattern: &Pattern, numbers: &[u32], limits: Limits) -> Result<(Vec<Film>, f64)> {
+fn pictures(
+    view: &View,
+    pattern: &Pattern,
+    numbers: &mut Vec<u32>,
+    failed: &mut Vec<Failed>,
+    limits: Limits,
+) -> Result<(Vec<Film>, f64)> {
     let (mut white, side) = (0.0_f64, view.side(SIDE, numbers.len())?);
-    let read = |number: &u32| {
-        let film = exr::read_picture_within(&pattern.path(*number), None, limits)?;
+    let films = each(numbers, failed, |number| {
+        let film = exr::read_picture_within(&pattern.path(number), None, limits)?;
         white = white.max(exposure::white_of(&film));
         Ok(fitted(&film, side))
-    };
-    let films = numbers.iter().map(read).collect::<Result<_>>()?;
+    })?;
     Ok((films, view.exposure.unwrap_or_else(|| exposure::making_white(white))))
 }

@@ -1,6 +1,7 @@
 //! What a sheet shows, for the report.
 
 use super::slices::Cut;
+use crate::cli::failed::{Failed, List};
 use crate::cli::info::Failure;
 use crate::report::sheet::Range;
 use crate::report::short;
@@ -120,6 +121,9 @@ pub(in crate::cli) struct Sequence {
     pub count: usize,
     /// Numbers of the frames on the sheet.
     pub frames: Vec<u32>,
+    /// Frames that are missing or cannot be read.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub failed: Vec<Failed>,
     /// Exposure of all frames in stops.
     pub exposure: Option<f64>,
     /// Density scale of all frames; none for pictures.
@@ -135,6 +139,16 @@ impl fmt::Display for Report {
         self.failed.iter().try_for_each(|NotShown { input, error }| {
             write!(f, "{}: {}", printable(&input.to_string_lossy()), error.to_string().trim_end().replace('\n', "\n  "))
         })
+    }
+}
+
+impl Content {
+    /// Returns the frames of a sequence that are not shown, since they are missing or cannot be read.
+    pub fn failed(&self) -> &[Failed] {
+        match self {
+            Self::Sequence(sequence) => &sequence.failed,
+            _ => &[],
+        }
     }
 }
 
@@ -160,7 +174,8 @@ impl fmt::Display for Content {
             Self::Sequence(s) => {
                 write!(f, "{} of {} frames", s.frames.len(), s.count)?;
                 s.exposure.map_or(Ok(()), |ev| write!(f, ", exposure {ev:+.1} EV"))?;
-                s.density_scale.map_or(Ok(()), |scale| write!(f, ", density scale {}", short(scale)))
+                s.density_scale.map_or(Ok(()), |scale| write!(f, ", density scale {}", short(scale)))?;
+                write!(f, "{}", List(&s.failed))
             }
         }
     }

@@ -12,7 +12,7 @@ use super::up::{ChosenUp, UpChoice};
 use super::{render, volume};
 use crate::error::{Error, Result};
 use crate::formats::atomic::Batch;
-use crate::formats::{exr, transforms};
+use crate::formats::{exr, protected, transforms};
 use crate::optimise::viewpoint::{self, Outcome, Request};
 use crate::render::composited::Composited;
 use crate::render::dvr::Dvr;
@@ -173,6 +173,11 @@ impl fmt::Display for Report {
 type Samples = (Vec<(DVec3, f64)>, f64);
 
 impl Viewpoint {
+    /// Paths that the command reads.
+    pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
+        [&self.input].into_iter().chain(&self.transfer.tf).map(PathBuf::as_path).collect()
+    }
+
     /// Reads, searches, renders, writes and reports.
     ///
     /// # Errors
@@ -255,7 +260,7 @@ impl Viewpoint {
         if !(self.resume && self.output.exists()) {
             return Ok(Vec::new());
         }
-        let capture = transforms::load(&self.output)?;
+        let capture = protected::unprotected(&self.output, || transforms::load(&self.output))?;
         let directions = capture.frames.iter().filter_map(|f| (f.camera.position() - around.centre).try_normalize());
         Ok(directions.filter(|d| !self.hemisphere || d.dot(around.up.vector()) >= 0.0).collect())
     }
@@ -282,9 +287,7 @@ impl Viewpoint {
     fn spare(&self, capture: &Capture) -> Result<()> {
         let written = capture.frames.iter().filter(|_| self.pictures.is_some());
         let pictures: Vec<PathBuf> = written.map(|f| f.picture.clone()).collect();
-        let inputs = std::iter::once(&self.input).chain(&self.transfer.tf);
-        let outputs = pictures.iter().chain([&self.output]).map(PathBuf::as_path);
-        outputs::spare(outputs, inputs.map(PathBuf::as_path))?;
+        pictures.iter().chain([&self.output]).try_for_each(|path| protected::check(path))?;
         if self.overwrite || self.output.exists() {
             return Ok(());
         }

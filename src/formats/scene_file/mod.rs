@@ -68,6 +68,18 @@ pub struct VelocityEntry {
     pub fps: f64,
 }
 
+impl SceneFile {
+    /// Returns the paths that the scene names, from its folder: volumes or their sequences, transfer functions and textures.
+    pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        let volumes = self.volumes.iter().flat_map(|volume| [Some(&volume.file), volume.medium.transfer.as_ref()]);
+        let textures = self.lights.iter().map(|light| match light {
+            LightEntry::DomeLight { texture, .. } => texture.as_ref(),
+            _ => None,
+        });
+        volumes.chain(textures).flatten()
+    }
+}
+
 impl VolumeEntry {
     /// Returns the map from the space of the file to the world, if it is stated.
     ///

@@ -34,7 +34,8 @@ impl Unpacked {
         // Each file has a folder of its own: two of one name, in different folders of a package, stay apart.
         let folder = folder.join(self.files.len().to_string());
         let place = folder.join(Path::new(inner).file_name().unwrap_or(inner.as_ref()));
-        std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
+        // Not with the folders above: that which was removed at the end of the program must not come back.
+        std::fs::create_dir(&folder).map_err(|e| Error::io(&folder, e))?;
         std::fs::write(&place, bytes).map_err(|e| Error::io(&place, e))?;
         self.files.insert(asset.path.clone(), (place.clone(), KnownAs::begin(&place, shown)));
         Ok(place)

@@ -59,6 +59,11 @@ impl Options {
         self.statistical
     }
 
+    /// Returns the paths of the further renders.
+    pub fn repeats(&self) -> impl Iterator<Item = &PathBuf> {
+        self.repeat_a.iter().chain(&self.repeat_b)
+    }
+
     fn question(&self, tolerance: f64) -> Result<Question> {
         let false_alarm = self.false_alarm.unwrap_or(1e-3);
         if !(false_alarm > 0.0 && false_alarm < 1.0) {
@@ -126,7 +131,6 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<ExitCode> {
     let sides = [arguments.side(Which::A)?, arguments.side(Which::B)?];
     if let Some(path) = &arguments.heatmap {
         outputs::file(path, Content::Png)?;
-        outputs::spare([path.as_path()], sides.iter().flat_map(Side::files).collect::<Vec<_>>())?;
     }
     arguments.check_statistical_memory()?;
     arguments.check_headers()?;

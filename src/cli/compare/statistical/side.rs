@@ -5,7 +5,6 @@ use crate::formats::exr::{self, Picture};
 use crate::formats::limits::Limits;
 use crate::metrics::statistical::{Estimate, Freedom};
 use serde::Serialize;
-use std::iter::once;
 use std::path::{Path, PathBuf};
 
 /// Layer that holds the number of samples of each pixel.
@@ -60,11 +59,6 @@ pub struct Read {
 }
 
 impl<'s> Side<'s> {
-    /// Returns the paths of the side's pictures.
-    pub fn files(&self) -> impl Iterator<Item = &'s Path> {
-        once(self.picture).chain(self.repeats.iter().map(PathBuf::as_path))
-    }
-
     /// Reads the side.
     ///
     /// # Errors

@@ -21,13 +21,13 @@ use crate::formats::usd::write::places::relative;
 use crate::formats::usd::write::stage::StageText;
 use crate::formats::usd::write::text::quoted;
 use crate::formats::usd::write::volume::VolumePrim;
-use crate::formats::{atomic, captures, input};
+use crate::formats::{atomic, captures, input, protected};
 use crate::scene::up::Up;
 use clap::ValueEnum;
 use glam::DVec3;
 pub(in crate::cli) use report::Report;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Largest stage in bytes that is looked at for the command that wrote it.
@@ -123,6 +123,12 @@ enum Renderer {
 }
 
 impl Author {
+    /// Paths that the command reads.
+    pub(super) fn inputs(&self) -> Vec<&Path> {
+        let paths = [&self.input].into_iter().chain(&self.tf).chain(&self.camera).map(PathBuf::as_path);
+        paths.chain(self.sky.as_ref().and_then(Sky::file)).collect()
+    }
+
     /// Reads, writes and reports.
     ///
     /// # Errors
@@ -137,7 +143,6 @@ impl Author {
         output.note(&up);
         let capture = self.camera.as_ref().map(|path| captures::load_within(path, limits)).transpose()?;
         let cameras = capture.iter().flat_map(|capture| cameras::prims(capture, self.camera_path)).collect();
-        let mut inputs = vec![];
         let (mut volumes, mut names) = (Vec::new(), Names::default());
         ["Lights", "Cameras"].into_iter().for_each(|name| drop(names.take(name)));
         for source in &content.volumes {
@@ -148,8 +153,6 @@ impl Author {
             volume.name = names.take(&volume.name);
             volumes.push(volume);
             provenance.input(&source.file, files.iter().map(|(_, path)| path.as_path()))?;
-            inputs.extend(files.into_iter().map(|(_, path)| path));
-            inputs.extend(source.transfer.clone());
         }
         let scene = (content.volumes.iter().all(|v| v.file != self.input)).then(|| self.input.clone());
         let textures = content.lights.iter().filter_map(|(_, texture)| texture.clone());
@@ -160,7 +163,6 @@ impl Author {
             .chain(self.camera.iter().map(|path| captures::file(path)))
             .collect();
         others.iter().try_for_each(|path| provenance.input(path, [path.as_path()]))?;
-        outputs::spare([self.output.as_path()], inputs.iter().chain(&others).map(PathBuf::as_path))?;
         let lights = content
             .lights
             .into_iter()
@@ -179,7 +181,8 @@ impl Author {
         if self.overwrite || !self.output.exists() {
             return Ok(());
         }
-        let text = input::bytes(&self.output, MAX_BYTES, "a stage of this command")?;
+        let read = || input::bytes(&self.output, MAX_BYTES, "a stage of this command");
+        let text = protected::unprotected(&self.output, read)?;
         let text = String::from_utf8_lossy(&text);
         let words = |command: &str| command.split_once(' ').map(|(_, words)| words.to_owned());
         let stated = text.lines().find_map(|line| line.trim().strip_prefix("string \"command\" = "));

@@ -1,0 +1,109 @@
+//! Inputs of the running command, which no output replaces.
+//!
+//! A program that calls [`watch`] has every file protected that its readers open from then on, whichever option, capture,
+//! scene or stage named it, beside those that [`add`] names before they are read. [`atomic`](super::atomic) puts no output
+//! in the place of a protected file. Files are told by device and inode, so that links and other spellings of a path lead
+//! to the same file.
+
+use crate::error::{Error, Result};
+use std::collections::BTreeMap;
+use std::fs::Metadata;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Device and inode.
+type Identity = (u64, u64);
+
+static WATCHING: AtomicBool = AtomicBool::new(false);
+static FILES: Mutex<BTreeMap<Identity, PathBuf>> = Mutex::new(BTreeMap::new());
+
+fn files() -> MutexGuard<'static, BTreeMap<Identity, PathBuf>> {
+    FILES.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn identity(metadata: &Metadata) -> Identity {
+    (metadata.dev(), metadata.ino())
+}
+
+/// Protects every file that is opened from now on.
+pub fn watch() {
+    WATCHING.store(true, Ordering::Relaxed);
+}
+
+/// Protects a file. A path at which no file lies protects nothing.
+pub fn add(path: &Path) {
+    if let Ok(metadata) = std::fs::metadata(path).as_ref().map(identity) {
+        files().entry(metadata).or_insert_with(|| path.to_path_buf());
+    }
+}
+
+/// Protects a file that a reader has opened, if the program [`watch`]es.
+pub(super) fn opened(path: &Path, metadata: &Metadata) {
+    if WATCHING.load(Ordering::Relaxed) {
+        files().entry(identity(metadata)).or_insert_with(|| path.to_path_buf());
+    }
+}
+
+/// Reads a file that is an output of an earlier run, and may be replaced all the same unless it was protected before.
+pub fn unprotected<T>(path: &Path, read: impl FnOnce() -> T) -> T {
+    let before = std::fs::metadata(path).ok().map(|metadata| identity(&metadata));
+    let is_input = before.is_some_and(|identity| files().contains_key(&identity));
+    let result = read();
+    if let Some(identity) = before.filter(|_| !is_input) {
+        files().remove(&identity);
+    }
+    result
+}
+
+/// Makes sure that no input lies at a path.
+///
+/// # Errors
+/// If one does; the error names both.
+pub fn check(output: &Path) -> Result<()> {
+    std::fs::metadata(output).map_or(Ok(()), |metadata| refuse(output, &metadata))
+}
+
+/// Makes sure that the file that stands at the place of `output` is no input.
+pub(super) fn refuse(output: &Path, standing: &Metadata) -> Result<()> {
+    let Some(input) = files().get(&identity(standing)).cloned() else { return Ok(()) };
+    // The system gives the inode of a file that is gone to another one.
+    if std::fs::metadata(&input).is_ok_and(|metadata| identity(&metadata) == identity(standing)) {
+        return Err(Error::invalid(format!("the output is an input of this command: {}", input.display()))
+            .at(output)
+            .hint("inputs are never replaced: give the output another name"));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inputs_are_known_by_whatever_name() {
+        let dir = tempfile::tempdir().unwrap();
+        let [a, hard, soft, other] = ["a", "hard", "soft", "other"].map(|name| dir.path().join(name));
+        [&a, &other].into_iter().for_each(|path| std::fs::write(path, "a").unwrap());
+        std::fs::hard_link(&a, &hard).unwrap();
+        std::os::unix::fs::symlink("a", &soft).unwrap();
+        std::fs::create_dir(dir.path().join("x")).unwrap();
+        add(&a);
+        for path in [&a, &hard, &soft, &dir.path().join("x/../a")] {
+            let error = check(path).unwrap_err().to_string();
+            assert!(error.contains("is an input") && error.contains("/a"), "{error}");
+        }
+        assert!(check(&other).is_ok() && check(&dir.path().join("none")).is_ok());
+        // What was an input before it was looked at as an output stays one.
+        unprotected(&a, || add(&a));
+        assert!(check(&a).is_err());
+        unprotected(&other, || add(&other));
+        assert!(check(&other).is_ok());
+        // A file that was put in the place of an input is none.
+        std::fs::remove_file(&hard).unwrap();
+        std::fs::rename(&other, &a).unwrap();
+        assert!(check(&a).is_ok());
+    }
+}
