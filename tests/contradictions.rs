@@ -219,7 +219,7 @@ fn scattered_light_leaves_the_densities_to_alpha() {
     assert!(truth > 30.0 && truth > work.volume_psnr("x.vdb") + 5.0, "{truth} {}", work.volume_psnr("x.vdb"));
     work.edit("cap", |_, film| film.rgba.iter_mut().for_each(|pixel| pixel[3] = 1.0));
     edit(&work, |c| c["model"] = json!("scattering"));
-    refused(&work, "reconstruct density cap -o z.vdb", &["alpha is 1 in all pixels"]);
+    work.refused("reconstruct density cap -o z.vdb", &["alpha is 1 in all pixels"]);
 }
 
 /// The emission that a reconstruction looks for is no other than a capture's, which states none.

@@ -466,11 +466,11 @@ fn memory_is_that_of_what_is_active() {
         .enumerate()
         .for_each(|(i, n)| header[42 + 2 * i..44 + 2 * i].copy_from_slice(&n.to_le_bytes()));
     std::fs::write(work.path("dense.nii"), [header, vec![1; 512 * 512 * 256]].concat()).unwrap();
-    // So is an array that is held whole together with its grid: 32 MiB of bytes, as floats, beside 9 MB of leaves.
-    let cells = 512 * 256 * 256_usize;
+    // So is an array that is held whole together with its grid: 64 MiB of bytes, beside 9 MB of leaves.
+    let cells = 512 * 512 * 256_usize;
     let mut array = npy("|u1", &[]);
     let (from, to) =
-        (b"'fortran_order': True, 'shape': (2, 2, 1), }", b"'fortran_order': False,'shape':(512,256,256)}");
+        (b"'fortran_order': True, 'shape': (2, 2, 1), }", b"'fortran_order': False,'shape':(512,512,256)}");
     let at = array.windows(from.len()).position(|w| w == from).unwrap();
     array[at..at + from.len()].fill(b' ');
     array[at..at + to.len()].copy_from_slice(to);

@@ -101,7 +101,7 @@ fn the_up_axis_comes_back() {
     // Two statements that contradict each other are a difference.
     let blender = BTreeMap::from([("creator".to_owned(), MetaValue::Text("Blender/OpenVDBWriter".into()))]);
     write_native(&back, &[&plume], None, &blender, Codec::Blosc).unwrap();
-    assert!(cumulo(1, &["diff", text(&vdb), text(&back)]).ends_with("different\n"));
+    assert!(cumulo(1, &["diff", text(&vdb), text(&back)]).contains("different: the up axes"));
 }
 
 #[test]
@@ -149,7 +149,8 @@ fn memory_is_that_of_all_grids_together() {
     // The file to be written is held beside all grids.
     let error = convert(2, &vdb, &out, 2 * each + info.memory);
     assert!(error.contains("--max-memory"), "{error}");
-    convert(0, &vdb, &out, 2 * each + 3 * info.memory);
+    // So are the bytes of the parts that are read, while they are decoded.
+    convert(0, &vdb, &out, 2 * each + 5 * info.memory);
 }
 
 #[test]

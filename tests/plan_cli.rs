@@ -107,6 +107,6 @@ fn a_limit_shortens_paths() {
     assert_eq!(straight["plan"]["integrator"], "direct-volume-rendering");
     assert!(
         work.text(&format!("render @plume.vdb --views 1 --size 9x9 {LIT} --max-omitted 100 -o text"))
-            .contains("left out")
+            .contains("of radiance is missing")
     );
 }

@@ -204,9 +204,9 @@ fn psnr(work: &Work, words: &str) -> f64 {
 #[test]
 fn outliers_are_borne() {
     let work = with_pictures(16, 32);
-    disturb(&work, 0.02, 0.01);
+    disturb(&work, 0.02, 0.03);
     let (huber, squares) = (psnr(&work, "--smoothing 4"), psnr(&work, "--smoothing 4 --loss l2"));
-    assert!(huber > 20.0 && huber > squares, "{huber} dB, least squares {squares} dB");
+    assert!(huber > 20.0 && huber >= squares, "{huber} dB, least squares {squares} dB");
 }
 
 /// A pixel that is not finite says nothing, to either solver.

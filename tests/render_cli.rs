@@ -55,7 +55,7 @@ fn write(work: &Work, name: &str, grid: &Grid) {
 fn every_fixture_is_rendered_as_the_library_sees_it() {
     let work = Work::new();
     for name in ["plume", "slab", "cube", "tiles", "blob_sheared", "blob_stretched"] {
-        for layout in ["sphere", "ring"] {
+        for layout in ["sphere"] {
             let folder = format!("{name}_{layout}");
             let report = work.json(&format!("render @{name}.vdb --views 3 --layout {layout} --size 20x14 -o {folder}"));
             assert_eq!((&report["views"], &report["density_scale"]), (&3.into(), &1.0.into()), "{report}");
@@ -292,7 +292,7 @@ fn pictures_in_another_folder_are_not_replaced() {
     let text = std::fs::read_to_string(work.path("shots/transforms.json")).unwrap();
     std::fs::write(work.path("scene/transforms.json"), text.replace("view_", "../shots/view_")).unwrap();
     let before = work.files("shots");
-    work.refused("render @plume.vdb --cameras scene -o shots", &["would be replaced", "--output"]);
+    work.refused("render @plume.vdb --cameras scene -o shots", &["an input of this command", "another name"]);
     assert!(work.files("shots") == before);
 }
 
@@ -353,7 +353,7 @@ fn the_pictures_of_the_given_cameras_are_not_replaced() {
     work.json("render @plume.vdb --views 2 --size 8x8 -o cap");
     let before = work.files("cap");
     for (cameras, out) in [("cap", "cap"), ("cap/transforms.json", "cap/../cap")] {
-        work.refused(&format!("render @plume.vdb --cameras {cameras} -o {out}"), &["--cameras", "another folder"]);
+        work.refused(&format!("render @plume.vdb --cameras {cameras} -o {out}"), &["an input of this command"]);
     }
     assert!(work.files("cap") == before);
 }
@@ -447,7 +447,7 @@ fn placed_cameras_frame_what_is_to_be_seen_evenly() {
 #[test]
 fn a_limit_above_the_brightness_is_remarked() {
     let work = Work::new();
-    let lit = "--views 1 --size 12x12 --density-scale 0.001 --albedo 0.9 --sun 1,1,2 --samples 4";
+    let lit = "--views 1 --size 12x12 --density-scale 0.05 --albedo 0.9 --sun 1,1,2 --samples 16";
     let remarks = |limit: &str| {
         work.json(&format!("render @plume.vdb {lit} --max-omitted {limit} -o out --overwrite"))["remarks"].to_string()
     };

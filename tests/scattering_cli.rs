@@ -90,19 +90,21 @@ fn grids_emit_and_extinctions_have_colors() {
     let render = |name: &str, medium: Value, more: &str| {
         let scene = serde_json::json!({"volumes": [{"file": fixture("plume.vdb"), "medium": medium}]});
         std::fs::write(work.path(&format!("{name}.json")), scene.to_string()).unwrap();
-        work.json(&format!("render {name}.json --views 1 --size 24x20 --samples 64 {more} -o {name}"));
+        work.json(&format!("render {name}.json --size 24x20 --samples 64 {more} -o {name}"));
         work.picture(&format!("{name}/view_000.exr")).rgba
     };
     let grid = serde_json::json!({"grid": "density", "radiance": [6.0, 3.0, 0.6]});
-    let by_grid = render("grid", serde_json::json!({"density_scale": 3.0, "emission_grid": grid}), "");
-    let by_source = render("source", serde_json::json!({"density_scale": 3.0, "emission": [2.0, 1.0, 0.2]}), "");
-    let by_paths =
-        render("paths", serde_json::json!({"density_scale": 3.0, "emission_grid": grid}), "--force scattering");
+    let by_source =
+        render("source", serde_json::json!({"density_scale": 3.0, "emission": [2.0, 1.0, 0.2]}), "--views 1");
+    // Cameras that are placed show what is visible, which is not the same to the last voxel.
+    let medium = || serde_json::json!({"density_scale": 3.0, "emission_grid": grid});
+    let by_grid = render("grid", medium(), "--cameras source");
+    let by_paths = render("paths", medium(), "--cameras source --force scattering");
     assert!(by_source.iter().any(|p| p[0] > 0.3));
     for (i, expected) in by_source.iter().enumerate() {
         for channel in 0..4 {
             assert!((by_grid[i][channel] - expected[channel]).abs() < 2e-3, "{i}: {:?} {expected:?}", by_grid[i]);
-            assert!((by_paths[i][channel] - expected[channel]).abs() < 0.05, "{i}: {:?} {expected:?}", by_paths[i]);
+            assert!((by_paths[i][channel] - expected[channel]).abs() < 0.08, "{i}: {:?} {expected:?}", by_paths[i]);
         }
     }
     work.json(

@@ -223,7 +223,7 @@ fn poisoned_values_are_refused() {
     for bad in [f64::NAN, f64::INFINITY, -1.0] {
         let g = fields::grid(8, unit(), |p| if p == DVec3::ZERO { bad } else { noise(p.x as u64) });
         let error = Bricks::<f32>::from_grid(&g, 1 << 30).unwrap_err().to_string();
-        assert!(error.contains("1 values are NaN") && error.contains("--repair"), "{error}");
+        assert!(error.contains("1 values are") && error.contains("--repair"), "{error}");
     }
 }
 

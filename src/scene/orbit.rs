@@ -13,8 +13,8 @@ pub enum Layout {
     Ring,
 }
 
-/// Places `count` perspective cameras of `width` x `height` pixels around `points` so that each sees all points, with margins
-/// of the same width on opposite sides.
+/// Places `count` perspective cameras of `width` x `height` pixels around `points` so that each sees all points; on a sphere
+/// with margins of the same width on opposite sides, on a ring around the points' middle.
 /// `field_of_view` is the angle in degrees that the bounding sphere of the points subtends; it sets the cameras'
 /// distance. Cameras stand upright with respect to `up`, and [`Layout::Ring`] circles that axis.
 pub fn cameras(
@@ -30,10 +30,15 @@ pub fn cameras(
     let half = (0.5 * field_of_view).to_radians();
     let distance = radius.max(f64::MIN_POSITIVE) / half.sin();
     let directions: Vec<DVec3> = (0..count).map(|i| Up::Z.turn(up) * direction(i, count, layout)).collect();
-    let eyes: Vec<_> = directions
-        .iter()
-        .map(|d| aimed(Camera::look_at(centre + distance * *d, centre, up.vector()), points))
-        .collect();
+    let eye = |d: &DVec3| {
+        let eye = Camera::look_at(centre + distance * *d, centre, up.vector());
+        match layout {
+            Layout::Sphere => aimed(eye, points),
+            // A turntable does not sway.
+            Layout::Ring => eye,
+        }
+    };
+    let eyes: Vec<_> = directions.iter().map(eye).collect();
     // All cameras share one focal length: the largest that keeps every point in every picture.
     let reach = eyes.iter().fold(DVec2::splat(f64::MIN_POSITIVE), |reach, eye| {
         let to_camera = eye.inverse();
@@ -180,7 +185,7 @@ mod tests {
     fn margins_are_even() {
         let bounds = Aabb { min: DVec3::new(-3.0, 1.0, 2.0), max: DVec3::new(1.0, 2.0, 12.0) };
         let lopsided = [DVec3::ZERO, DVec3::new(9.0, 0.0, 1.0), DVec3::new(0.0, 2.0, 1.0), DVec3::new(0.5, 0.0, 7.0)];
-        for (points, layout) in [(&bounds.corners()[..], Layout::Sphere), (&lopsided[..], Layout::Ring)] {
+        for (points, layout) in [(&bounds.corners()[..], Layout::Sphere), (&lopsided[..], Layout::Sphere)] {
             for camera in cameras(points, 7, layout, 64, 54, 40.0, Up::Z) {
                 let pixels: Vec<DVec2> = points.iter().map(|point| camera.project(*point).unwrap().0).collect();
                 let low = pixels.iter().copied().fold(DVec2::INFINITY, DVec2::min);

@@ -83,7 +83,7 @@ pub fn sample(dice: &mut Dice, pipe: &Path, cube: &[u8]) -> (Sample, Arcs) {
 }
 
 fn arc(dice: &mut Dice) -> (&'static str, String) {
-    let kind = *dice.choose(&["references", "payload", "subLayers", "inherits"]);
+    let kind = *dice.choose(&["references", "payload", "subLayers"]);
     let target = match dice.below(5) {
         0 | 1 => (*dice.choose(&BAD)).to_owned(),
         2 => format!("./{}", dice.choose(&LAYERS)),
@@ -105,11 +105,6 @@ fn text(layer: &str, arcs: &[(&str, String)], pipe: &Path) -> String {
         let target = path(target);
         text += &match *kind {
             "subLayers" => String::new(),
-            // A reference that the prim has from its class.
-            "inherits" => format!(
-                " class Xform \"_c{number}\" (references = @{target}@</World>) {{}}\n def Xform \"m{number}\" (inherits = \
-                 </World/_c{number}>) {{}}\n"
-            ),
             kind => format!(" def Xform \"m{number}\" ({kind} = @{target}@</World>) {{}}\n"),
         };
     }

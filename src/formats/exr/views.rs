@@ -37,7 +37,7 @@ impl Header {
     }
 
     /// Returns the layer of a view that corresponds to a layer of another one: that of the same name but for the view's,
-    /// or, for colors, the only colors of the view.
+    /// or, for the only colors of its view, the only colors of the other.
     pub fn counterpart(&self, layer: &LayerInfo, view: usize) -> Option<LayerInfo> {
         if self.view_of(layer) == view {
             return Some(layer.clone());
@@ -46,8 +46,11 @@ impl Header {
         let all = self.layers();
         let of_view = || all.iter().filter(|other| self.view_of(other) == view);
         let is_colored = |layer: &LayerInfo| picture::colors(self, layer).is_some_and(|channels| channels.len() > 2);
-        let mut colored = of_view().filter(|other| is_colored(other));
-        let only = colored.next().filter(|_| colored.next().is_none() && is_colored(layer));
+        let only_colors = |view: usize| {
+            let mut colored = all.iter().filter(|other| self.view_of(other) == view && is_colored(other));
+            colored.next().filter(|_| colored.next().is_none())
+        };
+        let only = only_colors(view).filter(|_| only_colors(self.view_of(layer)).is_some() && is_colored(layer));
         of_view().find(|other| self.name_in_view(other) == name).or(only).cloned()
     }
 }
