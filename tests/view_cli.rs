@@ -210,12 +210,12 @@ fn channels_beside_colors_and_vectors_are_shown() {
 #[test]
 fn the_folder_of_a_sequence_is_shown_and_no_picture_of_a_capture_is_replaced() {
     let work = Work::new();
-    for number in [1, 3] {
+    for number in [1, 2] {
         std::fs::create_dir_all(work.path("seq")).unwrap();
         std::fs::copy(fixture("plume.vdb"), work.path(&format!("seq/s.{number:04}.vdb"))).unwrap();
     }
     let shown = &work.json("view seq --size 32 --exposure -1 -o s.png")["sheets"][0];
-    assert_eq!((&shown["frames"], &shown["exposure"]), (&json!([1, 3]), &json!(-1.0)));
+    assert_eq!((&shown["frames"], &shown["exposure"]), (&json!([1, 2]), &json!(-1.0)));
     std::fs::copy(fixture("plume.vdb"), work.path("seq/t.1.vdb")).unwrap();
     std::fs::copy(fixture("plume.vdb"), work.path("seq/t.2.vdb")).unwrap();
     work.refused("view seq -o s.png", &["several sequences", "t.#.vdb"]);

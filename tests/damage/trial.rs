@@ -163,7 +163,10 @@ impl Case<'_> {
         let mut faults = self.judge(&ended, command);
         for output in &outputs {
             let path = self.folder.join(output);
-            faults.extend(if ended.status.code() == Some(0) { self.sound_output(&path) } else { self.remains(&path) });
+            // Where a file changes after the result was written, its report fails: a whole result may stay.
+            let whole = path.exists().then(|| self.sound_output(&path)).flatten();
+            let succeeded = ended.status.code() == Some(0);
+            faults.extend(if succeeded { self.sound_output(&path) } else { whole.and(self.remains(&path)) });
         }
         faults.extend(self.leftovers());
         Trial { code: ended.status.code(), faults, peak_kib: ended.peak_kib, seconds: ended.seconds }

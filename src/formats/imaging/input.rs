@@ -103,6 +103,10 @@ pub fn beside(header: &Path, name: &str) -> Result<PathBuf> {
 /// Path of what a file's content names below a folder; none if the name leads out of it. An absolute path that begins with
 /// the folder stays in it.
 pub fn below(folder: &Path, name: &str) -> Option<PathBuf> {
+    // No file of the system has such a name.
+    if name.contains('\0') {
+        return None;
+    }
     let plain = |path: &Path| path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
     let name = Path::new(name);
     if plain(name) {
