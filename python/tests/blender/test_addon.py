@@ -4,6 +4,7 @@ import functools
 import importlib
 import os
 import pathlib
+import re
 import shlex
 import stat
 import subprocess
@@ -76,12 +77,10 @@ def test_the_archive_is_valid_and_the_same_each_time(archive, tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     subprocess.run([sys.executable, ADDON / "build.py", tmp_path / "again.zip"], check=True, stdout=subprocess.DEVNULL)
     assert (tmp_path / "again.zip").read_bytes() == archive.read_bytes()
-    versions = {
-        tomllib.loads((ADDON.parents[1] / file).read_text()).get(table, {}).get("version")
-        for file, table in (("Cargo.toml", "package"), ("python/pyproject.toml", "project"))
-    }
+    crate = tomllib.loads((ADDON.parents[1] / "Cargo.toml").read_text())["package"]["version"]
+    package = re.search(r'^__version__ = "(.+)"$', (ADDON.parent / "cumulo" / "__init__.py").read_text(), re.MULTILINE)
     manifest = tomllib.loads(zipfile.ZipFile(archive).read("blender_manifest.toml").decode())
-    assert versions == {manifest["version"]}
+    assert crate == package[1] == manifest["version"]
     names = zipfile.ZipFile(archive).namelist()
     assert "blender_manifest.toml" in names and "cumulo/bpy_scene/export.py" in names and "build.py" not in names
 
