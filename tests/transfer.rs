@@ -310,7 +310,7 @@ impl Draw {
         // A field without any brick is another matter.
         let value = |p: DVec3| if p == DVec3::ONE { 0.5 } else { (shape(p) + amplitude * voxel(p)).max(0.0) };
         let transform = if r(7) < 0.5 { unit() } else { odd() };
-        let (mut field, mut narrow) = (field::<f64>(n, transform, value), fields::field::<f32>(n, transform, value));
+        let (mut field, mut narrow) = (field::<f64>(n, transform, value), field::<f32>(n, transform, value));
         if r(14) < 0.5 {
             // Not zero where the domain ends, as a grid of another background is.
             field.domain = Aabb { min: DVec3::ZERO, max: DVec3::splat(f64::from(n - 1)) };
@@ -516,7 +516,7 @@ fn clear_bricks_are_no_gaps_of_density_zero() {
 fn preintegrated_depths_of_linear_densities_are_exact() {
     let identity = Transfer::Identity { domain: [0.0, 5.0], color: [0.3, 0.6, 0.9] };
     let mut linear: Bricks<f64> = field(16, unit(), |p| 0.2 + 0.1 * p.x + 0.05 * p.y + 0.02 * p.z);
-    linear.domain = cumulo::math::Aabb { min: DVec3::ZERO, max: DVec3::splat(15.0) };
+    linear.domain = Aabb { min: DVec3::ZERO, max: DVec3::splat(15.0) };
     let depth = |f: &Bricks<f64>, rule, ray: &Ray| dvr(f, medium(&identity, 0.7), rule).integrator.optical_depth(ray);
     for ray in rays(linear.world_bounds(), 30, 8) {
         let both = [Quadrature::PREINTEGRATED, Quadrature::Exact].map(|rule| depth(&linear, rule, &ray));
@@ -530,7 +530,7 @@ fn preintegrated_depths_of_linear_densities_are_exact() {
 fn preintegrated_slabs_have_their_closed_form() {
     fn seen<R: Precision>(density: f64, medium: &Medium) -> [f64; 4] {
         let mut f: Bricks<R> = field(24, unit(), |_| density);
-        f.domain = cumulo::math::Aabb { min: DVec3::splat(3.0), max: DVec3::splat(19.0) };
+        f.domain = Aabb { min: DVec3::splat(3.0), max: DVec3::splat(19.0) };
         let ray = Ray { origin: DVec3::new(-3.0, 7.3, 6.8), direction: DVec3::X };
         dvr(&f, medium.clone(), Quadrature::PREINTEGRATED).pixel(&ray).rgba().map(Real::f64)
     }
@@ -690,7 +690,7 @@ fn steps_have_their_closed_form() {
     const RISE: f64 = 1.0 / 32.0;
     fn check<R: Precision>(rule: Quadrature, [value, derivative]: [f64; 2]) {
         let mut f: Bricks<R> = field(24, unit(), |p| RISE * p.x);
-        f.domain = cumulo::math::Aabb { min: DVec3::ZERO, max: DVec3::splat(23.0) };
+        f.domain = Aabb { min: DVec3::ZERO, max: DVec3::splat(23.0) };
         let (below, above) = ([1.0, 0.5, 0.0, 0.05], [0.0, 0.25, 1.0, 0.2]);
         let point = |[r, g, b, s]: [f64; 4]| [0.4, r, g, b, s];
         let medium = medium(&Transfer::Piecewise { points: vec![point(below), point(above)] }, 1.0);
