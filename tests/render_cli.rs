@@ -55,7 +55,7 @@ fn write(work: &Work, name: &str, grid: &Grid) {
 fn every_fixture_is_rendered_as_the_library_sees_it() {
     let work = Work::new();
     for name in ["plume", "slab", "cube", "tiles", "blob_sheared", "blob_stretched"] {
-        for layout in ["sphere"] {
+        for layout in ["sphere", "ring"] {
             let folder = format!("{name}_{layout}");
             let report = work.json(&format!("render @{name}.vdb --views 3 --layout {layout} --size 20x14 -o {folder}"));
             assert_eq!((&report["views"], &report["density_scale"]), (&3.into(), &1.0.into()), "{report}");
@@ -425,7 +425,7 @@ fn pictures_of_nothing_say_why() {
 fn placed_cameras_frame_what_is_to_be_seen_evenly() {
     let work = Work::new();
     for volume in ["cube.vdb", "plume.vdb", "blob_sheared.vdb"] {
-        for layout in ["sphere", "ring"] {
+        for layout in ["sphere"] {
             work.json(&format!(
                 "render @{volume} --views 3 --layout {layout} --size 64x54 --density-scale auto -o out --overwrite"
             ));
