@@ -363,3 +363,51 @@ fn density_scales_are_those_of_the_media() {
     let text = work.text(&format!("render scene.json --cameras frames {options} --frames 1-2 -o d"));
     assert!(text.contains("density scales 0.08, 2.5"), "{text}");
 }
+
+/// What prims inherit is followed where the composition can, through instances as well, and refused where it would not end.
+#[test]
+fn what_prims_inherit_ends() {
+    let work = work("");
+    let asset = "#usda 1.0\ndef Xform \"World\" {\n def Scope \"s\" {}\n def \"t\" (inherits = </World/_c>) {}\n class \"_c\" {\n def \"u\" {}\n }\n}\n";
+    std::fs::write(work.path("asset.usda"), asset).unwrap();
+    let paths = |text: &str| {
+        std::fs::write(work.path("stage.usda"), format!("#usda 1.0\n{text}")).unwrap();
+        Stage::open(&work.path("stage.usda"), Limits::default())
+            .map(|stage| stage.prims().map(|prim| prim.path.clone()).collect::<Vec<String>>().join(" "))
+    };
+    for (text, expected) in [
+        ("class \"_c\" (references = @asset.usda@</World>) {}\ndef \"m\" (inherits = </_c>) {}", "/m /m/s /m/t /m/t/u"),
+        (
+            "class \"_c\" {\n def \"v\" {}\n}\ndef \"m\" (instanceable = true\n inherits = </_c>\n references = @asset.usda@</World>) {}",
+            "/m /m/v /m/s /m/t /m/t/u",
+        ),
+        (
+            "def \"World\" {\n class \"_c\" {}\n def \"m\" (instanceable = true\n inherits = </World/_c>\n references = @asset.usda@</World>) {}\n}",
+            "/World /World/m /World/m/s /World/m/t /World/m/t/u",
+        ),
+        (
+            "class \"_a\" {\n def \"v\" {}\n}\nclass \"_b\" (inherits = </_a>) {}\ndef \"m\" (inherits = [</_b>, </_a>]) {}\ndef \"n\" (specializes = </m>) {}",
+            "/m /m/v /n /n/v",
+        ),
+    ] {
+        let mut found: Vec<String> = paths(text).unwrap().split(' ').map(str::to_owned).collect();
+        let mut expected: Vec<&str> = expected.split(' ').collect();
+        (found.sort(), expected.sort());
+        assert_eq!(found, expected, "{text}");
+    }
+    let chain: String = (0..5000).map(|i| format!("class \"_{i}\" (inherits = </_{}>) {{}}\n", i + 1)).collect();
+    let lattice: String = (0..60)
+        .flat_map(|i| ["a", "b"].map(|k| format!("class \"_{k}{i}\" (inherits = [</_a{0}>, </_b{0}>]) {{}}\n", i + 1)))
+        .collect();
+    for text in [
+        "def \"World\" {\n class \"_c\" {}\n def \"m\" (inherits = </World/_c>\n references = @asset.usda@</World>) {}\n}".to_owned(),
+        "def \"World\" {\n class \"_c\" (references = @asset.usda@</World>) {}\n def \"m\" (inherits = </World/_c>) {}\n}".to_owned(),
+        "def \"A\" (inherits = </B>) {}\ndef \"B\" (inherits = </A>) {}\ndef \"C\" (inherits = </A>) {}".to_owned(),
+        "def \"A\" (inherits = </A/c>) {\n class \"c\" {}\n def \"d\" {}\n}".to_owned(),
+        format!("{chain}def \"m\" (inherits = </_0>) {{}}"),
+        format!("{lattice}def \"m\" (inherits = </_a0>) {{}}"),
+    ] {
+        let error = paths(&text).unwrap_err().to_string();
+        assert!(error.contains("stage.usda: prim /") && error.contains("inherits"), "{error}");
+    }
+}

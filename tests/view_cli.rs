@@ -129,12 +129,12 @@ fn captures_show_all_views_and_their_cameras() {
 #[test]
 fn frames_share_exposure_and_density_scale() {
     let work = Work::new();
-    for (number, name) in [(1, "plume"), (2, "cube"), (5, "plume")] {
+    for (number, name) in [(1, "plume"), (2, "cube"), (3, "plume")] {
         std::fs::copy(fixture(&format!("{name}.vdb")), work.path(&format!("s.{number:04}.vdb"))).unwrap();
     }
     let report = work.json("view s.####.vdb --size 48 -o s.png");
     let shown = &report["sheets"][0];
-    assert_eq!((&shown["shows"], &shown["frames"]), (&json!("sequence"), &json!([1, 2, 5])));
+    assert_eq!((&shown["shows"], &shown["frames"]), (&json!("sequence"), &json!([1, 2, 3])));
     // The smallest of the scales: no frame goes black.
     let alone = |name: &str| {
         let report = work.json(&format!("view {name} --size 48 -o alone.png"));

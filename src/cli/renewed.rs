@@ -7,7 +7,7 @@ use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
 
-/// What an earlier run has left of a frame that is to be made.
+/// Result that an earlier run has left of a frame that is to be made.
 pub enum Earlier {
     /// Nothing that counts.
     None,

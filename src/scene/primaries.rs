@@ -27,7 +27,7 @@ const BRADFORD: DMat3 = DMat3::from_cols_array(&[
 const ROUNDING: f64 = 1e-4;
 
 impl Primaries {
-    /// Those of ITU-R BT.709 and sRGB, which a file without a statement has.
+    /// Primaries of ITU-R BT.709 and sRGB, which a file without a statement has.
     pub const REC_709: Self = Self { red: [0.64, 0.33], green: [0.3, 0.6], blue: [0.15, 0.06], white: [0.3127, 0.329] };
 
     /// Creates primaries from x and y of red, green, blue and white.

@@ -34,13 +34,16 @@ const BAD: [&str; 15] = [
     "PIPEz[x.usda]",
 ];
 
+/// Inherits of a class that lies in the prim which layers reference.
+const WITHIN: &str = "inherits within";
+
 /// Whether all arcs of a stage lead to layers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arcs {
     Whole,
     /// One leads to something else.
     Broken,
-    /// All lead to layers, some of them in circles.
+    /// Some lead in circles, or to classes where the composition looks for them in a circle.
     Circular,
 }
 
@@ -48,8 +51,12 @@ pub enum Arcs {
 pub fn sample(dice: &mut Dice, pipe: &Path, cube: &[u8]) -> (Sample, Arcs) {
     let mut files = sound_files(cube);
     let mut leads: BTreeMap<&str, Vec<String>> = BTreeMap::new();
+    let mut within = BTreeSet::new();
     for layer in LAYERS {
         let arcs: Vec<(&str, String)> = (0..1 + dice.below(2)).map(|_| arc(dice)).collect();
+        if arcs.iter().any(|(kind, _)| *kind == WITHIN) {
+            within.insert(layer);
+        }
         leads.insert(layer, arcs.iter().map(|(_, target)| target.clone()).collect());
         files.insert(layer.into(), text(layer, &arcs, pipe).into_bytes());
     }
@@ -71,6 +78,7 @@ pub fn sample(dice: &mut Dice, pipe: &Path, cube: &[u8]) -> (Sample, Arcs) {
             LAYERS.into_iter().filter(|next| leads.values().flatten().any(|to| to.strip_prefix("./") == Some(*next)));
         reached.extend(further);
     }
+    circular |= reached.iter().any(|layer| within.contains(layer));
     let broken = |layer: &&str| leads[*layer].iter().any(|to| BAD.contains(&to.as_str()));
     let arcs = match (circular, reached.iter().any(broken)) {
         (false, false) => Arcs::Whole,
@@ -83,7 +91,7 @@ pub fn sample(dice: &mut Dice, pipe: &Path, cube: &[u8]) -> (Sample, Arcs) {
 }
 
 fn arc(dice: &mut Dice) -> (&'static str, String) {
-    let kind = *dice.choose(&["references", "payload", "subLayers"]);
+    let kind = *dice.choose(&["references", "payload", "subLayers", "inherits", WITHIN]);
     let target = match dice.below(5) {
         0 | 1 => (*dice.choose(&BAD)).to_owned(),
         2 => format!("./{}", dice.choose(&LAYERS)),
@@ -105,10 +113,18 @@ fn text(layer: &str, arcs: &[(&str, String)], pipe: &Path) -> String {
         let target = path(target);
         text += &match *kind {
             "subLayers" => String::new(),
+            "inherits" => format!(" def Xform \"m{number}\" (inherits = </_c{number}>) {{}}\n"),
+            WITHIN => format!(
+                " class Xform \"_c{number}\" (references = @{target}@</World>) {{}}\n def Xform \"m{number}\" (inherits = \
+                 </World/_c{number}>) {{}}\n"
+            ),
             kind => format!(" def Xform \"m{number}\" ({kind} = @{target}@</World>) {{}}\n"),
         };
     }
     text += "}\n";
+    for (number, (_, target)) in arcs.iter().enumerate().filter(|(_, (kind, _))| *kind == "inherits") {
+        text += &format!("class Xform \"_c{number}\" (references = @{}@</World>) {{}}\n", path(target));
+    }
     if layer == LAYERS[0] {
         text += "def Volume \"v\" {\n rel field:density = </v/density>\n def OpenVDBAsset \"density\" {\n token fieldName = \
                  \"density\"\n asset filePath = @./cube.vdb@\n }\n}\ndef Camera \"c\" {\n double3 xformOp:translate = (0, 0, \

@@ -58,7 +58,7 @@ pub struct Report {
     /// Frames that could not be read or compared.
     pub failed: Vec<Failed>,
     pub differ: bool,
-    /// What frames differ in beside their samples.
+    /// Differences between the frames beside their samples, in words.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub differences: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none", serialize_with = "crate::cli::paths::text")]

@@ -127,7 +127,7 @@ pub(in crate::cli) struct Report {
     comparison: Comparison,
     layers: [String; 2],
     differ: bool,
-    /// What the pictures differ in.
+    /// Differences between the pictures beside their samples, in words.
     differences: Vec<String>,
     /// Conversion of the first picture's colors to the primaries of the second.
     #[serde(skip_serializing_if = "Option::is_none")]

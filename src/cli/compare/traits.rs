@@ -18,7 +18,7 @@ pub struct Matched {
     pub film: Film,
     /// Name of the layer that was read.
     pub layer: String,
-    /// What it differs in from the reference beside its samples.
+    /// Differences from the reference beside its samples, in words.
     pub differences: Vec<String>,
     /// Conversion of its colors, in words; none if they have the reference's primaries.
     pub converted: Option<String>,

@@ -83,7 +83,7 @@ pub(in crate::cli) struct Report {
     /// Creators that the metadata state, if they differ; no difference of the grids.
     #[serde(skip_serializing_if = "Option::is_none")]
     creator: Option<Sides<Option<String>>>,
-    /// What the files differ in.
+    /// Differences between the files, in words.
     differences: Vec<String>,
 }
 

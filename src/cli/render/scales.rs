@@ -9,7 +9,7 @@ use std::fmt;
 pub(in crate::cli) struct DensityScales {
     /// Extinction per unit of density and length; none for a scene whose volumes have different ones.
     density_scale: Option<f64>,
-    /// Those of the volumes of such a scene, in their order.
+    /// Density scales of the volumes of a scene file or a stage, in their order.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     density_scales: Vec<f64>,
 }

@@ -8,7 +8,8 @@ use crate::error::Error;
 use crate::formats::{Format, input, sniff};
 use openusd::ar;
 use openusd::pcp;
-use std::collections::BTreeMap;
+use openusd::sdf;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
@@ -17,13 +18,17 @@ pub(super) struct Arcs<'m> {
     /// Root layer as the composition knows it.
     root: &'m Path,
     met: &'m Met,
+    /// Paths of prims that are not active, which need no layers.
+    inactive: BTreeSet<String>,
+    /// Layers, as they are shown, that inactive prims name.
+    unneeded: BTreeSet<String>,
     /// Faults so far by what is missing, those without which the stage is whole last.
     found: BTreeMap<(bool, String), Fault>,
 }
 
 impl<'m> Arcs<'m> {
-    pub(super) fn new(root: &'m Path, met: &'m Met) -> Self {
-        Self { root, met, found: BTreeMap::new() }
+    pub(super) fn new(root: &'m Path, met: &'m Met, inactive: BTreeSet<String>) -> Self {
+        Self { root, met, inactive, unneeded: BTreeSet::new(), found: BTreeMap::new() }
     }
 
     /// Returns the faults that errors of the composition stand for. Of several arcs to one layer or prim the first is named.
@@ -32,7 +37,8 @@ impl<'m> Arcs<'m> {
         // A layer that no arc's error names is told as well.
         for error in &self.met.faults {
             let place = error.path().map(|path| self.shown(path)).unwrap_or_default();
-            if !self.found.values().any(|fault| fault.what.contains(&format!("@{place}@"))) {
+            let told = self.found.values().any(|fault| fault.what.contains(&format!("@{place}@")));
+            if !told && !self.unneeded.contains(&place) {
                 let what = format!("the layer @{place}@ cannot be read: {}", cause(error));
                 self.found.insert((false, place), Fault::missing(what, remedy(error)));
             }
@@ -47,7 +53,7 @@ impl<'m> Arcs<'m> {
             | E::MalformedLayer { asset_path, arc, introduced_by, site_path, .. } => {
                 let name = format!("its {}", word(arc));
                 let fault = self.layer(&name, Path::new(asset_path), reason(error));
-                (asset_path.clone(), self.stated_by(introduced_by, fault).of_prim(site_path.as_str()))
+                (asset_path.clone(), self.stated_by(introduced_by, fault).of_prim(prim(site_path)))
             }
             E::UnresolvedSublayer { asset_path, introduced_by }
             | E::MalformedSublayer { asset_path, introduced_by, .. } => {
@@ -59,19 +65,23 @@ impl<'m> Arcs<'m> {
                 let target = self.shown(Path::new(target_layer));
                 let what = format!("its {} leads to <{prim_path}> of @{target}@, where no such prim is", word(arc));
                 let fault = Fault::missing(what, "correct the path of the prim, or add the prim to that layer");
-                (format!("{target}<{prim_path}>"), self.stated_by(introduced_by, fault).of_prim(site_path.as_str()))
+                (format!("{target}<{prim_path}>"), self.stated_by(introduced_by, fault).of_prim(prim(site_path)))
             }
             E::MissingDefaultPrim { layer_id, arc, site_path } | E::InvalidDefaultPrim { layer_id, arc, site_path } => {
                 let target = self.shown(Path::new(layer_id));
                 let what = format!("its {} to @{target}@ names no prim, and that layer has no defaultPrim", word(arc));
                 let remedy = "name the prim, as in @layer.usda@</World>, or state defaultPrim in that layer";
-                (format!("{target}<>"), Fault::missing(what, remedy).of_prim(site_path.as_str()))
+                (format!("{target}<>"), Fault::missing(what, remedy).of_prim(prim(site_path)))
             }
             E::InvalidExpression { .. } | E::InvalidPrimPath { .. } | E::ProhibitedRelocationSource { .. } => {
                 (String::new(), Fault::missing(error.to_string(), LAYER))
             }
             other => (other.to_string(), Fault::remark(other.to_string(), LAYER)),
         };
+        if fault.prim.as_ref().is_some_and(|prim| self.inactive.contains(prim)) {
+            self.unneeded.insert(self.shown(Path::new(&target)));
+            return;
+        }
         let key = (!fault.incomplete, if target.is_empty() { fault.what.clone() } else { target });
         self.found.entry(key).or_insert(fault);
     }
@@ -139,6 +149,11 @@ fn other_kind(file: &Path, fault: &dyn Fn(&dyn Display, &str) -> Fault) -> Fault
         Ok(format) => fault(&format!("is {}, not a USD layer: {ENDINGS}", format.name()), EXPORT),
         Err(error) => fault(&format!("cannot be read: {}", cause(&error)), remedy(&error)),
     }
+}
+
+/// Returns the path of the prim of a site, which may lie in a variant of the prim.
+fn prim(site: &sdf::Path) -> String {
+    site.strip_all_variant_selections().as_str().to_owned()
 }
 
 /// Returns the name of an arc's kind: `reference`, `payload`.

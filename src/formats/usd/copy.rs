@@ -2,6 +2,7 @@
 
 use super::attribute::Attribute;
 use super::convert;
+use super::inherits::Inherits;
 use super::metadata::{StageMetadata, UpAxis};
 use super::prim::Prim;
 use super::value::Value;
@@ -10,7 +11,7 @@ use openusd::pcp;
 use openusd::sdf;
 use openusd::usd::{self, PrimStatus};
 use std::cell::RefCell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 /// Largest number of prims.
@@ -47,11 +48,19 @@ pub(super) struct Copier {
     clips: RefCell<Vec<String>>,
     /// Errors of what was let go of, as they are shown so that each is kept once.
     errors: RefCell<BTreeMap<String, pcp::Error>>,
+    /// Paths of the prims that are not active.
+    inactive: RefCell<BTreeSet<String>>,
 }
 
 impl Copier {
     pub(super) fn new(stage: usd::Stage) -> Self {
-        Self { stage, splines: RefCell::default(), clips: RefCell::default(), errors: RefCell::default() }
+        Self {
+            stage,
+            splines: RefCell::default(),
+            clips: RefCell::default(),
+            errors: RefCell::default(),
+            inactive: RefCell::default(),
+        }
     }
 
     /// Returns the errors of the composition of the prims that were read.
@@ -119,11 +128,16 @@ impl Copier {
         let mut prims = Vec::new();
         let mut open = vec![(sdf::Path::abs_root(), 0, false)];
         let (mut seen, mut work, mut kept) = (0_usize, 0_usize, 0_usize);
+        let mut inherits = Inherits::default();
         while let Some((path, depth, instanced)) = open.pop() {
             let mut within = instanced;
             if depth > 0 {
                 let inside = |e: anyhow::Error| damaged(&e).part(format!("prim {path}"));
+                inherits.follow(&self.stage, &self.shared(&path, instanced).map_err(inside)?)?;
                 let status = self.stage.prim_status(path.clone()).map_err(inside)?;
+                if !status.contains(PrimStatus::ACTIVE) {
+                    self.inactive.borrow_mut().insert(path.as_str().to_owned());
+                }
                 if !status.contains(wanted) || status.contains(PrimStatus::ABSTRACT) {
                     continue;
                 }
@@ -156,6 +170,12 @@ impl Copier {
             open.extend(children.map(|child| (child, depth + 1, within)));
         }
         Ok(prims)
+    }
+
+    /// Returns the path at which a prim is composed: that in the prototype for prims in instances.
+    fn shared(&self, path: &sdf::Path, instanced: bool) -> anyhow::Result<sdf::Path> {
+        let prim = if instanced { self.stage.prim(path.clone()).prim_in_prototype()? } else { None };
+        Ok(prim.map_or_else(|| path.clone(), |prim| prim.path().clone()))
     }
 
     /// Returns the number of sites that a prim is composed of. Those of prims in instances are the prototype's.
@@ -239,6 +259,11 @@ impl Copier {
             self.stage.layer(identifier).is_some_and(|layer| layer.data().has_field(path, field))
         };
         stack.into_iter().find(holds).map_or_else(|| self.root(), |(identifier, _)| PathBuf::from(identifier))
+    }
+
+    /// Returns the paths of the prims met so far that are not active.
+    pub(super) fn inactive(&self) -> BTreeSet<String> {
+        self.inactive.borrow().clone()
     }
 
     /// Returns the paths of the prims read so far whose values come from value clips.

@@ -23,6 +23,7 @@ mod convert;
 mod copy;
 mod fault;
 pub mod fields;
+mod inherits;
 mod light;
 pub mod lint;
 mod medium;
