@@ -510,6 +510,40 @@ fn clear_bricks_are_no_gaps_of_density_zero() {
     }
 }
 
+/// A density that is a point of the function up to rounding, at the foot of a steep slope, is as clear as the point: no rule
+/// follows the slope below zero.
+#[test]
+fn slopes_end_at_their_points() {
+    for (value, peak) in [(0.7, 3000.0), (0.3, 3000.0), (0.7, 80.0)] {
+        let points = vec![
+            [0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.3, 1.0, 0.0, 0.0, 0.0],
+            [0.301, 0.0, 1.0, 0.0, 0.25 * peak],
+            [0.302, 0.0, 0.0, 1.0, 0.0],
+            [0.7, 1.0, 1.0, 1.0, 0.0],
+            [0.7001, 1.0, 1.0, 0.0, peak],
+            [0.7002, 1.0, 0.0, 1.0, 0.0],
+            [1.0, 1.0, 1.0, 1.0, 0.0],
+        ];
+        let medium = medium(&Transfer::Piecewise { points }, 1.0);
+        for density in [value, value + 1e-4, value + 2e-4] {
+            let mut constant: Bricks<f32> = field(16, unit(), |_| density);
+            constant.domain = Aabb { min: DVec3::ZERO, max: DVec3::splat(15.0) };
+            for ray in rays(constant.world_bounds(), 50, 3) {
+                let exact = Dvr::new(&constant, medium.clone()).unwrap().quadrature(Quadrature::Exact);
+                let [rgb, depth] = [exact.radiance(&ray).rgb, [exact.radiance(&ray).depth; 3]];
+                assert!(rgb.iter().chain(&depth).all(|v| *v >= 0.0), "exact, {density}: {rgb:?} {depth:?}");
+                for tolerance in [0.1, 0.01, 0.001] {
+                    let found = exact.clone().quadrature(Quadrature::Preintegrated(tolerance)).radiance(&ray);
+                    assert!(found.rgb.iter().all(|v| *v >= -1e-6) && found.depth >= 0.0, "{density}: {found:?} by {tolerance}");
+                    let apart = found.rgb.iter().zip(rgb).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                    assert!(apart < tolerance, "{density} by {tolerance}: {found:?}, and {rgb:?}");
+                }
+            }
+        }
+    }
+}
+
 /// Where the density is linear, depths have no error, however far apart the nodes are; voxels are rounded to single
 /// precision.
 #[test]

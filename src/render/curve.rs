@@ -127,7 +127,7 @@ impl<R: Real> Curve<R, 3> {
         let last = table.knots().len();
         let piece = |p: usize| {
             let ([low, high], [value, _]) = table.ends(p);
-            let slope = table.slope_of(p);
+            let slope = table.slope_between(p, |v| R::of(v).f64());
             let width = high - low;
             let inner = width.is_finite() && width > 0.0;
             let line = |c: usize, scale: f64| [R::of(scale * value[c]), R::of(scale * slope[c])];

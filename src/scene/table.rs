@@ -106,6 +106,19 @@ impl Table {
         if width > 0.0 && width.is_finite() { std::array::from_fn(|c| (b[c] - a[c]) / width) } else { [0.0; 4] }
     }
 
+    /// Returns the slope of a piece between knots that are rounded by `round`: of narrow pieces rounding changes it, and the
+    /// values at the ends stay. Where the knots coincide it is 0, as no density lies between them.
+    pub fn slope_between(&self, piece: usize, round: impl Fn(f64) -> f64) -> Rgbs {
+        let (knots, [lower, upper]) = self.ends(piece);
+        let [low, high] = knots.map(round);
+        let width = high - low;
+        if !width.is_finite() {
+            return self.slope_of(piece);
+        }
+        let slope = |c: usize| if width > 0.0 { (upper[c] - lower[c]) / width } else { 0.0 };
+        [slope(0), slope(1), slope(2), slope(3)]
+    }
+
     /// Change of the values at the pieces' ends under a change of the knots' densities and values: the transpose of
     /// [`TableGradient::by_knot`] and [`TableGradient::by_value`].
     pub fn tangent(&self, knots: &[f64], values: &[Rgbs]) -> TableGradient {

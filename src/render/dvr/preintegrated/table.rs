@@ -57,19 +57,16 @@ impl<R: Real> Cumulative<R> {
         let mut below = [0.0; 4];
         let pieces = (0..=knots.len()).map(|p| {
             let ([low, high], [value, _]) = table.ends(p);
-            let slope = table.slope_of(p);
-            let knot = if p == 0 { high } else { low };
-            // Knots are where the curve has them.
-            let base = rounded(knot);
-            let offset = base - knot;
-            let at = |c: usize| value[c] + offset * slope[c];
-            let (s, t) = (scale * at(3), scale * slope[3]);
-            let emitted = |c: usize| [s * at(c), 0.5 * (s * slope[c] + t * at(c)), t * slope[c] * (1.0 / 3.0)];
+            // Knots are where the curve has them, and so are the values: shifted along a steep slope they would be negative.
+            let slope = table.slope_between(p, rounded);
+            let base = rounded(if p == 0 { high } else { low });
+            let (s, t) = (scale * value[3], scale * slope[3]);
+            let emitted = |c: usize| [s * value[c], 0.5 * (s * slope[c] + t * value[c]), t * slope[c] * (1.0 / 3.0)];
             let lines = [emitted(0), emitted(1), emitted(2), [s, 0.5 * t, 0.0]];
             let lanes = |k: usize| R::Lanes::load(lines.map(|line| R::of(line[k])));
             let four = |v: [f64; 4]| R::Lanes::load(v.map(R::of));
             let piece = Piece {
-                value: four([at(0), at(1), at(2), s]),
+                value: four([value[0], value[1], value[2], s]),
                 slope: four([slope[0], slope[1], slope[2], t]),
                 a: lanes(0),
                 b: lanes(1),
