@@ -535,7 +535,10 @@ fn slopes_end_at_their_points() {
                 assert!(rgb.iter().chain(&depth).all(|v| *v >= 0.0), "exact, {density}: {rgb:?} {depth:?}");
                 for tolerance in [0.1, 0.01, 0.001] {
                     let found = exact.clone().quadrature(Quadrature::Preintegrated(tolerance)).radiance(&ray);
-                    assert!(found.rgb.iter().all(|v| *v >= -1e-6) && found.depth >= 0.0, "{density}: {found:?} by {tolerance}");
+                    assert!(
+                        found.rgb.iter().all(|v| *v >= -1e-6) && found.depth >= 0.0,
+                        "{density}: {found:?} by {tolerance}"
+                    );
                     let apart = found.rgb.iter().zip(rgb).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
                     assert!(apart < tolerance, "{density} by {tolerance}: {found:?}, and {rgb:?}");
                 }

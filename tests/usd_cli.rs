@@ -411,3 +411,33 @@ fn what_prims_inherit_ends() {
         assert!(error.contains("stage.usda: prim /") && error.contains("inherits"), "{error}");
     }
 }
+
+/// References and payloads to prims that their layers lack are errors; those to prims that arcs of other layers make are none.
+#[test]
+fn prims_that_are_named_must_be_there() {
+    let work = work("");
+    std::fs::write(work.path("asset.usda"), "#usda 1.0\ndef \"World\" {\n def Scope \"s\" {}\n}\n").unwrap();
+    std::fs::write(work.path("over.usda"), "#usda 1.0\n(\n subLayers = [@asset.usda@]\n)\n").unwrap();
+    let outer = "#usda 1.0\ndef \"Outer\" (references = @asset.usda@</World>) {}\n";
+    std::fs::write(work.path("outer.usda"), outer).unwrap();
+    for (arc, fault) in [
+        ("references = @asset.usda@</World>", None),
+        ("references = @over.usda@</World>", None),
+        ("references = @outer.usda@</Outer/s>", None),
+        ("references = @asset.usda@</Nope>", Some("its reference leads to </Nope> of @asset.usda@")),
+        ("references = @asset.usda@</World/x>", Some("its reference leads to </World/x> of @asset.usda@")),
+        ("payload = @asset.usda@</World/x>", Some("its payload leads to </World/x> of @asset.usda@")),
+        ("payload = @over.usda@</Nope>", Some("its payload leads to </Nope> of @over.usda@")),
+    ] {
+        std::fs::write(work.path("stage.usda"), format!("#usda 1.0\ndef \"m\" ({arc}) {{}}\n")).unwrap();
+        let stage = Stage::open(&work.path("stage.usda"), Limits::default()).unwrap();
+        match (stage.whole(), fault) {
+            (Ok(()), None) => {}
+            (Err(error), Some(fault)) => {
+                let error = error.to_string();
+                assert!(error.contains(fault) && error.contains("prim /m"), "{arc}: {error}");
+            }
+            (found, _) => panic!("{arc}: {found:?}"),
+        }
+    }
+}

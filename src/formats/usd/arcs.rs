@@ -4,6 +4,7 @@
 use super::convert;
 use super::fault::Fault;
 use super::resolver::{Met, is_layer, is_stage_name};
+use super::targets::Absent;
 use crate::error::Error;
 use crate::formats::{Format, input, sniff};
 use openusd::ar;
@@ -32,8 +33,14 @@ impl<'m> Arcs<'m> {
     }
 
     /// Returns the faults that errors of the composition stand for. Of several arcs to one layer or prim the first is named.
-    pub(super) fn faults(mut self, errors: &[pcp::Error]) -> Vec<Fault> {
+    pub(super) fn faults(mut self, errors: &[pcp::Error], absent: &[Absent]) -> Vec<Fault> {
         errors.iter().for_each(|error| self.add(error));
+        for Absent { site, arc, stated_by, layer, target } in absent {
+            let layer = self.shown(Path::new(layer));
+            let fault = self.no_prim(arc, &layer, target);
+            let fault = self.stated_by(stated_by, fault).of_prim(site);
+            self.found.entry((false, format!("{layer}<{target}>"))).or_insert(fault);
+        }
         // A layer that no arc's error names is told as well.
         for error in &self.met.faults {
             let place = error.path().map(|path| self.shown(path)).unwrap_or_default();
@@ -63,8 +70,7 @@ impl<'m> Arcs<'m> {
             }
             E::UnresolvedPrimPath { arc, target_layer, prim_path, introduced_by, site_path } => {
                 let target = self.shown(Path::new(target_layer));
-                let what = format!("its {} leads to <{prim_path}> of @{target}@, where no such prim is", word(arc));
-                let fault = Fault::missing(what, "correct the path of the prim, or add the prim to that layer");
+                let fault = self.no_prim(&word(arc), &target, prim_path.as_str());
                 (format!("{target}<{prim_path}>"), self.stated_by(introduced_by, fault).of_prim(prim(site_path)))
             }
             E::MissingDefaultPrim { layer_id, arc, site_path } | E::InvalidDefaultPrim { layer_id, arc, site_path } => {
@@ -84,6 +90,12 @@ impl<'m> Arcs<'m> {
         }
         let key = (!fault.incomplete, if target.is_empty() { fault.what.clone() } else { target });
         self.found.entry(key).or_insert(fault);
+    }
+
+    /// Returns the fault of a prim that an arc leads to and its layer lacks.
+    fn no_prim(&self, arc: &str, layer: &str, prim: &str) -> Fault {
+        let what = format!("its {arc} leads to <{prim}> of @{layer}@, where no such prim is");
+        Fault::missing(what, "correct the path of the prim, or add the prim to that layer")
     }
 
     /// Names the layer that states an arc, unless it is the root layer.

@@ -5,6 +5,7 @@ use super::convert;
 use super::inherits::Inherits;
 use super::metadata::{StageMetadata, UpAxis};
 use super::prim::Prim;
+use super::targets::{self, Absent};
 use super::value::Value;
 use crate::error::{Error, Result};
 use openusd::pcp;
@@ -50,6 +51,8 @@ pub(super) struct Copier {
     errors: RefCell<BTreeMap<String, pcp::Error>>,
     /// Paths of the prims that are not active.
     inactive: RefCell<BTreeSet<String>>,
+    /// Arcs that lead to no prim.
+    absent: RefCell<Vec<Absent>>,
 }
 
 impl Copier {
@@ -60,6 +63,7 @@ impl Copier {
             clips: RefCell::default(),
             errors: RefCell::default(),
             inactive: RefCell::default(),
+            absent: RefCell::default(),
         }
     }
 
@@ -178,12 +182,14 @@ impl Copier {
         Ok(prim.map_or_else(|| path.clone(), |prim| prim.path().clone()))
     }
 
-    /// Returns the number of sites that a prim is composed of. Those of prims in instances are the prototype's.
+    /// Returns the number of sites that a prim is composed of, and keeps what its arcs lack. Those of prims in instances are the prototype's.
     fn sites(&self, path: &sdf::Path, instanced: bool) -> anyhow::Result<usize> {
         if instanced {
             return Ok(1);
         }
-        Ok(self.stage.prim_index(path.clone()).graph()?.all_nodes().count())
+        let index = self.stage.prim_index(path.clone()).graph()?;
+        self.absent.borrow_mut().extend(targets::absent(&self.stage, path, &index));
+        Ok(index.all_nodes().count())
     }
 
     fn prim(&self, path: &sdf::Path, instanced: bool) -> anyhow::Result<Prim> {
@@ -259,6 +265,11 @@ impl Copier {
             self.stage.layer(identifier).is_some_and(|layer| layer.data().has_field(path, field))
         };
         stack.into_iter().find(holds).map_or_else(|| self.root(), |(identifier, _)| PathBuf::from(identifier))
+    }
+
+    /// Returns the arcs of the prims read so far that lead to no prim.
+    pub(super) fn absent(&self) -> Vec<Absent> {
+        self.absent.borrow().clone()
     }
 
     /// Returns the paths of the prims met so far that are not active.

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use openusd::pcp::{self, ArcType};
 use openusd::sdf;
 use openusd::usd;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// Greatest number of classes each of which inherits the next.
 const MOST_DEPTH: usize = 200;
@@ -24,6 +24,8 @@ const FLATTEN: &str = "let the prim inherit a class that lies outside it, at the
 pub(super) struct Inherits {
     /// Calls by the path of a prim that was followed to its end; `None` while it is followed.
     calls: HashMap<sdf::Path, Option<usize>>,
+    /// Classes that lie deep beneath a prim that was followed when they were met, by which they are followed afterwards.
+    deep: BTreeMap<sdf::Path, bool>,
 }
 
 impl Inherits {
@@ -32,7 +34,16 @@ impl Inherits {
     /// # Errors
     /// If it leads in a circle, or further than the crate can follow.
     pub(super) fn follow(&mut self, stage: &usd::Stage, path: &sdf::Path) -> Result<()> {
-        self.calls(stage, path, 0).map(|_| ()).map_err(|e| e.part(format!("prim {path}")).hint(FLATTEN))
+        let told = |e: Error| e.part(format!("prim {path}")).hint(FLATTEN);
+        self.calls(stage, path, 0).map_err(told)?;
+        while let Some((class, followed)) = self.deep.iter_mut().find(|(_, followed)| !**followed) {
+            *followed = true;
+            let class = class.clone();
+            // What leads to it was followed without it.
+            self.calls.clear();
+            self.calls(stage, &class, 0).map_err(told)?;
+        }
+        Ok(())
     }
 
     /// Returns the number of calls by which the crate composes what a prim inherits.
@@ -48,10 +59,16 @@ impl Inherits {
         self.calls.insert(path.clone(), None);
         let mut calls = 1_usize;
         for class in classes(stage, &parent, path) {
-            // What lies beneath a prim that is being composed is left for later by the crate.
-            let beneath = class.strict_ancestors().any(|above| matches!(self.calls.get(&above), Some(None)));
-            if !beneath {
-                calls += self.calls(stage, &class, depth + 1)?;
+            // The crate leaves for later what lies beneath a prim that it composes. A child of that prim takes what the prim
+            // inherits for its own, and so leads back.
+            let open = |path: &sdf::Path| matches!(self.calls.get(path), Some(None));
+            let above = class.strict_ancestors().position(|above| open(&above));
+            match above {
+                Some(0) => return Err(refused(&class, "leads in a circle by way of")),
+                Some(_) => {
+                    self.deep.entry(class).or_insert(false);
+                }
+                None => calls += self.calls(stage, &class, depth + 1)?,
             }
             if calls > MOST_CALLS {
                 return Err(refused(path, "multiplies through classes that inherit several others, such as"));

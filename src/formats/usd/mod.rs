@@ -35,6 +35,7 @@ mod resolver;
 pub mod scene;
 mod stage;
 mod summary;
+mod targets;
 mod text;
 mod unpacked;
 mod value;

@@ -92,7 +92,7 @@ fn composed(path: &Path, limits: Limits) -> Result<Composed> {
 
 /// Returns the faults of the composition, and what of the stage is not read.
 fn faults(copier: &Copier, root: &Path, met: &Met, prims: &[Prim]) -> Vec<Fault> {
-    let mut faults = Arcs::new(root, met, copier.inactive()).faults(&copier.composition_errors());
+    let mut faults = Arcs::new(root, met, copier.inactive()).faults(&copier.composition_errors(), &copier.absent());
     faults.extend(copier.clips().into_iter().map(|path| {
         let what = "its value clips are not read; samples within them are missing";
         Fault::remark(what, "write the samples into a layer, as flattening the stage does").of_prim(path)
