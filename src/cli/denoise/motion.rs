@@ -1,7 +1,7 @@
 //! Where the motion of a sequence comes from.
 
 use super::names::Names;
-use crate::cli::motion::Tracing;
+use crate::cli::motion::{Choices, Tracing};
 use crate::error::{Error, Result};
 use crate::formats::captures;
 use crate::formats::exr::{Document, LayerInfo};
@@ -118,7 +118,9 @@ impl<'m> Motions<'m> {
     /// If cameras cannot be read, or do not fit the frames.
     pub fn new(motion: &'m Motion, numbers: &[u32], limits: Limits) -> Result<Self> {
         let tracing = match motion {
-            Motion::Volume { input, cameras } => Some(Tracing::new(input, cameras, numbers, limits)?),
+            Motion::Volume { input, cameras } => {
+                Some(Tracing::new(input, cameras, numbers, Choices::default(), limits)?)
+            }
             _ => None,
         };
         Ok(Self { motion, limits, tracing })

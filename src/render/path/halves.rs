@@ -72,7 +72,8 @@ fn by_difference([a, b]: &[Half; 2]) -> DVec4 {
 /// The variance among a pixel's rays tells pixels apart, and the difference of its halves has the right level. The former is
 /// multiplied by the ratio of both over the 17 x 17 pixels around. Infinite for pixels of one ray.
 pub(super) fn variances(width: usize, pixels: &[([Moments; 4], [Half; 2])]) -> Vec<[f32; 4]> {
-    let among: Vec<DVec4> = pixels.iter().map(|(rgba, _)| DVec4::from_array(rgba.map(|m| m.variance_of_mean()))).collect();
+    let among: Vec<DVec4> =
+        pixels.iter().map(|(rgba, _)| DVec4::from_array(rgba.map(|m| m.variance_of_mean()))).collect();
     if among.iter().any(|v| !v.is_finite()) {
         return among.iter().map(|v| v.as_vec4().to_array()).collect();
     }
