@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::formats::captures;
 use crate::formats::exr::{Document, LayerInfo};
 use crate::formats::limits::Limits;
+use crate::formats::scene_file;
 use crate::formats::sequence::Pattern;
 use crate::scene::film::Film;
 use glam::Vec2;
@@ -42,13 +43,21 @@ impl Motion {
 }
 
 impl Motion {
-    /// Returns the files that the motion of a frame is read from.
+    /// Returns the files that the motion of a frame is read from, those that a scene file names among them; of a stage it is the
+    /// stage alone.
     pub fn files(&self, number: u32) -> Vec<PathBuf> {
         let frame =
             |path: &Path| Pattern::parse(path).map_or_else(|| path.to_path_buf(), |pattern| pattern.path(number));
         match self {
             Self::Files(path) => vec![frame(path)],
-            Self::Volume { input, cameras } => std::iter::once(frame(input)).chain(captures::files(cameras)).collect(),
+            Self::Volume { input, cameras } => {
+                let volume = frame(input);
+                let folder = volume.parent().unwrap_or(Path::new(""));
+                let scene = scene_file::read(&volume, Limits::default());
+                let named: Vec<PathBuf> =
+                    scene.iter().flat_map(|s| s.files()).map(|f| frame(&folder.join(f))).collect();
+                std::iter::once(volume.clone()).chain(named).chain(captures::files(cameras)).collect()
+            }
             Self::Auto | Self::Layer(_) | Self::None => Vec::new(),
         }
     }
