@@ -3,11 +3,10 @@
 use super::names::Names;
 use crate::cli::motion::{Choices, Tracing};
 use crate::error::{Error, Result};
-use crate::formats::captures;
 use crate::formats::exr::{Document, LayerInfo};
 use crate::formats::limits::Limits;
-use crate::formats::scene_file;
 use crate::formats::sequence::Pattern;
+use crate::formats::{Format, captures, scene_file, sniff};
 use crate::scene::film::Film;
 use glam::Vec2;
 use std::path::{Path, PathBuf};
@@ -53,7 +52,8 @@ impl Motion {
             Self::Volume { input, cameras } => {
                 let volume = frame(input);
                 let folder = volume.parent().unwrap_or(Path::new(""));
-                let scene = scene_file::read(&volume, Limits::default());
+                let is_scene = sniff(&volume).is_ok_and(|format| format == Format::Capture);
+                let scene = is_scene.then(|| scene_file::read(&volume, Limits::default()).ok()).flatten();
                 let named: Vec<PathBuf> =
                     scene.iter().flat_map(|s| s.files()).map(|f| frame(&folder.join(f))).collect();
                 std::iter::once(volume.clone()).chain(named).chain(captures::files(cameras)).collect()
