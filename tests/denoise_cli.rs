@@ -243,6 +243,69 @@ fn cuts_are_found() {
     }
 }
 
+/// The alpha of a motion is that of the pictures, by the transfer function of the capture or of `--tf`, by a scene file and by a
+/// stage; one that contradicts the pictures is found, and does not guide.
+#[test]
+fn motion_knows_the_medium() {
+    let work = Work::new();
+    std::fs::copy(fixture("plume.vdb"), work.path("smoke.vdb")).unwrap();
+    let points = serde_json::json!([
+        [0.1, 1, 0, 0, 0],
+        [0.3, 1, 0, 0, 9],
+        [0.5, 1, 1, 0, 0],
+        [0.7, 0, 0, 1, 0],
+        [1, 1, 1, 1, 6]
+    ]);
+    let function = serde_json::json!({"format": "cumulo-transfer-function", "version": 1,
+        "transfer": {"kind": "piecewise", "points": points}});
+    std::fs::write(work.path("peaks.tf.json"), function.to_string()).unwrap();
+    work.json("render smoke.vdb --views 180 --layout ring --size 64x48 --density-scale 1 -o path");
+    work.json("render smoke.vdb --cameras path --frames 0-3 --tf peaks.tf.json -o shown");
+    let scene = serde_json::json!({"volumes": [{"file": "smoke.vdb",
+        "medium": {"density_scale": 1, "transfer": "peaks.tf.json"}}]});
+    std::fs::write(work.path("scene.json"), scene.to_string()).unwrap();
+    work.json("usd author scene.json -o stage.usda");
+    let alpha = |name: &str| -> Vec<f32> { colors(&work, name).iter().map(|pixel| pixel[3]).collect() };
+    let shown = alpha("shown/frame.0002.exr");
+    for (input, folder) in [
+        ("smoke.vdb --cameras shown", "own"),
+        ("smoke.vdb --cameras path --tf peaks.tf.json", "given"),
+        ("scene.json --cameras path", "scene"),
+        ("stage.usda --cameras path", "stage"),
+        ("smoke.vdb --cameras path", "without"),
+    ] {
+        let report = work.json(&format!("motion {input} --frames 0-3 --samples 64 -o {folder}/m.####.exr"));
+        let states = !["scene", "stage"].contains(&folder);
+        assert_eq!(report["density_scale"], if states { Value::from(1.0) } else { Value::Null });
+        assert!(report["largest"].as_f64().unwrap() > 0.2, "{folder}: {report}");
+        let film = alpha(&format!("{folder}/m.0002.exr"));
+        let squares = film.iter().zip(&shown).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();
+        let apart = (squares / shown.len() as f64).sqrt();
+        println!("{folder}: {apart:.4}");
+        assert_eq!(apart < 0.03, folder != "without", "{folder}: {apart}");
+        assert!(colors(&work, &format!("{folder}/m.0002.exr")).iter().all(|p| p[..3] == [0.0; 3]), "{folder} shines");
+        let command = format!(
+            "denoise shown/frame.####.exr --motion files:{folder}/m.####.exr -o quiet-{folder}/f.####.exr --json"
+        );
+        let out = work.command(&command).output().unwrap();
+        let report: Value = serde_json::from_slice(&out.stdout).unwrap();
+        assert_eq!(report["alpha_contradicts"], Value::from(folder == "without"), "{folder}");
+        assert_eq!(errors(&out).contains("--tf"), folder == "without", "{}", errors(&out));
+    }
+    work.refused(
+        "motion scene.json --cameras path --frames 0-3 --tf peaks.tf.json -o no/m.####.exr",
+        &["--tf", "scene.json"],
+    );
+    work.refused(
+        "motion stage.usda --cameras path --frames 0-3 --grid heat -o no/m.####.exr",
+        &["--grid", "stage.usda"],
+    );
+    work.refused(
+        "motion shown/frame.0002.exr --cameras path --frames 0-3 -o no/m.####.exr",
+        &["frame.0002.exr", "picture"],
+    );
+}
+
 /// Sequences are compared frame by frame; what does not fit says so.
 #[test]
 fn sequences_are_compared() {

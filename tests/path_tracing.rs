@@ -7,6 +7,7 @@ mod fields;
 
 use cumulo::arch::Arch;
 use cumulo::math::{Affine, Ray};
+use cumulo::render::aov::Aov;
 use cumulo::render::dvr::Dvr;
 use cumulo::render::path::{Limits, PathTracer, Sampling, Scratch};
 use cumulo::render::sampler::Sampler;
@@ -550,6 +551,48 @@ fn pictures_depend_on_seed_and_pixel_alone() {
 }
 
 /// Hard cases (design notes, numerics): each gives finite pixels that are not negative, without a majorant violated.
+/// Halves are independent over 200 seeds, and the plane of variances is on average that of the mean.
+#[test]
+fn halves_are_independent_and_variances_those_of_means() {
+    const SEEDS: u64 = 200;
+    let field = lumpy(unit());
+    let scene = busy(&field);
+    let tracer = PathTracer::new(&scene).unwrap();
+    let camera = camera(&field, 6);
+    let never = AtomicBool::new(false);
+    for paths in [4, 16, 64, 256] {
+        let picture = |seed| {
+            tracer.picture(&camera, Sampling::new(paths, seed), &[Aov::Variance, Aov::Halves], &never).unwrap().film
+        };
+        let films: Vec<Film> = (0..SEEDS).map(picture).collect();
+        // Sums over pixels and channels: of the variances over seeds, those stated, and of halves with one another.
+        let (mut seen, mut stated, mut both, mut of_a, mut of_b) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for (channel, name) in ["R", "G", "B"].into_iter().enumerate() {
+            for pixel in 0..36 {
+                let of = |plane: &str| -> Vec<f64> {
+                    let plane = format!("{plane}.{name}");
+                    films.iter().map(|film| f64::from(film.plane(&plane).unwrap()[pixel])).collect()
+                };
+                let (a, b) = (of("half_a"), of("half_b"));
+                let means: Vec<f64> = films.iter().map(|film| f64::from(film.rgba[pixel][channel])).collect();
+                let covariance = |x: &[f64], y: &[f64]| {
+                    let [mx, my] = [x, y].map(|v| v.iter().sum::<f64>() / SEEDS as f64);
+                    x.iter().zip(y).map(|(x, y)| (x - mx) * (y - my)).sum::<f64>() / (SEEDS - 1) as f64
+                };
+                assert!(a.iter().zip(&b).zip(&means).all(|((a, b), m)| (0.5 * (a + b) - m).abs() < 1e-5 * (1.0 + m)));
+                seen += covariance(&means, &means);
+                stated += of("variance").iter().sum::<f64>() / SEEDS as f64;
+                both += covariance(&a, &b);
+                of_a += covariance(&a, &a);
+                of_b += covariance(&b, &b);
+            }
+        }
+        let (correlation, ratio) = (both / (of_a * of_b).sqrt(), stated / seen);
+        println!("{paths} paths: correlation of halves {correlation:.3}, stated over seen variance {ratio:.3}");
+        assert!(correlation.abs() < 0.1 && (0.9..1.1).contains(&ratio), "{paths}: {correlation} {ratio}");
+    }
+}
+
 #[test]
 fn hard_cases_stay_finite() {
     let cube = |value: f64| field::<f32>(9, unit(), move |_| value);

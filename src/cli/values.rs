@@ -48,7 +48,7 @@ value_enum!(Aov {
     Depth: "depth", "Mean length along the viewing axis to first collisions: Depth.Z (path tracing)";
     Motion: "motion", "Pixels that first collisions move from and to the next frame: Vector.X, .Y, .Z and .W (path tracing)";
     Samples: "samples", "Number of paths: Debug Sample Count.X (path tracing)";
-    Halves: "halves", "Radiance of the paths of even and of odd rays: half_a.R, …, half_b.B (path tracing)";
+    Halves: "halves", "Radiance of two independent halves of the paths: half_a.R, …, half_b.B (path tracing)";
 });
 
 value_enum!(Layout {

@@ -12,6 +12,7 @@
 
 mod ahead;
 mod blocks;
+mod contradiction;
 mod denoiser;
 mod detail;
 pub mod ema;
@@ -36,6 +37,7 @@ mod vectors;
 pub mod wrls;
 
 pub use ahead::Ahead;
+pub use contradiction::contradiction;
 pub use denoiser::{Denoiser, Method};
 pub use frame::{Denoised, Frame};
 pub use lookahead::Lookahead;

@@ -9,7 +9,8 @@ use crate::scene::film::{Film, Moments, Plane};
 /// An additional plane of a picture, or a layer of planes (arbitrary output variable).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Aov {
-    /// Variance of the mean over a pixel's rays, as planes `variance.R`, `.G`, `.B` and `.A`; infinite for one ray.
+    /// Variance of the mean over a pixel's rays, as planes `variance.R`, `.G`, `.B` and `.A`; infinite for one ray. For paths it
+    /// rests on two halves of them that are independent, pooled over the pixels around.
     Variance,
     /// Optical depth, the mean over a pixel's rays, as plane `optical_depth.V`.
     OpticalDepth,
@@ -32,7 +33,8 @@ pub enum Aov {
     Motion,
     /// Number of paths, as plane `Debug Sample Count.X`.
     Samples,
-    /// Radiance of the paths of camera rays of even and of odd number, as planes `half_a.R`, `.G`, `.B` and `half_b.R`, `.G`, `.B`.
+    /// Radiance of two halves of the paths, whose random numbers are independent, as planes `half_a.R`, `.G`, `.B` and `half_b.R`,
+    /// `.G`, `.B`: those of camera rays of even and of odd number.
     Halves,
 }
 

@@ -179,6 +179,13 @@ impl Table {
         sum
     }
 
+    /// Returns the same extinctions without color.
+    #[must_use]
+    pub fn without_color(&self) -> Self {
+        let values = self.values.iter().map(|[.., extinction]| [0.0, 0.0, 0.0, *extinction]).collect();
+        Self { knots: self.knots.clone(), values }
+    }
+
     /// Removes knots that change the table by at most `tolerance` times each channel's peak.
     /// The search is greedy: each piece is made as long as the knots that it skips allow. A tolerance of 0 removes only
     /// knots that lie on a line.

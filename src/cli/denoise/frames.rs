@@ -37,6 +37,8 @@ pub struct Done {
     pub cuts: Vec<u32>,
     pub filled: usize,
     pub at_rest: bool,
+    /// First frame whose alpha contradicts that of its motion, and by how much.
+    pub contradiction: Option<(u32, f32)>,
     pub seconds: f64,
 }
 
@@ -152,6 +154,9 @@ impl Sequence<'_> {
                 }
             };
             let started = Instant::now();
+            if shot.contradiction > 0.0 && done.contradiction.is_none_or(|(first, _)| number < first) {
+                done.contradiction = Some((number, shot.contradiction));
+            }
             done.at_rest &= shot.views.iter().all(|view| view.moved.is_zero());
             directions.resize_with(shot.views.len(), new);
             let mut spares = if forward { pictures.spares.try_recv().unwrap_or_default() } else { Vec::new() };

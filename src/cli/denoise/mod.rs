@@ -173,6 +173,8 @@ pub(in crate::cli) struct Report {
     filled: usize,
     /// True if no frame had a motion other than 0.
     at_rest: bool,
+    /// True if the alpha that comes with the motion contradicts that of the pictures, which is used in its place then.
+    alpha_contradicts: bool,
     seconds: f64,
     /// Seconds of the denoising alone.
     seconds_denoising: f64,
@@ -289,6 +291,13 @@ impl Denoise {
                  or the volume moves, compute the motion with `cumulo motion` and give --motion files:'motion.####.exr'",
             );
         }
+        if let Some((frame, apart)) = done.contradiction {
+            output.note(format!(
+                "the alpha that comes with the motion is not that of the pictures, by {apart:.2} in frame {frame}: that of the pictures \
+                 is the guide\n  compute the motion with the density scale and the transfer function that the pictures show (cumulo \
+                 motion --tf), else it may follow what they do not show",
+            ));
+        }
         if done.denoised > 0 {
             batch.commit()?;
         }
@@ -303,6 +312,7 @@ impl Denoise {
             cuts: done.cuts,
             filled: done.filled,
             at_rest: done.at_rest,
+            alpha_contradicts: done.contradiction.is_some(),
             seconds,
             seconds_denoising: done.seconds,
             still: input.is_still(),

@@ -1,12 +1,12 @@
 //! Where the motion of a sequence comes from.
 
 use super::names::Names;
-use crate::cli::motion::Tracing;
+use crate::cli::motion::{Choices, Tracing};
 use crate::error::{Error, Result};
-use crate::formats::captures;
 use crate::formats::exr::{Document, LayerInfo};
 use crate::formats::limits::Limits;
 use crate::formats::sequence::Pattern;
+use crate::formats::{Format, captures, scene_file, sniff};
 use crate::scene::film::Film;
 use glam::Vec2;
 use std::path::{Path, PathBuf};
@@ -42,13 +42,22 @@ impl Motion {
 }
 
 impl Motion {
-    /// Returns the files that the motion of a frame is read from.
+    /// Returns the files that the motion of a frame is read from, those that a scene file names among them; of a stage it is the
+    /// stage alone.
     pub fn files(&self, number: u32) -> Vec<PathBuf> {
         let frame =
             |path: &Path| Pattern::parse(path).map_or_else(|| path.to_path_buf(), |pattern| pattern.path(number));
         match self {
             Self::Files(path) => vec![frame(path)],
-            Self::Volume { input, cameras } => std::iter::once(frame(input)).chain(captures::files(cameras)).collect(),
+            Self::Volume { input, cameras } => {
+                let volume = frame(input);
+                let folder = volume.parent().unwrap_or(Path::new(""));
+                let is_scene = sniff(&volume).is_ok_and(|format| format == Format::Capture);
+                let scene = is_scene.then(|| scene_file::read(&volume, Limits::default()).ok()).flatten();
+                let named: Vec<PathBuf> =
+                    scene.iter().flat_map(|s| s.files()).map(|f| frame(&folder.join(f))).collect();
+                std::iter::once(volume.clone()).chain(named).chain(captures::files(cameras)).collect()
+            }
             Self::Auto | Self::Layer(_) | Self::None => Vec::new(),
         }
     }
@@ -118,7 +127,9 @@ impl<'m> Motions<'m> {
     /// If cameras cannot be read, or do not fit the frames.
     pub fn new(motion: &'m Motion, numbers: &[u32], limits: Limits) -> Result<Self> {
         let tracing = match motion {
-            Motion::Volume { input, cameras } => Some(Tracing::new(input, cameras, numbers, limits)?),
+            Motion::Volume { input, cameras } => {
+                Some(Tracing::new(input, cameras, numbers, Choices::default(), limits)?)
+            }
             _ => None,
         };
         Ok(Self { motion, limits, tracing })

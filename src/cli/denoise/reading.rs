@@ -5,6 +5,7 @@ use super::motion::{Asked, Motions};
 use super::plan::Read;
 use super::shot::{Layer, Shot, Target, View};
 use super::{Denoise, Guide};
+use crate::denoise::contradiction;
 use crate::error::{Error, Result};
 use crate::formats::exr::{Document, LayerInfo};
 use glam::Vec3;
@@ -43,16 +44,17 @@ impl Reader<'_> {
         let mut filled = 0;
         let mut alphas = Alphas::new();
         let mut views = Vec::new();
+        let mut contradiction = 0.0_f32;
         for (number, targets) in targets.into_iter().enumerate() {
             let size = document.size(targets[0].part);
             let layers = layers(&document, &targets, &mut alphas, &mut filled).map_err(|e| e.at(path))?;
             let asked = Asked { document: &document, view: number, size, number: self.numbers[frame], forward };
             let moved = self.motions.of(&asked, cancel).map_err(|e| e.at(path))?;
             let mut view = View { size, targets, layers, moved };
-            self.guide(&mut view);
+            contradiction = contradiction.max(self.guide(&mut view));
             views.push(view);
         }
-        let mut shot = Shot { views, filled, document: None };
+        let mut shot = Shot { views, filled, contradiction, document: None };
         if write {
             shot.document = Some(document);
         } else if !forward {
@@ -61,11 +63,17 @@ impl Reader<'_> {
         Ok(shot)
     }
 
-    /// Puts the alpha that came with the motion in the place of the layers' own.
-    fn guide(&self, View { targets, layers, moved, .. }: &mut View) {
-        let Some(alpha) = moved.alpha.as_ref().filter(|_| self.command.guide == Guide::Alpha) else { return };
-        let guided = layers.iter_mut().zip(targets).filter(|(_, target)| target.channels.len() > 1);
-        guided.for_each(|(layer, _)| layer.alpha = Some(Arc::clone(alpha)));
+    /// Puts the alpha that came with the motion in the place of the layers' own, unless they contradict each other. Returns by how
+    /// much they do; 0 if they agree.
+    fn guide(&self, View { size, targets, layers, moved }: &mut View) -> f32 {
+        let Some(alpha) = moved.alpha.as_ref().filter(|_| self.command.guide == Guide::Alpha) else { return 0.0 };
+        let own = layers.iter().filter_map(|layer| layer.alpha.as_ref());
+        let apart = own.filter_map(|own| contradiction(own, alpha, size[0])).fold(0.0, f32::max);
+        if apart == 0.0 {
+            let guided = layers.iter_mut().zip(targets).filter(|(_, target)| target.channels.len() > 1);
+            guided.for_each(|(layer, _)| layer.alpha = Some(Arc::clone(alpha)));
+        }
+        apart
     }
 
     /// Returns the channels to denoise, view by view: each layer in all views that there are.

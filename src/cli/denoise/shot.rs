@@ -47,6 +47,8 @@ pub struct Shot {
     pub views: Vec<View>,
     /// Number of pixels that are not finite.
     pub filled: usize,
+    /// Difference between the alpha that came with the motion and the picture's own, where they contradict each other; else 0.
+    pub contradiction: f32,
     /// The file, if it will be written.
     pub document: Option<Document>,
 }

@@ -53,7 +53,7 @@ pub(super) fn sheet(view: &View, path: &Path, pattern: &Pattern, limits: Limits)
     let (films, exposure) = match format(pattern, &numbers)? {
         Format::Exr => pictures(view, pattern, &mut numbers, &mut failed, limits)?,
         _ => {
-            let file = |number: &u32| File::open(&pattern.path(*number), limits).ok();
+            let file = |number: &u32| File::open(pattern.path(*number), limits).ok();
             let up = numbers.iter().find_map(file).map(|file| view.up_of(&file)).unwrap_or_default();
             let volumes = volumes(view, pattern, &mut numbers, &mut failed, up, limits)?;
             axis = Some((up, volumes.light));

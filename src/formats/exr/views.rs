@@ -63,8 +63,11 @@ mod tests {
     use super::*;
     use std::collections::BTreeMap;
 
-    /// Header of parts with the names of their layers of color, and their attributes.
-    fn header(parts: &[(&[&str], &[(&str, &str)])]) -> Header {
+    /// The names of a part's layers of color, and its attributes.
+    type Layers<'p> = (&'p [&'p str], &'p [(&'p str, &'p str)]);
+
+    /// Header of parts.
+    fn header(parts: &[Layers<'_>]) -> Header {
         let window = Window { min: [0; 2], size: [4, 4] };
         let channel = |layer: &str, component: &str| ChannelInfo {
             name: format!("{layer}.{component}"),
@@ -73,7 +76,7 @@ mod tests {
             sample_type: SampleType::Half,
             sampling: [1; 2],
         };
-        let part = |(layers, attributes): &(&[&str], &[(&str, &str)])| Part {
+        let part = |(layers, attributes): &Layers<'_>| Part {
             name: None,
             data_window: window,
             compression: String::new(),

@@ -15,6 +15,7 @@ mod chromatic;
 mod direct;
 mod emissive;
 mod flames;
+mod halves;
 mod kernel;
 mod optics;
 mod phase;

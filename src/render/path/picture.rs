@@ -1,5 +1,6 @@
 //! Pictures by path tracing: means over the paths of each pixel, and further planes.
 
+use super::halves::{self, Half, Paths};
 use super::{Counts, First, PathSample, PathTracer, Scratch};
 use crate::render::aov::Aov;
 use crate::render::sampler::Sampler;
@@ -100,9 +101,8 @@ struct Pixel {
     optical_depth: f64,
     direct: DVec3,
     indirect: DVec3,
-    /// Radiance of the paths of rays of even and of odd number, and their number.
-    halves: [DVec3; 2],
-    half_paths: [u32; 2],
+    /// Rays of even and of odd number.
+    halves: [Half; 2],
     /// Over first collisions: their weight, and weighted by it the albedo, the normal, the position, the length along the viewing
     /// axis.
     collided: f64,
@@ -116,12 +116,10 @@ struct Pixel {
 }
 
 impl Pixel {
-    fn add(&mut self, ray: u32, camera: &Camera, sample: &PathSample) {
-        self.half_paths[(ray % 2) as usize] += 1;
+    fn add(&mut self, camera: &Camera, sample: &PathSample) {
         self.optical_depth -= f64::from(sample.transmittance.max(f32::MIN_POSITIVE)).ln();
         self.direct += sample.direct.as_dvec3();
         self.indirect += sample.indirect.as_dvec3();
-        self.halves[(ray % 2) as usize] += sample.radiance().as_dvec3();
         if let Some(first) = sample.first {
             let share = f64::from(first.share);
             self.collided += share;
@@ -151,9 +149,8 @@ fn layers(aov: Aov) -> Vec<Layer> {
         of((sum / f64::from(samples.max(1))).as_vec3())
     }
     match aov {
-        Aov::Variance => {
-            vec![("variance", &["R", "G", "B", "A"], |p, _| p.rgba.map(|m| m.variance_of_mean() as f32))]
-        }
+        // Of pixels together.
+        Aov::Variance => Vec::new(),
         Aov::OpticalDepth => {
             vec![("optical_depth", &["V"], |p, n| [(p.optical_depth / f64::from(n)) as f32, 0.0, 0.0, 0.0])]
         }
@@ -173,15 +170,17 @@ fn layers(aov: Aov) -> Vec<Layer> {
         })],
         Aov::Samples => vec![("Debug Sample Count", &["X"], |_, n| [n as f32, 0.0, 0.0, 0.0])],
         Aov::Halves => vec![
-            ("half_a", RGB, |p, _| mean(p.halves[0], p.half_paths[0])),
-            ("half_b", RGB, |p, _| mean(p.halves[1], p.half_paths[1])),
+            ("half_a", RGB, |p, _| p.halves[0].mean().as_vec4().to_array()),
+            ("half_b", RGB, |p, _| p.halves[1].mean().as_vec4().to_array()),
         ],
     }
 }
 
 impl PathTracer<'_> {
     /// Renders a picture, the mean over the paths of each pixel through points of its square, with the requested planes
-    /// beside RGBA. Returns `None` if the watch stopped it.
+    /// beside RGBA. With the planes [`Aov::Variance`] or [`Aov::Halves`] the paths are drawn in two independent halves, which
+    /// cover a pixel a little less evenly: the picture has other noise, and somewhat more of it. Returns `None` if the watch
+    /// stopped it.
     pub fn picture<'c, 'w>(
         &self,
         view: impl Into<View<'c>>,
@@ -196,6 +195,10 @@ impl PathTracer<'_> {
         let each = per_ray(count);
         // Slopes and places in other frames are looked up for these planes alone.
         let [normals, motion] = [Aov::Normal, Aov::Motion].map(|aov| aovs.contains(&aov));
+        let paths = match aovs.iter().any(|aov| matches!(aov, Aov::Variance | Aov::Halves)) {
+            true => Paths::Halves,
+            false => Paths::Whole,
+        };
         let pixel = |scratch: &mut Scratch, at: [usize; 2]| {
             let mut pixel = Pixel::default();
             let in_whole = [0, 1].map(|axis| at[axis] + sampling.origin[axis] as usize);
@@ -205,12 +208,14 @@ impl PathTracer<'_> {
                 if number % RAYS_BETWEEN_LOOKS == 0 && watch.cancel.load(Ordering::Relaxed) {
                     break;
                 }
-                let [dx, dy, ..] = Sampler::new(sampling.seed, in_whole, number).even();
+                let (half, seed) = paths.of_ray(number, sampling.seed);
+                let ray_place = paths.place(number);
+                let [dx, dy, ..] = Sampler::new(seed, in_whole, ray_place).even();
                 let place = DVec2::new(at[0] as f64 + dx, at[1] as f64 + dy);
                 let ray = camera.ray(place.x, place.y);
                 let mut of_ray = [0.0; 4];
-                for path in number * each..(number + 1) * each {
-                    let mut sampler = Sampler::new(sampling.seed, in_whole, path);
+                for path in ray_place * each..(ray_place + 1) * each {
+                    let mut sampler = Sampler::new(seed, in_whole, path);
                     // The first set of numbers is that of the ray's place.
                     sampler.even();
                     let mut sample = match path % each {
@@ -223,7 +228,7 @@ impl PathTracer<'_> {
                     let radiance = sample.radiance();
                     let channels = [radiance.x, radiance.y, radiance.z, 1.0 - sample.transmittance];
                     of_ray.iter_mut().zip(channels).for_each(|(sum, v)| *sum += f64::from(v) / f64::from(each));
-                    pixel.add(number, camera, &sample);
+                    pixel.add(camera, &sample);
                     if let (true, Some(first)) = (normals, &sample.first) {
                         pixel.normal += f64::from(first.share) * self.kernel.normal(first);
                     }
@@ -233,6 +238,7 @@ impl PathTracer<'_> {
                     }
                 }
                 pixel.rgba.iter_mut().zip(of_ray).for_each(|(moments, v)| moments.add(v));
+                pixel.halves[half].add(of_ray);
             }
             pixel.counts = scratch.counts;
             pixel
@@ -240,11 +246,21 @@ impl PathTracer<'_> {
         let pixels = tiles::pixels(size, Some(watch), Scratch::default, pixel)?;
         let mut film = Film::of(size[0], size[1], pixels.iter().map(|p| p.rgba.map(|m| m.mean() as f32)).collect());
         film.samples = count;
-        for (layer, channels, value) in aovs.iter().flat_map(|aov| layers(*aov)) {
-            film.planes.extend(channels.iter().enumerate().map(|(c, channel)| Plane {
-                name: format!("{layer}.{channel}"),
-                samples: pixels.iter().map(|p| value(p, count)[c]).collect(),
-            }));
+        for aov in aovs {
+            for (layer, channels, value) in layers(*aov) {
+                film.planes.extend(channels.iter().enumerate().map(|(c, channel)| Plane {
+                    name: format!("{layer}.{channel}"),
+                    samples: pixels.iter().map(|p| value(p, count)[c]).collect(),
+                }));
+            }
+            if *aov == Aov::Variance {
+                let sums: Vec<_> = pixels.iter().map(|p| (p.rgba, p.halves)).collect();
+                let variances = halves::variances(size[0], &sums);
+                film.planes.extend(["R", "G", "B", "A"].iter().enumerate().map(|(c, channel)| Plane {
+                    name: format!("variance.{channel}"),
+                    samples: variances.iter().map(|v| v[c]).collect(),
+                }));
+            }
         }
         let counts = pixels.iter().fold(Counts::default(), |sum, p| sum.plus(p.counts));
         Some(PathFilm { film, counts })

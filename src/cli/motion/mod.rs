@@ -1,5 +1,7 @@
 //! `cumulo motion`: how what pictures of a volume show moves from frame to frame.
 
+mod tracing;
+
 use super::cancel;
 use super::failed::{self, Failed};
 use super::memory::Memory;
@@ -7,39 +9,30 @@ use super::output::Output;
 use super::outputs::{self, Content};
 use super::parse;
 use super::provenance::Provenance;
-use super::render::between;
-use super::volume;
+use super::transfer::TransferOption;
 use crate::error::{Error, Kind, Result};
 use crate::formats::atomic::Batch;
 use crate::formats::captures;
 use crate::formats::exr;
-use crate::formats::limits::Limits;
 use crate::formats::protected;
 use crate::formats::sequence::{Frames, Pattern, number_of};
-use crate::formats::vdb::{File, velocity};
-use crate::render::aov::Aov;
-use crate::render::path::{PathTracer, Sampling, View};
-use crate::scene::camera::Camera;
 use crate::scene::capture::Capture;
-use crate::scene::film::Film;
-use crate::scene::medium::{Medium, Scattering};
-use crate::scene::phase::Phase;
-use crate::scene::scene::Scene;
-use crate::scene::volume::Volume;
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::AtomicBool;
+use tracing::SAMPLES;
+pub use tracing::{Choices, Tracing};
 
 /// Write the motion of what pictures of a volume show, as a layer that denoisers follow
 ///
 /// A pixel's motion is the mean over the first collisions of its rays with the volume. The layer `Vector` holds X and Y, the
 /// place in the frame before minus that now, and Z and W, the place now minus that in the frame after, in pixels to the
-/// right and upwards. `cumulo denoise --motion files:'motion.####.exr'` takes it.
+/// right and upwards. `cumulo denoise --motion files:'motion.####.exr'` takes it, and the alpha that is with it: give the
+/// transfer function and the density scale that the pictures show.
 #[derive(Debug, clap::Args)]
 pub struct MotionCommand {
-    /// VDB of all frames, or of each: 'smoke.####.vdb'
+    /// VDB of all frames, or of each: 'smoke.####.vdb'; or a scene file or USD stage
     input: PathBuf,
     /// Cameras of the frames, in a transforms.json whose pictures bear the frames' numbers; or the one of all
     #[arg(long, value_name = "CAPTURE")]
@@ -56,6 +49,8 @@ pub struct MotionCommand {
     /// Extinction per world unit at a density of 1 (default: that of the cameras' capture)
     #[arg(long, value_name = "S", value_parser = parse::positive)]
     density_scale: Option<f64>,
+    #[command(flatten)]
+    transfer: TransferOption,
     /// Grid of the volume's velocities in world units per second
     #[arg(long, value_name = "GRID")]
     velocity: Option<String>,
@@ -80,7 +75,8 @@ pub(in crate::cli) struct Report {
     failed: Vec<Failed>,
     /// Largest motion from the frame before, in pixels.
     largest: f32,
-    density_scale: f64,
+    /// Extinction per world unit at a density of 1; none for scene files and stages, which state their own.
+    density_scale: Option<f64>,
     seconds: f64,
 }
 
@@ -88,118 +84,15 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { output, frames, failed, largest, density_scale, seconds } = self;
         write!(f, "{}: motion of {frames} frames in {seconds:.2} s, at most {largest:.2} pixels; ", output.display())?;
-        write!(f, "density scale {density_scale}, {} that failed", failed.len())
-    }
-}
-
-/// Volume of a frame.
-struct Shown {
-    path: PathBuf,
-    scene: Scene,
-}
-
-/// Choices of a tracing beside its volumes and cameras.
-struct Choices {
-    grid: Option<String>,
-    /// Extinction per unit of density and length; `None` for that of the capture.
-    density_scale: Option<f64>,
-    /// Grid of velocities, and frames per second.
-    velocity: Option<(String, f64)>,
-    samples: u32,
-}
-
-/// Rays per pixel unless another number is asked for.
-const SAMPLES: u32 = 16;
-
-/// Motions traced from volumes and cameras, frame by frame.
-pub struct Tracing {
-    input: PathBuf,
-    volumes: Option<Pattern>,
-    numbers: Vec<u32>,
-    /// Cameras of the frames, or of all of them, each between those before and after.
-    cameras: Vec<[Camera; 3]>,
-    density_scale: f64,
-    choices: Choices,
-    limits: Limits,
-    /// Volume that was read last.
-    shown: Option<Shown>,
-}
-
-impl Tracing {
-    /// Prepares the motion of frames with these numbers, which show a volume, or one for each, to the cameras of a capture.
-    ///
-    /// # Errors
-    /// If the capture cannot be read, or does not fit the frames.
-    pub fn new(input: &Path, cameras: &Path, numbers: &[u32], limits: Limits) -> Result<Self> {
-        let choices = Choices { grid: None, density_scale: None, velocity: None, samples: SAMPLES };
-        Self::of(input, &captures::load(cameras)?, cameras, numbers, choices, limits)
-    }
-
-    fn of(
-        input: &Path,
-        capture: &Capture,
-        path: &Path,
-        numbers: &[u32],
-        choices: Choices,
-        limits: Limits,
-    ) -> Result<Self> {
-        Ok(Self {
-            input: input.to_owned(),
-            volumes: Pattern::parse(input),
-            numbers: numbers.to_vec(),
-            cameras: between(capture, path, numbers)?,
-            density_scale: choices.density_scale.unwrap_or(capture.density_scale),
-            choices,
-            limits,
-            shown: None,
-        })
-    }
-
-    /// Returns the planes `Vector.X` to `Vector.W` of a frame, and alpha. A volume that was read for the frame before is used
-    /// again.
-    ///
-    /// # Errors
-    /// If the volume cannot be read, or the work is interrupted.
-    pub fn film(&mut self, number: u32, cancel: &AtomicBool) -> Result<Film> {
-        let at = self.numbers.binary_search(&number).unwrap_or(0).min(self.cameras.len() - 1);
-        let input = self.volumes.as_ref().map_or_else(|| self.input.clone(), |pattern| pattern.path(number));
-        let Shown { scene, .. } = match self.shown.take().filter(|shown| shown.path == input) {
-            Some(same) => self.shown.insert(same),
-            None => {
-                let scene = self.scene(&input)?;
-                self.shown.insert(Shown { path: input, scene })
-            }
-        };
-        let [before, camera, after] = &self.cameras[at];
-        let tracer = PathTracer::new(scene)?.background([0.0; 3]);
-        let view = View { camera, before: Some(before), after: Some(after), velocities: &scene.velocities };
-        let sampling = Sampling::new(self.choices.samples, number.into());
-        let picture = tracer.picture(view, sampling, &[Aov::Motion], cancel).ok_or_else(Error::cancelled)?;
-        Ok(picture.film)
-    }
-
-    /// Returns a scene in which nothing shines: rays end where they first meet the volume.
-    fn scene(&self, input: &Path) -> Result<Scene> {
-        let file = File::open(input, self.limits)?;
-        let grid = file.read_fog(self.choices.grid.as_deref())?;
-        let field = volume::arrange(&grid, None, self.limits)?;
-        let scattering = Some(Scattering::new([0.0; 3], Phase::HenyeyGreenstein(0.0)));
-        let medium = Medium { scattering, ..Medium::absorbing(self.density_scale) };
-        let velocity = self.choices.velocity.as_ref();
-        let velocity =
-            velocity.map(|(name, fps)| velocity::read(&file, name, *fps, self.limits.max_memory)).transpose()?;
-        Ok(Scene {
-            volumes: vec![Volume::Density(field, medium)],
-            velocities: velocity.map(|velocity| (0, velocity)).into_iter().collect(),
-            ..Scene::default()
-        })
+        density_scale.iter().try_for_each(|scale| write!(f, "density scale {scale}, "))?;
+        write!(f, "{} that failed", failed.len())
     }
 }
 
 impl MotionCommand {
     /// Paths that the command reads.
     pub(in crate::cli) fn inputs(&self) -> Vec<&Path> {
-        vec![&self.input, &self.cameras]
+        [self.input.as_path(), &self.cameras].into_iter().chain(self.transfer.file()).collect()
     }
 
     /// Reads, traces, writes and reports. Exit code 2 if a frame failed.
@@ -209,17 +102,17 @@ impl MotionCommand {
     pub fn run(&self, output: &Output) -> Result<ExitCode> {
         let cancel = cancel::listen();
         let mut provenance = Provenance::begin();
-        let capture = captures::load(&self.cameras)?;
-        let numbers = self.numbers(&capture)?;
+        let limits = self.memory.limits();
+        let numbers = self.numbers(&captures::load_within(&self.cameras, limits)?)?;
         let choices = Choices {
             grid: self.grid.clone(),
             density_scale: self.density_scale,
+            transfer: self.transfer.load(limits)?,
             velocity: self.velocity.clone().map(|name| (name, self.fps)),
-            samples: self.samples,
+            samples: Some(self.samples),
         };
-        let limits = self.memory.limits();
-        let mut tracing = Tracing::of(&self.input, &capture, &self.cameras, &numbers, choices, limits)?;
-        let density_scale = tracing.density_scale;
+        let mut tracing = Tracing::new(&self.input, &self.cameras, &numbers, choices, limits)?;
+        let density_scale = tracing.density_scale();
         let to = Pattern::parse(&self.output).ok_or_else(|| {
             Error::invalid(
                 "this is the name of one file, and each frame becomes one: it needs a place for the frame's number",
