@@ -1,100 +1,124 @@
-//! Detail within opaque parts of a picture, where alpha guides nothing.
+//! Detail that smoothing takes from the histories, and the shares of it that the colors confirm.
 //!
-//! There the feature is a mean over many pixels, which blurs what is finer. A mean over few pixels is mixed in as far as both
-//! differ by more than noise: of a difference d with the variance n of its noise, the share `1 - n / E[d²]` is signal (Wiener).
+//! The feature is a mean over many pixels. What it lacks of the history itself is taken apart into two bands: that of a mean over
+//! few pixels, and that of single pixels. A frame's colors are independent of its history's noise. So the share of a band by
+//! which they follow it, its regression coefficient, is what is signal in it: 1 of texture at rest, 0 of noise. Bands whose share
+//! may be chance are left out (James & Stein 1961).
 
-use super::blocks::BLOCK;
-use super::lanes::{LANES, Lanes};
-use super::learning::{DISTANCES, Sums, error_floor};
-use super::vectors::Features;
+use super::blocks::{BLOCK, Planes, Pool};
+use super::lanes::{LANES, Lanes, each};
+use super::vectors::{Colors, Features};
+use crate::arch::Arch;
 
-/// Mean alpha from which on detail is mixed in; it is fully so where all around is opaque.
-const LEAST_ALPHA: f32 = 0.9;
-/// Variance of the noise in the mean over few pixels, as a share of that in a pixel's color.
-const LEFT: f32 = 0.02;
+/// Histories of eight pixels by channel: means over few pixels, and those of the pixels alone.
+pub type Histories = [Features; 2];
 
-/// Noise of the colors in a band of rows, as far as it is known.
-#[derive(Debug, Clone, Copy)]
-pub struct Noise<'n> {
-    /// Sums of the blocks, row by row.
-    pub blocks: &'n [Sums],
-    /// Blocks in a row.
-    pub columns: usize,
-    /// Root mean square of the features.
-    pub level: f32,
+/// Sums of a block: products of residual and band, of band and band, the residual's square, and the count of pixels.
+pub type Sums = [f32; LANES];
+
+/// Sums without the count.
+const TERMS: usize = 6;
+/// Place of the count of pixels.
+const COUNT: usize = TERMS;
+
+/// Coefficients of a block: the share of each band.
+pub const SHARES: usize = 2;
+
+/// Explained energy as a multiple of what chance explains on average, below which a band is left out.
+const CHANCE: f32 = 6.0;
+/// Least energy, where there is none.
+const LEAST: f32 = 1e-30;
+
+/// Rows of pixels whose detail is learned.
+pub struct Lines<'l> {
+    /// What the models of the features predict.
+    pub predicted: &'l [Features],
+    pub histories: &'l [Histories],
+    pub colors: &'l [Colors],
+    /// Vectors in a row.
+    pub groups: usize,
 }
 
-impl Noise<'_> {
-    /// Returns the sum and the count of the errors in the blocks that eight pixels lie in.
-    #[inline(always)]
-    fn errors(&self, row: usize, at: usize) -> [f32; 2] {
-        let from = at * LANES / BLOCK;
-        let blocks = &self.blocks[row * self.columns..][from..(from + LANES / BLOCK).min(self.columns)];
-        blocks.iter().fold([0.0; 2], |[error, count], sums| [error + sums[DISTANCES], count + sums[0]])
-    }
-}
-
-/// Returns how far detail is mixed in by the mean alpha around.
+/// Returns the bands of detail of a channel of eight pixels: means over few pixels less what is predicted, and pixels less means.
 #[inline(always)]
-pub fn opaqueness(alpha: Lanes) -> Lanes {
-    ((alpha - LEAST_ALPHA) * (1.0 / (1.0 - LEAST_ALPHA))).max(Lanes::ZERO).min(Lanes([1.0; LANES]))
+pub fn bands(predicted: Lanes, [near, own]: [Lanes; 2]) -> [Lanes; SHARES] {
+    [near - predicted, own - near]
 }
 
-/// Mixes means over few pixels (`near`) into the features of row `y` of the band, by `opaque`.
+/// Adds the sums of a row of blocks to a share of what they were. `floor` is added to the squares of what is predicted before
+/// errors are taken as shares of them.
 #[inline(always)]
-pub fn mix(
-    y: usize,
-    features: &mut [Features],
-    near: &[Features],
-    opaque: &[Lanes],
-    noise: Noise<'_>,
-    sums: &mut Vec<[f32; 2]>,
-) {
-    let floor = error_floor(noise.level);
-    sums.clear();
-    for (at, (features, near)) in features.iter().zip(near).enumerate() {
-        let (mut apart, mut square) = (Lanes::ZERO, Lanes([floor; LANES]));
-        for c in 0..3 {
-            apart += (near[c] - features[c]) * (near[c] - features[c]);
-            square += features[c] * features[c];
+pub fn add(lines: &Lines<'_>, floor: f32, kept: f32, arch: Arch, blocks: &mut [Sums]) {
+    let groups = lines.groups;
+    let rows = lines.predicted.len() / groups;
+    for (at, blocks) in blocks.chunks_mut(LANES / BLOCK).enumerate() {
+        let mut sums = [Lanes::ZERO; LANES];
+        for row in 0..rows {
+            let at = row * groups + at;
+            let (z, histories, color) = (lines.predicted[at], &lines.histories[at], &lines.colors[at]);
+            let seen = color[3];
+            // Errors of bright pixels are larger: all count by their relative ones.
+            let weight = seen / (((z[0] * z[0] + z[1] * z[1]) + z[2] * z[2]) + floor);
+            let mut terms = [Lanes::ZERO; TERMS];
+            for c in 0..3 {
+                let residual = color[c] - z[c];
+                let [coarse, fine] = bands(z[c], [histories[0][c], histories[1][c]]);
+                let products = [
+                    residual * coarse,
+                    residual * fine,
+                    coarse * coarse,
+                    coarse * fine,
+                    fine * fine,
+                    residual * residual,
+                ];
+                for (term, product) in terms.iter_mut().zip(products) {
+                    *term += product;
+                }
+            }
+            for (sum, term) in sums.iter_mut().zip(terms) {
+                *sum += term * weight;
+            }
+            sums[COUNT] += seen;
         }
-        let [error, count] = noise.errors(y / BLOCK, at);
-        let expected = LEFT * error / (count + 1e-3);
-        sums.push([apart.0.iter().sum::<f32>(), expected * square.0.iter().sum::<f32>()]);
-    }
-    for (at, ((features, near), opaque)) in features.iter_mut().zip(near).zip(opaque).enumerate() {
-        let around = &sums[at.saturating_sub(1)..(at + 2).min(sums.len())];
-        let [apart, expected] = around.iter().fold([0.0; 2], |[p, q], [r, s]| [p + r, q + s]);
-        let share = *opaque * (1.0 - expected / (apart + 1e-30)).max(0.0);
-        for c in 0..3 {
-            features[c] += (near[c] - features[c]) * share;
+        let pixels = arch.transposed(&sums.map(|sum| sum.0));
+        for (block, sums) in pixels.chunks(BLOCK).zip(&mut *blocks) {
+            let sum = (Lanes(block[0]) + Lanes(block[1])) + (Lanes(block[2]) + Lanes(block[3]));
+            *sums = (Lanes(*sums) * kept + sum).0;
         }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::denoise::learning::STATE;
-
-    /// Returns the mix of a far mean of 1 and a near mean of 1.2 under a mean alpha, where colors have errors of this variance.
-    fn mixed(alpha: f32, error: f32) -> f32 {
-        let mut block = [0.0; STATE];
-        [block[DISTANCES], block[0]] = [error, 1.0];
-        let noise = Noise { blocks: &[block; 4], columns: 4, level: 1.0 };
-        let mut features = [[Lanes([1.0; LANES]); 3]; 2];
-        let near = [[Lanes([1.2; LANES]); 3]; 2];
-        let opaque = [opaqueness(Lanes([alpha; LANES])); 2];
-        mix(0, &mut features, &near, &opaque, noise, &mut Vec::new());
-        features[1][2].0[5]
+/// Writes the shares of a row of blocks from their sums, pooled over the blocks within `radius`.
+#[inline(always)]
+pub fn solve_row(sums: &Planes, row: usize, radius: usize, pool: &mut Pool, shares: &mut [f32]) {
+    let (vectors, pooled) = pool.sums(sums, row, (0..=COUNT).map(|plane| (plane, radius)));
+    let stride = vectors * LANES;
+    for vector in 0..vectors {
+        let terms = each(|term| pooled[term * vectors + vector]);
+        for (band, found) in of_sums(&terms, pooled[COUNT * vectors + vector]).into_iter().enumerate() {
+            found.store(shares, band * stride + vector * LANES);
+        }
     }
+}
 
-    #[test]
-    fn what_differs_by_more_than_noise_is_mixed_in_where_all_is_opaque() {
-        // Of d² = 0.04, a noise of 0.02 of the feature's square is half.
-        let half = mixed(1.0, 0.02 / LEFT);
-        assert!((half - 1.1).abs() < 1e-3, "{half}");
-        assert!((mixed(1.0, 0.0) - 1.2).abs() < 1e-6 && (mixed(1.0, 9.0 / LEFT) - 1.0).abs() < 1e-6);
-        assert!((mixed(0.95, 0.0) - 1.1).abs() < 1e-5 && (mixed(0.9, 0.0) - 1.0).abs() < 1e-5);
-    }
+/// Returns the shares of the bands of eight blocks from their sums over so many pixels.
+#[inline(always)]
+fn of_sums(sums: &[Lanes; TERMS], pixels: Lanes) -> [Lanes; SHARES] {
+    let [x1, x2, s11, s12, s22, xx] = *sums;
+    let (one, least) = (Lanes([1.0; LANES]), Lanes([LEAST; LANES]));
+    let by_chance = |energy: Lanes, left: Lanes| {
+        let noise = left.max(Lanes::ZERO) / (pixels + Lanes([LEAST; LANES])) * CHANCE;
+        (one - noise / energy.max(least)).max(Lanes::ZERO)
+    };
+    // The coarse band, and what the fine one adds to it.
+    let coarse = (x1 / s11.max(least)).max(Lanes::ZERO).min(one);
+    let explained = x1.max(Lanes::ZERO) * coarse;
+    let along = s12 / s11.max(least);
+    let (x, s) = (x2 - along * x1, (s22 - along * s12).max(least));
+    let fine = (x / s).max(Lanes::ZERO).min(one);
+    let more = x.max(Lanes::ZERO) * fine;
+    let left = xx - explained - more;
+    let coarse = coarse * by_chance(explained, left);
+    let fine = fine * by_chance(more, left);
+    [(coarse - along * fine).max(Lanes::ZERO).min(one), fine]
 }

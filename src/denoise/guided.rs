@@ -6,7 +6,7 @@
 //! ([`blocks`](super::blocks)), which takes the place of a blend of neighbouring models.
 
 use super::blocks::{BLOCK, COEFFICIENTS, Grid, Interpolated, Planes, Pool, solve_row};
-use super::detail::Noise;
+use super::detail;
 use super::frame::{Denoised, Frame};
 use super::history::{Histories, Past, scale_of, scale_of_first};
 use super::lanes::{LANES, Lanes};
@@ -44,6 +44,8 @@ struct State {
     /// Factor of the histories that come.
     scale: f32,
     blocks: Vec<Sums>,
+    /// Sums of detail by block.
+    details: Vec<detail::Sums>,
     /// Root mean square of the feature.
     level: f32,
 }
@@ -55,12 +57,19 @@ struct Scratch {
     pixels: Vec<Packed>,
     blocks: Vec<Sums>,
     features: Vec<Features>,
+    /// What the features were smoothed from.
+    histories: Vec<detail::Histories>,
+    colors: Vec<Colors>,
     /// Sums of the blocks, plane after plane.
     sums: Planes,
     /// Totals of each row of blocks.
     rows: Vec<RowSums>,
     /// Models that predict the frame.
     predicting: Planes,
+    /// Sums of detail that come, block by block and plane after plane, and the shares that follow from them.
+    details: Vec<detail::Sums>,
+    detail_sums: Planes,
+    shares: Planes,
 }
 
 /// Denoiser with its scratch.
@@ -92,22 +101,29 @@ impl GuidedDenoiser {
                 pixels: vec![Packed::default(); frame.color.len()],
                 blocks: vec![[0.0; STATE]; blocks],
                 features: vec![Features::default(); frame.size[1] * vectors(frame.size[0])],
+                histories: vec![Default::default(); frame.size[1] * vectors(frame.size[0])],
+                colors: vec![Colors::default(); frame.size[1] * vectors(frame.size[0])],
                 sums: Planes::new(grid, STATE),
                 rows: vec![RowSums::default(); grid.rows],
                 predicting: Planes::new(grid, PREDICTING),
+                details: vec![[0.0; LANES]; blocks],
+                detail_sums: Planes::new(grid, LANES),
+                shares: Planes::new(grid, detail::SHARES),
             };
         }
-        self.learn(frame, grid);
+        let kept = self.learn(frame, grid);
         self.solve(grid);
+        self.learn_detail(frame, grid, kept);
         self.predict(frame.size, grid, to);
         Ok(())
     }
 
-    /// Follows the histories, takes the features from them, moves the sums along, and adds what is learned of the frame.
-    fn learn(&mut self, frame: &Frame<'_>, grid: Grid) {
+    /// Follows the histories, takes the features from them, moves the sums along, and adds what is learned of the frame. Returns
+    /// the share of what was learned before that is kept.
+    fn learn(&mut self, frame: &Frame<'_>, grid: Grid) -> f32 {
         let [width, height] = frame.size;
         let groups = vectors(width);
-        let Scratch { pixels, blocks, features, sums, rows: of_rows, .. } = &mut self.scratch;
+        let Scratch { pixels, blocks, features, histories: own, colors, sums, rows: of_rows, .. } = &mut self.scratch;
         let arch = Arch::default();
         let outline = Outline::of(frame);
         let State { past, scale, .. } = &self.state;
@@ -115,18 +131,19 @@ impl GuidedDenoiser {
         let smoothing = Smoothing { histories, ahead: frame.ahead, outline };
         let sides = [!past.pixels.is_empty(), frame.ahead.is_some_and(|ahead| ahead.frames() > 0)];
         let kept = if sides == self.state.sides { FORGETTING } else { FORGETTING_AT_ENDS };
-        let known = Known { smoothing, blocks: &self.state.blocks, level: self.state.level, kept, grid };
+        let known = Known { smoothing, blocks: &self.state.blocks, kept, grid };
         let band = super::band_rows(height);
-        let rows = pixels.par_chunks_mut(band * width).zip(features.par_chunks_mut(band * groups));
+        let taken = features.par_chunks_mut(band * groups).zip(own.par_chunks_mut(band * groups));
+        let rows = pixels.par_chunks_mut(band * width).zip(taken.zip(colors.par_chunks_mut(band * groups)));
         let band_blocks = band / BLOCK;
         let of_blocks = blocks
             .par_chunks_mut(band_blocks * grid.columns)
             .zip(sums.data.par_chunks_mut(band_blocks * STATE * grid.stride()))
             .zip(of_rows.par_chunks_mut(band_blocks));
         rows.zip(of_blocks).enumerate().for_each_init(
-            || (smoothing::Scratch::default(), vec![Colors::default(); band * groups]),
-            |(scratch, colors), (at, ((pixels, features), ((blocks, planes), of_rows)))| {
-                let rows = Rows { pixels, features, colors };
+            smoothing::Scratch::default,
+            |scratch, (at, ((pixels, ((features, histories), colors)), ((blocks, planes), of_rows)))| {
+                let rows = Rows { pixels, features, histories, colors };
                 arch.dispatch(Learn { known: &known, top: at * band, rows, blocks, planes, of_rows, scratch });
             },
         );
@@ -142,6 +159,37 @@ impl GuidedDenoiser {
         // The next frame of a fresh state has swapped in empty ones.
         self.scratch.pixels.resize(self.state.past.pixels.len(), Packed::default());
         self.scratch.blocks.resize(self.state.blocks.len(), [0.0; STATE]);
+        kept
+    }
+
+    /// Puts what the models predict in the place of the features, learns which detail of the histories is signal, and solves for
+    /// its shares.
+    fn learn_detail(&mut self, frame: &Frame<'_>, grid: Grid, kept: f32) {
+        let groups = vectors(frame.size[0]);
+        let State { level, details: before, .. } = &self.state;
+        let Scratch { features, histories, colors, predicting, details, detail_sums, shares, .. } = &mut self.scratch;
+        let known = Predicting { frame, grid, predicting, details: before, floor: learning::error_floor(*level), kept };
+        let of_pixels = features
+            .par_chunks_mut(BLOCK * groups)
+            .zip(histories.par_chunks(BLOCK * groups))
+            .zip(colors.par_chunks(BLOCK * groups));
+        let of_blocks =
+            details.par_chunks_mut(grid.columns).zip(detail_sums.data.par_chunks_mut(LANES * grid.stride()));
+        let rows = of_pixels.zip(of_blocks).enumerate().with_min_len(2);
+        rows.for_each_init(
+            Interpolated::default,
+            |models, (row, (((features, histories), colors), (blocks, planes)))| {
+                let lines = DetailLines { features, histories, colors };
+                Arch::default().dispatch(LearnDetail { known: &known, row, lines, models, blocks, planes });
+            },
+        );
+        let sums = &*detail_sums;
+        let rows = shares.data.par_chunks_mut(detail::SHARES * grid.stride()).enumerate();
+        rows.with_min_len(8).for_each_init(Pool::default, |pool, (row, shares)| {
+            Arch::default().dispatch(SolveDetail { sums, row, pool, shares });
+        });
+        std::mem::swap(&mut self.state.details, &mut self.scratch.details);
+        self.scratch.details.resize(self.state.details.len(), [0.0; LANES]);
     }
 
     /// Solves for the models.
@@ -160,7 +208,7 @@ impl GuidedDenoiser {
         color.resize(width * height, Vec3::ZERO);
         confidence.resize(width * height, 0.0);
         let rows = color.par_chunks_mut(width).zip(confidence.par_chunks_mut(width)).enumerate();
-        rows.with_min_len(8).for_each_init(Interpolated::default, |models, (row, (color, confidence))| {
+        rows.with_min_len(8).for_each_init(Default::default, |models, (row, (color, confidence))| {
             Arch::default().dispatch(Predict { scratch, grid, row, models, color, confidence });
         });
     }
@@ -188,8 +236,6 @@ struct Known<'k> {
     smoothing: Smoothing<'k>,
     /// Sums after the frame before; empty at the first frame.
     blocks: &'k [Sums],
-    /// Root mean square of the features before.
-    level: f32,
     /// Share of the sums that is kept.
     kept: f32,
     grid: Grid,
@@ -212,20 +258,19 @@ impl pulp::NullaryFnOnce for Learn<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { known, top, rows: Rows { pixels, features, colors }, blocks, planes, of_rows, scratch } = self;
-        let Known { smoothing, grid, level, kept, .. } = *known;
+        let Self { known, top, rows: Rows { pixels, features, histories, colors }, blocks, planes, of_rows, scratch } =
+            self;
+        let Known { smoothing, grid, kept, .. } = *known;
         let Histories { frame, arch, .. } = smoothing.histories;
         let groups = vectors(frame.size[0]);
         for (row, blocks) in blocks.chunks_mut(grid.columns).enumerate() {
             carry(frame, grid, known.blocks, top / BLOCK + row, blocks);
         }
-        let noise = Noise { blocks, columns: grid.columns, level };
-        let noise = Some(noise).filter(|_| !known.blocks.is_empty());
-        let most = smoothing.band(top, Rows { pixels, features, colors }, noise, scratch);
+        let most = smoothing.band(top, Rows { pixels, features, histories, colors }, scratch);
         let lines = features.chunks(BLOCK * groups).zip(colors.chunks(BLOCK * groups));
         let of_blocks = blocks.chunks_mut(grid.columns).zip(planes.chunks_mut(STATE * grid.stride())).zip(of_rows);
         for ((features, colors), ((blocks, planes), of_row)) in lines.zip(of_blocks) {
-            learning::add(Lines { features, colors, groups }, level, kept, arch, blocks);
+            learning::add(Lines { features, colors, groups }, kept, arch, blocks);
             to_planes(arch, blocks, planes, grid.stride());
             let row = RowSums { most, ..RowSums::default() };
             *of_row = blocks.iter().fold(row, |row, sums| RowSums {
@@ -239,9 +284,9 @@ impl pulp::NullaryFnOnce for Learn<'_> {
 
 /// Moves the sums of a row of blocks along with the motion.
 #[inline(always)]
-fn carry(frame: &Frame<'_>, grid: Grid, blocks: &[Sums], row: usize, moved: &mut [Sums]) {
+fn carry<const N: usize>(frame: &Frame<'_>, grid: Grid, blocks: &[[f32; N]], row: usize, moved: &mut [[f32; N]]) {
     for (column, moved) in moved.iter_mut().enumerate() {
-        *moved = [0.0; STATE];
+        *moved = [0.0; N];
         if blocks.is_empty() {
             continue;
         }
@@ -275,9 +320,9 @@ fn mean_motion(motion: &[Vec2], [width, height]: [usize; 2], [column, row]: [usi
 
 /// Writes the sums of a row of blocks plane after plane.
 #[inline(always)]
-fn to_planes(arch: Arch, blocks: &[Sums], planes: &mut [f32], stride: usize) {
+fn to_planes<const N: usize>(arch: Arch, blocks: &[[f32; N]], planes: &mut [f32], stride: usize) {
     for (at, blocks) in blocks.chunks(LANES).enumerate() {
-        for vector in 0..STATE / LANES {
+        for vector in 0..N / LANES {
             let mut rows = [[0.0; LANES]; LANES];
             for (row, block) in rows.iter_mut().zip(blocks) {
                 *row = block.as_chunks().0[vector];
@@ -308,12 +353,93 @@ impl pulp::NullaryFnOnce for Solve<'_> {
     }
 }
 
+/// What detail is learned with.
+struct Predicting<'k> {
+    frame: &'k Frame<'k>,
+    grid: Grid,
+    /// Models that predict the frame.
+    predicting: &'k Planes,
+    /// Sums of detail after the frame before; empty at the first frame.
+    details: &'k [detail::Sums],
+    floor: f32,
+    /// Share of the sums that is kept.
+    kept: f32,
+}
+
+/// Rows of pixels of a row of blocks.
+struct DetailLines<'l> {
+    /// Features, which become what their models predict.
+    features: &'l mut [Features],
+    histories: &'l [detail::Histories],
+    colors: &'l [Colors],
+}
+
+/// Learns the detail of a row of blocks.
+struct LearnDetail<'a> {
+    known: &'a Predicting<'a>,
+    row: usize,
+    lines: DetailLines<'a>,
+    models: &'a mut Interpolated,
+    blocks: &'a mut [detail::Sums],
+    planes: &'a mut [f32],
+}
+
+impl pulp::NullaryFnOnce for LearnDetail<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { known, row, lines: DetailLines { features, histories, colors }, models, blocks, planes } = self;
+        let Predicting { frame, grid, predicting, details, floor, kept } = *known;
+        let (groups, arch) = (vectors(frame.size[0]), Arch::default());
+        for (at, features) in features.chunks_mut(groups).enumerate() {
+            models.take(grid, row * BLOCK + at, predicting);
+            for (at, z) in features.iter_mut().enumerate() {
+                *z = predicted(models, at, *z);
+            }
+        }
+        carry(frame, grid, details, row, blocks);
+        detail::add(&detail::Lines { predicted: features, histories, colors, groups }, floor, kept, arch, blocks);
+        to_planes(arch, blocks, planes, grid.stride());
+    }
+}
+
+/// Returns what the models of eight pixels predict from their features.
+#[inline(always)]
+fn predicted(models: &Interpolated, at: usize, z: Features) -> Features {
+    let mut predicted = Features::default();
+    for (c, predicted) in predicted.iter_mut().enumerate() {
+        let (a, b) = (models.at(c, at), models.at(3 + c, at) * z[0]);
+        let (d, e) = (models.at(6 + c, at) * z[1], models.at(9 + c, at) * z[2]);
+        *predicted = (a + b) + (d + e);
+    }
+    predicted
+}
+
+/// Solves for the shares of detail of a row of blocks.
+struct SolveDetail<'a> {
+    sums: &'a Planes,
+    row: usize,
+    pool: &'a mut Pool,
+    shares: &'a mut [f32],
+}
+
+impl pulp::NullaryFnOnce for SolveDetail<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        detail::solve_row(self.sums, self.row, POOL, self.pool, self.shares);
+    }
+}
+
 /// Predicts a row of pixels.
 struct Predict<'a> {
     scratch: &'a Scratch,
     grid: Grid,
     row: usize,
-    models: &'a mut Interpolated,
+    /// Those that tell counts, and the shares of detail.
+    models: &'a mut [Interpolated; 2],
     color: &'a mut [Vec3],
     confidence: &'a mut [f32],
 }
@@ -323,21 +449,23 @@ impl pulp::NullaryFnOnce for Predict<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { scratch, grid, row, models, color, confidence } = self;
-        let Scratch { features, predicting, .. } = scratch;
+        let Self { scratch, grid, row, models: [models, shares], color, confidence } = self;
+        let Scratch { features, histories, predicting, shares: of_blocks, .. } = scratch;
         models.take(grid, row, predicting);
-        let features = &features[row * vectors(color.len())..][..vectors(color.len())];
-        let groups = color.chunks_mut(LANES).zip(confidence.chunks_mut(LANES)).zip(features).enumerate();
-        for (at, ((color, confidence), z)) in groups {
-            let mut predicted = [Lanes::ZERO; 3];
+        shares.take(grid, row, of_blocks);
+        let groups = vectors(color.len());
+        let taken = features[row * groups..][..groups].iter().zip(&histories[row * groups..][..groups]);
+        let groups = color.chunks_mut(LANES).zip(confidence.chunks_mut(LANES)).zip(taken).enumerate();
+        for (at, ((color, confidence), (predicted, histories))) in groups {
+            let by_band: [Lanes; detail::SHARES] = [shares.at(0, at), shares.at(1, at)];
+            let mut found = [Lanes::ZERO; 3];
             for c in 0..3 {
-                let (a, b) = (models.at(c, at), models.at(3 + c, at) * z[0]);
-                let (d, e) = (models.at(6 + c, at) * z[1], models.at(9 + c, at) * z[2]);
-                predicted[c] = ((a + b) + (d + e)).max(Lanes::ZERO);
+                let [coarse, fine] = detail::bands(predicted[c], [histories[0][c], histories[1][c]]);
+                found[c] = (predicted[c] + (coarse * by_band[0] + fine * by_band[1])).max(Lanes::ZERO);
             }
             let counts = models.at(COEFFICIENTS, at);
             for (lane, (color, confidence)) in color.iter_mut().zip(confidence).enumerate() {
-                *color = Vec3::new(predicted[0].0[lane], predicted[1].0[lane], predicted[2].0[lane]);
+                *color = Vec3::new(found[0].0[lane], found[1].0[lane], found[2].0[lane]);
                 *confidence = counts.0[lane];
             }
         }

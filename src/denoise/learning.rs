@@ -5,21 +5,17 @@ use super::lanes::{LANES, Lanes};
 use super::vectors::{Colors, Features};
 use crate::arch::Arch;
 
-/// Numbers of a block: the sums of its model, the squared distances between color and feature as shares of the feature's
-/// square, and zeros up to whole vectors.
+/// Numbers of a block: the sums of its model, and zeros up to whole vectors.
 pub type Sums = [f32; STATE];
 
-/// Place of the squared distances.
-pub const DISTANCES: usize = TERMS;
-
 /// Numbers of a block.
-pub const STATE: usize = (TERMS + 1).next_multiple_of(LANES);
+pub const STATE: usize = TERMS.next_multiple_of(LANES);
 
 /// Returns the number that is added to the squares of features before errors are taken as shares of them. `level` is the root
 /// mean square of the features.
 #[inline(always)]
 pub fn error_floor(level: f32) -> f32 {
-    (1e-2 * level).powi(2) + 1e-30
+    (0.2 * level).powi(2) + 1e-30
 }
 
 /// Rows of pixels to be learned.
@@ -31,16 +27,15 @@ pub struct Lines<'l> {
     pub groups: usize,
 }
 
-/// Adds the sums of a row of blocks to a share of what they were. `level` is the root mean square of the features before.
+/// Adds the sums of a row of blocks to a share of what they were.
 #[inline(always)]
-pub fn add(lines: Lines<'_>, level: f32, kept: f32, arch: Arch, blocks: &mut [Sums]) {
+pub fn add(lines: Lines<'_>, kept: f32, arch: Arch, blocks: &mut [Sums]) {
     let Lines { features, colors, groups } = lines;
-    let floor = Lanes([error_floor(level); LANES]);
     let rows = features.len() / groups;
     for (at, blocks) in blocks.chunks_mut(LANES / BLOCK).enumerate() {
         let mut sums = [Lanes::ZERO; STATE];
         for row in 0..rows {
-            add_products(&mut sums, features[row * groups + at], &colors[row * groups + at], floor);
+            add_products(&mut sums, features[row * groups + at], &colors[row * groups + at]);
         }
         for row in 0..rows {
             add_moments(&mut sums, features[row * groups + at], &colors[row * groups + at]);
@@ -59,9 +54,9 @@ pub fn add(lines: Lines<'_>, level: f32, kept: f32, arch: Arch, blocks: &mut [Su
     }
 }
 
-/// Adds the count, the features, their products and distances of eight pixels to sums.
+/// Adds the count, the features and their products of eight pixels to sums.
 #[inline(always)]
-fn add_products(sums: &mut [Lanes; STATE], z: Features, color: &Colors, floor: Lanes) {
+fn add_products(sums: &mut [Lanes; STATE], z: Features, color: &Colors) {
     let weight = color[3];
     let [a, b, c] = [z[0] * weight, z[1] * weight, z[2] * weight];
     let [p, q, r] = [a * z[0], b * z[1], c * z[2]];
@@ -69,8 +64,6 @@ fn add_products(sums: &mut [Lanes; STATE], z: Features, color: &Colors, floor: L
     for (sum, term) in sums.iter_mut().zip(terms) {
         *sum += term;
     }
-    let [x, y, w] = [color[0] - a, color[1] - b, color[2] - c];
-    sums[DISTANCES] += ((x * x + y * y) + w * w) / ((p + q) + (r + floor));
 }
 
 /// Adds the colors of eight pixels and their products with the features to sums.

@@ -5,7 +5,7 @@
 //! smoothing alone would blur.
 
 use super::ahead::Ahead;
-use super::detail::{self, Noise};
+use super::detail;
 use super::history::{Histories, with_alpha};
 use super::lanes::{LANES, Lanes};
 use super::layout::{ALPHA, COUNT, MARGIN, PLANES, fill_margins, line_of};
@@ -35,10 +35,6 @@ pub struct Scratch {
     sums: Vec<f32>,
     /// Largest color around the pixels of a row.
     around: Vec<Lanes>,
-    /// Means over few pixels, how opaque all around is, and sums of both.
-    near: Vec<Features>,
-    opaque: Vec<Lanes>,
-    apart: Vec<[f32; 2]>,
 }
 
 /// Rows of a picture that are written: the next state of the histories, the features, and the colors to be learned.
@@ -46,18 +42,17 @@ pub struct Scratch {
 pub struct Rows<'r> {
     pub pixels: &'r mut [Packed],
     pub features: &'r mut [Features],
+    /// Means of the histories over few pixels, and the histories themselves.
+    pub histories: &'r mut [detail::Histories],
     pub colors: &'r mut [Colors],
 }
 
-/// Features of a row that alpha guides, and what they are mixed from.
-struct Guided<'g> {
+/// What is taken from the smoothed histories of a row.
+struct Taken<'g> {
     features: &'g mut [Features],
+    histories: &'g mut [detail::Histories],
     /// Largest color around the pixels.
     around: &'g mut [Lanes],
-    /// Means over small neighbourhoods.
-    near: &'g mut [Features],
-    /// Share of the small neighbourhoods that counts, by how opaque the large ones are.
-    opaque: &'g mut [Lanes],
 }
 
 /// Histories to be smoothed, and what guides that.
@@ -86,18 +81,16 @@ impl Smoothing<'_> {
     /// Follows the histories of a band of rows from `top` on, and takes the features from them. Returns the largest color of the
     /// histories.
     #[inline(always)]
-    pub fn band(&self, top: usize, rows: Rows<'_>, noise: Option<Noise<'_>>, scratch: &mut Scratch) -> f32 {
+    pub fn band(&self, top: usize, rows: Rows<'_>, scratch: &mut Scratch) -> f32 {
         let [width, height] = self.histories.frame.size;
         let (groups, line) = (vectors(width), line_of(width));
         let guided = self.outline.alpha.is_some();
         let smoothed = if guided { SMOOTHED } else { 3 };
-        let Scratch { planes, triples, sums, around, near, opaque, apart } = scratch;
+        let Scratch { planes, triples, sums, around } = scratch;
         planes.resize(self.history() + PLANES + PRODUCTS, line);
         triples.resize(SMOOTHED, line);
         sums.resize(SMOOTHED * line, 0.0);
         around.resize(groups, Lanes::ZERO);
-        near.resize(groups, Features::default());
-        opaque.resize(groups, Lanes::ZERO);
         let count = rows.pixels.len() / width;
         let mut most = Lanes::ZERO;
         for step in 0..count + 2 * HALO {
@@ -119,16 +112,14 @@ impl Smoothing<'_> {
                 add(parts.map(|part| &part[..SMOOTHED * line]), sums);
             }
             let features = &mut rows.features[row * groups..][..groups];
+            let histories = &mut rows.histories[row * groups..][..groups];
+            let to = Taken { features, histories, around };
             let pixels = planes.row(centre);
             let few = triples.row(centre);
             if guided {
-                let to = Guided { features, around, near, opaque };
-                let any = self.guided(top + row, pixels, [few, sums], to);
-                if let Some(noise) = noise.filter(|_| any) {
-                    detail::mix(row, features, near, opaque, noise, apart);
-                }
+                self.guided(top + row, pixels, [few, sums], to);
             } else {
-                smoothed_alone(few, line, features, around);
+                self.alone(pixels, few, to);
             }
             let colors = &mut rows.colors[row * groups..][..groups];
             let next = &mut rows.pixels[row * width..][..width];
@@ -162,16 +153,14 @@ impl Smoothing<'_> {
         }
     }
 
-    /// Writes the features of a row from the sums over small and large neighbourhoods. Returns true if any is opaque.
+    /// Takes the features of a row from the sums over small and large neighbourhoods.
     #[inline(always)]
-    fn guided(&self, y: usize, pixels: &[f32], [few, many]: [&[f32]; 2], to: Guided<'_>) -> bool {
-        let Guided { features, around, near, opaque } = to;
+    fn guided(&self, y: usize, pixels: &[f32], [few, many]: [&[f32]; 2], to: Taken<'_>) {
+        let Taken { features, histories, around } = to;
         let line = line_of(self.histories.frame.size[0]);
         let history = &pixels[self.history() * line..][..PLANES * line];
         let proportional = self.outline.proportional;
-        let mut most = Lanes::ZERO;
-        let rows = features.iter_mut().zip(around).zip(near.iter_mut().zip(opaque)).enumerate();
-        for (at, ((features, around), (near, opaque))) in rows {
+        for (at, ((features, histories), around)) in features.iter_mut().zip(histories).zip(around).enumerate() {
             let left = at * LANES;
             let mut means = [Lanes::ZERO; SMOOTHED];
             for (mean, sums) in means.iter_mut().zip(many.chunks_exact(line)) {
@@ -182,32 +171,35 @@ impl Smoothing<'_> {
                 *mean = mean_of::<{ RADII[0] }>(sums, left);
             }
             let [r, g, b, a, .., aa] = means;
-            let before = Lanes::load(history, ALPHA * line + MARGIN + left);
-            let count = Lanes::load(history, COUNT * line + MARGIN + left);
-            let alpha = with_alpha(before, count, self.histories.alphas(y, left));
+            let own = |plane: usize| Lanes::load(history, plane * line + MARGIN + left);
+            let before = own(ALPHA);
+            let alpha = with_alpha(before, own(COUNT), self.histories.alphas(y, left));
             // The slope of colors on alpha; as far as alpha varies little, colors count as proportional to it.
             let variance = (aa - a * a).max(Lanes::ZERO) + a * a * proportional + LEAST_VARIANCE;
             let inverse = Lanes([1.0; LANES]) / variance;
             for c in 0..3 {
                 let slope = (means[4 + c] - means[c] * a * (1.0 - proportional)) * inverse;
                 features[c] = means[c] + slope * (alpha - a);
-                near[c] = small[c] + slope * (alpha - small[ALPHA]);
+                histories[0][c] = small[c] + slope * (alpha - small[ALPHA]);
+                histories[1][c] = own(c) + slope * (alpha - before);
             }
-            *opaque = detail::opaqueness(a);
-            most = most.max(*opaque);
             *around = r.max(g).max(b).max(features[0].max(features[1]).max(features[2]));
         }
-        most != Lanes::ZERO
     }
-}
 
-/// Writes features that no alpha guides.
-#[inline(always)]
-fn smoothed_alone(sums: &[f32], line: usize, features: &mut [Features], around: &mut [Lanes]) {
-    for (at, (features, around)) in features.iter_mut().zip(around).enumerate() {
-        for (feature, sums) in features.iter_mut().zip(sums.chunks_exact(line)) {
-            *feature = mean_of::<{ RADII[0] }>(sums, at * LANES);
+    /// Takes the features of a row that no alpha guides.
+    #[inline(always)]
+    fn alone(&self, pixels: &[f32], sums: &[f32], to: Taken<'_>) {
+        let Taken { features, histories, around } = to;
+        let line = line_of(self.histories.frame.size[0]);
+        let history = &pixels[self.history() * line..][..PLANES * line];
+        for (at, ((features, histories), around)) in features.iter_mut().zip(histories).zip(around).enumerate() {
+            for (c, sums) in sums.chunks_exact(line).enumerate().take(3) {
+                features[c] = mean_of::<{ RADII[0] }>(sums, at * LANES);
+                histories[0][c] = features[c];
+                histories[1][c] = Lanes::load(history, c * line + MARGIN + at * LANES);
+            }
+            *around = features[0].max(features[1]).max(features[2]);
         }
-        *around = features[0].max(features[1]).max(features[2]);
     }
 }
