@@ -395,6 +395,11 @@ fn slices_that_hold_other_numbers_are_told() {
     assert!(header.notes.iter().any(told), "{header:?}");
     let stored: Vec<f64> = whole[2].values.iter().map(|v| f64::from(v.cast_unsigned()) * 2.0 - 1024.0).collect();
     assert_eq!(values[24..36], stored);
+    // The intercept alone: the slope's element has another name.
+    one(&[0x28, 0, 0x53, 0x10, b'D', b'S'], &[0x28, 0, 0x55, 0x10, b'D', b'S']);
+    let (header, values) = read(folder.path(), &Options::default()).unwrap();
+    assert!(header.notes.iter().any(|n| n.contains("first of them 02.dcm, lack a rescale slope")), "{header:?}");
+    assert_eq!(values[24], f64::from(whole[2].values[0]) - 1024.0);
     one(b"MONOCHROME2", b"MONOCHROME1");
     let error = read(folder.path(), &Options::default()).unwrap_err();
     let text = error.to_string();

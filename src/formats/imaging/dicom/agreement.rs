@@ -33,11 +33,12 @@ pub fn check(files: &[File], planes: &[Plane], notes: &mut Vec<String>) -> Resul
         ));
     }
     let rescaled = |plane: &Plane| files[plane.file].frame(plane.frame).rescaled;
-    let without: Vec<Plane> = planes.iter().filter(|plane| !rescaled(plane)).copied().collect();
-    if let Some(first) = without.first().filter(|_| without.len() < planes.len()) {
+    let stated = [0, 1].map(|which| planes.iter().any(|plane| rescaled(plane)[which]));
+    let without: Vec<Plane> = planes.iter().filter(|plane| rescaled(plane) != stated).copied().collect();
+    if let Some(first) = without.first() {
         notes.push(format!(
-            "{} of {} slices, the first of them {}, state neither a rescale slope nor an intercept, and the others do; their \
-             values are taken as they are stored",
+            "{} of {} slices, the first of them {}, lack a rescale slope or intercept that others state; a slope of 1 and an \
+             intercept of 0 are taken for what is missing",
             without.len(),
             planes.len(),
             name(files, *first)

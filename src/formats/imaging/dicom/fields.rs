@@ -21,8 +21,8 @@ pub struct Frame {
     pub thickness: Option<f64>,
     /// Slope and intercept that stored values are multiplied by and added to.
     pub rescale: (f64, f64),
-    /// True if the file states a slope or an intercept.
-    pub rescaled: bool,
+    /// Whether the file states the slope, and the intercept.
+    pub rescaled: [bool; 2],
 }
 
 /// An item with the byte order of its numbers.
@@ -111,7 +111,7 @@ impl Fields<'_> {
                     shown(SLOPE)
                 )));
             }
-            frame.rescaled |= slope.is_some() || intercept.is_some();
+            frame.rescaled = [frame.rescaled[0] || slope.is_some(), frame.rescaled[1] || intercept.is_some()];
             frame.rescale = (slope.unwrap_or(frame.rescale.0), intercept.unwrap_or(frame.rescale.1));
         }
         Ok(frame)

@@ -255,11 +255,11 @@ pub fn read(path: &Path, limits: Limits) -> Result<File> {
         spacing: None,
         thickness: None,
         rescale: (1.0, 0.0),
-        rescaled: false,
+        rescaled: [false; 2],
     };
     let mut shared = fields.frame(&none)?;
     if let Some(scaling) = fields.number(DOSE_SCALING)? {
-        (shared.rescale, shared.rescaled) = ((scaling, 0.0), true);
+        (shared.rescale, shared.rescaled) = ((scaling, 0.0), [true; 2]);
     }
     if let Some(group) = fields.inner(SHARED_GROUPS) {
         shared = group.frame(&shared)?;
