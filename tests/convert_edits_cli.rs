@@ -307,3 +307,19 @@ fn files_of_other_up_axes_are_not_joined() {
         (&text("Houdini 20"), &text("a"), &text("c"))
     );
 }
+
+#[test]
+fn a_grid_that_is_named_twice_counts_once() {
+    let work = Work::new();
+    let scalar = |name: &str| NativeGrid::from_grid(&volume(name, 1, |p| p.x as f32)).unwrap();
+    let grids = [scalar("density"), scalar("heat")];
+    write(&work.path("in.vdb"), &grids.each_ref());
+    let grids = |words: &str| work.json(words)["grids"].as_array().unwrap().len();
+    assert_eq!(grids("convert in.vdb out.vdb --grid density --grid density"), 1);
+    let file = File::open(work.path("out.vdb"), Limits::default()).unwrap();
+    assert_eq!(file.entries().iter().map(|e| e.name.as_str()).collect::<Vec<_>>(), ["density"]);
+    assert_eq!(grids("convert in.vdb two.vdb --grid heat --grid density --grid heat"), 2);
+    assert_eq!(grids("convert in.vdb out.nvdb --grid density --grid density"), 1);
+    assert_eq!(grids("convert out.nvdb back.vdb --grid density --grid density"), 1);
+    work.json("convert in.vdb out.npy --grid density --grid density");
+}

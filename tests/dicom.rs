@@ -6,6 +6,8 @@ use cumulo::error::Result;
 use cumulo::formats::imaging::format::{Format, open, sniff};
 use cumulo::formats::imaging::image::{Header, Values};
 use cumulo::formats::imaging::options::Options;
+use cumulo::formats::imaging::values::Mapping;
+use cumulo::formats::imaging::volume::{GridType, Settings, build};
 use cumulo::formats::limits::Limits;
 use cumulo::math::Affine;
 use glam::DVec3;
@@ -326,6 +328,82 @@ fn a_slice_that_is_lost_is_named() {
     assert!(read(folder.path(), &Options::default()).unwrap_err().to_string().contains("I17"));
     std::fs::remove_file(folder.path().join("I17")).unwrap();
     assert_eq!(read(folder.path(), &Options::default()).unwrap().0.size, [4, 3, 5]);
+}
+
+/// Notes of a folder once all of its slices are read.
+fn notes_of(folder: &Path) -> Vec<String> {
+    let mut image = open(folder, Format::Dicom, &Options::default(), LIMITS).unwrap().remove(0);
+    let limits = Limits { max_memory: 1 << 30 };
+    let settings = Settings { name: "g", grid_type: GridType::Float, mapping: Mapping::default(), limits };
+    build(&mut image, &settings, |_, _| {}).unwrap();
+    image.header.notes
+}
+
+#[test]
+fn slices_of_zeros_are_noted() {
+    let whole = series(EXPLICIT);
+    let notes = |change: &dyn Fn(&mut [Slice])| {
+        let mut slices = whole.clone();
+        change(&mut slices);
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path(), &slices);
+        notes_of(folder.path())
+    };
+    assert_eq!(notes(&|_| {}), Vec::<String>::new());
+    let empty = notes(&|slices| slices[2].values.fill(0));
+    assert!(empty.len() == 1 && empty[0].contains("every pixel of slice 3 of 5 (02.dcm)"), "{empty:?}");
+    let two = notes(&|slices| slices[3..].iter_mut().for_each(|s| s.values.fill(0)));
+    assert!(two.len() == 1 && two[0].contains("2 slices, the first of them slice 4 of 5"), "{two:?}");
+    let cut = notes(&|slices| slices[2].values[4..].fill(0));
+    assert!(cut.len() == 1 && cut[0].contains("the last 2 rows of slice 3 of 5 (02.dcm)"), "{cut:?}");
+    let last = notes(&|slices| slices[4].values[3..].fill(0));
+    assert!(last.len() == 1 && last[0].contains("the last 2 rows of slice 5 of 5"), "{last:?}");
+    // Air, a row of it, and a series of nothing else are no loss.
+    assert_eq!(notes(&|slices| slices.iter_mut().for_each(|s| s.values[4..].fill(0))), Vec::<String>::new());
+    assert_eq!(notes(&|slices| slices[2].values[8..].fill(0)), Vec::<String>::new());
+    assert_eq!(notes(&|slices| slices.iter_mut().for_each(|s| s.values.fill(0))), Vec::<String>::new());
+}
+
+#[test]
+fn slices_that_hold_other_numbers_are_told() {
+    let whole = series(EXPLICIT);
+    // A slope of 0 leaves nothing of a slice.
+    let mut slices = whole.clone();
+    slices[2].rescale = Some((0.0, -1024.0));
+    let error = read_slices(&slices).unwrap_err();
+    let text = error.to_string();
+    assert!(text.contains("02.dcm") && text.contains("(0028,1053)") && error.remedy().is_some(), "{text}");
+    // One without a scale is taken as it is stored.
+    slices[2].rescale = None;
+    let (header, values) = read_slices(&slices).unwrap();
+    assert!(header.notes.iter().any(|n| n.contains("1 of 5 slices, the first of them 02.dcm")), "{header:?}");
+    assert_eq!(values[24], f64::from(slices[2].values[0]));
+    assert_eq!(values[36], f64::from(slices[3].values[0]) * 2.0 - 1024.0);
+    // Other slopes alone are usual in PET.
+    slices[2].rescale = Some((3.0, -1024.0));
+    assert_eq!(read_slices(&slices).unwrap().0.notes, Vec::<String>::new());
+
+    let folder = tempfile::tempdir().unwrap();
+    let one = |from: &[u8], to: &[u8]| {
+        write(folder.path(), &whole);
+        std::fs::write(folder.path().join("02.dcm"), patched(whole[2].file(), from, to)).unwrap();
+    };
+    // Without signs: each slice is decoded by its own header, and this is said.
+    one(&[0x28, 0, 3, 1, b'U', b'S', 2, 0, 1, 0], &[0x28, 0, 3, 1, b'U', b'S', 2, 0, 0, 0]);
+    let (header, values) = read(folder.path(), &Options::default()).unwrap();
+    let told = |n: &String| n.contains("02.dcm holds unsigned integers") && n.contains("signed integers of 16 bits");
+    assert!(header.notes.iter().any(told), "{header:?}");
+    let stored: Vec<f64> = whole[2].values.iter().map(|v| f64::from(v.cast_unsigned()) * 2.0 - 1024.0).collect();
+    assert_eq!(values[24..36], stored);
+    // The intercept alone: the slope's element has another name.
+    one(&[0x28, 0, 0x53, 0x10, b'D', b'S'], &[0x28, 0, 0x55, 0x10, b'D', b'S']);
+    let (header, values) = read(folder.path(), &Options::default()).unwrap();
+    assert!(header.notes.iter().any(|n| n.contains("first of them 02.dcm, lack a rescale slope")), "{header:?}");
+    assert_eq!(values[24], f64::from(whole[2].values[0]) - 1024.0);
+    one(b"MONOCHROME2", b"MONOCHROME1");
+    let error = read(folder.path(), &Options::default()).unwrap_err();
+    let text = error.to_string();
+    assert!(text.contains("02.dcm") && text.contains("MONOCHROME1") && error.remedy().is_some(), "{text}");
 }
 
 #[test]

@@ -15,6 +15,7 @@ use cumulo::formats::sample::{Endian, Sample};
 use cumulo::math::Affine;
 use rlimit::Resource;
 use std::collections::BTreeMap;
+use std::io::Read;
 use std::path::Path;
 
 /// What reading may take in memory.
@@ -200,6 +201,61 @@ fn numbers_without_a_meaning_are_refused() {
         refused("a.nhdr", &nrrd(&format!("data file: {data}")), "does not lie in the header's folder");
     }
     refused("a.mhd", &meta("", "../s%d.raw 1 1 1"), "does not lie in the header's folder");
+}
+
+/// Damage of the checksum or the length at the end of a stream, which the values alone do not show.
+#[test]
+fn values_that_disagree_with_their_checksum_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let samples = images::samples();
+    let of = |name: &str| samples.iter().find(|s| s.name == name).unwrap();
+    let refused = |sample: &images::Sample, file: &str, bytes: &[u8]| {
+        let path = sample.write(dir.path());
+        std::fs::write(dir.path().join(file), bytes).unwrap();
+        let error = read(&path, sample).err().unwrap_or_else(|| panic!("{}: damage is read", sample.name));
+        let text = error.to_string();
+        assert!(text.contains("checksum") && text.contains("damaged") && error.remedy().is_some(), "{text}");
+        assert!(text.contains(sample.files[0].0), "{text}");
+    };
+    // Places from the end of the file: of gzip's length and checksum, and of zlib's checksum.
+    let cases: [(&str, &[usize]); 3] =
+        [("NIfTI-1, packed", &[1, 4, 5, 8]), ("NRRD, detached", &[1, 8]), ("MetaImage, apart", &[1, 4])];
+    for (name, places) in cases {
+        let sample = of(name);
+        let (file, whole) = sample.files.last().unwrap();
+        for place in places {
+            let mut bytes = whole.clone();
+            bytes[whole.len() - place] ^= 0x10;
+            refused(sample, file, &bytes);
+        }
+        refused(sample, file, &whole[..whole.len() - 2]);
+        // Zeros behind the stream are no damage.
+        std::fs::write(dir.path().join(file), [&whole[..], &[0; 64]].concat()).unwrap();
+        read(&dir.path().join(sample.files[0].0), sample).unwrap();
+    }
+
+    // Several members of gzip are one stream, and each has its checksum.
+    let sample = of("NIfTI-1, packed");
+    let (file, whole) = &sample.files[0];
+    let mut plain = Vec::new();
+    flate2::read::GzDecoder::new(&whole[..]).read_to_end(&mut plain).unwrap();
+    let [first, second] = [&plain[..400], &plain[400..]].map(images::gzip);
+    let both = [&first[..], &second].concat();
+    std::fs::write(dir.path().join(file), &both).unwrap();
+    read(&dir.path().join(file), sample).unwrap();
+    for at in [first.len() - 8, both.len() - 8] {
+        let mut bytes = both.clone();
+        bytes[at] ^= 1;
+        refused(sample, file, &bytes);
+    }
+
+    // The checksum of an archive's first array stands in its directory.
+    let sample = of("NumPy's archive");
+    let (file, whole) = &sample.files[0];
+    let entry = whole.windows(4).position(|w| w == b"PK\x01\x02").unwrap();
+    let mut bytes = whole.clone();
+    bytes[entry + 16] ^= 1;
+    refused(sample, file, &bytes);
 }
 
 /// Strips that a TIFF leaves out, or that are shorter than their pixels, are no zeros.

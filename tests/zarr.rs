@@ -279,3 +279,22 @@ fn damaged_images_are_refused() {
     }
     assert!(refused > 150, "{refused}");
 }
+
+/// gzip of a chunk has a checksum, which damage of the values and of itself contradicts.
+#[test]
+fn chunks_that_disagree_with_their_checksum_are_refused() {
+    for version in [2, 3] {
+        let folder = tempfile::tempdir().unwrap();
+        image(folder.path(), version);
+        read(folder.path(), &Options::default()).unwrap();
+        let chunk = folder.path().join(if version == 2 { "0/0/0/1/1/1" } else { "0/c/0/0/1/1/1" });
+        let whole = std::fs::read(&chunk).unwrap();
+        for place in [1, 5, 8] {
+            let mut bytes = whole.clone();
+            bytes[whole.len() - place] ^= 1;
+            std::fs::write(&chunk, bytes).unwrap();
+            let error = read(folder.path(), &Options::default()).unwrap_err();
+            assert!(error.to_string().contains("damaged") && error.remedy().is_some(), "{error}");
+        }
+    }
+}

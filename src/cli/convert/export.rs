@@ -68,7 +68,7 @@ impl Convert {
     fn one_grid(&self, file: &File) -> Result<String> {
         let names: Vec<&str> = file.entries().iter().map(|e| e.name.as_str()).collect();
         match (&self.grid[..], &names[..]) {
-            ([name], _) => file.find(name).map(|e| e.name.clone()),
+            ([name, more @ ..], _) if more.iter().all(|other| other == name) => file.find(name).map(|e| e.name.clone()),
             ([], [only]) => Ok((*only).to_owned()),
             ([], _) if names.contains(&"density") => Ok("density".into()),
             _ => Err(Error::invalid(format!("one grid makes an array; the file has {}", names.join(", ")))

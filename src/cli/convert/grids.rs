@@ -117,7 +117,15 @@ impl Convert {
         if self.grid.is_empty() {
             return Ok(file.entries().iter().map(|e| e.name.clone()).collect());
         }
-        self.grid.iter().map(|name| file.find(name).map(|e| e.name.clone())).collect()
+        let mut chosen = Vec::new();
+        for name in &self.grid {
+            let name = &file.find(name)?.name;
+            // A grid that is named twice counts once.
+            if !chosen.contains(name) {
+                chosen.push(name.clone());
+            }
+        }
+        Ok(chosen)
     }
 
     fn edit(

@@ -29,7 +29,6 @@ impl Convert {
         let (mut natives, mut places, mut notes) = (Vec::new(), Vec::new(), Vec::new());
         let mut held = 0;
         for (mut image, name) in images.into_iter().zip(names) {
-            notes.append(&mut image.header.notes);
             let left = Limits { max_memory: limits.max_memory.saturating_sub(held) };
             let settings = Settings {
                 name: &name,
@@ -38,6 +37,8 @@ impl Convert {
                 limits: left,
             };
             let (mut native, place) = self.image_to_grid(&mut image, &settings, &stage)?;
+            // Reading the values has added to the notes.
+            notes.append(&mut image.header.notes);
             if self.half {
                 notes.extend(half::store(&mut native)?);
             }

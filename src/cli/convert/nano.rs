@@ -64,7 +64,15 @@ impl Convert {
                     .hint("name one of these")
             })
         };
-        self.grid.iter().map(find).collect()
+        let mut chosen = Vec::new();
+        for name in &self.grid {
+            let index = find(name)?;
+            // A grid that is named twice counts once.
+            if !chosen.contains(&index) {
+                chosen.push(index);
+            }
+        }
+        Ok(chosen)
     }
 
     /// Writes the grids of a VDB as those of a NanoVDB.

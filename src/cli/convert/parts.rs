@@ -51,7 +51,11 @@ impl Convert {
         let mut parts: Vec<Part> = files.iter().map(part).collect();
         for name in &self.grid {
             let part = &mut parts[holder(files, name)?];
-            part.names.push(part.file.find(name)?.name.clone());
+            let name = part.file.find(name)?.name.clone();
+            // A grid that is named twice counts once.
+            if !part.names.contains(&name) {
+                part.names.push(name);
+            }
         }
         if self.grid.is_empty() {
             parts.iter_mut().for_each(|p| p.names = p.file.entries().iter().map(|e| e.name.clone()).collect());

@@ -47,6 +47,11 @@ pub trait Slices {
     /// If the file ends early, is damaged, or cannot be read.
     fn next_slice(&mut self, values: &mut [f64]) -> Result<()>;
 
+    /// What the slices that were read have shown, one sentence each, for the user; all of it once the last one is read.
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// Bytes of memory that reading takes beside the slice: of an array that is held whole, or of chunks. Buffers of a fixed size
     /// do not count.
     fn held(&self) -> u64 {

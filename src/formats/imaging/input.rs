@@ -3,8 +3,9 @@
 use super::text::shown;
 use crate::error::{Error, Result};
 use crate::formats::input;
-use flate2::read::{MultiGzDecoder, ZlibDecoder};
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use flate2::bufread::GzDecoder;
+use flate2::{Decompress, FlushDecompress, Status};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Component, Path, PathBuf};
 
 /// Bytes that are read at a time.
@@ -33,14 +34,111 @@ pub fn values(path: &Path, from: u64, packing: Packing, skip: u64) -> Result<Box
     let reader = BufReader::with_capacity(BUFFER, file);
     let mut unpacked: Box<dyn Read> = match packing {
         Packing::Plain => return Ok(Box::new(reader)),
-        Packing::Gzip => Box::new(MultiGzDecoder::new(reader)),
-        Packing::Zlib => Box::new(ZlibDecoder::new(reader)),
+        Packing::Gzip => Box::new(Members { member: Some(GzDecoder::new(reader)) }),
+        Packing::Zlib => Box::new(Zlib::new(reader)),
     };
     let skipped = std::io::copy(&mut (&mut unpacked).take(skip), &mut std::io::sink());
     match skipped {
         Ok(n) if n == skip => Ok(unpacked),
-        Ok(_) => Err(super::stream::failed(std::io::ErrorKind::UnexpectedEof.into(), 0).at(path)),
+        Ok(_) => Err(super::stream::failed(ErrorKind::UnexpectedEof.into(), 0).at(path)),
         Err(e) => Err(super::stream::failed(e, 0).at(path)),
+    }
+}
+
+/// Values of `length` unpacked bytes that compare themselves with the checksum of their stream: once the last of them is read,
+/// the stream is read to its end, where the checksum is. Values that are not packed have none.
+pub fn whole(reader: Box<dyn Read>, packing: Packing, length: u64) -> Box<dyn Read> {
+    match packing {
+        Packing::Plain => reader,
+        Packing::Gzip | Packing::Zlib => Box::new(Whole { reader, left: length }),
+    }
+}
+
+/// Packed values that are read to the end of their stream.
+struct Whole {
+    reader: Box<dyn Read>,
+    /// Bytes of values that are not read yet.
+    left: u64,
+}
+
+impl Read for Whole {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        let n = self.reader.read(out)?;
+        let before = self.left;
+        self.left = before.saturating_sub(n as u64);
+        if before > 0 && self.left == 0 {
+            // Readers of values stop before the checksum, so that nothing would compare it.
+            std::io::copy(&mut self.reader, &mut std::io::sink()).map_err(|e| match e.kind() {
+                ErrorKind::UnexpectedEof => {
+                    std::io::Error::new(ErrorKind::InvalidData, "the stream ends before its checksum")
+                }
+                _ => e,
+            })?;
+        }
+        Ok(n)
+    }
+}
+
+/// Members of gzip one behind the other, each of which ends with its checksum and its length. As gzip itself does, what
+/// follows the last of them and is no member is left out: tapes fill their blocks with zeros.
+struct Members<R> {
+    member: Option<GzDecoder<R>>,
+}
+
+impl<R: BufRead> Read for Members<R> {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        loop {
+            let Some(member) = &mut self.member else { return Ok(0) };
+            let n = member.read(out)?;
+            if n > 0 || out.is_empty() {
+                return Ok(n);
+            }
+            let Some(ended) = self.member.take() else { return Ok(0) };
+            let mut rest = ended.into_inner();
+            if rest.fill_buf()?.first() == Some(&0x1f) {
+                self.member = Some(GzDecoder::new(rest));
+            }
+        }
+    }
+}
+
+/// A stream of zlib, which ends with its checksum. The decoder of the crate takes a stream that is cut off for one that ends.
+pub struct Zlib<R> {
+    reader: R,
+    state: Decompress,
+    ended: bool,
+}
+
+impl<R: BufRead> Zlib<R> {
+    /// Unpacks what `reader` gives, up to the end of the stream.
+    pub fn new(reader: R) -> Self {
+        Self { reader, state: Decompress::new(true), ended: false }
+    }
+}
+
+impl<R: BufRead> Read for Zlib<R> {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        while !self.ended && !out.is_empty() {
+            let packed = self.reader.fill_buf()?;
+            let (before_in, before_out) = (self.state.total_in(), self.state.total_out());
+            let status = self.state.decompress(packed, out, FlushDecompress::None);
+            let taken = (self.state.total_in() - before_in) as usize;
+            let made = (self.state.total_out() - before_out) as usize;
+            self.reader.consume(taken);
+            match status {
+                Ok(Status::StreamEnd) => self.ended = true,
+                Ok(_) if taken == 0 && made == 0 => return Err(ErrorKind::UnexpectedEof.into()),
+                Ok(_) => {}
+                Err(_) => {
+                    let what = "the zlib stream contradicts itself or its checksum";
+                    return Err(std::io::Error::new(ErrorKind::InvalidData, what));
+                }
+            }
+            if made > 0 {
+                return Ok(made);
+            }
+        }
+        Ok(0)
     }
 }
 

@@ -227,7 +227,10 @@ impl Data {
             n => u64::try_from(n).map_err(|_| wrong("HeaderSize", &n.to_string()))?,
         };
         let from = self.from.saturating_add(skip);
-        let reader = input::values(file, from, self.packing, 0)?;
+        let mut reader = input::values(file, from, self.packing, 0)?;
+        if !self.text {
+            reader = input::whole(reader, self.packing, self.share);
+        }
         if self.packing == Packing::Plain && !self.text {
             input::has(file, from, Some(self.share))?;
         }

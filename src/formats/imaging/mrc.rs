@@ -202,7 +202,10 @@ pub fn open(path: &Path) -> Result<Image> {
     let index_to_world = placed(&words, size, &mut notes).map_err(place)?;
     let reader = match packing {
         Packing::Plain => input::values(path, from, packing, 0)?,
-        _ => input::values(path, 0, packing, from)?,
+        _ => {
+            let bytes = input::byte_count(size, 1, sample.bytes()).unwrap_or(u64::MAX);
+            input::whole(input::values(path, 0, packing, from)?, packing, bytes)
+        }
     };
     let values = if sample.is_integer() { Values::Integer } else { Values::Real };
     let header = Header { name: None, size, components: 1, values, index_to_world, notes };

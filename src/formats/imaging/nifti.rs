@@ -237,7 +237,7 @@ fn image(fields: &Fields, data: &Path, packing: Packing, options: &Options, apar
     let scale = if together == 1 { scale(fields, &mut notes)? } else { None };
     let part = |plane: usize| {
         let before = (plane * times + time) as u64 * volume;
-        let reader = input::values(data, 0, packing, offset as u64 + before)?;
+        let reader = input::whole(input::values(data, 0, packing, offset as u64 + before)?, packing, volume);
         Ok(Box::new(Binary::new(reader, sample, fields.endian).scaled(scale)) as Box<dyn Slices>)
     };
     let parts = (0..planes).map(part).collect::<Result<Vec<_>>>()?;

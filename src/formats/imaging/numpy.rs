@@ -13,8 +13,9 @@ use crate::formats;
 use crate::formats::limits::Limits;
 use crate::formats::npy;
 use crate::formats::sample::{Endian, Sample};
+use flate2::Crc;
 use flate2::read::DeflateDecoder;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::path::Path;
 use zip::{CompressionMethod, ZipArchive};
 
@@ -147,7 +148,7 @@ impl Strided {
         reader.take(self.length).read_to_end(&mut self.bytes).map_err(|e| failed(e, 0))?;
         if self.bytes.len() as u64 != self.length {
             let done = self.bytes.len() / self.sample.bytes();
-            return Err(failed(std::io::ErrorKind::UnexpectedEof.into(), done as u64));
+            return Err(failed(ErrorKind::UnexpectedEof.into(), done as u64));
         }
         Ok(())
     }
@@ -197,6 +198,7 @@ pub fn open_archive(path: &Path, options: &Options, limits: Limits) -> Result<Ve
         let member = archive.by_index_raw(index).map_err(damaged)?;
         let name = member.name().trim_end_matches(".npy").to_owned();
         let (method, start, length) = (member.compression(), member.data_start(), member.compressed_size());
+        let (size, checksum) = (member.size(), member.crc32());
         drop(member);
         if !options.wants(&name) {
             names.push(name);
@@ -204,9 +206,10 @@ pub fn open_archive(path: &Path, options: &Options, limits: Limits) -> Result<Ve
         }
         let place = |e: Error| e.part(format!("array '{}'", shown(&name)));
         let start = start.ok_or_else(|| place(Error::invalid("its place is unknown").hint("copy the file again")))?;
-        let mut reader = unpacked(path, start, length, method).map_err(place)?;
-        let header = npy::Header::read(&mut reader).map_err(place)?.0;
-        header.count().map_err(place)?;
+        let packed = unpacked(path, start, length, method).map_err(place)?;
+        let mut reader: Box<dyn Read> = Box::new(Checked { reader: packed, sum: Crc::new(), left: size, checksum });
+        let (header, begin) = npy::Header::read(&mut reader).map_err(place)?;
+        let count = header.count().map_err(place)?;
         if options.array.is_none() && Layout::of(&header, options.axes).is_none() {
             left_out.push(format!(
                 "array '{}' of shape {:?} is no volume and was left out",
@@ -214,6 +217,12 @@ pub fn open_archive(path: &Path, options: &Options, limits: Limits) -> Result<Ve
                 header.shape
             ));
         } else {
+            let expected = (count as u64).checked_mul(header.sample.bytes() as u64).and_then(|n| n.checked_add(begin));
+            // What is read ends with the member's last byte, so that its checksum is compared.
+            if expected != Some(size) {
+                let what = format!("{size} bytes, which are not those of an array of shape {:?}", header.shape);
+                return Err(place(Error::invalid(what).hint("the file is damaged: copy it, or write it, again")));
+            }
             images.push(image(&header, reader, Some(name.clone()), options, limits).map_err(place)?);
         }
         names.push(name);
@@ -223,6 +232,29 @@ pub fn open_archive(path: &Path, options: &Options, limits: Limits) -> Result<Ve
         None => return Err(options.no_array(&names)),
     }
     Ok(images)
+}
+
+/// Content of a member of an archive, which is compared with its checksum when its last byte is read.
+struct Checked {
+    reader: Box<dyn Read>,
+    sum: Crc,
+    /// Bytes that are not read yet.
+    left: u64,
+    checksum: u32,
+}
+
+impl Read for Checked {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        let most = usize::try_from(self.left).unwrap_or(usize::MAX).min(out.len());
+        let n = self.reader.read(&mut out[..most])?;
+        self.sum.update(&out[..n]);
+        self.left -= n as u64;
+        if n > 0 && self.left == 0 && self.sum.sum() != self.checksum {
+            let what = "the bytes disagree with their checksum in the archive";
+            return Err(std::io::Error::new(ErrorKind::InvalidData, what));
+        }
+        Ok(n)
+    }
 }
 
 /// Content of a member of an archive.

@@ -64,7 +64,7 @@ impl Settings<'_> {
 
 /// Builds a grid from an image. Its background is 0; voxels of other values are active. Slices are held one at a time, so that
 /// the memory is that of what is active. Floats of which none is negative are a fog volume. `progress` is told the number of
-/// slices that are done and of all.
+/// slices that are done and of all. What the slices have shown joins the notes of the image.
 ///
 /// # Errors
 /// If the image cannot be read to its end, vectors are to be mapped, a value does not fit the grid's type, or the grid does not
@@ -103,6 +103,7 @@ pub fn build(
         }
         progress(slice + 1, z);
     }
+    image.header.notes.extend(image.slices.notes());
     let density = kind != ValueKind::Int32 && components == 1 && tally.least.is_some_and(|least| least >= 0.0);
     if density {
         native.set_class(GridClass::FogVolume)?;

@@ -21,6 +21,8 @@ pub struct Frame {
     pub thickness: Option<f64>,
     /// Slope and intercept that stored values are multiplied by and added to.
     pub rescale: (f64, f64),
+    /// Whether the file states the slope, and the intercept.
+    pub rescaled: [bool; 2],
 }
 
 /// An item with the byte order of its numbers.
@@ -102,6 +104,14 @@ impl Fields<'_> {
             [Some(Fields { item: self.item, big: self.big }), in_group(VALUE_TRANSFORMATION)].into_iter().flatten()
         {
             let (slope, intercept) = (fields.number(SLOPE)?, fields.number(INTERCEPT)?);
+            if slope == Some(0.0) {
+                return Err(damaged(format!(
+                    "the slope that stored values are multiplied by, element {}, is 0, which leaves nothing of them; another \
+                     number is expected",
+                    shown(SLOPE)
+                )));
+            }
+            frame.rescaled = [frame.rescaled[0] || slope.is_some(), frame.rescaled[1] || intercept.is_some()];
             frame.rescale = (slope.unwrap_or(frame.rescale.0), intercept.unwrap_or(frame.rescale.1));
         }
         Ok(frame)

@@ -249,10 +249,17 @@ pub fn read(path: &Path, limits: Limits) -> Result<File> {
         return Err(damaged(format!("images of {} rows, {} columns and {stated:?} frames", lengths[0], lengths[1])));
     };
     room(frames, lengths[0] * lengths[1] * pixels.bytes(), head, limits)?;
-    let none = Frame { position: None, orientation: None, spacing: None, thickness: None, rescale: (1.0, 0.0) };
+    let none = Frame {
+        position: None,
+        orientation: None,
+        spacing: None,
+        thickness: None,
+        rescale: (1.0, 0.0),
+        rescaled: [false; 2],
+    };
     let mut shared = fields.frame(&none)?;
     if let Some(scaling) = fields.number(DOSE_SCALING)? {
-        shared.rescale = (scaling, 0.0);
+        (shared.rescale, shared.rescaled) = ((scaling, 0.0), [true; 2]);
     }
     if let Some(group) = fields.inner(SHARED_GROUPS) {
         shared = group.frame(&shared)?;

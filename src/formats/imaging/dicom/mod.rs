@@ -9,6 +9,7 @@
 //!
 //! Source: [DICOM](https://www.dicomstandard.org/current), parts 3 (C.7.6), 5 and 10.
 
+mod agreement;
 mod element;
 mod fields;
 mod file;
@@ -40,11 +41,13 @@ pub fn is_series(folder: &Path) -> bool {
 ///
 /// # Errors
 /// If no file is DICOM, there are several series and the options choose none, a file of the series cannot be read, slices
-/// are missing, doubled or differ in size or orientation, or pixels are packed in a way that is not read.
+/// are missing, doubled or differ in size, orientation or in whether low values are shown bright, or pixels are packed in a way
+/// that is not read.
 pub fn open(path: &Path, options: &Options, limits: Limits) -> Result<Image> {
     let mut notes = Vec::new();
     let series = series::gather(path, options.series.as_deref(), limits, &mut notes)?;
     let stack = placement::stack(&series, options, &mut notes).map_err(|e| e.at(path))?;
+    agreement::check(&series.files, &stack.planes, &mut notes).map_err(|e| e.at(path))?;
     let files = series.files;
     let first = &files[stack.planes[0].file];
     let rescaled = stack.planes.iter().any(|plane| files[plane.file].frame(plane.frame).rescale != (1.0, 0.0));

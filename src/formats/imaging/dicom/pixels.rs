@@ -3,7 +3,7 @@
 use super::element::damaged;
 use super::file::{File, Pixels};
 use super::packing::Frames;
-use super::placement::Plane;
+use super::placement::{Plane, name};
 use super::syntax::Packing;
 use crate::error::{Error, Result};
 use crate::formats::imaging::image::Slices;
@@ -16,12 +16,22 @@ pub struct Planes {
     next: usize,
     /// Packed frames of the file that was read last, with its number.
     packed: Option<(usize, Frames)>,
+    /// For each slice that was read, the rows at its end of which every byte is 0.
+    zeros: Vec<usize>,
 }
 
 impl Planes {
     /// Slices in the order of `planes`.
     pub fn new(files: Vec<File>, planes: Vec<Plane>) -> Self {
-        Self { files, planes, next: 0, packed: None }
+        Self { files, planes, next: 0, packed: None, zeros: Vec::new() }
+    }
+
+    /// Slices in words: one, or how many and the first of them; none for none.
+    fn shown(&self, slices: &[usize]) -> Option<String> {
+        let first = *slices.first()?;
+        let file = name(&self.files, *self.planes.get(first)?);
+        let one = format!("slice {} of {} ({file})", first + 1, self.planes.len());
+        Some(if slices.len() == 1 { one } else { format!("{} slices, the first of them {one},", slices.len()) })
     }
 
     fn bytes(&mut self, plane: Plane) -> Result<Vec<u8>> {
@@ -87,11 +97,40 @@ impl Slices for Planes {
         let path = self.files[plane.file].path.clone();
         let bytes = self.bytes(plane).map_err(|e| e.at(&path))?;
         let file = &self.files[plane.file];
+        let tail = bytes.iter().rev().take_while(|byte| **byte == 0).count();
+        self.zeros.push(tail / (file.columns * file.pixels.bytes()).max(1));
         let (slope, intercept) = file.frame(plane.frame).rescale;
         let numbers = bytes.chunks_exact(file.pixels.bytes()).map(|b| value(file.pixels, b));
         values.iter_mut().zip(numbers).for_each(|(to, v)| *to = v * slope + intercept);
         self.next += 1;
         Ok(())
+    }
+
+    /// Copies that were broken off leave zeros where the rest of a file belongs. Air may be 0, too: this is no error.
+    fn notes(&self) -> Vec<String> {
+        let rows = self.files.first().map_or(0, |file| file.rows);
+        let all = 0..self.zeros.len();
+        let empty: Vec<usize> = all.clone().filter(|i| self.zeros[*i] == rows).collect();
+        // What is 0 beside an object is so in the next slice as well; a row or two may be an accident.
+        let few = (rows / 64).max(2);
+        let is_cut = |i: &usize| {
+            let beside = [i.checked_sub(1), Some(i + 1)].into_iter().flatten().filter_map(|at| self.zeros.get(at));
+            let beside: Vec<usize> = beside.copied().filter(|zeros| *zeros < rows).collect();
+            (few..rows).contains(&self.zeros[*i]) && !beside.is_empty() && beside.iter().all(|zeros| *zeros == 0)
+        };
+        let cut: Vec<usize> = all.filter(is_cut).collect();
+        let lost = "values may be lost: compare the file with the one that it was copied from";
+        let mut notes = Vec::new();
+        if let Some(slices) = self.shown(&empty).filter(|_| empty.len() < self.zeros.len()) {
+            notes.push(format!("every pixel of {slices} is stored as 0, and those of other slices are not; {lost}"));
+        }
+        if let Some((slices, first)) = self.shown(&cut).zip(cut.first()) {
+            let count = self.zeros[*first];
+            notes.push(format!(
+                "the last {count} rows of {slices} are stored as 0, and those of the slices beside are not; {lost}"
+            ));
+        }
+        notes
     }
 }
 

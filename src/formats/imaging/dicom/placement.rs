@@ -45,7 +45,8 @@ struct Located {
     plane: Plane,
 }
 
-fn name(files: &[File], plane: Plane) -> String {
+/// Name of a slice for people: that of its file, and the number of its frame if there are several.
+pub fn name(files: &[File], plane: Plane) -> String {
     let file = &files[plane.file];
     let name = file.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if file.frames > 1 { format!("frame {} of {name}", plane.frame + 1) } else { name }

@@ -91,9 +91,10 @@ impl Data {
         Ok(Self { files, from, encoding, sample, endian, byte_skip, line_skip })
     }
 
-    /// Slices of the volume that begins at number `first` of those of a file, if each of its numbers follows the one before.
-    pub fn slices(&self, file: &Path, first: u64, total: Option<u64>) -> Result<Box<dyn Slices>> {
-        let bytes = first.saturating_mul(self.sample.bytes() as u64);
+    /// Slices of the volume of `count` numbers that begins at number `first` of those of a file, if each of its numbers follows
+    /// the one before.
+    pub fn slices(&self, file: &Path, (first, count): (u64, u64), total: Option<u64>) -> Result<Box<dyn Slices>> {
+        let [bytes, own] = [first, count].map(|n| n.saturating_mul(self.sample.bytes() as u64));
         let mut from = self.from;
         if self.line_skip > 0 {
             let mut left = self.line_skip;
@@ -119,6 +120,7 @@ impl Data {
             }
             Encoding::Gzip => {
                 let reader = input::values(file, from, Packing::Gzip, skip.saturating_add(bytes))?;
+                let reader = input::whole(reader, Packing::Gzip, own);
                 Ok(Box::new(Binary::new(reader, self.sample, self.endian)))
             }
             Encoding::Text => {
@@ -172,7 +174,8 @@ impl Slices for Files {
     fn next_slice(&mut self, values: &mut [f64]) -> Result<()> {
         if self.left == 0 {
             let file = self.data.files.get(self.next).ok_or_else(|| wrong("data file", "too few files"))?;
-            self.now = Some(self.data.slices(file, 0, Some(self.share)).map_err(|e| e.at(file))?);
+            let count = self.share / self.data.sample.bytes() as u64;
+            self.now = Some(self.data.slices(file, (0, count), Some(self.share)).map_err(|e| e.at(file))?);
             (self.left, self.next) = (self.per_file, self.next + 1);
         }
         self.left -= 1;

@@ -176,11 +176,12 @@ fn slices(data: &Data, layout: &Layout, time: usize) -> Result<Box<dyn Slices>> 
 
 /// Slices of the volume that begins at number `first` of those of a file of `total` bytes.
 fn volume(data: &Data, layout: &Layout, file: &Path, first: u64, total: u64) -> Result<Box<dyn Slices>> {
+    let voxels = layout.size().iter().product::<usize>() as u64;
     match layout.components.filter(|a| *a > layout.space[0]) {
-        None => data.slices(file, first, Some(total)),
+        None => data.slices(file, (first, voxels * layout.length(layout.components) as u64), Some(total)),
         Some(axis) => {
             let step = layout.step(Some(axis));
-            let part = |c: usize| data.slices(file, first + c as u64 * step, Some(total));
+            let part = |c: usize| data.slices(file, (first + c as u64 * step, voxels), Some(total));
             Ok(Box::new(Planar::new((0..layout.sizes[axis]).map(part).collect::<Result<_>>()?)))
         }
     }

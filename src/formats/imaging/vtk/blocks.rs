@@ -1,8 +1,8 @@
 //! Binary values of VTK's XML: a count of bytes before them, or blocks that are packed by zlib or LZ4.
 
+use crate::formats::imaging::input::Zlib;
 use crate::formats::sample::Endian;
-use flate2::read::ZlibDecoder;
-use std::io::{Error, ErrorKind, Read, Result};
+use std::io::{BufReader, Error, ErrorKind, Read, Result};
 
 /// How blocks are packed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -89,7 +89,12 @@ impl<R: Read> Blocks<R> {
         let mut block = (&mut self.reader).take(packed);
         match self.packing {
             Packing::Zlib => {
-                (&mut ZlibDecoder::new(&mut block)).take(size).read_to_end(&mut self.unpacked)?;
+                let mut stream = Zlib::new(BufReader::new(&mut block));
+                (&mut stream).take(size).read_to_end(&mut self.unpacked)?;
+                // The checksum lies behind the last byte, and is compared when the end is read.
+                if size > 0 && stream.read(&mut [0])? > 0 {
+                    return Err(wrong(format!("a block has more than the {size} bytes that are expected")));
+                }
             }
             Packing::Lz4 => {
                 // What cannot be packed becomes larger by 1/255 and 16 bytes at most.
