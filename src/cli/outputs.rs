@@ -181,8 +181,8 @@ pub fn is_own_picture(path: &Path, attribute: &str, command: &str, overwrite: bo
         .hint("give another name, or --overwrite to replace it"))
 }
 
-/// Returns true if what lies here is left of a picture that was cut short: a file of 0 bytes, or an OpenEXR file whose header
-/// cannot be read.
+/// Returns true if what lies here is left of a picture that was cut short: a file of 0 bytes, or an OpenEXR file whose
+/// header cannot be read.
 pub fn is_damaged(path: &Path) -> bool {
     protected::unprotected(path, || exr::is_damaged(path))
 }

@@ -40,8 +40,8 @@ impl LoadedCapture {
         )
         .at(&self.json)
         .hint(
-            "render the volume without scattering; of these pictures, `cumulo reconstruct density` without --tf finds the \
-             densities by alpha, and `cumulo reconstruct color` the light as emission",
+            "render the volume without scattering; of these pictures, `cumulo reconstruct density` without --tf finds \
+             the densities by alpha, and `cumulo reconstruct color` the light as emission",
         ))
     }
 
@@ -54,8 +54,8 @@ impl LoadedCapture {
             return Ok(());
         }
         Err(Error::unsupported(
-            "the extinction of the medium in the pictures differs by channel: alpha is the mean of three transmittances then, \
-             and tells no density",
+            "the extinction of the medium in the pictures differs by channel: alpha is the mean of three transmittances \
+             then, and tells no density",
         )
         .at(&self.json)
         .hint(

@@ -129,8 +129,8 @@ pub fn is_whole(path: &Path) -> bool {
     chunks.is_some_and(|mut chunks| chunks.all(|chunk| chunk.is_ok()))
 }
 
-/// True if a file is empty, or begins as OpenEXR files do and has no header that can be read: what is left of a picture whose
-/// writing or copying was cut short. Files of other formats and features that are not supported are no damage.
+/// True if a file is empty, or begins as OpenEXR files do and has no header that can be read: what is left of a picture
+/// whose writing or copying was cut short. Files of other formats and features that are not supported are no damage.
 pub fn is_damaged(path: &Path) -> bool {
     is_cut_short(path).unwrap_or(false)
 }
@@ -150,7 +150,8 @@ fn is_cut_short(path: &Path) -> Result<bool> {
     let large = |bounds: IntegerBounds| window(bounds).pixels() > MAX_PIXELS;
     let huge = |h: &exr::meta::header::Header| large(h.shared_attributes.display_window) || large(h.data_window());
     match fault::translated(path, || exr::block::read(BufReader::new(file), false)) {
-        Ok(reader) => Ok(!reader.headers().iter().any(huge) && check(reader.headers(), bytes).is_err()),
+        Ok(reader) if reader.headers().iter().any(huge) => Ok(false),
+        Ok(reader) => Ok(check(reader.headers(), bytes).is_err()),
         Err(e) => Ok(e.kind() == Kind::Invalid),
     }
 }
