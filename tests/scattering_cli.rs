@@ -281,8 +281,8 @@ fn what_cannot_be_scattered_is_refused_with_words() {
     work.refused("reconstruct tf lit --volume @plume.vdb -o found.tf.json", &["scattered light"]);
 }
 
-/// Alpha over a colored extinction is a mean of transmittances, and was taken for one; a function was fitted to scattered
-/// light.
+/// Alpha over a colored extinction is a mean of transmittances, and was taken for one; a function was fitted to
+/// scattered light.
 #[test]
 fn what_alpha_and_functions_do_not_tell_is_refused() {
     let work = Work::new();

@@ -77,8 +77,8 @@ pub struct Denoise {
     /// Frames before and after a chunk, or after a frame, that are read to learn from
     #[arg(long, value_name = "M", default_value_t = 12)]
     overlap: u32,
-    /// Skip frames that are there, made by the same command, unless the picture or its motion has changed since; changes
-    /// of the frames around, of which a frame learns, do not count
+    /// Skip frames that are there, made by the same command, unless the picture or its motion has changed since;
+    /// changes of the frames around, of which a frame learns, do not count
     #[arg(long)]
     resume: bool,
     /// Replace pictures that another command made

@@ -1,5 +1,5 @@
-//! Reading of frames: the layers of color that are denoised, view by view, and their motion. Gaps in alphas that are not
-//! denoised are filled in here.
+//! Reading of frames: the layers of color that are denoised, view by view, and their motion. Gaps in alphas that are
+//! not denoised are filled in here.
 
 use super::held::Held;
 use super::motion::{Asked, Motions};
@@ -179,8 +179,8 @@ fn fill_in(document: &mut Document, part: usize, channel: usize) {
     }
 }
 
-/// Returns an alpha with the mean of the finite samples among the up to 8 around in the place of each that is not finite,
-/// or with 0 where none around is; `None` if there is nothing to fill in.
+/// Returns an alpha with the mean of the finite samples among the up to 8 around in the place of each that is not
+/// finite, or with 0 where none around is; `None` if there is nothing to fill in.
 fn filled_in(alpha: &[f32], [width, height]: [usize; 2]) -> Option<Vec<f32>> {
     if alpha.iter().all(|v| v.is_finite()) {
         return None;

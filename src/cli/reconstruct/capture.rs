@@ -54,8 +54,8 @@ impl LoadedCapture {
             return Ok(());
         }
         Err(Error::unsupported(
-            "the extinction of the medium in the pictures differs by channel: alpha is the mean of three transmittances \
-             then, and tells no density",
+            "the extinction of the medium in the pictures differs by channel: alpha is the mean of three \
+             transmittances then, and tells no density",
         )
         .at(&self.json)
         .hint(

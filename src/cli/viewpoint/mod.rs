@@ -283,8 +283,8 @@ impl Viewpoint {
         Ok(())
     }
 
-    /// Makes sure that the outputs replace neither inputs nor a capture of another command, nor pictures that no earlier
-    /// run wrote. A search that is resumed may have other options than the one that it goes on from.
+    /// Makes sure that the outputs replace neither inputs nor a capture of another command, nor pictures that no
+    /// earlier run wrote. A search that is resumed may have other options than the one that it goes on from.
     fn spare(&self, capture: &Capture, command: &str) -> Result<()> {
         let written = capture.frames.iter().filter(|_| self.pictures.is_some());
         let pictures: Vec<PathBuf> = written.map(|f| f.picture.clone()).collect();
