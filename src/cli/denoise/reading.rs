@@ -162,7 +162,12 @@ fn layers(document: &Document, targets: &[Target], alphas: &mut Alphas) -> Resul
             gaps.iter_mut().zip(alpha.iter()).for_each(|(gap, alpha)| *gap |= !alpha.is_finite());
         }
         let alpha = target.alpha.map(|channel| {
-            let samples = || Arc::new(document.samples(target.part, channel).into_owned());
+            // A gap in the guide would look like an outline.
+            let samples = || {
+                let alpha = document.samples(target.part, channel);
+                let whole = filled_in(&alpha, size);
+                Arc::new(whole.unwrap_or_else(|| alpha.into_owned()))
+            };
             Arc::clone(alphas.entry([target.part, channel]).or_insert_with(samples))
         });
         Ok(Layer { color, alpha })
