@@ -448,6 +448,49 @@ fn a_frame_of_nothing_but_nan_fails_by_name() {
     assert!(!work.path("still.exr").exists());
 }
 
+/// Alpha that is not finite stayed in what was written, and nothing said in which frames.
+#[test]
+fn gaps_in_alpha_are_filled_in_and_told() {
+    let work = Work::new();
+    for frame in 1..=6 {
+        let (mut samples, mut alpha) = (vec![0.5_f32; 24 * 16], vec![0.75_f32; 24 * 16]);
+        match frame {
+            // Color and alpha of one pixel, and alpha alone of another.
+            3 => (samples[30], alpha[30], alpha[31]) = (f32::NAN, f32::NAN, f32::INFINITY),
+            5 => alpha[100] = f32::NAN,
+            _ => {}
+        }
+        let channels = [("A", alpha), ("B", samples.clone()), ("G", samples.clone()), ("R", samples)];
+        write_exr(&work.path(&format!("in.{frame:04}.exr")), [24, 16], &channels, |_, _| {});
+    }
+    for (folder, words) in [("out", ""), ("both", "--alpha")] {
+        let report = work.json(&format!("denoise in.####.exr -o {folder}.####.exr {words}"));
+        let told = (&report["filled"], &report["filled_frames"]);
+        assert_eq!(told, (&Value::from(3), &serde_json::json!([3, 5])), "{words}");
+        for frame in 1..=6 {
+            let written = document(&work.path(&format!("{folder}.{frame:04}.exr")));
+            for (component, expected) in [("A", 0.75), ("G", 0.5)] {
+                let samples = plane(&written, "", component);
+                assert!(samples.iter().all(|v| (v - expected).abs() < 1e-3), "{words} {frame} {component}");
+            }
+        }
+    }
+    let command = "denoise in.####.exr -o out.####.exr";
+    let text = work.text(command);
+    assert!(text.contains("3 pixels of frames 3, 5 were NaN or infinite, and were filled in"), "{text}");
+    // What is left of a frame that was cut short is made again; a file that is no picture is not touched.
+    std::fs::write(work.path("out.0004.exr"), "").unwrap();
+    work.refused(command, &["out.0004.exr", "damaged", "--overwrite replaces it"]);
+    let resumed = work.json(&format!("{command} --resume"));
+    assert_eq!((&resumed["denoised"], &resumed["skipped"]), (&Value::from(1), &Value::from(5)));
+    assert_eq!((&resumed["filled"], &resumed["filled_frames"]), (&Value::from(0), &serde_json::json!([])));
+    std::fs::write(work.path("out.0004.exr"), "notes").unwrap();
+    work.refused(&format!("{command} --resume"), &["out.0004.exr", "another command"]);
+    assert_eq!(std::fs::read(work.path("out.0004.exr")).unwrap(), b"notes");
+    let help = work.text("denoise --help").split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(help.contains("changes of the frames around, of which a frame learns, do not count"), "{help}");
+}
+
 /// One picture is denoised by its own pixels, and stays as it is where there is no noise.
 #[test]
 fn a_single_picture_is_denoised() {

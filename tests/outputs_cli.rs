@@ -195,4 +195,16 @@ fn a_capture_of_another_command_is_spared() {
     assert_eq!(work.files("lone").len(), 1);
     work.json("viewpoint cube.vdb --starts 2 --iterations 1 --size 8x8 -o fresh.json --pictures shots");
     work.json("viewpoint cube.vdb --starts 2 --iterations 1 --size 8x8 -o fresh.json --pictures shots");
+    // A search replaces no capture of another command; resumed, it goes on from other searches, and from nothing else.
+    let search = "viewpoint cube.vdb --starts 1 --iterations 1 --size 8x8";
+    let before = work.files("cap");
+    for words in ["", "--resume"] {
+        let expected = ["cap/transforms.json", "another capture", "--overwrite"];
+        work.refused(&format!("{search} {words} -o cap/transforms.json"), &expected);
+    }
+    work.refused(&format!("{search} -o fresh.json"), &["fresh.json", "another capture"]);
+    assert_eq!(work.files("cap"), before);
+    work.json(&format!("{search} --resume -o fresh.json"));
+    work.json(&format!("{search} --overwrite -o cap/transforms.json"));
+    assert_ne!(work.files("cap"), before);
 }

@@ -281,6 +281,43 @@ fn what_cannot_be_scattered_is_refused_with_words() {
     work.refused("reconstruct tf lit --volume @plume.vdb -o found.tf.json", &["scattered light"]);
 }
 
+/// Alpha over a colored extinction is a mean of transmittances, and was taken for one; a function was fitted to
+/// scattered light.
+#[test]
+fn what_alpha_and_functions_do_not_tell_is_refused() {
+    let work = Work::new();
+    let render = |what: &str, words: &str| {
+        work.json(&format!("render {what} --views 4 --size 8x8 --samples 2 {words}"));
+    };
+    render("@plume.vdb", &format!("{LIT} --extinction-color 1,0.5,0.25 -o colored"));
+    let scene = serde_json::json!({
+        "volumes": [{"file": fixture("plume.vdb"), "medium": {
+            "albedo": [0.9, 0.9, 0.9], "extinction_color": [1, 0.5, 0.25]}}],
+        "lights": [{"type": "DomeLight", "radiance": [1, 1, 1]}],
+    });
+    std::fs::write(work.path("scene.json"), scene.to_string()).unwrap();
+    render("scene.json", "-o staged");
+    for capture in ["colored", "staged"] {
+        for what in ["density", "color"] {
+            work.refused(
+                &format!("reconstruct {what} {capture} -o found.vdb"),
+                &[
+                    format!("{capture}/transforms.json").as_str(),
+                    "differs by channel",
+                    "one extinction",
+                    "--extinction-color",
+                ],
+            );
+        }
+    }
+    render("@plume.vdb", &format!("{LIT} --extinction-color 0.5,0.5,0.5 -o grey"));
+    work.refused(
+        "reconstruct density grey --tf turbo -o found.vdb",
+        &["grey/transforms.json", "scattered light", "a transfer function tells", "without --tf"],
+    );
+    assert!(!work.path("found.vdb").exists());
+}
+
 /// Cameras of a lit capture come without its lights, and the options that state them are told.
 #[test]
 fn lights_of_other_captures_are_told_and_not_taken() {

@@ -66,6 +66,30 @@ fn a_frame_that_fails_does_not_stop_the_others() {
     assert!(errors(&out).contains("frame 2") && frames(&work, "hole").len() == 2, "{}", errors(&out));
 }
 
+/// What is left of a picture that was cut short counted as another command's, or as whole.
+#[test]
+fn damaged_frames_are_rendered_again() {
+    let work = Work::new();
+    let command = "render @plume.vdb --views 1 --size 8x8 --frames 1-3 -o out";
+    work.json(command);
+    let path = work.path("out/frame.0002.exr");
+    let (picture, whole) = (work.picture("out/frame.0002.exr"), std::fs::read(&path).unwrap());
+    for length in [0, 4, 100, whole.len() / 2, whole.len() - 1] {
+        std::fs::write(&path, &whole[..length]).unwrap();
+        if length <= 100 {
+            work.refused(command, &["frame.0002.exr", "damaged", "--overwrite replaces it"]);
+        }
+        let report = work.json(&format!("{command} --resume"));
+        let told = (&report["rendered"], &report["skipped"], &report["renewed"]);
+        assert_eq!(told, (&Value::from(1), &Value::from(2), &Value::Null), "{length}: {report}");
+        assert_eq!(work.picture("out/frame.0002.exr"), picture, "{length}");
+    }
+    // Files that are no pictures are somebody's.
+    std::fs::write(&path, "notes").unwrap();
+    work.refused(&format!("{command} --resume"), &["frame.0002.exr", "another command"]);
+    assert_eq!(std::fs::read(&path).unwrap(), b"notes");
+}
+
 /// Whatever a picture was made from counts, not its volume alone.
 #[test]
 fn a_changed_input_has_its_frames_rendered_again() {

@@ -315,6 +315,7 @@ class Denoised(Report):
     failed: list[Failed]
     cuts: list[int]
     filled: int
+    filled_frames: list[int]
     at_rest: bool
     seconds: float
     seconds_denoising: float

@@ -150,11 +150,16 @@ pub fn same_command(a: &str, b: &str) -> bool {
     words(a, &MANNER, &MANNER_VALUES) == words(b, &MANNER, &MANNER_VALUES)
 }
 
+/// Returns true if a command line calls this subcommand.
+pub fn is_subcommand(command: &str, name: &str) -> bool {
+    words(command, &MANNER, &MANNER_VALUES).first() == Some(&name)
+}
+
 /// Returns true if a picture in OpenEXR or PNG is there that a command of the same settings wrote, which its `attribute`
 /// names.
 ///
 /// # Errors
-/// If a picture is there that another command wrote, unless `overwrite` is set.
+/// If a picture is there that another command wrote, or one that is damaged, unless `overwrite` is set.
 pub fn is_own_picture(path: &Path, attribute: &str, command: &str, overwrite: bool) -> Result<bool> {
     if !path.exists() {
         return Ok(false);
@@ -166,14 +171,37 @@ pub fn is_own_picture(path: &Path, attribute: &str, command: &str, overwrite: bo
     if overwrite {
         return Ok(false);
     }
+    if is_damaged(path) {
+        return Err(Error::invalid("the picture that lies here is damaged or incomplete, and cannot be read")
+            .at(path)
+            .hint("--overwrite replaces it"));
+    }
     Err(Error::invalid("a picture lies here that another command made, and would be replaced")
         .at(path)
         .hint("give another name, or --overwrite to replace it"))
 }
 
+/// Returns true if what lies here is left of a picture that was cut short: a file of 0 bytes, or an OpenEXR file whose
+/// header cannot be read.
+pub fn is_damaged(path: &Path) -> bool {
+    protected::unprotected(path, || exr::is_damaged(path))
+}
+
+/// Returns true if a picture holds all that its header names; of a PNG, if it is not empty.
+pub fn is_whole(path: &Path) -> bool {
+    protected::unprotected(path, || match is_png(path) {
+        true => !exr::is_damaged(path),
+        false => exr::is_whole(path),
+    })
+}
+
+fn is_png(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))
+}
+
 /// Returns the attributes of a PNG or EXR that are texts; none if it cannot be read.
 pub fn attributes(path: &Path) -> exr::Attributes {
-    protected::unprotected(path, || match path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+    protected::unprotected(path, || match is_png(path) {
         true => png::texts(path).unwrap_or_default(),
         false => exr::header(path).map(|header| header.attributes()).unwrap_or_default(),
     })
@@ -248,6 +276,8 @@ mod tests {
     fn a_command_is_the_same_however_it_works() {
         let same = |other: &str| same_command("cumulo render a.vdb --frames 1-3 -o b", other);
         assert!(same("bin/cumulo render a.vdb --frames 1-3 -o b --json --threads=2 --verbose"));
+        assert!(is_subcommand("/bin/cumulo -q --threads 2 render a.vdb -o viewpoint", "render"));
+        assert!(!is_subcommand("cumulo render viewpoint", "viewpoint") && !is_subcommand("cumulo", "render"));
         assert!(!same("cumulo render a.vdb --frames 1-4 -o b") && !same("cumulo render a.vdb --frames 1-3 -o c"));
     }
 }

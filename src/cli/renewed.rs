@@ -21,7 +21,8 @@ impl Earlier {
     /// Judges pictures by their attribute `key`, which names what they were made from. `needs` are files that a picture of
     /// the frame is made from, as far as they are known without it.
     pub fn of(pictures: &[PathBuf], key: &str, needs: &[PathBuf]) -> Self {
-        if pictures.iter().any(|picture| !picture.exists()) {
+        // One that was cut short is made again like one that is missing.
+        if pictures.iter().any(|picture| !picture.exists() || !outputs::is_whole(picture)) {
             return Self::None;
         }
         let changed = |picture: &PathBuf| {

@@ -36,6 +36,8 @@ pub struct Done {
     pub failed: Vec<(u32, Error)>,
     pub cuts: Vec<u32>,
     pub filled: usize,
+    /// Frames of the pixels that were filled in.
+    pub filled_frames: Vec<u32>,
     pub at_rest: bool,
     /// First frame whose alpha contradicts that of its motion, and by how much.
     pub contradiction: Option<(u32, f32)>,
@@ -174,11 +176,13 @@ impl Sequence<'_> {
             done.seconds += started.elapsed().as_secs_f64();
             if let Some(document) = shot.document {
                 done.filled += shot.filled;
+                done.filled_frames.extend((shot.filled > 0).then_some(number));
                 let picture = Picture { frame, document, views };
                 pictures.write.send(picture).map_err(|_| Error::cancelled())?;
             }
         }
         done.cuts = cuts.into_iter().collect();
+        done.filled_frames.sort_unstable();
         Ok(done)
     }
 

@@ -22,6 +22,7 @@ use crate::formats::atomic::Batch;
 use crate::formats::exr;
 use crate::formats::protected;
 use crate::formats::sequence::Frames;
+use crate::text::ranges;
 use clap::ValueEnum;
 use motion::Motion;
 use names::Names;
@@ -76,7 +77,8 @@ pub struct Denoise {
     /// Frames before and after a chunk, or after a frame, that are read to learn from
     #[arg(long, value_name = "M", default_value_t = 12)]
     overlap: u32,
-    /// Skip frames that are there, made by the same command, unless the picture or its motion has changed since
+    /// Skip frames that are there, made by the same command, unless the picture or its motion has changed since;
+    /// changes of the frames around, of which a frame learns, do not count
     #[arg(long)]
     resume: bool,
     /// Replace pictures that another command made
@@ -169,8 +171,10 @@ pub(in crate::cli) struct Report {
     failed: Vec<Failed>,
     /// First frames of the shots after the first.
     cuts: Vec<u32>,
-    /// Number of pixels that were not finite and have been filled in.
+    /// Number of pixels whose color or alpha was not finite and has been filled in.
     filled: usize,
+    /// Frames that have such pixels.
+    filled_frames: Vec<u32>,
     /// True if no frame had a motion other than 0.
     at_rest: bool,
     /// True if the alpha that comes with the motion contradicts that of the pictures, which is used in its place then.
@@ -201,7 +205,7 @@ impl Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { output, method, denoised, skipped, renewed, failed, cuts, filled, .. } = self;
+        let Self { output, method, denoised, skipped, renewed, failed, cuts, filled, filled_frames, .. } = self;
         let Self { seconds, seconds_denoising, .. } = self;
         let way = method.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
         let output = output.display();
@@ -219,7 +223,12 @@ impl fmt::Display for Report {
             write!(f, "\n  shots begin at {}", list.join(", "))?;
         }
         if *filled > 0 {
-            write!(f, "\n  {filled} pixels were NaN or infinite, and were filled in from those around")?;
+            let frames = match (self.still, &filled_frames[..]) {
+                (true, _) | (_, []) => String::new(),
+                (_, [frame]) => format!(" of frame {frame}"),
+                (_, frames) => format!(" of frames {}", ranges(frames.iter().copied())),
+            };
+            write!(f, "\n  {filled} pixels{frames} were NaN or infinite, and were filled in from those around")?;
         }
         Ok(())
     }
@@ -311,6 +320,7 @@ impl Denoise {
             failed,
             cuts: done.cuts,
             filled: done.filled,
+            filled_frames: done.filled_frames,
             at_rest: done.at_rest,
             alpha_contradicts: done.contradiction.is_some(),
             seconds,
@@ -336,9 +346,10 @@ impl Denoise {
     /// Returns what an earlier run has left of a frame.
     ///
     /// # Errors
-    /// If a picture that another command made would be replaced.
+    /// If a picture that another command made would be replaced, or without `--resume` one that is damaged.
     fn earlier(&self, number: u32, input: &Path, output: &Path, provenance: &Provenance) -> Result<Earlier> {
-        let same = outputs::is_own_picture(output, COMMAND, &provenance.command, self.overwrite)?;
+        let replace = self.overwrite || self.resume && outputs::is_damaged(output);
+        let same = outputs::is_own_picture(output, COMMAND, &provenance.command, replace)?;
         if !(self.resume && same) {
             return Ok(Earlier::None);
         }

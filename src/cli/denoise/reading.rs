@@ -1,4 +1,5 @@
-//! Reading of frames: the layers of color that are denoised, view by view, and their motion.
+//! Reading of frames: the layers of color that are denoised, view by view, and their motion. Gaps in alphas that are
+//! not denoised are filled in here.
 
 use super::held::Held;
 use super::motion::{Asked, Motions};
@@ -10,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::formats::exr::{Document, LayerInfo};
 use glam::Vec3;
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -36,7 +37,7 @@ impl Reader<'_> {
     pub fn shot(&mut self, read: Read, cancel: &AtomicBool) -> Result<Shot> {
         let Read { frame, forward, write } = read;
         let path = &self.inputs[frame];
-        let document = match self.held.take(frame) {
+        let mut document = match self.held.take(frame) {
             Some(document) => document,
             None => Document::read(path, self.command.memory.limits())?,
         };
@@ -47,7 +48,8 @@ impl Reader<'_> {
         let mut contradiction = 0.0_f32;
         for (number, targets) in targets.into_iter().enumerate() {
             let size = document.size(targets[0].part);
-            let layers = layers(&document, &targets, &mut alphas, &mut filled).map_err(|e| e.at(path))?;
+            let (layers, missing) = layers(&document, &targets, &mut alphas).map_err(|e| e.at(path))?;
+            filled += missing;
             let asked = Asked { document: &document, view: number, size, number: self.numbers[frame], forward };
             let moved = self.motions.of(&asked, cancel).map_err(|e| e.at(path))?;
             let mut view = View { size, targets, layers, moved };
@@ -56,6 +58,10 @@ impl Reader<'_> {
         }
         let mut shot = Shot { views, filled, contradiction, document: None };
         if write {
+            // Only what is written: a frame that is held for a second reading must show its gaps again to be counted.
+            let targets = shot.views.iter().flat_map(|view| &view.targets);
+            let kept: BTreeSet<[usize; 2]> = targets.filter_map(|t| Some([t.part, t.kept?])).collect();
+            kept.into_iter().for_each(|[part, channel]| fill_in(&mut document, part, channel));
             shot.document = Some(document);
         } else if !forward {
             self.held.insert(frame, document);
@@ -111,9 +117,9 @@ impl Reader<'_> {
             Guide::Alpha => own.or_else(|| beauty_alpha(document, layer)),
             Guide::None => None,
         };
-        let colors = Target { part: layer.part, channels: channels.to_vec(), alpha: guide };
-        let alpha = own.filter(|_| self.command.alpha);
-        let alpha = alpha.map(|alpha| Target { part: layer.part, channels: vec![alpha], alpha: None });
+        let (denoised, kept) = if self.command.alpha { (own, None) } else { (None, own) };
+        let colors = Target { part: layer.part, channels: channels.to_vec(), alpha: guide, kept };
+        let alpha = denoised.map(|alpha| Target { part: layer.part, channels: vec![alpha], alpha: None, kept: None });
         Ok(std::iter::once(colors).chain(alpha).collect())
     }
 }
@@ -130,9 +136,10 @@ fn beauty_alpha(document: &Document, layer: &LayerInfo) -> Option<usize> {
     document.component(&beauty, "A").filter(|_| beauty.part == layer.part)
 }
 
-/// Reads layers of one size, and counts the pixels that are not finite.
-fn layers(document: &Document, targets: &[Target], alphas: &mut Alphas, filled: &mut usize) -> Result<Vec<Layer>> {
+/// Reads layers of one size, and counts the pixels that are not finite in one of them or its alpha.
+fn layers(document: &Document, targets: &[Target], alphas: &mut Alphas) -> Result<(Vec<Layer>, usize)> {
     let size = document.size(targets[0].part);
+    let mut gaps = vec![false; size[0] * size[1]];
     let layer = |target: &Target| {
         if document.size(target.part) != size {
             return Err(Error::invalid("the layers have different sizes")
@@ -149,12 +156,66 @@ fn layers(document: &Document, targets: &[Target], alphas: &mut Alphas, filled: 
                 .part(format!("layer '{}'", channel.layer))
                 .hint("render the picture again"));
         }
-        *filled += missing;
+        gaps.iter_mut().zip(&color).for_each(|(gap, color)| *gap |= !color.is_finite());
+        if let Some(kept) = target.kept {
+            let alpha = document.samples(target.part, kept);
+            gaps.iter_mut().zip(alpha.iter()).for_each(|(gap, alpha)| *gap |= !alpha.is_finite());
+        }
         let alpha = target.alpha.map(|channel| {
-            let samples = || Arc::new(document.samples(target.part, channel).into_owned());
+            // A gap in the guide would look like an outline.
+            let samples = || {
+                let alpha = document.samples(target.part, channel);
+                let whole = filled_in(&alpha, size);
+                Arc::new(whole.unwrap_or_else(|| alpha.into_owned()))
+            };
             Arc::clone(alphas.entry([target.part, channel]).or_insert_with(samples))
         });
         Ok(Layer { color, alpha })
     };
-    targets.iter().map(layer).collect()
+    let layers = targets.iter().map(layer).collect::<Result<Vec<_>>>()?;
+    Ok((layers, gaps.into_iter().filter(|gap| *gap).count()))
+}
+
+/// Fills in the samples of an alpha that are not finite.
+fn fill_in(document: &mut Document, part: usize, channel: usize) {
+    let whole = filled_in(&document.samples(part, channel), document.size(part));
+    if let Some(whole) = whole {
+        document.replace(part, channel, whole.into_iter());
+    }
+}
+
+/// Returns an alpha with the mean of the finite samples among the up to 8 around in the place of each that is not
+/// finite, or with 0 where none around is; `None` if there is nothing to fill in.
+fn filled_in(alpha: &[f32], [width, height]: [usize; 2]) -> Option<Vec<f32>> {
+    if alpha.iter().all(|v| v.is_finite()) {
+        return None;
+    }
+    let around = |at: usize| {
+        let (x, y) = (at % width, at / width);
+        let rows = y.saturating_sub(1)..(y + 2).min(height);
+        let all = rows.flat_map(|row| &alpha[row * width + x.saturating_sub(1)..row * width + (x + 2).min(width)]);
+        let finite = all.filter(|v| v.is_finite());
+        let (sum, count) = finite.fold((0.0_f64, 0_u32), |(sum, count), v| (sum + f64::from(*v), count + 1));
+        (sum / f64::from(count.max(1))) as f32
+    };
+    let whole = alpha.iter().enumerate().map(|(at, v)| if v.is_finite() { *v } else { around(at) });
+    Some(whole.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_take_the_mean_of_what_is_around() {
+        let (nan, inf) = (f32::NAN, f32::INFINITY);
+        assert_eq!(filled_in(&[0.0, 0.5, 1.0, 0.5], [2, 2]), None);
+        let alpha = [nan, 0.5, 0.25, 1.0, inf, 0.25, 0.0, 0.0, nan];
+        let corner = (0.5 + 1.0) / 2.0;
+        let middle = (0.5 + 0.25 + 1.0 + 0.25) / 6.0;
+        let last = 0.25 / 2.0;
+        assert_eq!(filled_in(&alpha, [3, 3]).unwrap(), [corner, 0.5, 0.25, 1.0, middle, 0.25, 0.0, 0.0, last]);
+        // Nothing around is finite, and what is filled in does not count.
+        assert_eq!(filled_in(&[nan, inf, nan, 1.0], [4, 1]).unwrap(), [0.0, 0.0, 1.0, 1.0]);
+    }
 }

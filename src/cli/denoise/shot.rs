@@ -13,6 +13,8 @@ pub struct Target {
     pub channels: Vec<usize>,
     /// Channel of the alpha that shows its outlines, if there is one.
     pub alpha: Option<usize>,
+    /// Channel of the layer's own alpha that is written as it is, but for what is not finite in it.
+    pub kept: Option<usize>,
 }
 
 /// Layer of a frame.
@@ -45,7 +47,7 @@ impl View {
 #[derive(Debug)]
 pub struct Shot {
     pub views: Vec<View>,
-    /// Number of pixels that are not finite.
+    /// Number of pixels that are not finite in color or alpha, each view's counted once whatever its layers.
     pub filled: usize,
     /// Difference between the alpha that came with the motion and the picture's own, where they contradict each other; else 0.
     pub contradiction: f32,

@@ -1,9 +1,10 @@
 //! The capture that a reconstruction starts from.
 
-use crate::error::Result;
-use crate::formats::captures;
+use crate::error::{Error, Result};
 use crate::formats::limits::Limits;
-use crate::scene::capture::Capture;
+use crate::formats::{captures, transforms};
+use crate::scene::capture::{Capture, Model};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// A capture and the path of the file that its cameras were read from.
@@ -25,4 +26,50 @@ impl LoadedCapture {
         let capture = captures::load_within(&json, limits)?;
         Ok(Self { json, capture })
     }
+
+    /// Refuses scattered light where a transfer function is to explain the pictures.
+    ///
+    /// # Errors
+    /// If the pictures show scattered light.
+    pub fn suits_function(&self) -> Result<()> {
+        if self.capture.model != Model::Scattering {
+            return Ok(());
+        }
+        Err(Error::unsupported(
+            "the pictures show scattered light, and a transfer function tells emission and absorption alone",
+        )
+        .at(&self.json)
+        .hint(
+            "render the volume without scattering; of these pictures, `cumulo reconstruct density` without --tf finds \
+             the densities by alpha, and `cumulo reconstruct color` the light as emission",
+        ))
+    }
+
+    /// Refuses scattered light whose alpha tells no density: that of a medium whose extinction differs by channel.
+    ///
+    /// # Errors
+    /// If the file of the capture states such a medium.
+    pub fn suits_alpha(&self, limits: Limits) -> Result<()> {
+        if self.capture.model != Model::Scattering || !is_chromatic(&self.json, limits) {
+            return Ok(());
+        }
+        Err(Error::unsupported(
+            "the extinction of the medium in the pictures differs by channel: alpha is the mean of three \
+             transmittances then, and tells no density",
+        )
+        .at(&self.json)
+        .hint(
+            "render the pictures with one extinction for all channels: without --extinction-color, or with an \
+             'extinction_color' of three equal numbers in the scene file",
+        ))
+    }
+}
+
+/// True if the record that `cumulo render` leaves in a capture's JSON states an extinction that differs by channel.
+fn is_chromatic(json: &Path, limits: Limits) -> bool {
+    let Ok(root) = transforms::read_object(json, limits).map(Value::Object) else { return false };
+    let measured = root.pointer("/plan/measured/chromatic").and_then(Value::as_bool);
+    let factors = root.pointer("/scattering/extinction_color").and_then(Value::as_array);
+    let differ = factors.is_some_and(|all| all.windows(2).any(|pair| pair[0] != pair[1]));
+    measured.unwrap_or(false) || differ
 }

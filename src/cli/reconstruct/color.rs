@@ -80,6 +80,7 @@ impl Color {
                 .at(&input.json)
                 .hint("use `cumulo reconstruct density`, or state \"model\": \"emission-absorption\""));
         }
+        input.suits_alpha(limits)?;
         let views = input.capture.frames.len();
         let held_out = photos::held_out(self.held_out, views, 8).map_err(|e| e.at(&self.capture))?;
 

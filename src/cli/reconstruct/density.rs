@@ -220,12 +220,15 @@ impl Density {
         work.finish(solver.into(), self.grid.clone(), voxel_size, solved, request.held_out)
     }
 
-    /// Loads the capture; the transfer function of `--tf` takes the place of its own.
+    /// Loads the capture, and refuses pictures that do not tell the densities; the transfer function of `--tf` takes
+    /// the place of its own.
     fn input(&self, limits: Limits) -> Result<LoadedCapture> {
         let mut input = LoadedCapture::load(&self.capture, limits)?;
         if let Some(transfer) = self.transfer.load(limits)? {
+            input.suits_function()?;
             (input.capture.transfer, input.capture.model) = (Some(transfer), Model::EmissionAbsorption);
         }
+        input.suits_alpha(limits)?;
         Ok(input)
     }
 

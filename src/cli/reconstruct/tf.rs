@@ -184,16 +184,7 @@ impl Tf {
                     "a transfer function needs pictures of emission and absorption: \"model\": \"emission-absorption\"",
                 ));
         }
-        if input.capture.model == Model::Scattering {
-            return Err(Error::unsupported(
-                "the pictures show scattered light, and a transfer function tells emission and absorption alone",
-            )
-            .at(&input.json)
-            .hint(
-                "render the volume without scattering; of these pictures, `cumulo reconstruct density` finds the densities \
-                 by alpha, and `cumulo reconstruct color` the light as emission",
-            ));
-        }
+        input.suits_function()?;
         Ok(input)
     }
 

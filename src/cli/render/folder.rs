@@ -33,8 +33,12 @@ impl Sequence<'_> {
         json.iter().try_for_each(|json| self.spare_capture(json))?;
         let command = &self.provenance.command;
         pictures.iter().try_for_each(|path| {
-            let own = outputs::is_own_picture(path, "cumulo:command", command, false).map(drop);
+            let replace = self.render.resume && outputs::is_damaged(path);
+            let own = outputs::is_own_picture(path, "cumulo:command", command, replace).map(drop);
             own.map_err(|e| match json {
+                _ if outputs::is_damaged(path) => e.instead(
+                    "--overwrite replaces it, and --resume renders it again and leaves the others as they are",
+                ),
                 Some(_) => e.instead("runs of the very same command share a folder; give another one, or --overwrite"),
                 None => e,
             })

@@ -52,7 +52,7 @@ pub struct Viewpoint {
     /// Render the cameras' pictures into this folder (default: cameras alone)
     #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
-    /// Replace pictures in their folder that no earlier run wrote
+    /// Replace a capture that another command wrote, and pictures in their folder that no earlier run wrote
     #[arg(long)]
     overwrite: bool,
     /// Number of viewpoints to start from: the search begins at the best of each and a dozen about it, on small pictures
@@ -213,7 +213,7 @@ impl Viewpoint {
         // Earlier viewpoints have no say in the density scale: it would be another one in each run.
         request.exact_starts = self.previous(&around)?;
         render::fits(&capture, 0, limits.max_memory)?;
-        self.spare(&capture)?;
+        self.spare(&capture, &task.provenance.command)?;
 
         let medium = opaque(capture.medium()?)?;
         let quadrature = self.quadrature.unwrap_or_else(|| Quadrature::usual(&medium.source));
@@ -283,15 +283,18 @@ impl Viewpoint {
         Ok(())
     }
 
-    /// Makes sure that the outputs replace neither inputs nor pictures that no earlier run wrote.
-    fn spare(&self, capture: &Capture) -> Result<()> {
+    /// Makes sure that the outputs replace neither inputs nor a capture of another command, nor pictures that no
+    /// earlier run wrote. A search that is resumed may have other options than the one that it goes on from.
+    fn spare(&self, capture: &Capture, command: &str) -> Result<()> {
         let written = capture.frames.iter().filter(|_| self.pictures.is_some());
         let pictures: Vec<PathBuf> = written.map(|f| f.picture.clone()).collect();
         pictures.iter().chain([&self.output]).try_for_each(|path| protected::check(path))?;
-        if self.overwrite || self.output.exists() {
+        let earlier = || outputs::provenance(&self.output).map(|earlier| earlier.command);
+        let goes_on = || self.resume && earlier().is_some_and(|earlier| outputs::is_subcommand(&earlier, "viewpoint"));
+        if self.overwrite || goes_on() {
             return Ok(());
         }
-        outputs::spare_captures(&self.output, &pictures, "")
+        outputs::spare_captures(&self.output, &pictures, command)
     }
 
     /// Returns the folder that the capture names for its pictures: where they are not rendered, one beside the capture that

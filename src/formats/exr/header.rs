@@ -1,7 +1,7 @@
 //! Headers of files, and the limits that protect memory from damaged ones.
 
 use super::{Window, attributes, fault};
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 use crate::formats::input;
 use crate::scene::primaries::Primaries;
 use exr::meta::attribute::IntegerBounds;
@@ -121,6 +121,39 @@ impl Header {
 /// windows are too large for the file (damaged) or for memory.
 pub fn header(path: &Path) -> Result<Header> {
     Ok(open(path)?.1)
+}
+
+/// True if a file can be read as an OpenEXR file and holds all of its chunks, which are not decoded.
+pub fn is_whole(path: &Path) -> bool {
+    let chunks = open(path).ok().and_then(|(reader, _)| reader.all_chunks(false).ok());
+    chunks.is_some_and(|mut chunks| chunks.all(|chunk| chunk.is_ok()))
+}
+
+/// True if a file is empty, or begins as OpenEXR files do and has no header that can be read: what is left of a picture
+/// whose writing or copying was cut short. Files of other formats and features that are not supported are no damage.
+pub fn is_damaged(path: &Path) -> bool {
+    is_cut_short(path).unwrap_or(false)
+}
+
+fn is_cut_short(path: &Path) -> Result<bool> {
+    let mut file = input::open(path)?;
+    let bytes = file.metadata().map_err(|e| Error::io(path, e))?.len();
+    if bytes == 0 {
+        return Ok(true);
+    }
+    let mut magic = [0_u8; 4];
+    if file.read_exact(&mut magic).is_err() || magic != exr::meta::magic_number::BYTES {
+        return Ok(false);
+    }
+    std::io::Seek::rewind(&mut file).map_err(|e| Error::io(path, e))?;
+    // A picture that is too large for this program may be whole.
+    let large = |bounds: IntegerBounds| window(bounds).pixels() > MAX_PIXELS;
+    let huge = |h: &exr::meta::header::Header| large(h.shared_attributes.display_window) || large(h.data_window());
+    match fault::translated(path, || exr::block::read(BufReader::new(file), false)) {
+        Ok(reader) if reader.headers().iter().any(huge) => Ok(false),
+        Ok(reader) => Ok(check(reader.headers(), bytes).is_err()),
+        Err(e) => Ok(e.kind() == Kind::Invalid),
+    }
 }
 
 /// A file whose header has been read and checked, ready to read pixels.
