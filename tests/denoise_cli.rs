@@ -173,7 +173,8 @@ fn motion_comes_from_volume_and_cameras() {
             }
         }
     }
-    assert!(apart < 0.3 * all, "{apart} of {all}");
+    // The layer has two paths a pixel, each of a sequence of its own.
+    assert!(apart < 0.45 * all, "{apart} of {all}");
     work.json("denoise noisy/frame.####.exr -o a/frame.####.exr");
     work.json("denoise noisy/frame.####.exr -o b/frame.####.exr --motion files:motion/m.####.exr");
     let [a, b] = ["a", "b"].map(|folder| psnr(&work, folder));

@@ -10,8 +10,16 @@ use super::lanes::{LANES, Lanes, each};
 use super::vectors::{Colors, Features};
 use crate::arch::Arch;
 
-/// Histories of eight pixels by channel: means over few pixels, and those of the pixels alone.
-pub type Histories = [Features; 2];
+/// Histories of eight pixels by channel.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Histories {
+    /// Means over few pixels.
+    pub near: Features,
+    /// Histories of the pixels alone.
+    pub own: Features,
+    /// 1 where there is a history, and 0 where the frame itself stands for it, whose noise is the color's.
+    pub known: Lanes,
+}
 
 /// Sums of a block: products of residual and band, of band and band, the residual's square, and the count of pixels.
 pub type Sums = [f32; LANES];
@@ -39,10 +47,12 @@ pub struct Lines<'l> {
     pub groups: usize,
 }
 
-/// Returns the bands of detail of a channel of eight pixels: means over few pixels less what is predicted, and pixels less means.
+/// Returns the bands of detail of a channel of eight pixels: means over few pixels less what is predicted, and pixels less means;
+/// none where there is no history.
 #[inline(always)]
-pub fn bands(predicted: Lanes, [near, own]: [Lanes; 2]) -> [Lanes; SHARES] {
-    [near - predicted, own - near]
+pub fn bands(predicted: Lanes, histories: &Histories, channel: usize) -> [Lanes; SHARES] {
+    let Histories { near, own, known } = histories;
+    [(near[channel] - predicted) * *known, (own[channel] - near[channel]) * *known]
 }
 
 /// Adds the sums of a row of blocks to a share of what they were. `floor` is added to the squares of what is predicted before
@@ -56,13 +66,13 @@ pub fn add(lines: &Lines<'_>, floor: f32, kept: f32, arch: Arch, blocks: &mut [S
         for row in 0..rows {
             let at = row * groups + at;
             let (z, histories, color) = (lines.predicted[at], &lines.histories[at], &lines.colors[at]);
-            let seen = color[3];
+            let seen = color[3] * histories.known;
             // Errors of bright pixels are larger: all count by their relative ones.
             let weight = seen / (((z[0] * z[0] + z[1] * z[1]) + z[2] * z[2]) + floor);
             let mut terms = [Lanes::ZERO; TERMS];
             for c in 0..3 {
                 let residual = color[c] - z[c];
-                let [coarse, fine] = bands(z[c], [histories[0][c], histories[1][c]]);
+                let [coarse, fine] = bands(z[c], histories, c);
                 let products = [
                     residual * coarse,
                     residual * fine,

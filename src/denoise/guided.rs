@@ -460,7 +460,7 @@ impl pulp::NullaryFnOnce for Predict<'_> {
             let by_band: [Lanes; detail::SHARES] = [shares.at(0, at), shares.at(1, at)];
             let mut found = [Lanes::ZERO; 3];
             for c in 0..3 {
-                let [coarse, fine] = detail::bands(predicted[c], [histories[0][c], histories[1][c]]);
+                let [coarse, fine] = detail::bands(predicted[c], histories, c);
                 found[c] = (predicted[c] + (coarse * by_band[0] + fine * by_band[1])).max(Lanes::ZERO);
             }
             let counts = models.at(COEFFICIENTS, at);

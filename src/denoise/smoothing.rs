@@ -180,9 +180,10 @@ impl Smoothing<'_> {
             for c in 0..3 {
                 let slope = (means[4 + c] - means[c] * a * (1.0 - proportional)) * inverse;
                 features[c] = means[c] + slope * (alpha - a);
-                histories[0][c] = small[c] + slope * (alpha - small[ALPHA]);
-                histories[1][c] = own(c) + slope * (alpha - before);
+                histories.near[c] = small[c] + slope * (alpha - small[ALPHA]);
+                histories.own[c] = own(c) + slope * (alpha - before);
             }
+            histories.known = own(COUNT).select(Lanes([1.0; LANES]), Lanes::ZERO);
             *around = r.max(g).max(b).max(features[0].max(features[1]).max(features[2]));
         }
     }
@@ -196,9 +197,11 @@ impl Smoothing<'_> {
         for (at, ((features, histories), around)) in features.iter_mut().zip(histories).zip(around).enumerate() {
             for (c, sums) in sums.chunks_exact(line).enumerate().take(3) {
                 features[c] = mean_of::<{ RADII[0] }>(sums, at * LANES);
-                histories[0][c] = features[c];
-                histories[1][c] = Lanes::load(history, c * line + MARGIN + at * LANES);
+                histories.near[c] = features[c];
+                histories.own[c] = Lanes::load(history, c * line + MARGIN + at * LANES);
             }
+            let count = Lanes::load(history, COUNT * line + MARGIN + at * LANES);
+            histories.known = count.select(Lanes([1.0; LANES]), Lanes::ZERO);
             *around = features[0].max(features[1]).max(features[2]);
         }
     }
