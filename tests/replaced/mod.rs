@@ -63,8 +63,8 @@ pub const ALL: [Case; 34] = [
         &["out/q_000.exr"],
     ),
     case(
-        "motion in/cube.vdb --cameras in/cap --samples 1 --overwrite -o out/m_%03d.exr",
-        &["in/cube.vdb", "in/cap/transforms.json", "in/cap/view_002.exr"],
+        "motion in/cube.vdb --cameras in/cap --tf in/two.tf.json --samples 1 --overwrite -o out/m_%03d.exr",
+        &["in/cube.vdb", "in/two.tf.json", "in/cap/transforms.json", "in/cap/view_002.exr"],
         &["out/m_000.exr", "out/m_003.exr"],
     ),
     case(
