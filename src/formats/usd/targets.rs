@@ -3,7 +3,7 @@
 //! The crate `openusd` tells of such payloads alone, and not of those below the root.
 
 use super::convert;
-use openusd::pcp::PrimIndex;
+use openusd::pcp::{Node, PrimIndex};
 use openusd::sdf;
 use openusd::usd;
 use std::path::Path;
@@ -30,7 +30,7 @@ pub(super) fn absent(stage: &usd::Stage, path: &sdf::Path, index: &PrimIndex) ->
         for (layer, _) in stage.node_layer_stack(node) {
             let Some(identifier) = stage.layer_identifier(layer) else { continue };
             for (arc, asset, target) in stated(stage, &identifier, node.path()) {
-                let leads = index.all_nodes().any(|node| *node.path() == target && !node.is_culled());
+                let leads = index.all_nodes().any(|node| *node.path() == target && is_made(index, node));
                 if leads {
                     continue;
                 }
@@ -45,6 +45,11 @@ pub(super) fn absent(stage: &usd::Stage, path: &sdf::Path, index: &PrimIndex) ->
         }
     }
     found
+}
+
+/// True if a layer states the prim of a node, or arcs of that prim or of those above it lead to one that a layer states.
+fn is_made(index: &PrimIndex, node: &Node) -> bool {
+    node.has_specs() || node.children().iter().any(|child| is_made(index, index.node(*child)))
 }
 
 /// Returns the references and payloads to prims of other layers that a layer states at a prim.
