@@ -82,7 +82,11 @@ fn searches_stop_inside_their_pictures() {
     let work = Work::new();
     work.json("render @plume.vdb --views 2 --size 1500x1500 --density-scale auto -o cap");
     stopped(&work, "pose cap --volume @plume.vdb --quadrature riemann:0.002 -o out.json", &[4_000]);
-    stopped(&work, "viewpoint @plume.vdb --size 4000x4000 --quadrature riemann:0.002 -o out.json --overwrite", &[4_000]);
+    stopped(
+        &work,
+        "viewpoint @plume.vdb --size 4000x4000 --quadrature riemann:0.002 -o out.json --overwrite",
+        &[4_000],
+    );
 }
 
 /// Where standard error is no terminal, a plain line at most every ten seconds.
