@@ -317,6 +317,7 @@ class Denoised(Report):
     filled: int
     filled_frames: list[int]
     at_rest: bool
+    alpha_contradicts: bool
     seconds: float
     seconds_denoising: float
 
@@ -329,7 +330,7 @@ class Motion(Report):
     frames: int
     failed: list[Failed]
     largest: float
-    density_scale: float
+    density_scale: float | None
     seconds: float
 
 
