@@ -39,7 +39,7 @@ const LEAST: f32 = 1e-30;
 
 /// Rows of pixels whose detail is learned.
 pub struct Lines<'l> {
-    /// What the models of the features predict.
+    /// Colors that the models predict from the features.
     pub predicted: &'l [Features],
     pub histories: &'l [Histories],
     pub colors: &'l [Colors],

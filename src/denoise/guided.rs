@@ -57,7 +57,7 @@ struct Scratch {
     pixels: Vec<Packed>,
     blocks: Vec<Sums>,
     features: Vec<Features>,
-    /// What the features were smoothed from.
+    /// Histories that the features were smoothed from.
     histories: Vec<detail::Histories>,
     colors: Vec<Colors>,
     /// Sums of the blocks, plane after plane.
@@ -353,7 +353,7 @@ impl pulp::NullaryFnOnce for Solve<'_> {
     }
 }
 
-/// What detail is learned with.
+/// Models, and sums of detail before, when the detail of a frame is learned.
 struct Predicting<'k> {
     frame: &'k Frame<'k>,
     grid: Grid,
@@ -438,7 +438,7 @@ struct Predict<'a> {
     scratch: &'a Scratch,
     grid: Grid,
     row: usize,
-    /// Those that tell counts, and the shares of detail.
+    /// Models interpolated to the row, and shares of detail interpolated to it.
     models: &'a mut [Interpolated; 2],
     color: &'a mut [Vec3],
     confidence: &'a mut [f32],

@@ -47,7 +47,7 @@ pub struct Rows<'r> {
     pub colors: &'r mut [Colors],
 }
 
-/// What is taken from the smoothed histories of a row.
+/// Features of a row, and the histories behind them, as smoothing writes them.
 struct Taken<'g> {
     features: &'g mut [Features],
     histories: &'g mut [detail::Histories],

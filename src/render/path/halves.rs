@@ -10,6 +10,9 @@ use glam::DVec4;
 /// Pixels to each side over which the factor between both variances is pooled.
 const RADIUS: usize = 8;
 
+/// Bytes of memory per pixel that [`variances`] takes: both variances, their sums along rows, and their sums.
+pub const VARIANCE_BYTES: u64 = 5 * size_of::<DVec4>() as u64;
+
 /// Paths of a pixel, whole or in two halves.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Paths {
@@ -67,17 +70,21 @@ fn by_difference([a, b]: &[Half; 2]) -> DVec4 {
     f64::from(a.rays) * f64::from(b.rays) / (rays * rays) * apart * apart
 }
 
-/// Returns the variances of the means of pixels over their rays, red, green, blue and alpha, row-major as `pixels` are.
+/// Returns the variances of the means of pixels over their rays, red, green, blue and alpha, in the order of `pixels`: row by row.
 ///
 /// The variance among a pixel's rays tells pixels apart, and the difference of its halves has the right level. The former is
 /// multiplied by the ratio of both over the 17 x 17 pixels around. Infinite for pixels of one ray.
-pub(super) fn variances(width: usize, pixels: &[([Moments; 4], [Half; 2])]) -> Vec<[f32; 4]> {
-    let among: Vec<DVec4> =
-        pixels.iter().map(|(rgba, _)| DVec4::from_array(rgba.map(|m| m.variance_of_mean()))).collect();
+pub(super) fn variances<'p>(
+    width: usize,
+    pixels: impl Iterator<Item = (&'p [Moments; 4], &'p [Half; 2])>,
+) -> Vec<[f32; 4]> {
+    let both = |(rgba, halves): (&[Moments; 4], &[Half; 2])| {
+        (DVec4::from_array(rgba.map(|m| m.variance_of_mean())), by_difference(halves))
+    };
+    let (among, level): (Vec<DVec4>, Vec<DVec4>) = pixels.map(both).unzip();
     if among.iter().any(|v| !v.is_finite()) {
         return among.iter().map(|v| v.as_vec4().to_array()).collect();
     }
-    let level: Vec<DVec4> = pixels.iter().map(|(_, halves)| by_difference(halves)).collect();
     let around = [&among, &level].map(|values| pooled(width, values));
     let scaled = |i: usize| {
         let ratio = around[1][i] / around[0][i];
@@ -126,7 +133,8 @@ mod tests {
             pixel.0.iter_mut().for_each(|m| m.add(v));
             pixel.1[half].add([v; 4]);
         }
-        assert_eq!(variances(1, &[pixel]), [[2.25; 4]]);
-        assert_eq!(variances(1, &[Default::default()])[0][0], f32::INFINITY);
+        assert_eq!(variances(1, [(&pixel.0, &pixel.1)].into_iter()), [[2.25; 4]]);
+        let none = <([Moments; 4], [Half; 2])>::default();
+        assert_eq!(variances(1, [(&none.0, &none.1)].into_iter())[0][0], f32::INFINITY);
     }
 }

@@ -254,8 +254,7 @@ impl PathTracer<'_> {
                 }));
             }
             if *aov == Aov::Variance {
-                let sums: Vec<_> = pixels.iter().map(|p| (p.rgba, p.halves)).collect();
-                let variances = halves::variances(size[0], &sums);
+                let variances = halves::variances(size[0], pixels.iter().map(|p| (&p.rgba, &p.halves)));
                 film.planes.extend(["R", "G", "B", "A"].iter().enumerate().map(|(c, channel)| Plane {
                     name: format!("variance.{channel}"),
                     samples: variances.iter().map(|v| v[c]).collect(),
