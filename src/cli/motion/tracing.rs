@@ -52,12 +52,12 @@ pub struct Tracing {
     capture: Capture,
     choices: Choices,
     limits: Limits,
-    /// What was read last.
-    shown: Option<Shown>,
+    /// Scene that was read last.
+    last: Option<Loaded>,
 }
 
 /// Scene of a frame.
-struct Shown {
+struct Loaded {
     path: PathBuf,
     /// Number of the only frame that shows it.
     only: Option<u32>,
@@ -94,7 +94,7 @@ impl Tracing {
             capture,
             choices,
             limits,
-            shown: None,
+            last: None,
         })
     }
 
@@ -112,12 +112,12 @@ impl Tracing {
     pub fn film(&mut self, number: u32, cancel: &AtomicBool) -> Result<Film> {
         let at = self.numbers.binary_search(&number).unwrap_or(0).min(self.cameras.len() - 1);
         let input = self.volumes.as_ref().map_or_else(|| self.input.clone(), |pattern| pattern.path(number));
-        let same = |shown: &Shown| shown.path == input && shown.only.is_none_or(|only| only == number);
-        let Shown { scene, .. } = match self.shown.take().filter(same) {
-            Some(same) => self.shown.insert(same),
+        let same = |last: &Loaded| last.path == input && last.only.is_none_or(|only| only == number);
+        let Loaded { scene, .. } = match self.last.take().filter(same) {
+            Some(same) => self.last.insert(same),
             None => {
                 let (scene, moving) = self.scene(&input, number)?;
-                self.shown.insert(Shown { path: input, only: moving.then_some(number), scene })
+                self.last.insert(Loaded { path: input, only: moving.then_some(number), scene })
             }
         };
         let [before, camera, after] = &self.cameras[at];

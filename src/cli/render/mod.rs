@@ -337,6 +337,7 @@ impl Render {
     /// Returns the bytes a pixel of further planes as they are rendered, as they are kept and as they are written.
     fn plane_bytes(&self, paths: bool) -> u64 {
         match paths {
+            true if self.aov.contains(&Aov::Variance) => path::PIXEL_BYTES + path::VARIANCE_BYTES + 2 * 4 * 30,
             true => path::PIXEL_BYTES + 2 * 4 * 30,
             false if self.aov.is_empty() => 0,
             false => aov::PIXEL_BYTES + 2 * 4 * 5,

@@ -47,7 +47,7 @@ pub trait Slices {
     /// If the file ends early, is damaged, or cannot be read.
     fn next_slice(&mut self, values: &mut [f64]) -> Result<()>;
 
-    /// What the slices that were read have shown, one sentence each, for the user; all of it once the last one is read.
+    /// Returns remarks on the slices read so far, one sentence each; they are complete once the last slice is read.
     fn notes(&self) -> Vec<String> {
         Vec::new()
     }

@@ -137,7 +137,8 @@ impl Copier {
             let mut within = instanced;
             if depth > 0 {
                 let inside = |e: anyhow::Error| damaged(&e).part(format!("prim {path}"));
-                inherits.follow(&self.stage, &self.shared(&path, instanced).map_err(inside)?)?;
+                let composed = self.shared(&path, instanced).map_err(inside)?;
+                inherits.follow(&self.stage, &composed).map_err(|e| e.part(format!("prim {path}")))?;
                 let status = self.stage.prim_status(path.clone()).map_err(inside)?;
                 if !status.contains(PrimStatus::ACTIVE) {
                     self.inactive.borrow_mut().insert(path.as_str().to_owned());

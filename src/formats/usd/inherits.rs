@@ -32,16 +32,15 @@ impl Inherits {
     /// Follows what a prim and its parent inherit. Prims above it were followed before, or are now.
     ///
     /// # Errors
-    /// If it leads in a circle, or further than the crate can follow.
+    /// If it leads in a circle, or further than the crate can follow. The error names a class, and the caller the prim.
     pub(super) fn follow(&mut self, stage: &usd::Stage, path: &sdf::Path) -> Result<()> {
-        let told = |e: Error| e.part(format!("prim {path}")).hint(FLATTEN);
-        self.calls(stage, path, 0).map_err(told)?;
+        self.calls(stage, path, 0).map_err(|e| e.hint(FLATTEN))?;
         while let Some((class, followed)) = self.deep.iter_mut().find(|(_, followed)| !**followed) {
             *followed = true;
             let class = class.clone();
             // What leads to it was followed without it.
             self.calls.clear();
-            self.calls(stage, &class, 0).map_err(told)?;
+            self.calls(stage, &class, 0).map_err(|e| e.hint(FLATTEN))?;
         }
         Ok(())
     }

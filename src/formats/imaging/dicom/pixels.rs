@@ -27,7 +27,7 @@ impl Planes {
     }
 
     /// Slices in words: one, or how many and the first of them; none for none.
-    fn shown(&self, slices: &[usize]) -> Option<String> {
+    fn listed(&self, slices: &[usize]) -> Option<String> {
         let first = *slices.first()?;
         let file = name(&self.files, *self.planes.get(first)?);
         let one = format!("slice {} of {} ({file})", first + 1, self.planes.len());
@@ -121,10 +121,10 @@ impl Slices for Planes {
         let cut: Vec<usize> = all.filter(is_cut).collect();
         let lost = "values may be lost: compare the file with the one that it was copied from";
         let mut notes = Vec::new();
-        if let Some(slices) = self.shown(&empty).filter(|_| empty.len() < self.zeros.len()) {
+        if let Some(slices) = self.listed(&empty).filter(|_| empty.len() < self.zeros.len()) {
             notes.push(format!("every pixel of {slices} is stored as 0, and those of other slices are not; {lost}"));
         }
-        if let Some((slices, first)) = self.shown(&cut).zip(cut.first()) {
+        if let Some((slices, first)) = self.listed(&cut).zip(cut.first()) {
             let count = self.zeros[*first];
             notes.push(format!(
                 "the last {count} rows of {slices} are stored as 0, and those of the slices beside are not; {lost}"
