@@ -1,5 +1,6 @@
 //! Histories of the pixels of a frame over the frames that follow it, as a [`Lookahead`](super::Lookahead) leaves them.
 
+use super::difference::Halved;
 use super::lanes::{LANES, Lanes};
 use super::layout::{ALPHA, COUNT, MARGIN, PLANES};
 use super::packed::{self, Packed};
@@ -18,6 +19,8 @@ pub struct Ahead {
     pub(super) scale: f32,
     /// Row by row, plane after plane: color, alpha and the count of frames.
     pub(super) data: Vec<Packed>,
+    /// Differences between the pixels' colors and those of the next frame, row by row.
+    pub(super) differences: Vec<Halved>,
 }
 
 impl Ahead {
@@ -32,7 +35,7 @@ impl Ahead {
     }
 
     /// Bytes of the histories of a pixel.
-    pub const PIXEL_BYTES: usize = 2 * PLANES;
+    pub const PIXEL_BYTES: usize = 2 * PLANES + size_of::<Halved>() / LANES;
 
     /// Writes the means of a row of these histories and those over the frames before. `before` holds lines of `line` numbers,
     /// plane after plane, and so does `to`. The last plane is the sum of the frames.

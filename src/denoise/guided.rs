@@ -6,6 +6,7 @@
 //! ([`blocks`](super::blocks)), which takes the place of a blend of neighbouring models.
 
 use super::blocks::{BLOCK, COEFFICIENTS, Grid, Interpolated, Planes, Pool, solve_row};
+use super::carried::{carry, to_planes};
 use super::detail;
 use super::frame::{Denoised, Frame};
 use super::history::{Histories, Past, scale_of, scale_of_first};
@@ -13,12 +14,12 @@ use super::lanes::{LANES, Lanes};
 use super::learning::{self, Lines, STATE, Sums};
 use super::outline::Outline;
 use super::packed::Packed;
-use super::reprojection::around;
+use super::residual::{self, Residuals};
 use super::smoothing::{self, Rows, Smoothing};
 use super::vectors::{Colors, Features, vectors};
 use crate::arch::Arch;
 use crate::error::Result;
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 
 /// Share of what was learned that is kept from frame to frame.
@@ -77,6 +78,7 @@ struct Scratch {
 pub struct GuidedDenoiser {
     state: State,
     scratch: Scratch,
+    residuals: Residuals,
 }
 
 impl GuidedDenoiser {
@@ -96,6 +98,7 @@ impl GuidedDenoiser {
             let blocks = grid.rows * grid.columns;
             let scale = scale_of_first(frame.color);
             let past = Past { scale, ..Past::default() };
+            self.residuals = Residuals::default();
             self.state = State { size: frame.size, past, scale, ..State::default() };
             self.scratch = Scratch {
                 pixels: vec![Packed::default(); frame.color.len()],
@@ -111,21 +114,25 @@ impl GuidedDenoiser {
                 shares: Planes::new(grid, detail::SHARES),
             };
         }
-        let kept = self.learn(frame, grid);
+        let outline = Outline::of(frame);
+        let kept = self.learn(frame, grid, outline);
         self.solve(grid);
         self.learn_detail(frame, grid, kept);
         self.predict(frame.size, grid, to);
+        let (colors, floor) = (&self.scratch.features[..], learning::error_floor(self.state.level));
+        let denoised = residual::Denoised { frame, grid, colors, alpha: outline.alpha, floor, kept };
+        to.color.resize(frame.color.len(), Vec3::ZERO);
+        self.residuals.give_back(&denoised, &mut to.color);
         Ok(())
     }
 
     /// Follows the histories, takes the features from them, moves the sums along, and adds what is learned of the frame. Returns
     /// the share of what was learned before that is kept.
-    fn learn(&mut self, frame: &Frame<'_>, grid: Grid) -> f32 {
+    fn learn(&mut self, frame: &Frame<'_>, grid: Grid, outline: Outline<'_>) -> f32 {
         let [width, height] = frame.size;
         let groups = vectors(width);
         let Scratch { pixels, blocks, features, histories: own, colors, sums, rows: of_rows, .. } = &mut self.scratch;
         let arch = Arch::default();
-        let outline = Outline::of(frame);
         let State { past, scale, .. } = &self.state;
         let histories = Histories { past, scale: *scale, frame, alpha: outline.alpha, arch };
         let smoothing = Smoothing { histories, ahead: frame.ahead, outline };
@@ -202,14 +209,16 @@ impl GuidedDenoiser {
         });
     }
 
-    /// Writes the colors that the models predict.
-    fn predict(&self, [width, height]: [usize; 2], grid: Grid, Denoised { color, confidence }: &mut Denoised) {
-        let scratch = &self.scratch;
-        color.resize(width * height, Vec3::ZERO);
-        confidence.resize(width * height, 0.0);
-        let rows = color.par_chunks_mut(width).zip(confidence.par_chunks_mut(width)).enumerate();
-        rows.with_min_len(8).for_each_init(Default::default, |models, (row, (color, confidence))| {
-            Arch::default().dispatch(Predict { scratch, grid, row, models, color, confidence });
+    /// Puts the colors that models and detail predict in the place of the features.
+    fn predict(&mut self, [width, height]: [usize; 2], grid: Grid, to: &mut Denoised) {
+        to.confidence.resize(width * height, 0.0);
+        let groups = vectors(width);
+        let Scratch { features, histories, predicting, shares, .. } = &mut self.scratch;
+        let predicted = Predicted { grid, predicting, shares };
+        let rows = features.par_chunks_mut(groups).zip(histories.par_chunks(groups));
+        let rows = rows.zip(to.confidence.par_chunks_mut(width)).enumerate();
+        rows.with_min_len(8).for_each_init(Default::default, |models, (row, ((features, histories), confidence))| {
+            Arch::default().dispatch(Predict { predicted, row, models, features, histories, confidence });
         });
     }
 }
@@ -278,58 +287,6 @@ impl pulp::NullaryFnOnce for Learn<'_> {
                 count: row.count + f64::from(sums[0]),
                 ..row
             });
-        }
-    }
-}
-
-/// Moves the sums of a row of blocks along with the motion.
-#[inline(always)]
-fn carry<const N: usize>(frame: &Frame<'_>, grid: Grid, blocks: &[[f32; N]], row: usize, moved: &mut [[f32; N]]) {
-    for (column, moved) in moved.iter_mut().enumerate() {
-        *moved = [0.0; N];
-        if blocks.is_empty() {
-            continue;
-        }
-        let motion = match frame.motion {
-            Some(motion) => mean_motion(motion, frame.size, [column, row]),
-            None => Some(Vec2::ZERO),
-        };
-        if let Some(motion) = motion {
-            let place = Vec2::new(column as f32, row as f32) + motion / BLOCK as f32;
-            if let Some(found) = around([grid.columns, grid.rows], place) {
-                *moved = found.sum(blocks);
-            }
-        }
-    }
-}
-
-/// Returns the mean motion of the pixels of a block that have one; `None` if none does.
-#[inline(always)]
-fn mean_motion(motion: &[Vec2], [width, height]: [usize; 2], [column, row]: [usize; 2]) -> Option<Vec2> {
-    let (mut sum, mut count) = (Vec2::ZERO, 0.0);
-    for y in row * BLOCK..(row * BLOCK + BLOCK).min(height) {
-        for motion in &motion[y * width..][column * BLOCK..(column * BLOCK + BLOCK).min(width)] {
-            if motion.is_finite() {
-                sum += *motion;
-                count += 1.0;
-            }
-        }
-    }
-    (count > 0.0).then(|| sum / count)
-}
-
-/// Writes the sums of a row of blocks plane after plane.
-#[inline(always)]
-fn to_planes<const N: usize>(arch: Arch, blocks: &[[f32; N]], planes: &mut [f32], stride: usize) {
-    for (at, blocks) in blocks.chunks(LANES).enumerate() {
-        for vector in 0..N / LANES {
-            let mut rows = [[0.0; LANES]; LANES];
-            for (row, block) in rows.iter_mut().zip(blocks) {
-                *row = block.as_chunks().0[vector];
-            }
-            for (i, values) in arch.transposed(&rows).into_iter().enumerate() {
-                Lanes(values).store(planes, (vector * LANES + i) * stride + at * LANES);
-            }
         }
     }
 }
@@ -433,14 +390,22 @@ impl pulp::NullaryFnOnce for SolveDetail<'_> {
     }
 }
 
+/// Models and shares of detail.
+#[derive(Debug, Clone, Copy)]
+struct Predicted<'p> {
+    grid: Grid,
+    predicting: &'p Planes,
+    shares: &'p Planes,
+}
+
 /// Predicts a row of pixels.
 struct Predict<'a> {
-    scratch: &'a Scratch,
-    grid: Grid,
+    predicted: Predicted<'a>,
     row: usize,
     /// Models interpolated to the row, and shares of detail interpolated to it.
     models: &'a mut [Interpolated; 2],
-    color: &'a mut [Vec3],
+    features: &'a mut [Features],
+    histories: &'a [detail::Histories],
     confidence: &'a mut [f32],
 }
 
@@ -449,24 +414,19 @@ impl pulp::NullaryFnOnce for Predict<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { scratch, grid, row, models: [models, shares], color, confidence } = self;
-        let Scratch { features, histories, predicting, shares: of_blocks, .. } = scratch;
-        models.take(grid, row, predicting);
-        shares.take(grid, row, of_blocks);
-        let groups = vectors(color.len());
-        let taken = features[row * groups..][..groups].iter().zip(&histories[row * groups..][..groups]);
-        let groups = color.chunks_mut(LANES).zip(confidence.chunks_mut(LANES)).zip(taken).enumerate();
-        for (at, ((color, confidence), (predicted, histories))) in groups {
+        let Self { predicted, row, models: [models, shares], features, histories, confidence } = self;
+        models.take(predicted.grid, row, predicted.predicting);
+        shares.take(predicted.grid, row, predicted.shares);
+        let groups = features.iter_mut().zip(histories).zip(confidence.chunks_mut(LANES)).enumerate();
+        for (at, ((color, histories), confidence)) in groups {
             let by_band: [Lanes; detail::SHARES] = [shares.at(0, at), shares.at(1, at)];
-            let mut found = [Lanes::ZERO; 3];
-            for c in 0..3 {
-                let [coarse, fine] = detail::bands(predicted[c], histories, c);
-                found[c] = (predicted[c] + (coarse * by_band[0] + fine * by_band[1])).max(Lanes::ZERO);
+            for (c, color) in color.iter_mut().enumerate() {
+                let [coarse, fine] = detail::bands(*color, histories, c);
+                *color = (*color + (coarse * by_band[0] + fine * by_band[1])).max(Lanes::ZERO);
             }
             let counts = models.at(COEFFICIENTS, at);
-            for (lane, (color, confidence)) in color.iter_mut().zip(confidence).enumerate() {
-                *color = Vec3::new(found[0].0[lane], found[1].0[lane], found[2].0[lane]);
-                *confidence = counts.0[lane];
+            for (confidence, count) in confidence.iter_mut().zip(counts.0) {
+                *confidence = count;
             }
         }
     }

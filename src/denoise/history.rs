@@ -7,7 +7,7 @@ use super::frame::Frame;
 use super::lanes::{LANES, Lanes, each};
 use super::layout::{ALPHA, COUNT, MARGIN, PLANES, fill_margins, line_of};
 use super::packed::{self, Packed};
-use super::reprojection::{Eight, around};
+use super::reprojection::{Taps, around};
 use super::vectors::Colors;
 use crate::arch::Arch;
 use glam::{Vec2, Vec3};
@@ -79,26 +79,15 @@ impl Histories<'_> {
     pub fn warp(&self, y: usize, lines: &mut [f32], line: usize) {
         let [width, _] = self.frame.size;
         let motion = self.frame.motion.map(|motion| &motion[y * width..][..width]);
-        let Past { pixels, scale } = self.past;
+        let scale = self.past.scale;
         for left in (0..width).step_by(LANES) {
             let mut found = [[0.0; LANES]; LANES];
-            let eight = match motion.and_then(|motion| motion.get(left..)?.first_chunk()) {
-                Some(motion) if !pixels.is_empty() => Eight::inside(self.frame.size, [left, y], motion),
-                _ => None,
-            };
-            if let Some(eight) = eight {
-                for (lane, found) in found.iter_mut().enumerate() {
-                    let (places, shares) = eight.of(lane, width);
-                    *found = packed::mean(places.map(|place| &pixels[place]), shares).0;
-                }
-            } else {
-                for (x, found) in (left..width).zip(&mut found) {
-                    *found = self.before([x, y], motion.map_or(Vec2::ZERO, |motion| motion[x]));
-                }
+            for (x, found) in (left..width).zip(&mut found) {
+                *found = self.before([x, y], motion.map_or(Vec2::ZERO, |motion| motion[x]));
             }
             let planes = self.arch.transposed(&found);
             for plane in 0..PLANES {
-                let factor = if plane < ALPHA { *scale } else { 1.0 };
+                let factor = if plane < ALPHA { scale } else { 1.0 };
                 (Lanes(planes[plane]) * factor).store(lines, plane * line + MARGIN + left);
             }
         }
@@ -116,7 +105,11 @@ impl Histories<'_> {
             if motion == Vec2::ZERO {
                 return packed::unpack(&pixels[own]).0;
             }
-            if let Some(found) = around(self.frame.size, Vec2::new(x as f32, y as f32) + motion) {
+            let place = Vec2::new(x as f32, y as f32) + motion;
+            if let Some(taps) = Taps::around(self.frame.size, place) {
+                return packed::resampled(pixels, self.frame.size[0], &taps).0;
+            }
+            if let Some(found) = around(self.frame.size, place) {
                 let shares = found.share.map(|share| share / found.covered);
                 return packed::mean(found.at.map(|place| &pixels[place]), shares).0;
             }
@@ -216,7 +209,7 @@ pub fn with_alpha(before: Lanes, count: Lanes, now: Lanes) -> Lanes {
 /// Returns the channels of up to eight colors whose numbers are small enough to be multiplied, and 1 where they are finite;
 /// 0 elsewhere.
 #[inline(always)]
-fn loaded(row: &[Vec3]) -> ([Lanes; 3], Lanes) {
+pub fn loaded(row: &[Vec3]) -> ([Lanes; 3], Lanes) {
     let mut color = [Lanes([f32::NAN; LANES]); 3];
     for (lane, found) in row.iter().enumerate().take(LANES) {
         color[0].0[lane] = found.x;

@@ -5,6 +5,7 @@
 //! backwards, and no model is learned, so that the look ahead costs a fraction of the denoising.
 
 use super::ahead::Ahead;
+use super::difference::{self, Difference, Halved, Neighbour};
 use super::frame::Frame;
 use super::history::{Histories, Past, scale_of, scale_of_first};
 use super::lanes::{LANES, Lanes};
@@ -25,6 +26,8 @@ pub struct Lookahead {
     next: Vec<Packed>,
     /// Factor of the histories that come.
     scale: f32,
+    /// The frame looked at last.
+    last: Neighbour,
 }
 
 impl Lookahead {
@@ -44,21 +47,25 @@ impl Lookahead {
         if self.size != frame.size {
             let scale = scale_of_first(frame.color);
             let next = vec![Packed::default(); width * height];
-            *self = Self { size: frame.size, frames: 0, past: Past { scale, ..Past::default() }, next, scale };
+            *self = Self { size: frame.size, frames: 0, past: Past { scale, ..Past::default() }, next, scale, last: Neighbour::default() };
         }
         let arch = Arch::default();
         let histories = Histories { past: &self.past, scale: self.scale, frame, alpha: frame.alpha, arch };
         let len = PLANES * vectors(width);
         ahead.data.resize(height * len, Packed::default());
+        ahead.differences.resize(height * vectors(width), Halved::default());
         (ahead.size, ahead.frames, ahead.scale) = (frame.size, self.frames, self.past.scale);
         self.frames += 1;
         let band = super::band_rows(height);
-        let bands = ahead.data.par_chunks_mut(band * len).zip(self.next.par_chunks_mut(band * width)).enumerate();
-        let most = bands.map_init(Scratch::default, |scratch, (at, (data, pixels))| {
-            arch.dispatch(Look { histories, top: at * band, scratch, data, pixels })
+        let differences = ahead.differences.par_chunks_mut(band * vectors(width));
+        let bands = ahead.data.par_chunks_mut(band * len).zip(self.next.par_chunks_mut(band * width)).zip(differences);
+        let last = &self.last;
+        let most = bands.enumerate().map_init(Scratch::default, |scratch, (at, ((data, pixels), differences))| {
+            arch.dispatch(Look { histories, last, top: at * band, scratch, data, pixels, differences })
         });
         // The largest of numbers does not depend on their order.
         let most = most.reduce(|| 0.0, f32::max);
+        self.last.take(frame);
         std::mem::swap(&mut self.past.pixels, &mut self.next);
         (self.past.scale, self.scale) = (self.scale, scale_of(most));
         // The next frame of a fresh state has swapped in an empty one.
@@ -74,15 +81,19 @@ struct Scratch {
     sums: Vec<f32>,
     around: Vec<Lanes>,
     colors: Vec<Colors>,
+    differences: Vec<Difference>,
 }
 
 /// Looks at a band of rows.
 struct Look<'a> {
     histories: Histories<'a>,
+    /// The frame that follows.
+    last: &'a Neighbour,
     top: usize,
     scratch: &'a mut Scratch,
     data: &'a mut [Packed],
     pixels: &'a mut [Packed],
+    differences: &'a mut [Halved],
 }
 
 impl pulp::NullaryFnOnce for Look<'_> {
@@ -91,8 +102,8 @@ impl pulp::NullaryFnOnce for Look<'_> {
 
     #[inline(always)]
     fn call(self) -> f32 {
-        let Self { histories, top, scratch, data, pixels } = self;
-        let Scratch { warped, sums, around, colors } = scratch;
+        let Self { histories, last, top, scratch, data, pixels, differences: halves } = self;
+        let Scratch { warped, sums, around, colors, differences } = scratch;
         let [width, height] = histories.frame.size;
         let (line, groups) = (line_of(width), vectors(width));
         let shrunk = histories.past.scale.recip();
@@ -100,6 +111,7 @@ impl pulp::NullaryFnOnce for Look<'_> {
         sums.resize(3 * line, 0.0);
         around.resize(groups, Lanes::ZERO);
         colors.resize(groups, Colors::default());
+        differences.resize(groups, Difference::default());
         let count = pixels.len() / width;
         let mut most = Lanes::ZERO;
         for step in 0..count + 2 {
@@ -121,6 +133,10 @@ impl pulp::NullaryFnOnce for Look<'_> {
                 for (to, from) in to.iter_mut().zip(line[MARGIN..].as_chunks().0) {
                     *to = packed::pack(Lanes(*from) * factor);
                 }
+            }
+            last.differences(histories.frame, top + at, differences);
+            for (to, difference) in halves[at * groups..].iter_mut().zip(&*differences) {
+                *to = difference::halved(difference);
             }
         }
         most.0.into_iter().fold(0.0, f32::max)

@@ -12,9 +12,11 @@
 
 mod ahead;
 mod blocks;
+mod carried;
 mod contradiction;
 mod denoiser;
 mod detail;
+mod difference;
 pub mod ema;
 pub mod feature;
 pub mod frame;
@@ -28,6 +30,7 @@ pub mod model;
 mod outline;
 mod packed;
 mod reprojection;
+mod residual;
 mod ring;
 mod settings;
 mod smoothing;

@@ -5,6 +5,7 @@
 //! precision would take instructions of its own.
 
 use super::lanes::{LANES, Lanes};
+use super::reprojection::Taps;
 
 /// Eight numbers in sixteen bits each.
 pub type Packed = [u16; LANES];
@@ -41,6 +42,20 @@ pub fn unpack(packed: &Packed) -> Lanes {
 pub fn mean(packed: [&Packed; 4], [p, q, r, s]: [f32; 4]) -> Lanes {
     let [a, b, c, d] = packed.map(lifted);
     ((a * p + b * q) + (c * r + d * s)) - Lanes([OFFSET; LANES])
+}
+
+/// Returns the sum of sixteen times eight numbers, each by the shares of its column and its row, whose sums are 1. Sums below 0
+/// are 0.
+#[inline(always)]
+pub fn resampled(packed: &[Packed], width: usize, taps: &Taps) -> Lanes {
+    let mut sum = Lanes([-OFFSET; LANES]);
+    let [p, q, r, s] = taps.columns;
+    for (row, share) in taps.rows.into_iter().enumerate() {
+        let Some(row) = packed.get(taps.first + row * width..).and_then(<[Packed]>::first_chunk::<4>) else { continue };
+        let [a, b, c, d] = row.each_ref().map(lifted);
+        sum += ((a * p + b * q) + (c * r + d * s)) * share;
+    }
+    sum.max(Lanes::ZERO)
 }
 
 /// Returns the numbers with the offset that they are packed with.

@@ -1,6 +1,6 @@
 //! Places of pixels in the frame before, and the mean of what lies around them there.
 
-use super::lanes::{LANES, Lanes, each};
+use super::lanes::each;
 use glam::Vec2;
 
 /// Least share of a pixel's surroundings in the frame before that must lie in the picture to be its history.
@@ -60,55 +60,65 @@ impl Around {
     }
 }
 
-/// Places of eight pixels in a picture, each between four of its pixels.
+/// Sixteen pixels of a picture around a place, four in each of four rows, and the shares of columns and rows by cubic convolution
+/// (Keys 1981), which keeps detail that the mean of four pixels blurs.
 #[derive(Debug, Clone, Copy)]
-pub struct Eight {
+pub struct Taps {
     /// Place in the picture of the upper left one.
-    at: [i32; LANES],
-    /// Shares of the upper left, upper right, lower left and lower right one.
-    share: [Lanes; 4],
+    pub first: usize,
+    /// Shares of the columns, and of the rows.
+    pub columns: [f32; 4],
+    pub rows: [f32; 4],
 }
 
-impl Eight {
-    /// Returns where eight pixels of a row, from `left` on, lie in the frame before; `None` if not all lie inside.
+impl Taps {
+    /// Returns the pixels around a place; `None` if not all are in a picture of `size`.
     #[inline(always)]
-    pub fn inside([width, height]: [usize; 2], [left, y]: [usize; 2], motion: &[Vec2; LANES]) -> Option<Self> {
-        let (mut x, mut y) = (Lanes([left as f32; LANES]), Lanes([y as f32; LANES]));
-        let (across, down) = ((width as f32) - 1.0, (height as f32) - 1.0);
-        let mut inside = true;
-        for (lane, motion) in motion.iter().enumerate() {
-            x.0[lane] += lane as f32 + motion.x;
-            y.0[lane] += motion.y;
-        }
-        for lane in 0..LANES {
-            inside &= x.0[lane] >= 0.0 && x.0[lane] < across && y.0[lane] >= 0.0 && y.0[lane] < down;
-        }
+    pub fn around([width, height]: [usize; 2], place: Vec2) -> Option<Self> {
+        // Neither huge nor missing numbers pass.
+        let inside = place.x >= 1.0 && place.y >= 1.0 && place.x < width as f32 - 2.0 && place.y < height as f32 - 2.0;
         if !inside {
             return None;
         }
-        let (mut at, mut p, mut q) = ([0; LANES], Lanes::ZERO, Lanes::ZERO);
-        for lane in 0..LANES {
-            let (column, row) = (x.0[lane] as i32, y.0[lane] as i32);
-            p.0[lane] = x.0[lane] - column as f32;
-            q.0[lane] = y.0[lane] - row as f32;
-            at[lane] = row * width as i32 + column;
-        }
-        let one = Lanes([1.0; LANES]);
-        let (r, s) = (one - p, one - q);
-        Some(Self { at, share: [r * s, p * s, r * q, p * q] })
-    }
-
-    /// Returns the four pixels around a place in a picture of so many columns, and their shares.
-    #[inline(always)]
-    pub fn of(&self, lane: usize, width: usize) -> ([usize; 4], [f32; 4]) {
-        let at = self.at[lane] as usize;
-        ([at, at + 1, at + width, at + width + 1], each(|corner| self.share[corner].0[lane]))
+        let (column, row) = (place.x as i32, place.y as i32);
+        let (columns, rows) = (cubic(place.x - column as f32), cubic(place.y - row as f32));
+        Some(Self { first: (row as usize - 1) * width + column as usize - 1, columns, rows })
     }
 }
 
+/// Returns the shares of four pixels in a row at a part of the way from the second to the third.
+#[inline(always)]
+fn cubic(part: f32) -> [f32; 4] {
+    let rest = 1.0 - part;
+    let half = 0.5 * part * rest;
+    // The inner ones have their linear shares, and what the outer ones lack.
+    [-half * rest, rest + half * (2.0 * rest - part), part + half * (2.0 * part - rest), -half * part]
+}
+
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
 mod tests {
     use super::*;
+
+    /// Shares add to 1, and keep any parabola.
+    #[test]
+    fn parabolas_stay() {
+        for place in [[1.0, 1.0], [1.25, 2.5], [2.999, 1.0]] {
+            let found = Taps::around([6, 5], place.into()).unwrap();
+            let at = |shares: [f32; 4], of: &dyn Fn(f32) -> f32, first: usize| {
+                shares.iter().enumerate().map(|(i, share)| share * of((first + i) as f32)).sum::<f32>()
+            };
+            for power in 0..3 {
+                let of = |x: f32| x.powi(power);
+                let [x, y] = [at(found.columns, &of, found.first % 6), at(found.rows, &of, found.first / 6)];
+                assert!((x - of(place[0])).abs() < 1e-4 && (y - of(place[1])).abs() < 1e-4, "{place:?} {power}");
+            }
+        }
+        for outside in [[0.9, 1.0], [4.0, 1.0], [1.0, 3.0], [f32::NAN, 1.0], [1e30, 1.0]] {
+            assert!(Taps::around([6, 5], outside.into()).is_none(), "{outside:?}");
+        }
+        assert!(Taps::around([3, 3], Vec2::ONE).is_none());
+    }
 
     #[test]
     fn places_are_mixed_from_what_lies_around() {

@@ -1,0 +1,332 @@
+//! The residual, what a frame's colors have over the denoised ones, and the share of it that is signal and comes back.
+//!
+//! The residual's square is on average the sum of the noise's and of the denoiser's error, since both are independent. So the noise
+//! that the frames before and after show ([`difference`]) tells the error, whatever caused it: detail that was smoothed
+//! away, histories of another shot or another light, motion that is wrong. The share that comes back, one less noise over residual,
+//! leaves the least error (James & Stein 1961). It is 1 without noise, and 0 where the denoiser leaves nothing.
+
+use super::blocks::{BLOCK, Grid, Interpolated, Planes, Pool};
+use super::carried::{carry, to_planes};
+use super::difference::{self, Difference, Neighbour};
+use super::frame::Frame;
+use super::history::loaded;
+use super::lanes::{LANES, Lanes, each};
+use super::layout::{MARGIN, line_of};
+use super::vectors::{Features, vectors};
+use crate::arch::Arch;
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Sums of a block: those of this frame, and behind them those of all frames, older ones by less.
+type Sums = [f32; 2 * LANES];
+
+/// Place of the noise's square by the product of two differences.
+const NOISE: usize = 0;
+/// Place of the noise's square by a difference's own.
+const DIRECT: usize = 1;
+/// Place of the residual's square.
+const RESIDUAL: usize = 2;
+/// Place of the square of each pixel's noise, from which the variance of the sum follows.
+const CHANCE: usize = 3;
+/// Places of the square of the noise that the pixels around show, and of the residual's, of the sum of the channels.
+const LIGHT_NOISE: usize = 4;
+const LIGHT: usize = 5;
+/// Place of the sums of all frames.
+const ALL: usize = LANES;
+
+/// Blocks to each side over which sums are pooled.
+const POOL: usize = 2;
+/// Standard deviations of the noise's square that are added to it, so that chance seldom takes noise for signal.
+const DEVIATIONS: f32 = 0.75;
+/// Shares of noise in the residual between which one estimate of noise takes over from the other, where one side of time is known.
+const ONE_SIDED: [f32; 2] = [0.3, 0.6];
+/// Distance in pixels of those around of which the second difference is taken: filters make noise of neighbours alike.
+const APART: usize = 2;
+/// Sum of the squares of the kernel of second differences in both directions.
+const KERNEL: f32 = 36.0;
+/// Noise that pixels around show, as a multiple: texture is more often taken for noise than noise for texture.
+const AROUND: f32 = 1.25;
+/// Weight of pixels of which no difference is known: they count where no others are, and their residual counts as noise.
+const UNKNOWN: f32 = 1e-4;
+/// Least residual, where there is none.
+const LEAST: f32 = 1e-30;
+
+/// Residuals of a sequence.
+#[derive(Debug, Default)]
+pub struct Residuals {
+    /// The frame before.
+    last: Neighbour,
+    blocks: Vec<Sums>,
+    next: Vec<Sums>,
+    sums: Planes,
+    shares: Planes,
+}
+
+/// A denoised frame, and what it was denoised from.
+#[derive(Debug, Clone, Copy)]
+pub struct Denoised<'d> {
+    pub frame: &'d Frame<'d>,
+    pub grid: Grid,
+    /// Denoised colors, row by row.
+    pub colors: &'d [Features],
+    /// Alpha of the frame, if it counts.
+    pub alpha: Option<&'d [f32]>,
+    /// Added to the squares of colors before errors are taken as shares of them.
+    pub floor: f32,
+    /// Share of the sums that is kept.
+    pub kept: f32,
+}
+
+impl Residuals {
+    /// Writes the denoised colors with the signal that their residuals hold.
+    pub fn give_back(&mut self, denoised: &Denoised<'_>, to: &mut [Vec3]) {
+        let Denoised { frame, grid, .. } = *denoised;
+        if self.sums.row_len() != 2 * LANES * grid.stride() || self.next.len() != grid.rows * grid.columns {
+            self.next = vec![[0.0; 2 * LANES]; grid.rows * grid.columns];
+            self.sums = Planes::new(grid, 2 * LANES);
+            self.shares = Planes::new(grid, 1);
+        }
+        let Self { last, blocks, next, sums, shares } = self;
+        let (last_frame, before) = (&*last, &blocks[..]);
+        let rows = next.par_chunks_mut(grid.columns).zip(sums.data.par_chunks_mut(2 * LANES * grid.stride())).enumerate();
+        rows.with_min_len(2).for_each_init(Scratch::default, |scratch, (row, (blocks, planes))| {
+            Arch::default().dispatch(Learn { denoised, last: last_frame, before, row, scratch, blocks, planes });
+        });
+        let sums = &*sums;
+        let rows = shares.data.par_chunks_mut(grid.stride()).enumerate();
+        rows.with_min_len(8).for_each_init(Pool::default, |pool, (row, shares)| {
+            Arch::default().dispatch(Solve { sums, row, pool, shares });
+        });
+        let shares = &*shares;
+        let rows = to.par_chunks_mut(frame.size[0]).enumerate();
+        rows.with_min_len(8).for_each_init(Interpolated::default, |interpolated, (row, to)| {
+            Arch::default().dispatch(GiveBack { denoised, shares, row, interpolated, to });
+        });
+        last.take(frame);
+        std::mem::swap(blocks, next);
+        next.resize(blocks.len(), [0.0; 2 * LANES]);
+    }
+}
+
+/// Memory that rows of blocks reuse.
+#[derive(Debug, Default)]
+struct Scratch {
+    /// Differences from the frame before, and from the one after.
+    before: Vec<Difference>,
+    after: Vec<Difference>,
+    /// Sums of the channels, of the rows around, too.
+    light: Vec<f32>,
+}
+
+/// Learns a row of blocks.
+struct Learn<'a> {
+    denoised: &'a Denoised<'a>,
+    last: &'a Neighbour,
+    /// Sums after the frame before; empty at the first frame.
+    before: &'a [Sums],
+    row: usize,
+    scratch: &'a mut Scratch,
+    blocks: &'a mut [Sums],
+    planes: &'a mut [f32],
+}
+
+impl pulp::NullaryFnOnce for Learn<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { denoised, last, before, row, scratch, blocks, planes } = self;
+        let Denoised { frame, grid, kept, .. } = *denoised;
+        let [width, height] = frame.size;
+        let (top, groups) = (row * BLOCK, vectors(width));
+        let count = BLOCK.min(height - top);
+        scratch.before.resize(BLOCK * groups, Difference::default());
+        scratch.after.resize(BLOCK * groups, Difference::default());
+        for at in 0..count {
+            last.differences(frame, top + at, &mut scratch.before[at * groups..][..groups]);
+            let after = &mut scratch.after[at * groups..][..groups];
+            match frame.ahead {
+                Some(ahead) => {
+                    let differences = &ahead.differences[(top + at) * groups..][..groups];
+                    after.iter_mut().zip(differences).for_each(|(to, from)| *to = difference::whole(from));
+                }
+                None => after.fill(Difference::default()),
+            }
+        }
+        light(frame, top, &mut scratch.light);
+        carry(frame, grid, before, row, blocks);
+        add(denoised, top, scratch, blocks);
+        for sums in &mut *blocks {
+            for i in 0..LANES {
+                sums[ALL + i] = sums[ALL + i] * kept + sums[i];
+            }
+        }
+        to_planes(Arch::default(), blocks, planes, grid.stride());
+    }
+}
+
+/// Writes the sums of the channels of the rows that the second differences of a row of blocks take, line after line. What lies
+/// outside is not a number.
+#[inline(always)]
+fn light(frame: &Frame<'_>, top: usize, lines: &mut Vec<f32>) {
+    let [width, height] = frame.size;
+    let line = line_of(width);
+    lines.clear();
+    lines.resize((BLOCK + 2 * APART) * line, f32::NAN);
+    for (at, to) in lines.chunks_exact_mut(line).enumerate() {
+        let Some(y) = (top + at).checked_sub(APART).filter(|y| *y < height) else { continue };
+        for (to, color) in to[MARGIN..].iter_mut().zip(&frame.color[y * width..][..width]) {
+            *to = (color.x + color.y) + color.z;
+        }
+    }
+}
+
+/// Writes the sums of the pixels of a row of blocks.
+#[inline(always)]
+fn add(denoised: &Denoised<'_>, top: usize, scratch: &Scratch, blocks: &mut [Sums]) {
+    let Denoised { frame, colors, floor, .. } = *denoised;
+    let [width, height] = frame.size;
+    let (groups, line) = (vectors(width), line_of(width));
+    let count = BLOCK.min(height - top);
+    for (at, blocks) in blocks.chunks_mut(LANES / BLOCK).enumerate() {
+        let mut sums = [Lanes::ZERO; LANES];
+        for row in 0..count {
+            let pixels = &frame.color[(top + row) * width..][..width][at * LANES..];
+            let (color, seen) = loaded(&pixels[..LANES.min(pixels.len())]);
+            let found = &colors[(top + row) * groups + at];
+            let (before, after) = (&scratch.before[row * groups + at], &scratch.after[row * groups + at]);
+            let residual: [Lanes; 3] = each(|c| (color[c] - found[c]) * seen);
+            let squares = dot(&residual, &residual);
+            let [noise, direct] = noise(&residual, squares, before, after);
+            let weight = seen / (dot(found, found) + Lanes([floor; LANES]));
+            let sum = (residual[0] + residual[1]) + residual[2];
+            let (left, square) = (MARGIN + at * LANES, sum * sum);
+            let light = around(&scratch.light[row * line..], line, left, square);
+            let known = weight * before[3].max(after[3]).max(Lanes([UNKNOWN; LANES]));
+            let chance = noise * known;
+            let terms = [chance, direct * known, squares * known, chance * chance, light * weight, square * weight];
+            for (sum, term) in sums.iter_mut().zip(terms) {
+                *sum += term;
+            }
+        }
+        let pixels = Arch::default().transposed(&sums.map(|sum| sum.0));
+        for (block, sums) in pixels.chunks(BLOCK).zip(&mut *blocks) {
+            let sum = (Lanes(block[0]) + Lanes(block[1])) + (Lanes(block[2]) + Lanes(block[3]));
+            sum.store(sums, 0);
+        }
+    }
+}
+
+#[inline(always)]
+fn dot(a: &[Lanes; 3], b: &[Lanes; 3]) -> Lanes {
+    (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
+}
+
+/// Returns the square of the noise of eight pixels: by the product of the differences from both sides of time, where both are known;
+/// else by that of residual and difference, and by half of the difference's own square; else the residual's square.
+#[inline(always)]
+fn noise(residual: &[Lanes; 3], squares: Lanes, before: &Difference, after: &Difference) -> [Lanes; 2] {
+    let ([a @ .., is_before], [b @ .., is_after]) = (before, after);
+    let both = *is_before * *is_after;
+    // What is not known is 0.
+    let other = Lanes([1.0; LANES]) - *is_before;
+    let one: [Lanes; 3] = each(|c| a[c] + b[c] * other);
+    let any = is_before.max(*is_after);
+    let product = dot(a, b);
+    [dot(residual, &one), dot(&one, &one) * 0.5].map(|single| both.select(product, any.select(single, squares)))
+}
+
+/// Returns the square of the noise of eight pixels by what is around them, from lines that begin above them; `square` where not all
+/// of it is known.
+#[inline(always)]
+fn around(lines: &[f32], line: usize, left: usize, square: Lanes) -> Lanes {
+    let second = |row: usize| {
+        let at = |x: usize| Lanes::load(lines, row * line + x);
+        (at(left - APART) + at(left + APART)) - at(left) * 2.0
+    };
+    let both = (second(0) + second(2 * APART)) - second(APART) * 2.0;
+    let noise = both * both / Lanes([KERNEL; LANES]);
+    Lanes(each(|lane| if noise.0[lane].is_finite() { noise.0[lane] } else { square.0[lane] }))
+}
+
+/// Solves for the shares of a row of blocks.
+struct Solve<'a> {
+    sums: &'a Planes,
+    row: usize,
+    pool: &'a mut Pool,
+    shares: &'a mut [f32],
+}
+
+impl pulp::NullaryFnOnce for Solve<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { sums, row, pool, shares } = self;
+        const NOW: [usize; 6] = [NOISE, DIRECT, RESIDUAL, CHANCE, LIGHT_NOISE, LIGHT];
+        const SINCE: [usize; 3] = [ALL + NOISE, ALL + RESIDUAL, ALL + CHANCE];
+        let (vectors, pooled) = pool.sums(sums, row, NOW.into_iter().chain(SINCE).map(|plane| (plane, POOL)));
+        for vector in 0..vectors {
+            let sums: [Lanes; 9] = each(|plane| pooled[plane * vectors + vector]);
+            share(&sums).store(shares, vector * LANES);
+        }
+    }
+}
+
+/// Returns the share of the residuals of eight blocks that is signal, from their sums: those of the frame, and the noise, the
+/// residual and the chance of all frames.
+#[inline(always)]
+fn share(&[noise, direct, residual, chance, light_noise, light, noises, residuals, chances]: &[Lanes; 9]) -> Lanes {
+    let (one, least) = (Lanes([1.0; LANES]), Lanes([LEAST; LANES]));
+    let ratio = |noise: Lanes, chance: Lanes, residual: Lanes| (noise + chance * DEVIATIONS) / residual.max(least);
+    let chance = chance.sqrt();
+    let product = ratio(noise, chance, residual);
+    // A difference's own square holds half of the noise of a single bright pixel, but less of what resampling misses.
+    let square = ratio(direct, chance.min(direct), residual).min(product);
+    let [from, to] = ONE_SIDED;
+    let part = ((product - Lanes([from; LANES])) / Lanes([to - from; LANES])).max(Lanes::ZERO).min(one);
+    let now = square + (product - square) * part;
+    let since = ratio(noises, chances.sqrt(), residuals);
+    let around = light_noise * AROUND / light.max(least);
+    // Numbers that are none lose every comparison.
+    let signal = (one - now.min(since).min(around)).max(Lanes::ZERO).min(one);
+    // Small shares are more often chance than signal.
+    signal * signal * (Lanes([3.0; LANES]) - signal * 2.0)
+}
+
+/// Gives the signal back to a row of pixels.
+struct GiveBack<'a> {
+    denoised: &'a Denoised<'a>,
+    shares: &'a Planes,
+    row: usize,
+    interpolated: &'a mut Interpolated,
+    to: &'a mut [Vec3],
+}
+
+impl pulp::NullaryFnOnce for GiveBack<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { denoised, shares, row, interpolated, to } = self;
+        let Denoised { frame, grid, colors, alpha, .. } = *denoised;
+        let width = to.len();
+        interpolated.take(grid, row, shares);
+        let pixels = frame.color[row * width..][..width].chunks(LANES);
+        let colors = &colors[row * vectors(width)..];
+        let alphas = alpha.map(|alpha| &alpha[row * width..][..width]);
+        for (at, ((to, pixels), found)) in to.chunks_mut(LANES).zip(pixels).zip(colors).enumerate() {
+            let (color, seen) = loaded(pixels);
+            let share = interpolated.at(0, at) * seen;
+            let rest = Lanes([1.0; LANES]) - share;
+            let mixed: [Lanes; 3] = each(|c| found[c] * rest + color[c] * share);
+            for (lane, to) in to.iter_mut().enumerate() {
+                *to = Vec3::new(mixed[0].0[lane], mixed[1].0[lane], mixed[2].0[lane]);
+                let is_empty = alphas.is_some_and(|alphas| alphas[at * LANES + lane] == 0.0);
+                if is_empty && pixels[lane] == Vec3::ZERO {
+                    *to = Vec3::ZERO;
+                }
+            }
+        }
+    }
+}
