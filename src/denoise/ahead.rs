@@ -3,7 +3,7 @@
 use super::difference::Halved;
 use super::lanes::{LANES, Lanes};
 use super::layout::{ALPHA, COUNT, MARGIN, PLANES};
-use super::packed::{self, Packed};
+use super::packed::{self, Coding, Packed};
 use super::vectors::vectors;
 
 /// Frames of a history at most, where it is weighed against another: older ones hardly count.
@@ -15,8 +15,8 @@ pub struct Ahead {
     pub(super) size: [usize; 2],
     /// Number of frames that follow, as far as they were looked at.
     pub(super) frames: u32,
-    /// Factor of the colors, a power of two.
-    pub(super) scale: f32,
+    /// Coding of the colors.
+    pub(super) coding: Coding,
     /// Row by row, plane after plane: color, alpha and the count of frames.
     pub(super) data: Vec<Packed>,
     /// Differences between the pixels' colors and those of the next frame, row by row.
@@ -55,7 +55,7 @@ impl Ahead {
             let both = one / (one + (ahead / behind).sqrt());
             let share = ahead.select(behind.select(both, one), Lanes::ZERO);
             for plane in 0..COUNT {
-                let found = if plane < ALPHA { future(plane) * self.scale } else { future(plane) };
+                let found = if plane < ALPHA { self.coding.decode(future(plane)) } else { future(plane) };
                 (past(plane) + (found - past(plane)) * share).store(to, plane * line + at);
             }
             (ahead + behind).store(to, COUNT * line + at);

@@ -8,12 +8,13 @@
 use super::blocks::{BLOCK, COEFFICIENTS, Grid, Interpolated, Planes, Pool, solve_row};
 use super::carried::{carry, to_planes};
 use super::detail;
+use super::difference::Halved;
 use super::frame::{Denoised, Frame};
-use super::history::{Histories, Past, scale_of, scale_of_first};
+use super::history::{Histories, Past, coding_of_first};
 use super::lanes::{LANES, Lanes};
 use super::learning::{self, Lines, STATE, Sums};
 use super::outline::Outline;
-use super::packed::Packed;
+use super::packed::{Coding, Packed};
 use super::residual::{self, Residuals};
 use super::smoothing::{self, Rows, Smoothing};
 use super::vectors::{Colors, Features, vectors};
@@ -42,8 +43,8 @@ struct State {
     /// True where the features of the frame before rested on frames before and on frames that follow.
     sides: [bool; 2],
     past: Past,
-    /// Factor of the histories that come.
-    scale: f32,
+    /// Coding of the histories that come.
+    coding: Coding,
     blocks: Vec<Sums>,
     /// Sums of detail by block.
     details: Vec<detail::Sums>,
@@ -61,6 +62,8 @@ struct Scratch {
     /// Histories that the features were smoothed from.
     histories: Vec<detail::Histories>,
     colors: Vec<Colors>,
+    /// Differences from the frame before.
+    differences: Vec<Halved>,
     /// Sums of the blocks, plane after plane.
     sums: Planes,
     /// Totals of each row of blocks.
@@ -96,16 +99,17 @@ impl GuidedDenoiser {
         let grid = Grid::over(frame.size);
         if self.state.size != frame.size {
             let blocks = grid.rows * grid.columns;
-            let scale = scale_of_first(frame.color);
-            let past = Past { scale, ..Past::default() };
+            let coding = coding_of_first(frame.color);
+            let past = Past { coding, ..Past::default() };
             self.residuals = Residuals::default();
-            self.state = State { size: frame.size, past, scale, ..State::default() };
+            self.state = State { size: frame.size, past, coding, ..State::default() };
             self.scratch = Scratch {
                 pixels: vec![Packed::default(); frame.color.len()],
                 blocks: vec![[0.0; STATE]; blocks],
                 features: vec![Features::default(); frame.size[1] * vectors(frame.size[0])],
                 histories: vec![Default::default(); frame.size[1] * vectors(frame.size[0])],
                 colors: vec![Colors::default(); frame.size[1] * vectors(frame.size[0])],
+                differences: vec![Halved::default(); frame.size[1] * vectors(frame.size[0])],
                 sums: Planes::new(grid, STATE),
                 rows: vec![RowSums::default(); grid.rows],
                 predicting: Planes::new(grid, PREDICTING),
@@ -120,7 +124,8 @@ impl GuidedDenoiser {
         self.learn_detail(frame, grid, kept);
         self.predict(frame.size, grid, to);
         let (colors, floor) = (&self.scratch.features[..], learning::error_floor(self.state.level));
-        let denoised = residual::Denoised { frame, grid, colors, alpha: outline.alpha, floor, kept };
+        let before = &self.scratch.differences[..];
+        let denoised = residual::Denoised { frame, grid, colors, before, alpha: outline.alpha, floor, kept };
         to.color.resize(frame.color.len(), Vec3::ZERO);
         self.residuals.give_back(&denoised, &mut to.color);
         Ok(())
@@ -131,17 +136,18 @@ impl GuidedDenoiser {
     fn learn(&mut self, frame: &Frame<'_>, grid: Grid, outline: Outline<'_>) -> f32 {
         let [width, height] = frame.size;
         let groups = vectors(width);
-        let Scratch { pixels, blocks, features, histories: own, colors, sums, rows: of_rows, .. } = &mut self.scratch;
+        let Scratch { pixels, blocks, features, histories: own, colors, differences, sums, rows: of_rows, .. } = &mut self.scratch;
         let arch = Arch::default();
-        let State { past, scale, .. } = &self.state;
-        let histories = Histories { past, scale: *scale, frame, alpha: outline.alpha, arch };
+        let State { past, coding, .. } = &self.state;
+        let histories = Histories { past, coding: *coding, frame, alpha: outline.alpha, arch };
         let smoothing = Smoothing { histories, ahead: frame.ahead, outline };
         let sides = [!past.pixels.is_empty(), frame.ahead.is_some_and(|ahead| ahead.frames() > 0)];
         let kept = if sides == self.state.sides { FORGETTING } else { FORGETTING_AT_ENDS };
         let known = Known { smoothing, blocks: &self.state.blocks, kept, grid };
         let band = super::band_rows(height);
         let taken = features.par_chunks_mut(band * groups).zip(own.par_chunks_mut(band * groups));
-        let rows = pixels.par_chunks_mut(band * width).zip(taken.zip(colors.par_chunks_mut(band * groups)));
+        let learned = colors.par_chunks_mut(band * groups).zip(differences.par_chunks_mut(band * groups));
+        let rows = pixels.par_chunks_mut(band * width).zip(taken.zip(learned));
         let band_blocks = band / BLOCK;
         let of_blocks = blocks
             .par_chunks_mut(band_blocks * grid.columns)
@@ -149,8 +155,8 @@ impl GuidedDenoiser {
             .zip(of_rows.par_chunks_mut(band_blocks));
         rows.zip(of_blocks).enumerate().for_each_init(
             smoothing::Scratch::default,
-            |scratch, (at, ((pixels, ((features, histories), colors)), ((blocks, planes), of_rows)))| {
-                let rows = Rows { pixels, features, histories, colors };
+            |scratch, (at, ((pixels, ((features, histories), (colors, differences))), ((blocks, planes), of_rows)))| {
+                let rows = Rows { pixels, features, histories, colors, differences };
                 arch.dispatch(Learn { known: &known, top: at * band, rows, blocks, planes, of_rows, scratch });
             },
         );
@@ -161,7 +167,7 @@ impl GuidedDenoiser {
         }
         self.state.sides = sides;
         std::mem::swap(&mut self.state.past.pixels, &mut self.scratch.pixels);
-        (self.state.past.scale, self.state.scale) = (self.state.scale, scale_of(all.most));
+        (self.state.past.coding, self.state.coding) = (self.state.coding, Coding::of(all.extremes));
         std::mem::swap(&mut self.state.blocks, &mut self.scratch.blocks);
         // The next frame of a fresh state has swapped in empty ones.
         self.scratch.pixels.resize(self.state.past.pixels.len(), Packed::default());
@@ -214,7 +220,7 @@ impl GuidedDenoiser {
         to.confidence.resize(width * height, 0.0);
         let groups = vectors(width);
         let Scratch { features, histories, predicting, shares, .. } = &mut self.scratch;
-        let predicted = Predicted { grid, predicting, shares };
+        let predicted = Predicted { grid, predicting, shares, least: self.state.coding.least() };
         let rows = features.par_chunks_mut(groups).zip(histories.par_chunks(groups));
         let rows = rows.zip(to.confidence.par_chunks_mut(width)).enumerate();
         rows.with_min_len(8).for_each_init(Default::default, |models, (row, ((features, histories), confidence))| {
@@ -229,14 +235,15 @@ struct RowSums {
     /// Sum of the features' squares, and their count.
     power: f64,
     count: f64,
-    /// Largest color of the histories of its band.
-    most: f32,
+    /// Least and largest color of the histories of its band.
+    extremes: [f32; 2],
 }
 
 impl RowSums {
     fn plus(self, other: &Self) -> Self {
         let (power, count) = (self.power + other.power, self.count + other.count);
-        Self { power, count, most: self.most.max(other.most) }
+        let [a, b] = [self.extremes, other.extremes];
+        Self { power, count, extremes: [a[0].min(b[0]), a[1].max(b[1])] }
     }
 }
 
@@ -267,21 +274,21 @@ impl pulp::NullaryFnOnce for Learn<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { known, top, rows: Rows { pixels, features, histories, colors }, blocks, planes, of_rows, scratch } =
-            self;
+        let Self { known, top, rows, blocks, planes, of_rows, scratch } = self;
+        let Rows { pixels, features, histories, colors, differences } = rows;
         let Known { smoothing, grid, kept, .. } = *known;
         let Histories { frame, arch, .. } = smoothing.histories;
         let groups = vectors(frame.size[0]);
         for (row, blocks) in blocks.chunks_mut(grid.columns).enumerate() {
             carry(frame, grid, known.blocks, top / BLOCK + row, blocks);
         }
-        let most = smoothing.band(top, Rows { pixels, features, histories, colors }, scratch);
+        let extremes = smoothing.band(top, Rows { pixels, features, histories, colors, differences }, scratch);
         let lines = features.chunks(BLOCK * groups).zip(colors.chunks(BLOCK * groups));
         let of_blocks = blocks.chunks_mut(grid.columns).zip(planes.chunks_mut(STATE * grid.stride())).zip(of_rows);
         for ((features, colors), ((blocks, planes), of_row)) in lines.zip(of_blocks) {
             learning::add(Lines { features, colors, groups }, kept, arch, blocks);
             to_planes(arch, blocks, planes, grid.stride());
-            let row = RowSums { most, ..RowSums::default() };
+            let row = RowSums { extremes, ..RowSums::default() };
             *of_row = blocks.iter().fold(row, |row, sums| RowSums {
                 power: row.power + f64::from(sums[4] + sums[7] + sums[9]),
                 count: row.count + f64::from(sums[0]),
@@ -396,6 +403,8 @@ struct Predicted<'p> {
     grid: Grid,
     predicting: &'p Planes,
     shares: &'p Planes,
+    /// Colors below are none.
+    least: f32,
 }
 
 /// Predicts a row of pixels.
@@ -417,12 +426,13 @@ impl pulp::NullaryFnOnce for Predict<'_> {
         let Self { predicted, row, models: [models, shares], features, histories, confidence } = self;
         models.take(predicted.grid, row, predicted.predicting);
         shares.take(predicted.grid, row, predicted.shares);
+        let least = Lanes([predicted.least; LANES]);
         let groups = features.iter_mut().zip(histories).zip(confidence.chunks_mut(LANES)).enumerate();
         for (at, ((color, histories), confidence)) in groups {
             let by_band: [Lanes; detail::SHARES] = [shares.at(0, at), shares.at(1, at)];
             for (c, color) in color.iter_mut().enumerate() {
                 let [coarse, fine] = detail::bands(*color, histories, c);
-                *color = (*color + (coarse * by_band[0] + fine * by_band[1])).max(Lanes::ZERO);
+                *color = (*color + (coarse * by_band[0] + fine * by_band[1])).max(least);
             }
             let counts = models.at(COEFFICIENTS, at);
             for (confidence, count) in confidence.iter_mut().zip(counts.0) {

@@ -3,10 +3,11 @@
 //! A history does not hold the color of the frame at hand, so that the noise of both is independent. Pixels are kept in sixteen
 //! bits a number ([`packed`](super::packed)).
 
+use super::difference::{self, Halved};
 use super::frame::Frame;
 use super::lanes::{LANES, Lanes, each};
-use super::layout::{ALPHA, COUNT, MARGIN, PLANES, fill_margins, line_of};
-use super::packed::{self, Packed};
+use super::layout::{ALPHA, COUNT, LAST, MARGIN, PLANES, STORED, fill_margins, line_of};
+use super::packed::{self, Coding, Packed};
 use super::reprojection::{Taps, around};
 use super::vectors::Colors;
 use crate::arch::Arch;
@@ -29,33 +30,19 @@ const COLOR_LIMIT: f32 = 64.0;
 const LARGEST: f32 = 1e12;
 
 /// Histories of all pixels after a frame.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Past {
-    /// The history of each pixel's color and alpha, the count of its frames, and zeros up to a whole vector. Empty before the
+    /// The history of each pixel's color and alpha, the count of its frames, and the color of the frame alone. Empty before the
     /// first frame.
     pub pixels: Vec<Packed>,
-    /// Factor of the colors, a power of two.
-    pub scale: f32,
+    /// Coding of the colors.
+    pub coding: Coding,
 }
 
-impl Default for Past {
-    fn default() -> Self {
-        Self { pixels: Vec::new(), scale: 1.0 }
-    }
-}
-
-/// Number that the largest color is scaled to, or up to half of it: what comes next may be brighter.
-const SCALED: f32 = 4096.0;
-
-/// Returns the factor of colors up to `most`.
-pub fn scale_of(most: f32) -> f32 {
-    let exponent = (most / SCALED).log2().ceil();
-    if exponent.is_finite() { exponent.clamp(-100.0, 100.0).exp2() } else { 1.0 }
-}
-
-/// Returns the factor of the histories that begin with these colors.
-pub fn scale_of_first(color: &[Vec3]) -> f32 {
-    scale_of(color.iter().filter_map(|color| within(*color)).fold(0.0, |most, color| most.max(color.max_element())))
+/// Returns the coding of the histories that begin with these colors.
+pub fn coding_of_first(color: &[Vec3]) -> Coding {
+    let of = |[least, most]: [f32; 2], color: Vec3| [least.min(color.min_element()), most.max(color.max_element())];
+    Coding::of(color.iter().filter_map(|color| within(*color)).fold([0.0; 2], of))
 }
 
 /// Histories of the frame before, beside the frame that comes.
@@ -63,8 +50,8 @@ pub fn scale_of_first(color: &[Vec3]) -> f32 {
 pub struct Histories<'h> {
     /// Histories after the frame before.
     pub past: &'h Past,
-    /// Factor of the colors of the histories after this frame.
-    pub scale: f32,
+    /// Coding of the colors of the histories after this frame.
+    pub coding: Coding,
     /// Frame that comes.
     pub frame: &'h Frame<'h>,
     /// Alpha of the frame, if it counts.
@@ -79,16 +66,17 @@ impl Histories<'_> {
     pub fn warp(&self, y: usize, lines: &mut [f32], line: usize) {
         let [width, _] = self.frame.size;
         let motion = self.frame.motion.map(|motion| &motion[y * width..][..width]);
-        let scale = self.past.scale;
+        let coding = self.past.coding;
         for left in (0..width).step_by(LANES) {
             let mut found = [[0.0; LANES]; LANES];
             for (x, found) in (left..width).zip(&mut found) {
                 *found = self.before([x, y], motion.map_or(Vec2::ZERO, |motion| motion[x]));
             }
             let planes = self.arch.transposed(&found);
-            for plane in 0..PLANES {
-                let factor = if plane < ALPHA { scale } else { 1.0 };
-                (Lanes(planes[plane]) * factor).store(lines, plane * line + MARGIN + left);
+            for (plane, numbers) in planes.into_iter().enumerate() {
+                let is_color = plane != ALPHA && plane != COUNT;
+                let numbers = if is_color { coding.decode(Lanes(numbers)) } else { Lanes(numbers) };
+                numbers.store(lines, plane * line + MARGIN + left);
             }
         }
         for line in lines.chunks_mut(line).take(PLANES) {
@@ -99,7 +87,7 @@ impl Histories<'_> {
     /// Returns a pixel as it was in the frame before, or as it is now if it was not seen.
     #[inline(always)]
     fn before(&self, [x, y]: [usize; 2], motion: Vec2) -> [f32; LANES] {
-        let Past { pixels, scale } = self.past;
+        let Past { pixels, coding } = self.past;
         let own = y * self.frame.size[0] + x;
         if !pixels.is_empty() {
             if motion == Vec2::ZERO {
@@ -114,27 +102,30 @@ impl Histories<'_> {
                 return packed::mean(found.at.map(|place| &pixels[place]), shares).0;
             }
         }
-        let [r, g, b] = (self.calm([x, y]) / *scale).to_array();
+        let [r, g, b] = self.calm([x, y]).to_array();
+        let coded = coding.encode(Lanes([r, g, b, 0.0, 0.0, 0.0, 0.0, 0.0])).0;
         let alpha = self.alpha.map_or(0.0, |alpha| alpha[own]);
-        [r, g, b, if alpha.is_finite() { alpha.clamp(0.0, 1.0) } else { 0.0 }, 0.0, 0.0, 0.0, 0.0]
+        let alpha = if alpha.is_finite() { alpha.clamp(0.0, 1.0) } else { 0.0 };
+        [coded[0], coded[1], coded[2], alpha, 0.0, 0.0, 0.0, 0.0]
     }
 
     /// Returns the color of a pixel, cut where it is far above those around: what a history begins with.
     fn calm(&self, [x, y]: [usize; 2]) -> Vec3 {
         let [width, height] = self.frame.size;
-        let (mut sum, mut count) = (Vec3::ZERO, 0.0);
+        let (mut sum, mut size, mut count) = (Vec3::ZERO, Vec3::ZERO, 0.0);
         for row in y.saturating_sub(1)..(y + 2).min(height) {
             for column in x.saturating_sub(1)..(x + 2).min(width) {
                 let color = within(self.frame.color[row * width + column]);
                 if let Some(color) = color.filter(|_| [column, row] != [x, y]) {
                     sum += color;
+                    size += color.abs();
                     count += 1.0;
                 }
             }
         }
-        let around = sum / f32::max(count, 1.0);
+        let [around, size] = [sum, size].map(|sum| sum / f32::max(count, 1.0));
         let own = within(self.frame.color[y * width + x]).unwrap_or(around);
-        let most = HISTORY_LIMIT * around.max_element();
+        let most = HISTORY_LIMIT * size.max_element();
         own * (most / own.max_element().max(1e-30)).clamp(0.0, 1.0)
     }
 
@@ -152,7 +143,8 @@ impl Histories<'_> {
     }
 
     /// Takes a row's colors to planes, cut where they are far above what is around, and writes the next state of its
-    /// histories. The fourth plane is 1 where there is a color. Returns the greatest colors of the next state, in some order.
+    /// histories, and the differences from the frame before. The fourth plane is 1 where there is a color. Returns the least and the
+    /// greatest colors of the next state, in some order.
     #[inline(always)]
     pub fn follow(
         &self,
@@ -160,16 +152,15 @@ impl Histories<'_> {
         lines: &[f32],
         around: &[Lanes],
         colors: &mut [Colors],
-        pixels: &mut [Packed],
-    ) -> Lanes {
-        let mut greatest = Lanes::ZERO;
-        let shrunk = self.scale.recip();
+        (pixels, differences): (&mut [Packed], &mut [Halved]),
+    ) -> [Lanes; 2] {
+        let mut extremes = [Lanes::ZERO; 2];
         let [width, _] = self.frame.size;
         let line = line_of(width);
         let row = &self.frame.color[y * width..][..width];
         let one = Lanes([1.0; LANES]);
-        let groups = row.chunks(LANES).zip(pixels.chunks_mut(LANES)).zip(around.iter().zip(colors)).enumerate();
-        for (at, ((row, pixels), (around, colors))) in groups {
+        let groups = row.chunks(LANES).zip(pixels.chunks_mut(LANES)).zip(around.iter().zip(colors)).zip(differences).enumerate();
+        for (at, (((row, pixels), (around, colors)), differences)) in groups {
             let (color, seen) = loaded(row);
             let most = color[0].max(color[1]).max(color[2]).max(Lanes([1e-30; LANES]));
             let share = *around / most;
@@ -177,7 +168,7 @@ impl Histories<'_> {
             let learned = cut(COLOR_LIMIT);
             *colors = [color[0] * learned, color[1] * learned, color[2] * learned, seen];
             let followed = cut(HISTORY_LIMIT);
-            let mut before = [Lanes::ZERO; PLANES];
+            let mut before = [Lanes::ZERO; STORED];
             for (before, line) in before.iter_mut().zip(lines.chunks_exact(line)) {
                 *before = Lanes::load(line, MARGIN + at * LANES);
             }
@@ -186,8 +177,15 @@ impl Histories<'_> {
             let mut next = [[0.0; LANES]; LANES];
             for c in 0..3 {
                 let color = seen.select(before[c] * keep + color[c] * followed * (one - keep), before[c]);
-                greatest = greatest.max(color);
-                next[c] = (color * shrunk).0;
+                extremes = [extremes[0].min(color), extremes[1].max(color)];
+                next[c] = self.coding.encode(color).0;
+            }
+            let known = count.select(seen, Lanes::ZERO);
+            let apart = each(|c| color[c] - before[LAST + c]);
+            *differences = difference::halved(&apart, known);
+            for c in 0..3 {
+                let alone = seen.select(color[c], before[c]);
+                next[LAST + c] = self.coding.encode(alone).0;
             }
             next[ALPHA] = with_alpha(before[ALPHA], count, self.alphas(y, at * LANES)).0;
             next[COUNT] = (count + seen).min(Lanes([64.0; LANES])).0;
@@ -195,7 +193,7 @@ impl Histories<'_> {
                 *pixel = packed::pack(Lanes(next));
             }
         }
-        greatest
+        extremes
     }
 }
 

@@ -9,6 +9,11 @@ pub const ALPHA: usize = 3;
 /// Plane of the count of frames.
 pub const COUNT: usize = 4;
 
+/// Numbers of a pixel of the frame before: its history, and behind that its color alone.
+pub const STORED: usize = 8;
+/// First plane of the color alone.
+pub const LAST: usize = PLANES;
+
 /// Numbers before and after the pixels of a line.
 pub const MARGIN: usize = LANES;
 

@@ -5,12 +5,12 @@
 //! backwards, and no model is learned, so that the look ahead costs a fraction of the denoising.
 
 use super::ahead::Ahead;
-use super::difference::{self, Difference, Halved, Neighbour};
+use super::difference::Halved;
 use super::frame::Frame;
-use super::history::{Histories, Past, scale_of, scale_of_first};
+use super::history::{Histories, Past, coding_of_first};
 use super::lanes::{LANES, Lanes};
-use super::layout::{ALPHA, MARGIN, PLANES, line_of};
-use super::packed::{self, Packed};
+use super::layout::{ALPHA, MARGIN, PLANES, STORED, line_of};
+use super::packed::{self, Coding, Packed};
 use super::ring::{Ring, add, mean_of};
 use super::vectors::{Colors, vectors};
 use crate::arch::Arch;
@@ -24,10 +24,8 @@ pub struct Lookahead {
     frames: u32,
     past: Past,
     next: Vec<Packed>,
-    /// Factor of the histories that come.
-    scale: f32,
-    /// The frame looked at last.
-    last: Neighbour,
+    /// Coding of the histories that come.
+    coding: Coding,
 }
 
 impl Lookahead {
@@ -45,29 +43,27 @@ impl Lookahead {
         frame.check()?;
         let [width, height] = frame.size;
         if self.size != frame.size {
-            let scale = scale_of_first(frame.color);
+            let coding = coding_of_first(frame.color);
             let next = vec![Packed::default(); width * height];
-            *self = Self { size: frame.size, frames: 0, past: Past { scale, ..Past::default() }, next, scale, last: Neighbour::default() };
+            *self = Self { size: frame.size, frames: 0, past: Past { coding, ..Past::default() }, next, coding };
         }
         let arch = Arch::default();
-        let histories = Histories { past: &self.past, scale: self.scale, frame, alpha: frame.alpha, arch };
+        let histories = Histories { past: &self.past, coding: self.coding, frame, alpha: frame.alpha, arch };
         let len = PLANES * vectors(width);
         ahead.data.resize(height * len, Packed::default());
         ahead.differences.resize(height * vectors(width), Halved::default());
-        (ahead.size, ahead.frames, ahead.scale) = (frame.size, self.frames, self.past.scale);
+        (ahead.size, ahead.frames, ahead.coding) = (frame.size, self.frames, self.past.coding);
         self.frames += 1;
         let band = super::band_rows(height);
         let differences = ahead.differences.par_chunks_mut(band * vectors(width));
         let bands = ahead.data.par_chunks_mut(band * len).zip(self.next.par_chunks_mut(band * width)).zip(differences);
-        let last = &self.last;
-        let most = bands.enumerate().map_init(Scratch::default, |scratch, (at, ((data, pixels), differences))| {
-            arch.dispatch(Look { histories, last, top: at * band, scratch, data, pixels, differences })
+        let extremes = bands.enumerate().map_init(Scratch::default, |scratch, (at, ((data, pixels), differences))| {
+            arch.dispatch(Look { histories, top: at * band, scratch, data, pixels, differences })
         });
-        // The largest of numbers does not depend on their order.
-        let most = most.reduce(|| 0.0, f32::max);
-        self.last.take(frame);
+        // The least and the largest of numbers do not depend on their order.
+        let extremes = extremes.reduce(|| [0.0; 2], |a, b| [a[0].min(b[0]), a[1].max(b[1])]);
         std::mem::swap(&mut self.past.pixels, &mut self.next);
-        (self.past.scale, self.scale) = (self.scale, scale_of(most));
+        (self.past.coding, self.coding) = (self.coding, Coding::of(extremes));
         // The next frame of a fresh state has swapped in an empty one.
         self.next.resize(self.past.pixels.len(), Packed::default());
         Ok(())
@@ -81,39 +77,36 @@ struct Scratch {
     sums: Vec<f32>,
     around: Vec<Lanes>,
     colors: Vec<Colors>,
-    differences: Vec<Difference>,
 }
 
 /// Looks at a band of rows.
 struct Look<'a> {
     histories: Histories<'a>,
-    /// The frame that follows.
-    last: &'a Neighbour,
     top: usize,
     scratch: &'a mut Scratch,
     data: &'a mut [Packed],
     pixels: &'a mut [Packed],
+    /// Differences from the frame that follows.
     differences: &'a mut [Halved],
 }
 
 impl pulp::NullaryFnOnce for Look<'_> {
-    /// Largest color of the next state.
-    type Output = f32;
+    /// Least and largest color of the next state.
+    type Output = [f32; 2];
 
     #[inline(always)]
-    fn call(self) -> f32 {
-        let Self { histories, last, top, scratch, data, pixels, differences: halves } = self;
-        let Scratch { warped, sums, around, colors, differences } = scratch;
+    fn call(self) -> [f32; 2] {
+        let Self { histories, top, scratch, data, pixels, differences } = self;
+        let Scratch { warped, sums, around, colors } = scratch;
         let [width, height] = histories.frame.size;
         let (line, groups) = (line_of(width), vectors(width));
-        let shrunk = histories.past.scale.recip();
-        warped.resize(PLANES, line);
+        let coding = histories.past.coding;
+        warped.resize(STORED, line);
         sums.resize(3 * line, 0.0);
         around.resize(groups, Lanes::ZERO);
         colors.resize(groups, Colors::default());
-        differences.resize(groups, Difference::default());
         let count = pixels.len() / width;
-        let mut most = Lanes::ZERO;
+        let mut extremes = [Lanes::ZERO; 2];
         for step in 0..count + 2 {
             let y = (top + step).saturating_sub(1).min(height - 1);
             histories.warp(y, warped.row_mut(step), line);
@@ -126,19 +119,17 @@ impl pulp::NullaryFnOnce for Look<'_> {
             }
             let lines = warped.row(step - 1);
             let pixels = &mut pixels[at * width..][..width];
-            most = most.max(histories.follow(top + at, lines, around, colors, pixels));
+            let differences = &mut differences[at * groups..][..groups];
+            let [least, most] = histories.follow(top + at, lines, around, colors, (pixels, differences));
+            extremes = [extremes[0].min(least), extremes[1].max(most)];
             let data = data[at * PLANES * groups..].chunks_exact_mut(groups);
             for (plane, (to, line)) in data.zip(lines.chunks_exact(line)).enumerate() {
-                let factor = if plane < ALPHA { shrunk } else { 1.0 };
                 for (to, from) in to.iter_mut().zip(line[MARGIN..].as_chunks().0) {
-                    *to = packed::pack(Lanes(*from) * factor);
+                    let numbers = Lanes(*from);
+                    *to = packed::pack(if plane < ALPHA { coding.encode(numbers) } else { numbers });
                 }
             }
-            last.differences(histories.frame, top + at, differences);
-            for (to, difference) in halves[at * groups..].iter_mut().zip(&*differences) {
-                *to = difference::halved(difference);
-            }
         }
-        most.0.into_iter().fold(0.0, f32::max)
+        [extremes[0].0.into_iter().fold(0.0, f32::min), extremes[1].0.into_iter().fold(0.0, f32::max)]
     }
 }

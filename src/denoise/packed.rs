@@ -10,6 +10,50 @@ use super::reprojection::Taps;
 /// Eight numbers in sixteen bits each.
 pub type Packed = [u16; LANES];
 
+/// How colors of either sign become numbers that can be packed: over a power of two, and so much more.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Coding {
+    scale: f32,
+    offset: f32,
+}
+
+/// Number that the largest color is scaled to, or up to half of it: what comes next may be brighter.
+const SCALED: f32 = 4096.0;
+/// Offset as a multiple of the least color: what comes next may be less.
+const ROOM: f32 = 2.0;
+
+impl Default for Coding {
+    fn default() -> Self {
+        Self { scale: 1.0, offset: 0.0 }
+    }
+}
+
+impl Coding {
+    /// Returns the coding of colors from `least`, which is not above 0, up to `most`.
+    pub fn of([least, most]: [f32; 2]) -> Self {
+        let exponent = (most.max(-least) / SCALED).log2().ceil();
+        let scale = if exponent.is_finite() { exponent.clamp(-100.0, 100.0).exp2() } else { 1.0 };
+        Self { scale, offset: -least / scale * ROOM }
+    }
+
+    /// Returns the least color that has a number, which is not above 0.
+    pub fn least(self) -> f32 {
+        -self.offset * self.scale
+    }
+
+    /// Returns the numbers of colors.
+    #[inline(always)]
+    pub fn encode(self, colors: Lanes) -> Lanes {
+        colors * self.scale.recip() + Lanes([self.offset; LANES])
+    }
+
+    /// Returns the colors of numbers.
+    #[inline(always)]
+    pub fn decode(self, numbers: Lanes) -> Lanes {
+        (numbers - Lanes([self.offset; LANES])) * self.scale
+    }
+}
+
 /// Largest number.
 pub const LARGEST: f32 = 1e5;
 

@@ -7,7 +7,7 @@
 
 use super::blocks::{BLOCK, Grid, Interpolated, Planes, Pool};
 use super::carried::{carry, to_planes};
-use super::difference::{self, Difference, Neighbour};
+use super::difference::{self, Difference, Halved};
 use super::frame::Frame;
 use super::history::loaded;
 use super::lanes::{LANES, Lanes, each};
@@ -38,8 +38,9 @@ const ALL: usize = LANES;
 const POOL: usize = 2;
 /// Standard deviations of the noise's square that are added to it, so that chance seldom takes noise for signal.
 const DEVIATIONS: f32 = 0.75;
-/// Shares of noise in the residual between which one estimate of noise takes over from the other, where one side of time is known.
-const ONE_SIDED: [f32; 2] = [0.3, 0.6];
+/// Shares of noise in the residual, by a difference's own square, between which the other estimate takes over where one side of time
+/// is known.
+const ONE_SIDED: [f32; 2] = [0.25, 0.45];
 /// Distance in pixels of those around of which the second difference is taken: filters make noise of neighbours alike.
 const APART: usize = 2;
 /// Sum of the squares of the kernel of second differences in both directions.
@@ -54,8 +55,6 @@ const LEAST: f32 = 1e-30;
 /// Residuals of a sequence.
 #[derive(Debug, Default)]
 pub struct Residuals {
-    /// The frame before.
-    last: Neighbour,
     blocks: Vec<Sums>,
     next: Vec<Sums>,
     sums: Planes,
@@ -69,6 +68,8 @@ pub struct Denoised<'d> {
     pub grid: Grid,
     /// Denoised colors, row by row.
     pub colors: &'d [Features],
+    /// Differences from the frame before, row by row.
+    pub before: &'d [Halved],
     /// Alpha of the frame, if it counts.
     pub alpha: Option<&'d [f32]>,
     /// Added to the squares of colors before errors are taken as shares of them.
@@ -86,11 +87,11 @@ impl Residuals {
             self.sums = Planes::new(grid, 2 * LANES);
             self.shares = Planes::new(grid, 1);
         }
-        let Self { last, blocks, next, sums, shares } = self;
-        let (last_frame, before) = (&*last, &blocks[..]);
+        let Self { blocks, next, sums, shares } = self;
+        let before = &blocks[..];
         let rows = next.par_chunks_mut(grid.columns).zip(sums.data.par_chunks_mut(2 * LANES * grid.stride())).enumerate();
-        rows.with_min_len(2).for_each_init(Scratch::default, |scratch, (row, (blocks, planes))| {
-            Arch::default().dispatch(Learn { denoised, last: last_frame, before, row, scratch, blocks, planes });
+        rows.with_min_len(2).for_each_init(Vec::new, |light, (row, (blocks, planes))| {
+            Arch::default().dispatch(Learn { denoised, before, row, light, blocks, planes });
         });
         let sums = &*sums;
         let rows = shares.data.par_chunks_mut(grid.stride()).enumerate();
@@ -102,30 +103,19 @@ impl Residuals {
         rows.with_min_len(8).for_each_init(Interpolated::default, |interpolated, (row, to)| {
             Arch::default().dispatch(GiveBack { denoised, shares, row, interpolated, to });
         });
-        last.take(frame);
         std::mem::swap(blocks, next);
         next.resize(blocks.len(), [0.0; 2 * LANES]);
     }
 }
 
-/// Memory that rows of blocks reuse.
-#[derive(Debug, Default)]
-struct Scratch {
-    /// Differences from the frame before, and from the one after.
-    before: Vec<Difference>,
-    after: Vec<Difference>,
-    /// Sums of the channels, of the rows around, too.
-    light: Vec<f32>,
-}
-
 /// Learns a row of blocks.
 struct Learn<'a> {
     denoised: &'a Denoised<'a>,
-    last: &'a Neighbour,
     /// Sums after the frame before; empty at the first frame.
     before: &'a [Sums],
     row: usize,
-    scratch: &'a mut Scratch,
+    /// Sums of the channels, of the rows around, too.
+    light: &'a mut Vec<f32>,
     blocks: &'a mut [Sums],
     planes: &'a mut [f32],
 }
@@ -135,27 +125,12 @@ impl pulp::NullaryFnOnce for Learn<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { denoised, last, before, row, scratch, blocks, planes } = self;
+        let Self { denoised, before, row, light, blocks, planes } = self;
         let Denoised { frame, grid, kept, .. } = *denoised;
-        let [width, height] = frame.size;
-        let (top, groups) = (row * BLOCK, vectors(width));
-        let count = BLOCK.min(height - top);
-        scratch.before.resize(BLOCK * groups, Difference::default());
-        scratch.after.resize(BLOCK * groups, Difference::default());
-        for at in 0..count {
-            last.differences(frame, top + at, &mut scratch.before[at * groups..][..groups]);
-            let after = &mut scratch.after[at * groups..][..groups];
-            match frame.ahead {
-                Some(ahead) => {
-                    let differences = &ahead.differences[(top + at) * groups..][..groups];
-                    after.iter_mut().zip(differences).for_each(|(to, from)| *to = difference::whole(from));
-                }
-                None => after.fill(Difference::default()),
-            }
-        }
-        light(frame, top, &mut scratch.light);
+        let top = row * BLOCK;
+        lighten(frame, top, light);
         carry(frame, grid, before, row, blocks);
-        add(denoised, top, scratch, blocks);
+        add(denoised, top, light, blocks);
         for sums in &mut *blocks {
             for i in 0..LANES {
                 sums[ALL + i] = sums[ALL + i] * kept + sums[i];
@@ -168,7 +143,7 @@ impl pulp::NullaryFnOnce for Learn<'_> {
 /// Writes the sums of the channels of the rows that the second differences of a row of blocks take, line after line. What lies
 /// outside is not a number.
 #[inline(always)]
-fn light(frame: &Frame<'_>, top: usize, lines: &mut Vec<f32>) {
+fn lighten(frame: &Frame<'_>, top: usize, lines: &mut Vec<f32>) {
     let [width, height] = frame.size;
     let line = line_of(width);
     lines.clear();
@@ -183,8 +158,8 @@ fn light(frame: &Frame<'_>, top: usize, lines: &mut Vec<f32>) {
 
 /// Writes the sums of the pixels of a row of blocks.
 #[inline(always)]
-fn add(denoised: &Denoised<'_>, top: usize, scratch: &Scratch, blocks: &mut [Sums]) {
-    let Denoised { frame, colors, floor, .. } = *denoised;
+fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) {
+    let Denoised { frame, colors, before, floor, .. } = *denoised;
     let [width, height] = frame.size;
     let (groups, line) = (vectors(width), line_of(width));
     let count = BLOCK.min(height - top);
@@ -194,17 +169,21 @@ fn add(denoised: &Denoised<'_>, top: usize, scratch: &Scratch, blocks: &mut [Sum
             let pixels = &frame.color[(top + row) * width..][..width][at * LANES..];
             let (color, seen) = loaded(&pixels[..LANES.min(pixels.len())]);
             let found = &colors[(top + row) * groups + at];
-            let (before, after) = (&scratch.before[row * groups + at], &scratch.after[row * groups + at]);
+            let before = difference::whole(&before[(top + row) * groups + at]);
+            let after = match frame.ahead {
+                Some(ahead) => difference::whole(&ahead.differences[(top + row) * groups + at]),
+                None => Difference::default(),
+            };
             let residual: [Lanes; 3] = each(|c| (color[c] - found[c]) * seen);
             let squares = dot(&residual, &residual);
-            let [noise, direct] = noise(&residual, squares, before, after);
+            let [noise, direct] = noise(&residual, squares, &before, &after);
             let weight = seen / (dot(found, found) + Lanes([floor; LANES]));
             let sum = (residual[0] + residual[1]) + residual[2];
             let (left, square) = (MARGIN + at * LANES, sum * sum);
-            let light = around(&scratch.light[row * line..], line, left, square);
+            let shown = around(&light[row * line..], line, left, square);
             let known = weight * before[3].max(after[3]).max(Lanes([UNKNOWN; LANES]));
             let chance = noise * known;
-            let terms = [chance, direct * known, squares * known, chance * chance, light * weight, square * weight];
+            let terms = [chance, direct * known, squares * known, chance * chance, shown * weight, square * weight];
             for (sum, term) in sums.iter_mut().zip(terms) {
                 *sum += term;
             }
@@ -284,7 +263,7 @@ fn share(&[noise, direct, residual, chance, light_noise, light, noises, residual
     // A difference's own square holds half of the noise of a single bright pixel, but less of what resampling misses.
     let square = ratio(direct, chance.min(direct), residual).min(product);
     let [from, to] = ONE_SIDED;
-    let part = ((product - Lanes([from; LANES])) / Lanes([to - from; LANES])).max(Lanes::ZERO).min(one);
+    let part = ((square - Lanes([from; LANES])) / Lanes([to - from; LANES])).max(Lanes::ZERO).min(one);
     let now = square + (product - square) * part;
     let since = ratio(noises, chances.sqrt(), residuals);
     let around = light_noise * AROUND / light.max(least);

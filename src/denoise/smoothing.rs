@@ -6,9 +6,10 @@
 
 use super::ahead::Ahead;
 use super::detail;
+use super::difference::Halved;
 use super::history::{Histories, with_alpha};
 use super::lanes::{LANES, Lanes};
-use super::layout::{ALPHA, COUNT, MARGIN, PLANES, fill_margins, line_of};
+use super::layout::{ALPHA, COUNT, MARGIN, PLANES, STORED, fill_margins, line_of};
 use super::outline::Outline;
 use super::packed::Packed;
 use super::ring::{HALO, Ring, add, mean_of};
@@ -45,6 +46,8 @@ pub struct Rows<'r> {
     /// Means of the histories over few pixels, and the histories themselves.
     pub histories: &'r mut [detail::Histories],
     pub colors: &'r mut [Colors],
+    /// Differences from the frame before.
+    pub differences: &'r mut [Halved],
 }
 
 /// Features of a row, and the histories behind them, as smoothing writes them.
@@ -68,31 +71,31 @@ impl Smoothing<'_> {
     /// Place of the planes of the history that is smoothed among a row's planes.
     #[inline(always)]
     fn history(&self) -> usize {
-        if self.ahead.is_some() { PLANES } else { 0 }
+        if self.ahead.is_some() { STORED } else { 0 }
     }
 
     /// Returns the line of a plane that is smoothed.
     #[inline(always)]
     fn plane(&self, smoothed: usize) -> usize {
-        // Products lie behind the history, whose count is not smoothed.
-        self.history() + if smoothed > ALPHA { smoothed + 1 } else { smoothed }
+        // Products lie behind what is stored, of which neither the count nor the color alone is smoothed.
+        self.history() + if smoothed > ALPHA { smoothed + STORED - ALPHA - 1 } else { smoothed }
     }
 
-    /// Follows the histories of a band of rows from `top` on, and takes the features from them. Returns the largest color of the
-    /// histories.
+    /// Follows the histories of a band of rows from `top` on, and takes the features from them. Returns the least and the largest
+    /// color of the histories.
     #[inline(always)]
-    pub fn band(&self, top: usize, rows: Rows<'_>, scratch: &mut Scratch) -> f32 {
+    pub fn band(&self, top: usize, rows: Rows<'_>, scratch: &mut Scratch) -> [f32; 2] {
         let [width, height] = self.histories.frame.size;
         let (groups, line) = (vectors(width), line_of(width));
         let guided = self.outline.alpha.is_some();
         let smoothed = if guided { SMOOTHED } else { 3 };
         let Scratch { planes, triples, sums, around } = scratch;
-        planes.resize(self.history() + PLANES + PRODUCTS, line);
+        planes.resize(self.history() + STORED + PRODUCTS, line);
         triples.resize(SMOOTHED, line);
         sums.resize(SMOOTHED * line, 0.0);
         around.resize(groups, Lanes::ZERO);
         let count = rows.pixels.len() / width;
-        let mut most = Lanes::ZERO;
+        let mut extremes = [Lanes::ZERO; 2];
         for step in 0..count + 2 * HALO {
             let y = (top + step).saturating_sub(HALO).min(height - 1);
             self.prepare(y, planes.row_mut(step));
@@ -123,9 +126,11 @@ impl Smoothing<'_> {
             }
             let colors = &mut rows.colors[row * groups..][..groups];
             let next = &mut rows.pixels[row * width..][..width];
-            most = most.max(self.histories.follow(top + row, pixels, around, colors, next));
+            let differences = &mut rows.differences[row * groups..][..groups];
+            let [least, most] = self.histories.follow(top + row, pixels, around, colors, (next, differences));
+            extremes = [extremes[0].min(least), extremes[1].max(most)];
         }
-        most.0.into_iter().fold(0.0, f32::max)
+        [extremes[0].0.into_iter().fold(0.0, f32::min), extremes[1].0.into_iter().fold(0.0, f32::max)]
     }
 
     /// Writes the planes of a row: histories, and products with alpha.
@@ -135,14 +140,14 @@ impl Smoothing<'_> {
         let line = line_of(width);
         self.histories.warp(y, planes, line);
         if let Some(ahead) = self.ahead {
-            let (before, joined) = planes.split_at_mut(PLANES * line);
+            let (before, joined) = planes.split_at_mut(STORED * line);
             ahead.join(y, before, line, joined);
             for line in joined.chunks_mut(line).take(PLANES) {
                 fill_margins(line, width);
             }
         }
         if self.outline.alpha.is_some() {
-            let (history, products) = planes[self.history() * line..].split_at_mut(PLANES * line);
+            let (history, products) = planes[self.history() * line..].split_at_mut(STORED * line);
             let alpha = history[ALPHA * line..].as_chunks::<LANES>().0;
             for (history, to) in history.chunks_exact(line).zip(products.chunks_exact_mut(line)) {
                 let numbers = history.as_chunks::<LANES>().0.iter().zip(alpha);
