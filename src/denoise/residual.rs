@@ -36,8 +36,9 @@ const ALL: usize = LANES;
 
 /// Blocks to each side over which sums are pooled.
 const POOL: usize = 2;
-/// Standard deviations of the noise's square that are added to it, so that chance seldom takes noise for signal.
-const DEVIATIONS: f32 = 0.75;
+/// Standard deviations of the noise's square that are added to it, so that chance seldom takes noise for signal: of a frame alone,
+/// which tells sudden errors, and of all.
+const DEVIATIONS: [f32; 2] = [2.0, 0.75];
 /// Shares of noise in the residual, by a difference's own square, between which the other estimate takes over where one side of time
 /// is known.
 const ONE_SIDED: [f32; 2] = [0.25, 0.45];
@@ -257,15 +258,15 @@ impl pulp::NullaryFnOnce for Solve<'_> {
 #[inline(always)]
 fn share(&[noise, direct, residual, chance, light_noise, light, noises, residuals, chances]: &[Lanes; 9]) -> Lanes {
     let (one, least) = (Lanes([1.0; LANES]), Lanes([LEAST; LANES]));
-    let ratio = |noise: Lanes, chance: Lanes, residual: Lanes| (noise + chance * DEVIATIONS) / residual.max(least);
-    let chance = chance.sqrt();
+    let ratio = |noise: Lanes, chance: Lanes, residual: Lanes| (noise + chance) / residual.max(least);
+    let chance = chance.sqrt() * DEVIATIONS[0];
     let product = ratio(noise, chance, residual);
     // A difference's own square holds half of the noise of a single bright pixel, but less of what resampling misses.
-    let square = ratio(direct, chance.min(direct), residual).min(product);
+    let square = ratio(direct, (chance * 0.25).min(direct), residual).min(product);
     let [from, to] = ONE_SIDED;
     let part = ((square - Lanes([from; LANES])) / Lanes([to - from; LANES])).max(Lanes::ZERO).min(one);
     let now = square + (product - square) * part;
-    let since = ratio(noises, chances.sqrt(), residuals);
+    let since = ratio(noises, chances.sqrt() * DEVIATIONS[1], residuals);
     let around = light_noise * AROUND / light.max(least);
     // Numbers that are none lose every comparison.
     let signal = (one - now.min(since).min(around)).max(Lanes::ZERO).min(one);
