@@ -32,13 +32,16 @@ else
 	/usr/bin/python3 python/demo.py
 endif
 
+# A file's tests share what they render, so that they stay with one process.
+PARALLEL := --numprocesses 2 --dist loadfile
+
 test: setup
 	cargo build --release --locked
 	cargo test --release --locked
-	.venvs/bpy/bin/python -m pytest python/tests --ignore python/tests/usd --ignore python/tests/mitsuba --ignore python/tests/imaging
+	.venvs/bpy/bin/python -m pytest $(PARALLEL) python/tests --ignore python/tests/usd --ignore python/tests/mitsuba --ignore python/tests/imaging
 	.venvs/usd/bin/python -m pytest python/tests/usd
 	.venvs/mitsuba/bin/python -m pytest python/tests/mitsuba
-	.venvs/imaging/bin/python -m pytest python/tests/imaging
+	.venvs/imaging/bin/python -m pytest $(PARALLEL) python/tests/imaging
 
 # `make fuzz FUZZ_INPUTS=500 FUZZ_SEED=7 KILLS=10` runs fewer, or others.
 FUZZ_INPUTS ?= 10000

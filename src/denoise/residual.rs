@@ -181,10 +181,13 @@ fn add(denoised: &Denoised<'_>, top: usize, light: &[f32], blocks: &mut [Sums]) 
             let weight = seen / (dot(found, found) + Lanes([floor; LANES]));
             let sum = (residual[0] + residual[1]) + residual[2];
             let (left, square) = (MARGIN + at * LANES, sum * sum);
-            let shown = around(&light[row * line..], line, left, square);
-            let known = weight * before[3].max(after[3]).max(Lanes([UNKNOWN; LANES]));
+            let [shown, is_shown] = around(&light[row * line..], line, left);
+            let shown = is_shown.select(shown, square);
+            let unknown = Lanes([UNKNOWN; LANES]);
+            let known = weight * before[3].max(after[3]).max(unknown);
+            let is_shown = weight * is_shown.max(unknown);
             let chance = noise * known;
-            let terms = [chance, direct * known, squares * known, chance * chance, shown * weight, square * weight];
+            let terms = [chance, direct * known, squares * known, chance * chance, shown * is_shown, square * is_shown];
             for (sum, term) in sums.iter_mut().zip(terms) {
                 *sum += term;
             }
@@ -216,17 +219,18 @@ fn noise(residual: &[Lanes; 3], squares: Lanes, before: &Difference, after: &Dif
     [dot(residual, &one), dot(&one, &one) * 0.5].map(|single| both.select(product, any.select(single, squares)))
 }
 
-/// Returns the square of the noise of eight pixels by what is around them, from lines that begin above them; `square` where not all
-/// of it is known.
+/// Returns the square of the noise of eight pixels by what is around them, from lines that begin above them, and 1 where that is
+/// known.
 #[inline(always)]
-fn around(lines: &[f32], line: usize, left: usize, square: Lanes) -> Lanes {
+fn around(lines: &[f32], line: usize, left: usize) -> [Lanes; 2] {
     let second = |row: usize| {
         let at = |x: usize| Lanes::load(lines, row * line + x);
         (at(left - APART) + at(left + APART)) - at(left) * 2.0
     };
     let both = (second(0) + second(2 * APART)) - second(APART) * 2.0;
     let noise = both * both / Lanes([KERNEL; LANES]);
-    Lanes(each(|lane| if noise.0[lane].is_finite() { noise.0[lane] } else { square.0[lane] }))
+    let known = Lanes(each(|lane| if noise.0[lane].is_finite() { 1.0 } else { 0.0 }));
+    [known.select(noise, Lanes::ZERO), known]
 }
 
 /// Solves for the shares of a row of blocks.
