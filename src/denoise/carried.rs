@@ -9,13 +9,7 @@ use glam::Vec2;
 
 /// Moves the sums of a row of blocks along with the motion; zeros where they come from outside, or where there are none.
 #[inline(always)]
-pub fn carry<const N: usize>(
-    frame: &Frame<'_>,
-    grid: Grid,
-    blocks: &[[f32; N]],
-    row: usize,
-    moved: &mut [[f32; N]],
-) {
+pub fn carry<const N: usize>(frame: &Frame<'_>, grid: Grid, blocks: &[[f32; N]], row: usize, moved: &mut [[f32; N]]) {
     for (column, moved) in moved.iter_mut().enumerate() {
         *moved = [0.0; N];
         if blocks.is_empty() {

@@ -136,7 +136,8 @@ impl GuidedDenoiser {
     fn learn(&mut self, frame: &Frame<'_>, grid: Grid, outline: Outline<'_>) -> f32 {
         let [width, height] = frame.size;
         let groups = vectors(width);
-        let Scratch { pixels, blocks, features, histories: own, colors, differences, sums, rows: of_rows, .. } = &mut self.scratch;
+        let Scratch { pixels, blocks, features, histories: own, colors, differences, sums, rows: of_rows, .. } =
+            &mut self.scratch;
         let arch = Arch::default();
         let State { past, coding, .. } = &self.state;
         let histories = Histories { past, coding: *coding, frame, alpha: outline.alpha, arch };

@@ -159,7 +159,8 @@ impl Histories<'_> {
         let line = line_of(width);
         let row = &self.frame.color[y * width..][..width];
         let one = Lanes([1.0; LANES]);
-        let groups = row.chunks(LANES).zip(pixels.chunks_mut(LANES)).zip(around.iter().zip(colors)).zip(differences).enumerate();
+        let groups =
+            row.chunks(LANES).zip(pixels.chunks_mut(LANES)).zip(around.iter().zip(colors)).zip(differences).enumerate();
         for (at, (((row, pixels), (around, colors)), differences)) in groups {
             let (color, seen) = loaded(row);
             let most = color[0].max(color[1]).max(color[2]).max(Lanes([1e-30; LANES]));

@@ -38,12 +38,12 @@ const ALL: usize = LANES;
 const POOL: usize = 2;
 /// Standard deviations of the noise's square that are added to it, so that chance seldom takes noise for signal: of a frame alone,
 /// which tells sudden errors, and of all.
-const DEVIATIONS: [f32; 2] = [2.0, 0.75];
+const DEVIATIONS: [f32; 2] = [1.25, 0.75];
 /// Shares of noise in the residual, by a difference's own square, between which the other estimate takes over where one side of time
 /// is known.
 const ONE_SIDED: [f32; 2] = [0.25, 0.45];
 /// Distance in pixels of those around of which the second difference is taken: filters make noise of neighbours alike.
-const APART: usize = 2;
+const STEP: usize = 2;
 /// Sum of the squares of the kernel of second differences in both directions.
 const KERNEL: f32 = 36.0;
 /// Noise that pixels around show, as a multiple: texture is more often taken for noise than noise for texture.
@@ -90,7 +90,8 @@ impl Residuals {
         }
         let Self { blocks, next, sums, shares } = self;
         let before = &blocks[..];
-        let rows = next.par_chunks_mut(grid.columns).zip(sums.data.par_chunks_mut(2 * LANES * grid.stride())).enumerate();
+        let rows =
+            next.par_chunks_mut(grid.columns).zip(sums.data.par_chunks_mut(2 * LANES * grid.stride())).enumerate();
         rows.with_min_len(2).for_each_init(Vec::new, |light, (row, (blocks, planes))| {
             Arch::default().dispatch(Learn { denoised, before, row, light, blocks, planes });
         });
@@ -148,9 +149,9 @@ fn lighten(frame: &Frame<'_>, top: usize, lines: &mut Vec<f32>) {
     let [width, height] = frame.size;
     let line = line_of(width);
     lines.clear();
-    lines.resize((BLOCK + 2 * APART) * line, f32::NAN);
+    lines.resize((BLOCK + 2 * STEP) * line, f32::NAN);
     for (at, to) in lines.chunks_exact_mut(line).enumerate() {
-        let Some(y) = (top + at).checked_sub(APART).filter(|y| *y < height) else { continue };
+        let Some(y) = (top + at).checked_sub(STEP).filter(|y| *y < height) else { continue };
         for (to, color) in to[MARGIN..].iter_mut().zip(&frame.color[y * width..][..width]) {
             *to = (color.x + color.y) + color.z;
         }
@@ -225,9 +226,9 @@ fn noise(residual: &[Lanes; 3], squares: Lanes, before: &Difference, after: &Dif
 fn around(lines: &[f32], line: usize, left: usize) -> [Lanes; 2] {
     let second = |row: usize| {
         let at = |x: usize| Lanes::load(lines, row * line + x);
-        (at(left - APART) + at(left + APART)) - at(left) * 2.0
+        (at(left - STEP) + at(left + STEP)) - at(left) * 2.0
     };
-    let both = (second(0) + second(2 * APART)) - second(APART) * 2.0;
+    let both = (second(0) + second(2 * STEP)) - second(STEP) * 2.0;
     let noise = both * both / Lanes([KERNEL; LANES]);
     let known = Lanes(each(|lane| if noise.0[lane].is_finite() { 1.0 } else { 0.0 }));
     [known.select(noise, Lanes::ZERO), known]
@@ -312,5 +313,94 @@ impl pulp::NullaryFnOnce for GiveBack<'_> {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is how a test fails")]
+mod tests {
+    use super::*;
+    use crate::denoise::ahead::Ahead;
+    use crate::denoise::difference::halved;
+
+    const SIZE: [usize; 2] = [67, 50];
+
+    fn noise(seed: u32) -> f32 {
+        let h = (seed ^ 0x9E37_79B9).wrapping_mul(0x85EB_CA6B);
+        let h = (h ^ (h >> 13)).wrapping_mul(0xC2B2_AE35);
+        ((h ^ (h >> 16)) >> 8) as f32 / (1 << 24) as f32 - 0.5
+    }
+
+    /// Rows of eight pixels.
+    fn lanes(of: impl Fn(usize) -> Vec3) -> Vec<Features> {
+        let groups = vectors(SIZE[0]);
+        let at = |i: usize, lane: usize| [(i % groups) * LANES + lane, i / groups];
+        let pixel =
+            |i: usize, lane: usize| Some(at(i, lane)).filter(|[x, _]| *x < SIZE[0]).map(|[x, y]| of(y * SIZE[0] + x));
+        let channel = |i: usize, c: usize| Lanes(each(|lane| pixel(i, lane).map_or(0.0, |color| color[c])));
+        (0..groups * SIZE[1]).map(|i| each(|c| channel(i, c))).collect()
+    }
+
+    /// Mean squares of the errors that go in as noise, that the denoiser leaves, and that come out of three frames of noise, where
+    /// denoised colors have an error, and differences are known on no side of time or on up to two.
+    fn errors(amount: f32, error: fn(usize) -> f32, sides: usize) -> [f32; 3] {
+        let truth = |i: usize| Vec3::new(1.0, 0.8, 0.6) * (1.0 + 0.3 * (0.1 * (i % SIZE[0]) as f32).sin());
+        let mut residuals = Residuals::default();
+        let mut sums = [0.0; 3];
+        for frame in 0..3_u32 {
+            let seen =
+                |k: u32, i: usize| truth(i) + Vec3::splat(amount * noise(i as u32 * 31 + (frame * 3 + k) * 7_919));
+            let color: Vec<Vec3> = (0..SIZE[0] * SIZE[1]).map(|i| seen(0, i)).collect();
+            let denoised = |i: usize| truth(i) + Vec3::splat(error(i));
+            let colors = lanes(denoised);
+            let apart = |k: u32, known: bool| -> Vec<Halved> {
+                let known = Lanes([if known { 1.0 } else { 0.0 }; LANES]);
+                lanes(|i| color[i] - seen(k, i)).iter().map(|apart| halved(apart, known)).collect()
+            };
+            let (before, after) = (apart(1, sides > 0), apart(2, sides > 1));
+            let ahead = Ahead { size: SIZE, frames: 1, differences: after, ..Ahead::default() };
+            let frame = Frame { size: SIZE, color: &color, ahead: Some(&ahead), ..Frame::default() };
+            let grid = Grid::over(SIZE);
+            let given = Denoised {
+                frame: &frame,
+                grid,
+                colors: &colors,
+                before: &before,
+                alpha: None,
+                floor: 0.01,
+                kept: 0.88,
+            };
+            let mut to = vec![Vec3::ZERO; color.len()];
+            residuals.give_back(&given, &mut to);
+            for (i, to) in to.iter().enumerate() {
+                let errors = [color[i] - truth(i), denoised(i) - truth(i), *to - truth(i)];
+                sums = each(|k| sums[k] + errors[k].length_squared() / (3 * color.len()) as f32);
+            }
+        }
+        sums
+    }
+
+    /// Without noise colors come back whole; of noise nothing does; and what comes out is never worse than the better of both by
+    /// much.
+    #[test]
+    fn signal_comes_back_and_noise_does_not() {
+        let texture = |i: usize| if (i % SIZE[0]) / 3 % 2 == i / SIZE[0] / 3 % 2 { 0.1 } else { -0.1 };
+        for sides in 0..3 {
+            let [_, before, after] = errors(0.0, texture, sides);
+            assert!(sides == 0 || after < 1e-6 * before, "{sides}: {after} of {before}");
+            let [noise, _, after] = errors(0.4, |_| 0.0, sides);
+            assert!(after < 1e-3 * noise, "{sides}: {after} of {noise}");
+        }
+        for amount in [0.01, 0.1, 0.3, 1.0] {
+            let [noise, before, after] = errors(amount, texture, 2);
+            assert!(after < 1.25 * noise.min(before), "{amount}: {after}, of {noise} and {before}");
+        }
+    }
+
+    /// A smooth error shows in one frame alone.
+    #[test]
+    fn smooth_errors_show_around() {
+        let [noise, before, after] = errors(0.05, |i| 0.2 * (0.06 * (i % SIZE[0]) as f32).cos(), 0);
+        assert!(after < 1.3 * noise && after < 0.2 * before, "{after}, of {noise} and {before}");
     }
 }
