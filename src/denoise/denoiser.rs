@@ -266,6 +266,28 @@ mod tests {
         }
     }
 
+    /// Alpha goes on where it tells nothing: where all is opaque until a corner clears, it guides as it would have from the start.
+    #[test]
+    fn alpha_that_counts_from_a_frame_on_is_none_the_worse() {
+        let truth = truth(0.0);
+        let corner = |i: usize| if i % SIZE[0] + i / SIZE[0] < 8 { 0.5 } else { 1.0 };
+        let cleared: Vec<f32> = (0..truth.len()).map(corner).collect();
+        let opaque = vec![1.0; truth.len()];
+        let last = |alphas: [&[f32]; 2]| {
+            let mut denoiser = Denoiser::new(Method::Wrls2, Settings::default()).unwrap();
+            let mut color = Vec::new();
+            for frame in 0..12 {
+                let noisy = noisy(&truth, frame);
+                let alpha = Some(alphas[usize::from(frame >= 9)]);
+                color =
+                    denoiser.denoise(&Frame { size: SIZE, color: &noisy, alpha, ..Frame::default() }).unwrap().color;
+            }
+            error(&color, &truth)
+        };
+        let [always, at_last] = [last([&cleared, &cleared]), last([&opaque, &cleared])];
+        assert!(at_last < 1.5 * always, "{at_last}, {always}");
+    }
+
     /// Frames are the same bit for bit with one thread and with several.
     #[test]
     fn threads_do_not_change_the_result() {

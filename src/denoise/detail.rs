@@ -121,7 +121,7 @@ fn of_sums(sums: &[Lanes; TERMS], pixels: Lanes) -> [Lanes; SHARES] {
         (one - noise / energy.max(least)).max(Lanes::ZERO)
     };
     // The coarse band, and what the fine one adds to it.
-    let coarse = (x1 / s11.max(least)).max(Lanes::ZERO).min(one);
+    let coarse = (x1 / s11.max(least)).max(Lanes::ZERO);
     let explained = x1.max(Lanes::ZERO) * coarse;
     let along = s12 / s11.max(least);
     let (x, s) = (x2 - along * x1, (s22 - along * s12).max(least));

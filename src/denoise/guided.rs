@@ -27,7 +27,7 @@ use rayon::prelude::*;
 const FORGETTING: f32 = 0.88;
 
 /// Share of what was learned that is kept where features begin or cease to rest on one side of time alone, as at both ends of a
-/// sequence: such features lag or run ahead, and models of others do not fit them.
+/// sequence, or on alpha: such features lag or run ahead, or have other noise, and models of others do not fit them.
 const FORGETTING_AT_ENDS: f32 = 0.05;
 
 /// Blocks to each side over which sums are pooled.
@@ -40,8 +40,8 @@ const PREDICTING: usize = COEFFICIENTS + 1;
 #[derive(Debug, Clone, Default)]
 struct State {
     size: [usize; 2],
-    /// True where the features of the frame before rested on frames before and on frames that follow.
-    sides: [bool; 2],
+    /// True where the features of the frame before rested on frames before, on frames that follow, and on alpha.
+    bases: [bool; 3],
     past: Past,
     /// Coding of the histories that come.
     coding: Coding,
@@ -140,10 +140,11 @@ impl GuidedDenoiser {
             &mut self.scratch;
         let arch = Arch::default();
         let State { past, coding, .. } = &self.state;
-        let histories = Histories { past, coding: *coding, frame, alpha: outline.alpha, arch };
+        let histories = Histories { past, coding: *coding, frame, arch };
         let smoothing = Smoothing { histories, ahead: frame.ahead, outline };
-        let sides = [!past.pixels.is_empty(), frame.ahead.is_some_and(|ahead| ahead.frames() > 0)];
-        let kept = if sides == self.state.sides { FORGETTING } else { FORGETTING_AT_ENDS };
+        let is_ahead = frame.ahead.is_some_and(|ahead| ahead.frames() > 0);
+        let bases = [!past.pixels.is_empty(), is_ahead, outline.alpha.is_some()];
+        let kept = if bases == self.state.bases { FORGETTING } else { FORGETTING_AT_ENDS };
         let known = Known { smoothing, blocks: &self.state.blocks, kept, grid };
         let band = super::band_rows(height);
         let taken = features.par_chunks_mut(band * groups).zip(own.par_chunks_mut(band * groups));
@@ -166,7 +167,7 @@ impl GuidedDenoiser {
         if all.count > 0.0 {
             self.state.level = (all.power / all.count).sqrt() as f32;
         }
-        self.state.sides = sides;
+        self.state.bases = bases;
         std::mem::swap(&mut self.state.past.pixels, &mut self.scratch.pixels);
         (self.state.past.coding, self.state.coding) = (self.state.coding, Coding::of(all.extremes));
         std::mem::swap(&mut self.state.blocks, &mut self.scratch.blocks);

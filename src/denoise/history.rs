@@ -54,8 +54,6 @@ pub struct Histories<'h> {
     pub coding: Coding,
     /// Frame that comes.
     pub frame: &'h Frame<'h>,
-    /// Alpha of the frame, if it counts.
-    pub alpha: Option<&'h [f32]>,
     /// Instruction set.
     pub arch: Arch,
 }
@@ -104,7 +102,7 @@ impl Histories<'_> {
         }
         let [r, g, b] = self.calm([x, y]).to_array();
         let coded = coding.encode(Lanes([r, g, b, 0.0, 0.0, 0.0, 0.0, 0.0])).0;
-        let alpha = self.alpha.map_or(0.0, |alpha| alpha[own]);
+        let alpha = self.frame.alpha.map_or(0.0, |alpha| alpha[own]);
         let alpha = if alpha.is_finite() { alpha.clamp(0.0, 1.0) } else { 0.0 };
         [coded[0], coded[1], coded[2], alpha, 0.0, 0.0, 0.0, 0.0]
     }
@@ -133,7 +131,7 @@ impl Histories<'_> {
     #[inline(always)]
     pub fn alphas(&self, y: usize, left: usize) -> Lanes {
         let [width, _] = self.frame.size;
-        let row = self.alpha.map_or(&[][..], |alpha| &alpha[y * width..][..width]);
+        let row = self.frame.alpha.map_or(&[][..], |alpha| &alpha[y * width..][..width]);
         let mut alphas = Lanes::load(row, left);
         if left + LANES > row.len() {
             alphas = Lanes(each(|lane| row.get(left + lane).copied().unwrap_or(0.0)));

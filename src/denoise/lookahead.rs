@@ -48,7 +48,7 @@ impl Lookahead {
             *self = Self { size: frame.size, frames: 0, past: Past { coding, ..Past::default() }, next, coding };
         }
         let arch = Arch::default();
-        let histories = Histories { past: &self.past, coding: self.coding, frame, alpha: frame.alpha, arch };
+        let histories = Histories { past: &self.past, coding: self.coding, frame, arch };
         let len = PLANES * vectors(width);
         ahead.data.resize(height * len, Packed::default());
         ahead.differences.resize(height * vectors(width), Halved::default());
