@@ -5,7 +5,8 @@ converged references.
                  [--only VOLUME-SCENARIO ...] [--levels 1 4 8 ...] [--layers motion,...]
 
 Writes FOLDER/VOLUME-SCENARIO/noisy/frame.####.exr and reference/frame.####.exr, the latter for the judged frames only. Two
-volumes go through each scenario: a plume of smoke and a round cloud. With `--levels` there are noisy frames of so many samples,
+volumes go through each scenario: a plume of smoke and a round cloud. With `--only brain-camera` the camera moves around a scan, the
+MRI of a brain of Debian's package mricron-data. With `--levels` there are noisy frames of so many samples,
 too, in FOLDER/VOLUME-SCENARIO-8spp and so on, beside the same references. `--reference 0` renders none. Frames that are there are left as they are. Needs
 numpy and OpenVDB's Python module (Debian's python3-openvdb). CUMULO is the program, `cumulo` by default.
 """
@@ -45,7 +46,13 @@ def cloud(n):
 VOLUMES = {
     "plume": (smoke, {"density_scale": 20, "albedo": [0.95, 0.92, 0.88], "anisotropy": 0.3}),
     "cloud": (cloud, {"density_scale": 30, "albedo": [0.99, 0.99, 0.99], "anisotropy": 0.6}),
+    "brain": (None, {"density_scale": 200, "albedo": [0.9, 0.9, 0.9], "transfer": "../brain.tf.json"}),
 }
+# Millimetres around the brain's middle come to the unit cube's.
+PLACES = {"brain": [[1 / 200, 0, 0, 0.5], [0, 1 / 200, 0, 0.59], [0, 0, 1 / 200, 0.46], [0, 0, 0, 1]]}
+SCAN = "/usr/share/mricron/templates/ch2bet.nii.gz"
+# Opaque from grey matter on; the scan's numbers go up to 133.
+SCANNED = [[0, 0, 0, 0, 0], [40, 0.9, 0.5, 0.4, 0], [60, 0.9, 0.6, 0.5, 0.6], [93, 0.9, 0.8, 0.7, 1.2], [133, 1, 1, 1, 1.5]]
 
 
 def turned(angle, radius, height):
@@ -57,6 +64,11 @@ def function(peak):
     """A transfer function: a shell of a color around the density `peak`, and a body."""
     points = [[0, 0, 0, 0, 0], [peak - 0.1, 0, 0, 0, 0], [peak, 0.05, 0.01, 0, 1], [peak + 0.15, 0, 0, 0, 0.1], [1, 0, 0, 0, 0.4]]
     points[1][0] = max(points[1][0], 0.005)
+    return piecewise(points)
+
+
+def piecewise(points):
+    """A transfer function from points: density, color and extinction."""
     return {"format": "cumulo-transfer-function", "version": 1, "transfer": {"kind": "piecewise", "points": points}}
 
 
@@ -81,6 +93,7 @@ def frame_of(scenario, medium, t):
 
 
 SCENARIOS = ["camera", "point-light", "area-light", "transfer", "thin", "static", "light-color"]
+SEQUENCES = [f"{volume}-{scenario}" for scenario in SCENARIOS for volume in ("plume", "cloud")]
 
 
 def camera(angle, size):
@@ -106,9 +119,10 @@ def write_scenes(folder, volume, scenario, frames, size):
     cameras = []
     for t in range(1, frames + 1):
         medium, lights, angle = frame_of(scenario, VOLUMES[volume][1], t)
-        if "transfer" in medium:
+        if scenario == "transfer":
             write(folder / medium["transfer"], function(0.12 + 0.012 * t))
-        scene = {"volumes": [{"file": f"../{volume}.vdb", "medium": medium}], "lights": lights}
+        placed = {"transform": PLACES[volume]} if volume in PLACES else {}
+        scene = {"volumes": [{"file": f"../{volume}.vdb", "medium": medium, **placed}], "lights": lights}
         write(folder / f"scene.{t:04}.json", scene)
         cameras.append({"file_path": f"frame.{t:04}.exr", **camera(angle, size)})
     write(folder / "cameras.json", {"model": "scattering", "frames": cameras})
@@ -119,6 +133,24 @@ def render(folder, out, samples, seed, cameras, *options):
     command = [os.environ.get("CUMULO", "cumulo"), "render", folder / "scene.####.json", "--cameras", cameras, "--resume"]
     command += ["--samples", samples, "--seed", seed, "--background", "0,0,0", "--quiet", "-o", out, *options]
     subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
+
+
+def write_volume(folder, volume):
+    """The volume as VDB in the unit cube, if it is not there."""
+    vdb = folder / f"{volume}.vdb"
+    if vdb.exists():
+        return
+    if volume == "brain":
+        command = [os.environ.get("CUMULO", "cumulo"), "convert", SCAN, vdb, "--quiet"]
+        subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
+        write(folder / "brain.tf.json", piecewise(SCANNED))
+        return
+    np.save(folder / "volume.npy", VOLUMES[volume][0](128))
+    lattice = [[1 / 128, 0, 0, 1 / 256], [0, 1 / 128, 0, 1 / 256], [0, 0, 1 / 128, 1 / 256], [0, 0, 0, 1]]
+    script = pathlib.Path(__file__).parent / "peers" / "write_vdb.py"
+    words = ["/usr/bin/python3", script, folder / "volume.npy", vdb, json.dumps(lattice)]
+    subprocess.run(list(map(str, words)), check=True)
+    (folder / "volume.npy").unlink()
 
 
 def main():
@@ -136,35 +168,26 @@ def main():
     a = p.parse_args()
     size = [int(n) for n in a.size.split("x")]
     a.folder.mkdir(parents=True, exist_ok=True)
-    for volume, (field, _) in VOLUMES.items():
-        vdb = a.folder / f"{volume}.vdb"
-        if not vdb.exists():
-            np.save(a.folder / "volume.npy", field(128))
-            lattice = [[1 / 128, 0, 0, 1 / 256], [0, 1 / 128, 0, 1 / 256], [0, 0, 1 / 128, 1 / 256], [0, 0, 0, 1]]
-            script = pathlib.Path(__file__).parent / "peers" / "write_vdb.py"
-            words = ["/usr/bin/python3", script, a.folder / "volume.npy", vdb, json.dumps(lattice)]
-            subprocess.run(list(map(str, words)), check=True)
-            (a.folder / "volume.npy").unlink()
-    for scenario in SCENARIOS:
-        for volume in VOLUMES:
-            name = f"{volume}-{scenario}"
-            if a.only and name not in a.only:
-                continue
-            folder = a.folder / name
-            folder.mkdir(exist_ok=True)
-            write_scenes(folder, volume, scenario, a.frames, size)
-            cameras = folder / "cameras.json"
-            render(folder, folder / "noisy", a.samples, 1, cameras, "--aov", a.layers)
-            if a.reference:
-                render(folder, folder / "reference", a.reference, 10_000, cameras, "--frames", a.judged)
-            for level in a.levels:
-                other = a.folder / f"{name}-{level}spp"
-                other.mkdir(exist_ok=True)
-                # One path has neither halves nor a variance.
-                render(folder, other / "noisy", level, 1, cameras, "--aov", LAYERS if level > 1 else "motion,albedo")
-                if not (other / "reference").exists():
-                    (other / "reference").symlink_to((folder / "reference").resolve())
-            print(name, flush=True)
+    for name in a.only or SEQUENCES:
+        volume, scenario = name.split("-", 1)
+        if volume not in VOLUMES or scenario not in SCENARIOS:
+            p.error(f"{name} is no VOLUME-SCENARIO of {', '.join(VOLUMES)} and {', '.join(SCENARIOS)}")
+        write_volume(a.folder, volume)
+        folder = a.folder / name
+        folder.mkdir(exist_ok=True)
+        write_scenes(folder, volume, scenario, a.frames, size)
+        cameras = folder / "cameras.json"
+        render(folder, folder / "noisy", a.samples, 1, cameras, "--aov", a.layers)
+        if a.reference:
+            render(folder, folder / "reference", a.reference, 10_000, cameras, "--frames", a.judged)
+        for level in a.levels:
+            other = a.folder / f"{name}-{level}spp"
+            other.mkdir(exist_ok=True)
+            # One path has neither halves nor a variance.
+            render(folder, other / "noisy", level, 1, cameras, "--aov", LAYERS if level > 1 else "motion,albedo")
+            if not (other / "reference").exists():
+                (other / "reference").symlink_to((folder / "reference").resolve())
+        print(name, flush=True)
 
 
 if __name__ == "__main__":
