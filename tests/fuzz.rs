@@ -4,8 +4,9 @@
 //! Then files of some kinds change while they are read.
 //!
 //! `make test` runs a short round, `make fuzz` the long one. Environment variables: `FUZZ_INPUTS` is the number of
-//! damaged inputs, `FUZZ_SEED` the seed, `FUZZ_CASE` runs one case alone, `FUZZ_PROGRAM` names another build of the
-//! program, `FUZZ_KEEP` the folder for the inputs that fail.
+//! damaged inputs, `FUZZ_FROM` the first one's number, so that a long round can be run in parts, `FUZZ_SEED` the seed,
+//! `FUZZ_CASE` runs one case alone, `FUZZ_PROGRAM` names another build of the program, `FUZZ_KEEP` the folder for the inputs
+//! that fail.
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is how a test fails")]
 
@@ -49,6 +50,8 @@ const CHANGING: [(&str, &str); 7] = [
 ];
 /// Longest time that the round of changing files takes, which ends then.
 const CHANGING_SECONDS: f64 = 60.0;
+/// Inputs after which the round says how far it is.
+const SAYS: u64 = 500;
 /// Inputs that are kept of each fault.
 const EXAMPLES: usize = 3;
 
@@ -289,7 +292,8 @@ fn damaged_inputs_are_read_or_refused() {
     if let Some(case) = number("FUZZ_CASE") {
         round.case(case, &folder.path().join("case"));
     } else {
-        let next = AtomicU64::new(0);
+        let from = number("FUZZ_FROM").unwrap_or(0);
+        let next = AtomicU64::new(from);
         let workers = std::thread::available_parallelism().map_or(1, usize::from);
         std::thread::scope(|scope| {
             for worker in 0..workers {
@@ -297,10 +301,13 @@ fn damaged_inputs_are_read_or_refused() {
                 scope.spawn(move || {
                     loop {
                         let case = next.fetch_add(1, Ordering::Relaxed);
-                        if case >= inputs {
+                        if case >= from + inputs {
                             break;
                         }
                         round.case(case, &folder);
+                        if (case + 1).is_multiple_of(SAYS) {
+                            println!("{} inputs after {:.0} s", case + 1, begun.elapsed().as_secs_f64());
+                        }
                     }
                 });
             }

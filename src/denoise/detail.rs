@@ -33,7 +33,7 @@ const COUNT: usize = TERMS;
 pub const SHARES: usize = 2;
 
 /// Explained energy as a multiple of what chance explains on average, below which a band is left out.
-const CHANCE: f32 = 6.0;
+const CHANCE: f32 = 2.0;
 /// Least energy, where there is none.
 const LEAST: f32 = 1e-30;
 

@@ -350,6 +350,9 @@ fn tail(text: &str) -> String {
     text[from..].to_owned()
 }
 
+/// Keys of captures, reports and scene files that hold paths.
+const PATHS: [&str; 8] = ["file_path", "capture", "output", "volume", "report", "file", "transfer", "texture"];
+
 /// The texts of a tree under keys that hold paths.
 fn paths(value: &Value, names: &mut Vec<String>) {
     match value {
@@ -357,7 +360,7 @@ fn paths(value: &Value, names: &mut Vec<String>) {
         Value::Object(map) => {
             for (key, value) in map {
                 match value {
-                    Value::String(text) if ["file_path", "capture", "output", "volume", "report"].contains(&&**key) => {
+                    Value::String(text) if PATHS.contains(&&**key) => {
                         names.push(text.clone());
                     }
                     other => paths(other, names),
