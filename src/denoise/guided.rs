@@ -125,7 +125,8 @@ impl GuidedDenoiser {
         self.predict(frame.size, grid, to);
         let (colors, floor) = (&self.scratch.features[..], learning::error_floor(self.state.level));
         let before = &self.scratch.differences[..];
-        let denoised = residual::Denoised { frame, grid, colors, before, alpha: outline.alpha, floor, kept };
+        let alone = self.state.bases[..2] == [false; 2];
+        let denoised = residual::Denoised { frame, grid, colors, before, alpha: outline.alpha, floor, kept, alone };
         to.color.resize(frame.color.len(), Vec3::ZERO);
         self.residuals.give_back(&denoised, &mut to.color);
         Ok(())

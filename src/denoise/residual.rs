@@ -77,6 +77,8 @@ pub struct Denoised<'d> {
     pub floor: f32,
     /// Share of the sums that is kept.
     pub kept: f32,
+    /// True where no other frame was learned from: the colors' own noise is in what was denoised then, and nothing comes back.
+    pub alone: bool,
 }
 
 impl Residuals {
@@ -100,6 +102,9 @@ impl Residuals {
         rows.with_min_len(8).for_each_init(Pool::default, |pool, (row, shares)| {
             Arch::default().dispatch(Solve { sums, row, pool, shares });
         });
+        if denoised.alone {
+            shares.data.fill(0.0);
+        }
         let shares = &*shares;
         let rows = to.par_chunks_mut(frame.size[0]).enumerate();
         rows.with_min_len(8).for_each_init(Interpolated::default, |interpolated, (row, to)| {
@@ -299,7 +304,8 @@ impl pulp::NullaryFnOnce for GiveBack<'_> {
         interpolated.take(grid, row, shares);
         let pixels = frame.color[row * width..][..width].chunks(LANES);
         let colors = &colors[row * vectors(width)..];
-        let alphas = alpha.map(|alpha| &alpha[row * width..][..width]);
+        // A single picture is compared with what comes out of it: how much changes tells noise from detail.
+        let alphas = alpha.filter(|_| !denoised.alone).map(|alpha| &alpha[row * width..][..width]);
         for (at, ((to, pixels), found)) in to.chunks_mut(LANES).zip(pixels).zip(colors).enumerate() {
             let (color, seen) = loaded(pixels);
             let share = interpolated.at(0, at) * seen;
@@ -369,6 +375,7 @@ mod tests {
                 alpha: None,
                 floor: 0.01,
                 kept: 0.88,
+                alone: false,
             };
             let mut to = vec![Vec3::ZERO; color.len()];
             residuals.give_back(&given, &mut to);
