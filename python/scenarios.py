@@ -169,7 +169,7 @@ def main():
     size = [int(n) for n in a.size.split("x")]
     a.folder.mkdir(parents=True, exist_ok=True)
     for name in a.only or SEQUENCES:
-        volume, scenario = name.split("-", 1)
+        volume, _, scenario = name.partition("-")
         if volume not in VOLUMES or scenario not in SCENARIOS:
             p.error(f"{name} is no VOLUME-SCENARIO of {', '.join(VOLUMES)} and {', '.join(SCENARIOS)}")
         write_volume(a.folder, volume)

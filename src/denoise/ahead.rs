@@ -37,11 +37,11 @@ impl Ahead {
     /// Bytes of the histories of a pixel.
     pub const PIXEL_BYTES: usize = 2 * PLANES + size_of::<Halved>() / LANES;
 
-    /// Writes the means of a row of these histories and those over the frames before. `before` holds lines of `line` numbers,
-    /// plane after plane, and so does `to`. The last plane is the sum of the frames.
+    /// Writes the means of a row of these histories and those over the frames before. `before` holds lines of `line`
+    /// numbers, plane after plane, and so does `to`. The last plane is the sum of the frames.
     ///
-    /// Each history is weighted by the square root of the other's frames. Weights as the frames would have the least noise.
-    /// Weights as the other's frames would have no lag, since a history lags in proportion to its frames.
+    /// Each history is weighted by the square root of the other's frames. Weights as the frames would have the least
+    /// noise. Weights as the other's frames would have no lag, since a history lags in proportion to its frames.
     #[inline(always)]
     pub fn join(&self, y: usize, before: &[f32], line: usize, to: &mut [f32]) {
         let groups = vectors(self.size[0]);

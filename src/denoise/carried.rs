@@ -7,7 +7,8 @@ use super::reprojection::around;
 use crate::arch::Arch;
 use glam::Vec2;
 
-/// Moves the sums of a row of blocks along with the motion; zeros where they come from outside, or where there are none.
+/// Moves the sums of a row of blocks along with the motion; zeros where they come from outside, or where there are
+/// none.
 #[inline(always)]
 pub fn carry<const N: usize>(frame: &Frame<'_>, grid: Grid, blocks: &[[f32; N]], row: usize, moved: &mut [[f32; N]]) {
     for (column, moved) in moved.iter_mut().enumerate() {

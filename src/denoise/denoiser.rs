@@ -11,7 +11,8 @@ use crate::error::Result;
 /// Way to denoise a sequence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// Guided filter in space and time, of the frames before and, where a [`Lookahead`](super::Lookahead) shows them, after.
+    /// Guided filter in space and time, of the frames before and, where a [`Lookahead`](super::Lookahead) shows them,
+    /// after.
     Wrls2,
     /// Weighted recursive least squares as published (Iglesias-Guitian, Mane & Moon 2020).
     Wrls,
@@ -79,7 +80,8 @@ impl Denoiser {
         Ok(to)
     }
 
-    /// Denoises the next frame into `to`. [`Method::Wrls2`] uses its memory again: fresh memory costs a tenth of the time.
+    /// Denoises the next frame into `to`. [`Method::Wrls2`] uses its memory again: fresh memory costs a tenth of the
+    /// time.
     ///
     /// # Errors
     /// If the frame does not have as many colors, or motions, as pixels; `to` is as it was then.
@@ -228,7 +230,8 @@ mod tests {
         }
     }
 
-    /// Input of all kinds that goes on for long, and jumps of brightness, leave results finite and near to what came in.
+    /// Input of all kinds that goes on for long, and jumps of brightness, leave results finite and near to what came
+    /// in.
     #[test]
     fn long_sequences_of_hard_input_stay_sane() {
         const SMALL: [usize; 2] = [13, 10];
@@ -266,6 +269,25 @@ mod tests {
         }
     }
 
+    /// A pixel of large negative numbers spoils what is around it alone.
+    #[test]
+    fn dark_spikes_do_no_harm() {
+        let wanted = truth(0.0);
+        let of = |spike: f32| {
+            let mut denoiser = Denoiser::new(Method::Wrls2, Settings::default()).unwrap();
+            let mut out = Vec::new();
+            for frame in 0..12 {
+                let mut color = noisy(&wanted, frame);
+                color[50 + frame as usize * 7] *= spike;
+                out = denoiser.denoise(&Frame { size: SIZE, color: &color, ..Frame::default() }).unwrap().color;
+            }
+            // The spikes lie in the upper rows.
+            error(&out[SIZE[0] * 12..], &wanted[SIZE[0] * 12..])
+        };
+        let [without, with] = [1.0, -1e9].map(of);
+        assert!(with < 1.5 * without, "{with}, {without}");
+    }
+
     /// Pixels that are empty, in color and in alpha, stay exactly so where other frames are known.
     #[test]
     fn empty_pixels_stay_empty() {
@@ -281,7 +303,8 @@ mod tests {
         }
     }
 
-    /// Alpha goes on where it tells nothing: where all is opaque until a corner clears, it guides as it would have from the start.
+    /// Alpha goes on where it tells nothing: where all is opaque until a corner clears, it guides as it would have from
+    /// the start.
     #[test]
     fn alpha_that_counts_from_a_frame_on_is_none_the_worse() {
         let truth = truth(0.0);

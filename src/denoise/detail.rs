@@ -1,9 +1,9 @@
 //! Detail that smoothing takes from the histories, and the shares of it that the colors confirm.
 //!
-//! The feature is a mean over many pixels. What it lacks of the history itself is taken apart into two bands: that of a mean over
-//! few pixels, and that of single pixels. A frame's colors are independent of its history's noise. So the share of a band by
-//! which they follow it, its regression coefficient, is what is signal in it: 1 of texture at rest, 0 of noise. Bands whose share
-//! may be chance are left out (James & Stein 1961).
+//! The feature is a mean over many pixels. What it lacks of the history itself is taken apart into two bands: that of a
+//! mean over few pixels, and that of single pixels. A frame's colors are independent of its history's noise. So the
+//! share of a band by which they follow it, its regression coefficient, is what is signal in it: 1 of texture at rest,
+//! 0 of noise. Bands whose share may be chance are left out (James & Stein 1961).
 
 use super::blocks::{BLOCK, Planes, Pool};
 use super::lanes::{LANES, Lanes, each};
@@ -47,16 +47,16 @@ pub struct Lines<'l> {
     pub groups: usize,
 }
 
-/// Returns the bands of detail of a channel of eight pixels: means over few pixels less what is predicted, and pixels less means;
-/// none where there is no history.
+/// Returns the bands of detail of a channel of eight pixels: means over few pixels less what is predicted, and pixels
+/// less means; none where there is no history.
 #[inline(always)]
 pub fn bands(predicted: Lanes, histories: &Histories, channel: usize) -> [Lanes; SHARES] {
     let Histories { near, own, known } = histories;
     [(near[channel] - predicted) * *known, (own[channel] - near[channel]) * *known]
 }
 
-/// Adds the sums of a row of blocks to a share of what they were. `floor` is added to the squares of what is predicted before
-/// errors are taken as shares of them.
+/// Adds the sums of a row of blocks to a share of what they were. `floor` is added to the squares of what is predicted
+/// before errors are taken as shares of them.
 #[inline(always)]
 pub fn add(lines: &Lines<'_>, floor: f32, kept: f32, arch: Arch, blocks: &mut [Sums]) {
     let groups = lines.groups;

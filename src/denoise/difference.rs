@@ -1,8 +1,9 @@
 //! Differences between a frame's colors and those of a neighbouring frame.
 //!
-//! Both frames show the same signal with noise of their own, and so the product of a pixel's differences from the frame before and
-//! from the frame after is on average the square of its own noise (the "three-cornered hat" of clocks, Gray & Allan 1974).
-//! Histories would have less noise and more blur; a single frame is resampled once, and by a cubic kernel (Keys 1981).
+//! Both frames show the same signal with noise of their own, and so the product of a pixel's differences from the frame
+//! before and from the frame after is on average the square of its own noise (the "three-cornered hat" of clocks, Gray
+//! & Allan 1974). Histories would have less noise and more blur; a single frame is resampled once, and by a cubic
+//! kernel (Keys 1981).
 
 use super::lanes::{LANES, Lanes, each};
 
@@ -20,7 +21,8 @@ fn finite(channels: &[Lanes; CHANNELS]) -> Lanes {
     Lanes(each(|lane| if zero.0[lane] == 0.0 { 1.0 } else { 0.0 }))
 }
 
-/// Differences of eight pixels by channel in half the memory: the upper halves of their bits. Not a number where unknown.
+/// Differences of eight pixels by channel in half the memory: the upper halves of their bits. Not a number where
+/// unknown.
 pub type Halved = [[u16; LANES]; CHANNELS];
 
 /// Returns differences in half the memory.

@@ -1,9 +1,9 @@
 //! Regression on a reprojected history, pooled over neighbourhoods: a guided filter in space and time.
 //!
-//! The feature of a pixel is the history of its colors over the frames before, and over those that follow where they are known
-//! ([`Ahead`](super::Ahead)); the color of this frame is not part of it, so that the noise of both is independent. A model of
-//! the color by the feature is learned by recursive least squares. Its sums are pooled over blocks of pixels around
-//! ([`blocks`](super::blocks)), which takes the place of a blend of neighbouring models.
+//! The feature of a pixel is the history of its colors over the frames before, and over those that follow where they
+//! are known ([`Ahead`](super::Ahead)); the color of this frame is not part of it, so that the noise of both is
+//! independent. A model of the color by the feature is learned by recursive least squares. Its sums are pooled over
+//! blocks of pixels around ([`blocks`](super::blocks)), which takes the place of a blend of neighbouring models.
 
 use super::blocks::{BLOCK, COEFFICIENTS, Grid, Interpolated, Planes, Pool, solve_row};
 use super::carried::{carry, to_planes};
@@ -26,8 +26,9 @@ use rayon::prelude::*;
 /// Share of what was learned that is kept from frame to frame.
 const FORGETTING: f32 = 0.88;
 
-/// Share of what was learned that is kept where features begin or cease to rest on one side of time alone, as at both ends of a
-/// sequence, or on alpha: such features lag or run ahead, or have other noise, and models of others do not fit them.
+/// Share of what was learned that is kept where features begin or cease to rest on one side of time alone, as at both
+/// ends of a sequence, or on alpha: such features lag or run ahead, or have other noise, and models of others do not
+/// fit them.
 const FORGETTING_AT_ENDS: f32 = 0.05;
 
 /// Blocks to each side over which sums are pooled.
@@ -99,7 +100,7 @@ impl GuidedDenoiser {
         let grid = Grid::over(frame.size);
         if self.state.size != frame.size {
             let blocks = grid.rows * grid.columns;
-            let coding = coding_of_first(frame.color);
+            let coding = coding_of_first(frame);
             let past = Past { coding, ..Past::default() };
             self.residuals = Residuals::default();
             self.state = State { size: frame.size, past, coding, ..State::default() };
@@ -132,8 +133,8 @@ impl GuidedDenoiser {
         Ok(())
     }
 
-    /// Follows the histories, takes the features from them, moves the sums along, and adds what is learned of the frame. Returns
-    /// the share of what was learned before that is kept.
+    /// Follows the histories, takes the features from them, moves the sums along, and adds what is learned of the
+    /// frame. Returns the share of what was learned before that is kept.
     fn learn(&mut self, frame: &Frame<'_>, grid: Grid, outline: Outline<'_>) -> f32 {
         let [width, height] = frame.size;
         let groups = vectors(width);
@@ -178,8 +179,8 @@ impl GuidedDenoiser {
         kept
     }
 
-    /// Puts what the models predict in the place of the features, learns which detail of the histories is signal, and solves for
-    /// its shares.
+    /// Puts what the models predict in the place of the features, learns which detail of the histories is signal, and
+    /// solves for its shares.
     fn learn_detail(&mut self, frame: &Frame<'_>, grid: Grid, kept: f32) {
         let groups = vectors(frame.size[0]);
         let State { level, details: before, .. } = &self.state;

@@ -1,7 +1,7 @@
 //! Histories of the pixels: means of their colors and alphas over the frames before, which follow the motion.
 //!
-//! A history does not hold the color of the frame at hand, so that the noise of both is independent. Pixels are kept in sixteen
-//! bits a number ([`packed`](super::packed)).
+//! A history does not hold the color of the frame at hand, so that the noise of both is independent. Pixels are kept in
+//! sixteen bits a number ([`packed`](super::packed)).
 
 use super::difference::{self, Halved};
 use super::frame::Frame;
@@ -12,18 +12,19 @@ use super::reprojection::{Taps, around};
 use super::vectors::Colors;
 use crate::arch::Arch;
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 /// Greatest share of the history of colors in its next state.
 const HISTORY: f32 = 0.85;
 /// Greatest share of the history of alpha in its next state.
 const ALPHA_HISTORY: f32 = 0.5;
 
-/// Multiple of what is around above which a color is cut before it enters the history. That biases the feature, which need
-/// not be without bias.
+/// Multiple of what is around above which a color is cut before it enters the history. That biases the feature, which
+/// need not be without bias.
 const HISTORY_LIMIT: f32 = 8.0;
 
-/// Multiple of what is around above which a color is cut before it is learned: a path of that brightness would outweigh all
-/// that was learned.
+/// Multiple of what is around above which a color is cut before it is learned: a path of that brightness would outweigh
+/// all that was learned.
 const COLOR_LIMIT: f32 = 64.0;
 
 /// Largest number taken from a picture, so that no product overflows.
@@ -32,17 +33,20 @@ const LARGEST: f32 = 1e12;
 /// Histories of all pixels after a frame.
 #[derive(Debug, Clone, Default)]
 pub struct Past {
-    /// The history of each pixel's color and alpha, the count of its frames, and the color of the frame alone. Empty before the
-    /// first frame.
+    /// The history of each pixel's color and alpha, the count of its frames, and the color of the frame alone. Empty
+    /// before the first frame.
     pub pixels: Vec<Packed>,
     /// Coding of the colors.
     pub coding: Coding,
 }
 
-/// Returns the coding of the histories that begin with these colors.
-pub fn coding_of_first(color: &[Vec3]) -> Coding {
+/// Returns the coding of the histories that begin with a frame.
+pub fn coding_of_first(frame: &Frame<'_>) -> Coding {
+    let [width, height] = frame.size;
     let of = |[least, most]: [f32; 2], color: Vec3| [least.min(color.min_element()), most.max(color.max_element())];
-    Coding::of(color.iter().filter_map(|color| within(*color)).fold([0.0; 2], of))
+    let row = |y: usize| (0..width).map(|x| calm(frame, [x, y])).fold([0.0; 2], of);
+    // The least and the greatest of numbers do not depend on their order.
+    Coding::of((0..height).into_par_iter().map(row).reduce(|| [0.0; 2], |a, b| [a[0].min(b[0]), a[1].max(b[1])]))
 }
 
 /// Histories of the frame before, beside the frame that comes.
@@ -59,7 +63,8 @@ pub struct Histories<'h> {
 }
 
 impl Histories<'_> {
-    /// Reprojects a row of pixels to lines of `line` numbers, plane after plane. Their margins repeat the outermost pixels.
+    /// Reprojects a row of pixels to lines of `line` numbers, plane after plane. Their margins repeat the outermost
+    /// pixels.
     #[inline(always)]
     pub fn warp(&self, y: usize, lines: &mut [f32], line: usize) {
         let [width, _] = self.frame.size;
@@ -100,31 +105,11 @@ impl Histories<'_> {
                 return packed::mean(found.at.map(|place| &pixels[place]), shares).0;
             }
         }
-        let [r, g, b] = self.calm([x, y]).to_array();
+        let [r, g, b] = calm(self.frame, [x, y]).to_array();
         let coded = coding.encode(Lanes([r, g, b, 0.0, 0.0, 0.0, 0.0, 0.0])).0;
         let alpha = self.frame.alpha.map_or(0.0, |alpha| alpha[own]);
         let alpha = if alpha.is_finite() { alpha.clamp(0.0, 1.0) } else { 0.0 };
         [coded[0], coded[1], coded[2], alpha, 0.0, 0.0, 0.0, 0.0]
-    }
-
-    /// Returns the color of a pixel, cut where it is far above those around: what a history begins with.
-    fn calm(&self, [x, y]: [usize; 2]) -> Vec3 {
-        let [width, height] = self.frame.size;
-        let (mut sum, mut size, mut count) = (Vec3::ZERO, Vec3::ZERO, 0.0);
-        for row in y.saturating_sub(1)..(y + 2).min(height) {
-            for column in x.saturating_sub(1)..(x + 2).min(width) {
-                let color = within(self.frame.color[row * width + column]);
-                if let Some(color) = color.filter(|_| [column, row] != [x, y]) {
-                    sum += color;
-                    size += color.abs();
-                    count += 1.0;
-                }
-            }
-        }
-        let [around, size] = [sum, size].map(|sum| sum / f32::max(count, 1.0));
-        let own = within(self.frame.color[y * width + x]).unwrap_or(around);
-        let most = HISTORY_LIMIT * size.max_element();
-        own * (most / own.max_element().max(1e-30)).clamp(0.0, 1.0)
     }
 
     /// Returns the alphas of eight pixels of a row from `left` on.
@@ -141,8 +126,8 @@ impl Histories<'_> {
     }
 
     /// Takes a row's colors to planes, cut where they are far above what is around, and writes the next state of its
-    /// histories, and the differences from the frame before. The fourth plane is 1 where there is a color. Returns the least and the
-    /// greatest colors of the next state, in some order.
+    /// histories, and the differences from the frame before. The fourth plane is 1 where there is a color. Returns the
+    /// least and the greatest colors of the next state, in some order.
     #[inline(always)]
     pub fn follow(
         &self,
@@ -161,7 +146,9 @@ impl Histories<'_> {
             row.chunks(LANES).zip(pixels.chunks_mut(LANES)).zip(around.iter().zip(colors)).zip(differences).enumerate();
         for (at, (((row, pixels), (around, colors)), differences)) in groups {
             let (color, seen) = loaded(row);
-            let most = color[0].max(color[1]).max(color[2]).max(Lanes([1e-30; LANES]));
+            // A dark spike would widen the coding of all colors as a bright one would.
+            let [r, g, b]: [Lanes; 3] = each(|c| color[c].max(Lanes::ZERO - color[c]));
+            let most = r.max(g).max(b).max(Lanes([1e-30; LANES]));
             let share = *around / most;
             let cut = |limit: f32| share.select((share * limit).min(one), one);
             let learned = cut(COLOR_LIMIT);
@@ -196,6 +183,26 @@ impl Histories<'_> {
     }
 }
 
+/// Returns the color of a pixel, cut where it is far above those around: what a history begins with.
+fn calm(frame: &Frame<'_>, [x, y]: [usize; 2]) -> Vec3 {
+    let [width, height] = frame.size;
+    let (mut sum, mut size, mut count) = (Vec3::ZERO, Vec3::ZERO, 0.0);
+    for row in y.saturating_sub(1)..(y + 2).min(height) {
+        for column in x.saturating_sub(1)..(x + 2).min(width) {
+            let color = within(frame.color[row * width + column]);
+            if let Some(color) = color.filter(|_| [column, row] != [x, y]) {
+                sum += color;
+                size += color.abs();
+                count += 1.0;
+            }
+        }
+    }
+    let [around, size] = [sum, size].map(|sum| sum / f32::max(count, 1.0));
+    let own = within(frame.color[y * width + x]).unwrap_or(around);
+    let most = HISTORY_LIMIT * size.max_element();
+    own * (most / own.abs().max_element().max(1e-30)).clamp(0.0, 1.0)
+}
+
 /// Returns the history of alpha over so many frames with the alpha of the frame at hand.
 #[inline(always)]
 pub fn with_alpha(before: Lanes, count: Lanes, now: Lanes) -> Lanes {
@@ -203,8 +210,8 @@ pub fn with_alpha(before: Lanes, count: Lanes, now: Lanes) -> Lanes {
     now + (before - now) * keep
 }
 
-/// Returns the channels of up to eight colors whose numbers are small enough to be multiplied, and 1 where they are finite;
-/// 0 elsewhere.
+/// Returns the channels of up to eight colors whose numbers are small enough to be multiplied, and 1 where they are
+/// finite; 0 elsewhere.
 #[inline(always)]
 pub fn loaded(row: &[Vec3]) -> ([Lanes; 3], Lanes) {
     let mut color = [Lanes([f32::NAN; LANES]); 3];

@@ -1,8 +1,8 @@
 //! Histories of the frames that follow a frame, found by going through a sequence backwards.
 //!
-//! A sequence on disk has a future. What it shows of a pixel is as good as its past, and where the light changes steadily
-//! the past lags behind by as much as the future runs ahead: the mean of both does neither. Only histories are followed
-//! backwards, and no model is learned, so that the look ahead costs a fraction of the denoising.
+//! A sequence on disk has a future. What it shows of a pixel is as good as its past, and where the light changes
+//! steadily the past lags behind by as much as the future runs ahead: the mean of both does neither. Only histories are
+//! followed backwards, and no model is learned, so that the look ahead costs a fraction of the denoising.
 
 use super::ahead::Ahead;
 use super::difference::Halved;
@@ -34,8 +34,9 @@ impl Lookahead {
         *self = Self::default();
     }
 
-    /// Writes to `ahead`, whose memory is used again, what the frames looked at so far show of the frame that lies before them,
-    /// and looks at it. Its motion is that to the frame looked at last. A frame of another size begins anew.
+    /// Writes to `ahead`, whose memory is used again, what the frames looked at so far show of the frame that lies
+    /// before them, and looks at it. Its motion is that to the frame looked at last. A frame of another size begins
+    /// anew.
     ///
     /// # Errors
     /// If the frame does not have as many colors, motions or alphas as pixels.
@@ -43,7 +44,7 @@ impl Lookahead {
         frame.check()?;
         let [width, height] = frame.size;
         if self.size != frame.size {
-            let coding = coding_of_first(frame.color);
+            let coding = coding_of_first(frame);
             let next = vec![Packed::default(); width * height];
             *self = Self { size: frame.size, frames: 0, past: Past { coding, ..Past::default() }, next, coding };
         }

@@ -1,8 +1,8 @@
 //! Numbers from 0 to 10⁵ in sixteen bits: five of an exponent and eleven of a fraction, without a sign.
 //!
-//! Histories are noisy by far more than the 2⁻¹² that rounding to these numbers adds, and half the memory is half the time where
-//! pixels are gathered. Conversions are integer arithmetic on IEEE 754's bits, which compilers turn into vectors where half
-//! precision would take instructions of its own.
+//! Histories are noisy by far more than the 2⁻¹² that rounding to these numbers adds, and half the memory is half the
+//! time where pixels are gathered. Conversions are integer arithmetic on IEEE 754's bits, which compilers turn into
+//! vectors where half precision would take instructions of its own.
 
 use super::lanes::{LANES, Lanes};
 use super::reprojection::Taps;
@@ -88,8 +88,8 @@ pub fn mean(packed: [&Packed; 4], [p, q, r, s]: [f32; 4]) -> Lanes {
     ((a * p + b * q) + (c * r + d * s)) - Lanes([OFFSET; LANES])
 }
 
-/// Returns the sum of sixteen times eight numbers, each by the shares of its column and its row, whose sums are 1. Sums below 0
-/// are 0.
+/// Returns the sum of sixteen times eight numbers, each by the shares of its column and its row, whose sums are 1. Sums
+/// below 0 are 0.
 #[inline(always)]
 pub fn resampled(packed: &[Packed], width: usize, taps: &Taps) -> Lanes {
     let mut sum = Lanes([-OFFSET; LANES]);

@@ -60,8 +60,8 @@ impl Around {
     }
 }
 
-/// Sixteen pixels of a picture around a place, four in each of four rows, and the shares of columns and rows by cubic convolution
-/// (Keys 1981), which keeps detail that the mean of four pixels blurs.
+/// Sixteen pixels of a picture around a place, four in each of four rows, and the shares of columns and rows by cubic
+/// convolution (Keys 1981), which keeps detail that the mean of four pixels blurs.
 #[derive(Debug, Clone, Copy)]
 pub struct Taps {
     /// Place in the picture of the upper left one.

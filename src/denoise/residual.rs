@@ -1,9 +1,10 @@
 //! The residual, what a frame's colors have over the denoised ones, and the share of it that is signal and comes back.
 //!
-//! The residual's square is on average the sum of the noise's and of the denoiser's error, since both are independent. So the noise
-//! that the frames before and after show ([`difference`]) tells the error, whatever caused it: detail that was smoothed
-//! away, histories of another shot or another light, motion that is wrong. The share that comes back, one less noise over residual,
-//! leaves the least error (James & Stein 1961). It is 1 without noise, and 0 where the denoiser leaves nothing.
+//! The residual's square is on average the sum of the noise's and of the denoiser's error, since both are independent.
+//! So the noise that the frames before and after show ([`difference`]) tells the error, whatever caused it: detail that
+//! was smoothed away, histories of another shot or another light, motion that is wrong. The share that comes back, one
+//! less noise over residual, leaves the least error (James & Stein 1961). It is 1 without noise, and 0 where the
+//! denoiser leaves nothing.
 
 use super::blocks::{BLOCK, Grid, Interpolated, Planes, Pool};
 use super::carried::{carry, to_planes};
@@ -36,11 +37,11 @@ const ALL: usize = LANES;
 
 /// Blocks to each side over which sums are pooled.
 const POOL: usize = 2;
-/// Standard deviations of the noise's square that are added to it, so that chance seldom takes noise for signal: of a frame alone,
-/// which tells sudden errors, and of all.
+/// Standard deviations of the noise's square that are added to it, so that chance seldom takes noise for signal: of a
+/// frame alone, which tells sudden errors, and of all.
 const DEVIATIONS: [f32; 2] = [1.25, 0.75];
-/// Shares of noise in the residual, by a difference's own square, between which the other estimate takes over where one side of time
-/// is known.
+/// Shares of noise in the residual, by a difference's own square, between which the other estimate takes over where one
+/// side of time is known.
 const ONE_SIDED: [f32; 2] = [0.25, 0.45];
 /// Distance in pixels of those around of which the second difference is taken: filters make noise of neighbours alike.
 const STEP: usize = 2;
@@ -48,7 +49,8 @@ const STEP: usize = 2;
 const KERNEL: f32 = 36.0;
 /// Noise that pixels around show, as a multiple: texture is more often taken for noise than noise for texture.
 const AROUND: f32 = 1.25;
-/// Weight of pixels of which no difference is known: they count where no others are, and their residual counts as noise.
+/// Weight of pixels of which no difference is known: they count where no others are, and their residual counts as
+/// noise.
 const UNKNOWN: f32 = 1e-4;
 /// Least residual, where there is none.
 const LEAST: f32 = 1e-30;
@@ -77,7 +79,8 @@ pub struct Denoised<'d> {
     pub floor: f32,
     /// Share of the sums that is kept.
     pub kept: f32,
-    /// True where no other frame was learned from: the colors' own noise is in what was denoised then, and nothing comes back.
+    /// True where no other frame was learned from: the colors' own noise is in what was denoised then, and nothing
+    /// comes back.
     pub alone: bool,
 }
 
@@ -147,8 +150,8 @@ impl pulp::NullaryFnOnce for Learn<'_> {
     }
 }
 
-/// Writes the sums of the channels of the rows that the second differences of a row of blocks take, line after line. What lies
-/// outside is not a number.
+/// Writes the sums of the channels of the rows that the second differences of a row of blocks take, line after line.
+/// What lies outside is not a number.
 #[inline(always)]
 fn lighten(frame: &Frame<'_>, top: usize, lines: &mut Vec<f32>) {
     let [width, height] = frame.size;
@@ -211,8 +214,9 @@ fn dot(a: &[Lanes; 3], b: &[Lanes; 3]) -> Lanes {
     (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
 }
 
-/// Returns the square of the noise of eight pixels: by the product of the differences from both sides of time, where both are known;
-/// else by that of residual and difference, and by half of the difference's own square; else the residual's square.
+/// Returns the square of the noise of eight pixels: by the product of the differences from both sides of time, where
+/// both are known; else by that of residual and difference, and by half of the difference's own square; else the
+/// residual's square.
 #[inline(always)]
 fn noise(residual: &[Lanes; 3], squares: Lanes, before: &Difference, after: &Difference) -> [Lanes; 2] {
     let ([a @ .., is_before], [b @ .., is_after]) = (before, after);
@@ -225,8 +229,8 @@ fn noise(residual: &[Lanes; 3], squares: Lanes, before: &Difference, after: &Dif
     [dot(residual, &one), dot(&one, &one) * 0.5].map(|single| both.select(product, any.select(single, squares)))
 }
 
-/// Returns the square of the noise of eight pixels by what is around them, from lines that begin above them, and 1 where that is
-/// known.
+/// Returns the square of the noise of eight pixels by what is around them, from lines that begin above them, and 1
+/// where that is known.
 #[inline(always)]
 fn around(lines: &[f32], line: usize, left: usize) -> [Lanes; 2] {
     let second = |row: usize| {
@@ -263,8 +267,8 @@ impl pulp::NullaryFnOnce for Solve<'_> {
     }
 }
 
-/// Returns the share of the residuals of eight blocks that is signal, from their sums: those of the frame, and the noise, the
-/// residual and the chance of all frames.
+/// Returns the share of the residuals of eight blocks that is signal, from their sums: those of the frame, and the
+/// noise, the residual and the chance of all frames.
 #[inline(always)]
 fn share(&[noise, direct, residual, chance, light_noise, light, noises, residuals, chances]: &[Lanes; 9]) -> Lanes {
     let (one, least) = (Lanes([1.0; LANES]), Lanes([LEAST; LANES]));
@@ -347,8 +351,8 @@ mod tests {
         (0..groups * SIZE[1]).map(|i| each(|c| channel(i, c))).collect()
     }
 
-    /// Mean squares of the errors that go in as noise, that the denoiser leaves, and that come out of three frames of noise, where
-    /// denoised colors have an error, and differences are known on no side of time or on up to two.
+    /// Mean squares of the errors that go in as noise, that the denoiser leaves, and that come out of three frames of
+    /// noise, where denoised colors have an error, and differences are known on no side of time or on up to two.
     fn errors(amount: f32, error: fn(usize) -> f32, sides: usize) -> [f32; 3] {
         let truth = |i: usize| Vec3::new(1.0, 0.8, 0.6) * (1.0 + 0.3 * (0.1 * (i % SIZE[0]) as f32).sin());
         let mut residuals = Residuals::default();
@@ -387,8 +391,8 @@ mod tests {
         sums
     }
 
-    /// Without noise colors come back whole; of noise nothing does; and what comes out is never worse than the better of both by
-    /// much.
+    /// Without noise colors come back whole; of noise nothing does; and what comes out is never worse than the better
+    /// of both by much.
     #[test]
     fn signal_comes_back_and_noise_does_not() {
         let texture = |i: usize| if (i % SIZE[0]) / 3 % 2 == i / SIZE[0] / 3 % 2 { 0.1 } else { -0.1 };

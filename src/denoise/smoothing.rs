@@ -1,8 +1,8 @@
 //! Features: histories smoothed over the pixels around.
 //!
-//! Where alpha is known, which has much less noise than colors, the feature follows it: within the pixels smoothed over, the
-//! history is taken as linear in the history of alpha, a guided filter (He, Sun & Tang 2013). So outlines stay sharp that
-//! smoothing alone would blur.
+//! Where alpha is known, which has much less noise than colors, the feature follows it: within the pixels smoothed
+//! over, the history is taken as linear in the history of alpha, a guided filter (He, Sun & Tang 2013). So outlines
+//! stay sharp that smoothing alone would blur.
 
 use super::ahead::Ahead;
 use super::detail;
@@ -81,8 +81,8 @@ impl Smoothing<'_> {
         self.history() + if smoothed > ALPHA { smoothed + STORED - ALPHA - 1 } else { smoothed }
     }
 
-    /// Follows the histories of a band of rows from `top` on, and takes the features from them. Returns the least and the largest
-    /// color of the histories.
+    /// Follows the histories of a band of rows from `top` on, and takes the features from them. Returns the least and
+    /// the largest color of the histories.
     #[inline(always)]
     pub fn band(&self, top: usize, rows: Rows<'_>, scratch: &mut Scratch) -> [f32; 2] {
         let [width, height] = self.histories.frame.size;

@@ -1,8 +1,8 @@
 //! Two halves of a pixel's paths that are independent, and the variance of the pixel's mean by them.
 //!
 //! Paths of one scrambled sequence cover a pixel evenly, so that they are no independent draws: the variance among them
-//! overstates that of their mean, two times and more, and means over parts of them correlate. The halves have sequences of their
-//! own (randomized quasi-Monte Carlo in two replicates; Owen 1997).
+//! overstates that of their mean, two times and more, and means over parts of them correlate. The halves have sequences
+//! of their own (randomized quasi-Monte Carlo in two replicates; Owen 1997).
 
 use crate::scene::film::Moments;
 use glam::DVec4;
@@ -70,10 +70,11 @@ fn by_difference([a, b]: &[Half; 2]) -> DVec4 {
     f64::from(a.rays) * f64::from(b.rays) / (rays * rays) * apart * apart
 }
 
-/// Returns the variances of the means of pixels over their rays, red, green, blue and alpha, in the order of `pixels`: row by row.
+/// Returns the variances of the means of pixels over their rays, red, green, blue and alpha, in the order of `pixels`:
+/// row by row.
 ///
-/// The variance among a pixel's rays tells pixels apart, and the difference of its halves has the right level. The former is
-/// multiplied by the ratio of both over the 17 x 17 pixels around. Infinite for pixels of one ray.
+/// The variance among a pixel's rays tells pixels apart, and the difference of its halves has the right level. The
+/// former is multiplied by the ratio of both over the 17 x 17 pixels around. Infinite for pixels of one ray.
 pub(super) fn variances<'p>(
     width: usize,
     pixels: impl Iterator<Item = (&'p [Moments; 4], &'p [Half; 2])>,
@@ -106,8 +107,8 @@ fn pooled(width: usize, values: &[DVec4]) -> Vec<DVec4> {
     sums
 }
 
-/// Returns the sums over windows of a line. Each is summed alone: differences of running sums would lose what is dark beside
-/// what is bright.
+/// Returns the sums over windows of a line. Each is summed alone: differences of running sums would lose what is dark
+/// beside what is bright.
 fn windows(line: &[DVec4]) -> impl Iterator<Item = DVec4> + '_ {
     (0..line.len()).map(|at| line[at.saturating_sub(RADIUS)..(at + RADIUS + 1).min(line.len())].iter().sum())
 }
